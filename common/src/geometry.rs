@@ -1,0 +1,41 @@
+//! Positions on the ground plane and the one meaning of "within range".
+
+/// A position on the ground [m], in the frame of the area: origin in its south-west corner, x east, y north.
+pub type Position = nalgebra::Point2<f64>;
+
+/// Slack of [`within`], relative to the radius.
+///
+/// The candidate circles of Algorithm 1 pass exactly *through* sensor nodes; a bare `≤` would drop them by rounding.
+pub const RANGE_SLACK: f64 = 1e-9;
+
+/// Squared distance [m²] between two positions.
+#[must_use]
+pub fn distance_squared(a: &Position, b: &Position) -> f64 {
+    (a - b).norm_squared()
+}
+
+/// Whether `a` and `b` are at most `radius_m` [m] apart, up to [`RANGE_SLACK`]; false if any of them is NaN.
+#[must_use]
+pub fn within(a: &Position, b: &Position, radius_m: f64) -> bool {
+    let limit_m = radius_m * (1.0 + RANGE_SLACK);
+    distance_squared(a, b) <= limit_m * limit_m
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rim_point_is_within_range_and_a_micrometre_more_is_not() {
+        let centre = Position::new(0.1, 0.2);
+        assert!(within(&centre, &Position::new(0.1 + 10.0 + 5e-9, 0.2), 10.0));
+        assert!(!within(&centre, &Position::new(0.1 + 10.0 + 1e-6, 0.2), 10.0));
+    }
+
+    #[test]
+    fn nothing_is_within_range_of_nan() {
+        let nan = Position::new(f64::NAN, 0.0);
+        assert!(!within(&nan, &Position::origin(), 10.0));
+        assert!(!within(&Position::origin(), &Position::origin(), f64::NAN));
+    }
+}

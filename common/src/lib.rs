@@ -1,0 +1,13 @@
+//! What at least two of Skysink's crates speak: the scenario, the queue ledger, the link, counted random streams, the
+//! messages and topics of the ring, and the wait loop of a node.
+//!
+//! It decides nothing: scheduling, flight and bookkeeping live in the crates that depend on this one.
+
+pub mod geometry;
+pub mod ledger;
+pub mod link;
+pub mod message;
+pub mod random;
+pub mod scenario;
+pub mod sensors;
+pub mod units;

@@ -1,0 +1,365 @@
+//! The messages of the ring, as they lie in shared memory.
+//!
+//! Plain `repr(C)` numbers without implicit padding, so that any language can read them; what a number means to a
+//! Rust program is said by the accessors, which never trust it. The layout's version is in each type name.
+
+use iceoryx2::prelude::ZeroCopySend;
+
+pub use crate::ledger::Totals;
+use crate::scenario::MAX_RESOURCE_BLOCKS;
+
+/// Most sensor nodes in one plan.
+pub const MAX_SERVED: usize = MAX_RESOURCE_BLOCKS;
+
+/// Id of no sensor node.
+pub const NOBODY: u32 = u32::MAX;
+
+/// [`SlotHeader::flags`]: the last slot of the mission; nothing follows.
+pub const FLAG_END: u32 = 1;
+
+/// [`SlotHeader::flags`] on `queues`, in paced runs: the slot begins now. The sample holds no queues.
+pub const FLAG_TICK: u32 = 2;
+
+/// User header of every sample.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
+#[type_name("skysink.SlotHeader.v1")]
+pub struct SlotHeader {
+    /// The run that the sample belongs to.
+    pub mission: u64,
+    /// The slot, from 1; 0 is the state before the first.
+    pub slot: u64,
+    /// Restart count of the writer.
+    pub epoch: u32,
+    /// [`FLAG_END`], [`FLAG_TICK`].
+    pub flags: u32,
+    /// When it was sent, on the monotonic clock [ns].
+    pub sent_ns: u64,
+}
+
+/// User header of `queues`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
+#[type_name("skysink.QueuesHeader.v1")]
+pub struct QueuesHeader {
+    /// Mission and slot.
+    pub head: SlotHeader,
+    /// Every bit since the mission's start, after this slot.
+    pub totals: Totals,
+    /// Bits uploaded in this slot.
+    pub delivered_bits: u64,
+    /// Bits lost in this slot.
+    pub lost_bits: u64,
+}
+
+/// Payload element of `sensors`: one sensor node.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
+#[type_name("skysink.SensorNode.v1")]
+pub struct SensorNode {
+    /// Position, east [m].
+    pub x_m: f64,
+    /// Position, north [m].
+    pub y_m: f64,
+    /// Reference channel gain at 1 m, `α_i`, as a linear ratio.
+    pub gain: f64,
+    /// Sampling rate `s_i` [bit/s].
+    pub sampling_bps: f64,
+    /// Storage `B` [bit].
+    pub capacity_bits: u32,
+    /// Zero.
+    pub reserved: u32,
+}
+
+/// What the UAV does in a slot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mode {
+    /// Flies to the strategy's own waypoint and serves there.
+    Serve,
+    /// Flies straight toward the fullest queue because nobody can be served from the strategy's reach.
+    Transit,
+    /// Stays where it is and serves nobody.
+    Hold,
+}
+
+impl Mode {
+    /// The number in messages.
+    #[must_use]
+    pub fn code(self) -> u32 {
+        match self {
+            Self::Serve => 0,
+            Self::Transit => 1,
+            Self::Hold => 2,
+        }
+    }
+
+    /// The mode of a number; an unknown one is a hold.
+    #[must_use]
+    pub fn of_code(code: u32) -> Self {
+        match code {
+            0 => Self::Serve,
+            1 => Self::Transit,
+            _ => Self::Hold,
+        }
+    }
+
+    /// The name in `slots.csv`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Serve => "serve",
+            Self::Transit => "transit",
+            Self::Hold => "hold",
+        }
+    }
+}
+
+/// How the waypoint was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SolverOutcome {
+    /// By the strategy's own rule; no problem was solved.
+    Rule,
+    /// By the chosen solver.
+    Solved,
+    /// By the geometric solver, because the chosen one gave no usable point.
+    Fallback,
+}
+
+impl SolverOutcome {
+    /// The number in messages.
+    #[must_use]
+    pub fn code(self) -> u32 {
+        match self {
+            Self::Rule => 0,
+            Self::Solved => 1,
+            Self::Fallback => 2,
+        }
+    }
+
+    /// The outcome of a number; an unknown one, from a planner of somebody else, is its own rule.
+    #[must_use]
+    pub fn of_code(code: u32) -> Self {
+        match code {
+            1 => Self::Solved,
+            2 => Self::Fallback,
+            _ => Self::Rule,
+        }
+    }
+}
+
+/// Payload of `plan`: whom to serve in the slot, and from where.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
+#[type_name("skysink.Plan.v1")]
+pub struct Plan {
+    /// Waypoint at the end of the slot, east [m].
+    pub x_m: f64,
+    /// Waypoint, north [m].
+    pub y_m: f64,
+    /// Waypoint, up [m].
+    pub z_m: f64,
+    /// Bits that the planner expects to collect in the slot.
+    pub expected_bits: u64,
+    /// Time that planning took [ns]; 0 where nobody measured.
+    pub plan_ns: u64,
+    /// Centres [m] of the five candidate circles of the winning anchor, C1 to C5; NaN where there are none.
+    pub circles_m: [[f64; 2]; 5],
+    /// Anchor SN i of the winning set, or [`NOBODY`].
+    pub anchor: u32,
+    /// Its partner SN k, or [`NOBODY`].
+    pub partner: u32,
+    /// Which circle won, from 0; 5 or more: none.
+    pub chosen: u32,
+    /// [`Mode`], as a number.
+    pub mode: u32,
+    /// [`SolverOutcome`], as a number.
+    pub solver: u32,
+    /// How many of `ids` count.
+    pub served: u32,
+    /// Scheduled sensor nodes, ascending.
+    pub ids: [u32; MAX_SERVED],
+}
+
+impl Plan {
+    /// A plan that flies to `(x, y, z)` [m] and serves nobody.
+    #[must_use]
+    pub fn fly_to(x_m: f64, y_m: f64, z_m: f64, mode: Mode) -> Self {
+        Self {
+            x_m,
+            y_m,
+            z_m,
+            expected_bits: 0,
+            plan_ns: 0,
+            circles_m: [[f64::NAN; 2]; 5],
+            anchor: NOBODY,
+            partner: NOBODY,
+            chosen: NOBODY,
+            mode: mode.code(),
+            solver: SolverOutcome::Rule.code(),
+            served: 0,
+            ids: [NOBODY; MAX_SERVED],
+        }
+    }
+
+    /// Replaces the schedule, in the order given.
+    ///
+    /// # Panics
+    /// If there are more than [`MAX_SERVED`] ids; a scenario has at most as many resource blocks.
+    pub fn schedule(&mut self, ids: &[u32]) {
+        self.ids = [NOBODY; MAX_SERVED];
+        self.ids[..ids.len()].copy_from_slice(ids);
+        self.served = u32::try_from(ids.len()).expect("at most MAX_SERVED");
+    }
+
+    /// The scheduled sensor nodes, whatever the count says.
+    #[must_use]
+    pub fn scheduled(&self) -> &[u32] {
+        &self.ids[..(self.served as usize).min(MAX_SERVED)]
+    }
+}
+
+/// One served link of a slot.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
+#[type_name("skysink.LinkReport.v1")]
+pub struct LinkReport {
+    /// The sensor node.
+    pub sensor: u32,
+    /// 1 in line of sight, 0 not.
+    pub line_of_sight: u32,
+    /// Horizontal distance `d` [m].
+    pub distance_m: f64,
+    /// Elevation angle of the UAV, seen from the sensor node [deg].
+    pub elevation_deg: f64,
+    /// Rate `r_i` [bit/s].
+    pub rate_bps: f64,
+    /// Whole bits that the link can carry in the slot, `floor(r_i τ_c)`.
+    pub capacity_bits: u64,
+}
+
+/// Why the UAV held its position.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum HoldReason {
+    /// It did not hold.
+    None,
+    /// No plan was there when the slot began.
+    NoPlan,
+    /// The waypoint was not finite, out of reach or outside the area.
+    Waypoint,
+}
+
+impl HoldReason {
+    /// The number in messages.
+    #[must_use]
+    pub fn code(self) -> u32 {
+        match self {
+            Self::None => 0,
+            Self::NoPlan => 1,
+            Self::Waypoint => 2,
+        }
+    }
+
+    /// The reason of a number; an unknown one is none.
+    #[must_use]
+    pub fn of_code(code: u32) -> Self {
+        match code {
+            1 => Self::NoPlan,
+            2 => Self::Waypoint,
+            _ => Self::None,
+        }
+    }
+}
+
+/// Payload of `flight`: where the UAV is after the slot, and what each of its links can carry.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
+#[type_name("skysink.FlightReport.v1")]
+pub struct FlightReport {
+    /// Position, east [m].
+    pub x_m: f64,
+    /// Position, north [m].
+    pub y_m: f64,
+    /// Position, up [m].
+    pub z_m: f64,
+    /// [`Mode`] flown, as a number.
+    pub mode: u32,
+    /// [`HoldReason`], as a number.
+    pub hold: u32,
+    /// Requests of the plan that were refused: sensor nodes, or the waypoint.
+    pub refused: u32,
+    /// How many of `links` count.
+    pub served: u32,
+    /// The served links, by ascending sensor node.
+    pub links: [LinkReport; MAX_SERVED],
+}
+
+impl FlightReport {
+    /// A report from `(x, y, z)` [m] with nobody served.
+    #[must_use]
+    pub fn at(x_m: f64, y_m: f64, z_m: f64, mode: Mode) -> Self {
+        Self {
+            x_m,
+            y_m,
+            z_m,
+            mode: mode.code(),
+            hold: HoldReason::None.code(),
+            refused: 0,
+            served: 0,
+            links: [LinkReport::default(); MAX_SERVED],
+        }
+    }
+
+    /// The served links, whatever the count says.
+    #[must_use]
+    pub fn served_links(&self) -> &[LinkReport] {
+        &self.links[..(self.served as usize).min(MAX_SERVED)]
+    }
+
+    /// The UAV's position on the ground.
+    #[must_use]
+    pub fn position(&self) -> crate::geometry::Position {
+        crate::geometry::Position::new(self.x_m, self.y_m)
+    }
+}
+
+/// Payload of `commit`: the slot in the sample's header is on record.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
+#[type_name("skysink.Commit.v1")]
+pub struct Commit {
+    /// Chained hash of the slot records up to this one.
+    pub hash: u64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::mem::size_of;
+
+    /// Outside programs declare the same structs: a size that changes needs a new version in the type's name.
+    #[test]
+    fn the_layouts_stay_what_they_are() {
+        assert_eq!(size_of::<SlotHeader>(), 32);
+        assert_eq!(size_of::<QueuesHeader>(), 96);
+        assert_eq!(size_of::<SensorNode>(), 40);
+        assert_eq!(size_of::<Plan>(), 400);
+        assert_eq!(size_of::<LinkReport>(), 40);
+        assert_eq!(size_of::<FlightReport>(), 2600);
+        assert_eq!(size_of::<Commit>(), 8);
+    }
+
+    #[test]
+    fn a_count_beyond_the_message_reads_no_further_than_the_message() {
+        let mut plan = Plan::fly_to(0.0, 0.0, 20.0, Mode::Serve);
+        plan.served = 1_000_000;
+        assert_eq!(plan.scheduled().len(), MAX_SERVED);
+    }
+
+    #[test]
+    fn an_unknown_mode_is_a_hold() {
+        assert_eq!(Mode::of_code(77), Mode::Hold);
+        for mode in [Mode::Serve, Mode::Transit, Mode::Hold] {
+            assert_eq!(Mode::of_code(mode.code()), mode);
+        }
+    }
+}

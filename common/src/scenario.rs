@@ -1,0 +1,236 @@
+//! The scenario: what is flown, over which field, through which channel, by which strategy.
+//!
+//! A [`Scenario`] that exists is valid. It is read from TOML through [`raw`], checked in [`check`], and written back with
+//! every default visible by [`Scenario::to_toml`]. Sensor lists are read by [`crate::sensors`].
+
+mod check;
+pub mod raw;
+
+use std::path::{Path, PathBuf};
+
+use crate::geometry::Position;
+pub use raw::{GainMode, LinkModel, Strategy, WaypointSolver};
+
+/// Most resource blocks of a UAV: messages hold this many served sensor nodes.
+pub const MAX_RESOURCE_BLOCKS: usize = 64;
+
+/// The letter's mission (section V), which needs no file.
+pub const LETTER: &str = include_str!("../../scenarios/letter.toml");
+
+/// A checked scenario in SI units; levels in dB stay only in the sensor node's gain range.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scenario {
+    /// Name of the mission, usable as a folder's name.
+    pub name: String,
+    /// Seed of every random number of the mission.
+    pub seed: u64,
+    /// Number of slots, `T`.
+    pub slots: u64,
+    /// Length of a slot, `τ` [s].
+    pub slot_s: f64,
+    /// The area that is flown over.
+    pub area: Area,
+    /// The sensor nodes.
+    pub sensors: Sensors,
+    /// The vehicle.
+    pub uav: Uav,
+    /// The radio.
+    pub link: LinkBudget,
+    /// The strategy.
+    pub planner: PlannerChoice,
+    /// The same in the keys and units of the file, every key present.
+    resolved: raw::Scenario,
+}
+
+/// The area `[0, width] × [0, height]`, closed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Area {
+    /// Extent in x [m].
+    pub width_m: f64,
+    /// Extent in y [m].
+    pub height_m: f64,
+}
+
+impl Area {
+    /// Whether a position lies in the closed area, up to `slack_m` [m]; false for NaN.
+    #[must_use]
+    pub fn contains(&self, position: &Position, slack_m: f64) -> bool {
+        (-slack_m..=self.width_m + slack_m).contains(&position.x)
+            && (-slack_m..=self.height_m + slack_m).contains(&position.y)
+    }
+}
+
+/// The sensor nodes of a scenario, before their list is drawn or read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sensors {
+    /// Where their positions come from.
+    pub source: SensorSource,
+    /// Storage of each, `B` [bit].
+    pub capacity_bits: u32,
+    /// Sampling rate `s` [bit/s] of those whose list does not name one.
+    pub sampling_bps: f64,
+    /// Mean `λ` [bit] of the Poisson initial queue of those whose list does not name one.
+    pub initial_queue_mean_bits: f64,
+}
+
+/// Where the positions of the sensor nodes come from.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SensorSource {
+    /// This many, drawn uniformly over the area from the seed.
+    Drawn(u32),
+    /// A CSV file, its path resolved against the scenario's folder.
+    File(PathBuf),
+}
+
+/// The vehicle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Uav {
+    /// Altitude `H` [m].
+    pub altitude_m: f64,
+    /// Top speed `V_max` [m/s].
+    pub max_speed_mps: f64,
+    /// Longest flight `T_e` [s].
+    pub endurance_s: f64,
+    /// Where it starts.
+    pub start: Position,
+}
+
+/// The radio.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LinkBudget {
+    /// Bandwidth of a resource block, `W` [Hz].
+    pub bandwidth_hz: f64,
+    /// Transmission power of a sensor node, `p` [W].
+    pub tx_power_w: f64,
+    /// Noise power, `σ²` [W].
+    pub noise_w: f64,
+    /// Range [dB] of the reference gain at 1 m, `α`, uniform in dB.
+    pub gain_db: [f64; 2],
+    /// Whether the gain is redrawn.
+    pub gain: GainMode,
+    /// Communication radius on the ground, `d_c` [m].
+    pub comm_radius_m: f64,
+    /// Time for communication in a slot, `τ_c` [s].
+    pub comm_s: f64,
+    /// Resource blocks, `n`: the most sensor nodes served in a slot.
+    pub resource_blocks: usize,
+}
+
+/// The strategy and its settings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PlannerChoice {
+    /// Who is served and where to fly.
+    pub strategy: Strategy,
+    /// Most expansions of sP2*; the letter takes one.
+    pub sca_iterations: u32,
+    /// What solves sP2*.
+    pub waypoint_solver: WaypointSolver,
+}
+
+/// Why a scenario is refused; the display is one line that names the file, the key, the value and what was expected.
+#[derive(Debug, thiserror::Error)]
+pub enum ScenarioError {
+    /// The file cannot be read.
+    #[error("scenario {}: {source}", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: std::io::Error,
+    },
+    /// The file is not the TOML of a scenario.
+    #[error("scenario {}: {place}{message}", path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// Line and text, where known.
+        place: String,
+        /// What is wrong there.
+        message: String,
+    },
+    /// A value is out of its range.
+    #[error("scenario {}: {key} = {value}: expected {expected}", path.display())]
+    Value {
+        /// The file.
+        path: PathBuf,
+        /// Dotted key.
+        key: &'static str,
+        /// The value found.
+        value: String,
+        /// What would be accepted.
+        expected: String,
+    },
+}
+
+/// What the command line changes in a scenario before it is checked.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Overrides {
+    /// Instead of `seed`.
+    pub seed: Option<u64>,
+    /// Instead of `planner.strategy`.
+    pub strategy: Option<Strategy>,
+}
+
+impl Scenario {
+    /// Reads and checks a file. A relative sensor list is relative to the file's folder.
+    ///
+    /// # Errors
+    /// If the file cannot be read, is not a scenario, or holds a value out of its range.
+    pub fn read(path: &Path, overrides: Overrides) -> Result<Self, ScenarioError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| ScenarioError::Unreadable { path: path.to_owned(), source })?;
+        Self::parse(&text, path, overrides)
+    }
+
+    /// The letter's mission.
+    ///
+    /// # Errors
+    /// If an override is out of its range.
+    pub fn letter(overrides: Overrides) -> Result<Self, ScenarioError> {
+        Self::parse(LETTER, Path::new("letter.toml (built in)"), overrides)
+    }
+
+    /// Checks the text of the scenario file `path`.
+    ///
+    /// # Errors
+    /// If the text is not a scenario or holds a value out of its range.
+    pub fn parse(text: &str, path: &Path, overrides: Overrides) -> Result<Self, ScenarioError> {
+        let mut raw: raw::Scenario = toml::from_str(text).map_err(|error| malformed(&error, text, path))?;
+        raw.seed = overrides.seed.unwrap_or(raw.seed);
+        raw.planner.strategy = overrides.strategy.unwrap_or(raw.planner.strategy);
+        check::check(raw, path)
+    }
+
+    /// The scenario as a file, every key present.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string(&self.resolved).expect("a scenario is plain tables of numbers and strings")
+    }
+
+    /// The scenario as a file whose sensor list is the neighbouring file `list`.
+    #[must_use]
+    pub fn to_toml_with_list(&self, list: &str) -> String {
+        let mut resolved = self.resolved.clone();
+        resolved.sensors.count = None;
+        resolved.sensors.file = Some(PathBuf::from(list));
+        toml::to_string(&resolved).expect("a scenario is plain tables of numbers and strings")
+    }
+
+    /// Farthest flight in one slot, `V_max τ` [m].
+    #[must_use]
+    pub fn reach_m(&self) -> f64 {
+        self.uav.max_speed_mps * self.slot_s
+    }
+}
+
+/// One line for what the TOML reader says: its line, the text there, its message.
+fn malformed(error: &toml::de::Error, text: &str, path: &Path) -> ScenarioError {
+    let place = error.span().map_or_else(String::new, |span| {
+        let before = &text[..span.start.min(text.len())];
+        let number = before.matches('\n').count() + 1;
+        let line = text.lines().nth(number - 1).unwrap_or_default().trim();
+        format!("line {number}: `{line}`: ")
+    });
+    let message = error.message().trim().replace('\n', ", ");
+    ScenarioError::Malformed { path: path.to_owned(), place, message }
+}

@@ -1,0 +1,193 @@
+//! From the raw scenario to the checked one, in one conversion. Comparisons are written so that NaN fails.
+
+use std::fmt::Debug;
+use std::path::Path;
+
+use super::raw::{self, GainDb, letter};
+use super::{
+    Area, LinkBudget, MAX_RESOURCE_BLOCKS, PlannerChoice, Scenario, ScenarioError, SensorSource, Sensors, Uav,
+};
+use crate::geometry::Position;
+use crate::units::watts_of_dbm;
+
+/// Most sensor nodes of a field.
+const MAX_SENSORS: u64 = 10_000_000;
+
+/// Slots of the longest mission.
+const MAX_SLOTS: u64 = 1_000_000_000;
+
+/// Names become folders; file systems end at 255 bytes.
+const MAX_NAME_BYTES: usize = 100;
+
+/// Bits that one sensor node may sample in a mission: counted through `f64`, exact up to 2^53.
+const MAX_SAMPLED_BITS: f64 = 9.0e15;
+
+/// Checks the raw scenario of the file `path`, and fills in every default that depends on another key.
+pub(super) fn check(mut raw: raw::Scenario, path: &Path) -> Result<Scenario, ScenarioError> {
+    let checker = Checker { path };
+    checker.name(&raw.name)?;
+    checker.that("seed", raw.seed, i64::try_from(raw.seed).is_ok(), "at most 9223372036854775807, TOML's largest")?;
+    checker.that("slots", raw.slots, (1..=MAX_SLOTS).contains(&raw.slots), "1 to 1000000000")?;
+    checker.positive("slot_s", raw.slot_s)?;
+    let area = checker.area(&mut raw.area)?;
+    let sensors = checker.sensors(&mut raw)?;
+    let uav = checker.uav(&mut raw, area)?;
+    let link = checker.link(&raw)?;
+    let iterations = raw.planner.sca_iterations;
+    checker.that("planner.sca_iterations", iterations, (1..=1000).contains(&iterations), "1 to 1000")?;
+    Ok(Scenario {
+        name: raw.name.clone(),
+        seed: raw.seed,
+        slots: raw.slots,
+        slot_s: raw.slot_s,
+        area,
+        sensors,
+        uav,
+        link,
+        planner: PlannerChoice {
+            strategy: raw.planner.strategy,
+            sca_iterations: iterations,
+            waypoint_solver: raw.planner.waypoint_solver,
+        },
+        resolved: raw,
+    })
+}
+
+/// The checks of one file.
+struct Checker<'a> {
+    path: &'a Path,
+}
+
+impl Checker<'_> {
+    /// Refuses `value` of `key` unless `holds`.
+    fn that(&self, key: &'static str, value: impl Debug, holds: bool, expected: &str) -> Result<(), ScenarioError> {
+        if holds {
+            return Ok(());
+        }
+        let (value, expected) = (format!("{value:?}"), expected.to_owned());
+        Err(ScenarioError::Value { path: self.path.to_owned(), key, value, expected })
+    }
+
+    fn positive(&self, key: &'static str, value: f64) -> Result<(), ScenarioError> {
+        self.that(key, value, value > 0.0 && value.is_finite(), "a finite number above 0")
+    }
+
+    fn not_negative(&self, key: &'static str, value: f64) -> Result<(), ScenarioError> {
+        self.that(key, value, value >= 0.0 && value.is_finite(), "a finite number, 0 or above")
+    }
+
+    fn name(&self, name: &str) -> Result<(), ScenarioError> {
+        let allowed = |byte: u8| byte.is_ascii_alphanumeric() || b"._-".contains(&byte);
+        let holds = !name.is_empty()
+            && name.len() <= MAX_NAME_BYTES
+            && name.bytes().all(allowed)
+            && !name.bytes().all(|byte| byte == b'.');
+        self.that("name", name, holds, "1 to 100 of A-Z a-z 0-9 . _ - (it becomes a folder)")
+    }
+
+    fn area(&self, raw: &mut raw::Area) -> Result<Area, ScenarioError> {
+        let (width_m, height_m) = match (raw.side_m, raw.width_m, raw.height_m) {
+            (None, None, None) => {
+                raw.side_m = Some(letter::SIDE_M);
+                (letter::SIDE_M, letter::SIDE_M)
+            }
+            (Some(side_m), None, None) => {
+                self.positive("area.side_m", side_m)?;
+                (side_m, side_m)
+            }
+            (None, Some(width_m), Some(height_m)) => {
+                self.positive("area.width_m", width_m)?;
+                self.positive("area.height_m", height_m)?;
+                (width_m, height_m)
+            }
+            (Some(side_m), _, _) => {
+                self.that("area.side_m", side_m, false, "either side_m, or width_m and height_m")?;
+                unreachable!("the check above fails")
+            }
+            (None, width_m, height_m) => {
+                let (key, value) =
+                    if width_m.is_some() { ("area.width_m", width_m) } else { ("area.height_m", height_m) };
+                self.that(key, value.unwrap_or(f64::NAN), false, "width_m and height_m together, or side_m")?;
+                unreachable!("the check above fails")
+            }
+        };
+        Ok(Area { width_m, height_m })
+    }
+
+    fn sensors(&self, raw: &mut raw::Scenario) -> Result<Sensors, ScenarioError> {
+        let (slots, slot_s, sensors) = (raw.slots, raw.slot_s, &mut raw.sensors);
+        if let (Some(count), Some(_)) = (sensors.count, &sensors.file) {
+            self.that("sensors.count", count, false, "either count or file, not both")?;
+        }
+        let source = if let Some(file) = &sensors.file {
+            let named = !file.as_os_str().is_empty();
+            self.that("sensors.file", file, named, "the path of a CSV file, relative to the scenario")?;
+            SensorSource::File(self.path.parent().unwrap_or(Path::new("")).join(file))
+        } else {
+            let count = *sensors.count.get_or_insert(letter::COUNT);
+            self.that("sensors.count", count, (1..=MAX_SENSORS).contains(&count), "1 to 10000000 sensor nodes")?;
+            SensorSource::Drawn(u32::try_from(count).expect("at most MAX_SENSORS"))
+        };
+        let capacity_bits = u32::try_from(sensors.capacity_bits).ok().filter(|&bits| bits > 0);
+        self.that("sensors.capacity_bits", sensors.capacity_bits, capacity_bits.is_some(), "1 to 4294967295 bits")?;
+        self.not_negative("sensors.sampling_bps", sensors.sampling_bps)?;
+        let sampled_bits = sensors.sampling_bps * slot_s * slots as f64;
+        let expected = "at most 9e15 bits over the mission";
+        self.that("sensors.sampling_bps", sensors.sampling_bps, sampled_bits <= MAX_SAMPLED_BITS, expected)?;
+        let mean_bits = sensors.initial_queue_mean_bits;
+        let holds = mean_bits >= 0.0 && mean_bits <= f64::from(u32::MAX);
+        self.that("sensors.initial_queue_mean_bits", mean_bits, holds, "0 to 4294967295 bits")?;
+        Ok(Sensors {
+            source,
+            capacity_bits: capacity_bits.expect("checked above"),
+            sampling_bps: sensors.sampling_bps,
+            initial_queue_mean_bits: mean_bits,
+        })
+    }
+
+    fn uav(&self, raw: &mut raw::Scenario, area: Area) -> Result<Uav, ScenarioError> {
+        let uav = &mut raw.uav;
+        self.positive("uav.altitude_m", uav.altitude_m)?;
+        self.positive("uav.max_speed_mps", uav.max_speed_mps)?;
+        self.positive("uav.endurance_s", uav.endurance_s)?;
+        let flight_s = raw.slots as f64 * raw.slot_s;
+        let expected = format!("at least the flight's {flight_s} s, slots × slot_s (T τ ≤ T_e)");
+        self.that("uav.endurance_s", uav.endurance_s, flight_s <= uav.endurance_s * (1.0 + 1e-12), &expected)?;
+        let [x_m, y_m] = *uav.start_m.get_or_insert([area.width_m / 2.0, area.height_m / 2.0]);
+        let start = Position::new(x_m, y_m);
+        let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m, area.height_m);
+        self.that("uav.start_m", [x_m, y_m], area.contains(&start, 0.0), &expected)?;
+        Ok(Uav { altitude_m: uav.altitude_m, max_speed_mps: uav.max_speed_mps, endurance_s: uav.endurance_s, start })
+    }
+
+    fn link(&self, raw: &raw::Scenario) -> Result<LinkBudget, ScenarioError> {
+        let link = &raw.link;
+        self.positive("link.bandwidth_hz", link.bandwidth_hz)?;
+        self.positive("link.tx_power_w", link.tx_power_w)?;
+        let level = link.noise_dbm < 0.0 && link.noise_dbm >= -300.0;
+        self.that("link.noise_dbm", link.noise_dbm, level, "a finite level below 0 dBm (and not below -300)")?;
+        let gain_db = match link.gain_db {
+            GainDb::One(gain_db) => [gain_db; 2],
+            GainDb::Range(range) => range,
+        };
+        let [lowest_db, highest_db] = gain_db;
+        let gains = lowest_db >= -300.0 && lowest_db <= highest_db && highest_db <= 0.0;
+        self.that("link.gain_db", gain_db, gains, "levels from -300 to 0 dB, the lower first")?;
+        self.positive("link.comm_radius_m", link.comm_radius_m)?;
+        self.positive("link.comm_s", link.comm_s)?;
+        let expected = format!("at most the slot's {} s", raw.slot_s);
+        self.that("link.comm_s", link.comm_s, link.comm_s <= raw.slot_s, &expected)?;
+        let blocks = usize::try_from(link.resource_blocks).ok().filter(|n| (1..=MAX_RESOURCE_BLOCKS).contains(n));
+        self.that("link.resource_blocks", link.resource_blocks, blocks.is_some(), "1 to 64 resource blocks")?;
+        Ok(LinkBudget {
+            bandwidth_hz: link.bandwidth_hz,
+            tx_power_w: link.tx_power_w,
+            noise_w: watts_of_dbm(link.noise_dbm),
+            gain_db,
+            gain: link.gain,
+            comm_radius_m: link.comm_radius_m,
+            comm_s: link.comm_s,
+            resource_blocks: blocks.expect("checked above"),
+        })
+    }
+}

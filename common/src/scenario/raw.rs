@@ -1,0 +1,221 @@
+//! The scenario file as it is written: its keys, units and defaults, not yet checked.
+//!
+//! The defaults are the letter's mission (section V). Levels are in dB here and nowhere behind.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+/// A scenario file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(missing_docs)] // the keys are documented on the checked types
+pub struct Scenario {
+    pub name: String,
+    #[serde(default = "one")]
+    pub seed: u64,
+    #[serde(default = "letter::slots")]
+    pub slots: u64,
+    #[serde(default = "letter::slot_s")]
+    pub slot_s: f64,
+    #[serde(default)]
+    pub area: Area,
+    #[serde(default)]
+    pub sensors: Sensors,
+    #[serde(default)]
+    pub uav: Uav,
+    #[serde(default)]
+    pub link: Link,
+    #[serde(default)]
+    pub planner: Planner,
+}
+
+fn one() -> u64 {
+    1
+}
+
+/// `[area]`: `side_m`, or `width_m` and `height_m`.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(missing_docs)]
+pub struct Area {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub side_m: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub width_m: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub height_m: Option<f64>,
+}
+
+/// `[sensors]`: `count` or `file`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[allow(missing_docs)]
+pub struct Sensors {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub count: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<PathBuf>,
+    pub capacity_bits: u64,
+    pub sampling_bps: f64,
+    pub initial_queue_mean_bits: f64,
+}
+
+/// `[uav]`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[allow(missing_docs)]
+pub struct Uav {
+    pub altitude_m: f64,
+    pub max_speed_mps: f64,
+    pub endurance_s: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub start_m: Option<[f64; 2]>,
+}
+
+/// `[link]`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[allow(missing_docs)]
+pub struct Link {
+    pub model: LinkModel,
+    pub bandwidth_hz: f64,
+    pub tx_power_w: f64,
+    pub noise_dbm: f64,
+    pub gain_db: GainDb,
+    pub gain: GainMode,
+    pub comm_radius_m: f64,
+    pub comm_s: f64,
+    pub resource_blocks: u64,
+}
+
+/// `[planner]`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[allow(missing_docs)]
+pub struct Planner {
+    pub strategy: Strategy,
+    pub sca_iterations: u32,
+    pub waypoint_solver: WaypointSolver,
+}
+
+/// Channel model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LinkModel {
+    /// Line of sight at a fixed altitude (UTS eq. 4).
+    FreeSpace,
+}
+
+/// Reference gain: one number for all sensor nodes, or the ends of a range.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(untagged, expecting = "expected a number or [lowest, highest]")]
+pub enum GainDb {
+    /// The same for all.
+    One(f64),
+    /// Drawn uniformly in dB.
+    Range([f64; 2]),
+}
+
+/// Whether the reference gain changes during the mission.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum GainMode {
+    /// One gain per sensor node and mission.
+    Static,
+    /// Redrawn from `gain_db` in every slot; the planner knows only the sensor list's.
+    PerSlot,
+}
+
+/// A scheduling and trajectory strategy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Strategy {
+    /// Random flight, the fullest queues in range.
+    Rfs,
+    /// Greedy flight to the fullest queue in reach, then the fullest queues in range.
+    Gfs,
+    /// The letter's Algorithm 1 and sP2*.
+    Uts,
+}
+
+impl Strategy {
+    /// All strategies, in the order in which they are listed to people.
+    pub const ALL: [Self; 3] = [Self::Rfs, Self::Gfs, Self::Uts];
+
+    /// The name in scenario files, folders and tables.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Rfs => "rfs",
+            Self::Gfs => "gfs",
+            Self::Uts => "uts",
+        }
+    }
+}
+
+/// What solves the waypoint problem sP2*.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum WaypointSolver {
+    /// Exact projection onto an intersection of disks.
+    Geometric,
+    /// Interior-point conic solver, Clarabel.
+    Clarabel,
+}
+
+/// The letter's values (section V).
+pub(super) mod letter {
+    use super::{GainDb, GainMode, Link, LinkModel, Planner, Sensors, Strategy, Uav, WaypointSolver};
+
+    pub const SIDE_M: f64 = 100.0;
+    pub const COUNT: u64 = 200;
+
+    pub fn slots() -> u64 {
+        600
+    }
+
+    pub fn slot_s() -> f64 {
+        1.0
+    }
+
+    impl Default for Sensors {
+        fn default() -> Self {
+            Self {
+                count: None,
+                file: None,
+                capacity_bits: 30_000,
+                sampling_bps: 100.0,
+                initial_queue_mean_bits: 10_000.0,
+            }
+        }
+    }
+
+    impl Default for Uav {
+        fn default() -> Self {
+            Self { altitude_m: 20.0, max_speed_mps: 30.0, endurance_s: 600.0, start_m: None }
+        }
+    }
+
+    impl Default for Link {
+        fn default() -> Self {
+            Self {
+                model: LinkModel::FreeSpace,
+                bandwidth_hz: 5e6,
+                tx_power_w: 0.05,
+                noise_dbm: -100.0,
+                gain_db: GainDb::Range([-55.0, -50.0]),
+                gain: GainMode::Static,
+                comm_radius_m: 10.0,
+                comm_s: 0.1,
+                resource_blocks: 4,
+            }
+        }
+    }
+
+    impl Default for Planner {
+        fn default() -> Self {
+            Self { strategy: Strategy::Uts, sca_iterations: 1, waypoint_solver: WaypointSolver::Geometric }
+        }
+    }
+}

@@ -1,0 +1,1 @@
+//! The sensor field: arrivals, queues and the slot clock.

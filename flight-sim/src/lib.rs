@@ -1,0 +1,1 @@
+//! The UAV and its radio channel.

@@ -1,0 +1,2 @@
+//! field-sim
+fn main() {}

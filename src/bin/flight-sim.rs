@@ -1,0 +1,2 @@
+//! flight-sim
+fn main() {}

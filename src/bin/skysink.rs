@@ -1,0 +1,2 @@
+//! skysink
+fn main() {}

@@ -1,0 +1,1 @@
+//! Everything of a mission as a rerun recording.
