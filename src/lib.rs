@@ -1,1 +1,18 @@
-//! Skysink.
+//! Skysink's joined-up parts: the ring as plain calls ([`mission`]) and as processes ([`launch`]), what a run leaves
+//! behind ([`record`]), and the command line.
+//!
+//! What is computed lives in the crates of the workspace; here it is only put together.
+
+pub mod cli;
+pub mod error;
+pub mod launch;
+pub mod mission;
+pub mod record;
+pub mod recorder;
+pub mod report;
+pub mod run;
+pub mod simulate;
+pub mod summary;
+pub mod worker;
+
+pub use error::Error;

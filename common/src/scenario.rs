@@ -216,6 +216,13 @@ impl Scenario {
         toml::to_string(&resolved).expect("a scenario is plain tables of numbers and strings")
     }
 
+    /// A number that two scenarios share only if they fly the same: of every key but where the sensor list comes from,
+    /// which the topic `sensors` carries.
+    #[must_use]
+    pub fn hash(&self) -> u64 {
+        xxhash_rust::xxh3::xxh3_64(self.to_toml_with_list("").as_bytes())
+    }
+
     /// Farthest flight in one slot, `V_max τ` [m].
     #[must_use]
     pub fn reach_m(&self) -> f64 {

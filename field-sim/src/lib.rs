@@ -1,1 +1,9 @@
-//! The sensor field: arrivals, queues and the slot clock.
+//! The sensor field: what the sensor nodes sample, store, lose and upload, and the slot clock of the ring.
+//!
+//! It owns the queues. Where the UAV is and what its links carry is flight-sim's.
+
+pub mod arrivals;
+pub mod field;
+pub mod node;
+
+pub use field::{Field, FieldError, SlotBits};

@@ -1,1 +1,9 @@
-//! The UAV and its radio channel.
+//! The UAV and its radio channel: flies what it is told if it can, and reports what its links can carry.
+//!
+//! It never trusts the planner. The queues are field-sim's.
+
+pub mod flight;
+pub mod node;
+pub mod vehicle;
+
+pub use flight::Flight;

@@ -1,1 +1,24 @@
 //! Whom to serve and where to fly: the strategies and their waypoint solvers.
+//!
+//! [`Planner::step`] turns the UAV's position and the queues into a [`Plan`](skysink_common::message::Plan). It reads no
+//! clock and moves nothing: flying, drawing the channel and keeping the queues are left to the other nodes of the ring.
+//!
+//! | module | job |
+//! |---|---|
+//! | [`planner`] | one slot: schedule, then waypoint |
+//! | [`field`] | what stays the same in every slot |
+//! | [`search`] | sP1 by Algorithm 1 |
+//! | [`strategy`] | the baselines' waypoints, transit, and serving the fullest queues |
+//! | [`waypoint`] | sP2 as a value, and its expansion sP2* |
+//! | [`geometric`], [`conic`] | two solvers of sP2* |
+
+pub mod conic;
+pub mod field;
+pub mod geometric;
+pub mod node;
+pub mod planner;
+pub mod search;
+pub mod strategy;
+pub mod waypoint;
+
+pub use planner::Planner;

@@ -1,2 +1,9 @@
-//! planner
-fn main() {}
+//! Whom to serve and where to fly, as a process of the ring.
+
+use iceoryx2::prelude::ipc;
+use skysink::worker;
+use skysink_common::node::Role;
+
+fn main() -> std::process::ExitCode {
+    worker::main(Role::Planner, skysink_planner::node::run::<ipc::Service>)
+}

@@ -1,2 +1,5 @@
-//! skysink
-fn main() {}
+//! The launcher and command line.
+
+fn main() -> std::process::ExitCode {
+    skysink::cli::main()
+}

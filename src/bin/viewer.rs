@@ -1,2 +1,43 @@
-//! viewer
-fn main() {}
+//! Everything to rerun, as a process of the ring.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Parser;
+use iceoryx2::prelude::ipc;
+use skysink::worker::{self, Place};
+use skysink_common::node::{Role, Stop};
+use skysink_viewer::Sinks;
+use skysink_viewer::node::{ViewerError, run};
+
+/// Records a run that skysink run supervises.
+#[derive(Debug, Parser)]
+#[command(version)]
+#[group(id = "sinks", required = true, multiple = true, args = ["save", "live"])]
+struct Cli {
+    #[command(flatten)]
+    place: Place,
+    /// Write the recording to this file.
+    #[arg(long, value_name = "FILE")]
+    save: Option<PathBuf>,
+    /// Serve it live on 127.0.0.1.
+    #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "9876")]
+    live: Option<u16>,
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let stop = Stop::on_signals();
+    let ended = record(&cli, &stop);
+    worker::exit(Role::Viewer, ended.as_ref().err().map(|error| (error as &dyn std::error::Error, error.exit_code())))
+}
+
+fn record(cli: &Cli, stop: &Stop) -> Result<(), ViewerError> {
+    let (scenario, folder) = worker::join(&cli.place)?;
+    let sinks = Sinks { save: cli.save.clone(), live: cli.live };
+    let missed = run::<ipc::Service>(&scenario, &folder, stop, &sinks)?;
+    if missed > 0 {
+        eprintln!("viewer: missed {missed} slots, marked in the recording");
+    }
+    Ok(())
+}

@@ -1,1 +1,23 @@
-//! Everything of a mission as a rerun recording.
+//! Everything of a mission as a rerun recording: what happened in each slot becomes entities, curves, a state lane and
+//! events that the rerun viewer shows without further setting up.
+//!
+//! It decides nothing and computes no physics: positions, queues and rates are shown as the other crates report them.
+//! The only crate that knows rerun.
+
+pub mod blueprint;
+pub mod colour;
+pub mod curves;
+pub mod events;
+pub mod legend;
+pub mod links;
+pub mod node;
+mod properties;
+pub mod queues;
+pub mod recording;
+pub mod scene;
+pub mod sizes;
+pub mod uav;
+
+pub use events::Level;
+pub use recording::{SceneError, Sinks};
+pub use scene::{Scene, SlotView, Timing};

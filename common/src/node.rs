@@ -1,0 +1,247 @@
+//! What every process of the ring shares: its role, when to stop, and how to wait for a message.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use iceoryx2::port::listener::Listener;
+use iceoryx2::prelude::Service;
+use signal_hook::consts::{SIGINT, SIGTERM};
+
+use crate::ring::RingError;
+use crate::scenario::ScenarioError;
+use crate::sensors::SensorListError;
+
+/// A process of the ring.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Owns the queues and the slot clock.
+    FieldSim,
+    /// Owns the UAV and the channel.
+    FlightSim,
+    /// Decides whom to serve and where to fly.
+    Planner,
+    /// Logs everything to rerun.
+    Viewer,
+    /// `skysink run`: launches the others and records.
+    Launcher,
+}
+
+impl Role {
+    /// The name of the executable.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::FieldSim => "field-sim",
+            Self::FlightSim => "flight-sim",
+            Self::Planner => "planner",
+            Self::Viewer => "viewer",
+            Self::Launcher => "skysink",
+        }
+    }
+}
+
+/// Why a process of the ring ends before the mission does.
+#[derive(Debug, thiserror::Error)]
+pub enum NodeError {
+    /// A signal asked for it.
+    #[error("stopped by signal {0}")]
+    Stopped(i32),
+    /// A peer did not answer in time.
+    #[error("waited {seconds} s for {what}: is {from} running?")]
+    TimedOut {
+        /// What did not come.
+        what: String,
+        /// Who should have sent it.
+        from: &'static str,
+        /// How long it was waited for.
+        seconds: f64,
+    },
+    /// Nobody supervises the ring any more.
+    #[error("skysink run has ended without stopping this process")]
+    Orphaned,
+    /// A peer sent what cannot be.
+    #[error("{0}")]
+    Peer(String),
+    /// The ring cannot be used.
+    #[error(transparent)]
+    Ring(#[from] RingError),
+    /// The scenario is refused.
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+    /// The sensor list is refused.
+    #[error(transparent)]
+    Sensors(#[from] SensorListError),
+}
+
+impl NodeError {
+    /// Exit code of a process that ends with this error.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Stopped(signal) => u8::try_from(128 + signal).unwrap_or(1),
+            Self::Scenario(_) | Self::Sensors(_) | Self::Ring(RingError::Folder { .. } | RingError::Differs { .. }) => {
+                2
+            }
+            Self::TimedOut { .. } | Self::Orphaned | Self::Peer(_) | Self::Ring(_) => 1,
+        }
+    }
+}
+
+/// The request to stop, from a signal or from a test.
+#[derive(Debug, Clone, Default)]
+pub struct Stop(Arc<AtomicUsize>);
+
+impl Stop {
+    /// A stop that is requested by SIGINT (Ctrl-C) and SIGTERM.
+    ///
+    /// # Panics
+    /// If the operating system refuses a handler for these signals, which it never does.
+    #[must_use]
+    pub fn on_signals() -> Self {
+        let stop = Self::default();
+        for signal in [SIGINT, SIGTERM] {
+            let number = usize::try_from(signal).expect("signals are positive");
+            signal_hook::flag::register_usize(signal, Arc::clone(&stop.0), number).expect("a catchable signal");
+        }
+        stop
+    }
+
+    /// Requests the stop, as SIGTERM would.
+    pub fn request(&self) {
+        self.0.store(usize::try_from(SIGTERM).expect("signals are positive"), Ordering::Relaxed);
+    }
+
+    /// The signal that requested it.
+    #[must_use]
+    pub fn requested(&self) -> Option<i32> {
+        i32::try_from(self.0.load(Ordering::Relaxed)).ok().filter(|&signal| signal != 0)
+    }
+
+    /// Fails once the stop is requested.
+    ///
+    /// # Errors
+    /// [`NodeError::Stopped`].
+    pub fn check(&self) -> Result<(), NodeError> {
+        self.requested().map_or(Ok(()), |signal| Err(NodeError::Stopped(signal)))
+    }
+}
+
+/// Patience of a process: what it watches while it waits.
+#[derive(Debug)]
+pub struct Patience {
+    stop: Stop,
+    supervisor: Option<Supervisor>,
+    supervised: Instant,
+    timeout: Duration,
+}
+
+/// How long a wait sleeps before it looks around, at first and once the ring turns.
+const LOOK_AROUND: [Duration; 2] = [Duration::from_millis(10), Duration::from_millis(100)];
+
+/// How often the supervisor's lock is tried.
+const SUPERVISOR_CHECK: Duration = Duration::from_millis(500);
+
+impl Patience {
+    /// Waits that end with `stop`, with the death of `supervisor`, or after `timeout` without the message.
+    #[must_use]
+    pub fn new(stop: Stop, supervisor: Option<Supervisor>, timeout: Duration) -> Self {
+        Self { stop, supervisor, supervised: Instant::now(), timeout }
+    }
+
+    /// The request to stop.
+    #[must_use]
+    pub fn stop(&self) -> &Stop {
+        &self.stop
+    }
+
+    /// Waits until `look` finds something, and returns it. `what` and `from` name it in the time-out.
+    ///
+    /// `look` runs before the first wait, after every notification and every time-out of a wait, because iceoryx2 may
+    /// lose a notification; `idle` runs only after the time-outs, and is the place to serve late joiners.
+    ///
+    /// # Errors
+    /// Those of `look`, a requested stop, the supervisor's death, or the time-out.
+    pub fn wait<S: Service, T>(
+        &mut self,
+        listener: &Listener<S>,
+        (what, slot, from): (&str, u64, Role),
+        mut look: impl FnMut() -> Result<Option<T>, NodeError>,
+        mut idle: impl FnMut() -> Result<(), NodeError>,
+    ) -> Result<T, NodeError> {
+        let start = Instant::now();
+        let nap = LOOK_AROUND[usize::from(slot > 1)];
+        let mut idled = start;
+        loop {
+            if let Some(found) = look()? {
+                return Ok(found);
+            }
+            self.check(Instant::now())?;
+            let _ = listener.timed_wait(|_| {}, nap); // an interrupted wait is a short one
+            let now = Instant::now();
+            if now - idled >= nap {
+                idled = now;
+                idle()?;
+            }
+            if now - start >= self.timeout {
+                let what = format!("{what}({slot})");
+                return Err(NodeError::TimedOut { what, from: from.name(), seconds: self.timeout.as_secs_f64() });
+            }
+        }
+    }
+
+    /// Fails once a stop is requested or the supervisor is dead.
+    fn check(&mut self, now: Instant) -> Result<(), NodeError> {
+        self.stop.check()?;
+        if let Some(supervisor) = &mut self.supervisor
+            && now - self.supervised >= SUPERVISOR_CHECK
+        {
+            self.supervised = now;
+            if !supervisor.alive() {
+                return Err(NodeError::Orphaned);
+            }
+        }
+        Ok(())
+    }
+
+    /// Sleeps until `deadline`; ends early with a requested stop.
+    ///
+    /// # Errors
+    /// [`NodeError::Stopped`], or [`NodeError::Orphaned`].
+    pub fn sleep_until(&mut self, deadline: Instant) -> Result<(), NodeError> {
+        loop {
+            let now = Instant::now();
+            self.check(now)?;
+            let remaining = deadline.saturating_duration_since(now);
+            if remaining.is_zero() {
+                return Ok(());
+            }
+            std::thread::sleep(remaining.min(LOOK_AROUND[1]));
+        }
+    }
+}
+
+/// The watch over the process that supervises the ring: it holds a lock as long as it lives.
+#[derive(Debug)]
+pub struct Supervisor {
+    lock: std::fs::File,
+}
+
+impl Supervisor {
+    /// Watches the holder of the lock file.
+    #[must_use]
+    pub fn new(lock: std::fs::File) -> Self {
+        Self { lock }
+    }
+
+    /// Whether somebody holds the lock.
+    fn alive(&mut self) -> bool {
+        match self.lock.try_lock_shared() {
+            Ok(()) => {
+                let _ = self.lock.unlock();
+                false
+            }
+            Err(_) => true,
+        }
+    }
+}

@@ -1,0 +1,204 @@
+//! The ring of one run: the folder in which its processes meet, the terms they agree on, and its topics.
+//!
+//! Every run has a folder and a prefix of its own, so that two runs never meet. The launcher creates everything and
+//! holds it; a process of the ring only opens it.
+
+use std::path::Path;
+use std::time::Duration;
+
+use iceoryx2::prelude::*;
+use rustix::time::{ClockId, clock_gettime};
+
+use crate::message::SlotHeader;
+use crate::node::{Patience, Role, Stop};
+use crate::ring_folder::{RingFolder, Terms};
+use crate::scenario::Scenario;
+use crate::topic::{CommitTopic, FlightTopic, PlanTopic, QueuesTopic, RING_BUFFER, SensorsTopic, Topic, VIEWER_BUFFER};
+
+/// Version of the messages and of what they mean; processes of different versions do not meet.
+pub const SCHEMA: &str = "1";
+
+/// Event by which the viewer says that it is connected to every writer, on the topic `commit`.
+pub const VIEWER_READY: usize = 11;
+
+/// Why a ring cannot be used; the display is one line that names the remedy where there is one.
+#[derive(Debug, thiserror::Error)]
+pub enum RingError {
+    /// The folder is not that of a running ring.
+    #[error("ring {folder}: {message}")]
+    Folder {
+        /// The folder.
+        folder: String,
+        /// What is wrong with it.
+        message: String,
+    },
+    /// The ring flies something else.
+    #[error("ring {folder}: {what} is {theirs}, here {ours}: {remedy}")]
+    Differs {
+        /// The folder.
+        folder: String,
+        /// What differs.
+        what: &'static str,
+        /// As the ring has it.
+        theirs: String,
+        /// As this process has it.
+        ours: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// iceoryx2 refuses.
+    #[error("topic {topic}: cannot {action}: {detail}")]
+    Topic {
+        /// The topic, or `ring`.
+        topic: &'static str,
+        /// What was tried.
+        action: &'static str,
+        /// What iceoryx2 says.
+        detail: String,
+    },
+}
+
+impl RingError {
+    pub(crate) fn topic(topic: &'static str, action: &'static str, error: &dyn std::fmt::Debug) -> Self {
+        Self::Topic { topic, action, detail: format!("{error:?}") }
+    }
+}
+
+/// The topics of a run, opened.
+#[derive(Debug)]
+pub struct Ring<S: Service + 'static> {
+    /// What the run has agreed on.
+    pub terms: Terms,
+    /// Every sensor node, once.
+    pub sensors: SensorsTopic<S>,
+    /// The queues after each slot.
+    pub queues: QueuesTopic<S>,
+    /// The plan of each slot.
+    pub plan: PlanTopic<S>,
+    /// The flight of each slot.
+    pub flight: FlightTopic<S>,
+    /// The slots on record.
+    pub commit: CommitTopic<S>,
+    node: Node<S>,
+}
+
+impl<S: Service + 'static> Ring<S> {
+    /// Makes the ring in its folder; the launcher does, and keeps it for the whole run.
+    ///
+    /// # Errors
+    /// If iceoryx2 cannot create its services.
+    pub fn create(folder: &RingFolder, scenario: &Scenario) -> Result<Self, RingError> {
+        let terms = folder.terms();
+        let node = node::<S>(folder, Role::Launcher)?;
+        let agreed = attributes(&terms, scenario)?;
+        Ok(Self {
+            terms,
+            sensors: Topic::create_list(&node, "sensors", RING_BUFFER, &agreed)?,
+            queues: Topic::create_list(&node, "queues", VIEWER_BUFFER, &agreed)?,
+            plan: Topic::create(&node, "plan", VIEWER_BUFFER, &agreed)?,
+            flight: Topic::create(&node, "flight", VIEWER_BUFFER, &agreed)?,
+            commit: Topic::create(&node, "commit", RING_BUFFER, &agreed)?,
+            node,
+        })
+    }
+
+    /// Opens the ring in its folder, as `role`, and checks that it flies `scenario`.
+    ///
+    /// # Errors
+    /// If the ring is not there or flies another scenario.
+    pub fn open(folder: &RingFolder, scenario: &Scenario, role: Role) -> Result<Self, RingError> {
+        let terms = folder.terms();
+        let node = node::<S>(folder, role)?;
+        let sensors = Topic::open_list(&node, "sensors")?;
+        agree(folder, sensors.terms(), scenario)?;
+        Ok(Self {
+            terms,
+            sensors,
+            queues: Topic::open_list(&node, "queues")?,
+            plan: Topic::open(&node, "plan")?,
+            flight: Topic::open(&node, "flight")?,
+            commit: Topic::open(&node, "commit")?,
+            node,
+        })
+    }
+
+    /// Frees what processes that died have left behind.
+    pub fn remove_dead_nodes(&self) {
+        let _ = self.node.try_cleanup_dead_nodes(); // what it cannot free goes with the folder
+    }
+
+    /// A header of this run, sent now.
+    #[must_use]
+    pub fn header(&self, slot: u64, flags: u32) -> SlotHeader {
+        SlotHeader { mission: self.terms.mission, slot, epoch: 0, flags, sent_ns: monotonic_ns() }
+    }
+
+    /// How long a process of this run waits for another.
+    #[must_use]
+    pub fn timeout(&self) -> Duration {
+        Duration::from_secs_f64(self.terms.timeout_s)
+    }
+
+    /// The patience of a process of this run.
+    ///
+    /// # Errors
+    /// If the supervisor's lock is not there.
+    pub fn patience(&self, folder: &RingFolder, stop: &Stop) -> Result<Patience, RingError> {
+        Ok(Patience::new(stop.clone(), folder.supervisor()?, self.timeout()))
+    }
+}
+
+/// Time on the monotonic clock [ns], common to all processes of a machine.
+#[must_use]
+pub fn monotonic_ns() -> u64 {
+    let time = clock_gettime(ClockId::Monotonic);
+    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64 // the clock starts at boot: both are positive
+}
+
+fn node<S: Service>(folder: &RingFolder, role: Role) -> Result<Node<S>, RingError> {
+    let name = NodeName::new(role.name()).map_err(|error| RingError::topic("ring", "name the process", &error))?;
+    NodeBuilder::new()
+        .config(&folder.config()?)
+        .name(&name)
+        .signal_handling_mode(SignalHandlingMode::Disabled) // see `Stop`
+        .create::<S>()
+        .map_err(|error| RingError::topic("ring", "join", &error))
+}
+
+/// What every process must agree on, by key.
+fn agreement(scenario: &Scenario) -> [(&'static str, String, &'static str); 3] {
+    [
+        ("version", SCHEMA.to_owned(), "use the executables of one build"),
+        ("program", env!("CARGO_PKG_VERSION").to_owned(), "use the executables of one build"),
+        ("scenario", format!("{:016x}", scenario.hash()), "pass the scenario.toml of the run's folder"),
+    ]
+}
+
+fn attributes(terms: &Terms, scenario: &Scenario) -> Result<AttributeSpecifier, RingError> {
+    let mission = ("mission", format!("{:016x}", terms.mission), "");
+    let mut specifier = AttributeSpecifier::new();
+    for (key, value, _) in agreement(scenario).into_iter().chain([mission]) {
+        let refuse = |error: &dyn std::fmt::Debug| RingError::topic("ring", "define its terms", error);
+        let (key, value) = (key.try_into().map_err(|error| refuse(&error))?, value.as_str().try_into());
+        let value = value.map_err(|error| refuse(&error))?;
+        specifier = specifier.define(&key, &value).map_err(|error| refuse(&error))?;
+    }
+    Ok(specifier)
+}
+
+fn agree(folder: &RingFolder, theirs: &AttributeSet, scenario: &Scenario) -> Result<(), RingError> {
+    for (what, ours, remedy) in agreement(scenario) {
+        let key = what.try_into().map_err(|error| RingError::topic("ring", "read its terms", &error))?;
+        let theirs = theirs.key_value(&key, 0).map_or_else(|| "missing".to_owned(), ToString::to_string);
+        if theirs != ours {
+            let folder = folder.path().display().to_string();
+            return Err(RingError::Differs { folder, what, theirs, ours, remedy });
+        }
+    }
+    Ok(())
+}
+
+/// Whether `path` can be a ring's folder: iceoryx2 puts UNIX sockets there, whose paths end at 108 bytes.
+pub(crate) fn short_enough(path: &Path) -> bool {
+    path.as_os_str().len() <= 48
+}

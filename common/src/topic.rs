@@ -1,0 +1,383 @@
+//! The table of topics, and how they are written and read.
+//!
+//! A topic is a publish-subscribe service and an event service of the same name: a writer sends the sample first, then
+//! the wake-up.
+
+use std::fmt::Debug;
+use std::time::Duration;
+
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::port::{BackpressureAction, BackpressureInfo};
+use iceoryx2::prelude::*;
+use iceoryx2::sample::Sample;
+use iceoryx2::service::builder::publish_subscribe as publish_subscribe_builder;
+use iceoryx2::service::port_factory::{event, publish_subscribe};
+
+use crate::message::{Commit, FlightReport, Plan, QueuesHeader, SensorNode, SlotHeader};
+use crate::node::Stop;
+use crate::pace::Pace;
+use crate::ring::RingError;
+
+/// Samples that wait for a process of the ring, which is never more than two slots behind.
+pub const RING_BUFFER: usize = 4;
+
+/// Samples that wait for the viewer or the recorder. Memory that is not used costs nothing.
+pub const VIEWER_BUFFER: usize = 64;
+
+/// Samples that a reader holds at once: one it works on, one that came early.
+const MAX_BORROWED: usize = 4;
+
+/// Readers of a topic: the ring, the viewer, and room for programs from outside.
+const MAX_READERS: usize = 8;
+
+/// Writers of a topic: one by its role; the second place is for restarts and links between hosts.
+const MAX_WRITERS: usize = 2;
+
+/// Processes that open a topic.
+const MAX_NODES: usize = 20;
+
+/// How long a full reader is waited for before the dead ones are looked for.
+const CLEAN_UP_AFTER: Duration = Duration::from_millis(20);
+
+/// What is read from a header of any topic.
+pub trait Header: Debug + Default + Copy + ZeroCopySend + 'static {
+    /// Mission, slot and flags.
+    fn head(&self) -> &SlotHeader;
+}
+
+impl Header for SlotHeader {
+    fn head(&self) -> &SlotHeader {
+        self
+    }
+}
+
+impl Header for QueuesHeader {
+    fn head(&self) -> &SlotHeader {
+        &self.head
+    }
+}
+
+/// A topic of the ring.
+#[derive(Debug)]
+pub struct Topic<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header> {
+    name: &'static str,
+    config: Config,
+    data: publish_subscribe::PortFactory<S, P, H>,
+    event: event::PortFactory<S>,
+}
+
+/// `sensors`: every sensor node, once.
+pub type SensorsTopic<S> = Topic<S, [SensorNode], SlotHeader>;
+/// `queues`: the queue of every sensor node [bit]; ledger totals in the header.
+pub type QueuesTopic<S> = Topic<S, [u32], QueuesHeader>;
+/// `plan`: whom to serve and where to fly.
+pub type PlanTopic<S> = Topic<S, Plan, SlotHeader>;
+/// `flight`: where the UAV is, and what its links can carry.
+pub type FlightTopic<S> = Topic<S, FlightReport, SlotHeader>;
+/// `commit`: the slot is on record.
+pub type CommitTopic<S> = Topic<S, Commit, SlotHeader>;
+
+/// What makes or opens the publish-subscribe service of a topic.
+type Builder<S, P, H> = publish_subscribe_builder::Builder<P, H, S>;
+
+/// A publish-subscribe service.
+type Data<S, P, H> = publish_subscribe::PortFactory<S, P, H>;
+
+impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header> Topic<S, P, H> {
+    /// The builder that makes the topic's service for readers with room for `buffer` samples.
+    fn maker(node: &Node<S>, name: &'static str, buffer: usize) -> Result<Builder<S, P, H>, RingError> {
+        Ok(Self::opener(node, name)?
+            .max_publishers(MAX_WRITERS)
+            .max_subscribers(MAX_READERS)
+            .max_nodes(MAX_NODES)
+            .history_size(1)
+            .subscriber_max_buffer_size(buffer)
+            .subscriber_max_borrowed_samples(MAX_BORROWED)
+            .enable_safe_overflow(false))
+    }
+
+    /// The builder that opens the topic's service.
+    fn opener(node: &Node<S>, name: &'static str) -> Result<Builder<S, P, H>, RingError> {
+        Ok(node.service_builder(&service_name(name)?).publish_subscribe::<P>().user_header::<H>())
+    }
+
+    /// The topic whose service has just been made, with its event.
+    fn made(node: &Node<S>, name: &'static str, data: Data<S, P, H>) -> Result<Self, RingError> {
+        let event = node.service_builder(&service_name(name)?).event().max_nodes(MAX_NODES);
+        let event = event.create().map_err(|error| RingError::topic(name, "create its event", &error))?;
+        Ok(Self { name, config: node.config().clone(), data, event })
+    }
+
+    /// The topic whose service has just been opened, with its event.
+    fn opened(node: &Node<S>, name: &'static str, data: Data<S, P, H>) -> Result<Self, RingError> {
+        let event = node.service_builder(&service_name(name)?).event();
+        let event = event.open().map_err(|error| RingError::topic(name, "open its event", &error))?;
+        Ok(Self { name, config: node.config().clone(), data, event })
+    }
+
+    /// The terms under which the topic was made.
+    pub(crate) fn terms(&self) -> &AttributeSet {
+        self.data.attributes()
+    }
+
+    /// A reader with room for `buffer` samples, which gets the newest sample even if it was sent before.
+    ///
+    /// # Errors
+    /// If all readers' places are taken, or the system refuses.
+    pub fn reader(&self, buffer: usize) -> Result<Reader<S, P, H>, RingError> {
+        let subscriber = self
+            .data
+            .subscriber_builder()
+            .history_request(1)
+            .buffer_size(buffer)
+            .create()
+            .map_err(|error| RingError::topic(self.name, "read", &error))?;
+        Ok(Reader { name: self.name, subscriber, early: None })
+    }
+
+    /// The wake-ups of the topic's writer.
+    ///
+    /// # Errors
+    /// If all listeners' places are taken, or the system refuses.
+    pub fn listener(&self) -> Result<Listener<S>, RingError> {
+        self.event.listener_builder().create().map_err(|error| RingError::topic(self.name, "listen", &error))
+    }
+
+    /// A source of wake-ups without samples.
+    ///
+    /// # Errors
+    /// If all notifiers' places are taken, or the system refuses.
+    pub fn notifier(&self) -> Result<Notifier<S>, RingError> {
+        self.event.notifier_builder().create().map_err(|error| RingError::topic(self.name, "notify", &error))
+    }
+
+    /// What a writer does about a reader whose buffer is full: in lock-step it waits, in paced runs it goes on.
+    fn backpressure(
+        &self,
+        pace: Pace,
+        stop: &Stop,
+        timeout: Duration,
+    ) -> impl Fn(&BackpressureInfo) -> BackpressureAction + use<S, P, H> {
+        let (config, stop) = (self.config.clone(), stop.clone());
+        move |info| match pace {
+            Pace::Factor(_) => BackpressureAction::DiscardData,
+            Pace::Max if stop.requested().is_some() || info.elapsed_time > timeout => {
+                BackpressureAction::DiscardDataAndFail
+            }
+            Pace::Max => {
+                if info.elapsed_time > CLEAN_UP_AFTER {
+                    remove_dead_nodes::<S>(&config);
+                }
+                BackpressureAction::Retry
+            }
+        }
+    }
+}
+
+/// The wake-ups of a topic are named as the topic.
+fn service_name(name: &'static str) -> Result<ServiceName, RingError> {
+    ServiceName::new(&format!("skysink/{name}")).map_err(|error| RingError::topic(name, "name", &error))
+}
+
+/// Frees what processes that died have left behind; a writer would wait for their buffers for ever.
+pub fn remove_dead_nodes<S: Service>(config: &Config) {
+    let _ = Node::<S>::list(config, |state| {
+        if let NodeState::Dead(node) = state {
+            let _ = node.try_remove_stale_resources(); // another process may have been quicker
+        }
+        CallbackProgression::Continue
+    });
+}
+
+/// The writing end of a topic.
+#[derive(Debug)]
+pub struct Writer<S: Service, P: IceoryxSend + Debug + ?Sized + 'static, H: Header> {
+    name: &'static str,
+    publisher: Publisher<S, P, H>,
+    notifier: Notifier<S>,
+}
+
+impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header> Writer<S, P, H> {
+    /// Lets late joiners have the newest sample, and wakes them.
+    ///
+    /// # Errors
+    /// If a joiner cannot be connected.
+    pub fn serve_joiners(&self) -> Result<(), RingError> {
+        self.publisher.update_connections().map_err(|error| RingError::topic(self.name, "connect", &error))?;
+        self.wake()
+    }
+
+    fn wake(&self) -> Result<(), RingError> {
+        self.notifier.notify().map_err(|error| RingError::topic(self.name, "notify", &error))?;
+        Ok(())
+    }
+}
+
+impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> Topic<S, P, H> {
+    /// Makes a topic of single messages; the launcher does, and holds it for the whole run.
+    pub(crate) fn create(
+        node: &Node<S>,
+        name: &'static str,
+        buffer: usize,
+        terms: &AttributeSpecifier,
+    ) -> Result<Self, RingError> {
+        let data = Self::maker(node, name, buffer)?.create_with_attributes(terms);
+        Self::made(node, name, data.map_err(|error| RingError::topic(name, "create it", &error))?)
+    }
+
+    /// Opens the topic that the launcher made.
+    pub(crate) fn open(node: &Node<S>, name: &'static str) -> Result<Self, RingError> {
+        let data = Self::opener(node, name)?.open();
+        Self::opened(node, name, data.map_err(|error| RingError::topic(name, "open it", &error))?)
+    }
+
+    /// A writer of single messages.
+    ///
+    /// # Errors
+    /// If all writers' places are taken, or the system refuses.
+    pub fn writer(&self, pace: Pace, stop: &Stop, timeout: Duration) -> Result<Writer<S, P, H>, RingError> {
+        let publisher = self
+            .data
+            .publisher_builder()
+            .max_loaned_samples(1)
+            .set_backpressure_handler(self.backpressure(pace, stop, timeout))
+            .create()
+            .map_err(|error| RingError::topic(self.name, "write", &error))?;
+        Ok(Writer { name: self.name, publisher, notifier: self.notifier()? })
+    }
+}
+
+impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> Writer<S, P, H> {
+    /// Sends one message, then the wake-up.
+    ///
+    /// # Errors
+    /// If a reader does not take it in time, or the system refuses.
+    pub fn send(&self, header: H, message: P) -> Result<(), RingError> {
+        let mut sample =
+            self.publisher.loan_uninit().map_err(|error| RingError::topic(self.name, "loan a sample", &error))?;
+        *sample.user_header_mut() = header;
+        let sample = sample.write_payload(message);
+        sample.send().map_err(|error| RingError::topic(self.name, "send", &error))?;
+        self.wake()
+    }
+}
+
+impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> Topic<S, [T], H> {
+    /// Makes a topic of lists; the launcher does, and holds it for the whole run.
+    pub(crate) fn create_list(
+        node: &Node<S>,
+        name: &'static str,
+        buffer: usize,
+        terms: &AttributeSpecifier,
+    ) -> Result<Self, RingError> {
+        let data = Self::maker(node, name, buffer)?.create_with_attributes(terms);
+        Self::made(node, name, data.map_err(|error| RingError::topic(name, "create it", &error))?)
+    }
+
+    /// Opens the topic that the launcher made.
+    pub(crate) fn open_list(node: &Node<S>, name: &'static str) -> Result<Self, RingError> {
+        let data = Self::opener(node, name)?.open();
+        Self::opened(node, name, data.map_err(|error| RingError::topic(name, "open it", &error))?)
+    }
+
+    /// A writer of lists of at most `len` elements.
+    ///
+    /// # Errors
+    /// If all writers' places are taken, or the system refuses.
+    pub fn list_writer(
+        &self,
+        len: usize,
+        pace: Pace,
+        stop: &Stop,
+        timeout: Duration,
+    ) -> Result<Writer<S, [T], H>, RingError> {
+        let publisher = self
+            .data
+            .publisher_builder()
+            .initial_max_slice_len(len)
+            .max_loaned_samples(1)
+            .set_backpressure_handler(self.backpressure(pace, stop, timeout))
+            .create()
+            .map_err(|error| RingError::topic(self.name, "write", &error))?;
+        Ok(Writer { name: self.name, publisher, notifier: self.notifier()? })
+    }
+}
+
+impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> Writer<S, [T], H> {
+    /// Sends a list, then the wake-up.
+    ///
+    /// # Errors
+    /// If a reader does not take it in time, or the system refuses.
+    pub fn send_list(&self, header: H, list: &[T]) -> Result<(), RingError> {
+        let mut sample = self
+            .publisher
+            .loan_slice_uninit(list.len())
+            .map_err(|error| RingError::topic(self.name, "loan a sample", &error))?;
+        *sample.user_header_mut() = header;
+        let sample = sample.write_from_slice(list);
+        sample.send().map_err(|error| RingError::topic(self.name, "send", &error))?;
+        self.wake()
+    }
+}
+
+/// The reading end of a topic. Samples of slots that have passed are dropped, those that came early are kept.
+#[derive(Debug)]
+pub struct Reader<S: Service, P: IceoryxSend + Debug + ?Sized + 'static, H: Header> {
+    name: &'static str,
+    subscriber: Subscriber<S, P, H>,
+    early: Option<Sample<S, P, H>>,
+}
+
+impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> Reader<S, P, H> {
+    /// Whether the message of `slot` has arrived; it stays to be taken.
+    ///
+    /// # Errors
+    /// If the writer's memory cannot be mapped.
+    pub fn peek(&mut self, slot: u64) -> Result<bool, RingError> {
+        self.early = self.take(slot)?.or_else(|| self.early.take());
+        Ok(self.early.as_ref().is_some_and(|sample| sample.user_header().head().slot == slot))
+    }
+
+    /// The message of `slot`, if it has arrived.
+    ///
+    /// # Errors
+    /// If the writer's memory cannot be mapped.
+    pub fn take(&mut self, slot: u64) -> Result<Option<Sample<S, P, H>>, RingError> {
+        take(&mut self.early, slot, || {
+            self.subscriber.receive().map_err(|error| RingError::topic(self.name, "receive", &error))
+        })
+    }
+}
+
+impl<S: Service + 'static, T: Debug + ZeroCopySend + 'static, H: Header> Reader<S, [T], H> {
+    /// The next list in the order in which they were sent.
+    ///
+    /// # Errors
+    /// If the writer's memory cannot be mapped.
+    pub fn next(&mut self) -> Result<Option<Sample<S, [T], H>>, RingError> {
+        self.subscriber.receive().map_err(|error| RingError::topic(self.name, "receive", &error))
+    }
+}
+
+/// The sample of `slot` out of those that `receive` yields in order.
+fn take<S: Service, P: IceoryxSend + Debug + ?Sized, H: Header>(
+    early: &mut Option<Sample<S, P, H>>,
+    slot: u64,
+    mut receive: impl FnMut() -> Result<Option<Sample<S, P, H>>, RingError>,
+) -> Result<Option<Sample<S, P, H>>, RingError> {
+    loop {
+        let Some(sample) = early.take().map_or_else(&mut receive, |sample| Ok(Some(sample)))? else { return Ok(None) };
+        let sent = sample.user_header().head().slot;
+        if sent == slot {
+            return Ok(Some(sample));
+        }
+        if sent > slot {
+            *early = Some(sample);
+            return Ok(None);
+        }
+    }
+}

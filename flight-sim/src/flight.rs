@@ -1,0 +1,213 @@
+//! One slot of flight: fly to the waypoint, then talk to the sensor nodes that are really in range.
+
+use skysink_common::geometry::{Position, distance_squared, within};
+use skysink_common::link::Link;
+use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode, Plan, SensorNode};
+use skysink_common::scenario::{GainMode, Scenario};
+use skysink_common::sensors::draw_gain_db;
+use skysink_common::units::ratio_of_db;
+
+use crate::vehicle::Vehicle;
+
+/// The UAV over its field.
+#[derive(Debug, Clone)]
+pub struct Flight {
+    scenario: Scenario,
+    link: Link,
+    vehicle: Vehicle,
+    positions: Vec<Position>,
+    gains: Vec<f64>,
+}
+
+impl Flight {
+    /// The UAV at its start, over the published sensor nodes.
+    #[must_use]
+    pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
+        Self {
+            scenario: scenario.clone(),
+            link: Link::of(scenario),
+            vehicle: Vehicle::new(scenario),
+            positions: sensors.iter().map(|sensor| Position::new(sensor.x_m, sensor.y_m)).collect(),
+            gains: sensors.iter().map(|sensor| sensor.gain).collect(),
+        }
+    }
+
+    /// The report of slot 0: the UAV at its start.
+    #[must_use]
+    pub fn start(&self) -> FlightReport {
+        self.report(Mode::Hold)
+    }
+
+    /// Flies `slot`, from 1. Without a plan, and with an impossible waypoint, the UAV holds and serves nobody; a sensor
+    /// node that is unknown, out of range (UTS eq. 5), named before, or beyond the n resource blocks (UTS eq. 6) is not
+    /// served. Every refusal is counted.
+    #[must_use]
+    pub fn step(&mut self, slot: u64, plan: Option<&Plan>) -> FlightReport {
+        let Some(plan) = plan else {
+            return FlightReport { hold: HoldReason::NoPlan.code(), ..self.report(Mode::Hold) };
+        };
+        let possible = plan.z_m.is_finite() && self.vehicle.fly_to(Position::new(plan.x_m, plan.y_m));
+        if !possible {
+            return FlightReport { hold: HoldReason::Waypoint.code(), refused: 1, ..self.report(Mode::Hold) };
+        }
+        let mut report = self.report(match Mode::of_code(plan.mode) {
+            Mode::Transit => Mode::Transit,
+            Mode::Serve | Mode::Hold => Mode::Serve,
+        });
+        self.serve(slot, plan, &mut report);
+        report
+    }
+
+    /// Fills in the links of those scheduled sensor nodes that can be served.
+    fn serve(&self, slot: u64, plan: &Plan, report: &mut FlightReport) {
+        let scheduled = plan.scheduled();
+        let mut served = 0;
+        for (block, &sensor) in scheduled.iter().enumerate() {
+            let blocked = block >= self.scenario.link.resource_blocks || scheduled[..block].contains(&sensor);
+            if blocked || !self.in_range(sensor) {
+                continue;
+            }
+            report.links[served] = self.link_report(slot, sensor);
+            served += 1;
+        }
+        report.links[..served].sort_unstable_by_key(|link| link.sensor);
+        report.served = u32::try_from(served).expect("at most MAX_SERVED");
+        report.refused = plan.served - report.served; // also what the plan claims to name beyond its message
+    }
+
+    fn in_range(&self, sensor: u32) -> bool {
+        let radius_m = self.scenario.link.comm_radius_m;
+        self.positions.get(sensor as usize).is_some_and(|position| within(&self.vehicle.position(), position, radius_m))
+    }
+
+    fn link_report(&self, slot: u64, sensor: u32) -> LinkReport {
+        let d2_m2 = distance_squared(&self.vehicle.position(), &self.positions[sensor as usize]);
+        let gain = match self.scenario.link.gain {
+            GainMode::Static => self.gains[sensor as usize],
+            GainMode::PerSlot => ratio_of_db(draw_gain_db(&self.scenario, slot, sensor)),
+        };
+        let rate_bps = self.link.rate_bps(gain, d2_m2);
+        LinkReport {
+            sensor,
+            line_of_sight: 1,
+            distance_m: d2_m2.sqrt(),
+            elevation_deg: self.link.elevation_deg(d2_m2),
+            rate_bps,
+            capacity_bits: self.link.capacity_bits(rate_bps),
+        }
+    }
+
+    fn report(&self, mode: Mode) -> FlightReport {
+        let position = self.vehicle.position();
+        FlightReport::at(position.x, position.y, self.vehicle.altitude_m(), mode)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use skysink_common::message::MAX_SERVED;
+    use skysink_common::scenario::Overrides;
+
+    /// The letter's UAV at (50, 50) with n = 4, over SNs at x = 50, 55, 60, 60 + 1 µm, 52, 51, all at y = 50.
+    fn flight() -> Flight {
+        let sensor = |x_m: f64| SensorNode { x_m, y_m: 50.0, gain: 1e-5, ..SensorNode::default() };
+        let sensors = [50.0, 55.0, 60.0, 60.000_001, 52.0, 51.0].map(sensor);
+        Flight::new(&Scenario::letter(Overrides::default()).unwrap(), &sensors)
+    }
+
+    fn plan(ids: &[u32]) -> Plan {
+        let mut plan = Plan::fly_to(50.0, 50.0, 20.0, Mode::Serve);
+        plan.schedule(ids);
+        plan
+    }
+
+    fn served(report: &FlightReport) -> Vec<u32> {
+        report.served_links().iter().map(|link| link.sensor).collect()
+    }
+
+    #[test]
+    fn sensor_nodes_up_to_the_rim_are_served_and_no_others() {
+        let report = flight().step(1, Some(&plan(&[2, 0, 3])));
+        assert_eq!(served(&report), [0, 2]);
+        assert_eq!(report.refused, 1);
+    }
+
+    #[test]
+    fn twice_the_same_an_unknown_one_and_too_many_are_refused() {
+        assert_eq!(served(&flight().step(1, Some(&plan(&[1, 1, 0])))), [0, 1]);
+        assert_eq!(served(&flight().step(1, Some(&plan(&[6, u32::MAX, 0])))), [0]);
+        let report = flight().step(1, Some(&plan(&[0, 1, 2, 4, 5])));
+        assert_eq!((served(&report), report.refused), (vec![0, 1, 2, 4], 1)); // beyond n = 4, the first 4 stay
+    }
+
+    #[test]
+    fn a_count_beyond_the_message_is_refused_without_reading_beyond_it() {
+        let mut plan = plan(&[0, 1]);
+        plan.served = 1000;
+        let report = flight().step(1, Some(&plan));
+        assert_eq!((served(&report), report.refused), (vec![0, 1], 998));
+    }
+
+    #[test]
+    fn without_a_plan_the_uav_holds_and_serves_nobody() {
+        let report = flight().step(1, None);
+        assert_eq!((Mode::of_code(report.mode), HoldReason::of_code(report.hold)), (Mode::Hold, HoldReason::NoPlan));
+        assert_eq!((report.served, report.refused), (0, 0));
+    }
+
+    #[test]
+    fn an_impossible_waypoint_is_one_refusal_and_serves_nobody() {
+        let mut plan = plan(&[0]);
+        plan.z_m = f64::NAN;
+        let report = flight().step(1, Some(&plan));
+        assert_eq!((Mode::of_code(report.mode), HoldReason::of_code(report.hold)), (Mode::Hold, HoldReason::Waypoint));
+        assert_eq!((report.served, report.refused), (0, 1));
+    }
+
+    #[test]
+    fn a_link_reports_its_geometry_and_whole_bits() {
+        let report = flight().step(1, Some(&plan(&[1])));
+        let link = report.served_links()[0];
+        // d = 5 m, H = 20 m: θ = atan(20/5) = 75.9638°; γ = 1e-5 · 0.05/1e-13 = 5e6, x = 425
+        assert_eq!(link.distance_m, 5.0);
+        assert!((link.elevation_deg - 75.963_756_532).abs() < 1e-9);
+        let rate_bps = 5e6 * (1.0 + 5e6 / 425.0f64).log2();
+        assert!((link.rate_bps - rate_bps).abs() < 1e-6);
+        assert_eq!(link.capacity_bits, (rate_bps * 0.1) as u64);
+    }
+
+    #[test]
+    fn a_redrawn_gain_depends_on_the_slot_alone() {
+        let scenario = "name = \"fading\"\n[link]\ngain = \"per-slot\"\n";
+        let scenario = Scenario::parse(scenario, std::path::Path::new("fading.toml"), Overrides::default()).unwrap();
+        let sensor = SensorNode { x_m: 50.0, y_m: 50.0, gain: 1e-5, ..SensorNode::default() };
+        let rate = |slots: &[u64]| {
+            let mut flight = Flight::new(&scenario, &[sensor]);
+            slots.iter().map(|&slot| flight.step(slot, Some(&plan(&[0]))).links[0].rate_bps).next_back().unwrap()
+        };
+        assert_eq!(rate(&[1, 2, 3]), rate(&[3]));
+        assert_ne!(rate(&[3]), rate(&[4]));
+    }
+
+    proptest! {
+        #[test]
+        fn no_plan_makes_the_uav_do_what_it_cannot(
+            x_m in prop::num::f64::ANY, y_m in prop::num::f64::ANY, z_m in prop::num::f64::ANY,
+            count in any::<u32>(), ids in prop::collection::vec(0u32..8, MAX_SERVED), mode in any::<u32>(),
+        ) {
+            let mut plan = Plan { mode, ..Plan::fly_to(x_m, y_m, z_m, Mode::Serve) };
+            plan.schedule(&ids);
+            plan.served = count;
+            let mut flight = flight();
+            let report = flight.step(1, Some(&plan));
+            prop_assert!(within(&report.position(), &Position::new(50.0, 50.0), 30.0));
+            prop_assert!(report.served <= 4);
+            for (i, link) in report.served_links().iter().enumerate() {
+                prop_assert!(link.distance_m <= 10.0 * (1.0 + 1e-9));
+                prop_assert!(report.served_links()[..i].iter().all(|other| other.sensor < link.sensor));
+            }
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! What a planner knows that stays the same in every slot: the sensor nodes, their mean links and the UAV's limits.
+//!
+//! It decides nothing; queues and the UAV's position are passed in by whoever asks.
+
+use std::ops::Range;
+
+use skysink_common::geometry::{Position, distance_squared, within};
+use skysink_common::link::Link;
+use skysink_common::message::SensorNode;
+use skysink_common::scenario::{Area, Scenario};
+
+/// The sensor nodes (SNs) and the limits that a plan has to keep.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Field {
+    /// Where the SNs stand, `L_i`, by id.
+    pub positions: Vec<Position>,
+    /// Their reference channel gains at 1 m, `α_i`, as linear ratios, by id.
+    pub gains: Vec<f64>,
+    /// The mean channel.
+    pub link: Link,
+    /// The area that the UAV must not leave.
+    pub area: Area,
+    /// Farthest flight in one slot, `V_max τ` [m].
+    pub reach_m: f64,
+    /// Communication radius on the ground, `d_c` [m].
+    pub comm_radius_m: f64,
+    /// Resource blocks, `n`: the most SNs served in a slot, at least 1.
+    pub resource_blocks: usize,
+}
+
+impl Field {
+    /// The field of a scenario with these SNs.
+    #[must_use]
+    pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
+        Self {
+            positions: sensors.iter().map(|sensor| Position::new(sensor.x_m, sensor.y_m)).collect(),
+            gains: sensors.iter().map(|sensor| sensor.gain).collect(),
+            link: Link::of(scenario),
+            area: scenario.area,
+            reach_m: scenario.reach_m(),
+            comm_radius_m: scenario.link.comm_radius_m,
+            resource_blocks: scenario.link.resource_blocks,
+        }
+    }
+
+    /// The ids of all SNs, ascending.
+    ///
+    /// # Panics
+    /// If there are more than ids; a scenario has at most 10^7 SNs.
+    #[must_use]
+    pub fn ids(&self) -> Range<u32> {
+        0..u32::try_from(self.positions.len()).expect("a scenario has at most 10^7 sensor nodes")
+    }
+
+    /// Where SN `id` stands.
+    #[must_use]
+    pub fn position(&self, id: u32) -> &Position {
+        &self.positions[id as usize]
+    }
+
+    /// The SNs within `radius_m` [m] of `centre` (decision D5), ascending.
+    pub fn ids_within(&self, centre: &Position, radius_m: f64) -> impl Iterator<Item = u32> {
+        self.ids().filter(move |&id| within(self.position(id), centre, radius_m))
+    }
+
+    /// Bits that a visit at `waypoint` is expected to collect from the SNs `ids`: `Σ min(floor(r_i τ_c), B_i(t−1))`.
+    #[must_use]
+    pub fn expected_bits(&self, waypoint: &Position, ids: &[u32], queues_bits: &[u32]) -> u64 {
+        let expected_bits = |&id: &u32| {
+            let d2_m2 = distance_squared(self.position(id), waypoint);
+            let rate_bps = self.link.rate_bps(self.gains[id as usize], d2_m2);
+            self.link.capacity_bits(rate_bps).min(u64::from(queues_bits[id as usize]))
+        };
+        ids.iter().map(expected_bits).sum()
+    }
+
+    /// The point of the area nearest to `position`.
+    ///
+    /// The area is convex and holds every SN and the UAV, so that this brings a point nearer to each of them: a waypoint
+    /// that rounding put outside stays in range and in reach.
+    #[must_use]
+    pub fn into_area(&self, position: &Position) -> Position {
+        Position::new(position.x.clamp(0.0, self.area.width_m), position.y.clamp(0.0, self.area.height_m))
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use std::path::Path;
+
+    use skysink_common::scenario::Overrides;
+
+    /// The letter's field (d_c = 10 m, V τ = 30 m, n = 4) over 100 m × 100 m with SNs of gain −52 dB at `places_m` [m].
+    pub(crate) fn field_of(places_m: &[[f64; 2]]) -> Field {
+        let sensor = |&[x_m, y_m]: &[f64; 2]| SensorNode { x_m, y_m, gain: 10f64.powf(-5.2), ..SensorNode::default() };
+        let scenario = Scenario::letter(Overrides::default()).unwrap();
+        Field::new(&scenario, &places_m.iter().map(sensor).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn a_scenario_becomes_a_field_in_its_units() {
+        let text = "name = 'a'\nslot_s = 0.5\n[area]\nwidth_m = 80.0\nheight_m = 60.0\n[link]\ncomm_radius_m = 7.0\n";
+        let scenario = Scenario::parse(text, Path::new("a.toml"), Overrides::default()).unwrap();
+        let field = Field::new(&scenario, &[SensorNode { x_m: 1.0, y_m: 2.0, gain: 1e-5, ..SensorNode::default() }]);
+        assert_eq!((field.reach_m, field.comm_radius_m, field.resource_blocks), (15.0, 7.0, 4)); // 30 m/s · 0.5 s
+        assert_eq!((field.positions[0], field.gains[0]), (Position::new(1.0, 2.0), 1e-5));
+        assert_eq!(field.area, Area { width_m: 80.0, height_m: 60.0 });
+    }
+
+    #[test]
+    fn a_visit_is_expected_to_collect_the_queue_or_what_the_link_carries() {
+        let mut field = field_of(&[[50.0, 50.0], [50.0, 60.0]]);
+        let waypoint = Position::new(50.0, 50.0);
+        // The letter's links carry about 6 Mbit in a slot: both queues are emptied.
+        assert_eq!(field.expected_bits(&waypoint, &[0, 1], &[9_000, 12_000]), 21_000);
+        // W = 5 kHz, γ = 10^−5.2 · 0.05/10^−13 = 3.1548e6. SN 0: x = 400, 500 · log2(1 + 7886.98) = 500 · 12.94545 =
+        // 6472.7 bit; SN 1: x = 500, 500 · log2(1 + 6309.57) = 500 · 12.62357 = 6311.8 bit, but it holds only 100.
+        field.link.bandwidth_hz = 5e3;
+        assert_eq!(field.expected_bits(&waypoint, &[0, 1], &[9_000, 12_000]), 6_472 + 6_311);
+        assert_eq!(field.expected_bits(&waypoint, &[0, 1], &[9_000, 100]), 6_472 + 100);
+    }
+
+    #[test]
+    fn a_point_outside_the_area_moves_to_its_border() {
+        let field = field_of(&[[50.0, 50.0]]);
+        assert_eq!(field.into_area(&Position::new(-1e-9, 100.1)), Position::new(0.0, 100.0));
+        assert_eq!(field.into_area(&Position::new(3.0, 4.0)), Position::new(3.0, 4.0));
+    }
+}

@@ -1,0 +1,199 @@
+//! The exact waypoint solver: the projection of a point onto an intersection of disks.
+//!
+//! The nearest point is the target itself, or the target's projection on one disk, or a crossing of two circles. It knows
+//! nothing of sensor nodes or rates.
+
+use skysink_common::geometry::{Position, distance_squared, within};
+
+/// A closed disk.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Disk {
+    /// Its centre.
+    pub centre: Position,
+    /// Its radius [m], above 0.
+    pub radius_m: f64,
+}
+
+impl Disk {
+    /// Whether the disk holds `point` (decision D5).
+    #[must_use]
+    pub fn contains(&self, point: &Position) -> bool {
+        within(point, &self.centre, self.radius_m)
+    }
+
+    /// The point of the disk nearest to `target`.
+    fn nearest(&self, target: &Position) -> Position {
+        if self.contains(target) {
+            return *target;
+        }
+        let from_centre = target - self.centre;
+        self.centre + from_centre * (self.radius_m / from_centre.norm())
+    }
+}
+
+/// The point of all `disks` that is nearest to `target`; `None` if they have no point in common (decision D5).
+#[must_use]
+pub fn project(target: &Position, disks: &[Disk]) -> Option<Position> {
+    let mut nearest = Nearest { target, disks, best: None };
+    nearest.offer(*target);
+    if nearest.best.is_none() {
+        disks.iter().for_each(|disk| nearest.offer(disk.nearest(target)));
+    }
+    if nearest.best.is_none() {
+        for (index, a) in disks.iter().enumerate() {
+            disks[..index].iter().flat_map(|b| crossings(a, b)).for_each(|crossing| nearest.offer(crossing));
+        }
+    }
+    nearest.best.map(|(_, point)| point)
+}
+
+/// The candidate in all disks that is nearest to the target, so far; the first of equals.
+struct Nearest<'a> {
+    target: &'a Position,
+    disks: &'a [Disk],
+    best: Option<(f64, Position)>,
+}
+
+impl Nearest<'_> {
+    fn offer(&mut self, candidate: Position) {
+        let away_m2 = distance_squared(&candidate, self.target);
+        let nearer = self.best.is_none_or(|(best_m2, _)| away_m2 < best_m2);
+        if nearer && self.disks.iter().all(|disk| disk.contains(&candidate)) {
+            self.best = Some((away_m2, candidate));
+        }
+    }
+}
+
+/// Where the circles of `a` and `b` cross, twice the same point where they only touch.
+///
+/// Circles that miss each other still give the point between them that divides the gap by their radii: within the slack of
+/// decision D5 it is in both. Where one lies inside the other, or both have one centre, what is returned is on neither
+/// circle in general (or not a number), and no test of the disks lets it pass unless it is in both.
+fn crossings(a: &Disk, b: &Disk) -> [Position; 2] {
+    let between = b.centre - a.centre;
+    let apart_m = between.norm();
+    let along = between / apart_m;
+    if apart_m > a.radius_m + b.radius_m {
+        let touching = a.centre + between * (a.radius_m / (a.radius_m + b.radius_m));
+        return [touching; 2];
+    }
+    let foot_m = (apart_m + (a.radius_m - b.radius_m) * ((a.radius_m + b.radius_m) / apart_m)) / 2.0;
+    let half_chord_m = ((a.radius_m - foot_m) * (a.radius_m + foot_m)).max(0.0).sqrt();
+    let foot = a.centre + along * foot_m;
+    let across = nalgebra::Vector2::new(-along.y, along.x) * half_chord_m;
+    [foot + across, foot - across]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn disk(x_m: f64, y_m: f64, radius_m: f64) -> Disk {
+        Disk { centre: Position::new(x_m, y_m), radius_m }
+    }
+
+    fn assert_nearest(target: [f64; 2], disks: &[Disk], expected: [f64; 2]) {
+        let nearest = project(&target.into(), disks).expect("the disks have a point in common");
+        assert!((nearest - Position::from(expected)).norm() < 1e-12, "{nearest}");
+    }
+
+    #[test]
+    fn a_target_in_all_disks_is_the_answer() {
+        assert_nearest([1.0, 2.0], &[disk(0.0, 0.0, 10.0), disk(5.0, 0.0, 10.0)], [1.0, 2.0]);
+    }
+
+    #[test]
+    fn one_disk_is_reached_along_the_line_to_its_centre() {
+        assert_nearest([34.0, 43.0], &[disk(4.0, 3.0, 10.0)], [10.0, 11.0]); // (30, 40) has norm 50: (4, 3) + (6, 8)
+    }
+
+    #[test]
+    fn a_lens_is_reached_at_its_corner() {
+        let disks = [disk(-6.0, 0.0, 10.0), disk(6.0, 0.0, 10.0)]; // 6² + 8² = 10²
+        assert_nearest([0.0, 30.0], &disks, [0.0, 8.0]);
+        assert_nearest([1.0, -30.0], &disks, [0.0, -8.0]);
+    }
+
+    #[test]
+    fn unequal_circles_cross_where_pythagoras_says() {
+        // Radii 15 and 13 about (0, 0) and (14, 0): (9, ±12), for 9² + 12² = 15² and 5² + 12² = 13².
+        assert_nearest([9.0, 40.0], &[disk(0.0, 0.0, 15.0), disk(14.0, 0.0, 13.0)], [9.0, 12.0]);
+    }
+
+    #[test]
+    fn touching_disks_leave_their_one_common_point() {
+        let far_apart_m = 20.0 * (1.0 + 0.9e-9); // within the slack of decision D5
+        for apart_m in [20.0, 20.0 - 1e-14, far_apart_m] {
+            let disks = [disk(0.0, 0.0, 10.0), disk(0.0, apart_m, 10.0), disk(0.0, 0.0, 10.0)];
+            let nearest = project(&Position::new(3.0, 14.0), &disks).expect("the middle is in range of all");
+            assert!((nearest - Position::new(0.0, 10.0)).norm() < 1e-6, "{nearest}");
+        }
+    }
+
+    #[test]
+    fn touching_disks_of_unequal_radii_share_the_gap_by_radius() {
+        // Apart by 0.9e-9 of both radii: each is missed by 0.9e-9 of its own.
+        let disks = [disk(0.0, 0.0, 10.0), disk(1_010.0 * (1.0 + 0.9e-9), 0.0, 1_000.0)];
+        let nearest = project(&Position::new(10.0, 50.0), &disks).expect("decision D5 accepts a point between them");
+        assert!((nearest - Position::new(10.0, 0.0)).norm() < 1e-6, "{nearest}");
+    }
+
+    #[test]
+    fn four_circles_through_one_point_leave_that_point() {
+        let disks = [disk(0.1, 0.3, 10.0), disk(20.1, 0.3, 10.0), disk(10.1, 10.3, 10.0), disk(10.1, -9.7, 10.0)];
+        let nearest = project(&Position::new(17.0, 5.0), &disks).expect("(10.1, 0.3) is in range of all");
+        assert!((nearest - Position::new(10.1, 0.3)).norm() < 1e-6, "{nearest}");
+    }
+
+    #[test]
+    fn disks_that_miss_each_other_have_no_nearest_point() {
+        assert_eq!(project(&Position::origin(), &[disk(0.0, 0.0, 10.0), disk(20.001, 0.0, 10.0)]), None);
+        let nested_but_one = [disk(0.0, 0.0, 30.0), disk(1.0, 0.0, 2.0), disk(-4.0, 0.0, 2.0)];
+        assert_eq!(project(&Position::new(9.0, 9.0), &nested_but_one), None);
+    }
+
+    #[test]
+    fn a_disk_inside_another_is_the_intersection() {
+        let disks = [disk(0.0, 0.0, 30.0), disk(20.0, 0.0, 10.0), disk(20.0, 0.0, 10.0)]; // touching inside, twice
+        assert_nearest([50.0, 0.0], &disks, [30.0, 0.0]);
+        assert_nearest([20.0, 25.0], &disks, [20.0, 10.0]);
+    }
+
+    #[test]
+    fn nothing_is_nearest_to_nan() {
+        assert_eq!(project(&Position::new(f64::NAN, 0.0), &[disk(0.0, 0.0, 10.0)]), None);
+    }
+
+    /// Lattice points give touching, coincident and tangent circles, random ones the rest.
+    fn places() -> impl Strategy<Value = Position> {
+        let coordinate = || prop_oneof![-15.0..15.0, (-3i32..=3).prop_map(|step| f64::from(step) * 5.0)];
+        (coordinate(), coordinate()).prop_map(|(x_m, y_m)| Position::new(x_m, y_m))
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(1_000))]
+
+        #[test]
+        fn no_point_of_a_fine_grid_is_nearer(
+            target in places(),
+            disks in prop::collection::vec((places(), 5.0f64..20.0), 1..6),
+        ) {
+            let disks: Vec<Disk> = disks.iter().map(|&(centre, radius_m)| Disk { centre, radius_m }).collect();
+            let nearest = project(&target, &disks);
+            let nearest_m2 = nearest.map_or(f64::INFINITY, |nearest| distance_squared(&nearest, &target));
+            prop_assert!(nearest.is_none_or(|nearest| disks.iter().all(|disk| disk.contains(&nearest))));
+            for column in -100..=100 {
+                for row in -100..=100 {
+                    let offset_m = nalgebra::Vector2::new(f64::from(column), f64::from(row)) / 100.0 * disks[0].radius_m;
+                    let point = disks[0].centre + offset_m;
+                    let in_all = disks.iter().all(|disk| (point - disk.centre).norm() <= disk.radius_m);
+                    prop_assert!(
+                        !in_all || nearest.is_some() && distance_squared(&point, &target) >= nearest_m2 - 1e-9,
+                        "{} is nearer than {:?}", point, nearest
+                    );
+                }
+            }
+        }
+    }
+}

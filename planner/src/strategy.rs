@@ -1,0 +1,180 @@
+//! The rules that need no search: the baselines' waypoints, transit, and serving the fullest queues in range.
+//!
+//! The letter's own strategy is in [`crate::search`] and [`crate::waypoint`].
+
+use std::cmp::Reverse;
+
+use rand::RngExt;
+use skysink_common::geometry::{Position, distance_squared, within};
+use skysink_common::random::{Purpose, Streams};
+
+use crate::field::Field;
+
+/// Draws of a random waypoint before the UAV stays where it is.
+///
+/// Of the points drawn, at least a share of π/4 is in reach, unless the position is outside the area or not a number; flight-sim
+/// reports no such position, but a planner that never answers would be worse than one that stays.
+const MAX_DRAWS: u32 = 1_000;
+
+/// Random flight: uniform on the disk of radius `V τ` about the UAV, intersected with the closed area, by rejection.
+#[must_use]
+pub fn random_waypoint(field: &Field, streams: &Streams, slot: u64, position: &Position) -> Position {
+    let mut stream = streams.stream(Purpose::RandomFlight, slot, 0);
+    let bounds_m = |at_m: f64, extent_m: f64| ((at_m - field.reach_m).max(0.0), (at_m + field.reach_m).min(extent_m));
+    let (west_m, east_m) = bounds_m(position.x, field.area.width_m);
+    let (south_m, north_m) = bounds_m(position.y, field.area.height_m);
+    for _ in 0..MAX_DRAWS {
+        let [share_x, share_y] = stream.random::<[f64; 2]>();
+        let drawn = Position::new(west_m + (east_m - west_m) * share_x, south_m + (north_m - south_m) * share_y);
+        if within(&drawn, position, field.reach_m) {
+            return drawn;
+        }
+    }
+    *position
+}
+
+/// Greedy flight: the SN with the largest queue within `V τ`, ties to the lowest index (decision D7); `None` if there is
+/// none.
+#[must_use]
+pub fn greedy_waypoint(field: &Field, position: &Position, queues_bits: &[u32]) -> Option<Position> {
+    field
+        .ids_within(position, field.reach_m)
+        .min_by_key(|&id| fullest_first(queues_bits, id))
+        .map(|id| *field.position(id))
+}
+
+/// Transit (decision D8): straight, at full speed, toward the SN with the largest queue, stopping on it if it is nearer.
+///
+/// Ties go to the nearest, then to the lowest index.
+#[must_use]
+pub fn transit_waypoint(field: &Field, position: &Position, queues_bits: &[u32]) -> Position {
+    let distance_m2 = |id: u32| distance_squared(field.position(id), position);
+    let Some(fullest) = field.ids().min_by(|&a, &b| {
+        let by_queue = queues_bits[b as usize].cmp(&queues_bits[a as usize]);
+        by_queue.then(distance_m2(a).total_cmp(&distance_m2(b)))
+    }) else {
+        return *position;
+    };
+    let goal = field.position(fullest);
+    if within(goal, position, field.reach_m) {
+        return *goal;
+    }
+    position + (goal - position).normalize() * field.reach_m
+}
+
+/// Fills `ids` with the n largest queues within `d_c` of `waypoint`, ascending by id; ties to the lowest index.
+pub fn serve_fullest(field: &Field, waypoint: &Position, queues_bits: &[u32], ids: &mut Vec<u32>) {
+    ids.clear();
+    ids.extend(field.ids_within(waypoint, field.comm_radius_m));
+    ids.sort_unstable_by_key(|&id| fullest_first(queues_bits, id));
+    ids.truncate(field.resource_blocks);
+    ids.sort_unstable();
+}
+
+/// Sort key of an SN: larger queues come first, then lower indices (decision D7).
+pub(crate) fn fullest_first(queues_bits: &[u32], id: u32) -> (Reverse<u32>, u32) {
+    (Reverse(queues_bits[id as usize]), id)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::field::tests::field_of;
+
+    #[test]
+    fn random_waypoints_stay_in_reach_and_in_the_area() {
+        let field = field_of(&[[50.0, 50.0]]);
+        for (seed, corner) in (0..).zip([[0.0, 0.0], [100.0, 0.0], [97.0, 88.0], [50.0, 50.0]]) {
+            let position = Position::from(corner);
+            for slot in 1..=500 {
+                let waypoint = random_waypoint(&field, &Streams::new(seed), slot, &position);
+                assert!(within(&waypoint, &position, field.reach_m), "seed {seed}, slot {slot}: {waypoint}");
+                assert!(field.area.contains(&waypoint, 0.0), "seed {seed}, slot {slot}: {waypoint}");
+            }
+        }
+    }
+
+    #[test]
+    fn random_waypoints_spread_evenly_over_the_disk() {
+        let field = field_of(&[[50.0, 50.0]]);
+        let position = Position::new(50.0, 50.0);
+        let (mut sum, mut sum_m2) = (nalgebra::Vector2::zeros(), 0.0);
+        for slot in 1..=20_000 {
+            let offset_m = random_waypoint(&field, &Streams::new(1), slot, &position) - position;
+            sum += offset_m;
+            sum_m2 += offset_m.norm_squared();
+        }
+        // Uniform on a disk of radius R: mean 0 with deviation R/2 per axis, mean squared radius R²/2 = 450 with
+        // deviation R²/√12 = 260. Five standard errors of 20 000 draws: 5 · 15/141 = 0.53 m and 5 · 260/141 = 9.2 m².
+        assert!((sum / 20_000.0).amax() < 0.53, "{sum}");
+        assert!((sum_m2 / 20_000.0 - 450.0).abs() < 9.2, "{sum_m2}");
+    }
+
+    #[test]
+    fn a_random_waypoint_from_nowhere_is_nowhere_instead_of_never() {
+        let field = field_of(&[[50.0, 50.0]]);
+        let waypoint = |x_m| random_waypoint(&field, &Streams::new(1), 1, &Position::new(x_m, 50.0));
+        assert!(waypoint(f64::NAN).x.is_nan());
+        assert_eq!(waypoint(500.0), Position::new(500.0, 50.0));
+    }
+
+    #[test]
+    fn greedy_flight_takes_the_fullest_queue_in_reach_and_the_lowest_index_of_equals() {
+        let field = field_of(&[[50.0, 81.0], [50.0, 80.0], [20.0, 50.0], [60.0, 50.0]]);
+        let position = Position::new(50.0, 50.0);
+        // SN 0 is 31 m away, out of reach; SNs 1 and 2 exactly 30 m.
+        assert_eq!(greedy_waypoint(&field, &position, &[9, 7, 7, 6]), Some(field.positions[1]));
+        assert_eq!(greedy_waypoint(&field, &position, &[9, 7, 8, 6]), Some(field.positions[2]));
+        assert_eq!(greedy_waypoint(&field, &Position::new(50.0, 0.0), &[9, 7, 7, 6]), None);
+    }
+
+    #[test]
+    fn transit_flies_straight_at_full_speed() {
+        let field = field_of(&[[65.0, 85.0], [5.0, 6.0]]);
+        // From (5, 5) to (65, 85) is (60, 80), 100 m: 30 m of it are (18, 24).
+        let waypoint = transit_waypoint(&field, &Position::new(5.0, 5.0), &[8, 7]);
+        assert!((waypoint - Position::new(23.0, 29.0)).norm() < 1e-12, "{waypoint}");
+    }
+
+    #[test]
+    fn transit_stops_on_a_nearer_goal() {
+        let field = field_of(&[[50.1, 79.9]]);
+        assert_eq!(transit_waypoint(&field, &Position::new(50.1, 50.0), &[8]), field.positions[0]);
+        assert_eq!(transit_waypoint(&field, &field.positions[0], &[8]), field.positions[0]);
+    }
+
+    #[test]
+    fn transit_prefers_the_nearest_of_equals_and_then_the_lowest_index() {
+        let field = field_of(&[[10.0, 50.0], [50.0, 71.0], [50.0, 30.0], [70.0, 50.0]]);
+        let position = Position::new(50.0, 50.0);
+        assert_eq!(transit_waypoint(&field, &position, &[5, 5, 5, 5]), field.positions[2]);
+        assert_eq!(transit_waypoint(&field, &position, &[4, 5, 4, 4]), field.positions[1]);
+    }
+
+    #[test]
+    fn the_fullest_queues_in_range_are_served_in_ascending_order() {
+        let field = field_of(&[[50.0, 50.0], [51.0, 50.0], [60.0, 50.0], [60.1, 50.0], [52.0, 50.0], [53.0, 50.0]]);
+        let mut ids = vec![77];
+        // SN 3 is 10.1 m away. n = 4 of the rest: 9, 8, then the two lowest indices of the three that hold 3.
+        serve_fullest(&field, &Position::new(50.0, 50.0), &[3, 3, 9, 99, 8, 3], &mut ids);
+        assert_eq!(ids, [0, 1, 2, 4]);
+        serve_fullest(&field, &Position::new(0.0, 0.0), &[3, 3, 9, 99, 8, 3], &mut ids);
+        assert_eq!(ids, [0; 0]);
+    }
+
+    #[test]
+    fn an_empty_queue_is_served_while_blocks_are_free() {
+        let field = field_of(&[[50.0, 50.0], [51.0, 50.0]]);
+        let mut ids = Vec::new();
+        serve_fullest(&field, &Position::new(50.0, 50.0), &[0, 0], &mut ids);
+        assert_eq!(ids, [0, 1]);
+    }
+
+    /// A golden draw: missions flown with `rfs` depend on it.
+    #[test]
+    fn random_flight_stays_what_it_is() {
+        let field = field_of(&[[50.0, 50.0]]);
+        let waypoints = [1, 2].map(|slot| random_waypoint(&field, &Streams::new(1), slot, &Position::new(50.0, 50.0)));
+        assert_eq!(waypoints, [Position::new(0.0, 0.0), Position::new(0.0, 0.0)]);
+    }
+}

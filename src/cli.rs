@@ -1,0 +1,197 @@
+//! The command line of `skysink`.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use skysink_common::node::{Role, Stop};
+use skysink_common::pace::Pace;
+use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::sensors::SensorList;
+
+use crate::error::Error;
+use crate::run::{Run, run};
+use crate::simulate::{Simulation, simulate};
+use crate::{report, worker};
+
+/// Plans and flies a UAV that collects data from wireless sensor nodes, slot by slot.
+#[derive(Debug, Parser)]
+#[command(
+    name = "skysink",
+    version,
+    arg_required_else_help = true,
+    after_help = "\
+Examples:
+  skysink run                                         the letter's mission, with a process for each part
+  skysink run scenarios/sparse.toml --strategy gfs --pace 10x --live
+  skysink simulate scenarios/letter.toml --seed 7     the same in one process
+  skysink check scenarios/letter.toml                 every key with its value
+
+Exit codes: 0 done, 1 failed while running, 2 bad input or usage, 130 Ctrl-C, 143 SIGTERM."
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Print the scenario with every default, or what is wrong with it.
+    Check {
+        /// Scenario file.
+        scenario: PathBuf,
+    },
+    /// Fly a mission in one process.
+    #[command(after_help = "\
+Examples:
+  skysink simulate scenarios/letter.toml
+  skysink simulate scenarios/sparse.toml --strategy gfs --seed 3 --record --out /tmp/sparse")]
+    Simulate {
+        /// Scenario file.
+        scenario: PathBuf,
+        #[command(flatten)]
+        choice: Choice,
+        /// Leave a recording for rerun, mission.rrd.
+        #[arg(long)]
+        record: bool,
+    },
+    /// Fly a mission with a process for each part of the ring, and record it.
+    #[command(after_help = "\
+Examples:
+  skysink run                                  the letter's mission, as fast as it goes
+  skysink run --pace realtime --live           watch it: rerun rerun+http://127.0.0.1:9876/proxy
+  skysink run scenarios/smoke.toml --external planner
+                                               prints the command that starts your planner's place")]
+    Run {
+        /// Scenario file; the letter's mission if left out.
+        scenario: Option<PathBuf>,
+        #[command(flatten)]
+        choice: Choice,
+        /// max, realtime, or a factor such as 10x.
+        #[arg(long, default_value = "max", value_name = "PACE")]
+        pace: Pace,
+        /// Serve the recording live on 127.0.0.1.
+        #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "9876")]
+        live: Option<u16>,
+        /// Leave the recording out.
+        #[arg(long, conflicts_with = "live")]
+        no_viewer: bool,
+        /// Leave this process to somebody else and wait for it (repeatable).
+        #[arg(long, value_name = "ROLE")]
+        external: Vec<External>,
+        /// How long a process waits for another [s; default 30, with --external 600].
+        #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+        timeout: Option<f64>,
+    },
+}
+
+/// What every flight lets choose.
+#[derive(Debug, Args)]
+struct Choice {
+    /// Strategy, instead of the scenario's.
+    #[arg(long)]
+    strategy: Option<StrategyName>,
+    /// Seed, instead of the scenario's.
+    #[arg(long, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
+    seed: Option<u64>,
+    /// Folder to write [default: runs/<name>-<strategy>-<seed>].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Replace the run in DIR if it exists.
+    #[arg(long, requires = "out")]
+    force: bool,
+}
+
+impl Choice {
+    fn overrides(&self) -> Overrides {
+        Overrides { seed: self.seed, strategy: self.strategy.map(|name| name.0) }
+    }
+}
+
+/// A strategy by its name in scenario files.
+#[derive(Debug, Clone, Copy)]
+struct StrategyName(Strategy);
+
+impl ValueEnum for StrategyName {
+    fn value_variants<'a>() -> &'a [Self] {
+        const { &[Self(Strategy::Rfs), Self(Strategy::Gfs), Self(Strategy::Uts)] }
+    }
+
+    fn to_possible_value(&self) -> Option<clap::builder::PossibleValue> {
+        Some(clap::builder::PossibleValue::new(self.0.name()))
+    }
+}
+
+/// A process that can be left to somebody else.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum External {
+    FieldSim,
+    FlightSim,
+    Planner,
+}
+
+impl From<External> for Role {
+    fn from(external: External) -> Self {
+        match external {
+            External::FieldSim => Self::FieldSim,
+            External::FlightSim => Self::FlightSim,
+            External::Planner => Self::Planner,
+        }
+    }
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(seconds) if seconds > 0.0 && seconds <= 1e6 => Ok(seconds),
+        _ => Err("expected seconds, above 0".to_owned()),
+    }
+}
+
+/// Runs the command line of this process.
+#[must_use]
+pub fn main() -> ExitCode {
+    worker::quiet_iceoryx2();
+    let stop = Stop::on_signals();
+    match command(Cli::parse().command, &stop) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("skysink: {error}");
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+fn command(command: Command, stop: &Stop) -> Result<(), Error> {
+    let (folder, summary) = match command {
+        Command::Check { scenario } => return check(&scenario),
+        Command::Simulate { scenario, choice, record } => {
+            let scenario = Scenario::read(&scenario, choice.overrides())?;
+            simulate(&Simulation { scenario, out: choice.out, force: choice.force, record }, stop)?
+        }
+        Command::Run { scenario, choice, pace, live, no_viewer, external, timeout } => {
+            let overrides = choice.overrides();
+            let scenario = match scenario {
+                Some(path) => Scenario::read(&path, overrides)?,
+                None => Scenario::letter(overrides)?,
+            };
+            let viewer = !no_viewer;
+            if viewer && !cfg!(feature = "viewer") {
+                return Err(Error::NoViewer);
+            }
+            let timeout_s = timeout.unwrap_or(if external.is_empty() { 30.0 } else { 600.0 });
+            let external = external.into_iter().map(Role::from).collect();
+            let (out, force) = (choice.out, choice.force);
+            run(&Run { scenario, pace, out, force, viewer, live, external, timeout_s }, stop)?
+        }
+    };
+    report::print(&folder, &summary);
+    Ok(())
+}
+
+fn check(path: &Path) -> Result<(), Error> {
+    let scenario = Scenario::read(path, Overrides::default())?;
+    let list = SensorList::of(&scenario)?;
+    println!("# {}: {} sensor nodes", path.display(), list.sensors().len());
+    print!("{}", scenario.to_toml());
+    Ok(())
+}

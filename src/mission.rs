@@ -1,0 +1,90 @@
+//! The ring as plain calls: a whole mission in one process, by the same steps as the executables.
+
+use std::time::Instant;
+
+use skysink_common::message::{FLAG_END, FlightReport, Plan, QueuesHeader, SlotHeader};
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::SensorList;
+use skysink_field_sim::{Field, FieldError, SlotBits};
+use skysink_flight_sim::Flight;
+use skysink_planner::Planner;
+
+/// A mission under way.
+pub struct Mission {
+    field: Field,
+    planner: Planner,
+    flight: Flight,
+    slot: u64,
+    slots: u64,
+    report: FlightReport,
+}
+
+/// What one slot was, as the processes would have published it.
+#[derive(Debug, Clone, Copy)]
+pub struct Turn {
+    /// Whom to serve and where to fly.
+    pub plan: Plan,
+    /// What was flown.
+    pub flight: FlightReport,
+    /// The ledger after it.
+    pub header: QueuesHeader,
+}
+
+impl Mission {
+    /// The mission before slot 1.
+    #[must_use]
+    pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
+        let nodes = list.nodes(scenario.sensors.capacity_bits);
+        let flight = Flight::new(scenario, &nodes);
+        Self {
+            field: Field::new(scenario, list),
+            planner: Planner::new(scenario, &nodes),
+            report: flight.start(),
+            flight,
+            slot: 0,
+            slots: scenario.slots,
+        }
+    }
+
+    /// The state of the field now.
+    #[must_use]
+    pub fn header(&self, bits: SlotBits) -> QueuesHeader {
+        let flags = if self.slot == self.slots { FLAG_END } else { 0 };
+        QueuesHeader {
+            head: SlotHeader { slot: self.slot, flags, ..SlotHeader::default() },
+            totals: *self.field.totals(),
+            delivered_bits: bits.delivered_bits,
+            lost_bits: bits.lost_bits,
+        }
+    }
+
+    /// Queue lengths [bit], by sensor node.
+    #[must_use]
+    pub fn queues_bits(&self) -> &[u32] {
+        self.field.queues_bits()
+    }
+
+    /// The last flight; before slot 1 the UAV at its start.
+    #[must_use]
+    pub fn last_flight(&self) -> &FlightReport {
+        &self.report
+    }
+
+    /// Flies the next slot, or none after the last: plan, fly, keep the books.
+    ///
+    /// # Errors
+    /// Never for steps that agree on the sensor list; the error is the field's.
+    pub fn turn(&mut self) -> Result<Option<Turn>, FieldError> {
+        if self.slot == self.slots {
+            return Ok(None);
+        }
+        let slot = self.slot + 1;
+        let begin = Instant::now();
+        let mut plan = self.planner.step(slot, &self.report.position(), self.field.queues_bits());
+        plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        self.report = self.flight.step(slot, Some(&plan));
+        let bits = self.field.step(slot, &self.report)?;
+        self.slot = slot;
+        Ok(Some(Turn { plan, flight: self.report, header: self.header(bits) }))
+    }
+}

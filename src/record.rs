@@ -1,0 +1,168 @@
+//! The run folder: the scenario and the sensor nodes as flown, a line per slot, and the summary.
+
+use std::fmt::Write as _;
+use std::fs::{self, File};
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+
+use skysink_common::message::{FlightReport, Mode, QueuesHeader};
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::SensorList;
+use xxhash_rust::xxh3::xxh3_64_with_seed;
+
+use crate::error::Error;
+use crate::summary::Summary;
+
+/// Header of `slots.csv`.
+const SLOT_COLUMNS: &str = "slot,x_m,y_m,z_m,scheduled,delivered_bits,lost_bits,queued_bits,mode,refused\n";
+
+/// The files of a run.
+const FILES: [&str; 5] = ["scenario.toml", "sensors.csv", "slots.csv", "summary.json", "mission.rrd"];
+
+/// A run's folder, made and furnished with what is flown.
+#[derive(Debug, Clone)]
+pub struct RunFolder {
+    path: PathBuf,
+}
+
+impl RunFolder {
+    /// Makes the folder `out`, or `runs/<name>-<strategy>-<seed>` with the first free suffix, and writes the scenario
+    /// and the sensor nodes into it.
+    ///
+    /// # Errors
+    /// If `out` exists and `force` does not allow to replace the run in it, or something cannot be written.
+    pub fn create(out: Option<&Path>, force: bool, scenario: &Scenario, list: &SensorList) -> Result<Self, Error> {
+        let path = match out {
+            Some(out) => make(out, force)?,
+            None => make_default(scenario)?,
+        };
+        let folder = Self { path };
+        folder.write("scenario.toml", &scenario.to_toml_with_list("sensors.csv"))?;
+        folder.write("sensors.csv", &list.to_csv())?;
+        Ok(folder)
+    }
+
+    /// The folder.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The scenario as flown.
+    #[must_use]
+    pub fn scenario(&self) -> PathBuf {
+        self.path.join("scenario.toml")
+    }
+
+    /// The recording for rerun.
+    #[must_use]
+    pub fn recording(&self) -> PathBuf {
+        self.path.join("mission.rrd")
+    }
+
+    /// Starts `slots.csv`.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn slot_log(&self) -> Result<SlotLog, Error> {
+        let path = self.path.join("slots.csv");
+        let mut file = File::create(&path).map_err(Error::file(&path))?;
+        file.write_all(SLOT_COLUMNS.as_bytes()).map_err(Error::file(&path))?;
+        Ok(SlotLog { path, file, line: String::new(), hash: 0 })
+    }
+
+    /// Writes `summary.json`, whole or not at all.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write_summary(&self, summary: &Summary) -> Result<(), Error> {
+        let text = serde_json::to_string_pretty(summary).expect("a summary is plain numbers and strings") + "\n";
+        self.write("summary.json", &text)
+    }
+
+    fn write(&self, name: &str, text: &str) -> Result<(), Error> {
+        let (path, new) = (self.path.join(name), self.path.join(format!(".{name}.new")));
+        let written = fs::write(&new, text).and_then(|()| fs::rename(&new, &path));
+        if written.is_err() {
+            let _ = fs::remove_file(&new); // half-written at best
+        }
+        written.map_err(Error::file(&path))
+    }
+}
+
+/// `slots.csv` under way. Each line reaches the system when its slot is recorded, so that nothing recorded is lost.
+#[derive(Debug)]
+pub struct SlotLog {
+    path: PathBuf,
+    file: File,
+    line: String,
+    hash: u64,
+}
+
+impl SlotLog {
+    /// Adds the slot, and returns the hash of all lines so far.
+    ///
+    /// # Errors
+    /// If the line cannot be written.
+    pub fn add(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, Error> {
+        self.line.clear();
+        write_line(&mut self.line, flight, header).expect("a string takes everything");
+        self.file.write_all(self.line.as_bytes()).map_err(Error::file(&self.path))?;
+        self.hash = xxh3_64_with_seed(self.line.as_bytes(), self.hash);
+        Ok(self.hash)
+    }
+}
+
+/// One line of `slots.csv`. Floats read back exactly, and no clock is in it.
+fn write_line(line: &mut String, flight: &FlightReport, header: &QueuesHeader) -> std::fmt::Result {
+    write!(line, "{},{},{},{},", header.head.slot, flight.x_m, flight.y_m, flight.z_m)?;
+    for (i, link) in flight.served_links().iter().enumerate() {
+        let separator = if i > 0 { " " } else { "" };
+        write!(line, "{separator}{}", link.sensor)?;
+    }
+    let (delivered, lost, queued) = (header.delivered_bits, header.lost_bits, header.totals.queued_bits);
+    writeln!(line, ",{delivered},{lost},{queued},{},{}", Mode::of_code(flight.mode).name(), flight.refused)
+}
+
+/// Makes the folder that the user named.
+fn make(out: &Path, force: bool) -> Result<PathBuf, Error> {
+    let parent = out.parent().unwrap_or(Path::new(""));
+    if !parent.as_os_str().is_empty() {
+        fs::create_dir_all(parent).map_err(Error::file(parent))?;
+    }
+    match fs::create_dir(out) {
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists && !force => {
+            return Err(Error::OutputExists(out.to_owned()));
+        }
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => replace(out)?,
+        made => made.map_err(Error::file(out))?,
+    }
+    Ok(out.to_owned())
+}
+
+/// Removes the run in `out`, and nothing else that may be there.
+fn replace(out: &Path) -> Result<(), Error> {
+    for name in FILES {
+        let path = out.join(name);
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(Error::file(&path)(error)),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Makes the first free of `runs/<name>-<strategy>-<seed>`, `...-2`, `...-3`.
+fn make_default(scenario: &Scenario) -> Result<PathBuf, Error> {
+    let runs = Path::new("runs");
+    fs::create_dir_all(runs).map_err(Error::file(runs))?;
+    let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy.name(), scenario.seed);
+    let mut number = 1u64;
+    loop {
+        let path = runs.join(if number == 1 { name.clone() } else { format!("{name}-{number}") });
+        match fs::create_dir(&path) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => number += 1,
+            made => return made.map(|()| path.clone()).map_err(Error::file(&path)),
+        }
+    }
+}

@@ -1,0 +1,131 @@
+//! What a person sees in the terminal: the progress of a run, and the table at its end.
+
+use std::io::IsTerminal;
+
+use comfy_table::{CellAlignment, Table, presets};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::record::RunFolder;
+use crate::summary::{Summary, Tally};
+
+/// Version of the rerun viewer whose recordings these are.
+const RERUN: &str = "0.36.3";
+
+/// The progress bar of a run; nothing at all where standard error is not a terminal.
+#[derive(Debug, Clone)]
+pub struct Progress {
+    bar: ProgressBar,
+}
+
+impl Progress {
+    /// A bar over `slots` slots.
+    ///
+    /// # Panics
+    /// Never: the template is valid.
+    #[must_use]
+    pub fn new(slots: u64) -> Self {
+        if !std::io::stderr().is_terminal() {
+            return Self { bar: ProgressBar::hidden() };
+        }
+        let template = "{bar:30} slot {pos}/{len}  {per_sec}  {msg}  {eta} left";
+        let style = ProgressStyle::with_template(template).expect("a valid template").with_key(
+            "per_sec",
+            |state: &indicatif::ProgressState, text: &mut dyn std::fmt::Write| {
+                let _ = write!(text, "{:.0} slots/s", state.per_sec());
+            },
+        );
+        Self { bar: ProgressBar::new(slots).with_style(style) }
+    }
+
+    /// Shows how far the run is.
+    pub fn show(&self, tally: &Tally) {
+        if self.bar.is_hidden() {
+            return;
+        }
+        self.bar.set_position(tally.slots());
+        let missed = match tally.missed_deadlines() {
+            0 => String::new(),
+            missed => format!("  {missed} deadlines missed"),
+        };
+        self.bar.set_message(format!("loss {:.4}{missed}", tally.loss_rate()));
+    }
+
+    /// Removes the bar.
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+
+    /// Writes a line to standard error without breaking the bar.
+    pub fn say(&self, line: &str) {
+        self.bar.suspend(|| eprintln!("{line}"));
+    }
+
+    /// The same for another thread.
+    pub fn speaker(&self) -> impl Fn(&str) + Clone + Send + 'static {
+        let progress = self.clone();
+        move |line| progress.say(line)
+    }
+}
+
+/// Prints the figures of a run and what to do next.
+pub fn print(folder: &RunFolder, summary: &Summary) {
+    let timing = &summary.timing;
+    let pace = timing.pace.map_or_else(|| "in one process".to_owned(), |pace| format!("pace {pace}"));
+    let title = format!("{} · {} · seed {}", summary.name, summary.strategy.name(), summary.seed);
+    println!("{title}: {} slots in {:.3} s, {pace}", summary.slots, timing.wall_s);
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_BORDERS_ONLY);
+    let mut rows = vec![
+        ("data loss rate η", format!("{:.6}", summary.loss_rate)),
+        ("η as in the letter", format!("{:.6}", summary.eta_letter)),
+        ("bits sampled", grouped(summary.sampled_bits)),
+        ("bits delivered", grouped(summary.delivered_bits)),
+        ("bits lost", grouped(summary.lost_bits)),
+        ("bits per waypoint", format!("{:.1}", summary.bits_per_waypoint)),
+        ("SNs served per slot", format!("{:.3}", summary.mean_served)),
+        ("slots in transit", grouped(summary.transit_slots)),
+        ("slots held", grouped(summary.held_slots)),
+        ("requests refused", grouped(summary.refused)),
+        ("plan time p50 / p99", format!("{:.1} µs / {:.1} µs", timing.plan_p50_us, timing.plan_p99_us)),
+        ("slots per second", format!("{:.0}", timing.slots_per_s)),
+    ];
+    if timing.pace.is_some() {
+        rows.push(("deadlines missed", grouped(timing.missed_deadlines)));
+    }
+    for (name, value) in rows {
+        table.add_row([name, &value]);
+    }
+    if let Some(column) = table.column_mut(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    println!("{table}");
+    println!("Run folder:      {}", folder.path().display());
+    if folder.recording().is_file() {
+        let recording = folder.recording();
+        println!("Open recording:  rerun {}", recording.display());
+        println!("                 (the viewer: pip install rerun-sdk=={RERUN})");
+    }
+}
+
+/// A whole number with its thousands apart.
+fn grouped(number: u64) -> String {
+    let digits = number.to_string();
+    let mut text = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i) % 3 == 0 {
+            text.push(' ');
+        }
+        text.push(digit);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::grouped;
+
+    #[test]
+    fn thousands_stand_apart() {
+        assert_eq!([0, 999, 1000, 12_345_678].map(grouped), ["0", "999", "1 000", "12 345 678"]);
+    }
+}

@@ -1,0 +1,120 @@
+//! `skysink simulate`: a mission in one process.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use skysink_common::message::Plan;
+use skysink_common::node::{NodeError, Stop};
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::SensorList;
+use skysink_field_sim::SlotBits;
+
+use crate::error::Error;
+use crate::mission::{Mission, Turn};
+use crate::record::RunFolder;
+use crate::report::Progress;
+use crate::summary::{Summary, Tally};
+
+/// What to simulate and where to put it.
+#[derive(Debug)]
+pub struct Simulation {
+    /// The scenario.
+    pub scenario: Scenario,
+    /// Folder, if not the default one.
+    pub out: Option<PathBuf>,
+    /// Whether a run in that folder may be replaced.
+    pub force: bool,
+    /// Whether to leave a recording for rerun.
+    pub record: bool,
+}
+
+/// Flies the mission, and returns its folder and its figures. A stop leaves a folder that is whole up to the last slot.
+///
+/// # Errors
+/// If the sensor list is refused or something cannot be written.
+pub fn simulate(simulation: &Simulation, stop: &Stop) -> Result<(RunFolder, Summary), Error> {
+    let scenario = &simulation.scenario;
+    let list = SensorList::of(scenario)?;
+    let folder = RunFolder::create(simulation.out.as_deref(), simulation.force, scenario, &list)?;
+    let mut recording = Recording::open(simulation, &folder, &list)?;
+    let mut log = folder.slot_log()?;
+    let mut tally = Tally::new(scenario, &list);
+    let mut mission = Mission::new(scenario, &list);
+    let progress = Progress::new(scenario.slots);
+
+    let begin = Instant::now();
+    tally.start(&mission.header(SlotBits::default()));
+    recording.log(&mission, None)?;
+    let mut stopped = Ok(());
+    while stopped.is_ok() {
+        let Some(turn) = mission.turn().map_err(|error| NodeError::Peer(error.to_string()))? else { break };
+        log.add(&turn.flight, &turn.header)?;
+        tally.add(Some(&turn.plan), &turn.flight, &turn.header);
+        recording.log(&mission, Some(&turn))?;
+        progress.show(&tally);
+        stopped = stop.check();
+    }
+    let wall = begin.elapsed();
+    progress.finish();
+    recording.close()?;
+    let summary = tally.summary(None, wall);
+    folder.write_summary(&summary)?;
+    stopped?;
+    Ok((folder, summary))
+}
+
+/// The recording of a simulation, if one is wanted. It knows no clock, so that equal missions leave equal recordings.
+struct Recording {
+    #[cfg(feature = "viewer")]
+    scene: Option<skysink_viewer::Scene>,
+}
+
+#[cfg(feature = "viewer")]
+impl Recording {
+    fn open(simulation: &Simulation, folder: &RunFolder, list: &SensorList) -> Result<Self, Error> {
+        use skysink_viewer::{Scene, Sinks, Timing};
+        if !simulation.record {
+            return Ok(Self { scene: None });
+        }
+        let scenario = &simulation.scenario;
+        let sinks = Sinks { save: Some(folder.recording()), live: None };
+        let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy.name(), scenario.seed);
+        let nodes = list.nodes(scenario.sensors.capacity_bits);
+        Ok(Self { scene: Some(Scene::open(&sinks, scenario, &nodes, &name, Timing::Unmeasured)?) })
+    }
+
+    fn log(&mut self, mission: &Mission, turn: Option<&Turn>) -> Result<(), Error> {
+        let Some(scene) = &mut self.scene else { return Ok(()) };
+        let header = turn.map_or_else(|| mission.header(SlotBits::default()), |turn| turn.header);
+        let plan = turn.map(|turn| Plan { plan_ns: 0, ..turn.plan });
+        scene.log_slot(&skysink_viewer::SlotView {
+            slot: header.head.slot,
+            queues_bits: mission.queues_bits(),
+            header: &header,
+            plan: plan.as_ref(),
+            flight: mission.last_flight(),
+            slots_per_s: None,
+            plan_ms: None,
+        })?;
+        Ok(())
+    }
+
+    fn close(self) -> Result<(), Error> {
+        Ok(self.scene.map_or(Ok(()), skysink_viewer::Scene::close)?)
+    }
+}
+
+#[cfg(not(feature = "viewer"))]
+impl Recording {
+    fn open(simulation: &Simulation, _: &RunFolder, _: &SensorList) -> Result<Self, Error> {
+        if simulation.record { Err(Error::NoViewer) } else { Ok(Self {}) }
+    }
+
+    fn log(&mut self, _: &Mission, _: Option<&Turn>) -> Result<(), Error> {
+        Ok(())
+    }
+
+    fn close(self) -> Result<(), Error> {
+        Ok(())
+    }
+}

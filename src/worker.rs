@@ -1,0 +1,69 @@
+//! What the executables of the ring have in common: arguments, joining the run, and how they end.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Args, Parser};
+use iceoryx2::prelude::{LogLevel, set_log_level_from_env_or};
+use skysink_common::node::{NodeError, Role, Stop};
+use skysink_common::ring_folder::RingFolder;
+use skysink_common::scenario::{Overrides, Scenario};
+
+/// Where the run is.
+#[derive(Debug, Args)]
+pub struct Place {
+    /// Scenario file: the scenario.toml of the run's folder.
+    #[arg(long, value_name = "FILE")]
+    pub scenario: PathBuf,
+    /// The run's own iceoryx2 folder, as skysink run prints it.
+    #[arg(long, value_name = "DIR")]
+    pub ring: PathBuf,
+}
+
+/// A process of a run that skysink run supervises; it needs no other argument.
+#[derive(Debug, Parser)]
+#[command(version)]
+struct Cli {
+    #[command(flatten)]
+    place: Place,
+}
+
+/// Runs the executable of `role`.
+#[must_use]
+pub fn main(role: Role, node: impl FnOnce(&Scenario, &RingFolder, &Stop) -> Result<(), NodeError>) -> ExitCode {
+    let cli = Cli::parse();
+    let stop = Stop::on_signals();
+    let ended = join(&cli.place).and_then(|(scenario, folder)| node(&scenario, &folder, &stop));
+    exit(role, ended.as_ref().err().map(|error| (error as &dyn std::error::Error, error.exit_code())))
+}
+
+/// Joins the run: reads its scenario and makes its iceoryx2 domain that of this process.
+///
+/// # Errors
+/// If there is no such run, or the scenario is refused.
+pub fn join(place: &Place) -> Result<(Scenario, RingFolder), NodeError> {
+    quiet_iceoryx2();
+    let scenario = Scenario::read(&place.scenario, Overrides::default())?;
+    let folder = RingFolder::open(&place.ring)?;
+    folder.install()?;
+    Ok((scenario, folder))
+}
+
+/// The end of the executable of `role`: one line on standard error unless a signal asked for it.
+#[must_use]
+pub fn exit(role: Role, error: Option<(&dyn std::error::Error, u8)>) -> ExitCode {
+    match error {
+        None => ExitCode::SUCCESS,
+        Some((error, code)) => {
+            if code < 128 {
+                eprintln!("{}: {error}", role.name());
+            }
+            ExitCode::from(code)
+        }
+    }
+}
+
+/// Leaves iceoryx2's own messages to those who ask for them by `IOX2_LOG_LEVEL`; what matters comes back as an error.
+pub fn quiet_iceoryx2() {
+    set_log_level_from_env_or(LogLevel::Fatal);
+}

@@ -1,0 +1,129 @@
+//! Colours of the scene, and the two scales that turn a number into one: queue fill and link rate.
+
+use std::ops::RangeInclusive;
+
+/// Red, green, blue.
+pub type Rgb = [u8; 3];
+
+/// Levels of the queue scale above empty: level 0 is 0 %, level 32 is 100 %. More look the same and compress worse.
+pub const FULL_LEVEL: u16 = 32;
+
+/// Behind the scene.
+pub const BACKGROUND: Rgb = [12, 13, 17];
+/// The ground of the area.
+pub const GROUND: Rgb = [30, 33, 40];
+/// Grid and frame of the area.
+pub const GRID: Rgb = [62, 67, 78];
+/// Writing in the scene.
+pub const WRITING: Rgb = [190, 196, 206];
+/// Body of the UAV.
+pub const UAV: Rgb = [245, 246, 250];
+/// Rotors of the UAV.
+pub const ROTOR: Rgb = [120, 200, 255];
+/// Heading of the UAV.
+pub const HEADING: Rgb = [255, 70, 70];
+/// Flown path.
+pub const TRAIL: Rgb = [74, 144, 255];
+/// Ground below the whole flown path.
+pub const TRACK: Rgb = [44, 70, 112];
+/// Planned waypoint, and the way to it.
+pub const PLAN: Rgb = [230, 80, 240];
+/// Rim of the coverage circle.
+pub const COVERAGE: Rgb = [40, 205, 220];
+/// Ground in the coverage circle.
+pub const COVERED: Rgb = [16, 58, 66];
+/// Candidate circles.
+pub const CANDIDATE: Rgb = [190, 120, 35];
+/// The chosen candidate circle.
+pub const CHOSEN: Rgb = [255, 170, 40];
+/// Loss, and holding.
+pub const LOSS: Rgb = [255, 85, 85];
+/// Deliveries, and serving.
+pub const DELIVERY: Rgb = [60, 200, 105];
+/// The fullest queue.
+pub const FULLEST: Rgb = [200, 110, 255];
+/// The mean queue.
+pub const MEAN: Rgb = [90, 160, 255];
+/// Wall-clock figures, and flying in transit.
+pub const CLOCK: Rgb = [255, 185, 60];
+/// What the viewer missed.
+pub const MISSED: Rgb = [130, 135, 145];
+
+/// The same as the recording library wants it.
+#[must_use]
+pub fn color([r, g, b]: Rgb) -> rerun::Color {
+    rerun::Color::from_rgb(r, g, b)
+}
+
+/// Level of a queue on the queue scale, 0 to [`FULL_LEVEL`], rounded to the nearest; a storage of 0 bits is full.
+#[must_use]
+pub fn level(queue_bits: u32, capacity_bits: u32) -> u16 {
+    if queue_bits >= capacity_bits {
+        return FULL_LEVEL;
+    }
+    let (queue, capacity) = (u64::from(queue_bits), u64::from(capacity_bits));
+    let nearest = (2 * u64::from(FULL_LEVEL) * queue + capacity) / (2 * capacity);
+    u16::try_from(nearest).expect("at most FULL_LEVEL, for the queue is below its storage")
+}
+
+/// Colour of a queue fill, 0 (blue) over 0.5 (green) to 1 (red): the turbo colour map without its near-black ends.
+///
+/// Polynomial of degree 5 per channel by Mikhailov, "Turbo, an improved rainbow colormap" (2019).
+#[must_use]
+pub fn of_fill(fill: f64) -> Rgb {
+    const FIRST: f64 = 0.10;
+    const LAST: f64 = 0.90;
+    const CHANNELS: [[f64; 6]; 3] = [
+        [0.135_721, 4.615_393, -42.660_323, 132.131_082, -152.942_394, 59.286_380],
+        [0.091_403, 2.194_188, 4.842_967, -14.185_033, 4.277_299, 2.829_566],
+        [0.106_673, 12.641_946, -60.582_048, 110.362_768, -89.903_109, 27.348_250],
+    ];
+    let x = FIRST + (LAST - FIRST) * fill.clamp(0.0, 1.0);
+    CHANNELS.map(|channel| {
+        let value = channel.iter().rev().fold(0.0, |sum, factor| sum * x + factor);
+        (255.0 * value).round().clamp(0.0, 255.0) as u8
+    })
+}
+
+/// Colour of a link rate within the range of rates that are possible: dark green for the lowest, pale green for the
+/// highest.
+#[must_use]
+pub fn of_rate(rate_bps: f64, range_bps: &RangeInclusive<f64>) -> Rgb {
+    const LOWEST: [f64; 3] = [16.0, 120.0, 70.0];
+    const HIGHEST: [f64; 3] = [205.0, 255.0, 150.0];
+    let span_bps = range_bps.end() - range_bps.start();
+    let share = if span_bps > 0.0 { ((rate_bps - range_bps.start()) / span_bps).clamp(0.0, 1.0) } else { 1.0 };
+    std::array::from_fn(|channel| (LOWEST[channel] + (HIGHEST[channel] - LOWEST[channel]) * share).round() as u8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_queue_is_rounded_to_the_nearest_level() {
+        assert_eq!(level(0, 30_000), 0);
+        assert_eq!(level(468, 30_000), 0); // 468 · 32 / 30 000 = 0.499
+        assert_eq!(level(469, 30_000), 1); // 469 · 32 / 30 000 = 0.5003
+        assert_eq!(level(15_000, 30_000), 16);
+        assert_eq!(level(u32::MAX - 1, u32::MAX), 32);
+        assert_eq!(level(30_001, 30_000), 32);
+        assert_eq!(level(0, 0), 32);
+    }
+
+    #[test]
+    fn queues_turn_from_blue_over_green_to_red() {
+        let [empty, half, full] = [0.0, 0.5, 1.0].map(of_fill);
+        assert!(empty[2] > empty[0] && empty[2] > empty[1], "{empty:?}");
+        assert!(half[1] > half[0] && half[1] > half[2], "{half:?}");
+        assert!(full[0] > full[1] && full[0] > full[2], "{full:?}");
+    }
+
+    #[test]
+    fn a_rate_beyond_the_range_takes_the_colour_of_its_end() {
+        let range_bps = 10.0..=20.0;
+        assert_eq!(of_rate(5.0, &range_bps), [16, 120, 70]);
+        assert_eq!(of_rate(25.0, &range_bps), [205, 255, 150]);
+        assert_eq!(of_rate(15.0, &(15.0..=15.0)), [205, 255, 150]);
+    }
+}

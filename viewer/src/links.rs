@@ -1,0 +1,115 @@
+//! What the UAV chose to do in a slot: the candidate circles of the winning anchor, and the links that it served.
+
+use std::ops::RangeInclusive;
+
+use rerun::{Cylinders3D, FillMode, LineStrips3D, Radius, RecordingStream, RecordingStreamResult};
+use skysink_common::link::Link;
+use skysink_common::message::{FlightReport, Plan, SensorNode};
+use skysink_common::scenario::{GainMode, Scenario};
+use skysink_common::units::ratio_of_db;
+
+use crate::colour::{self, color};
+use crate::scene::SlotView;
+use crate::sizes::Sizes;
+use crate::uav::{Point, circle, position};
+
+/// The candidate circles.
+pub const CANDIDATES: &str = "world/candidates";
+/// The chosen one of them.
+pub const CHOSEN: &str = "world/chosen";
+/// The served links.
+pub const LINKS: &str = "world/links";
+
+/// Links and circles of the scene.
+pub struct Links {
+    feet: Vec<Point>,
+    radius_m: f32,
+    rates_bps: RangeInclusive<f64>,
+}
+
+impl Links {
+    /// Styles links and circles.
+    pub(crate) fn open(
+        stream: &RecordingStream,
+        scenario: &Scenario,
+        sensors: &[SensorNode],
+        sizes: &Sizes,
+    ) -> RecordingStreamResult<Self> {
+        let candidates = Cylinders3D::update_fields()
+            .with_lengths([0.001 * sizes.radius_m])
+            .with_fill_mode(FillMode::MajorWireframe)
+            .with_colors([color(colour::CANDIDATE)])
+            .with_line_radii([Radius::new_ui_points(0.8)]);
+        stream.log_static(CANDIDATES, &candidates)?;
+        let chosen =
+            LineStrips3D::update_fields().with_colors([color(colour::CHOSEN)]).with_radii([Radius::new_ui_points(2.2)]);
+        stream.log_static(CHOSEN, &chosen)?;
+        let links = LineStrips3D::update_fields().with_radii([Radius::new_ui_points(1.6)]);
+        stream.log_static(LINKS, &links)?;
+        Ok(Self {
+            feet: sensors.iter().map(|sensor| [sensor.x_m as f32, sensor.y_m as f32, 0.0]).collect(),
+            radius_m: sizes.radius_m,
+            rates_bps: possible_rates_bps(scenario, sensors),
+        })
+    }
+
+    /// The rates [bit/s] between which links are coloured.
+    #[must_use]
+    pub fn rates_bps(&self) -> &RangeInclusive<f64> {
+        &self.rates_bps
+    }
+
+    /// Shows the circles and links of one slot, and none where there are none.
+    pub(crate) fn log_slot(&self, stream: &RecordingStream, view: &SlotView) -> RecordingStreamResult<()> {
+        self.log_circles(stream, view.plan)?;
+        self.log_links(stream, Some(view.flight))
+    }
+
+    /// Takes away what a missed slot would show wrongly.
+    pub(crate) fn log_missed(&self, stream: &RecordingStream) -> RecordingStreamResult<()> {
+        self.log_circles(stream, None)?;
+        self.log_links(stream, None)
+    }
+
+    fn log_circles(&self, stream: &RecordingStream, plan: Option<&Plan>) -> RecordingStreamResult<()> {
+        let centres = plan.map_or_else(Vec::new, |plan| plan.circles_m.into_iter().enumerate().collect());
+        let centres: Vec<_> = centres
+            .into_iter()
+            .filter(|(_, centre_m)| centre_m.iter().all(|coordinate_m| coordinate_m.is_finite()))
+            .map(|(place, [x_m, y_m])| (place, [x_m as f32, y_m as f32, 0.002 * self.radius_m]))
+            .collect();
+        let candidates = Cylinders3D::update_fields()
+            .with_centers(centres.iter().map(|&(_, centre)| centre))
+            .with_radii(centres.iter().map(|_| self.radius_m));
+        stream.log(CANDIDATES, &candidates)?;
+        let is_chosen = |place| plan.is_some_and(|plan| u32::try_from(place) == Ok(plan.chosen));
+        let chosen = centres.iter().filter(|&&(place, _)| is_chosen(place));
+        let chosen = chosen.map(|&(_, centre)| circle(centre, self.radius_m));
+        stream.log(CHOSEN, &LineStrips3D::update_fields().with_strips(chosen))
+    }
+
+    fn log_links(&self, stream: &RecordingStream, flight: Option<&FlightReport>) -> RecordingStreamResult<()> {
+        let served = flight.map_or(&[][..], FlightReport::served_links);
+        let (strips, colours): (Vec<_>, Vec<_>) = served
+            .iter()
+            .filter_map(|link| Some((self.feet.get(link.sensor as usize)?, link.rate_bps)))
+            .map(|(&foot, rate_bps)| {
+                let from = flight.map_or(foot, position);
+                ([from, foot], color(colour::of_rate(rate_bps, &self.rates_bps)))
+            })
+            .unzip();
+        stream.log(LINKS, &LineStrips3D::update_fields().with_strips(strips).with_colors(colours))
+    }
+}
+
+/// Rates [bit/s] from the weakest sensor node at the rim of the range to the strongest right below the UAV.
+fn possible_rates_bps(scenario: &Scenario, sensors: &[SensorNode]) -> RangeInclusive<f64> {
+    let drawn = match scenario.link.gain {
+        GainMode::Static => [f64::INFINITY, 0.0],
+        GainMode::PerSlot => scenario.link.gain_db.map(ratio_of_db),
+    };
+    let weakest = sensors.iter().map(|sensor| sensor.gain).fold(drawn[0], f64::min);
+    let strongest = sensors.iter().map(|sensor| sensor.gain).fold(drawn[1], f64::max);
+    let (link, radius_m) = (Link::of(scenario), scenario.link.comm_radius_m);
+    link.rate_bps(weakest, radius_m * radius_m)..=link.rate_bps(strongest, 0.0)
+}

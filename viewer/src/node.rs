@@ -1,0 +1,150 @@
+//! viewer as a process of the ring: reads every topic, writes none, and shows each slot in the scene.
+
+use std::collections::VecDeque;
+use std::path::Path;
+
+use iceoryx2::prelude::{EventId, Service};
+use skysink_common::message::{FLAG_END, FLAG_TICK, HoldReason, QueuesHeader};
+use skysink_common::node::{NodeError, Role, Stop};
+use skysink_common::pace::Pace;
+use skysink_common::ring::{Ring, RingError, VIEWER_READY};
+use skysink_common::ring_folder::RingFolder;
+use skysink_common::scenario::Scenario;
+use skysink_common::topic::{RING_BUFFER, VIEWER_BUFFER};
+
+use crate::{Scene, SceneError, Sinks, SlotView, Timing};
+
+/// Why the viewer ends before the mission does.
+#[derive(Debug, thiserror::Error)]
+pub enum ViewerError {
+    /// As any process of the ring.
+    #[error(transparent)]
+    Node(#[from] NodeError),
+    /// The recording cannot be made.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+}
+
+impl From<RingError> for ViewerError {
+    fn from(error: RingError) -> Self {
+        Self::Node(error.into())
+    }
+}
+
+impl ViewerError {
+    /// Exit code of a process that ends with this error.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Node(error) => error.exit_code(),
+            Self::Scene(_) => 1,
+        }
+    }
+}
+
+/// Records until the mission ends, and returns how many slots it missed: none in lock-step. However it ends, the
+/// recording holds what it got.
+///
+/// # Errors
+/// If a peer is missing or wrong, the ring breaks, `stop` is requested, or the recording cannot be made.
+pub fn run<S: Service + 'static>(
+    scenario: &Scenario,
+    folder: &RingFolder,
+    stop: &Stop,
+    sinks: &Sinks,
+) -> Result<u64, ViewerError> {
+    let ring = Ring::<S>::open(folder, scenario, Role::Viewer)?;
+    let mut patience = ring.patience(folder, stop)?;
+    let (mut sensors, sensor_bell) = (ring.sensors.reader(RING_BUFFER)?, ring.sensors.listener()?);
+    let listed = ("sensors", 0, Role::FieldSim);
+    let nodes = patience.wait(&sensor_bell, listed, || Ok(sensors.next()?), || Ok(()))?;
+    let mut scene = Scene::open(sinks, scenario, nodes.payload(), &run_name(sinks, scenario), Timing::Measured)?;
+    let followed = follow(&ring, folder, stop, &mut scene);
+    let closed = scene.close();
+    let missed = followed?;
+    closed?;
+    Ok(missed)
+}
+
+/// Shows every slot that arrives; returns how many did not.
+fn follow<S: Service + 'static>(
+    ring: &Ring<S>,
+    folder: &RingFolder,
+    stop: &Stop,
+    scene: &mut Scene,
+) -> Result<u64, ViewerError> {
+    let mut patience = ring.patience(folder, stop)?;
+    let (mut queues, bell) = (ring.queues.reader(VIEWER_BUFFER)?, ring.queues.listener()?);
+    let (mut plans, mut flights) = (ring.plan.reader(VIEWER_BUFFER)?, ring.flight.reader(VIEWER_BUFFER)?);
+    let ready = ring.commit.notifier()?;
+
+    // Connected to every writer: from here on no slot can be lost on the way.
+    patience.wait(&bell, ("plan", 1, Role::Planner), || Ok(plans.peek(1)?.then_some(())), || Ok(()))?;
+    patience.wait(&bell, ("flight", 0, Role::FlightSim), || Ok(flights.peek(0)?.then_some(())), || Ok(()))?;
+    let mut first = Some(patience.wait(&bell, ("queues", 0, Role::FieldSim), || Ok(queues.next()?), || Ok(()))?);
+    ready
+        .notify_with_custom_event_id(EventId::new(VIEWER_READY))
+        .map_err(|error| NodeError::Peer(format!("cannot say that the viewer is ready: {error:?}")))?;
+
+    let (mut next, mut missed, mut speed) = (0, 0, Speed::default());
+    loop {
+        let look = || Ok(first.take().map_or_else(|| queues.next(), |sample| Ok(Some(sample)))?);
+        let sample = patience.wait(&bell, ("queues", next, Role::FieldSim), look, || Ok(()))?;
+        let (header, slot) = (sample.user_header(), sample.user_header().head.slot);
+        if header.head.flags & FLAG_TICK != 0 {
+            continue;
+        }
+        let plan = plans.take(slot)?;
+        let Some(flight) = flights.take(slot)? else {
+            if ring.terms.pace == Pace::Max {
+                return Err(NodeError::Peer(format!("queues({slot}) came without flight({slot})")).into());
+            }
+            continue; // shown as missed with the next slot that is whole
+        };
+        if slot > next {
+            scene.log_missed(next..=slot - 1)?;
+            missed += slot - next;
+        }
+        next = slot + 1;
+        let in_time = HoldReason::of_code(flight.payload().hold) != HoldReason::NoPlan;
+        let plan = plan.as_ref().map(|plan| plan.payload()).filter(|_| in_time);
+        scene.log_slot(&SlotView {
+            slot,
+            queues_bits: sample.payload(),
+            header,
+            plan,
+            flight: flight.payload(),
+            slots_per_s: speed.slots_per_s(header),
+            plan_ms: plan.map(|plan| plan.plan_ns as f64 / 1e6),
+        })?;
+        if header.head.flags & FLAG_END != 0 {
+            return Ok(missed);
+        }
+    }
+}
+
+/// The recording is named as the run's folder.
+fn run_name(sinks: &Sinks, scenario: &Scenario) -> String {
+    let folder = sinks.save.as_deref().and_then(Path::parent).and_then(Path::file_name);
+    folder.map_or_else(|| scenario.name.clone(), |name| name.to_string_lossy().into_owned())
+}
+
+/// Pace of the ring, from the times at which queues were sent.
+#[derive(Debug, Default)]
+struct Speed(VecDeque<(u64, u64)>);
+
+/// Slots over which the pace is averaged.
+const SPEED_WINDOW: usize = 32;
+
+impl Speed {
+    fn slots_per_s(&mut self, header: &QueuesHeader) -> Option<f64> {
+        let now = (header.head.slot, header.head.sent_ns);
+        self.0.push_back(now);
+        if self.0.len() > SPEED_WINDOW {
+            self.0.pop_front();
+        }
+        let first = self.0.front()?;
+        let elapsed_ns = now.1.saturating_sub(first.1);
+        (elapsed_ns > 0).then(|| (now.0 - first.0) as f64 * 1e9 / elapsed_ns as f64)
+    }
+}

@@ -1,0 +1,172 @@
+//! The stream that a scene is written to: a file, a server for a live viewer, or both.
+
+use std::net::TcpListener;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use rerun::grpc_server::GrpcServerSink;
+use rerun::log::ChunkBatcherConfig;
+use rerun::sink::{FileSink, FileSinkError, LogSink, SinkFlushError};
+use rerun::{RecordingStream, RecordingStreamBuilder, RecordingStreamError};
+
+/// Application id of every recording: the rerun viewer keeps one layout per application.
+pub const APPLICATION: &str = "skysink";
+
+/// The timeline that counts slots.
+pub const SLOT: &str = "slot";
+
+/// The timeline of simulated seconds.
+pub const SIM_TIME: &str = "sim_time";
+
+/// Most that a killed process loses of a file, and most that a live viewer lags behind. A shorter wait makes many
+/// small chunks, and the file several times as large.
+const FILE_TICK: Duration = Duration::from_secs(1);
+const LIVE_TICK: Duration = Duration::from_millis(200);
+
+/// Longest wait for the last bytes at the end; a medium that takes longer does not work any more.
+const FLUSH_LIMIT: Duration = Duration::from_secs(120);
+
+/// History that the server keeps for a viewer that joins late.
+const HISTORY_BYTES: u64 = 512 << 20;
+
+/// Where the recording goes.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Sinks {
+    /// File to write.
+    pub save: Option<PathBuf>,
+    /// Port on 127.0.0.1 where a viewer may connect at any time; 0 takes a free one.
+    pub live: Option<u16>,
+}
+
+/// Why a scene cannot be recorded; the display is one line that names the place and the remedy.
+#[derive(Debug, thiserror::Error)]
+pub enum SceneError {
+    /// Neither a file nor a port was named.
+    #[error("recording: no destination: expected a file, a port for a live viewer, or both")]
+    Nowhere,
+    /// The file cannot be created.
+    #[error("recording {}: {source}: expected a place where a file can be created", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: FileSinkError,
+    },
+    /// The port is taken.
+    #[error("live viewer: port {port} of 127.0.0.1: {source}: choose another port, or end what listens there")]
+    Port {
+        /// The port.
+        port: u16,
+        /// Why not.
+        source: std::io::Error,
+    },
+    /// A slot does not fit the sensor list.
+    #[error("slot {slot}: {found} queues: expected {expected}, one per sensor node of the list")]
+    Queues {
+        /// The slot.
+        slot: u64,
+        /// How many queues it has.
+        found: usize,
+        /// How many sensor nodes there are.
+        expected: usize,
+    },
+    /// The recording library refused.
+    #[error("recording: {0}")]
+    Stream(#[from] RecordingStreamError),
+    /// The end of the recording could not be written.
+    #[error("recording{}: {source}: its end is missing, check the space left", at(path))]
+    Unfinished {
+        /// The file, if there is one.
+        path: Option<PathBuf>,
+        /// What happened.
+        source: SinkFlushError,
+    },
+}
+
+fn at(path: &Option<PathBuf>) -> String {
+    path.as_ref().map_or_else(String::new, |path| format!(" {}", path.display()))
+}
+
+/// An open stream, and what is needed to name and end it.
+pub struct Recording {
+    stream: RecordingStream,
+    save: Option<PathBuf>,
+    live: Option<u16>,
+}
+
+impl Recording {
+    /// Opens the sinks. The recording's id is its name, and nothing in it depends on the clock.
+    ///
+    /// # Errors
+    /// If there is no sink, the file cannot be created, or the port is taken.
+    pub fn open(sinks: &Sinks, name: &str) -> Result<Self, SceneError> {
+        let mut open: Vec<Box<dyn LogSink>> = Vec::new();
+        let live = sinks.live.map(free_port).transpose()?; // before the file: a refusal must not truncate one
+        if let Some(path) = &sinks.save {
+            let file = FileSink::new(path).map_err(|source| SceneError::File { path: path.clone(), source })?;
+            open.push(Box::new(file));
+        }
+        if let Some(port) = live {
+            open.push(Box::new(server(port)?));
+        }
+        if open.is_empty() {
+            return Err(SceneError::Nowhere);
+        }
+        let flush_tick = if live.is_some() { LIVE_TICK } else { FILE_TICK };
+        let stream = RecordingStreamBuilder::new(APPLICATION)
+            .recording_id(name)
+            .send_properties(false) // they would hold the wall clock
+            .enabled(true) // whatever the environment says: somebody asked for a recording
+            .batcher_config(ChunkBatcherConfig { flush_tick, ..ChunkBatcherConfig::default() })
+            .set_sinks(open)?;
+        stream.set_log_time_enabled(false);
+        stream.set_log_tick_enabled(false);
+        stream.send_recording_name(name)?;
+        Ok(Self { stream, save: sinks.save.clone(), live })
+    }
+
+    /// The stream.
+    #[must_use]
+    pub fn stream(&self) -> &RecordingStream {
+        &self.stream
+    }
+
+    /// Address to open in a viewer, if there is a server.
+    #[must_use]
+    pub fn live_url(&self) -> Option<String> {
+        self.live.map(|port| format!("rerun+http://127.0.0.1:{port}/proxy"))
+    }
+
+    /// Sets the time of what is logged next.
+    pub fn set_slot(&self, slot: u64, slot_s: f64) {
+        self.stream.set_time_sequence(SLOT, i64::try_from(slot).unwrap_or(i64::MAX));
+        self.stream.set_duration_secs(SIM_TIME, slot as f64 * slot_s);
+    }
+
+    /// Writes what is still under way and ends the file with its footer.
+    ///
+    /// # Errors
+    /// If something could not be written, now or earlier.
+    pub fn close(self) -> Result<(), SceneError> {
+        let Self { stream, save, .. } = self;
+        let flushed = stream.flush_with_timeout(FLUSH_LIMIT);
+        drop(stream);
+        flushed.map_err(|source| SceneError::Unfinished { path: save, source })
+    }
+}
+
+/// The port, or a free one for 0. The server itself binds in the background and would only log a refusal.
+fn free_port(port: u16) -> Result<u16, SceneError> {
+    let probe = TcpListener::bind(("127.0.0.1", port)).and_then(|listener| listener.local_addr());
+    probe.map(|address| address.port()).map_err(|source| SceneError::Port { port, source })
+}
+
+fn server(port: u16) -> Result<GrpcServerSink, SceneError> {
+    let options = rerun::ServerOptions {
+        playback_behavior: rerun::PlaybackBehavior::OldestFirst,
+        memory_limit: rerun::MemoryLimit::from_bytes(HISTORY_BYTES),
+        ..rerun::ServerOptions::default()
+    };
+    let sink = GrpcServerSink::new("127.0.0.1", port, options);
+    sink.map_err(|error| SceneError::Stream(RecordingStreamError::InvalidAddress(error)))
+}

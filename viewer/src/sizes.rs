@@ -1,0 +1,89 @@
+//! How large things are drawn: everything relative to the area, the altitude and the communication radius.
+
+use skysink_common::scenario::Scenario;
+
+/// Most sensor nodes that are drawn as bars; beyond, a recording of bars takes hundreds of megabytes.
+pub const MAX_BARS: usize = 2_000;
+
+/// Sizes [m] of what is drawn.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sizes {
+    /// Extent of the area in x.
+    pub width_m: f32,
+    /// Extent of the area in y.
+    pub depth_m: f32,
+    /// Altitude of the UAV.
+    pub altitude_m: f32,
+    /// Communication radius on the ground, `d_c`.
+    pub radius_m: f32,
+    /// Distance of grid lines.
+    pub grid_m: f32,
+    /// Height of a full queue's bar: half the altitude, so that no bar hides the UAV.
+    pub bar_m: f32,
+    /// Half the side of a bar.
+    pub bar_half_m: f32,
+    /// Arm of the UAV, from its centre to a rotor.
+    pub arm_m: f32,
+    /// Radius of a sensor node's point, in points of the screen.
+    pub point_ui: f32,
+}
+
+impl Sizes {
+    /// The sizes for `count` sensor nodes in a scenario.
+    #[must_use]
+    pub fn of(scenario: &Scenario, count: usize) -> Self {
+        let (width_m, depth_m) = (scenario.area.width_m as f32, scenario.area.height_m as f32);
+        let (altitude_m, radius_m) = (scenario.uav.altitude_m as f32, scenario.link.comm_radius_m as f32);
+        let spacing_m = (width_m * depth_m / count.max(1) as f32).sqrt();
+        Self {
+            width_m,
+            depth_m,
+            altitude_m,
+            radius_m,
+            grid_m: round_step(width_m.max(depth_m) / 8.0),
+            bar_m: 0.5 * altitude_m,
+            bar_half_m: (0.11 * spacing_m).min(0.12 * radius_m),
+            arm_m: 0.18 * radius_m.min(altitude_m),
+            point_ui: if count <= MAX_BARS {
+                3.0
+            } else if count <= 50_000 {
+                2.5
+            } else {
+                1.5
+            },
+        }
+    }
+
+    /// The longer side of the area [m].
+    #[must_use]
+    pub fn span_m(&self) -> f32 {
+        self.width_m.max(self.depth_m)
+    }
+}
+
+/// The largest of 1, 2, 5, 10, 20, 50, ... (and 0.5, 0.2, ...) that is at most `length_m`.
+fn round_step(length_m: f32) -> f32 {
+    let decade = 10f32.powf(length_m.log10().floor());
+    [5.0, 2.0].into_iter().map(|digit| digit * decade).find(|&step| step <= length_m).unwrap_or(decade)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skysink_common::scenario::Overrides;
+
+    #[test]
+    fn a_full_bar_of_the_letter_reaches_half_way_to_the_uav() {
+        let scenario = Scenario::letter(Overrides::default()).unwrap();
+        let sizes = Sizes::of(&scenario, 200);
+        assert_eq!(sizes.bar_m, 10.0);
+        assert!(sizes.bar_half_m < 1.0 && sizes.arm_m < sizes.radius_m);
+    }
+
+    #[test]
+    fn grids_have_round_steps() {
+        for (length_m, step_m) in [(12.5, 10.0), (37.5, 20.0), (125.0, 100.0), (0.7, 0.5), (60.0, 50.0)] {
+            assert!((round_step(length_m) / step_m - 1.0).abs() < 1e-6, "{length_m}: {}", round_step(length_m));
+        }
+    }
+}

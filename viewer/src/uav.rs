@@ -1,0 +1,143 @@
+//! The UAV: body and heading, flown path, planned waypoint, and the circle that it covers on the ground.
+
+use std::f32::consts::{FRAC_1_SQRT_2, TAU};
+
+use rerun::{
+    Angle, Arrows3D, Boxes3D, Cylinders3D, FillMode, LineStrips3D, Points3D, Radius, RecordingStream,
+    RecordingStreamResult, RotationAxisAngle, Transform3D,
+};
+use skysink_common::message::{FlightReport, Plan};
+
+use crate::colour::{self, color};
+use crate::scene::SlotView;
+use crate::sizes::Sizes;
+
+/// Frame of the UAV: moves with it, turns with nobody, so that a camera may ride in it.
+pub const UAV: &str = "world/uav";
+/// Frame that turns with the UAV.
+pub const BODY: &str = "world/uav/body";
+/// A dot in its place, as large from far away as from near.
+pub const DOT: &str = "world/uav/dot";
+/// The way flown in each slot, where it was flown; a view chooses how many slots of it are seen.
+pub const TRAIL: &str = "world/uav_trail";
+/// The same on the ground, for the view from above.
+pub const TRACK: &str = "world/uav_track";
+/// The planned waypoint and the way to it.
+pub const PLAN: &str = "world/plan";
+/// The circle within communication radius.
+pub const COVERAGE: &str = "world/coverage";
+/// The plumb line from the UAV to the ground.
+pub const PLUMB: &str = "world/plumb";
+
+/// A position in the scene [m].
+pub type Point = [f32; 3];
+
+/// The UAV of the scene.
+pub struct Uav {
+    ring_m: f32,
+    track_z_m: f32,
+    before: Option<Point>,
+}
+
+impl Uav {
+    /// Builds the UAV and styles what moves with it.
+    pub(crate) fn open(stream: &RecordingStream, sizes: &Sizes) -> RecordingStreamResult<Self> {
+        log_body(stream, sizes.arm_m)?;
+        log_coverage(stream, sizes.radius_m)?;
+        let line = |colour, width| {
+            LineStrips3D::update_fields().with_colors([color(colour)]).with_radii([Radius::new_ui_points(width)])
+        };
+        stream.log_static(TRAIL, &line(colour::TRAIL, 1.2))?;
+        stream.log_static(TRACK, &line(colour::TRACK, 0.7))?;
+        stream.log_static(PLAN, &line(colour::PLAN, 1.5))?;
+        stream.log_static(PLUMB, &line(colour::COVERAGE, 0.7))?;
+        Ok(Self { ring_m: 1.8 * sizes.arm_m, track_z_m: -0.006 * sizes.radius_m, before: None })
+    }
+
+    /// Moves the UAV to where it is after a slot.
+    pub(crate) fn log_slot(&mut self, stream: &RecordingStream, view: &SlotView) -> RecordingStreamResult<()> {
+        let here = position(view.flight);
+        let [x_m, y_m, _] = here;
+        stream.log(UAV, &Transform3D::update_fields().with_translation(here))?;
+        stream.log(COVERAGE, &Transform3D::update_fields().with_translation([x_m, y_m, 0.0]))?;
+        stream.log(PLUMB, &LineStrips3D::update_fields().with_strips([[here, [x_m, y_m, 0.0]]]))?;
+        if let Some([from_x_m, from_y_m, _]) = self.before.filter(|before| before[..2] != here[..2]) {
+            let heading = Angle::from_radians((y_m - from_y_m).atan2(x_m - from_x_m));
+            let turn = RotationAxisAngle::new([0.0, 0.0, 1.0], heading);
+            stream.log(BODY, &Transform3D::update_fields().with_rotation_axis_angle(turn))?;
+        }
+        let flown: Vec<_> = self.before.map(|before| [before, here]).into_iter().collect();
+        let track: Vec<_> = flown.iter().map(|way| way.map(|[x_m, y_m, _]| [x_m, y_m, self.track_z_m])).collect();
+        stream.log(TRAIL, &LineStrips3D::update_fields().with_strips(flown))?;
+        stream.log(TRACK, &LineStrips3D::update_fields().with_strips(track))?;
+        self.log_plan(stream, view.plan, self.before.unwrap_or(here))?;
+        self.before = Some(here);
+        Ok(())
+    }
+
+    /// Takes away what a missed slot would show wrongly, and breaks the path.
+    pub(crate) fn log_missed(&mut self, stream: &RecordingStream) -> RecordingStreamResult<()> {
+        self.before = None;
+        self.log_plan(stream, None, [0.0; 3])
+    }
+
+    fn log_plan(&self, stream: &RecordingStream, plan: Option<&Plan>, from: Point) -> RecordingStreamResult<()> {
+        let waypoint = plan.map(|plan| [plan.x_m as f32, plan.y_m as f32, plan.z_m as f32]);
+        let strips = waypoint.filter(|waypoint| waypoint.iter().all(|coordinate| coordinate.is_finite()));
+        let strips = strips.map_or_else(Vec::new, |waypoint| vec![circle(waypoint, self.ring_m), vec![from, waypoint]]);
+        stream.log(PLAN, &LineStrips3D::update_fields().with_strips(strips))
+    }
+}
+
+/// Where a report says the UAV is.
+pub(crate) fn position(flight: &FlightReport) -> Point {
+    [flight.x_m as f32, flight.y_m as f32, flight.z_m as f32]
+}
+
+/// A closed horizontal circle.
+pub(crate) fn circle([x_m, y_m, z_m]: Point, radius_m: f32) -> Vec<Point> {
+    const CORNERS: u16 = 64;
+    (0..=CORNERS)
+        .map(|corner| f32::from(corner) / f32::from(CORNERS) * TAU)
+        .map(|angle| [x_m + radius_m * angle.cos(), y_m + radius_m * angle.sin(), z_m])
+        .collect()
+}
+
+/// A quadrotor with arms of `arm_m` [m] that looks along x, and its dot.
+fn log_body(stream: &RecordingStream, arm_m: f32) -> RecordingStreamResult<()> {
+    let hub = [0.38 * arm_m, 0.3 * arm_m, 0.13 * arm_m];
+    let arm = [arm_m, 0.07 * arm_m, 0.05 * arm_m];
+    let turns_deg = [0.0, 45.0, -45.0].map(|deg| RotationAxisAngle::new([0.0, 0.0, 1.0], Angle::from_degrees(deg)));
+    let body = Boxes3D::from_half_sizes([hub, arm, arm])
+        .with_rotation_axis_angles(turns_deg)
+        .with_colors([color(colour::UAV)])
+        .with_fill_mode(FillMode::Solid);
+    stream.log_static(BODY, &body)?;
+    let reach_m = arm_m * FRAC_1_SQRT_2;
+    let rotors = [[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]];
+    let rotors = Cylinders3D::from_lengths_and_radii([0.04 * arm_m], [0.45 * arm_m])
+        .with_centers(rotors.map(|[x, y]| [x * reach_m, y * reach_m, 0.12 * arm_m]))
+        .with_colors([color(colour::ROTOR)])
+        .with_fill_mode(FillMode::Solid);
+    stream.log_static(format!("{BODY}/rotors"), &rotors)?;
+    let heading = Arrows3D::from_vectors([[1.6 * arm_m, 0.0, 0.0]])
+        .with_origins([[0.4 * arm_m, 0.0, 0.0]])
+        .with_radii([0.1 * arm_m])
+        .with_colors([color(colour::HEADING)]);
+    stream.log_static(format!("{BODY}/heading"), &heading)?;
+    let dot = Points3D::new([[0.0; 3]]).with_radii([Radius::new_ui_points(5.0)]).with_colors([color(colour::UAV)]);
+    stream.log_static(DOT, &dot)
+}
+
+/// A disc just below the ground's sensor nodes, and its rim.
+fn log_coverage(stream: &RecordingStream, radius_m: f32) -> RecordingStreamResult<()> {
+    let disc = Cylinders3D::from_lengths_and_radii([0.002 * radius_m], [radius_m])
+        .with_centers([[0.0, 0.0, -0.004 * radius_m]])
+        .with_colors([color(colour::COVERED)])
+        .with_fill_mode(FillMode::Solid);
+    stream.log_static(format!("{COVERAGE}/disc"), &disc)?;
+    let rim = LineStrips3D::new([circle([0.0; 3], radius_m)])
+        .with_colors([color(colour::COVERAGE)])
+        .with_radii([Radius::new_ui_points(1.2)]);
+    stream.log_static(format!("{COVERAGE}/rim"), &rim)
+}
