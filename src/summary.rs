@@ -77,6 +77,9 @@ pub struct Timing {
     pub plan_max_us: f64,
 }
 
+/// Longest planning time that is told apart [ns].
+const HOUR_NS: u64 = 3_600_000_000_000;
+
 /// Running sums of a run.
 #[derive(Debug)]
 pub struct Tally {
@@ -102,7 +105,7 @@ impl Tally {
     /// Nothing flown yet.
     ///
     /// # Panics
-    /// Never: the histogram's precision is valid.
+    /// Never: the histogram's bounds are valid.
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
         Self {
@@ -120,7 +123,7 @@ impl Tally {
             solver_fallbacks: 0,
             missed_deadlines: 0,
             totals: Totals::default(),
-            plan_ns: Histogram::new(3).expect("3 significant digits are valid"),
+            plan_ns: Histogram::new_with_bounds(1, HOUR_NS, 3).expect("valid bounds and digits"),
         }
     }
 

@@ -28,6 +28,9 @@ pub const RING_BUFFER: usize = 4;
 /// Samples that wait for the viewer or the recorder. Memory that is not used costs nothing.
 pub const VIEWER_BUFFER: usize = 64;
 
+/// Samples that a late joiner still gets: slot 1 may be flown before the last process has seen the state before it.
+const HISTORY: usize = 2;
+
 /// Samples that a reader holds at once: one it works on, one that came early.
 const MAX_BORROWED: usize = 4;
 
@@ -94,7 +97,7 @@ impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header>
             .max_publishers(MAX_WRITERS)
             .max_subscribers(MAX_READERS)
             .max_nodes(MAX_NODES)
-            .history_size(1)
+            .history_size(HISTORY)
             .subscriber_max_buffer_size(buffer)
             .subscriber_max_borrowed_samples(MAX_BORROWED)
             .enable_safe_overflow(false))
@@ -124,7 +127,7 @@ impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header>
         self.data.attributes()
     }
 
-    /// A reader with room for `buffer` samples, which gets the newest sample even if it was sent before.
+    /// A reader with room for `buffer` samples, which gets the newest samples even if they were sent before.
     ///
     /// # Errors
     /// If all readers' places are taken, or the system refuses.
@@ -132,7 +135,7 @@ impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header>
         let subscriber = self
             .data
             .subscriber_builder()
-            .history_request(1)
+            .history_request(HISTORY)
             .buffer_size(buffer)
             .create()
             .map_err(|error| RingError::topic(self.name, "read", &error))?;
@@ -202,7 +205,7 @@ pub struct Writer<S: Service, P: IceoryxSend + Debug + ?Sized + 'static, H: Head
 }
 
 impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header> Writer<S, P, H> {
-    /// Lets late joiners have the newest sample, and wakes them.
+    /// Lets late joiners have the newest samples, and wakes them.
     ///
     /// # Errors
     /// If a joiner cannot be connected.

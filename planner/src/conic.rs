@@ -19,8 +19,8 @@ const FEASIBILITY: f64 = 1e-9;
 
 /// Gap allowed between its objective and the optimum, in squares of the smallest radius.
 ///
-/// The objective is flat at its optimum, `½‖v‖²`, so that a gap ε can hide a distance `sqrt(2 ε)`: 1e-5 m at 10 m.
-const GAP: f64 = 1e-12;
+/// The objective is flat at its optimum, `½‖v‖²`, so that a gap ε can hide a distance `sqrt(2 ε)`: 4e-5 m at 10 m.
+const GAP: f64 = 1e-11;
 
 /// Farthest that a solution may lie from the disks, in units of the smallest radius, to count as one.
 const FARTHEST_PULL: f64 = 1e-4;
@@ -164,7 +164,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(4_000))]
+        #![proptest_config(ProptestConfig::with_cases(60_000))]
 
         #[test]
         fn both_solvers_agree_to_a_millimetre_wherever_both_answer((target, disks) in problems()) {
@@ -177,8 +177,8 @@ mod tests {
         }
 
         #[test]
-        fn an_intersection_with_some_width_is_solved_without_a_fallback(
-            target in (-30.0..30.0, -30.0..30.0),
+        fn a_target_among_the_centres_is_solved_without_a_fallback(
+            target in (-4.0..4.0, -4.0..4.0),
             centres in prop::collection::vec((-4.0..4.0, -4.0..4.0), 1..8),
         ) {
             // All centres are within 4·√2 = 5.7 m of the origin, so that a disk of 4.3 m about it is in all of them.

@@ -101,3 +101,115 @@ impl Planner {
         plan
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skysink_common::message::NOBODY;
+    use skysink_common::scenario::{Overrides, WaypointSolver};
+    use skysink_common::sensors::SensorList;
+
+    /// A planner over the letter's scenario with the SNs at `places_m` [m], gain −52 dB, and a top speed.
+    fn planner_of(strategy: Strategy, places_m: &[[f64; 2]], max_speed_mps: f64) -> Planner {
+        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+        let mut scenario = Scenario::letter(overrides).unwrap();
+        scenario.uav.max_speed_mps = max_speed_mps;
+        let sensor = |&[x_m, y_m]: &[f64; 2]| SensorNode { x_m, y_m, gain: 10f64.powf(-5.2), ..SensorNode::default() };
+        Planner::new(&scenario, &places_m.iter().map(sensor).collect::<Vec<_>>())
+    }
+
+    fn middle() -> Position {
+        Position::new(50.0, 50.0)
+    }
+
+    #[test]
+    #[should_panic(expected = "expected one queue per sensor node")]
+    fn queues_of_another_field_are_refused() {
+        let _ = planner_of(Strategy::Uts, &[[50.0, 50.0]], 30.0).step(1, &middle(), &[1, 2]);
+    }
+
+    #[test]
+    fn the_letters_plan_shows_how_it_came_about() {
+        // Two SNs 12 m apart: C1 to C5 as in the search's own test; equal gains, so that the middle is the waypoint.
+        let plan = planner_of(Strategy::Uts, &[[56.0, 50.0], [44.0, 50.0]], 30.0).step(1, &middle(), &[700, 800]);
+        assert!((Position::new(plan.x_m, plan.y_m) - middle()).norm() < 1e-12);
+        assert_eq!((plan.z_m, plan.expected_bits, plan.plan_ns), (20.0, 1_500, 0));
+        assert_eq!((plan.anchor, plan.partner, plan.chosen), (0, 1, 0));
+        assert_eq!(plan.circles_m, [[50.0, 58.0], [50.0, 42.0], [54.0, 50.0], [46.0, 50.0], [50.0, 50.0]]);
+        assert_eq!((plan.mode, plan.solver), (Mode::Serve.code(), SolverOutcome::Solved.code()));
+        assert_eq!(plan.scheduled(), [0, 1]);
+    }
+
+    #[test]
+    fn an_anchor_alone_has_neither_partner_nor_circles() {
+        let plan = planner_of(Strategy::Uts, &[[50.0, 60.0]], 30.0).step(1, &middle(), &[700]);
+        assert_eq!((plan.anchor, plan.partner, plan.chosen), (0, NOBODY, NOBODY));
+        assert!(plan.circles_m.iter().flatten().all(|coordinate| coordinate.is_nan()));
+        assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 60.0, &[0][..]));
+    }
+
+    #[test]
+    fn without_an_anchor_the_uav_is_in_transit_and_serves_what_it_meets() {
+        // The fullest queue is 50 m away, (30, 40): 30 m of that are (18, 24). SN 1 is no anchor
+        // (24² + 16² = 28.8²), but it is exactly in range of the waypoint, 6² + 8² = 10².
+        let mut planner = planner_of(Strategy::Uts, &[[80.0, 90.0], [74.0, 66.0], [0.0, 0.0]], 30.0);
+        let plan = planner.step(1, &middle(), &[900, 30, 800]);
+        assert!((Position::new(plan.x_m, plan.y_m) - Position::new(68.0, 74.0)).norm() < 1e-12);
+        assert_eq!((plan.mode, plan.solver), (Mode::Transit.code(), SolverOutcome::Rule.code()));
+        assert_eq!((plan.scheduled(), plan.expected_bits, plan.anchor), (&[1][..], 30, NOBODY));
+    }
+
+    #[test]
+    fn a_set_that_cannot_be_reached_together_is_replaced_by_transit() {
+        // V τ = 5 m is below d_c = 10 m. Anchor 0 is 5 m away and its partner 1 another 19 m: nowhere within 5 m of the
+        // UAV is in range of SN 1 (24 − 5 = 19 m), so the UAV flies 5 m toward SN 1 and serves SN 0 from there.
+        for solver in [WaypointSolver::Geometric, WaypointSolver::Clarabel] {
+            let mut planner = planner_of(Strategy::Uts, &[[55.0, 50.0], [74.0, 50.0]], 5.0);
+            planner.solver = Solver::new(solver);
+            let plan = planner.step(1, &middle(), &[10, 100]);
+            assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (55.0, 50.0, &[0][..]), "{solver:?}");
+            assert_eq!((plan.mode, plan.anchor), (Mode::Transit.code(), NOBODY), "{solver:?}");
+        }
+    }
+
+    #[test]
+    fn greedy_flight_serves_what_is_in_range_of_its_goal_and_else_is_in_transit() {
+        let places = [[50.0, 70.0], [55.0, 70.0], [50.0, 59.0], [50.0, 99.0]];
+        let mut planner = planner_of(Strategy::Gfs, &places, 30.0);
+        let plan = planner.step(1, &middle(), &[80, 70, 60, 90]);
+        assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 70.0, &[0, 1][..]));
+        assert_eq!((plan.mode, plan.solver), (Mode::Serve.code(), SolverOutcome::Rule.code()));
+        let plan = planner.step(2, &Position::new(50.0, 0.0), &[80, 70, 60, 90]);
+        assert_eq!((plan.x_m, plan.y_m, plan.mode), (50.0, 30.0, Mode::Transit.code()));
+    }
+
+    #[test]
+    fn random_flight_serves_nobody_where_nobody_is() {
+        let plan = planner_of(Strategy::Rfs, &[[99.0, 99.0]], 30.0).step(1, &middle(), &[80]);
+        assert_eq!((plan.scheduled(), plan.mode), (&[][..], Mode::Serve.code()));
+        assert_eq!((plan.anchor, plan.expected_bits), (NOBODY, 0));
+    }
+
+    /// A golden trace of the letter's mission without arrivals, queues emptied where they are served: waypoint [m] and schedule.
+    #[test]
+    fn the_letters_mission_stays_what_it_is() {
+        let scenario = Scenario::letter(Overrides::default()).unwrap();
+        let list = SensorList::of(&scenario).unwrap();
+        let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits));
+        let (mut position, mut queues_bits) = (scenario.uav.start, list.queues_bits());
+        let mut trace = Vec::new();
+        for slot in 1..=4 {
+            let plan = planner.step(slot, &position, &queues_bits);
+            position = Position::new(plan.x_m, plan.y_m);
+            plan.scheduled().iter().for_each(|&id| queues_bits[id as usize] = 0);
+            trace.push(format!("{:.3} {:.3} {:?}", plan.x_m, plan.y_m, plan.scheduled()));
+        }
+        let expected = [
+            "49.282 69.589 [10, 53, 73, 115]",
+            "76.835 70.328 [43, 93, 124, 186]",
+            "68.056 89.593 [4, 74, 89, 174]",
+            "65.173 78.760 [71, 87, 134, 151]",
+        ];
+        assert_eq!(trace, expected);
+    }
+}

@@ -1,168 +1,138 @@
 //! How the scene is arranged on the screen: views, cameras, axes and timeline.
-//!
-//! The library builds layouts but has no words for the properties of a view; [`Properties`] adds those to the same
-//! blueprint by hand, as entities below the view's own.
 
-use rerun::RecordingStream;
-use rerun::blueprint::{
-    Blueprint, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel, Spatial2DView, Spatial3DView,
-    StateTimelineView, Tabs, TextDocumentView, TextLogView, TimePanel, TimeSeriesView, Vertical,
-};
 use rerun::external::re_sdk_types::blueprint::archetypes::{
     Background, EyeControls3D, LineGrid3D, PlotLegend, ScalarAxis, SpatialInformation, TextLogColumns, VisualBounds2D,
 };
-use rerun::external::re_sdk_types::blueprint::components::{self, BackgroundKind, Eye3DKind, PanelState, TextLogColumn};
+use rerun::external::re_sdk_types::blueprint::components::{self, BackgroundKind, ContainerKind, Eye3DKind};
 use rerun::external::re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
+use rerun::{RecordingStream, RecordingStreamResult};
 
 use crate::colour::{self, color};
-use crate::properties::Properties;
-use crate::recording::SLOT;
+use crate::layout::{Class, Layout, Tile};
 use crate::scene::Timing;
 use crate::sizes::Sizes;
 use crate::{curves, events, legend, queues, uav};
 
 /// Slots per second at which a viewer plays a file.
-const FRAMES_PER_S: f64 = 10.0;
+const SLOTS_PER_S: f64 = 10.0;
 
-/// A camera: where it is, what it looks at, what is up.
-struct Camera {
-    eye: [f32; 3],
-    target: [f32; 3],
-    up: [f32; 3],
-}
-
-/// Sends the layout along with the recording.
+/// Sends the layout of the screen along with the recording `name`.
 pub(crate) fn send(
     stream: &RecordingStream,
+    name: &str,
     sizes: &Sizes,
     slot_s: f64,
     timing: Timing,
-) -> rerun::RecordingStreamResult<()> {
-    let mut layout = Layout { sizes, slot_s, properties: Properties::default() };
-    let left = Vertical::new([layout.scenes(), layout.lane()]).with_row_shares([6.0, 1.1]);
-    let right = layout.beside(timing);
-    let time_panel = TimePanel::new().with_state(PanelState::Collapsed).with_timeline(SLOT).with_fps(FRAMES_PER_S);
-    let blueprint = Blueprint::new(Horizontal::new([left.into(), right]).with_column_shares([2.1, 1.0]))
-        .with_auto_layout(false)
-        .with_auto_views(false)
-        .with_blueprint_panel(BlueprintPanel::from_state(PanelState::Collapsed))
-        .with_selection_panel(SelectionPanel::from_state(PanelState::Collapsed))
-        .with_time_panel(time_panel); // no play state: a file then plays, a live stream follows
-    layout.properties.send(stream, &blueprint)
+) -> RecordingStreamResult<()> {
+    let mut layout = Layout::new(name)?;
+    let scenes = scenes(&mut layout, sizes, slot_s)?;
+    let lane = layout.view(Class::States, "UAV: serve, transit, hold", "", &[select(events::LANE)])?;
+    let left = layout.container(ContainerKind::Vertical, &[(6.0, scenes), (1.1, lane)])?;
+    let right = beside(&mut layout, timing)?;
+    let root = layout.container(ContainerKind::Horizontal, &[(2.1, left), (1.0, right)])?;
+    layout.send(stream, root, SLOTS_PER_S)
 }
 
-/// The layout in the making.
-struct Layout<'a> {
-    sizes: &'a Sizes,
-    slot_s: f64,
-    properties: Properties,
+fn select(entity: &str) -> String {
+    format!("+ /{entity}")
 }
 
-impl Layout<'_> {
-    /// The 3D scene, seen in three ways.
-    fn scenes(&mut self) -> ContainerLike {
-        let Sizes { width_m, depth_m, altitude_m, radius_m, .. } = *self.sizes;
-        let (middle, span_m) = ([width_m / 2.0, depth_m / 2.0, 0.0], self.sizes.span_m());
-        let [x_m, y_m, _] = middle;
-        let overview = Camera {
-            eye: [x_m, y_m - 0.5 * depth_m - 0.42 * span_m, 0.68 * span_m],
-            target: [x_m, y_m - 0.08 * span_m, 0.0],
-            up: [0.0, 0.0, 1.0],
-        };
-        let above = Camera { eye: [x_m, y_m, 1.08 * span_m], target: middle, up: [0.0, 1.0, 0.0] };
-        let near_m = radius_m + 0.5 * altitude_m;
-        let chase = Camera {
-            eye: [-1.2 * near_m, -1.9 * near_m, 0.9 * near_m],
-            target: [0.0, 0.0, -0.55 * altitude_m],
-            up: [0.0, 0.0, 1.0],
-        };
-        let corners = format!("- /{}", legend::CORNERS);
-        let everything = format!("/{}/**", queues::WORLD);
-        let world = |name: &str, without: &[String]| {
-            let contents = std::iter::once(everything.clone()).chain(without.iter().cloned());
-            Spatial3DView::new(name).with_origin(queues::WORLD).with_contents(contents)
-        };
-        let track = format!("- /{}", uav::TRACK);
-        let trail = format!("- /{}", uav::TRAIL);
-        let dot = format!("- /{}", uav::DOT);
-        let field = self.scene(world("Field (3D)", &[track.clone()]), &overview, uav::TRAIL, Some(15));
-        let top = self.scene(world("Top view", &[trail]), &above, uav::TRACK, None);
-        let chase =
-            self.scene(world("Chase", &[corners, dot, track]).with_origin(uav::UAV), &chase, uav::TRAIL, Some(10));
-        Tabs::new([field, top, chase]).into()
-    }
+fn omit(entity: &str) -> String {
+    format!("- /{entity}")
+}
 
-    /// One view, which shows the last `slots` slots of a path, or all.
-    fn scene(&mut self, view: Spatial3DView, camera: &Camera, path: &str, slots: Option<u32>) -> ContainerLike {
-        let view = ContainerLike::from(view);
-        let eye = EyeControls3D::new()
-            .with_kind(Eye3DKind::Orbital)
-            .with_position(camera.eye)
-            .with_look_target(camera.target)
-            .with_eye_up(camera.up);
-        self.properties.set(&view, "EyeControls3D", eye);
-        self.properties.set(&view, "Background", background());
-        self.properties.set(&view, "LineGrid3D", LineGrid3D::new().with_visible(false));
-        self.properties.set(&view, "SpatialInformation", SpatialInformation::update_fields().with_show_axes(false));
-        self.properties.show_past(&view, path, slots, self.slot_s);
-        view
+/// The 3D scene, seen in three ways.
+fn scenes(layout: &mut Layout, sizes: &Sizes, slot_s: f64) -> RecordingStreamResult<Tile> {
+    let world = || select(&format!("{}/**", queues::WORLD));
+    let field = [world(), omit(uav::TRACK)];
+    let field = layout.view(Class::Scene, "Field (3D)", queues::WORLD, &field)?;
+    layout.show_past(field, uav::TRAIL, Some(15), slot_s)?;
+    let top = layout.view(Class::Scene, "Top view", queues::WORLD, &[world(), omit(uav::TRAIL)])?;
+    layout.show_past(top, uav::TRACK, None, slot_s)?;
+    let chase = [world(), omit(uav::TRACK), omit(uav::DOT), omit(legend::CORNERS)];
+    let chase = layout.view(Class::Scene, "Chase", uav::UAV, &chase)?;
+    layout.show_past(chase, uav::TRAIL, Some(10), slot_s)?;
+    for (view, camera) in [(field, overview(sizes)), (top, above(sizes)), (chase, beside_uav(sizes))] {
+        layout.set(view, &camera)?;
+        layout.set(view, &background())?;
+        layout.set(view, &LineGrid3D::new().with_visible(false))?; // the area has its own
+        layout.set(view, &SpatialInformation::update_fields().with_show_axes(false))?;
     }
+    layout.container(ContainerKind::Tabs, &[(1.0, field), (1.0, top), (1.0, chase)])
+}
 
-    /// The lane of the UAV's state, below the scene.
-    fn lane(&self) -> ContainerLike {
-        StateTimelineView::new("UAV: serve, transit, hold").with_origin("/").with_contents([events::LANE]).into()
-    }
+fn camera(eye: [f32; 3], target: [f32; 3], up: [f32; 3]) -> EyeControls3D {
+    EyeControls3D::new().with_kind(Eye3DKind::Orbital).with_position(eye).with_look_target(target).with_eye_up(up)
+}
 
-    /// Curves, scales and text, beside the scene.
-    fn beside(&mut self, timing: Timing) -> ContainerLike {
-        let losses = [curves::LOSS, curves::LOSS_MARK];
-        let fills = [curves::FILL_MAX, curves::FILL_MEAN];
-        let mut rows = vec![
-            (1.15, self.plot("Loss rate so far: lost ÷ sampled (red), 1 % (grey)", &losses, None)),
-            (1.15, self.plot("Queue fill: fullest (violet), mean (blue)", &fills, Some([-0.04, 1.1]))),
-            (1.0, self.plot("Delivered per slot [kbit]", &[curves::DELIVERED], None)),
-        ];
-        if timing == Timing::Measured {
-            let latency = self.plot("Plan latency [ms]", &[curves::PLAN_LATENCY], None);
-            let pace = self.plot("Pace [slot/s]", &[curves::PACE], None);
-            rows.push((0.9, Horizontal::new([latency, pace]).into()));
-        }
-        rows.push((0.62, self.scale()));
-        let legend = TextDocumentView::new("Legend").with_origin(legend::PAGE).into();
-        let log = self.log();
-        let missed = self.plot("Missed slots", &[curves::MISSED], None);
-        rows.push((2.5, Tabs::new([legend, log, missed]).into()));
-        let (shares, rows): (Vec<f32>, Vec<_>) = rows.into_iter().unzip();
-        Vertical::new(rows).with_row_shares(shares).into()
-    }
+/// The whole area from the south, at about 45 degrees.
+fn overview(sizes: &Sizes) -> EyeControls3D {
+    let (x_m, y_m, span_m) = (sizes.width_m / 2.0, sizes.depth_m / 2.0, sizes.span_m());
+    let eye = [x_m, y_m - 0.5 * sizes.depth_m - 0.42 * span_m, 0.68 * span_m];
+    camera(eye, [x_m, y_m - 0.08 * span_m, 0.0], [0.0, 0.0, 1.0])
+}
 
-    fn plot(&mut self, name: &str, entities: &[&str], range: Option<[f64; 2]>) -> ContainerLike {
-        let entities = entities.iter().map(|entity| format!("/{entity}"));
-        let view = ContainerLike::from(TimeSeriesView::new(name).with_origin("/").with_contents(entities));
-        self.properties.set(&view, "PlotLegend", PlotLegend::new().with_visible(false));
-        if let Some(range) = range {
-            self.properties.set(&view, "ScalarAxis", ScalarAxis::new().with_range(range).with_zoom_lock(true));
-        }
-        view
-    }
+/// The whole area as on a map: north is up.
+fn above(sizes: &Sizes) -> EyeControls3D {
+    let (x_m, y_m) = (sizes.width_m / 2.0, sizes.depth_m / 2.0);
+    camera([x_m, y_m, 1.16 * sizes.span_m()], [x_m, y_m, 0.0], [0.0, 1.0, 0.0])
+}
 
-    fn log(&mut self) -> ContainerLike {
-        let view = ContainerLike::from(TextLogView::new("Events").with_origin(events::LOG));
-        let columns = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body]
-            .map(|kind| TextLogColumn(datatypes::TextLogColumn { visible: true.into(), kind }));
-        self.properties.set(&view, "TextLogColumns", TextLogColumns::update_fields().with_text_log_columns(columns));
-        view
-    }
+/// In the UAV's frame, so that the camera flies along.
+fn beside_uav(sizes: &Sizes) -> EyeControls3D {
+    let near_m = sizes.radius_m + 0.5 * sizes.altitude_m;
+    let eye = [-1.2 * near_m, -1.9 * near_m, 0.9 * near_m];
+    camera(eye, [0.0, 0.0, -0.55 * sizes.altitude_m], [0.0, 0.0, 1.0])
+}
 
-    fn scale(&mut self) -> ContainerLike {
-        let view = Spatial2DView::new("Colours: queue fill, link rate").with_origin(legend::SCALE);
-        let view = ContainerLike::from(view);
-        let [[left, right], [top, bottom]] = legend::SCALE_BOUNDS;
-        let bounds = rerun::datatypes::Range2D { x_range: [left, right].into(), y_range: [top, bottom].into() };
-        self.properties.set(&view, "VisualBounds2D", VisualBounds2D::new(components::VisualBounds2D(bounds)));
-        self.properties.set(&view, "Background", background());
-        view
+/// Curves, scales and text, beside the scene.
+fn beside(layout: &mut Layout, timing: Timing) -> RecordingStreamResult<Tile> {
+    let losses = [curves::LOSS, curves::LOSS_MARK];
+    let fills = [curves::FILL_MAX, curves::FILL_MEAN];
+    let fill = plot(layout, "Queue fill: fullest (violet), mean (blue)", &fills)?;
+    layout.set(fill, &ScalarAxis::new().with_range([-0.04, 1.1]).with_zoom_lock(true))?;
+    let mut rows = vec![
+        (1.15, plot(layout, "Loss rate so far: lost ÷ sampled (red), 1 % (grey)", &losses)?),
+        (1.15, fill),
+        (1.0, plot(layout, "Delivered per slot [kbit]", &[curves::DELIVERED])?),
+    ];
+    if timing == Timing::Measured {
+        let latency = plot(layout, "Plan latency [ms]", &[curves::PLAN_LATENCY])?;
+        let pace = plot(layout, "Pace [slot/s]", &[curves::PACE])?;
+        rows.push((0.9, layout.container(ContainerKind::Horizontal, &[(1.0, latency), (1.0, pace)])?));
     }
+    rows.push((0.7, scales(layout)?));
+    let page = layout.view(Class::Text, "Legend", legend::PAGE, &[select(legend::PAGE)])?;
+    let log = log(layout)?;
+    let missed = plot(layout, "Missed slots", &[curves::MISSED])?;
+    rows.push((2.5, layout.container(ContainerKind::Tabs, &[(1.0, page), (1.0, log), (1.0, missed)])?));
+    layout.container(ContainerKind::Vertical, &rows)
+}
+
+/// Curves whose names are in the title: a box of names would cover them.
+fn plot(layout: &mut Layout, name: &str, entities: &[&str]) -> RecordingStreamResult<Tile> {
+    let entities: Vec<_> = entities.iter().map(|entity| select(entity)).collect();
+    let view = layout.view(Class::Curves, name, "", &entities)?;
+    layout.set(view, &PlotLegend::new().with_visible(false))?;
+    Ok(view)
+}
+
+fn log(layout: &mut Layout) -> RecordingStreamResult<Tile> {
+    let view = layout.view(Class::Log, "Events", events::LOG, &[select(events::LOG)])?;
+    let columns = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body]
+        .map(|kind| components::TextLogColumn(datatypes::TextLogColumn { visible: true.into(), kind }));
+    layout.set(view, &TextLogColumns::update_fields().with_text_log_columns(columns))?;
+    Ok(view)
+}
+
+fn scales(layout: &mut Layout) -> RecordingStreamResult<Tile> {
+    let contents = [select(&format!("{}/**", legend::SCALE))];
+    let view = layout.view(Class::Picture, "Colours: queue fill, link rate", legend::SCALE, &contents)?;
+    let [x, y] = legend::SCALE_BOUNDS;
+    let bounds = rerun::datatypes::Range2D { x_range: x.into(), y_range: y.into() };
+    layout.set(view, &VisualBounds2D::new(components::VisualBounds2D(bounds)))?;
+    layout.set(view, &background())?;
+    Ok(view)
 }
 
 fn background() -> Background {

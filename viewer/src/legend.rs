@@ -51,7 +51,7 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes) -> String {
          | quadrotor, red arrow | UAV and its heading |\n\
          | blue line | path flown lately; in *Top view* all of it |\n\
          | magenta ring and line | planned waypoint and the way to it |\n\
-         | cyan circle | whom the UAV can serve: within {radius_m} m |\n\
+         | cyan circle, plumb line | whom the UAV can serve: within {radius_m} m |\n\
          | green line, dark → pale | served link, by rate: low → high |\n\
          | five thin orange circles | places considered for the slot |\n\
          | bold orange circle | the place that won |\n\

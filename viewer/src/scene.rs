@@ -71,7 +71,7 @@ impl Scene {
     ) -> Result<Self, SceneError> {
         let recording = Recording::open(sinks, run_name)?;
         let (stream, sizes) = (recording.stream(), Sizes::of(scenario, sensors.len()));
-        blueprint::send(stream, &sizes, scenario.slot_s, timing)?;
+        blueprint::send(stream, run_name, &sizes, scenario.slot_s, timing)?;
         let queues = Queues::open(stream, sensors, &sizes)?;
         let uav = Uav::open(stream, &sizes)?;
         let links = Links::open(stream, scenario, sensors, &sizes)?;

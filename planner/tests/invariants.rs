@@ -1,0 +1,152 @@
+//! What every plan keeps, whatever the field: range, reach, area, a proper schedule, and no memory of other slots.
+
+use std::path::Path;
+
+use proptest::prelude::{Strategy as Generator, *};
+use skysink_common::geometry::{Position, within};
+use skysink_common::message::{Mode, NOBODY, Plan, SensorNode, SolverOutcome};
+use skysink_common::scenario::{Overrides, Scenario, Strategy, WaypointSolver};
+use skysink_planner::Planner;
+
+/// One slot to plan.
+#[derive(Debug, Clone)]
+struct Slot {
+    position: Position,
+    queues_bits: Vec<u32>,
+}
+
+/// A field, its limits, and some slots over it.
+#[derive(Debug, Clone)]
+struct Case {
+    scenario: Scenario,
+    sensors: Vec<SensorNode>,
+    slots: Vec<Slot>,
+}
+
+impl Case {
+    /// The plan of slot `index` by a planner that has planned nothing before.
+    fn fresh_plan(&self, index: usize) -> Plan {
+        let slot = &self.slots[index];
+        Planner::new(&self.scenario, &self.sensors).step(index as u64 + 1, &slot.position, &slot.queues_bits)
+    }
+}
+
+/// Coordinates [m] in an area of 60 m: anywhere, on its border, or on a lattice that makes SNs touch and coincide.
+fn coordinates() -> impl Generator<Value = f64> {
+    prop_oneof![3 => 0.0..60.0, 2 => (0u32..=12).prop_map(|step| f64::from(step) * 5.0)]
+}
+
+fn places() -> impl Generator<Value = [f64; 2]> {
+    [coordinates(), coordinates()]
+}
+
+/// Queues [bit] of which many tie or are empty.
+fn queues(sensors: usize) -> impl Generator<Value = Vec<u32>> {
+    prop::collection::vec(prop_oneof![0u32..4, 0u32..30_000], sensors)
+}
+
+fn scenario_of(strategy: Strategy, solver: WaypointSolver, reach_m: f64, blocks: u64, iterations: u32) -> Scenario {
+    let text = format!(
+        "name = 'case'\n[area]\nside_m = 60.0\n[uav]\nmax_speed_mps = {reach_m}\n[link]\nbandwidth_hz = 5e3\n\
+         resource_blocks = {blocks}\n[planner]\nsca_iterations = {iterations}\n"
+    );
+    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+    let mut scenario = Scenario::parse(&text, Path::new("case.toml"), overrides).unwrap();
+    scenario.planner.waypoint_solver = solver;
+    scenario
+}
+
+fn cases(strategies: &'static [Strategy]) -> impl Generator<Value = Case> {
+    let scenario = (
+        prop::sample::select(strategies),
+        prop_oneof![Just(WaypointSolver::Geometric), Just(WaypointSolver::Clarabel)],
+        prop_oneof![Just(30.0), Just(20.0), Just(10.0), 1.0..60.0],
+        prop_oneof![1u64..=6, Just(64)],
+        prop_oneof![Just(1u32), 2u32..6],
+    );
+    let scenario = scenario.prop_map(|(strategy, solver, reach_m, blocks, iterations)| {
+        scenario_of(strategy, solver, reach_m, blocks, iterations)
+    });
+    let sensors = prop::collection::vec((places(), -55.0..-50.0), 1..40);
+    (scenario, sensors).prop_flat_map(|(scenario, sensors)| {
+        let node = |([x_m, y_m], gain_db): ([f64; 2], f64)| SensorNode {
+            x_m,
+            y_m,
+            gain: 10f64.powf(gain_db / 10.0),
+            ..SensorNode::default()
+        };
+        let sensors: Vec<SensorNode> = sensors.into_iter().map(node).collect();
+        let slot = (places(), queues(sensors.len()))
+            .prop_map(|(position, queues_bits)| Slot { position: position.into(), queues_bits });
+        prop::collection::vec(slot, 1..6).prop_map(move |slots| Case {
+            scenario: scenario.clone(),
+            sensors: sensors.clone(),
+            slots,
+        })
+    })
+}
+
+fn place(case: &Case, id: u32) -> Position {
+    let sensor = &case.sensors[id as usize];
+    Position::new(sensor.x_m, sensor.y_m)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(3_000))]
+
+    #[test]
+    fn a_plan_keeps_range_reach_area_and_resource_blocks(case in cases(&Strategy::ALL)) {
+        let mut planner = Planner::new(&case.scenario, &case.sensors);
+        for (number, slot) in (1..).zip(&case.slots) {
+            let plan = planner.step(number, &slot.position, &slot.queues_bits);
+            let waypoint = Position::new(plan.x_m, plan.y_m);
+            prop_assert!(within(&waypoint, &slot.position, case.scenario.reach_m()), "slot {number}: reach, {waypoint}");
+            prop_assert!(case.scenario.area.contains(&waypoint, 0.0), "slot {number}: area, {waypoint}");
+            let ids = plan.scheduled();
+            prop_assert!(ids.len() <= case.scenario.link.resource_blocks, "slot {number}: {ids:?}");
+            prop_assert!(ids.is_sorted_by(|a, b| a < b), "slot {number}: ascending and unique, {ids:?}");
+            for &id in ids {
+                let in_range = within(&place(&case, id), &waypoint, case.scenario.link.comm_radius_m);
+                prop_assert!(in_range, "slot {number}: SN {id}, {waypoint}");
+            }
+            let queued_bits: u64 = ids.iter().map(|&id| u64::from(slot.queues_bits[id as usize])).sum();
+            prop_assert!(plan.expected_bits <= queued_bits, "slot {number}: {} bits", plan.expected_bits);
+            prop_assert_eq!((plan.z_m, plan.plan_ns), (20.0, 0));
+        }
+    }
+
+    #[test]
+    fn the_letters_plan_serves_its_anchor_and_partner_from_a_solved_waypoint(case in cases(&[Strategy::Uts])) {
+        let plan = case.fresh_plan(0);
+        let rule = plan.solver == SolverOutcome::Rule.code();
+        if plan.mode == Mode::Transit.code() {
+            prop_assert!(rule && plan.anchor == NOBODY && plan.partner == NOBODY && plan.chosen == NOBODY);
+        } else {
+            prop_assert!(!rule && plan.scheduled().contains(&plan.anchor));
+            prop_assert_eq!(plan.partner == NOBODY, plan.scheduled().len() == 1);
+            prop_assert_eq!(plan.partner == NOBODY, plan.circles_m.iter().flatten().any(|x_m| x_m.is_nan()));
+            prop_assert!(plan.partner == NOBODY || plan.scheduled().contains(&plan.partner) && plan.chosen < 5);
+        }
+    }
+
+    #[test]
+    fn a_plan_does_not_depend_on_the_slots_planned_before(case in cases(&Strategy::ALL)) {
+        let mut planner = Planner::new(&case.scenario, &case.sensors);
+        for (index, slot) in case.slots.iter().enumerate() {
+            let plan = planner.step(index as u64 + 1, &slot.position, &slot.queues_bits);
+            // As text, which tells every f64 apart and lets NaN equal NaN.
+            prop_assert_eq!(format!("{plan:?}"), format!("{:?}", case.fresh_plan(index)));
+        }
+    }
+
+    #[test]
+    fn with_reach_beyond_range_whatever_has_an_anchor_is_served(
+        mut case in cases(&[Strategy::Uts]),
+        reach_m in prop_oneof![Just(10.5), Just(20.0), 10.5..40.0],
+    ) {
+        case.scenario.uav.max_speed_mps = reach_m; // slots of 1 s
+        let slot = &case.slots[0];
+        let anchored = (0..).zip(&case.sensors).any(|(id, _)| within(&place(&case, id), &slot.position, reach_m - 10.0));
+        prop_assert_eq!(case.fresh_plan(0).mode == Mode::Serve.code(), anchored);
+    }
+}

@@ -1,0 +1,173 @@
+//! A blueprint, as the recording library calls a screen layout, written entity by entity into a store of its own.
+//!
+//! The library's own builder knows no properties of views (cameras, axes), draws random ids, and panics where the
+//! environment says `RERUN=off`; the entities below are all that it would write.
+
+use rerun::external::re_log_types::BlueprintActivationCommand;
+use rerun::external::re_sdk_types::blueprint::archetypes::{
+    ContainerBlueprint, PanelBlueprint, TimePanelBlueprint, ViewBlueprint, ViewContents, ViewportBlueprint,
+    VisibleTimeRanges,
+};
+use rerun::external::re_sdk_types::blueprint::components::{
+    ContainerKind, Fps, PanelState, RootContainer, TimelineName, VisibleTimeRange,
+};
+use rerun::external::re_types_core::datatypes::{TimeInt, TimeRange, TimeRangeBoundary, VisibleTimeRange as Range};
+use rerun::sink::MemorySinkStorage;
+use rerun::{
+    Archetype, AsComponents, EntityPath, RecordingStream, RecordingStreamBuilder, RecordingStreamResult, StoreId,
+    StoreKind,
+};
+
+use crate::recording::{APPLICATION, SIM_TIME, SLOT};
+
+/// What a view shows, by the library's names.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Class {
+    Scene,
+    Picture,
+    Curves,
+    States,
+    Text,
+    Log,
+}
+
+impl Class {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Scene => "3D",
+            Self::Picture => "2D",
+            Self::Curves => "TimeSeries",
+            Self::States => "StateTimeline",
+            Self::Text => "TextDocument",
+            Self::Log => "TextLog",
+        }
+    }
+}
+
+/// A view or a container that is already written.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Tile {
+    View(u8),
+    Container(u8),
+}
+
+impl Tile {
+    /// Its id: fixed bytes and its number, so that equal layouts are equal.
+    fn id(self) -> [u8; 16] {
+        let (Self::View(number) | Self::Container(number)) = self;
+        let mut id = *b"skysink\0\x80layout\0";
+        id[15] = number;
+        id
+    }
+
+    fn path(self) -> EntityPath {
+        let kind = match self {
+            Self::View(_) => "view",
+            Self::Container(_) => "container",
+        };
+        let hex: String = self.id().iter().map(|byte| format!("{byte:02x}")).collect();
+        let id = [&hex[..8], &hex[8..12], &hex[12..16], &hex[16..20], &hex[20..]].join("-");
+        EntityPath::from(format!("{kind}/{id}"))
+    }
+}
+
+/// A layout in the making.
+pub(crate) struct Layout {
+    store: StoreId,
+    recorder: RecordingStream,
+    messages: MemorySinkStorage,
+    tiles: u8,
+}
+
+impl Layout {
+    /// An empty layout for the recording `name`.
+    pub(crate) fn new(name: &str) -> RecordingStreamResult<Self> {
+        let store = StoreId::new(StoreKind::Blueprint, APPLICATION, format!("{name}-layout"));
+        let builder = RecordingStreamBuilder::from_store_id(&store);
+        let (recorder, messages) = builder.send_properties(false).enabled(true).memory()?;
+        recorder.set_log_time_enabled(false);
+        recorder.set_time_sequence("blueprint", 0);
+        Ok(Self { store, recorder, messages, tiles: 0 })
+    }
+
+    /// Adds a view of the entities that `contents` selects, in the frame of `origin`.
+    pub(crate) fn view(
+        &mut self,
+        class: Class,
+        name: &str,
+        origin: &str,
+        contents: &[String],
+    ) -> RecordingStreamResult<Tile> {
+        let tile = Tile::View(self.next());
+        let view = ViewBlueprint::new(class.name()).with_display_name(name).with_space_origin(format!("/{origin}"));
+        self.recorder.log(tile.path(), &view)?;
+        self.set(tile, &ViewContents::new(contents.iter().map(String::as_str)))?;
+        Ok(tile)
+    }
+
+    /// Adds a container of tiles with their shares of its height or width.
+    pub(crate) fn container(&mut self, kind: ContainerKind, tiles: &[(f32, Tile)]) -> RecordingStreamResult<Tile> {
+        let shares = tiles.iter().map(|&(share, _)| share);
+        let container =
+            ContainerBlueprint::new(kind).with_contents(tiles.iter().map(|(_, tile)| tile.path().to_string()));
+        let container = match kind {
+            ContainerKind::Horizontal => container.with_col_shares(shares),
+            ContainerKind::Vertical => container.with_row_shares(shares),
+            ContainerKind::Tabs | ContainerKind::Grid => container,
+        };
+        let tile = Tile::Container(self.next());
+        self.recorder.log(tile.path(), &container)?;
+        Ok(tile)
+    }
+
+    /// Sets a property of a view.
+    pub(crate) fn set<A: Archetype + AsComponents>(&self, view: Tile, property: &A) -> RecordingStreamResult<()> {
+        self.recorder.log(view.path().join(&EntityPath::from(A::name().short_name())), property)
+    }
+
+    /// Lets a view show what an entity logged in the last `slots` slots of `slot_s` [s], or ever.
+    pub(crate) fn show_past(
+        &self,
+        view: Tile,
+        entity: &str,
+        slots: Option<u32>,
+        slot_s: f64,
+    ) -> RecordingStreamResult<()> {
+        let range = |timeline: &str, per_slot: f64| {
+            let start = slots.map_or(TimeRangeBoundary::Infinite, |slots| {
+                TimeRangeBoundary::CursorRelative(TimeInt(-(f64::from(slots) * per_slot).round() as i64))
+            });
+            let range = TimeRange { start, end: TimeRangeBoundary::AT_CURSOR };
+            VisibleTimeRange(Range { timeline: timeline.into(), range })
+        };
+        let ranges = VisibleTimeRanges::new([range(SLOT, 1.0), range(SIM_TIME, 1e9 * slot_s)]);
+        let place = EntityPath::from(format!("ViewContents/overrides/{entity}/visualizers"));
+        self.recorder.log(view.path().join(&place), &ranges)
+    }
+
+    /// Sends the layout along with a recording: all panels closed, the slots played at `slots_per_s`. It becomes the
+    /// application's active and default one. Without a play state a file plays and a live stream follows.
+    pub(crate) fn send(self, stream: &RecordingStream, root: Tile, slots_per_s: f64) -> RecordingStreamResult<()> {
+        let viewport = ViewportBlueprint::new()
+            .with_root_container(RootContainer(root.id().into()))
+            .with_auto_layout(false)
+            .with_auto_views(false);
+        self.recorder.log("viewport", &viewport)?;
+        for panel in ["blueprint_panel", "selection_panel"] {
+            self.recorder.log(panel, &PanelBlueprint::new().with_state(PanelState::Collapsed))?;
+        }
+        let time_panel = TimePanelBlueprint::new()
+            .with_state(PanelState::Collapsed)
+            .with_timeline(TimelineName(SLOT.into()))
+            .with_fps(Fps(slots_per_s.into()));
+        self.recorder.log("time_panel", &time_panel)?;
+        let activation = BlueprintActivationCommand { blueprint_id: self.store, make_active: true, make_default: true };
+        stream.send_blueprint(self.messages.take(), activation);
+        Ok(())
+    }
+
+    fn next(&mut self) -> u8 {
+        self.tiles += 1;
+        self.tiles
+    }
+}

@@ -1,0 +1,277 @@
+//! Missions written to a file and read back.
+
+mod support;
+
+use std::collections::BTreeSet;
+use std::net::{TcpListener, TcpStream};
+use std::path::Path;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use skysink_common::message::{FlightReport, HoldReason, Mode};
+use skysink_viewer::{Scene, SceneError, Sinks, Timing, curves, events, legend, links, queues, uav};
+use support::{Found, Slot, letter, sensors};
+
+const SENSORS: u32 = 20;
+
+fn open(path: &Path, count: u32) -> Scene {
+    let sinks = Sinks { save: Some(path.to_owned()), live: None };
+    Scene::open(&sinks, &letter(), &sensors(count), "test-run", Timing::Unmeasured).unwrap()
+}
+
+/// Records slots 0 to `last`, each changed by `change` before.
+fn record(path: &Path, last: u64, change: impl Fn(&mut Slot)) -> Found {
+    let mut scene = open(path, SENSORS);
+    for slot in 0..=last {
+        let mut slot = Slot::new(slot, SENSORS as usize);
+        change(&mut slot);
+        scene.log_slot(&slot.view()).unwrap();
+    }
+    scene.close().unwrap();
+    Found::read(path)
+}
+
+fn in_folder<T>(test: impl FnOnce(&Path) -> T) -> T {
+    let folder = tempfile::tempdir().unwrap();
+    test(&folder.path().join("mission.rrd"))
+}
+
+#[test]
+fn every_slot_is_there_for_everything_that_changes() {
+    let found = in_folder(|path| record(path, 30, |_| {}));
+    let all: BTreeSet<i64> = (0..=30).collect();
+    for entity in [
+        queues::POINTS,
+        queues::BARS,
+        uav::UAV,
+        uav::TRAIL,
+        uav::TRACK,
+        uav::PLAN,
+        uav::COVERAGE,
+        uav::PLUMB,
+        links::LINKS,
+        links::CANDIDATES,
+        links::CHOSEN,
+        curves::LOSS,
+        curves::FILL_MEAN,
+        curves::FILL_MAX,
+        curves::DELIVERED,
+        curves::MISSED,
+    ] {
+        assert_eq!(found.slots_of(entity), all, "{entity}");
+    }
+    assert_eq!(found.slots_of(uav::BODY), (1..=30).collect(), "turned by every flight");
+}
+
+#[test]
+fn the_curves_are_what_the_ledger_says() {
+    let found = in_folder(|path| record(path, 12, |_| {}));
+    for (slot, loss_rate) in found.curve(curves::LOSS) {
+        let expected = if slot == 0 { 0.0 } else { slot as f64 / 1e3 }; // slot² lost of 1 000 · slot sampled
+        assert_eq!(loss_rate, expected, "slot {slot}");
+    }
+    assert_eq!(found.curve(curves::DELIVERED)[&7], 0.07); // 70 bits, in kbit
+    assert_eq!(found.curve(curves::FILL_MAX)[&7], 0.7); // 700 of 1 000 bits
+    assert!((found.curve(curves::FILL_MEAN)[&7] - 0.7).abs() < 1e-12);
+    assert!(found.curve(curves::PLAN_LATENCY).is_empty() && found.curve(curves::PACE).is_empty());
+}
+
+#[test]
+fn a_slot_that_serves_nobody_shows_no_links_and_no_circles() {
+    let hold = |slot: &mut Slot| {
+        if slot.slot == 3 {
+            slot.plan = None;
+            slot.flight = FlightReport::at(2.0, 50.0, 20.0, Mode::Hold);
+            slot.flight.hold = HoldReason::NoPlan.code();
+        }
+    };
+    let found = in_folder(|path| record(path, 4, hold));
+    let strips = |entity, slot| found.text(entity, "LineStrips3D:strips", Some(slot));
+    let circles = |slot| found.text(links::CANDIDATES, "Cylinders3D:radii", Some(slot));
+    for (slot, is_there) in [(2, true), (3, false), (4, true)] {
+        assert_eq!(strips(links::LINKS, slot).contains("PrimitiveArray<Float32>"), is_there, "links of {slot}");
+        assert_eq!(strips(links::CHOSEN, slot).contains("PrimitiveArray<Float32>"), is_there, "circle of {slot}");
+        assert_eq!(strips(uav::PLAN, slot).contains("PrimitiveArray<Float32>"), is_there, "waypoint of {slot}");
+        assert_eq!(circles(slot).matches("10.0").count(), if is_there { 5 } else { 0 }, "candidates of {slot}");
+    }
+    assert!(found.text(events::LANE, "StateChange:state", Some(3)).contains("hold"));
+    assert!(found.text(events::LANE, "StateChange:state", Some(4)).contains("serve"));
+    assert!(found.text(events::LOG, "TextLog:text", Some(3)).contains("no plan in time"));
+}
+
+#[test]
+fn equal_missions_make_equal_recordings_without_a_clock() {
+    let [first, second] = [0, 1].map(|_| in_folder(|path| record(path, 20, |_| {})));
+    let timelines: Vec<_> = first.timelines.iter().map(String::as_str).collect();
+    assert_eq!(timelines, ["sim_time", "slot"]);
+    assert_eq!(first, second);
+    let other = in_folder(|path| record(path, 20, |slot| slot.flight.x_m += 1e-3));
+    assert!(first != other, "a millimetre is seen");
+}
+
+#[test]
+fn simulated_time_runs_with_the_slots() {
+    let found = in_folder(|path| record(path, 3, |_| {}));
+    for (_, _, slot, time_ns) in found.cells.keys() {
+        assert_eq!(slot.map(|slot| slot * 1_000_000_000), *time_ns); // the letter's slots take 1 s
+    }
+}
+
+#[test]
+fn a_recording_explains_itself() {
+    let found = in_folder(|path| record(path, 1, |_| {}));
+    let seen = |name: &str| found.layout.values().flatten().any(|value| value.contains(name));
+    for name in ["Field (3D)", "Top view", "Chase", "Legend", "Events", "Queue fill"] {
+        assert!(seen(name), "{name}");
+    }
+    let page = found.text(legend::PAGE, "TextDocument:text", None);
+    for word in ["bar, blue", "transit", "uts", "100 m × 100 m"] {
+        assert!(page.contains(word), "{word}: {page}");
+    }
+    assert!(found.text("__properties/mission", "strategy", None).contains("uts"));
+    let start = found.text(events::LOG, "TextLog:text", Some(0));
+    assert!(start.contains("start of mission letter"), "{start}");
+    let end = found.text(events::LOG, "TextLog:text", Some(1));
+    assert!(end.contains("end after slot 1 of 600") && end.contains("first loss, 1 bits"), "{end}");
+}
+
+#[test]
+fn the_first_loss_is_told_once() {
+    let found = in_folder(|path| record(path, 9, |slot| slot.header.totals.lost_bits /= 16));
+    let told = |slot| found.text(events::LOG, "TextLog:text", Some(slot)).contains("first loss");
+    assert_eq!((0..=9).filter(|&slot| told(slot)).collect::<Vec<_>>(), [4]); // 4² / 16 = 1 bit
+}
+
+#[test]
+fn missed_slots_are_marked_and_counted() {
+    let found = in_folder(|path| {
+        let mut scene = open(path, SENSORS);
+        for slot in [0, 1, 2, 6, 7] {
+            if slot == 6 {
+                scene.log_missed(3..=5).unwrap();
+            }
+            scene.log_slot(&Slot::new(slot, SENSORS as usize).view()).unwrap();
+        }
+        scene.close().unwrap();
+        Found::read(path)
+    });
+    assert!(found.text(events::LANE, "StateChange:state", Some(3)).contains("gap"));
+    assert!(found.text(events::LANE, "StateChange:state", Some(6)).contains("serve"));
+    assert!(found.text(events::LOG, "TextLog:text", Some(3)).contains("slots 3 to 5 missed"));
+    assert!(found.text(events::LOG, "TextLog:text", Some(7)).contains("3 slots missed"));
+    let missed: Vec<_> = found.curve(curves::MISSED).into_values().collect();
+    assert_eq!(missed, [0.0, 0.0, 0.0, 3.0, 3.0]);
+    let flown = |slot| found.text(uav::TRAIL, "LineStrips3D:strips", Some(slot)).contains("Float32>");
+    assert!(flown(2) && !flown(6) && flown(7), "no straight line across a gap");
+    assert!(!found.text(links::LINKS, "LineStrips3D:strips", Some(3)).contains("PrimitiveArray<Float32>"));
+}
+
+#[test]
+fn two_thousand_sensor_nodes_are_bars_and_one_more_are_points() {
+    for (count, slots) in [(2_000, BTreeSet::from([0])), (2_001, BTreeSet::new())] {
+        let found = in_folder(|path| {
+            let mut scene = open(path, count);
+            scene.log_slot(&Slot::new(0, count as usize).view()).unwrap();
+            scene.close().unwrap();
+            Found::read(path)
+        });
+        assert_eq!(found.slots_of(queues::BARS), slots, "{count}");
+        assert_eq!(found.slots_of(queues::POINTS), BTreeSet::from([0]), "{count}");
+    }
+}
+
+#[test]
+fn wall_clock_figures_are_curves_where_they_are_known() {
+    let found = in_folder(|path| {
+        let sinks = Sinks { save: Some(path.to_owned()), live: None };
+        let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "timed", Timing::Measured).unwrap();
+        let slot = Slot::new(1, SENSORS as usize);
+        let view = skysink_viewer::SlotView { slots_per_s: Some(250.0), plan_ms: Some(0.5), ..slot.view() };
+        scene.log_slot(&view).unwrap();
+        scene.close().unwrap();
+        Found::read(path)
+    });
+    assert_eq!(found.curve(curves::PACE)[&1], 250.0);
+    assert_eq!(found.curve(curves::PLAN_LATENCY)[&1], 0.5);
+}
+
+#[test]
+fn a_file_holds_what_was_logged_before_it_is_closed() {
+    in_folder(|path| {
+        let mut scene = open(path, SENSORS);
+        scene.log_slot(&Slot::new(0, SENSORS as usize).view()).unwrap();
+        let began = Instant::now();
+        while !Found::read(path).slots_of(uav::UAV).contains(&0) {
+            assert!(began.elapsed() < Duration::from_secs(60), "nothing written");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        scene.close().unwrap();
+    });
+}
+
+#[test]
+fn a_place_that_cannot_be_written_is_refused_by_name() {
+    let path = Path::new("/nowhere/mission.rrd");
+    let sinks = Sinks { save: Some(path.to_owned()), live: None };
+    let refusal = Scene::open(&sinks, &letter(), &sensors(1), "x", Timing::Unmeasured).err().unwrap().to_string();
+    assert!(refusal.starts_with("recording /nowhere/mission.rrd: ") && !refusal.contains('\n'), "{refusal}");
+}
+
+#[test]
+fn a_port_in_use_is_refused_by_number_and_no_file_is_touched() {
+    in_folder(|path| {
+        std::fs::write(path, "precious").unwrap();
+        let listener = TcpListener::bind(("127.0.0.1", 0)).unwrap();
+        let port = listener.local_addr().unwrap().port();
+        let sinks = Sinks { save: Some(path.to_owned()), live: Some(port) };
+        let refusal = Scene::open(&sinks, &letter(), &sensors(1), "x", Timing::Measured).err().unwrap();
+        assert!(matches!(refusal, SceneError::Port { .. }));
+        let line = refusal.to_string();
+        assert!(line.contains(&format!("port {port} ")) && !line.contains('\n'), "{line}");
+        assert_eq!(std::fs::read_to_string(path).unwrap(), "precious");
+    });
+}
+
+#[test]
+fn a_scene_without_a_destination_is_refused() {
+    let refusal = Scene::open(&Sinks::default(), &letter(), &sensors(1), "x", Timing::Unmeasured).err().unwrap();
+    assert!(matches!(refusal, SceneError::Nowhere));
+}
+
+#[test]
+fn a_slot_with_another_number_of_queues_is_refused() {
+    in_folder(|path| {
+        let refusal = open(path, SENSORS).log_slot(&Slot::new(4, 19).view()).unwrap_err().to_string();
+        assert_eq!(refusal, "slot 4: 19 queues: expected 20, one per sensor node of the list");
+    });
+}
+
+#[test]
+fn a_live_scene_listens_on_this_machine_and_writes_the_same_file() {
+    in_folder(|path| {
+        let sinks = Sinks { save: Some(path.to_owned()), live: Some(0) };
+        let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "live", Timing::Unmeasured).unwrap();
+        let url = scene.live_url().unwrap();
+        let place = url.strip_prefix("rerun+http://").and_then(|url| url.strip_suffix("/proxy")).unwrap();
+        assert!(place.starts_with("127.0.0.1:"), "{url}");
+        let began = Instant::now();
+        while TcpStream::connect(place).is_err() {
+            assert!(began.elapsed() < Duration::from_secs(60), "nobody listens at {place}");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        scene.log_slot(&Slot::new(0, SENSORS as usize).view()).unwrap();
+        scene.close().unwrap();
+        assert_eq!(Found::read(path).slots_of(uav::UAV), BTreeSet::from([0]));
+    });
+}
+
+#[test]
+fn the_environment_cannot_switch_a_recording_off() {
+    let again = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "a_recording_explains_itself"])
+        .env("RERUN", "off")
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&again.stdout);
+    assert!(again.status.success() && said.contains("1 passed"), "{said}");
+}

@@ -1,0 +1,143 @@
+//! A made-up mission to record, and what is found in a recording.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use rerun::external::arrow::array::Array;
+use rerun::{ChunkStore, ChunkStoreConfig, TimeColumn, TimelineName};
+use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, QueuesHeader, SensorNode, Totals};
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_viewer::SlotView;
+
+/// The letter's mission.
+pub fn letter() -> Scenario {
+    Scenario::letter(Overrides::default()).unwrap()
+}
+
+/// Sensor nodes on a line, with storages of 1 000 bits.
+pub fn sensors(count: u32) -> Vec<SensorNode> {
+    let sensor = |id| SensorNode {
+        x_m: f64::from(id % 100),
+        y_m: 50.0,
+        gain: 1e-5,
+        sampling_bps: 100.0,
+        capacity_bits: 1_000,
+        reserved: 0,
+    };
+    (0..count).map(sensor).collect()
+}
+
+/// One slot of a mission, whole.
+pub struct Slot {
+    pub slot: u64,
+    pub queues_bits: Vec<u32>,
+    pub header: QueuesHeader,
+    pub plan: Option<Plan>,
+    pub flight: FlightReport,
+}
+
+impl Slot {
+    /// Slot `slot` of a UAV that flies east by 1 m and serves the sensor node below it; slot 0 has no plan.
+    pub fn new(slot: u64, count: usize) -> Self {
+        let (x_m, share) = (slot as f64, slot % 10 * 100);
+        let mut plan = Plan::fly_to(x_m, 50.0, 20.0, Mode::Serve);
+        plan.circles_m = std::array::from_fn(|circle| [x_m + circle as f64, 50.0]);
+        plan.chosen = 2;
+        let mut flight = FlightReport::at(x_m, 50.0, 20.0, Mode::Serve);
+        if slot > 0 {
+            flight.served = 1;
+            let link = &mut flight.links[0];
+            *link = LinkReport { sensor: u32::try_from(slot).unwrap(), rate_bps: 6e7, ..LinkReport::default() };
+        }
+        let totals = Totals { sampled_bits: 1_000 * slot, lost_bits: slot * slot, ..Totals::default() };
+        let header = QueuesHeader { totals, delivered_bits: 10 * slot, ..QueuesHeader::default() };
+        let queues_bits = vec![u32::try_from(share).unwrap(); count];
+        Self { slot, queues_bits, header, plan: (slot > 0).then_some(plan), flight }
+    }
+
+    /// The same as the scene takes it, without wall-clock figures.
+    pub fn view(&self) -> SlotView<'_> {
+        SlotView {
+            slot: self.slot,
+            queues_bits: &self.queues_bits,
+            header: &self.header,
+            plan: self.plan.as_ref(),
+            flight: &self.flight,
+            slots_per_s: None,
+            plan_ms: None,
+        }
+    }
+}
+
+/// One component of one row: entity, component, slot (none if static), simulated time [ns].
+pub type Cell = (String, String, Option<i64>, Option<i64>);
+
+/// What is in a recording.
+#[derive(Debug, Default, PartialEq)]
+pub struct Found {
+    /// Every value, written out.
+    pub cells: BTreeMap<Cell, Vec<String>>,
+    /// Every timeline.
+    pub timelines: BTreeSet<String>,
+    /// The same of the layout.
+    pub layout: BTreeMap<Cell, Vec<String>>,
+}
+
+impl Found {
+    /// Reads a recording, with or without its footer.
+    pub fn read(path: &Path) -> Self {
+        let mut config = ChunkStoreConfig::DEFAULT;
+        config.enable_changelog = false;
+        let mut found = Self::default();
+        let stores = ChunkStore::from_rrd_reader(&config, &mut std::fs::File::open(path).unwrap()).unwrap();
+        for (id, store) in stores {
+            for chunk in store.iter_physical_chunks() {
+                if id.is_recording() {
+                    found.timelines.extend(chunk.timelines().keys().map(ToString::to_string));
+                    add(&mut found.cells, chunk);
+                } else {
+                    add(&mut found.layout, chunk);
+                }
+            }
+        }
+        found
+    }
+
+    /// Slots in which an entity was logged.
+    pub fn slots_of(&self, entity: &str) -> BTreeSet<i64> {
+        let entity = format!("/{entity}");
+        self.cells.keys().filter(|(name, ..)| *name == entity).filter_map(|(_, _, slot, _)| *slot).collect()
+    }
+
+    /// What an entity's component holds in a slot, or statically; written out, empty if nothing was logged.
+    pub fn text(&self, entity: &str, component: &str, slot: Option<i64>) -> String {
+        let is_it = |cell: &Cell| cell.0 == format!("/{entity}") && cell.1 == component && cell.2 == slot;
+        self.cells.iter().filter(|(cell, _)| is_it(cell)).flat_map(|(_, values)| values.clone()).collect()
+    }
+
+    /// The numbers of a curve, by slot.
+    pub fn curve(&self, entity: &str) -> BTreeMap<i64, f64> {
+        let number = |values: &[String]| -> f64 {
+            let digits: String = values.concat().lines().skip(2).collect();
+            digits.trim_matches([' ', ',', ']', '\n']).parse().unwrap()
+        };
+        let points = self
+            .cells
+            .iter()
+            .filter(|((name, component, ..), _)| *name == format!("/{entity}") && component == "Scalars:scalars");
+        points.filter_map(|((_, _, slot, _), values)| Some(((*slot)?, number(values)))).collect()
+    }
+}
+
+fn add(cells: &mut BTreeMap<Cell, Vec<String>>, chunk: &rerun::log::Chunk) {
+    let times = |timeline: &str| chunk.timelines().get(&TimelineName::try_new(timeline).unwrap());
+    let (slots, times_ns) = (times("slot"), times("sim_time"));
+    for component in chunk.components_identifiers() {
+        let values = chunk.components().get_array(component).unwrap();
+        for row in (0..chunk.num_rows()).filter(|&row| values.is_valid(row)) {
+            let time = |column: Option<&TimeColumn>| column.map(|column| column.times_raw()[row]);
+            let cell = (chunk.entity_path().to_string(), component.to_string(), time(slots), time(times_ns));
+            cells.entry(cell).or_default().push(format!("{:?}", values.value(row)));
+        }
+    }
+}
