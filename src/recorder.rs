@@ -133,7 +133,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
                     return Ok(Some(QueuesHeader::default()));
                 }
             }
-            while let Some(sample) = queues.next()? {
+            while let Some(sample) = queues.receive()? {
                 let header = *sample.user_header();
                 if header.head.flags & FLAG_TICK == 0 && header.head.slot == slot {
                     return Ok(Some(header));

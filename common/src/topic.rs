@@ -361,7 +361,7 @@ impl<S: Service + 'static, T: Debug + ZeroCopySend + 'static, H: Header> Reader<
     ///
     /// # Errors
     /// If the writer's memory cannot be mapped.
-    pub fn next(&mut self) -> Result<Option<Sample<S, [T], H>>, RingError> {
+    pub fn receive(&mut self) -> Result<Option<Sample<S, [T], H>>, RingError> {
         self.subscriber.receive().map_err(|error| RingError::topic(self.name, "receive", &error))
     }
 }

@@ -27,7 +27,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let serve_joiners = || -> Result<(), NodeError> { Ok(flights.serve_joiners()?) };
 
     let listed = ("sensors", 0, Role::FieldSim);
-    let nodes = patience.wait(&sensor_bell, listed, || Ok(sensors.next()?), serve_joiners)?;
+    let nodes = patience.wait(&sensor_bell, listed, || Ok(sensors.receive()?), serve_joiners)?;
     let mut flight = Flight::new(scenario, nodes.payload());
     flights.send(ring.header(0, 0), flight.start())?;
     for slot in 1..=scenario.slots {
@@ -57,7 +57,7 @@ struct Ticks<S: Service + 'static> {
 impl<S: Service + 'static> Ticks<S> {
     /// Drops what has arrived, so that the writer never waits for this reader.
     fn skip(&mut self) -> Result<(), NodeError> {
-        while self.queues.next()?.is_some() {}
+        while self.queues.receive()?.is_some() {}
         Ok(())
     }
 
@@ -71,7 +71,7 @@ impl<S: Service + 'static> Ticks<S> {
         idle: impl FnMut() -> Result<(), NodeError>,
     ) -> Result<(), NodeError> {
         let look = || {
-            while let Some(sample) = self.queues.next()? {
+            while let Some(sample) = self.queues.receive()? {
                 let head = sample.user_header().head;
                 if head.slot == slot && head.flags & flag != 0 {
                     return Ok(Some(()));

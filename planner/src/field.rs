@@ -76,8 +76,8 @@ impl Field {
 
     /// The point of the area nearest to `position`.
     ///
-    /// The area is convex and holds every SN and the UAV, so that this brings a point nearer to each of them: a waypoint
-    /// that rounding put outside stays in range and in reach.
+    /// The area is convex and holds every SN and the UAV, so that this brings a point nearer to each of them: a
+    /// waypoint that rounding put outside stays in range and in reach.
     #[must_use]
     pub fn into_area(&self, position: &Position) -> Position {
         Position::new(position.x.clamp(0.0, self.area.width_m), position.y.clamp(0.0, self.area.height_m))

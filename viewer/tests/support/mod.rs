@@ -86,10 +86,15 @@ pub struct Found {
 impl Found {
     /// Reads a recording, with or without its footer.
     pub fn read(path: &Path) -> Self {
+        Self::try_read(path).expect("a recording")
+    }
+
+    /// The same of a file that is still being written; `None` in mid-message.
+    pub fn try_read(path: &Path) -> Option<Self> {
         let mut config = ChunkStoreConfig::DEFAULT;
         config.enable_changelog = false;
         let mut found = Self::default();
-        let stores = ChunkStore::from_rrd_reader(&config, &mut std::fs::File::open(path).unwrap()).unwrap();
+        let stores = ChunkStore::from_rrd_reader(&config, &mut std::fs::File::open(path).ok()?).ok()?;
         for (id, store) in stores {
             for chunk in store.iter_physical_chunks() {
                 if id.is_recording() {
@@ -100,7 +105,7 @@ impl Found {
                 }
             }
         }
-        found
+        Some(found)
     }
 
     /// Slots in which an entity was logged.

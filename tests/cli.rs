@@ -1,0 +1,257 @@
+//! The command line: what it refuses, what it prints, what it leaves.
+
+mod support;
+
+use support::{Ended, Place};
+
+const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
+
+/// Simulates a scenario with this text, which must be refused with one line that holds all of `says`, and leave nothing.
+fn refused(scenario: &str, says: &[&str]) {
+    let place = Place::new();
+    place.write("bad.toml", scenario);
+    for command in
+        [&["check", "bad.toml"][..], &["simulate", "bad.toml", "--out", "run"], &["run", "bad.toml", "--out", "run"]]
+    {
+        let ended = place.run(command);
+        assert_eq!(ended.code, Some(2), "{command:?}: {ended:?}");
+        assert_one_line(&ended, says);
+    }
+    assert!(!place.path("run").exists(), "half a run is left");
+}
+
+fn assert_one_line(ended: &Ended, says: &[&str]) {
+    assert_eq!(ended.stderr.lines().count(), 1, "{ended:?}");
+    for word in says {
+        assert!(ended.stderr.contains(word), "{word:?} is missing in {:?}", ended.stderr);
+    }
+}
+
+#[test]
+fn a_missing_scenario_is_refused() {
+    let place = Place::new();
+    for command in [["check", "no.toml"], ["simulate", "no.toml"], ["run", "no.toml"]] {
+        let ended = place.run(&command);
+        assert_eq!(ended.code, Some(2), "{ended:?}");
+        assert_one_line(&ended, &["no.toml", "No such file"]);
+    }
+}
+
+#[test]
+fn an_unknown_key_is_refused() {
+    refused("name = \"x\"\n[uav]\nspeed = 3.0\n", &["bad.toml", "line 3", "speed", "max_speed_mps"]);
+}
+
+#[test]
+fn a_value_of_another_type_is_refused() {
+    refused("name = \"x\"\nslots = \"many\"\n", &["bad.toml", "line 2", "slots = \"many\"", "expected"]);
+}
+
+#[test]
+fn nan_is_refused() {
+    refused(
+        "name = \"x\"\n[uav]\naltitude_m = nan\n",
+        &["bad.toml", "uav.altitude_m = NaN", "expected a finite number"],
+    );
+}
+
+#[test]
+fn a_negative_value_is_refused() {
+    refused("name = \"x\"\n[link]\nbandwidth_hz = -5e6\n", &["bad.toml", "link.bandwidth_hz = -5000000", "above 0"]);
+    refused("name = \"x\"\n[sensors]\ncount = -1\n", &["bad.toml", "count = -1", "expected"]);
+}
+
+#[test]
+fn a_field_without_sensor_nodes_is_refused() {
+    refused("name = \"x\"\n[sensors]\ncount = 0\n", &["bad.toml", "sensors.count = 0", "expected 1 to"]);
+}
+
+#[test]
+fn a_uav_without_resource_blocks_is_refused() {
+    refused("name = \"x\"\n[link]\nresource_blocks = 0\n", &["bad.toml", "link.resource_blocks = 0", "1 to 64"]);
+}
+
+#[test]
+fn a_flight_beyond_the_endurance_is_refused() {
+    refused("name = \"x\"\nslots = 601\n", &["bad.toml", "uav.endurance_s = 600", "601 s"]);
+}
+
+#[test]
+fn a_level_that_is_none_is_refused() {
+    refused("name = \"x\"\n[link]\nnoise_dbm = 12\n", &["link.noise_dbm = 12", "expected a finite level below 0 dBm"]);
+}
+
+#[test]
+fn count_and_file_together_are_refused() {
+    refused("name = \"x\"\n[sensors]\ncount = 3\nfile = \"s.csv\"\n", &["sensors.count", "not both"]);
+}
+
+#[test]
+fn a_name_that_is_no_folder_is_refused() {
+    refused("name = \"../x\"\n", &["name = \"../x\"", "folder"]);
+}
+
+/// Simulates a sensor list with this text, which must be refused with one line that holds all of `says`.
+fn list_refused(list: &str, says: &[&str]) {
+    let place = Place::new();
+    place.write("listed.toml", "name = \"x\"\n[sensors]\nfile = \"sensors.csv\"\n");
+    place.write("sensors.csv", list);
+    let ended = place.run(&["simulate", "listed.toml", "--out", "run"]);
+    assert_eq!(ended.code, Some(2), "{ended:?}");
+    assert_one_line(&ended, says);
+    assert!(!place.path("run").exists());
+}
+
+#[test]
+fn a_sensor_node_outside_the_area_is_refused() {
+    list_refused("x_m,y_m\n1,2\n3,100.5\n", &["sensors.csv", "line 3", "y_m = 100.5", "0 to 100"]);
+}
+
+#[test]
+fn a_bad_row_is_refused_by_its_line() {
+    list_refused("x_m,y_m\n1,2\n3,four\n", &["sensors.csv", "line 3", "y_m = four"]);
+    list_refused("x_m,y_m\n1,2\n3\n", &["sensors.csv", "line 3", "1 fields", "expected 2"]);
+    list_refused("x_m,y_m,queue_bits\n1,2,30001\n", &["line 2", "queue_bits = 30001", "storage"]);
+    list_refused("x_m,y_m\nNaN,2\n", &["line 2", "x_m = NaN"]);
+}
+
+#[test]
+fn a_list_with_another_header_or_without_rows_is_refused() {
+    list_refused("x_m,z_m\n1,2\n", &["line 1", "z_m", "x_m,y_m,queue_bits,gain_db,sampling_bps"]);
+    list_refused("x_m,queue_bits\n1,2\n", &["line 1", "expected x_m,y_m"]);
+    list_refused("x_m,y_m\n", &["expected at least one sensor node"]);
+}
+
+#[test]
+fn a_missing_list_is_refused() {
+    refused("name = \"x\"\n[sensors]\nfile = \"none.csv\"\n", &["none.csv", "No such file"]);
+}
+
+#[test]
+fn an_output_folder_that_exists_is_refused_without_force() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    let before = place.read("run/slots.csv");
+    place.write("run/notes.txt", "mine");
+    for command in ["simulate", "run"] {
+        let ended = place.run(&[command, SMOKE, "--out", "run", "--seed", "9"]);
+        assert_eq!(ended.code, Some(2), "{ended:?}");
+        assert_one_line(&ended, &["run", "exists", "--force"]);
+    }
+    assert_eq!(place.read("run/slots.csv"), before);
+    place.run_well(&["simulate", SMOKE, "--out", "run", "--seed", "9", "--force"]);
+    assert_ne!(place.read("run/slots.csv"), before);
+    assert_eq!(place.read("run/notes.txt"), "mine", "what is not of a run stays");
+}
+
+#[test]
+fn default_folders_are_numbered() {
+    let place = Place::new();
+    for folder in ["runs/smoke-uts-1", "runs/smoke-uts-1-2", "runs/smoke-uts-1-3"] {
+        place.run_well(&["simulate", SMOKE]);
+        assert!(place.path(folder).join("summary.json").is_file(), "{folder}");
+    }
+    place.run_well(&["simulate", SMOKE, "--strategy", "gfs", "--seed", "7"]);
+    assert!(place.path("runs/smoke-gfs-7/slots.csv").is_file());
+}
+
+#[test]
+fn check_prints_every_default_and_its_output_is_a_scenario() {
+    let place = Place::new();
+    place.write("short.toml", "name = \"short\"\n");
+    let printed = place.run_well(&["check", "short.toml"]).stdout;
+    for line in ["side_m = 100.0", "count = 200", "start_m = [50.0, 50.0]", "noise_dbm = -100.0", "strategy = \"uts\""]
+    {
+        assert!(printed.contains(line), "{line} is missing in {printed}");
+    }
+    place.write("whole.toml", &printed);
+    let again = place.run_well(&["check", "whole.toml"]).stdout;
+    assert_eq!(again.replace("whole.toml", "short.toml"), printed);
+}
+
+#[test]
+fn a_summary_holds_what_outside_programs_rely_on() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    let summary = place.summary("run");
+    for key in [
+        "strategy",
+        "seed",
+        "slots",
+        "sensors",
+        "loss_rate",
+        "eta_letter",
+        "sampled_bits",
+        "delivered_bits",
+        "lost_bits",
+        "queued_bits",
+        "initial_bits",
+        "bits_per_waypoint",
+        "mean_served",
+        "held_slots",
+        "refused",
+        "complete",
+        "version",
+    ] {
+        assert!(!summary[key].is_null(), "{key}");
+    }
+    let bits = |key: &str| summary[key].as_u64().unwrap();
+    assert_eq!(
+        bits("initial_bits") + bits("sampled_bits"),
+        bits("delivered_bits") + bits("lost_bits") + bits("queued_bits")
+    );
+    assert_eq!(summary["complete"], true);
+}
+
+#[test]
+fn every_slot_of_a_trace_balances() {
+    let place = Place::new();
+    for strategy in ["uts", "gfs", "rfs"] {
+        place.run_well(&["simulate", SMOKE, "--out", strategy, "--strategy", strategy]);
+        let (summary, trace) = (place.summary(strategy), place.read(&format!("{strategy}/slots.csv")));
+        let mut queued_bits = summary["initial_bits"].as_u64().unwrap();
+        let sampled_bits = summary["sampled_bits"].as_u64().unwrap() / summary["slots"].as_u64().unwrap();
+        for line in trace.lines().skip(1) {
+            let bits = |column: usize| line.split(',').nth(column).unwrap().parse::<u64>().unwrap();
+            assert_eq!(queued_bits + sampled_bits, bits(5) + bits(6) + bits(7), "{strategy}: {line}");
+            queued_bits = bits(7);
+        }
+    }
+}
+
+#[test]
+fn wrong_usage_is_refused() {
+    let place = Place::new();
+    for arguments in [
+        &["fly"][..],
+        &["run", "--pace", "fast"],
+        &["run", "--strategy", "best"],
+        &["run", "--seed", "-1"],
+        &["simulate"],
+    ] {
+        assert_eq!(place.run(arguments).code, Some(2), "{arguments:?}");
+    }
+}
+
+#[test]
+fn help_shows_examples_and_no_colour_when_piped() {
+    let place = Place::new();
+    for arguments in [&["--help"][..], &["run", "--help"], &["simulate", "--help"]] {
+        let help = place.run_well(arguments).stdout;
+        assert!(help.contains("Examples:"), "{help}");
+        assert!(!help.contains('\u{1b}'), "{help:?}");
+    }
+    let run = place.run_well(&["run", SMOKE, "--no-viewer"]);
+    assert!(!run.stderr.contains('\u{1b}') && !run.stdout.contains('\u{1b}'), "{run:?}");
+}
+
+#[cfg(feature = "viewer")]
+#[test]
+fn a_simulation_can_be_recorded_and_equal_simulations_leave_equal_recordings() {
+    let place = Place::new();
+    for folder in ["one", "two"] {
+        place.run_well(&["simulate", SMOKE, "--record", "--out", folder]);
+    }
+    let sizes = ["one", "two"].map(|folder| std::fs::metadata(place.path(folder).join("mission.rrd")).unwrap().len());
+    assert!(sizes[0] > 10_000, "{sizes:?}");
+}

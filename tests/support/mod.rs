@@ -1,0 +1,159 @@
+//! What the tests of the executables share: a place of their own, and no waiting for ever.
+#![allow(dead_code)] // each test program uses its part
+
+use std::fs;
+use std::os::unix::process::ExitStatusExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use wait_timeout::ChildExt;
+
+/// The longest that a test waits for anything.
+pub const WATCHDOG: Duration = Duration::from_secs(120);
+
+/// A folder of its own, which is also where the runs of the test meet.
+pub struct Place {
+    folder: tempfile::TempDir,
+}
+
+/// How a command ended.
+#[derive(Debug)]
+pub struct Ended {
+    pub code: Option<i32>,
+    pub signal: Option<i32>,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+impl Place {
+    pub fn new() -> Self {
+        Self { folder: tempfile::Builder::new().prefix("sky").tempdir_in("/tmp").unwrap() }
+    }
+
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    pub fn write(&self, name: &str, text: &str) -> PathBuf {
+        let path = self.path(name);
+        fs::write(&path, text).unwrap();
+        path
+    }
+
+    pub fn read(&self, name: &str) -> String {
+        fs::read_to_string(self.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    /// `skysink` with these arguments, in this place.
+    pub fn skysink(&self, arguments: &[&str]) -> Command {
+        self.command(env!("CARGO_BIN_EXE_skysink"), arguments)
+    }
+
+    pub fn command(&self, program: &str, arguments: &[&str]) -> Command {
+        let mut command = Command::new(program);
+        command.args(arguments).current_dir(self.folder.path()).env("TMPDIR", self.folder.path());
+        command.env_remove("RERUN").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    }
+
+    /// Runs `skysink` to its end.
+    pub fn run(&self, arguments: &[&str]) -> Ended {
+        end(self.skysink(arguments).spawn().unwrap())
+    }
+
+    /// The same, which must end well.
+    pub fn run_well(&self, arguments: &[&str]) -> Ended {
+        let ended = self.run(arguments);
+        assert_eq!(ended.code, Some(0), "{arguments:?}: {ended:?}");
+        ended
+    }
+
+    /// The rings of this place, by the name of their folder.
+    pub fn rings(&self) -> Vec<String> {
+        let user = format!("skysink-{}", rustix::process::getuid().as_raw());
+        let entries = fs::read_dir(self.path(&user)).into_iter().flatten().flatten();
+        entries.map(|entry| entry.file_name().into_string().unwrap()).filter(|name| !name.ends_with(".lock")).collect()
+    }
+
+    /// Fails if a run has left anything where its ring was.
+    pub fn assert_clean(&self) {
+        let user = self.path(&format!("skysink-{}", rustix::process::getuid().as_raw()));
+        let left: Vec<_> = fs::read_dir(user).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+        assert!(left.is_empty(), "left behind: {left:?}");
+    }
+
+    /// The figures of a run.
+    pub fn summary(&self, run: &str) -> serde_json::Value {
+        serde_json::from_str(&self.read(&format!("{run}/summary.json"))).unwrap()
+    }
+}
+
+/// Fails if the ring of this name has left anything in shared memory.
+pub fn assert_no_shared_memory(ring: &str) {
+    let left: Vec<_> = fs::read_dir("/dev/shm")
+        .unwrap()
+        .flatten()
+        .map(|entry| entry.file_name().into_string().unwrap())
+        .filter(|name| name.starts_with(&format!("sky{ring}_")))
+        .collect();
+    assert!(left.is_empty(), "left behind: {left:?}");
+}
+
+/// Waits for a process to end, and takes what it has written.
+pub fn end(mut child: Child) -> Ended {
+    let reader = |stream: Option<Box<dyn std::io::Read + Send>>| {
+        std::thread::spawn(move || {
+            let mut text = String::new();
+            if let Some(mut stream) = stream {
+                let _ = stream.read_to_string(&mut text);
+            }
+            text
+        })
+    };
+    let stdout = reader(child.stdout.take().map(|stream| Box::new(stream) as _));
+    let stderr = reader(child.stderr.take().map(|stream| Box::new(stream) as _));
+    let status = child.wait_timeout(WATCHDOG).unwrap();
+    if status.is_none() {
+        let _ = child.kill();
+    }
+    let ended = Ended {
+        code: status.and_then(|status| status.code()),
+        signal: status.and_then(|status| status.signal()),
+        stdout: stdout.join().unwrap(),
+        stderr: stderr.join().unwrap(),
+    };
+    assert!(status.is_some(), "did not end within {WATCHDOG:?}: {ended:?}");
+    ended
+}
+
+/// Waits until `look` finds something.
+pub fn until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
+    let start = Instant::now();
+    loop {
+        if let Some(found) = look() {
+            return found;
+        }
+        assert!(start.elapsed() < WATCHDOG, "no {what} within {WATCHDOG:?}");
+        std::thread::park_timeout(Duration::from_millis(5));
+    }
+}
+
+/// The lines of a file that is being written.
+pub fn lines(path: &Path) -> usize {
+    fs::read_to_string(path).map_or(0, |text| text.lines().count())
+}
+
+/// The process that runs `executable` with `argument` among its arguments.
+pub fn process(executable: &str, argument: &str) -> Option<rustix::process::Pid> {
+    for entry in fs::read_dir("/proc").unwrap().flatten() {
+        let Some(pid) = entry.file_name().to_str().and_then(|name| name.parse::<i32>().ok()) else { continue };
+        let Ok(line) = fs::read(entry.path().join("cmdline")) else { continue };
+        let words: Vec<_> = line.split(|&byte| byte == 0).map(String::from_utf8_lossy).collect();
+        let program = Path::new(words[0].as_ref()).file_name().map(|name| name.to_string_lossy().into_owned());
+        if program.as_deref() == Some(executable) && words.iter().any(|word| word == argument) {
+            return rustix::process::Pid::from_raw(pid);
+        }
+    }
+    None
+}
