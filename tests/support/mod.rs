@@ -76,6 +76,11 @@ impl Place {
         entries.map(|entry| entry.file_name().into_string().unwrap()).filter(|name| !name.ends_with(".lock")).collect()
     }
 
+    /// The file that makes the folder of this name a ring.
+    pub fn ring_file(&self, ring: &str) -> PathBuf {
+        self.path(&format!("skysink-{}", rustix::process::getuid().as_raw())).join(ring).join("ring.toml")
+    }
+
     /// Fails if a run has left anything where its ring was.
     pub fn assert_clean(&self) {
         let user = self.path(&format!("skysink-{}", rustix::process::getuid().as_raw()));

@@ -1,7 +1,6 @@
 //! viewer as a process of the ring: reads every topic, writes none, and shows each slot in the scene.
 
 use std::collections::VecDeque;
-use std::path::Path;
 
 use iceoryx2::prelude::{EventId, Service};
 use skysink_common::message::{FLAG_END, FLAG_TICK, HoldReason, QueuesHeader};
@@ -58,7 +57,8 @@ pub fn run<S: Service + 'static>(
     let (mut sensors, sensor_bell) = (ring.sensors.reader(RING_BUFFER)?, ring.sensors.listener()?);
     let listed = ("sensors", 0, Role::FieldSim);
     let nodes = patience.wait(&sensor_bell, listed, || Ok(sensors.receive()?), || Ok(()))?;
-    let mut scene = Scene::open(sinks, scenario, nodes.payload(), &run_name(sinks, scenario), Timing::Measured)?;
+    let mut scene =
+        Scene::open(sinks, scenario, nodes.payload(), &run_name(scenario, ring.terms.mission), Timing::Measured)?;
     let followed = follow(&ring, folder, stop, &mut scene);
     let closed = scene.close();
     let missed = followed?;
@@ -123,10 +123,10 @@ fn follow<S: Service + 'static>(
     }
 }
 
-/// The recording is named as the run's folder.
-fn run_name(sinks: &Sinks, scenario: &Scenario) -> String {
-    let folder = sinks.save.as_deref().and_then(Path::parent).and_then(Path::file_name);
-    folder.map_or_else(|| scenario.name.clone(), |name| name.to_string_lossy().into_owned())
+/// What the recording is called. rerun merges recordings of one name, so that every run has its own.
+fn run_name(scenario: &Scenario, mission: u64) -> String {
+    let strategy = scenario.planner.strategy.name();
+    format!("{}-{strategy}-{} ({:08x})", scenario.name, scenario.seed, mission >> 32)
 }
 
 /// Pace of the ring, from the times at which queues were sent.
