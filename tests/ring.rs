@@ -6,7 +6,7 @@ use std::fs;
 use std::process::{Child, Command};
 
 use rustix::process::{Pid, Signal, kill_process};
-use support::{Place, assert_no_shared_memory, end, lines, process, until};
+use support::{Place, assert_no_shared_memory, end, lines, until};
 
 const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
 
@@ -26,12 +26,6 @@ fn under_way(place: &Place, arguments: &[&str]) -> (Child, String) {
 
 fn pid(child: &Child) -> Pid {
     Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap()
-}
-
-/// The worker of this role in this place.
-fn worker(place: &Place, role: &str, ring: &str) -> Pid {
-    let ring = place.path(&format!("skysink-{}", rustix::process::getuid().as_raw())).join(ring);
-    until(role, || process(role, ring.to_str().unwrap()))
 }
 
 /// Fails unless the trace in `run` holds whole lines of the slots 1, 2, 3, ...; returns how many.
@@ -87,7 +81,7 @@ fn killing_a_worker_ends_the_run_with_its_name() {
         }
         let place = Place::new();
         let (run, ring) = under_way(&place, &["--pace", "20x"]);
-        kill_process(worker(&place, role, &ring), Signal::KILL).unwrap();
+        kill_process(place.worker(role, &ring), Signal::KILL).unwrap();
         let killed = std::time::Instant::now();
         let ended = end(run);
         assert_eq!(ended.code, Some(1), "{role}: {ended:?}");
@@ -112,7 +106,7 @@ fn a_worker_killed_at_full_speed_ends_the_run_too() {
         let run = place.skysink(&["run", "endless.toml", "--out", "run", "--no-viewer"]).spawn().unwrap();
         until("slot", || (lines(&place.path("run/slots.csv")) > 20).then_some(()));
         let ring = place.rings().remove(0);
-        kill_process(worker(&place, role, &ring), Signal::KILL).unwrap();
+        kill_process(place.worker(role, &ring), Signal::KILL).unwrap();
         let ended = end(run);
         assert_eq!(ended.code, Some(1), "{role}: {ended:?}");
         assert!(ended.stderr.contains(&format!("{role} ended with signal 9")), "{role}: {ended:?}");
@@ -143,7 +137,7 @@ fn killing_the_launcher_ends_the_workers_and_the_next_run_clears_up() {
     let place = Place::new();
     let (run, ring) = under_way(&place, &["--pace", "20x"]);
     let roles = ["field-sim", "flight-sim", "planner"];
-    let workers = roles.map(|role| worker(&place, role, &ring));
+    let workers = roles.map(|role| place.worker(role, &ring));
     kill_process(pid(&run), Signal::KILL).unwrap();
     let killed = std::time::Instant::now();
     assert_eq!(end(run).signal, Some(9));
@@ -204,7 +198,7 @@ fn a_paced_run_that_keeps_its_deadlines_flies_the_same_mission() {
 fn a_planner_that_stops_makes_the_uav_hold_and_every_miss_is_counted() {
     let place = Place::new();
     let (run, ring) = under_way(&place, &["--pace", "20x"]);
-    let planner = worker(&place, "planner", &ring);
+    let planner = place.worker("planner", &ring);
     kill_process(planner, Signal::STOP).unwrap();
     let held = || place.read("run/slots.csv").lines().filter(|line| line.contains(",hold,")).count();
     until("held slots", || (held() > 20).then_some(()));

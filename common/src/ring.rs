@@ -46,6 +46,16 @@ pub enum RingError {
         /// What to do.
         remedy: &'static str,
     },
+    /// A reader is stuck.
+    #[error(
+        "topic {topic}: a reader has not taken its samples for {seconds} s: is one stopped, or the viewer too slow?"
+    )]
+    Full {
+        /// The topic.
+        topic: &'static str,
+        /// How long it was waited for.
+        seconds: f64,
+    },
     /// iceoryx2 refuses.
     #[error("topic {topic}: cannot {action}: {detail}")]
     Topic {

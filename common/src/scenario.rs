@@ -1,6 +1,6 @@
 //! The scenario: what is flown, over which field, through which channel, by which strategy.
 //!
-//! A [`Scenario`] that exists is valid. It is read from TOML through [`raw`], checked in [`check`], and written back with
+//! A [`Scenario`] that exists is valid. It is read from TOML through [`raw`], checked in one conversion, and written back with
 //! every default visible by [`Scenario::to_toml`]. Sensor lists are read by [`crate::sensors`].
 
 mod check;

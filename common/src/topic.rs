@@ -11,7 +11,7 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections;
-use iceoryx2::port::{BackpressureAction, BackpressureInfo};
+use iceoryx2::port::{BackpressureAction, BackpressureInfo, SendError};
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
 use iceoryx2::service::builder::publish_subscribe as publish_subscribe_builder;
@@ -202,6 +202,7 @@ pub struct Writer<S: Service, P: IceoryxSend + Debug + ?Sized + 'static, H: Head
     name: &'static str,
     publisher: Publisher<S, P, H>,
     notifier: Notifier<S>,
+    timeout: Duration,
 }
 
 impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header> Writer<S, P, H> {
@@ -212,6 +213,13 @@ impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header>
     pub fn serve_joiners(&self) -> Result<(), RingError> {
         self.publisher.update_connections().map_err(|error| RingError::topic(self.name, "connect", &error))?;
         self.wake()
+    }
+
+    fn undelivered(&self, error: SendError) -> RingError {
+        match error {
+            SendError::UnableToDeliver => RingError::Full { topic: self.name, seconds: self.timeout.as_secs_f64() },
+            error => RingError::topic(self.name, "send", &error),
+        }
     }
 
     fn wake(&self) -> Result<(), RingError> {
@@ -250,7 +258,7 @@ impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> 
             .set_backpressure_handler(self.backpressure(pace, stop, timeout))
             .create()
             .map_err(|error| RingError::topic(self.name, "write", &error))?;
-        Ok(Writer { name: self.name, publisher, notifier: self.notifier()? })
+        Ok(Writer { name: self.name, publisher, notifier: self.notifier()?, timeout })
     }
 }
 
@@ -264,7 +272,7 @@ impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> 
             self.publisher.loan_uninit().map_err(|error| RingError::topic(self.name, "loan a sample", &error))?;
         *sample.user_header_mut() = header;
         let sample = sample.write_payload(message);
-        sample.send().map_err(|error| RingError::topic(self.name, "send", &error))?;
+        sample.send().map_err(|error| self.undelivered(error))?;
         self.wake()
     }
 }
@@ -306,7 +314,7 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
             .set_backpressure_handler(self.backpressure(pace, stop, timeout))
             .create()
             .map_err(|error| RingError::topic(self.name, "write", &error))?;
-        Ok(Writer { name: self.name, publisher, notifier: self.notifier()? })
+        Ok(Writer { name: self.name, publisher, notifier: self.notifier()?, timeout })
     }
 }
 
@@ -322,7 +330,7 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
             .map_err(|error| RingError::topic(self.name, "loan a sample", &error))?;
         *sample.user_header_mut() = header;
         let sample = sample.write_from_slice(list);
-        sample.send().map_err(|error| RingError::topic(self.name, "send", &error))?;
+        sample.send().map_err(|error| self.undelivered(error))?;
         self.wake()
     }
 }

@@ -81,6 +81,12 @@ impl Place {
         self.path(&format!("skysink-{}", rustix::process::getuid().as_raw())).join(ring).join("ring.toml")
     }
 
+    /// The worker of this role in the ring of this name.
+    pub fn worker(&self, role: &str, ring: &str) -> rustix::process::Pid {
+        let ring = self.ring_file(ring).parent().unwrap().to_owned();
+        until(role, || process(role, ring.to_str().unwrap()))
+    }
+
     /// Fails if a run has left anything where its ring was.
     pub fn assert_clean(&self) {
         let user = self.path(&format!("skysink-{}", rustix::process::getuid().as_raw()));
@@ -150,7 +156,7 @@ pub fn lines(path: &Path) -> usize {
 }
 
 /// The process that runs `executable` with `argument` among its arguments.
-pub fn process(executable: &str, argument: &str) -> Option<rustix::process::Pid> {
+fn process(executable: &str, argument: &str) -> Option<rustix::process::Pid> {
     for entry in fs::read_dir("/proc").unwrap().flatten() {
         let Some(pid) = entry.file_name().to_str().and_then(|name| name.parse::<i32>().ok()) else { continue };
         let Ok(line) = fs::read(entry.path().join("cmdline")) else { continue };
