@@ -2,11 +2,15 @@
 
 use std::time::{Duration, Instant};
 
+use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::Service;
-use skysink_common::message::{Commit, FLAG_TICK, FlightReport, HoldReason, Plan, QueuesHeader};
-use skysink_common::node::{NodeError, Patience, Role};
+use skysink_common::message::{Commit, FLAG_TICK, FlightReport, HoldReason, Plan, QueuesHeader, SlotHeader};
+use skysink_common::node::{NodeError, Patience, Role, Stop};
+use skysink_common::pace::Pace;
+use skysink_common::reader::Reader;
 use skysink_common::ring::{Ring, VIEWER_READY};
-use skysink_common::topic::{CommitTopic, Reader, VIEWER_BUFFER, Writer};
+use skysink_common::topic::VIEWER_BUFFER;
+use skysink_common::writer::Writer;
 
 use crate::error::Error;
 use crate::record::SlotLog;
@@ -15,16 +19,17 @@ use crate::summary::Tally;
 /// How often the surroundings of the ring are looked after.
 const CARE: Duration = Duration::from_millis(100);
 
+/// How often it is looked whether the viewer is there.
+const GATHER: Duration = Duration::from_millis(5);
+
 /// Puts a mission on record while the ring turns.
 pub struct Recorder<'a, S: Service + 'static> {
     ring: &'a Ring<S>,
-    bell: iceoryx2::port::listener::Listener<S>,
     queues: Reader<S, [u32], QueuesHeader>,
-    plans: Reader<S, Plan, skysink_common::message::SlotHeader>,
-    flights: Reader<S, FlightReport, skysink_common::message::SlotHeader>,
-    commits: Writer<S, Commit, skysink_common::message::SlotHeader>,
-    viewer_bell: iceoryx2::port::listener::Listener<S>,
-    cared: Instant,
+    plans: Reader<S, Plan, SlotHeader>,
+    flights: Reader<S, FlightReport, SlotHeader>,
+    commits: Writer<S, Commit, SlotHeader>,
+    viewer: Listener<S>,
 }
 
 impl<'a, S: Service + 'static> Recorder<'a, S> {
@@ -32,16 +37,14 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
     ///
     /// # Errors
     /// If a topic cannot be read or written.
-    pub fn new(ring: &'a Ring<S>, stop: &skysink_common::node::Stop) -> Result<Self, Error> {
+    pub fn new(ring: &'a Ring<S>, stop: &Stop) -> Result<Self, Error> {
         Ok(Self {
             ring,
-            bell: ring.queues.listener()?,
             queues: ring.queues.reader(VIEWER_BUFFER)?,
             plans: ring.plan.reader(VIEWER_BUFFER)?,
             flights: ring.flight.reader(VIEWER_BUFFER)?,
-            commits: CommitTopic::writer(&ring.commit, ring.terms.pace, stop, ring.timeout())?,
-            viewer_bell: ring.commit.listener()?,
-            cared: Instant::now(),
+            commits: ring.commit.writer(ring.terms.pace, stop, ring.timeout())?,
+            viewer: ring.commit.listener()?,
         })
     }
 
@@ -58,19 +61,19 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         tally: &mut Tally,
         mut care: impl FnMut(&Tally) -> Result<(), Error>,
     ) -> Result<Duration, Error> {
-        let header = self.assemble(patience, |tally_now| care(tally_now), tally)?;
+        let header = self.gather(patience, || care(tally))?;
         tally.start(&header);
         self.commit(0, 0)?;
         let begin = Instant::now();
+        let mut cared = begin;
         for slot in 1..=slots {
-            let header = self.wait_for_queues(slot, patience, &mut care, tally)?;
-            let missing = || NodeError::Peer(format!("queues({slot}) came without flight({slot})"));
-            let flight = self.flights.take(slot)?.ok_or_else(missing)?;
-            let plan = self.plans.take(slot)?;
-            let in_time = HoldReason::of_code(flight.payload().hold) != HoldReason::NoPlan;
-            let plan = plan.as_ref().map(|plan| plan.payload()).filter(|_| in_time);
-            let hash = log.add(flight.payload(), &header)?;
-            tally.add(plan, flight.payload(), &header);
+            if cared.elapsed() >= CARE {
+                cared = Instant::now();
+                care(tally)?;
+            }
+            let (header, flight, plan) = self.next(slot, patience, || care(tally))?;
+            let hash = log.add(&flight, &header)?;
+            tally.add(plan.as_ref(), &flight, &header);
             self.commit(slot, hash)?;
         }
         Ok(begin.elapsed())
@@ -78,72 +81,60 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
 
     /// Waits until every process has shown itself, and returns the state before slot 1. The viewer must be connected
     /// before the ring turns, or it would miss the first slots.
-    fn assemble(
+    fn gather(
         &mut self,
         patience: &mut Patience,
-        mut care: impl FnMut(&Tally) -> Result<(), Error>,
-        tally: &Tally,
+        mut idle: impl FnMut() -> Result<(), Error>,
     ) -> Result<QueuesHeader, Error> {
-        let header = self.wait_for_queues(0, patience, &mut care, tally)?;
-        let (flights, plans, viewer) = (&mut self.flights, &mut self.plans, self.ring.terms.viewer);
-        let mut present = Vec::from([(Role::FlightSim, "flight", 0), (Role::Planner, "plan", 1)]);
-        if viewer {
-            present.push((Role::Viewer, "viewer ready", 0));
-        }
-        for (role, what, slot) in present {
-            let mut cared = Ok(());
-            let look = || {
-                cared = care(tally);
-                if cared.is_err() {
-                    return Ok(Some(()));
-                }
-                let here = match role {
-                    Role::FlightSim => flights.peek(slot)?,
-                    Role::Planner => plans.peek(slot)?,
-                    _ => {
-                        let mut ready = false;
-                        let _ = self.viewer_bell.try_wait(|event| ready |= event.id.as_value() == VIEWER_READY);
-                        ready
-                    }
-                };
-                Ok(here.then_some(()))
-            };
-            patience.wait(&self.bell, (what, slot, role), look, || Ok(()))?;
-            cared?;
+        let header = self.state(0, patience, &mut idle)?;
+        self.flights.wait_until_there(patience, 0, &mut idle)?;
+        self.plans.wait_until_there(patience, 1, &mut idle)?;
+        let deadline = Instant::now() + self.ring.timeout();
+        let mut ready = !self.ring.terms.viewer;
+        while !ready {
+            idle()?;
+            patience.stop().check()?;
+            if Instant::now() > deadline {
+                let (what, seconds) = ("the viewer to be ready".to_owned(), self.ring.timeout().as_secs_f64());
+                return Err(NodeError::TimedOut { what, from: Role::Viewer.name(), seconds }.into());
+            }
+            let look = |event: iceoryx2::prelude::EventActivation| ready |= event.id.as_value() == VIEWER_READY;
+            let _ = self.viewer.timed_wait(look, GATHER); // an interrupted wait is a short one
         }
         Ok(header)
     }
 
     /// Waits for the queues after `slot`.
-    fn wait_for_queues(
+    fn state(
         &mut self,
         slot: u64,
         patience: &mut Patience,
-        care: &mut impl FnMut(&Tally) -> Result<(), Error>,
-        tally: &Tally,
+        mut care: impl FnMut() -> Result<(), Error>,
     ) -> Result<QueuesHeader, Error> {
-        let mut cared = Ok(());
-        let (queues, last_care, commits) = (&mut self.queues, &mut self.cared, &self.commits);
-        let look = || {
-            let now = Instant::now();
-            if now - *last_care >= CARE {
-                *last_care = now;
-                cared = care(tally);
-                if cared.is_err() {
-                    return Ok(Some(QueuesHeader::default()));
-                }
-            }
-            while let Some(sample) = queues.receive()? {
-                let header = *sample.user_header();
-                if header.head.flags & FLAG_TICK == 0 && header.head.slot == slot {
-                    return Ok(Some(header));
-                }
-            }
-            Ok(None)
+        let commits = &self.commits;
+        let idle = || {
+            commits.serve_joiners()?;
+            care()
         };
-        let from = ("queues", slot, Role::FieldSim);
-        let header = patience.wait(&self.bell, from, look, || Ok(commits.serve_joiners()?))?;
-        cared.map(|()| header)
+        let is_state = |header: &QueuesHeader| header.head.flags & FLAG_TICK == 0 && header.head.slot == slot;
+        Ok(*self.queues.wait_for(patience, slot, is_state, idle)?.user_header())
+    }
+
+    /// Waits for everything of `slot`; there is no plan if it came too late.
+    fn next(
+        &mut self,
+        slot: u64,
+        patience: &mut Patience,
+        mut care: impl FnMut() -> Result<(), Error>,
+    ) -> Result<(QueuesHeader, FlightReport, Option<Plan>), Error> {
+        let header = self.state(slot, patience, &mut care)?;
+        let flight = *self.flights.wait(patience, slot, &mut care)?.payload();
+        let plan = match self.ring.terms.pace {
+            Pace::Max => Some(self.plans.wait(patience, slot, &mut care)?),
+            Pace::Factor(_) => self.plans.take(slot)?,
+        };
+        let in_time = HoldReason::of_code(flight.hold) != HoldReason::NoPlan;
+        Ok((header, flight, plan.map(|plan| *plan.payload()).filter(|_| in_time)))
     }
 
     fn commit(&mut self, slot: u64, hash: u64) -> Result<(), Error> {

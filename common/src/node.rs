@@ -155,37 +155,39 @@ impl Patience {
         &self.stop
     }
 
-    /// Waits until `look` finds something, and returns it. `what` and `from` name it in the time-out.
+    /// Waits until `look` finds something in `reader`, and returns it. `what` is the topic and the slot of the message,
+    /// and who should send it, for the time-out.
     ///
-    /// `look` runs before the first wait, after every notification and every time-out of a wait, because iceoryx2 may
-    /// lose a notification; `idle` runs only after the time-outs, and is the place to serve late joiners.
+    /// `look` runs before the first wait and after every one, because iceoryx2 may lose a notification; `idle` runs now
+    /// and then while nothing is found, and is the place to serve late joiners.
     ///
     /// # Errors
-    /// Those of `look`, a requested stop, the supervisor's death, or the time-out.
-    pub fn wait<S: Service, T>(
+    /// Those of `look` and `idle`, a requested stop, the supervisor's death, or the time-out.
+    pub(crate) fn wait<S: Service, R, T, E: From<NodeError>>(
         &mut self,
-        listener: &Listener<S>,
-        (what, slot, from): (&str, u64, Role),
-        mut look: impl FnMut() -> Result<Option<T>, NodeError>,
-        mut idle: impl FnMut() -> Result<(), NodeError>,
-    ) -> Result<T, NodeError> {
+        (topic, slot, from): (&'static str, u64, Role),
+        reader: &mut R,
+        mut look: impl FnMut(&mut R) -> Result<Option<T>, E>,
+        bell: impl Fn(&R) -> &Listener<S>,
+        mut idle: impl FnMut() -> Result<(), E>,
+    ) -> Result<T, E> {
         let start = Instant::now();
         let nap = LOOK_AROUND[usize::from(slot > 1)];
         let mut idled = start;
         loop {
-            if let Some(found) = look()? {
+            if let Some(found) = look(reader)? {
                 return Ok(found);
             }
             self.check(Instant::now())?;
-            let _ = listener.timed_wait(|_| {}, nap); // an interrupted wait is a short one
+            let _ = bell(reader).timed_wait(|_| {}, nap); // an interrupted wait is a short one
             let now = Instant::now();
             if now - idled >= nap {
                 idled = now;
                 idle()?;
             }
             if now - start >= self.timeout {
-                let what = format!("{what}({slot})");
-                return Err(NodeError::TimedOut { what, from: from.name(), seconds: self.timeout.as_secs_f64() });
+                let what = format!("{topic}({slot})");
+                return Err(NodeError::TimedOut { what, from: from.name(), seconds: self.timeout.as_secs_f64() }.into());
             }
         }
     }

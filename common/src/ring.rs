@@ -13,7 +13,10 @@ use crate::message::SlotHeader;
 use crate::node::{Patience, Role, Stop};
 use crate::ring_folder::{RingFolder, Terms};
 use crate::scenario::Scenario;
-use crate::topic::{CommitTopic, FlightTopic, PlanTopic, QueuesTopic, RING_BUFFER, SensorsTopic, Topic, VIEWER_BUFFER};
+use crate::topic::{
+    COMMIT, CommitTopic, FLIGHT, FlightTopic, PLAN, PlanTopic, QUEUES, QueuesTopic, RING_BUFFER, SENSORS, SensorsTopic,
+    Topic, VIEWER_BUFFER,
+};
 
 /// Version of the messages and of what they mean; processes of different versions do not meet.
 pub const SCHEMA: &str = "1";
@@ -103,11 +106,11 @@ impl<S: Service + 'static> Ring<S> {
         let agreed = attributes(&terms, scenario)?;
         Ok(Self {
             terms,
-            sensors: Topic::create_list(&node, "sensors", RING_BUFFER, &agreed)?,
-            queues: Topic::create_list(&node, "queues", VIEWER_BUFFER, &agreed)?,
-            plan: Topic::create(&node, "plan", VIEWER_BUFFER, &agreed)?,
-            flight: Topic::create(&node, "flight", VIEWER_BUFFER, &agreed)?,
-            commit: Topic::create(&node, "commit", RING_BUFFER, &agreed)?,
+            sensors: Topic::create_list(&node, SENSORS, RING_BUFFER, &agreed)?,
+            queues: Topic::create_list(&node, QUEUES, VIEWER_BUFFER, &agreed)?,
+            plan: Topic::create(&node, PLAN, VIEWER_BUFFER, &agreed)?,
+            flight: Topic::create(&node, FLIGHT, VIEWER_BUFFER, &agreed)?,
+            commit: Topic::create(&node, COMMIT, RING_BUFFER, &agreed)?,
             node,
         })
     }
@@ -119,15 +122,15 @@ impl<S: Service + 'static> Ring<S> {
     pub fn open(folder: &RingFolder, scenario: &Scenario, role: Role) -> Result<Self, RingError> {
         let terms = folder.terms();
         let node = node::<S>(folder, role)?;
-        let sensors = Topic::open_list(&node, "sensors")?;
+        let sensors = Topic::open_list(&node, SENSORS)?;
         agree(folder, sensors.terms(), scenario)?;
         Ok(Self {
             terms,
             sensors,
-            queues: Topic::open_list(&node, "queues")?,
-            plan: Topic::open(&node, "plan")?,
-            flight: Topic::open(&node, "flight")?,
-            commit: Topic::open(&node, "commit")?,
+            queues: Topic::open_list(&node, QUEUES)?,
+            plan: Topic::open(&node, PLAN)?,
+            flight: Topic::open(&node, FLIGHT)?,
+            commit: Topic::open(&node, COMMIT)?,
             node,
         })
     }

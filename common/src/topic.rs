@@ -1,26 +1,21 @@
-//! The table of topics, and how they are written and read.
-//!
-//! A topic is a publish-subscribe service and an event service of the same name: a writer sends the sample first, then
-//! the wake-up.
+//! The table of topics: a publish-subscribe service and an event service of the same name for each.
 
 use std::fmt::Debug;
 use std::time::Duration;
 
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::publisher::Publisher;
-use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::port::update_connections::UpdateConnections;
-use iceoryx2::port::{BackpressureAction, BackpressureInfo, SendError};
+use iceoryx2::port::{BackpressureAction, BackpressureInfo};
 use iceoryx2::prelude::*;
-use iceoryx2::sample::Sample;
 use iceoryx2::service::builder::publish_subscribe as publish_subscribe_builder;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 
 use crate::message::{Commit, FlightReport, Plan, QueuesHeader, SensorNode, SlotHeader};
-use crate::node::Stop;
+use crate::node::{Role, Stop};
 use crate::pace::Pace;
+use crate::reader::Reader;
 use crate::ring::RingError;
+use crate::writer::Writer;
 
 /// Samples that wait for a process of the ring, which is never more than two slots behind.
 pub const RING_BUFFER: usize = 4;
@@ -64,10 +59,21 @@ impl Header for QueuesHeader {
     }
 }
 
+/// Name of a topic, and who writes it.
+pub(crate) type Name = (&'static str, Role);
+
+/// The table of topics.
+pub(crate) const SENSORS: Name = ("sensors", Role::FieldSim);
+pub(crate) const QUEUES: Name = ("queues", Role::FieldSim);
+pub(crate) const PLAN: Name = ("plan", Role::Planner);
+pub(crate) const FLIGHT: Name = ("flight", Role::FlightSim);
+pub(crate) const COMMIT: Name = ("commit", Role::Launcher);
+
 /// A topic of the ring.
 #[derive(Debug)]
 pub struct Topic<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header> {
     name: &'static str,
+    from: Role,
     config: Config,
     data: publish_subscribe::PortFactory<S, P, H>,
     event: event::PortFactory<S>,
@@ -109,17 +115,17 @@ impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header>
     }
 
     /// The topic whose service has just been made, with its event.
-    fn made(node: &Node<S>, name: &'static str, data: Data<S, P, H>) -> Result<Self, RingError> {
+    fn made(node: &Node<S>, (name, from): Name, data: Data<S, P, H>) -> Result<Self, RingError> {
         let event = node.service_builder(&service_name(name)?).event().max_nodes(MAX_NODES);
         let event = event.create().map_err(|error| RingError::topic(name, "create its event", &error))?;
-        Ok(Self { name, config: node.config().clone(), data, event })
+        Ok(Self { name, from, config: node.config().clone(), data, event })
     }
 
     /// The topic whose service has just been opened, with its event.
-    fn opened(node: &Node<S>, name: &'static str, data: Data<S, P, H>) -> Result<Self, RingError> {
+    fn opened(node: &Node<S>, (name, from): Name, data: Data<S, P, H>) -> Result<Self, RingError> {
         let event = node.service_builder(&service_name(name)?).event();
         let event = event.open().map_err(|error| RingError::topic(name, "open its event", &error))?;
-        Ok(Self { name, config: node.config().clone(), data, event })
+        Ok(Self { name, from, config: node.config().clone(), data, event })
     }
 
     /// The terms under which the topic was made.
@@ -132,6 +138,7 @@ impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header>
     /// # Errors
     /// If all readers' places are taken, or the system refuses.
     pub fn reader(&self, buffer: usize) -> Result<Reader<S, P, H>, RingError> {
+        let bell = self.listener()?;
         let subscriber = self
             .data
             .subscriber_builder()
@@ -139,10 +146,10 @@ impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header>
             .buffer_size(buffer)
             .create()
             .map_err(|error| RingError::topic(self.name, "read", &error))?;
-        Ok(Reader { name: self.name, subscriber, early: None })
+        Ok(Reader { name: self.name, from: self.from, subscriber, bell, early: None })
     }
 
-    /// The wake-ups of the topic's writer.
+    /// The wake-ups of the topic, without its samples.
     ///
     /// # Errors
     /// If all listeners' places are taken, or the system refuses.
@@ -150,11 +157,17 @@ impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header>
         self.event.listener_builder().create().map_err(|error| RingError::topic(self.name, "listen", &error))
     }
 
-    /// A source of wake-ups without samples.
+    /// Wakes the topic's listeners with an event of its own, without a sample.
     ///
     /// # Errors
     /// If all notifiers' places are taken, or the system refuses.
-    pub fn notifier(&self) -> Result<Notifier<S>, RingError> {
+    pub fn say(&self, event: usize) -> Result<(), RingError> {
+        let said = self.notifier()?.notify_with_custom_event_id(EventId::new(event));
+        said.map_err(|error| RingError::topic(self.name, "notify", &error))?;
+        Ok(())
+    }
+
+    fn notifier(&self) -> Result<Notifier<S>, RingError> {
         self.event.notifier_builder().create().map_err(|error| RingError::topic(self.name, "notify", &error))
     }
 
@@ -196,54 +209,22 @@ pub fn remove_dead_nodes<S: Service>(config: &Config) {
     });
 }
 
-/// The writing end of a topic.
-#[derive(Debug)]
-pub struct Writer<S: Service, P: IceoryxSend + Debug + ?Sized + 'static, H: Header> {
-    name: &'static str,
-    publisher: Publisher<S, P, H>,
-    notifier: Notifier<S>,
-    timeout: Duration,
-}
-
-impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header> Writer<S, P, H> {
-    /// Lets late joiners have the newest samples, and wakes them.
-    ///
-    /// # Errors
-    /// If a joiner cannot be connected.
-    pub fn serve_joiners(&self) -> Result<(), RingError> {
-        self.publisher.update_connections().map_err(|error| RingError::topic(self.name, "connect", &error))?;
-        self.wake()
-    }
-
-    fn undelivered(&self, error: SendError) -> RingError {
-        match error {
-            SendError::UnableToDeliver => RingError::Full { topic: self.name, seconds: self.timeout.as_secs_f64() },
-            error => RingError::topic(self.name, "send", &error),
-        }
-    }
-
-    fn wake(&self) -> Result<(), RingError> {
-        self.notifier.notify().map_err(|error| RingError::topic(self.name, "notify", &error))?;
-        Ok(())
-    }
-}
-
 impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> Topic<S, P, H> {
     /// Makes a topic of single messages; the launcher does, and holds it for the whole run.
     pub(crate) fn create(
         node: &Node<S>,
-        name: &'static str,
+        (name, from): Name,
         buffer: usize,
         terms: &AttributeSpecifier,
     ) -> Result<Self, RingError> {
         let data = Self::maker(node, name, buffer)?.create_with_attributes(terms);
-        Self::made(node, name, data.map_err(|error| RingError::topic(name, "create it", &error))?)
+        Self::made(node, (name, from), data.map_err(|error| RingError::topic(name, "create it", &error))?)
     }
 
     /// Opens the topic that the launcher made.
-    pub(crate) fn open(node: &Node<S>, name: &'static str) -> Result<Self, RingError> {
+    pub(crate) fn open(node: &Node<S>, (name, from): Name) -> Result<Self, RingError> {
         let data = Self::opener(node, name)?.open();
-        Self::opened(node, name, data.map_err(|error| RingError::topic(name, "open it", &error))?)
+        Self::opened(node, (name, from), data.map_err(|error| RingError::topic(name, "open it", &error))?)
     }
 
     /// A writer of single messages.
@@ -262,37 +243,22 @@ impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> 
     }
 }
 
-impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> Writer<S, P, H> {
-    /// Sends one message, then the wake-up.
-    ///
-    /// # Errors
-    /// If a reader does not take it in time, or the system refuses.
-    pub fn send(&self, header: H, message: P) -> Result<(), RingError> {
-        let mut sample =
-            self.publisher.loan_uninit().map_err(|error| RingError::topic(self.name, "loan a sample", &error))?;
-        *sample.user_header_mut() = header;
-        let sample = sample.write_payload(message);
-        sample.send().map_err(|error| self.undelivered(error))?;
-        self.wake()
-    }
-}
-
 impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> Topic<S, [T], H> {
     /// Makes a topic of lists; the launcher does, and holds it for the whole run.
     pub(crate) fn create_list(
         node: &Node<S>,
-        name: &'static str,
+        (name, from): Name,
         buffer: usize,
         terms: &AttributeSpecifier,
     ) -> Result<Self, RingError> {
         let data = Self::maker(node, name, buffer)?.create_with_attributes(terms);
-        Self::made(node, name, data.map_err(|error| RingError::topic(name, "create it", &error))?)
+        Self::made(node, (name, from), data.map_err(|error| RingError::topic(name, "create it", &error))?)
     }
 
     /// Opens the topic that the launcher made.
-    pub(crate) fn open_list(node: &Node<S>, name: &'static str) -> Result<Self, RingError> {
+    pub(crate) fn open_list(node: &Node<S>, (name, from): Name) -> Result<Self, RingError> {
         let data = Self::opener(node, name)?.open();
-        Self::opened(node, name, data.map_err(|error| RingError::topic(name, "open it", &error))?)
+        Self::opened(node, (name, from), data.map_err(|error| RingError::topic(name, "open it", &error))?)
     }
 
     /// A writer of lists of at most `len` elements.
@@ -315,80 +281,5 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
             .create()
             .map_err(|error| RingError::topic(self.name, "write", &error))?;
         Ok(Writer { name: self.name, publisher, notifier: self.notifier()?, timeout })
-    }
-}
-
-impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> Writer<S, [T], H> {
-    /// Sends a list, then the wake-up.
-    ///
-    /// # Errors
-    /// If a reader does not take it in time, or the system refuses.
-    pub fn send_list(&self, header: H, list: &[T]) -> Result<(), RingError> {
-        let mut sample = self
-            .publisher
-            .loan_slice_uninit(list.len())
-            .map_err(|error| RingError::topic(self.name, "loan a sample", &error))?;
-        *sample.user_header_mut() = header;
-        let sample = sample.write_from_slice(list);
-        sample.send().map_err(|error| self.undelivered(error))?;
-        self.wake()
-    }
-}
-
-/// The reading end of a topic. Samples of slots that have passed are dropped, those that came early are kept.
-#[derive(Debug)]
-pub struct Reader<S: Service, P: IceoryxSend + Debug + ?Sized + 'static, H: Header> {
-    name: &'static str,
-    subscriber: Subscriber<S, P, H>,
-    early: Option<Sample<S, P, H>>,
-}
-
-impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> Reader<S, P, H> {
-    /// Whether the message of `slot` has arrived; it stays to be taken.
-    ///
-    /// # Errors
-    /// If the writer's memory cannot be mapped.
-    pub fn peek(&mut self, slot: u64) -> Result<bool, RingError> {
-        self.early = self.take(slot)?.or_else(|| self.early.take());
-        Ok(self.early.as_ref().is_some_and(|sample| sample.user_header().head().slot == slot))
-    }
-
-    /// The message of `slot`, if it has arrived.
-    ///
-    /// # Errors
-    /// If the writer's memory cannot be mapped.
-    pub fn take(&mut self, slot: u64) -> Result<Option<Sample<S, P, H>>, RingError> {
-        take(&mut self.early, slot, || {
-            self.subscriber.receive().map_err(|error| RingError::topic(self.name, "receive", &error))
-        })
-    }
-}
-
-impl<S: Service + 'static, T: Debug + ZeroCopySend + 'static, H: Header> Reader<S, [T], H> {
-    /// The next list in the order in which they were sent.
-    ///
-    /// # Errors
-    /// If the writer's memory cannot be mapped.
-    pub fn receive(&mut self) -> Result<Option<Sample<S, [T], H>>, RingError> {
-        self.subscriber.receive().map_err(|error| RingError::topic(self.name, "receive", &error))
-    }
-}
-
-/// The sample of `slot` out of those that `receive` yields in order.
-fn take<S: Service, P: IceoryxSend + Debug + ?Sized, H: Header>(
-    early: &mut Option<Sample<S, P, H>>,
-    slot: u64,
-    mut receive: impl FnMut() -> Result<Option<Sample<S, P, H>>, RingError>,
-) -> Result<Option<Sample<S, P, H>>, RingError> {
-    loop {
-        let Some(sample) = early.take().map_or_else(&mut receive, |sample| Ok(Some(sample)))? else { return Ok(None) };
-        let sent = sample.user_header().head().slot;
-        if sent == slot {
-            return Ok(Some(sample));
-        }
-        if sent > slot {
-            *early = Some(sample);
-            return Ok(None);
-        }
     }
 }

@@ -24,8 +24,8 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let (pace, timeout) = (ring.terms.pace, ring.timeout());
     let sensors = ring.sensors.list_writer(list.sensors().len(), pace, stop, timeout)?;
     let queues = ring.queues.list_writer(list.sensors().len(), pace, stop, timeout)?;
-    let (mut flights, flight_bell) = (ring.flight.reader(RING_BUFFER)?, ring.flight.listener()?);
-    let (mut commits, commit_bell) = (ring.commit.reader(RING_BUFFER)?, ring.commit.listener()?);
+    let mut flights = ring.flight.reader(RING_BUFFER)?;
+    let mut commits = ring.commit.reader(RING_BUFFER)?;
 
     let mut field = Field::new(scenario, &list);
     let header = |slot, flags, field: &Field, bits: SlotBits| QueuesHeader {
@@ -45,24 +45,20 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     for slot in 1..=scenario.slots {
         if let Some(clock) = &mut clock {
             if slot == 1 {
-                let committed = ("commit", 0, Role::Launcher);
-                patience.wait(&commit_bell, committed, || Ok(commits.peek(0)?.then_some(())), serve_joiners)?;
+                commits.wait_until_there(&mut patience, 0, serve_joiners)?; // everybody is here
                 clock.start();
             }
             patience.sleep_until(clock.next_slot())?;
             queues.send_list(header(slot, FLAG_TICK, &field, SlotBits::default()), &[])?;
         }
-        let flown = ("flight", slot, Role::FlightSim);
-        let flight = patience.wait(&flight_bell, flown, || Ok(flights.take(slot)?), serve_joiners)?;
+        let flight = flights.wait(&mut patience, slot, serve_joiners)?;
         let bits = field.step(slot, flight.payload()).map_err(|error| NodeError::Peer(error.to_string()))?;
         drop(flight);
-        let committed = ("commit", slot - 1, Role::Launcher);
-        patience.wait(&commit_bell, committed, || Ok(commits.take(slot - 1)?), serve_joiners)?;
+        commits.wait(&mut patience, slot - 1, serve_joiners)?;
         let end = if slot == scenario.slots { FLAG_END } else { 0 };
         queues.send_list(header(slot, end, &field, bits), field.queues_bits())?;
     }
-    let last = ("commit", scenario.slots, Role::Launcher);
-    patience.wait(&commit_bell, last, || Ok(commits.take(scenario.slots)?), serve_joiners)?;
+    commits.wait(&mut patience, scenario.slots, serve_joiners)?;
     Ok(())
 }
 

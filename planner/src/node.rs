@@ -3,8 +3,9 @@
 use std::time::Instant;
 
 use iceoryx2::prelude::Service;
-use skysink_common::message::{FLAG_END, FLAG_TICK};
+use skysink_common::message::{FLAG_END, FLAG_TICK, QueuesHeader, SlotHeader};
 use skysink_common::node::{NodeError, Role, Stop};
+use skysink_common::pace::Pace;
 use skysink_common::ring::Ring;
 use skysink_common::ring_folder::RingFolder;
 use skysink_common::scenario::Scenario;
@@ -20,38 +21,38 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let ring = Ring::<S>::open(folder, scenario, Role::Planner)?;
     let mut patience = ring.patience(folder, stop)?;
     let plans = ring.plan.writer(ring.terms.pace, stop, ring.timeout())?;
-    let (mut sensors, sensor_bell) = (ring.sensors.reader(RING_BUFFER)?, ring.sensors.listener()?);
-    let (mut queues, queue_bell) = (ring.queues.reader(RING_BUFFER)?, ring.queues.listener()?);
+    let mut sensors = ring.sensors.reader(RING_BUFFER)?;
+    let mut queues = ring.queues.reader(RING_BUFFER)?;
     let mut flights = ring.flight.reader(RING_BUFFER)?;
     let serve_joiners = || -> Result<(), NodeError> { Ok(plans.serve_joiners()?) };
 
-    let listed = ("sensors", 0, Role::FieldSim);
-    let nodes = patience.wait(&sensor_bell, listed, || Ok(sensors.receive()?), serve_joiners)?;
+    let nodes = sensors.wait_for(&mut patience, 0, |_| true, serve_joiners)?;
     let mut planner = Planner::new(scenario, nodes.payload());
-    let (mut next, mut state) = (0, None);
+    let mut next = 0;
     loop {
-        let look = || {
-            while let Some(sample) = queues.receive()? {
-                if sample.user_header().head.flags & FLAG_TICK == 0 {
-                    state = Some(sample);
-                }
+        let is_state = |header: &QueuesHeader| header.head.flags & FLAG_TICK == 0;
+        let mut state = queues.wait_for(&mut patience, next, is_state, serve_joiners)?;
+        while let Some(newer) = queues.receive()? {
+            if is_state(newer.user_header()) {
+                state = newer;
             }
-            let Some(queues) = &state else { return Ok(None) };
-            let head = queues.user_header().head;
-            if head.flags & FLAG_END != 0 {
-                return Ok(Some(None));
-            }
-            let flight = flights.take(head.slot)?; // sent before the queues, but a joiner may be connected to it later
-            Ok(flight.and_then(|flight| state.take().map(|queues| Some((queues, flight)))))
-        };
-        let Some((queues, flight)) =
-            patience.wait(&queue_bell, ("queues", next, Role::FieldSim), look, serve_joiners)?
-        else {
+        }
+        let SlotHeader { slot, flags, .. } = state.user_header().head;
+        if flags & FLAG_END != 0 {
             return Ok(());
+        }
+        let flight = match ring.terms.pace {
+            // A writer that waits for another reader's buffer may reach this one later than the queues do.
+            Pace::Max => flights.wait(&mut patience, slot, serve_joiners)?,
+            Pace::Factor(_) if slot == 0 => flights.wait(&mut patience, slot, serve_joiners)?,
+            Pace::Factor(_) => match flights.take(slot)? {
+                Some(flight) => flight,
+                None => continue, // dropped while this process was held up: the slot is missed, and counted
+            },
         };
-        next = queues.user_header().head.slot + 1;
+        next = slot + 1;
         let begin = Instant::now();
-        let mut plan = planner.step(next, &flight.position(), queues.payload());
+        let mut plan = planner.step(next, &flight.position(), state.payload());
         plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
         plans.send(ring.header(next, 0), plan)?;
     }

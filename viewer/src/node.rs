@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
-use iceoryx2::prelude::{EventId, Service};
+use iceoryx2::prelude::Service;
 use skysink_common::message::{FLAG_END, FLAG_TICK, HoldReason, QueuesHeader};
-use skysink_common::node::{NodeError, Role, Stop};
+use skysink_common::node::{NodeError, Patience, Role, Stop};
 use skysink_common::pace::Pace;
 use skysink_common::ring::{Ring, RingError, VIEWER_READY};
 use skysink_common::ring_folder::RingFolder;
@@ -54,52 +54,56 @@ pub fn run<S: Service + 'static>(
 ) -> Result<u64, ViewerError> {
     let ring = Ring::<S>::open(folder, scenario, Role::Viewer)?;
     let mut patience = ring.patience(folder, stop)?;
-    let (mut sensors, sensor_bell) = (ring.sensors.reader(RING_BUFFER)?, ring.sensors.listener()?);
-    let listed = ("sensors", 0, Role::FieldSim);
-    let nodes = patience.wait(&sensor_bell, listed, || Ok(sensors.receive()?), || Ok(()))?;
+    let mut sensors = ring.sensors.reader(RING_BUFFER)?;
+    let nodes = sensors.wait_for(&mut patience, 0, |_| true, idle)?;
     let mut scene =
         Scene::open(sinks, scenario, nodes.payload(), &run_name(scenario, ring.terms.mission), Timing::Measured)?;
-    let followed = follow(&ring, folder, stop, &mut scene);
+    let followed = follow(&ring, &mut patience, &mut scene);
     let closed = scene.close();
     let missed = followed?;
     closed?;
     Ok(missed)
 }
 
+/// This process serves nobody while it waits.
+fn idle() -> Result<(), ViewerError> {
+    Ok(())
+}
+
 /// Shows every slot that arrives; returns how many did not.
 fn follow<S: Service + 'static>(
     ring: &Ring<S>,
-    folder: &RingFolder,
-    stop: &Stop,
+    patience: &mut Patience,
     scene: &mut Scene,
 ) -> Result<u64, ViewerError> {
-    let mut patience = ring.patience(folder, stop)?;
-    let (mut queues, bell) = (ring.queues.reader(VIEWER_BUFFER)?, ring.queues.listener()?);
     let (mut plans, mut flights) = (ring.plan.reader(VIEWER_BUFFER)?, ring.flight.reader(VIEWER_BUFFER)?);
-    let ready = ring.commit.notifier()?;
+    let mut queues = ring.queues.reader(VIEWER_BUFFER)?;
+    let is_state = |header: &QueuesHeader| header.head.flags & FLAG_TICK == 0;
 
     // Connected to every writer: from here on no slot can be lost on the way.
-    patience.wait(&bell, ("plan", 1, Role::Planner), || Ok(plans.peek(1)?.then_some(())), || Ok(()))?;
-    patience.wait(&bell, ("flight", 0, Role::FlightSim), || Ok(flights.peek(0)?.then_some(())), || Ok(()))?;
-    let mut first = Some(patience.wait(&bell, ("queues", 0, Role::FieldSim), || Ok(queues.receive()?), || Ok(()))?);
-    ready
-        .notify_with_custom_event_id(EventId::new(VIEWER_READY))
-        .map_err(|error| NodeError::Peer(format!("cannot say that the viewer is ready: {error:?}")))?;
+    plans.wait_until_there(patience, 1, idle)?;
+    flights.wait_until_there(patience, 0, idle)?;
+    let mut first = Some(queues.wait_for(patience, 0, is_state, idle)?);
+    ring.commit.say(VIEWER_READY)?;
 
     let (mut next, mut missed, mut speed) = (0, 0, Speed::default());
     loop {
-        let look = || Ok(first.take().map_or_else(|| queues.receive(), |sample| Ok(Some(sample)))?);
-        let sample = patience.wait(&bell, ("queues", next, Role::FieldSim), look, || Ok(()))?;
+        let sample = match first.take() {
+            Some(sample) => sample,
+            None => queues.wait_for(patience, next, is_state, idle)?,
+        };
         let (header, slot) = (sample.user_header(), sample.user_header().head.slot);
-        if header.head.flags & FLAG_TICK != 0 {
-            continue;
-        }
-        let plan = plans.take(slot)?;
-        let Some(flight) = flights.take(slot)? else {
-            if ring.terms.pace == Pace::Max {
-                return Err(NodeError::Peer(format!("queues({slot}) came without flight({slot})")).into());
+        let (flight, plan) = match ring.terms.pace {
+            // A writer that waits for this reader's buffer may reach it later than the queues do.
+            Pace::Max => {
+                let flight = flights.wait(patience, slot, idle)?;
+                let plan = if slot > 0 { Some(plans.wait(patience, slot, idle)?) } else { None };
+                (flight, plan)
             }
-            continue; // shown as missed with the next slot that is whole
+            Pace::Factor(_) => match flights.take(slot)? {
+                Some(flight) => (flight, plans.take(slot)?),
+                None => continue, // shown as missed with the next slot that is whole
+            },
         };
         if slot > next {
             scene.log_missed(next..=slot - 1)?;

@@ -1,0 +1,84 @@
+//! The steps of one slot, by themselves: planning by strategy and solver, the field, and a whole mission.
+
+use std::hint::black_box;
+use std::path::Path;
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use skysink::mission::Mission;
+use skysink_common::geometry::Position;
+use skysink_common::message::{FlightReport, Mode};
+use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::sensors::SensorList;
+use skysink_field_sim::Field;
+use skysink_planner::Planner;
+
+/// The letter's mission with another strategy and solver.
+fn letter(strategy: Strategy, solver: &str) -> Scenario {
+    let text = format!("name = \"bench\"\n[planner]\nwaypoint_solver = \"{solver}\"\n");
+    let overrides = Overrides { strategy: Some(strategy), seed: None };
+    Scenario::parse(&text, Path::new("bench.toml"), overrides).expect("a valid scenario")
+}
+
+/// The states of a mission: positions and queues before each slot.
+fn states(scenario: &Scenario, list: &SensorList) -> Vec<(Position, Vec<u32>)> {
+    let mut mission = Mission::new(scenario, list);
+    let mut states = Vec::new();
+    loop {
+        states.push((mission.last_flight().position(), mission.queues_bits().to_vec()));
+        if mission.turn().expect("steps of one list").is_none() {
+            return states;
+        }
+    }
+}
+
+fn plan(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("plan a slot, N = 200");
+    for (name, strategy, solver) in [
+        ("rfs", Strategy::Rfs, "geometric"),
+        ("gfs", Strategy::Gfs, "geometric"),
+        ("uts, geometric waypoint", Strategy::Uts, "geometric"),
+        ("uts, clarabel waypoint", Strategy::Uts, "clarabel"),
+    ] {
+        let scenario = letter(strategy, solver);
+        let list = SensorList::of(&scenario).expect("drawn");
+        let states = states(&scenario, &list);
+        let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits));
+        let mut slots = (1..).zip(states.iter().take(600)).cycle();
+        group.bench_function(name, |bencher| {
+            bencher.iter(|| {
+                let (slot, (position, queues)) = slots.next().expect("endless");
+                black_box(planner.step(slot, position, queues))
+            });
+        });
+    }
+}
+
+fn field(criterion: &mut Criterion) {
+    let scenario = letter(Strategy::Uts, "geometric");
+    let list = SensorList::of(&scenario).expect("drawn");
+    let mut field = Field::new(&scenario, &list);
+    let nobody = FlightReport::at(50.0, 50.0, 20.0, Mode::Hold);
+    let mut slot = 0;
+    criterion.bench_function("live through a slot, N = 200", |bencher| {
+        bencher.iter(|| {
+            slot += 1;
+            black_box(field.step(slot, &nobody))
+        });
+    });
+}
+
+fn mission(criterion: &mut Criterion) {
+    let scenario = letter(Strategy::Uts, "geometric");
+    let list = SensorList::of(&scenario).expect("drawn");
+    criterion.bench_function("the letter's mission in one process, 600 slots", |bencher| {
+        bencher.iter(|| {
+            let mut mission = Mission::new(&scenario, &list);
+            while let Some(turn) = mission.turn().expect("steps of one list") {
+                black_box(&turn);
+            }
+        });
+    });
+}
+
+criterion_group!(benches, plan, field, mission);
+criterion_main!(benches);
