@@ -27,6 +27,11 @@ struct Cli {
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
+    // What rerun has to say would be lost otherwise.
+    tracing_subscriber::fmt()
+        .with_max_level(tracing_subscriber::filter::LevelFilter::WARN)
+        .with_writer(std::io::stderr)
+        .init();
     let stop = Stop::on_signals();
     let ended = record(&cli, &stop);
     worker::exit(Role::Viewer, ended.as_ref().err().map(|error| (error as &dyn std::error::Error, error.exit_code())))
