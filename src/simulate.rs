@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use skysink_common::message::Plan;
 use skysink_common::node::{NodeError, Stop};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
@@ -86,7 +85,7 @@ impl Recording {
     fn log(&mut self, mission: &Mission, turn: Option<&Turn>) -> Result<(), Error> {
         let Some(scene) = &mut self.scene else { return Ok(()) };
         let header = turn.map_or_else(|| mission.header(SlotBits::default()), |turn| turn.header);
-        let plan = turn.map(|turn| Plan { plan_ns: 0, ..turn.plan });
+        let plan = turn.map(|turn| skysink_common::message::Plan { plan_ns: 0, ..turn.plan });
         scene.log_slot(&skysink_viewer::SlotView {
             slot: header.head.slot,
             queues_bits: mission.queues_bits(),
