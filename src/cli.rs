@@ -22,10 +22,10 @@ use crate::{report, worker};
     arg_required_else_help = true,
     after_help = "\
 Examples:
-  skysink run                                         the letter's mission, with a process for each part
+  skysink run                                      the letter's mission
   skysink run scenarios/sparse.toml --strategy gfs --pace 10x --live
-  skysink simulate scenarios/letter.toml --seed 7     the same in one process
-  skysink check scenarios/letter.toml                 every key with its value
+  skysink simulate scenarios/letter.toml --seed 7  the same in one process
+  skysink check scenarios/letter.toml              every key with its value
 
 Exit codes: 0 done, 1 failed while running, 2 bad input or usage, 130 Ctrl-C, 143 SIGTERM."
 )]
@@ -58,10 +58,9 @@ Examples:
     /// Fly a mission with a process for each part of the ring, and record it.
     #[command(after_help = "\
 Examples:
-  skysink run                                  the letter's mission, as fast as it goes
-  skysink run --pace realtime --live           watch it: rerun rerun+http://127.0.0.1:9876/proxy
-  skysink run scenarios/smoke.toml --external planner
-                                               prints the command that starts your planner's place")]
+  skysink run                          the letter's mission, as fast as it goes
+  skysink run --pace realtime --live   then: rerun rerun+http://127.0.0.1:9876/proxy
+  skysink run --external planner       waits for your planner, and says where")]
     Run {
         /// Scenario file; the letter's mission if left out.
         scenario: Option<PathBuf>,
@@ -128,6 +127,7 @@ enum External {
     FieldSim,
     FlightSim,
     Planner,
+    Viewer,
 }
 
 impl From<External> for Role {
@@ -136,6 +136,7 @@ impl From<External> for Role {
             External::FieldSim => Self::FieldSim,
             External::FlightSim => Self::FlightSim,
             External::Planner => Self::Planner,
+            External::Viewer => Self::Viewer,
         }
     }
 }

@@ -1,6 +1,8 @@
 //! What a person sees in the terminal: the progress of a run, and the table at its end.
 
 use std::io::IsTerminal;
+use std::sync::{Arc, OnceLock};
+use std::time::Instant;
 
 use comfy_table::{CellAlignment, Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -15,6 +17,8 @@ const RERUN: &str = "0.36.3";
 #[derive(Debug, Clone)]
 pub struct Progress {
     bar: ProgressBar,
+    /// When and where the run was first seen under way.
+    begin: Arc<OnceLock<(Instant, u64)>>,
 }
 
 impl Progress {
@@ -25,16 +29,10 @@ impl Progress {
     #[must_use]
     pub fn new(slots: u64) -> Self {
         if !std::io::stderr().is_terminal() {
-            return Self { bar: ProgressBar::hidden() };
+            return Self { bar: ProgressBar::hidden(), begin: Arc::default() };
         }
-        let template = "{bar:30} slot {pos}/{len}  {per_sec}  {msg}  {eta} left";
-        let style = ProgressStyle::with_template(template).expect("a valid template").with_key(
-            "per_sec",
-            |state: &indicatif::ProgressState, text: &mut dyn std::fmt::Write| {
-                let _ = write!(text, "{:.0} slots/s", state.per_sec());
-            },
-        );
-        Self { bar: ProgressBar::new(slots).with_style(style) }
+        let style = ProgressStyle::with_template("{bar:25} slot {pos}/{len}  {msg}").expect("a valid template");
+        Self { bar: ProgressBar::new(slots).with_style(style), begin: Arc::default() }
     }
 
     /// Shows how far the run is.
@@ -42,12 +40,18 @@ impl Progress {
         if self.bar.is_hidden() {
             return;
         }
-        self.bar.set_position(tally.slots());
+        let slots = tally.slots();
+        if slots == 0 {
+            return;
+        }
+        let begin = *self.begin.get_or_init(|| (Instant::now(), slots));
+        let slots_per_s = (slots - begin.1) as f64 / begin.0.elapsed().as_secs_f64().max(f64::MIN_POSITIVE);
         let missed = match tally.missed_deadlines() {
             0 => String::new(),
             missed => format!("  {missed} deadlines missed"),
         };
-        self.bar.set_message(format!("loss {:.4}{missed}", tally.loss_rate()));
+        self.bar.set_message(format!("loss {:.4}  {slots_per_s:.0} slots/s{missed}", tally.loss_rate()));
+        self.bar.set_position(slots);
     }
 
     /// Removes the bar.

@@ -77,11 +77,13 @@ fn fly(
     let mut log = folder.slot_log()?;
     let ring = Ring::<ipc::Service>::create(meeting, &run.scenario)?;
     let mut recorder = Recorder::new(&ring, stop)?;
-    let mut crew = Crew::start(jobs(run, folder, meeting), progress.speaker())?;
-    for role in &run.external {
-        let (scenario, ring) = (folder.scenario(), meeting.path());
-        let command = format!("{} --scenario {} --ring {}", role.name(), scenario.display(), ring.display());
-        progress.say(&format!("waiting for {}: {command}", role.name()));
+    let (own, others): (Vec<Job>, Vec<Job>) =
+        jobs(run, folder, meeting).into_iter().partition(|job| !run.external.contains(&job.role));
+    let mut crew = Crew::start(own, progress.speaker())?;
+    for job in others {
+        let role = job.role.name();
+        let arguments: Vec<_> = job.arguments.iter().map(|argument| argument.to_string_lossy()).collect();
+        progress.say(&format!("waiting for {role}: {role} {}", arguments.join(" ")));
     }
     let mut patience = ring.patience(meeting, stop)?;
     let recorded = recorder.record(run.scenario.slots, &mut patience, &mut log, tally, |tally| {
@@ -102,7 +104,7 @@ fn fly(
     ended
 }
 
-/// The processes that this run starts itself.
+/// The processes of the run, whoever starts them.
 fn jobs(run: &Run, folder: &RunFolder, meeting: &RingFolder) -> Vec<Job> {
     let common = |role| {
         let arguments: Vec<OsString> =
@@ -116,7 +118,6 @@ fn jobs(run: &Run, folder: &RunFolder, meeting: &RingFolder) -> Vec<Job> {
         job.arguments.extend(run.live.map(|port| OsString::from(format!("--live={port}"))));
         jobs.push(job);
     }
-    jobs.retain(|job| !run.external.contains(&job.role));
     jobs
 }
 

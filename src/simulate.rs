@@ -14,6 +14,9 @@ use crate::record::RunFolder;
 use crate::report::Progress;
 use crate::summary::{Summary, Tally};
 
+/// Slots between two looks at the progress.
+const SHOW_EVERY: u64 = 1000;
+
 /// What to simulate and where to put it.
 #[derive(Debug)]
 pub struct Simulation {
@@ -50,7 +53,9 @@ pub fn simulate(simulation: &Simulation, stop: &Stop) -> Result<(RunFolder, Summ
         log.add(&turn.flight, &turn.header)?;
         tally.add(Some(&turn.plan), &turn.flight, &turn.header);
         recording.log(&mission, Some(&turn))?;
-        progress.show(&tally);
+        if tally.slots().is_multiple_of(SHOW_EVERY) {
+            progress.show(&tally);
+        }
         stopped = stop.check();
     }
     let wall = begin.elapsed();

@@ -251,7 +251,9 @@ fn a_role_can_be_left_to_a_process_started_by_hand() {
         assert_eq!(worker.code, Some(0), "{role}: {worker:?}");
         let ended = end(run);
         assert_eq!(ended.code, Some(0), "{role}: {ended:?}");
-        assert!(ended.stderr.contains(&format!("waiting for {role}: {role} --scenario")), "{ended:?}");
+        let folder = folder.display();
+        let hint = format!("waiting for {role}: {role} --scenario run/scenario.toml --ring {folder}\n");
+        assert!(ended.stderr.contains(&hint), "{ended:?}");
         assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"), "{role}");
         place.assert_clean();
     }
