@@ -28,6 +28,14 @@ pub enum Error {
         /// Why not.
         source: io::Error,
     },
+    /// Bits have appeared or vanished.
+    #[error("slot {slot}: initial + sampled is not delivered + lost + queued: {totals:?}")]
+    Unbalanced {
+        /// The slot.
+        slot: u64,
+        /// The books.
+        totals: skysink_common::ledger::Totals,
+    },
     /// An executable is not where it should be.
     #[error("{}: not found beside skysink: build all executables with `cargo build --release`", .0.display())]
     ExecutableMissing(PathBuf),

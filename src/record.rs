@@ -103,8 +103,11 @@ impl SlotLog {
     /// Adds the slot, and returns the hash of all lines so far.
     ///
     /// # Errors
-    /// If the line cannot be written.
+    /// If a bit of the ledger is unaccounted for, or the line cannot be written.
     pub fn add(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, Error> {
+        if !header.totals.balanced() {
+            return Err(Error::Unbalanced { slot: header.head.slot, totals: header.totals });
+        }
         self.line.clear();
         write_line(&mut self.line, flight, header).expect("a string takes everything");
         self.file.write_all(self.line.as_bytes()).map_err(Error::file(&self.path))?;

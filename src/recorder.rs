@@ -30,6 +30,7 @@ pub struct Recorder<'a, S: Service + 'static> {
     flights: Reader<S, FlightReport, SlotHeader>,
     commits: Writer<S, Commit, SlotHeader>,
     viewer: Listener<S>,
+    clock: Clock,
 }
 
 impl<'a, S: Service + 'static> Recorder<'a, S> {
@@ -37,7 +38,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
     ///
     /// # Errors
     /// If a topic cannot be read or written.
-    pub fn new(ring: &'a Ring<S>, stop: &Stop) -> Result<Self, Error> {
+    pub fn new(ring: &'a Ring<S>, slot_s: f64, stop: &Stop) -> Result<Self, Error> {
         Ok(Self {
             ring,
             queues: ring.queues.reader(VIEWER_BUFFER)?,
@@ -45,6 +46,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             flights: ring.flight.reader(VIEWER_BUFFER)?,
             commits: ring.commit.writer(ring.terms.pace, stop, ring.timeout())?,
             viewer: ring.commit.listener()?,
+            clock: Clock::new(ring.terms.pace.period(slot_s)),
         })
     }
 
@@ -74,6 +76,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             let (header, flight, plan) = self.next(slot, patience, || care(tally))?;
             let hash = log.add(&flight, &header)?;
             tally.add(plan.as_ref(), &flight, &header);
+            tally.set_late_slots(self.clock.late_slots);
             self.commit(slot, hash)?;
         }
         Ok(begin.elapsed())
@@ -116,7 +119,14 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             commits.serve_joiners()?;
             care()
         };
-        let is_state = |header: &QueuesHeader| header.head.flags & FLAG_TICK == 0 && header.head.slot == slot;
+        let clock = &mut self.clock;
+        let is_state = |header: &QueuesHeader| {
+            let tick = header.head.flags & FLAG_TICK != 0;
+            if tick {
+                clock.tick(header.head.sent_ns);
+            }
+            !tick && header.head.slot == slot
+        };
         Ok(*self.queues.wait_for(patience, slot, is_state, idle)?.user_header())
     }
 
@@ -139,5 +149,26 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
 
     fn commit(&mut self, slot: u64, hash: u64) -> Result<(), Error> {
         Ok(self.commits.send(self.ring.header(slot, 0), Commit { hash })?)
+    }
+}
+
+/// Watches the starts of the slots in a paced run.
+struct Clock {
+    period: Option<Duration>,
+    last_ns: Option<u64>,
+    late_slots: u64,
+}
+
+impl Clock {
+    fn new(period: Option<Duration>) -> Self {
+        Self { period, last_ns: None, late_slots: 0 }
+    }
+
+    /// A slot begins. It is late if it comes more than one and a half periods after the last.
+    fn tick(&mut self, sent_ns: u64) {
+        if let (Some(period), Some(last_ns)) = (self.period, self.last_ns.replace(sent_ns)) {
+            let apart = Duration::from_nanos(sent_ns.saturating_sub(last_ns));
+            self.late_slots += u64::from(apart > period.mul_f64(1.5));
+        }
     }
 }

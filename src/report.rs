@@ -7,6 +7,8 @@ use std::time::Instant;
 use comfy_table::{CellAlignment, Table, presets};
 use indicatif::{ProgressBar, ProgressStyle};
 
+use skysink_common::pace::Pace;
+
 use crate::record::RunFolder;
 use crate::summary::{Summary, Tally};
 
@@ -93,8 +95,9 @@ pub fn print(folder: &RunFolder, summary: &Summary) {
         ("plan time p50 / p99", format!("{:.1} µs / {:.1} µs", timing.plan_p50_us, timing.plan_p99_us)),
         ("slots per second", format!("{:.0}", timing.slots_per_s)),
     ];
-    if timing.pace.is_some() {
+    if timing.pace.is_some_and(|pace| pace != Pace::Max) {
         rows.push(("deadlines missed", grouped(timing.missed_deadlines)));
+        rows.push(("slots begun late", grouped(timing.late_slots)));
     }
     for (name, value) in rows {
         table.add_row([name, &value]);

@@ -76,7 +76,7 @@ fn fly(
 ) -> Result<Duration, Error> {
     let mut log = folder.slot_log()?;
     let ring = Ring::<ipc::Service>::create(meeting, &run.scenario)?;
-    let mut recorder = Recorder::new(&ring, stop)?;
+    let mut recorder = Recorder::new(&ring, run.scenario.slot_s, stop)?;
     let (own, others): (Vec<Job>, Vec<Job>) =
         jobs(run, folder, meeting).into_iter().partition(|job| !run.external.contains(&job.role));
     let mut crew = Crew::start(own, progress.speaker())?;

@@ -69,6 +69,8 @@ pub struct Timing {
     pub slots_per_s: f64,
     /// Slots whose plan was not there when they began.
     pub missed_deadlines: u64,
+    /// Slots that began late, because the ring could not keep up with the clock.
+    pub late_slots: u64,
     /// Planning time, median [µs].
     pub plan_p50_us: f64,
     /// Planning time, 99th percentile [µs].
@@ -97,6 +99,7 @@ pub struct Tally {
     refused: u64,
     solver_fallbacks: u64,
     missed_deadlines: u64,
+    late_slots: u64,
     totals: Totals,
     plan_ns: Histogram<u64>,
 }
@@ -122,6 +125,7 @@ impl Tally {
             refused: 0,
             solver_fallbacks: 0,
             missed_deadlines: 0,
+            late_slots: 0,
             totals: Totals::default(),
             plan_ns: Histogram::new_with_bounds(1, HOUR_NS, 3).expect("valid bounds and digits"),
         }
@@ -148,6 +152,11 @@ impl Tally {
             self.plan_ns.saturating_record(plan.plan_ns.max(1));
         }
         self.totals = header.totals;
+    }
+
+    /// Takes over how many slots have begun late.
+    pub fn set_late_slots(&mut self, late_slots: u64) {
+        self.late_slots = late_slots;
     }
 
     /// Slots flown.
@@ -200,6 +209,7 @@ impl Tally {
                 wall_s: wall.as_secs_f64(),
                 slots_per_s: ratio(slots, wall.as_secs_f64()),
                 missed_deadlines: self.missed_deadlines,
+                late_slots: self.late_slots,
                 plan_p50_us: plan_us(0.5),
                 plan_p99_us: plan_us(0.99),
                 plan_max_us: self.plan_ns.max() as f64 / 1e3,

@@ -45,7 +45,7 @@ fn ring<S: Service + 'static>(scenario: &Scenario, out: &Path, order: [usize; 3]
     let meeting = RingFolder::create(Pace::Max, 60.0, false).unwrap();
     let ring = Ring::<S>::create(&meeting, scenario).unwrap();
     let stop = Stop::default();
-    let mut recorder = Recorder::new(&ring, &stop).unwrap();
+    let mut recorder = Recorder::new(&ring, scenario.slot_s, &stop).unwrap();
     let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(scenario, &list));
     let nodes: [Node; 3] =
         [skysink_field_sim::node::run::<S>, skysink_flight_sim::node::run::<S>, skysink_planner::node::run::<S>];

@@ -3,32 +3,10 @@
 
 mod support;
 
-use std::collections::BTreeSet;
-use std::fs::File;
-use std::path::Path;
-
 use rustix::process::{Pid, Signal, kill_process};
-use support::{Place, end, lines, until};
+use support::{Place, end, lines, slots, until};
 
 const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
-
-/// The slots in which a recording holds the entity.
-fn slots(recording: &Path, entity: &str) -> BTreeSet<i64> {
-    let mut config = rerun::ChunkStoreConfig::DEFAULT;
-    config.enable_changelog = false;
-    let stores = rerun::ChunkStore::from_rrd_reader(&config, &mut File::open(recording).unwrap()).unwrap();
-    let timeline = rerun::TimelineName::try_new("slot").unwrap();
-    let mut slots = BTreeSet::new();
-    for (_, store) in stores.into_iter().filter(|(id, _)| id.is_recording()) {
-        for chunk in
-            store.iter_physical_chunks().filter(|chunk| chunk.entity_path() == &rerun::EntityPath::from(entity))
-        {
-            let times = chunk.timelines().get(&timeline);
-            slots.extend(times.into_iter().flat_map(|times| times.times_raw().to_vec()));
-        }
-    }
-    slots
-}
 
 #[test]
 fn a_lock_step_recording_holds_every_slot() {

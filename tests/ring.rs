@@ -81,6 +81,9 @@ fn killing_a_worker_ends_the_run_with_its_name() {
         }
         let place = Place::new();
         let (run, ring) = under_way(&place, &["--pace", "20x"]);
+        if role == "viewer" {
+            until("recording", || (lines(&place.path("run/slots.csv")) > 500).then_some(())); // 2.5 s
+        }
         kill_process(place.worker(role, &ring), Signal::KILL).unwrap();
         let killed = std::time::Instant::now();
         let ended = end(run);
@@ -91,7 +94,14 @@ fn killing_a_worker_ends_the_run_with_its_name() {
         let summary = place.summary("run");
         assert_eq!((&summary["complete"], &summary["slots"]), (&false.into(), &slots.into()), "{role}");
         if cfg!(feature = "viewer") {
-            assert!(fs::metadata(place.path("run/mission.rrd")).unwrap().len() > 0, "{role}");
+            let recorded = support::slots(&place.path("run/mission.rrd"), "/metrics/loss_rate");
+            if role == "viewer" {
+                assert!(recorded.len() > 100, "all but the last second: {recorded:?}");
+                assert_eq!(recorded, (0..recorded.len() as i64).collect());
+            } else {
+                // The ring may have turned once more before it was stopped.
+                assert!(recorded.is_superset(&(0..=slots as i64).collect()), "{role}: {slots} flown, {recorded:?}");
+            }
         }
         place.assert_clean();
         assert_no_shared_memory(&ring);

@@ -1,7 +1,8 @@
 //! What the tests of the executables share: a place of their own, and no waiting for ever.
 #![allow(dead_code)] // each test program uses its part
 
-use std::fs;
+use std::collections::BTreeSet;
+use std::fs::{self, File};
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -167,4 +168,22 @@ fn process(executable: &str, argument: &str) -> Option<rustix::process::Pid> {
         }
     }
     None
+}
+
+/// The slots in which a recording holds the entity.
+pub fn slots(recording: &Path, entity: &str) -> BTreeSet<i64> {
+    let mut config = rerun::ChunkStoreConfig::DEFAULT;
+    config.enable_changelog = false;
+    let stores = rerun::ChunkStore::from_rrd_reader(&config, &mut File::open(recording).unwrap()).unwrap();
+    let timeline = rerun::TimelineName::try_new("slot").unwrap();
+    let mut slots = BTreeSet::new();
+    for (_, store) in stores.into_iter().filter(|(id, _)| id.is_recording()) {
+        for chunk in
+            store.iter_physical_chunks().filter(|chunk| chunk.entity_path() == &rerun::EntityPath::from(entity))
+        {
+            let times = chunk.timelines().get(&timeline);
+            slots.extend(times.into_iter().flat_map(|times| times.times_raw().to_vec()));
+        }
+    }
+    slots
 }

@@ -1,0 +1,172 @@
+//! Scenarios and sensor lists: what is accepted, and that what is written reads back as the same mission.
+
+use std::path::Path;
+
+use proptest::prelude::*;
+use skysink_common::scenario::{GainMode, Overrides, Scenario, ScenarioError, SensorSource, Strategy, WaypointSolver};
+use skysink_common::sensors::SensorList;
+
+fn parse(text: &str) -> Result<Scenario, ScenarioError> {
+    Scenario::parse(text, Path::new("folder/city.toml"), Overrides::default())
+}
+
+fn refusal(text: &str) -> String {
+    parse(text).unwrap_err().to_string()
+}
+
+#[test]
+fn every_default_is_the_letters_value() {
+    let letter = Scenario::letter(Overrides::default()).unwrap();
+    let short = parse("name = \"letter\"\n").unwrap();
+    assert_eq!(short, letter);
+    assert_eq!((letter.slots, letter.slot_s, letter.reach_m()), (600, 1.0, 30.0));
+    assert_eq!((letter.link.resource_blocks, letter.link.gain), (4, GainMode::Static));
+    assert!((letter.link.noise_w - 1e-13).abs() < 1e-27); // −100 dBm
+    assert_eq!(letter.planner.waypoint_solver, WaypointSolver::Geometric);
+}
+
+#[test]
+fn a_resolved_scenario_is_the_same_scenario() {
+    let text = "name = \"odd\"\nslots = 7\nslot_s = 0.1\n[area]\nwidth_m = 80.5\nheight_m = 60.25\n[link]\ncomm_s = 0.03\n\
+                gain_db = -51.5\ngain = \"per-slot\"\nnoise_dbm = -97.3\n[planner]\nstrategy = \"gfs\"\n";
+    let scenario = parse(text).unwrap();
+    assert_eq!(parse(&scenario.to_toml()).unwrap(), scenario);
+    assert_eq!(scenario.link.gain_db, [-51.5, -51.5]);
+    assert_eq!((scenario.uav.start.x, scenario.uav.start.y), (40.25, 30.125));
+}
+
+#[test]
+fn a_list_is_relative_to_the_scenario() {
+    let scenario = parse("name = \"x\"\n[sensors]\nfile = \"sub/list.csv\"\n").unwrap();
+    assert_eq!(scenario.sensors.source, SensorSource::File("folder/sub/list.csv".into()));
+}
+
+#[test]
+fn overrides_take_part_in_the_resolved_scenario_and_its_hash() {
+    let overrides = Overrides { seed: Some(9), strategy: Some(Strategy::Rfs) };
+    let (plain, other) = (Scenario::letter(Overrides::default()).unwrap(), Scenario::letter(overrides).unwrap());
+    assert!(other.to_toml().contains("seed = 9") && other.to_toml().contains("strategy = \"rfs\""));
+    assert_ne!(plain.hash(), other.hash());
+    // The run's own copy names a list instead of a count, and flies the same.
+    assert_eq!(parse(&plain.to_toml_with_list("sensors.csv")).unwrap().hash(), plain.hash());
+}
+
+#[test]
+fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
+    let cases = [
+        ("[link]\nnoise_dbm = 12\n", "link.noise_dbm = 12.0: expected a finite level below 0 dBm (and not below -300)"),
+        ("[uav]\nmax_speed_mps = inf\n", "uav.max_speed_mps = inf: expected a finite number above 0"),
+        (
+            "[uav]\nstart_m = [0.0, 100.1]\n",
+            "uav.start_m = [0.0, 100.1]: expected a position in the area, [0, 100] × [0, 100]",
+        ),
+        ("[link]\ncomm_s = 1.5\n", "link.comm_s = 1.5: expected at most the slot's 1 s"),
+        (
+            "[link]\ngain_db = [-50.0, -55.0]\n",
+            "link.gain_db = [-50.0, -55.0]: expected levels from -300 to 0 dB, the lower first",
+        ),
+        ("[link]\nresource_blocks = 65\n", "link.resource_blocks = 65: expected 1 to 64 resource blocks"),
+        (
+            "[sensors]\ncapacity_bits = 4294967296\n",
+            "sensors.capacity_bits = 4294967296: expected 1 to 4294967295 bits",
+        ),
+        ("[sensors]\nsampling_bps = nan\n", "sensors.sampling_bps = NaN: expected a finite number, 0 or above"),
+        ("[area]\nside_m = 5.0\nwidth_m = 5.0\n", "area.side_m = 5.0: expected either side_m, or width_m and height_m"),
+        ("[area]\nheight_m = 5.0\n", "area.height_m = 5.0: expected width_m and height_m together, or side_m"),
+        ("[planner]\nsca_iterations = 0\n", "planner.sca_iterations = 0: expected 1 to 1000"),
+    ];
+    for (text, expected) in cases {
+        let text = format!("name = \"city\"\n{text}");
+        assert_eq!(refusal(&text), format!("scenario folder/city.toml: {expected}"));
+    }
+}
+
+#[test]
+fn what_is_no_scenario_is_refused_in_one_line() {
+    for text in
+        ["", "name = \n", "name = \"x\"\nname = \"y\"\n", "name = \"x\"\n[link]\nmodel = \"two-ray\"\n", "[uav]\n"]
+    {
+        let refusal = refusal(text);
+        assert!(refusal.starts_with("scenario folder/city.toml: ") && !refusal.contains('\n'), "{refusal}");
+    }
+}
+
+#[test]
+fn a_drawn_list_stays_what_it_is() {
+    let scenario = Scenario::letter(Overrides::default()).unwrap();
+    let list = SensorList::of(&scenario).unwrap();
+    assert_eq!(list.sensors().len(), 200);
+    let csv = list.to_csv();
+    let first: Vec<_> = csv.lines().take(3).collect();
+    assert_eq!(first, GOLDEN);
+}
+
+/// A change here is value-breaking.
+const GOLDEN: [&str; 3] = [
+    "x_m,y_m,queue_bits,gain_db,sampling_bps",
+    "23.552759232624066,82.97170553216704,9929,-52.483535711451864,100",
+    "18.395975481743854,61.90525892498139,10153,-54.44661010255869,100",
+];
+
+#[test]
+fn a_drawn_field_looks_as_it_should() {
+    let scenario = parse("name = \"x\"\n[sensors]\ncount = 10000\n").unwrap();
+    let list = SensorList::of(&scenario).unwrap();
+    let mean = |value: &dyn Fn(usize) -> f64| (0..10_000).map(value).sum::<f64>() / 10_000.0;
+    let sensors = list.sensors();
+    // Five standard errors: uniform on 100 m has deviation 28.9 m, uniform on 5 dB 1.44 dB, Poisson(10 000) 100 bit.
+    assert!((mean(&|id| sensors[id].position.x) - 50.0).abs() < 1.45);
+    assert!((mean(&|id| sensors[id].position.y) - 50.0).abs() < 1.45);
+    assert!((mean(&|id| sensors[id].gain_db) + 52.5).abs() < 0.073);
+    assert!((mean(&|id| f64::from(sensors[id].queue_bits)) - 10_000.0).abs() < 5.0);
+    let deviation = mean(&|id| (f64::from(sensors[id].queue_bits) - 10_000.0).powi(2)).sqrt();
+    assert!((deviation - 100.0).abs() < 5.0, "{deviation}");
+    assert!(sensors.iter().all(|sensor| (-55.0..=-50.0).contains(&sensor.gain_db)));
+}
+
+#[test]
+fn initial_queues_are_capped_at_the_storage() {
+    let scenario = parse("name = \"x\"\n[sensors]\ncapacity_bits = 9000\n").unwrap();
+    assert!(SensorList::of(&scenario).unwrap().queues_bits().iter().all(|&queue| queue == 9000));
+    let empty = parse("name = \"x\"\n[sensors]\ninitial_queue_mean_bits = 0.0\n").unwrap();
+    assert!(SensorList::of(&empty).unwrap().queues_bits().iter().all(|&queue| queue == 0));
+}
+
+#[test]
+fn a_short_list_is_filled_up_from_the_seed_and_the_scenario() {
+    let scenario = parse("name = \"x\"\n[sensors]\nsampling_bps = 70.0\n").unwrap();
+    let drawn = SensorList::of(&scenario).unwrap();
+    let list = SensorList::parse("gain_db,y_m,x_m\n-51.0,2,1\n-52.0,4,3\n", Path::new("l.csv"), &scenario).unwrap();
+    assert_eq!(list.sensors()[1].position, [3.0, 4.0].into());
+    assert_eq!((list.sensors()[1].gain_db, list.sensors()[1].sampling_bps), (-52.0, 70.0));
+    assert_eq!(list.queues_bits(), drawn.queues_bits()[..2]);
+}
+
+proptest! {
+    #[test]
+    fn a_written_list_reads_back_exactly(
+        rows in prop::collection::vec(
+            (0.0f64..=100.0, 0.0f64..=100.0, 0u32..=30_000, -300.0f64..=0.0, 0.0f64..1e6),
+            1..20,
+        ),
+    ) {
+        let scenario = parse("name = \"x\"\n").unwrap();
+        let text: String = rows.iter().map(|(x, y, q, g, s)| format!("{x},{y},{q},{g},{s}\n")).collect();
+        let text = format!("x_m,y_m,queue_bits,gain_db,sampling_bps\n{text}");
+        let list = SensorList::parse(&text, Path::new("l.csv"), &scenario).unwrap();
+        for (sensor, (x, y, q, g, s)) in list.sensors().iter().zip(rows) {
+            prop_assert_eq!((sensor.position, sensor.queue_bits), ([x, y].into(), q));
+            prop_assert_eq!((sensor.gain_db, sensor.sampling_bps), (g, s));
+        }
+        prop_assert_eq!(SensorList::parse(&list.to_csv(), Path::new("l.csv"), &scenario).unwrap(), list);
+    }
+
+    #[test]
+    fn no_text_makes_the_readers_panic(text in "\\PC{0,200}", tail in "[-0-9a-z_.,=\"\\[\\]\n ]{0,200}") {
+        let scenario = parse("name = \"x\"\n").unwrap();
+        for text in [&text, &tail, &format!("name = \"x\"\n{tail}"), &format!("x_m,y_m\n{tail}")] {
+            let _ = parse(text);
+            let _ = SensorList::parse(text, Path::new("l.csv"), &scenario);
+        }
+    }
+}
