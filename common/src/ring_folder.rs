@@ -55,6 +55,10 @@ impl RingFolder {
             message: error.to_string(),
         };
         DirBuilder::new().recursive(true).mode(0o700).create(&home).map_err(|error| refuse(&home, &error))?;
+        let owner = fs::symlink_metadata(&home).map_err(|error| refuse(&home, &error))?.uid();
+        if owner != rustix::process::getuid().as_raw() {
+            return Err(refuse(&home, &format!("belongs to user {owner}: remove it, or set TMPDIR to another folder")));
+        }
         clear_abandoned(&home);
         loop {
             let mission: u64 = rand::rng().random();
