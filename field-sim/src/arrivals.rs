@@ -23,8 +23,13 @@ mod tests {
     fn a_fraction_of_a_bit_per_slot_arrives_as_whole_bits() {
         // s τ = 2.5: A = 2, 5, 7, 10
         assert_eq!([1, 2, 3, 4].map(|slot| arrival_bits(2.5, slot)), [2, 3, 2, 3]);
-        // 0.1 × 3 = 0.30000000000000004 × ..., 0.7 × 10 = 7 exactly
         assert_eq!((1..=10).map(|slot| arrival_bits(0.7, slot)).sum::<u64>(), 7);
+    }
+
+    #[test]
+    fn a_product_that_rounds_below_its_integer_loses_no_bit() {
+        // 4.35 × 100 is 434.99999999999994 in f64.
+        assert_eq!((1..=100).map(|slot| arrival_bits(4.35, slot)).sum::<u64>(), 435);
     }
 
     #[test]
