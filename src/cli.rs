@@ -113,7 +113,15 @@ struct StrategyName(Strategy);
 
 impl ValueEnum for StrategyName {
     fn value_variants<'a>() -> &'a [Self] {
-        const { &[Self(Strategy::Rfs), Self(Strategy::Gfs), Self(Strategy::Uts)] }
+        const {
+            &[
+                Self(Strategy::Rfs),
+                Self(Strategy::Gfs),
+                Self(Strategy::Uts),
+                Self(Strategy::UtsWide),
+                Self(Strategy::Exact),
+            ]
+        }
     }
 
     fn to_possible_value(&self) -> Option<clap::builder::PossibleValue> {

@@ -64,6 +64,12 @@ impl Mission {
         self.field.queues_bits()
     }
 
+    /// Bits uploaded so far, by sensor node.
+    #[must_use]
+    pub fn delivered_bits(&self) -> &[u64] {
+        self.field.delivered_bits()
+    }
+
     /// The last flight; before slot 1 the UAV at its start.
     #[must_use]
     pub fn last_flight(&self) -> &FlightReport {

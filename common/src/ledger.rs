@@ -37,6 +37,7 @@ impl Totals {
 pub struct Ledger {
     capacity_bits: u32,
     queues_bits: Vec<u32>,
+    delivered_bits: Vec<u64>,
     totals: Totals,
 }
 
@@ -50,13 +51,20 @@ impl Ledger {
         assert!(queues_bits.iter().all(|&queue| queue <= capacity_bits), "an initial queue exceeds the storage");
         let queued_bits = queues_bits.iter().copied().map(u64::from).sum();
         let totals = Totals { initial_bits: queued_bits, queued_bits, ..Totals::default() };
-        Self { capacity_bits, queues_bits, totals }
+        let delivered_bits = vec![0; queues_bits.len()];
+        Self { capacity_bits, queues_bits, delivered_bits, totals }
     }
 
     /// Queue lengths [bit], by sensor node.
     #[must_use]
     pub fn queues_bits(&self) -> &[u32] {
         &self.queues_bits
+    }
+
+    /// Bits uploaded so far, by sensor node.
+    #[must_use]
+    pub fn delivered_bits(&self) -> &[u64] {
+        &self.delivered_bits
     }
 
     /// The field's totals.
@@ -88,6 +96,7 @@ impl Ledger {
         let queue_bits = u64::from(self.queues_bits[sensor]);
         let taken_bits = queue_bits.min(capacity_bits);
         self.queues_bits[sensor] = u32::try_from(queue_bits - taken_bits).expect("at most the storage, a u32");
+        self.delivered_bits[sensor] += taken_bits;
         self.totals.delivered_bits += taken_bits;
         self.totals.queued_bits -= taken_bits;
         taken_bits

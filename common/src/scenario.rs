@@ -9,7 +9,7 @@ pub mod raw;
 use std::path::{Path, PathBuf};
 
 use crate::geometry::Position;
-pub use raw::{GainMode, LinkModel, Strategy, WaypointSolver};
+pub use raw::{GainMode, LinkModel, Propulsion, Strategy, WaypointSolver};
 
 /// Most resource blocks of a UAV: messages hold this many served sensor nodes.
 pub const MAX_RESOURCE_BLOCKS: usize = 64;
@@ -93,6 +93,8 @@ pub struct Uav {
     pub endurance_s: f64,
     /// Where it starts.
     pub start: Position,
+    /// What flying costs.
+    pub propulsion: Propulsion,
 }
 
 /// The radio.

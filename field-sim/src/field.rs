@@ -73,6 +73,12 @@ impl Field {
         self.ledger.queues_bits()
     }
 
+    /// Bits uploaded so far, by sensor node.
+    #[must_use]
+    pub fn delivered_bits(&self) -> &[u64] {
+        self.ledger.delivered_bits()
+    }
+
     /// Every bit since the mission's start.
     #[must_use]
     pub fn totals(&self) -> &Totals {

@@ -56,7 +56,7 @@ impl Planner {
     pub fn step(&mut self, slot: u64, position: &Position, queues_bits: &[u32]) -> Plan {
         assert_eq!(queues_bits.len(), self.field.positions.len(), "expected one queue per sensor node");
         let own = match self.strategy {
-            Strategy::Uts => self.schedule_then_fly(position, queues_bits),
+            Strategy::Uts | Strategy::UtsWide | Strategy::Exact => self.schedule_then_fly(position, queues_bits),
             Strategy::Gfs => greedy_waypoint(&self.field, position, queues_bits)
                 .map(|waypoint| self.fly_then_schedule(&waypoint, Mode::Serve, queues_bits)),
             Strategy::Rfs => {

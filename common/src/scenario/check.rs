@@ -153,11 +153,26 @@ impl Checker<'_> {
         let flight_s = raw.slots as f64 * raw.slot_s;
         let expected = format!("at least the flight's {flight_s} s, slots × slot_s (T τ ≤ T_e)");
         self.that("uav.endurance_s", uav.endurance_s, flight_s <= uav.endurance_s * (1.0 + 1e-12), &expected)?;
+        let propulsion = &uav.propulsion;
+        self.positive("uav.propulsion.blade_profile_w", propulsion.blade_profile_w)?;
+        self.positive("uav.propulsion.induced_w", propulsion.induced_w)?;
+        self.positive("uav.propulsion.tip_speed_mps", propulsion.tip_speed_mps)?;
+        self.positive("uav.propulsion.hover_induced_mps", propulsion.hover_induced_mps)?;
+        self.not_negative("uav.propulsion.drag_ratio", propulsion.drag_ratio)?;
+        self.positive("uav.propulsion.air_density_kgpm3", propulsion.air_density_kgpm3)?;
+        self.positive("uav.propulsion.rotor_solidity", propulsion.rotor_solidity)?;
+        self.positive("uav.propulsion.rotor_disc_m2", propulsion.rotor_disc_m2)?;
         let [x_m, y_m] = *uav.start_m.get_or_insert([area.width_m / 2.0, area.height_m / 2.0]);
         let start = Position::new(x_m, y_m);
         let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m, area.height_m);
         self.that("uav.start_m", [x_m, y_m], area.contains(&start, 0.0), &expected)?;
-        Ok(Uav { altitude_m: uav.altitude_m, max_speed_mps: uav.max_speed_mps, endurance_s: uav.endurance_s, start })
+        Ok(Uav {
+            altitude_m: uav.altitude_m,
+            max_speed_mps: uav.max_speed_mps,
+            endurance_s: uav.endurance_s,
+            start,
+            propulsion: uav.propulsion,
+        })
     }
 
     fn link(&self, raw: &raw::Scenario) -> Result<LinkBudget, ScenarioError> {

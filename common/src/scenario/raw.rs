@@ -71,6 +71,45 @@ pub struct Uav {
     pub endurance_s: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub start_m: Option<[f64; 2]>,
+    pub propulsion: Propulsion,
+}
+
+/// `[uav.propulsion]`: a rotary-wing aircraft in the model of Zeng, Xu and Zhang, "Energy Minimization for Wireless
+/// Communication With Rotary-Wing UAV", IEEE Trans. Wireless Commun. 18(4), 2019, with the values of its table I.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Propulsion {
+    /// Blade profile power in hovering, `P_0` [W].
+    pub blade_profile_w: f64,
+    /// Induced power in hovering, `P_i` [W].
+    pub induced_w: f64,
+    /// Speed of the rotor's blade tips, `U_tip` [m/s].
+    pub tip_speed_mps: f64,
+    /// Mean rotor induced velocity in hovering, `v_0` [m/s].
+    pub hover_induced_mps: f64,
+    /// Fuselage drag ratio, `d_0`.
+    pub drag_ratio: f64,
+    /// Air density, `ρ` [kg/m³].
+    pub air_density_kgpm3: f64,
+    /// Rotor solidity, `s`.
+    pub rotor_solidity: f64,
+    /// Rotor disc area, `A` [m²].
+    pub rotor_disc_m2: f64,
+}
+
+impl Default for Propulsion {
+    fn default() -> Self {
+        Self {
+            blade_profile_w: 79.86,
+            induced_w: 88.63,
+            tip_speed_mps: 120.0,
+            hover_induced_mps: 4.03,
+            drag_ratio: 0.6,
+            air_density_kgpm3: 1.225,
+            rotor_solidity: 0.05,
+            rotor_disc_m2: 0.503,
+        }
+    }
 }
 
 /// `[link]`.
@@ -137,11 +176,15 @@ pub enum Strategy {
     Gfs,
     /// The letter's Algorithm 1 and sP2*.
     Uts,
+    /// Algorithm 1 with anchors as far as the UAV can serve them, and sP2*.
+    UtsWide,
+    /// sP1 solved exactly, and sP2*.
+    Exact,
 }
 
 impl Strategy {
     /// All strategies, in the order in which they are listed to people.
-    pub const ALL: [Self; 3] = [Self::Rfs, Self::Gfs, Self::Uts];
+    pub const ALL: [Self; 5] = [Self::Rfs, Self::Gfs, Self::Uts, Self::UtsWide, Self::Exact];
 
     /// The name in scenario files, folders and tables.
     #[must_use]
@@ -150,6 +193,8 @@ impl Strategy {
             Self::Rfs => "rfs",
             Self::Gfs => "gfs",
             Self::Uts => "uts",
+            Self::UtsWide => "uts-wide",
+            Self::Exact => "exact",
         }
     }
 }
@@ -166,7 +211,7 @@ pub enum WaypointSolver {
 
 /// The letter's values (section V).
 pub(super) mod letter {
-    use super::{GainDb, GainMode, Link, LinkModel, Planner, Sensors, Strategy, Uav, WaypointSolver};
+    use super::{GainDb, GainMode, Link, LinkModel, Planner, Propulsion, Sensors, Strategy, Uav, WaypointSolver};
 
     pub const SIDE_M: f64 = 100.0;
     pub const COUNT: u64 = 200;
@@ -193,7 +238,13 @@ pub(super) mod letter {
 
     impl Default for Uav {
         fn default() -> Self {
-            Self { altitude_m: 20.0, max_speed_mps: 30.0, endurance_s: 600.0, start_m: None }
+            Self {
+                altitude_m: 20.0,
+                max_speed_mps: 30.0,
+                endurance_s: 600.0,
+                start_m: None,
+                propulsion: Propulsion::default(),
+            }
         }
     }
 
