@@ -10,9 +10,11 @@ use skysink_common::scenario::{Overrides, Scenario, Strategy};
 use skysink_common::sensors::SensorList;
 
 use crate::error::Error;
+use crate::figures::campaign;
 use crate::run::{Run, run};
 use crate::simulate::{Simulation, simulate};
-use crate::{report, worker};
+use crate::sweep::plan::Sweep;
+use crate::{report, sweep, worker};
 
 /// Plans and flies a UAV that collects data from wireless sensor nodes, slot by slot.
 #[derive(Debug, Parser)]
@@ -82,7 +84,57 @@ Examples:
         #[arg(long, value_name = "SECONDS", value_parser = seconds)]
         timeout: Option<f64>,
     },
+    /// Fly many missions: a grid of scenarios, by strategy and seed. Interrupted, it goes on where it was.
+    #[command(after_help = "\
+Examples:
+  skysink sweep scenarios/sweeps/letter.toml
+  skysink sweep area.toml --out area-1 --shard 1/2     and on another machine --shard 2/2;
+  skysink merge area-1 area-2 --out area               then joins the two")]
+    Sweep {
+        /// Sweep file.
+        sweep: PathBuf,
+        /// Folder to write, or to go on with [default: runs/<file's name>].
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+        /// Missions flown at the same time [default: one per core].
+        #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+        threads: usize,
+        /// Fly every n-th point only, from the k-th.
+        #[arg(long, value_name = "K/N", value_parser = shard, default_value = "1/1")]
+        shard: (usize, usize),
+    },
+    /// Draw the letter's figures, with the sweeps behind them. Interrupted, it goes on where it was.
+    #[command(after_help = "\
+Examples:
+  skysink figures --quick             a first look, in minutes
+  skysink figures --runs 300          the letter's number of missions per point")]
+    Figures {
+        /// 5 missions per point.
+        #[arg(long, conflicts_with = "runs")]
+        quick: bool,
+        /// Missions per point.
+        #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+        runs: u64,
+        /// Folder to write, or to go on with [default: runs/figures-<runs>].
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+        /// Missions flown at the same time [default: one per core].
+        #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+        threads: usize,
+    },
+    /// Join the shards of a sweep.
+    Merge {
+        /// Folders of the shards.
+        #[arg(required = true)]
+        shards: Vec<PathBuf>,
+        /// Folder to write.
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
 }
+
+/// Missions per point of `--quick`.
+const QUICK_RUNS: u64 = 5;
 
 /// What every flight lets choose.
 #[derive(Debug, Args)]
@@ -156,6 +208,11 @@ fn seconds(text: &str) -> Result<f64, String> {
     }
 }
 
+fn shard(text: &str) -> Result<(usize, usize), String> {
+    let parts = text.split_once('/').and_then(|(k, n)| Some((k.parse().ok()?, n.parse().ok()?)));
+    parts.filter(|(k, n)| (1..=*n).contains(k)).ok_or_else(|| "expected k/n with k from 1 to n".to_owned())
+}
+
 /// Runs the command line of this process.
 #[must_use]
 pub fn main() -> ExitCode {
@@ -173,6 +230,27 @@ pub fn main() -> ExitCode {
 fn command(command: Command, stop: &Stop) -> Result<(), Error> {
     let (folder, summary) = match command {
         Command::Check { scenario } => return check(&scenario),
+        Command::Sweep { sweep, out, threads, shard } => {
+            let plan = Sweep::read(&sweep)?;
+            let name = sweep.file_stem().unwrap_or(sweep.as_os_str());
+            let out = out.unwrap_or_else(|| Path::new("runs").join(name));
+            let rows = sweep::sweep(&plan, &out, shard, threads, stop)?;
+            println!("{} missions: {}", rows.len(), out.join("results.csv").display());
+            return Ok(());
+        }
+        Command::Figures { quick, runs, out, threads } => {
+            let runs = if quick { QUICK_RUNS } else { runs };
+            let out = out.unwrap_or_else(|| Path::new("runs").join(format!("figures-{runs}")));
+            let stems = campaign::draw(runs, &out, threads, stop)?;
+            stems.iter().for_each(|stem| println!("{}.svg, .png", stem.display()));
+            println!("Tables: {}", out.join("tables.md").display());
+            return Ok(());
+        }
+        Command::Merge { shards, out } => {
+            let rows = sweep::merge(&shards, &out)?;
+            println!("{} missions: {}", rows.len(), out.join("results.csv").display());
+            return Ok(());
+        }
         Command::Simulate { scenario, choice, record } => {
             let scenario = Scenario::read(&scenario, choice.overrides())?;
             simulate(&Simulation { scenario, out: choice.out, force: choice.force, record }, stop)?

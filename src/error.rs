@@ -68,6 +68,12 @@ pub enum Error {
     #[cfg(feature = "viewer")]
     #[error(transparent)]
     Scene(#[from] skysink_viewer::SceneError),
+    /// A sweep is refused.
+    #[error(transparent)]
+    Sweep(#[from] crate::sweep::SweepError),
+    /// A figure cannot be drawn.
+    #[error(transparent)]
+    Figure(#[from] crate::figures::FigureError),
     /// The ring fails, or a signal asks for the end.
     #[error(transparent)]
     Node(#[from] NodeError),
@@ -90,7 +96,7 @@ impl Error {
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Scenario(_) | Self::Sensors(_) | Self::OutputExists(_) | Self::NoViewer => 2,
+            Self::Scenario(_) | Self::Sensors(_) | Self::Sweep(_) | Self::OutputExists(_) | Self::NoViewer => 2,
             Self::Node(error) => error.exit_code(),
             _ => 1,
         }

@@ -5,14 +5,18 @@
 
 pub mod cli;
 pub mod error;
+pub mod figures;
 pub mod launch;
+pub mod metrics;
 pub mod mission;
+pub mod propulsion;
 pub mod record;
 pub mod recorder;
 pub mod report;
 pub mod run;
 pub mod simulate;
 pub mod summary;
+pub mod sweep;
 pub mod worker;
 
 pub use error::Error;

@@ -81,13 +81,19 @@ impl RunFolder {
     }
 
     fn write(&self, name: &str, text: &str) -> Result<(), Error> {
-        let (path, new) = (self.path.join(name), self.path.join(format!(".{name}.new")));
-        let written = fs::write(&new, text).and_then(|()| fs::rename(&new, &path));
-        if written.is_err() {
-            let _ = fs::remove_file(&new); // half-written at best
-        }
-        written.map_err(Error::file(&path))
+        write_whole(&self.path.join(name), text.as_bytes())
     }
+}
+
+/// Writes a file, whole or not at all.
+pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    let name = path.file_name().map_or_else(Default::default, |name| name.to_string_lossy());
+    let new = path.with_file_name(format!(".{name}.new"));
+    let written = fs::write(&new, bytes).and_then(|()| fs::rename(&new, path));
+    if written.is_err() {
+        let _ = fs::remove_file(&new); // half-written at best
+    }
+    written.map_err(Error::file(path))
 }
 
 /// `slots.csv` under way. Each line reaches the system when its slot is recorded, so that nothing recorded is lost.

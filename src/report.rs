@@ -73,6 +73,40 @@ impl Progress {
     }
 }
 
+/// The progress bar of a sweep; nothing at all where standard error is not a terminal.
+#[derive(Debug)]
+pub struct MissionProgress {
+    bar: ProgressBar,
+}
+
+impl MissionProgress {
+    /// A bar over `missions` missions, of which some are flown already.
+    ///
+    /// # Panics
+    /// Never: the template is valid.
+    #[must_use]
+    pub fn new(missions: usize, flown: usize) -> Self {
+        if !std::io::stderr().is_terminal() {
+            return Self { bar: ProgressBar::hidden() };
+        }
+        let template = "{bar:25} mission {pos}/{len}  {eta} left";
+        let style = ProgressStyle::with_template(template).expect("a valid template");
+        let bar = ProgressBar::new(missions as u64).with_style(style).with_position(flown as u64);
+        bar.reset_eta();
+        Self { bar }
+    }
+
+    /// Another mission is flown.
+    pub fn advance(&self) {
+        self.bar.inc(1);
+    }
+
+    /// Removes the bar.
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
 /// Prints the figures of a run and what to do next.
 pub fn print(folder: &RunFolder, summary: &Summary) {
     let timing = &summary.timing;

@@ -30,6 +30,8 @@ pub struct Scenario {
     pub slot_s: f64,
     /// The area that is flown over.
     pub area: Area,
+    /// Where the area lies on the Earth, if the file says so.
+    pub origin: Option<Origin>,
     /// The sensor nodes.
     pub sensors: Sensors,
     /// The vehicle.
@@ -58,6 +60,15 @@ impl Area {
         (-slack_m..=self.width_m + slack_m).contains(&position.x)
             && (-slack_m..=self.height_m + slack_m).contains(&position.y)
     }
+}
+
+/// The south-west corner of the area on the WGS84 ellipsoid, at altitude 0.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Origin {
+    /// Geodetic latitude [°], −90 to 90.
+    pub lat_deg: f64,
+    /// Longitude [°], −180 to 180.
+    pub lon_deg: f64,
 }
 
 /// The sensor nodes of a scenario, before their list is drawn or read.

@@ -1,4 +1,9 @@
 //! The sensor nodes as flown: drawn from the seed or read from a CSV list, and written back with every column.
+//!
+//! `table` reads the rows of a list, `projection` brings latitude and longitude onto the area.
+
+mod projection;
+mod table;
 
 use std::path::{Path, PathBuf};
 
@@ -10,9 +15,6 @@ use crate::message::SensorNode;
 use crate::random::{Purpose, Streams};
 use crate::scenario::{Scenario, SensorSource};
 use crate::units::ratio_of_db;
-
-/// Columns of the list, in the order in which it is written.
-const COLUMNS: [&str; 5] = ["x_m", "y_m", "queue_bits", "gain_db", "sampling_bps"];
 
 /// One sensor node of the list.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,38 +72,20 @@ impl SensorList {
         }
     }
 
-    /// Checks the text of the list `path`. Columns that it leaves out are drawn, or the scenario's value.
+    /// Checks the text of the list `path`. Columns that it leaves out are drawn, or the scenario's value; latitude and
+    /// longitude are projected onto the area.
     ///
     /// # Errors
     /// If a row is bad, or there is none.
     pub fn parse(text: &str, path: &Path, scenario: &Scenario) -> Result<Self, SensorListError> {
-        let refuse = |line, message| SensorListError::Row { path: path.to_owned(), line, message };
-        let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(text.as_bytes());
-        let header = reader.headers().map_err(|error| refuse(1, error.to_string()))?.clone();
-        let columns = columns_of(&header).map_err(|message| refuse(1, message))?;
-        let mut sensors = Vec::new();
-        for row in reader.records() {
-            let row = row.map_err(|error| {
-                let line = error.position().map_or(0, csv::Position::line);
-                refuse(line, "expected UTF-8 text".to_owned())
-            })?;
-            let line = row.position().map_or(0, csv::Position::line);
-            if row.len() != header.len() {
-                return Err(refuse(line, format!("{} fields: expected {}, as in the header", row.len(), header.len())));
-            }
-            let id = u32::try_from(sensors.len()).map_err(|_| refuse(line, "expected at most 2^32 rows".to_owned()))?;
-            sensors.push(read(&row, columns, scenario, id).map_err(|message| refuse(line, message))?);
-        }
-        if sensors.is_empty() {
-            return Err(refuse(1, "no rows: expected at least one sensor node".to_owned()));
-        }
-        Ok(Self(sensors))
+        let refuse = |(line, message)| SensorListError::Row { path: path.to_owned(), line, message };
+        table::read(text, scenario).map(Self).map_err(refuse)
     }
 
     /// The list as a CSV file with every column; floats read back exactly.
     #[must_use]
     pub fn to_csv(&self) -> String {
-        let mut text = COLUMNS.join(",") + "\n";
+        let mut text = table::WRITTEN.join(",") + "\n";
         for Sensor { position, queue_bits, gain_db, sampling_bps } in &self.0 {
             let line = format!("{},{},{queue_bits},{gain_db},{sampling_bps}\n", position.x, position.y);
             text.push_str(&line);
@@ -167,56 +151,4 @@ pub fn draw_gain_db(scenario: &Scenario, slot: u64, id: u32) -> f64 {
     let [lowest_db, highest_db] = scenario.link.gain_db;
     let share: f64 = Streams::new(scenario.seed).stream(Purpose::Gain, slot, id).random();
     lowest_db + (highest_db - lowest_db) * share
-}
-
-/// Where each of [`COLUMNS`] stands in the file.
-type Columns = [Option<usize>; 5];
-
-fn columns_of(header: &csv::StringRecord) -> Result<Columns, String> {
-    let mut columns = [None; 5];
-    for (place, name) in header.iter().enumerate() {
-        let Some(column) = COLUMNS.iter().position(|known| *known == name) else {
-            return Err(format!("column `{name}`: expected some of {}", COLUMNS.join(",")));
-        };
-        if columns[column].replace(place).is_some() {
-            return Err(format!("column `{name}` twice: expected it once"));
-        }
-    }
-    match columns {
-        [Some(_), Some(_), ..] => Ok(columns),
-        _ => Err(format!("header `{}`: expected x_m,y_m and optionally queue_bits,gain_db,sampling_bps", join(header))),
-    }
-}
-
-fn join(record: &csv::StringRecord) -> String {
-    record.iter().collect::<Vec<_>>().join(",")
-}
-
-/// One row of the list; the error says which column, the value and what was expected.
-fn read(row: &csv::StringRecord, columns: Columns, scenario: &Scenario, id: u32) -> Result<Sensor, String> {
-    let number = |column: usize, expected: &str, holds: &dyn Fn(f64) -> bool| -> Result<Option<f64>, String> {
-        let Some(place) = columns[column] else {
-            return Ok(None);
-        };
-        match row[place].parse::<f64>() {
-            Ok(value) if holds(value) => Ok(Some(value)),
-            _ => Err(format!("{} = {}: expected {expected}", COLUMNS[column], &row[place])),
-        }
-    };
-    let area = scenario.area;
-    let inside = |extent_m: f64| move |value: f64| (0.0..=extent_m).contains(&value);
-    let x_m = number(0, &format!("a position in the area, 0 to {}", area.width_m), &inside(area.width_m))?;
-    let y_m = number(1, &format!("a position in the area, 0 to {}", area.height_m), &inside(area.height_m))?;
-    let capacity = f64::from(scenario.sensors.capacity_bits);
-    let whole = |value: f64| (0.0..=capacity).contains(&value) && value.fract() == 0.0;
-    let queue_bits = number(2, &format!("whole bits, 0 to the storage's {capacity}"), &whole)?;
-    let gain_db = number(3, "a level from -300 to 0 dB", &|value| (-300.0..=0.0).contains(&value))?;
-    let rate = |value: f64| (0.0..=9.0e15 / (scenario.slot_s * scenario.slots as f64)).contains(&value);
-    let sampling_bps = number(4, "a finite rate, 0 or above, at most 9e15 bits over the mission", &rate)?;
-    Ok(Sensor {
-        position: Position::new(x_m.expect("a required column"), y_m.expect("a required column")),
-        queue_bits: queue_bits.map_or_else(|| draw_queue_bits(scenario, id), |bits| bits as u32),
-        gain_db: gain_db.unwrap_or_else(|| draw_gain_db(scenario, 0, id)),
-        sampling_bps: sampling_bps.unwrap_or(scenario.sensors.sampling_bps),
-    })
 }

@@ -9,6 +9,9 @@ use skysink_common::link::Link;
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::{Area, Scenario};
 
+/// Margin of a preselection over every test that follows it; it changes what is looked at, never what is found.
+pub(crate) const PRESELECTION_MARGIN: f64 = 1.001;
+
 /// The sensor nodes (SNs) and the limits that a plan has to keep.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {

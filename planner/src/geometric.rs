@@ -69,7 +69,7 @@ impl Nearest<'_> {
 /// Circles that miss each other still give the point between them that divides the gap by their radii: within the slack
 /// of decision D5 it is in both. Where one lies inside the other, or both have one centre, what is returned is on
 /// neither circle in general (or not a number), and no test of the disks lets it pass unless it is in both.
-fn crossings(a: &Disk, b: &Disk) -> [Position; 2] {
+pub(crate) fn crossings(a: &Disk, b: &Disk) -> [Position; 2] {
     let between = b.centre - a.centre;
     let apart_m = between.norm();
     let along = between / apart_m;

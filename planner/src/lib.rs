@@ -8,12 +8,15 @@
 //! |---|---|
 //! | [`planner`] | one slot: schedule, then waypoint |
 //! | [`field`] | what stays the same in every slot |
-//! | [`search`] | sP1 by Algorithm 1 |
+//! | [`search`], [`circles`] | sP1 by Algorithm 1 |
+//! | [`exact`] | sP1 solved exactly |
 //! | [`strategy`] | the baselines' waypoints, transit, and serving the fullest queues |
 //! | [`waypoint`] | sP2 as a value, and its expansion sP2* |
 //! | [`geometric`], [`conic`] | two solvers of sP2* |
 
+pub mod circles;
 pub mod conic;
+pub mod exact;
 pub mod field;
 pub mod geometric;
 pub mod node;

@@ -1,6 +1,6 @@
 //! One slot of planning: schedule, then waypoint.
 //!
-//! The rules live next door: [`crate::search`] (whom), [`crate::waypoint`] (where), [`crate::strategy`] (the
+//! The rules live next door: [`crate::search`] and [`crate::exact`] (whom), [`crate::waypoint`] (where), [`crate::strategy`] (the
 //! baselines).
 
 use skysink_common::geometry::Position;
@@ -8,10 +8,11 @@ use skysink_common::message::{Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::random::Streams;
 use skysink_common::scenario::{Scenario, Strategy};
 
+use crate::exact::ExactSearch;
 use crate::field::Field;
-use crate::search::Search;
+use crate::search::{Reach, Search};
 use crate::strategy::{greedy_waypoint, random_waypoint, serve_fullest, transit_waypoint};
-use crate::waypoint::{Problem, Solver};
+use crate::waypoint::{Problem, Solver, Waypoint};
 
 /// The planner of a mission.
 ///
@@ -23,6 +24,7 @@ pub struct Planner {
     sca_iterations: u32,
     streams: Streams,
     search: Search,
+    exact: ExactSearch,
     problem: Problem,
     solver: Solver,
     /// The schedule in the making; room for every SN, so that no slot allocates.
@@ -39,6 +41,7 @@ impl Planner {
             sca_iterations: scenario.planner.sca_iterations,
             streams: Streams::new(scenario.seed),
             search: Search::with_room_for(sensors.len()),
+            exact: ExactSearch::new(&field),
             problem: Problem::new(&field),
             solver: Solver::new(scenario.planner.waypoint_solver),
             ids: Vec::with_capacity(sensors.len()),
@@ -56,7 +59,9 @@ impl Planner {
     pub fn step(&mut self, slot: u64, position: &Position, queues_bits: &[u32]) -> Plan {
         assert_eq!(queues_bits.len(), self.field.positions.len(), "expected one queue per sensor node");
         let own = match self.strategy {
-            Strategy::Uts | Strategy::UtsWide | Strategy::Exact => self.schedule_then_fly(position, queues_bits),
+            Strategy::Uts => self.algorithm_1(Reach::Letter, position, queues_bits),
+            Strategy::UtsWide => self.algorithm_1(Reach::Wide, position, queues_bits),
+            Strategy::Exact => self.exact(position, queues_bits),
             Strategy::Gfs => greedy_waypoint(&self.field, position, queues_bits)
                 .map(|waypoint| self.fly_then_schedule(&waypoint, Mode::Serve, queues_bits)),
             Strategy::Rfs => {
@@ -72,19 +77,39 @@ impl Planner {
 
     /// The letter's strategy: sP1 by Algorithm 1, then sP2*; `None` if there is no anchor in reach or no feasible
     /// point.
-    fn schedule_then_fly(&mut self, position: &Position, queues_bits: &[u32]) -> Option<Plan> {
-        let winner = self.search.best_set(&self.field, position, queues_bits, &mut self.ids)?;
-        self.problem.pose(&self.field, position, &self.ids);
-        let waypoint = self.problem.solve(&mut self.solver, self.sca_iterations)?;
-        let place = self.field.into_area(&waypoint.position);
-        let mut plan = self.plan(&place, Mode::Serve, waypoint.outcome, queues_bits);
+    fn algorithm_1(&mut self, reach: Reach, position: &Position, queues_bits: &[u32]) -> Option<Plan> {
+        let winner = self.search.best_set(reach, &self.field, position, queues_bits, &mut self.ids)?;
+        let waypoint = self.waypoint_for_schedule(position)?;
+        let mut plan = self.plan_to_serve(&waypoint, queues_bits);
         plan.anchor = winner.anchor;
         if let Some(pair) = winner.pair {
             plan.partner = pair.partner;
-            plan.circles_m = pair.circles.map(|centre| [centre.x, centre.y]);
+            plan.circles_m = pair.circles.map(|centre| centre.map_or([f64::NAN; 2], |centre| [centre.x, centre.y]));
             plan.chosen = pair.chosen;
         }
         Some(plan)
+    }
+
+    /// sP1 solved exactly, then sP2*; `None` if no sensor node can be served from within reach.
+    fn exact(&mut self, position: &Position, queues_bits: &[u32]) -> Option<Plan> {
+        let centre = self.exact.best_set(&self.field, position, queues_bits, &mut self.ids)?;
+        // The centre keeps every constraint of sP2 up to the slack of decision D5. Where the set has no point in common
+        // but for that slack, sP2* may find none, and the centre is flown to.
+        let fallback = Waypoint { position: centre, outcome: SolverOutcome::Fallback };
+        let waypoint = self.waypoint_for_schedule(position).unwrap_or(fallback);
+        Some(self.plan_to_serve(&waypoint, queues_bits))
+    }
+
+    /// sP2* for `self.ids`; `None` if no point in reach is in range of them all.
+    fn waypoint_for_schedule(&mut self, position: &Position) -> Option<Waypoint> {
+        self.problem.pose(&self.field, position, &self.ids);
+        self.problem.solve(&mut self.solver, self.sca_iterations)
+    }
+
+    /// The plan to serve `self.ids` from a solved waypoint.
+    fn plan_to_serve(&self, waypoint: &Waypoint, queues_bits: &[u32]) -> Plan {
+        let place = self.field.into_area(&waypoint.position);
+        self.plan(&place, Mode::Serve, waypoint.outcome, queues_bits)
     }
 
     /// The baselines and transit: a waypoint by rule, then the fullest queues in range of it.
@@ -175,6 +200,54 @@ mod tests {
     }
 
     #[test]
+    fn a_wide_plan_leaves_out_the_circles_beyond_reach() {
+        // As in the search's own test: C2 = (50, 72) and C5 = (50, 80) are within 30 m. Seen from the UAV, the middle of
+        // the pair is exactly in reach.
+        let plan = planner_of(Strategy::UtsWide, &[[56.0, 80.0], [44.0, 80.0]], 30.0).step(1, &middle(), &[700, 800]);
+        assert!((Position::new(plan.x_m, plan.y_m) - Position::new(50.0, 80.0)).norm() < 1e-12);
+        assert_eq!((plan.anchor, plan.partner, plan.chosen, plan.scheduled()), (0, 1, 1, &[0, 1][..]));
+        assert_eq!(plan.circles_m.map(|[x_m, y_m]| x_m.is_nan() && y_m.is_nan()), [true, false, true, true, false]);
+        assert_eq!((plan.circles_m[1], plan.circles_m[4]), ([50.0, 72.0], [50.0, 80.0]));
+    }
+
+    #[test]
+    fn an_exact_plan_names_no_anchor_and_no_circle() {
+        // 40 m away, V τ + d_c: served from the one point in reach that has it in range.
+        let plan = planner_of(Strategy::Exact, &[[50.0, 90.0]], 30.0).step(1, &middle(), &[700]);
+        assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 80.0, &[0][..]));
+        assert_eq!((plan.mode, plan.solver), (Mode::Serve.code(), SolverOutcome::Solved.code()));
+        assert_eq!((plan.anchor, plan.partner, plan.chosen), (NOBODY, NOBODY, NOBODY));
+        assert!(plan.circles_m.iter().flatten().all(|coordinate| coordinate.is_nan()));
+    }
+
+    #[test]
+    fn an_exact_plan_without_anybody_in_range_of_reach_is_transit() {
+        let plan = planner_of(Strategy::Exact, &[[50.0, 91.0]], 30.0).step(1, &middle(), &[700]);
+        assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 80.0, &[][..]));
+        assert_eq!((plan.mode, plan.solver), (Mode::Transit.code(), SolverOutcome::Rule.code()));
+    }
+
+    #[test]
+    fn a_set_that_only_the_slack_holds_together_is_served_from_where_it_was_found_and_says_so() {
+        // SNs 0, 1, 2 surround (50, 50). SN 0 is exactly 10 m away, the others 0.9e-9 farther: decision D5 serves them
+        // from there, but the three circles leave a gap, and where two of them cross, the third SN is out of range. The
+        // crossing with SN 3's circle, exactly 10 m away, too, is at (50, 50).
+        let slack = 1.0 + 0.9e-9;
+        let at = |[x_m, y_m]: [f64; 2]| [50.0 + x_m * slack, 50.0 + y_m * slack];
+        let diagonal_m = 50f64.sqrt();
+        let places = [[50.0, 40.0], at([6.0, 8.0]), at([-8.0, 6.0]), [50.0 - diagonal_m, 50.0 + diagonal_m]];
+        for solver in [WaypointSolver::Geometric, WaypointSolver::Clarabel] {
+            let mut planner = planner_of(Strategy::Exact, &places, 30.0);
+            planner.field.resource_blocks = 3;
+            planner.solver = Solver::new(solver);
+            let plan = planner.step(1, &Position::new(56.0, 60.0), &[900, 950, 800, 700]);
+            assert_eq!((plan.scheduled(), plan.mode), (&[0, 1, 2][..], Mode::Serve.code()), "{solver:?}");
+            assert_eq!(plan.solver, SolverOutcome::Fallback.code(), "{solver:?}");
+            assert!((Position::new(plan.x_m, plan.y_m) - middle()).norm() < 1e-9, "{solver:?}");
+        }
+    }
+
+    #[test]
     fn greedy_flight_serves_what_is_in_range_of_its_goal_and_else_is_in_transit() {
         let places = [[50.0, 70.0], [55.0, 70.0], [50.0, 59.0], [50.0, 99.0]];
         let mut planner = planner_of(Strategy::Gfs, &places, 30.0);
@@ -192,27 +265,53 @@ mod tests {
         assert_eq!((plan.anchor, plan.expected_bits), (NOBODY, 0));
     }
 
-    /// A golden trace of the letter's mission without arrivals, queues emptied where they are served: waypoint [m] and
-    /// schedule.
-    #[test]
-    fn the_letters_mission_stays_what_it_is() {
-        let scenario = Scenario::letter(Overrides::default()).unwrap();
+    /// Four slots of the letter's mission, at a top speed, without arrivals, queues emptied where they are served:
+    /// waypoint [m] and schedule.
+    fn trace_of(strategy: Strategy, max_speed_mps: f64) -> Vec<String> {
+        let mut scenario = Scenario::letter(Overrides { strategy: Some(strategy), ..Overrides::default() }).unwrap();
+        scenario.uav.max_speed_mps = max_speed_mps;
         let list = SensorList::of(&scenario).unwrap();
         let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits));
         let (mut position, mut queues_bits) = (scenario.uav.start, list.queues_bits());
-        let mut trace = Vec::new();
-        for slot in 1..=4 {
+        let fly = |slot| {
             let plan = planner.step(slot, &position, &queues_bits);
             position = Position::new(plan.x_m, plan.y_m);
             plan.scheduled().iter().for_each(|&id| queues_bits[id as usize] = 0);
-            trace.push(format!("{:.3} {:.3} {:?}", plan.x_m, plan.y_m, plan.scheduled()));
-        }
+            format!("{:.3} {:.3} {:?}", plan.x_m, plan.y_m, plan.scheduled())
+        };
+        (1..=4).map(fly).collect()
+    }
+
+    #[test]
+    fn the_letters_mission_stays_what_it_is() {
         let expected = [
             "49.282 69.589 [10, 53, 73, 115]",
             "76.835 70.328 [43, 93, 124, 186]",
             "68.056 89.593 [4, 74, 89, 174]",
             "65.173 78.760 [71, 87, 134, 151]",
         ];
-        assert_eq!(trace, expected);
+        assert_eq!(trace_of(Strategy::Uts, 30.0), expected);
+    }
+
+    #[test]
+    fn the_wide_mission_stays_what_it_is() {
+        let expected = [
+            "36.394 56.314 [23, 53, 84, 102]",
+            "45.979 62.593 [6, 73, 115, 180]",
+            "53.477 75.585 [10, 24, 87, 109]",
+            "61.198 85.026 [71, 74, 165, 174]",
+        ];
+        assert_eq!(trace_of(Strategy::UtsWide, 15.0), expected);
+    }
+
+    #[test]
+    fn the_exact_mission_stays_what_it_is() {
+        let expected = [
+            "46.006 62.602 [53, 73, 115, 180]",
+            "59.073 69.968 [10, 43, 87, 151]",
+            "73.992 71.526 [74, 93, 124, 186]",
+            "64.033 82.743 [24, 71, 134, 174]",
+        ];
+        assert_eq!(trace_of(Strategy::Exact, 15.0), expected);
     }
 }

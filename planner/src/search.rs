@@ -5,14 +5,36 @@
 
 use skysink_common::geometry::{Position, within};
 
-use crate::field::Field;
+use crate::circles::{CIRCLES, circles};
+use crate::field::{Field, PRESELECTION_MARGIN};
 use crate::strategy::fullest_first;
 
-/// Candidate circles about one pair, C1 to C5.
-pub const CIRCLES: usize = 5;
+/// Which anchors and circles Algorithm 1 takes for reachable from `L_u(t−1)`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reach {
+    /// `uts`, the letter's: anchors within `V τ − d_c`, from where every circle about them is in reach, or within `V τ`
+    /// when that is not above 0. Circles are taken unseen.
+    Letter,
+    /// `uts-wide`: anchors within `V τ + d_c`, which is as far as the UAV can serve one, and only the circles whose
+    /// centre is within `V τ`.
+    Wide,
+}
 
-/// Margin of the preselection over every test that follows it; it changes what is looked at, never what is found.
-const PRESELECTION_MARGIN: f64 = 1.001;
+impl Reach {
+    /// How far an anchor may be from the UAV [m].
+    fn anchor_radius_m(self, field: &Field) -> f64 {
+        match self {
+            Self::Letter if field.reach_m <= field.comm_radius_m => field.reach_m,
+            Self::Letter => field.reach_m - field.comm_radius_m,
+            Self::Wide => field.reach_m + field.comm_radius_m,
+        }
+    }
+
+    /// Whether a circle about `centre` is a candidate for the UAV at `position`.
+    fn admits(self, field: &Field, position: &Position, centre: &Position) -> bool {
+        self == Self::Letter || within(centre, position, field.reach_m)
+    }
+}
 
 /// The search, with its working memory.
 #[derive(Debug, Clone, Default)]
@@ -35,8 +57,8 @@ pub struct Winner {
 pub struct Pair {
     /// Partner SN k.
     pub partner: u32,
-    /// Centres of C1 to C5.
-    pub circles: [Position; CIRCLES],
+    /// Centres of C1 to C5; `None` where one is out of reach ([`Reach::Wide`]).
+    pub circles: [Option<Position>; CIRCLES],
     /// Which circle won, from 0.
     pub chosen: u32,
 }
@@ -51,18 +73,23 @@ impl Search {
     /// Algorithm 1: the best set over all anchors that can be reached from `position`, `L_u(t−1)`.
     ///
     /// Fills `ids` with the set, ascending; `None` if there is no anchor.
+    ///
+    /// Where `V τ > d_c`, the letter's anchors are among the wide ones and all five circles about them are in reach, so
+    /// that the wide search never finds less. Where `V τ ≤ d_c`, the letter's circles can be out of reach and its set
+    /// worth more: on paper, or even in the air, when the set can also be served from a point that is no centre.
     pub fn best_set(
         &mut self,
+        reach: Reach,
         field: &Field,
         position: &Position,
         queues_bits: &[u32],
         ids: &mut Vec<u32>,
     ) -> Option<Winner> {
-        let anchor_radius_m = anchor_radius_m(field);
+        let anchor_radius_m = reach.anchor_radius_m(field);
         self.preselect(field, position, queues_bits, anchor_radius_m);
         let mut best: Option<(u64, Winner)> = None;
         for anchor in field.ids_within(position, anchor_radius_m) {
-            let (sum_bits, winner) = self.best_around(field, queues_bits, anchor);
+            let (sum_bits, winner) = self.best_around(reach, field, position, queues_bits, anchor);
             if best.is_none_or(|(best_bits, _)| sum_bits > best_bits) {
                 best = Some((sum_bits, winner));
             }
@@ -80,21 +107,34 @@ impl Search {
         self.nearby.sort_unstable_by_key(|&id| fullest_first(queues_bits, id));
     }
 
-    /// Steps 3 to 5: the set of one anchor and its sum of queues [bit].
-    fn best_around(&self, field: &Field, queues_bits: &[u32], anchor: u32) -> (u64, Winner) {
+    /// Steps 3 to 5: the set of one anchor and its sum of queues [bit]; the anchor alone where no circle is left.
+    fn best_around(
+        &self,
+        reach: Reach,
+        field: &Field,
+        position: &Position,
+        queues_bits: &[u32],
+        anchor: u32,
+    ) -> (u64, Winner) {
         let queue_bits = |id: u32| u64::from(queues_bits[id as usize]);
+        let alone = (queue_bits(anchor), Winner { anchor, pair: None });
         let Some(partner) = self.partner(field, anchor) else {
-            return (queue_bits(anchor), Winner { anchor, pair: None });
+            return alone;
         };
-        let circles = circles(field.position(anchor), field.position(partner), field.comm_radius_m);
-        let (mut chosen, mut best_bits) = (0, None);
+        let circles = circles(field.position(anchor), field.position(partner), field.comm_radius_m)
+            .map(|centre| reach.admits(field, position, &centre).then_some(centre));
+        let mut best: Option<(u64, u32)> = None;
         for (circle, centre) in (0..).zip(&circles) {
-            let others_bits: u64 = self.others(field, anchor, partner, centre).map(queue_bits).sum();
-            if best_bits.is_none_or(|bits| others_bits > bits) {
-                (chosen, best_bits) = (circle, Some(others_bits));
+            let Some(centre) = centre else { continue };
+            let others_bits = self.others(field, anchor, partner, centre).map(queue_bits).sum();
+            if best.is_none_or(|(best_bits, _)| others_bits > best_bits) {
+                best = Some((others_bits, circle));
             }
         }
-        let sum_bits = queue_bits(anchor) + queue_bits(partner) + best_bits.unwrap_or(0);
+        let Some((others_bits, chosen)) = best else {
+            return alone;
+        };
+        let sum_bits = queue_bits(anchor) + queue_bits(partner) + others_bits;
         (sum_bits, Winner { anchor, pair: Some(Pair { partner, circles, chosen }) })
     }
 
@@ -120,79 +160,33 @@ impl Search {
         ids.push(winner.anchor);
         if let Some(pair) = &winner.pair {
             ids.push(pair.partner);
-            ids.extend(self.others(field, winner.anchor, pair.partner, &pair.circles[pair.chosen as usize]));
+            let centre = pair.circles[pair.chosen as usize].expect("only a circle in reach can win");
+            ids.extend(self.others(field, winner.anchor, pair.partner, &centre));
         }
         ids.sort_unstable();
     }
-}
-
-/// How far an anchor may be from the UAV [m]: `V τ − d_c`, from where every circle about it is in reach, or `V τ` when
-/// that is not above 0.
-fn anchor_radius_m(field: &Field) -> f64 {
-    if field.reach_m <= field.comm_radius_m { field.reach_m } else { field.reach_m - field.comm_radius_m }
-}
-
-/// Step 4: centres of the five circles of radius `d_c` [m] about anchor i and partner k.
-///
-/// With `u = (L_i − L_k)/d` and `V = sqrt(|d_c² − d²/4|)`: C1 and C2 through both, at the midpoint `± V (−u_y, u_x)`;
-/// C3 touching k, `L_k + d_c u`; C4 touching i, `L_i − d_c u`; C5 at the midpoint. Where both coincide, `u = (1, 0)`.
-#[must_use]
-pub fn circles(anchor: &Position, partner: &Position, comm_radius_m: f64) -> [Position; CIRCLES] {
-    let apart_m = (anchor - partner).norm();
-    let along = if apart_m > 0.0 { (anchor - partner) / apart_m } else { nalgebra::Vector2::x() };
-    let across = nalgebra::Vector2::new(-along.y, along.x);
-    let middle = nalgebra::center(anchor, partner);
-    let offset_m = (comm_radius_m * comm_radius_m - apart_m * apart_m / 4.0).abs().sqrt();
-    [
-        middle + across * offset_m,
-        middle - across * offset_m,
-        partner + along * comm_radius_m,
-        anchor - along * comm_radius_m,
-        middle,
-    ]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::field::tests::field_of;
-    use proptest::prelude::*;
-
-    fn assert_circles(anchor: [f64; 2], partner: [f64; 2], expected: [[f64; 2]; CIRCLES]) {
-        let found = circles(&anchor.into(), &partner.into(), 10.0);
-        for (number, (found, expected)) in (1..).zip(found.iter().zip(expected)) {
-            assert!((found - Position::from(expected)).norm() < 1e-12, "C{number}: {found}");
-        }
-    }
 
     /// The set found from the middle of the area, and how.
-    fn search(field: &Field, queues_bits: &[u32]) -> Option<(Winner, Vec<u32>)> {
+    fn found(reach: Reach, field: &Field, queues_bits: &[u32]) -> Option<(Winner, Vec<u32>)> {
         let mut ids = Vec::new();
-        let winner = Search::default().best_set(field, &Position::new(50.0, 50.0), queues_bits, &mut ids)?;
+        let winner = Search::default().best_set(reach, field, &Position::new(50.0, 50.0), queues_bits, &mut ids)?;
         Some((winner, ids))
     }
 
-    #[test]
-    fn the_five_circles_stand_where_the_letter_puts_them() {
-        // d = 12: V = sqrt(10² − 6²) = 8. u = (1, 0).
-        let expected = [[46.0, 58.0], [46.0, 42.0], [50.0, 50.0], [42.0, 50.0], [46.0, 50.0]];
-        assert_circles([52.0, 50.0], [40.0, 50.0], expected);
-        // The same pair the other way round, u = (−1, 0): C1 and C2 change places.
-        let expected = [[46.0, 42.0], [46.0, 58.0], [42.0, 50.0], [50.0, 50.0], [46.0, 50.0]];
-        assert_circles([40.0, 50.0], [52.0, 50.0], expected);
-        // u = (0, 1): C1 = (mx − V, my).
-        let expected = [[42.0, 46.0], [58.0, 46.0], [50.0, 50.0], [50.0, 42.0], [50.0, 46.0]];
-        assert_circles([50.0, 52.0], [50.0, 40.0], expected);
+    /// The letter's search.
+    fn search(field: &Field, queues_bits: &[u32]) -> Option<(Winner, Vec<u32>)> {
+        found(Reach::Letter, field, queues_bits)
     }
 
-    #[test]
-    fn the_five_circles_merge_where_the_pair_is_two_radii_apart() {
-        assert_circles([60.0, 50.0], [40.0, 50.0], [[50.0, 50.0]; CIRCLES]);
-    }
-
-    #[test]
-    fn a_coincident_pair_has_circles_on_all_four_sides() {
-        assert_circles([5.0, 5.0], [5.0, 5.0], [[5.0, 15.0], [5.0, -5.0], [15.0, 5.0], [-5.0, 5.0], [5.0, 5.0]]);
+    /// The wide one.
+    fn search_wide(field: &Field, queues_bits: &[u32]) -> Option<(Winner, Vec<u32>)> {
+        found(Reach::Wide, field, queues_bits)
     }
 
     #[test]
@@ -243,76 +237,45 @@ mod tests {
         assert_eq!((winner.anchor, winner.pair.unwrap().partner), (0, 1));
     }
 
-    /// Algorithm 1 once more, as directly as it can be written: the best of all (sum, anchor, set), over all SNs.
-    fn enumerate(field: &Field, position: &Position, queues_bits: &[u32]) -> Option<(u32, Vec<u32>)> {
-        let (d_c, n) = (field.comm_radius_m, field.resource_blocks);
-        let queue = |id: u32| u64::from(queues_bits[id as usize]);
-        let close = |a: &Position, b: &Position, limit_m: f64| (a - b).norm() <= limit_m * (1.0 + 1e-9);
-        let limit_m = if field.reach_m > d_c { field.reach_m - d_c } else { field.reach_m };
-        let mut best: Option<(u64, u32, Vec<u32>)> = None;
-        for i in field.ids().filter(|&i| close(field.position(i), position, limit_m)) {
-            let mut set = vec![i];
-            let mut partners: Vec<u32> =
-                field.ids().filter(|&j| j != i && close(field.position(j), field.position(i), 2.0 * d_c)).collect();
-            partners.sort_by_key(|&j| queue(j)); // stable: of equals, the lowest index comes first
-            let fullest = partners.last().map(|&last| queue(last));
-            let partner = partners.into_iter().find(|&j| Some(queue(j)) == fullest);
-            if let Some(k) = partner.filter(|_| n >= 2) {
-                let ([xi, yi], [xk, yk]) = (field.position(i).coords.into(), field.position(k).coords.into());
-                let d = f64::hypot(xi - xk, yi - yk);
-                let (ux, uy) = if d == 0.0 { (1.0, 0.0) } else { ((xi - xk) / d, (yi - yk) / d) };
-                let (mx, my, v) = ((xi + xk) / 2.0, (yi + yk) / 2.0, (d_c * d_c - d * d / 4.0).abs().sqrt());
-                let centres = [
-                    [mx - v * uy, my + v * ux],
-                    [mx + v * uy, my - v * ux],
-                    [xk + d_c * ux, yk + d_c * uy],
-                    [xi - d_c * ux, yi - d_c * uy],
-                    [mx, my],
-                ];
-                let others = centres.map(|centre| {
-                    let in_circle = |&j: &u32| j != i && j != k && close(field.position(j), &centre.into(), d_c);
-                    let mut others: Vec<u32> = field.ids().filter(in_circle).collect();
-                    others.sort_by_key(|&j| (std::cmp::Reverse(queue(j)), j));
-                    others.truncate(n - 2);
-                    others
-                });
-                let sum = |others: &[u32]| others.iter().map(|&j| queue(j)).sum::<u64>();
-                let most = others.iter().map(|others| sum(others)).max();
-                set.push(k);
-                set.extend(others.iter().find(|others| Some(sum(others)) == most).unwrap());
-            }
-            let sum = set.iter().map(|&j| queue(j)).sum();
-            set.sort_unstable();
-            if best.as_ref().is_none_or(|(best, ..)| sum > *best) {
-                best = Some((sum, i, set));
-            }
-        }
-        best.map(|(_, anchor, set)| (anchor, set))
+    #[test]
+    fn wide_anchors_are_sought_as_far_as_the_uav_can_serve() {
+        // V τ + d_c = 40 m.
+        let alone = (Winner { anchor: 0, pair: None }, vec![0]);
+        assert_eq!(search_wide(&field_of(&[[50.0, 90.0]]), &[1]), Some(alone));
+        assert_eq!(search_wide(&field_of(&[[50.0, 90.1]]), &[1]), None);
     }
 
-    /// Coordinates [m], on a lattice of 5 m (touching and coincident SNs, SNs on circles) or anywhere.
-    fn coordinates() -> impl Strategy<Value = f64> {
-        prop_oneof![10.0..90.0, (4u32..=16).prop_map(|step| f64::from(step) * 5.0)]
+    #[test]
+    fn the_wide_search_drops_circles_out_of_reach() {
+        // Both 30 m to the north, 12 m apart: C2 is at 22 m, the others but C1 at 30 m + 4 m and less; C1 is at 38 m.
+        // SN 2 is in C1 alone and does not count.
+        let field = field_of(&[[56.0, 80.0], [44.0, 80.0], [50.0, 97.0]]);
+        let (winner, ids) = search_wide(&field, &[50, 100, 7]).unwrap();
+        let pair = winner.pair.unwrap();
+        assert_eq!((winner.anchor, pair.partner, pair.chosen, &ids[..]), (0, 1, 1, &[0, 1][..]));
+        // C2 and C5 are within 30 m; C3 and C4, at (54, 80) and (46, 80), are 30.3 m away.
+        assert_eq!(pair.circles.map(|centre| centre.is_some()), [false, true, false, false, true]);
     }
 
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(2_000))]
+    #[test]
+    fn a_wide_anchor_with_no_circle_in_reach_counts_alone() {
+        // 39 m to the north, 12 m apart: even C2 is 31 m away.
+        let field = field_of(&[[56.0, 89.0], [44.0, 89.0]]);
+        assert_eq!(search_wide(&field, &[7, 8]), Some((Winner { anchor: 1, pair: None }, vec![1])));
+    }
 
-        #[test]
-        fn the_search_finds_what_a_direct_enumeration_finds(
-            sensors in prop::collection::vec((coordinates(), coordinates(), 0u32..12), 1..40),
-            position in (coordinates(), coordinates()),
-            resource_blocks in prop_oneof![1usize..6, Just(64)],
-            reach_m in prop_oneof![Just(30.0), Just(10.0), Just(7.5), Just(20.0)],
-        ) {
-            let places: Vec<[f64; 2]> = sensors.iter().map(|&(x_m, y_m, _)| [x_m, y_m]).collect();
-            let queues_bits: Vec<u32> = sensors.iter().map(|&(.., queue_bits)| queue_bits).collect();
-            let field = Field { reach_m, resource_blocks, ..field_of(&places) };
-            let position = Position::new(position.0, position.1);
-            let mut ids = Vec::new();
-            let found = Search::default().best_set(&field, &position, &queues_bits, &mut ids);
-            let found = found.map(|winner| (winner.anchor, ids));
-            prop_assert_eq!(found, enumerate(&field, &position, &queues_bits));
-        }
+    #[test]
+    fn below_range_the_letters_set_can_be_worth_more_than_the_wide_one() {
+        // V τ = 5 m: no circle about SNs 19 m apart is in reach. The letter does not ask; its set cannot be served.
+        let mut field = field_of(&[[55.0, 50.0], [74.0, 50.0]]);
+        field.reach_m = 5.0;
+        assert_eq!(search(&field, &[10, 100]).unwrap().1, [0, 1]);
+        assert_eq!(search_wide(&field, &[10, 100]).unwrap().1, [0]);
+        // V τ = 7 m: C3 at (56, 50) is the only circle in reach and SN 2 not in it, but in C1 at (58, 56). All three are
+        // in range of (56.3, 52), which is in reach: here the letter's set is not only worth more, it can be served.
+        let mut field = field_of(&[[50.0, 50.0], [66.0, 50.0], [60.0, 59.2]]);
+        field.reach_m = 7.0;
+        assert_eq!(search(&field, &[90, 80, 10]).unwrap().1, [0, 1, 2]);
+        assert_eq!(search_wide(&field, &[90, 80, 10]).unwrap().1, [0, 1]);
     }
 }

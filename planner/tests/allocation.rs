@@ -33,18 +33,35 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
+/// Flies 300 slots from the letter's field with `queues_bits` at the start and `sampled_bits` more in every slot.
+fn fly(strategy: Strategy, mut queues_bits: Vec<u32>, sampled_bits: u32) {
+    let scenario = Scenario::letter(Overrides { strategy: Some(strategy), ..Overrides::default() }).unwrap();
+    let list = SensorList::of(&scenario).unwrap();
+    let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits));
+    let mut position = scenario.uav.start;
+    let requests_before = REQUESTS.get();
+    for slot in 1..=300 {
+        let plan = planner.step(slot, &position, &queues_bits);
+        position = Position::new(plan.x_m, plan.y_m);
+        plan.scheduled().iter().for_each(|&id| queues_bits[id as usize] = 0);
+        queues_bits.iter_mut().for_each(|queue_bits| *queue_bits = (*queue_bits + sampled_bits).min(30_000));
+        assert_eq!(REQUESTS.get(), requests_before, "{}, slot {slot}", strategy.name());
+    }
+}
+
 #[test]
 fn no_slot_asks_for_memory() {
+    let letter = SensorList::of(&Scenario::letter(Overrides::default()).unwrap()).unwrap();
     for strategy in Strategy::ALL {
-        let scenario = Scenario::letter(Overrides { strategy: Some(strategy), ..Overrides::default() }).unwrap();
-        let list = SensorList::of(&scenario).unwrap();
-        let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits));
-        let (mut position, queues_bits) = (scenario.uav.start, list.queues_bits());
-        let requests_before = REQUESTS.get();
-        for slot in 1..=300 {
-            let plan = planner.step(slot, &position, &queues_bits);
-            position = Position::new(plan.x_m, plan.y_m);
-            assert_eq!(REQUESTS.get(), requests_before, "{}, slot {slot}", strategy.name());
-        }
+        fly(strategy, letter.queues_bits(), 100);
+    }
+}
+
+/// Ties, which have lists of ids compared.
+#[test]
+fn no_slot_of_equal_queues_asks_for_memory() {
+    for strategy in Strategy::ALL {
+        fly(strategy, vec![0; 200], 0);
+        fly(strategy, vec![30_000; 200], 30_000);
     }
 }

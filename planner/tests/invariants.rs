@@ -29,6 +29,16 @@ impl Case {
         let slot = &self.slots[index];
         Planner::new(&self.scenario, &self.sensors).step(index as u64 + 1, &slot.position, &slot.queues_bits)
     }
+
+    /// The plan of slot `index` by `strategy`, and the queues [bit] that it schedules.
+    fn plan_by(&self, strategy: Strategy, index: usize) -> (Plan, u64) {
+        let mut case = self.clone();
+        case.scenario.planner.strategy = strategy;
+        let plan = case.fresh_plan(index);
+        let queue_bits = |&id: &u32| u64::from(self.slots[index].queues_bits[id as usize]);
+        let sum_bits = plan.scheduled().iter().map(queue_bits).sum();
+        (plan, sum_bits)
+    }
 }
 
 /// Coordinates [m] in an area of 60 m: anywhere, on its border, or on a lattice that makes SNs touch and coincide.
@@ -127,6 +137,65 @@ proptest! {
             prop_assert_eq!(plan.partner == NOBODY, plan.scheduled().len() == 1);
             prop_assert_eq!(plan.partner == NOBODY, plan.circles_m.iter().flatten().any(|x_m| x_m.is_nan()));
             prop_assert!(plan.partner == NOBODY || plan.scheduled().contains(&plan.partner) && plan.chosen < 5);
+        }
+    }
+
+    #[test]
+    fn a_wide_plan_shows_the_circles_in_reach_and_serves_from_one_of_them(case in cases(&[Strategy::UtsWide])) {
+        let plan = case.fresh_plan(0);
+        if plan.mode == Mode::Serve.code() {
+            prop_assert!(plan.solver != SolverOutcome::Rule.code() && plan.scheduled().contains(&plan.anchor));
+            prop_assert_eq!(plan.partner == NOBODY, plan.scheduled().len() == 1);
+            prop_assert_eq!(plan.partner == NOBODY, plan.circles_m.iter().all(|[x_m, _]| x_m.is_nan()));
+            prop_assert_eq!(plan.partner == NOBODY, plan.chosen == NOBODY);
+            prop_assert!(plan.partner == NOBODY || !plan.circles_m[plan.chosen as usize][0].is_nan());
+            for circle in plan.circles_m.into_iter().filter(|[x_m, _]| !x_m.is_nan()).map(Position::from) {
+                prop_assert!(within(&circle, &case.slots[0].position, case.scenario.reach_m()), "{circle}");
+            }
+        }
+    }
+
+    #[test]
+    fn whoever_can_be_served_from_within_reach_makes_the_exact_and_the_wide_plan_serve(
+        case in cases(&[Strategy::UtsWide, Strategy::Exact]),
+    ) {
+        let in_sight_m = case.scenario.reach_m() + case.scenario.link.comm_radius_m;
+        let in_sight = |id: u32| within(&place(&case, id), &case.slots[0].position, in_sight_m);
+        let anybody = (0..).zip(&case.sensors).any(|(id, _)| in_sight(id));
+        let plan = case.fresh_plan(0);
+        prop_assert_eq!(plan.mode, if anybody { Mode::Serve } else { Mode::Transit }.code());
+        prop_assert_eq!(plan.solver == SolverOutcome::Rule.code(), !anybody);
+    }
+
+    /// Whatever another strategy schedules is in range of its waypoint, which is in reach: the exact search has seen it.
+    #[test]
+    fn no_plan_schedules_more_than_the_exact_one(case in cases(&[Strategy::Exact])) {
+        for index in 0..case.slots.len() {
+            let (exact, most_bits) = case.plan_by(Strategy::Exact, index);
+            prop_assert!(exact.anchor == NOBODY && exact.partner == NOBODY && exact.chosen == NOBODY);
+            prop_assert!(exact.circles_m.iter().flatten().all(|coordinate| coordinate.is_nan()));
+            for strategy in Strategy::ALL {
+                let (_, sum_bits) = case.plan_by(strategy, index);
+                prop_assert!(sum_bits <= most_bits, "{} in slot {}: {}", strategy.name(), index + 1, sum_bits);
+            }
+        }
+    }
+
+    /// Where reach exceeds range, the letter's anchors are among the wide ones and all their circles in reach. Where it
+    /// does not, no such thing holds: see the search's own tests.
+    #[test]
+    fn with_reach_beyond_range_the_wide_plan_schedules_no_less_than_the_letters(
+        mut case in cases(&[Strategy::Uts]),
+        reach_m in prop_oneof![Just(10.5), Just(20.0), 10.5..40.0],
+    ) {
+        case.scenario.uav.max_speed_mps = reach_m; // slots of 1 s
+        for index in 0..case.slots.len() {
+            let (letter, letter_bits) = case.plan_by(Strategy::Uts, index);
+            let (wide, wide_bits) = case.plan_by(Strategy::UtsWide, index);
+            if letter.mode == Mode::Serve.code() {
+                prop_assert_eq!(wide.mode, letter.mode);
+                prop_assert!(wide_bits >= letter_bits, "slot {}: {} < {}", index + 1, wide_bits, letter_bits);
+            }
         }
     }
 

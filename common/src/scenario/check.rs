@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::raw::{self, GainDb, letter};
 use super::{
-    Area, LinkBudget, MAX_RESOURCE_BLOCKS, PlannerChoice, Scenario, ScenarioError, SensorSource, Sensors, Uav,
+    Area, LinkBudget, MAX_RESOURCE_BLOCKS, Origin, PlannerChoice, Scenario, ScenarioError, SensorSource, Sensors, Uav,
 };
 use crate::geometry::Position;
 use crate::units::watts_of_dbm;
@@ -30,6 +30,7 @@ pub(super) fn check(mut raw: raw::Scenario, path: &Path) -> Result<Scenario, Sce
     checker.that("slots", raw.slots, (1..=MAX_SLOTS).contains(&raw.slots), "1 to 1000000000")?;
     checker.positive("slot_s", raw.slot_s)?;
     let area = checker.area(&mut raw.area)?;
+    let origin = checker.origin(&raw.area)?;
     let sensors = checker.sensors(&mut raw)?;
     let uav = checker.uav(&mut raw, area)?;
     let link = checker.link(&raw)?;
@@ -41,6 +42,7 @@ pub(super) fn check(mut raw: raw::Scenario, path: &Path) -> Result<Scenario, Sce
         slots: raw.slots,
         slot_s: raw.slot_s,
         area,
+        origin,
         sensors,
         uav,
         link,
@@ -112,6 +114,26 @@ impl Checker<'_> {
             }
         };
         Ok(Area { width_m, height_m })
+    }
+
+    fn origin(&self, raw: &raw::Area) -> Result<Option<Origin>, ScenarioError> {
+        let together = "origin_lat_deg and origin_lon_deg together";
+        let origin = match (raw.origin_lat_deg, raw.origin_lon_deg) {
+            (None, None) => return Ok(None),
+            (Some(lat_deg), Some(lon_deg)) => Origin { lat_deg, lon_deg },
+            (Some(lat_deg), None) => {
+                self.that("area.origin_lat_deg", lat_deg, false, together)?;
+                unreachable!("the check above fails")
+            }
+            (None, Some(lon_deg)) => {
+                self.that("area.origin_lon_deg", lon_deg, false, together)?;
+                unreachable!("the check above fails")
+            }
+        };
+        let Origin { lat_deg, lon_deg } = origin;
+        self.that("area.origin_lat_deg", lat_deg, lat_deg.abs() <= 90.0, "a latitude, -90 to 90")?;
+        self.that("area.origin_lon_deg", lon_deg, lon_deg.abs() <= 180.0, "a longitude, -180 to 180")?;
+        Ok(Some(origin))
     }
 
     fn sensors(&self, raw: &mut raw::Scenario) -> Result<Sensors, ScenarioError> {

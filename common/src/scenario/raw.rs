@@ -34,7 +34,7 @@ fn one() -> u64 {
     1
 }
 
-/// `[area]`: `side_m`, or `width_m` and `height_m`.
+/// `[area]`: `side_m`, or `width_m` and `height_m`; and the latitude and longitude of its south-west corner, or neither.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[allow(missing_docs)]
@@ -45,6 +45,10 @@ pub struct Area {
     pub width_m: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub height_m: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub origin_lat_deg: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub origin_lon_deg: Option<f64>,
 }
 
 /// `[sensors]`: `count` or `file`.

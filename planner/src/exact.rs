@@ -1,0 +1,319 @@
+//! Whom to serve: sP1 solved exactly, over every point in reach instead of Algorithm 1's circles.
+//!
+//! The best set is the one with the largest `Σ B_i(t−1)` (decision D6) of all sets of at most n sensor nodes (SNs) that
+//! one point within `V τ` has in range; of equals, the one with the lexicographically smallest ascending list of ids
+//! (decision D7), where a free resource block counts as an SN with an empty queue and an id above all others. So an
+//! empty queue is better than a free block. Where exactly the UAV then flies is left to [`crate::waypoint`].
+//!
+//! Two facts make the search finite and fast (up to the slack of decision D5: sensor nodes that have a point in common
+//! only thanks to it may be found or missed):
+//!
+//! 1. *It is enough to look from the points where the disks of radius `d_c` about one or two SNs come nearest to the
+//!    UAV.* Take the best set S and, of the points that have all of S in range, the one nearest to the UAV. It is in
+//!    reach if any of them is. It is the UAV's own position, or on the rim of one disk, or on the rims of several; two
+//!    of these already keep the UAV from coming nearer, because the direction to it is a sum of at most two of their
+//!    outward normals. So it is the nearest point of one or two of the disks. The n fullest queues in range of it are
+//!    at least as good as S, hence S. (Whole disks in reach, crossings with the rim of reach and SN positions add
+//!    nothing.)
+//! 2. *More SNs never make the n fullest a worse set.* They are elementwise at least as full, and where they are equally
+//!    full, their ids are elementwise at most as high. So what the fullest neighbours of an SN, or of two, would give if
+//!    they could all be served bounds what any set with that SN, or both, can give.
+
+use skysink_common::geometry::{Position, distance_squared, within};
+
+use crate::field::{Field, PRESELECTION_MARGIN};
+use crate::geometric::{self, Disk, crossings};
+use crate::strategy::fullest_first;
+
+/// The search, with its working memory.
+#[derive(Debug, Clone)]
+pub struct ExactSearch {
+    /// The SNs that can be served from within reach, fullest first: the first n that pass a test are the n fullest.
+    nearby: Vec<Spot>,
+    /// Of these, in the same order, the ones that one waypoint may serve together with the SN under consideration.
+    around: Vec<Spot>,
+    best: Best,
+    /// The set under consideration.
+    trial: Schedule,
+}
+
+/// A sensor node, as the search sees it.
+#[derive(Debug, Clone, Copy)]
+struct Spot {
+    position: Position,
+    queue_bits: u32,
+    id: u32,
+}
+
+/// At most n sensor nodes.
+#[derive(Debug, Clone)]
+struct Schedule {
+    /// `Σ B_i(t−1)` [bit].
+    sum_bits: u64,
+    /// Ascending, once [`Schedule::beats`] had to compare them or [`Best::offer`] took them.
+    ids: Vec<u32>,
+}
+
+/// The best set so far and a point that has it in range; empty at first, which any set beats.
+#[derive(Debug, Clone)]
+struct Best {
+    schedule: Schedule,
+    centre: Option<Position>,
+}
+
+impl ExactSearch {
+    /// A search over `field` that never allocates.
+    #[must_use]
+    pub fn new(field: &Field) -> Self {
+        let (sensors, blocks) = (field.positions.len(), field.resource_blocks);
+        Self {
+            nearby: Vec::with_capacity(sensors),
+            around: Vec::with_capacity(sensors),
+            best: Best { schedule: Schedule::with_room_for(blocks), centre: None },
+            trial: Schedule::with_room_for(blocks),
+        }
+    }
+
+    /// The best set that can be served from within reach of `position`, `L_u(t−1)`, and a point that has it in range.
+    ///
+    /// Fills `ids` with the set, ascending; `None` if no SN can be served. The point is within `V τ`, and every SN of
+    /// the set within `d_c` of it (decision D5).
+    pub fn best_set(
+        &mut self,
+        field: &Field,
+        position: &Position,
+        queues_bits: &[u32],
+        ids: &mut Vec<u32>,
+    ) -> Option<Position> {
+        self.preselect(field, position, queues_bits);
+        self.best.clear();
+        for index in 0..self.nearby.len() {
+            let i = self.nearby[index];
+            if self.could_win_with(field, &i) {
+                self.look_about(field, position, &i);
+            }
+        }
+        ids.clear();
+        ids.extend(&self.best.schedule.ids);
+        self.best.centre
+    }
+
+    /// Keeps the SNs within `V τ + d_c`.
+    fn preselect(&mut self, field: &Field, position: &Position, queues_bits: &[u32]) {
+        let radius_m = (field.reach_m + field.comm_radius_m) * PRESELECTION_MARGIN;
+        let spot = |id| Spot { position: *field.position(id), queue_bits: queues_bits[id as usize], id };
+        self.nearby.clear();
+        self.nearby.extend(field.ids_within(position, radius_m).map(spot));
+        self.nearby.sort_unstable_by_key(|spot| fullest_first(queues_bits, spot.id));
+    }
+
+    /// Looks from where the disk of i, and its lenses with the disks of all less full SNs, come nearest to the UAV.
+    fn look_about(&mut self, field: &Field, position: &Position, i: &Spot) {
+        self.around.clear();
+        self.around.extend(self.nearby.iter().filter(|other| may_share(field, i, other)));
+        let reach = Disk { centre: *position, radius_m: field.reach_m };
+        let disk = i.disk(field);
+        if let Some(centre) = geometric::project(position, &[reach, disk]) {
+            self.look_from(field, &centre);
+        }
+        if field.resource_blocks < 2 {
+            return;
+        }
+        let own = self.around.iter().position(|spot| spot.id == i.id).expect("an SN is where it is itself");
+        for index in own + 1..self.around.len() {
+            let k = self.around[index];
+            if !self.could_win_with_both(field, i, &k) {
+                continue;
+            }
+            // Where the lens comes nearer than at its corners, it does so where one of the disks does.
+            let [a, b] = crossings(&disk, &k.disk(field));
+            let a_is_nearer = distance_squared(&a, position) <= distance_squared(&b, position);
+            let corner = if a_is_nearer { a } else { b };
+            if reach.contains(&corner) {
+                self.look_from(field, &corner);
+            }
+        }
+    }
+
+    /// Offers the n fullest queues in range of `centre`.
+    fn look_from(&mut self, field: &Field, centre: &Position) {
+        let in_range = |spot: &&Spot| within(&spot.position, centre, field.comm_radius_m);
+        self.trial.fill(self.around.iter().filter(in_range).take(field.resource_blocks));
+        self.best.offer(&mut self.trial, centre);
+    }
+
+    /// Whether a set with i may beat the best so far: i and its n−1 fullest neighbours, as if all could be served.
+    fn could_win_with(&mut self, field: &Field, i: &Spot) -> bool {
+        let others = self.nearby.iter().filter(|other| other.id != i.id && may_share(field, i, other));
+        self.trial.fill([i].into_iter().chain(others.take(field.resource_blocks - 1)));
+        self.trial.beats(&self.best.schedule)
+    }
+
+    /// Whether a set with i and k may beat the best so far, likewise.
+    fn could_win_with_both(&mut self, field: &Field, i: &Spot, k: &Spot) -> bool {
+        let others =
+            self.around.iter().filter(|other| other.id != i.id && other.id != k.id && may_share(field, k, other));
+        self.trial.fill([i, k].into_iter().chain(others.take(field.resource_blocks - 2)));
+        self.trial.beats(&self.best.schedule)
+    }
+}
+
+impl Spot {
+    /// From where it can be served.
+    fn disk(&self, field: &Field) -> Disk {
+        Disk { centre: self.position, radius_m: field.comm_radius_m }
+    }
+}
+
+/// Whether one waypoint may have both SNs in range.
+fn may_share(field: &Field, a: &Spot, b: &Spot) -> bool {
+    within(&a.position, &b.position, 2.0 * field.comm_radius_m * PRESELECTION_MARGIN)
+}
+
+impl Schedule {
+    fn with_room_for(blocks: usize) -> Self {
+        Self { sum_bits: 0, ids: Vec::with_capacity(blocks) }
+    }
+
+    fn fill<'a>(&mut self, spots: impl Iterator<Item = &'a Spot>) {
+        self.sum_bits = 0;
+        self.ids.clear();
+        for spot in spots {
+            self.sum_bits += u64::from(spot.queue_bits);
+            self.ids.push(spot.id);
+        }
+    }
+
+    /// Whether it is the better set; `other` is ascending.
+    ///
+    /// A larger sum, or the same and lexicographically smaller ids, in which a free block counts as an id above all.
+    fn beats(&mut self, other: &Self) -> bool {
+        if self.sum_bits != other.sum_bits {
+            return self.sum_bits > other.sum_bits;
+        }
+        self.ids.sort_unstable();
+        let first_difference = self.ids.iter().zip(&other.ids).find(|(own, others)| own != others);
+        first_difference.map_or(self.ids.len() > other.ids.len(), |(own, others)| own < others)
+    }
+}
+
+impl Best {
+    fn clear(&mut self) {
+        self.schedule.fill([].into_iter());
+        self.centre = None;
+    }
+
+    /// Takes `trial` if it is better, and leaves the set it had in its place.
+    fn offer(&mut self, trial: &mut Schedule, centre: &Position) {
+        if trial.beats(&self.schedule) {
+            std::mem::swap(&mut self.schedule, trial);
+            self.schedule.ids.sort_unstable();
+            self.centre = Some(*centre);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::field::tests::field_of;
+
+    /// The set found from the middle of the area, and from where.
+    fn search(field: &Field, queues_bits: &[u32]) -> Option<(Position, Vec<u32>)> {
+        let mut ids = vec![77];
+        let centre = ExactSearch::new(field).best_set(field, &Position::new(50.0, 50.0), queues_bits, &mut ids);
+        assert_eq!(centre.is_none(), ids.is_empty());
+        centre.map(|centre| (centre, ids))
+    }
+
+    fn assert_found(field: &Field, queues_bits: &[u32], centre: [f64; 2], ids: &[u32]) {
+        let (from, found) = search(field, queues_bits).expect("somebody can be served");
+        assert_eq!(found, ids, "from {from}");
+        assert!((from - Position::from(centre)).norm() < 1e-9, "{from}");
+    }
+
+    #[test]
+    fn nobody_is_found_beyond_reach_and_range_together() {
+        // V τ + d_c = 40 m.
+        assert_eq!(search(&field_of(&[[50.0, 90.1], [9.0, 50.0]]), &[9, 9]), None);
+        assert_eq!(search(&field_of(&[]), &[]), None);
+    }
+
+    #[test]
+    fn nobody_is_found_from_nowhere() {
+        let field = field_of(&[[50.0, 50.0]]);
+        let nowhere = Position::new(f64::NAN, 50.0);
+        assert_eq!(ExactSearch::new(&field).best_set(&field, &nowhere, &[9], &mut Vec::new()), None);
+    }
+
+    #[test]
+    fn a_lone_sensor_node_is_served_from_where_its_disk_is_nearest() {
+        assert_found(&field_of(&[[57.0, 50.0]]), &[9], [50.0, 50.0], &[0]);
+        // 40 m away: where the disk and reach touch, 30 m and 10 m; (24, 32) is 40 m, too.
+        assert_found(&field_of(&[[50.0, 90.0]]), &[9], [50.0, 80.0], &[0]);
+        assert_found(&field_of(&[[74.0, 82.0]]), &[9], [68.0, 74.0], &[0]);
+    }
+
+    #[test]
+    fn two_sensor_nodes_are_served_from_the_near_corner_of_their_lens() {
+        // 12 m apart, 36 m to the north: the corners are 8 m to either side of the middle, 10² = 6² + 8².
+        assert_found(&field_of(&[[44.0, 86.0], [56.0, 86.0]]), &[9, 9], [50.0, 78.0], &[0, 1]);
+        // At 39 m the near corner is 31 m away, and reach is 30 m: only one can be served, the fuller.
+        let field = field_of(&[[44.0, 89.0], [56.0, 89.0]]);
+        assert_eq!(search(&field, &[8, 9]).unwrap().1, [1]);
+        assert_eq!(search(&field, &[9, 9]).unwrap().1, [0]);
+    }
+
+    #[test]
+    fn three_sensor_nodes_on_one_circle_are_served_from_its_centre() {
+        // All 10 m from (50, 70), and any two of them at most 20 m apart: (±6, 8) and (0, −10).
+        assert_found(&field_of(&[[56.0, 78.0], [44.0, 78.0], [50.0, 60.0]]), &[1, 1, 1], [50.0, 70.0], &[0, 1, 2]);
+    }
+
+    #[test]
+    fn sensor_nodes_that_touch_or_coincide_are_served_together() {
+        // 20 m apart, twice on the same spot.
+        let field = field_of(&[[40.0, 60.0], [60.0, 60.0], [40.0, 60.0]]);
+        assert_found(&field, &[1, 1, 1], [50.0, 60.0], &[0, 1, 2]);
+        assert_found(&field_of(&[[50.0, 70.0]; 5]), &[1, 2, 3, 4, 5], [50.0, 60.0], &[1, 2, 3, 4]);
+    }
+
+    #[test]
+    fn a_reach_smaller_than_range_leaves_what_is_in_range_of_all_of_it() {
+        let mut field = field_of(&[[56.0, 50.0], [44.0, 50.0], [50.0, 62.0]]);
+        field.reach_m = 1.0;
+        assert_found(&field, &[1, 1, 99], [50.0, 50.0], &[0, 1]);
+    }
+
+    #[test]
+    fn a_set_without_the_fullest_queue_wins_where_it_holds_more() {
+        // SN 0 is the partner of every anchor of Algorithm 1, more than 19.6 m from the others, and no circle of radius
+        // 10 m has two of them in it as well. The other three are in range of (70, 50).
+        let mut field = field_of(&[[50.0, 50.0], [69.8, 50.0], [68.0, 58.0], [68.0, 42.0]]);
+        field.resource_blocks = 3;
+        assert_eq!(search(&field, &[100, 60, 60, 60]).unwrap().1, [1, 2, 3]);
+        let mut ids = Vec::new();
+        let (reach, position) = (crate::search::Reach::Wide, Position::new(50.0, 50.0));
+        crate::search::Search::default().best_set(reach, &field, &position, &[100, 60, 60, 60], &mut ids);
+        assert_eq!(ids, [0, 1]);
+    }
+
+    #[test]
+    fn of_equal_sums_the_smallest_list_of_ids_wins() {
+        // Three pairs that no point serves together.
+        let field = field_of(&[[50.0, 70.0], [25.0, 50.0], [75.0, 50.0], [76.0, 50.0], [26.0, 50.0], [50.0, 71.0]]);
+        assert_eq!(search(&field, &[5, 5, 5, 5, 5, 5]).unwrap().1, [0, 5]);
+        assert_eq!(search(&field, &[5, 6, 5, 6, 5, 5]).unwrap().1, [1, 4]);
+    }
+
+    #[test]
+    fn an_empty_queue_is_better_than_a_free_block() {
+        // SN 0 can be served alone, or with the empty SN 2.
+        assert_eq!(search(&field_of(&[[50.0, 50.0], [95.0, 50.0], [50.0, 65.0]]), &[5, 9, 0]).unwrap().1, [0, 2]);
+        // With the empty SN 1, or with the empty SNs 2 and 3: ids count, not how many.
+        let field = field_of(&[[50.0, 50.0], [66.0, 50.0], [34.0, 50.0], [34.0, 51.0]]);
+        assert_eq!(search(&field, &[5, 0, 0, 0]).unwrap().1, [0, 1]);
+        // Nobody has anything.
+        assert_eq!(search(&field_of(&[[90.1, 50.0], [50.0, 60.0]]), &[0, 0]).unwrap().1, [1]);
+    }
+}

@@ -1,0 +1,238 @@
+//! A sheet of lines, areas and texts, and the two files it becomes: the only place that writes with plotters' backends.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use plotters::backend::{BitMapBackend, DrawingBackend, SVGBackend};
+use plotters::coord::Shift;
+use plotters::drawing::{DrawingArea, DrawingAreaErrorKind, IntoDrawingArea};
+use plotters::element::{Circle, PathElement, Polygon};
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::{Color, FontTransform, RGBColor, ShapeStyle, TextStyle, WHITE};
+
+use super::error::FigureError;
+use super::style::{bitmap_size, font, lacks};
+
+/// Backend pixels a unit: the SVG has coordinates that fine, the PNG is averaged from that many by that many samples.
+const FINENESS: u32 = 3;
+
+/// Which part of a text is at its anchor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Anchor {
+    /// Its begin.
+    Left,
+    /// Its middle.
+    Center,
+    /// Its end.
+    Right,
+}
+
+/// Which way a text runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Run {
+    /// From left to right.
+    Across,
+    /// From below to above.
+    Up,
+}
+
+/// A text on the sheet.
+#[derive(Debug)]
+pub struct Text {
+    /// What it says.
+    pub text: String,
+    /// Its anchor, on the base line [units].
+    pub at: [f64; 2],
+    /// Size [units].
+    pub em: f64,
+    /// Which part is there.
+    pub anchor: Anchor,
+    /// Which way it runs.
+    pub run: Run,
+    /// Its colour.
+    pub colour: RGBColor,
+}
+
+/// What can lie on the sheet.
+#[derive(Debug)]
+enum Shape {
+    Line { points: Vec<[f64; 2]>, width: f64, colour: RGBColor },
+    Area { points: Vec<[f64; 2]>, colour: RGBColor, opacity: f64 },
+    Text(Text),
+}
+
+/// A white sheet; x to the right and y downwards from its upper left corner, a unit is a pixel of the PNG.
+#[derive(Debug)]
+pub struct Canvas {
+    width: u32,
+    height: u32,
+    shapes: Vec<Shape>,
+}
+
+impl Canvas {
+    /// An empty sheet of `width` by `height` units.
+    pub fn new(width: u32, height: u32) -> Self {
+        Self { width, height, shapes: Vec::new() }
+    }
+
+    /// Puts an opaque line on the sheet.
+    pub fn line(&mut self, points: Vec<[f64; 2]>, width: f64, colour: RGBColor) {
+        self.shapes.push(Shape::Line { points, width, colour });
+    }
+
+    /// Puts a filled polygon on the sheet; `opacity` from 0 to 1.
+    pub fn area(&mut self, points: Vec<[f64; 2]>, colour: RGBColor, opacity: f64) {
+        self.shapes.push(Shape::Area { points, colour, opacity });
+    }
+
+    /// Puts a text on the sheet.
+    pub fn text(&mut self, text: Text) {
+        self.shapes.push(Shape::Text(text));
+    }
+
+    /// Writes `stem`.svg and `stem`.png.
+    ///
+    /// # Errors
+    /// A text that the embedded font cannot set, a file that cannot be written.
+    pub fn write(&self, stem: &Path) -> Result<(), FigureError> {
+        for shape in &self.shapes {
+            if let Shape::Text(Text { text, .. }) = shape
+                && let Some(character) = lacks(text)
+            {
+                return Err(FigureError::Character { text: text.clone(), character });
+            }
+        }
+        let path = with_suffix(stem, "svg");
+        fs::write(&path, self.svg()).map_err(FigureError::file(&path))?;
+        let path = with_suffix(stem, "png");
+        let mut png = BitMapBackend::new(&path, (self.width, self.height));
+        png.blit_bitmap((0, 0), (self.width, self.height), &self.bitmap())
+            .and_then(|()| png.present())
+            .map_err(|error| FigureError::file(&path)(std::io::Error::other(error)))
+    }
+
+    /// The sheet as an SVG document of `width` by `height`.
+    fn svg(&self) -> String {
+        let (width, height) = (self.width * FINENESS, self.height * FINENESS);
+        let mut svg = String::new();
+        let area = SVGBackend::with_string(&mut svg, (width, height)).into_drawing_area();
+        self.paint(&area, Medium::Svg).expect("a string takes everything");
+        drop(area);
+        svg.replacen(
+            &format!("width=\"{width}\" height=\"{height}\""),
+            &format!("width=\"{}\" height=\"{}\" stroke-linejoin=\"round\"", self.width, self.height),
+            1,
+        )
+    }
+
+    /// The sheet as RGB bytes, row by row.
+    fn bitmap(&self) -> Vec<u8> {
+        let (width, height) = (self.width * FINENESS, self.height * FINENESS);
+        let mut fine = vec![u8::MAX; (width * height * 3) as usize];
+        let area = BitMapBackend::with_buffer(&mut fine, (width, height)).into_drawing_area();
+        self.paint(&area, Medium::Bitmap).expect("a buffer takes everything");
+        drop(area);
+        average(&fine, width)
+    }
+
+    fn paint<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>, medium: Medium) -> Painted<B> {
+        area.fill(&WHITE)?;
+        for shape in &self.shapes {
+            match shape {
+                Shape::Line { points, width, colour } => medium.draw_line(area, points, *width, *colour)?,
+                Shape::Area { points, colour, opacity } => {
+                    area.draw(&Polygon::new(fine(points), colour.mix(*opacity)))?
+                }
+                Shape::Text(text) => medium.draw_text(area, text)?,
+            }
+        }
+        area.present()
+    }
+}
+
+/// What drawing on a backend comes to.
+type Painted<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
+
+/// What the two kinds of file need done differently.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Medium {
+    Svg,
+    Bitmap,
+}
+
+impl Medium {
+    /// A line with round corners. Plotters fills the outline of a bitmap's thick line, with holes where it crosses
+    /// itself; stretch by stretch there are none.
+    fn draw_line<B: DrawingBackend>(
+        self,
+        area: &DrawingArea<B, Shift>,
+        points: &[[f64; 2]],
+        width: f64,
+        colour: RGBColor,
+    ) -> Painted<B> {
+        let stroke_width = (width * f64::from(FINENESS)).round() as u32;
+        let style = ShapeStyle { color: colour.to_rgba(), filled: true, stroke_width };
+        if self == Self::Svg {
+            return area.draw(&PathElement::new(fine(points), style));
+        }
+        for (i, ends) in points.windows(2).enumerate() {
+            let ends = fine(ends);
+            if i > 0 {
+                area.draw(&Circle::new(ends[0], stroke_width / 2, style))?;
+            }
+            area.draw(&PathElement::new(ends, style))?;
+        }
+        Ok(())
+    }
+
+    /// A text with its anchor on the base line, which plotters' two backends put at different depths below the top.
+    fn draw_text<B: DrawingBackend>(self, area: &DrawingArea<B, Shift>, text: &Text) -> Painted<B> {
+        let (size, depth) = match self {
+            Self::Svg => (1.24 * text.em, 0.76 * text.em),
+            Self::Bitmap => (bitmap_size(text.em), bitmap_size(text.em) / 2.0),
+        };
+        let (at, turn) = match text.run {
+            Run::Across => ([text.at[0], text.at[1] - depth], FontTransform::None),
+            Run::Up => ([text.at[0] - depth, text.at[1]], FontTransform::Rotate270),
+        };
+        let font = font(size * f64::from(FINENESS)).transform(turn);
+        let side = match text.anchor {
+            Anchor::Left => HPos::Left,
+            Anchor::Center => HPos::Center,
+            Anchor::Right => HPos::Right,
+        };
+        let style = TextStyle { font, color: text.colour.to_backend_color(), pos: Pos::new(side, VPos::Top) };
+        area.draw_text(&text.text, &style, fine(&[at])[0])
+    }
+}
+
+/// Units → backend pixels.
+fn fine(points: &[[f64; 2]]) -> Vec<(i32, i32)> {
+    let pixel = |units: f64| (units * f64::from(FINENESS)).round() as i32;
+    points.iter().map(|&[x, y]| (pixel(x), pixel(y))).collect()
+}
+
+/// Means of the squares of `FINENESS` by `FINENESS` pixels of an RGB picture `width` pixels wide.
+fn average(fine: &[u8], width: u32) -> Vec<u8> {
+    let (fineness, row) = (FINENESS as usize, width as usize * 3);
+    let mut coarse = Vec::with_capacity(fine.len() / (fineness * fineness));
+    for rows in fine.chunks_exact(row * fineness) {
+        for x in (0..row).step_by(3 * fineness) {
+            for channel in 0..3 {
+                let samples = (0..fineness * fineness)
+                    .map(|i| u32::from(rows[i / fineness * row + x + i % fineness * 3 + channel]));
+                let count = FINENESS * FINENESS;
+                coarse.push(((samples.sum::<u32>() + count / 2) / count) as u8);
+            }
+        }
+    }
+    coarse
+}
+
+/// `stem` with `.suffix` behind it, whatever dots it has.
+fn with_suffix(stem: &Path, suffix: &str) -> PathBuf {
+    let mut path = stem.as_os_str().to_owned();
+    path.push(".");
+    path.push(suffix);
+    path.into()
+}

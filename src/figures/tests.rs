@@ -1,0 +1,208 @@
+//! What the files must hold, and what is refused.
+
+use std::fs;
+use std::path::Path;
+
+use super::*;
+
+fn series(label: &str, points: &[(f64, f64, f64)]) -> Series {
+    let points = points.iter().map(|&(x, mean, half_width)| Point { x, mean, half_width }).collect();
+    Series { label: label.to_owned(), points }
+}
+
+fn chart(series: Vec<Series>) -> Chart {
+    Chart {
+        title: "Loss against area".to_owned(),
+        x_label: "side of the area [m]".to_owned(),
+        y_label: "data loss rate η [−]".to_owned(),
+        series,
+        footer: "50 missions per point, 95 % CI · skysink".to_owned(),
+        y_scale: Scale::Linear,
+    }
+}
+
+fn sheet() -> MapSheet {
+    let map = |title: &str| TrajectoryMap {
+        title: title.to_owned(),
+        width_m: 100.0,
+        height_m: 80.0,
+        sensors: vec![
+            MapSensor { position_m: [20.0, 30.0], share: 0.0 },
+            MapSensor { position_m: [90.0, 5.0], share: 0.4 },
+        ],
+        start_m: [50.0, 40.0],
+        path_m: vec![[50.0, 40.0], [50.0, 40.0], [20.0, 30.0]],
+    };
+    MapSheet {
+        title: "Trajectories".to_owned(),
+        maps: vec![map("rfs"), map("uts-wide")],
+        share_label: "bits lost / bits sampled [−]".to_owned(),
+        footer: "seed 1 · skysink".to_owned(),
+    }
+}
+
+/// Draws into a folder of its own and returns SVG and PNG.
+fn files(draw: impl Fn(&Path) -> Result<(), FigureError>) -> (String, Vec<u8>) {
+    let folder = tempfile::tempdir().unwrap();
+    draw(&folder.path().join("fig.2a")).unwrap();
+    let read = |name| fs::read(folder.path().join(name)).unwrap();
+    (String::from_utf8(read("fig.2a.svg")).unwrap(), read("fig.2a.png"))
+}
+
+/// The one-line message with which a chart is refused.
+fn refusal(chart: &Chart) -> String {
+    let message = chart.draw(Path::new("/nowhere/at/all")).unwrap_err().to_string();
+    assert!(!message.contains('\n'), "{message}");
+    message
+}
+
+#[test]
+fn the_same_figure_gives_the_same_bytes() {
+    let chart =
+        chart(vec![series("rfs", &[(100.0, 0.1, 0.02), (200.0, 0.3, 0.01)]), series("gfs", &[(150.0, 0.2, 0.1)])]);
+    assert_eq!(files(|stem| chart.draw(stem)), files(|stem| chart.draw(stem)));
+    assert_eq!(files(|stem| sheet().draw(stem)), files(|stem| sheet().draw(stem)));
+}
+
+#[test]
+fn a_chart_says_what_it_shows() {
+    let (svg, png) = files(|stem| {
+        chart(vec![series("uts", &[(1.0, 0.1, 0.0), (2.0, 0.2, 0.0)]), series("exact", &[(1.0, 0.0, 0.0)])]).draw(stem)
+    });
+    for text in [
+        "Loss against area",
+        "side of the area [m]",
+        "data loss rate η [−]",
+        "uts",
+        "exact",
+        "50 missions per point, 95 % CI · skysink",
+    ] {
+        assert!(svg.contains(&format!(">\n{text}\n</text>")), "{text}");
+    }
+    assert!(svg.starts_with("<svg width=\"1600\" height=\"1000\""), "{}", &svg[..80]);
+    assert!(svg.contains("font-family=\"DejaVu Sans, Verdana, Arial, sans-serif\""));
+    let side = |at: usize| u32::from_be_bytes(png[at..at + 4].try_into().unwrap());
+    assert_eq!((side(16), side(20)), (1600, 1000));
+}
+
+#[test]
+fn a_sheet_of_maps_says_what_it_shows() {
+    let (svg, _) = files(|stem| sheet().draw(stem));
+    let texts = [
+        "Trajectories",
+        "rfs",
+        "uts-wide",
+        "bits lost / bits sampled [−]",
+        "x [m]",
+        "y [m]",
+        "start",
+        "seed 1 · skysink",
+    ];
+    for text in texts {
+        assert!(svg.contains(&format!(">\n{text}\n</text>")), "{text}");
+    }
+}
+
+#[test]
+fn a_confidence_interval_that_is_not_known_draws_no_band() {
+    let bands = |half_width: f64| {
+        let curve = series("uts", &[(1.0, 0.1, half_width), (2.0, 0.2, half_width)]);
+        files(|stem| chart(vec![curve.clone()]).draw(stem)).0.matches("<polygon").count()
+    };
+    assert_eq!((bands(f64::NAN), bands(0.05)), (0, 1));
+}
+
+#[test]
+fn a_chart_of_nothing_or_of_too_much_is_refused() {
+    assert_eq!(refusal(&chart(vec![])), "chart \"Loss against area\": 0 series: expected 1 to 5");
+    let curve = series("uts", &[(1.0, 0.1, 0.0)]);
+    assert_eq!(refusal(&chart(vec![curve; 6])), "chart \"Loss against area\": 6 series: expected 1 to 5");
+    let message = "chart \"Loss against area\", series \"uts\": 0 points: expected at least 1";
+    assert_eq!(refusal(&chart(vec![series("uts", &[])])), message);
+}
+
+#[test]
+fn a_number_that_has_no_place_is_refused() {
+    let place = "chart \"Loss against area\", series \"uts\"";
+    let one = |x, mean, half_width| refusal(&chart(vec![series("uts", &[(0.0, 0.1, 0.0), (x, mean, half_width)])]));
+    assert_eq!(one(1.0, f64::NAN, 0.0), format!("{place}, x = 1: mean = NaN: expected a finite number"));
+    assert_eq!(one(1.0, 0.1, -1.0), format!("{place}, x = 1: half width = -1: expected at least 0, or NaN for none"));
+    assert_eq!(
+        one(1.0, 0.1, f64::INFINITY),
+        format!("{place}, x = 1: half width = inf: expected at least 0, or NaN for none")
+    );
+    for x in [f64::NAN, f64::INFINITY, 0.0, -1.0] {
+        assert_eq!(one(x, 0.1, 0.0), format!("{place}: x = {x}: expected finite numbers in ascending order"));
+    }
+    let log = Chart { y_scale: Scale::Log, ..chart(vec![series("uts", &[(1.0, 0.0, 0.0)])]) };
+    assert_eq!(refusal(&log), format!("{place}, x = 1: mean = 0: expected above 0 on a logarithmic scale"));
+}
+
+#[test]
+fn a_map_of_the_impossible_is_refused() {
+    let refusal = |change: fn(&mut TrajectoryMap)| {
+        let mut sheet = sheet();
+        change(&mut sheet.maps[1]);
+        sheet.draw(Path::new("/nowhere/at/all")).unwrap_err().to_string()
+    };
+    let share = refusal(|map| map.sensors[0].share = 1.5);
+    assert_eq!(share, "map \"uts-wide\": share = 1.5: expected a share from 0 to 1");
+    let width = refusal(|map| map.width_m = f64::NAN);
+    assert_eq!(width, "map \"uts-wide\": width_m = NaN: expected a finite length above 0");
+    let path = refusal(|map| map.path_m[2][1] = f64::INFINITY);
+    assert_eq!(path, "map \"uts-wide\": y = inf: expected a finite position [m]");
+    let empty = MapSheet { maps: vec![], ..sheet() }.draw(Path::new("/nowhere/at/all")).unwrap_err();
+    assert_eq!(empty.to_string(), "map sheet \"Trajectories\": 0 maps: expected at least 1");
+}
+
+#[test]
+fn a_character_without_a_glyph_is_refused() {
+    let message = refusal(&chart(vec![series("城", &[(1.0, 0.1, 0.0)])]));
+    let expected = "figure text \"城\": '城' is not in the embedded font: expected Latin, Greek or common symbols";
+    assert_eq!(message, expected);
+}
+
+#[test]
+fn a_file_that_cannot_be_written_is_named() {
+    let chart = chart(vec![series("uts", &[(1.0, 0.1, 0.0)])]);
+    assert_eq!(refusal(&chart), "/nowhere/at/all.svg: No such file or directory (os error 2)");
+    let folder = tempfile::tempdir().unwrap();
+    fs::create_dir(folder.path().join("fig.png")).unwrap();
+    let message = chart.draw(&folder.path().join("fig")).unwrap_err().to_string();
+    assert!(message.starts_with(&format!("{}: ", folder.path().join("fig.png").display())), "{message}");
+}
+
+#[test]
+fn every_character_that_is_not_refused_has_a_glyph() {
+    let glyph = |character: char| {
+        let mut dots = Vec::new();
+        let drawn = style::font(60.0).draw(&character.to_string(), (0, 0), |x, y, cover| {
+            dots.push((x, y, cover.to_bits()));
+            Ok::<(), ()>(())
+        });
+        drawn.unwrap().unwrap();
+        dots
+    };
+    let box_of_a_missing_glyph = glyph('城');
+    let accepted = (' '..='\u{ffff}').filter(|character| style::lacks(&character.to_string()).is_none());
+    let missing: Vec<_> = accepted.filter(|&character| glyph(character) == box_of_a_missing_glyph).collect();
+    assert_eq!(missing, []);
+}
+
+#[test]
+fn dashes_go_on_around_corners() {
+    // 4 of dash, 3 of gap along a right angle of 5 + 6: dashes from 0 to 4 and, past the corner, from 7 to 11.
+    let style = style::SeriesStyle { dashes: &[4.0, 3.0], ..style::SERIES[0] };
+    let dashes = style.dashed(vec![[0.0, 0.0], [5.0, 0.0], [5.0, 6.0]]);
+    assert_eq!(dashes, [[[0.0, 0.0], [4.0, 0.0]], [[5.0, 2.0], [5.0, 6.0]]]);
+}
+
+#[test]
+fn a_higher_share_is_darker_so_that_maps_read_in_grey() {
+    let lightness = |share: f64| {
+        let plotters::style::RGBColor(red, green, blue) = style::shade(share);
+        0.2126 * f64::from(red) + 0.7152 * f64::from(green) + 0.0722 * f64::from(blue)
+    };
+    let lightness: Vec<_> = (0..=100).map(|percent| lightness(f64::from(percent) / 100.0)).collect();
+    assert!(lightness.windows(2).all(|pair| pair[0] > pair[1]), "{lightness:?}");
+}

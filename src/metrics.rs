@@ -1,0 +1,213 @@
+//! What researchers ask of a mission besides its loss: how far it flew and at what cost, how old its data are, and how
+//! fairly it served. Definitions in `docs/metrics.md`.
+
+use skysink_common::geometry::Position;
+use skysink_common::message::FlightReport;
+use skysink_common::scenario::{Propulsion, Scenario};
+
+use crate::propulsion::power_w;
+
+/// Running sums of a mission.
+#[derive(Debug, Clone)]
+pub struct Metrics {
+    slot_s: f64,
+    aircraft: Propulsion,
+    position: Position,
+    flown_m: f64,
+    energy_j: f64,
+    slot: u64,
+    /// Slot of each SN's last service, 0 before the first.
+    last_service: Vec<u64>,
+    ages: Ages,
+}
+
+/// The figures of a mission.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Figures {
+    /// Distance flown [m].
+    pub flown_m: f64,
+    /// Propulsion energy [J], hovering included.
+    pub energy_j: f64,
+    /// Mean age of information over all SNs and slots [s].
+    pub aoi_mean_s: f64,
+    /// 99th percentile of the same [s].
+    pub aoi_p99_s: f64,
+    /// Jain's index of the bits delivered by each SN, 1/N to 1.
+    pub jain: f64,
+}
+
+impl Metrics {
+    /// Nothing flown yet.
+    #[must_use]
+    pub fn new(scenario: &Scenario, sensors: usize) -> Self {
+        Self {
+            slot_s: scenario.slot_s,
+            aircraft: scenario.uav.propulsion,
+            position: scenario.uav.start,
+            flown_m: 0.0,
+            energy_j: 0.0,
+            slot: 0,
+            last_service: vec![0; sensors],
+            ages: Ages::default(),
+        }
+    }
+
+    /// Adds the next slot.
+    pub fn add(&mut self, flight: &FlightReport) {
+        self.slot += 1;
+        let step_m = (flight.position() - self.position).norm();
+        self.position = flight.position();
+        self.flown_m += step_m;
+        self.energy_j += power_w(&self.aircraft, step_m / self.slot_s) * self.slot_s;
+        for link in flight.served_links() {
+            let last = &mut self.last_service[link.sensor as usize];
+            self.ages.add_gap(self.slot - *last - 1);
+            self.ages.add_zero();
+            *last = self.slot;
+        }
+    }
+
+    /// The figures so far; `delivered_bits` by sensor node.
+    #[must_use]
+    pub fn figures(&self, delivered_bits: &[u64]) -> Figures {
+        let mut ages = self.ages.clone();
+        for last in &self.last_service {
+            ages.add_gap(self.slot - last);
+        }
+        Figures {
+            flown_m: self.flown_m,
+            energy_j: self.energy_j,
+            aoi_mean_s: ages.mean() * self.slot_s,
+            aoi_p99_s: ages.quantile(0.99) as f64 * self.slot_s,
+            jain: jain(delivered_bits),
+        }
+    }
+}
+
+/// Ages in slots, counted: a gap of g slots without service holds the ages 1, 2, ..., g.
+#[derive(Debug, Clone, Default)]
+struct Ages {
+    zeros: u64,
+    /// By g: how many gaps of g slots.
+    gaps: Vec<u64>,
+}
+
+impl Ages {
+    fn add_zero(&mut self) {
+        self.zeros += 1;
+    }
+
+    fn add_gap(&mut self, slots: u64) {
+        let slots = usize::try_from(slots).expect("a mission that fits in memory");
+        if self.gaps.len() <= slots {
+            self.gaps.resize(slots + 1, 0);
+        }
+        self.gaps[slots] += 1;
+    }
+
+    /// How many samples have each age: age a occurs once in every gap of at least a slots.
+    fn counts(&self) -> Vec<u64> {
+        let mut counts = vec![0; self.gaps.len().max(1)];
+        let mut longer = 0;
+        for age in (1..self.gaps.len()).rev() {
+            longer += self.gaps[age];
+            counts[age] = longer;
+        }
+        counts[0] = self.zeros;
+        counts
+    }
+
+    fn mean(&self) -> f64 {
+        let counts = self.counts();
+        let samples: u64 = counts.iter().sum();
+        let sum: u64 = (0..).zip(&counts).map(|(age, count): (u64, _)| age * count).sum();
+        if samples == 0 { 0.0 } else { sum as f64 / samples as f64 }
+    }
+
+    /// The least age that is not exceeded by a share `q` of the samples (nearest rank).
+    fn quantile(&self, q: f64) -> u64 {
+        let counts = self.counts();
+        let rank = (q * counts.iter().sum::<u64>() as f64).ceil() as u64;
+        let mut seen = 0;
+        for (age, count) in (0..).zip(&counts) {
+            seen += count;
+            if seen >= rank {
+                return age;
+            }
+        }
+        0
+    }
+}
+
+/// Jain's fairness index, `(Σ x)² / (N Σ x²)`; 1 where nothing was delivered to anybody's disadvantage.
+fn jain(values: &[u64]) -> f64 {
+    let sum: f64 = values.iter().map(|&value| value as f64).sum();
+    let squares: f64 = values.iter().map(|&value| (value as f64).powi(2)).sum();
+    if squares > 0.0 { sum * sum / (values.len() as f64 * squares) } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skysink_common::message::{LinkReport, Mode};
+    use skysink_common::scenario::Overrides;
+
+    /// A flight to x [m] on the line y = 50 m that serves these SNs.
+    fn flight(x_m: f64, served: &[u32]) -> FlightReport {
+        let mut report = FlightReport::at(x_m, 50.0, 20.0, Mode::Serve);
+        for (link, &sensor) in report.links.iter_mut().zip(served) {
+            *link = LinkReport { sensor, ..LinkReport::default() };
+        }
+        report.served = u32::try_from(served.len()).unwrap();
+        report
+    }
+
+    #[test]
+    fn ages_count_slots_since_the_last_service() {
+        let scenario = Scenario::letter(Overrides::default()).unwrap();
+        let mut metrics = Metrics::new(&scenario, 2);
+        for served in [&[][..], &[0], &[], &[0, 1]] {
+            metrics.add(&flight(50.0, served));
+        }
+        // Ages after slots 1 to 4: SN 0: 1, 0, 1, 0; SN 1: 1, 2, 3, 0. Mean 8/8; the largest of 8 is the 99th percentile.
+        let figures = metrics.figures(&[0, 0]);
+        assert_eq!((figures.aoi_mean_s, figures.aoi_p99_s), (1.0, 3.0));
+    }
+
+    #[test]
+    fn ages_agree_with_counting_one_by_one() {
+        let scenario = Scenario::letter(Overrides::default()).unwrap();
+        let mut metrics = Metrics::new(&scenario, 7);
+        let (mut last, mut ages) = ([0u64; 7], Vec::new());
+        for slot in 1..=300u64 {
+            let served: Vec<u32> = (0..7).filter(|&sn| (slot * 31 + u64::from(sn) * 17) % 23 < 3).collect();
+            metrics.add(&flight(50.0, &served));
+            served.iter().for_each(|&sn| last[sn as usize] = slot);
+            ages.extend(last.iter().map(|last| slot - last));
+        }
+        ages.sort_unstable();
+        let figures = metrics.figures(&[0; 7]);
+        assert_eq!(figures.aoi_mean_s, ages.iter().sum::<u64>() as f64 / ages.len() as f64);
+        assert_eq!(figures.aoi_p99_s, ages[(ages.len() * 99).div_ceil(100) - 1] as f64);
+    }
+
+    #[test]
+    fn hovering_costs_energy_and_no_distance() {
+        let scenario = Scenario::letter(Overrides::default()).unwrap();
+        let mut metrics = Metrics::new(&scenario, 1);
+        metrics.add(&flight(50.0, &[]));
+        let hover = metrics.figures(&[0]);
+        assert!((hover.energy_j - 168.49).abs() < 1e-9);
+        metrics.add(&flight(60.0, &[]));
+        let flown = metrics.figures(&[0]);
+        assert_eq!((hover.flown_m, flown.flown_m), (0.0, 10.0));
+        assert!((flown.energy_j - hover.energy_j - power_w(&scenario.uav.propulsion, 10.0)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn fairness_is_one_for_equals_and_one_over_n_for_one_alone() {
+        assert_eq!(jain(&[5, 5, 5, 5]), 1.0);
+        assert_eq!(jain(&[8, 0, 0, 0]), 0.25);
+        assert_eq!(jain(&[1, 2, 3]), 36.0 / 42.0);
+    }
+}

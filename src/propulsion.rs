@@ -1,0 +1,45 @@
+//! What flying costs: the propulsion power of a rotary-wing UAV in level flight.
+//!
+//! Model and default values: Y. Zeng, J. Xu, R. Zhang, "Energy Minimization for Wireless Communication With Rotary-Wing
+//! UAV", IEEE Transactions on Wireless Communications 18(4), 2019, with the values of its table I.
+
+use skysink_common::scenario::Propulsion;
+
+/// Propulsion power [W] at the speed `V` [m/s]; at 0 it is the power of hovering.
+///
+/// `P = P_0 (1 + 3 V²/U_tip²) + P_i (sqrt(1 + V⁴/(4 v_0⁴)) − V²/(2 v_0²))^½ + ½ d_0 ρ s A V³`.
+#[must_use]
+pub fn power_w(aircraft: &Propulsion, speed_mps: f64) -> f64 {
+    let v2 = speed_mps * speed_mps;
+    let blade_w = aircraft.blade_profile_w * (1.0 + 3.0 * v2 / aircraft.tip_speed_mps.powi(2));
+    // sqrt(1 + x²) − x loses all digits at high speed; its reciprocal form does not.
+    let x = v2 / (2.0 * aircraft.hover_induced_mps.powi(2));
+    let induced_w = aircraft.induced_w / (x + (1.0 + x * x).sqrt()).sqrt();
+    let drag = aircraft.drag_ratio * aircraft.air_density_kgpm3 * aircraft.rotor_solidity * aircraft.rotor_disc_m2;
+    blade_w + induced_w + 0.5 * drag * v2 * speed_mps
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hovering_costs_the_profile_and_the_induced_power() {
+        assert!((power_w(&Propulsion::default(), 0.0) - (79.86 + 88.63)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_power_follows_the_closed_form() {
+        // V = 10: 79.86 (1 + 300/14400) = 81.52375; x = 100/(2 · 16.2409) = 3.078647,
+        // sqrt(1 + x²) − x = 3.236982 − 3.078647 = 0.158335, its root 0.397914, times 88.63 = 35.26710;
+        // ½ · 0.6 · 1.225 · 0.05 · 0.503 · 1000 = 9.242625
+        assert!((power_w(&Propulsion::default(), 10.0) - (81.52375 + 35.2671 + 9.242625)).abs() < 1e-3);
+    }
+
+    #[test]
+    fn moving_slowly_costs_less_than_hovering_and_racing_more() {
+        let power = |speed_mps| power_w(&Propulsion::default(), speed_mps);
+        assert!(power(10.0) < power(0.0) && power(30.0) > power(0.0));
+        assert!(power(1e4).is_finite());
+    }
+}

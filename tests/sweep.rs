@@ -1,0 +1,203 @@
+//! Sweeps: the same bytes however they are flown, and the figures that an independent simulation has.
+
+mod support;
+
+use std::collections::BTreeMap;
+use std::fs;
+
+use rustix::process::{Pid, Signal, kill_process};
+use support::{Place, end, lines, until};
+
+/// The files whose bytes depend on the sweep alone.
+const FILES: [&str; 3] = ["results.csv", "results.parquet", "summary.csv"];
+
+/// Writes a sweep of the smoke scenario into the place.
+fn write_sweep(place: &Place, seeds: u64) {
+    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
+    fs::copy(scenario, place.path("smoke.toml")).unwrap();
+    let axes = "\"area.side_m\" = [40.0, 60.0, 90.0]\n\"link.gain\" = [\"static\", \"per-slot\"]\n";
+    place.write(
+        "sweep.toml",
+        &format!(
+            "scenario = \"smoke.toml\"\nstrategies = [\"uts\", \"gfs\", \"rfs\"]\nseeds = {seeds}\n[axes]\n{axes}"
+        ),
+    );
+}
+
+fn assert_equal(place: &Place, one: &str, other: &str) {
+    for file in FILES {
+        let [ours, theirs] = [one, other].map(|folder| fs::read(place.path(folder).join(file)).unwrap());
+        assert!(ours == theirs, "{file} of {one} and {other} differ");
+    }
+}
+
+/// The rows of a CSV file, by column name.
+fn rows(text: &str) -> Vec<BTreeMap<String, String>> {
+    let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
+    let header = lines.next().unwrap();
+    lines.map(|line| header.iter().cloned().zip(line).collect()).collect()
+}
+
+#[test]
+fn results_do_not_depend_on_the_number_of_threads() {
+    let place = Place::new();
+    write_sweep(&place, 5);
+    for threads in ["1", "2", "5"] {
+        place.run_well(&["sweep", "sweep.toml", "--out", threads, "--threads", threads]);
+    }
+    assert_equal(&place, "1", "2");
+    assert_equal(&place, "1", "5");
+    let results = rows(&place.read("1/results.csv"));
+    assert_eq!(results.len(), 3 * 2 * 3 * 5);
+    let key =
+        |row: &BTreeMap<String, String>| ["area.side_m", "link.gain", "strategy", "seed"].map(|key| row[key].clone());
+    assert_eq!(key(&results[0]), ["40", "static", "uts", "1"]);
+    assert_eq!(key(&results[5]), ["40", "static", "gfs", "1"]);
+    assert_eq!(key(&results[15]), ["40", "per-slot", "uts", "1"]);
+    assert_eq!(key(&results[89]), ["90", "per-slot", "rfs", "5"]);
+}
+
+#[test]
+fn a_row_is_the_mission_that_simulate_flies() {
+    let place = Place::new();
+    write_sweep(&place, 2);
+    place.run_well(&["sweep", "sweep.toml", "--out", "sweep"]);
+    place.run_well(&["simulate", "smoke.toml", "--seed", "2", "--strategy", "gfs", "--out", "run"]);
+    let (results, summary) = (rows(&place.read("sweep/results.csv")), place.summary("run"));
+    let wanted = [("area.side_m", "60"), ("link.gain", "static"), ("strategy", "gfs"), ("seed", "2")];
+    let row = results.iter().find(|row| wanted.iter().all(|(key, value)| row[*key] == *value)).unwrap();
+    for metric in ["loss_rate", "eta_letter", "bits_per_waypoint", "mean_served", "delivered_bits"] {
+        assert_eq!(row[metric].parse::<f64>().unwrap(), summary[metric].as_f64().unwrap(), "{metric}");
+    }
+}
+
+#[test]
+fn a_sweep_that_is_interrupted_ends_with_the_same_bytes() {
+    let place = Place::new();
+    write_sweep(&place, 60);
+    place.run_well(&["sweep", "sweep.toml", "--out", "whole"]);
+    let missions = 3 * 2 * 3 * 60;
+    for interruption in 1..=10 {
+        let sweep = place.skysink(&["sweep", "sweep.toml", "--out", "cut", "--threads", "2"]).spawn().unwrap();
+        // Moments that are spread over the sweep, and not in step with the lines of the journal.
+        let journal = place.path("cut/journal.csv");
+        let flown = missions * interruption / 11;
+        until("mission", || (lines(&journal) > flown).then_some(()));
+        let signal = if interruption % 2 == 0 { Signal::INT } else { Signal::KILL };
+        kill_process(Pid::from_raw(i32::try_from(sweep.id()).unwrap()).unwrap(), signal).unwrap();
+        let ended = end(sweep);
+        assert!(ended.signal == Some(9) || ended.code == Some(130), "{ended:?}");
+        assert!(!place.path("cut/results.csv").exists(), "results of a part of the sweep look whole");
+    }
+    // A line that was cut off in the middle is flown again.
+    let journal = fs::read(place.path("cut/journal.csv")).unwrap();
+    fs::write(place.path("cut/journal.csv"), &journal[..journal.len() - 7]).unwrap();
+    place.run_well(&["sweep", "sweep.toml", "--out", "cut", "--threads", "1"]);
+    assert_equal(&place, "whole", "cut");
+    place.run_well(&["sweep", "sweep.toml", "--out", "cut"]);
+    assert_equal(&place, "whole", "cut");
+}
+
+#[test]
+fn merged_shards_are_the_whole_sweep() {
+    let place = Place::new();
+    write_sweep(&place, 3);
+    place.run_well(&["sweep", "sweep.toml", "--out", "whole"]);
+    place.run_well(&["sweep", "sweep.toml", "--out", "a", "--shard", "1/2"]);
+    let early = place.run(&["merge", "a", "--out", "early"]);
+    assert_eq!(early.code, Some(2), "{early:?}");
+    assert!(early.stderr.contains("27 of 54 missions"), "{early:?}");
+    place.run_well(&["sweep", "sweep.toml", "--out", "b", "--shard", "2/2"]);
+    place.run_well(&["merge", "b", "a", "--out", "merged"]);
+    assert_equal(&place, "whole", "merged");
+}
+
+#[test]
+fn a_folder_of_another_sweep_is_refused() {
+    let place = Place::new();
+    write_sweep(&place, 1);
+    place.run_well(&["sweep", "sweep.toml", "--out", "out"]);
+    let before = place.read("out/results.csv");
+    write_sweep(&place, 2);
+    let ended = place.run(&["sweep", "sweep.toml", "--out", "out"]);
+    assert_eq!(ended.code, Some(2), "{ended:?}");
+    assert!(ended.stderr.contains("another sweep") && ended.stderr.lines().count() == 1, "{ended:?}");
+    assert_eq!(place.read("out/results.csv"), before);
+    fs::create_dir(place.path("mine")).unwrap();
+    place.write("mine/notes.txt", "mine");
+    assert_eq!(place.run(&["sweep", "sweep.toml", "--out", "mine"]).code, Some(2));
+}
+
+#[test]
+fn bad_sweeps_are_refused_before_anything_is_written() {
+    let base = "scenario = \"smoke.toml\"\nstrategies = [\"uts\"]\nseeds = 2\n";
+    for (text, says) in [
+        ("scenario = \"smoke.toml\"\nstrategies = []\nseeds = 2\n".to_owned(), &["strategies"][..]),
+        ("scenario = \"smoke.toml\"\nstrategies = [\"best\"]\nseeds = 2\n".to_owned(), &["line 2", "best"]),
+        ("scenario = \"smoke.toml\"\nstrategies = [\"uts\"]\nseeds = 0\n".to_owned(), &["seeds"]),
+        ("scenario = \"none.toml\"\nstrategies = [\"uts\"]\nseeds = 1\n".to_owned(), &["none.toml", "No such file"]),
+        (format!("{base}[axes]\n\"uav.speed\" = [1.0]\n"), &["sweep bad.toml", "uav.speed = 1.0", "unknown field"]),
+        (format!("{base}[axes]\n\"area.side_m\" = [50.0, -1.0]\n"), &["area.side_m = -1.0", "above 0"]),
+        (format!("{base}[axes]\n\"area.side_m\" = 50.0\n"), &["axes.\"area.side_m\"", "a list of values"]),
+        (format!("{base}[axes]\nseed = [1, 2]\n"), &["axes.seed"]),
+        (format!("{base}threads = 3\n"), &["line 4", "threads"]),
+    ] {
+        let place = Place::new();
+        write_sweep(&place, 1);
+        place.write("bad.toml", &text);
+        let ended = place.run(&["sweep", "bad.toml", "--out", "out"]);
+        assert_eq!(ended.code, Some(2), "{text}: {ended:?}");
+        assert_eq!(ended.stderr.lines().count(), 1, "{text}: {ended:?}");
+        for word in says {
+            assert!(ended.stderr.contains(word), "{word} is missing in {ended:?}");
+        }
+        assert!(!place.path("out").exists(), "{text}");
+    }
+    let place = Place::new();
+    for shard in ["0/2", "3/2", "1", "a/b"] {
+        assert_eq!(place.run(&["sweep", "sweep.toml", "--shard", shard]).code, Some(2), "{shard}");
+    }
+}
+
+/// Mean loss rate and its standard error, and bits per slot, of 20 fields in an independent simulation with other random
+/// numbers: N = 200, s = 100 bit/s, 500 slots. `uts` at 200 m and 5 MHz is left out: a few trapped fields decide there.
+const INDEPENDENT: [(f64, f64, &str, f64, f64, f64); 17] = [
+    (100.0, 5e6, "uts", 0.000, 0.0, 22_960.0),
+    (100.0, 5e6, "gfs", 0.000, 0.0, 22_767.0),
+    (100.0, 5e6, "rfs", 0.015, 0.0014, 21_005.0),
+    (200.0, 5e6, "gfs", 0.001, 0.0005, 21_481.0),
+    (200.0, 5e6, "rfs", 0.206, 0.006, 13_007.0),
+    (300.0, 5e6, "uts", 0.552, 0.008, 1_880.0),
+    (300.0, 5e6, "gfs", 0.116, 0.028, 16_634.0),
+    (300.0, 5e6, "rfs", 0.379, 0.006, 7_091.0),
+    (100.0, 5e3, "uts", 0.000, 0.0, 22_911.0),
+    (100.0, 5e3, "gfs", 0.000, 0.0, 21_597.0),
+    (100.0, 5e3, "rfs", 0.041, 0.003, 18_291.0),
+    (200.0, 5e3, "uts", 0.045, 0.009, 18_177.0),
+    (200.0, 5e3, "gfs", 0.082, 0.003, 12_139.0),
+    (200.0, 5e3, "rfs", 0.294, 0.003, 8_251.0),
+    (200.0, 2e3, "uts", 0.217, 0.003, 9_255.0),
+    (200.0, 2e3, "gfs", 0.348, 0.002, 5_246.0),
+    (200.0, 2e3, "rfs", 0.426, 0.002, 3_768.0),
+];
+
+#[test]
+fn the_letters_comparison_agrees_with_an_independent_simulation() {
+    let place = Place::new();
+    place.run_well(&["sweep", concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/sweeps/letter.toml"), "--out", "out"]);
+    let summary = rows(&place.read("out/summary.csv"));
+    for (side_m, bandwidth_hz, strategy, loss_rate, standard_error, _) in INDEPENDENT {
+        let row = summary.iter().find(|row| {
+            let number = |key: &str| row[key].parse::<f64>().unwrap();
+            number("area.side_m") == side_m
+                && number("link.bandwidth_hz") == bandwidth_hz
+                && row["strategy"] == strategy
+                && row["metric"] == "loss_rate"
+        });
+        let number = |key: &str| row.unwrap()[key].parse::<f64>().unwrap();
+        let own_error = number("standard_deviation") / number("n").sqrt();
+        let allowed = 3.0 * standard_error.hypot(own_error) + 0.001;
+        let off = (number("mean") - loss_rate).abs();
+        assert!(off <= allowed, "{strategy}, {side_m} m, {bandwidth_hz} Hz: {} against {loss_rate}", number("mean"));
+    }
+}
