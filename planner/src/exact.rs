@@ -12,12 +12,11 @@
 //!    UAV.* Take the best set S and, of the points that have all of S in range, the one nearest to the UAV. It is in
 //!    reach if any of them is. It is the UAV's own position, or on the rim of one disk, or on the rims of several; two
 //!    of these already keep the UAV from coming nearer, because the direction to it is a sum of at most two of their
-//!    outward normals. So it is the nearest point of one or two of the disks. The n fullest queues in range of it are
-//!    at least as good as S, hence S. (Whole disks in reach, crossings with the rim of reach and SN positions add
-//!    nothing.)
-//! 2. *More SNs never make the n fullest a worse set.* They are elementwise at least as full, and where they are equally
-//!    full, their ids are elementwise at most as high. So what the fullest neighbours of an SN, or of two, would give if
-//!    they could all be served bounds what any set with that SN, or both, can give.
+//!    outward normals. So it is where the disks about one or two SNs of S come nearest. The n fullest queues in range
+//!    of it are at least as good as S (see 2), hence S. (SN positions and crossings with the rim of reach add nothing.)
+//! 2. *More SNs in range never make the n fullest a worse set.* They are elementwise at least as full, and where they
+//!    are equally full, their ids are elementwise at most as high. So what the fullest neighbours of an SN, or of two,
+//!    would give if they could all be served bounds what any set with that SN, or both, can give.
 
 use skysink_common::geometry::{Position, distance_squared, within};
 

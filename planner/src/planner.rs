@@ -1,7 +1,7 @@
 //! One slot of planning: schedule, then waypoint.
 //!
-//! The rules live next door: [`crate::search`] and [`crate::exact`] (whom), [`crate::waypoint`] (where), [`crate::strategy`] (the
-//! baselines).
+//! The rules live next door: [`crate::search`] and [`crate::exact`] (whom), [`crate::waypoint`] (where),
+//! [`crate::strategy`] (the baselines).
 
 use skysink_common::geometry::Position;
 use skysink_common::message::{Mode, Plan, SensorNode, SolverOutcome};
@@ -201,8 +201,8 @@ mod tests {
 
     #[test]
     fn a_wide_plan_leaves_out_the_circles_beyond_reach() {
-        // As in the search's own test: C2 = (50, 72) and C5 = (50, 80) are within 30 m. Seen from the UAV, the middle of
-        // the pair is exactly in reach.
+        // As in the search's own test: only C2 = (50, 72) and C5 = (50, 80) are within 30 m. The waypoint, the middle
+        // of the pair, is exactly in reach.
         let plan = planner_of(Strategy::UtsWide, &[[56.0, 80.0], [44.0, 80.0]], 30.0).step(1, &middle(), &[700, 800]);
         assert!((Position::new(plan.x_m, plan.y_m) - Position::new(50.0, 80.0)).norm() < 1e-12);
         assert_eq!((plan.anchor, plan.partner, plan.chosen, plan.scheduled()), (0, 1, 1, &[0, 1][..]));

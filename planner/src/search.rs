@@ -247,8 +247,7 @@ mod tests {
 
     #[test]
     fn the_wide_search_drops_circles_out_of_reach() {
-        // Both 30 m to the north, 12 m apart: C2 is at 22 m, the others but C1 at 30 m + 4 m and less; C1 is at 38 m.
-        // SN 2 is in C1 alone and does not count.
+        // 30 m to the north, 12 m apart. C1 = (50, 88) is out of reach, and SN 2 in no other circle.
         let field = field_of(&[[56.0, 80.0], [44.0, 80.0], [50.0, 97.0]]);
         let (winner, ids) = search_wide(&field, &[50, 100, 7]).unwrap();
         let pair = winner.pair.unwrap();
@@ -271,8 +270,8 @@ mod tests {
         field.reach_m = 5.0;
         assert_eq!(search(&field, &[10, 100]).unwrap().1, [0, 1]);
         assert_eq!(search_wide(&field, &[10, 100]).unwrap().1, [0]);
-        // V τ = 7 m: C3 at (56, 50) is the only circle in reach and SN 2 not in it, but in C1 at (58, 56). All three are
-        // in range of (56.3, 52), which is in reach: here the letter's set is not only worth more, it can be served.
+        // V τ = 7 m: of the circles about SNs 0 and 1 only C3 at (56, 50) is in reach. SN 2 is not in it, but in C1 at
+        // (58, 56). All three are in range of (56.3, 52), which is in reach: the letter's set can even be served.
         let mut field = field_of(&[[50.0, 50.0], [66.0, 50.0], [60.0, 59.2]]);
         field.reach_m = 7.0;
         assert_eq!(search(&field, &[90, 80, 10]).unwrap().1, [0, 1, 2]);

@@ -167,7 +167,8 @@ proptest! {
         prop_assert_eq!(plan.solver == SolverOutcome::Rule.code(), !anybody);
     }
 
-    /// Whatever another strategy schedules is in range of its waypoint, which is in reach: the exact search has seen it.
+    /// Whatever another strategy schedules is in range of its waypoint, which is in reach: a set that the exact search
+    /// compares with its own.
     #[test]
     fn no_plan_schedules_more_than_the_exact_one(case in cases(&[Strategy::Exact])) {
         for index in 0..case.slots.len() {
