@@ -7,7 +7,16 @@ use std::path::Path;
 
 use support::Place;
 
-const FIXTURES: [&str; 4] = ["coincident-and-touching", "dense-paper", "link-limited", "sparse-trap"];
+const FIXTURES: [&str; 8] = [
+    "coincident-and-touching",
+    "dense-paper",
+    "few-and-overflowing",
+    "fractional-slot",
+    "link-limited",
+    "one-resource-block",
+    "slower-than-its-radio",
+    "sparse-trap",
+];
 
 /// Fails unless two traces serve the same SNs and move the same bits, in the columns that both have, and their
 /// positions agree.

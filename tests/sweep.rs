@@ -129,6 +129,24 @@ fn a_folder_of_another_sweep_is_refused() {
 }
 
 #[test]
+fn a_folder_that_another_process_flies_is_refused_until_that_process_ends() {
+    let place = Place::new();
+    write_sweep(&place, 400);
+    let first = place.skysink(&["sweep", "sweep.toml", "--out", "out"]).spawn().unwrap();
+    until("mission", || (lines(&place.path("out/journal.csv")) > 3).then_some(()));
+    let second = place.run(&["sweep", "sweep.toml", "--out", "out"]);
+    assert_eq!(second.code, Some(2), "{second:?}");
+    assert!(second.stderr.contains("another process is flying this sweep"), "{second:?}");
+    kill_process(Pid::from_raw(i32::try_from(first.id()).unwrap()).unwrap(), Signal::KILL).unwrap();
+    assert_eq!(end(first).signal, Some(9));
+    let third = place.skysink(&["sweep", "sweep.toml", "--out", "out"]).spawn().unwrap();
+    let flown = lines(&place.path("out/journal.csv"));
+    until("further mission", || (lines(&place.path("out/journal.csv")) > flown + 3).then_some(()));
+    kill_process(Pid::from_raw(i32::try_from(third.id()).unwrap()).unwrap(), Signal::INT).unwrap();
+    assert_eq!(end(third).code, Some(130));
+}
+
+#[test]
 fn bad_sweeps_are_refused_before_anything_is_written() {
     let base = "scenario = \"smoke.toml\"\nstrategies = [\"uts\"]\nseeds = 2\n";
     for (text, says) in [

@@ -61,7 +61,9 @@ impl Events {
     /// Logs what is worth telling of a slot, and its state where it changes.
     pub(crate) fn log_slot(&mut self, stream: &RecordingStream, view: &SlotView) -> RecordingStreamResult<()> {
         let flight = view.flight;
-        self.enter(stream, Mode::of_code(flight.mode).name())?;
+        if view.slot > 0 {
+            self.enter(stream, Mode::of_code(flight.mode).name())?;
+        }
         match HoldReason::of_code(flight.hold) {
             HoldReason::None => {}
             HoldReason::NoPlan => write(stream, Level::Warn, "hold: no plan in time")?,
