@@ -6,6 +6,7 @@
 pub mod geometry;
 pub mod ledger;
 pub mod link;
+pub mod los;
 pub mod message;
 pub mod node;
 pub mod pace;

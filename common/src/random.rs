@@ -18,6 +18,8 @@ pub enum Purpose {
     Gain = 3,
     /// Waypoint of the random flight strategy in a slot.
     RandomFlight = 4,
+    /// Whether the link of a sensor node is in line of sight in a slot.
+    LineOfSight = 5,
 }
 
 /// The family of streams of one mission.

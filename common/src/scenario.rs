@@ -3,13 +3,14 @@
 //! A [`Scenario`] that exists is valid. It is read from TOML through [`raw`], checked in one conversion, and written back with
 //! every default visible by [`Scenario::to_toml`]. Sensor lists are read by [`crate::sensors`].
 
+mod channel;
 mod check;
 pub mod raw;
 
 use std::path::{Path, PathBuf};
 
 use crate::geometry::Position;
-pub use raw::{GainMode, LinkModel, Propulsion, Strategy, WaypointSolver};
+pub use raw::{AltitudeMode, Environment, GainMode, LinkModel, Propulsion, Strategy, WaypointSolver};
 
 /// Most resource blocks of a UAV: messages hold this many served sensor nodes.
 pub const MAX_RESOURCE_BLOCKS: usize = 64;
@@ -96,8 +97,10 @@ pub enum SensorSource {
 /// The vehicle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Uav {
-    /// Altitude `H` [m].
+    /// Altitude `H` [m], or the one it starts at.
     pub altitude_m: f64,
+    /// Range in which it may change its altitude; none at a fixed one.
+    pub climb: Option<Climb>,
     /// Top speed `V_max` [m/s].
     pub max_speed_mps: f64,
     /// Longest flight `T_e` [s].
@@ -108,16 +111,69 @@ pub struct Uav {
     pub propulsion: Propulsion,
 }
 
+/// How the UAV may change its altitude.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Climb {
+    /// Lowest altitude `H_min` [m].
+    pub min_altitude_m: f64,
+    /// Highest altitude `H_max` [m].
+    pub max_altitude_m: f64,
+    /// Fastest climb and descent `V_z` [m/s].
+    pub max_climb_mps: f64,
+}
+
+/// A channel that is in line of sight or not, by chance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LosModel {
+    /// Chance of line of sight over the elevation angle.
+    pub curve: LosCurve,
+    /// Gain at 1 m, `β0`, as a linear ratio.
+    pub reference_gain: f64,
+    /// Path loss exponent in line of sight, `α_L`.
+    pub los_exponent: f64,
+    /// Path loss exponent out of line of sight, `α_N`.
+    pub nlos_exponent: f64,
+    /// Further attenuation out of line of sight, `μ`, as a linear ratio.
+    pub nlos_extra: f64,
+    /// SNR gap of a real modem, `Γ`, as a linear ratio.
+    pub snr_gap: f64,
+}
+
+/// Chance of line of sight over the elevation angle `θ` [deg].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum LosCurve {
+    /// `1/(1 + a e^{−b(θ−a)})`.
+    Sigmoid {
+        /// Parameter a.
+        a: f64,
+        /// Parameter b.
+        b: f64,
+    },
+    /// `b3 + b4/(1 + e^{−(b1 + b2 θ)})`, `b3 + b4 = 1`; below 0 it is 0.
+    Logistic {
+        /// Parameter b1.
+        b1: f64,
+        /// Parameter b2.
+        b2: f64,
+        /// Parameter b3.
+        b3: f64,
+        /// Parameter b4.
+        b4: f64,
+    },
+}
+
 /// The radio.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinkBudget {
+    /// The probabilistic model; none in free space.
+    pub los: Option<LosModel>,
     /// Bandwidth of a resource block, `W` [Hz].
     pub bandwidth_hz: f64,
     /// Transmission power of a sensor node, `p` [W].
     pub tx_power_w: f64,
     /// Noise power, `σ²` [W].
     pub noise_w: f64,
-    /// Range [dB] of the reference gain at 1 m, `α`, uniform in dB.
+    /// Range [dB] of the reference gain at 1 m, `α`, uniform in dB; `β0` twice in the probabilistic model.
     pub gain_db: [f64; 2],
     /// Whether the gain is redrawn.
     pub gain: GainMode,
@@ -234,6 +290,15 @@ impl Scenario {
     #[must_use]
     pub fn hash(&self) -> u64 {
         xxhash_rust::xxh3::xxh3_64(self.to_toml_with_list("").as_bytes())
+    }
+
+    /// Altitudes that can be reached in one slot from `altitude_m` [m], the lowest and the highest.
+    #[must_use]
+    pub fn altitudes_m(&self, altitude_m: f64) -> [f64; 2] {
+        self.uav.climb.map_or([altitude_m; 2], |climb| {
+            let step_m = climb.max_climb_mps * self.slot_s;
+            [(altitude_m - step_m).max(climb.min_altitude_m), (altitude_m + step_m).min(climb.max_altitude_m)]
+        })
     }
 
     /// Farthest flight in one slot, `V_max τ` [m].

@@ -3,7 +3,9 @@
 use std::path::Path;
 
 use proptest::prelude::*;
-use skysink_common::scenario::{GainMode, Overrides, Scenario, ScenarioError, SensorSource, Strategy, WaypointSolver};
+use skysink_common::scenario::{
+    GainMode, LosCurve, Overrides, Scenario, ScenarioError, SensorSource, Strategy, WaypointSolver,
+};
 use skysink_common::sensors::SensorList;
 
 fn parse(text: &str) -> Result<Scenario, ScenarioError> {
@@ -78,6 +80,44 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
     for (text, expected) in cases {
         let text = format!("name = \"city\"\n{text}");
         assert_eq!(refusal(&text), format!("scenario folder/city.toml: {expected}"));
+    }
+}
+
+#[test]
+fn the_probabilistic_model_has_its_own_keys_and_defaults() {
+    let scenario = parse("name = \"x\"\n[uav]\naltitude = \"free\"\n[link]\nmodel = \"probabilistic-los\"\n").unwrap();
+    let (los, climb) = (scenario.link.los.unwrap(), scenario.uav.climb.unwrap());
+    assert_eq!(los.curve, LosCurve::Sigmoid { a: 9.61, b: 0.16 }, "urban");
+    assert!((los.reference_gain - 1e-6).abs() < 1e-18 && (los.nlos_extra - 0.01).abs() < 1e-15);
+    assert_eq!((climb.min_altitude_m, climb.max_altitude_m, climb.max_climb_mps), (20.0, 120.0, 5.0));
+    assert_eq!(scenario.altitudes_m(22.0), [20.0, 27.0]);
+    assert_eq!(parse(&scenario.to_toml()).unwrap(), scenario);
+    for key in ["environment = \"urban\"", "snr_gap_db = 8.2", "min_altitude_m = 20.0"] {
+        assert!(scenario.to_toml().contains(key), "{key}");
+    }
+    let list = SensorList::parse("x_m,y_m,gain_db\n1,2,-51\n", Path::new("l.csv"), &scenario).unwrap();
+    assert_eq!(list.sensors()[0].gain_db, -60.0, "one reference gain for all");
+}
+
+#[test]
+fn channels_that_cannot_be_are_refused() {
+    let los = "model = \"probabilistic-los\"\n";
+    let cases = [
+        ("[uav]\naltitude = \"free\"\n".to_owned(), "uav.altitude"),
+        ("[link]\nenvironment = \"urban\"\n".to_owned(), "link.environment"),
+        ("[link]\nsnr_gap_db = 3.0\n".to_owned(), "link.snr_gap_db"),
+        (format!("[link]\n{los}gain_db = -50.0\n"), "link.gain_db"),
+        (format!("[link]\n{los}los_exponent = nan\n"), "link.los_exponent = NaN"),
+        (format!("[link]\n{los}los = {{ a = -1.0, b = 0.1 }}\n"), "link.los.a"),
+        (format!("[link]\n{los}los = {{ b1 = 0.0, b2 = 0.1, b3 = 0.0, b4 = 0.9 }}\n"), "link.los.b3"),
+        (format!("[link]\n{los}los = {{ a = 9.0, b = 0.1 }}\nenvironment = \"urban\"\n"), "link.environment"),
+        (format!("[uav]\naltitude = \"free\"\nmin_altitude_m = 130.0\n[link]\n{los}"), "uav.max_altitude_m"),
+        (format!("[uav]\naltitude = \"free\"\naltitude_m = 10.0\n[link]\n{los}"), "uav.altitude_m = 10.0"),
+        (format!("[uav]\naltitude = \"free\"\nmax_climb_mps = -1.0\n[link]\n{los}"), "uav.max_climb_mps"),
+    ];
+    for (text, key) in cases {
+        let refusal = refusal(&format!("name = \"x\"\n{text}"));
+        assert!(refusal.contains(key) && refusal.contains("expected") && !refusal.contains('\n'), "{text}: {refusal}");
     }
 }
 

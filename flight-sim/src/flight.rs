@@ -1,8 +1,11 @@
 //! One slot of flight: fly to the waypoint, then talk to the sensor nodes that are really in range.
 
+use rand::RngExt;
 use skysink_common::geometry::{Position, distance_squared, within};
 use skysink_common::link::Link;
+use skysink_common::los::LosLink;
 use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode, Plan, SensorNode};
+use skysink_common::random::{Purpose, Streams};
 use skysink_common::scenario::{GainMode, Scenario};
 use skysink_common::sensors::draw_gain_db;
 use skysink_common::units::ratio_of_db;
@@ -14,6 +17,8 @@ use crate::vehicle::Vehicle;
 pub struct Flight {
     scenario: Scenario,
     link: Link,
+    /// The probabilistic channel; none in free space.
+    los: Option<LosLink>,
     vehicle: Vehicle,
     positions: Vec<Position>,
     gains: Vec<f64>,
@@ -26,6 +31,7 @@ impl Flight {
         Self {
             scenario: scenario.clone(),
             link: Link::of(scenario),
+            los: scenario.link.los.as_ref().map(|los| LosLink::of(scenario, los)),
             vehicle: Vehicle::new(scenario),
             positions: sensors.iter().map(|sensor| Position::new(sensor.x_m, sensor.y_m)).collect(),
             gains: sensors.iter().map(|sensor| sensor.gain).collect(),
@@ -46,8 +52,7 @@ impl Flight {
         let Some(plan) = plan else {
             return FlightReport { hold: HoldReason::NoPlan.code(), ..self.report(Mode::Hold) };
         };
-        let possible = plan.z_m.is_finite() && self.vehicle.fly_to(Position::new(plan.x_m, plan.y_m));
-        if !possible {
+        if !self.vehicle.fly_to(Position::new(plan.x_m, plan.y_m), plan.z_m) {
             return FlightReport { hold: HoldReason::Waypoint.code(), refused: 1, ..self.report(Mode::Hold) };
         }
         let mut report = self.report(match Mode::of_code(plan.mode) {
@@ -82,19 +87,35 @@ impl Flight {
 
     fn link_report(&self, slot: u64, sensor: u32) -> LinkReport {
         let d2_m2 = distance_squared(&self.vehicle.position(), &self.positions[sensor as usize]);
-        let gain = match self.scenario.link.gain {
-            GainMode::Static => self.gains[sensor as usize],
-            GainMode::PerSlot => ratio_of_db(draw_gain_db(&self.scenario, slot, sensor)),
+        let altitude_m = self.vehicle.altitude_m();
+        let (line_of_sight, rate_bps) = match &self.los {
+            Some(link) => {
+                let seen = self.draw_line_of_sight(slot, sensor) < link.los_probability(d2_m2, altitude_m);
+                (seen, if seen { link.los_rate_bps(d2_m2, altitude_m) } else { link.nlos_rate_bps(d2_m2, altitude_m) })
+            }
+            None => (true, self.link.rate_bps(self.gain(slot, sensor), d2_m2)),
         };
-        let rate_bps = self.link.rate_bps(gain, d2_m2);
         LinkReport {
             sensor,
-            line_of_sight: 1,
+            line_of_sight: u32::from(line_of_sight),
             distance_m: d2_m2.sqrt(),
-            elevation_deg: self.link.elevation_deg(d2_m2),
+            elevation_deg: LosLink::elevation_deg(d2_m2, altitude_m),
             rate_bps,
             capacity_bits: self.link.capacity_bits(rate_bps),
         }
+    }
+
+    /// Reference gain of a sensor node in a slot, in free space.
+    fn gain(&self, slot: u64, sensor: u32) -> f64 {
+        match self.scenario.link.gain {
+            GainMode::Static => self.gains[sensor as usize],
+            GainMode::PerSlot => ratio_of_db(draw_gain_db(&self.scenario, slot, sensor)),
+        }
+    }
+
+    /// The draw of a sensor node in a slot, 0 to 1; it is in line of sight where the chance is above it.
+    fn draw_line_of_sight(&self, slot: u64, sensor: u32) -> f64 {
+        Streams::new(self.scenario.seed).stream(Purpose::LineOfSight, slot, sensor).random()
     }
 
     fn report(&self, mode: Mode) -> FlightReport {
@@ -189,6 +210,26 @@ mod tests {
         };
         assert_eq!(rate(&[1, 2, 3]), rate(&[3]));
         assert_ne!(rate(&[3]), rate(&[4]));
+    }
+
+    #[test]
+    fn line_of_sight_is_drawn_by_slot_and_sensor_with_the_channels_chance() {
+        let text = "name = \"x\"\nslots = 20000\nslot_s = 0.01\n[link]\nmodel = \"probabilistic-los\"\ncomm_s = 0.01\n\
+                    environment = \"high-rise\"\ncomm_radius_m = 60.0\n[uav]\naltitude_m = 40.0\n";
+        let scenario = Scenario::parse(text, std::path::Path::new("x.toml"), Overrides::default()).unwrap();
+        let sensor = SensorNode { x_m: 80.0, y_m: 50.0, gain: 1e-6, ..SensorNode::default() };
+        let mut flight = Flight::new(&scenario, &[sensor]);
+        let links: Vec<_> = (1..=20_000).map(|slot| flight.step(slot, Some(&plan(&[0]))).links[0]).collect();
+        let link = LosLink::of(&scenario, &scenario.link.los.unwrap());
+        let share = links.iter().map(|link| f64::from(link.line_of_sight)).sum::<f64>() / 20_000.0;
+        let chance = link.los_probability(900.0, 40.0);
+        assert!((share - chance).abs() < 5.0 * (chance * (1.0 - chance) / 20_000.0).sqrt(), "{share} against {chance}");
+        // The expected rate is the mean of the draws, within five standard errors.
+        let (los, nlos) = (link.los_rate_bps(900.0, 40.0), link.nlos_rate_bps(900.0, 40.0));
+        let mean = links.iter().map(|link| link.rate_bps).sum::<f64>() / 20_000.0;
+        let error = (los - nlos) * (chance * (1.0 - chance) / 20_000.0).sqrt();
+        assert!((mean - link.expected_rate_bps(900.0, 40.0)).abs() < 5.0 * error);
+        assert_eq!(Flight::new(&scenario, &[sensor]).step(7, Some(&plan(&[0]))).links[0], links[6]);
     }
 
     proptest! {

@@ -3,9 +3,10 @@
 use std::fmt::Debug;
 use std::path::Path;
 
-use super::raw::{self, GainDb, letter};
+use super::raw::{self, AltitudeMode, GainDb, LinkModel, letter};
 use super::{
-    Area, LinkBudget, MAX_RESOURCE_BLOCKS, Origin, PlannerChoice, Scenario, ScenarioError, SensorSource, Sensors, Uav,
+    Area, Climb, LinkBudget, MAX_RESOURCE_BLOCKS, Origin, PlannerChoice, Scenario, ScenarioError, SensorSource,
+    Sensors, Uav,
 };
 use crate::geometry::Position;
 use crate::units::watts_of_dbm;
@@ -33,7 +34,7 @@ pub(super) fn check(mut raw: raw::Scenario, path: &Path) -> Result<Scenario, Sce
     let origin = checker.origin(&raw.area)?;
     let sensors = checker.sensors(&mut raw)?;
     let uav = checker.uav(&mut raw, area)?;
-    let link = checker.link(&raw)?;
+    let link = checker.link(&mut raw)?;
     let iterations = raw.planner.sca_iterations;
     checker.that("planner.sca_iterations", iterations, (1..=1000).contains(&iterations), "1 to 1000")?;
     Ok(Scenario {
@@ -56,13 +57,19 @@ pub(super) fn check(mut raw: raw::Scenario, path: &Path) -> Result<Scenario, Sce
 }
 
 /// The checks of one file.
-struct Checker<'a> {
+pub(super) struct Checker<'a> {
     path: &'a Path,
 }
 
 impl Checker<'_> {
     /// Refuses `value` of `key` unless `holds`.
-    fn that(&self, key: &'static str, value: impl Debug, holds: bool, expected: &str) -> Result<(), ScenarioError> {
+    pub(super) fn that(
+        &self,
+        key: &'static str,
+        value: impl Debug,
+        holds: bool,
+        expected: &str,
+    ) -> Result<(), ScenarioError> {
         if holds {
             return Ok(());
         }
@@ -70,11 +77,11 @@ impl Checker<'_> {
         Err(ScenarioError::Value { path: self.path.to_owned(), key, value, expected })
     }
 
-    fn positive(&self, key: &'static str, value: f64) -> Result<(), ScenarioError> {
+    pub(super) fn positive(&self, key: &'static str, value: f64) -> Result<(), ScenarioError> {
         self.that(key, value, value > 0.0 && value.is_finite(), "a finite number above 0")
     }
 
-    fn not_negative(&self, key: &'static str, value: f64) -> Result<(), ScenarioError> {
+    pub(super) fn not_negative(&self, key: &'static str, value: f64) -> Result<(), ScenarioError> {
         self.that(key, value, value >= 0.0 && value.is_finite(), "a finite number, 0 or above")
     }
 
@@ -188,24 +195,54 @@ impl Checker<'_> {
         let start = Position::new(x_m, y_m);
         let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m, area.height_m);
         self.that("uav.start_m", [x_m, y_m], area.contains(&start, 0.0), &expected)?;
-        Ok(Uav {
-            altitude_m: uav.altitude_m,
-            max_speed_mps: uav.max_speed_mps,
-            endurance_s: uav.endurance_s,
-            start,
-            propulsion: uav.propulsion,
-        })
+        let (altitude_m, max_speed_mps, endurance_s, propulsion) =
+            (uav.altitude_m, uav.max_speed_mps, uav.endurance_s, uav.propulsion);
+        let climb = self.climb(raw)?;
+        Ok(Uav { altitude_m, climb, max_speed_mps, endurance_s, start, propulsion })
     }
 
-    fn link(&self, raw: &raw::Scenario) -> Result<LinkBudget, ScenarioError> {
+    /// The range of altitudes; none where the UAV stays at one.
+    fn climb(&self, raw: &mut raw::Scenario) -> Result<Option<Climb>, ScenarioError> {
+        let (model, uav) = (raw.link.model, &mut raw.uav);
+        if let Some(height_m) = uav.min_altitude_m {
+            self.positive("uav.min_altitude_m", height_m)?;
+        }
+        if let Some(height_m) = uav.max_altitude_m {
+            self.positive("uav.max_altitude_m", height_m)?;
+        }
+        if let Some(speed_mps) = uav.max_climb_mps {
+            self.not_negative("uav.max_climb_mps", speed_mps)?;
+        }
+        if uav.altitude == AltitudeMode::Fixed {
+            return Ok(None);
+        }
+        let expected = "\"fixed\", or link.model = \"probabilistic-los\", in which altitude matters";
+        self.that("uav.altitude", "free", model == LinkModel::ProbabilisticLos, expected)?;
+        let climb = Climb {
+            min_altitude_m: *uav.min_altitude_m.get_or_insert(20.0),
+            max_altitude_m: *uav.max_altitude_m.get_or_insert(120.0),
+            max_climb_mps: *uav.max_climb_mps.get_or_insert(5.0),
+        };
+        let range = climb.min_altitude_m <= climb.max_altitude_m;
+        let expected = format!("at least the lowest, uav.min_altitude_m = {}", climb.min_altitude_m);
+        self.that("uav.max_altitude_m", climb.max_altitude_m, range, &expected)?;
+        let inside = (climb.min_altitude_m..=climb.max_altitude_m).contains(&uav.altitude_m);
+        let expected = format!("a start from {} to {} m", climb.min_altitude_m, climb.max_altitude_m);
+        self.that("uav.altitude_m", uav.altitude_m, inside, &expected)?;
+        Ok(Some(climb))
+    }
+
+    fn link(&self, raw: &mut raw::Scenario) -> Result<LinkBudget, ScenarioError> {
+        let los = super::channel::los(self, &mut raw.link)?;
         let link = &raw.link;
         self.positive("link.bandwidth_hz", link.bandwidth_hz)?;
         self.positive("link.tx_power_w", link.tx_power_w)?;
         let level = link.noise_dbm < 0.0 && link.noise_dbm >= -300.0;
         self.that("link.noise_dbm", link.noise_dbm, level, "a finite level below 0 dBm (and not below -300)")?;
-        let gain_db = match link.gain_db {
-            GainDb::One(gain_db) => [gain_db; 2],
-            GainDb::Range(range) => range,
+        let gain_db = match (link.gain_db, link.reference_gain_db) {
+            (Some(GainDb::One(gain_db)), _) | (None, Some(gain_db)) => [gain_db; 2],
+            (Some(GainDb::Range(range)), _) => range,
+            (None, None) => unreachable!("the channel has one of them"),
         };
         let [lowest_db, highest_db] = gain_db;
         let gains = lowest_db >= -300.0 && lowest_db <= highest_db && highest_db <= 0.0;
@@ -220,8 +257,9 @@ impl Checker<'_> {
             bandwidth_hz: link.bandwidth_hz,
             tx_power_w: link.tx_power_w,
             noise_w: watts_of_dbm(link.noise_dbm),
+            los,
             gain_db,
-            gain: link.gain,
+            gain: link.gain.unwrap_or(letter::GAIN),
             comm_radius_m: link.comm_radius_m,
             comm_s: link.comm_s,
             resource_blocks: blocks.expect("checked above"),

@@ -70,7 +70,14 @@ pub struct Sensors {
 #[serde(deny_unknown_fields, default)]
 #[allow(missing_docs)]
 pub struct Uav {
+    pub altitude: AltitudeMode,
     pub altitude_m: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min_altitude_m: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_altitude_m: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_climb_mps: Option<f64>,
     pub max_speed_mps: f64,
     pub endurance_s: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -125,8 +132,24 @@ pub struct Link {
     pub bandwidth_hz: f64,
     pub tx_power_w: f64,
     pub noise_dbm: f64,
-    pub gain_db: GainDb,
-    pub gain: GainMode,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gain_db: Option<GainDb>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gain: Option<GainMode>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub environment: Option<Environment>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub los: Option<LosFit>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reference_gain_db: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub los_exponent: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nlos_exponent: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nlos_extra_db: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub snr_gap_db: Option<f64>,
     pub comm_radius_m: f64,
     pub comm_s: f64,
     pub resource_blocks: u64,
@@ -148,6 +171,68 @@ pub struct Planner {
 pub enum LinkModel {
     /// Line of sight at a fixed altitude (UTS eq. 4).
     FreeSpace,
+    /// In line of sight or not, by chance (UTS section IV).
+    ProbabilisticLos,
+}
+
+/// Whether the UAV may change its altitude.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AltitudeMode {
+    /// It stays at its altitude.
+    Fixed,
+    /// It climbs and descends within its range.
+    Free,
+}
+
+/// Surroundings with known parameters of line of sight.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Environment {
+    /// (a, b) = (4.88, 0.43).
+    Suburban,
+    /// (a, b) = (9.61, 0.16).
+    Urban,
+    /// (a, b) = (12.08, 0.11).
+    DenseUrban,
+    /// (a, b) = (27.23, 0.08).
+    HighRise,
+}
+
+impl Environment {
+    /// All of them, from open to built up.
+    pub const ALL: [Self; 4] = [Self::Suburban, Self::Urban, Self::DenseUrban, Self::HighRise];
+
+    /// The name in scenario files and figures.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Suburban => "suburban",
+            Self::Urban => "urban",
+            Self::DenseUrban => "dense-urban",
+            Self::HighRise => "high-rise",
+        }
+    }
+
+    /// Parameters (a, b) of its chance of line of sight.
+    #[must_use]
+    pub fn sigmoid(self) -> (f64, f64) {
+        match self {
+            Self::Suburban => (4.88, 0.43),
+            Self::Urban => (9.61, 0.16),
+            Self::DenseUrban => (12.08, 0.11),
+            Self::HighRise => (27.23, 0.08),
+        }
+    }
+}
+
+/// Parameters of the chance of line of sight, instead of an environment's.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(untagged, deny_unknown_fields, expecting = "expected { a = , b = } or { b1 = , b2 = , b3 = , b4 = }")]
+#[allow(missing_docs)]
+pub enum LosFit {
+    Sigmoid { a: f64, b: f64 },
+    Logistic { b1: f64, b2: f64, b3: f64, b4: f64 },
 }
 
 /// Reference gain: one number for all sensor nodes, or the ends of a range.
@@ -215,10 +300,15 @@ pub enum WaypointSolver {
 
 /// The letter's values (section V).
 pub(super) mod letter {
-    use super::{GainDb, GainMode, Link, LinkModel, Planner, Propulsion, Sensors, Strategy, Uav, WaypointSolver};
+    use super::{
+        AltitudeMode, GainDb, GainMode, Link, LinkModel, Planner, Propulsion, Sensors, Strategy, Uav, WaypointSolver,
+    };
 
     pub const SIDE_M: f64 = 100.0;
     pub const COUNT: u64 = 200;
+
+    pub const GAIN_DB: GainDb = GainDb::Range([-55.0, -50.0]);
+    pub const GAIN: GainMode = GainMode::Static;
 
     pub fn slots() -> u64 {
         600
@@ -243,6 +333,10 @@ pub(super) mod letter {
     impl Default for Uav {
         fn default() -> Self {
             Self {
+                altitude: AltitudeMode::Fixed,
+                min_altitude_m: None,
+                max_altitude_m: None,
+                max_climb_mps: None,
                 altitude_m: 20.0,
                 max_speed_mps: 30.0,
                 endurance_s: 600.0,
@@ -259,8 +353,15 @@ pub(super) mod letter {
                 bandwidth_hz: 5e6,
                 tx_power_w: 0.05,
                 noise_dbm: -100.0,
-                gain_db: GainDb::Range([-55.0, -50.0]),
-                gain: GainMode::Static,
+                gain_db: None,
+                gain: None,
+                environment: None,
+                los: None,
+                reference_gain_db: None,
+                los_exponent: None,
+                nlos_exponent: None,
+                nlos_extra_db: None,
+                snr_gap_db: None,
                 comm_radius_m: 10.0,
                 comm_s: 0.1,
                 resource_blocks: 4,

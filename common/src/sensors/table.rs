@@ -108,7 +108,8 @@ impl<'a> Table<'a> {
         Ok(Sensor {
             position,
             queue_bits: queue_bits.map_or_else(|| draw_queue_bits(scenario, id), |bits| bits as u32),
-            gain_db: gain_db.unwrap_or_else(|| draw_gain_db(scenario, 0, id)),
+            // The probabilistic model has one reference gain for all, whatever the list says.
+            gain_db: gain_db.filter(|_| scenario.link.los.is_none()).unwrap_or_else(|| draw_gain_db(scenario, 0, id)),
             sampling_bps: sampling_bps.unwrap_or(scenario.sensors.sampling_bps),
         })
     }
