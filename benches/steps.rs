@@ -20,11 +20,12 @@ fn letter(strategy: Strategy, solver: &str) -> Scenario {
 }
 
 /// The states of a mission: positions and queues before each slot.
-fn states(scenario: &Scenario, list: &SensorList) -> Vec<(Position, Vec<u32>)> {
+fn states(scenario: &Scenario, list: &SensorList) -> Vec<(Position, f64, Vec<u32>)> {
     let mut mission = Mission::new(scenario, list);
     let mut states = Vec::new();
     loop {
-        states.push((mission.last_flight().position(), mission.queues_bits().to_vec()));
+        let flight = mission.last_flight();
+        states.push((flight.position(), flight.z_m, mission.queues_bits().to_vec()));
         if mission.turn().expect("steps of one list").is_none() {
             return states;
         }
@@ -46,8 +47,8 @@ fn plan(criterion: &mut Criterion) {
         let mut slots = (1..).zip(states.iter().take(600)).cycle();
         group.bench_function(name, |bencher| {
             bencher.iter(|| {
-                let (slot, (position, queues)) = slots.next().expect("endless");
-                black_box(planner.step(slot, position, queues))
+                let (slot, (position, altitude_m, queues)) = slots.next().expect("endless");
+                black_box(planner.step(slot, position, *altitude_m, queues))
             });
         });
     }

@@ -1,7 +1,7 @@
 //! What researchers ask of a mission besides its loss: how far it flew and at what cost, how old its data are, and how
 //! fairly it served. Definitions in `docs/metrics.md`.
 
-use skysink_common::geometry::Position;
+use nalgebra::Point3;
 use skysink_common::message::FlightReport;
 use skysink_common::scenario::{Propulsion, Scenario};
 
@@ -12,7 +12,7 @@ use crate::propulsion::power_w;
 pub struct Metrics {
     slot_s: f64,
     aircraft: Propulsion,
-    position: Position,
+    place: Point3<f64>,
     flown_m: f64,
     energy_j: f64,
     slot: u64,
@@ -43,7 +43,7 @@ impl Metrics {
         Self {
             slot_s: scenario.slot_s,
             aircraft: scenario.uav.propulsion,
-            position: scenario.uav.start,
+            place: Point3::new(scenario.uav.start.x, scenario.uav.start.y, scenario.uav.altitude_m),
             flown_m: 0.0,
             energy_j: 0.0,
             slot: 0,
@@ -55,8 +55,9 @@ impl Metrics {
     /// Adds the next slot.
     pub fn add(&mut self, flight: &FlightReport) {
         self.slot += 1;
-        let step_m = (flight.position() - self.position).norm();
-        self.position = flight.position();
+        let place = Point3::new(flight.x_m, flight.y_m, flight.z_m);
+        let step_m = (place - self.place).norm();
+        self.place = place;
         self.flown_m += step_m;
         self.energy_j += power_w(&self.aircraft, step_m / self.slot_s) * self.slot_s;
         for link in flight.served_links() {

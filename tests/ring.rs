@@ -65,6 +65,23 @@ fn processes_and_one_process_leave_the_same_trace() {
 }
 
 #[test]
+fn processes_and_one_process_fly_the_same_in_three_dimensions() {
+    let place = Place::new();
+    let scenario = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/plos-high-rise.toml")).unwrap();
+    place.write("plos.toml", &scenario.replace("slots = 300", "slots = 40"));
+    for strategy in ["uts", "gfs", "rfs", "uts-wide", "exact"] {
+        let choice = ["--strategy", strategy, "--force", "--out"];
+        place.run_well(&[&["simulate", "plos.toml"][..], &choice, &["alone"]].concat());
+        place.run_well(&[&["run", "plos.toml", "--no-viewer"][..], &choice, &["ring"]].concat());
+        let [alone, ring] = ["alone", "ring"].map(|run| place.read(&format!("{run}/slots.csv")));
+        assert_eq!(alone, ring, "{strategy}");
+        let altitudes: std::collections::BTreeSet<_> =
+            alone.lines().skip(1).filter_map(|line| line.split(',').nth(3)).collect();
+        assert!(altitudes.len() > 1, "{strategy} does not use its altitude: {altitudes:?}");
+    }
+}
+
+#[test]
 fn the_letters_mission_is_built_in() {
     let place = Place::new();
     place.run_well(&["run", "--no-viewer", "--out", "built-in"]);

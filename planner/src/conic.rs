@@ -1,7 +1,7 @@
 //! The conic waypoint solver: the projection onto an intersection of disks as a second-order cone program, by Clarabel.
 //!
-//! The only file that knows Clarabel. It solves what [`crate::geometric`] solves, and is there to check it and to carry
-//! problems that plane geometry cannot.
+//! It solves what [`crate::geometric`] solves, and is there to check it. Only this file and [`crate::sca`], which carries
+//! what plane geometry cannot, know Clarabel.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
@@ -101,7 +101,7 @@ fn template(disks: usize) -> DefaultSolver<f64> {
 }
 
 /// Repeatable results: one thread, no time limit, nothing fitted to the first problem's data.
-fn settings() -> DefaultSettings<f64> {
+pub(crate) fn settings() -> DefaultSettings<f64> {
     DefaultSettingsBuilder::default()
         .verbose(false)
         .max_threads(1)

@@ -6,6 +6,7 @@ use std::ops::Range;
 
 use skysink_common::geometry::{Position, distance_squared, within};
 use skysink_common::link::Link;
+use skysink_common::los::LosLink;
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::{Area, Scenario};
 
@@ -19,8 +20,10 @@ pub struct Field {
     pub positions: Vec<Position>,
     /// Their reference channel gains at 1 m, `α_i`, as linear ratios, by id.
     pub gains: Vec<f64>,
-    /// The mean channel.
+    /// The mean channel in free space.
     pub link: Link,
+    /// In its place, the channel that is in line of sight by chance.
+    pub los: Option<LosLink>,
     /// The area that the UAV must not leave.
     pub area: Area,
     /// Farthest flight in one slot, `V_max τ` [m].
@@ -39,6 +42,7 @@ impl Field {
             positions: sensors.iter().map(|sensor| Position::new(sensor.x_m, sensor.y_m)).collect(),
             gains: sensors.iter().map(|sensor| sensor.gain).collect(),
             link: Link::of(scenario),
+            los: scenario.link.los.as_ref().map(|los| LosLink::of(scenario, los)),
             area: scenario.area,
             reach_m: scenario.reach_m(),
             comm_radius_m: scenario.link.comm_radius_m,
@@ -66,15 +70,20 @@ impl Field {
         self.ids().filter(move |&id| within(self.position(id), centre, radius_m))
     }
 
-    /// Bits that a visit at `waypoint` is expected to collect from the SNs `ids`: `Σ min(floor(r_i τ_c), B_i(t−1))`.
+    /// Bits that a visit at `altitude_m` [m] above `ground` is expected to collect from the SNs `ids`:
+    /// `Σ min(floor(r_i τ_c), B_i(t−1))`, `r_i` the expected rate where the link is in line of sight by chance.
+    ///
+    /// In free space the altitude is the link's own.
     #[must_use]
-    pub fn expected_bits(&self, waypoint: &Position, ids: &[u32], queues_bits: &[u32]) -> u64 {
-        let expected_bits = |&id: &u32| {
-            let d2_m2 = distance_squared(self.position(id), waypoint);
-            let rate_bps = self.link.rate_bps(self.gains[id as usize], d2_m2);
-            self.link.capacity_bits(rate_bps).min(u64::from(queues_bits[id as usize]))
+    pub fn expected_bits(&self, ground: &Position, altitude_m: f64, ids: &[u32], queues_bits: &[u32]) -> u64 {
+        let capacity_bits = |id: u32| {
+            let d2_m2 = distance_squared(self.position(id), ground);
+            match &self.los {
+                None => self.link.capacity_bits(self.link.rate_bps(self.gains[id as usize], d2_m2)),
+                Some(los) => los.capacity_bits(los.expected_rate_bps(d2_m2, altitude_m)),
+            }
         };
-        ids.iter().map(expected_bits).sum()
+        ids.iter().map(|&id| capacity_bits(id).min(u64::from(queues_bits[id as usize]))).sum()
     }
 
     /// The point of the area nearest to `position`.
@@ -116,12 +125,12 @@ pub(crate) mod tests {
         let mut field = field_of(&[[50.0, 50.0], [50.0, 60.0]]);
         let waypoint = Position::new(50.0, 50.0);
         // The letter's links carry about 6 Mbit in a slot: both queues are emptied.
-        assert_eq!(field.expected_bits(&waypoint, &[0, 1], &[9_000, 12_000]), 21_000);
+        assert_eq!(field.expected_bits(&waypoint, 20.0, &[0, 1], &[9_000, 12_000]), 21_000);
         // W = 5 kHz, γ = 10^−5.2 · 0.05/10^−13 = 3.1548e6. SN 0: x = 400, 500 · log2(1 + 7886.98) = 500 · 12.94545 =
         // 6472.7 bit; SN 1: x = 500, 500 · log2(1 + 6309.57) = 500 · 12.62357 = 6311.8 bit, but it holds only 100.
         field.link.bandwidth_hz = 5e3;
-        assert_eq!(field.expected_bits(&waypoint, &[0, 1], &[9_000, 12_000]), 6_472 + 6_311);
-        assert_eq!(field.expected_bits(&waypoint, &[0, 1], &[9_000, 100]), 6_472 + 100);
+        assert_eq!(field.expected_bits(&waypoint, 20.0, &[0, 1], &[9_000, 12_000]), 6_472 + 6_311);
+        assert_eq!(field.expected_bits(&waypoint, 20.0, &[0, 1], &[9_000, 100]), 6_472 + 100);
     }
 
     #[test]

@@ -13,7 +13,11 @@
 //! | [`strategy`] | the baselines' waypoints, transit, and serving the fullest queues |
 //! | [`waypoint`] | sP2 as a value, and its expansion sP2* |
 //! | [`geometric`], [`conic`] | two solvers of sP2* |
+//! | [`spatial`] | the waypoint in three dimensions, where the link is in line of sight by chance, as a value |
+//! | [`ascent`], [`sca`] | two solvers of it |
+//! | [`spatial_solver`] | which of them contributed what |
 
+pub mod ascent;
 pub mod circles;
 pub mod conic;
 pub mod exact;
@@ -21,7 +25,10 @@ pub mod field;
 pub mod geometric;
 pub mod node;
 pub mod planner;
+pub mod sca;
 pub mod search;
+pub mod spatial;
+pub mod spatial_solver;
 pub mod strategy;
 pub mod waypoint;
 

@@ -52,7 +52,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         };
         next = slot + 1;
         let begin = Instant::now();
-        let mut plan = planner.step(next, &flight.position(), state.payload());
+        let mut plan = planner.step(next, &flight.position(), flight.z_m, state.payload());
         plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
         plans.send(ring.header(next, 0), plan)?;
     }

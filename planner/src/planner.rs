@@ -1,8 +1,9 @@
 //! One slot of planning: schedule, then waypoint.
 //!
-//! The rules live next door: [`crate::search`] and [`crate::exact`] (whom), [`crate::waypoint`] (where),
-//! [`crate::strategy`] (the baselines).
+//! The rules live next door: [`crate::search`] and [`crate::exact`] (whom), [`crate::waypoint`] (where, in free space),
+//! [`crate::spatial`] (where, in three dimensions, by the chance of line of sight), [`crate::strategy`] (the baselines).
 
+use nalgebra::Point3;
 use skysink_common::geometry::Position;
 use skysink_common::message::{Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::random::Streams;
@@ -11,24 +12,37 @@ use skysink_common::scenario::{Scenario, Strategy};
 use crate::exact::ExactSearch;
 use crate::field::Field;
 use crate::search::{Reach, Search};
+use crate::spatial_solver::{SpatialSolver, SpatialWaypoint};
 use crate::strategy::{greedy_waypoint, random_waypoint, serve_fullest, transit_waypoint};
-use crate::waypoint::{Problem, Solver, Waypoint};
+use crate::waypoint::{Problem, Solver};
 
 /// The planner of a mission.
 ///
 /// It holds nothing that it could not rebuild from the scenario and the sensor nodes: a slot's plan does not depend on
 /// the slots planned before.
 pub struct Planner {
+    scenario: Scenario,
     field: Field,
-    strategy: Strategy,
-    sca_iterations: u32,
     streams: Streams,
     search: Search,
     exact: ExactSearch,
     problem: Problem,
     solver: Solver,
+    /// In place of both, where the link is in line of sight by chance.
+    spatial: Option<SpatialSolver>,
     /// The schedule in the making; room for every SN, so that no slot allocates.
     ids: Vec<u32>,
+}
+
+/// What a slot starts from.
+#[derive(Clone, Copy)]
+struct Slot<'a> {
+    number: u64,
+    /// The UAV's position, `L_u(t−1)`.
+    position: &'a Position,
+    altitude_m: f64,
+    /// `B_i(t−1)` [bit], by id.
+    queues_bits: &'a [u32],
 }
 
 impl Planner {
@@ -37,50 +51,52 @@ impl Planner {
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
         let field = Field::new(scenario, sensors);
         Self {
-            strategy: scenario.planner.strategy,
-            sca_iterations: scenario.planner.sca_iterations,
+            scenario: scenario.clone(),
             streams: Streams::new(scenario.seed),
             search: Search::with_room_for(sensors.len()),
             exact: ExactSearch::new(&field),
             problem: Problem::new(&field),
             solver: Solver::new(scenario.planner.waypoint_solver),
+            spatial: field.los.map(|link| SpatialSolver::new(link, scenario.planner, field.resource_blocks)),
             ids: Vec::with_capacity(sensors.len()),
             field,
         }
     }
 
-    /// Plans `slot` from where the UAV is, `L_u(t−1)`, and the queues `B_i(t−1)` [bit], by id.
+    /// Plans `slot` from where the UAV is, `L_u(t−1)` at the altitude `altitude_m` [m], and the queues `B_i(t−1)` [bit],
+    /// by id. In free space the UAV flies at the scenario's altitude, whatever `altitude_m` says.
     ///
     /// `plan_ns` stays 0: a step reads no clock.
     ///
     /// # Panics
     /// If there is not one queue per sensor node.
     #[must_use]
-    pub fn step(&mut self, slot: u64, position: &Position, queues_bits: &[u32]) -> Plan {
+    pub fn step(&mut self, slot: u64, position: &Position, altitude_m: f64, queues_bits: &[u32]) -> Plan {
         assert_eq!(queues_bits.len(), self.field.positions.len(), "expected one queue per sensor node");
-        let own = match self.strategy {
-            Strategy::Uts => self.algorithm_1(Reach::Letter, position, queues_bits),
-            Strategy::UtsWide => self.algorithm_1(Reach::Wide, position, queues_bits),
-            Strategy::Exact => self.exact(position, queues_bits),
+        let slot = Slot { number: slot, position, altitude_m, queues_bits };
+        let own = match self.scenario.planner.strategy {
+            Strategy::Uts => self.algorithm_1(Reach::Letter, slot),
+            Strategy::UtsWide => self.algorithm_1(Reach::Wide, slot),
+            Strategy::Exact => self.exact(slot),
             Strategy::Gfs => greedy_waypoint(&self.field, position, queues_bits)
-                .map(|waypoint| self.fly_then_schedule(&waypoint, Mode::Serve, queues_bits)),
+                .map(|waypoint| self.fly_then_schedule(&waypoint, Mode::Serve, slot)),
             Strategy::Rfs => {
-                let waypoint = random_waypoint(&self.field, &self.streams, slot, position);
-                Some(self.fly_then_schedule(&waypoint, Mode::Serve, queues_bits))
+                let waypoint = random_waypoint(&self.field, &self.streams, slot.number, position);
+                Some(self.fly_then_schedule(&waypoint, Mode::Serve, slot))
             }
         };
         own.unwrap_or_else(|| {
             let waypoint = transit_waypoint(&self.field, position, queues_bits);
-            self.fly_then_schedule(&waypoint, Mode::Transit, queues_bits)
+            self.fly_then_schedule(&waypoint, Mode::Transit, slot)
         })
     }
 
-    /// The letter's strategy: sP1 by Algorithm 1, then sP2*; `None` if there is no anchor in reach or no feasible
+    /// The letter's strategy: sP1 by Algorithm 1, then the waypoint; `None` if there is no anchor in reach or no feasible
     /// point.
-    fn algorithm_1(&mut self, reach: Reach, position: &Position, queues_bits: &[u32]) -> Option<Plan> {
-        let winner = self.search.best_set(reach, &self.field, position, queues_bits, &mut self.ids)?;
-        let waypoint = self.waypoint_for_schedule(position)?;
-        let mut plan = self.plan_to_serve(&waypoint, queues_bits);
+    fn algorithm_1(&mut self, reach: Reach, slot: Slot) -> Option<Plan> {
+        let winner = self.search.best_set(reach, &self.field, slot.position, slot.queues_bits, &mut self.ids)?;
+        let waypoint = self.waypoint_for_schedule(slot)?;
+        let mut plan = self.plan_to_serve(&waypoint, slot);
         plan.anchor = winner.anchor;
         if let Some(pair) = winner.pair {
             plan.partner = pair.partner;
@@ -90,41 +106,60 @@ impl Planner {
         Some(plan)
     }
 
-    /// sP1 solved exactly, then sP2*; `None` if no sensor node can be served from within reach.
-    fn exact(&mut self, position: &Position, queues_bits: &[u32]) -> Option<Plan> {
-        let centre = self.exact.best_set(&self.field, position, queues_bits, &mut self.ids)?;
+    /// sP1 solved exactly, then the waypoint; `None` if no sensor node can be served from within reach.
+    fn exact(&mut self, slot: Slot) -> Option<Plan> {
+        let centre = self.exact.best_set(&self.field, slot.position, slot.queues_bits, &mut self.ids)?;
         // The centre keeps every constraint of sP2 up to the slack of decision D5. Where the set has no point in common
         // but for that slack, sP2* may find none, and the centre is flown to.
-        let fallback = Waypoint { position: centre, outcome: SolverOutcome::Fallback };
-        let waypoint = self.waypoint_for_schedule(position).unwrap_or(fallback);
-        Some(self.plan_to_serve(&waypoint, queues_bits))
+        let waypoint = self.waypoint_for_schedule(slot).unwrap_or_else(|| SpatialWaypoint {
+            point: Point3::new(centre.x, centre.y, self.altitude_above(&centre, slot)),
+            outcome: SolverOutcome::Fallback,
+        });
+        Some(self.plan_to_serve(&waypoint, slot))
     }
 
-    /// sP2* for `self.ids`; `None` if no point in reach is in range of them all.
-    fn waypoint_for_schedule(&mut self, position: &Position) -> Option<Waypoint> {
-        self.problem.pose(&self.field, position, &self.ids);
-        self.problem.solve(&mut self.solver, self.sca_iterations)
+    /// The waypoint for `self.ids`, by sP2* in free space; `None` if no point in reach is in range of them all.
+    fn waypoint_for_schedule(&mut self, slot: Slot) -> Option<SpatialWaypoint> {
+        if let Some(spatial) = &mut self.spatial {
+            let altitudes_m = self.scenario.altitudes_m(slot.altitude_m);
+            return spatial.solve(&self.field, slot.position, altitudes_m, &self.ids);
+        }
+        self.problem.pose(&self.field, slot.position, &self.ids);
+        let flat = self.problem.solve(&mut self.solver, self.scenario.planner.sca_iterations)?;
+        let point = Point3::new(flat.position.x, flat.position.y, self.field.link.altitude_m);
+        Some(SpatialWaypoint { point, outcome: flat.outcome })
+    }
+
+    /// The altitude [m] that serves `self.ids` best above `ground`.
+    fn altitude_above(&mut self, ground: &Position, slot: Slot) -> f64 {
+        let Some(spatial) = &mut self.spatial else {
+            return self.field.link.altitude_m;
+        };
+        let altitudes_m = self.scenario.altitudes_m(slot.altitude_m);
+        spatial.altitude_above(&self.field, ground, altitudes_m, slot.altitude_m, &self.ids)
     }
 
     /// The plan to serve `self.ids` from a solved waypoint.
-    fn plan_to_serve(&self, waypoint: &Waypoint, queues_bits: &[u32]) -> Plan {
-        let place = self.field.into_area(&waypoint.position);
-        self.plan(&place, Mode::Serve, waypoint.outcome, queues_bits)
+    fn plan_to_serve(&self, waypoint: &SpatialWaypoint, slot: Slot) -> Plan {
+        let ground = self.field.into_area(&waypoint.point.xy());
+        self.plan(&ground, waypoint.point.z, Mode::Serve, waypoint.outcome, slot)
     }
 
-    /// The baselines and transit: a waypoint by rule, then the fullest queues in range of it.
-    fn fly_then_schedule(&mut self, waypoint: &Position, mode: Mode, queues_bits: &[u32]) -> Plan {
-        let waypoint = self.field.into_area(waypoint);
-        serve_fullest(&self.field, &waypoint, queues_bits, &mut self.ids);
-        self.plan(&waypoint, mode, SolverOutcome::Rule, queues_bits)
+    /// The baselines and transit: a ground position by rule, the fullest queues in range of it, and the altitude that
+    /// serves them best.
+    fn fly_then_schedule(&mut self, waypoint: &Position, mode: Mode, slot: Slot) -> Plan {
+        let ground = self.field.into_area(waypoint);
+        serve_fullest(&self.field, &ground, slot.queues_bits, &mut self.ids);
+        let altitude_m = self.altitude_above(&ground, slot);
+        self.plan(&ground, altitude_m, mode, SolverOutcome::Rule, slot)
     }
 
-    /// The plan to fly to `waypoint` and serve `self.ids`, which are ascending.
-    fn plan(&self, waypoint: &Position, mode: Mode, outcome: SolverOutcome, queues_bits: &[u32]) -> Plan {
-        let mut plan = Plan::fly_to(waypoint.x, waypoint.y, self.field.link.altitude_m, mode);
+    /// The plan to fly to `altitude_m` [m] above `ground` and serve `self.ids`, which are ascending.
+    fn plan(&self, ground: &Position, altitude_m: f64, mode: Mode, outcome: SolverOutcome, slot: Slot) -> Plan {
+        let mut plan = Plan::fly_to(ground.x, ground.y, altitude_m, mode);
         plan.schedule(&self.ids);
         plan.solver = outcome.code();
-        plan.expected_bits = self.field.expected_bits(waypoint, &self.ids, queues_bits);
+        plan.expected_bits = self.field.expected_bits(ground, altitude_m, &self.ids, slot.queues_bits);
         plan
     }
 }
@@ -152,13 +187,13 @@ mod tests {
     #[test]
     #[should_panic(expected = "expected one queue per sensor node")]
     fn queues_of_another_field_are_refused() {
-        let _ = planner_of(Strategy::Uts, &[[50.0, 50.0]], 30.0).step(1, &middle(), &[1, 2]);
+        let _ = planner_of(Strategy::Uts, &[[50.0, 50.0]], 30.0).step(1, &middle(), 20.0, &[1, 2]);
     }
 
     #[test]
     fn the_letters_plan_shows_how_it_came_about() {
         // Two SNs 12 m apart: C1 to C5 as in the search's own test; equal gains, so that the middle is the waypoint.
-        let plan = planner_of(Strategy::Uts, &[[56.0, 50.0], [44.0, 50.0]], 30.0).step(1, &middle(), &[700, 800]);
+        let plan = planner_of(Strategy::Uts, &[[56.0, 50.0], [44.0, 50.0]], 30.0).step(1, &middle(), 20.0, &[700, 800]);
         assert!((Position::new(plan.x_m, plan.y_m) - middle()).norm() < 1e-12);
         assert_eq!((plan.z_m, plan.expected_bits, plan.plan_ns), (20.0, 1_500, 0));
         assert_eq!((plan.anchor, plan.partner, plan.chosen), (0, 1, 0));
@@ -169,7 +204,7 @@ mod tests {
 
     #[test]
     fn an_anchor_alone_has_neither_partner_nor_circles() {
-        let plan = planner_of(Strategy::Uts, &[[50.0, 60.0]], 30.0).step(1, &middle(), &[700]);
+        let plan = planner_of(Strategy::Uts, &[[50.0, 60.0]], 30.0).step(1, &middle(), 20.0, &[700]);
         assert_eq!((plan.anchor, plan.partner, plan.chosen), (0, NOBODY, NOBODY));
         assert!(plan.circles_m.iter().flatten().all(|coordinate| coordinate.is_nan()));
         assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 60.0, &[0][..]));
@@ -180,7 +215,7 @@ mod tests {
         // The fullest queue is 50 m away, (30, 40): 30 m of that are (18, 24). SN 1 is no anchor
         // (24² + 16² = 28.8²), but it is exactly in range of the waypoint, 6² + 8² = 10².
         let mut planner = planner_of(Strategy::Uts, &[[80.0, 90.0], [74.0, 66.0], [0.0, 0.0]], 30.0);
-        let plan = planner.step(1, &middle(), &[900, 30, 800]);
+        let plan = planner.step(1, &middle(), 20.0, &[900, 30, 800]);
         assert!((Position::new(plan.x_m, plan.y_m) - Position::new(68.0, 74.0)).norm() < 1e-12);
         assert_eq!((plan.mode, plan.solver), (Mode::Transit.code(), SolverOutcome::Rule.code()));
         assert_eq!((plan.scheduled(), plan.expected_bits, plan.anchor), (&[1][..], 30, NOBODY));
@@ -193,7 +228,7 @@ mod tests {
         for solver in [WaypointSolver::Geometric, WaypointSolver::Clarabel] {
             let mut planner = planner_of(Strategy::Uts, &[[55.0, 50.0], [74.0, 50.0]], 5.0);
             planner.solver = Solver::new(solver);
-            let plan = planner.step(1, &middle(), &[10, 100]);
+            let plan = planner.step(1, &middle(), 20.0, &[10, 100]);
             assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (55.0, 50.0, &[0][..]), "{solver:?}");
             assert_eq!((plan.mode, plan.anchor), (Mode::Transit.code(), NOBODY), "{solver:?}");
         }
@@ -203,7 +238,8 @@ mod tests {
     fn a_wide_plan_leaves_out_the_circles_beyond_reach() {
         // As in the search's own test: only C2 = (50, 72) and C5 = (50, 80) are within 30 m. The waypoint, the middle
         // of the pair, is exactly in reach.
-        let plan = planner_of(Strategy::UtsWide, &[[56.0, 80.0], [44.0, 80.0]], 30.0).step(1, &middle(), &[700, 800]);
+        let plan =
+            planner_of(Strategy::UtsWide, &[[56.0, 80.0], [44.0, 80.0]], 30.0).step(1, &middle(), 20.0, &[700, 800]);
         assert!((Position::new(plan.x_m, plan.y_m) - Position::new(50.0, 80.0)).norm() < 1e-12);
         assert_eq!((plan.anchor, plan.partner, plan.chosen, plan.scheduled()), (0, 1, 1, &[0, 1][..]));
         assert_eq!(plan.circles_m.map(|[x_m, y_m]| x_m.is_nan() && y_m.is_nan()), [true, false, true, true, false]);
@@ -213,7 +249,7 @@ mod tests {
     #[test]
     fn an_exact_plan_names_no_anchor_and_no_circle() {
         // 40 m away, V τ + d_c: served from the one point in reach that has it in range.
-        let plan = planner_of(Strategy::Exact, &[[50.0, 90.0]], 30.0).step(1, &middle(), &[700]);
+        let plan = planner_of(Strategy::Exact, &[[50.0, 90.0]], 30.0).step(1, &middle(), 20.0, &[700]);
         assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 80.0, &[0][..]));
         assert_eq!((plan.mode, plan.solver), (Mode::Serve.code(), SolverOutcome::Solved.code()));
         assert_eq!((plan.anchor, plan.partner, plan.chosen), (NOBODY, NOBODY, NOBODY));
@@ -222,7 +258,7 @@ mod tests {
 
     #[test]
     fn an_exact_plan_without_anybody_in_range_of_reach_is_transit() {
-        let plan = planner_of(Strategy::Exact, &[[50.0, 91.0]], 30.0).step(1, &middle(), &[700]);
+        let plan = planner_of(Strategy::Exact, &[[50.0, 91.0]], 30.0).step(1, &middle(), 20.0, &[700]);
         assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 80.0, &[][..]));
         assert_eq!((plan.mode, plan.solver), (Mode::Transit.code(), SolverOutcome::Rule.code()));
     }
@@ -240,7 +276,7 @@ mod tests {
             let mut planner = planner_of(Strategy::Exact, &places, 30.0);
             planner.field.resource_blocks = 3;
             planner.solver = Solver::new(solver);
-            let plan = planner.step(1, &Position::new(56.0, 60.0), &[900, 950, 800, 700]);
+            let plan = planner.step(1, &Position::new(56.0, 60.0), 20.0, &[900, 950, 800, 700]);
             assert_eq!((plan.scheduled(), plan.mode), (&[0, 1, 2][..], Mode::Serve.code()), "{solver:?}");
             assert_eq!(plan.solver, SolverOutcome::Fallback.code(), "{solver:?}");
             assert!((Position::new(plan.x_m, plan.y_m) - middle()).norm() < 1e-9, "{solver:?}");
@@ -251,16 +287,16 @@ mod tests {
     fn greedy_flight_serves_what_is_in_range_of_its_goal_and_else_is_in_transit() {
         let places = [[50.0, 70.0], [55.0, 70.0], [50.0, 59.0], [50.0, 99.0]];
         let mut planner = planner_of(Strategy::Gfs, &places, 30.0);
-        let plan = planner.step(1, &middle(), &[80, 70, 60, 90]);
+        let plan = planner.step(1, &middle(), 20.0, &[80, 70, 60, 90]);
         assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 70.0, &[0, 1][..]));
         assert_eq!((plan.mode, plan.solver), (Mode::Serve.code(), SolverOutcome::Rule.code()));
-        let plan = planner.step(2, &Position::new(50.0, 0.0), &[80, 70, 60, 90]);
+        let plan = planner.step(2, &Position::new(50.0, 0.0), 20.0, &[80, 70, 60, 90]);
         assert_eq!((plan.x_m, plan.y_m, plan.mode), (50.0, 30.0, Mode::Transit.code()));
     }
 
     #[test]
     fn random_flight_serves_nobody_where_nobody_is() {
-        let plan = planner_of(Strategy::Rfs, &[[99.0, 99.0]], 30.0).step(1, &middle(), &[80]);
+        let plan = planner_of(Strategy::Rfs, &[[99.0, 99.0]], 30.0).step(1, &middle(), 20.0, &[80]);
         assert_eq!((plan.scheduled(), plan.mode), (&[][..], Mode::Serve.code()));
         assert_eq!((plan.anchor, plan.expected_bits), (NOBODY, 0));
     }
@@ -274,7 +310,7 @@ mod tests {
         let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits));
         let (mut position, mut queues_bits) = (scenario.uav.start, list.queues_bits());
         let fly = |slot| {
-            let plan = planner.step(slot, &position, &queues_bits);
+            let plan = planner.step(slot, &position, 20.0, &queues_bits);
             position = Position::new(plan.x_m, plan.y_m);
             plan.scheduled().iter().for_each(|&id| queues_bits[id as usize] = 0);
             format!("{:.3} {:.3} {:?}", plan.x_m, plan.y_m, plan.scheduled())

@@ -33,27 +33,40 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// Flies 300 slots from the letter's field with `queues_bits` at the start and `sampled_bits` more in every slot.
-fn fly(strategy: Strategy, mut queues_bits: Vec<u32>, sampled_bits: u32) {
-    let scenario = Scenario::letter(Overrides { strategy: Some(strategy), ..Overrides::default() }).unwrap();
-    let list = SensorList::of(&scenario).unwrap();
-    let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits));
-    let mut position = scenario.uav.start;
+/// Flies 300 slots of `scenario` with `queues_bits` at the start and `sampled_bits` more in every slot.
+fn fly(scenario: &Scenario, mut queues_bits: Vec<u32>, sampled_bits: u32) {
+    let list = SensorList::of(scenario).unwrap();
+    let mut planner = Planner::new(scenario, &list.nodes(scenario.sensors.capacity_bits));
+    let (mut position, mut altitude_m) = (scenario.uav.start, scenario.uav.altitude_m);
     let requests_before = REQUESTS.get();
     for slot in 1..=300 {
-        let plan = planner.step(slot, &position, &queues_bits);
-        position = Position::new(plan.x_m, plan.y_m);
+        let plan = planner.step(slot, &position, altitude_m, &queues_bits);
+        (position, altitude_m) = (Position::new(plan.x_m, plan.y_m), plan.z_m);
         plan.scheduled().iter().for_each(|&id| queues_bits[id as usize] = 0);
         queues_bits.iter_mut().for_each(|queue_bits| *queue_bits = (*queue_bits + sampled_bits).min(30_000));
-        assert_eq!(REQUESTS.get(), requests_before, "{}, slot {slot}", strategy.name());
+        assert_eq!(REQUESTS.get(), requests_before, "{}, slot {slot}", scenario.planner.strategy.name());
     }
+}
+
+fn letter(strategy: Strategy) -> Scenario {
+    Scenario::letter(Overrides { strategy: Some(strategy), ..Overrides::default() }).unwrap()
+}
+
+/// The letter's field in dense urban surroundings, flown in three dimensions.
+fn spatial(strategy: Strategy) -> Scenario {
+    let text = "name = 'a'\n[uav]\naltitude = 'free'\n[link]\nmodel = 'probabilistic-los'\n\
+                environment = 'dense-urban'\ncomm_radius_m = 25.0\nbandwidth_hz = 5e3\n";
+    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+    Scenario::parse(text, std::path::Path::new("a.toml"), overrides).unwrap()
 }
 
 #[test]
 fn no_slot_asks_for_memory() {
-    let letter = SensorList::of(&Scenario::letter(Overrides::default()).unwrap()).unwrap();
     for strategy in Strategy::ALL {
-        fly(strategy, letter.queues_bits(), 100);
+        for scenario in [letter(strategy), spatial(strategy)] {
+            let queues_bits = SensorList::of(&scenario).unwrap().queues_bits();
+            fly(&scenario, queues_bits, 100);
+        }
     }
 }
 
@@ -61,7 +74,7 @@ fn no_slot_asks_for_memory() {
 #[test]
 fn no_slot_of_equal_queues_asks_for_memory() {
     for strategy in Strategy::ALL {
-        fly(strategy, vec![0; 200], 0);
-        fly(strategy, vec![30_000; 200], 30_000);
+        fly(&letter(strategy), vec![0; 200], 0);
+        fly(&letter(strategy), vec![30_000; 200], 30_000);
     }
 }

@@ -76,7 +76,7 @@ fn replay(name: &str, strategy: Strategy, solver: WaypointSolver, tolerance_m: f
     let mut slots = 0;
     for expected in expected.lines().skip(1).map(slot_of) {
         let Slot { slot, .. } = expected;
-        let plan = planner.step(slot, &position, ledger.queues_bits());
+        let plan = planner.step(slot, &position, 20.0, ledger.queues_bits());
         let waypoint = Position::new(plan.x_m, plan.y_m);
         assert!(within(&waypoint, &position, scenario.reach_m()), "{name}, slot {slot}: {waypoint} is out of reach");
         let lost_bits = sample(&mut ledger, &sensors, slot, scenario.slot_s);

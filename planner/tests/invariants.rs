@@ -27,7 +27,7 @@ impl Case {
     /// The plan of slot `index` by a planner that has planned nothing before.
     fn fresh_plan(&self, index: usize) -> Plan {
         let slot = &self.slots[index];
-        Planner::new(&self.scenario, &self.sensors).step(index as u64 + 1, &slot.position, &slot.queues_bits)
+        Planner::new(&self.scenario, &self.sensors).step(index as u64 + 1, &slot.position, 20.0, &slot.queues_bits)
     }
 
     /// The plan of slot `index` by `strategy`, and the queues [bit] that it schedules.
@@ -108,7 +108,7 @@ proptest! {
     fn a_plan_keeps_range_reach_area_and_resource_blocks(case in cases(&Strategy::ALL)) {
         let mut planner = Planner::new(&case.scenario, &case.sensors);
         for (number, slot) in (1..).zip(&case.slots) {
-            let plan = planner.step(number, &slot.position, &slot.queues_bits);
+            let plan = planner.step(number, &slot.position, 20.0, &slot.queues_bits);
             let waypoint = Position::new(plan.x_m, plan.y_m);
             let in_reach = within(&waypoint, &slot.position, case.scenario.reach_m());
             prop_assert!(in_reach, "slot {number}: reach, {waypoint}");
@@ -204,7 +204,7 @@ proptest! {
     fn a_plan_does_not_depend_on_the_slots_planned_before(case in cases(&Strategy::ALL)) {
         let mut planner = Planner::new(&case.scenario, &case.sensors);
         for (index, slot) in case.slots.iter().enumerate() {
-            let plan = planner.step(index as u64 + 1, &slot.position, &slot.queues_bits);
+            let plan = planner.step(index as u64 + 1, &slot.position, 20.0, &slot.queues_bits);
             // As text, which tells every f64 apart and lets NaN equal NaN.
             prop_assert_eq!(format!("{plan:?}"), format!("{:?}", case.fresh_plan(index)));
         }

@@ -1,0 +1,322 @@
+//! The conic solver of the three-dimensional waypoint: successive convex approximation, one Clarabel program per step.
+//!
+//! At an expansion point `(q̂, ẑ)`, per sensor node (SN), with `y = D² = d² + z²`, `x = 1/P_L = 1 + e^{−s}`,
+//! `s = b (θ − a) − ln a`: the rate is replaced by its tangent in `(x, y)`, `−Φ (x − x̂) − Ψ (y − ŷ)` with
+//! `Φ = P̂_L² (R̂_L − R̂_N)` and `Ψ = −∂E/∂y`. Of the line-of-sight part alone, `P_L R_L`, the tangent is a lower bound, for
+//! `(1/x) log2(1 + γ y^{−α_L/2})` is jointly convex at every SNR up to `α_L = 4`, and with room to spare; beyond 4 the
+//! argument is taken to end, and no step is made. Nor is one for the generalised logistic, whose chance is not of that
+//! form. The little that comes out of line of sight is only tangent; hence, and because solvers err, a step is taken only
+//! as far as the true objective rises. Near the tip of `θ` straight above an SN the bounds are tight over a short way only:
+//! steps become small there, and the ascent has to finish.
+//!
+//! `θ` is bounded from below by its tangent in `v ≤ sin θ = z/D`, `θ ≥ θ̂ + (180/π)(v − v̂)/cos θ̂`, and `v D ≤ z` by
+//! `½ ((v̂/D̂) D² + (D̂/v̂) v²) ≤ z`, which with `t = v̂ z/D̂` is the ball `(v̂/D̂)² d² + (1 − t)² + v² ≤ 1`. So a step has a
+//! quadratic objective, `n + 1` second-order cones for reach and range, and one second-order and one exponential cone per SN.
+//! Bounding rates below at an expansion point in this way is the method of You and Zhang, "Hybrid Offline-Online Design for
+//! UAV-Enabled Data Harvesting in Probabilistic LoS Channels", IEEE Trans. Wireless Commun., 2020.
+
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::SupportedConeT::{self, ExponentialConeT, NonnegativeConeT, SecondOrderConeT, ZeroConeT};
+use clarabel::solver::{DefaultSolver, IPSolver, SolverStatus};
+use nalgebra::{Point3, Vector3};
+use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::los::LosLink;
+use skysink_common::scenario::LosCurve;
+
+use crate::ascent::Rated;
+use crate::conic;
+use crate::spatial::{SpatialProblem, slopes};
+
+/// Largest exponent `α_L` at which the tangent is relied on as a lower bound.
+const CONVEX_UP_TO: f64 = 4.0;
+
+/// Smallest `cos θ̂` at which `θ(v)` is expanded: straight above an SN its slope has no bound.
+const LEAST_COSINE: f64 = 0.02;
+
+/// Tolerance of a step's program: it is only an approximation, whose result is checked against the true objective.
+const TOLERANCE: f64 = 1e-7;
+
+/// Halvings of a step on which the true objective does not rise.
+const HALVINGS: usize = 6;
+
+/// Relative rise below which a step confirms its start instead of moving it.
+const SETTLED: f64 = 1e-9;
+
+/// Narrowest range of altitudes [m] that is a range; in a narrower one the altitude stays.
+const FLAT_M: f64 = 1e-6;
+
+/// Variables of the point, before those of the SNs.
+const POINT: usize = 3;
+
+/// What Clarabel did for a start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Contribution {
+    /// It moved the start uphill.
+    Moved,
+    /// It solved a program that leads no further.
+    Confirmed,
+    /// It was not asked, or solved nothing.
+    Nothing,
+}
+
+/// Up to `iterations` convex steps from a feasible `start`; the true objective never falls.
+#[must_use]
+pub fn approximate(problem: &SpatialProblem, start: Rated, iterations: u32) -> (Rated, Contribution) {
+    let (mut at, mut contribution) = (start, Contribution::Nothing);
+    let LosCurve::Sigmoid { a, b } = problem.link.curve else {
+        return (at, contribution); // no convex form for the generalised logistic: left to the ascent
+    };
+    if problem.link.los_exponent > CONVEX_UP_TO {
+        return (at, contribution); // the lower bound ends: left to the ascent
+    }
+    for _ in 0..iterations {
+        let Some(proposal) = Program::at(problem, &at.point, a, b).solve() else {
+            break; // not solved: what was reached before counts, the rest is left to the ascent
+        };
+        let next = as_far_as_it_rises(problem, at, &proposal);
+        let rises = next.rate_bps > at.rate_bps * (1.0 + SETTLED);
+        at = next;
+        if !rises {
+            if contribution == Contribution::Nothing {
+                contribution = Contribution::Confirmed;
+            }
+            break;
+        }
+        contribution = Contribution::Moved;
+    }
+    (at, contribution)
+}
+
+/// The farthest of some points on the way to `proposal` at which the true objective is higher than at `at`, or `at`.
+fn as_far_as_it_rises(problem: &SpatialProblem, at: Rated, proposal: &Point3<f64>) -> Rated {
+    let way = proposal - at.point;
+    let halves = std::iter::successors(Some(1.0), |share| Some(share / 2.0)).take(HALVINGS + 1);
+    let mut stops = halves.filter_map(|share| Some(Rated::new(problem, problem.project(&(at.point + way * share))?)));
+    stops.find(|stop| stop.rate_bps > at.rate_bps).unwrap_or(at)
+}
+
+/// One convex program, `min ½ uᵀ P u + cᵀ u` subject to `h − A u ∈ K`.
+///
+/// `u` is the step from the expansion point in units of `unit_m`, then `v` and `w = (x − 1) e^ŝ`, which is near 1, of every
+/// SN.
+struct Program {
+    origin: Point3<f64>,
+    unit_m: f64,
+    quadratic: Vec<f64>,
+    linear: Vec<f64>,
+    entries: (Vec<usize>, Vec<usize>, Vec<f64>),
+    offsets: Vec<f64>,
+    cones: Vec<SupportedConeT<f64>>,
+}
+
+impl Program {
+    /// The program of `problem` expanded at the feasible point `at`, for the curve `1/(1 + a e^{−b(θ−a)})`.
+    fn at(problem: &SpatialProblem, at: &Point3<f64>, a: f64, b: f64) -> Self {
+        let variables = POINT + 2 * problem.targets.len();
+        let unit_m = problem.disks.iter().map(|disk| disk.radius_m).fold(f64::INFINITY, f64::min);
+        let mut program = Self {
+            origin: *at,
+            unit_m,
+            quadratic: vec![0.0; variables],
+            linear: vec![0.0; variables],
+            entries: (Vec::new(), Vec::new(), Vec::new()),
+            offsets: Vec::new(),
+            cones: Vec::new(),
+        };
+        program.stay_between(problem.altitudes_m);
+        for disk in &problem.disks {
+            program.stay_within(&disk.centre, disk.radius_m);
+        }
+        let scale_bps = problem.rate_bps(at);
+        for (index, target) in problem.targets.iter().enumerate() {
+            program.serve(&problem.link, target, [a, b], scale_bps, POINT + 2 * index);
+        }
+        program
+    }
+
+    /// A row `offset − Σ factor u_column` of the cone in the making.
+    fn row(&mut self, offset: f64, factors: &[(usize, f64)]) {
+        for &(column, factor) in factors {
+            self.entries.0.push(self.offsets.len());
+            self.entries.1.push(column);
+            self.entries.2.push(factor);
+        }
+        self.offsets.push(offset);
+    }
+
+    /// The range of altitudes, or the one altitude.
+    fn stay_between(&mut self, [low_m, high_m]: [f64; 2]) {
+        if high_m - low_m < FLAT_M {
+            self.cones.push(ZeroConeT(1));
+            self.row(0.0, &[(2, 1.0)]);
+        } else {
+            self.cones.push(NonnegativeConeT(2));
+            self.row((high_m - self.origin.z) / self.unit_m, &[(2, 1.0)]);
+            self.row((self.origin.z - low_m) / self.unit_m, &[(2, -1.0)]);
+        }
+    }
+
+    /// A disk on the ground: `‖(q − centre)/ρ‖ ≤ 1`.
+    fn stay_within(&mut self, centre: &Position, radius_m: f64) {
+        let from_centre = (self.origin.xy() - centre) / radius_m;
+        self.cones.push(SecondOrderConeT(3));
+        self.row(1.0, &[]);
+        self.row(from_centre.x, &[(0, -self.unit_m / radius_m)]);
+        self.row(from_centre.y, &[(1, -self.unit_m / radius_m)]);
+    }
+
+    /// One SN's share of the objective, divided by `scale_bps`, and its two cones; its `v` is variable `v`, `w` the next.
+    fn serve(&mut self, link: &LosLink, target: &Position, [a, b]: [f64; 2], scale_bps: f64, v: usize) {
+        let w = v + 1;
+        let (away, z_m) = (self.origin.xy() - target, self.origin.z);
+        let d2_m2 = distance_squared(&self.origin.xy(), target);
+        let distance_m = (d2_m2 + z_m * z_m).sqrt();
+        let sine = z_m / distance_m;
+
+        let cosine = (d2_m2.sqrt() / distance_m).max(LEAST_COSINE);
+        let expanded_sine = (1.0 - cosine * cosine).sqrt();
+        let growth = b * (1.0 / cosine).to_degrees();
+        let inverse_odds = a * (-b * (expanded_sine.atan2(cosine).to_degrees() - a)).exp(); // e^−ŝ
+
+        let probability = link.los_probability(d2_m2, z_m);
+        let gain_bps = link.los_rate_bps(d2_m2, z_m) - link.nlos_rate_bps(d2_m2, z_m);
+        self.linear[w] = probability * probability * gain_bps.max(0.0) * inverse_odds / scale_bps;
+        let fall = -slopes(link, d2_m2, z_m).by_distance2 * self.unit_m / scale_bps;
+        for (axis, offset_m) in Vector3::new(away.x, away.y, z_m).iter().enumerate() {
+            self.quadratic[axis] += 2.0 * fall * self.unit_m;
+            self.linear[axis] += 2.0 * fall * offset_m;
+        }
+
+        // (v̂/D̂)² d² + (1 − t)² + v² ≤ 1, t = v̂ z/D̂
+        let tilt = sine / distance_m;
+        self.cones.push(SecondOrderConeT(5));
+        self.row(1.0, &[]);
+        self.row(tilt * away.x, &[(0, -tilt * self.unit_m)]);
+        self.row(tilt * away.y, &[(1, -tilt * self.unit_m)]);
+        self.row(1.0 - tilt * z_m, &[(2, tilt * self.unit_m)]);
+        self.row(0.0, &[(v, -1.0)]);
+
+        // e^{ŝ − s} ≤ w, s − ŝ = b (180/π) (v − v̂)/cos θ̂
+        self.cones.push(ExponentialConeT());
+        self.row(growth * expanded_sine, &[(v, growth)]);
+        self.row(1.0, &[]);
+        self.row(0.0, &[(w, -1.0)]);
+    }
+
+    /// The point that Clarabel finds; `None` unless it calls the program solved.
+    fn solve(self) -> Option<Point3<f64>> {
+        let (rows, columns, values) = self.entries;
+        let (height, width) = (self.offsets.len(), self.linear.len());
+        let constraints = CscMatrix::new_from_triplets(height, width, rows, columns, values);
+        let diagonal: Vec<usize> = (0..width).collect();
+        let quadratic = CscMatrix::new_from_triplets(width, width, diagonal.clone(), diagonal, self.quadratic);
+        let mut settings = conic::settings();
+        settings.equilibrate_enable = true; // each program has a solver of its own: nothing carries over
+        settings.tol_feas = TOLERANCE;
+        settings.tol_gap_abs = TOLERANCE;
+        settings.tol_gap_rel = TOLERANCE;
+        let mut solver =
+            DefaultSolver::new(&quadratic, &self.linear, &constraints, &self.offsets, &self.cones, settings)
+                .expect("the shapes agree by construction");
+        solver.solve();
+        let found = &solver.solution.x;
+        (solver.solution.status == SolverStatus::Solved)
+            .then(|| self.origin + Vector3::new(found[0], found[1], found[2]) * self.unit_m)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ascent;
+    use crate::spatial::tests::{dense_urban, posed};
+    use proptest::prelude::*;
+
+    /// Clusters of one to six SNs in sight of the origin, and a range of altitudes, an empty one among them.
+    fn problems() -> impl Strategy<Value = SpatialProblem> {
+        let places = prop::collection::vec((-40.0..40.0, -40.0..40.0), 1..7);
+        let curve = prop::sample::select(vec![(4.88, 0.43), (9.61, 0.16), (12.08, 0.11), (27.23, 0.08)]);
+        let height_m = prop_oneof![3 => 5.0..100.0, 1 => Just(0.0)];
+        (places, curve, 20.0..60.0, height_m, 2.0..4.0).prop_map(|(places, (a, b), low_m, height_m, los_exponent)| {
+            let places: Vec<[f64; 2]> = places.into_iter().map(|(x_m, y_m)| [x_m, y_m]).collect();
+            let link = LosLink { curve: LosCurve::Sigmoid { a, b }, los_exponent, ..dense_urban() };
+            posed(link, &places, [low_m, low_m + height_m])
+        })
+    }
+
+    fn start_of(problem: &SpatialProblem, share: f64) -> Rated {
+        Rated::new(problem, Point3::new(0.0, 0.0, problem.altitude_m(share)))
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(150))]
+
+        /// `P_L R_L` over `x = 1/P_L` and `y = D²`: `(1/x) log2(1 + γ y^−κ)`.
+        #[test]
+        fn up_to_an_exponent_of_4_the_tangent_is_a_lower_bound(
+            kappa in 0.5f64..2.0,
+            expansion in (0.0..3.0, 0.0..5.0),
+            other in (0.0..3.0, 0.0..5.0),
+        ) {
+            let snr = 1.2e6f64;
+            let rate = |y: f64| (1.0 + snr * y.powf(-kappa)).log2();
+            let [(x0, y0), (x, y)] = [expansion, other].map(|(x, y): (f64, f64)| (10f64.powf(x), 10f64.powf(y)));
+            let by_x = rate(y0) / (x0 * x0);
+            let by_y = kappa * snr * std::f64::consts::LOG2_E / (x0 * y0 * (y0.powf(kappa) + snr));
+            let tangent = rate(y0) / x0 - by_x * (x - x0) - by_y * (y - y0);
+            prop_assert!(rate(y) / x >= tangent - 1e-9 * rate(y0), "{} < {tangent}", rate(y) / x);
+        }
+
+        #[test]
+        fn the_true_rate_never_falls_and_the_constraints_are_kept(problem in problems(), share in 0.0..1.0) {
+            let mut last = start_of(&problem, share);
+            for _ in 0..5 {
+                let (next, _) = approximate(&problem, last, 1);
+                prop_assert!(next.rate_bps >= last.rate_bps, "{} < {}", next.rate_bps, last.rate_bps);
+                prop_assert_eq!(next.rate_bps, problem.rate_bps(&next.point));
+                prop_assert_eq!(problem.project(&next.point), Some(next.point));
+                last = next;
+            }
+        }
+    }
+
+    #[test]
+    fn many_steps_come_close_to_where_the_ascent_ends() {
+        for (a, b) in [(4.88, 0.43), (9.61, 0.16), (12.08, 0.11), (27.23, 0.08)] {
+            let link = LosLink { curve: LosCurve::Sigmoid { a, b }, ..dense_urban() };
+            let problem = posed(link, &[[-30.0, 5.0], [30.0, 0.0], [5.0, 35.0], [0.0, -25.0]], [20.0, 120.0]);
+            let (end, contribution) = approximate(&problem, start_of(&problem, 0.5), 60);
+            assert_eq!(contribution, Contribution::Moved, "a = {a}");
+            let onward = ascent::climb(&problem, end);
+            assert!(onward.rate_bps <= end.rate_bps * (1.0 + 1e-5), "a = {a}: {end:?}, {onward:?}");
+        }
+    }
+
+    #[test]
+    fn one_step_crosses_most_of_the_way_to_the_middle_of_a_pair() {
+        // Two SNs 60 m apart, the UAV 20 m off their middle at 60 m: by symmetry the best point is above the middle.
+        let problem = posed(dense_urban(), &[[-30.0, 0.0], [30.0, 0.0]], [60.0, 60.0]);
+        let start = Rated::new(&problem, Point3::new(0.0, 20.0, 60.0));
+        let (end, contribution) = approximate(&problem, start, 1);
+        assert_eq!((contribution, end.point.z), (Contribution::Moved, 60.0));
+        assert!(end.point.y.abs() < 2.0 && end.point.x.abs() < 1e-3, "{end:?}");
+    }
+
+    #[test]
+    fn what_the_convexity_argument_does_not_cover_is_left_to_the_ascent() {
+        let logistic = LosCurve::Logistic { b1: -0.4568, b2: 0.047, b3: -0.63, b4: 1.63 };
+        for link in [LosLink { los_exponent: 4.1, ..dense_urban() }, LosLink { curve: logistic, ..dense_urban() }] {
+            let problem = posed(link, &[[30.0, 0.0]], [20.0, 120.0]);
+            let start = start_of(&problem, 0.5);
+            assert_eq!(approximate(&problem, start, 5), (start, Contribution::Nothing));
+        }
+    }
+
+    #[test]
+    fn straight_above_a_lone_sensor_node_a_step_descends() {
+        let problem = posed(dense_urban(), &[[0.0, 0.0]], [20.0, 120.0]);
+        let (end, contribution) = approximate(&problem, start_of(&problem, 0.6), 5);
+        assert_eq!(contribution, Contribution::Moved);
+        assert!(end.point.z < 50.0, "{end:?}");
+    }
+}
