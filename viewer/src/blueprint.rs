@@ -6,12 +6,14 @@ use rerun::external::re_sdk_types::blueprint::archetypes::{
 use rerun::external::re_sdk_types::blueprint::components::{self, BackgroundKind, ContainerKind, Eye3DKind};
 use rerun::external::re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
 use rerun::{RecordingStream, RecordingStreamResult};
+use skysink_common::scenario::Scenario;
 
 use crate::colour::{self, color};
 use crate::layout::{Class, Layout, Tile};
+use crate::los::{self, profile};
 use crate::scene::Timing;
 use crate::sizes::Sizes;
-use crate::{curves, events, legend, queues, uav};
+use crate::{curves, events, legend, links, queues, uav};
 
 /// Slots per second at which a viewer plays a file.
 const SLOTS_PER_S: f64 = 10.0;
@@ -21,14 +23,14 @@ pub(crate) fn send(
     stream: &RecordingStream,
     name: &str,
     sizes: &Sizes,
-    slot_s: f64,
+    scenario: &Scenario,
     timing: Timing,
 ) -> RecordingStreamResult<()> {
     let mut layout = Layout::new(name)?;
-    let scenes = scenes(&mut layout, sizes, slot_s)?;
+    let scenes = scenes(&mut layout, sizes, scenario)?;
     let lane = layout.view(Class::States, "UAV: serve, transit, hold", "", &[select(events::LANE)])?;
     let left = layout.container(ContainerKind::Vertical, &[(6.0, scenes), (1.1, lane)])?;
-    let right = beside(&mut layout, timing)?;
+    let right = beside(&mut layout, scenario, timing)?;
     let root = layout.container(ContainerKind::Horizontal, &[(2.1, left), (1.0, right)])?;
     layout.send(stream, root, SLOTS_PER_S)
 }
@@ -41,9 +43,9 @@ fn omit(entity: &str) -> String {
     format!("- /{entity}")
 }
 
-/// The 3D scene, seen in three ways.
-fn scenes(layout: &mut Layout, sizes: &Sizes, slot_s: f64) -> RecordingStreamResult<Tile> {
-    let world = || select(&format!("{}/**", queues::WORLD));
+/// The 3D scene, seen in three ways; in a fourth where line of sight is a matter of chance.
+fn scenes(layout: &mut Layout, sizes: &Sizes, scenario: &Scenario) -> RecordingStreamResult<Tile> {
+    let slot_s = scenario.slot_s;
     let field = [world(), omit(uav::TRACK)];
     let field = layout.view(Class::Scene, "Field (3D)", queues::WORLD, &field)?;
     layout.show_past(field, uav::TRAIL, Some(15), slot_s)?;
@@ -53,12 +55,64 @@ fn scenes(layout: &mut Layout, sizes: &Sizes, slot_s: f64) -> RecordingStreamRes
     let chase = layout.view(Class::Scene, "Chase", uav::UAV, &chase)?;
     layout.show_past(chase, uav::TRAIL, Some(10), slot_s)?;
     for (view, camera) in [(field, overview(sizes)), (top, above(sizes)), (chase, beside_uav(sizes))] {
-        layout.set(view, &camera)?;
-        layout.set(view, &background())?;
-        layout.set(view, &LineGrid3D::new().with_visible(false))?; // the area has its own
-        layout.set(view, &SpatialInformation::update_fields().with_show_axes(false))?;
+        film(layout, view, &camera)?;
     }
-    layout.container(ContainerKind::Tabs, &[(1.0, field), (1.0, top), (1.0, chase)])
+    let mut tabs = vec![(1.0, field), (1.0, top), (1.0, chase)];
+    if scenario.link.los.is_some() {
+        tabs.push((1.0, line_of_sight(layout, sizes, slot_s)?));
+    }
+    layout.container(ContainerKind::Tabs, &tabs)
+}
+
+/// The whole 3D scene.
+fn world() -> String {
+    select(&format!("{}/**", queues::WORLD))
+}
+
+/// Camera and backdrop of a 3D view.
+fn film(layout: &Layout, view: Tile, camera: &EyeControls3D) -> RecordingStreamResult<()> {
+    layout.set(view, camera)?;
+    layout.set(view, &background())?;
+    layout.set(view, &LineGrid3D::new().with_visible(false))?; // the area has its own
+    layout.set(view, &SpatialInformation::update_fields().with_show_axes(false))
+}
+
+/// The room around the UAV, its legend, and the curves that say why it flies so high.
+fn line_of_sight(layout: &mut Layout, sizes: &Sizes, slot_s: f64) -> RecordingStreamResult<Tile> {
+    let space = select(&format!("{}/**", los::SPACE));
+    let hidden = [uav::TRACK, uav::DOT, links::CANDIDATES, links::CHOSEN, legend::CORNERS].map(omit);
+    let contents: Vec<_> = [world(), space].into_iter().chain(hidden).collect();
+    let room = layout.view(Class::Scene, "Chance of sight around the UAV", uav::COVERAGE, &contents)?;
+    layout.show_past(room, uav::TRAIL, Some(30), slot_s)?;
+    film(layout, room, &around_uav(sizes))?;
+    let page = layout.view(Class::Text, "What it shows", legend::LOS_PAGE, &[select(legend::LOS_PAGE)])?;
+    let left = layout.container(ContainerKind::Vertical, &[(1.75, room), (1.0, page)])?;
+
+    let contents = [select(&format!("{}/**", profile::PROFILE))];
+    let why = layout.view(Class::Picture, "Expected rate (green) by altitude", profile::PROFILE, &contents)?;
+    bound(layout, why, profile::BOUNDS)?;
+    let altitude = plot(layout, "Altitude [m]", &[los::ALTITUDE])?;
+    layout
+        .set(altitude, &ScalarAxis::new().with_range([0.0, 1.1 * f64::from(sizes.highest_m)]).with_zoom_lock(true))?;
+    let elevation = plot(layout, "Elevation of each served link [°]", &by_draw(los::ELEVATION))?;
+    layout.set(elevation, &ScalarAxis::new().with_range([0.0, 94.0]).with_zoom_lock(true))?;
+    let chance = plot(layout, "Chance of sight of each served link", &by_draw(los::CHANCE))?;
+    layout.set(chance, &ScalarAxis::new().with_range([-0.04, 1.08]).with_zoom_lock(true))?;
+    let right = [(1.3, why), (1.0, altitude), (1.0, elevation), (1.0, chance)];
+    let right = layout.container(ContainerKind::Vertical, &right)?;
+    let tab = layout.container(ContainerKind::Horizontal, &[(1.9, left), (1.0, right)])?;
+    layout.name(tab, "Line of sight")?;
+    Ok(tab)
+}
+
+/// The curves of the served links below a root.
+fn by_draw(root: &str) -> [String; 3] {
+    [los::MEAN, los::SIGHT, los::BLOCKED].map(|name| format!("{root}/{name}"))
+}
+
+/// Extent [m] of what a camera must get into the picture, and stay above: the area, and the room that is flown in.
+fn seen_m(sizes: &Sizes) -> f32 {
+    sizes.span_m().max(1.8 * sizes.highest_m)
 }
 
 fn camera(eye: [f32; 3], target: [f32; 3], up: [f32; 3]) -> EyeControls3D {
@@ -67,7 +121,7 @@ fn camera(eye: [f32; 3], target: [f32; 3], up: [f32; 3]) -> EyeControls3D {
 
 /// The whole area from the south, at about 45 degrees.
 fn overview(sizes: &Sizes) -> EyeControls3D {
-    let (x_m, y_m, span_m) = (sizes.width_m / 2.0, sizes.depth_m / 2.0, sizes.span_m());
+    let (x_m, y_m, span_m) = (sizes.width_m / 2.0, sizes.depth_m / 2.0, seen_m(sizes));
     let eye = [x_m, y_m - 0.5 * sizes.depth_m - 0.42 * span_m, 0.68 * span_m];
     camera(eye, [x_m, y_m - 0.08 * span_m, 0.0], [0.0, 0.0, 1.0])
 }
@@ -75,18 +129,24 @@ fn overview(sizes: &Sizes) -> EyeControls3D {
 /// The whole area as on a map: north is up.
 fn above(sizes: &Sizes) -> EyeControls3D {
     let (x_m, y_m) = (sizes.width_m / 2.0, sizes.depth_m / 2.0);
-    camera([x_m, y_m, 1.16 * sizes.span_m()], [x_m, y_m, 0.0], [0.0, 1.0, 0.0])
+    camera([x_m, y_m, 1.16 * seen_m(sizes)], [x_m, y_m, 0.0], [0.0, 1.0, 0.0])
 }
 
 /// In the UAV's frame, so that the camera flies along.
 fn beside_uav(sizes: &Sizes) -> EyeControls3D {
-    let near_m = sizes.radius_m + 0.5 * sizes.altitude_m;
+    let near_m = sizes.radius_m + 0.5 * sizes.highest_m;
     let eye = [-1.2 * near_m, -1.9 * near_m, 0.9 * near_m];
     camera(eye, [0.0, 0.0, -0.55 * sizes.altitude_m], [0.0, 0.0, 1.0])
 }
 
+/// In a frame that moves with the UAV but does not climb with it, so that its altitude is seen.
+fn around_uav(sizes: &Sizes) -> EyeControls3D {
+    let far_m = (1.5 * sizes.radius_m).max(0.75 * sizes.highest_m);
+    camera([-0.9 * far_m, -2.1 * far_m, 1.35 * far_m], [0.0, 0.0, 0.3 * sizes.highest_m], [0.0, 0.0, 1.0])
+}
+
 /// Curves, scales and text, beside the scene.
-fn beside(layout: &mut Layout, timing: Timing) -> RecordingStreamResult<Tile> {
+fn beside(layout: &mut Layout, scenario: &Scenario, timing: Timing) -> RecordingStreamResult<Tile> {
     let losses = [curves::LOSS, curves::LOSS_MARK];
     let fills = [curves::FILL_MAX, curves::FILL_MEAN];
     let fill = plot(layout, "Queue fill: fullest (violet), mean (blue)", &fills)?;
@@ -101,7 +161,7 @@ fn beside(layout: &mut Layout, timing: Timing) -> RecordingStreamResult<Tile> {
         let pace = plot(layout, "Pace [slot/s]", &[curves::PACE])?;
         rows.push((0.9, layout.container(ContainerKind::Horizontal, &[(1.0, latency), (1.0, pace)])?));
     }
-    rows.push((0.7, scales(layout)?));
+    rows.push((0.7, scales(layout, scenario)?));
     let page = layout.view(Class::Text, "Legend", legend::PAGE, &[select(legend::PAGE)])?;
     let log = log(layout)?;
     let missed = plot(layout, "Missed slots", &[curves::MISSED])?;
@@ -110,8 +170,8 @@ fn beside(layout: &mut Layout, timing: Timing) -> RecordingStreamResult<Tile> {
 }
 
 /// Curves whose names are in the title: a box of names would cover them.
-fn plot(layout: &mut Layout, name: &str, entities: &[&str]) -> RecordingStreamResult<Tile> {
-    let entities: Vec<_> = entities.iter().map(|entity| select(entity)).collect();
+fn plot<E: AsRef<str>>(layout: &mut Layout, name: &str, entities: &[E]) -> RecordingStreamResult<Tile> {
+    let entities: Vec<_> = entities.iter().map(|entity| select(entity.as_ref())).collect();
     let view = layout.view(Class::Curves, name, "", &entities)?;
     layout.set(view, &PlotLegend::new().with_visible(false))?;
     Ok(view)
@@ -125,14 +185,22 @@ fn log(layout: &mut Layout) -> RecordingStreamResult<Tile> {
     Ok(view)
 }
 
-fn scales(layout: &mut Layout) -> RecordingStreamResult<Tile> {
+fn scales(layout: &mut Layout, scenario: &Scenario) -> RecordingStreamResult<Tile> {
     let contents = [select(&format!("{}/**", legend::SCALE))];
-    let view = layout.view(Class::Picture, "Colours: queue fill, link rate", legend::SCALE, &contents)?;
-    let [x, y] = legend::SCALE_BOUNDS;
+    let name = match scenario.link.los {
+        None => "Colours: queue fill, link rate",
+        Some(_) => "Colours: queue fill, chance of sight",
+    };
+    let view = layout.view(Class::Picture, name, legend::SCALE, &contents)?;
+    bound(layout, view, legend::SCALE_BOUNDS)?;
+    Ok(view)
+}
+
+/// What a picture shows, and its backdrop.
+fn bound(layout: &Layout, view: Tile, [x, y]: [[f64; 2]; 2]) -> RecordingStreamResult<()> {
     let bounds = rerun::datatypes::Range2D { x_range: x.into(), y_range: y.into() };
     layout.set(view, &VisualBounds2D::new(components::VisualBounds2D(bounds)))?;
-    layout.set(view, &background())?;
-    Ok(view)
+    layout.set(view, &background())
 }
 
 fn background() -> Background {

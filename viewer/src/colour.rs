@@ -1,4 +1,4 @@
-//! Colours of the scene, and the two scales that turn a number into one: queue fill and link rate.
+//! Colours of the scene, and the scales that turn a number into one: queue fill, link rate, chance of line of sight.
 
 use std::ops::RangeInclusive;
 
@@ -46,6 +46,10 @@ pub const FULLEST: Rgb = [200, 110, 255];
 pub const MEAN: Rgb = [90, 160, 255];
 /// Wall-clock figures, and flying in transit.
 pub const CLOCK: Rgb = [255, 185, 60];
+/// In line of sight. With [`BLOCKED`] a pair that the colour-blind tell apart: it differs in blue against orange.
+pub const SIGHT: Rgb = [105, 205, 255];
+/// Out of line of sight.
+pub const BLOCKED: Rgb = [255, 120, 20];
 /// What the viewer missed.
 pub const MISSED: Rgb = [130, 135, 145];
 
@@ -79,10 +83,26 @@ pub fn of_fill(fill: f64) -> Rgb {
         [0.106_673, 12.641_946, -60.582_048, 110.362_768, -89.903_109, 27.348_250],
     ];
     let x = FIRST + (LAST - FIRST) * fill.clamp(0.0, 1.0);
-    CHANNELS.map(|channel| {
-        let value = channel.iter().rev().fold(0.0, |sum, factor| sum * x + factor);
-        (255.0 * value).round().clamp(0.0, 255.0) as u8
-    })
+    CHANNELS.map(|channel| polynomial(&channel, x))
+}
+
+/// Colour of a chance of line of sight, 0 (violet) over 0.5 (teal) to 1 (yellow): the viridis colour map.
+///
+/// Polynomial of degree 6 per channel by Zucker, "Colormaps as polynomials" (2019); it is within 3 % of the map.
+#[must_use]
+pub fn of_chance(chance: f64) -> Rgb {
+    const CHANNELS: [[f64; 7]; 3] = [
+        [0.277_727, 0.105_093, -0.330_862, -4.634_230, 6.228_270, 4.776_385, -5.435_456],
+        [0.005_407, 1.404_614, 0.214_848, -5.799_101, 14.179_933, -13.745_145, 4.645_853],
+        [0.334_100, 1.384_590, 0.095_095, -19.332_441, 56.690_553, -65.353_033, 26.312_435],
+    ];
+    CHANNELS.map(|channel| polynomial(&channel, chance.clamp(0.0, 1.0)))
+}
+
+/// A channel's byte at `x`, from a polynomial with ascending powers.
+fn polynomial(factors: &[f64], x: f64) -> u8 {
+    let value = factors.iter().rev().fold(0.0, |sum, factor| sum * x + factor);
+    (255.0 * value).round().clamp(0.0, 255.0) as u8
 }
 
 /// Colour of a link rate within the range of rates that are possible: dark green for the lowest, pale green for the
@@ -117,6 +137,14 @@ mod tests {
         assert!(empty[2] > empty[0] && empty[2] > empty[1], "{empty:?}");
         assert!(half[1] > half[0] && half[1] > half[2], "{half:?}");
         assert!(full[0] > full[1] && full[0] > full[2], "{full:?}");
+    }
+
+    #[test]
+    fn chances_turn_from_violet_over_teal_to_yellow() {
+        let near = |found: Rgb, map: Rgb| std::iter::zip(found, map).all(|(a, b)| a.abs_diff(b) <= 8);
+        for (chance, map) in [(0.0, [68, 1, 84]), (0.5, [33, 145, 140]), (1.0, [253, 231, 37])] {
+            assert!(near(of_chance(chance), map), "{chance}: {:?}", of_chance(chance));
+        }
     }
 
     #[test]

@@ -120,6 +120,11 @@ impl Layout {
         Ok(tile)
     }
 
+    /// Names a container, for its tab.
+    pub(crate) fn name(&self, container: Tile, name: &str) -> RecordingStreamResult<()> {
+        self.recorder.log(container.path(), &ContainerBlueprint::update_fields().with_display_name(name))
+    }
+
     /// Sets a property of a view.
     pub(crate) fn set<A: Archetype + AsComponents>(&self, view: Tile, property: &A) -> RecordingStreamResult<()> {
         self.recorder.log(view.path().join(&EntityPath::from(A::name().short_name())), property)

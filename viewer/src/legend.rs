@@ -1,4 +1,4 @@
-//! What the picture means, for somebody who sees it for the first time: a page of text and two colour scales.
+//! What the picture means, for somebody who sees it for the first time: pages of text and two colour scales.
 
 use std::ops::RangeInclusive;
 
@@ -6,13 +6,17 @@ use rerun::{
     AnyValues, Boxes3D, Image, LineStrips3D, Points2D, Points3D, Radius, RecordingStream, RecordingStreamResult,
     TextDocument,
 };
+use skysink_common::los::LosLink;
 use skysink_common::scenario::Scenario;
 
 use crate::colour::{self, color};
+use crate::los::field;
 use crate::sizes::{MAX_BARS, Sizes};
 
 /// The page of text.
 pub const PAGE: &str = "legend";
+/// The page on line of sight.
+pub const LOS_PAGE: &str = "legend/los";
 /// The colour scales.
 pub const SCALE: &str = "scale";
 /// Ground, frame and grid of the area.
@@ -29,9 +33,13 @@ pub(crate) fn log(
     scenario: &Scenario,
     count: usize,
     sizes: &Sizes,
-    rates_bps: &RangeInclusive<f64>,
+    rates_bps: Option<&RangeInclusive<f64>>,
 ) -> RecordingStreamResult<()> {
     stream.log_static(PAGE, &TextDocument::from_markdown(page(scenario, count, sizes)))?;
+    if let Some(model) = &scenario.link.los {
+        let page = los_page(scenario, &LosLink::of(scenario, model));
+        stream.log_static(LOS_PAGE, &TextDocument::from_markdown(page))?;
+    }
     log_scale(stream, rates_bps)?;
     log_area(stream, sizes)?;
     log_facts(stream, scenario, count)
@@ -41,7 +49,17 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes) -> String {
     let Scenario { name, seed, slots, slot_s, .. } = scenario;
     let (strategy, blocks) = (scenario.planner.strategy.name(), scenario.link.resource_blocks);
     let (radius_m, altitude_m, grid_m) = (scenario.link.comm_radius_m, scenario.uav.altitude_m, sizes.grid_m);
+    let altitude = scenario.uav.climb.map_or(format!("an altitude of {altitude_m} m"), |climb| {
+        format!("altitudes from {} m to {} m", climb.min_altitude_m, climb.max_altitude_m)
+    });
     let (width_m, height_m, reach_m) = (scenario.area.width_m, scenario.area.height_m, scenario.reach_m());
+    let link = match scenario.link.los {
+        None => "| green line, dark → pale | served link, by rate: low → high |\n",
+        Some(_) => {
+            "| bold light blue line | served link, in line of sight |\n\
+             | thin orange line | served link, its sight blocked |\n"
+        }
+    };
     let shape = if count <= MAX_BARS { "bar" } else { "point" };
     let height = if count <= MAX_BARS { "; its height too" } else { "" };
     format!(
@@ -52,32 +70,46 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes) -> String {
          | blue line | path flown lately; in *Top view* all of it |\n\
          | magenta ring and line | planned waypoint and the way to it |\n\
          | cyan circle, plumb line | whom the UAV can serve: within {radius_m} m |\n\
-         | green line, dark → pale | served link, by rate: low → high |\n\
+         {link}\
          | five thin orange circles | places considered for the slot |\n\
          | bold orange circle | the place that won |\n\
          | lane: **serve** | at the waypoint of its strategy |\n\
          | lane: **transit** | nobody in reach: off to the fullest queue |\n\
          | lane: **hold** | stays: plan too late or not flyable |\n\
          | lane: **gap** | the viewer missed slots; the mission went on |\n\n\
-         In each slot of {slot_s} s the UAV flies up to {reach_m} m at an altitude of {altitude_m} m; then up to {blocks} \
+         In each slot of {slot_s} s the UAV flies up to {reach_m} m at {altitude}; then up to {blocks} \
          sensor nodes within {radius_m} m on the ground upload to it. A full storage loses what its sensor samples.\n\n\
          Strategy **{strategy}**, seed {seed}, {slots} slots, area {width_m} m × {height_m} m, grid {grid_m} m.\n"
     )
 }
 
-/// Two bars with their ends written below: queue fill to the left, link rate to the right.
-fn log_scale(stream: &RecordingStream, rates_bps: &RangeInclusive<f64>) -> RecordingStreamResult<()> {
+/// Why the UAV climbs, and what shows it.
+fn los_page(scenario: &Scenario, link: &LosLink) -> String {
+    let percent = 100.0 * field::funnel_chance(link);
+    let fixed = if scenario.uav.climb.is_none() { " This UAV may not choose: its altitude is fixed." } else { "" };
+    format!(
+        "**Why climb?** Buildings block links. The *steeper* a sensor node looks up to the UAV, the likelier it sees it. \
+         But the *higher* the UAV, the longer the link and the lower its rate. The best altitude lies between.{fixed}\n\n\
+         | What you see | What it means |\n|---|---|\n\
+         | right, green line | expected rate here, by altitude: the UAV looks for its top; white line: where it is |\n\
+         | right, blue and grey line | what it is made of: chance of line of sight, and rate if there is |\n\
+         | dots, bold / thin lines | served links: blue in line of sight, orange blocked, drawn anew in each slot |\n\
+         | funnel | from inside, the UAV is seen with a chance of {percent:.0} % or more |\n\
+         | square at the UAV | mean chance of the served if it were there, violet → yellow: 0 → 100 % |\n\
+         "
+    )
+}
+
+/// Two bars with their ends written below: queue fill to the left; link rate, or the chance of line of sight, to the
+/// right.
+fn log_scale(stream: &RecordingStream, rates_bps: Option<&RangeInclusive<f64>>) -> RecordingStreamResult<()> {
     const WIDTH: u32 = 260;
     const HEIGHT: u32 = 20;
     let bar = |colour: &dyn Fn(f64) -> colour::Rgb| {
         let row: Vec<u8> = (0..WIDTH).flat_map(|x| colour(f64::from(x) / f64::from(WIDTH - 1))).collect();
         Image::from_rgb24(row.repeat(HEIGHT as usize), [WIDTH, HEIGHT])
     };
-    let (lowest_bps, highest_bps) = (*rates_bps.start(), *rates_bps.end());
-    let rate = |share: f64| colour::of_rate(lowest_bps + share * (highest_bps - lowest_bps), rates_bps);
     stream.log_static(format!("{SCALE}/queue/bar"), &bar(&colour::of_fill))?;
-    stream.log_static(format!("{SCALE}/rate/bar"), &bar(&rate))?;
-    stream.log_static(format!("{SCALE}/rate"), &rerun::Transform3D::from_translation([340.0, 0.0, 0.0]))?;
     let writing = |texts: [String; 2]| {
         Points2D::new([[30.0, 24.0], [230.0, 24.0]])
             .with_labels(texts)
@@ -86,9 +118,18 @@ fn log_scale(stream: &RecordingStream, rates_bps: &RangeInclusive<f64>) -> Recor
             .with_colors([color(colour::WRITING)])
     };
     let queue = ["empty", "full"].map(str::to_owned);
-    let rates = [lowest_bps, highest_bps].map(format_rate);
     stream.log_static(format!("{SCALE}/queue/text"), &writing(queue))?;
-    stream.log_static(format!("{SCALE}/rate/text"), &writing(rates))
+    let (name, right, ends) = match rates_bps {
+        Some(rates_bps) => {
+            let (lowest_bps, highest_bps) = (*rates_bps.start(), *rates_bps.end());
+            let rate = |share: f64| colour::of_rate(lowest_bps + share * (highest_bps - lowest_bps), rates_bps);
+            ("rate", bar(&rate), [lowest_bps, highest_bps].map(format_rate))
+        }
+        None => ("chance", bar(&colour::of_chance), ["blocked", "in sight"].map(str::to_owned)),
+    };
+    stream.log_static(format!("{SCALE}/{name}"), &rerun::Transform3D::from_translation([340.0, 0.0, 0.0]))?;
+    stream.log_static(format!("{SCALE}/{name}/bar"), &right)?;
+    stream.log_static(format!("{SCALE}/{name}/text"), &writing(ends))
 }
 
 /// A rate with three digits and its unit.

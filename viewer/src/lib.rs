@@ -1,7 +1,8 @@
 //! Everything of a mission as a rerun recording: what happened in each slot becomes entities, curves, a state lane and
 //! events that the rerun viewer shows without further setting up.
 //!
-//! It decides nothing and computes no physics: positions, queues and rates are shown as the other crates report them.
+//! It decides nothing and computes no physics: positions, queues and rates are shown as the other crates report them,
+//! and chances of line of sight as `skysink-common` computes them.
 //! The only crate that knows rerun.
 
 pub mod blueprint;
@@ -11,6 +12,7 @@ pub mod events;
 mod layout;
 pub mod legend;
 pub mod links;
+pub mod los;
 pub mod node;
 pub mod queues;
 pub mod recording;

@@ -1,10 +1,12 @@
 //! What the UAV chose to do in a slot: the candidate circles of the winning anchor, and the links that it served.
+//!
+//! A link is coloured by its rate in free space, and by whether it was in line of sight where that is a matter of chance.
 
 use std::ops::RangeInclusive;
 
 use rerun::{Cylinders3D, FillMode, LineStrips3D, Radius, RecordingStream, RecordingStreamResult};
 use skysink_common::link::Link;
-use skysink_common::message::{FlightReport, Plan, SensorNode};
+use skysink_common::message::{FlightReport, LinkReport, Plan, SensorNode};
 use skysink_common::scenario::{GainMode, Scenario};
 use skysink_common::units::ratio_of_db;
 
@@ -24,8 +26,19 @@ pub const LINKS: &str = "world/links";
 pub struct Links {
     feet: Vec<Point>,
     radius_m: f32,
-    rates_bps: RangeInclusive<f64>,
+    colouring: Colouring,
 }
+
+/// What the colour of a link says.
+enum Colouring {
+    /// Its rate within this range [bit/s].
+    Rate(RangeInclusive<f64>),
+    /// Whether it is in line of sight.
+    Draw,
+}
+
+/// Width of a link, in points of the screen; the second where it is out of line of sight.
+const WIDTHS_UI: [f32; 2] = [3.0, 1.4];
 
 impl Links {
     /// Styles links and circles.
@@ -44,19 +57,27 @@ impl Links {
         let chosen =
             LineStrips3D::update_fields().with_colors([color(colour::CHOSEN)]).with_radii([Radius::new_ui_points(2.2)]);
         stream.log_static(CHOSEN, &chosen)?;
-        let links = LineStrips3D::update_fields().with_radii([Radius::new_ui_points(1.6)]);
-        stream.log_static(LINKS, &links)?;
+        let colouring = if scenario.link.los.is_some() {
+            Colouring::Draw
+        } else {
+            let links = LineStrips3D::update_fields().with_radii([Radius::new_ui_points(1.6)]);
+            stream.log_static(LINKS, &links)?;
+            Colouring::Rate(possible_rates_bps(scenario, sensors))
+        };
         Ok(Self {
             feet: sensors.iter().map(|sensor| [sensor.x_m as f32, sensor.y_m as f32, 0.0]).collect(),
             radius_m: sizes.radius_m,
-            rates_bps: possible_rates_bps(scenario, sensors),
+            colouring,
         })
     }
 
-    /// The rates [bit/s] between which links are coloured.
+    /// The rates [bit/s] between which links are coloured, if they are coloured by rate.
     #[must_use]
-    pub fn rates_bps(&self) -> &RangeInclusive<f64> {
-        &self.rates_bps
+    pub fn rates_bps(&self) -> Option<&RangeInclusive<f64>> {
+        match &self.colouring {
+            Colouring::Rate(rates_bps) => Some(rates_bps),
+            Colouring::Draw => None,
+        }
     }
 
     /// Shows the circles and links of one slot, and none where there are none.
@@ -90,16 +111,24 @@ impl Links {
 
     fn log_links(&self, stream: &RecordingStream, flight: Option<&FlightReport>) -> RecordingStreamResult<()> {
         let served = flight.map_or(&[][..], FlightReport::served_links);
-        let (strips, colours): (Vec<_>, Vec<_>) = served
-            .iter()
-            .filter_map(|link| Some((self.feet.get(link.sensor as usize)?, link.rate_bps)))
-            .map(|(&foot, rate_bps)| {
-                let from = flight.map_or(foot, position);
-                ([from, foot], color(colour::of_rate(rate_bps, &self.rates_bps)))
-            })
-            .unzip();
-        stream.log(LINKS, &LineStrips3D::update_fields().with_strips(strips).with_colors(colours))
+        let drawn = || served.iter().filter_map(|link| Some((*self.feet.get(link.sensor as usize)?, link)));
+        let strips = drawn().map(|(foot, _)| [flight.map_or(foot, position), foot]);
+        let links = LineStrips3D::update_fields().with_strips(strips);
+        let links = match &self.colouring {
+            Colouring::Rate(rates_bps) => {
+                links.with_colors(drawn().map(|(_, link)| color(colour::of_rate(link.rate_bps, rates_bps))))
+            }
+            Colouring::Draw => links
+                .with_colors(drawn().map(|(_, link)| color(of_draw(link, [colour::SIGHT, colour::BLOCKED]))))
+                .with_radii(drawn().map(|(_, link)| Radius::new_ui_points(of_draw(link, WIDTHS_UI)))),
+        };
+        stream.log(LINKS, &links)
     }
+}
+
+/// The first if a link is in line of sight, else the second.
+fn of_draw<T>(link: &LinkReport, [sight, blocked]: [T; 2]) -> T {
+    if link.line_of_sight == 1 { sight } else { blocked }
 }
 
 /// Rates [bit/s] from the weakest sensor node at the rim of the range to the strongest right below the UAV.

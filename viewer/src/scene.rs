@@ -10,6 +10,7 @@ use skysink_common::scenario::Scenario;
 
 use crate::events::{self, Events, Level};
 use crate::links::Links;
+use crate::los::Los;
 use crate::queues::Queues;
 use crate::recording::{Recording, SceneError, Sinks};
 use crate::sizes::Sizes;
@@ -51,6 +52,7 @@ pub struct Scene {
     queues: Queues,
     uav: Uav,
     links: Links,
+    los: Option<Los>,
     events: Events,
     last_slot: u64,
     last_totals: Totals,
@@ -71,16 +73,17 @@ impl Scene {
     ) -> Result<Self, SceneError> {
         let recording = Recording::open(sinks, run_name)?;
         let (stream, sizes) = (recording.stream(), Sizes::of(scenario, sensors.len()));
-        blueprint::send(stream, run_name, &sizes, scenario.slot_s, timing)?;
+        blueprint::send(stream, run_name, &sizes, scenario, timing)?;
         let queues = Queues::open(stream, sensors, &sizes)?;
         let uav = Uav::open(stream, &sizes)?;
         let links = Links::open(stream, scenario, sensors, &sizes)?;
+        let los = Los::open(stream, scenario, sensors, &sizes)?;
         let events = Events::open(stream)?;
         curves::open(stream)?;
         legend::log(stream, scenario, sensors.len(), &sizes, links.rates_bps())?;
         let scenario = scenario.clone();
         let (last_slot, last_totals, missed_slots) = (0, Totals::default(), 0);
-        let scene = Self { recording, scenario, queues, uav, links, events, last_slot, last_totals, missed_slots };
+        let scene = Self { recording, scenario, queues, uav, links, los, events, last_slot, last_totals, missed_slots };
         scene.log_event(0, Level::Info, &events::start(&scene.scenario, sensors.len()))?;
         Ok(scene)
     }
@@ -105,6 +108,9 @@ impl Scene {
         let fill = self.queues.log_slot(stream, view.queues_bits)?;
         self.uav.log_slot(stream, view)?;
         self.links.log_slot(stream, view)?;
+        if let Some(los) = &mut self.los {
+            los.log_slot(stream, view.flight)?;
+        }
         self.events.log_slot(stream, view)?;
         curves::log_slot(stream, view, fill, self.missed_slots)?;
         (self.last_slot, self.last_totals) = (slot, view.header.totals);
@@ -126,6 +132,9 @@ impl Scene {
         let stream = self.recording.stream();
         self.uav.log_missed(stream)?;
         self.links.log_missed(stream)?;
+        if let Some(los) = &mut self.los {
+            los.log_missed(stream)?;
+        }
         self.events.log_missed(stream, first, last)?;
         self.last_slot = self.last_slot.max(last);
         Ok(())

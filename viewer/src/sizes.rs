@@ -12,13 +12,15 @@ pub struct Sizes {
     pub width_m: f32,
     /// Extent of the area in y.
     pub depth_m: f32,
-    /// Altitude of the UAV.
+    /// Altitude of the UAV; the middle of its range where it is free.
     pub altitude_m: f32,
+    /// Highest altitude of the UAV.
+    pub highest_m: f32,
     /// Communication radius on the ground, `d_c`.
     pub radius_m: f32,
     /// Distance of grid lines.
     pub grid_m: f32,
-    /// Height of a full queue's bar: half the altitude, so that no bar hides the UAV.
+    /// Height of a full queue's bar: half the lowest altitude, so that no bar hides the UAV.
     pub bar_m: f32,
     /// Half the side of a bar.
     pub bar_half_m: f32,
@@ -33,15 +35,19 @@ impl Sizes {
     #[must_use]
     pub fn of(scenario: &Scenario, count: usize) -> Self {
         let (width_m, depth_m) = (scenario.area.width_m as f32, scenario.area.height_m as f32);
-        let (altitude_m, radius_m) = (scenario.uav.altitude_m as f32, scenario.link.comm_radius_m as f32);
+        let fixed_m = [scenario.uav.altitude_m; 2];
+        let range_m = scenario.uav.climb.map_or(fixed_m, |climb| [climb.min_altitude_m, climb.max_altitude_m]);
+        let [lowest_m, highest_m] = range_m.map(|altitude_m| altitude_m as f32);
+        let (altitude_m, radius_m) = (0.5 * (lowest_m + highest_m), scenario.link.comm_radius_m as f32);
         let spacing_m = (width_m * depth_m / count.max(1) as f32).sqrt();
         Self {
             width_m,
             depth_m,
             altitude_m,
+            highest_m,
             radius_m,
             grid_m: round_step(width_m.max(depth_m) / 8.0),
-            bar_m: 0.5 * altitude_m,
+            bar_m: 0.5 * lowest_m,
             bar_half_m: (0.11 * spacing_m).min(0.12 * radius_m),
             arm_m: 0.18 * radius_m.min(altitude_m),
             point_ui: if count <= MAX_BARS {
@@ -78,6 +84,15 @@ mod tests {
         let sizes = Sizes::of(&scenario, 200);
         assert_eq!(sizes.bar_m, 10.0);
         assert!(sizes.bar_half_m < 1.0 && sizes.arm_m < sizes.radius_m);
+    }
+
+    #[test]
+    fn a_full_bar_stays_below_the_lowest_altitude_where_the_uav_may_climb() {
+        let text = "name = \"town\"\n[uav]\naltitude = \"free\"\naltitude_m = 50.0\nmin_altitude_m = 30.0\n\
+                    max_altitude_m = 90.0\n[link]\nmodel = \"probabilistic-los\"\n";
+        let scenario = Scenario::parse(text, std::path::Path::new("town.toml"), Overrides::default()).unwrap();
+        let sizes = Sizes::of(&scenario, 200);
+        assert_eq!((sizes.bar_m, sizes.altitude_m, sizes.highest_m), (15.0, 60.0, 90.0));
     }
 
     #[test]

@@ -120,17 +120,23 @@ impl Found {
         self.cells.iter().filter(|(cell, _)| is_it(cell)).flat_map(|(_, values)| values.clone()).collect()
     }
 
-    /// The numbers of a curve, by slot.
+    /// The number of a curve, by slot.
     pub fn curve(&self, entity: &str) -> BTreeMap<i64, f64> {
-        let number = |values: &[String]| -> f64 {
-            let digits: String = values.concat().lines().skip(2).collect();
-            digits.trim_matches([' ', ',', ']', '\n']).parse().unwrap()
+        self.points(entity).into_iter().map(|(slot, points)| (slot, points[0])).collect()
+    }
+
+    /// The numbers of a curve of several points, by slot.
+    pub fn points(&self, entity: &str) -> BTreeMap<i64, Vec<f64>> {
+        let numbers = |values: &[String]| -> Vec<f64> {
+            let text = values.concat();
+            let lines = text.lines().map(|line| line.trim_matches([' ', ',']));
+            lines.filter_map(|line| line.parse().ok()).collect()
         };
         let points = self
             .cells
             .iter()
             .filter(|((name, component, ..), _)| *name == format!("/{entity}") && component == "Scalars:scalars");
-        points.filter_map(|((_, _, slot, _), values)| Some(((*slot)?, number(values)))).collect()
+        points.filter_map(|((_, _, slot, _), values)| Some(((*slot)?, numbers(values)))).collect()
     }
 }
 

@@ -1,0 +1,208 @@
+//! The chance of line of sight in the room around the UAV: a horizontal slice at its altitude, and above each served
+//! sensor node the funnel in which the chance is high.
+//!
+//! Every funnel has the same shape, so that a slot only moves it: 12 bytes instead of a thousand voxels.
+
+use rerun::components::{Colormap, ImageFormat};
+use rerun::{ChannelDatatype, Clear, ColorModel, GridMap, RecordingStream, RecordingStreamResult, VoxelGridMap};
+use skysink_common::los::LosLink;
+
+use crate::sizes::Sizes;
+
+/// The slice: mean chance over the served sensor nodes.
+pub const SLICE: &str = "los/slice";
+/// Root of the funnels: one per served link, numbered in the report's order.
+pub const FUNNELS: &str = "los/funnels";
+
+/// Half the extent of the slice, in communication radii.
+const SLICE_RADII: f32 = 1.25;
+/// Cells of the slice, in x and in y.
+const SLICE_CELLS: u16 = 32;
+/// Voxels of a funnel, in x and in y: odd, so that the sensor node is below the middle of one.
+const FUNNEL_CELLS: u16 = 15;
+/// Voxels of a funnel, in z, up to the highest altitude.
+const FUNNEL_LAYERS: u16 = 15;
+/// Least chance in a funnel, of the chance straight below the UAV.
+const FUNNEL_SHARE: f64 = 0.8;
+
+/// Least chance of line of sight in a funnel.
+#[must_use]
+pub fn funnel_chance(link: &LosLink) -> f64 {
+    FUNNEL_SHARE * link.los_probability(0.0, 1.0)
+}
+
+/// Slice and funnels of the scene.
+pub(super) struct Field {
+    slice_half_m: f32,
+    shape: Funnel,
+    most_funnels: usize,
+    funnels: usize,
+}
+
+impl Field {
+    pub(super) fn open(
+        stream: &RecordingStream,
+        link: &LosLink,
+        most_funnels: usize,
+        sizes: &Sizes,
+    ) -> RecordingStreamResult<Self> {
+        let slice_half_m = SLICE_RADII * sizes.radius_m;
+        let cells = u32::from(SLICE_CELLS);
+        let slice = GridMap::update_fields()
+            .with_format(ImageFormat::from_color_model([cells; 2], ColorModel::L, ChannelDatatype::U8))
+            .with_cell_size(2.0 * slice_half_m / f32::from(SLICE_CELLS))
+            .with_colormap(Colormap::Viridis)
+            .with_opacity(0.3);
+        stream.log_static(SLICE, &slice)?;
+        let shape = Funnel::of(link, sizes.radius_m, sizes.highest_m);
+        for place in 0..most_funnels {
+            let style = VoxelGridMap::update_fields()
+                .with_voxel_size(shape.voxel_m)
+                .with_value_range([0.0, 1.0])
+                .with_colormap(Colormap::Viridis)
+                .with_opacity(0.13);
+            stream.log_static(format!("{FUNNELS}/{place}"), &style)?;
+        }
+        Ok(Self { slice_half_m, shape, most_funnels, funnels: 0 })
+    }
+
+    /// Shows the slice around the UAV and a funnel above each of the served sensor nodes.
+    pub(super) fn log(
+        &mut self,
+        stream: &RecordingStream,
+        link: &LosLink,
+        uav_m: [f64; 3],
+        served_m: &[[f64; 2]],
+    ) -> RecordingStreamResult<()> {
+        if served_m.is_empty() {
+            return self.clear(stream);
+        }
+        let [x_m, y_m, z_m] = uav_m.map(|coordinate_m| coordinate_m as f32);
+        let slice = GridMap::update_fields()
+            .with_data(slice(link, uav_m, f64::from(self.slice_half_m), served_m))
+            .with_translation([x_m - self.slice_half_m, y_m - self.slice_half_m, z_m]);
+        stream.log(SLICE, &slice)?;
+        self.log_funnels(stream, served_m)
+    }
+
+    /// Takes slice and funnels away.
+    pub(super) fn clear(&mut self, stream: &RecordingStream) -> RecordingStreamResult<()> {
+        stream.log(SLICE, &Clear::flat())?;
+        self.log_funnels(stream, &[])
+    }
+
+    fn log_funnels(&mut self, stream: &RecordingStream, served_m: &[[f64; 2]]) -> RecordingStreamResult<()> {
+        let served_m = &served_m[..served_m.len().min(self.most_funnels)];
+        for (place, &[x_m, y_m]) in served_m.iter().enumerate() {
+            let [corner_x_m, corner_y_m] = self.shape.corner_m;
+            let corner_m = [x_m as f32 + corner_x_m, y_m as f32 + corner_y_m, 0.0];
+            let mut funnel = VoxelGridMap::update_fields().with_translation(corner_m);
+            if place >= self.funnels {
+                let (voxels, chances) = (&self.shape.voxels, &self.shape.chances);
+                funnel = funnel.with_voxel_indices(voxels.iter().copied()).with_values(chances.iter().copied());
+            }
+            stream.log(format!("{FUNNELS}/{place}"), &funnel)?;
+        }
+        for place in served_m.len()..self.funnels {
+            stream.log(format!("{FUNNELS}/{place}"), &Clear::flat())?;
+        }
+        self.funnels = served_m.len();
+        Ok(())
+    }
+}
+
+/// Mean chance in the cells around the UAV, in 255 steps, row by row from north to south.
+fn slice(link: &LosLink, [x_m, y_m, z_m]: [f64; 3], half_m: f64, served_m: &[[f64; 2]]) -> Vec<u8> {
+    let offset_m = |cell: u16| half_m * (2.0 * (f64::from(cell) + 0.5) / f64::from(SLICE_CELLS) - 1.0);
+    let mean = |at_x_m: f64, at_y_m: f64| {
+        let distances2_m2 = served_m.iter().map(|[x_m, y_m]| (at_x_m - x_m).powi(2) + (at_y_m - y_m).powi(2));
+        distances2_m2.map(|d2_m2| link.los_probability(d2_m2, z_m)).sum::<f64>() / served_m.len() as f64
+    };
+    let row = |row: u16| (0..SLICE_CELLS).map(move |column| (x_m + offset_m(column), y_m - offset_m(row)));
+    (0..SLICE_CELLS).flat_map(row).map(|(x_m, y_m)| (255.0 * mean(x_m, y_m)).round() as u8).collect()
+}
+
+/// The voxels above a sensor node, within its range, at the rim of where the chance is high: a full funnel would hide
+/// what flies in it.
+struct Funnel {
+    voxel_m: [f32; 3],
+    /// Where the lowest voxel of the grid begins, from the sensor node.
+    corner_m: [f32; 2],
+    voxels: Vec<[i32; 3]>,
+    chances: Vec<f32>,
+}
+
+impl Funnel {
+    fn of(link: &LosLink, radius_m: f32, top_m: f32) -> Self {
+        let (side_m, height_m) = (2.0 * radius_m / f32::from(FUNNEL_CELLS), top_m / f32::from(FUNNEL_LAYERS));
+        let least = funnel_chance(link);
+        let middle = |cell: i32, cells: u16| f64::from(side_m) * (f64::from(cell) + 0.5 - 0.5 * f64::from(cells));
+        let cell_middle_m = |[x, y, z]: [i32; 3]| {
+            [middle(x, FUNNEL_CELLS), middle(y, FUNNEL_CELLS), f64::from(height_m) * (f64::from(z) + 0.5)]
+        };
+        let chance = |voxel: [i32; 3]| {
+            let [x_m, y_m, z_m] = cell_middle_m(voxel);
+            if z_m > 0.0 { link.los_probability(x_m * x_m + y_m * y_m, z_m) } else { 0.0 }
+        };
+        let grid = (0..FUNNEL_LAYERS)
+            .flat_map(|z| (0..FUNNEL_CELLS).flat_map(move |y| (0..FUNNEL_CELLS).map(move |x| [x, y, z])));
+        let (voxels, chances) = grid
+            .map(|voxel| voxel.map(i32::from))
+            .filter(|&voxel| {
+                let [x_m, y_m, _] = cell_middle_m(voxel);
+                x_m.hypot(y_m) <= f64::from(radius_m) && chance(voxel) >= least
+            })
+            .filter(|&[x, y, z]| {
+                let beside = [[x - 1, y, z], [x + 1, y, z], [x, y - 1, z], [x, y + 1, z], [x, y, z - 1]];
+                beside.into_iter().any(|voxel| chance(voxel) < least)
+            })
+            .map(|voxel| (voxel, chance(voxel) as f32))
+            .unzip();
+        Self { voxel_m: [side_m, side_m, height_m], corner_m: [-radius_m; 2], voxels, chances }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skysink_common::scenario::LosCurve;
+
+    /// Dense urban surroundings.
+    fn link() -> LosLink {
+        LosLink {
+            bandwidth_hz: 1e6,
+            comm_s: 0.1,
+            curve: LosCurve::Sigmoid { a: 12.08, b: 0.11 },
+            los_snr: 1e5,
+            nlos_snr: 1e3,
+            los_exponent: 2.5,
+            nlos_exponent: 3.5,
+        }
+    }
+
+    #[test]
+    fn the_slice_holds_the_mean_chance_from_north_west_to_south_east() {
+        // 32 cells of 2 m around (100, 200): the first one's middle is (69, 231), the last one's (131, 169).
+        let served_m = [[69.0, 231.0], [80.0, 200.0]];
+        let found = slice(&link(), [100.0, 200.0, 40.0], 32.0, &served_m);
+        let mean = |d2_m2: [f64; 2]| d2_m2.map(|d2_m2| link().los_probability(d2_m2, 40.0)).iter().sum::<f64>() / 2.0;
+        let bytes = |chance: f64| (255.0 * chance).round() as u8;
+        assert_eq!(found.len(), 32 * 32);
+        assert_eq!(found[0], bytes(mean([0.0, 11.0 * 11.0 + 31.0 * 31.0])));
+        assert_eq!(found[31], bytes(mean([62.0 * 62.0, 51.0 * 51.0 + 31.0 * 31.0])));
+        assert_eq!(found[32 * 32 - 1], bytes(mean([2.0 * 62.0 * 62.0, 51.0 * 51.0 + 31.0 * 31.0])));
+    }
+
+    #[test]
+    fn a_funnel_widens_upward_and_holds_only_high_chances() {
+        let funnel = Funnel::of(&link(), 60.0, 120.0);
+        let widest = |layer: i32| {
+            let layer = funnel.voxels.iter().filter(|voxel| voxel[2] == layer);
+            layer.map(|voxel| (voxel[0] - i32::from(FUNNEL_CELLS) / 2).abs()).max().unwrap()
+        };
+        assert!(widest(1) < widest(3) && widest(3) < widest(6), "{} {} {}", widest(1), widest(3), widest(6));
+        let least = funnel_chance(&link()) as f32;
+        assert!(funnel.chances.iter().all(|&chance| chance >= least));
+        assert!(funnel.voxels.len() < 1_000, "{} voxels", funnel.voxels.len());
+    }
+}

@@ -1,0 +1,102 @@
+//! Why this altitude: what the served sensor nodes would get from the UAV's place on the ground at every altitude.
+//!
+//! Higher up the chance of line of sight grows and the rate in line of sight falls with the distance; the expected rate
+//! has its top between.
+
+use rerun::{Clear, LineStrips2D, Points2D, Radius, RecordingStream, RecordingStreamResult};
+use skysink_common::los::LosLink;
+use skysink_common::scenario::Scenario;
+
+use crate::colour::{self, color};
+
+/// Root of the picture.
+pub const PROFILE: &str = "profile";
+/// Mean chance, mean rate in line of sight, mean expected rate, each over the altitude.
+pub const CURVES: &str = "profile/curves";
+/// The altitude flown.
+pub const FLOWN: &str = "profile/flown";
+/// Bounds of the picture, in x and y (down).
+pub const BOUNDS: [[f64; 2]; 2] = [[-14.0, 214.0], [-8.0, 132.0]];
+
+const WIDTH: f64 = 200.0;
+const HEIGHT: f64 = 100.0;
+/// Points of a curve.
+const STEPS: u16 = 48;
+
+/// The picture of the scene.
+pub(super) struct Profile {
+    range_m: [f64; 2],
+}
+
+impl Profile {
+    pub(super) fn open(stream: &RecordingStream, scenario: &Scenario) -> RecordingStreamResult<Self> {
+        let range_m = range_m(scenario);
+        let frame = LineStrips2D::new([
+            vec![[0.0, 0.0], [0.0, HEIGHT as f32], [WIDTH as f32, HEIGHT as f32]],
+            vec![[0.0, 0.0], [WIDTH as f32, 0.0]],
+        ]);
+        let frame = frame.with_colors([color(colour::GRID)]).with_radii([Radius::new_ui_points(0.7)]);
+        stream.log_static(format!("{PROFILE}/frame"), &frame)?;
+        let ticks = Points2D::new([[0.0, HEIGHT as f32 + 4.0], [WIDTH as f32, HEIGHT as f32 + 4.0]])
+            .with_labels(range_m.map(|altitude_m| format!("{altitude_m:.0} m")))
+            .with_show_labels(true)
+            .with_radii([0.1])
+            .with_colors([color(colour::WRITING)]);
+        stream.log_static(format!("{PROFILE}/ticks"), &ticks)?;
+        let curves = LineStrips2D::update_fields()
+            .with_colors([colour::SIGHT, colour::MISSED, colour::DELIVERY].map(color))
+            .with_radii([1.6, 1.6, 2.4].map(Radius::new_ui_points));
+        stream.log_static(CURVES, &curves)?;
+        let line = LineStrips2D::update_fields().with_colors([color(colour::UAV)]);
+        stream.log_static(FLOWN, &line.with_radii([Radius::new_ui_points(1.0)]))?;
+        Ok(Self { range_m })
+    }
+
+    pub(super) fn log(
+        &self,
+        stream: &RecordingStream,
+        link: &LosLink,
+        [x_m, y_m, z_m]: [f64; 3],
+        served_m: &[[f64; 2]],
+    ) -> RecordingStreamResult<()> {
+        if served_m.is_empty() {
+            return self.clear(stream);
+        }
+        let distances2_m2: Vec<_> =
+            served_m.iter().map(|[foot_x_m, foot_y_m]| (x_m - foot_x_m).powi(2) + (y_m - foot_y_m).powi(2)).collect();
+        let mean = |value: &dyn Fn(f64) -> f64| {
+            distances2_m2.iter().map(|&d2_m2| value(d2_m2)).sum::<f64>() / distances2_m2.len() as f64
+        };
+        let [lowest_m, highest_m] = self.range_m;
+        let unit_bps = mean(&|d2_m2| link.los_rate_bps(d2_m2, lowest_m)); // the most: it falls with the altitude
+        let curve = |share: &dyn Fn(f64) -> f64| -> Vec<[f32; 2]> {
+            (0..=STEPS)
+                .map(|step| f64::from(step) / f64::from(STEPS))
+                .map(|along| [along * WIDTH, HEIGHT * (1.0 - share(lowest_m + along * (highest_m - lowest_m)))])
+                .map(|point| point.map(|coordinate| coordinate as f32))
+                .collect()
+        };
+        let curves = [
+            curve(&|z_m| mean(&|d2_m2| link.los_probability(d2_m2, z_m))),
+            curve(&|z_m| mean(&|d2_m2| link.los_rate_bps(d2_m2, z_m)) / unit_bps),
+            curve(&|z_m| mean(&|d2_m2| link.expected_rate_bps(d2_m2, z_m)) / unit_bps),
+        ];
+        stream.log(CURVES, &LineStrips2D::update_fields().with_strips(curves))?;
+        let at = (WIDTH * (z_m - lowest_m) / (highest_m - lowest_m)) as f32;
+        stream.log(FLOWN, &LineStrips2D::update_fields().with_strips([[[at, 0.0], [at, HEIGHT as f32]]]))
+    }
+
+    /// Takes the curves away.
+    pub(super) fn clear(&self, stream: &RecordingStream) -> RecordingStreamResult<()> {
+        stream.log(CURVES, &Clear::flat())?;
+        stream.log(FLOWN, &Clear::flat())
+    }
+}
+
+/// Altitudes that are compared: those that may be flown, or around the only one.
+fn range_m(scenario: &Scenario) -> [f64; 2] {
+    let fixed_m = scenario.uav.altitude_m;
+    let fixed = [0.5 * fixed_m, 1.5 * fixed_m];
+    let free = scenario.uav.climb.map(|climb| [climb.min_altitude_m, climb.max_altitude_m]);
+    free.filter(|[lowest_m, highest_m]| lowest_m < highest_m).unwrap_or(fixed)
+}
