@@ -4,6 +4,7 @@
 //! The same input gives the same bytes: no system font, no clock, no random number takes part. Where the numbers come
 //! from is left to the sweeps.
 
+mod altitude;
 mod axis;
 pub mod campaign;
 mod canvas;

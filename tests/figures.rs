@@ -21,6 +21,12 @@ fn one_command_draws_every_figure_and_writes_its_tables() {
             assert!(fs::metadata(place.path(&format!("{stem}.png"))).unwrap().len() > 10_000, "{stem}");
         }
     }
+    for environment in ["suburban", "urban", "dense-urban", "high-rise"] {
+        for quantity in ["loss", "bits"] {
+            let svg = place.read(&format!("figures/altitude-{quantity}-{environment}.svg"));
+            assert!(svg.contains("fixed altitude") && svg.contains("free altitude"), "{quantity}, {environment}");
+        }
+    }
     for map in ["map-letter", "map-sparse"] {
         assert!(place.read(&format!("figures/{map}.svg")).contains("queue fill at the end"), "{map}");
     }

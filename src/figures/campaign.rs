@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use skysink_common::node::{NodeError, Stop};
 use skysink_common::scenario::{LETTER, Overrides, Scenario, Strategy};
 use skysink_common::sensors::SensorList;
 
+use super::altitude;
 use super::{Chart, MapSensor, MapSheet, Point, Scale, Series, TrajectoryMap};
 use crate::error::Error;
 use crate::mission::Mission;
@@ -25,12 +25,41 @@ const STRATEGIES: [Strategy; 5] = Strategy::ALL;
 const LINKS: [(&str, &str, f64); 2] = [("letter", "W = 5 MHz, the letter's", 5e6), ("narrow", "W = 5 kHz", 5e3)];
 
 /// What is plotted of the missions of a sweep.
-struct Quantity {
-    stem: &'static str,
-    title: &'static str,
-    y_label: &'static str,
-    y_scale: Scale,
-    value: fn(&Row) -> f64,
+pub(super) struct Quantity {
+    pub stem: &'static str,
+    pub title: &'static str,
+    pub y_label: &'static str,
+    pub y_scale: Scale,
+    pub value: fn(&Row) -> f64,
+}
+
+/// One call of `skysink figures`.
+pub(super) struct Campaign<'a> {
+    /// Missions per point.
+    pub runs: u64,
+    /// Folder of the figures.
+    pub out: &'a Path,
+    threads: usize,
+    stop: &'a Stop,
+}
+
+impl Campaign<'_> {
+    /// Flies what is missing of a sweep, into a folder of its own; on `threads` threads if that is not 0.
+    pub fn fly(&self, name: &str, plan: &Sweep, threads: usize) -> Result<BTreeMap<Flight, Row>, Error> {
+        let threads = if threads > 0 { threads } else { self.threads };
+        sweep(plan, &self.out.join("data").join(name), (1, 1), threads, self.stop)
+    }
+
+    /// Version and command, for footers.
+    fn command(&self) -> String {
+        format!("skysink {} · skysink figures --runs {}", env!("CARGO_PKG_VERSION"), self.runs)
+    }
+
+    /// The footer of a chart.
+    pub fn footer(&self) -> String {
+        let (runs, command) = (self.runs, self.command());
+        format!("{runs} missions per point, seeds 1 to {runs} · bands: 95 % CI of the mean, Student's t · {command}")
+    }
 }
 
 /// A sweep over one key in both regimes, and what is plotted of it.
@@ -114,22 +143,16 @@ const MAPS: [(&str, &str); 2] = [("map-letter", ""), ("map-sparse", "[area]\nsid
 /// # Errors
 /// If a sweep is refused, something cannot be written, or on a stop.
 pub fn draw(runs: u64, out: &Path, threads: usize, stop: &Stop) -> Result<Vec<PathBuf>, Error> {
-    let version = env!("CARGO_PKG_VERSION");
-    let command = format!("skysink {version} · skysink figures --runs {runs}");
+    let campaign = Campaign { runs, out, threads, stop };
     let mut stems = Vec::new();
+    let version = env!("CARGO_PKG_VERSION");
     let mut tables =
         format!("Made by `skysink figures --runs {runs}`, version {version}; mean ± half of the 95 % CI.\n");
     for study in &STUDIES {
-        let footer = format!(
-            "{runs} missions per point, seeds 1 to {runs} · bands: 95 % CI of the mean, Student's t · {command}"
-        );
-        let flown = study.sweep(runs)?;
-        let folder = out.join("data").join(study.name);
-        let threads = if study.threads > 0 { study.threads } else { threads };
-        let rows = sweep(&flown, &folder, (1, 1), threads, stop)?;
+        let rows = campaign.fly(study.name, &study.sweep(runs)?, study.threads)?;
         for quantity in study.quantities {
             for (place, (link, regime, _)) in LINKS.iter().enumerate() {
-                let chart = study.chart(quantity, &rows, place, regime, &footer);
+                let chart = study.chart(quantity, &rows, place, regime, &campaign.footer());
                 let stem = out.join(format!("{}-{link}", quantity.stem));
                 chart.draw(&stem)?;
                 write_table(&mut tables, &chart);
@@ -137,12 +160,12 @@ pub fn draw(runs: u64, out: &Path, threads: usize, stop: &Stop) -> Result<Vec<Pa
             }
         }
     }
+    stems.extend(altitude::draw(&campaign, &mut tables)?);
     for (name, change) in MAPS {
         let stem = out.join(name);
-        map_sheet(change, &command)?.draw(&stem)?;
+        map_sheet(change, &campaign.command())?.draw(&stem)?;
         stems.push(stem);
     }
-    fs::create_dir_all(out).map_err(Error::file(out))?;
     write_whole(&out.join("tables.md"), tables.as_bytes())?;
     Ok(stems)
 }
@@ -198,7 +221,7 @@ fn number(key: &str, value: i64) -> toml::Value {
 }
 
 /// The chart as a Markdown table.
-fn write_table(tables: &mut String, chart: &Chart) {
+pub(super) fn write_table(tables: &mut String, chart: &Chart) {
     let labels = chart.series.iter().map(|series| series.label.clone());
     let header: Vec<String> = [chart.x_label.clone()].into_iter().chain(labels).collect();
     let rule = header.iter().map(|_| "---".to_owned()).collect();
