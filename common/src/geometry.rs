@@ -21,9 +21,22 @@ pub fn within(a: &Position, b: &Position, radius_m: f64) -> bool {
     distance_squared(a, b) <= limit_m * limit_m
 }
 
+/// Elevation angle `θ` [deg] under which a sensor node sees the UAV, at the squared horizontal distance `d2_m2` [m²] and
+/// the altitude `z_m` [m].
+#[must_use]
+pub fn elevation_deg(d2_m2: f64, z_m: f64) -> f64 {
+    z_m.atan2(d2_m2.sqrt()).to_degrees()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_uav_overhead_is_seen_at_ninety_degrees() {
+        assert!((elevation_deg(0.0, 20.0) - 90.0).abs() < 1e-12);
+        assert!((elevation_deg(400.0, 20.0) - 45.0).abs() < 1e-12);
+    }
 
     #[test]
     fn a_rim_point_is_within_range_and_a_micrometre_more_is_not() {

@@ -50,12 +50,6 @@ impl Link {
     pub fn capacity_bits(&self, rate_bps: f64) -> u64 {
         (rate_bps * self.comm_s).floor() as u64
     }
-
-    /// Elevation angle [deg] under which a sensor node at the squared horizontal distance `d2_m2` [m²] sees the UAV.
-    #[must_use]
-    pub fn elevation_deg(&self, d2_m2: f64) -> f64 {
-        self.altitude_m.atan2(d2_m2.sqrt()).to_degrees()
-    }
 }
 
 #[cfg(test)]
@@ -78,11 +72,5 @@ mod tests {
     fn a_link_carries_whole_bits_rounded_down() {
         assert_eq!(letter().capacity_bits(99.99), 9);
         assert_eq!(letter().capacity_bits(0.0), 0);
-    }
-
-    #[test]
-    fn the_uav_overhead_is_seen_at_ninety_degrees() {
-        assert!((letter().elevation_deg(0.0) - 90.0).abs() < 1e-12);
-        assert!((letter().elevation_deg(400.0) - 45.0).abs() < 1e-12);
     }
 }

@@ -3,6 +3,7 @@
 //! The chance depends on the elevation angle under which a sensor node sees the UAV (UTS section IV). Who plans knows
 //! the chance, never the draw.
 
+use crate::geometry::elevation_deg;
 use crate::scenario::{LosCurve, LosModel, Scenario};
 
 /// The channel of one uplink, one resource block wide.
@@ -10,8 +11,6 @@ use crate::scenario::{LosCurve, LosModel, Scenario};
 pub struct LosLink {
     /// Bandwidth of a resource block, `W` [Hz].
     pub bandwidth_hz: f64,
-    /// Time for communication in a slot, `τ_c` [s].
-    pub comm_s: f64,
     /// Chance of line of sight over the elevation angle.
     pub curve: LosCurve,
     /// Signal-to-noise ratio at 1 m in line of sight, `γ = p β0/(σ² Γ)`.
@@ -31,7 +30,6 @@ impl LosLink {
         let los_snr = scenario.link.tx_power_w * los.reference_gain / (scenario.link.noise_w * los.snr_gap);
         Self {
             bandwidth_hz: scenario.link.bandwidth_hz,
-            comm_s: scenario.link.comm_s,
             curve: los.curve,
             los_snr,
             nlos_snr: los.nlos_extra * los_snr,
@@ -40,16 +38,10 @@ impl LosLink {
         }
     }
 
-    /// Elevation angle `θ` [deg] of the UAV at the squared horizontal distance `d2_m2` [m²] and altitude `z_m` [m].
-    #[must_use]
-    pub fn elevation_deg(d2_m2: f64, z_m: f64) -> f64 {
-        z_m.atan2(d2_m2.sqrt()).to_degrees()
-    }
-
     /// Chance of line of sight, `P_L`.
     #[must_use]
     pub fn los_probability(&self, d2_m2: f64, z_m: f64) -> f64 {
-        self.curve.probability(Self::elevation_deg(d2_m2, z_m))
+        self.curve.probability(elevation_deg(d2_m2, z_m))
     }
 
     /// Rate [bit/s] in line of sight, `R_L = W log2(1 + γ D^−α_L)`, `D² = d² + z²`.
@@ -69,12 +61,6 @@ impl LosLink {
     pub fn expected_rate_bps(&self, d2_m2: f64, z_m: f64) -> f64 {
         let probability = self.los_probability(d2_m2, z_m);
         probability * self.los_rate_bps(d2_m2, z_m) + (1.0 - probability) * self.nlos_rate_bps(d2_m2, z_m)
-    }
-
-    /// Whole bits that a link of `rate_bps` [bit/s] carries in one slot: `floor(r τ_c)` (UTS eq. 7).
-    #[must_use]
-    pub fn capacity_bits(&self, rate_bps: f64) -> u64 {
-        (rate_bps * self.comm_s).floor() as u64
     }
 
     fn rate_bps(&self, snr_at_1m: f64, exponent: f64, distance2_m2: f64) -> f64 {
@@ -112,7 +98,6 @@ mod tests {
     fn the_expected_rate_lies_between_the_two() {
         let link = LosLink {
             bandwidth_hz: 1e6,
-            comm_s: 0.1,
             curve: LosCurve::Sigmoid { a: 12.08, b: 0.11 },
             los_snr: 1e5,
             nlos_snr: 1e3,
@@ -124,6 +109,6 @@ mod tests {
         assert!(nlos < expected && expected < los);
         // D = 50 m: γ D^−2.5 = 1e5/17677.67 = 5.656854; log2(6.656854) = 2.734841
         assert!((los / 1e6 - 2.734_841).abs() < 1e-5, "{los}");
-        assert_eq!(LosLink::elevation_deg(0.0, 40.0), 90.0);
+        assert_eq!(elevation_deg(0.0, 40.0), 90.0);
     }
 }

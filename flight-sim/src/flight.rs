@@ -1,7 +1,7 @@
 //! One slot of flight: fly to the waypoint, then talk to the sensor nodes that are really in range.
 
 use rand::RngExt;
-use skysink_common::geometry::{Position, distance_squared, within};
+use skysink_common::geometry::{Position, distance_squared, elevation_deg, within};
 use skysink_common::link::Link;
 use skysink_common::los::LosLink;
 use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode, Plan, SensorNode};
@@ -99,7 +99,7 @@ impl Flight {
             sensor,
             line_of_sight: u32::from(line_of_sight),
             distance_m: d2_m2.sqrt(),
-            elevation_deg: LosLink::elevation_deg(d2_m2, altitude_m),
+            elevation_deg: elevation_deg(d2_m2, altitude_m),
             rate_bps,
             capacity_bits: self.link.capacity_bits(rate_bps),
         }

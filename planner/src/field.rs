@@ -78,10 +78,10 @@ impl Field {
     pub fn expected_bits(&self, ground: &Position, altitude_m: f64, ids: &[u32], queues_bits: &[u32]) -> u64 {
         let capacity_bits = |id: u32| {
             let d2_m2 = distance_squared(self.position(id), ground);
-            match &self.los {
-                None => self.link.capacity_bits(self.link.rate_bps(self.gains[id as usize], d2_m2)),
-                Some(los) => los.capacity_bits(los.expected_rate_bps(d2_m2, altitude_m)),
-            }
+            self.link.capacity_bits(match &self.los {
+                None => self.link.rate_bps(self.gains[id as usize], d2_m2),
+                Some(los) => los.expected_rate_bps(d2_m2, altitude_m),
+            })
         };
         ids.iter().map(|&id| capacity_bits(id).min(u64::from(queues_bits[id as usize]))).sum()
     }

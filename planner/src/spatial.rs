@@ -7,7 +7,7 @@
 use std::f64::consts::LOG2_E;
 
 use nalgebra::{Point3, Vector2, Vector3};
-use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::geometry::{Position, distance_squared, elevation_deg};
 use skysink_common::los::LosLink;
 use skysink_common::scenario::LosCurve;
 
@@ -150,7 +150,7 @@ pub(crate) fn slopes(link: &LosLink, d2_m2: f64, z_m: f64) -> Slopes {
         link.bandwidth_hz * LOG2_E * kappa * snr / (distance2_m2 * (distance2_m2.powf(kappa) + snr))
     };
     let (los_fall, nlos_fall) = (fall(link.los_snr, link.los_exponent), fall(link.nlos_snr, link.nlos_exponent));
-    let steepness = steepness(&link.curve, LosLink::elevation_deg(d2_m2, z_m));
+    let steepness = steepness(&link.curve, elevation_deg(d2_m2, z_m));
     Slopes {
         by_distance2: -(probability * los_fall + (1.0 - probability) * nlos_fall),
         by_elevation: steepness * (link.los_rate_bps(d2_m2, z_m) - link.nlos_rate_bps(d2_m2, z_m)),
@@ -179,7 +179,6 @@ pub(crate) mod tests {
     pub(crate) fn dense_urban() -> LosLink {
         LosLink {
             bandwidth_hz: 1.0,
-            comm_s: 0.1,
             curve: LosCurve::Sigmoid { a: 12.08, b: 0.11 },
             los_snr: 1.202e6,
             nlos_snr: 1.202e4,

@@ -6,6 +6,7 @@ use proptest::prelude::{Strategy as Generator, *};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use skysink_common::geometry::{Position, distance_squared, within};
+use skysink_common::link::Link;
 use skysink_common::los::LosLink;
 use skysink_common::message::{Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::scenario::{Overrides, Scenario, Strategy, WaypointSolver};
@@ -204,12 +205,12 @@ fn the_expected_bits_are_the_mean_of_many_draws() {
             let draw_bps = |&(chance, los_bps, nlos_bps): &(f64, f64, f64)| {
                 if random.random::<f64>() < chance { los_bps } else { nlos_bps }
             };
-            let bits = rates_bps.iter().map(draw_bps).sum::<f64>() * link.comm_s;
+            let bits = rates_bps.iter().map(draw_bps).sum::<f64>() * scenario.link.comm_s;
             mean_off += (bits - found.expected_bits as f64) / f64::from(DRAWS);
         }
         // Of a draw: Σ P_L (1 − P_L) (R_L − R_N)². In suburban surroundings no draw of all may be out of line of sight.
         let variance = |&(chance, los_bps, nlos_bps): &(f64, f64, f64)| {
-            chance * (1.0 - chance) * ((los_bps - nlos_bps) * link.comm_s).powi(2)
+            chance * (1.0 - chance) * ((los_bps - nlos_bps) * scenario.link.comm_s).powi(2)
         };
         let error = (rates_bps.iter().map(variance).sum::<f64>() / f64::from(DRAWS)).sqrt();
         // Four standard errors, and up to one bit for the floor of each link.
@@ -280,7 +281,8 @@ proptest! {
                 prop_assert!(within(&place, &at, case.scenario.link.comm_radius_m), "slot {number}: SN {id}, {at}");
                 let link = link_of(&case.scenario);
                 let rate_bps = link.expected_rate_bps(distance_squared(&place, &at), plan.z_m);
-                bits += link.capacity_bits(rate_bps).min(u64::from(queues_bits[id as usize]));
+                let capacity_bits = Link::of(&case.scenario).capacity_bits(rate_bps);
+                bits += capacity_bits.min(u64::from(queues_bits[id as usize]));
             }
             prop_assert_eq!(plan.expected_bits, bits);
             if plan.solver == SolverOutcome::Rule.code() {

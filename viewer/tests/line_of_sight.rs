@@ -5,6 +5,7 @@ mod support;
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use skysink_common::geometry::elevation_deg;
 use skysink_common::los::LosLink;
 use skysink_common::message::LinkReport;
 use skysink_common::scenario::{Overrides, Scenario};
@@ -37,7 +38,7 @@ fn climb(slot: u64) -> Slot {
             sensor: u32::try_from(slot).unwrap() + ahead,
             line_of_sight: u32::from((slot + u64::from(ahead)).is_multiple_of(2)),
             distance_m: f64::from(ahead),
-            elevation_deg: LosLink::elevation_deg(f64::from(ahead).powi(2), flight.z_m),
+            elevation_deg: elevation_deg(f64::from(ahead).powi(2), flight.z_m),
             rate_bps: 1e6,
             capacity_bits: 1_000,
         };
@@ -116,7 +117,7 @@ fn the_curves_hold_the_chance_and_the_angle_of_every_link() {
     }
     let angles_deg = found.points(&below(los::ELEVATION, los::SIGHT));
     assert_eq!(drawn(&angles_deg[&2]), [90.0]);
-    assert_eq!(drawn(&angles_deg[&3]), [LosLink::elevation_deg(1.0, 56.0)]);
+    assert_eq!(drawn(&angles_deg[&3]), [elevation_deg(1.0, 56.0)]);
 }
 
 #[test]

@@ -171,7 +171,6 @@ mod tests {
     fn link() -> LosLink {
         LosLink {
             bandwidth_hz: 1e6,
-            comm_s: 0.1,
             curve: LosCurve::Sigmoid { a: 12.08, b: 0.11 },
             los_snr: 1e5,
             nlos_snr: 1e3,
