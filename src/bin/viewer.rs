@@ -7,8 +7,8 @@ use clap::Parser;
 use iceoryx2::prelude::ipc;
 use skysink::worker::{self, Place};
 use skysink_common::node::{Role, Stop};
-use skysink_viewer::Sinks;
 use skysink_viewer::node::{ViewerError, run};
+use skysink_viewer::{Existing, Sinks};
 
 /// Records a run that skysink run supervises.
 #[derive(Debug, Parser)]
@@ -20,6 +20,9 @@ struct Cli {
     /// Write the recording to this file.
     #[arg(long, value_name = "FILE")]
     save: Option<PathBuf>,
+    /// Go on with the recording in that file, if there is one.
+    #[arg(long = "continue", requires = "save")]
+    goes_on: bool,
     /// Serve it live on 127.0.0.1.
     #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "9876")]
     live: Option<u16>,
@@ -39,7 +42,8 @@ fn main() -> ExitCode {
 
 fn record(cli: &Cli, stop: &Stop) -> Result<(), ViewerError> {
     let (scenario, folder) = worker::join(&cli.place)?;
-    let sinks = Sinks { save: cli.save.clone(), live: cli.live };
+    let existing = if cli.goes_on { Existing::Continue } else { Existing::Replace };
+    let sinks = Sinks { save: cli.save.clone(), existing, live: cli.live };
     let missed = run::<ipc::Service>(&scenario, &folder, stop, &sinks)?;
     if missed > 0 {
         eprintln!("viewer: missed {missed} slots, marked in the recording");

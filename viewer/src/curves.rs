@@ -23,6 +23,9 @@ pub const PACE: &str = "metrics/slots_per_second";
 /// Slots that the viewer missed since the start.
 pub const MISSED: &str = "metrics/missed_slots";
 
+/// What every slot has; the others only where the wall clock is measured.
+pub(crate) const EVERY_SLOT: [&str; 6] = [LOSS, LOSS_MARK, FILL_MEAN, FILL_MAX, DELIVERED, MISSED];
+
 /// Entity, name with unit, colour.
 const STYLES: [(&str, &str, Rgb); 8] = [
     (LOSS, "lost ÷ sampled", colour::LOSS),

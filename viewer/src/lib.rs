@@ -9,6 +9,7 @@ pub mod blueprint;
 pub mod colour;
 pub mod curves;
 pub mod events;
+mod history;
 mod layout;
 pub mod legend;
 pub mod links;
@@ -18,8 +19,10 @@ pub mod queues;
 pub mod recording;
 pub mod scene;
 pub mod sizes;
+mod takeover;
 pub mod uav;
 
 pub use events::Level;
 pub use recording::{SceneError, Sinks};
 pub use scene::{Scene, SlotView, Timing};
+pub use takeover::Existing;

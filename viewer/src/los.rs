@@ -74,6 +74,13 @@ impl Los {
         Ok(Some(Self { link, feet_m, most_links, mark_above_m: 1.8 * sizes.arm_m, field, profile }))
     }
 
+    /// What every slot has of it.
+    pub(crate) fn every_slot() -> impl Iterator<Item = String> {
+        let by_draw = |root| [MEAN, SIGHT, BLOCKED].map(|name| format!("{root}/{name}"));
+        let whole = [ALTITUDE, MARK, field::SLICE, profile::CURVES, profile::FLOWN].map(str::to_owned);
+        whole.into_iter().chain(by_draw(ELEVATION)).chain(by_draw(CHANCE))
+    }
+
     /// Shows one slot; where nobody is served, only the altitude.
     pub(crate) fn log_slot(&mut self, stream: &RecordingStream, flight: &FlightReport) -> RecordingStreamResult<()> {
         stream.log(ALTITUDE, &Scalars::single(flight.z_m))?;

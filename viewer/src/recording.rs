@@ -9,6 +9,8 @@ use rerun::log::ChunkBatcherConfig;
 use rerun::sink::{FileSink, FileSinkError, LogSink, SinkFlushError};
 use rerun::{RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 
+use crate::takeover::{Begun, Existing, Found, Past};
+
 /// Application id of every recording: the rerun viewer keeps one layout per application.
 pub const APPLICATION: &str = "skysink";
 
@@ -34,6 +36,8 @@ const HISTORY_BYTES: u64 = 512 << 20;
 pub struct Sinks {
     /// File to write.
     pub save: Option<PathBuf>,
+    /// What to do with it if it is there already.
+    pub existing: Existing,
     /// Port on 127.0.0.1 where a viewer may connect at any time; 0 takes a free one.
     pub live: Option<u16>,
 }
@@ -51,6 +55,14 @@ pub enum SceneError {
         path: PathBuf,
         /// Why not.
         source: FileSinkError,
+    },
+    /// The file that is there already cannot be read or replaced.
+    #[error("recording {}: {source}: expected a file that can be read and replaced", path.display())]
+    Unusable {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: std::io::Error,
     },
     /// The port is taken.
     #[error("live viewer: port {port} of 127.0.0.1: {source}: choose another port, or end what listens there")]
@@ -90,20 +102,25 @@ fn at(path: &Option<PathBuf>) -> String {
 /// An open stream, and what is needed to name and end it.
 pub struct Recording {
     stream: RecordingStream,
+    name: String,
     save: Option<PathBuf>,
+    found: Found,
     live: Option<u16>,
 }
 
 impl Recording {
-    /// Opens the sinks. The recording's id is its name, and nothing in it depends on the clock.
+    /// Opens the sinks. The recording's id is its name, unless it is continued and has one, and nothing in it depends
+    /// on the clock. A file that is continued stays as it is until [`Self::take_over`].
     ///
     /// # Errors
-    /// If there is no sink, the file cannot be created, or the port is taken.
+    /// If there is no sink, the file cannot be created, read or replaced, or the port is taken.
     pub fn open(sinks: &Sinks, name: &str) -> Result<Self, SceneError> {
         let mut open: Vec<Box<dyn LogSink>> = Vec::new();
         let live = sinks.live.map(free_port).transpose()?; // before the file: a refusal must not truncate one
+        let found = sinks.save.as_ref().map_or(Ok(Found::Nothing), |path| Found::at(path, sinks.existing))?;
         if let Some(path) = &sinks.save {
-            let file = FileSink::new(path).map_err(|source| SceneError::File { path: path.clone(), source })?;
+            let draft = found.begun().map_or_else(|| path.clone(), Begun::draft);
+            let file = FileSink::new(draft).map_err(|source| SceneError::File { path: path.clone(), source })?;
             open.push(Box::new(file));
         }
         if let Some(port) = live {
@@ -112,17 +129,36 @@ impl Recording {
         if open.is_empty() {
             return Err(SceneError::Nowhere);
         }
+        let name = found.begun().map_or(name, Begun::name).to_owned();
         let flush_tick = if live.is_some() { LIVE_TICK } else { FILE_TICK };
         let stream = RecordingStreamBuilder::new(APPLICATION)
-            .recording_id(name)
+            .recording_id(name.as_str())
             .send_properties(false) // they would hold the wall clock
             .enabled(true) // whatever the environment says: somebody asked for a recording
             .batcher_config(ChunkBatcherConfig { flush_tick, ..ChunkBatcherConfig::default() })
             .set_sinks(open)?;
         stream.set_log_time_enabled(false);
         stream.set_log_tick_enabled(false);
-        stream.send_recording_name(name)?;
-        Ok(Self { stream, save: sinks.save.clone(), live })
+        stream.send_recording_name(name.as_str())?;
+        Ok(Self { stream, name, save: sinks.save.clone(), found, live })
+    }
+
+    /// Takes over what the file held before, once all that stays is logged and nothing that has a time.
+    ///
+    /// # Errors
+    /// If the file cannot be read or replaced; then it is as it was.
+    pub(crate) fn take_over(&self) -> Result<Past, SceneError> {
+        Ok(match &self.found {
+            Found::Nothing => Past::Nothing,
+            Found::NoRecording => Past::NoRecording,
+            Found::Begun(begun) => Past::Recording(begun.take_over(&self.stream, FLUSH_LIMIT)?),
+        })
+    }
+
+    /// Name and id of the recording.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
     }
 
     /// The stream.

@@ -11,16 +11,9 @@ use skysink_common::message::LinkReport;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_viewer::los::{self, field, profile};
 use skysink_viewer::{Scene, Sinks, Timing, colour, legend, links, uav};
-use support::{Found, Slot, letter, sensors};
+use support::{Found, Slot, letter, sensors, town};
 
 const SENSORS: u32 = 20;
-
-/// A UAV that is free to fly between 20 m and 120 m over a dense town.
-fn town() -> Scenario {
-    let text = "name = \"town\"\n[uav]\naltitude = \"free\"\naltitude_m = 50.0\nmin_altitude_m = 20.0\n\
-                max_altitude_m = 120.0\n[link]\nmodel = \"probabilistic-los\"\nenvironment = \"dense-urban\"\n";
-    Scenario::parse(text, Path::new("town.toml"), Overrides::default()).unwrap()
-}
 
 fn link() -> LosLink {
     let scenario = town();
@@ -51,7 +44,7 @@ fn climb(slot: u64) -> Slot {
 fn record(scenario: &Scenario, slots: &[Slot]) -> Found {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("mission.rrd");
-    let sinks = Sinks { save: Some(path.clone()), live: None };
+    let sinks = Sinks { save: Some(path.clone()), live: None, ..Sinks::default() };
     let mut scene = Scene::open(&sinks, scenario, &sensors(SENSORS), "test-run", Timing::Unmeasured).unwrap();
     let mut next = 0;
     for slot in slots {

@@ -1,4 +1,5 @@
 //! A made-up mission to record, and what is found in a recording.
+#![allow(dead_code)] // each test program uses its part
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -12,6 +13,13 @@ use skysink_viewer::SlotView;
 /// The letter's mission.
 pub fn letter() -> Scenario {
     Scenario::letter(Overrides::default()).unwrap()
+}
+
+/// A UAV that is free to fly between 20 m and 120 m over a dense town.
+pub fn town() -> Scenario {
+    let text = "name = \"town\"\n[uav]\naltitude = \"free\"\naltitude_m = 50.0\nmin_altitude_m = 20.0\n\
+                max_altitude_m = 120.0\n[link]\nmodel = \"probabilistic-los\"\nenvironment = \"dense-urban\"\n";
+    Scenario::parse(text, Path::new("town.toml"), Overrides::default()).unwrap()
 }
 
 /// Sensor nodes on a line, with storages of 1 000 bits.
@@ -106,6 +114,20 @@ impl Found {
             }
         }
         Some(found)
+    }
+
+    /// The cells that have a slot, without the event log.
+    pub fn shown(&self) -> BTreeMap<&Cell, &Vec<String>> {
+        self.cells.iter().filter(|((entity, _, slot, _), _)| slot.is_some() && entity != "/log/events").collect()
+    }
+
+    /// Every line of the event log.
+    pub fn log(&self) -> String {
+        let lines = self
+            .cells
+            .iter()
+            .filter(|((entity, component, ..), _)| entity == "/log/events" && component == "TextLog:text");
+        lines.map(|(_, texts)| texts.concat()).collect()
     }
 
     /// Slots in which an entity was logged.
