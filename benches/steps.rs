@@ -15,7 +15,7 @@ use skysink_planner::Planner;
 /// The letter's mission with another strategy and solver.
 fn letter(strategy: Strategy, solver: &str) -> Scenario {
     let text = format!("name = \"bench\"\n[planner]\nwaypoint_solver = \"{solver}\"\n");
-    let overrides = Overrides { strategy: Some(strategy), seed: None };
+    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
     Scenario::parse(&text, Path::new("bench.toml"), overrides).expect("a valid scenario")
 }
 

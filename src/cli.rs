@@ -1,20 +1,22 @@
 //! The command line of `skysink`.
 
+mod flight;
+
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use skysink_common::node::{Role, Stop};
-use skysink_common::pace::Pace;
+use skysink_common::node::Stop;
 use skysink_common::scenario::{Overrides, Scenario, Strategy};
 use skysink_common::sensors::SensorList;
 
 use crate::error::Error;
 use crate::figures::campaign;
-use crate::run::{Run, run};
+use crate::run::run;
 use crate::simulate::{Simulation, simulate};
 use crate::sweep::plan::Sweep;
 use crate::{report, sweep, worker};
+use flight::{RunOptions, SoakOptions};
 
 /// Plans and flies a UAV that collects data from wireless sensor nodes, slot by slot.
 #[derive(Debug, Parser)]
@@ -62,28 +64,11 @@ Examples:
 Examples:
   skysink run                          the letter's mission, as fast as it goes
   skysink run --pace realtime --live   then: rerun rerun+http://127.0.0.1:9876/proxy
-  skysink run --external planner       waits for your planner, and says where")]
-    Run {
-        /// Scenario file; the letter's mission if left out.
-        scenario: Option<PathBuf>,
-        #[command(flatten)]
-        choice: Choice,
-        /// max, realtime, or a factor such as 10x.
-        #[arg(long, default_value = "max", value_name = "PACE")]
-        pace: Pace,
-        /// Serve the recording live on 127.0.0.1.
-        #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "9876")]
-        live: Option<u16>,
-        /// Leave the recording out.
-        #[arg(long, conflicts_with = "live")]
-        no_viewer: bool,
-        /// Leave this process to somebody else and wait for it (repeatable).
-        #[arg(long, value_name = "ROLE")]
-        external: Vec<External>,
-        /// How long a process waits for another [s; default 30, with --external 600].
-        #[arg(long, value_name = "SECONDS", value_parser = seconds)]
-        timeout: Option<f64>,
-    },
+  skysink run --external planner       waits for your planner, and says where
+  skysink run --resume runs/letter-uts-1")]
+    Run(RunOptions),
+    /// Fly a long mission with processes that are killed at random, and check that nothing is lost and nothing grows.
+    Soak(SoakOptions),
     /// Fly many missions: a grid of scenarios, by strategy and seed. Interrupted, it goes on where it was.
     #[command(after_help = "\
 Examples:
@@ -155,7 +140,7 @@ struct Choice {
 
 impl Choice {
     fn overrides(&self) -> Overrides {
-        Overrides { seed: self.seed, strategy: self.strategy.map(|name| name.0) }
+        Overrides { seed: self.seed, strategy: self.strategy.map(|name| name.0), slots: None }
     }
 }
 
@@ -178,33 +163,6 @@ impl ValueEnum for StrategyName {
 
     fn to_possible_value(&self) -> Option<clap::builder::PossibleValue> {
         Some(clap::builder::PossibleValue::new(self.0.name()))
-    }
-}
-
-/// A process that can be left to somebody else.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum External {
-    FieldSim,
-    FlightSim,
-    Planner,
-    Viewer,
-}
-
-impl From<External> for Role {
-    fn from(external: External) -> Self {
-        match external {
-            External::FieldSim => Self::FieldSim,
-            External::FlightSim => Self::FlightSim,
-            External::Planner => Self::Planner,
-            External::Viewer => Self::Viewer,
-        }
-    }
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(seconds) if seconds > 0.0 && seconds <= 1e6 => Ok(seconds),
-        _ => Err("expected seconds, above 0".to_owned()),
     }
 }
 
@@ -255,21 +213,8 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
             let scenario = Scenario::read(&scenario, choice.overrides())?;
             simulate(&Simulation { scenario, out: choice.out, force: choice.force, record }, stop)?
         }
-        Command::Run { scenario, choice, pace, live, no_viewer, external, timeout } => {
-            let overrides = choice.overrides();
-            let scenario = match scenario {
-                Some(path) => Scenario::read(&path, overrides)?,
-                None => Scenario::letter(overrides)?,
-            };
-            let viewer = !no_viewer;
-            if viewer && !cfg!(feature = "viewer") {
-                return Err(Error::NoViewer);
-            }
-            let timeout_s = timeout.unwrap_or(if external.is_empty() { 30.0 } else { 600.0 });
-            let external = external.into_iter().map(Role::from).collect();
-            let (out, force) = (choice.out, choice.force);
-            run(&Run { scenario, pace, out, force, viewer, live, external, timeout_s }, stop)?
-        }
+        Command::Run(options) => run(&options.run()?, stop)?,
+        Command::Soak(options) => return options.soak(stop),
     };
     report::print(&folder, &summary);
     Ok(())

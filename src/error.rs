@@ -3,6 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use skysink_common::journal::JournalError;
 use skysink_common::node::NodeError;
 use skysink_common::ring::RingError;
 use skysink_common::scenario::ScenarioError;
@@ -20,6 +21,27 @@ pub enum Error {
     /// The output folder is there already.
     #[error("output folder {}: it exists: choose another --out, or pass --force to replace the run in it", .0.display())]
     OutputExists(PathBuf),
+    /// There is nothing to resume.
+    #[error("run folder {}: {missing} is missing: expected the folder of a run that has ended early", path.display())]
+    NotARun {
+        /// The folder.
+        path: PathBuf,
+        /// The file that is not there.
+        missing: String,
+    },
+    /// A run is still writing.
+    #[error("{}: a run is writing it: end that run first, or choose another folder", .0.display())]
+    RunUnderWay(PathBuf),
+    /// A trace is not what the scenario leads to.
+    #[error("{}:{line}: {what}", path.display())]
+    Trace {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: u64,
+        /// What is wrong with it.
+        what: String,
+    },
     /// A file cannot be written.
     #[error("{}: {source}", path.display())]
     File {
@@ -68,6 +90,9 @@ pub enum Error {
     #[cfg(feature = "viewer")]
     #[error(transparent)]
     Scene(#[from] skysink_viewer::SceneError),
+    /// A soak has found something.
+    #[error("soak: {0}")]
+    Soak(String),
     /// A sweep is refused.
     #[error(transparent)]
     Sweep(#[from] crate::sweep::SweepError),
@@ -92,11 +117,23 @@ impl Error {
         move |source| Self::File { path, source }
     }
 
+    /// A failure to write a journal.
+    pub(crate) fn journal(error: JournalError) -> Self {
+        RingError::from(error).into()
+    }
+
     /// Exit code: 1 failed while running, 2 bad input or usage, 130 and 143 after a signal.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Scenario(_) | Self::Sensors(_) | Self::Sweep(_) | Self::OutputExists(_) | Self::NoViewer => 2,
+            Self::Scenario(_)
+            | Self::Sensors(_)
+            | Self::Sweep(_)
+            | Self::OutputExists(_)
+            | Self::NotARun { .. }
+            | Self::RunUnderWay(_)
+            | Self::Trace { .. }
+            | Self::NoViewer => 2,
             Self::Node(error) => error.exit_code(),
             _ => 1,
         }

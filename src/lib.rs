@@ -6,6 +6,7 @@
 pub mod cli;
 pub mod error;
 pub mod figures;
+pub mod latency;
 pub mod launch;
 pub mod metrics;
 pub mod mission;
@@ -13,10 +14,14 @@ pub mod propulsion;
 pub mod record;
 pub mod recorder;
 pub mod report;
+pub mod restart;
+pub mod resume;
 pub mod run;
 pub mod simulate;
+pub mod soak;
 pub mod summary;
 pub mod sweep;
+pub mod watch;
 pub mod worker;
 
 pub use error::Error;

@@ -1,8 +1,8 @@
 //! The run folder: the scenario and the sensor nodes as flown, a line per slot, and the summary.
 
 use std::fmt::Write as _;
-use std::fs::{self, File};
-use std::io::{self, Write as _};
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, BufRead as _, BufReader, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 
 use skysink_common::message::{FlightReport, Mode, QueuesHeader};
@@ -65,10 +65,54 @@ impl RunFolder {
     /// # Errors
     /// If it cannot be written.
     pub fn slot_log(&self) -> Result<SlotLog, Error> {
-        let path = self.path.join("slots.csv");
+        let path = self.slots();
         let mut file = File::create(&path).map_err(Error::file(&path))?;
+        lock(&file, &path)?;
         file.write_all(SLOT_COLUMNS.as_bytes()).map_err(Error::file(&path))?;
-        Ok(SlotLog { path, file, line: String::new(), hash: 0 })
+        Ok(SlotLog { length: SLOT_COLUMNS.len() as u64, path, file, trace: TraceHash::default() })
+    }
+
+    /// Opens the folder of a run that has ended early.
+    ///
+    /// # Errors
+    /// If it is none.
+    pub fn reopen(path: &Path) -> Result<Self, Error> {
+        let folder = Self { path: path.to_owned() };
+        for file in [folder.scenario(), folder.slots()] {
+            if !file.is_file() {
+                let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+                return Err(Error::NotARun { path: folder.path, missing: name });
+            }
+        }
+        Ok(folder)
+    }
+
+    /// The trace.
+    #[must_use]
+    pub fn slots(&self) -> PathBuf {
+        self.path.join("slots.csv")
+    }
+
+    /// Opens `slots.csv` for reading what is on record and going on behind it.
+    ///
+    /// # Errors
+    /// If a run is still writing it, or it does not begin as a trace.
+    pub fn reopen_slot_log(&self) -> Result<(SlotLog, BufReader<File>), Error> {
+        let path = self.slots();
+        let file = OpenOptions::new().read(true).write(true).open(&path).map_err(Error::file(&path))?;
+        lock(&file, &path)?;
+        let mut reader = BufReader::new(file.try_clone().map_err(Error::file(&path))?);
+        let mut header = Vec::new();
+        reader.read_until(b'\n', &mut header).map_err(Error::file(&path))?;
+        if !header.is_empty() && header != SLOT_COLUMNS.as_bytes() && SLOT_COLUMNS.as_bytes().starts_with(&header) {
+            header.clear(); // cut: nothing is on record
+        }
+        if !header.is_empty() && header != SLOT_COLUMNS.as_bytes() {
+            let (found, expected) = (String::from_utf8_lossy(&header).trim_end().to_owned(), SLOT_COLUMNS.trim_end());
+            let what = format!("header {found:?}: expected {expected}");
+            return Err(Error::Trace { path, line: 1, what });
+        }
+        Ok((SlotLog { length: header.len() as u64, path, file, trace: TraceHash::default() }, reader))
     }
 
     /// Writes `summary.json`, whole or not at all.
@@ -96,29 +140,101 @@ pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     written.map_err(Error::file(path))
 }
 
+/// Hash of the lines of a trace, without the trace.
+#[derive(Debug, Default)]
+pub struct TraceHash {
+    line: String,
+    hash: u64,
+}
+
+impl TraceHash {
+    /// Adds a slot.
+    pub fn add(&mut self, flight: &FlightReport, header: &QueuesHeader) {
+        self.line.clear();
+        write_line(&mut self.line, flight, header).expect("a string takes everything");
+        self.hash = xxh3_64_with_seed(self.line.as_bytes(), self.hash);
+    }
+
+    /// The hash of all lines so far, chained.
+    #[must_use]
+    pub fn value(&self) -> u64 {
+        self.hash
+    }
+}
+
 /// `slots.csv` under way. Each line reaches the system when its slot is recorded, so that nothing recorded is lost.
 #[derive(Debug)]
 pub struct SlotLog {
     path: PathBuf,
     file: File,
-    line: String,
-    hash: u64,
+    /// Bytes of whole lines.
+    length: u64,
+    trace: TraceHash,
 }
 
 impl SlotLog {
     /// Adds the slot, and returns the hash of all lines so far.
     ///
     /// # Errors
-    /// If a bit of the ledger is unaccounted for, or the line cannot be written.
+    /// If a bit of the ledger is unaccounted for, or the line cannot be written; then it is as if it had not been tried.
     pub fn add(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, Error> {
+        self.pass(flight, header)?;
+        if let Err(error) = self.file.write_all(self.trace.line.as_bytes()) {
+            let _ = self.file.set_len(self.length); // a part of a line at best
+            return Err(Error::file(&self.path)(error));
+        }
+        self.length += self.trace.line.len() as u64;
+        Ok(self.trace.hash)
+    }
+
+    /// Goes over a line that is on record already. Says whether it is that of the slot.
+    ///
+    /// # Errors
+    /// If a bit of the ledger is unaccounted for.
+    pub fn repeat(&mut self, line: &[u8], flight: &FlightReport, header: &QueuesHeader) -> Result<bool, Error> {
+        self.pass(flight, header)?;
+        self.length += line.len() as u64;
+        Ok(self.trace.line.as_bytes() == line)
+    }
+
+    /// Ends what is on record behind the last line that was gone over, to go on from there.
+    ///
+    /// # Errors
+    /// If the file cannot be changed.
+    pub fn go_on(&mut self) -> Result<(), Error> {
+        let mut go_on = || {
+            self.file.set_len(self.length)?;
+            self.file.seek(SeekFrom::End(0))?;
+            if self.length == 0 {
+                self.file.write_all(SLOT_COLUMNS.as_bytes())?;
+                self.length = SLOT_COLUMNS.len() as u64;
+            }
+            Ok(())
+        };
+        go_on().map_err(Error::file(&self.path))
+    }
+
+    /// Hash of all lines so far, chained.
+    #[must_use]
+    pub fn hash(&self) -> u64 {
+        self.trace.hash
+    }
+
+    fn pass(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<(), Error> {
         if !header.totals.balanced() {
             return Err(Error::Unbalanced { slot: header.head.slot, totals: header.totals });
         }
-        self.line.clear();
-        write_line(&mut self.line, flight, header).expect("a string takes everything");
-        self.file.write_all(self.line.as_bytes()).map_err(Error::file(&self.path))?;
-        self.hash = xxh3_64_with_seed(self.line.as_bytes(), self.hash);
-        Ok(self.hash)
+        self.trace.add(flight, header);
+        Ok(())
+    }
+}
+
+/// Keeps a second run from writing the same trace.
+fn lock(file: &File, path: &Path) -> Result<(), Error> {
+    match file.try_lock() {
+        Ok(()) => Ok(()),
+        Err(TryLockError::WouldBlock) => Err(Error::RunUnderWay(path.to_owned())),
+        Err(TryLockError::Error(error)) => Err(Error::file(path)(error)),
     }
 }
 
@@ -151,6 +267,10 @@ fn make(out: &Path, force: bool) -> Result<PathBuf, Error> {
 
 /// Removes the run in `out`, and nothing else that may be there.
 fn replace(out: &Path) -> Result<(), Error> {
+    let trace = out.join("slots.csv");
+    if let Ok(file) = File::open(&trace) {
+        lock(&file, &trace)?;
+    }
     for name in FILES {
         let path = out.join(name);
         match fs::remove_file(&path) {

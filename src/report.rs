@@ -9,6 +9,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use skysink_common::pace::Pace;
 
+use crate::latency::Spread;
 use crate::record::RunFolder;
 use crate::summary::{Summary, Tally};
 
@@ -126,12 +127,26 @@ pub fn print(folder: &RunFolder, summary: &Summary) {
         ("slots in transit", grouped(summary.transit_slots)),
         ("slots held", grouped(summary.held_slots)),
         ("requests refused", grouped(summary.refused)),
+        ("messages refused", grouped(summary.refused_messages)),
+        ("processes restarted", grouped(summary.restarts)),
         ("plan time p50 / p99", format!("{:.1} µs / {:.1} µs", timing.plan_p50_us, timing.plan_p99_us)),
         ("slots per second", format!("{:.0}", timing.slots_per_s)),
     ];
     if timing.pace.is_some_and(|pace| pace != Pace::Max) {
         rows.push(("deadlines missed", grouped(timing.missed_deadlines)));
         rows.push(("slots begun late", grouped(timing.late_slots)));
+    }
+    if let Some(latency) = timing.latency.filter(|_| timing.pace != Some(Pace::Max)) {
+        let spread = |spread: Spread| {
+            let Spread { p50_us, p99_us, p999_us, max_us } = spread;
+            format!("{p50_us:.0} / {p99_us:.0} / {p999_us:.0} / {max_us:.0} µs")
+        };
+        rows.push(("latency p50 / p99 / p99.9 / max", String::new()));
+        rows.push(("  queues to plan", spread(latency.queues_to_plan)));
+        rows.push(("  slot's begin to flight", spread(latency.to_flight)));
+        rows.push(("  flight to queues", spread(latency.flight_to_queues)));
+        rows.push(("  slot's begin to next plan", spread(latency.slot)));
+        rows.extend(latency.jitter.map(|jitter| ("  jitter of the slots", spread(jitter))));
     }
     for (name, value) in rows {
         table.add_row([name, &value]);

@@ -61,7 +61,7 @@ pub fn simulate(simulation: &Simulation, stop: &Stop) -> Result<(RunFolder, Summ
     let wall = begin.elapsed();
     progress.finish();
     recording.close()?;
-    let summary = tally.summary(None, wall);
+    let summary = tally.summary(None, wall, log.hash());
     folder.write_summary(&summary)?;
     stopped?;
     Ok((folder, summary))

@@ -9,6 +9,9 @@ use skysink_common::pace::Pace;
 use skysink_common::scenario::{Scenario, Strategy};
 use skysink_common::sensors::SensorList;
 
+use crate::latency::{Latencies, Latency, SlotTimes};
+use crate::watch::Event;
+
 /// The figures of a run, as in `summary.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Summary {
@@ -50,6 +53,16 @@ pub struct Summary {
     pub refused: u64,
     /// Waypoints found by the geometric solver because the chosen one failed.
     pub solver_fallbacks: u64,
+    /// Samples of the ring that were refused: of another run, a second writer, or a slot that cannot be.
+    pub refused_messages: u64,
+    /// How often a process was started again.
+    pub restarts: u64,
+    /// What has become of the processes.
+    pub events: Vec<Event>,
+    /// The slot after which the run was resumed; counts of wall time begin there.
+    pub resumed_after: Option<u64>,
+    /// Chained hash (XXH3) of the lines of `slots.csv`: equal for equal traces.
+    pub trace_hash: String,
     /// Whether all slots were flown.
     pub complete: bool,
     /// Version of Skysink.
@@ -77,6 +90,8 @@ pub struct Timing {
     pub plan_p99_us: f64,
     /// Planning time, longest [µs].
     pub plan_max_us: f64,
+    /// From sample to sample; none in one process.
+    pub latency: Option<Latencies>,
 }
 
 /// Longest planning time that is told apart [ns].
@@ -100,8 +115,11 @@ pub struct Tally {
     solver_fallbacks: u64,
     missed_deadlines: u64,
     late_slots: u64,
+    refused_messages: u64,
+    resumed_after: Option<u64>,
     totals: Totals,
     plan_ns: Histogram<u64>,
+    latency: Option<Latency>,
 }
 
 impl Tally {
@@ -126,9 +144,24 @@ impl Tally {
             solver_fallbacks: 0,
             missed_deadlines: 0,
             late_slots: 0,
+            refused_messages: 0,
+            resumed_after: None,
             totals: Totals::default(),
             plan_ns: Histogram::new_with_bounds(1, HOUR_NS, 3).expect("valid bounds and digits"),
+            latency: None,
         }
+    }
+
+    /// Measures latencies, too, at a pace.
+    #[must_use]
+    pub fn with_latency(mut self, pace: Pace, slot_s: f64) -> Self {
+        self.latency = Some(Latency::new(pace, slot_s));
+        self
+    }
+
+    /// What was added so far was on record before this run.
+    pub fn resume(&mut self) {
+        self.resumed_after = Some(self.slots);
     }
 
     /// Takes over the state before slot 1.
@@ -154,9 +187,27 @@ impl Tally {
         self.totals = header.totals;
     }
 
+    /// Adds when the samples of the slot were sent.
+    pub fn add_times(&mut self, times: SlotTimes) {
+        if let Some(latency) = &mut self.latency {
+            latency.add(times);
+        }
+    }
+
+    /// Takes over how many samples were refused.
+    pub fn set_refused_messages(&mut self, refused_messages: u64) {
+        self.refused_messages = refused_messages;
+    }
+
     /// Takes over how many slots have begun late.
     pub fn set_late_slots(&mut self, late_slots: u64) {
         self.late_slots = late_slots;
+    }
+
+    /// The last slot on record; 0 before the first.
+    #[must_use]
+    pub fn last_slot(&self) -> u64 {
+        self.slots
     }
 
     /// Slots flown.
@@ -179,7 +230,7 @@ impl Tally {
 
     /// The figures of the run so far.
     #[must_use]
-    pub fn summary(&self, pace: Option<Pace>, wall: Duration) -> Summary {
+    pub fn summary(&self, pace: Option<Pace>, wall: Duration, trace_hash: u64) -> Summary {
         let (slots, totals) = (self.slots as f64, self.totals);
         let plan_us = |quantile| self.plan_ns.value_at_quantile(quantile) as f64 / 1e3;
         Summary {
@@ -202,17 +253,23 @@ impl Tally {
             transit_slots: self.transit_slots,
             refused: self.refused,
             solver_fallbacks: self.solver_fallbacks,
+            refused_messages: self.refused_messages,
+            restarts: 0,
+            events: Vec::new(),
+            resumed_after: self.resumed_after,
+            trace_hash: format!("{trace_hash:016x}"),
             complete: self.slots == self.planned_slots,
             version: env!("CARGO_PKG_VERSION"),
             timing: Timing {
                 pace,
                 wall_s: wall.as_secs_f64(),
-                slots_per_s: ratio(slots, wall.as_secs_f64()),
+                slots_per_s: ratio(slots - self.resumed_after.unwrap_or(0) as f64, wall.as_secs_f64()),
                 missed_deadlines: self.missed_deadlines,
                 late_slots: self.late_slots,
                 plan_p50_us: plan_us(0.5),
                 plan_p99_us: plan_us(0.99),
                 plan_max_us: self.plan_ns.max() as f64 / 1e3,
+                latency: self.latency.as_ref().and_then(Latency::spreads),
             },
         }
     }

@@ -234,7 +234,7 @@ fn fly(scenario: &Scenario, flight: Flight) -> Result<Row, Error> {
         tally.add(Some(&turn.plan), &turn.flight, &turn.header);
         metrics.add(&turn.flight);
     }
-    let summary = tally.summary(None, std::time::Duration::ZERO);
+    let summary = tally.summary(None, std::time::Duration::ZERO, 0);
     let figures = metrics.figures(mission.delivered_bits());
     Ok(Row {
         point: flight.point,

@@ -10,6 +10,7 @@ use skysink::mission::Mission;
 use skysink::record::RunFolder;
 use skysink::recorder::Recorder;
 use skysink::summary::Tally;
+use skysink::watch::{Alarm, ViewerState};
 use skysink_common::node::{NodeError, Stop};
 use skysink_common::pace::Pace;
 use skysink_common::ring::Ring;
@@ -20,7 +21,7 @@ use skysink_field_sim::SlotBits;
 
 fn smoke(strategy: Strategy, seed: u64) -> Scenario {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/smoke.toml");
-    Scenario::read(&path, Overrides { seed: Some(seed), strategy: Some(strategy) }).unwrap()
+    Scenario::read(&path, Overrides { seed: Some(seed), strategy: Some(strategy), slots: None }).unwrap()
 }
 
 /// The trace of a mission in one process.
@@ -45,7 +46,7 @@ fn ring<S: Service + 'static>(scenario: &Scenario, out: &Path, order: [usize; 3]
     let meeting = RingFolder::create(Pace::Max, 60.0, false).unwrap();
     let ring = Ring::<S>::create(&meeting, scenario).unwrap();
     let stop = Stop::default();
-    let mut recorder = Recorder::new(&ring, scenario.slot_s, &stop).unwrap();
+    let mut recorder = Recorder::new(&ring, scenario.slot_s, Alarm::default(), &stop).unwrap();
     let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(scenario, &list));
     let nodes: [Node; 3] =
         [skysink_field_sim::node::run::<S>, skysink_flight_sim::node::run::<S>, skysink_planner::node::run::<S>];
@@ -54,15 +55,16 @@ fn ring<S: Service + 'static>(scenario: &Scenario, out: &Path, order: [usize; 3]
             let (stop, path) = (stop.clone(), meeting.path());
             scope.spawn(move || nodes[node](scenario, &RingFolder::open(path)?, &stop))
         });
-        let mut patience = ring.patience(&meeting, &stop).unwrap();
-        recorder.record(scenario.slots, &mut patience, &mut log, &mut tally, |_| Ok(())).unwrap();
+        let mut patience = ring.patience(&meeting, None, &stop).unwrap();
+        recorder.record(scenario.slots, &mut patience, &mut log, &mut tally, |_| Ok(ViewerState::There)).unwrap();
+        recorder.release(scenario.slots, log.hash()).unwrap();
         for thread in threads {
             thread.join().unwrap().unwrap();
         }
     });
     let mut mission = Mission::new(scenario, &list);
     while mission.turn().unwrap().is_some() {}
-    let ours = tally.summary(None, Duration::ZERO);
+    let ours = tally.summary(None, Duration::ZERO, log.hash());
     assert_eq!(ours.queued_bits, mission.header(SlotBits::default()).totals.queued_bits);
     assert!(ours.complete);
     fs::read_to_string(out.join("slots.csv")).unwrap()

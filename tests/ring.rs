@@ -91,13 +91,13 @@ fn the_letters_mission_is_built_in() {
 }
 
 #[test]
-fn killing_a_worker_ends_the_run_with_its_name() {
+fn killing_a_worker_that_is_not_to_be_started_again_ends_the_run_with_its_name() {
     for role in ["field-sim", "flight-sim", "planner", "viewer"] {
         if role == "viewer" && !cfg!(feature = "viewer") {
             continue;
         }
         let place = Place::new();
-        let (run, ring) = under_way(&place, &["--pace", "20x"]);
+        let (run, ring) = under_way(&place, &["--pace", "20x", "--restart", "never"]);
         if role == "viewer" {
             until("recording", || (lines(&place.path("run/slots.csv")) > 500).then_some(())); // 2.5 s
         }
@@ -130,7 +130,10 @@ fn a_worker_killed_at_full_speed_ends_the_run_too() {
     for role in ["field-sim", "flight-sim", "planner"] {
         let place = Place::new();
         place.write("endless.toml", "name = \"endless\"\nslots = 100000000\nslot_s = 1e-6\n[link]\ncomm_s = 1e-6\n");
-        let run = place.skysink(&["run", "endless.toml", "--out", "run", "--no-viewer"]).spawn().unwrap();
+        let run = place
+            .skysink(&["run", "endless.toml", "--out", "run", "--no-viewer", "--restart", "never"])
+            .spawn()
+            .unwrap();
         until("slot", || (lines(&place.path("run/slots.csv")) > 20).then_some(()));
         let ring = place.rings().remove(0);
         kill_process(place.worker(role, &ring), Signal::KILL).unwrap();

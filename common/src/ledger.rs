@@ -3,11 +3,12 @@
 //! It keeps `initial + sampled = delivered + lost + queued` as an equality of integers; what arrives and what a link
 //! carries is decided by the caller.
 
+use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
 /// Bits of the whole field since the mission's start.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend, Pod, Zeroable)]
 #[type_name("skysink.Totals.v1")]
 pub struct Totals {
     /// Queued before slot 1.
@@ -28,7 +29,8 @@ impl Totals {
     /// Whether every bit is accounted for.
     #[must_use]
     pub fn balanced(&self) -> bool {
-        self.initial_bits + self.sampled_bits == self.delivered_bits + self.lost_bits + self.queued_bits
+        let sum = |bits: [u64; 3]| bits.into_iter().map(u128::from).sum::<u128>(); // totals from outside may be anything
+        sum([self.initial_bits, self.sampled_bits, 0]) == sum([self.delivered_bits, self.lost_bits, self.queued_bits])
     }
 }
 
@@ -53,6 +55,22 @@ impl Ledger {
         let totals = Totals { initial_bits: queued_bits, queued_bits, ..Totals::default() };
         let delivered_bits = vec![0; queues_bits.len()];
         Self { capacity_bits, queues_bits, delivered_bits, totals }
+    }
+
+    /// Takes over the state of another ledger of this field, if it can be one: as many queues, none above the storage,
+    /// and every bit accounted for. Says whether it did. What each sensor node has delivered counts from here.
+    #[must_use]
+    pub fn take_over(&mut self, queues_bits: &[u32], totals: Totals) -> bool {
+        let queued_bits: u64 = queues_bits.iter().copied().map(u64::from).sum();
+        let possible = queues_bits.len() == self.queues_bits.len()
+            && queues_bits.iter().all(|&queue| queue <= self.capacity_bits)
+            && queued_bits == totals.queued_bits
+            && totals.balanced();
+        if possible {
+            self.queues_bits.copy_from_slice(queues_bits);
+            self.totals = totals;
+        }
+        possible
     }
 
     /// Queue lengths [bit], by sensor node.
@@ -124,6 +142,31 @@ mod tests {
         assert_eq!(ledger.upload(0, 500), 200);
         assert_eq!(ledger.upload(0, 500), 0);
         assert_eq!(ledger.totals().delivered_bits, 700);
+    }
+
+    #[test]
+    fn only_a_possible_state_is_taken_over() {
+        let mut ledger = Ledger::new(10, vec![1, 2]);
+        let totals = Totals {
+            initial_bits: 3,
+            sampled_bits: 9,
+            delivered_bits: 4,
+            lost_bits: 1,
+            queued_bits: 7,
+            ..Totals::default()
+        };
+        for (queues, totals) in [
+            (&[7][..], totals),
+            (&[3, 3], totals),
+            (&[11, 0], Totals { sampled_bits: 13, queued_bits: 11, ..totals }),
+            (&[3, 4], Totals { lost_bits: 2, ..totals }),
+            (&[3, 4], Totals { delivered_bits: u64::MAX, lost_bits: u64::MAX, ..totals }),
+        ] {
+            assert!(!ledger.take_over(queues, totals), "{queues:?}");
+            assert_eq!(ledger, Ledger::new(10, vec![1, 2]));
+        }
+        assert!(ledger.take_over(&[3, 4], totals));
+        assert_eq!((ledger.queues_bits(), *ledger.totals()), (&[3, 4][..], totals));
     }
 
     #[test]

@@ -3,7 +3,12 @@
 //!
 //! It decides nothing: scheduling, flight and bookkeeping live in the crates that depend on this one.
 
+pub mod claim;
+pub mod dead;
 pub mod geometry;
+pub mod health;
+pub mod janitor;
+pub mod journal;
 pub mod ledger;
 pub mod link;
 pub mod los;
@@ -12,6 +17,7 @@ pub mod node;
 pub mod pace;
 pub mod random;
 pub mod reader;
+pub mod refusals;
 pub mod ring;
 pub mod ring_folder;
 pub mod scenario;

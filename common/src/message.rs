@@ -3,6 +3,7 @@
 //! Plain `repr(C)` numbers without implicit padding, so that any language can read them; what a number means to a
 //! Rust program is said by the accessors, which never trust it. The layout's version is in each type name.
 
+use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
 pub use crate::ledger::Totals;
@@ -220,7 +221,7 @@ impl Plan {
 
 /// One served link of a slot.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend, Pod, Zeroable)]
 #[type_name("skysink.LinkReport.v1")]
 pub struct LinkReport {
     /// The sensor node.
@@ -272,7 +273,7 @@ impl HoldReason {
 
 /// Payload of `flight`: where the UAV is after the slot, and what each of its links can carry.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
+#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend, Pod, Zeroable)]
 #[type_name("skysink.FlightReport.v1")]
 pub struct FlightReport {
     /// Position, east [m].

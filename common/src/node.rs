@@ -8,6 +8,7 @@ use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::Service;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
+use crate::claim::Claim;
 use crate::ring::RingError;
 use crate::scenario::ScenarioError;
 use crate::sensors::SensorListError;
@@ -28,6 +29,21 @@ pub enum Role {
 }
 
 impl Role {
+    /// Every process, by its number in messages.
+    pub const ALL: [Self; 5] = [Self::FieldSim, Self::FlightSim, Self::Planner, Self::Viewer, Self::Launcher];
+
+    /// The number in messages.
+    #[must_use]
+    pub fn code(self) -> u32 {
+        self as u32
+    }
+
+    /// The process of a number.
+    #[must_use]
+    pub fn of_code(code: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|role| role.code() == code)
+    }
+
     /// The name of the executable.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -80,10 +96,11 @@ impl NodeError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Stopped(signal) => u8::try_from(128 + signal).unwrap_or(1),
-            Self::Scenario(_) | Self::Sensors(_) | Self::Ring(RingError::Folder { .. } | RingError::Differs { .. }) => {
-                2
-            }
-            Self::TimedOut { .. } | Self::Orphaned | Self::Peer(_) | Self::Ring(_) => 1,
+            Self::Scenario(_)
+            | Self::Sensors(_)
+            | Self::Peer(_)
+            | Self::Ring(RingError::Folder { .. } | RingError::Differs { .. } | RingError::Taken { .. }) => 2,
+            Self::TimedOut { .. } | Self::Orphaned | Self::Ring(_) => 1,
         }
     }
 }
@@ -133,20 +150,26 @@ pub struct Patience {
     stop: Stop,
     supervisor: Option<Supervisor>,
     supervised: Instant,
+    claim: Option<Claim>,
     timeout: Duration,
 }
 
-/// How long a wait sleeps before it looks around, at first and once the ring turns.
-const LOOK_AROUND: [Duration; 2] = [Duration::from_millis(10), Duration::from_millis(100)];
+/// How long a wait sleeps before it looks around: somebody may have just joined, and a ring that stands still should not
+/// wait for long.
+const LOOK_AROUND: Duration = Duration::from_millis(10);
+
+/// How long a sleep lasts before the stop is looked at.
+const DOZE: Duration = Duration::from_millis(100);
 
 /// How often the supervisor's lock is tried.
 const SUPERVISOR_CHECK: Duration = Duration::from_millis(500);
 
 impl Patience {
-    /// Waits that end with `stop`, with the death of `supervisor`, or after `timeout` without the message.
+    /// Waits that end with `stop`, with the death of `supervisor`, or after `timeout` without the message, and that show
+    /// by `claim` that the process is alive.
     #[must_use]
-    pub fn new(stop: Stop, supervisor: Option<Supervisor>, timeout: Duration) -> Self {
-        Self { stop, supervisor, supervised: Instant::now(), timeout }
+    pub fn new(stop: Stop, supervisor: Option<Supervisor>, claim: Option<Claim>, timeout: Duration) -> Self {
+        Self { stop, supervisor, supervised: Instant::now(), claim, timeout }
     }
 
     /// The request to stop.
@@ -172,16 +195,15 @@ impl Patience {
         mut idle: impl FnMut() -> Result<(), E>,
     ) -> Result<T, E> {
         let start = Instant::now();
-        let nap = LOOK_AROUND[usize::from(slot > 1)];
-        let mut idled = start;
+        let (mut idled, mut now) = (start, start);
         loop {
             if let Some(found) = look(reader)? {
                 return Ok(found);
             }
-            self.check(Instant::now())?;
-            let _ = bell(reader).timed_wait(|_| {}, nap); // an interrupted wait is a short one
-            let now = Instant::now();
-            if now - idled >= nap {
+            self.check(now)?;
+            let _ = bell(reader).timed_wait(|_| {}, LOOK_AROUND); // an interrupted wait is a short one
+            now = Instant::now();
+            if now - idled >= LOOK_AROUND {
                 idled = now;
                 idle()?;
             }
@@ -192,9 +214,12 @@ impl Patience {
         }
     }
 
-    /// Fails once a stop is requested or the supervisor is dead.
+    /// Shows that the process is alive; fails once a stop is requested or the supervisor is dead.
     fn check(&mut self, now: Instant) -> Result<(), NodeError> {
         self.stop.check()?;
+        if let Some(claim) = &mut self.claim {
+            claim.beat(now);
+        }
         if let Some(supervisor) = &mut self.supervisor
             && now - self.supervised >= SUPERVISOR_CHECK
         {
@@ -218,7 +243,7 @@ impl Patience {
             if remaining.is_zero() {
                 return Ok(());
             }
-            std::thread::sleep(remaining.min(LOOK_AROUND[1]));
+            std::thread::sleep(remaining.min(DOZE));
         }
     }
 }

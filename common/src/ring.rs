@@ -9,17 +9,21 @@ use std::time::Duration;
 use iceoryx2::prelude::*;
 use rustix::time::{ClockId, clock_gettime};
 
+use crate::claim::Claim;
+use crate::dead::purge_dead_nodes;
+use crate::journal::JournalError;
 use crate::message::SlotHeader;
 use crate::node::{Patience, Role, Stop};
+use crate::refusals::Refusals;
 use crate::ring_folder::{RingFolder, Terms};
 use crate::scenario::Scenario;
 use crate::topic::{
-    COMMIT, CommitTopic, FLIGHT, FlightTopic, PLAN, PlanTopic, QUEUES, QueuesTopic, RING_BUFFER, SENSORS, SensorsTopic,
-    Topic, VIEWER_BUFFER,
+    COMMIT, CommitTopic, FLIGHT, FlightTopic, HEALTH, HealthTopic, Member, PLAN, PlanTopic, QUEUES, QueuesTopic,
+    RING_BUFFER, SENSORS, SensorsTopic, Topic, VIEWER_BUFFER,
 };
 
 /// Version of the messages and of what they mean; processes of different versions do not meet.
-pub const SCHEMA: &str = "1";
+pub const SCHEMA: &str = "2";
 
 /// Event by which the viewer says that it is connected to every writer, on the topic `commit`.
 pub const VIEWER_READY: usize = 11;
@@ -49,6 +53,17 @@ pub enum RingError {
         /// What to do.
         remedy: &'static str,
     },
+    /// Another process has the place.
+    #[error("ring {folder}: there is a {} already: end it first", role.name())]
+    Taken {
+        /// The folder.
+        folder: String,
+        /// The place.
+        role: Role,
+    },
+    /// A process cannot remember.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
     /// A reader is stuck.
     #[error(
         "topic {topic}: a reader has not taken its samples for {seconds} s: is one stopped, or the viewer too slow?"
@@ -92,6 +107,12 @@ pub struct Ring<S: Service + 'static> {
     pub flight: FlightTopic<S>,
     /// The slots on record.
     pub commit: CommitTopic<S>,
+    /// What becomes of the processes.
+    pub health: HealthTopic<S>,
+    /// What this process did not accept.
+    pub refusals: Refusals,
+    /// How often its place was taken before.
+    epoch: u32,
     node: Node<S>,
 }
 
@@ -104,46 +125,56 @@ impl<S: Service + 'static> Ring<S> {
         let terms = folder.terms();
         let node = node::<S>(folder, Role::Launcher)?;
         let agreed = attributes(&terms, scenario)?;
+        let member = Member { mission: terms.mission, refusals: Refusals::new(None) };
         Ok(Self {
             terms,
-            sensors: Topic::create_list(&node, SENSORS, RING_BUFFER, &agreed)?,
-            queues: Topic::create_list(&node, QUEUES, VIEWER_BUFFER, &agreed)?,
-            plan: Topic::create(&node, PLAN, VIEWER_BUFFER, &agreed)?,
-            flight: Topic::create(&node, FLIGHT, VIEWER_BUFFER, &agreed)?,
-            commit: Topic::create(&node, COMMIT, RING_BUFFER, &agreed)?,
+            sensors: Topic::create_list(&node, &member, SENSORS, RING_BUFFER, &agreed)?,
+            queues: Topic::create_list(&node, &member, QUEUES, VIEWER_BUFFER, &agreed)?,
+            plan: Topic::create(&node, &member, PLAN, VIEWER_BUFFER, &agreed)?,
+            flight: Topic::create(&node, &member, FLIGHT, VIEWER_BUFFER, &agreed)?,
+            commit: Topic::create(&node, &member, COMMIT, RING_BUFFER, &agreed)?,
+            health: Topic::create(&node, &member, HEALTH, VIEWER_BUFFER, &agreed)?,
+            refusals: member.refusals,
+            epoch: 0,
             node,
         })
     }
 
-    /// Opens the ring in its folder, as `role`, and checks that it flies `scenario`.
+    /// Opens the ring in its folder, in the place `claim` of `role`, and checks that it flies `scenario`.
     ///
     /// # Errors
     /// If the ring is not there or flies another scenario.
-    pub fn open(folder: &RingFolder, scenario: &Scenario, role: Role) -> Result<Self, RingError> {
+    pub fn open(folder: &RingFolder, scenario: &Scenario, role: Role, claim: &Claim) -> Result<Self, RingError> {
         let terms = folder.terms();
         let node = node::<S>(folder, role)?;
-        let sensors = Topic::open_list(&node, SENSORS)?;
+        // The ring's own processes say what they refuse; the viewer only looks on.
+        let speaker = Some(role).filter(|&role| role != Role::Viewer);
+        let member = Member { mission: terms.mission, refusals: Refusals::new(speaker) };
+        let sensors = Topic::open_list(&node, &member, SENSORS)?;
         agree(folder, sensors.terms(), scenario)?;
         Ok(Self {
             terms,
             sensors,
-            queues: Topic::open_list(&node, QUEUES)?,
-            plan: Topic::open(&node, PLAN)?,
-            flight: Topic::open(&node, FLIGHT)?,
-            commit: Topic::open(&node, COMMIT)?,
+            queues: Topic::open_list(&node, &member, QUEUES)?,
+            plan: Topic::open(&node, &member, PLAN)?,
+            flight: Topic::open(&node, &member, FLIGHT)?,
+            commit: Topic::open(&node, &member, COMMIT)?,
+            health: Topic::open(&node, &member, HEALTH)?,
+            refusals: member.refusals,
+            epoch: claim.epoch(),
             node,
         })
     }
 
-    /// Frees what processes that died have left behind.
+    /// Frees what processes that died have left behind; the launcher does. What it cannot free goes with the folder.
     pub fn remove_dead_nodes(&self) {
-        let _ = self.node.try_cleanup_dead_nodes(); // what it cannot free goes with the folder
+        purge_dead_nodes::<S>(self.node.config());
     }
 
     /// A header of this run, sent now.
     #[must_use]
     pub fn header(&self, slot: u64, flags: u32) -> SlotHeader {
-        SlotHeader { mission: self.terms.mission, slot, epoch: 0, flags, sent_ns: monotonic_ns() }
+        SlotHeader { mission: self.terms.mission, slot, epoch: self.epoch, flags, sent_ns: monotonic_ns() }
     }
 
     /// How long a process of this run waits for another.
@@ -152,12 +183,12 @@ impl<S: Service + 'static> Ring<S> {
         Duration::from_secs_f64(self.terms.timeout_s)
     }
 
-    /// The patience of a process of this run.
+    /// The patience of a process of this run, which shows by its claim that it is alive; the launcher has none.
     ///
     /// # Errors
     /// If the supervisor's lock is not there.
-    pub fn patience(&self, folder: &RingFolder, stop: &Stop) -> Result<Patience, RingError> {
-        Ok(Patience::new(stop.clone(), folder.supervisor()?, self.timeout()))
+    pub fn patience(&self, folder: &RingFolder, claim: Option<Claim>, stop: &Stop) -> Result<Patience, RingError> {
+        Ok(Patience::new(stop.clone(), folder.supervisor()?, claim, self.timeout()))
     }
 }
 

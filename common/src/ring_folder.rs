@@ -12,12 +12,13 @@ use iceoryx2::prelude::{Config, FileName, Path as IceoryxPath, SemanticString};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
-use crate::node::Supervisor;
+use crate::claim::Claim;
+use crate::node::{Role, Supervisor};
 use crate::pace::Pace;
 use crate::ring::{RingError, short_enough};
 
 /// Where iceoryx2 keeps its shared memory on Linux.
-const SHARED_MEMORY: &str = "/dev/shm";
+pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
 
 /// What all processes of a run are told, in `ring.toml`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -145,8 +146,23 @@ impl RingFolder {
         Ok(Some(Supervisor::new(lock)))
     }
 
+    /// Takes the place of `role` in the ring, for as long as the claim lives.
+    ///
+    /// # Errors
+    /// If another process has it.
+    pub fn claim(&self, role: Role) -> Result<Claim, RingError> {
+        Claim::take(&self.path, role)
+    }
+
+    /// Where a process keeps the journal `name`.
+    #[must_use]
+    pub fn journal(&self, name: &str) -> PathBuf {
+        self.path.join(format!("{name}.journal"))
+    }
+
     /// Beginning of the names of the run's shared-memory files.
-    fn prefix(&self) -> String {
+    #[must_use]
+    pub fn prefix(&self) -> String {
         prefix(&self.path)
     }
 

@@ -238,6 +238,8 @@ pub struct Overrides {
     pub seed: Option<u64>,
     /// Instead of `planner.strategy`.
     pub strategy: Option<Strategy>,
+    /// Instead of `slots`; `uav.endurance_s` becomes at least as long as they last.
+    pub slots: Option<u64>,
 }
 
 impl Scenario {
@@ -267,6 +269,10 @@ impl Scenario {
         let mut raw: raw::Scenario = toml::from_str(text).map_err(|error| malformed(&error, text, path))?;
         raw.seed = overrides.seed.unwrap_or(raw.seed);
         raw.planner.strategy = overrides.strategy.unwrap_or(raw.planner.strategy);
+        if let Some(slots) = overrides.slots {
+            raw.slots = slots;
+            raw.uav.endurance_s = raw.uav.endurance_s.max(slots as f64 * raw.slot_s);
+        }
         check::check(raw, path)
     }
 

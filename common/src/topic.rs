@@ -1,6 +1,8 @@
 //! The table of topics: a publish-subscribe service and an event service of the same name for each.
 
+use std::collections::VecDeque;
 use std::fmt::Debug;
+use std::rc::Rc;
 use std::time::Duration;
 
 use iceoryx2::port::listener::Listener;
@@ -10,10 +12,13 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::builder::publish_subscribe as publish_subscribe_builder;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 
+use crate::dead::remove_dead_nodes;
+use crate::health::Health;
 use crate::message::{Commit, FlightReport, Plan, QueuesHeader, SensorNode, SlotHeader};
 use crate::node::{Role, Stop};
 use crate::pace::Pace;
-use crate::reader::Reader;
+use crate::reader::{Door, MAX_EARLY, Reader};
+use crate::refusals::Refusals;
 use crate::ring::RingError;
 use crate::writer::Writer;
 
@@ -26,8 +31,8 @@ pub const VIEWER_BUFFER: usize = 64;
 /// Samples that a late joiner still gets: slot 1 may be flown before the last process has seen the state before it.
 const HISTORY: usize = 2;
 
-/// Samples that a reader holds at once: one it works on, one that came early.
-const MAX_BORROWED: usize = 4;
+/// Samples that a reader holds at once: one it works on, and those that came early.
+const MAX_BORROWED: usize = MAX_EARLY + 1;
 
 /// Readers of a topic: the ring, the viewer, and room for programs from outside.
 const MAX_READERS: usize = 8;
@@ -68,6 +73,16 @@ pub(crate) const QUEUES: Name = ("queues", Role::FieldSim);
 pub(crate) const PLAN: Name = ("plan", Role::Planner);
 pub(crate) const FLIGHT: Name = ("flight", Role::FlightSim);
 pub(crate) const COMMIT: Name = ("commit", Role::Launcher);
+pub(crate) const HEALTH: Name = ("health", Role::Launcher);
+
+/// What a process brings to each of its topics.
+#[derive(Debug, Clone)]
+pub(crate) struct Member {
+    /// The run it takes part in.
+    pub(crate) mission: u64,
+    /// Where it counts what it does not accept.
+    pub(crate) refusals: Refusals,
+}
 
 /// A topic of the ring.
 #[derive(Debug)]
@@ -75,8 +90,9 @@ pub struct Topic<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static
     name: &'static str,
     from: Role,
     config: Config,
-    data: publish_subscribe::PortFactory<S, P, H>,
+    data: Rc<Data<S, P, H>>,
     event: event::PortFactory<S>,
+    member: Member,
 }
 
 /// `sensors`: every sensor node, once.
@@ -89,12 +105,34 @@ pub type PlanTopic<S> = Topic<S, Plan, SlotHeader>;
 pub type FlightTopic<S> = Topic<S, FlightReport, SlotHeader>;
 /// `commit`: the slot is on record.
 pub type CommitTopic<S> = Topic<S, Commit, SlotHeader>;
+/// `health`: what becomes of the processes.
+pub type HealthTopic<S> = Topic<S, Health, SlotHeader>;
+
+/// What a writer does about a reader whose buffer is full.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Full {
+    /// Waits for it: nothing is lost.
+    Wait,
+    /// Goes on, and the reader misses the sample.
+    Miss,
+}
+
+impl Full {
+    /// In lock-step everybody waits, in paced runs nobody.
+    #[must_use]
+    pub fn of(pace: Pace) -> Self {
+        match pace {
+            Pace::Max => Self::Wait,
+            Pace::Factor(_) => Self::Miss,
+        }
+    }
+}
 
 /// What makes or opens the publish-subscribe service of a topic.
 type Builder<S, P, H> = publish_subscribe_builder::Builder<P, H, S>;
 
 /// A publish-subscribe service.
-type Data<S, P, H> = publish_subscribe::PortFactory<S, P, H>;
+pub(crate) type Data<S, P, H> = publish_subscribe::PortFactory<S, P, H>;
 
 impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header> Topic<S, P, H> {
     /// The builder that makes the topic's service for readers with room for `buffer` samples.
@@ -115,17 +153,17 @@ impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header>
     }
 
     /// The topic whose service has just been made, with its event.
-    fn made(node: &Node<S>, (name, from): Name, data: Data<S, P, H>) -> Result<Self, RingError> {
+    fn made(node: &Node<S>, member: &Member, (name, from): Name, data: Data<S, P, H>) -> Result<Self, RingError> {
         let event = node.service_builder(&service_name(name)?).event().max_nodes(MAX_NODES);
         let event = event.create().map_err(|error| RingError::topic(name, "create its event", &error))?;
-        Ok(Self { name, from, config: node.config().clone(), data, event })
+        Ok(Self { name, from, config: node.config().clone(), data: Rc::new(data), event, member: member.clone() })
     }
 
     /// The topic whose service has just been opened, with its event.
-    fn opened(node: &Node<S>, (name, from): Name, data: Data<S, P, H>) -> Result<Self, RingError> {
+    fn opened(node: &Node<S>, member: &Member, (name, from): Name, data: Data<S, P, H>) -> Result<Self, RingError> {
         let event = node.service_builder(&service_name(name)?).event();
         let event = event.open().map_err(|error| RingError::topic(name, "open its event", &error))?;
-        Ok(Self { name, from, config: node.config().clone(), data, event })
+        Ok(Self { name, from, config: node.config().clone(), data: Rc::new(data), event, member: member.clone() })
     }
 
     /// The terms under which the topic was made.
@@ -146,7 +184,18 @@ impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header>
             .buffer_size(buffer)
             .create()
             .map_err(|error| RingError::topic(self.name, "read", &error))?;
-        Ok(Reader { name: self.name, from: self.from, subscriber, bell, early: None })
+        let door = Door {
+            name: self.name,
+            mission: self.member.mission,
+            config: self.config.clone(),
+            data: Rc::clone(&self.data),
+            refusals: self.member.refusals.clone(),
+            several: self.name == HEALTH.0,
+            writer: None,
+            stranger: None,
+        };
+        let early = VecDeque::with_capacity(MAX_EARLY);
+        Ok(Reader { name: self.name, from: self.from, subscriber, bell, early, door })
     }
 
     /// The wake-ups of the topic, without its samples.
@@ -171,20 +220,19 @@ impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header>
         self.event.notifier_builder().create().map_err(|error| RingError::topic(self.name, "notify", &error))
     }
 
-    /// What a writer does about a reader whose buffer is full: in lock-step it waits, in paced runs it goes on.
     fn backpressure(
         &self,
-        pace: Pace,
+        full: Full,
         stop: &Stop,
         timeout: Duration,
     ) -> impl Fn(&BackpressureInfo) -> BackpressureAction + use<S, P, H> {
         let (config, stop) = (self.config.clone(), stop.clone());
-        move |info| match pace {
-            Pace::Factor(_) => BackpressureAction::DiscardData,
-            Pace::Max if stop.requested().is_some() || info.elapsed_time > timeout => {
+        move |info| match full {
+            Full::Miss => BackpressureAction::DiscardData,
+            Full::Wait if stop.requested().is_some() || info.elapsed_time > timeout => {
                 BackpressureAction::DiscardDataAndFail
             }
-            Pace::Max => {
+            Full::Wait => {
                 if info.elapsed_time > CLEAN_UP_AFTER {
                     remove_dead_nodes::<S>(&config);
                 }
@@ -199,44 +247,35 @@ fn service_name(name: &'static str) -> Result<ServiceName, RingError> {
     ServiceName::new(&format!("skysink/{name}")).map_err(|error| RingError::topic(name, "name", &error))
 }
 
-/// Frees what processes that died have left behind; a writer would wait for their buffers for ever.
-pub fn remove_dead_nodes<S: Service>(config: &Config) {
-    let _ = Node::<S>::list(config, |state| {
-        if let NodeState::Dead(node) = state {
-            let _ = node.try_remove_stale_resources(); // another process may have been quicker
-        }
-        CallbackProgression::Continue
-    });
-}
-
 impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> Topic<S, P, H> {
     /// Makes a topic of single messages; the launcher does, and holds it for the whole run.
     pub(crate) fn create(
         node: &Node<S>,
+        member: &Member,
         (name, from): Name,
         buffer: usize,
         terms: &AttributeSpecifier,
     ) -> Result<Self, RingError> {
         let data = Self::maker(node, name, buffer)?.create_with_attributes(terms);
-        Self::made(node, (name, from), data.map_err(|error| RingError::topic(name, "create it", &error))?)
+        Self::made(node, member, (name, from), data.map_err(|error| RingError::topic(name, "create it", &error))?)
     }
 
     /// Opens the topic that the launcher made.
-    pub(crate) fn open(node: &Node<S>, (name, from): Name) -> Result<Self, RingError> {
+    pub(crate) fn open(node: &Node<S>, member: &Member, (name, from): Name) -> Result<Self, RingError> {
         let data = Self::opener(node, name)?.open();
-        Self::opened(node, (name, from), data.map_err(|error| RingError::topic(name, "open it", &error))?)
+        Self::opened(node, member, (name, from), data.map_err(|error| RingError::topic(name, "open it", &error))?)
     }
 
     /// A writer of single messages.
     ///
     /// # Errors
     /// If all writers' places are taken, or the system refuses.
-    pub fn writer(&self, pace: Pace, stop: &Stop, timeout: Duration) -> Result<Writer<S, P, H>, RingError> {
+    pub fn writer(&self, full: Full, stop: &Stop, timeout: Duration) -> Result<Writer<S, P, H>, RingError> {
         let publisher = self
             .data
             .publisher_builder()
             .max_loaned_samples(1)
-            .set_backpressure_handler(self.backpressure(pace, stop, timeout))
+            .set_backpressure_handler(self.backpressure(full, stop, timeout))
             .create()
             .map_err(|error| RingError::topic(self.name, "write", &error))?;
         Ok(Writer { name: self.name, publisher, notifier: self.notifier()?, timeout })
@@ -247,18 +286,19 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
     /// Makes a topic of lists; the launcher does, and holds it for the whole run.
     pub(crate) fn create_list(
         node: &Node<S>,
+        member: &Member,
         (name, from): Name,
         buffer: usize,
         terms: &AttributeSpecifier,
     ) -> Result<Self, RingError> {
         let data = Self::maker(node, name, buffer)?.create_with_attributes(terms);
-        Self::made(node, (name, from), data.map_err(|error| RingError::topic(name, "create it", &error))?)
+        Self::made(node, member, (name, from), data.map_err(|error| RingError::topic(name, "create it", &error))?)
     }
 
     /// Opens the topic that the launcher made.
-    pub(crate) fn open_list(node: &Node<S>, (name, from): Name) -> Result<Self, RingError> {
+    pub(crate) fn open_list(node: &Node<S>, member: &Member, (name, from): Name) -> Result<Self, RingError> {
         let data = Self::opener(node, name)?.open();
-        Self::opened(node, (name, from), data.map_err(|error| RingError::topic(name, "open it", &error))?)
+        Self::opened(node, member, (name, from), data.map_err(|error| RingError::topic(name, "open it", &error))?)
     }
 
     /// A writer of lists of at most `len` elements.
@@ -268,7 +308,7 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
     pub fn list_writer(
         &self,
         len: usize,
-        pace: Pace,
+        full: Full,
         stop: &Stop,
         timeout: Duration,
     ) -> Result<Writer<S, [T], H>, RingError> {
@@ -277,7 +317,7 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
             .publisher_builder()
             .initial_max_slice_len(len)
             .max_loaned_samples(1)
-            .set_backpressure_handler(self.backpressure(pace, stop, timeout))
+            .set_backpressure_handler(self.backpressure(full, stop, timeout))
             .create()
             .map_err(|error| RingError::topic(self.name, "write", &error))?;
         Ok(Writer { name: self.name, publisher, notifier: self.notifier()?, timeout })

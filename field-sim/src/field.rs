@@ -67,6 +67,13 @@ impl Field {
         Ok(bits)
     }
 
+    /// Takes over a state that this field was in, if it can have been; says whether it did. The mission's bits are all
+    /// there; what each sensor node has delivered counts from here.
+    #[must_use]
+    pub fn take_over(&mut self, queues_bits: &[u32], totals: Totals) -> bool {
+        self.ledger.take_over(queues_bits, totals)
+    }
+
     /// Queue lengths [bit], by sensor node.
     #[must_use]
     pub fn queues_bits(&self) -> &[u32] {

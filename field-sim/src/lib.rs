@@ -4,6 +4,7 @@
 
 pub mod arrivals;
 pub mod field;
+pub mod memory;
 pub mod node;
 
 pub use field::{Field, FieldError, SlotBits};

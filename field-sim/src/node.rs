@@ -3,62 +3,79 @@
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
-use skysink_common::message::{FLAG_END, FLAG_TICK, QueuesHeader};
+use skysink_common::message::{FLAG_END, FLAG_TICK, QueuesHeader, SlotHeader};
 use skysink_common::node::{NodeError, Role, Stop};
-use skysink_common::ring::Ring;
+use skysink_common::ring::{Ring, RingError};
 use skysink_common::ring_folder::RingFolder;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::topic::RING_BUFFER;
+use skysink_common::topic::{Full, RING_BUFFER};
 
 use crate::field::{Field, SlotBits};
+use crate::memory::{Memory, Reached};
 
-/// Turns the ring until the mission ends.
+/// Turns the ring until the mission ends. Started again, it goes on where it was killed: it publishes the last two slots
+/// that it remembers once more, because a peer may have died without them.
 ///
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
     let list = SensorList::of(scenario)?;
-    let ring = Ring::<S>::open(folder, scenario, Role::FieldSim)?;
-    let mut patience = ring.patience(folder, stop)?;
-    let (pace, timeout) = (ring.terms.pace, ring.timeout());
-    let sensors = ring.sensors.list_writer(list.sensors().len(), pace, stop, timeout)?;
-    let queues = ring.queues.list_writer(list.sensors().len(), pace, stop, timeout)?;
+    let claim = folder.claim(Role::FieldSim)?;
+    let ring = Ring::<S>::open(folder, scenario, Role::FieldSim, &claim)?;
+    let mut patience = ring.patience(folder, Some(claim), stop)?;
+    let (pace, full, timeout) = (ring.terms.pace, Full::of(ring.terms.pace), ring.timeout());
+    let sensors = ring.sensors.list_writer(list.sensors().len(), full, stop, timeout)?;
+    let queues = ring.queues.list_writer(list.sensors().len(), full, stop, timeout)?;
     let mut flights = ring.flight.reader(RING_BUFFER)?;
     let mut commits = ring.commit.reader(RING_BUFFER)?;
 
     let mut field = Field::new(scenario, &list);
+    let memory = Memory::open(folder, list.sensors().len()).map_err(RingError::from)?;
+    let (mut reached, mut remembered) = memory.recall(&mut field).map_err(RingError::from)?;
     let header = |slot, flags, field: &Field, bits: SlotBits| QueuesHeader {
         head: ring.header(slot, flags),
         totals: *field.totals(),
         delivered_bits: bits.delivered_bits,
         lost_bits: bits.lost_bits,
     };
+    let send = |reached: Reached, field: &Field| {
+        let end = if reached.slot == scenario.slots { FLAG_END } else { 0 };
+        queues.send_list(header(reached.slot, end, field, reached.bits), field.queues_bits())
+    };
     let serve_joiners = || -> Result<(), NodeError> {
         sensors.serve_joiners()?;
         Ok(queues.serve_joiners()?)
     };
     sensors.send_list(ring.header(0, 0), &list.nodes(scenario.sensors.capacity_bits))?;
-    queues.send_list(header(0, 0, &field, SlotBits::default()), field.queues_bits())?;
+    send(reached, &field)?;
 
     let mut clock = pace.period(scenario.slot_s).map(Clock::new);
-    for slot in 1..=scenario.slots {
-        if let Some(clock) = &mut clock {
-            if slot == 1 {
-                commits.wait_until_there(&mut patience, 0, serve_joiners)?; // everybody is here
-                clock.start();
+    for slot in reached.slot + 1..=scenario.slots {
+        let flight = match remembered.take() {
+            Some(flight) => flight,
+            None => {
+                if let Some(clock) = &mut clock {
+                    if !clock.started {
+                        commits.wait_until_there(&mut patience, slot - 1, serve_joiners)?; // everybody is here
+                        clock.start();
+                    }
+                    patience.sleep_until(clock.next_slot())?;
+                    queues.send_list(header(slot, FLAG_TICK, &field, SlotBits::default()), &[])?;
+                }
+                *flights.wait(&mut patience, slot, serve_joiners)?.payload()
             }
-            patience.sleep_until(clock.next_slot())?;
-            queues.send_list(header(slot, FLAG_TICK, &field, SlotBits::default()), &[])?;
-        }
-        let flight = flights.wait(&mut patience, slot, serve_joiners)?;
-        let bits = field.step(slot, flight.payload()).map_err(|error| NodeError::Peer(error.to_string()))?;
-        drop(flight);
+        };
+        let bits = field.step(slot, &flight).map_err(|error| NodeError::Peer(error.to_string()))?;
+        memory.add(slot, &flight).map_err(RingError::from)?;
         commits.wait(&mut patience, slot - 1, serve_joiners)?;
-        let end = if slot == scenario.slots { FLAG_END } else { 0 };
-        queues.send_list(header(slot, end, &field, bits), field.queues_bits())?;
+        reached = Reached { slot, bits };
+        send(reached, &field)?;
+        memory.rest(reached, &field).map_err(RingError::from)?;
     }
-    commits.wait(&mut patience, scenario.slots, serve_joiners)?;
+    // The others end with the last queues; those who are started again must find them.
+    let ended = |header: &SlotHeader| header.flags & FLAG_END != 0;
+    commits.wait_for(&mut patience, scenario.slots, ended, serve_joiners)?;
     Ok(())
 }
 
@@ -66,15 +83,17 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
 struct Clock {
     period: Duration,
     next: Instant,
+    started: bool,
 }
 
 impl Clock {
     fn new(period: Duration) -> Self {
-        Self { period, next: Instant::now() }
+        Self { period, next: Instant::now(), started: false }
     }
 
-    /// Slot 1 begins one period from now, so that its plan has as much time as any other.
+    /// The first slot begins one period from now, so that its plan has as much time as any other.
     fn start(&mut self) {
+        self.started = true;
         self.next = Instant::now() + self.period;
     }
 

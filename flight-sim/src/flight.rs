@@ -44,6 +44,11 @@ impl Flight {
         self.report(Mode::Hold)
     }
 
+    /// Puts the UAV where a flight of this mission has ended.
+    pub fn take_over(&mut self, report: &FlightReport) {
+        self.vehicle.take_over(report.position(), report.z_m);
+    }
+
     /// Flies `slot`, from 1. Without a plan, and with an impossible waypoint, the UAV holds and serves nobody; a sensor
     /// node that is unknown, out of range (UTS eq. 5), named before, or beyond the n resource blocks (UTS eq. 6) is not
     /// served. Every refusal is counted.

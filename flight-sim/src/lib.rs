@@ -3,6 +3,7 @@
 //! It never trusts the planner. The queues are field-sim's.
 
 pub mod flight;
+pub mod memory;
 pub mod node;
 pub mod vehicle;
 

@@ -1,25 +1,29 @@
 //! flight-sim as a process of the ring: waits for the plan, or for the slot to begin, and publishes the flight.
 
 use iceoryx2::prelude::Service;
-use skysink_common::message::{FLAG_END, FLAG_TICK, QueuesHeader};
+use skysink_common::message::{FLAG_END, FlightReport, HoldReason, QueuesHeader};
 use skysink_common::node::{NodeError, Role, Stop};
 use skysink_common::pace::Pace;
-use skysink_common::ring::Ring;
+use skysink_common::refusals::{Refusal, Refusals};
+use skysink_common::ring::{Ring, RingError};
 use skysink_common::ring_folder::RingFolder;
 use skysink_common::scenario::Scenario;
-use skysink_common::topic::RING_BUFFER;
+use skysink_common::topic::{Full, RING_BUFFER};
 
 use crate::flight::Flight;
+use crate::memory::Memory;
 
-/// Flies until the mission ends.
+/// Flies until the mission ends. Started again, it goes on where it was killed: what was flown stays flown, and the last
+/// two flights are published once more, because a peer may have died without them.
 ///
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
-    let ring = Ring::<S>::open(folder, scenario, Role::FlightSim)?;
-    let mut patience = ring.patience(folder, stop)?;
+    let claim = folder.claim(Role::FlightSim)?;
+    let ring = Ring::<S>::open(folder, scenario, Role::FlightSim, &claim)?;
+    let mut patience = ring.patience(folder, Some(claim), stop)?;
     let pace = ring.terms.pace;
-    let flights = ring.flight.writer(pace, stop, ring.timeout())?;
+    let flights = ring.flight.writer(Full::of(pace), stop, ring.timeout())?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let mut plans = ring.plan.reader(RING_BUFFER)?;
     let mut queues = ring.queues.reader(RING_BUFFER)?;
@@ -27,23 +31,48 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
 
     let nodes = sensors.wait_for(&mut patience, 0, |_| true, serve_joiners)?;
     let mut flight = Flight::new(scenario, nodes.payload());
-    flights.send(ring.header(0, 0), flight.start())?;
-    for slot in 1..=scenario.slots {
+    let memory = Memory::open(folder).map_err(RingError::from)?;
+    let mut flown = memory.recall().map_err(RingError::from)?;
+    match flown.last() {
+        Some((_, report)) => flight.take_over(report),
+        None => flown.push((0, flight.start())),
+    }
+    let mut next = 0;
+    for (slot, report) in flown {
+        flights.send(ring.header(slot, 0), report)?;
+        next = slot + 1;
+    }
+    for slot in next..=scenario.slots {
         let plan = match pace {
             Pace::Max => {
                 while queues.receive()?.is_some() {} // not needed, but the writer must never wait for this reader
                 Some(plans.wait(&mut patience, slot, serve_joiners)?)
             }
             Pace::Factor(_) => {
-                let begins = |header: &QueuesHeader| header.head.slot == slot && header.head.flags & FLAG_TICK != 0;
+                // By its tick, or, where this process comes back late, by what came after it.
+                let begins = |header: &QueuesHeader| header.head.slot >= slot;
                 queues.wait_for(&mut patience, slot, begins, serve_joiners)?;
                 plans.take(slot)?
             }
         };
         let report = flight.step(slot, plan.as_ref().map(|plan| plan.payload()));
+        drop(plan);
+        count_refusals(&ring.refusals, slot, &report);
+        memory.keep(slot, &report).map_err(RingError::from)?;
         flights.send(ring.header(slot, 0), report)?;
     }
     let ended = |header: &QueuesHeader| header.head.flags & FLAG_END != 0;
     queues.wait_for(&mut patience, scenario.slots, ended, serve_joiners)?;
     Ok(())
+}
+
+/// What was refused of the slot's plan, in words.
+fn count_refusals(refusals: &Refusals, slot: u64, report: &FlightReport) {
+    if report.refused > 0 {
+        let refusal = match HoldReason::of_code(report.hold) {
+            HoldReason::Waypoint => Refusal::Waypoint,
+            HoldReason::None | HoldReason::NoPlan => Refusal::Sensor,
+        };
+        refusals.add("plan", slot, refusal, u64::from(report.refused));
+    }
 }

@@ -43,6 +43,11 @@ impl Vehicle {
         possible
     }
 
+    /// Puts it where it has been before, wherever it is now.
+    pub fn take_over(&mut self, position: Position, altitude_m: f64) {
+        (self.position, self.altitude_m) = (position, altitude_m);
+    }
+
     /// Where it is, on the ground.
     #[must_use]
     pub fn position(&self) -> Position {

@@ -6,21 +6,23 @@ use iceoryx2::prelude::Service;
 use skysink_common::message::{FLAG_END, FLAG_TICK, QueuesHeader, SlotHeader};
 use skysink_common::node::{NodeError, Role, Stop};
 use skysink_common::pace::Pace;
+use skysink_common::refusals::Refusal;
 use skysink_common::ring::Ring;
 use skysink_common::ring_folder::RingFolder;
 use skysink_common::scenario::Scenario;
-use skysink_common::topic::RING_BUFFER;
+use skysink_common::topic::{Full, RING_BUFFER};
 
 use crate::planner::Planner;
 
-/// Plans until the mission ends. It keeps nothing between slots: of the queues that have arrived only the newest count.
+/// Plans until the mission ends. It keeps nothing between slots: started again, it answers what the others still have.
 ///
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
-    let ring = Ring::<S>::open(folder, scenario, Role::Planner)?;
-    let mut patience = ring.patience(folder, stop)?;
-    let plans = ring.plan.writer(ring.terms.pace, stop, ring.timeout())?;
+    let claim = folder.claim(Role::Planner)?;
+    let ring = Ring::<S>::open(folder, scenario, Role::Planner, &claim)?;
+    let mut patience = ring.patience(folder, Some(claim), stop)?;
+    let plans = ring.plan.writer(Full::of(ring.terms.pace), stop, ring.timeout())?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let mut queues = ring.queues.reader(RING_BUFFER)?;
     let mut flights = ring.flight.reader(RING_BUFFER)?;
@@ -32,24 +34,28 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     loop {
         let is_state = |header: &QueuesHeader| header.head.flags & FLAG_TICK == 0;
         let mut state = queues.wait_for(&mut patience, next, is_state, serve_joiners)?;
-        while let Some(newer) = queues.receive()? {
-            if is_state(newer.user_header()) {
-                state = newer;
+        if let Pace::Factor(_) = ring.terms.pace {
+            // Only the newest counts: a plan for a slot that has begun is void.
+            while let Some(newer) = queues.receive()? {
+                if is_state(newer.user_header()) {
+                    state = newer;
+                }
             }
         }
         let SlotHeader { slot, flags, .. } = state.user_header().head;
         if flags & FLAG_END != 0 {
             return Ok(());
         }
-        let flight = match ring.terms.pace {
-            // A writer that waits for another reader's buffer may reach this one later than the queues do.
-            Pace::Max => flights.wait(&mut patience, slot, serve_joiners)?,
-            Pace::Factor(_) if slot == 0 => flights.wait(&mut patience, slot, serve_joiners)?,
-            Pace::Factor(_) => match flights.take(slot)? {
-                Some(flight) => flight,
-                None => continue, // dropped while this process was held up: the slot is missed, and counted
-            },
-        };
+        if slot < next {
+            continue; // a field-sim that was started again repeats itself; the plan is there for whoever needs it
+        }
+        if state.payload().len() != nodes.payload().len() {
+            ring.refusals.add("queues", slot, Refusal::Length, 1);
+            continue;
+        }
+        // A writer that waits for another reader's buffer may reach this one later than the queues do. A flight that has
+        // passed was sent before this process was there: others have flown on since, so its plan is not missing.
+        let Some(flight) = flights.wait_or_pass(&mut patience, slot, serve_joiners)? else { continue };
         next = slot + 1;
         let begin = Instant::now();
         let mut plan = planner.step(next, &flight.position(), flight.z_m, state.payload());

@@ -255,7 +255,7 @@ fn map_sheet(change: &str, command: &str) -> Result<MapSheet, Error> {
     let mut maps = Vec::new();
     for strategy in STRATEGIES {
         let text = format!("name = \"map\"\nslots = 500\n{change}");
-        let overrides = Overrides { strategy: Some(strategy), seed: Some(1) };
+        let overrides = Overrides { strategy: Some(strategy), seed: Some(1), slots: None };
         let scenario = Scenario::parse(&text, Path::new("map (built in)"), overrides)?;
         let list = SensorList::of(&scenario)?;
         let mut mission = Mission::new(&scenario, &list);

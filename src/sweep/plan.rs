@@ -163,7 +163,7 @@ impl Sweep {
         }
         let text = toml::to_string(&table).expect("a table that was read can be written");
         let strategy = self.definition.strategies[flight.strategy];
-        let overrides = Overrides { seed: Some(flight.seed), strategy: Some(strategy) };
+        let overrides = Overrides { seed: Some(flight.seed), strategy: Some(strategy), slots: None };
         Ok(Scenario::parse(&text, &self.base_path, overrides)?)
     }
 

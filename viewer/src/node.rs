@@ -1,17 +1,21 @@
 //! viewer as a process of the ring: reads every topic, writes none, and shows each slot in the scene.
 
 use std::collections::VecDeque;
+use std::time::{Duration, Instant};
 
-use iceoryx2::prelude::Service;
-use skysink_common::message::{FLAG_END, FLAG_TICK, HoldReason, QueuesHeader};
+use iceoryx2::prelude::{Service, ZeroCopySend};
+use iceoryx2::sample::Sample;
+use skysink_common::health::Health;
+use skysink_common::message::{FLAG_END, FLAG_TICK, HoldReason, QueuesHeader, SlotHeader};
 use skysink_common::node::{NodeError, Patience, Role, Stop};
 use skysink_common::pace::Pace;
+use skysink_common::reader::{Found, Reader};
 use skysink_common::ring::{Ring, RingError, VIEWER_READY};
 use skysink_common::ring_folder::RingFolder;
 use skysink_common::scenario::Scenario;
 use skysink_common::topic::{RING_BUFFER, VIEWER_BUFFER};
 
-use crate::{Scene, SceneError, Sinks, SlotView, Timing};
+use crate::{Level, Scene, SceneError, Sinks, SlotView, Timing};
 
 /// Why the viewer ends before the mission does.
 #[derive(Debug, thiserror::Error)]
@@ -52,8 +56,9 @@ pub fn run<S: Service + 'static>(
     stop: &Stop,
     sinks: &Sinks,
 ) -> Result<u64, ViewerError> {
-    let ring = Ring::<S>::open(folder, scenario, Role::Viewer)?;
-    let mut patience = ring.patience(folder, stop)?;
+    let claim = folder.claim(Role::Viewer)?;
+    let ring = Ring::<S>::open(folder, scenario, Role::Viewer, &claim)?;
+    let mut patience = ring.patience(folder, Some(claim), stop)?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let nodes = sensors.wait_for(&mut patience, 0, |_| true, idle)?;
     let mut scene =
@@ -77,54 +82,108 @@ fn follow<S: Service + 'static>(
     scene: &mut Scene,
 ) -> Result<u64, ViewerError> {
     let (mut plans, mut flights) = (ring.plan.reader(VIEWER_BUFFER)?, ring.flight.reader(VIEWER_BUFFER)?);
-    let mut queues = ring.queues.reader(VIEWER_BUFFER)?;
+    let (mut queues, mut health) = (ring.queues.reader(VIEWER_BUFFER)?, ring.health.reader(VIEWER_BUFFER)?);
     let is_state = |header: &QueuesHeader| header.head.flags & FLAG_TICK == 0;
 
-    // Connected to every writer: from here on no slot can be lost on the way.
-    plans.wait_until_there(patience, 1, idle)?;
-    flights.wait_until_there(patience, 0, idle)?;
-    let mut first = Some(queues.wait_for(patience, 0, is_state, idle)?);
-    ring.commit.say(VIEWER_READY)?;
-
-    let (mut next, mut missed, mut speed) = (0, 0, Speed::default());
+    let (mut missed, mut ready, mut speed) = (0, false, Speed::default());
+    let mut next = scene.continued_after().map_or(0, |slot| slot + 1);
     loop {
-        let sample = match first.take() {
-            Some(sample) => sample,
-            None => queues.wait_for(patience, next, is_state, idle)?,
-        };
+        let sample = queues.wait_for(patience, next, is_state, idle)?;
         let (header, slot) = (sample.user_header(), sample.user_header().head.slot);
-        let (flight, plan) = match ring.terms.pace {
-            // A writer that waits for this reader's buffer may reach it later than the queues do.
-            Pace::Max => {
-                let flight = flights.wait(patience, slot, idle)?;
-                let plan = if slot > 0 { Some(plans.wait(patience, slot, idle)?) } else { None };
-                (flight, plan)
+        let end = header.head.flags & FLAG_END != 0;
+        log_health(&mut health, scene)?;
+        // Of a slot that was over before this process was there some may be gone; in paced runs also of others.
+        let slack = (end && !ready).then_some(LEFT_OVERS);
+        let pace = if slot == 0 { Pace::Max } else { ring.terms.pace }; // the clock does not run before all are here
+        let flight = wait_for_part(&mut flights, patience, pace, slot, slack)?;
+        let plan = if slot > 0 { wait_for_part(&mut plans, patience, pace, slot, slack)? } else { None };
+        if let Some(flight) = flight.filter(|_| slot >= next) {
+            if slot > next {
+                scene.log_missed(next..=slot - 1)?;
+                missed += slot - next;
             }
-            Pace::Factor(_) => match flights.take(slot)? {
-                Some(flight) => (flight, plans.take(slot)?),
-                None => continue, // shown as missed with the next slot that is whole
-            },
-        };
-        if slot > next {
-            scene.log_missed(next..=slot - 1)?;
-            missed += slot - next;
+            next = slot + 1;
+            let in_time = HoldReason::of_code(flight.payload().hold) != HoldReason::NoPlan;
+            let plan = plan.as_ref().map(|plan| plan.payload()).filter(|_| in_time);
+            scene.log_slot(&SlotView {
+                slot,
+                queues_bits: sample.payload(),
+                header,
+                plan,
+                flight: flight.payload(),
+                slots_per_s: speed.slots_per_s(header),
+                plan_ms: plan.map(|plan| plan.plan_ns as f64 / 1e6),
+            })?;
         }
-        next = slot + 1;
-        let in_time = HoldReason::of_code(flight.payload().hold) != HoldReason::NoPlan;
-        let plan = plan.as_ref().map(|plan| plan.payload()).filter(|_| in_time);
-        scene.log_slot(&SlotView {
-            slot,
-            queues_bits: sample.payload(),
-            header,
-            plan,
-            flight: flight.payload(),
-            slots_per_s: speed.slots_per_s(header),
-            plan_ms: plan.map(|plan| plan.plan_ns as f64 / 1e6),
-        })?;
-        if header.head.flags & FLAG_END != 0 {
+        if !ready {
+            // Connected to every writer: from here on no slot can be lost on the way.
+            if !end && pace == Pace::Max {
+                plans.wait_until_there(patience, slot + 1, idle)?;
+            }
+            ready = true;
+            ring.commit.say(VIEWER_READY)?;
+        }
+        if end {
+            if next <= slot {
+                scene.log_missed(next..=slot)?;
+                missed += slot + 1 - next;
+            }
+            log_health(&mut health, scene)?;
             return Ok(missed);
         }
     }
+}
+
+/// How long a viewer that comes after the end waits for what may be left of the last slot.
+const LEFT_OVERS: Duration = Duration::from_millis(500);
+
+/// The part of a slot that another topic holds; none if it was missed. A writer that waits for this reader's buffer may
+/// reach it later than the queues do.
+fn wait_for_part<S: Service + 'static, P: std::fmt::Debug + Copy + ZeroCopySend + 'static>(
+    parts: &mut Reader<S, P, SlotHeader>,
+    patience: &mut Patience,
+    pace: Pace,
+    slot: u64,
+    slack: Option<Duration>,
+) -> Result<Option<Sample<S, P, SlotHeader>>, ViewerError> {
+    match (pace, slack) {
+        (Pace::Max, None) => parts.wait_or_pass(patience, slot, idle),
+        (Pace::Max, Some(slack)) => {
+            let deadline = Instant::now() + slack;
+            loop {
+                let found = match parts.look_for(slot)? {
+                    Found::Here(part) => Some(part),
+                    Found::NotYet if Instant::now() < deadline => {
+                        patience.sleep_until(Instant::now() + GLANCE)?;
+                        continue;
+                    }
+                    Found::NotYet | Found::Passed => None,
+                };
+                return Ok(found);
+            }
+        }
+        (Pace::Factor(_), _) => match parts.look_for(slot)? {
+            Found::Here(part) => Ok(Some(part)),
+            Found::NotYet | Found::Passed => Ok(None),
+        },
+    }
+}
+
+/// How often it is looked for what is left.
+const GLANCE: Duration = Duration::from_millis(10);
+
+/// Adds what has become of the processes to the event log.
+fn log_health<S: Service + 'static>(
+    health: &mut Reader<S, Health, SlotHeader>,
+    scene: &Scene,
+) -> Result<(), ViewerError> {
+    while let Some(sample) = health.receive()? {
+        if let Some((role, fate)) = sample.payload().read() {
+            let level = if fate.good() { Level::Info } else { Level::Warn };
+            scene.log_event(sample.user_header().slot, level, &format!("{} {fate}", role.name()))?;
+        }
+    }
+    Ok(())
 }
 
 /// What the recording is called. rerun merges recordings of one name, so that every run has its own.

@@ -1,0 +1,114 @@
+//! What becomes of the processes of a ring: the message, and the same words for the terminal, the recording and the
+//! summary.
+
+use std::fmt;
+
+use iceoryx2::prelude::ZeroCopySend;
+
+use crate::node::Role;
+
+/// What has become of a process.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fate {
+    /// It was ended by a signal.
+    Killed(i32),
+    /// It has ended by itself with this exit code, and too early.
+    Exited(i32),
+    /// It was started again, and so often by now.
+    Restarted(u32),
+    /// It has given no sign of life for so long [ms].
+    Silent(u32),
+    /// It gives signs of life again, after so long [ms].
+    Back(u32),
+}
+
+/// Payload of `health`; the sample's slot is the one under way.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
+#[type_name("skysink.Health.v1")]
+pub struct Health {
+    /// The process: 0 field-sim, 1 flight-sim, 2 planner, 3 viewer, 4 the launcher.
+    pub process: u32,
+    /// 0 killed, 1 exited, 2 restarted, 3 silent, 4 back.
+    pub fate: u32,
+    /// The signal, the exit code, the number of restarts, or the time [ms].
+    pub detail: i32,
+    /// Zero.
+    pub reserved: u32,
+}
+
+impl Health {
+    /// The message that `role` has met with `fate`.
+    #[must_use]
+    pub fn of(role: Role, fate: Fate) -> Self {
+        let number = |value: u32| i32::try_from(value).unwrap_or(i32::MAX);
+        let (fate, detail) = match fate {
+            Fate::Killed(signal) => (0, signal),
+            Fate::Exited(code) => (1, code),
+            Fate::Restarted(times) => (2, number(times)),
+            Fate::Silent(ms) => (3, number(ms)),
+            Fate::Back(ms) => (4, number(ms)),
+        };
+        Self { process: role.code(), fate, detail, reserved: 0 }
+    }
+
+    /// Who has met with what; none if the numbers mean nothing.
+    #[must_use]
+    pub fn read(&self) -> Option<(Role, Fate)> {
+        let number = u32::try_from(self.detail).unwrap_or(0);
+        let fate = match self.fate {
+            0 => Fate::Killed(self.detail),
+            1 => Fate::Exited(self.detail),
+            2 => Fate::Restarted(number),
+            3 => Fate::Silent(number),
+            4 => Fate::Back(number),
+            _ => return None,
+        };
+        Some((Role::of_code(self.process)?, fate))
+    }
+}
+
+impl Fate {
+    /// Whether it is what one hopes for.
+    #[must_use]
+    pub fn good(self) -> bool {
+        matches!(self, Self::Restarted(_) | Self::Back(_))
+    }
+}
+
+impl fmt::Display for Fate {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let seconds = |ms: u32| f64::from(ms) / 1e3;
+        match *self {
+            Self::Killed(signal) => write!(formatter, "was ended by signal {signal}"),
+            Self::Exited(code) => write!(formatter, "has ended too early, with exit code {code}"),
+            Self::Restarted(times) => write!(formatter, "was started again (restart {times})"),
+            Self::Silent(ms) => write!(formatter, "has given no sign of life for {:.1} s", seconds(ms)),
+            Self::Back(ms) => write!(formatter, "is back after {:.1} s", seconds(ms)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_says_what_was_put_into_it() {
+        for (i, fate) in
+            [Fate::Killed(9), Fate::Exited(1), Fate::Restarted(3), Fate::Silent(1_500), Fate::Back(u32::MAX / 2)]
+                .into_iter()
+                .enumerate()
+        {
+            assert_eq!(Health::of(Role::ALL[i], fate).read(), Some((Role::ALL[i], fate)));
+        }
+        assert_eq!(Fate::Silent(1_500).to_string(), "has given no sign of life for 1.5 s");
+    }
+
+    #[test]
+    fn numbers_that_mean_nothing_are_nothing() {
+        assert_eq!(Health { process: 5, ..Health::default() }.read(), None);
+        assert_eq!(Health { fate: 5, ..Health::default() }.read(), None);
+        assert_eq!(size_of::<Health>(), 16);
+    }
+}

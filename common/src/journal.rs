@@ -1,0 +1,199 @@
+//! What a process of the ring remembers across its own death: its last records, in a file of the ring's folder.
+//!
+//! A record is written each time before what it says is published. It is not synced to the disk: what a killed process
+//! has written stays with the operating system, and only a crash of the machine, which ends the ring too, loses it.
+//! What the records mean is known to the process alone.
+
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+
+use xxhash_rust::xxh3::Xxh3;
+
+/// Why a journal cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("journal {}: {source}", path.display())]
+pub struct JournalError {
+    /// The file.
+    pub path: PathBuf,
+    /// What the system says.
+    pub source: io::Error,
+}
+
+/// The last records of a process, by slot, each in its place of a file. A record that was cut by a kill is as if it had
+/// not been written, and leaves the others whole.
+#[derive(Debug)]
+pub struct Journal {
+    file: File,
+    path: PathBuf,
+    places: u64,
+    room: usize,
+}
+
+/// A record that was found whole.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Record {
+    /// The slot it was written for.
+    pub slot: u64,
+    /// What was written.
+    pub bytes: Vec<u8>,
+}
+
+/// Bytes before a record: slot, length, hash.
+const HEAD: usize = 24;
+
+/// Records begin on their own pages, so that one that is cut cannot touch another.
+const PAGE: u64 = 4096;
+
+impl Journal {
+    /// Opens the journal at `path`, or makes it, with `places` for records of at most `room` bytes. The record of a slot
+    /// replaces that of `places` slots before.
+    ///
+    /// # Errors
+    /// If the file cannot be opened.
+    pub fn open(path: &Path, places: u64, room: usize) -> Result<Self, JournalError> {
+        let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).mode(0o600).open(path);
+        let file = file.map_err(|source| JournalError { path: path.to_owned(), source })?;
+        Ok(Self { file, path: path.to_owned(), places, room })
+    }
+
+    /// Writes the record of `slot`: `parts`, one after the other.
+    ///
+    /// # Errors
+    /// If the system refuses, for example because the disk is full.
+    ///
+    /// # Panics
+    /// If the parts are longer than the journal's room.
+    pub fn write(&self, slot: u64, parts: &[&[u8]]) -> Result<(), JournalError> {
+        let length: usize = parts.iter().map(|part| part.len()).sum();
+        assert!(length <= self.room, "a record of {length} bytes in a journal for {}", self.room);
+        let start = self.start(slot);
+        let mut hash = begin_hash(slot, length as u64);
+        let mut end = start + HEAD as u64;
+        let written = parts.iter().try_for_each(|part| {
+            hash.update(part);
+            self.file.write_all_at(part, end)?;
+            end += part.len() as u64;
+            Ok(())
+        });
+        // The head comes last: until it is there the hash is that of another record.
+        let head = [slot, length as u64, hash.digest()].map(u64::to_le_bytes).concat();
+        written.and_then(|()| self.file.write_all_at(&head, start)).map_err(|source| self.refuse(source))
+    }
+
+    /// All records that are whole, in ascending order of their slots. Whatever else is in the file does not count.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn read(&self) -> Result<Vec<Record>, JournalError> {
+        let mut records = Vec::new();
+        for place in 0..self.places {
+            records.extend(self.read_place(place).map_err(|source| self.refuse(source))?);
+        }
+        records.sort_unstable_by_key(|record| record.slot);
+        Ok(records)
+    }
+
+    fn read_place(&self, place: u64) -> io::Result<Option<Record>> {
+        let start = self.start(place);
+        let Some(head) = self.read_at(start, HEAD)? else { return Ok(None) };
+        let number = |i: usize| u64::from_le_bytes(head[8 * i..8 * i + 8].try_into().expect("eight bytes"));
+        let (slot, length, hash) = (number(0), number(1), number(2));
+        if slot % self.places != place || length > self.room as u64 {
+            return Ok(None);
+        }
+        let length = usize::try_from(length).expect("at most the room");
+        let Some(bytes) = self.read_at(start + HEAD as u64, length)? else { return Ok(None) };
+        let mut hasher = begin_hash(slot, length as u64);
+        hasher.update(&bytes);
+        Ok((hasher.digest() == hash).then_some(Record { slot, bytes }))
+    }
+
+    /// `length` bytes of the file, or none if it ends before.
+    fn read_at(&self, start: u64, length: usize) -> io::Result<Option<Vec<u8>>> {
+        let mut bytes = vec![0; length];
+        match self.file.read_exact_at(&mut bytes, start) {
+            Ok(()) => Ok(Some(bytes)),
+            Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Where the record of a slot lies in the file.
+    fn start(&self, slot: u64) -> u64 {
+        slot % self.places * (HEAD as u64 + self.room as u64).next_multiple_of(PAGE)
+    }
+
+    fn refuse(&self, source: io::Error) -> JournalError {
+        JournalError { path: self.path.clone(), source }
+    }
+}
+
+fn begin_hash(slot: u64, length: u64) -> Xxh3 {
+    let mut hash = Xxh3::new();
+    hash.update(&slot.to_le_bytes());
+    hash.update(&length.to_le_bytes());
+    hash
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn journal(folder: &tempfile::TempDir) -> Journal {
+        Journal::open(&folder.path().join("journal"), 3, 5000).unwrap()
+    }
+
+    fn slots(journal: &Journal) -> Vec<u64> {
+        journal.read().unwrap().iter().map(|record| record.slot).collect()
+    }
+
+    #[test]
+    fn the_last_records_are_found_in_order() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(journal(&folder).read().unwrap(), []);
+        for slot in 0..=7u64 {
+            journal(&folder).write(slot, &[b"slot ", slot.to_string().as_bytes()]).unwrap();
+        }
+        assert_eq!(slots(&journal(&folder)), [5, 6, 7]);
+        assert_eq!(journal(&folder).read().unwrap()[2].bytes, b"slot 7");
+    }
+
+    #[test]
+    #[should_panic(expected = "a record of 5001 bytes")]
+    fn a_record_without_room_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let _ = journal(&folder).write(1, &[&[0; 5001]]);
+    }
+
+    #[test]
+    fn a_folder_that_is_not_there_is_named() {
+        let error = Journal::open(Path::new("/nowhere/journal"), 1, 1).unwrap_err().to_string();
+        assert!(error.starts_with("journal /nowhere/journal: No such file"), "{error}");
+    }
+
+    proptest! {
+        /// A kill leaves some of the new bytes, in order; the head is the last of them.
+        #[test]
+        fn a_record_that_is_cut_anywhere_costs_only_itself(cut in 0usize..5000, garbage in any::<u8>()) {
+            let folder = tempfile::tempdir().unwrap();
+            let journal = journal(&folder);
+            for slot in 1..=3u64 {
+                journal.write(slot, &[&[7; 4000]]).unwrap();
+            }
+            let start = journal.start(4) + HEAD as u64; // where slot 1 was
+            journal.file.write_all_at(&vec![garbage; cut], start).unwrap();
+            let whole = slots(&journal);
+            prop_assert!(whole == [2, 3] || whole == [1, 2, 3] && (cut == 0 || garbage == 7), "{whole:?}");
+        }
+
+        #[test]
+        fn no_file_makes_it_fail_or_find_what_was_not_written(bytes in prop::collection::vec(any::<u8>(), 0..20_000)) {
+            let folder = tempfile::tempdir().unwrap();
+            std::fs::write(folder.path().join("journal"), bytes).unwrap();
+            prop_assert_eq!(journal(&folder).read().unwrap(), []);
+        }
+    }
+}

@@ -1,0 +1,72 @@
+//! What flight-sim remembers across its own death: its last flights, so that what was flown stays flown.
+
+use skysink_common::journal::{Journal, JournalError};
+use skysink_common::message::FlightReport;
+use skysink_common::ring_folder::RingFolder;
+
+/// Flights that are kept: the last two, and room for one that is cut.
+const FLIGHTS: u64 = 4;
+
+/// The journal of flight-sim.
+#[derive(Debug)]
+pub struct Memory(Journal);
+
+impl Memory {
+    /// The memory in the ring's folder.
+    ///
+    /// # Errors
+    /// If the file cannot be opened.
+    pub fn open(folder: &RingFolder) -> Result<Self, JournalError> {
+        Journal::open(&folder.journal("flights"), FLIGHTS, size_of::<FlightReport>()).map(Self)
+    }
+
+    /// Remembers the flight of a slot; to be done before it is published.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub fn keep(&self, slot: u64, flight: &FlightReport) -> Result<(), JournalError> {
+        self.0.write(slot, &[bytemuck::bytes_of(flight)])
+    }
+
+    /// The last flights that are remembered, two at most, by slot, in ascending order without a gap.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn recall(&self) -> Result<Vec<(u64, FlightReport)>, JournalError> {
+        let mut flights: Vec<(u64, FlightReport)> = Vec::new();
+        for record in self.0.read()?.iter().rev() {
+            let Ok(flight) = bytemuck::try_pod_read_unaligned(&record.bytes) else { continue };
+            match flights.last() {
+                Some((later, _)) if record.slot + 1 != *later => break,
+                _ => flights.push((record.slot, flight)),
+            }
+        }
+        flights.truncate(2);
+        flights.reverse();
+        Ok(flights)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skysink_common::message::Mode;
+    use skysink_common::pace::Pace;
+
+    #[test]
+    fn the_last_two_flights_are_recalled_in_order() {
+        let folder = RingFolder::create(Pace::Max, 1.0, false).unwrap();
+        let memory = Memory::open(&folder).unwrap();
+        let flight = |slot: u64| FlightReport::at(slot as f64, 0.5, 20.0, Mode::Serve);
+        assert_eq!(memory.recall().unwrap(), []);
+        memory.keep(0, &flight(0)).unwrap();
+        assert_eq!(memory.recall().unwrap(), [(0, flight(0))]);
+        for slot in 1..=9 {
+            memory.keep(slot, &flight(slot)).unwrap();
+            let again = Memory::open(&folder).unwrap();
+            assert_eq!(again.recall().unwrap(), [(slot - 1, flight(slot - 1)), (slot, flight(slot))]);
+        }
+        memory.keep(14, &flight(14)).unwrap(); // 11 to 13 are cut
+        assert_eq!(memory.recall().unwrap(), [(14, flight(14))]);
+    }
+}

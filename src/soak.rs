@@ -1,0 +1,256 @@
+//! `skysink soak`: a long mission through the ring of processes, which are killed at random in its first half. Its trace
+//! must be that of the undisturbed mission, and nothing may grow.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::PoisonError;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use comfy_table::{CellAlignment, Table, presets};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rustix::process::{Signal, kill_process};
+use skysink_common::node::{NodeError, Stop};
+use skysink_common::sensors::SensorList;
+
+use crate::error::Error;
+use crate::mission::Mission;
+use crate::record::{RunFolder, TraceHash};
+use crate::run::{Inside, Run, run_with};
+use crate::summary::Summary;
+
+/// What to fly, and how rough.
+#[derive(Debug)]
+pub struct Soak {
+    /// The mission.
+    pub run: Run,
+    /// Mean time between two kills.
+    pub kill_every: Duration,
+}
+
+/// How often the processes are measured.
+const MEASURE_EVERY: Duration = Duration::from_millis(250);
+
+/// File descriptors by which a process may differ from itself.
+const FD_SLACK: u64 = 2;
+
+/// Growth that is none: the allocator's own [MiB per 10⁶ slots].
+const MEMORY_SLACK_MIB: f64 = 4.0;
+
+/// What was seen of a process at some time of the calm half.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Sample {
+    slot: u64,
+    memory_bytes: u64,
+    descriptors: u64,
+}
+
+/// What was seen from outside.
+#[derive(Debug, Default)]
+struct Seen {
+    kills: BTreeMap<&'static str, u64>,
+    processes: BTreeMap<&'static str, Vec<Sample>>,
+    /// Shared memory of the run [bytes], with the slot.
+    shared: Vec<(u64, u64)>,
+}
+
+/// Flies it, and prints what became of it.
+///
+/// # Errors
+/// Those of the run; [`Error::Soak`] if the trace is not that of the undisturbed mission, or something has grown.
+pub fn soak(soak: &Soak, stop: &Stop) -> Result<(), Error> {
+    let begin = Instant::now();
+    let (expected, mut seen, over) = (undisturbed(&soak.run, stop)?, Seen::default(), AtomicBool::new(false));
+    println!(
+        "undisturbed, in one process: {} slots in {:.1} s",
+        soak.run.scenario.slots,
+        begin.elapsed().as_secs_f64()
+    );
+    let (sender, receiver) = std::sync::mpsc::channel::<Inside>();
+    let flown = std::thread::scope(|scope| {
+        let over = &over;
+        let watcher = scope.spawn(move || {
+            let mut seen = Seen::default();
+            if let Ok(inside) = receiver.recv() {
+                disturb(soak, &inside, over, &mut seen);
+            }
+            seen
+        });
+        let flown = run_with(&soak.run, stop, move |inside| {
+            let _ = sender.send(inside);
+        });
+        over.store(true, Ordering::Relaxed);
+        seen = watcher.join().unwrap_or_default();
+        flown
+    });
+    let (folder, summary) = flown?;
+    report(soak, &seen, &folder, &summary, expected)
+}
+
+/// The trace of the mission, by plain calls.
+fn undisturbed(run: &Run, stop: &Stop) -> Result<u64, Error> {
+    let list = SensorList::of(&run.scenario)?;
+    let (mut mission, mut trace) = (Mission::new(&run.scenario, &list), TraceHash::default());
+    while let Some(turn) = mission.turn().map_err(|error| NodeError::Peer(error.to_string()))? {
+        trace.add(&turn.flight, &turn.header);
+        stop.check()?;
+    }
+    Ok(trace.value())
+}
+
+/// Kills and measures until the run is over.
+fn disturb(soak: &Soak, inside: &Inside, over: &AtomicBool, seen: &mut Seen) {
+    let mut random = ChaCha8Rng::seed_from_u64(soak.run.scenario.seed);
+    let (calm, mut measured) = (soak.run.scenario.slots / 2, Instant::now());
+    while !over.load(Ordering::Relaxed) {
+        let slot = inside.slot.load(Ordering::Relaxed);
+        if slot >= calm {
+            std::thread::sleep(MEASURE_EVERY.saturating_sub(measured.elapsed()));
+            measured = Instant::now();
+            if !over.load(Ordering::Relaxed) && slot < soak.run.scenario.slots {
+                measure(inside, slot, seen);
+            }
+            continue;
+        }
+        std::thread::sleep(soak.kill_every.mul_f64(2.0 * random.random::<f64>()));
+        let roster = inside.roster.lock().unwrap_or_else(PoisonError::into_inner);
+        let living: Vec<_> = roster.iter().collect();
+        if slot > 0 && !living.is_empty() {
+            let (name, pid) = living[random.random_range(0..living.len())];
+            if kill_process(*pid, Signal::KILL).is_ok() {
+                *seen.kills.entry(name).or_default() += 1;
+            }
+        }
+    }
+}
+
+fn measure(inside: &Inside, slot: u64, seen: &mut Seen) {
+    let roster = inside.roster.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    let pids = roster.iter().map(|(name, pid)| (*name, pid.as_raw_nonzero().to_string()));
+    for (name, pid) in pids.chain([("skysink", "self".to_owned())]) {
+        let process = PathBuf::from("/proc").join(pid);
+        if let (Some(memory_bytes), Some(descriptors)) = (private_bytes(&process), entries(&process.join("fd"))) {
+            seen.processes.entry(name).or_default().push(Sample { slot, memory_bytes, descriptors });
+        }
+    }
+    seen.shared.push((slot, shared_bytes(&inside.shared_prefix)));
+}
+
+/// Memory that is the process's own: resident, without what it shares (files, shared memory).
+fn private_bytes(process: &Path) -> Option<u64> {
+    let status = fs::read_to_string(process.join("status")).ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("RssAnon:"))?;
+    line.split_ascii_whitespace().next()?.parse::<u64>().ok().map(|kib| kib * 1024)
+}
+
+fn entries(folder: &Path) -> Option<u64> {
+    fs::read_dir(folder).ok().map(|entries| entries.count() as u64)
+}
+
+/// Shared memory under names with this beginning, as far as it is really there.
+fn shared_bytes(prefix: &str) -> u64 {
+    use std::os::unix::fs::MetadataExt;
+    let ours = |entry: &fs::DirEntry| entry.file_name().to_string_lossy().starts_with(prefix);
+    let files = fs::read_dir("/dev/shm").into_iter().flatten().flatten().filter(ours);
+    files.filter_map(|file| file.metadata().ok()).map(|file| file.blocks() * 512).sum()
+}
+
+/// Slope of the least-squares line through the points.
+fn slope(points: &[(f64, f64)]) -> f64 {
+    let count = points.len() as f64;
+    let mean = |of: fn(&(f64, f64)) -> f64| points.iter().map(of).sum::<f64>() / count;
+    let (x, y) = (mean(|point| point.0), mean(|point| point.1));
+    let covariance: f64 = points.iter().map(|point| (point.0 - x) * (point.1 - y)).sum();
+    let variance: f64 = points.iter().map(|point| (point.0 - x).powi(2)).sum();
+    if variance > 0.0 { covariance / variance } else { 0.0 }
+}
+
+/// Prints the table; fails if something is not as it should be.
+fn report(soak: &Soak, seen: &Seen, folder: &RunFolder, summary: &Summary, expected: u64) -> Result<(), Error> {
+    const MIB: f64 = (1u64 << 20) as f64;
+    let (speed, kills) = (summary.timing.slots_per_s, seen.kills.values().sum::<u64>());
+    println!("in the ring: {} slots, {speed:.0} slots/s, {kills} kills, {} restarts", summary.slots, summary.restarts);
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_BORDERS_ONLY);
+    table.set_header(["calm half", "kills", "memory [MiB]", "slope [MiB/10⁶ slots]", "descriptors"]);
+    let mut grown = Vec::new();
+    let per_million = |points: Vec<(f64, f64)>| slope(&points) / MIB * 1e6;
+    for (name, samples) in &seen.processes {
+        let (Some(first), Some(last)) = (samples.first(), samples.last()) else { continue };
+        // Skips the first quarter, in which a process that has just been started still fills its buffers.
+        let settled = &samples[samples.len() / 4..];
+        let slope =
+            per_million(settled.iter().map(|sample| (sample.slot as f64, sample.memory_bytes as f64)).collect());
+        let growth = slope * (soak.run.scenario.slots as f64 / 2e6);
+        if growth > MEMORY_SLACK_MIB {
+            grown.push(format!("memory of {name}"));
+        }
+        // The least of either end: while a peer is started again there are connections to both, for a moment.
+        let least = |samples: &[Sample]| samples.iter().map(|sample| sample.descriptors).min().unwrap_or(0);
+        let quarter = samples.len().div_ceil(4);
+        if least(&samples[samples.len() - quarter..]) > least(&samples[..quarter]) + FD_SLACK {
+            grown.push(format!("file descriptors of {name}"));
+        }
+        table.add_row([
+            (*name).to_owned(),
+            seen.kills.get(name).map_or_else(String::new, u64::to_string),
+            format!("{:.2} → {:.2}", first.memory_bytes as f64 / MIB, last.memory_bytes as f64 / MIB),
+            format!("{slope:.3}"),
+            format!("{} → {}", first.descriptors, last.descriptors),
+        ]);
+    }
+    if let (Some(first), Some(last)) = (seen.shared.first(), seen.shared.last()) {
+        let slope = per_million(seen.shared.iter().map(|&(slot, bytes)| (slot as f64, bytes as f64)).collect());
+        if slope * (soak.run.scenario.slots as f64 / 2e6) > MEMORY_SLACK_MIB {
+            grown.push("shared memory".to_owned());
+        }
+        let range = format!("{:.2} → {:.2}", first.1 as f64 / MIB, last.1 as f64 / MIB);
+        table.add_row(["/dev/shm".to_owned(), String::new(), range, format!("{slope:.3}"), String::new()]);
+    }
+    (1..5).filter_map(|column| table.column(column).map(|_| column)).collect::<Vec<_>>().into_iter().for_each(
+        |column| {
+            if let Some(column) = table.column_mut(column) {
+                column.set_cell_alignment(CellAlignment::Right);
+            }
+        },
+    );
+    println!("{table}");
+    let unaccounted = (summary.initial_bits + summary.sampled_bits)
+        .abs_diff(summary.delivered_bits + summary.lost_bits + summary.queued_bits);
+    println!("bits unaccounted: {unaccounted}");
+    println!("trace: {} (undisturbed {expected:016x})", summary.trace_hash);
+    println!("run folder: {}", folder.path().display());
+    if summary.trace_hash != format!("{expected:016x}") {
+        return Err(Error::Soak("the trace is not that of the undisturbed mission".to_owned()));
+    }
+    if unaccounted != 0 {
+        return Err(Error::Soak(format!("{unaccounted} bits are unaccounted for")));
+    }
+    if let Some(what) = grown.first() {
+        return Err(Error::Soak(format!("grown: {what}")));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_slope_of_a_line_is_its_slope() {
+        let line: Vec<_> = (0..10).map(|x| (f64::from(x), 3.0 - 0.5 * f64::from(x))).collect();
+        assert!((slope(&line) + 0.5).abs() < 1e-12);
+        assert_eq!(slope(&[(1.0, 2.0)]), 0.0);
+        assert!(slope(&[]).abs() < 1e-12 || slope(&[]).is_nan());
+    }
+
+    #[test]
+    fn this_process_can_be_measured() {
+        let own = Path::new("/proc/self");
+        assert!(private_bytes(own).unwrap() > 1 << 16);
+        assert!(entries(&own.join("fd")).unwrap() >= 3);
+        assert_eq!(private_bytes(Path::new("/proc/none")), None);
+    }
+}
