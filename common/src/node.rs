@@ -151,15 +151,13 @@ pub struct Patience {
     supervisor: Option<Supervisor>,
     supervised: Instant,
     claim: Option<Claim>,
+    idled: Instant,
     timeout: Duration,
 }
 
 /// How long a wait sleeps before it looks around: somebody may have just joined, and a ring that stands still should not
 /// wait for long.
 const LOOK_AROUND: Duration = Duration::from_millis(10);
-
-/// How long a sleep lasts before the stop is looked at.
-const DOZE: Duration = Duration::from_millis(100);
 
 /// How often the supervisor's lock is tried.
 const SUPERVISOR_CHECK: Duration = Duration::from_millis(500);
@@ -169,7 +167,8 @@ impl Patience {
     /// by `claim` that the process is alive.
     #[must_use]
     pub fn new(stop: Stop, supervisor: Option<Supervisor>, claim: Option<Claim>, timeout: Duration) -> Self {
-        Self { stop, supervisor, supervised: Instant::now(), claim, timeout }
+        let now = Instant::now();
+        Self { stop, supervisor, supervised: now, claim, idled: now, timeout }
     }
 
     /// The request to stop.
@@ -195,7 +194,7 @@ impl Patience {
         mut idle: impl FnMut() -> Result<(), E>,
     ) -> Result<T, E> {
         let start = Instant::now();
-        let (mut idled, mut now) = (start, start);
+        let mut now = start;
         loop {
             if let Some(found) = look(reader)? {
                 return Ok(found);
@@ -203,10 +202,7 @@ impl Patience {
             self.check(now)?;
             let _ = bell(reader).timed_wait(|_| {}, LOOK_AROUND); // an interrupted wait is a short one
             now = Instant::now();
-            if now - idled >= LOOK_AROUND {
-                idled = now;
-                idle()?;
-            }
+            self.idle(now, &mut idle)?;
             if now - start >= self.timeout {
                 let what = format!("{topic}({slot})");
                 return Err(NodeError::TimedOut { what, from: from.name(), seconds: self.timeout.as_secs_f64() }.into());
@@ -231,19 +227,33 @@ impl Patience {
         Ok(())
     }
 
-    /// Sleeps until `deadline`; ends early with a requested stop.
+    /// Runs `idle` if it has not run for a while.
+    fn idle<E>(&mut self, now: Instant, idle: &mut impl FnMut() -> Result<(), E>) -> Result<(), E> {
+        if now.saturating_duration_since(self.idled) >= LOOK_AROUND {
+            self.idled = now;
+            idle()?;
+        }
+        Ok(())
+    }
+
+    /// Sleeps until `deadline`; ends early with a requested stop. `idle` runs now and then.
     ///
     /// # Errors
-    /// [`NodeError::Stopped`], or [`NodeError::Orphaned`].
-    pub fn sleep_until(&mut self, deadline: Instant) -> Result<(), NodeError> {
+    /// Those of `idle`, [`NodeError::Stopped`], or [`NodeError::Orphaned`].
+    pub fn sleep_until<E: From<NodeError>>(
+        &mut self,
+        deadline: Instant,
+        mut idle: impl FnMut() -> Result<(), E>,
+    ) -> Result<(), E> {
         loop {
             let now = Instant::now();
             self.check(now)?;
+            self.idle(now, &mut idle)?;
             let remaining = deadline.saturating_duration_since(now);
             if remaining.is_zero() {
                 return Ok(());
             }
-            std::thread::sleep(remaining.min(DOZE));
+            std::thread::sleep(remaining.min(LOOK_AROUND));
         }
     }
 }

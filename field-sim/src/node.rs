@@ -60,7 +60,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
                         commits.wait_until_there(&mut patience, slot - 1, serve_joiners)?; // everybody is here
                         clock.start();
                     }
-                    patience.sleep_until(clock.next_slot())?;
+                    patience.sleep_until(clock.next_slot(), serve_joiners)?;
                     queues.send_list(header(slot, FLAG_TICK, &field, SlotBits::default()), &[])?;
                 }
                 *flights.wait(&mut patience, slot, serve_joiners)?.payload()

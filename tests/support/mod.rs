@@ -88,6 +88,11 @@ impl Place {
         until(role, || process(role, ring.to_str().unwrap()))
     }
 
+    /// The same, if it is there at this moment.
+    pub fn worker_now(&self, role: &str, ring: &str) -> Option<rustix::process::Pid> {
+        process(role, self.ring_file(ring).parent().unwrap().to_str().unwrap())
+    }
+
     /// Fails if a run has left anything where its ring was.
     pub fn assert_clean(&self) {
         let user = self.path(&format!("skysink-{}", rustix::process::getuid().as_raw()));

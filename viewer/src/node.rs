@@ -154,7 +154,7 @@ fn wait_for_part<S: Service + 'static, P: std::fmt::Debug + Copy + ZeroCopySend 
                 let found = match parts.look_for(slot)? {
                     Found::Here(part) => Some(part),
                     Found::NotYet if Instant::now() < deadline => {
-                        patience.sleep_until(Instant::now() + GLANCE)?;
+                        patience.sleep_until(Instant::now() + GLANCE, idle)?;
                         continue;
                     }
                     Found::NotYet | Found::Passed => None,
