@@ -131,8 +131,9 @@ pub fn run_with(run: &Run, stop: &Stop, started: impl FnOnce(Inside)) -> Result<
     let mut summary = tally.summary(Some(run.pace), wall, log.hash());
     summary.complete &= flown.is_ok();
     (summary.events, summary.restarts) = (fates.events, fates.restarts);
-    folder.write_summary(&summary)?;
-    flown?;
+    let written = folder.write_summary(&summary);
+    flown?; // what ended the run is said, not what it led to
+    written?;
     Ok((folder, summary))
 }
 

@@ -195,6 +195,7 @@ impl Patience {
     ) -> Result<T, E> {
         let start = Instant::now();
         let mut now = start;
+        self.beat(start); // a process that always finds its message never gets to check
         loop {
             if let Some(found) = look(reader)? {
                 return Ok(found);
@@ -213,9 +214,7 @@ impl Patience {
     /// Shows that the process is alive; fails once a stop is requested or the supervisor is dead.
     fn check(&mut self, now: Instant) -> Result<(), NodeError> {
         self.stop.check()?;
-        if let Some(claim) = &mut self.claim {
-            claim.beat(now);
-        }
+        self.beat(now);
         if let Some(supervisor) = &mut self.supervisor
             && now - self.supervised >= SUPERVISOR_CHECK
         {
@@ -225,6 +224,12 @@ impl Patience {
             }
         }
         Ok(())
+    }
+
+    fn beat(&mut self, now: Instant) {
+        if let Some(claim) = &mut self.claim {
+            claim.beat(now);
+        }
     }
 
     /// Runs `idle` if it has not run for a while.
