@@ -114,7 +114,7 @@ fn disturb(soak: &Soak, inside: &Inside, over: &AtomicBool, seen: &mut Seen) {
             }
             continue;
         }
-        std::thread::sleep(soak.kill_every.mul_f64(2.0 * random.random::<f64>()));
+        std::thread::sleep(soak.kill_every.mul_f64(-(1.0 - random.random::<f64>()).ln())); // a Poisson process
         let roster = inside.roster.lock().unwrap_or_else(PoisonError::into_inner);
         let living: Vec<_> = roster.iter().collect();
         if slot > 0 && !living.is_empty() {
