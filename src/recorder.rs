@@ -192,9 +192,12 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         mut care: impl FnMut() -> Result<ViewerState, Error>,
     ) -> Result<QueuesHeader, Error> {
         let (ring, commits, begin) = (self.ring, &self.commits, Instant::now());
+        let (plans, flights) = (&mut self.plans, &mut self.flights);
         let mut viewer = ViewerState::There;
         let idle = || {
             commits.serve_joiners()?;
+            plans.make_room(slot)?;
+            flights.make_room(slot)?;
             if care()? == ViewerState::Lost {
                 viewer = ViewerState::Lost;
             }

@@ -91,7 +91,7 @@ pub(crate) struct Door<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + '
 /// What the door says of a sample.
 enum Entry {
     Known,
-    /// The writer before it is dead; what that one sent does not count any more.
+    /// The writer before it is gone. What that one sent still counts: the new one repeats it.
     New,
     Refused,
 }
@@ -213,13 +213,25 @@ where
                 return Ok(true);
             };
             match self.door.check(sample.header().publisher_id(), sample.user_header().head(), wanted) {
-                Entry::Refused => continue,
-                Entry::New => self.early.clear(),
-                Entry::Known => {}
+                Entry::Refused => {}
+                Entry::Known => self.early.push_back(sample),
+                Entry::New => {
+                    self.early.push_back(sample);
+                    self.early.make_contiguous().sort_by_key(|sample| order(sample.user_header().head()));
+                }
             }
-            self.early.push_back(sample);
         }
         Ok(false)
+    }
+
+    /// Takes in what has arrived while another topic is waited for: a writer must not wait because of what is refused
+    /// here. Peers cannot be far ahead of `slot`.
+    ///
+    /// # Errors
+    /// If the writer's memory cannot be mapped.
+    pub fn make_room(&mut self, slot: u64) -> Result<(), RingError> {
+        self.fill(Some(slot), &mut 0)?;
+        Ok(())
     }
 
     /// The next message in the order in which they were sent.
@@ -264,7 +276,7 @@ where
         patience.wait((name, slot, from), self, look, |reader| &reader.bell, idle)
     }
 
-    /// Waits until the message of `slot`, or a later one, has arrived, which stays to be taken.
+    /// Waits until the message of `slot`, or one that is not far after it, has arrived, which stays to be taken.
     ///
     /// # Errors
     /// As [`Reader::wait`].
@@ -274,10 +286,16 @@ where
         slot: u64,
         idle: impl FnMut() -> Result<(), E>,
     ) -> Result<(), E> {
-        if let Some(sample) = self.wait_or_pass(patience, slot, idle)? {
-            self.early.push_front(sample);
-        }
-        Ok(())
+        let (name, from) = (self.name, self.from);
+        let look = |reader: &mut Self| match reader.find(slot, Some(slot))? {
+            Found::Here(sample) => {
+                reader.early.push_front(sample);
+                Ok(Some(()))
+            }
+            Found::Passed => Ok(Some(())),
+            Found::NotYet => Ok(None),
+        };
+        patience.wait((name, slot, from), self, look, |reader| &reader.bell, idle)
     }
 
     /// Waits for the next message whose header is `wanted`, and drops those before it; `slot` is expected, for the

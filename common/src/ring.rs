@@ -124,6 +124,7 @@ impl<S: Service + 'static> Ring<S> {
     pub fn create(folder: &RingFolder, scenario: &Scenario) -> Result<Self, RingError> {
         let terms = folder.terms();
         let node = node::<S>(folder, Role::Launcher)?;
+        folder.close_counter().map_err(|error| RingError::topic("ring", "close its counter", &error))?;
         let agreed = attributes(&terms, scenario)?;
         let member = Member { mission: terms.mission, refusals: Refusals::new(None) };
         Ok(Self {

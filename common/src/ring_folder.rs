@@ -4,8 +4,8 @@
 //! the next launcher clears what it left.
 
 use std::fs::{self, DirBuilder, File, OpenOptions};
-use std::io;
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::io::{self, Write as _};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use iceoryx2::prelude::{Config, FileName, Path as IceoryxPath, SemanticString};
@@ -160,6 +160,20 @@ impl RingFolder {
         self.path.join(format!("{name}.journal"))
     }
 
+    /// Closes iceoryx2's counter of processes, which it makes for every user, to all but the owner.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub(crate) fn close_counter(&self) -> io::Result<()> {
+        for entry in fs::read_dir(SHARED_MEMORY)?.flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            if name.starts_with(&self.prefix()) && name.ends_with(".global_mgmt") {
+                fs::set_permissions(entry.path(), fs::Permissions::from_mode(0o600))?;
+            }
+        }
+        Ok(())
+    }
+
     /// Beginning of the names of the run's shared-memory files.
     #[must_use]
     pub fn prefix(&self) -> String {
@@ -171,9 +185,9 @@ impl RingFolder {
         DirBuilder::new().mode(0o700).create(&self.path)?;
         DirBuilder::new().mode(0o700).create(self.path.join("config"))?;
         let domain = format!("[global]\nroot-path = \"{}/\"\nprefix = \"{}\"\n", self.path.display(), self.prefix());
-        fs::write(self.path.join("config/iceoryx2.toml"), domain)?;
+        write_private(&self.path.join("config/iceoryx2.toml"), &domain)?;
         let terms = toml::to_string(&self.terms).expect("plain keys and values");
-        fs::write(self.path.join("ring.toml"), terms)
+        write_private(&self.path.join("ring.toml"), &terms)
     }
 }
 
@@ -213,6 +227,11 @@ fn lock_path(folder: &Path) -> PathBuf {
 fn prefix(folder: &Path) -> String {
     let name = folder.file_name().map_or_else(Default::default, |name| name.to_string_lossy());
     format!("sky{name}_")
+}
+
+/// Writes a new file for the owner alone.
+fn write_private(path: &Path, text: &str) -> io::Result<()> {
+    OpenOptions::new().write(true).create_new(true).mode(0o600).open(path)?.write_all(text.as_bytes())
 }
 
 /// A new lock file, held; none if another process clears it at this moment or has it already.

@@ -43,6 +43,9 @@ const MAX_WRITERS: usize = 2;
 /// Processes that open a topic.
 const MAX_NODES: usize = 20;
 
+/// What is tried when a writer's place is taken.
+const WRITE: &str = "write (if all places are taken, end the other program)";
+
 /// How long a full reader is waited for before the dead ones are looked for.
 const CLEAN_UP_AFTER: Duration = Duration::from_millis(20);
 
@@ -277,7 +280,7 @@ impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> 
             .max_loaned_samples(1)
             .set_backpressure_handler(self.backpressure(full, stop, timeout))
             .create()
-            .map_err(|error| RingError::topic(self.name, "write", &error))?;
+            .map_err(|error| RingError::topic(self.name, WRITE, &error))?;
         Ok(Writer { name: self.name, publisher, notifier: self.notifier()?, timeout })
     }
 }
@@ -319,7 +322,7 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
             .max_loaned_samples(1)
             .set_backpressure_handler(self.backpressure(full, stop, timeout))
             .create()
-            .map_err(|error| RingError::topic(self.name, "write", &error))?;
+            .map_err(|error| RingError::topic(self.name, WRITE, &error))?;
         Ok(Writer { name: self.name, publisher, notifier: self.notifier()?, timeout })
     }
 }

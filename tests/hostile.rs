@@ -1,0 +1,21 @@
+//! Peers that send nonsense, take places that are not theirs, or do not listen: what they cannot do to a run.
+
+#[path = "hostile/audit.rs"]
+mod audit;
+#[path = "hostile/intruder.rs"]
+mod intruder;
+#[path = "hostile/messages.rs"]
+mod messages;
+#[path = "hostile/modes.rs"]
+mod modes;
+#[path = "hostile/places.rs"]
+mod places;
+#[path = "hostile/plans.rs"]
+mod plans;
+#[path = "hostile/readers.rs"]
+mod readers;
+#[path = "hostile/rogue.rs"]
+mod rogue;
+mod support;
+#[path = "hostile/writers.rs"]
+mod writers;

@@ -1,0 +1,79 @@
+//! The books of a run, from its folder: every bit and every metre of every slot, whoever planned it.
+
+use skysink_common::geometry::{Position, distance_squared, within};
+use skysink_common::link::Link;
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::sensors::SensorList;
+
+use crate::support::Place;
+
+/// A line of `slots.csv`.
+#[derive(Debug)]
+pub struct Line {
+    pub slot: u64,
+    pub position: Position,
+    pub scheduled: Vec<u32>,
+    pub delivered_bits: u64,
+    pub lost_bits: u64,
+    pub queued_bits: u64,
+    pub mode: String,
+    pub refused: u64,
+}
+
+/// The lines of the run in `place`.
+pub fn trace(place: &Place) -> Vec<Line> {
+    place.read("run/slots.csv").lines().skip(1).map(line).collect()
+}
+
+fn line(text: &str) -> Line {
+    let column: Vec<_> = text.split(',').collect();
+    let bits = |i: usize| column[i].parse().unwrap();
+    Line {
+        slot: bits(0),
+        position: Position::new(column[1].parse().unwrap(), column[2].parse().unwrap()),
+        scheduled: column[4].split_terminator(' ').map(|id| id.parse().unwrap()).collect(),
+        delivered_bits: bits(5),
+        lost_bits: bits(6),
+        queued_bits: bits(7),
+        mode: column[8].to_owned(),
+        refused: bits(9),
+    }
+}
+
+/// Fails unless every bit is accounted for, and the UAV flew and served as its scenario allows. All sensor nodes sample
+/// the same whole number of bits a slot. Returns the trace.
+pub fn audit(place: &Place) -> Vec<Line> {
+    let scenario = Scenario::read(&place.path("run/scenario.toml"), Overrides::default()).unwrap();
+    let list = SensorList::of(&scenario).unwrap();
+    let nodes = list.nodes(scenario.sensors.capacity_bits);
+    let sampled_bits = nodes.iter().map(|node| (node.sampling_bps * scenario.slot_s) as u64).sum::<u64>();
+    let (link, lines) = (Link::of(&scenario), trace(place));
+    let mut queued_bits: u64 = list.queues_bits().iter().map(|&bits| u64::from(bits)).sum();
+    let mut position = scenario.uav.start;
+    for (line, slot) in lines.iter().zip(1..) {
+        assert_eq!(line.slot, slot);
+        assert_eq!(queued_bits + sampled_bits, line.delivered_bits + line.lost_bits + line.queued_bits, "{line:?}");
+        assert!(within(&position, &line.position, scenario.reach_m()), "from {position} to {line:?}");
+        assert!(scenario.area.contains(&line.position, 1e-9 * scenario.area.width_m), "{line:?}");
+        assert!(line.scheduled.len() <= scenario.link.resource_blocks, "{line:?}");
+        assert!(line.scheduled.is_sorted_by(|a, b| a < b), "{line:?}");
+        let mut most_bits = 0;
+        for &id in &line.scheduled {
+            let node = &nodes[id as usize];
+            let (at, radius_m) = (Position::new(node.x_m, node.y_m), scenario.link.comm_radius_m);
+            assert!(within(&line.position, &at, radius_m), "SN {id} is out of range: {line:?}");
+            most_bits += link.capacity_bits(link.rate_bps(node.gain, distance_squared(&line.position, &at)));
+        }
+        assert!(line.delivered_bits <= most_bits, "at most {most_bits}: {line:?}");
+        if line.mode == "hold" {
+            assert_eq!((line.scheduled.len(), line.delivered_bits), (0, 0), "{line:?}");
+        }
+        (queued_bits, position) = (line.queued_bits, line.position);
+    }
+    lines
+}
+
+/// What standard error says of refusals of a kind.
+pub fn said(stderr: &str, refusal: &str) -> Vec<String> {
+    stderr.lines().filter(|line| line.contains("refused:") && line.contains(refusal)).map(str::to_owned).collect()
+}

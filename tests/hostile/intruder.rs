@@ -1,0 +1,65 @@
+//! A program that opens the topics of a ring without asking for a place in it.
+
+use std::fmt::Debug;
+
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::*;
+use skysink_common::ring_folder::RingFolder;
+use skysink_common::topic::Header;
+
+pub struct Intruder(Node<ipc::Service>);
+
+impl Intruder {
+    pub fn join(folder: &RingFolder) -> Self {
+        let node = NodeBuilder::new().config(&folder.config().unwrap());
+        Self(node.signal_handling_mode(SignalHandlingMode::Disabled).create().unwrap())
+    }
+
+    fn name(topic: &str) -> ServiceName {
+        ServiceName::new(&format!("skysink/{topic}")).unwrap()
+    }
+
+    /// A writer that does not wait for readers.
+    pub fn writer<P: Debug + Copy + ZeroCopySend, H: Header>(&self, topic: &str) -> Publisher<ipc::Service, P, H> {
+        let service = self.0.service_builder(&Self::name(topic)).publish_subscribe::<P>().user_header::<H>();
+        let service = service.open().unwrap();
+        service.publisher_builder().backpressure_strategy(BackpressureStrategy::DiscardData).create().unwrap()
+    }
+
+    /// The same for lists of up to `len`.
+    pub fn list_writer<T: Debug + Copy + ZeroCopySend, H: Header>(
+        &self,
+        topic: &str,
+        len: usize,
+    ) -> Publisher<ipc::Service, [T], H> {
+        let service = self.0.service_builder(&Self::name(topic)).publish_subscribe::<[T]>().user_header::<H>();
+        let service = service.open().unwrap();
+        let writer = service.publisher_builder().initial_max_slice_len(len);
+        writer.backpressure_strategy(BackpressureStrategy::DiscardData).create().unwrap()
+    }
+
+    /// A reader with room for one sample, which it need not take.
+    pub fn reader<P: Debug + Copy + ZeroCopySend, H: Header>(&self, topic: &str) -> Subscriber<ipc::Service, P, H> {
+        let service = self.0.service_builder(&Self::name(topic)).publish_subscribe::<P>().user_header::<H>();
+        service.open().unwrap().subscriber_builder().buffer_size(1).create().unwrap()
+    }
+}
+
+/// Sends without a wake-up.
+pub fn send<P: Debug + Copy + ZeroCopySend, H: Header>(writer: &Publisher<ipc::Service, P, H>, header: H, message: P) {
+    let mut sample = writer.loan_uninit().unwrap();
+    *sample.user_header_mut() = header;
+    sample.write_payload(message).send().unwrap();
+}
+
+/// The same for a list.
+pub fn send_list<T: Debug + Copy + ZeroCopySend, H: Header>(
+    writer: &Publisher<ipc::Service, [T], H>,
+    header: H,
+    list: &[T],
+) {
+    let mut sample = writer.loan_slice_uninit(list.len()).unwrap();
+    *sample.user_header_mut() = header;
+    sample.write_from_slice(list).send().unwrap();
+}

@@ -1,0 +1,144 @@
+//! A planner of the test's own in a ring of real processes: it knows the good plan of each slot, and may send others.
+
+use std::fs;
+use std::process::Child;
+
+use iceoryx2::prelude::ipc;
+use skysink::worker::quiet_iceoryx2;
+use skysink_common::message::{FLAG_END, FLAG_TICK, FlightReport, Plan, QueuesHeader, SensorNode, SlotHeader};
+use skysink_common::node::{NodeError, Patience, Role, Stop};
+use skysink_common::reader::Reader;
+use skysink_common::ring::{Ring, RingError};
+use skysink_common::ring_folder::RingFolder;
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::topic::{Full, RING_BUFFER};
+use skysink_common::writer::Writer;
+use skysink_planner::Planner;
+
+use crate::support::{Place, until};
+
+pub const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
+
+/// The planner.
+pub struct Rogue {
+    pub scenario: Scenario,
+    pub folder: RingFolder,
+    pub ring: Ring<ipc::Service>,
+    pub sensors: Vec<SensorNode>,
+    planner: Planner,
+    patience: Patience,
+    plans: Writer<ipc::Service, Plan, SlotHeader>,
+    queues: Reader<ipc::Service, [u32], QueuesHeader>,
+    flights: Reader<ipc::Service, FlightReport, SlotHeader>,
+    next: u64,
+}
+
+/// A slot that waits for its plan.
+pub struct Turn {
+    pub slot: u64,
+    /// What the real planner would send.
+    pub good: Plan,
+    /// Where the UAV is.
+    pub flight: FlightReport,
+}
+
+/// Starts `skysink run` of `scenario` into `run`; returns its ring, too.
+pub fn begin(place: &Place, scenario: &str, arguments: &[&str]) -> (Child, String) {
+    let child = place.skysink(&[&["run", scenario, "--no-viewer", "--out", "run"][..], arguments].concat()).spawn();
+    let ring = until("ring", || place.rings().into_iter().find(|ring| place.ring_file(ring).exists()));
+    (child.unwrap(), ring)
+}
+
+/// The services of a ring: six topics, and the wake-ups of each.
+const SERVICES: usize = 12;
+
+/// How long the processes of a run wait that is to end well [s].
+pub const LONG_S: &str = "60";
+
+/// The same of one that is to time out [s].
+pub const SHORT_S: &str = "5";
+
+/// The same without its planner, whose place the test takes; its processes wait `timeout_s` for each other.
+pub fn begin_with_rogue(place: &Place, scenario: &str, timeout_s: &str, arguments: &[&str]) -> (Child, Rogue) {
+    let (run, ring) =
+        begin(place, scenario, &[&["--external", "planner", "--timeout", timeout_s][..], arguments].concat());
+    let rogue = Rogue::join(place, &ring);
+    (run, rogue)
+}
+
+/// The folder of a ring, once all its topics are there, and the scenario that it flies.
+pub fn open_folder(place: &Place, ring: &str) -> (Scenario, RingFolder) {
+    quiet_iceoryx2();
+    let path = place.ring_file(ring).parent().unwrap().to_owned();
+    let folder = until("terms of the ring", || RingFolder::open(&path).ok());
+    until("scenario", || place.path("run/scenario.toml").exists().then_some(()));
+    let services = || fs::read_dir(path.join("services")).is_ok_and(|entries| entries.count() == SERVICES);
+    until("services", || services().then_some(()));
+    (Scenario::read(&place.path("run/scenario.toml"), Overrides::default()).unwrap(), folder)
+}
+
+impl Rogue {
+    pub fn join(place: &Place, ring: &str) -> Self {
+        let (scenario, folder) = open_folder(place, ring);
+        let claim = folder.claim(Role::Planner).unwrap();
+        let ring = until("topics", || Ring::<ipc::Service>::open(&folder, &scenario, Role::Planner, &claim).ok());
+        let stop = Stop::default();
+        let mut patience = ring.patience(&folder, Some(claim), &stop).unwrap();
+        let plans = ring.plan.writer(Full::of(ring.terms.pace), &stop, ring.timeout()).unwrap();
+        let mut nodes = ring.sensors.reader(RING_BUFFER).unwrap();
+        let (queues, flights) = (ring.queues.reader(RING_BUFFER).unwrap(), ring.flight.reader(RING_BUFFER).unwrap());
+        let idle = || Ok::<_, NodeError>(plans.serve_joiners()?);
+        let sensors = nodes.wait_for(&mut patience, 0, |_| true, idle).unwrap().payload().to_vec();
+        let planner = Planner::new(&scenario, &sensors);
+        Self { scenario, folder, ring, sensors, planner, patience, plans, queues, flights, next: 0 }
+    }
+
+    /// Waits for the next slot that needs a plan; none after the last.
+    pub fn next(&mut self) -> Option<Turn> {
+        self.try_next().unwrap()
+    }
+
+    /// The same; fails if the run ends too early.
+    pub fn try_next(&mut self) -> Result<Option<Turn>, NodeError> {
+        let Self { plans, patience, queues, .. } = self;
+        let idle = || Ok::<_, NodeError>(plans.serve_joiners()?);
+        loop {
+            // A field-sim that was started again repeats itself.
+            let next = self.next;
+            let is_state = |header: &QueuesHeader| header.head.flags & FLAG_TICK == 0 && header.head.slot >= next;
+            let state = queues.wait_for(patience, next, is_state, idle)?;
+            let SlotHeader { slot, flags, .. } = state.user_header().head;
+            if flags & FLAG_END != 0 {
+                return Ok(None);
+            }
+            self.next = slot + 1;
+            // A paced run may have left this planner behind.
+            let Some(flight) = self.flights.wait_or_pass(patience, slot, idle)? else { continue };
+            let flight = *flight.payload();
+            let good = self.planner.step(slot + 1, &flight.position(), flight.z_m, state.payload());
+            return Ok(Some(Turn { slot: slot + 1, good, flight }));
+        }
+    }
+
+    /// The header that the plan of `slot` should have.
+    pub fn header(&self, slot: u64) -> SlotHeader {
+        self.ring.header(slot, 0)
+    }
+
+    pub fn send(&self, header: SlotHeader, plan: Plan) {
+        self.try_send(header, plan).unwrap();
+    }
+
+    /// The same; fails if a reader does not take it.
+    pub fn try_send(&self, header: SlotHeader, plan: Plan) -> Result<(), RingError> {
+        self.plans.send(header, plan)
+    }
+
+    /// Flies to the end with good plans; before each `disturb` may do what it likes.
+    pub fn fly_well(&mut self, mut disturb: impl FnMut(&Self, &Turn)) {
+        while let Some(turn) = self.next() {
+            disturb(self, &turn);
+            self.send(self.header(turn.slot), turn.good);
+        }
+    }
+}
