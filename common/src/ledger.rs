@@ -58,13 +58,14 @@ impl Ledger {
     }
 
     /// Takes over the state of another ledger of this field, if it can be one: as many queues, none above the storage,
-    /// and every bit accounted for. Says whether it did. What each sensor node has delivered counts from here.
+    /// every bit accounted for, and no more bits than a mission may have. Says whether it did. What each sensor node has delivered counts from here.
     #[must_use]
     pub fn take_over(&mut self, queues_bits: &[u32], totals: Totals) -> bool {
         let queued_bits: u64 = queues_bits.iter().copied().map(u64::from).sum();
         let possible = queues_bits.len() == self.queues_bits.len()
             && queues_bits.iter().all(|&queue| queue <= self.capacity_bits)
             && queued_bits == totals.queued_bits
+            && u128::from(totals.initial_bits) + u128::from(totals.sampled_bits) <= i64::MAX as u128
             && totals.balanced();
         if possible {
             self.queues_bits.copy_from_slice(queues_bits);

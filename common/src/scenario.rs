@@ -15,6 +15,9 @@ pub use raw::{AltitudeMode, Environment, GainMode, LinkModel, Propulsion, Strate
 /// Most resource blocks of a UAV: messages hold this many served sensor nodes.
 pub const MAX_RESOURCE_BLOCKS: usize = 64;
 
+/// Bits that all sensor nodes together may sample in a mission: the ledger's totals are 64 bits wide.
+pub(crate) const MAX_FIELD_BITS: f64 = 9.0e18;
+
 /// The letter's mission (section V), which needs no file.
 pub const LETTER: &str = include_str!("../../scenarios/letter.toml");
 

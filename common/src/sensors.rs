@@ -78,7 +78,10 @@ impl SensorList {
     /// # Errors
     /// If a row is bad, or there is none.
     pub fn parse(text: &str, path: &Path, scenario: &Scenario) -> Result<Self, SensorListError> {
-        let refuse = |(line, message)| SensorListError::Row { path: path.to_owned(), line, message };
+        let refuse = |(line, message): (u64, String)| {
+            let message = message.replace(['\n', '\r'], " "); // what a quoted field holds
+            SensorListError::Row { path: path.to_owned(), line, message }
+        };
         table::read(text, scenario).map(Self).map_err(refuse)
     }
 

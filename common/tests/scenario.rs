@@ -73,6 +73,10 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
             "sensors.capacity_bits = 4294967296: expected 1 to 4294967295 bits",
         ),
         ("[sensors]\nsampling_bps = nan\n", "sensors.sampling_bps = NaN: expected a finite number, 0 or above"),
+        (
+            "slots = 1\n[sensors]\nsampling_bps = 9e15\ncount = 1001\n",
+            "sensors.sampling_bps = 9000000000000000.0: expected at most 9e18 bits over the mission from all sensor nodes",
+        ),
         ("[area]\nside_m = 5.0\nwidth_m = 5.0\n", "area.side_m = 5.0: expected either side_m, or width_m and height_m"),
         ("[area]\nheight_m = 5.0\n", "area.height_m = 5.0: expected width_m and height_m together, or side_m"),
         ("[planner]\nsca_iterations = 0\n", "planner.sca_iterations = 0: expected 1 to 1000"),
@@ -180,6 +184,23 @@ fn a_short_list_is_filled_up_from_the_seed_and_the_scenario() {
     assert_eq!(list.sensors()[1].position, [3.0, 4.0].into());
     assert_eq!((list.sensors()[1].gain_db, list.sensors()[1].sampling_bps), (-52.0, 70.0));
     assert_eq!(list.queues_bits(), drawn.queues_bits()[..2]);
+}
+
+#[test]
+fn a_list_that_samples_more_than_can_be_counted_is_refused() {
+    let scenario = parse("name = \"x\"\nslots = 1\n").unwrap();
+    let rows = |count| format!("x_m,y_m,sampling_bps\n{}", "1,2,9e15\n".repeat(count));
+    assert!(SensorList::parse(&rows(1000), Path::new("l.csv"), &scenario).is_ok());
+    let error = SensorList::parse(&rows(1001), Path::new("l.csv"), &scenario).unwrap_err().to_string();
+    let expected = "at most 9e18 bits over the mission from all sensor nodes";
+    assert_eq!(error, format!("sensor list l.csv: line 1002: sampling_bps = 9000000000000000: expected {expected}"));
+}
+
+#[test]
+fn a_list_is_refused_in_one_line_whatever_it_quotes() {
+    let scenario = parse("name = \"x\"\n").unwrap();
+    let error = SensorList::parse("x_m,y_m\n\"1\n2\",3\n", Path::new("l.csv"), &scenario).unwrap_err();
+    assert_eq!(error.to_string(), "sensor list l.csv: line 2: x_m = 1 2: expected a position in the area, 0 to 100");
 }
 
 proptest! {

@@ -89,14 +89,16 @@ impl Memory {
     /// If the files cannot be read.
     pub fn recall(&self, field: &mut Field) -> Result<(Reached, Option<FlightReport>), JournalError> {
         let mut reached = Reached::default();
+        let flights = self.flights.read()?;
+        let newest = flights.last().map_or(u64::MAX, |flight| flight.slot);
         for state in self.states.read()?.iter().rev() {
-            if let Some(found) = take_over(field, state) {
+            if let Some(found) = take_over(field, state, newest) {
                 reached = found;
                 break;
             }
         }
         let mut last = None;
-        for record in self.flights.read()? {
+        for record in flights {
             let Ok(flight) = bytemuck::try_pod_read_unaligned::<FlightReport>(&record.bytes) else { break };
             if record.slot <= reached.slot {
                 continue;
@@ -114,10 +116,13 @@ impl Memory {
     }
 }
 
-/// Brings the field to a remembered state, if it is one.
-fn take_over(field: &mut Field, state: &Record) -> Option<Reached> {
+/// Brings the field to a remembered state, if it is one of a slot before `newest`.
+fn take_over(field: &mut Field, state: &Record, newest: u64) -> Option<Reached> {
     let (head, queues) = state.bytes.split_at_checked(size_of::<StateHead>())?;
     let head: StateHead = bytemuck::pod_read_unaligned(head);
+    if head.slot >= newest {
+        return None;
+    }
     let queues: Vec<u32> = queues.as_chunks().0.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect();
     let bits = SlotBits { delivered_bits: head.delivered_bits, lost_bits: head.lost_bits };
     field.take_over(&queues, head.totals).then_some(Reached { slot: head.slot, bits })
@@ -159,7 +164,9 @@ mod tests {
             assert_eq!((recalled.queues_bits(), recalled.totals()), (before.0.queues_bits(), before.0.totals()));
             let bits = lived.step(slot, &flight(slot)).unwrap();
             before = (lived.clone(), Reached { slot, bits });
+            let last_but_one = memory.recall(&mut field()).unwrap();
             memory.rest(before.1, &lived).unwrap();
+            assert_eq!(memory.recall(&mut field()).unwrap(), last_but_one, "slot {slot}: a state changes nothing");
         }
     }
 

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use super::raw::{self, AltitudeMode, GainDb, LinkModel, letter};
 use super::{
-    Area, Climb, LinkBudget, MAX_RESOURCE_BLOCKS, Origin, PlannerChoice, Scenario, ScenarioError, SensorSource,
-    Sensors, Uav,
+    Area, Climb, LinkBudget, MAX_FIELD_BITS, MAX_RESOURCE_BLOCKS, Origin, PlannerChoice, Scenario, ScenarioError,
+    SensorSource, Sensors, Uav,
 };
 use crate::geometry::Position;
 use crate::units::watts_of_dbm;
@@ -163,6 +163,9 @@ impl Checker<'_> {
         let sampled_bits = sensors.sampling_bps * slot_s * slots as f64;
         let expected = "at most 9e15 bits over the mission";
         self.that("sensors.sampling_bps", sensors.sampling_bps, sampled_bits <= MAX_SAMPLED_BITS, expected)?;
+        let drawn = if let SensorSource::Drawn(count) = source { f64::from(count) } else { 1.0 };
+        let expected = "at most 9e18 bits over the mission from all sensor nodes";
+        self.that("sensors.sampling_bps", sensors.sampling_bps, drawn * sampled_bits <= MAX_FIELD_BITS, expected)?;
         let mean_bits = sensors.initial_queue_mean_bits;
         let holds = mean_bits >= 0.0 && mean_bits <= f64::from(u32::MAX);
         self.that("sensors.initial_queue_mean_bits", mean_bits, holds, "0 to 4294967295 bits")?;

@@ -5,7 +5,7 @@
 use super::projection::Projection;
 use super::{Sensor, draw_gain_db, draw_queue_bits};
 use crate::geometry::Position;
-use crate::scenario::{Area, Scenario};
+use crate::scenario::{Area, MAX_FIELD_BITS, Scenario};
 
 /// Columns in which a list is written, in this order.
 pub(super) const WRITTEN: [&str; 5] = ["x_m", "y_m", "queue_bits", "gain_db", "sampling_bps"];
@@ -25,7 +25,8 @@ pub(super) fn read(text: &str, scenario: &Scenario) -> Result<Vec<Sensor>, Refus
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(text.as_bytes());
     let header = reader.headers().map_err(|error| (1, error.to_string()))?.clone();
     let table = Table::of(&header, scenario).map_err(|message| (1, message))?;
-    let mut sensors = Vec::new();
+    let mission_s = scenario.slot_s * scenario.slots as f64;
+    let (mut sensors, mut field_bits) = (Vec::new(), 0.0);
     for row in reader.records() {
         let row = row.map_err(|error| {
             let line = error.position().map_or(0, csv::Position::line);
@@ -36,7 +37,13 @@ pub(super) fn read(text: &str, scenario: &Scenario) -> Result<Vec<Sensor>, Refus
             return Err((line, format!("{} fields: expected {}, as in the header", row.len(), header.len())));
         }
         let id = u32::try_from(sensors.len()).map_err(|_| (line, "expected at most 2^32 rows".to_owned()))?;
-        sensors.push(table.sensor(&row, id).map_err(|message| (line, message))?);
+        let sensor = table.sensor(&row, id).map_err(|message| (line, message))?;
+        field_bits += sensor.sampling_bps * mission_s;
+        if field_bits > MAX_FIELD_BITS {
+            let expected = "at most 9e18 bits over the mission from all sensor nodes";
+            return Err((line, format!("sampling_bps = {}: expected {expected}", sensor.sampling_bps)));
+        }
+        sensors.push(sensor);
     }
     if sensors.is_empty() {
         return Err((1, "no rows: expected at least one sensor node".to_owned()));
