@@ -1,0 +1,60 @@
+//! Scenarios that are flown.
+
+use std::path::Path;
+
+use skysink::mission::Mission;
+use skysink_common::message::{FlightReport, HoldReason, Mode};
+use skysink_common::scenario::{Overrides, Scenario, SensorSource};
+use skysink_common::sensors::SensorList;
+use skysink_field_sim::Field;
+
+use super::flight_message::balanced;
+
+/// Most sensor nodes that are flown over: a slot takes time with more.
+const MOST_FLOWN_OVER: u32 = 16;
+
+/// Most sensor nodes that live through a slot.
+const MOST_SENSORS: u32 = 4096;
+
+/// Slots that are flown.
+const SLOTS: u64 = 3;
+
+/// A scenario that is accepted can be flown: the UAV follows its own planner, and no bit is unaccounted for.
+///
+/// # Panics
+/// If not.
+pub fn mission(bytes: &[u8]) {
+    let Ok(text) = std::str::from_utf8(bytes) else { return };
+    let Ok(scenario) = Scenario::parse(text, Path::new("city.toml"), Overrides::default()) else { return };
+    match scenario.sensors.source {
+        SensorSource::Drawn(..=MOST_FLOWN_OVER) => fly(&scenario),
+        SensorSource::Drawn(..=MOST_SENSORS) => live(&scenario),
+        SensorSource::Drawn(_) | SensorSource::File(_) => {}
+    }
+}
+
+fn fly(scenario: &Scenario) {
+    let mut mission = Mission::new(scenario, &list(scenario));
+    for _ in 0..SLOTS {
+        let Some(turn) = mission.turn().expect("the field knows whom its own planner serves") else { return };
+        let (plan, flight, totals) = (turn.plan, turn.flight, turn.header.totals);
+        assert_eq!((flight.hold, flight.refused), (HoldReason::None.code(), 0), "{plan:?}");
+        assert_ne!(Mode::of_code(flight.mode), Mode::Hold);
+        assert!(totals.balanced(), "{totals:?}");
+        assert_eq!(mission.queues_bits().iter().copied().map(u64::from).sum::<u64>(), totals.queued_bits);
+    }
+}
+
+/// The first slot of the field and the last, with nobody served.
+fn live(scenario: &Scenario) {
+    let mut field = Field::new(scenario, &list(scenario));
+    let nobody = FlightReport::at(0.0, 0.0, 0.0, Mode::Hold);
+    for slot in [1, scenario.slots] {
+        field.step(slot, &nobody).expect("nobody is served");
+        balanced(&field, scenario.sensors.capacity_bits);
+    }
+}
+
+fn list(scenario: &Scenario) -> SensorList {
+    SensorList::of(scenario).expect("sensor nodes are drawn, not read")
+}

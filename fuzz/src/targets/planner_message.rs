@@ -1,0 +1,54 @@
+//! Flights, queues and sensor nodes as the planner gets them.
+
+use skysink_common::geometry::Position;
+use skysink_common::message::{HoldReason, SensorNode};
+use skysink_common::scenario::{Scenario, Strategy};
+use skysink_flight_sim::Flight;
+use skysink_planner::Planner;
+
+use super::world::WORLDS;
+use crate::cursor::Cursor;
+
+/// Whatever it is told, the planner answers with at most n known sensor nodes; and if the UAV is where it can be, over the
+/// scenario's own sensor nodes, the UAV can do all that the plan says.
+///
+/// # Panics
+/// If not.
+pub fn planner_message(bytes: &[u8]) {
+    let mut input = Cursor::new(bytes);
+    let world = &WORLDS[usize::from(input.u8()) % WORLDS.len()];
+    let mut scenario = world.scenario.clone();
+    scenario.planner.strategy = Strategy::ALL[usize::from(input.u8()) % Strategy::ALL.len()];
+    let foreign = input.u8() % 4;
+    let mut nodes = world.nodes.clone();
+    for node in nodes.iter_mut().take(foreign.into()) {
+        let (x_m, y_m, gain) = (input.f64(), input.f64(), input.f64());
+        *node = SensorNode { x_m, y_m, gain, ..*node };
+    }
+    let mut planner = Planner::new(&scenario, &nodes);
+    for _ in 0..2 {
+        let (slot, position, altitude_m) = (input.u64(), Position::new(input.f64(), input.f64()), input.f64());
+        let queues: Vec<u32> = nodes.iter().map(|_| input.u32()).collect();
+        let plan = planner.step(slot, &position, altitude_m, &queues);
+        let ids = plan.scheduled();
+        assert!(plan.served as usize == ids.len() && ids.len() <= scenario.link.resource_blocks, "{plan:?}");
+        assert!(ids.iter().all(|&id| (id as usize) < nodes.len()) && ids.is_sorted_by(|a, b| a < b), "{plan:?}");
+        if foreign == 0 && possible(&scenario, &position, altitude_m) {
+            let mut flight = Flight::new(&scenario, &nodes);
+            let mut here = flight.start();
+            (here.x_m, here.y_m, here.z_m) = (position.x, position.y, altitude_m);
+            flight.take_over(&here);
+            let report = flight.step(slot, Some(&plan));
+            assert_eq!((report.hold, report.refused), (HoldReason::None.code(), 0), "{plan:?} from {here:?}");
+        }
+    }
+}
+
+/// Whether the UAV can be there.
+fn possible(scenario: &Scenario, position: &Position, altitude_m: f64) -> bool {
+    let uav = scenario.uav;
+    let high = uav.climb.map_or(altitude_m == uav.altitude_m, |climb| {
+        (climb.min_altitude_m..=climb.max_altitude_m).contains(&altitude_m)
+    });
+    scenario.area.contains(position, 0.0) && high
+}

@@ -1,0 +1,50 @@
+//! The journal of a sweep.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use skysink::sweep::journal::{Journal, Row, read};
+use skysink::sweep::plan::Flight;
+
+use super::place::{in_folder, write};
+
+/// A journal is refused in one line, or its missions are the same however they are read, and written again they read
+/// back as themselves; opened, it ends with a whole line.
+///
+/// # Panics
+/// If not.
+pub fn sweep_journal(bytes: &[u8]) {
+    in_folder(|folder| {
+        let (path, copy) = (folder.join("missions.csv"), folder.join("copy.csv"));
+        write(&path, bytes);
+        let found = read(&path);
+        match (found, Journal::open(&path)) {
+            (Err(error), Err(same)) => {
+                super::assert_one_line(&error);
+                assert_eq!(error.to_string(), same.to_string());
+            }
+            (Ok(found), Ok((_, rows))) => {
+                assert_eq!(told(&found), told(&rows));
+                let left = std::fs::read(&path).expect("the journal is there");
+                assert!(bytes.starts_with(&left) && left.last().is_none_or(|&byte| byte == b'\n'));
+                write_again(&copy, &rows);
+            }
+            (found, opened) => panic!("read: {found:?}, opened: {opened:?}"),
+        }
+    });
+}
+
+fn write_again(copy: &Path, rows: &BTreeMap<Flight, Row>) {
+    write(copy, &[]);
+    let (mut journal, none) = Journal::open(copy).expect("an empty journal opens");
+    assert!(none.is_empty());
+    for row in rows.values() {
+        journal.add(row).expect("the row is written");
+    }
+    assert_eq!(told(&read(copy).expect("what was just written is a journal")), told(rows));
+}
+
+/// The missions in words: a figure may be NaN, which equals nothing.
+fn told(rows: &BTreeMap<Flight, Row>) -> String {
+    format!("{rows:?}")
+}
