@@ -10,12 +10,14 @@ pub const RANGE_SLACK: f64 = 1e-9;
 
 /// Squared distance [m²] between two positions.
 #[must_use]
+#[inline]
 pub fn distance_squared(a: &Position, b: &Position) -> f64 {
     (a - b).norm_squared()
 }
 
 /// Whether `a` and `b` are at most `radius_m` [m] apart, up to [`RANGE_SLACK`]; false if any of them is NaN.
 #[must_use]
+#[inline]
 pub fn within(a: &Position, b: &Position, radius_m: f64) -> bool {
     let limit_m = radius_m * (1.0 + RANGE_SLACK);
     distance_squared(a, b) <= limit_m * limit_m

@@ -24,4 +24,5 @@ pub mod scenario;
 pub mod sensors;
 pub mod topic;
 pub mod units;
+pub mod wide;
 pub mod writer;

@@ -20,9 +20,9 @@
 
 use skysink_common::geometry::{Position, distance_squared, within};
 
-use crate::field::{Field, PRESELECTION_MARGIN};
+use crate::field::Field;
 use crate::geometric::{self, Disk, crossings};
-use crate::strategy::fullest_first;
+use crate::nearby::{Spot, may_share, preselect};
 
 /// The search, with its working memory.
 #[derive(Debug, Clone)]
@@ -34,14 +34,6 @@ pub struct ExactSearch {
     best: Best,
     /// The set under consideration.
     trial: Schedule,
-}
-
-/// A sensor node, as the search sees it.
-#[derive(Debug, Clone, Copy)]
-struct Spot {
-    position: Position,
-    queue_bits: u32,
-    id: u32,
 }
 
 /// At most n sensor nodes.
@@ -84,7 +76,7 @@ impl ExactSearch {
         queues_bits: &[u32],
         ids: &mut Vec<u32>,
     ) -> Option<Position> {
-        self.preselect(field, position, queues_bits);
+        preselect(&mut self.nearby, field, position, field.reach_m + field.comm_radius_m, queues_bits);
         self.best.clear();
         for index in 0..self.nearby.len() {
             let i = self.nearby[index];
@@ -97,21 +89,12 @@ impl ExactSearch {
         self.best.centre
     }
 
-    /// Keeps the SNs within `V τ + d_c`.
-    fn preselect(&mut self, field: &Field, position: &Position, queues_bits: &[u32]) {
-        let radius_m = (field.reach_m + field.comm_radius_m) * PRESELECTION_MARGIN;
-        let spot = |id| Spot { position: *field.position(id), queue_bits: queues_bits[id as usize], id };
-        self.nearby.clear();
-        self.nearby.extend(field.ids_within(position, radius_m).map(spot));
-        self.nearby.sort_unstable_by_key(|spot| fullest_first(queues_bits, spot.id));
-    }
-
     /// Looks from where the disk of i, and its lenses with the disks of all less full SNs, come nearest to the UAV.
     fn look_about(&mut self, field: &Field, position: &Position, i: &Spot) {
         self.around.clear();
         self.around.extend(self.nearby.iter().filter(|other| may_share(field, i, other)));
         let reach = Disk { centre: *position, radius_m: field.reach_m };
-        let disk = i.disk(field);
+        let disk = disk_of(i, field);
         if let Some(centre) = geometric::project(position, &[reach, disk]) {
             self.look_from(field, &centre);
         }
@@ -125,7 +108,7 @@ impl ExactSearch {
                 continue;
             }
             // Where the lens comes nearer than at its corners, it does so where one of the disks does.
-            let [a, b] = crossings(&disk, &k.disk(field));
+            let [a, b] = crossings(&disk, &disk_of(&k, field));
             let a_is_nearer = distance_squared(&a, position) <= distance_squared(&b, position);
             let corner = if a_is_nearer { a } else { b };
             if reach.contains(&corner) {
@@ -157,16 +140,9 @@ impl ExactSearch {
     }
 }
 
-impl Spot {
-    /// From where it can be served.
-    fn disk(&self, field: &Field) -> Disk {
-        Disk { centre: self.position, radius_m: field.comm_radius_m }
-    }
-}
-
-/// Whether one waypoint may have both SNs in range.
-fn may_share(field: &Field, a: &Spot, b: &Spot) -> bool {
-    within(&a.position, &b.position, 2.0 * field.comm_radius_m * PRESELECTION_MARGIN)
+/// From where an SN can be served.
+fn disk_of(spot: &Spot, field: &Field) -> Disk {
+    Disk { centre: spot.position, radius_m: field.comm_radius_m }
 }
 
 impl Schedule {

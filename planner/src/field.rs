@@ -4,20 +4,22 @@
 
 use std::ops::Range;
 
-use skysink_common::geometry::{Position, distance_squared, within};
+use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::link::Link;
 use skysink_common::los::LosLink;
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::{Area, Scenario};
 
-/// Margin of a preselection over every test that follows it; it changes what is looked at, never what is found.
-pub(crate) const PRESELECTION_MARGIN: f64 = 1.001;
+use crate::grid::Grid;
 
 /// The sensor nodes (SNs) and the limits that a plan has to keep.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
     /// Where the SNs stand, `L_i`, by id.
     pub positions: Vec<Position>,
+    /// The same SNs by place, in cells of the side `d_c`: who is near a point. It is made of `positions`, and has to be
+    /// made anew if they change.
+    pub grid: Grid,
     /// Their reference channel gains at 1 m, `α_i`, as linear ratios, by id.
     pub gains: Vec<f64>,
     /// The mean channel in free space.
@@ -38,8 +40,10 @@ impl Field {
     /// The field of a scenario with these SNs.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
+        let positions: Vec<Position> = sensors.iter().map(|sensor| Position::new(sensor.x_m, sensor.y_m)).collect();
         Self {
-            positions: sensors.iter().map(|sensor| Position::new(sensor.x_m, sensor.y_m)).collect(),
+            grid: Grid::new(&positions, scenario.link.comm_radius_m),
+            positions,
             gains: sensors.iter().map(|sensor| sensor.gain).collect(),
             link: Link::of(scenario),
             los: scenario.link.los.as_ref().map(|los| LosLink::of(scenario, los)),
@@ -63,11 +67,6 @@ impl Field {
     #[must_use]
     pub fn position(&self, id: u32) -> &Position {
         &self.positions[id as usize]
-    }
-
-    /// The SNs within `radius_m` [m] of `centre` (decision D5), ascending.
-    pub fn ids_within(&self, centre: &Position, radius_m: f64) -> impl Iterator<Item = u32> {
-        self.ids().filter(move |&id| within(self.position(id), centre, radius_m))
     }
 
     /// Bits that a visit at `altitude_m` [m] above `ground` is expected to collect from the SNs `ids`:

@@ -8,6 +8,8 @@
 //! |---|---|
 //! | [`planner`] | one slot: schedule, then waypoint |
 //! | [`field`] | what stays the same in every slot |
+//! | [`grid`] | who is near a point |
+//! | `nearby` | the candidates of both searches, fullest first |
 //! | [`search`], [`circles`] | sP1 by Algorithm 1 |
 //! | [`exact`] | sP1 solved exactly |
 //! | [`strategy`] | the baselines' waypoints, transit, and serving the fullest queues |
@@ -23,6 +25,8 @@ pub mod conic;
 pub mod exact;
 pub mod field;
 pub mod geometric;
+pub mod grid;
+mod nearby;
 pub mod node;
 pub mod planner;
 pub mod sca;

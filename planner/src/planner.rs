@@ -49,16 +49,22 @@ impl Planner {
     /// The planner of a scenario with the sensor nodes `sensors`, SN i at entry i.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
-        let field = Field::new(scenario, sensors);
+        Self::over(scenario, Field::new(scenario, sensors))
+    }
+
+    /// The planner of a scenario over a field of its own, such as one with another grid.
+    #[must_use]
+    pub fn over(scenario: &Scenario, field: Field) -> Self {
+        let sensors = field.positions.len();
         Self {
             scenario: scenario.clone(),
             streams: Streams::new(scenario.seed),
-            search: Search::with_room_for(sensors.len()),
+            search: Search::with_room_for(sensors),
             exact: ExactSearch::new(&field),
             problem: Problem::new(&field),
             solver: Solver::new(scenario.planner.waypoint_solver),
             spatial: field.los.map(|link| SpatialSolver::new(link, scenario.planner, field.resource_blocks)),
-            ids: Vec::with_capacity(sensors.len()),
+            ids: Vec::with_capacity(sensors),
             field,
         }
     }
@@ -66,7 +72,8 @@ impl Planner {
     /// Plans `slot` from where the UAV is, `L_u(t−1)` at the altitude `altitude_m` [m], and the queues `B_i(t−1)` [bit],
     /// by id. In free space the UAV flies at the scenario's altitude, whatever `altitude_m` says.
     ///
-    /// `plan_ns` stays 0: a step reads no clock.
+    /// It takes as long as there are SNs near the UAV, however many there are in all; only a slot of transit looks at
+    /// every queue. `plan_ns` stays 0: a step reads no clock.
     ///
     /// # Panics
     /// If there is not one queue per sensor node.

@@ -6,8 +6,12 @@
 use skysink_common::geometry::{Position, within};
 
 use crate::circles::{CIRCLES, circles};
-use crate::field::{Field, PRESELECTION_MARGIN};
-use crate::strategy::fullest_first;
+use crate::field::Field;
+use crate::nearby::{Spot, may_share, preselect};
+
+/// How far an SN in a circle may be from the anchor, in units of the `2 d_c` within which partners are: an anchor and its
+/// partner may be `2 d_c (1 + 1e-9)` apart (decision D5), and circles about such a pair pass them by as much.
+const SLIVER: f64 = 1.0 + 1e-6;
 
 /// Which anchors and circles Algorithm 1 takes for reachable from `L_u(t−1)`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,7 +44,11 @@ impl Reach {
 #[derive(Debug, Clone, Default)]
 pub struct Search {
     /// The SNs that this slot's anchors could meet, fullest first: the first n that pass a test are the n largest.
-    nearby: Vec<u32>,
+    nearby: Vec<Spot>,
+    /// The anchors whose partner has not come yet, fullest first.
+    waiting: Vec<Spot>,
+    /// The SNs that a circle may hold beside the partner at hand, fullest first, and what is left of earlier ones.
+    around: Vec<Spot>,
 }
 
 /// How the winning set came about.
@@ -63,11 +71,28 @@ pub struct Pair {
     pub chosen: u32,
 }
 
+/// What a slot's search starts from.
+#[derive(Clone, Copy)]
+struct Slot<'a> {
+    reach: Reach,
+    field: &'a Field,
+    /// The UAV's position, `L_u(t−1)`.
+    position: &'a Position,
+}
+
+/// The best set so far, and its `Σ B_i` [bit].
+#[derive(Debug, Clone, Copy)]
+struct Best {
+    sum_bits: u64,
+    winner: Winner,
+}
+
 impl Search {
     /// A search that never allocates for up to `sensors` SNs.
     #[must_use]
     pub fn with_room_for(sensors: usize) -> Self {
-        Self { nearby: Vec::with_capacity(sensors) }
+        let room = || Vec::with_capacity(sensors);
+        Self { nearby: room(), waiting: room(), around: room() }
     }
 
     /// Algorithm 1: the best set over all anchors that can be reached from `position`, `L_u(t−1)`.
@@ -85,73 +110,54 @@ impl Search {
         queues_bits: &[u32],
         ids: &mut Vec<u32>,
     ) -> Option<Winner> {
+        // Partners, and everything within d_c of a circle's centre, are within 2 d_c of an anchor.
         let anchor_radius_m = reach.anchor_radius_m(field);
-        self.preselect(field, position, queues_bits, anchor_radius_m);
-        let mut best: Option<(u64, Winner)> = None;
-        for anchor in field.ids_within(position, anchor_radius_m) {
-            let (sum_bits, winner) = self.best_around(reach, field, position, queues_bits, anchor);
-            if best.is_none_or(|(best_bits, _)| sum_bits > best_bits) {
-                best = Some((sum_bits, winner));
-            }
+        preselect(&mut self.nearby, field, position, anchor_radius_m + 2.0 * field.comm_radius_m, queues_bits);
+        let is_anchor = |spot: &&Spot| within(&spot.position, position, anchor_radius_m);
+        self.waiting.clear();
+        self.waiting.extend(self.nearby.iter().filter(is_anchor));
+        let mut best = None;
+        if field.resource_blocks > 1 {
+            self.pair_up(&Slot { reach, field, position }, &mut best);
         }
-        let (_, winner) = best?;
+        self.waiting.iter().for_each(|anchor| Best::alone(anchor).replace(&mut best));
+        let winner = best?.winner;
         self.collect(field, &winner, ids);
         Some(winner)
     }
 
-    /// Keeps the SNs within an anchor's `2 d_c`: partners, and everything within `d_c` of a circle's centre.
-    fn preselect(&mut self, field: &Field, position: &Position, queues_bits: &[u32], anchor_radius_m: f64) {
-        let radius_m = (anchor_radius_m + 2.0 * field.comm_radius_m) * PRESELECTION_MARGIN;
-        self.nearby.clear();
-        self.nearby.extend(field.ids_within(position, radius_m));
-        self.nearby.sort_unstable_by_key(|&id| fullest_first(queues_bits, id));
-    }
-
-    /// Steps 3 to 5: the set of one anchor and its sum of queues [bit]; the anchor alone where no circle is left.
-    fn best_around(
-        &self,
-        reach: Reach,
-        field: &Field,
-        position: &Position,
-        queues_bits: &[u32],
-        anchor: u32,
-    ) -> (u64, Winner) {
-        let queue_bits = |id: u32| u64::from(queues_bits[id as usize]);
-        let alone = (queue_bits(anchor), Winner { anchor, pair: None });
-        let Some(partner) = self.partner(field, anchor) else {
-            return alone;
-        };
-        let circles = circles(field.position(anchor), field.position(partner), field.comm_radius_m)
-            .map(|centre| reach.admits(field, position, &centre).then_some(centre));
-        let mut best: Option<(u64, u32)> = None;
-        for (circle, centre) in (0..).zip(&circles) {
-            let Some(centre) = centre else { continue };
-            let others_bits = self.others(field, anchor, partner, centre).map(queue_bits).sum();
-            if best.is_none_or(|(best_bits, _)| others_bits > best_bits) {
-                best = Some((others_bits, circle));
+    /// Steps 3 to 5 for every anchor that has a partner. The others stay in `waiting`, unless they cannot win.
+    ///
+    /// An anchor's partner is the largest queue within `2 d_c` of it: of all SNs, fullest first, the first that is near
+    /// enough. So an anchor that waits meets nobody fuller than the partner at hand, and the search ends when n−1 such
+    /// queues are too little for the fullest one, unless an SN was seen in the sliver that is farther from an anchor than
+    /// its partner may be but can still be in a circle.
+    fn pair_up(&mut self, slot: &Slot, best: &mut Option<Best>) {
+        let Self { nearby, waiting, around } = self;
+        let field = slot.field;
+        around.resize(nearby.len().max(around.len()), Spot::default());
+        let (others, range_m) = (field.resource_blocks as u64 - 1, 2.0 * field.comm_radius_m);
+        let mut sliver = false;
+        for partner in nearby.iter() {
+            let Some(fullest) = waiting.first() else {
+                return;
+            };
+            let most_bits = u64::from(fullest.queue_bits) + others * u64::from(partner.queue_bits);
+            if !sliver && best.is_some_and(|best| most_bits < best.sum_bits) {
+                return waiting.clear();
             }
+            let mut gathered = None;
+            waiting.retain(|anchor| {
+                let near = |range_m| within(&anchor.position, &partner.position, range_m);
+                if anchor.id == partner.id || !near(range_m) {
+                    sliver |= anchor.id != partner.id && near(range_m * SLIVER);
+                    return true;
+                }
+                let count = *gathered.get_or_insert_with(|| gather(field, nearby, partner, around));
+                look_about(slot, anchor, partner, &around[..count], best);
+                false
+            });
         }
-        let Some((others_bits, chosen)) = best else {
-            return alone;
-        };
-        let sum_bits = queue_bits(anchor) + queue_bits(partner) + others_bits;
-        (sum_bits, Winner { anchor, pair: Some(Pair { partner, circles, chosen }) })
-    }
-
-    /// Step 3: the largest queue within `2 d_c` of the anchor; `None` if there is none, or no second resource block.
-    fn partner(&self, field: &Field, anchor: u32) -> Option<u32> {
-        if field.resource_blocks < 2 {
-            return None;
-        }
-        let in_range = |id: u32| within(field.position(id), field.position(anchor), 2.0 * field.comm_radius_m);
-        self.nearby.iter().copied().find(|&id| id != anchor && in_range(id))
-    }
-
-    /// Step 5: the n−2 largest queues in the circle about `centre`, other than the pair's.
-    fn others(&self, field: &Field, anchor: u32, partner: u32, centre: &Position) -> impl Iterator<Item = u32> {
-        let in_circle = |id: u32| within(field.position(id), centre, field.comm_radius_m);
-        let wanted = move |&id: &u32| id != anchor && id != partner && in_circle(id);
-        self.nearby.iter().copied().filter(wanted).take(field.resource_blocks - 2)
     }
 
     /// Fills `ids` with the winner's set, ascending.
@@ -161,9 +167,88 @@ impl Search {
         if let Some(pair) = &winner.pair {
             ids.push(pair.partner);
             let centre = pair.circles[pair.chosen as usize].expect("only a circle in reach can win");
-            ids.extend(self.others(field, winner.anchor, pair.partner, &centre));
+            let others = self.nearby.iter().filter(|spot| spot.id != winner.anchor && spot.id != pair.partner);
+            ids.extend(in_circle(field, others, &centre).map(|spot| spot.id));
         }
         ids.sort_unstable();
+    }
+}
+
+/// Fills the front of `around`, which has room, with the SNs near `partner`, in the order of `nearby`, and counts them.
+///
+/// One in four or so is near, in no order that a processor could foresee: it is faster to write them all, each over the
+/// one before unless that was near, than to branch.
+fn gather(field: &Field, nearby: &[Spot], partner: &Spot, around: &mut [Spot]) -> usize {
+    let mut count = 0;
+    for spot in nearby {
+        around[count] = *spot;
+        count += usize::from(spot.id != partner.id && may_share(field, partner, spot));
+    }
+    count
+}
+
+/// Steps 4 and 5 for an anchor and its partner, of which everybody in range is `around`; the anchor alone where no circle
+/// is left.
+///
+/// No circle can hold more than the n−2 fullest SNs that may share a waypoint with either of the two: most anchors need
+/// no circles to be seen to lose.
+fn look_about(slot: &Slot, anchor: &Spot, partner: &Spot, around: &[Spot], best: &mut Option<Best>) {
+    let Slot { reach, field, position } = *slot;
+    let pair_bits = sum_bits([anchor, partner].into_iter());
+    let others = || around.iter().filter(|spot| spot.id != anchor.id);
+    let sharing = others().filter(|spot| may_share(field, anchor, spot));
+    let most_bits = pair_bits + sum_bits(sharing.take(field.resource_blocks - 2));
+    if !is_better(best, most_bits, anchor.id) {
+        return;
+    }
+    let circles = circles(&anchor.position, &partner.position, field.comm_radius_m)
+        .map(|centre| reach.admits(field, position, &centre).then_some(centre));
+    let mut fullest: Option<(u64, u32)> = None;
+    for (circle, centre) in (0..).zip(&circles) {
+        let Some(centre) = centre else { continue };
+        let set_bits = pair_bits + sum_bits(in_circle(field, others(), centre));
+        if fullest.is_none_or(|(fullest_bits, _)| set_bits > fullest_bits) {
+            fullest = Some((set_bits, circle));
+        }
+    }
+    let set = fullest.map_or(Best::alone(anchor), |(sum_bits, chosen)| {
+        let pair = Some(Pair { partner: partner.id, circles, chosen });
+        Best { sum_bits, winner: Winner { anchor: anchor.id, pair } }
+    });
+    set.replace(best);
+}
+
+/// Step 5: the n−2 largest queues in the circle about `centre` of `others`, which are fullest first.
+fn in_circle<'a>(
+    field: &Field,
+    others: impl Iterator<Item = &'a Spot>,
+    centre: &Position,
+) -> impl Iterator<Item = &'a Spot> {
+    others.filter(|spot| within(&spot.position, centre, field.comm_radius_m)).take(field.resource_blocks - 2)
+}
+
+/// `Σ B_i` [bit].
+fn sum_bits<'a>(spots: impl Iterator<Item = &'a Spot>) -> u64 {
+    spots.map(|spot| u64::from(spot.queue_bits)).sum()
+}
+
+/// Whether a set of `anchor` with `sum_bits` [bit] is better than the best so far: it holds more, or as much and the
+/// anchor's index is lower (decision D7). Anchors are not looked at by index.
+fn is_better(best: &Option<Best>, sum_bits: u64, anchor: u32) -> bool {
+    best.is_none_or(|best| sum_bits > best.sum_bits || sum_bits == best.sum_bits && anchor < best.winner.anchor)
+}
+
+impl Best {
+    /// The anchor alone.
+    fn alone(anchor: &Spot) -> Self {
+        Self { sum_bits: u64::from(anchor.queue_bits), winner: Winner { anchor: anchor.id, pair: None } }
+    }
+
+    /// Takes the place of `best` if it is better.
+    fn replace(self, best: &mut Option<Self>) {
+        if is_better(best, self.sum_bits, self.winner.anchor) {
+            *best = Some(self);
+        }
     }
 }
 
@@ -235,6 +320,22 @@ mod tests {
         let field = field_of(&[[40.0, 50.0], [60.0, 50.0], [50.0, 50.0], [50.0, 51.0]]);
         let (winner, _) = search(&field, &[5, 5, 5, 5]).unwrap();
         assert_eq!((winner.anchor, winner.pair.unwrap().partner), (0, 1));
+    }
+
+    #[test]
+    fn a_fuller_queue_in_the_sliver_of_decision_d5_is_not_given_up() {
+        // SNs 0 and 1 are 20 (1 + 0.9e-9) m apart: partners by the slack. C1 about them is 4.2e-4 m off their middle, by
+        // 10 (1 + 1.8e-9) m from either, and has SN 2 in range, 20 (1 + 2.7e-9) m from SN 0, whose partner it cannot be.
+        let apart_m = 20.0 * (1.0 + 0.9e-9);
+        let offset_m = f64::sqrt(apart_m * apart_m / 4.0 - 100.0);
+        let farther = 1.0 + 10.0 * (1.0 + 0.9e-9) / f64::hypot(apart_m / 2.0, offset_m);
+        let beyond = [40.0 + apart_m / 2.0 * farther, 50.0 + offset_m * farther];
+        // Anchors within 12 m of (30, 50): SNs 0, 3 and 4, which are too far away to meet SN 0.
+        let mut field = field_of(&[[40.0, 50.0], [40.0 + apart_m, 50.0], beyond, [19.0, 50.0], [18.5, 50.0]]);
+        (field.reach_m, field.resource_blocks) = (22.0, 3);
+        let (position, mut ids) = (Position::new(30.0, 50.0), Vec::new());
+        let winner = Search::default().best_set(Reach::Letter, &field, &position, &[5, 10, 500, 60, 40], &mut ids);
+        assert_eq!((winner.unwrap().anchor, &ids[..]), (0, &[0, 1, 2][..]));
     }
 
     #[test]

@@ -78,3 +78,15 @@ fn no_slot_of_equal_queues_asks_for_memory() {
         fly(&letter(strategy), vec![30_000; 200], 30_000);
     }
 }
+
+/// A hundred times the letter's field at its density.
+#[test]
+fn no_slot_over_a_large_field_asks_for_memory() {
+    for strategy in Strategy::ALL {
+        let text = "name = 'a'\n[area]\nside_m = 1e3\n[sensors]\ncount = 20000\n";
+        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+        let scenario = Scenario::parse(text, std::path::Path::new("a.toml"), overrides).unwrap();
+        let queues_bits = SensorList::of(&scenario).unwrap().queues_bits();
+        fly(&scenario, queues_bits, 100);
+    }
+}

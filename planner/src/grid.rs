@@ -1,0 +1,229 @@
+//! Where the sensor nodes stand, sorted into square cells, so that a look around costs what is there.
+//!
+//! It answers who is within a radius, exactly as a loop over all of them would, and knows nothing of queues or flight.
+
+use skysink_common::geometry::{Position, within};
+
+/// Margin of a preselection over every test that follows it; it changes what is looked at, never what is found.
+pub(crate) const PRESELECTION_MARGIN: f64 = 1.001;
+
+/// Most cells for each sensor node: beyond, they become larger, so that an empty country costs no memory.
+const CELLS_PER_NODE: f64 = 4.0;
+
+/// Cells that are always allowed.
+const FEW_CELLS: f64 = 64.0;
+
+/// A sensor node (SN) in its cell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Node {
+    /// Where it stands, `L_i`.
+    pub position: Position,
+    /// Its id.
+    pub id: u32,
+}
+
+/// All SNs in the cells of a uniform grid over their bounding box, made once.
+///
+/// Cells are numbered row by row from the south-west, and the SNs lie in memory in the order of their cells: what is in
+/// some neighbouring columns of a row is one piece.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Grid {
+    /// South-west corner.
+    corner: Position,
+    /// Cells per metre, the same both ways.
+    cells_per_m: f64,
+    columns: usize,
+    rows: usize,
+    /// Where each cell begins in `nodes`; one more than there are cells.
+    starts: Vec<u32>,
+    /// By cell, in each by id.
+    nodes: Vec<Node>,
+}
+
+impl Grid {
+    /// The SNs at `positions`, SN i at entry i, in cells of the side `side_m` [m], above 0, or as much larger as it takes
+    /// to have no more than four cells for each SN.
+    ///
+    /// # Panics
+    /// If there are more SNs than ids; a scenario has at most 10^7.
+    #[must_use]
+    pub fn new(positions: &[Position], side_m: f64) -> Self {
+        let (corner, [width_m, height_m]) = bounding_box(positions);
+        let most_cells = (CELLS_PER_NODE * positions.len() as f64).max(FEW_CELLS);
+        let mut side_m = side_m;
+        let cells = |extent_m: f64, side_m: f64| (extent_m / side_m).floor() + 1.0;
+        while cells(width_m, side_m) * cells(height_m, side_m) > most_cells {
+            side_m *= 1.5;
+        }
+        let (columns, rows) = ((cells(width_m, side_m) as usize).max(1), (cells(height_m, side_m) as usize).max(1));
+        let grid = Self { corner, cells_per_m: 1.0 / side_m, columns, rows, starts: Vec::new(), nodes: Vec::new() };
+        grid.filled(positions)
+    }
+
+    /// The same SNs in a single cell: every look around tests them all. What the cells are measured against.
+    #[must_use]
+    pub fn undivided(positions: &[Position]) -> Self {
+        Self::new(positions, f64::INFINITY)
+    }
+
+    /// Sorts the SNs into their cells, by counting, which keeps them by id in each.
+    fn filled(mut self, positions: &[Position]) -> Self {
+        let count = u32::try_from(positions.len()).expect("a scenario has at most 10^7 sensor nodes");
+        self.starts = vec![0; self.columns * self.rows + 1];
+        for position in positions {
+            let cell = self.cell(position);
+            self.starts[cell + 1] += 1;
+        }
+        for cell in 1..self.starts.len() {
+            self.starts[cell] += self.starts[cell - 1];
+        }
+        let mut next = self.starts.clone();
+        self.nodes = vec![Node { position: Position::origin(), id: 0 }; positions.len()];
+        for (id, position) in (0..count).zip(positions) {
+            let place = &mut next[self.cell(position)];
+            self.nodes[*place as usize] = Node { position: *position, id };
+            *place += 1;
+        }
+        self
+    }
+
+    /// Has every SN within `radius_m` [m] of `centre` (decision D5) visited once, in no particular order.
+    ///
+    /// No SN is missed by rounding: the borders of what is looked at are a thousandth of the radius beyond the test, and
+    /// they are put into cells by the same sums as the SNs, each of which never decreases with the coordinate.
+    pub fn visit_within(&self, centre: &Position, radius_m: f64, mut visit: impl FnMut(&Node)) {
+        let margin_m = radius_m * PRESELECTION_MARGIN;
+        let columns = self.column(centre.x - margin_m)..=self.column(centre.x + margin_m);
+        for row in self.row(centre.y - margin_m)..=self.row(centre.y + margin_m) {
+            let first = self.starts[row * self.columns + columns.start()] as usize;
+            let last = self.starts[row * self.columns + columns.end() + 1] as usize;
+            self.nodes[first..last].iter().filter(|node| within(&node.position, centre, radius_m)).for_each(&mut visit);
+        }
+    }
+
+    /// The cell of a position.
+    fn cell(&self, position: &Position) -> usize {
+        self.row(position.y) * self.columns + self.column(position.x)
+    }
+
+    /// The column of `x_m` [m], the nearest one where it lies outside, the first where it is not a number.
+    fn column(&self, x_m: f64) -> usize {
+        (((x_m - self.corner.x) * self.cells_per_m) as usize).min(self.columns - 1)
+    }
+
+    /// The row of `y_m` [m], likewise.
+    fn row(&self, y_m: f64) -> usize {
+        (((y_m - self.corner.y) * self.cells_per_m) as usize).min(self.rows - 1)
+    }
+}
+
+/// The south-west corner of the smallest box around `positions`, and its width and height [m].
+fn bounding_box(positions: &[Position]) -> (Position, [f64; 2]) {
+    let Some(&first) = positions.first() else {
+        return (Position::origin(), [0.0; 2]);
+    };
+    let low = positions.iter().fold(first, |low, position| low.inf(position));
+    let high = positions.iter().fold(first, |high, position| high.sup(position));
+    (low, [high.x - low.x, high.y - low.y])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// The SNs within `radius_m` [m] of `centre`, ascending, by the grid.
+    fn found(grid: &Grid, centre: &Position, radius_m: f64) -> Vec<Node> {
+        let mut nodes = Vec::new();
+        grid.visit_within(centre, radius_m, |node| nodes.push(*node));
+        nodes.sort_unstable_by_key(|node| node.id);
+        nodes
+    }
+
+    /// The same by a loop over all of them.
+    fn looked_through(positions: &[Position], centre: &Position, radius_m: f64) -> Vec<Node> {
+        let nodes = (0..).zip(positions).map(|(id, position)| Node { position: *position, id });
+        nodes.filter(|node| within(&node.position, centre, radius_m)).collect()
+    }
+
+    #[test]
+    fn nobody_is_near_in_an_empty_field() {
+        assert_eq!(found(&Grid::new(&[], 10.0), &Position::origin(), 1e9), []);
+    }
+
+    #[test]
+    fn nobody_is_near_nowhere() {
+        let grid = Grid::new(&[Position::new(1.0, 2.0)], 10.0);
+        assert_eq!(found(&grid, &Position::new(f64::NAN, 2.0), 10.0), []);
+        assert_eq!(found(&grid, &Position::new(1.0, 2.0), f64::NAN), []);
+    }
+
+    #[test]
+    fn an_empty_country_costs_no_memory() {
+        // 10^12 cells of 10 m, and two SNs.
+        let grid = Grid::new(&[Position::origin(), Position::new(1e7, 1e7)], 10.0);
+        assert!(grid.columns * grid.rows <= 64, "{} by {}", grid.columns, grid.rows);
+        assert_eq!(found(&grid, &Position::new(1e7, 1e7 - 10.0), 10.0).len(), 1);
+        // One row of SNs: a box without height.
+        let row: Vec<Position> = (0..1_000).map(|place| Position::new(1e4 * f64::from(place), 5.0)).collect();
+        assert!(Grid::new(&row, 10.0).starts.len() <= 4_001);
+    }
+
+    #[test]
+    fn cells_have_the_side_asked_for_and_are_numbered_row_by_row() {
+        // 100 m × 100 m, an SN in the middle of every cell of 10 m.
+        let middle = |place: u32| f64::from(place) * 10.0 + 5.0;
+        let positions: Vec<Position> =
+            (0..100).map(|place| Position::new(middle(place % 10), middle(place / 10))).collect();
+        let grid = Grid::new(&positions, 10.0);
+        assert_eq!((grid.columns, grid.rows, grid.starts.len()), (10, 10, 101));
+        assert_eq!(grid.cell(&positions[37]), 37);
+    }
+
+    /// Coordinates [m] anywhere, on borders of cells, or on those borders but for rounding.
+    fn coordinates(extent_m: f64) -> impl Strategy<Value = f64> {
+        let border = (0u32..=20).prop_map(move |step| f64::from(step) * extent_m / 20.0);
+        prop_oneof![
+            (0.0..1.0).prop_map(move |share| share * extent_m),
+            border.clone(),
+            border.clone().prop_map(f64::next_up),
+            border.prop_map(f64::next_down)
+        ]
+    }
+
+    fn places(extent_m: f64) -> impl Strategy<Value = Position> {
+        (coordinates(extent_m), coordinates(extent_m)).prop_map(|(x_m, y_m)| Position::new(x_m, y_m))
+    }
+
+    /// Fields that are dense, sparse, clustered or all in one point.
+    fn fields() -> impl Strategy<Value = Vec<Position>> {
+        let spread = prop::sample::select(vec![0.0, 1.0, 20.0, 100.0, 1e4])
+            .prop_flat_map(|extent_m| prop::collection::vec(places(extent_m), 1..120));
+        let corners = prop::collection::vec(places(100.0), 1..4);
+        (spread, corners).prop_map(|(spread, corners)| {
+            spread.iter().enumerate().map(|(id, place)| corners[id % corners.len()] + place.coords).collect()
+        })
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(3_000))]
+
+        #[test]
+        fn the_grid_finds_whom_a_loop_over_all_finds(
+            positions in fields(),
+            near in 0usize..120,
+            side_m in prop::sample::select(vec![0.1, 5.0, 10.0, 33.3, 1e6]),
+            radius_m in prop_oneof![Just(5.0), Just(10.0), Just(40.0), Just(1e5), 0.01..200.0],
+            towards in prop_oneof![Just([1.0, 0.0]), Just([0.0, -1.0]), Just([0.6, 0.8]), Just([0.0, 0.0])],
+            slack in prop::sample::select(vec![1.0, 1.0 + 0.9e-9, 1.0 + 1e-9, 1.0 + 1.1e-9]),
+        ) {
+            // A centre that has an SN on its rim, up to rounding and the slack of decision D5.
+            let to_rim = nalgebra::Vector2::from(towards) * (radius_m * slack);
+            let centre = positions[near % positions.len()] + to_rim;
+            let (grid, undivided) = (Grid::new(&positions, side_m), Grid::undivided(&positions));
+            let expected = looked_through(&positions, &centre, radius_m);
+            prop_assert_eq!(&found(&grid, &centre, radius_m), &expected);
+            prop_assert_eq!(&found(&undivided, &centre, radius_m), &expected);
+        }
+    }
+}

@@ -1,0 +1,67 @@
+//! Who could be served from where the UAV can get to in a slot: the candidates of both searches, fullest first.
+
+use skysink_common::geometry::{Position, within};
+
+use crate::field::Field;
+use crate::grid::PRESELECTION_MARGIN;
+
+/// A sensor node (SN) in a slot, as a search sees it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct Spot {
+    /// Where it stands, `L_i`.
+    pub(crate) position: Position,
+    /// What it holds, `B_i(t−1)` [bit].
+    pub(crate) queue_bits: u32,
+    /// Its id.
+    pub(crate) id: u32,
+}
+
+impl Spot {
+    /// Sort key: larger queues come first, then lower indices (decision D7).
+    fn fullest_first(&self) -> u64 {
+        fullest_first(self.queue_bits, self.id)
+    }
+}
+
+/// Sort key of an SN with `queue_bits` [bit]: larger queues come first, then lower indices (decision D7).
+pub(crate) fn fullest_first(queue_bits: u32, id: u32) -> u64 {
+    u64::from(u32::MAX - queue_bits) << 32 | u64::from(id)
+}
+
+/// Fills `spots` with the SNs within `radius_m` [m] of `position`, or a thousandth more, fullest first: the first n that
+/// pass a test are the n fullest that do.
+pub(crate) fn preselect(spots: &mut Vec<Spot>, field: &Field, position: &Position, radius_m: f64, queues_bits: &[u32]) {
+    spots.clear();
+    field.grid.visit_within(position, radius_m * PRESELECTION_MARGIN, |node| {
+        spots.push(Spot { position: node.position, queue_bits: queues_bits[node.id as usize], id: node.id });
+    });
+    spots.sort_unstable_by_key(Spot::fullest_first);
+}
+
+/// Whether one waypoint may have both SNs in range, or a thousandth more.
+pub(crate) fn may_share(field: &Field, a: &Spot, b: &Spot) -> bool {
+    within(&a.position, &b.position, 2.0 * field.comm_radius_m * PRESELECTION_MARGIN)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::field::tests::field_of;
+
+    #[test]
+    fn candidates_come_fullest_first_and_equals_by_index() {
+        let field = field_of(&[[50.0, 50.0], [52.0, 50.0], [54.0, 50.0], [56.0, 50.0], [61.0, 50.0]]);
+        let mut spots = vec![Spot::default()];
+        preselect(&mut spots, &field, &Position::new(50.0, 50.0), 10.0, &[3, 9, 0, 9, 99]);
+        assert_eq!(
+            spots.iter().map(|spot| (spot.queue_bits, spot.id)).collect::<Vec<_>>(),
+            [(9, 1), (9, 3), (3, 0), (0, 2)]
+        );
+    }
+
+    #[test]
+    fn the_key_orders_the_largest_numbers() {
+        assert!(fullest_first(u32::MAX, u32::MAX) < fullest_first(u32::MAX - 1, 0));
+        assert!(fullest_first(0, 0) < fullest_first(0, 1));
+    }
+}
