@@ -3,8 +3,15 @@
 //! It keeps `initial + sampled = delivered + lost + queued` as an equality of integers; what arrives and what a link
 //! carries is decided by the caller.
 
+mod repeated;
+
+use std::ops::Range;
+
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
+
+use crate::wide::wide;
+use repeated::Repeated;
 
 /// Bits of the whole field since the mission's start.
 #[repr(C)]
@@ -109,6 +116,61 @@ impl Ledger {
         lost_bits
     }
 
+    /// Adds `bits` sampled by each of the neighbours `sensors`, as [`Ledger::sample`] would one by one, and returns the sum
+    /// of what they lost. `mean_bits` is what each samples in a slot on average [bit].
+    ///
+    /// # Panics
+    /// If `sensors` reaches beyond the field.
+    pub fn sample_alike(&mut self, sensors: Range<usize>, bits: u64, mean_bits: f64) -> u64 {
+        let capacity_bits = self.capacity_bits;
+        let Some(each_bits) = u32::try_from(bits).ok().filter(|&bits| simple(capacity_bits, bits)) else {
+            return sensors.map(|sensor| self.sample(sensor, bits, mean_bits)).sum();
+        };
+        let queues_bits = &mut self.queues_bits[sensors];
+        let sensors = queues_bits.len() as u64;
+        let overflow = wide(|| add_alike(queues_bits, each_bits, capacity_bits));
+        let mut lost = Lost::since(&self.totals);
+        if overflow && wide(|| all_hold(queues_bits, capacity_bits + each_bits)) {
+            queues_bits.fill(capacity_bits); // all were full already, as a field is that nobody can visit in time
+            lost.add(each_bits, mean_bits, sensors);
+        } else if overflow {
+            queues_bits.iter_mut().for_each(|queue_bits| lost.spill(queue_bits, capacity_bits, mean_bits));
+        }
+        self.book(bits * sensors, lost)
+    }
+
+    /// Adds `bits[k]` sampled by sensor node `first + k`, as [`Ledger::sample`] would one by one, and returns the sum of
+    /// what they lost. `mean_bits[k]` is what each samples in a slot on average [bit].
+    ///
+    /// # Panics
+    /// If the lengths differ, or reach beyond the field.
+    pub fn sample_each(&mut self, first: usize, bits: &[u32], mean_bits: &[f64]) -> u64 {
+        assert_eq!(bits.len(), mean_bits.len(), "expected one average per sensor node");
+        let capacity_bits = self.capacity_bits;
+        let (sampled_bits, at_least_the_most_bits) = wide(|| sum_and_union(bits));
+        if !simple(capacity_bits, at_least_the_most_bits) {
+            let sensors = (first..).zip(bits.iter().zip(mean_bits));
+            return sensors.map(|(sensor, (&bits, &mean))| self.sample(sensor, u64::from(bits), mean)).sum();
+        }
+        let queues_bits = &mut self.queues_bits[first..first + bits.len()];
+        let overflow = wide(|| add_each(queues_bits, bits, capacity_bits));
+        let mut lost = Lost::since(&self.totals);
+        if overflow {
+            let queues = queues_bits.iter_mut().zip(mean_bits);
+            queues.for_each(|(queue_bits, &mean_bits)| lost.spill(queue_bits, capacity_bits, mean_bits));
+        }
+        self.book(sampled_bits, lost)
+    }
+
+    /// Enters what some sensor nodes sampled and lost, and returns the latter [bit].
+    fn book(&mut self, sampled_bits: u64, lost: Lost) -> u64 {
+        self.totals.sampled_bits += sampled_bits;
+        self.totals.lost_bits += lost.bits;
+        self.totals.queued_bits += sampled_bits - lost.bits;
+        self.totals.lost_slots = lost.slots.sum();
+        lost.bits
+    }
+
     /// Removes up to `capacity_bits` and returns what was really taken: a link cannot carry bits that do not exist.
     #[must_use]
     pub fn upload(&mut self, sensor: usize, capacity_bits: u64) -> u64 {
@@ -119,6 +181,74 @@ impl Ledger {
         self.totals.delivered_bits += taken_bits;
         self.totals.queued_bits -= taken_bits;
         taken_bits
+    }
+}
+
+/// Whether a queue and what is sampled stay below 2^31 bit together, so that the sign of what is left of the storage
+/// says whether it is too little: unlike a comparison, a subtraction is quick even for several at a time.
+fn simple(capacity_bits: u32, sampled_bits: u32) -> bool {
+    capacity_bits.checked_add(sampled_bits).is_some_and(|most_bits| most_bits < 1 << 31)
+}
+
+/// Adds `bits` to every queue; whether one then exceeds `capacity_bits`. All are [`simple`].
+#[inline(always)]
+fn add_alike(queues_bits: &mut [u32], bits: u32, capacity_bits: u32) -> bool {
+    let mut signs = 0;
+    for queue_bits in queues_bits {
+        *queue_bits += bits;
+        signs |= capacity_bits.wrapping_sub(*queue_bits);
+    }
+    signs.leading_zeros() == 0
+}
+
+/// Adds `bits[k]` to queue k; whether one then exceeds `capacity_bits`. All are [`simple`].
+#[inline(always)]
+fn add_each(queues_bits: &mut [u32], bits: &[u32], capacity_bits: u32) -> bool {
+    let mut signs = 0;
+    for (queue_bits, bits) in queues_bits.iter_mut().zip(bits) {
+        *queue_bits += bits;
+        signs |= capacity_bits.wrapping_sub(*queue_bits);
+    }
+    signs.leading_zeros() == 0
+}
+
+/// Whether every queue holds `bits`.
+#[inline(always)]
+fn all_hold(queues_bits: &[u32], bits: u32) -> bool {
+    queues_bits.iter().fold(0, |differences, queue_bits| differences | (queue_bits ^ bits)) == 0
+}
+
+/// The sum of `bits`, and all their digits together, which is at least the largest.
+#[inline(always)]
+fn sum_and_union(bits: &[u32]) -> (u64, u32) {
+    bits.iter().fold((0, 0), |(sum, union), &bits| (sum + u64::from(bits), union | bits))
+}
+
+/// What some sensor nodes lose, in their order.
+struct Lost {
+    bits: u64,
+    /// [`Totals::lost_slots`] in the making.
+    slots: Repeated,
+}
+
+impl Lost {
+    /// Nothing yet.
+    fn since(totals: &Totals) -> Self {
+        Self { bits: 0, slots: Repeated::from(totals.lost_slots) }
+    }
+
+    /// The next `sensors` lose `bits` each, above 0, of `mean_bits` sampled on average.
+    fn add(&mut self, bits: u32, mean_bits: f64, sensors: u64) {
+        self.bits += u64::from(bits) * sensors;
+        self.slots.add(f64::from(bits) / mean_bits, sensors);
+    }
+
+    /// The next one loses what its queue holds above the storage.
+    fn spill(&mut self, queue_bits: &mut u32, capacity_bits: u32, mean_bits: f64) {
+        if *queue_bits > capacity_bits {
+            self.add(*queue_bits - capacity_bits, mean_bits, 1);
+            *queue_bits = capacity_bits;
+        }
     }
 }
 
@@ -176,7 +306,53 @@ mod tests {
         let _ = Ledger::new(10, vec![3, 11]);
     }
 
+    /// Averages [bit], and what they come to in a slot: whole, fractional, beyond any storage.
+    fn samples() -> impl Strategy<Value = (u32, f64)> {
+        prop_oneof![
+            Just((100, 100.0)),
+            prop_oneof![Just(2u32), Just(3)].prop_map(|bits| (bits, 2.5)),
+            (1u32..500).prop_map(|bits| (bits, f64::from(bits) - 0.3)),
+            Just((0, 0.0)),
+            Just((u32::MAX, 4_294_967_295.0)),
+        ]
+    }
+
+    /// Storages [bit], and how full the queues are: anyhow, or to the brim.
+    fn ledgers() -> impl Strategy<Value = Ledger> {
+        let capacity = prop_oneof![1u32..1_000, Just(30_000), Just(u32::MAX)];
+        (capacity, 1usize..300, prop_oneof![Just(0u32), Just(1), Just(100), any::<u32>()]).prop_map(
+            |(capacity_bits, sensors, step)| {
+                let room_bits = |sensor: usize| (sensor as u32).wrapping_mul(step) % capacity_bits;
+                Ledger::new(capacity_bits, (0..sensors).map(|sensor| capacity_bits - room_bits(sensor)).collect())
+            },
+        )
+    }
+
     proptest! {
+        /// `f64` sums depend on the order: equality shows that it was kept.
+        #[test]
+        fn neighbours_sample_together_as_they_do_one_by_one(
+            ledger in ledgers(),
+            slots in prop::collection::vec(prop_oneof![
+                samples().prop_map(|alike| vec![alike]),
+                prop::collection::vec(samples(), 300),
+            ], 1..8),
+        ) {
+            let (mut together, mut singly, sensors) = (ledger.clone(), ledger.clone(), ledger.queues_bits().len());
+            for samples in slots {
+                let of = |sensor: usize| samples[sensor % samples.len()];
+                let (bits, mean_bits): (Vec<u32>, Vec<f64>) = (0..sensors).map(of).unzip();
+                let lost_bits = match samples[..] {
+                    [(bits, mean_bits)] => together.sample_alike(0..sensors, u64::from(bits), mean_bits),
+                    _ => together.sample_each(0, &bits, &mean_bits),
+                };
+                let lost = |sensor| singly.sample(sensor, u64::from(bits[sensor]), mean_bits[sensor]);
+                prop_assert_eq!((0..sensors).map(lost).sum::<u64>(), lost_bits);
+                prop_assert_eq!(together.totals.lost_slots.to_bits(), singly.totals.lost_slots.to_bits());
+                prop_assert_eq!(&together, &singly);
+            }
+        }
+
         #[test]
         fn no_bit_is_ever_unaccounted_for(
             capacity_bits in 1u32..50_000,
