@@ -20,6 +20,10 @@ pub enum Purpose {
     RandomFlight = 4,
     /// Whether the link of a sensor node is in line of sight in a slot.
     LineOfSight = 5,
+    /// Search of the look-ahead strategy in a slot.
+    Horizon = 6,
+    /// Search of the look-ahead strategy for groups of sensor nodes, before the mission.
+    Groups = 7,
 }
 
 /// The family of streams of one mission.

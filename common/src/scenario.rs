@@ -195,6 +195,8 @@ pub struct PlannerChoice {
     pub strategy: Strategy,
     /// Most expansions of sP2*; the letter takes one.
     pub sca_iterations: u32,
+    /// Search steps of the look-ahead strategy in each slot.
+    pub horizon_iterations: u32,
     /// What solves sP2*.
     pub waypoint_solver: WaypointSolver,
 }

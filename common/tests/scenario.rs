@@ -80,6 +80,10 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
         ("[area]\nside_m = 5.0\nwidth_m = 5.0\n", "area.side_m = 5.0: expected either side_m, or width_m and height_m"),
         ("[area]\nheight_m = 5.0\n", "area.height_m = 5.0: expected width_m and height_m together, or side_m"),
         ("[planner]\nsca_iterations = 0\n", "planner.sca_iterations = 0: expected 1 to 1000"),
+        (
+            "[planner]\nhorizon_iterations = 2000000000\n",
+            "planner.horizon_iterations = 2000000000: expected 0 to 1000000000",
+        ),
     ];
     for (text, expected) in cases {
         let text = format!("name = \"city\"\n{text}");

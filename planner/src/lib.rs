@@ -20,6 +20,7 @@
 //! | [`spatial_solver`] | which of them contributed what |
 
 pub mod ascent;
+mod carried;
 pub mod circles;
 pub mod conic;
 pub mod exact;
@@ -27,13 +28,17 @@ pub mod field;
 pub mod geometric;
 pub mod grid;
 mod nearby;
+pub mod horizon;
+pub mod memory;
 pub mod node;
 pub mod planner;
+pub mod rounds;
 pub mod sca;
 pub mod search;
 pub mod spatial;
 pub mod spatial_solver;
 pub mod strategy;
+pub mod tour;
 pub mod waypoint;
 
 pub use planner::Planner;

@@ -1,7 +1,10 @@
 //! One slot of planning: schedule, then waypoint.
 //!
 //! The rules live next door: [`crate::search`] and [`crate::exact`] (whom), [`crate::waypoint`] (where, in free space),
-//! [`crate::spatial`] (where, in three dimensions, by the chance of line of sight), [`crate::strategy`] (the baselines).
+//! [`crate::spatial`] (where, in three dimensions, by the chance of line of sight), [`crate::strategy`] (the baselines),
+//! [`crate::rounds`] (the baselines that take turns), [`crate::horizon`] (many slots ahead).
+
+mod remembering;
 
 use nalgebra::Point3;
 use skysink_common::geometry::Position;
@@ -9,8 +12,11 @@ use skysink_common::message::{Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::random::Streams;
 use skysink_common::scenario::{Scenario, Strategy};
 
+use crate::carried::Carried;
 use crate::exact::ExactSearch;
 use crate::field::Field;
+use crate::horizon::PATH;
+use crate::memory::MemoryError;
 use crate::search::{Reach, Search};
 use crate::spatial_solver::{SpatialSolver, SpatialWaypoint};
 use crate::strategy::{greedy_waypoint, random_waypoint, serve_fullest, transit_waypoint};
@@ -18,14 +24,19 @@ use crate::waypoint::{Problem, Solver};
 
 /// The planner of a mission.
 ///
-/// It holds nothing that it could not rebuild from the scenario and the sensor nodes: a slot's plan does not depend on
-/// the slots planned before.
+/// What it carries from slot to slot is in [`Planner::memory`]; everything else it could rebuild from the scenario and the
+/// sensor nodes. Most strategies carry nothing: their plan of a slot does not depend on the slots planned before.
 pub struct Planner {
     scenario: Scenario,
     field: Field,
     streams: Streams,
     search: Search,
     exact: ExactSearch,
+    carried: Carried,
+    /// The same as bytes, after the last slot.
+    memory: Vec<u8>,
+    /// Where the last plan leads.
+    path: Vec<[f64; 3]>,
     problem: Problem,
     solver: Solver,
     /// In place of both, where the link is in line of sight by chance.
@@ -62,6 +73,9 @@ impl Planner {
             search: Search::with_room_for(sensors),
             exact: ExactSearch::new(&field),
             problem: Problem::new(&field),
+            carried: Carried::new(scenario, sensors, &field),
+            memory: Vec::new(),
+            path: Vec::with_capacity(PATH),
             solver: Solver::new(scenario.planner.waypoint_solver),
             spatial: field.los.map(|link| SpatialSolver::new(link, scenario.planner, field.resource_blocks)),
             ids: Vec::with_capacity(sensors),
@@ -81,6 +95,7 @@ impl Planner {
     pub fn step(&mut self, slot: u64, position: &Position, altitude_m: f64, queues_bits: &[u32]) -> Plan {
         assert_eq!(queues_bits.len(), self.field.positions.len(), "expected one queue per sensor node");
         let slot = Slot { number: slot, position, altitude_m, queues_bits };
+        self.path.clear();
         let own = match self.scenario.planner.strategy {
             Strategy::Uts => self.algorithm_1(Reach::Letter, slot),
             Strategy::UtsWide => self.algorithm_1(Reach::Wide, slot),
@@ -91,11 +106,44 @@ impl Planner {
                 let waypoint = random_waypoint(&self.field, &self.streams, slot.number, position);
                 Some(self.fly_then_schedule(&waypoint, Mode::Serve, slot))
             }
+            Strategy::Tour | Strategy::RoundRobin | Strategy::MaxAgeFirst => self.in_turn(slot),
+            Strategy::Horizon => self.look_ahead(slot),
         };
-        own.unwrap_or_else(|| {
+        let plan = own.unwrap_or_else(|| {
             let waypoint = transit_waypoint(&self.field, position, queues_bits);
             self.fly_then_schedule(&waypoint, Mode::Transit, slot)
-        })
+        });
+        if self.path.is_empty() {
+            self.path.push([plan.x_m, plan.y_m, plan.z_m]);
+        }
+        self.carried.remember(self.scenario.planner.strategy, slot.number, &mut self.memory);
+        plan
+    }
+
+    /// What the next slot has to know of the slots planned so far; empty for strategies that carry nothing.
+    ///
+    /// A planner that recalls it continues byte for byte as this one does.
+    #[must_use]
+    pub fn memory(&self) -> &[u8] {
+        &self.memory
+    }
+
+    /// Goes on from the memory of a planner of the same scenario and sensor nodes that planned `slot` last.
+    ///
+    /// # Errors
+    /// If the memory is of another slot, strategy or field; the planner then is as it was.
+    pub fn recall(&mut self, slot: u64, memory: &[u8]) -> Result<(), MemoryError> {
+        self.carried.recall(self.scenario.planner.strategy, slot, memory)?;
+        self.memory.clear();
+        self.memory.extend_from_slice(memory);
+        Ok(())
+    }
+
+    /// Where the last plan leads, its own waypoint first: at most 64 points [x, y, z] [m], more than one for `horizon`
+    /// alone. Altitudes after the first are the first's.
+    #[must_use]
+    pub fn path(&self) -> &[[f64; 3]] {
+        &self.path
     }
 
     /// The letter's strategy: sP1 by Algorithm 1, then the waypoint; `None` if there is no anchor in reach or no feasible

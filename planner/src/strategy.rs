@@ -70,6 +70,12 @@ pub fn transit_waypoint(field: &Field, position: &Position, queues_bits: &[u32])
     let Some((_, goal)) = nearest else {
         return *position;
     };
+    toward(field, position, goal)
+}
+
+/// Straight, at full speed, from `position` toward `goal`, stopping on it if it is nearer.
+#[must_use]
+pub fn toward(field: &Field, position: &Position, goal: &Position) -> Position {
     if within(goal, position, field.reach_m) {
         return *goal;
     }
@@ -97,6 +103,31 @@ pub fn serve_fullest(field: &Field, waypoint: &Position, queues_bits: &[u32], id
         ids.truncate(field.resource_blocks);
     }
     ids.sort_unstable();
+}
+
+/// Fills `ids` with those of `first` that are within `d_c` of `waypoint`, then with the largest queues there, n in all,
+/// ascending by id.
+pub fn serve_first(field: &Field, waypoint: &Position, first: &[u32], queues_bits: &[u32], ids: &mut Vec<u32>) {
+    ids.clear();
+    field.grid.visit_within(waypoint, field.comm_radius_m, |node| ids.push(node.id));
+    ids.sort_unstable_by_key(|id| (!first.contains(id), fullest_first(queues_bits[*id as usize], *id)));
+    ids.truncate(field.resource_blocks);
+    ids.sort_unstable();
+}
+
+/// How far from `from` toward `to`, as a share of the way, one stays within `radius_m` [m] of `centre`; 0 if `from` is
+/// not.
+#[must_use]
+pub fn share_within(from: &Position, to: &Position, centre: &Position, radius_m: f64) -> f64 {
+    let (way, away) = (to - from, from - centre);
+    let (a, b, c) = (way.norm_squared(), way.dot(&away), away.norm_squared() - radius_m * radius_m);
+    if c > 0.0 {
+        return 0.0;
+    }
+    // The larger root of a t² + 2 b t + c = 0, c ≤ 0.
+    let root = (b * b - a * c).max(0.0).sqrt();
+    let share = if b > 0.0 { -c / (b + root) } else { (root - b) / a };
+    if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -183,6 +214,27 @@ mod tests {
         assert_eq!(ids, [0, 1, 2, 4]);
         serve_fullest(&field, &Position::new(0.0, 0.0), &[3, 3, 9, 99, 8, 3], &mut ids);
         assert_eq!(ids, [0; 0]);
+    }
+
+    #[test]
+    fn whom_a_plan_names_is_served_before_fuller_queues_if_in_range() {
+        let field = field_of(&[[50.0, 50.0], [51.0, 50.0], [52.0, 50.0], [53.0, 50.0], [54.0, 50.0], [90.0, 90.0]]);
+        let mut ids = Vec::new();
+        serve_first(&field, &Position::new(50.0, 50.0), &[0, 5], &[1, 5, 6, 7, 8, 9], &mut ids);
+        assert_eq!(ids, [0, 2, 3, 4]);
+    }
+
+    #[test]
+    fn the_way_within_a_circle_ends_on_it() {
+        let at = Position::new;
+        // From 4 m west of the centre of a circle of 10 m eastward: 14 m of 28 m.
+        let share = share_within(&at(46.0, 50.0), &at(74.0, 50.0), &at(50.0, 50.0), 10.0);
+        assert!((share - 0.5).abs() < 1e-12, "{share}");
+        let share = share_within(&at(54.0, 50.0), &at(26.0, 50.0), &at(50.0, 50.0), 10.0);
+        assert!((share - 0.5).abs() < 1e-12, "{share}");
+        assert_eq!(share_within(&at(46.0, 50.0), &at(48.0, 50.0), &at(50.0, 50.0), 10.0), 1.0, "never leaves it");
+        assert_eq!(share_within(&at(30.0, 50.0), &at(50.0, 50.0), &at(50.0, 50.0), 10.0), 0.0, "starts outside");
+        assert_eq!(share_within(&at(46.0, 50.0), &at(46.0, 50.0), &at(50.0, 50.0), 10.0), 0.0, "nowhere to go");
     }
 
     #[test]

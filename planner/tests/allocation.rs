@@ -1,4 +1,4 @@
-//! A planner's working memory is made once, before its first slot (Clarabel's own apart).
+//! The working memory of strategies that remember nothing is made once, before the first slot (Clarabel's own apart).
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -62,7 +62,7 @@ fn spatial(strategy: Strategy) -> Scenario {
 
 #[test]
 fn no_slot_asks_for_memory() {
-    for strategy in Strategy::ALL {
+    for strategy in Strategy::MEMORYLESS {
         for scenario in [letter(strategy), spatial(strategy)] {
             let queues_bits = SensorList::of(&scenario).unwrap().queues_bits();
             fly(&scenario, queues_bits, 100);
@@ -73,7 +73,7 @@ fn no_slot_asks_for_memory() {
 /// Ties, which have lists of ids compared.
 #[test]
 fn no_slot_of_equal_queues_asks_for_memory() {
-    for strategy in Strategy::ALL {
+    for strategy in Strategy::MEMORYLESS {
         fly(&letter(strategy), vec![0; 200], 0);
         fly(&letter(strategy), vec![30_000; 200], 30_000);
     }

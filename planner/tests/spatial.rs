@@ -266,7 +266,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(600))]
 
     #[test]
-    fn a_plan_keeps_reach_range_area_and_climb_and_forgets_the_slots_before(case in cases()) {
+    fn a_plan_keeps_reach_range_area_and_climb_and_forgets_the_slots_before_if_its_strategy_does(case in cases()) {
         let mut planner = Planner::new(&case.scenario, &case.sensors);
         for (number, (position, altitude_m, queues_bits)) in (1..).zip(&case.slots) {
             let plan = planner.step(number, position, *altitude_m, queues_bits);
@@ -292,6 +292,9 @@ proptest! {
                 prop_assert!(levels_m.all(|z_m| rate_bps(&case, &plan, z_m) <= best_bps), "slot {number}: altitude");
             }
             prop_assert!(plan.mode != Mode::Hold.code());
+            if !Strategy::MEMORYLESS.contains(&case.scenario.planner.strategy) {
+                continue;
+            }
             let fresh = Planner::new(&case.scenario, &case.sensors).step(number, position, *altitude_m, queues_bits);
             // As text, which tells every f64 apart and lets NaN equal NaN.
             prop_assert_eq!(format!("{plan:?}"), format!("{fresh:?}"), "slot {}", number);

@@ -19,7 +19,7 @@ use crate::sweep::statistics::Estimate;
 use crate::sweep::{results, sweep};
 
 /// Strategies, in the order of legends and tables.
-const STRATEGIES: [Strategy; 5] = Strategy::ALL;
+const STRATEGIES: [Strategy; 5] = Strategy::MEMORYLESS;
 
 /// The two regimes of the radio: a visit that empties every queue, and one that carries a part of a queue.
 const LINKS: [(&str, &str, f64); 2] = [("letter", "W = 5 MHz, the letter's", 5e6), ("narrow", "W = 5 kHz", 5e3)];

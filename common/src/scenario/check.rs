@@ -20,6 +20,9 @@ const MAX_SLOTS: u64 = 1_000_000_000;
 /// Names become folders; file systems end at 255 bytes.
 const MAX_NAME_BYTES: usize = 100;
 
+/// Search steps of the look-ahead strategy in one slot.
+const MAX_HORIZON_ITERATIONS: u32 = 1_000_000_000;
+
 /// Bits that one sensor node may sample in a mission: counted through `f64`, exact up to 2^53.
 const MAX_SAMPLED_BITS: f64 = 9.0e15;
 
@@ -37,6 +40,8 @@ pub(super) fn check(mut raw: raw::Scenario, path: &Path) -> Result<Scenario, Sce
     let link = checker.link(&mut raw)?;
     let iterations = raw.planner.sca_iterations;
     checker.that("planner.sca_iterations", iterations, (1..=1000).contains(&iterations), "1 to 1000")?;
+    let steps = raw.planner.horizon_iterations;
+    checker.that("planner.horizon_iterations", steps, steps <= MAX_HORIZON_ITERATIONS, "0 to 1000000000")?;
     Ok(Scenario {
         name: raw.name.clone(),
         seed: raw.seed,
@@ -50,6 +55,7 @@ pub(super) fn check(mut raw: raw::Scenario, path: &Path) -> Result<Scenario, Sce
         planner: PlannerChoice {
             strategy: raw.planner.strategy,
             sca_iterations: iterations,
+            horizon_iterations: steps,
             waypoint_solver: raw.planner.waypoint_solver,
         },
         resolved: raw,

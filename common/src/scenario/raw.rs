@@ -162,6 +162,7 @@ pub struct Link {
 pub struct Planner {
     pub strategy: Strategy,
     pub sca_iterations: u32,
+    pub horizon_iterations: u32,
     pub waypoint_solver: WaypointSolver,
 }
 
@@ -269,11 +270,32 @@ pub enum Strategy {
     UtsWide,
     /// sP1 solved exactly, and sP2*.
     Exact,
+    /// A short tour over all sensor nodes, flown round and round.
+    Tour,
+    /// To one sensor node after the other in the order of their ids.
+    RoundRobin,
+    /// To the sensor node that has waited longest for its last service.
+    MaxAgeFirst,
+    /// The plan of least predicted loss over many slots.
+    Horizon,
 }
 
 impl Strategy {
     /// All strategies, in the order in which they are listed to people.
-    pub const ALL: [Self; 5] = [Self::Rfs, Self::Gfs, Self::Uts, Self::UtsWide, Self::Exact];
+    pub const ALL: [Self; 9] = [
+        Self::Rfs,
+        Self::Gfs,
+        Self::Uts,
+        Self::UtsWide,
+        Self::Exact,
+        Self::Tour,
+        Self::RoundRobin,
+        Self::MaxAgeFirst,
+        Self::Horizon,
+    ];
+
+    /// Those that plan one slot and remember none: a slot's plan does not depend on the plans before it.
+    pub const MEMORYLESS: [Self; 5] = [Self::Rfs, Self::Gfs, Self::Uts, Self::UtsWide, Self::Exact];
 
     /// The name in scenario files, folders and tables.
     #[must_use]
@@ -284,6 +306,10 @@ impl Strategy {
             Self::Uts => "uts",
             Self::UtsWide => "uts-wide",
             Self::Exact => "exact",
+            Self::Tour => "tour",
+            Self::RoundRobin => "round-robin",
+            Self::MaxAgeFirst => "max-age-first",
+            Self::Horizon => "horizon",
         }
     }
 }
@@ -371,7 +397,12 @@ pub(super) mod letter {
 
     impl Default for Planner {
         fn default() -> Self {
-            Self { strategy: Strategy::Uts, sca_iterations: 1, waypoint_solver: WaypointSolver::Geometric }
+            Self {
+                strategy: Strategy::Uts,
+                sca_iterations: 1,
+                horizon_iterations: 10_000,
+                waypoint_solver: WaypointSolver::Geometric,
+            }
         }
     }
 }

@@ -1,0 +1,107 @@
+//! Loss of whole missions over seeded fields, by strategy, with the time that planning takes.
+//!
+//! `cargo run --release -p skysink-planner --example losses -- 1-20 horizon,uts 'slots = 500' '[area]' 'side_m = 1000.0'`
+//!
+//! `optimize=60000000` in place of a strategy anneals that many steps before the mission and flies the result.
+
+use std::path::Path;
+
+use rustix::time::{ClockId, clock_gettime};
+use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::sensors::SensorList;
+use skysink_field_sim::Field;
+use skysink_flight_sim::Flight;
+use skysink_planner::Planner;
+use skysink_planner::horizon::optimize::optimize;
+
+/// What one mission was.
+struct Outcome {
+    loss_rate: f64,
+    refused: u64,
+    setup_ms: f64,
+    plan_ms: Vec<f64>,
+}
+
+/// Time [ms] that this thread has computed: on a busy machine less than the time that passes.
+fn computed_ms() -> f64 {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 / 1e6
+}
+
+fn fly(scenario: &Scenario, before: Option<u64>) -> Outcome {
+    let list = SensorList::of(scenario).expect("drawn");
+    let nodes = list.nodes(scenario.sensors.capacity_bits);
+    let mut field = Field::new(scenario, &list);
+    let begin_ms = computed_ms();
+    let mut planner = Planner::new(scenario, &nodes);
+    if let Some(steps) = before {
+        let optimum = optimize(scenario, &nodes, field.queues_bits(), steps).expect("sensor nodes in reach");
+        println!("  loss {:.0} bit, bound {:.0} bit", optimum.loss_bits, optimum.bound_bits);
+        planner.recall(0, &optimum.memory).expect("the memory of this mission");
+    }
+    let setup_ms = computed_ms() - begin_ms;
+    let mut flight = Flight::new(scenario, &nodes);
+    let mut report = flight.start();
+    let mut outcome = Outcome { loss_rate: 0.0, refused: 0, setup_ms, plan_ms: Vec::new() };
+    let mut lost_bits = 0;
+    for slot in 1..=scenario.slots {
+        let begin_ms = computed_ms();
+        let plan = planner.step(slot, &report.position(), report.z_m, field.queues_bits());
+        outcome.plan_ms.push(computed_ms() - begin_ms);
+        report = flight.step(slot, Some(&plan));
+        outcome.refused += u64::from(report.refused);
+        lost_bits += field.step(slot, &report).expect("one list").lost_bits;
+    }
+    let sampled: f64 = list.sensors().iter().map(|sensor| sensor.sampling_bps).sum::<f64>();
+    outcome.loss_rate = lost_bits as f64 / (sampled * scenario.slot_s * scenario.slots as f64);
+    outcome
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [seeds, strategies, lines @ ..] = &arguments[..] else {
+        panic!("expected seeds (1-20), strategies (horizon,uts), and lines of a scenario")
+    };
+    let (first, last) = seeds.split_once('-').expect("seeds as 1-20");
+    let seeds = first.parse::<u64>().expect("a seed")..=last.parse().expect("a seed");
+    let text = format!("name = 'losses'\n{}\n", lines.join("\n"));
+    for name in strategies.split(',') {
+        let before = name.strip_prefix("optimize=").map(|steps| steps.parse::<u64>().expect("steps"));
+        let known = before.map_or(name, |_| "horizon");
+        let strategy = Strategy::ALL.into_iter().find(|strategy| strategy.name() == known).expect("a strategy");
+        let mut outcomes = Vec::new();
+        for seed in seeds.clone() {
+            let overrides = Overrides { seed: Some(seed), strategy: Some(strategy) };
+            let mut scenario =
+                Scenario::parse(&text, Path::new("arguments"), overrides).unwrap_or_else(|e| panic!("{e}"));
+            if before.is_some() {
+                scenario.planner.horizon_iterations = 0;
+            }
+            outcomes.push(fly(&scenario, before));
+        }
+        report(name, &outcomes);
+    }
+}
+
+fn report(name: &str, outcomes: &[Outcome]) {
+    let count = outcomes.len() as f64;
+    let mean = outcomes.iter().map(|outcome| outcome.loss_rate).sum::<f64>() / count;
+    let square = |outcome: &Outcome| (outcome.loss_rate - mean).powi(2);
+    let error = (outcomes.iter().map(square).sum::<f64>() / (count - 1.0).max(1.0) / count).sqrt();
+    let mut plan_ms: Vec<f64> = outcomes.iter().flat_map(|outcome| outcome.plan_ms.iter().copied()).collect();
+    plan_ms.sort_unstable_by(f64::total_cmp);
+    let first_ms = outcomes.iter().map(|outcome| outcome.plan_ms[0]).fold(0.0, f64::max);
+    let setup_ms = outcomes.iter().map(|outcome| outcome.setup_ms).fold(0.0, f64::max);
+    let refused: u64 = outcomes.iter().map(|outcome| outcome.refused).sum();
+    let quantile = |share: f64| plan_ms[((plan_ms.len() - 1) as f64 * share) as usize];
+    println!(
+        "{name:14} η {mean:.5} ± {error:.5}  refused {refused}  plan p50 {:.3} p99 {:.3} max {:.3} first {first_ms:.3} \
+         setup {setup_ms:.1} ms",
+        quantile(0.5),
+        quantile(0.99),
+        quantile(1.0),
+    );
+    if std::env::var_os("EACH").is_some() {
+        println!("  {:?}", outcomes.iter().map(|outcome| (outcome.loss_rate * 1e5).round() / 1e5).collect::<Vec<_>>());
+    }
+}

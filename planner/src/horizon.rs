@@ -1,0 +1,214 @@
+//! `horizon`: the plan of least predicted loss over many slots, improved in every slot and flown a slot at a time.
+//!
+//! A plan is a sequence of stops. [`flight`] says how it is flown, [`forecast`] what it loses, [`anneal`] how it is
+//! improved, [`start`] what it starts from. What never changes is in [`world`]: the sensor nodes in slots instead of
+//! bits, and the places to stop at, of which [`groups`] makes some. How the first slot becomes a message is left to
+//! [`crate::planner`].
+
+pub mod anneal;
+pub mod bound;
+pub mod circle;
+pub mod flight;
+pub mod forecast;
+pub mod grid;
+pub mod groups;
+pub mod optimize;
+pub mod reach;
+pub mod start;
+#[cfg(test)]
+mod tests;
+pub mod world;
+
+use skysink_common::geometry::Position;
+use skysink_common::message::SensorNode;
+use skysink_common::random::{Purpose, Streams};
+use skysink_common::scenario::Scenario;
+
+use crate::memory::{MemoryError, Reader};
+use anneal::Heat;
+use bound::lower_bound;
+use forecast::{Forecast, Outlook};
+use world::World;
+
+/// Most slots that are looked ahead: the letter's whole mission.
+const MOST_SLOTS: u64 = 600;
+
+/// Most waypoints of the planned path.
+pub(crate) const PATH: usize = 64;
+
+/// Hottest search: the loss accepted with chance 1/e, as a share of what the average stop loses beyond the bound.
+const HOTTEST: f64 = 1.0;
+
+/// Ceiling of the heat at the mission's end.
+const LAST_CEILING: f64 = 0.1;
+
+/// Share of free resource blocks from which on a search is as hot as it gets.
+const FREE: f64 = 0.5;
+
+/// Most that a search may end higher, as a share of what is avoidable; otherwise it is undone.
+const MOST_RISE: f64 = 0.02;
+
+/// Coldest search that may become warmer again.
+const COLDEST: f64 = 1e-9;
+
+/// What heat is multiplied by after a slot whose search ended with more loss than it began with.
+const COOLING: f64 = 0.95;
+
+/// What heat is multiplied by after a slot whose search ended with less.
+const WARMING: f64 = 1.05;
+
+/// Slots ahead from which on the future is as hot as it gets.
+const FAR_SLOTS: f64 = 60.0;
+
+/// Heat of the next slot, as a share of that.
+const NEAR_SHARE: f64 = 0.02;
+
+/// The look-ahead of a mission: its constants, and the plan carried from slot to slot.
+#[derive(Debug, Clone)]
+pub struct Horizon {
+    world: World,
+    streams: Streams,
+    slots: u64,
+    iterations: u32,
+    /// Stops that are still to come, as places of the world.
+    carried: Vec<u32>,
+    /// Heat of the next search, 0 to [`HOTTEST`].
+    heat: f64,
+}
+
+/// The next slot of a plan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Next {
+    /// Where it ends.
+    pub waypoint: Position,
+    /// Who is served there, ascending.
+    pub ids: Vec<u32>,
+    /// The waypoint of the next stop after it, and the slots from here to there.
+    pub then: Option<(Position, i32)>,
+    /// The planned stops, this slot's first [m], at most 64.
+    pub path: Vec<Position>,
+    /// Loss [bit] that the plan leads to within the slots looked ahead.
+    pub loss_bits: f64,
+}
+
+impl Horizon {
+    /// The look-ahead of a scenario with these sensor nodes (SNs), before its first slot.
+    #[must_use]
+    pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
+        Self {
+            world: World::new(scenario, sensors),
+            streams: Streams::new(scenario.seed),
+            slots: scenario.slots,
+            iterations: scenario.planner.horizon_iterations,
+            carried: Vec::new(),
+            heat: HOTTEST,
+        }
+    }
+
+    /// Looks ahead from `slot`, with the UAV at `position` and the queues `queues_bits` [bit], by id: takes up the
+    /// carried plan, or makes one, improves it, and takes its first slot off. `None` if no SN that can lose data can be
+    /// reached in time.
+    ///
+    /// The search stops after the scenario's number of steps, not after a time, and draws from the slot's own random
+    /// stream: the result depends on the arguments and the carried plan alone.
+    #[must_use]
+    pub fn step(&mut self, slot: u64, position: &Position, queues_bits: &[u32]) -> Option<Next> {
+        let world = &self.world;
+        if world.sources.is_empty() {
+            return None;
+        }
+        let mut forecast = Forecast::new(world, self.outlook(slot, position, queues_bits));
+        if self.carried.is_empty() {
+            start::begin(world, &mut forecast);
+        } else {
+            forecast.load(world, self.carried.iter().copied());
+            start::extend(world, &mut forecast);
+        }
+        self.improve(slot, &mut forecast);
+        self.carried.clear();
+        let legs = &forecast.trace().legs;
+        self.carried.extend(legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.place));
+        next(&self.world, &forecast)
+    }
+
+    /// What is to be foreseen from `slot` on.
+    fn outlook(&self, slot: u64, position: &Position, queues_bits: &[u32]) -> Outlook {
+        let left = (self.slots + 1).saturating_sub(slot).max(1);
+        let slots = left.min(MOST_SLOTS);
+        let sources = self.world.sources.iter().zip(&self.world.ids);
+        let empty = sources.map(|(source, &id)| -f64::from(queues_bits[id as usize]) / source.mean_bits);
+        Outlook {
+            start: *position,
+            empty: empty.collect(),
+            slots: i32::try_from(slots).expect("at most 600"),
+            beyond_slots: (left - slots) as f64,
+            revisit_slots: self.world.round_slots,
+        }
+    }
+
+    /// Anneals the plan; the one it began with stays if the search ends with far more loss.
+    ///
+    /// The temperature is in proportion to what the plan loses beyond the bound, per stop, and falls with the share of
+    /// resource blocks that it leaves free: a cycle of full groups can only be disturbed. It cools after a slot whose
+    /// search ended higher and warms up after one whose search ended lower, below a ceiling that falls over the mission.
+    fn improve(&mut self, slot: u64, forecast: &mut Forecast) {
+        let world = &self.world;
+        let legs = &forecast.trace().legs;
+        let (stops, places): (f64, Vec<u32>) = (legs.len().max(1) as f64, forecast.places());
+        let begun_bits = forecast.loss_bits;
+        let outlook = forecast.outlook();
+        let blocks = world.blocks() as f64 * f64::from(outlook.slots);
+        let free = (1.0 - forecast.trace().visits.len() as f64 / blocks).max(0.0);
+        let freedom = (free / FREE).min(1.0).powi(2);
+        let avoidable_bits = (begun_bits - forecast.beyond_bits - lower_bound(world, outlook)).max(0.0) * freedom;
+        let progress = slot as f64 / self.slots as f64;
+        let ceiling = HOTTEST * (LAST_CEILING / HOTTEST).powf(progress);
+        let far_bits = avoidable_bits / stops * self.heat.min(ceiling);
+        let heat = Heat { far_bits, now: 0, far_slots: FAR_SLOTS, near_share: NEAR_SHARE };
+        let mut random = self.streams.stream(Purpose::Horizon, slot, 0);
+        anneal::anneal(world, forecast, heat, self.iterations, &mut random);
+        let rise_bits = forecast.loss_bits - begun_bits;
+        if rise_bits > 0.0 {
+            self.heat = (self.heat * COOLING).max(COLDEST);
+        } else if rise_bits < 0.0 {
+            self.heat = (self.heat * WARMING).min(HOTTEST);
+        }
+        if rise_bits > avoidable_bits * MOST_RISE {
+            forecast.load(world, places.into_iter());
+        }
+    }
+
+    /// Appends what the next slot has to know.
+    pub(crate) fn remember(&self, bytes: &mut Vec<u8>) {
+        bytes.extend(self.heat.to_le_bytes());
+        self.carried.iter().for_each(|place| bytes.extend(place.to_le_bytes()));
+    }
+
+    /// Goes on from a memory.
+    pub(crate) fn recall(&mut self, mut memory: Reader) -> Result<(), MemoryError> {
+        let heat = memory.share()?;
+        let places = u32::try_from(self.world.places.len()).unwrap_or(u32::MAX);
+        self.carried = if places == 0 { Vec::new() } else { memory.numbers(places - 1)? };
+        self.heat = heat;
+        Ok(())
+    }
+}
+
+/// The first slot of a plan; none if it has no stop.
+fn next(world: &World, forecast: &Forecast) -> Option<Next> {
+    let trace = forecast.trace();
+    let first = trace.legs.first()?;
+    let start = forecast.outlook().start;
+    // A leg of several slots is flown in equal steps.
+    let waypoint = start + (first.at - start) / f64::from(first.end);
+    let visits = trace.visits.iter().take_while(|visit| visit.slot == 1);
+    let mut ids: Vec<u32> = visits.map(|visit| world.ids[visit.source as usize]).collect();
+    ids.sort_unstable();
+    let later = trace.legs.iter().find(|leg| leg.end > 1);
+    let mut path = vec![waypoint];
+    path.extend(trace.legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.at));
+    path.dedup();
+    path.truncate(PATH);
+    let then = later.map(|leg| (leg.at, leg.end - 1));
+    Some(Next { waypoint, ids, then, path, loss_bits: forecast.loss_bits })
+}

@@ -1,0 +1,114 @@
+//! How many sources the UAV can serve in some slots at most, by the way between them.
+//!
+//! Two sources `d` apart are served at least `w = ceil((d − 2 d_c)/(V τ))` slots apart, 0 if `d ≤ 2 d_c`: each is within
+//! `d_c` of the UAV then. So m sources that are all served within K slots lie on a path of m − 1 edges whose weights w
+//! sum up to at most K − 1. Every such path weighs at least, for any numbers `π_i`: the m − 1 edges of least
+//! `w − π_i − π_j` that close no circle (a path closes none), plus twice the m least `π_i` (an inner node has two edges),
+//! less the two largest (its ends have one).
+
+use nalgebra::Point2;
+
+use super::world::World;
+
+/// Rounds of subgradient ascent over `π`.
+const ROUNDS: u32 = 60;
+
+/// Most sources for which the way is counted: edges grow with their square.
+const MOST_SOURCES: usize = 600;
+
+/// Keeps rounding from raising a weight or a bound to the next slot.
+const ROUNDING: f64 = 1e-6;
+
+/// Most sources served in some slots.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reachable {
+    /// Least weight of a path over m sources [slots], by m − 1.
+    weights: Vec<f64>,
+    blocks: usize,
+}
+
+struct Edge {
+    weight: f64,
+    priced: f64,
+    ends: [u32; 2],
+}
+
+impl Reachable {
+    /// Counts the way between the sources of `world`; above 600 of them only the resource blocks.
+    #[must_use]
+    pub fn new(world: &World) -> Self {
+        let count = world.positions.len();
+        let mut reachable = Self { weights: vec![0.0; count], blocks: world.blocks() };
+        if (2..=MOST_SOURCES).contains(&count) {
+            let mut edges = edges(&world.positions, world.radius_m(), world.reach_m());
+            let mut prices = vec![0.0; count];
+            for round in 0..ROUNDS {
+                let degrees = reachable.tighten(&mut edges, &prices);
+                let step = 0.5 * (1.0 - f64::from(round) / f64::from(ROUNDS));
+                for (price, degree) in prices.iter_mut().zip(degrees) {
+                    *price += step * (2.0 - f64::from(degree));
+                }
+            }
+        }
+        reachable
+    }
+
+    /// The bound by one set of prices `π`, for every m; returns the degrees in the lightest tree.
+    fn tighten(&mut self, edges: &mut [Edge], prices: &[f64]) -> Vec<u32> {
+        for edge in edges.iter_mut() {
+            edge.priced = edge.weight - prices[edge.ends[0] as usize] - prices[edge.ends[1] as usize];
+        }
+        edges.sort_unstable_by(|a, b| a.priced.total_cmp(&b.priced).then(a.ends.cmp(&b.ends)));
+        let mut sorted = prices.to_vec();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let largest = sorted[sorted.len() - 1] + sorted[sorted.len() - 2];
+        let mut parents: Vec<u32> = (0..prices.len() as u32).collect();
+        let mut degrees = vec![0; prices.len()];
+        let (mut joined, mut weight) = (1, 0.0);
+        let mut twice_least = 2.0 * sorted[0];
+        for edge in edges.iter() {
+            let [a, b] = edge.ends.map(|end| root(&mut parents, end));
+            if a == b {
+                continue;
+            }
+            parents[a as usize] = b;
+            edge.ends.iter().for_each(|&end| degrees[end as usize] += 1);
+            weight += edge.priced;
+            twice_least += 2.0 * sorted[joined];
+            let bound = (weight + twice_least - largest - ROUNDING).ceil();
+            self.weights[joined] = self.weights[joined].max(bound);
+            joined += 1;
+        }
+        degrees
+    }
+
+    /// Most sources that can be served in `slots` slots in a row.
+    #[must_use]
+    pub fn most(&self, slots: i32) -> usize {
+        let most = self.blocks.saturating_mul(slots.max(0) as usize);
+        // A path over more sources weighs no less than one over some of them.
+        let too_far = |weight: &f64| *weight > f64::from(slots - 1);
+        let first = self.weights.iter().position(too_far).unwrap_or(self.weights.len());
+        most.min(first)
+    }
+}
+
+fn edges(positions: &[Point2<f64>], radius_m: f64, reach_m: f64) -> Vec<Edge> {
+    let mut edges = Vec::with_capacity(positions.len() * positions.len() / 2);
+    for (i, a) in positions.iter().enumerate() {
+        for (j, b) in positions[..i].iter().enumerate() {
+            let between_m = (a - b).norm() - 2.0 * radius_m;
+            let weight = (between_m / reach_m - ROUNDING).ceil().max(0.0);
+            edges.push(Edge { weight, priced: weight, ends: [i as u32, j as u32] });
+        }
+    }
+    edges
+}
+
+fn root(parents: &mut [u32], mut node: u32) -> u32 {
+    while parents[node as usize] != node {
+        parents[node as usize] = parents[parents[node as usize] as usize];
+        node = parents[node as usize];
+    }
+    node
+}

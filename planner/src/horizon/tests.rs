@@ -1,0 +1,285 @@
+//! The look-ahead by itself: what a forecast says against flying it again, enumeration, and closed forms.
+
+use std::path::Path;
+
+use proptest::prelude::*;
+use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::message::SensorNode;
+use skysink_common::scenario::{Overrides, Scenario};
+
+use super::anneal::{Heat, anneal};
+use super::bound::{by_throughput, by_visits, lower_bound, lower_bound_with_way};
+use super::flight::{Visit, aim, serve, slots_for};
+use super::forecast::{FRESH, Forecast, Outlook};
+use super::reach::Reachable;
+use super::start;
+use super::world::World;
+use skysink_common::random::{Purpose, Streams};
+
+/// SNs of gain −52 dB, B = 30 kbit, at `places_m` [m] with their rates [bit/s], in an area of 400 m; d_c = 10 m,
+/// V τ = 30 m.
+fn world_of(places_m: &[([f64; 2], f64)], blocks: u32, width_hz: f64) -> World {
+    let text = format!(
+        "name = 'x'\n[area]\nside_m = 400.0\n[link]\nbandwidth_hz = {width_hz:?}\nresource_blocks = {blocks}\n"
+    );
+    let scenario = Scenario::parse(&text, Path::new("x.toml"), Overrides::default()).unwrap();
+    let sensor = |&([x_m, y_m], sampling_bps): &([f64; 2], f64)| SensorNode {
+        x_m,
+        y_m,
+        gain: 10f64.powf(-5.2),
+        sampling_bps,
+        capacity_bits: 30_000,
+        ..SensorNode::default()
+    };
+    World::new(&scenario, &places_m.iter().map(sensor).collect::<Vec<_>>())
+}
+
+/// From (200, 200), with all queues at 10 kbit, to the mission's end after `slots`.
+fn outlook_of(world: &World, slots: i32) -> Outlook {
+    let empty = world.sources.iter().map(|source| -10_000.0 / source.mean_bits).collect();
+    Outlook { start: Position::new(200.0, 200.0), empty, slots, beyond_slots: 0.0, revisit_slots: 1.0 }
+}
+
+fn places(forecast: &Forecast) -> Vec<u32> {
+    forecast.trace().legs.iter().map(|leg| leg.place).collect()
+}
+
+/// Three to nine SNs, some of them close together, that fill within 8 to 150 slots.
+fn worlds() -> impl Strategy<Value = World> {
+    let sensor = ([100.0..300.0, 100.0..300.0], prop_oneof![Just(200.0), Just(900.0), 100.0..2_500.0]);
+    let near = ([190.0..215.0, 190.0..215.0], Just(700.0));
+    let sensors = prop::collection::vec(prop_oneof![2 => sensor, 1 => near], 3..10);
+    // With more blocks than SNs, who is met does not depend on the queues.
+    (sensors, prop_oneof![Just(5e6), Just(4e3)]).prop_map(|(sensors, width_hz)| world_of(&sensors, 12, width_hz))
+}
+
+#[test]
+fn a_visit_loses_what_came_after_the_storage_was_full_and_takes_what_the_link_carries() {
+    let world = world_of(&[([200.0, 200.0], 1_000.0)], 4, 5e6); // full in 30 slots
+    let mut empty = vec![-10.0];
+    // 35 slots later 45 slots of data have come, of which 15 were lost; the link leaves 30 − 12 = 18.
+    let lost_bits = serve(&world, &mut empty, &Visit { source: 0, slot: 35, capacity_slots: 12.0 });
+    assert_eq!((lost_bits, empty[0]), (15_000.0, 17.0));
+    // 5 slots later there are 23; the link carries more.
+    let lost_bits = serve(&world, &mut empty, &Visit { source: 0, slot: 40, capacity_slots: f64::INFINITY });
+    assert_eq!((lost_bits, empty[0]), (0.0, 40.0));
+}
+
+#[test]
+fn a_stop_takes_the_slots_to_the_rim_and_the_mission_ends_as_if_it_were_a_visit() {
+    // 85 m away, 75 m to the rim: 3 slots. 10 kbit + 3 · 2000 bit fit; emptied at 3, full again at 18, 22 − 18 = 4 late.
+    let world = world_of(&[([285.0, 200.0], 2_000.0)], 4, 5e6);
+    let mut forecast = Forecast::new(&world, outlook_of(&world, 22));
+    assert_eq!(forecast.loss_bits, 24_000.0); // unserved: full at slot 10
+    forecast.load(&world, [0].into_iter());
+    assert_eq!((forecast.loss_bits, forecast.trace().legs[0].end), (8_000.0, 3));
+    assert_eq!(slots_for(&Position::new(0.0, 0.0), 30.0, &Position::new(70.0, 0.0), 10.0), 2.0);
+}
+
+#[test]
+fn a_stop_that_cannot_be_reached_in_time_is_left_out() {
+    let world = world_of(&[([285.0, 200.0], 2_000.0), ([200.0, 285.0], 10.0)], 4, 5e6);
+    let mut forecast = Forecast::new(&world, outlook_of(&world, 5));
+    forecast.load(&world, [0, 1].into_iter()); // from the rim of SN 0 at least 3 slots to that of SN 1
+    assert_eq!(places(&forecast), [0]);
+    start::extend(&world, &mut forecast);
+    assert!(forecast.trace().legs.iter().all(|leg| leg.end <= 5));
+}
+
+#[test]
+fn sensor_nodes_too_close_together_for_the_blocks_are_grouped() {
+    let cluster = |x_m: f64| (0..4).map(move |step| ([x_m + 3.0 * f64::from(step), 100.0], 500.0));
+    let sensors: Vec<_> = cluster(100.0).chain(cluster(118.0)).collect();
+    let world = world_of(&sensors, 4, 5e6);
+    let groups: Vec<_> = world.places[8..].iter().map(|place| place.members.clone()).collect();
+    assert!(
+        groups.len() == 2 && groups.contains(&vec![0, 1, 2, 3]) && groups.contains(&vec![4, 5, 6, 7]),
+        "{groups:?}"
+    );
+    assert!(world.places[8..].iter().all(|place| (place.radius_m - 5.5).abs() < 1e-9), "half of 9 m from 10 m");
+}
+
+#[test]
+fn the_bounds_count_visits_and_bits() {
+    // One visit a slot, three SNs that fill in 10 slots from empty, full at slot 0: unserved ones lose everything. Slot 1
+    // costs 3, slot 2 two, slot 3 one, all of 3000 bit; then each can be served in time.
+    let sensors = [([200.0, 200.0], 3_000.0), ([201.0, 200.0], 3_000.0), ([202.0, 200.0], 3_000.0)];
+    let world = world_of(&sensors, 1, 5e6);
+    let full = Outlook { empty: vec![-10.0; 3], ..outlook_of(&world, 8) };
+    assert_eq!(by_visits(&world, &full), 18_000.0);
+    // Full in 2 slots: of three with one visit a slot, one is late in every slot from the third on, and at first all.
+    let sensors = [200.0, 201.0, 202.0].map(|x_m| ([x_m, 200.0], 15_000.0));
+    let world = world_of(&sensors, 1, 5e6);
+    let empty = Outlook { empty: vec![0.0; 3], ..outlook_of(&world, 10) };
+    assert_eq!(by_visits(&world, &empty), 8.0 * 15_000.0);
+    // 45 kbit a slot come in and 30 kbit go out, 450 − 90 − 300 = 60 kbit in ten slots.
+    assert_eq!(by_throughput(&world, &empty), 60_000.0);
+    assert_eq!(lower_bound(&world, &empty), 120_000.0);
+}
+
+#[test]
+fn the_way_bounds_how_many_are_served() {
+    // On a line, 50 m apart: 30 m from rim to rim, one slot. The last is 90 m from rim to rim, three slots.
+    let sensors = [100.0, 150.0, 200.0, 310.0].map(|x_m| ([x_m, 200.0], 500.0));
+    let reachable = Reachable::new(&world_of(&sensors, 4, 5e6));
+    assert_eq!([0, 1, 2, 3, 4, 5, 6].map(|slots| reachable.most(slots)), [0, 1, 2, 3, 3, 3, 4]);
+    // Side by side the blocks are the limit.
+    let sensors = [200.0, 201.0, 202.0].map(|x_m| ([x_m, 200.0], 500.0));
+    let reachable = Reachable::new(&world_of(&sensors, 2, 5e6));
+    assert_eq!([1, 2].map(|slots| reachable.most(slots)), [2, 3]);
+}
+
+/// All plans of up to `most` stops, by their least loss [bit].
+fn enumerated(world: &World, outlook: &Outlook, most: usize) -> f64 {
+    let mut forecast = Forecast::new(world, outlook.clone());
+    let mut least_bits = forecast.loss_bits;
+    let mut plans: Vec<Vec<u32>> = vec![Vec::new()];
+    while let Some(plan) = plans.pop() {
+        forecast.load(world, plan.iter().copied());
+        least_bits = least_bits.min(forecast.loss_bits);
+        if plan.len() < most && forecast.trace().legs.len() == plan.len() {
+            plans.extend((0..world.places.len() as u32).map(|place| [&plan[..], &[place]].concat()));
+        }
+    }
+    least_bits
+}
+
+#[test]
+fn annealing_loses_as_little_as_the_best_of_all_plans() {
+    let (mut found_bits, mut best_bits) = (0.0, 0.0);
+    for seed in 1..=12 {
+        let mut random = Streams::new(seed).stream(Purpose::Position, 0, 0);
+        let mut draw = || f64::from(rand::Rng::next_u32(&mut random)) / 4_294_967_296.0;
+        let sensors: Vec<_> =
+            (0..4).map(|_| ([140.0 + 120.0 * draw(), 140.0 + 120.0 * draw()], 1_000.0 + 2_000.0 * draw())).collect();
+        let world = world_of(&sensors, 2, 5e6);
+        let outlook = outlook_of(&world, 16);
+        let least_bits = enumerated(&world, &outlook, 6);
+        assert!(lower_bound(&world, &outlook) <= least_bits, "seed {seed}");
+        let mut forecast = Forecast::new(&world, outlook);
+        start::begin(&world, &mut forecast);
+        let mut random = Streams::new(seed).stream(Purpose::Horizon, 1, 0);
+        let mut lowest_bits = forecast.loss_bits;
+        for far_bits in [3_000.0, 1_000.0, 300.0, 0.0] {
+            let heat = Heat { far_bits, now: 0, far_slots: 10.0, near_share: 0.5 };
+            anneal(&world, &mut forecast, heat, 2_000, &mut random);
+            lowest_bits = lowest_bits.min(forecast.loss_bits);
+        }
+        // Plans of more than six stops may lose even less.
+        assert!(lowest_bits <= 1.1 * least_bits, "seed {seed}: {lowest_bits} against {least_bits}");
+        (found_bits, best_bits) = (found_bits + lowest_bits, best_bits + least_bits);
+    }
+    assert!(found_bits <= 1.01 * best_bits, "{found_bits} against {best_bits}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+
+    #[test]
+    fn a_change_under_trial_loses_what_the_changed_plan_loses(
+        world in worlds(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 1..40),
+        changes in prop::collection::vec((any::<[prop::sample::Index; 4]>(), any::<bool>(), 0usize..4), 1..12),
+    ) {
+        let outlook = outlook_of(&world, 100_000);
+        let place = |index: &prop::sample::Index| index.index(world.places.len()) as u32;
+        let mut forecast = Forecast::new(&world, outlook.clone());
+        forecast.load(&world, drawn.iter().map(place));
+        for (indices, kept, moved) in changes {
+            let plan = places(&forecast);
+            let [a, b] = [indices[0].index(plan.len() + 1), indices[1].index(plan.len() + 1)];
+            let (from, to) = (a.min(b), a.max(b));
+            forecast.window.clear();
+            forecast.window.extend((0..moved).map(|_| (place(&indices[2]), FRESH)));
+            if kept {
+                forecast.window.extend((from..to).map(|stop| (plan[stop], stop as u32)));
+                let turn = indices[3].index(forecast.window.len() + 1);
+                forecast.window.rotate_left(turn);
+            }
+            let changed: Vec<u32> = plan[..from].iter().copied()
+                .chain(forecast.window.iter().map(|(place, _)| *place)).chain(plan[to..].iter().copied()).collect();
+            let loss_bits = forecast.attempt(&world, from, to);
+            let mut flown = Forecast::new(&world, outlook.clone());
+            flown.load(&world, changed.iter().copied());
+            prop_assert!((loss_bits - flown.loss_bits).abs() <= 1e-9 * flown.loss_bits.max(1.0));
+            if indices[3].index(2) == 0 && !changed.is_empty() {
+                forecast.accept(loss_bits);
+                prop_assert_eq!(&forecast.trace().legs, &flown.trace().legs);
+                prop_assert_eq!(&forecast.trace().visits, &flown.trace().visits);
+            }
+        }
+    }
+
+    #[test]
+    fn no_plan_loses_less_than_the_bound(
+        world in worlds(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 1..60), slots in 1i32..80,
+    ) {
+        let outlook = outlook_of(&world, slots);
+        let mut forecast = Forecast::new(&world, outlook.clone());
+        let bound_bits = lower_bound_with_way(&world, &outlook, &Reachable::new(&world));
+        prop_assert!(lower_bound(&world, &outlook) <= bound_bits && bound_bits <= forecast.loss_bits + 1e-6);
+        forecast.load(&world, drawn.iter().map(|index| index.index(world.places.len()) as u32));
+        prop_assert!(bound_bits <= forecast.loss_bits + 1e-6);
+        start::extend(&world, &mut forecast);
+        prop_assert!(bound_bits <= forecast.loss_bits + 1e-6, "{} > {}", bound_bits, forecast.loss_bits);
+    }
+
+    #[test]
+    fn no_plan_serves_more_than_the_way_allows(
+        world in worlds(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 1..40), window in 1i32..20,
+    ) {
+        let mut forecast = Forecast::new(&world, outlook_of(&world, 100));
+        forecast.load(&world, drawn.iter().map(|index| index.index(world.places.len()) as u32));
+        let most = Reachable::new(&world).most(window);
+        for slot in 0..100 {
+            let within = |visit: &&Visit| (slot + 1..=slot + window).contains(&visit.slot);
+            let mut served: Vec<u32> =
+                forecast.trace().visits.iter().filter(within).map(|visit| visit.source).collect();
+            served.sort_unstable();
+            served.dedup();
+            prop_assert!(served.len() <= most, "{} of {} after slot {}", served.len(), most, slot);
+        }
+    }
+
+    #[test]
+    fn a_waypoint_is_the_point_in_reach_and_range_nearest_to_the_next_stop(
+        centre in [0.0..100.0, 0.0..100.0], radius_m in 0.5..30.0, target in [0.0..100.0, 0.0..100.0], reach_m in 5.0..40.0,
+    ) {
+        let (from, centre, target) = (Position::new(50.0, 50.0), Position::from(centre), Position::from(target));
+        let reach_m = reach_m * slots_for(&from, reach_m, &centre, radius_m);
+        let waypoint = aim(&from, reach_m, &centre, radius_m, &target);
+        let inside = |point: &Position, slack: f64| {
+            distance_squared(point, &centre) <= (radius_m * slack).powi(2)
+                && distance_squared(point, &from) <= (reach_m * slack).powi(2)
+        };
+        prop_assert!(inside(&waypoint, 1.0 + 1e-10), "{}", waypoint);
+        for column in 0..=100 {
+            for row in 0..=100 {
+                let point = Position::new(f64::from(column), f64::from(row));
+                let nearer = (point - target).norm() < (waypoint - target).norm() - 1e-9;
+                prop_assert!(!nearer || !inside(&point, 1.0), "{} beats {}", point, waypoint);
+            }
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(25))]
+
+    #[test]
+    fn groups_hold_every_source_once_and_in_range_of_one_point(
+        sensors in prop::collection::vec(([150.0..200.0, 150.0..200.0], Just(500.0)), 2..40), blocks in 2u32..6,
+    ) {
+        let world = world_of(&sensors, blocks, 5e6);
+        let groups = &world.places[sensors.len()..];
+        let mut members: Vec<u32> = groups.iter().flat_map(|group| group.members.iter().copied()).collect();
+        members.sort_unstable();
+        prop_assert!(members.is_empty() || (0..sensors.len() as u32).eq(members));
+        for group in groups {
+            prop_assert!(group.members.len() <= blocks as usize && group.radius_m >= 0.0);
+            for &member in &group.members {
+                let away_m = (world.positions[member as usize] - group.centre).norm();
+                prop_assert!(away_m <= world.radius_m() - group.radius_m + 1e-9);
+            }
+        }
+    }
+}

@@ -1,0 +1,259 @@
+//! What the look-ahead knows that stays the same in every slot: the sensor nodes that can lose data, in slots instead
+//! of bits, and the stops that a plan is made of.
+
+use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::message::SensorNode;
+use skysink_common::scenario::Scenario;
+
+use super::grid::Grid;
+use super::groups;
+use crate::field::Field;
+use crate::tour::closed_tour;
+
+/// Entries of the table of a channel that is in line of sight by chance, over `d²` from 0 to `d_c²`.
+const TABLE: usize = 64;
+
+/// Stops that a move may put in another's place.
+const NEIGHBOURS: usize = 12;
+
+/// Least share of the sources that a tour over groups visits.
+const MOSTLY: f64 = 0.9;
+
+/// Share of the best rate that a stop for one source asks for.
+const NEAR: f64 = 0.8;
+
+/// A sensor node (SN) that can lose data, in slots.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Source {
+    /// Slots in which its empty storage fills, `C_i = B / (s_i τ)`.
+    pub fill_slots: f64,
+    /// What it samples and, when full, loses in a slot, `s_i τ` [bit], above 0.
+    pub mean_bits: f64,
+    /// Whether a visit from anywhere in range empties even a full queue.
+    pub emptied: bool,
+}
+
+/// A place to serve from: any point within `radius_m` of `centre` has all `members` in range.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Place {
+    /// Centre of the smallest circle around the members.
+    pub centre: Position,
+    /// What that circle leaves of the communication radius, `d_c − R` [m].
+    pub radius_m: f64,
+    /// Sources that are served together, at most n.
+    pub members: Vec<u32>,
+}
+
+/// The channel that a forecast assumes.
+#[derive(Debug, Clone)]
+enum Channel {
+    /// The mean rate in free space.
+    FreeSpace,
+    /// The expected rate at the best altitude [bit per slot], over `d²`.
+    Table(Box<[f64; TABLE + 1]>),
+}
+
+/// The constants of a mission. *Sources* are the SNs that can lose data, numbered from 0 in the order of their ids.
+#[derive(Debug, Clone)]
+pub struct World {
+    pub(super) field: Field,
+    channel: Channel,
+    /// The sources.
+    pub sources: Vec<Source>,
+    /// Their ids in the field.
+    pub ids: Vec<u32>,
+    /// Where they stand.
+    pub positions: Vec<Position>,
+    /// The same, by place.
+    pub grid: Grid,
+    /// Stops of a plan: first each source by itself, then groups.
+    pub places: Vec<Place>,
+    /// Places in the order of short closed tours: over the single sources, and over groups that hold most of them.
+    pub tours: Vec<Vec<u32>>,
+    /// Slots of the quickest of them, about.
+    pub round_slots: f64,
+    /// Places that a plan may stop at: where a single source has more than n in range, a group says who is served.
+    pub stops: Vec<u32>,
+    /// For each place the nearest of them.
+    pub neighbours: Vec<Vec<u32>>,
+}
+
+impl World {
+    /// The world of a scenario with these SNs.
+    #[must_use]
+    pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
+        let field = Field::new(scenario, sensors);
+        let mut world = Self {
+            channel: Channel::of(scenario, &field),
+            sources: Vec::new(),
+            ids: Vec::new(),
+            positions: Vec::new(),
+            grid: Grid::new(field.area, field.comm_radius_m, &[]),
+            places: Vec::new(),
+            tours: Vec::new(),
+            round_slots: 1.0,
+            stops: Vec::new(),
+            neighbours: Vec::new(),
+            field,
+        };
+        for (id, sensor) in (0..).zip(sensors) {
+            let mean_bits = sensor.sampling_bps * scenario.slot_s;
+            if mean_bits > 0.0 {
+                world.add_source(id, mean_bits, sensor.capacity_bits);
+            }
+        }
+        let points: Vec<(u32, Position)> = (0..).zip(world.positions.iter().copied()).collect();
+        world.grid = Grid::new(world.field.area, world.field.comm_radius_m, &points);
+        let single = |(&centre, source): (&Position, u32)| Place {
+            centre,
+            radius_m: world.near_m(source),
+            members: vec![source],
+        };
+        world.places = world.positions.iter().zip(0..).map(single).collect();
+        let groups = groups::cover(&world, scenario.seed);
+        world.tours = vec![closed_tour(world.field.area, &world.positions)];
+        world.add_tours(&groups);
+        world.places.extend(groups);
+        world.round_slots = world.tours.iter().map(|tour| world.slots_of(tour)).fold(f64::INFINITY, f64::min).max(1.0);
+        world.stops = (0..world.places.len() as u32).filter(|&place| world.is_stop(place)).collect();
+        world.neighbours = world.nearest_places();
+        world
+    }
+
+    /// Adds tours over the groups of at least a size, for every size that leaves out few sources: where no cover by full
+    /// groups exists, it may lose less to leave some alone.
+    fn add_tours(&mut self, groups: &[Place]) {
+        let first = self.places.len();
+        let mut sizes: Vec<usize> = groups.iter().map(|group| group.members.len()).collect();
+        sizes.sort_unstable();
+        sizes.dedup();
+        let most = |size: usize| {
+            groups.iter().filter(|group| group.members.len() >= size).map(|group| group.members.len()).sum::<usize>()
+        };
+        sizes.retain(|&size| most(size) as f64 >= MOSTLY * self.sources.len() as f64);
+        for size in sizes {
+            let large: Vec<usize> = (0..groups.len()).filter(|&group| groups[group].members.len() >= size).collect();
+            let centres: Vec<Position> = large.iter().map(|&group| groups[group].centre).collect();
+            let place = |index: u32| (first + large[index as usize]) as u32;
+            let tour = closed_tour(self.field.area, &centres).into_iter().map(place).collect();
+            self.tours.push(tour);
+        }
+    }
+
+    fn add_source(&mut self, id: u32, mean_bits: f64, capacity_bits: u32) {
+        let rim_m2 = self.field.comm_radius_m * self.field.comm_radius_m;
+        let emptied = self.capacity_bits(id, rim_m2) >= f64::from(capacity_bits);
+        let fill_slots = f64::from(capacity_bits) / mean_bits;
+        self.sources.push(Source { fill_slots, mean_bits, emptied });
+        self.ids.push(id);
+        self.positions.push(*self.field.position(id));
+    }
+
+    /// Slots of a tour, if every leg is as short as its ends allow, and parts of slots count.
+    fn slots_of(&self, tour: &[u32]) -> f64 {
+        let leg = |(a, b): (&u32, &u32)| {
+            let (a, b) = (&self.places[*a as usize], &self.places[*b as usize]);
+            let away_m = distance_squared(&a.centre, &b.centre).sqrt() - a.radius_m - b.radius_m;
+            (away_m / self.field.reach_m).max(1.0)
+        };
+        tour.iter().zip(tour.iter().cycle().skip(1)).map(leg).sum()
+    }
+
+    fn is_stop(&self, place: u32) -> bool {
+        let mut met = 0;
+        let centre = &self.places[place as usize].centre;
+        self.grid.within(centre, self.field.comm_radius_m, |_, _| met += 1);
+        place as usize >= self.sources.len() || met <= self.blocks() || self.places.len() == self.sources.len()
+    }
+
+    /// How far from a source a stop for it alone may be [m]: as far as the link carries most of what it carries from
+    /// straight above, or empties a full storage.
+    fn near_m(&self, source: u32) -> f64 {
+        let enough_slots = self.capacity_slots(source, 0.0).min(self.sources[source as usize].fill_slots) * NEAR;
+        let radius_m = |step: u32| self.field.comm_radius_m * f64::from(step) / 32.0;
+        let holds = |step: &u32| self.capacity_slots(source, radius_m(*step).powi(2)) >= enough_slots;
+        (1..=32).rev().find(holds).map_or(0.0, radius_m)
+    }
+
+    fn nearest_places(&self) -> Vec<Vec<u32>> {
+        let points: Vec<(u32, Position)> =
+            self.stops.iter().map(|&stop| (stop, self.places[stop as usize].centre)).collect();
+        let grid = Grid::new(self.field.area, self.field.comm_radius_m, &points);
+        let nearest = |(index, place): (u32, &Place)| {
+            let mut others = grid.nearest(&place.centre, NEIGHBOURS + 1);
+            others.retain(|&other| other != index);
+            others.truncate(NEIGHBOURS);
+            others
+        };
+        (0..).zip(&self.places).map(nearest).collect()
+    }
+
+    /// What a visit at the squared distance `d2_m2` [m²] takes from SN `id` in a slot [bit].
+    fn capacity_bits(&self, id: u32, d2_m2: f64) -> f64 {
+        let link = &self.field.link;
+        match &self.channel {
+            Channel::FreeSpace => link.capacity_bits(link.rate_bps(self.field.gains[id as usize], d2_m2)) as f64,
+            Channel::Table(table) => {
+                let share = d2_m2 / (self.field.comm_radius_m * self.field.comm_radius_m);
+                table[((share * TABLE as f64).round() as usize).min(TABLE)]
+            }
+        }
+    }
+
+    /// What a visit at the squared distance `d2_m2` [m²] takes from `source` [slots of sampling].
+    #[inline]
+    #[must_use]
+    pub fn capacity_slots(&self, source: u32, d2_m2: f64) -> f64 {
+        let facts = &self.sources[source as usize];
+        if facts.emptied {
+            return f64::INFINITY;
+        }
+        self.capacity_bits(self.ids[source as usize], d2_m2) / facts.mean_bits
+    }
+
+    /// Capacity as in [`Self::capacity_slots`], with the UAV at `position`.
+    #[must_use]
+    pub fn capacity_from(&self, source: u32, position: &Position) -> f64 {
+        self.capacity_slots(source, distance_squared(&self.positions[source as usize], position))
+    }
+
+    /// Farthest flight in one slot [m].
+    #[must_use]
+    pub fn reach_m(&self) -> f64 {
+        self.field.reach_m
+    }
+
+    /// Communication radius [m].
+    #[must_use]
+    pub fn radius_m(&self) -> f64 {
+        self.field.comm_radius_m
+    }
+
+    /// Most SNs served in a slot, n.
+    #[must_use]
+    pub fn blocks(&self) -> usize {
+        self.field.resource_blocks
+    }
+}
+
+impl Channel {
+    fn of(scenario: &Scenario, field: &Field) -> Self {
+        let Some(los) = &field.los else {
+            return Self::FreeSpace;
+        };
+        let altitudes_m = scenario
+            .uav
+            .climb
+            .map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
+        let rim_m2 = field.comm_radius_m * field.comm_radius_m;
+        let best_bits = |d2_m2: f64| {
+            let rate_bps = |level: u32| {
+                let z_m = altitudes_m[0] + (altitudes_m[1] - altitudes_m[0]) * f64::from(level) / 16.0;
+                los.expected_rate_bps(d2_m2, z_m)
+            };
+            let best_bps = (0..=16).map(rate_bps).fold(0.0, f64::max);
+            field.link.capacity_bits(best_bps) as f64
+        };
+        Self::Table(Box::new(std::array::from_fn(|step| best_bits(rim_m2 * step as f64 / TABLE as f64))))
+    }
+}

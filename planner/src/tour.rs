@@ -1,0 +1,256 @@
+//! A short closed tour through points: nearest neighbour, then 2-opt and or-opt over neighbour lists.
+//!
+//! It knows nothing of sensor nodes or slots.
+
+use skysink_common::geometry::Position;
+use skysink_common::scenario::Area;
+
+use crate::horizon::grid::Grid;
+
+/// Neighbours that a point may be joined to.
+const NEIGHBOURS: usize = 10;
+
+/// Longest part of the tour that or-opt moves.
+const LONGEST_MOVED: usize = 3;
+
+/// Above this many points the tour stays as nearest neighbour made it: an exchange takes time in proportion.
+const MOST_IMPROVED: usize = 20_000;
+
+/// Sweeps over all points; a tour settles in far fewer.
+const MOST_SWEEPS: usize = 50;
+
+/// Gains below this [m] are rounding.
+const LEAST_GAIN_M: f64 = 1e-9;
+
+/// Indices of `points`, all in `area`, in the order of a short closed tour that begins with index 0.
+#[must_use]
+pub fn closed_tour(area: Area, points: &[Position]) -> Vec<u32> {
+    let mut tour = Tour::nearest_neighbour(area, points);
+    if points.len() <= MOST_IMPROVED {
+        tour.improve();
+    }
+    let first = tour.order.iter().position(|&point| point == 0).unwrap_or(0);
+    tour.order.rotate_left(first);
+    tour.order
+}
+
+struct Tour<'a> {
+    points: &'a [Position],
+    neighbours: Vec<Vec<u32>>,
+    order: Vec<u32>,
+    /// Where each point is in `order`.
+    places: Vec<usize>,
+}
+
+impl<'a> Tour<'a> {
+    fn nearest_neighbour(area: Area, points: &'a [Position]) -> Self {
+        let numbered: Vec<(u32, Position)> = (0..).zip(points.iter().copied()).collect();
+        let cell_m = (area.width_m * area.height_m / points.len().max(1) as f64).sqrt();
+        let grid = Grid::new(area, cell_m, &numbered);
+        let near = |(index, point): &(u32, Position)| {
+            let mut near = grid.nearest(point, NEIGHBOURS + 1);
+            near.retain(|other| other != index);
+            near
+        };
+        let neighbours: Vec<Vec<u32>> = numbered.iter().map(near).collect();
+        let (mut order, mut places) = (Vec::with_capacity(points.len()), vec![usize::MAX; points.len()]);
+        let mut unvisited: std::collections::BTreeSet<u32> = (0..numbered.len() as u32).collect();
+        let mut at = 0;
+        while unvisited.remove(&at) {
+            places[at as usize] = order.len();
+            order.push(at);
+            let listed = neighbours[at as usize].iter().find(|&&near| places[near as usize] == usize::MAX);
+            let Some(next) = listed.copied().or_else(|| farther(&grid, &points[at as usize], &unvisited)) else {
+                break;
+            };
+            at = next;
+        }
+        Self { points, neighbours, order, places }
+    }
+
+    fn length_m(&self, a: u32, b: u32) -> f64 {
+        (self.points[a as usize] - self.points[b as usize]).norm()
+    }
+
+    fn at(&self, place: usize) -> u32 {
+        self.order[place % self.order.len()]
+    }
+
+    fn improve(&mut self) {
+        if self.order.len() < 4 {
+            return;
+        }
+        for _ in 0..MOST_SWEEPS {
+            let mut improved = false;
+            for point in 0..self.order.len() as u32 {
+                while self.exchange(point) || self.carry(point) {
+                    improved = true;
+                }
+            }
+            if !improved {
+                return;
+            }
+        }
+    }
+
+    /// 2-opt: joins `point` with one of its neighbours, and their successors with each other.
+    fn exchange(&mut self, point: u32) -> bool {
+        let place = self.places[point as usize];
+        let next = self.at(place + 1);
+        let own_m = self.length_m(point, next);
+        for index in 0..self.neighbours[point as usize].len() {
+            let other = self.neighbours[point as usize][index];
+            let joined_m = self.length_m(point, other);
+            if joined_m >= own_m {
+                break;
+            }
+            let other_place = self.places[other as usize];
+            let after = self.at(other_place + 1);
+            let gain_m = own_m + self.length_m(other, after) - joined_m - self.length_m(next, after);
+            if gain_m > LEAST_GAIN_M && other != next && after != point {
+                let (low, high) = (place.min(other_place), place.max(other_place));
+                self.turn(low + 1, high);
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Turns the places `low..=high` round.
+    fn turn(&mut self, low: usize, high: usize) {
+        self.order[low..=high].reverse();
+        self.note(low, high);
+    }
+
+    fn note(&mut self, low: usize, high: usize) {
+        for place in low..=high {
+            self.places[self.order[place] as usize] = place;
+        }
+    }
+
+    /// Or-opt: moves up to three points from `point` on to behind a neighbour of `point`, turned if that is shorter.
+    fn carry(&mut self, point: u32) -> bool {
+        let count = self.order.len();
+        let begin = self.places[point as usize];
+        for length in 1..=LONGEST_MOVED.min(count - 3) {
+            let end = begin + length;
+            if begin == 0 || end >= count {
+                return false;
+            }
+            let (before, after, last) = (self.at(begin - 1), self.at(end), self.at(end - 1));
+            let freed_m = self.length_m(before, point) + self.length_m(last, after) - self.length_m(before, after);
+            for index in 0..self.neighbours[point as usize].len() {
+                let other = self.neighbours[point as usize][index];
+                if self.length_m(point, other) >= freed_m {
+                    break;
+                }
+                let place = self.places[other as usize];
+                if (begin..end).contains(&place) {
+                    continue;
+                }
+                let next = self.at(place + 1);
+                let (entry, exit) = if next == point { continue } else { (other, next) };
+                let base_m = self.length_m(entry, exit);
+                let straight_m = self.length_m(entry, point) + self.length_m(last, exit);
+                if freed_m - straight_m + base_m > LEAST_GAIN_M {
+                    self.shift(begin, end, place);
+                    return true;
+                }
+                let previous = self.at(place + count - 1);
+                if previous == last {
+                    continue;
+                }
+                let turned_m = self.length_m(previous, last) + self.length_m(point, other);
+                if freed_m - turned_m + self.length_m(previous, other) > LEAST_GAIN_M && place > 0 {
+                    self.turn(begin, end - 1);
+                    self.shift(begin, end, place - 1);
+                    return true;
+                }
+            }
+        }
+        false
+    }
+
+    /// Moves the places `begin..end` to behind `place`.
+    fn shift(&mut self, begin: usize, end: usize, place: usize) {
+        if place >= end {
+            self.order[begin..=place].rotate_left(end - begin);
+            self.note(begin, place);
+        } else {
+            self.order[place + 1..end].rotate_right(end - begin);
+            self.note(place + 1, end - 1);
+        }
+    }
+}
+
+/// The unvisited point nearest to `point`, where its list holds none.
+fn farther(grid: &Grid, point: &Position, unvisited: &std::collections::BTreeSet<u32>) -> Option<u32> {
+    let mut count = 4 * NEIGHBOURS;
+    while !unvisited.is_empty() {
+        let near = grid.nearest(point, count);
+        if let Some(&next) = near.iter().find(|near| unvisited.contains(near)) {
+            return Some(next);
+        }
+        count *= 4;
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const AREA: Area = Area { width_m: 100.0, height_m: 100.0 };
+
+    fn length_m(points: &[Position], tour: &[u32]) -> f64 {
+        let at = |index: usize| points[tour[index % tour.len()] as usize];
+        (0..tour.len()).map(|index| (at(index) - at(index + 1)).norm()).sum()
+    }
+
+    #[test]
+    fn a_ring_of_points_is_toured_around() {
+        let angle = |step: u32| f64::from(step * 7 % 20) * std::f64::consts::TAU / 20.0;
+        let points: Vec<Position> = (0..20)
+            .map(|step| Position::new(50.0 + 40.0 * angle(step).cos(), 50.0 + 40.0 * angle(step).sin()))
+            .collect();
+        // Twenty sides of a regular polygon: 20 · 2 · 40 · sin(π/20) = 250.29 m.
+        let expected_m = 1600.0 * (std::f64::consts::PI / 20.0).sin();
+        assert!((length_m(&points, &closed_tour(AREA, &points)) - expected_m).abs() < 1e-9);
+    }
+
+    #[test]
+    fn few_and_coincident_points_have_a_tour() {
+        let point = Position::new(3.0, 4.0);
+        assert_eq!(closed_tour(AREA, &[]), [0; 0]);
+        assert_eq!(closed_tour(AREA, &[point]), [0]);
+        assert_eq!(closed_tour(AREA, &[point; 30]).len(), 30);
+    }
+
+    proptest! {
+        #[test]
+        fn a_tour_passes_every_point_once(places in prop::collection::vec((0.0..100.0, 0.0..100.0), 1..80)) {
+            let points: Vec<Position> = places.into_iter().map(|(x_m, y_m)| Position::new(x_m, y_m)).collect();
+            let mut tour = closed_tour(AREA, &points);
+            prop_assert_eq!(tour[0], 0);
+            tour.sort_unstable();
+            prop_assert!((0..points.len() as u32).eq(tour));
+        }
+
+        #[test]
+        fn a_tour_of_seven_is_hardly_longer_than_the_shortest(
+            places in prop::collection::vec((0.0..100.0, 0.0..100.0), 7),
+        ) {
+            let points: Vec<Position> = places.into_iter().map(|(x_m, y_m)| Position::new(x_m, y_m)).collect();
+            let mut shortest_m = f64::INFINITY;
+            let mut orders = vec![vec![0u32]];
+            while let Some(order) = orders.pop() {
+                if order.len() == 7 {
+                    shortest_m = shortest_m.min(length_m(&points, &order));
+                }
+                orders.extend((1..7).filter(|next| !order.contains(next)).map(|next| [&order[..], &[next]].concat()));
+            }
+            prop_assert!(length_m(&points, &closed_tour(AREA, &points)) <= 1.15 * shortest_m);
+        }
+    }
+}

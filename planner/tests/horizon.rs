@@ -1,0 +1,254 @@
+//! Whole missions by the strategies that remember: never refused, continued byte for byte, and as good as foreseen.
+
+use std::path::Path;
+
+use proptest::prelude::{Strategy as Generator, *};
+use skysink_common::message::{FlightReport, Plan};
+use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::sensors::SensorList;
+use skysink_field_sim::Field;
+use skysink_flight_sim::Flight;
+use skysink_planner::Planner;
+use skysink_planner::horizon::optimize::optimize;
+
+/// The strategies that carry something from slot to slot.
+const REMEMBERING: [Strategy; 4] = [Strategy::Tour, Strategy::RoundRobin, Strategy::MaxAgeFirst, Strategy::Horizon];
+
+/// A mission under way, as the ring flies it.
+struct Mission {
+    field: Field,
+    flight: Flight,
+    planner: Planner,
+    report: FlightReport,
+    lost_bits: u64,
+}
+
+impl Mission {
+    fn new(scenario: &Scenario) -> Self {
+        let list = SensorList::of(scenario).unwrap();
+        Self::over(scenario, &list)
+    }
+
+    fn over(scenario: &Scenario, list: &SensorList) -> Self {
+        let nodes = list.nodes(scenario.sensors.capacity_bits);
+        let flight = Flight::new(scenario, &nodes);
+        Self {
+            field: Field::new(scenario, list),
+            planner: Planner::new(scenario, &nodes),
+            report: flight.start(),
+            flight,
+            lost_bits: 0,
+        }
+    }
+
+    fn turn(&mut self, slot: u64) -> Plan {
+        let (position, queues_bits) = (self.report.position(), self.field.queues_bits());
+        let plan = self.planner.step(slot, &position, self.report.z_m, queues_bits);
+        self.report = self.flight.step(slot, Some(&plan));
+        self.lost_bits += self.field.step(slot, &self.report).unwrap().lost_bits;
+        plan
+    }
+
+    /// Loss rate of the whole mission (decision D3).
+    fn loss_rate(mut self, scenario: &Scenario) -> f64 {
+        (1..=scenario.slots).for_each(|slot| {
+            self.turn(slot);
+        });
+        let count = self.field.queues_bits().len() as f64;
+        self.lost_bits as f64 / (count * scenario.sensors.sampling_bps * scenario.slot_s * scenario.slots as f64)
+    }
+}
+
+fn scenario_of(text: &str, strategy: Strategy, seed: u64) -> Scenario {
+    let overrides = Overrides { strategy: Some(strategy), seed: Some(seed) };
+    Scenario::parse(&format!("name = 'case'\n{text}"), Path::new("case.toml"), overrides).unwrap()
+}
+
+/// Channels and vehicles at the edges: narrow and fading links, reach below range, range beyond the area, one SN, and
+/// three dimensions.
+fn texts() -> impl Generator<Value = String> {
+    let link = prop_oneof![
+        Just("".to_owned()),
+        Just("gain = 'per-slot'".to_owned()),
+        Just("model = 'probabilistic-los'\nenvironment = 'high-rise'".to_owned()),
+    ];
+    let fields = (1u32..60, prop_oneof![Just(60.0), Just(300.0), Just(2_000.0)], prop_oneof![Just(100.0), Just(900.0)]);
+    let vehicle = (prop_oneof![Just(30.0), Just(6.0), Just(200.0)], prop_oneof![Just("fixed"), Just("free")]);
+    let radio = (
+        link,
+        prop_oneof![Just(10.0), Just(60.0), Just(5_000.0)],
+        prop_oneof![Just(5e6), Just(2e3)],
+        prop_oneof![1u32..6, Just(64)],
+    );
+    (fields, vehicle, radio).prop_map(
+        |((count, side_m, rate_bps), (speed, altitude), (link, radius_m, width_hz, n))| {
+            let altitude = if link.starts_with("model") { altitude } else { "fixed" };
+            format!(
+                "slots = 40\n[area]\nside_m = {side_m:?}\n[sensors]\ncount = {count}\nsampling_bps = {rate_bps:?}\n\
+             initial_queue_mean_bits = 20000.0\n[uav]\nmax_speed_mps = {speed:?}\naltitude = '{altitude}'\n\
+             [link]\ncomm_radius_m = {radius_m:?}\nbandwidth_hz = {width_hz:?}\nresource_blocks = {n}\n{link}\n\
+             [planner]\nhorizon_iterations = 60\n"
+            )
+        },
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(80))]
+
+    #[test]
+    fn flight_sim_refuses_nothing_and_a_restarted_planner_flies_the_same(
+        text in texts(), strategy in prop::sample::select(&REMEMBERING[..]), seed in 1u64..1_000, restart in 1u64..40,
+    ) {
+        let scenario = scenario_of(&text, strategy, seed);
+        let (mut mission, mut restarted) = (Mission::new(&scenario), Mission::new(&scenario));
+        for slot in 1..=scenario.slots {
+            let plan = mission.turn(slot);
+            prop_assert_eq!(mission.report.refused, 0, "slot {}: {:?}", slot, plan);
+            let path = mission.planner.path();
+            prop_assert!((1..=64).contains(&path.len()) && path[0] == [plan.x_m, plan.y_m, plan.z_m], "{:?}", path);
+            prop_assert_eq!(format!("{plan:?}"), format!("{:?}", restarted.turn(slot)));
+            if slot == restart {
+                let list = SensorList::of(&scenario).unwrap();
+                let memory = restarted.planner.memory().to_vec();
+                restarted.planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits));
+                restarted.planner.recall(slot, &memory).unwrap();
+            }
+            prop_assert_eq!(mission.planner.memory(), restarted.planner.memory());
+        }
+        prop_assert!(mission.field.totals().balanced());
+    }
+}
+
+#[test]
+fn a_memory_of_another_slot_or_strategy_is_refused_and_changes_nothing() {
+    for strategy in REMEMBERING {
+        let scenario = scenario_of("slots = 10\n[planner]\nhorizon_iterations = 10\n", strategy, 1);
+        let mut mission = Mission::new(&scenario);
+        mission.turn(1);
+        let memory = mission.planner.memory().to_vec();
+        assert!(mission.planner.recall(2, &memory).is_err(), "{strategy:?}: another slot");
+        let mut cut = memory.clone();
+        cut.pop();
+        assert!(mission.planner.recall(1, &cut).is_err(), "{strategy:?}: cut short");
+        assert_eq!(mission.planner.memory(), memory);
+        let mut other = Mission::new(&scenario_of("slots = 10\n", Strategy::Uts, 1));
+        other.turn(1);
+        assert!(other.planner.memory().is_empty());
+        assert!(other.planner.recall(1, &memory).is_err(), "{strategy:?}: another strategy");
+    }
+}
+
+#[test]
+fn sensor_nodes_that_do_not_sample_are_served_but_not_waited_for() {
+    let scenario = scenario_of("slots = 30\n[planner]\nhorizon_iterations = 50\n", Strategy::Horizon, 1);
+    let text = "x_m,y_m,queue_bits,sampling_bps\n20,20,20000,0\n30,20,100,900\n90,90,100,900\n50,50,7000,0\n";
+    let list = SensorList::parse(text, Path::new("list.csv"), &scenario).unwrap();
+    let mut mission = Mission::over(&scenario, &list);
+    let first = mission.turn(1);
+    (2..=30).for_each(|slot| {
+        mission.turn(slot);
+    });
+    assert_eq!(mission.lost_bits, 0);
+    assert!(first.scheduled().contains(&3) || mission.field.queues_bits()[3] == 0, "met on the way");
+    // With nobody that samples, the UAV goes to the fullest queue (decision D8).
+    let text = "x_m,y_m,queue_bits,sampling_bps\n20,50,20000,0\n";
+    let list = SensorList::parse(text, Path::new("list.csv"), &scenario).unwrap();
+    let mut mission = Mission::over(&scenario, &list);
+    let plan = mission.turn(1);
+    assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (20.0, 50.0, &[0][..]));
+}
+
+#[test]
+fn a_planner_that_starts_in_mid_mission_plans_from_what_it_finds() {
+    let text = "slots = 200\n[area]\nside_m = 300.0\n[sensors]\ncount = 60\n[planner]\nhorizon_iterations = 200\n";
+    let scenario = scenario_of(text, Strategy::Horizon, 3);
+    let mut mission = Mission::new(&scenario);
+    (1..=100).for_each(|slot| {
+        mission.turn(slot);
+    });
+    let list = SensorList::of(&scenario).unwrap();
+    mission.planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits));
+    (101..=200).for_each(|slot| {
+        mission.turn(slot);
+        assert_eq!(mission.report.refused, 0, "slot {slot}");
+    });
+    assert_eq!(mission.lost_bits, 0);
+}
+
+/// Where the letter's strategy is trapped: 300 m, it loses more than half.
+#[test]
+fn looking_ahead_loses_nothing_where_the_letters_strategy_is_trapped() {
+    for seed in 1..=3 {
+        let text = "slots = 500\n[area]\nside_m = 300.0\n[planner]\nhorizon_iterations = 100\n";
+        let scenario = scenario_of(text, Strategy::Horizon, seed);
+        assert_eq!(Mission::new(&scenario).loss_rate(&scenario), 0.0, "seed {seed}");
+    }
+}
+
+#[test]
+fn looking_ahead_loses_less_than_every_other_strategy() {
+    let settings = [
+        "slots = 200\n[area]\nside_m = 500.0\n[sensors]\ncount = 60\n",
+        "slots = 150\n[sensors]\ncount = 120\nsampling_bps = 900.0\n",
+        "slots = 200\n[area]\nside_m = 150.0\n[sensors]\ncount = 100\nsampling_bps = 300.0\n[link]\nbandwidth_hz = 5e3\n",
+    ];
+    for setting in settings {
+        let mean = |strategy| {
+            let mission = |seed| {
+                let scenario = scenario_of(&format!("{setting}[planner]\nhorizon_iterations = 300\n"), strategy, seed);
+                Mission::new(&scenario).loss_rate(&scenario)
+            };
+            (1..=3).map(mission).sum::<f64>() / 3.0
+        };
+        let horizon = mean(Strategy::Horizon);
+        for strategy in Strategy::ALL.into_iter().filter(|strategy| *strategy != Strategy::Horizon) {
+            let other = mean(strategy);
+            assert!(horizon <= other, "{setting}: {horizon} against {other} of {}", strategy.name());
+        }
+    }
+}
+
+#[test]
+fn an_optimised_plan_loses_what_it_says_and_no_less_than_the_bound() {
+    for seed in 1..=4 {
+        let text = "slots = 200\n[area]\nside_m = 600.0\n[sensors]\ncount = 50\nsampling_bps = 300.0\n\
+                    [planner]\nhorizon_iterations = 0\n";
+        let scenario = scenario_of(text, Strategy::Horizon, seed);
+        let mut mission = Mission::new(&scenario);
+        let list = SensorList::of(&scenario).unwrap();
+        let nodes = list.nodes(scenario.sensors.capacity_bits);
+        let optimum = optimize(&scenario, &nodes, &list.queues_bits(), 20_000).unwrap();
+        mission.planner.recall(0, &optimum.memory).unwrap();
+        (1..=200).for_each(|slot| {
+            mission.turn(slot);
+        });
+        let lost_bits = mission.lost_bits as f64;
+        assert!((lost_bits - optimum.loss_bits).abs() < 1e-3, "seed {seed}: {lost_bits} against {}", optimum.loss_bits);
+        assert!(optimum.bound_bits <= lost_bits && lost_bits > 0.0, "seed {seed}: {optimum:?}");
+        let online = Mission::new(&scenario).loss_rate(&scenario);
+        assert!(lost_bits / (50.0 * 300.0 * 200.0) <= online, "seed {seed}: without a search {online}");
+    }
+}
+
+/// Golden traces: waypoint [m] and schedule of the first slots.
+#[test]
+fn the_missions_stay_what_they_are() {
+    let text = "slots = 60\n[area]\nside_m = 400.0\n[sensors]\ncount = 40\n[planner]\nhorizon_iterations = 200\n";
+    let trace = |strategy| {
+        let mut mission = Mission::new(&scenario_of(text, strategy, 1));
+        (1..=3)
+            .map(|slot| {
+                let plan = mission.turn(slot);
+                format!("{:.3} {:.3} {:?}", plan.x_m, plan.y_m, plan.scheduled())
+            })
+            .collect::<Vec<_>>()
+    };
+    let expected = [
+        ["224.316 182.430 [31]", "237.269 167.032 []", "250.221 151.634 [18]"],
+        ["181.229 223.402 []", "162.458 246.804 []", "143.687 270.206 []"],
+        ["174.976 216.546 []", "149.951 233.092 []", "124.927 249.638 []"],
+        ["173.703 211.248 []", "147.648 203.046 []", "127.197 203.400 []"],
+    ];
+    assert_eq!(REMEMBERING.map(trace), expected);
+}
