@@ -1,15 +1,18 @@
-//! Going on with a run that has ended early: what is on record is flown once more, without planning, and compared.
+//! Going on with a run that has ended early: what is on record is flown once more, and compared. It is planned once more
+//! only where the strategy carries something from slot to slot.
 
 use std::io::BufRead;
 
 use skysink_common::message::{FlightReport, Mode, Plan, QueuesHeader, SlotHeader};
 use skysink_common::ring_folder::RingFolder;
-use skysink_common::scenario::Scenario;
+use skysink_common::scenario::{Scenario, Strategy};
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::Field;
 use skysink_field_sim::memory::{Memory as FieldMemory, Reached};
 use skysink_flight_sim::Flight;
 use skysink_flight_sim::memory::Memory as FlightMemory;
+use skysink_planner::Planner;
+use skysink_planner::recollection::Recollection;
 
 use crate::error::Error;
 use crate::record::{RunFolder, SlotLog};
@@ -21,6 +24,8 @@ pub struct Resumed {
     pub log: SlotLog,
     field: Field,
     flight: FlightReport,
+    /// Of a strategy that carries something from slot to slot.
+    planner: Option<Planner>,
     reached: Reached,
 }
 
@@ -43,6 +48,8 @@ pub fn resume(folder: &RunFolder, scenario: &Scenario, list: &SensorList, tally:
     let mut field = Field::new(scenario, list);
     let mut flight = Flight::new(scenario, &list.nodes(scenario.sensors.capacity_bits));
     let (mut report, mut reached) = (flight.start(), Reached::default());
+    let carries = !Strategy::MEMORYLESS.contains(&scenario.planner.strategy);
+    let mut planner = carries.then(|| Planner::new(scenario, &list.nodes(scenario.sensors.capacity_bits)));
     let header = |reached: Reached, field: &Field| QueuesHeader {
         head: SlotHeader { slot: reached.slot, ..SlotHeader::default() },
         totals: *field.totals(),
@@ -63,6 +70,9 @@ pub fn resume(folder: &RunFolder, scenario: &Scenario, list: &SensorList, tally:
         if flown.slot != slot || slot > scenario.slots {
             return Err(refuse(&format!("slot {}: expected slot {slot} of {}", flown.slot, scenario.slots)));
         }
+        if let Some(planner) = &mut planner {
+            let _ = planner.step(slot, &report.position(), report.z_m, field.queues_bits()); // for what it carries on
+        }
         report = flown.repeat(&mut flight);
         let bits = field.step(slot, &report).map_err(|error| refuse(&error.to_string()))?;
         reached = Reached { slot, bits };
@@ -73,7 +83,7 @@ pub fn resume(folder: &RunFolder, scenario: &Scenario, list: &SensorList, tally:
         tally.add(None, &report, &header);
     }
     tally.resume();
-    Ok(Resumed { log, field, flight: report, reached })
+    Ok(Resumed { log, field, flight: report, planner, reached })
 }
 
 impl Resumed {
@@ -81,8 +91,12 @@ impl Resumed {
     ///
     /// # Errors
     /// If the ring's folder cannot be written.
-    pub fn seed(&self, meeting: &RingFolder) -> Result<(), Error> {
+    pub fn seed(&self, meeting: &RingFolder, scenario: &Scenario) -> Result<(), Error> {
         if self.reached.slot > 0 {
+            if let Some(planner) = &self.planner {
+                let plans = Recollection::open(meeting, scenario, self.field.queues_bits().len());
+                plans.and_then(|mut plans| plans.after(self.reached.slot, planner)).map_err(Error::journal)?;
+            }
             let field = FieldMemory::open(meeting, self.field.queues_bits().len());
             field.and_then(|memory| memory.keep(self.reached, &self.field)).map_err(Error::journal)?;
             let flight = FlightMemory::open(meeting);

@@ -97,17 +97,17 @@ fn plans(criterion: &mut Criterion) {
     for count in [200, 10_000, 1_000_000] {
         let mut group = criterion.benchmark_group(format!("plan a slot, N = {count}"));
         group.warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(2)).sample_size(20);
-        for strategy in Strategy::ALL {
+        for strategy in Strategy::MEMORYLESS {
             let scenario = letter(count, strategy);
             let list = SensorList::of(&scenario).expect("drawn");
             let nodes = list.nodes(scenario.sensors.capacity_bits);
             let initial_bits = list.queues_bits();
             let field = Field::new(&scenario, &nodes);
-            let mut planner = Planner::over(&scenario, field.clone());
+            let mut planner = Planner::over(&scenario, &nodes, field.clone());
             let mut flight = Flight::new(&scenario, &initial_bits);
             group.bench_function(strategy.name(), |bencher| fly(bencher, &mut flight, &mut planner));
             let undivided = Field { grid: Grid::undivided(&field.positions), ..field.clone() };
-            let mut without = Planner::over(&scenario, undivided);
+            let mut without = Planner::over(&scenario, &nodes, undivided);
             let mut flight = Flight::new(&scenario, &initial_bits);
             group.bench_function(format!("{}, no grid", strategy.name()), |bencher| {
                 fly(bencher, &mut flight, &mut without);

@@ -71,7 +71,7 @@ fn main() {
         let strategy = Strategy::ALL.into_iter().find(|strategy| strategy.name() == known).expect("a strategy");
         let mut outcomes = Vec::new();
         for seed in seeds.clone() {
-            let overrides = Overrides { seed: Some(seed), strategy: Some(strategy) };
+            let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), slots: None };
             let mut scenario =
                 Scenario::parse(&text, Path::new("arguments"), overrides).unwrap_or_else(|e| panic!("{e}"));
             if before.is_some() {

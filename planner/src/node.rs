@@ -7,14 +7,15 @@ use skysink_common::message::{FLAG_END, FLAG_TICK, QueuesHeader, SlotHeader};
 use skysink_common::node::{NodeError, Role, Stop};
 use skysink_common::pace::Pace;
 use skysink_common::refusals::Refusal;
-use skysink_common::ring::Ring;
+use skysink_common::ring::{Ring, RingError};
 use skysink_common::ring_folder::RingFolder;
 use skysink_common::scenario::Scenario;
 use skysink_common::topic::{Full, RING_BUFFER};
 
 use crate::planner::Planner;
+use crate::recollection::Recollection;
 
-/// Plans until the mission ends. It keeps nothing between slots: started again, it answers what the others still have.
+/// Plans until the mission ends. Started again, it answers what the others still have, as it did before.
 ///
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
@@ -30,6 +31,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
 
     let nodes = sensors.wait_for(&mut patience, 0, |_| true, serve_joiners)?;
     let mut planner = Planner::new(scenario, nodes.payload());
+    let mut recollection = Recollection::open(folder, scenario, nodes.payload().len()).map_err(RingError::from)?;
     let mut next = 0;
     loop {
         let is_state = |header: &QueuesHeader| header.head.flags & FLAG_TICK == 0;
@@ -57,9 +59,11 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         // passed was sent before this process was there: others have flown on since, so its plan is not missing.
         let Some(flight) = flights.wait_or_pass(&mut patience, slot, serve_joiners)? else { continue };
         next = slot + 1;
+        recollection.before(next, &mut planner).map_err(RingError::from)?;
         let begin = Instant::now();
         let mut plan = planner.step(next, &flight.position(), flight.z_m, state.payload());
         plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        recollection.after(next, &planner).map_err(RingError::from)?;
         plans.send(ring.header(next, 0), plan)?;
     }
 }

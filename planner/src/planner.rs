@@ -60,17 +60,16 @@ impl Planner {
     /// The planner of a scenario with the sensor nodes `sensors`, SN i at entry i.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
-        Self::over(scenario, Field::new(scenario, sensors))
+        Self::over(scenario, sensors, Field::new(scenario, sensors))
     }
 
     /// The planner of a scenario over a field of its own, such as one with another grid.
     #[must_use]
-    pub fn over(scenario: &Scenario, field: Field) -> Self {
-        let sensors = field.positions.len();
+    pub fn over(scenario: &Scenario, sensors: &[SensorNode], field: Field) -> Self {
         Self {
             scenario: scenario.clone(),
             streams: Streams::new(scenario.seed),
-            search: Search::with_room_for(sensors),
+            search: Search::with_room_for(sensors.len()),
             exact: ExactSearch::new(&field),
             problem: Problem::new(&field),
             carried: Carried::new(scenario, sensors, &field),
@@ -78,7 +77,7 @@ impl Planner {
             path: Vec::with_capacity(PATH),
             solver: Solver::new(scenario.planner.waypoint_solver),
             spatial: field.los.map(|link| SpatialSolver::new(link, scenario.planner, field.resource_blocks)),
-            ids: Vec::with_capacity(sensors),
+            ids: Vec::with_capacity(sensors.len()),
             field,
         }
     }

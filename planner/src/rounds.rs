@@ -2,15 +2,14 @@
 //!
 //! Unlike the strategies of one slot they remember whose turn it is, or who was served when.
 
-use std::cmp::Reverse;
-
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Strategy;
 
 use crate::field::Field;
 use crate::horizon::flight::{aim, slots_for};
 use crate::memory::{MemoryError, Reader};
-use crate::strategy::{fullest_first, toward};
+use crate::nearby::fullest_first;
+use crate::strategy::toward;
 use crate::tour::closed_tour;
 
 /// SNs in a fixed order, over and over: a turn ends with the slot that serves its SN.
@@ -64,8 +63,8 @@ impl Rounds {
     /// ascending by id.
     pub fn serve(&self, field: &Field, waypoint: &Position, queues_bits: &[u32], ids: &mut Vec<u32>) {
         ids.clear();
-        ids.extend(field.ids_within(waypoint, field.comm_radius_m));
-        ids.sort_unstable_by_key(|&id| (Some(id) != self.current(), fullest_first(queues_bits, id)));
+        field.grid.visit_within(waypoint, field.comm_radius_m, |node| ids.push(node.id));
+        ids.sort_unstable_by_key(|&id| (Some(id) != self.current(), fullest_first(queues_bits[id as usize], id)));
         ids.truncate(field.resource_blocks);
         ids.sort_unstable();
     }
@@ -111,8 +110,8 @@ impl Ages {
     }
 
     /// Sort key: those that wait longest come first, of these the fullest, then the lowest index.
-    fn oldest_first(&self, queues_bits: &[u32], id: u32) -> (u32, (Reverse<u32>, u32)) {
-        (self.last[id as usize], fullest_first(queues_bits, id))
+    fn oldest_first(&self, queues_bits: &[u32], id: u32) -> (u32, u64) {
+        (self.last[id as usize], fullest_first(queues_bits[id as usize], id))
     }
 
     /// Straight, at full speed, toward the SN that has waited longest, until above it.
@@ -125,7 +124,7 @@ impl Ages {
     /// Fills `ids` with the n in range of `waypoint` that have waited longest, ascending by id.
     pub fn serve(&self, field: &Field, waypoint: &Position, queues_bits: &[u32], ids: &mut Vec<u32>) {
         ids.clear();
-        ids.extend(field.ids_within(waypoint, field.comm_radius_m));
+        field.grid.visit_within(waypoint, field.comm_radius_m, |node| ids.push(node.id));
         ids.sort_unstable_by_key(|&id| self.oldest_first(queues_bits, id));
         ids.truncate(field.resource_blocks);
         ids.sort_unstable();

@@ -60,7 +60,7 @@ impl Mission {
 }
 
 fn scenario_of(text: &str, strategy: Strategy, seed: u64) -> Scenario {
-    let overrides = Overrides { strategy: Some(strategy), seed: Some(seed) };
+    let overrides = Overrides { strategy: Some(strategy), seed: Some(seed), slots: None };
     Scenario::parse(&format!("name = 'case'\n{text}"), Path::new("case.toml"), overrides).unwrap()
 }
 

@@ -30,7 +30,7 @@ impl Case {
 /// A planner that tests every SN in every look around.
 fn undivided(scenario: &Scenario, sensors: &[SensorNode]) -> Planner {
     let field = Field::new(scenario, sensors);
-    Planner::over(scenario, Field { grid: Grid::undivided(&field.positions), ..field })
+    Planner::over(scenario, sensors, Field { grid: Grid::undivided(&field.positions), ..field })
 }
 
 /// Shares of the side: anywhere, on the area's border, and on a lattice that is one of cells' borders, too.
