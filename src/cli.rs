@@ -157,6 +157,10 @@ impl ValueEnum for StrategyName {
                 Self(Strategy::Uts),
                 Self(Strategy::UtsWide),
                 Self(Strategy::Exact),
+                Self(Strategy::Tour),
+                Self(Strategy::RoundRobin),
+                Self(Strategy::MaxAgeFirst),
+                Self(Strategy::Horizon),
             ]
         }
     }

@@ -84,6 +84,32 @@ fn kills_at_any_instant_change_nothing() {
 }
 
 #[test]
+fn a_planner_that_remembers_comes_back_as_it_was() {
+    let place = Place::new();
+    let few = "[planner]\nhorizon_iterations = 200\n[sensors]\ncount = 30\n[area]\nside_m = 300.0\n";
+    place.write("long.toml", &(LONG.replace("9000", "3000") + few));
+    for strategy in ["horizon", "max-age-first", "tour"] {
+        let choice = ["--strategy", strategy, "--force"];
+        place.run_well(&[&["simulate", "long.toml", "--out", "alone"][..], &choice].concat());
+        let (run, ring) = begin(&place, &[&choice[..], &["--no-viewer"]].concat());
+        for kill in 1..=4 {
+            until("flight", || (flown(&place) > 300 * kill).then_some(()));
+            for role in &RING[kill % 3..] {
+                kill_process(place.worker(role, &ring), Signal::KILL).unwrap();
+            }
+        }
+        well(&end(run), strategy);
+        assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"), "{strategy}");
+        // And after its launcher.
+        let begun: String = place.read("alone/slots.csv").split_inclusive('\n').take(401).collect();
+        fs::write(place.path("run/slots.csv"), begun).unwrap();
+        place.run_well(&["run", "--resume", "run", "--no-viewer"]);
+        assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"), "{strategy}, resumed");
+    }
+    place.assert_clean();
+}
+
+#[test]
 fn every_restart_is_on_record() {
     let place = Place::new();
     place.write("long.toml", LONG);

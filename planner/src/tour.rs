@@ -191,6 +191,9 @@ fn farther(grid: &Grid, point: &Position, unvisited: &std::collections::BTreeSet
         if let Some(&next) = near.iter().find(|near| unvisited.contains(near)) {
             return Some(next);
         }
+        if near.len() < count {
+            return unvisited.first().copied(); // a place that is no place is near nothing
+        }
         count *= 4;
     }
     None

@@ -19,6 +19,7 @@ pub fn planner_message(bytes: &[u8]) {
     let world = &WORLDS[usize::from(input.u8()) % WORLDS.len()];
     let mut scenario = world.scenario.clone();
     scenario.planner.strategy = Strategy::ALL[usize::from(input.u8()) % Strategy::ALL.len()];
+    scenario.planner.horizon_iterations = 20;
     let foreign = input.u8() % 4;
     let mut nodes = world.nodes.clone();
     for node in nodes.iter_mut().take(foreign.into()) {
