@@ -82,7 +82,7 @@ fn no_slot_of_equal_queues_asks_for_memory() {
 /// A hundred times the letter's field at its density.
 #[test]
 fn no_slot_over_a_large_field_asks_for_memory() {
-    for strategy in Strategy::ALL {
+    for strategy in Strategy::MEMORYLESS {
         let text = "name = 'a'\n[area]\nside_m = 1e3\n[sensors]\ncount = 20000\n";
         let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
         let scenario = Scenario::parse(text, std::path::Path::new("a.toml"), overrides).unwrap();
