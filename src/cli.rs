@@ -1,5 +1,6 @@
 //! The command line of `skysink`.
 
+mod bench;
 mod flight;
 
 use std::path::{Path, PathBuf};
@@ -16,6 +17,7 @@ use crate::run::run;
 use crate::simulate::{Simulation, simulate};
 use crate::sweep::plan::Sweep;
 use crate::{report, sweep, worker};
+use bench::{BenchOptions, HopOptions};
 use flight::{RunOptions, SoakOptions};
 
 /// Plans and flies a UAV that collects data from wireless sensor nodes, slot by slot.
@@ -107,6 +109,16 @@ Examples:
         #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
         threads: usize,
     },
+    /// Measure how fast planner, field, missions and ring are on this machine, beside what they cannot be faster than.
+    #[command(after_help = "\
+Examples:
+  skysink bench --quick               does it work, and about how fast: seconds
+  skysink bench --only ring           slot latency of the ring, beside bare hops
+  skysink bench --json > bench.json   everything, for machines: minutes")]
+    Bench(BenchOptions),
+    /// A process of a benchmark.
+    #[command(hide = true)]
+    Hop(HopOptions),
     /// Join the shards of a sweep.
     Merge {
         /// Folders of the shards.
@@ -219,6 +231,8 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
         }
         Command::Run(options) => run(&options.run()?, stop)?,
         Command::Soak(options) => return options.soak(stop),
+        Command::Bench(options) => return options.bench(stop),
+        Command::Hop(options) => return options.hop(stop),
     };
     report::print(&folder, &summary);
     Ok(())

@@ -93,6 +93,9 @@ pub enum Error {
     /// A soak has found something.
     #[error("soak: {0}")]
     Soak(String),
+    /// A benchmark fails.
+    #[error("bench: {0}")]
+    Bench(String),
     /// A sweep is refused.
     #[error(transparent)]
     Sweep(#[from] crate::sweep::SweepError),

@@ -1,12 +1,12 @@
 //! How long the ring takes, hop by hop: from the times at which samples were sent.
 
 use hdrhistogram::Histogram;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use skysink_common::message::SlotHeader;
 use skysink_common::pace::Pace;
 
 /// Longest time that is told apart [ns].
-const HOUR_NS: u64 = 3_600_000_000_000;
+pub(crate) const HOUR_NS: u64 = 3_600_000_000_000;
 
 /// When the samples of a slot were sent; none of those that were missed.
 #[derive(Debug, Clone, Copy, Default)]
@@ -43,7 +43,7 @@ pub struct Latency {
 }
 
 /// A distribution of times [µs].
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
     /// Median.
     pub p50_us: f64,
@@ -53,6 +53,14 @@ pub struct Spread {
     pub p999_us: f64,
     /// Longest.
     pub max_us: f64,
+}
+
+impl Spread {
+    /// The distribution of times in nanoseconds.
+    pub(crate) fn of(ns: &Histogram<u64>) -> Self {
+        let us = |quantile| ns.value_at_quantile(quantile) as f64 / 1e3;
+        Self { p50_us: us(0.5), p99_us: us(0.99), p999_us: us(0.999), max_us: ns.max() as f64 / 1e3 }
+    }
 }
 
 /// The latencies of a run, from sample to sample.
@@ -106,16 +114,12 @@ impl Latency {
     /// The distributions so far; none before the second slot.
     #[must_use]
     pub fn spreads(&self) -> Option<Latencies> {
-        let spread = |histogram: &Histogram<u64>| {
-            let us = |quantile| histogram.value_at_quantile(quantile) as f64 / 1e3;
-            Spread { p50_us: us(0.5), p99_us: us(0.99), p999_us: us(0.999), max_us: histogram.max() as f64 / 1e3 }
-        };
         (!self.queues.is_empty()).then(|| Latencies {
-            queues_to_plan: spread(&self.plan),
-            to_flight: spread(&self.flight),
-            flight_to_queues: spread(&self.queues),
-            slot: spread(&self.slot),
-            jitter: self.period_ns.map(|_| spread(&self.jitter)),
+            queues_to_plan: Spread::of(&self.plan),
+            to_flight: Spread::of(&self.flight),
+            flight_to_queues: Spread::of(&self.queues),
+            slot: Spread::of(&self.slot),
+            jitter: self.period_ns.map(|_| Spread::of(&self.jitter)),
         })
     }
 }

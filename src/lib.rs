@@ -3,6 +3,7 @@
 //!
 //! What is computed lives in the crates of the workspace; here it is only put together.
 
+pub mod bench;
 pub mod cli;
 pub mod error;
 pub mod figures;

@@ -146,6 +146,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         self.plans.wait_until_there(patience, first + 1, &mut look)?;
         self.note(state)?;
         self.wait_for_viewer(patience, idle)?;
+        self.queues.step_back(&self.ring.queues)?; // the planner is in a hurry, a record is not
         Ok(header)
     }
 

@@ -15,6 +15,7 @@ use skysink_common::ring_folder::RingFolder;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::topic::VIEWER_BUFFER;
+use skysink_common::waiting::Waiting;
 
 use crate::error::Error;
 use crate::launch::{Crew, Job, REAP, Roster, whole};
@@ -33,6 +34,8 @@ pub struct Run {
     pub scenario: Scenario,
     /// How fast.
     pub pace: Pace,
+    /// How its processes wait for each other.
+    pub wait: Waiting,
     /// Where the run is put on record.
     pub place: RunPlace,
     /// Whether the viewer takes part.
@@ -119,7 +122,7 @@ pub fn run_with(run: &Run, stop: &Stop, started: impl FnOnce(Inside)) -> Result<
         folder.write_summary(&summary)?;
         return Ok((folder, summary));
     }
-    let meeting = RingFolder::create(run.pace, run.timeout_s, run.viewer)?;
+    let meeting = RingFolder::create(run.pace, run.wait, run.timeout_s, run.viewer)?;
     meeting.install()?;
     let mut log = prepare(&folder, &meeting, &run.scenario, resumed)?;
     let progress = Progress::new(run.scenario.slots);

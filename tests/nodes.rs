@@ -17,6 +17,7 @@ use skysink_common::ring::Ring;
 use skysink_common::ring_folder::RingFolder;
 use skysink_common::scenario::{Overrides, Scenario, Strategy};
 use skysink_common::sensors::SensorList;
+use skysink_common::waiting::Waiting;
 use skysink_field_sim::SlotBits;
 
 fn smoke(strategy: Strategy, seed: u64) -> Scenario {
@@ -40,10 +41,10 @@ fn alone(scenario: &Scenario, out: &Path) -> String {
 type Node = fn(&Scenario, &RingFolder, &Stop) -> Result<(), NodeError>;
 
 /// The same as a ring of threads, started in the given order.
-fn ring<S: Service + 'static>(scenario: &Scenario, out: &Path, order: [usize; 3]) -> String {
+fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, order: [usize; 3]) -> String {
     let list = SensorList::of(scenario).unwrap();
     let folder = RunFolder::create(Some(out), false, scenario, &list).unwrap();
-    let meeting = RingFolder::create(Pace::Max, 60.0, false).unwrap();
+    let meeting = RingFolder::create(Pace::Max, wait, 60.0, false).unwrap();
     let ring = Ring::<S>::create(&meeting, scenario).unwrap();
     let stop = Stop::default();
     let mut recorder = Recorder::new(&ring, scenario.slot_s, Alarm::default(), &stop).unwrap();
@@ -77,8 +78,13 @@ fn local_and_ipc_nodes_leave_the_trace_of_the_plain_calls() {
         let scenario = smoke(strategy, 11);
         let name = |way: &str| out.path().join(format!("{way}-{round}"));
         let trace = alone(&scenario, &name("alone"));
-        assert_eq!(ring::<local::Service>(&scenario, &name("local"), [0, 1, 2]), trace, "{strategy:?}");
-        assert_eq!(ring::<ipc::Service>(&scenario, &name("ipc"), [0, 1, 2]), trace, "{strategy:?}");
+        for wait in [Waiting::Event, Waiting::Poll] {
+            let name = |way: &str| name(&format!("{way}-{wait}"));
+            let flown = ring::<local::Service>(&scenario, wait, &name("local"), [0, 1, 2]);
+            assert_eq!(flown, trace, "{strategy:?}, {wait}");
+            let flown = ring::<ipc::Service>(&scenario, wait, &name("ipc"), [0, 1, 2]);
+            assert_eq!(flown, trace, "{strategy:?}, {wait}");
+        }
     }
 }
 
@@ -89,40 +95,56 @@ fn nodes_may_start_in_any_order() {
     let trace = alone(&scenario, &out.path().join("alone"));
     for (round, order) in [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]].into_iter().enumerate() {
         let name = |way: &str| out.path().join(format!("{way}-{round}"));
-        assert_eq!(ring::<local::Service>(&scenario, &name("local"), order), trace, "{order:?}");
-        assert_eq!(ring::<ipc::Service>(&scenario, &name("ipc"), order), trace, "{order:?}");
+        let wait = Waiting::Event;
+        assert_eq!(ring::<local::Service>(&scenario, wait, &name("local"), order), trace, "{order:?}");
+        assert_eq!(ring::<ipc::Service>(&scenario, wait, &name("ipc"), order), trace, "{order:?}");
     }
 }
 
 #[test]
 fn a_requested_stop_ends_a_waiting_node() {
     let scenario = smoke(Strategy::Uts, 1);
-    let meeting = RingFolder::create(Pace::Max, 60.0, false).unwrap();
-    let _ring = Ring::<local::Service>::create(&meeting, &scenario).unwrap();
-    let stop = Stop::default();
-    thread::scope(|scope| {
-        let node = scope.spawn(|| {
-            let folder = RingFolder::open(meeting.path()).unwrap();
-            skysink_planner::node::run::<local::Service>(&scenario, &folder, &stop)
+    for wait in [Waiting::Event, Waiting::Poll] {
+        let meeting = RingFolder::create(Pace::Max, wait, 60.0, false).unwrap();
+        let _ring = Ring::<local::Service>::create(&meeting, &scenario).unwrap();
+        let stop = Stop::default();
+        thread::scope(|scope| {
+            let node = scope.spawn(|| {
+                let folder = RingFolder::open(meeting.path()).unwrap();
+                skysink_planner::node::run::<local::Service>(&scenario, &folder, &stop)
+            });
+            stop.request();
+            assert!(matches!(node.join().unwrap(), Err(NodeError::Stopped(15))));
         });
-        stop.request();
-        assert!(matches!(node.join().unwrap(), Err(NodeError::Stopped(15))));
-    });
+    }
 }
 
 #[test]
 fn a_node_whose_peer_does_not_come_says_which() {
     let scenario = smoke(Strategy::Uts, 1);
-    let meeting = RingFolder::create(Pace::Max, 0.2, false).unwrap();
-    let _ring = Ring::<local::Service>::create(&meeting, &scenario).unwrap();
-    let folder = RingFolder::open(meeting.path()).unwrap();
-    let error = skysink_planner::node::run::<local::Service>(&scenario, &folder, &Stop::default()).unwrap_err();
-    assert_eq!(error.to_string(), "waited 0.2 s for sensors(0): is field-sim running?");
+    for wait in [Waiting::Event, Waiting::Poll] {
+        let meeting = RingFolder::create(Pace::Max, wait, 0.2, false).unwrap();
+        let _ring = Ring::<local::Service>::create(&meeting, &scenario).unwrap();
+        let folder = RingFolder::open(meeting.path()).unwrap();
+        let error = skysink_planner::node::run::<local::Service>(&scenario, &folder, &Stop::default()).unwrap_err();
+        assert_eq!(error.to_string(), "waited 0.2 s for sensors(0): is field-sim running?");
+    }
+}
+
+#[test]
+fn a_ring_that_waits_in_an_unknown_way_is_refused() {
+    let meeting = RingFolder::create(Pace::Max, Waiting::Poll, 0.2, false).unwrap();
+    let file = meeting.path().join("ring.toml");
+    let terms = fs::read_to_string(&file).unwrap();
+    assert!(terms.contains("wait = \"poll\"\n"), "{terms}");
+    fs::write(&file, terms.replace("poll", "spin")).unwrap();
+    let error = RingFolder::open(meeting.path()).unwrap_err().to_string();
+    assert!(error.ends_with("ring.toml: wait spin: expected event or poll"), "{error}");
 }
 
 #[test]
 fn a_node_with_another_scenario_is_refused() {
-    let meeting = RingFolder::create(Pace::Max, 0.2, false).unwrap();
+    let meeting = RingFolder::create(Pace::Max, Waiting::Event, 0.2, false).unwrap();
     let _ring = Ring::<local::Service>::create(&meeting, &smoke(Strategy::Uts, 1)).unwrap();
     let folder = RingFolder::open(meeting.path()).unwrap();
     let other = smoke(Strategy::Uts, 2);

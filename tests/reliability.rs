@@ -110,6 +110,24 @@ fn a_planner_that_remembers_comes_back_as_it_was() {
 }
 
 #[test]
+fn killed_processes_come_back_where_everybody_polls() {
+    let place = Place::new();
+    place.write("long.toml", LONG);
+    place.run_well(&["simulate", "long.toml", "--out", "alone"]);
+    let (run, ring) = begin(&place, &["--wait", "poll", "--no-viewer"]);
+    for role in RING {
+        let before = flown(&place);
+        until("flight", || (flown(&place) > before + 20).then_some(()));
+        kill_process(place.worker(role, &ring), Signal::KILL).unwrap();
+    }
+    well(&end(run), "run");
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    assert_eq!(place.summary("run")["restarts"], 3);
+    assert_no_shared_memory(&ring);
+    place.assert_clean();
+}
+
+#[test]
 fn every_restart_is_on_record() {
     let place = Place::new();
     place.write("long.toml", LONG);

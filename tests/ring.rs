@@ -18,6 +18,9 @@ fn under_way(place: &Place, arguments: &[&str]) -> (Child, String) {
     place.write("long.toml", LONG);
     let mut all = vec!["run", "long.toml", "--out", "run"];
     all.extend(arguments);
+    if !cfg!(feature = "viewer") && !arguments.contains(&"--no-viewer") {
+        all.push("--no-viewer");
+    }
     let child = place.skysink(&all).spawn().unwrap();
     until("slot", || (lines(&place.path("run/slots.csv")) > 20).then_some(()));
     let ring = place.rings().into_iter().next().expect("a ring under way");
@@ -79,6 +82,20 @@ fn processes_and_one_process_fly_the_same_in_three_dimensions() {
             alone.lines().skip(1).filter_map(|line| line.split(',').nth(3)).collect();
         assert!(altitudes.len() > 1, "{strategy} does not use its altitude: {altitudes:?}");
     }
+}
+
+#[test]
+fn processes_that_poll_leave_the_same_trace() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
+    for wait in ["event", "poll"] {
+        place.run_well(&["run", SMOKE, "--no-viewer", "--wait", wait, "--out", wait]);
+        assert_eq!(place.read("alone/slots.csv"), place.read(&format!("{wait}/slots.csv")), "{wait}");
+    }
+    let ended = place.run(&["run", SMOKE, "--no-viewer", "--wait", "spin"]);
+    assert_eq!(ended.code, Some(2), "{ended:?}");
+    assert!(ended.stderr.contains("wait spin: expected event or poll"), "{ended:?}");
+    place.assert_clean();
 }
 
 #[test]

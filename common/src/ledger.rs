@@ -130,11 +130,8 @@ impl Ledger {
         let sensors = queues_bits.len() as u64;
         let overflow = wide(|| add_alike(queues_bits, each_bits, capacity_bits));
         let mut lost = Lost::since(&self.totals);
-        if overflow && wide(|| all_hold(queues_bits, capacity_bits + each_bits)) {
-            queues_bits.fill(capacity_bits); // all were full already, as a field is that nobody can visit in time
-            lost.add(each_bits, mean_bits, sensors);
-        } else if overflow {
-            queues_bits.iter_mut().for_each(|queue_bits| lost.spill(queue_bits, capacity_bits, mean_bits));
+        if overflow {
+            wide(|| lost.spill_alike(queues_bits, each_bits, capacity_bits, mean_bits));
         }
         self.book(bits * sensors, lost)
     }
@@ -183,6 +180,9 @@ impl Ledger {
         taken_bits
     }
 }
+
+/// Sensor nodes that are looked at together where some may be full and others not.
+const FEW: usize = 32;
 
 /// Whether a queue and what is sampled stay below 2^31 bit together, so that the sign of what is left of the storage
 /// says whether it is too little: unlike a comparison, a subtraction is quick even for several at a time.
@@ -241,6 +241,21 @@ impl Lost {
     fn add(&mut self, bits: u32, mean_bits: f64, sensors: u64) {
         self.bits += u64::from(bits) * sensors;
         self.slots.add(f64::from(bits) / mean_bits, sensors);
+    }
+
+    /// The next ones, to whom `each_bits` were added, lose what their queues hold above the storage.
+    ///
+    /// Most were full already, in a field that nobody can visit in time: one that was visited costs its neighbours.
+    #[inline(always)]
+    fn spill_alike(&mut self, queues_bits: &mut [u32], each_bits: u32, capacity_bits: u32, mean_bits: f64) {
+        for few_bits in queues_bits.chunks_mut(FEW) {
+            if all_hold(few_bits, capacity_bits + each_bits) {
+                few_bits.fill(capacity_bits);
+                self.add(each_bits, mean_bits, few_bits.len() as u64);
+            } else {
+                few_bits.iter_mut().for_each(|queue_bits| self.spill(queue_bits, capacity_bits, mean_bits));
+            }
+        }
     }
 
     /// The next one loses what its queue holds above the storage.

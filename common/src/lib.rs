@@ -24,5 +24,6 @@ pub mod scenario;
 pub mod sensors;
 pub mod topic;
 pub mod units;
+pub mod waiting;
 pub mod wide;
 pub mod writer;

@@ -12,6 +12,7 @@ use crate::claim::Claim;
 use crate::ring::RingError;
 use crate::scenario::ScenarioError;
 use crate::sensors::SensorListError;
+use crate::waiting::{LOOK_AROUND, Waiting};
 
 /// A process of the ring.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -153,22 +154,25 @@ pub struct Patience {
     claim: Option<Claim>,
     idled: Instant,
     timeout: Duration,
+    waiting: Waiting,
 }
-
-/// How long a wait sleeps before it looks around: somebody may have just joined, and a ring that stands still should not
-/// wait for long.
-const LOOK_AROUND: Duration = Duration::from_millis(10);
 
 /// How often the supervisor's lock is tried.
 const SUPERVISOR_CHECK: Duration = Duration::from_millis(500);
 
 impl Patience {
-    /// Waits that end with `stop`, with the death of `supervisor`, or after `timeout` without the message, and that show
-    /// by `claim` that the process is alive.
+    /// Waits, in the way `waiting`, that end with `stop`, with the death of `supervisor`, or after `timeout` without the
+    /// message, and that show by `claim` that the process is alive.
     #[must_use]
-    pub fn new(stop: Stop, supervisor: Option<Supervisor>, claim: Option<Claim>, timeout: Duration) -> Self {
+    pub fn new(
+        stop: Stop,
+        supervisor: Option<Supervisor>,
+        claim: Option<Claim>,
+        timeout: Duration,
+        waiting: Waiting,
+    ) -> Self {
         let now = Instant::now();
-        Self { stop, supervisor, supervised: now, claim, idled: now, timeout }
+        Self { stop, supervisor, supervised: now, claim, idled: now, timeout, waiting }
     }
 
     /// The request to stop.
@@ -195,13 +199,16 @@ impl Patience {
     ) -> Result<T, E> {
         let start = Instant::now();
         let mut now = start;
-        self.beat(start); // a process that always finds its message never gets to check
+        self.beat(start); // a process that always finds its message gets no further
+        self.idle(start, &mut idle)?;
+        if let Some(found) = look(reader)? {
+            return Ok(found);
+        }
         loop {
-            if let Some(found) = look(reader)? {
+            self.check(now)?;
+            if let Some(found) = self.waiting.look(reader, &bell, &mut look)? {
                 return Ok(found);
             }
-            self.check(now)?;
-            let _ = bell(reader).timed_wait(|_| {}, LOOK_AROUND); // an interrupted wait is a short one
             now = Instant::now();
             self.idle(now, &mut idle)?;
             if now - start >= self.timeout {

@@ -16,7 +16,7 @@ use crate::message::{FLAG_END, FLAG_TICK, SlotHeader};
 use crate::node::{NodeError, Patience, Role};
 use crate::refusals::{Refusal, Refusals};
 use crate::ring::RingError;
-use crate::topic::{Data, Header};
+use crate::topic::{Data, Header, Topic};
 
 /// Samples that are kept because they came early. With the one that is worked on they are all that a reader may hold.
 pub(crate) const MAX_EARLY: usize = 3;
@@ -167,6 +167,15 @@ impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header>
 where
     Subscriber<S, P, H>: Receive<S, P, H>,
 {
+    /// Hangs this reader's bell on `topic` behind those of everybody who is there by now: the writer rings them first.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub fn step_back(&mut self, topic: &Topic<S, P, H>) -> Result<(), RingError> {
+        self.bell = topic.listener()?; // the new one hangs before the old one goes, or it would have its place
+        Ok(())
+    }
+
     /// The message of `slot`, if it has arrived. Peers cannot be far ahead of it.
     ///
     /// # Errors

@@ -189,7 +189,7 @@ impl<S: Service + 'static> Ring<S> {
     /// # Errors
     /// If the supervisor's lock is not there.
     pub fn patience(&self, folder: &RingFolder, claim: Option<Claim>, stop: &Stop) -> Result<Patience, RingError> {
-        Ok(Patience::new(stop.clone(), folder.supervisor()?, claim, self.timeout()))
+        Ok(Patience::new(stop.clone(), folder.supervisor()?, claim, self.timeout(), self.terms.wait))
     }
 }
 

@@ -16,6 +16,7 @@ use crate::claim::Claim;
 use crate::node::{Role, Supervisor};
 use crate::pace::Pace;
 use crate::ring::{RingError, short_enough};
+use crate::waiting::Waiting;
 
 /// Where iceoryx2 keeps its shared memory on Linux.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
@@ -29,6 +30,8 @@ pub struct Terms {
     pub mission: u64,
     /// How fast the ring turns.
     pub pace: Pace,
+    /// How its processes wait for each other.
+    pub wait: Waiting,
     /// How long a process waits for another [s].
     pub timeout_s: f64,
     /// Whether a viewer takes part.
@@ -49,7 +52,7 @@ impl RingFolder {
     ///
     /// # Errors
     /// If the folder cannot be made.
-    pub fn create(pace: Pace, timeout_s: f64, viewer: bool) -> Result<Self, RingError> {
+    pub fn create(pace: Pace, wait: Waiting, timeout_s: f64, viewer: bool) -> Result<Self, RingError> {
         let home = home();
         let refuse = |path: &Path, error: &dyn std::fmt::Display| RingError::Folder {
             folder: path.display().to_string(),
@@ -65,7 +68,7 @@ impl RingFolder {
             let mission: u64 = rand::rng().random();
             let path = home.join(format!("{:08x}", mission >> 32));
             let Some(lock) = lock_new(&lock_path(&path)).map_err(|error| refuse(&path, &error))? else { continue };
-            let terms = Terms { mission, pace, timeout_s, viewer };
+            let terms = Terms { mission, pace, wait, timeout_s, viewer };
             let folder = Self { path, terms, lock: Some(lock) };
             folder.furnish().map_err(|error| refuse(&folder.path, &error))?;
             return Ok(folder);

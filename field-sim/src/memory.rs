@@ -135,6 +135,7 @@ mod tests {
     use skysink_common::pace::Pace;
     use skysink_common::scenario::{Overrides, Scenario};
     use skysink_common::sensors::SensorList;
+    use skysink_common::waiting::Waiting;
 
     fn field() -> Field {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
@@ -152,7 +153,7 @@ mod tests {
 
     #[test]
     fn a_field_comes_back_to_the_slot_before_the_last_with_the_flight_of_the_last() {
-        let folder = RingFolder::create(Pace::Max, 1.0, false).unwrap();
+        let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
         let mut lived = field();
         let mut before = (lived.clone(), Reached::default());
         for slot in 1..=300 {
@@ -172,7 +173,7 @@ mod tests {
 
     #[test]
     fn a_kept_state_is_enough() {
-        let folder = RingFolder::create(Pace::Max, 1.0, false).unwrap();
+        let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
         let memory = Memory::open(&folder, 200).unwrap();
         let mut lived = field();
         assert_eq!(memory.recall(&mut field()).unwrap(), (Reached::default(), None));
@@ -193,7 +194,7 @@ mod tests {
 
     #[test]
     fn a_state_of_another_field_does_not_count() {
-        let folder = RingFolder::create(Pace::Max, 1.0, false).unwrap();
+        let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
         let memory = Memory::open(&folder, 200).unwrap();
         memory.states.write(1, &[&[1; 20]]).unwrap();
         memory.states.write(2, &[&[0; 400]]).unwrap();

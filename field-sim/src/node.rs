@@ -39,16 +39,16 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         delivered_bits: bits.delivered_bits,
         lost_bits: bits.lost_bits,
     };
-    let send = |reached: Reached, field: &Field| {
+    let state = |reached: Reached, field: &Field| {
         let end = if reached.slot == scenario.slots { FLAG_END } else { 0 };
-        queues.send_list(header(reached.slot, end, field, reached.bits), field.queues_bits())
+        header(reached.slot, end, field, reached.bits)
     };
     let serve_joiners = || -> Result<(), NodeError> {
         sensors.serve_joiners()?;
         Ok(queues.serve_joiners()?)
     };
     sensors.send_list(ring.header(0, 0), &list.nodes(scenario.sensors.capacity_bits))?;
-    send(reached, &field)?;
+    queues.send_list(state(reached, &field), field.queues_bits())?;
 
     let mut clock = pace.period(scenario.slot_s).map(Clock::new);
     for slot in reached.slot + 1..=scenario.slots {
@@ -66,16 +66,27 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
                 *flights.wait(&mut patience, slot, serve_joiners)?.payload()
             }
         };
-        let bits = field.step(slot, &flight).map_err(|error| NodeError::Peer(error.to_string()))?;
+        let mut message = queues.blank(list.sensors().len())?;
+        let bits = field.step_into(slot, &flight, message.places());
+        let bits = bits.map_err(|error| NodeError::Peer(error.to_string()))?;
         memory.add(slot, &flight).map_err(RingError::from)?;
-        commits.wait(&mut patience, slot - 1, serve_joiners)?;
+        commits.wait_or_pass(&mut patience, slot - 1, serve_joiners)?; // where a later slot is on record, it is, too
         reached = Reached { slot, bits };
-        send(reached, &field)?;
+        // SAFETY: the step has not failed, so it has written every place.
+        unsafe { message.send(state(reached, &field)) }?;
         memory.rest(reached, &field).map_err(RingError::from)?;
     }
-    // The others end with the last queues; those who are started again must find them.
+    // The others end with the last queues. Those who are started again must find them, and those who lag in a paced run,
+    // whose buffers may have been full.
+    let end = || -> Result<(), NodeError> {
+        serve_joiners()?;
+        match full {
+            Full::Wait => Ok(()),
+            Full::Miss => Ok(queues.send_list(state(reached, &field), field.queues_bits())?),
+        }
+    };
     let ended = |header: &SlotHeader| header.flags & FLAG_END != 0;
-    commits.wait_for(&mut patience, scenario.slots, ended, serve_joiners)?;
+    commits.wait_for(&mut patience, scenario.slots, ended, end)?;
     Ok(())
 }
 

@@ -52,10 +52,11 @@ mod tests {
     use super::*;
     use skysink_common::message::Mode;
     use skysink_common::pace::Pace;
+    use skysink_common::waiting::Waiting;
 
     #[test]
     fn the_last_two_flights_are_recalled_in_order() {
-        let folder = RingFolder::create(Pace::Max, 1.0, false).unwrap();
+        let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
         let memory = Memory::open(&folder).unwrap();
         let flight = |slot: u64| FlightReport::at(slot as f64, 0.5, 20.0, Mode::Serve);
         assert_eq!(memory.recall().unwrap(), []);

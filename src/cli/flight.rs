@@ -7,6 +7,7 @@ use clap::{Args, ValueEnum};
 use skysink_common::node::{Role, Stop};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::waiting::Waiting;
 
 use super::Choice;
 use crate::error::Error;
@@ -27,6 +28,10 @@ pub struct RunOptions {
     /// max, realtime, or a factor such as 10x.
     #[arg(long, default_value = "max", value_name = "PACE")]
     pace: Pace,
+    /// How the processes wait for each other: event, asleep until they are woken; or poll, looking again and again, which
+    /// keeps a core busy for each of them and is faster only where there are cores to spare.
+    #[arg(long, default_value = "event", value_name = "WAY")]
+    wait: Waiting,
     /// Serve the recording live on 127.0.0.1.
     #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "9876")]
     live: Option<u16>,
@@ -66,8 +71,8 @@ impl RunOptions {
             None => RunPlace::New { out: self.choice.out, force: self.choice.force },
         };
         let external = self.external.into_iter().map(Role::from).collect();
-        let (pace, live, restart) = (self.pace, self.live, self.restart);
-        Ok(Run { scenario, pace, place, viewer, live, external, restart, timeout_s })
+        let (pace, wait, live, restart) = (self.pace, self.wait, self.live, self.restart);
+        Ok(Run { scenario, pace, wait, place, viewer, live, external, restart, timeout_s })
     }
 }
 
@@ -104,9 +109,9 @@ impl SoakOptions {
             return Err(Error::NoViewer);
         }
         let place = RunPlace::New { out: self.choice.out, force: self.choice.force };
+        let (pace, wait, viewer) = (Pace::Max, Waiting::Event, self.viewer);
         let (external, restart, live) = (Vec::new(), Vec::new(), None);
-        let run =
-            Run { scenario, pace: Pace::Max, place, viewer: self.viewer, live, external, restart, timeout_s: 30.0 };
+        let run = Run { scenario, pace, wait, place, viewer, live, external, restart, timeout_s: 30.0 };
         soak::soak(&Soak { run, kill_every: Duration::from_secs_f64(self.kill_every) }, stop)
     }
 }

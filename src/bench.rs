@@ -1,0 +1,166 @@
+//! `skysink bench`: how fast planner, field, missions and ring are on this machine, beside what they cannot be faster
+//! than, measured in the same run.
+
+mod field;
+pub mod hop;
+mod machine;
+mod mission;
+mod planner;
+mod ring;
+mod table;
+mod transport;
+
+use std::fmt::Write as _;
+use std::path::Path;
+use std::time::Instant;
+
+use hdrhistogram::Histogram;
+use serde::Serialize;
+use skysink_common::node::Stop;
+use skysink_common::scenario::{Overrides, Scenario, Strategy};
+
+use crate::error::Error;
+use crate::latency::{HOUR_NS, Spread};
+
+/// What can be measured by itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// A slot's plan, by strategy and number of sensor nodes.
+    Planner,
+    /// A slot of the field.
+    Field,
+    /// Missions in one process, on one core and on all.
+    Mission,
+    /// The ring of processes.
+    Ring,
+    /// The ring's way of passing messages beside UNIX sockets.
+    Transport,
+}
+
+impl Part {
+    /// Every part, in the order in which they are measured.
+    pub const ALL: [Self; 5] = [Self::Planner, Self::Field, Self::Mission, Self::Ring, Self::Transport];
+}
+
+/// How much is measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Effort {
+    /// Minutes: the medians repeat within some percent on a quiet machine.
+    Full,
+    /// Seconds: whether it works, and about how fast.
+    Quick,
+}
+
+impl Effort {
+    /// One of two, by the effort.
+    fn choose<T>(self, full: T, quick: T) -> T {
+        match self {
+            Self::Full => full,
+            Self::Quick => quick,
+        }
+    }
+}
+
+/// Numbers of sensor nodes (SNs) that everything is measured with, at the letter's density.
+fn counts(effort: Effort) -> &'static [u32] {
+    effort.choose(&[200, 10_000, 1_000_000], &[200, 10_000])
+}
+
+/// What was measured; a part that was not asked for is none.
+#[derive(Debug, Serialize)]
+pub struct Report {
+    version: &'static str,
+    machine: machine::Machine,
+    planner: Option<planner::Measured>,
+    field: Option<Vec<field::Row>>,
+    mission: Option<mission::Measured>,
+    ring: Option<Vec<ring::Row>>,
+    transport: Option<Vec<transport::Row>>,
+}
+
+impl Report {
+    /// The report for machines.
+    ///
+    /// # Panics
+    /// Never: its keys and values are plain.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        serde_json::to_string_pretty(self).expect("plain keys and values")
+    }
+}
+
+/// Measures the parts.
+///
+/// # Errors
+/// If an executable is missing or fails, nothing can be written to the folder for temporary files, or on a stop.
+pub fn measure(parts: &[Part], effort: Effort, stop: &Stop) -> Result<Report, Error> {
+    let mut report = Report {
+        version: env!("CARGO_PKG_VERSION"),
+        machine: machine::Machine::this(),
+        planner: None,
+        field: None,
+        mission: None,
+        ring: None,
+        transport: None,
+    };
+    for part in Part::ALL.into_iter().filter(|part| parts.contains(part)) {
+        match part {
+            Part::Planner => report.planner = Some(planner::measure(effort, stop)?),
+            Part::Field => report.field = Some(field::measure(effort, stop)?),
+            Part::Mission => report.mission = Some(mission::measure(effort, stop)?),
+            Part::Ring => report.ring = Some(ring::measure(effort, stop)?),
+            Part::Transport => report.transport = Some(transport::measure(effort, stop)?),
+        }
+    }
+    Ok(report)
+}
+
+/// The letter's scenario with `count` SNs at its density, as a file's text.
+fn letter_text(count: u32, slots: u64) -> String {
+    let side_m = 100.0 * (f64::from(count) / 200.0).sqrt();
+    let mut text = format!("name = \"bench\"\nslots = {slots}\n");
+    let _ = write!(text, "[area]\nside_m = {side_m:?}\n[sensors]\ncount = {count}\n[uav]\nendurance_s = 1e9\n");
+    text
+}
+
+/// The same as a scenario.
+fn letter(count: u32, strategy: Strategy) -> Scenario {
+    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+    Scenario::parse(&letter_text(count, 600), Path::new("bench.toml"), overrides).expect("a valid scenario")
+}
+
+/// Times that are being collected, down to a nanosecond.
+struct Times(Histogram<u64>);
+
+impl Times {
+    fn new() -> Self {
+        Self(Histogram::new_with_bounds(1, HOUR_NS, 3).expect("valid bounds and digits"))
+    }
+
+    /// Takes the time since `begin`, divided among `steps` steps.
+    fn add(&mut self, begin: Instant, steps: u64) {
+        let ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX) / steps;
+        self.0.saturating_record(ns.max(1));
+    }
+
+    fn spread(&self) -> Spread {
+        Spread::of(&self.0)
+    }
+}
+
+/// The middle value.
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// The middle of several distributions, quantile by quantile, with the longest of all.
+fn median_spread(spreads: &[Spread]) -> Spread {
+    let middle = |of: fn(&Spread) -> f64| median(spreads.iter().map(of).collect());
+    Spread {
+        p50_us: middle(|spread| spread.p50_us),
+        p99_us: middle(|spread| spread.p99_us),
+        p999_us: middle(|spread| spread.p999_us),
+        max_us: spreads.iter().map(|spread| spread.max_us).fold(0.0, f64::max),
+    }
+}

@@ -1,0 +1,83 @@
+//! Missions in one process: slots per second on one core, and how a sweep scales over all.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+use skysink_common::node::{NodeError, Stop};
+use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::sensors::SensorList;
+
+use super::{Effort, letter_text, machine, median};
+use crate::error::Error;
+use crate::mission::Mission;
+use crate::sweep;
+use crate::sweep::plan::Sweep;
+
+/// Slots of a mission, as the letter's.
+const SLOTS: u64 = 600;
+
+/// What was measured of missions.
+#[derive(Debug, Serialize)]
+pub struct Measured {
+    /// Slots per second of the letter's missions on one core, `uts`, N = 200, set-up included.
+    pub slots_per_s: f64,
+    /// Slots per second of a sweep of them, on one thread.
+    pub sweep_slots_per_s: f64,
+    /// The same on all cores.
+    pub sweep_all_slots_per_s: f64,
+    /// Cores.
+    pub cores: usize,
+    /// Speed on all cores over that on one, per core.
+    pub per_core: f64,
+}
+
+/// Flies missions.
+///
+/// # Errors
+/// If a mission is refused, something cannot be written, or on a stop.
+pub fn measure(effort: Effort, stop: &Stop) -> Result<Measured, Error> {
+    let place = tempfile::tempdir().map_err(Error::file(Path::new("folder for temporary files")))?;
+    let slots_per_s = alone(effort.choose(Duration::from_secs(3), Duration::from_millis(100)), stop)?;
+    let (mut one, mut all, cores) = (Vec::new(), Vec::new(), machine::cores());
+    let missions = effort.choose(500, 8);
+    for round in 0..effort.choose(5, 1) {
+        for (threads, speeds) in [(1, &mut one), (cores, &mut all)] {
+            let out = place.path().join(format!("{round}-{threads}-{}", speeds.len()));
+            let plan = Sweep::new(
+                Path::new("bench"),
+                ("bench.toml".into(), letter_text(200, SLOTS).parse().expect("valid TOML")),
+                toml::Table::new(),
+                vec![Strategy::Uts],
+                (1..=missions * threads as u64).collect(),
+            )?;
+            let begin = Instant::now();
+            let rows = sweep::sweep(&plan, &out, (1, 1), threads, stop)?;
+            speeds.push((rows.len() as u64 * SLOTS) as f64 / begin.elapsed().as_secs_f64());
+        }
+    }
+    let (one, all) = (median(one), median(all));
+    Ok(Measured {
+        slots_per_s,
+        sweep_slots_per_s: one,
+        sweep_all_slots_per_s: all,
+        cores,
+        per_core: all / one / cores as f64,
+    })
+}
+
+/// Slots per second of one mission after the other.
+fn alone(budget: Duration, stop: &Stop) -> Result<f64, Error> {
+    let (begin, mut slots, mut seed) = (Instant::now(), 0u64, 0);
+    while begin.elapsed() < budget {
+        stop.check()?;
+        seed += 1;
+        let scenario = Scenario::letter(Overrides { seed: Some(seed), ..Overrides::default() })?;
+        let mut mission = Mission::new(&scenario, &SensorList::of(&scenario)?);
+        while let Some(turn) = mission.turn().map_err(|error| NodeError::Peer(error.to_string()))? {
+            std::hint::black_box(&turn);
+            slots += 1;
+        }
+    }
+    Ok(slots as f64 / begin.elapsed().as_secs_f64())
+}

@@ -1,0 +1,132 @@
+//! The ring of processes beside its floor: the same messages passed around as many processes, and the plan.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use serde::Serialize;
+use skysink_common::node::Stop;
+use skysink_common::pace::Pace;
+use skysink_common::waiting::Waiting;
+
+use super::hop::{Medium, Rounds};
+use super::{Effort, counts, letter_text, median, median_spread};
+use crate::error::Error;
+use crate::latency::Spread;
+
+/// Slots per second of a paced ring.
+const PACED_HZ: f64 = 200.0;
+
+/// Sensor nodes up to which a ring keeps up with that.
+const PACED_MOST: u32 = 10_000;
+
+/// A ring beside its floor.
+#[derive(Debug, Serialize)]
+pub struct Row {
+    /// Sensor nodes.
+    pub sensors: u32,
+    /// How the processes wait for each other.
+    pub wait: Waiting,
+    /// How fast it turns.
+    pub pace: Pace,
+    /// Slots per second.
+    pub slots_per_s: f64,
+    /// A slot, from queues to queues; where it is paced from its beginning to the plan of the next.
+    pub slot: Spread,
+    /// The plan, which is part of it.
+    pub plan: Spread,
+    /// Three bare hops with the same payloads.
+    pub hops: Spread,
+    /// Medians of hops and plan together [µs].
+    pub floor_us: f64,
+    /// Median of the slot over the floor.
+    pub p50_over_floor: f64,
+    /// 99th percentile of the slot over its median.
+    pub p99_over_p50: f64,
+}
+
+/// What one run of the ring says.
+struct Flown {
+    slots_per_s: f64,
+    slot: Spread,
+    plan: Spread,
+}
+
+/// Measures rings and floors in turns.
+///
+/// # Errors
+/// If an executable is missing or fails, or on a stop.
+pub fn measure(effort: Effort, stop: &Stop) -> Result<Vec<Row>, Error> {
+    let mut rows = Vec::new();
+    for pace in [Pace::Max, Pace::Factor(PACED_HZ)] {
+        for sensors in counts(effort).iter().copied().filter(|&sensors| pace == Pace::Max || sensors <= PACED_MOST) {
+            for wait in [Waiting::Event, Waiting::Poll] {
+                rows.push(row(sensors, wait, pace, effort, stop)?);
+            }
+        }
+    }
+    Ok(rows)
+}
+
+fn row(sensors: u32, wait: Waiting, pace: Pace, effort: Effort, stop: &Stop) -> Result<Row, Error> {
+    let slots = match (pace, sensors) {
+        (Pace::Factor(_), _) => effort.choose(600, 20),
+        (Pace::Max, ..100_000) => effort.choose(6_000, 100),
+        (Pace::Max, _) => effort.choose(500, 10),
+    };
+    let period = pace.period(1.0).unwrap_or(Duration::ZERO);
+    let floor = Rounds { medium: Medium::SharedMemory, wait, sensors, rounds: slots, period };
+    let (mut hops, mut flown) = (Vec::new(), Vec::new());
+    for _ in 0..effort.choose(3, 1) {
+        hops.push(floor.time(stop)?);
+        flown.push(fly(sensors, slots, wait, pace, stop)?);
+    }
+    let hops = median_spread(&hops);
+    let of = |spread: fn(&Flown) -> Spread| median_spread(&flown.iter().map(spread).collect::<Vec<_>>());
+    let (slot, plan) = (of(|flown| flown.slot), of(|flown| flown.plan));
+    let floor_us = hops.p50_us + plan.p50_us;
+    Ok(Row {
+        sensors,
+        wait,
+        pace,
+        slots_per_s: median(flown.iter().map(|flown| flown.slots_per_s).collect()),
+        slot,
+        plan,
+        hops,
+        floor_us,
+        p50_over_floor: slot.p50_us / floor_us,
+        p99_over_p50: slot.p99_us / slot.p50_us,
+    })
+}
+
+/// One run of the whole ring, by `skysink run`.
+fn fly(sensors: u32, slots: u64, wait: Waiting, pace: Pace, stop: &Stop) -> Result<Flown, Error> {
+    stop.check()?;
+    let place = tempfile::tempdir().map_err(Error::file(Path::new("folder for temporary files")))?;
+    let (scenario, out) = (place.path().join("bench.toml"), place.path().join("run"));
+    fs::write(&scenario, letter_text(sensors, slots)).map_err(Error::file(&scenario))?;
+    let program = std::env::current_exe().map_err(Error::file(Path::new("skysink")))?;
+    let run = Command::new(&program)
+        .arg("run")
+        .arg(&scenario)
+        .args(["--no-viewer", "--wait", &wait.to_string(), "--pace", &pace.to_string(), "--out"])
+        .arg(&out)
+        .stdin(Stdio::null())
+        .output()
+        .map_err(Error::file(&program))?;
+    if !run.status.success() {
+        let said = String::from_utf8_lossy(&run.stderr).trim().to_owned();
+        return Err(Error::Bench(format!("skysink run: {}: {said}", run.status)));
+    }
+    let summary = out.join("summary.json");
+    let text = fs::read_to_string(&summary).map_err(Error::file(&summary))?;
+    let figures = |error| Error::Bench(format!("skysink run: summary.json: {error}"));
+    let summary: serde_json::Value = serde_json::from_str(&text).map_err(figures)?;
+    let timing = &summary["timing"];
+    let number = |key: &str| timing[key].as_f64().unwrap_or(0.0);
+    let slot = serde_json::from_value(timing["latency"]["slot"].clone()).map_err(figures)?;
+    let (p50_us, p99_us, max_us) = (number("plan_p50_us"), number("plan_p99_us"), number("plan_max_us"));
+    let plan = Spread { p50_us, p99_us, p999_us: max_us, max_us };
+    Ok(Flown { slots_per_s: number("slots_per_s"), slot, plan })
+}
