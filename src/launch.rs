@@ -56,6 +56,8 @@ struct Worker {
     restarts: Restarts,
     /// When it is to be started again.
     due: Option<Instant>,
+    /// Whether it is not needed any more.
+    dismissed: bool,
     pulse: Pulse,
 }
 
@@ -95,7 +97,17 @@ impl Crew {
         for (job, path) in jobs.into_iter().zip(paths) {
             let (child, messages) = spawn(&path, &job, &[], &crew.say, &crew.roster)?;
             let (restarts, pulse) = (Restarts::new(job.restart), Pulse::begin(None));
-            crew.workers.push(Worker { job, path, child, ended: None, messages, restarts, due: None, pulse });
+            crew.workers.push(Worker {
+                job,
+                path,
+                child,
+                ended: None,
+                messages,
+                restarts,
+                due: None,
+                dismissed: false,
+                pulse,
+            });
         }
         Ok(crew)
     }
@@ -127,7 +139,7 @@ impl Crew {
                 continue;
             }
             if let Some(status) = worker.look(&self.roster) {
-                if status.success() && slot >= last_slot {
+                if worker.dismissed || status.success() && slot >= last_slot {
                     continue;
                 }
                 fates.push((role, fate(status)));
@@ -144,6 +156,17 @@ impl Crew {
             }
         }
         Ok(fates)
+    }
+
+    /// Ends those of the roles that have not ended by themselves. Their part is done, however they end.
+    pub fn dismiss(&mut self, roles: &[Role]) {
+        for worker in self.workers.iter_mut().filter(|worker| roles.contains(&worker.job.role)) {
+            worker.dismissed = true;
+            worker.due = None;
+            if worker.look(&self.roster).is_none() {
+                worker.signal(Signal::TERM);
+            }
+        }
     }
 
     /// Whether all processes but `role` have done their part.

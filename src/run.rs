@@ -197,7 +197,11 @@ fn fly(
     ended
 }
 
-/// Waits until all processes have ended by themselves, field-sim as the last: one that is started again still needs it.
+/// How long a process may take to end by itself once the mission is on record: one that was started again at the very end
+/// may wait for a peer that has ended.
+const FAREWELL: Duration = Duration::from_secs(2);
+
+/// Waits until all processes have ended, field-sim as the last: a viewer that is started again still needs it.
 fn finish(
     recorder: &Recorder<ipc::Service>,
     watch: &mut Watch<ipc::Service>,
@@ -205,16 +209,23 @@ fn finish(
     hash: u64,
     stop: &Stop,
 ) -> Result<(), Error> {
-    let (slot, mut released) = (tally.last_slot(), false);
-    let mut deadline = Instant::now() + watch.timeout();
+    let (slot, begin) = (tally.last_slot(), Instant::now());
+    let (mut released, mut deadline) = (None, begin + watch.timeout());
     while !watch.crew().done() {
         if watch.look(tally)? == ViewerState::Lost {
             deadline = Instant::now() + watch.timeout();
         }
         recorder.serve_joiners()?;
-        if !released && watch.crew().done_but(Role::FieldSim) {
-            recorder.release(slot, hash)?;
-            released = true;
+        if begin.elapsed() > FAREWELL {
+            watch.dismiss(&[Role::Planner, Role::FlightSim]);
+        }
+        match released {
+            None if watch.crew().done_but(Role::FieldSim) => {
+                recorder.release(slot, hash)?;
+                released = Some(Instant::now());
+            }
+            Some(released) if released.elapsed() > FAREWELL => watch.dismiss(&[Role::FieldSim]),
+            _ => {}
         }
         if Instant::now() > deadline
             && let Some(role) = watch.crew().slowest_but(Role::Launcher)
@@ -226,7 +237,7 @@ fn finish(
         stop.check()?;
         std::thread::sleep(REAP);
     }
-    if !released {
+    if released.is_none() {
         recorder.release(slot, hash)?; // a field-sim that somebody else has started
     }
     Ok(())

@@ -128,6 +128,11 @@ impl<'a, S: Service + 'static> Watch<'a, S> {
         self.ring.timeout()
     }
 
+    /// Ends processes that are not needed any more.
+    pub fn dismiss(&mut self, roles: &[Role]) {
+        self.crew.dismiss(roles);
+    }
+
     /// The processes under watch.
     #[must_use]
     pub fn crew(&self) -> &Crew {

@@ -97,7 +97,7 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<Measured, Error> {
         let scenario = letter(sensors, Strategy::Uts);
         let list = SensorList::of(&scenario)?;
         let (nodes, initial_bits) = (list.nodes(scenario.sensors.capacity_bits), list.queues_bits());
-        for strategy in Strategy::ALL {
+        for strategy in Strategy::MEMORYLESS {
             stop.check()?;
             plans.push(row(&letter(sensors, strategy), &nodes, &initial_bits, effort));
         }
@@ -126,7 +126,7 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<Measured, Error> {
 fn row(scenario: &Scenario, nodes: &[SensorNode], initial_bits: &[u32], effort: Effort) -> Row {
     let field = Field::new(scenario, nodes);
     let undivided = Field { grid: Grid::undivided(&field.positions), ..field.clone() };
-    let (mut with, mut without) = (Planner::over(scenario, field), Planner::over(scenario, undivided));
+    let (mut with, mut without) = (Planner::over(scenario, nodes, field), Planner::over(scenario, nodes, undivided));
     let mut flight = Flight::new(scenario, initial_bits);
     for _ in 0..WARM_UP {
         let plan = flight.plan(&mut with);
