@@ -63,6 +63,7 @@ mod tests {
     use skysink_common::message::SensorNode;
     use skysink_common::pace::Pace;
     use skysink_common::scenario::Overrides;
+    use skysink_common::waiting::Waiting;
 
     #[test]
     fn a_planner_that_comes_back_plans_the_last_slots_as_before() {
@@ -80,7 +81,7 @@ mod tests {
                     ..SensorNode::default()
                 })
                 .collect();
-            let folder = RingFolder::create(Pace::Max, 1.0, false).unwrap();
+            let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
             let queues = |slot: u64| (0..12).map(|i| (i * 977 + slot as u32 * 331) % 30_000).collect::<Vec<_>>();
             let mut planner = Planner::new(&scenario, &nodes);
             let mut recollection = Recollection::open(&folder, &scenario, 12).unwrap();

@@ -5,6 +5,7 @@ use skysink_common::message::{SensorNode, SlotHeader};
 use skysink_common::pace::Pace;
 use skysink_common::ring_folder::RingFolder;
 use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::waiting::Waiting;
 
 use crate::rogue::{LONG_S, SMOKE, begin_with_rogue};
 use crate::support::{Place, end};
@@ -40,7 +41,7 @@ fn a_second_process_for_a_place_is_refused_and_the_run_does_not_notice() {
 /// A ring whose first topic has these terms.
 fn ring_with_terms(terms: &[(&str, &str)]) -> (RingFolder, impl Sized) {
     skysink::worker::quiet_iceoryx2();
-    let folder = RingFolder::create(Pace::Max, 1.0, false).unwrap();
+    let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
     let node = NodeBuilder::new().config(&folder.config().unwrap()).create::<ipc::Service>().unwrap();
     let name = ServiceName::new("skysink/sensors").unwrap();
     let mut attributes = AttributeSpecifier::new();
