@@ -110,7 +110,7 @@ pub struct Recording {
 
 impl Recording {
     /// Opens the sinks. The recording's id is its name, unless it is continued and has one, and nothing in it depends
-    /// on the clock. A file that is continued stays as it is until [`Self::take_over`].
+    /// on the clock. A file that is continued stays as it is until `take_over`.
     ///
     /// # Errors
     /// If there is no sink, the file cannot be created, read or replaced, or the port is taken.
