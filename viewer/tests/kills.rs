@@ -86,9 +86,18 @@ fn nothing_written_is_lost_however_often_a_viewer_is_killed() {
     for round in 0..8 {
         let (before, rest) = (state(&path), state(&draft));
         let viewer = Killed::start(&path);
+        let first = std::cell::Cell::new(None);
         match round % 4 {
-            // While it records, as soon as a slot was written.
-            0 | 2 => viewer.at(|| newest(&path) > newest_of(&known)),
+            // While it records, well after the first slots were written, so that they are there in all their parts.
+            0 => viewer.at(|| {
+                let now = newest(&path);
+                if first.get().is_none() && now > newest_of(&known) {
+                    first.set(now);
+                }
+                first.get().is_some_and(|first| now > Some(first + 50))
+            }),
+            // While it records, as soon as a slot of anything was written.
+            2 => viewer.at(|| newest(&path) > newest_of(&known)),
             // At the very beginning of the take-over.
             1 => viewer.at(|| state(&draft) != rest),
             // Somewhere within it.
