@@ -187,10 +187,13 @@ fn report(soak: &Soak, seen: &Seen, folder: &RunFolder, summary: &Summary, expec
         if growth > MEMORY_SLACK_MIB {
             grown.push(format!("memory of {name}"));
         }
-        // The least of either end: while a peer is started again there are connections to both, for a moment.
-        let least = |samples: &[Sample]| samples.iter().map(|sample| sample.descriptors).min().unwrap_or(0);
+        // The least at the end against the most at the beginning: while a peer is started again connections to it are
+        // missing, or there are some to both.
         let quarter = samples.len().div_ceil(4);
-        if least(&samples[samples.len() - quarter..]) > least(&samples[..quarter]) + FD_SLACK {
+        let descriptors = |samples: &[Sample]| samples.iter().map(|sample| sample.descriptors).collect::<Vec<_>>();
+        let most = descriptors(&samples[..quarter]).into_iter().max().unwrap_or(0);
+        let least = descriptors(&samples[samples.len() - quarter..]).into_iter().min().unwrap_or(0);
+        if least > most + FD_SLACK {
             grown.push(format!("file descriptors of {name}"));
         }
         table.add_row([
