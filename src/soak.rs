@@ -31,7 +31,7 @@ pub struct Soak {
 }
 
 /// How often the processes are measured.
-const MEASURE_EVERY: Duration = Duration::from_millis(250);
+const MEASURE_EVERY: Duration = Duration::from_millis(50);
 
 /// File descriptors by which a process may differ from itself.
 const FD_SLACK: u64 = 2;

@@ -421,7 +421,7 @@ fn a_process_started_by_hand_may_die_and_be_started_by_hand_again() {
 #[test]
 fn a_soak_finds_nothing() {
     let place = Place::new();
-    let ended = place.run(&["soak", "--slots", "15000", "--kill-every", "0.4", "--strategy", "gfs", "--out", "run"]);
+    let ended = place.run(&["soak", "--slots", "40000", "--kill-every", "0.5", "--strategy", "gfs", "--out", "run"]);
     well(&ended, "soak");
     assert!(ended.stdout.contains("bits unaccounted: 0"), "{ended:?}");
     for row in ["field-sim", "flight-sim", "planner", "skysink", "/dev/shm"] {
