@@ -2,6 +2,7 @@
 
 mod bench;
 mod flight;
+mod optimize;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -19,6 +20,7 @@ use crate::sweep::plan::Sweep;
 use crate::{report, sweep, worker};
 use bench::{BenchOptions, HopOptions};
 use flight::{RunOptions, SoakOptions};
+use optimize::OptimizeOptions;
 
 /// Plans and flies a UAV that collects data from wireless sensor nodes, slot by slot.
 #[derive(Debug, Parser)]
@@ -105,10 +107,23 @@ Examples:
         /// Folder to write, or to go on with [default: runs/figures-<runs>].
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
+        /// Search steps of horizon in a slot, and 500 times as many for the best known; four times that in sparse fields.
+        #[arg(long, value_name = "N", default_value_t = campaign::HORIZON_ITERATIONS)]
+        #[arg(value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+        horizon_iterations: u32,
         /// Missions flown at the same time [default: one per core].
         #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
         threads: usize,
     },
+    /// Search for the flight that loses least, fly it, and say how far every strategy is from it.
+    #[command(after_help = "\
+Examples:
+  skysink optimize scenarios/sparse.toml --budget 60s
+  skysink optimize scenarios/letter.toml --seed 3 --budget 5000000 --record --out /tmp/best
+
+The result is the best known, not a proven optimum; what no flight avoids is shown beside it. The same number of steps
+finds the same flight on every machine; a time is turned into steps by a trial.")]
+    Optimize(OptimizeOptions),
     /// Measure how fast planner, field, missions and ring are on this machine, beside what they cannot be faster than.
     #[command(after_help = "\
 Examples:
@@ -173,6 +188,7 @@ impl ValueEnum for StrategyName {
                 Self(Strategy::RoundRobin),
                 Self(Strategy::MaxAgeFirst),
                 Self(Strategy::Horizon),
+                Self(Strategy::Offline),
             ]
         }
     }
@@ -212,12 +228,13 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
             println!("{} missions: {}", rows.len(), out.join("results.csv").display());
             return Ok(());
         }
-        Command::Figures { quick, runs, out, threads } => {
+        Command::Figures { quick, runs, horizon_iterations, out, threads } => {
             let runs = if quick { QUICK_RUNS } else { runs };
             let out = out.unwrap_or_else(|| Path::new("runs").join(format!("figures-{runs}")));
-            let stems = campaign::draw(runs, &out, threads, stop)?;
+            let choice = campaign::Choice { runs, horizon_iterations, threads, out };
+            let stems = campaign::draw(&choice, stop)?;
             stems.iter().for_each(|stem| println!("{}.svg, .png", stem.display()));
-            println!("Tables: {}", out.join("tables.md").display());
+            println!("Tables: {}", choice.out.join("tables.md").display());
             return Ok(());
         }
         Command::Merge { shards, out } => {
@@ -230,6 +247,7 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
             simulate(&Simulation { scenario, out: choice.out, force: choice.force, record }, stop)?
         }
         Command::Run(options) => run(&options.run()?, stop)?,
+        Command::Optimize(options) => options.optimize(stop)?,
         Command::Soak(options) => return options.soak(stop),
         Command::Bench(options) => return options.bench(stop),
         Command::Hop(options) => return options.hop(stop),

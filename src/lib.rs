@@ -11,6 +11,7 @@ pub mod latency;
 pub mod launch;
 pub mod metrics;
 pub mod mission;
+pub mod optimize;
 pub mod propulsion;
 pub mod record;
 pub mod recorder;

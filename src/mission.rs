@@ -8,6 +8,7 @@ use skysink_common::sensors::SensorList;
 use skysink_field_sim::{Field, FieldError, SlotBits};
 use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
+use skysink_planner::memory::MemoryError;
 
 /// A mission under way.
 pub struct Mission {
@@ -44,6 +45,14 @@ impl Mission {
             slot: 0,
             slots: scenario.slots,
         }
+    }
+
+    /// Takes over what a planner of the same mission remembers before slot 1.
+    ///
+    /// # Errors
+    /// If it is the memory of another.
+    pub fn recall(&mut self, memory: &[u8]) -> Result<(), MemoryError> {
+        self.planner.recall(0, memory)
     }
 
     /// The state of the field now.

@@ -11,13 +11,14 @@ use skysink_common::sensors::SensorList;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 use crate::error::Error;
+use crate::optimize::Optimum;
 use crate::summary::Summary;
 
 /// Header of `slots.csv`.
 const SLOT_COLUMNS: &str = "slot,x_m,y_m,z_m,scheduled,delivered_bits,lost_bits,queued_bits,mode,refused\n";
 
 /// The files of a run.
-const FILES: [&str; 5] = ["scenario.toml", "sensors.csv", "slots.csv", "summary.json", "mission.rrd"];
+const FILES: [&str; 6] = ["scenario.toml", "sensors.csv", "slots.csv", "summary.json", "optimum.json", "mission.rrd"];
 
 /// A run's folder, made and furnished with what is flown.
 #[derive(Debug, Clone)]
@@ -40,6 +41,17 @@ impl RunFolder {
         folder.write("scenario.toml", &scenario.to_toml_with_list("sensors.csv"))?;
         folder.write("sensors.csv", &list.to_csv())?;
         Ok(folder)
+    }
+
+    /// Whether a run may be put into `out`: before something takes long, and without making it.
+    ///
+    /// # Errors
+    /// If `out` exists and `force` does not allow to replace the run in it.
+    pub fn check(out: Option<&Path>, force: bool) -> Result<(), Error> {
+        match out {
+            Some(out) if !force && out.exists() => Err(Error::OutputExists(out.to_owned())),
+            _ => Ok(()),
+        }
     }
 
     /// The folder.
@@ -122,6 +134,15 @@ impl RunFolder {
     pub fn write_summary(&self, summary: &Summary) -> Result<(), Error> {
         let text = serde_json::to_string_pretty(summary).expect("a summary is plain numbers and strings") + "\n";
         self.write("summary.json", &text)
+    }
+
+    /// Writes `optimum.json`, whole or not at all.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write_optimum(&self, optimum: &Optimum) -> Result<(), Error> {
+        let text = serde_json::to_string_pretty(optimum).expect("plain numbers and strings") + "\n";
+        self.write("optimum.json", &text)
     }
 
     fn write(&self, name: &str, text: &str) -> Result<(), Error> {

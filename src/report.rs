@@ -10,6 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use skysink_common::pace::Pace;
 
 use crate::latency::Spread;
+use crate::optimize::Optimum;
 use crate::record::RunFolder;
 use crate::summary::{Summary, Tally};
 
@@ -106,6 +107,67 @@ impl MissionProgress {
     pub fn finish(&self) {
         self.bar.finish_and_clear();
     }
+}
+
+/// The progress bar of a search; nothing at all where standard error is not a terminal.
+#[derive(Debug)]
+pub struct SearchProgress {
+    bar: ProgressBar,
+    steps: u64,
+}
+
+impl SearchProgress {
+    /// A bar over `steps` search steps.
+    ///
+    /// # Panics
+    /// Never: the template is valid.
+    #[must_use]
+    pub fn new(steps: u64) -> Self {
+        if !std::io::stderr().is_terminal() {
+            return Self { bar: ProgressBar::hidden(), steps };
+        }
+        let template = "{bar:25} step {human_pos}/{human_len}  {msg}  {eta} left";
+        let style = ProgressStyle::with_template(template).expect("a valid template");
+        Self { bar: ProgressBar::new(steps).with_style(style), steps }
+    }
+
+    /// Shows that a share of the steps is done, and the loss rate of the best plan so far.
+    pub fn show(&self, share: f64, loss_rate: f64) {
+        self.bar.set_message(format!("loss {loss_rate:.4}"));
+        self.bar.set_position((share * self.steps as f64) as u64);
+    }
+
+    /// Removes the bar.
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// Prints what an optimisation came to: the bound, the best known, and what every strategy loses.
+pub fn print_optimum(optimum: &Optimum) {
+    let best = optimum.best_known;
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_BORDERS_ONLY);
+    table.set_header(["", "η", "of the best known"]);
+    let share = |loss_rate: f64| match loss_rate / best.loss_rate {
+        share if share.is_finite() => format!("{share:.3}"),
+        _ => String::new(),
+    };
+    let mut row = |name: &str, loss_rate: f64| {
+        table.add_row([name.to_owned(), format!("{loss_rate:.6}"), share(loss_rate)]);
+    };
+    row("lower bound", optimum.loss_bound);
+    row("best known", best.loss_rate);
+    for standing in &optimum.strategies {
+        row(standing.strategy.name(), standing.loss_rate);
+    }
+    for column in [1, 2] {
+        if let Some(column) = table.column_mut(column) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    println!("{table}");
+    println!("Searched {} steps; --budget {} finds the same again.", grouped(optimum.steps), optimum.steps);
 }
 
 /// Prints the figures of a run and what to do next.

@@ -35,13 +35,26 @@ pub struct Simulation {
 /// # Errors
 /// If the sensor list is refused or something cannot be written.
 pub fn simulate(simulation: &Simulation, stop: &Stop) -> Result<(RunFolder, Summary), Error> {
+    let list = SensorList::of(&simulation.scenario)?;
+    let mission = Mission::new(&simulation.scenario, &list);
+    simulate_mission(simulation, &list, mission, stop)
+}
+
+/// Flies a mission that was made ready, over the sensor nodes `list`, as [`simulate`] does.
+///
+/// # Errors
+/// As [`simulate`].
+pub fn simulate_mission(
+    simulation: &Simulation,
+    list: &SensorList,
+    mut mission: Mission,
+    stop: &Stop,
+) -> Result<(RunFolder, Summary), Error> {
     let scenario = &simulation.scenario;
-    let list = SensorList::of(scenario)?;
-    let folder = RunFolder::create(simulation.out.as_deref(), simulation.force, scenario, &list)?;
-    let mut recording = Recording::open(simulation, &folder, &list)?;
+    let folder = RunFolder::create(simulation.out.as_deref(), simulation.force, scenario, list)?;
+    let mut recording = Recording::open(simulation, &folder, list)?;
     let mut log = folder.slot_log()?;
-    let mut tally = Tally::new(scenario, &list);
-    let mut mission = Mission::new(scenario, &list);
+    let mut tally = Tally::new(scenario, list);
     let progress = Progress::new(scenario.slots);
 
     let begin = Instant::now();

@@ -22,7 +22,10 @@ use skysink_field_sim::SlotBits;
 
 fn smoke(strategy: Strategy, seed: u64) -> Scenario {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/smoke.toml");
-    Scenario::read(&path, Overrides { seed: Some(seed), strategy: Some(strategy), slots: None }).unwrap()
+    let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), slots: None };
+    let mut scenario = Scenario::read(&path, overrides).unwrap();
+    scenario.planner.offline_steps = 5_000;
+    scenario
 }
 
 /// The trace of a mission in one process.

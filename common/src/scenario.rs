@@ -195,8 +195,10 @@ pub struct PlannerChoice {
     pub strategy: Strategy,
     /// Most expansions of sP2*; the letter takes one.
     pub sca_iterations: u32,
-    /// Search steps of the look-ahead strategy in each slot.
+    /// Search steps of `horizon` in each slot.
     pub horizon_iterations: u32,
+    /// Search steps of `offline` before the mission.
+    pub offline_steps: u64,
     /// What solves sP2*.
     pub waypoint_solver: WaypointSolver,
 }
@@ -279,6 +281,14 @@ impl Scenario {
             raw.uav.endurance_s = raw.uav.endurance_s.max(slots as f64 * raw.slot_s);
         }
         check::check(raw, path)
+    }
+
+    /// The same with another number of search steps for `offline`, at most 10^12.
+    #[must_use]
+    pub fn with_offline_steps(mut self, steps: u64) -> Self {
+        self.planner.offline_steps = steps;
+        self.resolved.planner.offline_steps = steps;
+        self
     }
 
     /// The scenario as a file, every key present.

@@ -84,6 +84,10 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
             "[planner]\nhorizon_iterations = 2000000000\n",
             "planner.horizon_iterations = 2000000000: expected 0 to 1000000000",
         ),
+        (
+            "[planner]\noffline_steps = 1000000000001\n",
+            "planner.offline_steps = 1000000000001: expected 0 to 1000000000000",
+        ),
     ];
     for (text, expected) in cases {
         let text = format!("name = \"city\"\n{text}");

@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release -p skysink-planner --example losses -- 1-20 horizon,uts 'slots = 500' '[area]' 'side_m = 1000.0'`
 //!
-//! `optimize=60000000` in place of a strategy anneals that many steps before the mission and flies the result.
+//! With `EACH=1` in the environment it shows each field's loss and bound, too.
 
 use std::path::Path;
 
@@ -12,11 +12,13 @@ use skysink_common::sensors::SensorList;
 use skysink_field_sim::Field;
 use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
-use skysink_planner::horizon::optimize::optimize;
+use skysink_planner::horizon::bound::mission_bound;
 
 /// What one mission was.
 struct Outcome {
     loss_rate: f64,
+    /// What no plan avoids; 0 if nobody asked.
+    bound_rate: f64,
     refused: u64,
     setup_ms: f64,
     plan_ms: Vec<f64>,
@@ -28,21 +30,17 @@ fn computed_ms() -> f64 {
     time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 / 1e6
 }
 
-fn fly(scenario: &Scenario, before: Option<u64>) -> Outcome {
+fn fly(scenario: &Scenario) -> Outcome {
     let list = SensorList::of(scenario).expect("drawn");
     let nodes = list.nodes(scenario.sensors.capacity_bits);
     let mut field = Field::new(scenario, &list);
     let begin_ms = computed_ms();
     let mut planner = Planner::new(scenario, &nodes);
-    if let Some(steps) = before {
-        let optimum = optimize(scenario, &nodes, field.queues_bits(), steps).expect("sensor nodes in reach");
-        println!("  loss {:.0} bit, bound {:.0} bit", optimum.loss_bits, optimum.bound_bits);
-        planner.recall(0, &optimum.memory).expect("the memory of this mission");
-    }
     let setup_ms = computed_ms() - begin_ms;
+    let bound_bits = if each() { mission_bound(scenario, &nodes, field.queues_bits()) } else { 0.0 };
     let mut flight = Flight::new(scenario, &nodes);
     let mut report = flight.start();
-    let mut outcome = Outcome { loss_rate: 0.0, refused: 0, setup_ms, plan_ms: Vec::new() };
+    let mut outcome = Outcome { loss_rate: 0.0, bound_rate: 0.0, refused: 0, setup_ms, plan_ms: Vec::new() };
     let mut lost_bits = 0;
     for slot in 1..=scenario.slots {
         let begin_ms = computed_ms();
@@ -53,7 +51,8 @@ fn fly(scenario: &Scenario, before: Option<u64>) -> Outcome {
         lost_bits += field.step(slot, &report).expect("one list").lost_bits;
     }
     let sampled: f64 = list.sensors().iter().map(|sensor| sensor.sampling_bps).sum::<f64>();
-    outcome.loss_rate = lost_bits as f64 / (sampled * scenario.slot_s * scenario.slots as f64);
+    let sampled_bits = sampled * scenario.slot_s * scenario.slots as f64;
+    (outcome.loss_rate, outcome.bound_rate) = (lost_bits as f64 / sampled_bits, bound_bits / sampled_bits);
     outcome
 }
 
@@ -66,18 +65,12 @@ fn main() {
     let seeds = first.parse::<u64>().expect("a seed")..=last.parse().expect("a seed");
     let text = format!("name = 'losses'\n{}\n", lines.join("\n"));
     for name in strategies.split(',') {
-        let before = name.strip_prefix("optimize=").map(|steps| steps.parse::<u64>().expect("steps"));
-        let known = before.map_or(name, |_| "horizon");
-        let strategy = Strategy::ALL.into_iter().find(|strategy| strategy.name() == known).expect("a strategy");
+        let strategy = Strategy::ALL.into_iter().find(|strategy| strategy.name() == name).expect("a strategy");
         let mut outcomes = Vec::new();
         for seed in seeds.clone() {
             let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), slots: None };
-            let mut scenario =
-                Scenario::parse(&text, Path::new("arguments"), overrides).unwrap_or_else(|e| panic!("{e}"));
-            if before.is_some() {
-                scenario.planner.horizon_iterations = 0;
-            }
-            outcomes.push(fly(&scenario, before));
+            let scenario = Scenario::parse(&text, Path::new("arguments"), overrides).unwrap_or_else(|e| panic!("{e}"));
+            outcomes.push(fly(&scenario));
         }
         report(name, &outcomes);
     }
@@ -101,7 +94,14 @@ fn report(name: &str, outcomes: &[Outcome]) {
         quantile(0.99),
         quantile(1.0),
     );
-    if std::env::var_os("EACH").is_some() {
-        println!("  {:?}", outcomes.iter().map(|outcome| (outcome.loss_rate * 1e5).round() / 1e5).collect::<Vec<_>>());
+    if each() {
+        let round = |rate: f64| (rate * 1e5).round() / 1e5;
+        println!("  η {:?}", outcomes.iter().map(|outcome| round(outcome.loss_rate)).collect::<Vec<_>>());
+        println!("  bound {:?}", outcomes.iter().map(|outcome| round(outcome.bound_rate)).collect::<Vec<_>>());
     }
+}
+
+/// Whether each field's loss is to be shown.
+fn each() -> bool {
+    std::env::var_os("EACH").is_some()
 }

@@ -30,7 +30,7 @@ impl Carried {
                 Self::Rounds(Rounds::new(strategy, field, &scenario.uav.start))
             }
             Strategy::MaxAgeFirst => Self::Ages(Ages::new(field)),
-            Strategy::Horizon => Self::Horizon(Box::new(Horizon::new(scenario, sensors))),
+            Strategy::Horizon | Strategy::Offline => Self::Horizon(Box::new(Horizon::new(scenario, sensors))),
         }
     }
 

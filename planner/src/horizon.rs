@@ -19,10 +19,12 @@ pub mod start;
 mod tests;
 pub mod world;
 
+use std::ops::ControlFlow;
+
 use skysink_common::geometry::Position;
 use skysink_common::message::SensorNode;
 use skysink_common::random::{Purpose, Streams};
-use skysink_common::scenario::Scenario;
+use skysink_common::scenario::{Scenario, Strategy};
 
 use crate::memory::{MemoryError, Reader};
 use anneal::Heat;
@@ -32,6 +34,9 @@ use world::World;
 
 /// Most slots that are looked ahead: the letter's whole mission.
 const MOST_SLOTS: u64 = 600;
+
+/// Most slots that are planned before take-off.
+const MOST_OFFLINE_SLOTS: u64 = 10_000;
 
 /// Most waypoints of the planned path.
 pub(crate) const PATH: usize = 64;
@@ -69,7 +74,12 @@ pub struct Horizon {
     world: World,
     streams: Streams,
     slots: u64,
+    /// Most slots that are looked ahead.
+    most_slots: u64,
+    /// Search steps in each slot.
     iterations: u32,
+    /// Search steps before the first slot that is planned; none but for `offline`.
+    offline_steps: Option<u64>,
     /// Stops that are still to come, as places of the world.
     carried: Vec<u32>,
     /// Heat of the next search, 0 to [`HOTTEST`].
@@ -95,11 +105,18 @@ impl Horizon {
     /// The look-ahead of a scenario with these sensor nodes (SNs), before its first slot.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
+        let choice = scenario.planner;
+        let (most_slots, iterations, offline_steps) = match choice.strategy {
+            Strategy::Offline => (MOST_OFFLINE_SLOTS, 0, Some(choice.offline_steps)),
+            _ => (MOST_SLOTS, choice.horizon_iterations, None),
+        };
         Self {
             world: World::new(scenario, sensors),
             streams: Streams::new(scenario.seed),
             slots: scenario.slots,
-            iterations: scenario.planner.horizon_iterations,
+            most_slots,
+            iterations,
+            offline_steps,
             carried: Vec::new(),
             heat: HOTTEST,
         }
@@ -113,6 +130,9 @@ impl Horizon {
     /// stream: the result depends on the arguments and the carried plan alone.
     #[must_use]
     pub fn step(&mut self, slot: u64, position: &Position, queues_bits: &[u32]) -> Option<Next> {
+        if let Some(steps) = self.offline_steps.take() {
+            self.prepare((slot, steps), position, queues_bits, &mut |_| ControlFlow::Continue(()))?;
+        }
         let world = &self.world;
         if world.sources.is_empty() {
             return None;
@@ -134,13 +154,13 @@ impl Horizon {
     /// What is to be foreseen from `slot` on.
     fn outlook(&self, slot: u64, position: &Position, queues_bits: &[u32]) -> Outlook {
         let left = (self.slots + 1).saturating_sub(slot).max(1);
-        let slots = left.min(MOST_SLOTS);
+        let slots = left.min(self.most_slots);
         let sources = self.world.sources.iter().zip(&self.world.ids);
         let empty = sources.map(|(source, &id)| -f64::from(queues_bits[id as usize]) / source.mean_bits);
         Outlook {
             start: *position,
             empty: empty.collect(),
-            slots: i32::try_from(slots).expect("at most 600"),
+            slots: i32::try_from(slots).expect("a mission has at most 10^9 slots"),
             beyond_slots: (left - slots) as f64,
             revisit_slots: self.world.round_slots,
         }
@@ -152,6 +172,9 @@ impl Horizon {
     /// resource blocks that it leaves free: a cycle of full groups can only be disturbed. It cools after a slot whose
     /// search ended higher and warms up after one whose search ended lower, below a ceiling that falls over the mission.
     fn improve(&mut self, slot: u64, forecast: &mut Forecast) {
+        if self.iterations == 0 {
+            return;
+        }
         let world = &self.world;
         let legs = &forecast.trace().legs;
         let (stops, places): (f64, Vec<u32>) = (legs.len().max(1) as f64, forecast.places());
@@ -190,6 +213,7 @@ impl Horizon {
         let places = u32::try_from(self.world.places.len()).unwrap_or(u32::MAX);
         self.carried = if places == 0 { Vec::new() } else { memory.numbers(places - 1)? };
         self.heat = heat;
+        self.offline_steps = None;
         Ok(())
     }
 }

@@ -48,6 +48,7 @@ fn code(strategy: Strategy) -> u8 {
         Strategy::RoundRobin => 6,
         Strategy::MaxAgeFirst => 7,
         Strategy::Horizon => 8,
+        Strategy::Offline => 9,
     }
 }
 

@@ -6,6 +6,8 @@
 
 mod remembering;
 
+use std::ops::ControlFlow;
+
 use nalgebra::Point3;
 use skysink_common::geometry::Position;
 use skysink_common::message::{Mode, Plan, SensorNode, SolverOutcome};
@@ -16,6 +18,7 @@ use crate::carried::Carried;
 use crate::exact::ExactSearch;
 use crate::field::Field;
 use crate::horizon::PATH;
+use crate::horizon::optimize::Progress;
 use crate::memory::MemoryError;
 use crate::search::{Reach, Search};
 use crate::spatial_solver::{SpatialSolver, SpatialWaypoint};
@@ -106,7 +109,7 @@ impl Planner {
                 Some(self.fly_then_schedule(&waypoint, Mode::Serve, slot))
             }
             Strategy::Tour | Strategy::RoundRobin | Strategy::MaxAgeFirst => self.in_turn(slot),
-            Strategy::Horizon => self.look_ahead(slot),
+            Strategy::Horizon | Strategy::Offline => self.look_ahead(slot),
         };
         let plan = own.unwrap_or_else(|| {
             let waypoint = transit_waypoint(&self.field, position, queues_bits);
@@ -117,6 +120,19 @@ impl Planner {
         }
         self.carried.remember(self.scenario.planner.strategy, slot.number, &mut self.memory);
         plan
+    }
+
+    /// Makes the plan of `offline` now, before slot 1 and from the queues `queues_bits` [bit], by id, instead of in the first
+    /// [`Planner::step`], which then flies the same; returns the loss [bit] that it leads to. `None` for the other
+    /// strategies, if no sensor node that can lose data can be reached, or if `watch`, which is told now and then how far
+    /// the search is, breaks it off.
+    pub fn prepare(&mut self, queues_bits: &[u32], watch: &mut dyn FnMut(Progress) -> ControlFlow<()>) -> Option<f64> {
+        let (strategy, start) = (self.scenario.planner.strategy, self.scenario.uav.start);
+        let steps = (strategy == Strategy::Offline).then_some(self.scenario.planner.offline_steps)?;
+        let Carried::Horizon(horizon) = &mut self.carried else { return None };
+        let loss_bits = horizon.prepare((1, steps), &start, queues_bits, watch)?;
+        self.carried.remember(strategy, 0, &mut self.memory);
+        Some(loss_bits)
     }
 
     /// What the next slot has to know of the slots planned so far; empty for strategies that carry nothing.

@@ -10,7 +10,7 @@ use crate::planner::Planner;
 const SLOTS: u64 = 4;
 
 /// Most that a strategy carries, beside four bytes for each sensor node.
-const ROOM: usize = 1 << 20;
+const ROOM: usize = 1 << 22;
 
 /// The journal of a planner, and the slot that it planned last.
 #[derive(Debug)]

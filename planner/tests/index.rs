@@ -23,7 +23,9 @@ struct Case {
 impl Case {
     fn scenario(&self, strategy: Strategy) -> Scenario {
         let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-        Scenario::parse(&self.text, Path::new("case.toml"), overrides).unwrap()
+        let mut scenario = Scenario::parse(&self.text, Path::new("case.toml"), overrides).unwrap();
+        scenario.planner.offline_steps = 500;
+        scenario
     }
 }
 

@@ -23,6 +23,9 @@ const MAX_NAME_BYTES: usize = 100;
 /// Search steps of the look-ahead strategy in one slot.
 const MAX_HORIZON_ITERATIONS: u32 = 1_000_000_000;
 
+/// Search steps of the look-ahead strategy before a mission: a month.
+const MAX_OFFLINE_STEPS: u64 = 1_000_000_000_000;
+
 /// Bits that one sensor node may sample in a mission: counted through `f64`, exact up to 2^53.
 const MAX_SAMPLED_BITS: f64 = 9.0e15;
 
@@ -42,6 +45,8 @@ pub(super) fn check(mut raw: raw::Scenario, path: &Path) -> Result<Scenario, Sce
     checker.that("planner.sca_iterations", iterations, (1..=1000).contains(&iterations), "1 to 1000")?;
     let steps = raw.planner.horizon_iterations;
     checker.that("planner.horizon_iterations", steps, steps <= MAX_HORIZON_ITERATIONS, "0 to 1000000000")?;
+    let offline = raw.planner.offline_steps;
+    checker.that("planner.offline_steps", offline, offline <= MAX_OFFLINE_STEPS, "0 to 1000000000000")?;
     Ok(Scenario {
         name: raw.name.clone(),
         seed: raw.seed,
@@ -56,6 +61,7 @@ pub(super) fn check(mut raw: raw::Scenario, path: &Path) -> Result<Scenario, Sce
             strategy: raw.planner.strategy,
             sca_iterations: iterations,
             horizon_iterations: steps,
+            offline_steps: offline,
             waypoint_solver: raw.planner.waypoint_solver,
         },
         resolved: raw,

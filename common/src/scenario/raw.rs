@@ -163,6 +163,7 @@ pub struct Planner {
     pub strategy: Strategy,
     pub sca_iterations: u32,
     pub horizon_iterations: u32,
+    pub offline_steps: u64,
     pub waypoint_solver: WaypointSolver,
 }
 
@@ -278,11 +279,13 @@ pub enum Strategy {
     MaxAgeFirst,
     /// The plan of least predicted loss over many slots.
     Horizon,
+    /// The same for the whole mission, made before take-off and flown as it is.
+    Offline,
 }
 
 impl Strategy {
     /// All strategies, in the order in which they are listed to people.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Rfs,
         Self::Gfs,
         Self::Uts,
@@ -292,6 +295,7 @@ impl Strategy {
         Self::RoundRobin,
         Self::MaxAgeFirst,
         Self::Horizon,
+        Self::Offline,
     ];
 
     /// Those that plan one slot and remember none: a slot's plan does not depend on the plans before it.
@@ -310,6 +314,7 @@ impl Strategy {
             Self::RoundRobin => "round-robin",
             Self::MaxAgeFirst => "max-age-first",
             Self::Horizon => "horizon",
+            Self::Offline => "offline",
         }
     }
 }
@@ -401,6 +406,7 @@ pub(super) mod letter {
                 strategy: Strategy::Uts,
                 sca_iterations: 1,
                 horizon_iterations: 10_000,
+                offline_steps: 1_000_000,
                 waypoint_solver: WaypointSolver::Geometric,
             }
         }

@@ -20,6 +20,7 @@ pub fn planner_message(bytes: &[u8]) {
     let mut scenario = world.scenario.clone();
     scenario.planner.strategy = Strategy::ALL[usize::from(input.u8()) % Strategy::ALL.len()];
     scenario.planner.horizon_iterations = 20;
+    scenario.planner.offline_steps = 200;
     let foreign = input.u8() % 4;
     let mut nodes = world.nodes.clone();
     for node in nodes.iter_mut().take(foreign.into()) {

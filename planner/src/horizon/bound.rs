@@ -1,11 +1,25 @@
 //! Loss that no plan can avoid, by counting visits alone: n in a slot, wherever the UAV is.
 
+use skysink_common::message::SensorNode;
+use skysink_common::scenario::Scenario;
+
+use super::Horizon;
 use super::forecast::Outlook;
 use super::reach::Reachable;
 use super::world::World;
 
 /// Windows that are compared.
 const WINDOWS: usize = 8;
+
+/// A lower bound on the loss [bit] of a whole mission from the queues `queues_bits` [bit] before slot 1, by id, however it
+/// is flown: [`lower_bound_with_way`].
+#[must_use]
+pub fn mission_bound(scenario: &Scenario, sensors: &[SensorNode], queues_bits: &[u32]) -> f64 {
+    let mut horizon = Horizon::new(scenario, sensors);
+    horizon.most_slots = scenario.slots;
+    let world = &horizon.world;
+    lower_bound_with_way(world, &horizon.outlook(1, &scenario.uav.start, queues_bits), &Reachable::new(world))
+}
 
 /// A lower bound on the loss [bit] of every plan over `outlook`, the larger of [`by_visits`] and [`by_throughput`].
 #[must_use]
@@ -44,6 +58,7 @@ fn by_counts(world: &World, outlook: &Outlook, most: impl Fn(i32) -> usize) -> f
         );
         later.push((*window as i32, without_largest(&mut losses, most(*window as i32))));
     }
+    let widest = later.iter().map(|(window, _)| *window).max().unwrap_or(0);
     let mut bound_bits = 0.0;
     for slot in 1..=outlook.slots {
         let mut least_bits =
@@ -55,6 +70,9 @@ fn by_counts(world: &World, outlook: &Outlook, most: impl Fn(i32) -> usize) -> f
                 (f64::from(slot) - empty - source.fill_slots).clamp(0.0, 1.0) * source.mean_bits
             }));
             least_bits = least_bits.max(without_largest(&mut losses, served));
+        } else if slot > widest {
+            // From here on every slot is like this one.
+            return bound_bits + least_bits * f64::from(outlook.slots - slot + 1);
         }
         bound_bits += least_bits;
     }

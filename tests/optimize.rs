@@ -1,0 +1,103 @@
+//! `skysink optimize`: the best known flight beats every strategy, is above the bound, and is found again.
+
+mod support;
+
+use std::fs;
+
+use rustix::process::{Pid, Signal, kill_process};
+use support::{Place, end, until};
+
+/// A field too large for strategies that look one slot ahead, in which nobody can avoid all loss.
+const SPARSE: &str = "name = \"far\"\nslots = 120\n[area]\nside_m = 500.0\n[sensors]\ncount = 40\nsampling_bps = 400.0\n\
+                      [planner]\nhorizon_iterations = 50\n";
+
+fn optimum(place: &Place, run: &str) -> serde_json::Value {
+    serde_json::from_str(&place.read(&format!("{run}/optimum.json"))).unwrap()
+}
+
+#[test]
+fn the_best_known_is_above_the_bound_below_every_strategy_and_flies_again() {
+    let place = Place::new();
+    place.write("far.toml", SPARSE);
+    let printed = place.run_well(&["optimize", "far.toml", "--budget", "20000", "--out", "best"]).stdout;
+    for word in ["lower bound", "best known", "offline", "uts-wide", "horizon", "--budget 20000 finds"] {
+        assert!(printed.contains(word), "{word}: {printed}");
+    }
+    let optimum = optimum(&place, "best");
+    let (best, bound) = (&optimum["best_known"], optimum["loss_bound"].as_f64().unwrap());
+    let least = best["loss_rate"].as_f64().unwrap();
+    assert_eq!((best["strategy"].as_str(), optimum["steps"].as_u64()), (Some("offline"), Some(20_000)));
+    assert!(0.0 < bound && bound <= least && least < 1.0, "{optimum}");
+    let standings = optimum["strategies"].as_array().unwrap();
+    let losses: Vec<f64> = standings.iter().map(|standing| standing["loss_rate"].as_f64().unwrap()).collect();
+    assert!(losses.len() == 10 && losses.is_sorted() && losses[0] == least && losses[9] > least, "{optimum}");
+    // The figures are those of the flight in the folder, and of every strategy by itself.
+    assert_eq!(place.summary("best")["loss_rate"].as_f64(), Some(least));
+    place.run_well(&["simulate", "far.toml", "--strategy", "gfs", "--out", "gfs"]);
+    let gfs = standings.iter().find(|standing| standing["strategy"] == "gfs").unwrap();
+    assert_eq!(gfs["loss_rate"], place.summary("gfs")["loss_rate"]);
+    // The folder's scenario finds and flies it again, in one process and in the ring.
+    place.run_well(&["simulate", "best/scenario.toml", "--out", "again"]);
+    place.run_well(&["run", "best/scenario.toml", "--no-viewer", "--out", "ring"]);
+    for again in ["again", "ring"] {
+        assert!(place.read("best/slots.csv") == place.read(&format!("{again}/slots.csv")), "{again}");
+    }
+    place.assert_clean();
+}
+
+#[test]
+fn a_budget_in_seconds_becomes_steps() {
+    let place = Place::new();
+    place.write("far.toml", SPARSE);
+    place.run_well(&["optimize", "far.toml", "--budget", "0.01s", "--out", "short"]);
+    assert_eq!(optimum(&place, "short")["steps"], 100_000, "no fewer than a trial takes");
+}
+
+#[test]
+fn where_a_strategy_beats_the_search_its_flight_is_the_best_known() {
+    let place = Place::new();
+    // A dense field at its capacity, and hardly a search.
+    place.write(
+        "dense.toml",
+        "name = \"dense\"\nslots = 60\n[sensors]\nsampling_bps = 800.0\n[planner]\nhorizon_iterations = 0\n",
+    );
+    place.run_well(&["optimize", "dense.toml", "--budget", "0"]);
+    let folder = fs::read_dir(place.path("runs")).unwrap().next().unwrap().unwrap().file_name();
+    let folder = format!("runs/{}", folder.to_str().unwrap());
+    let best = optimum(&place, &folder)["best_known"].clone();
+    let strategy = best["strategy"].as_str().unwrap();
+    assert!(strategy != "offline" && folder == format!("runs/dense-{strategy}-1"), "{folder}: {best}");
+    assert_eq!(place.summary(&folder)["strategy"], best["strategy"]);
+    assert_eq!(place.summary(&folder)["loss_rate"], best["loss_rate"]);
+}
+
+#[test]
+fn bad_budgets_and_folders_that_are_taken_are_refused_before_anything_is_done() {
+    let place = Place::new();
+    place.write("far.toml", SPARSE);
+    for budget in ["0s", "-1", "many", "60m", "1000000000001", "nans"] {
+        let ended = place.run(&["optimize", "far.toml", &format!("--budget={budget}")]);
+        assert_eq!(ended.code, Some(2), "{ended:?}");
+        assert!(ended.stderr.contains("expected seconds, such as 60s, or search steps"), "{ended:?}");
+    }
+    fs::create_dir(place.path("taken")).unwrap();
+    let ended = place.run(&["optimize", "far.toml", "--budget", "1000000000000", "--out", "taken"]);
+    assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
+    assert!(!place.path("runs").exists());
+}
+
+#[test]
+fn a_search_that_is_interrupted_leaves_nothing() {
+    let place = Place::new();
+    place.write("far.toml", SPARSE);
+    let search = place.skysink(&["optimize", "far.toml", "--budget", "4000000000", "--out", "best"]).spawn().unwrap();
+    let status = format!("/proc/{}/status", search.id());
+    until("a process that catches SIGINT", || {
+        let status = fs::read_to_string(&status).unwrap();
+        let caught = status.lines().find_map(|line| line.strip_prefix("SigCgt:")).unwrap().trim();
+        (u64::from_str_radix(caught, 16).unwrap() >> 1 & 1 == 1).then_some(())
+    });
+    kill_process(Pid::from_raw(i32::try_from(search.id()).unwrap()).unwrap(), Signal::INT).unwrap();
+    assert_eq!(end(search).code, Some(130));
+    assert!(!place.path("best").exists());
+}
