@@ -10,8 +10,14 @@ use nalgebra::Point2;
 
 use super::world::World;
 
-/// Rounds of subgradient ascent over `π`.
-const ROUNDS: u32 = 60;
+/// Rounds of subgradient ascent over `π`, for each of [`SHARES`].
+const ROUNDS: u32 = 40;
+
+/// Shares of the sources for which `π` is chosen; every choice bounds every number of sources.
+const SHARES: [f64; 5] = [1.0, 0.9, 0.8, 0.65, 0.5];
+
+/// First step of the ascent [slots]; it falls to none.
+const STEP: f64 = 0.5;
 
 /// Most sources for which the way is counted: edges grow with their square.
 const MOST_SOURCES: usize = 600;
@@ -42,44 +48,51 @@ impl Reachable {
         if (2..=MOST_SOURCES).contains(&count) {
             let mut edges = edges(&world.positions, world.radius_m(), world.reach_m());
             let mut prices = vec![0.0; count];
-            for round in 0..ROUNDS {
-                let degrees = reachable.tighten(&mut edges, &prices);
-                let step = 0.5 * (1.0 - f64::from(round) / f64::from(ROUNDS));
-                for (price, degree) in prices.iter_mut().zip(degrees) {
-                    *price += step * (2.0 - f64::from(degree));
+            for share in SHARES {
+                let target = ((count as f64 * share) as usize).max(2);
+                for round in 0..ROUNDS {
+                    let slope = reachable.tighten(&mut edges, &prices, target);
+                    let step = STEP * (1.0 - f64::from(round) / f64::from(ROUNDS));
+                    prices.iter_mut().zip(slope).for_each(|(price, slope)| *price += step * slope);
                 }
             }
         }
         reachable
     }
 
-    /// The bound by one set of prices `π`, for every m; returns the degrees in the lightest tree.
-    fn tighten(&mut self, edges: &mut [Edge], prices: &[f64]) -> Vec<u32> {
+    /// The bound by one set of prices `π`, for every m; returns its slope over `π` at `target` sources.
+    fn tighten(&mut self, edges: &mut [Edge], prices: &[f64], target: usize) -> Vec<f64> {
         for edge in edges.iter_mut() {
             edge.priced = edge.weight - prices[edge.ends[0] as usize] - prices[edge.ends[1] as usize];
         }
         edges.sort_unstable_by(|a, b| a.priced.total_cmp(&b.priced).then(a.ends.cmp(&b.ends)));
-        let mut sorted = prices.to_vec();
-        sorted.sort_unstable_by(f64::total_cmp);
-        let largest = sorted[sorted.len() - 1] + sorted[sorted.len() - 2];
-        let mut parents: Vec<u32> = (0..prices.len() as u32).collect();
-        let mut degrees = vec![0; prices.len()];
+        let count = prices.len();
+        let mut sorted: Vec<u32> = (0..count as u32).collect();
+        sorted.sort_unstable_by(|&a, &b| prices[a as usize].total_cmp(&prices[b as usize]).then(a.cmp(&b)));
+        let price = |rank: usize| prices[sorted[rank] as usize];
+        let largest = price(count - 1) + price(count - 2);
+        let mut slope = vec![0.0; count];
+        sorted[..target].iter().for_each(|&node| slope[node as usize] += 2.0);
+        sorted[count - 2..].iter().for_each(|&node| slope[node as usize] -= 1.0);
+        let mut parents: Vec<u32> = (0..count as u32).collect();
         let (mut joined, mut weight) = (1, 0.0);
-        let mut twice_least = 2.0 * sorted[0];
+        let mut twice_least = 2.0 * price(0);
         for edge in edges.iter() {
             let [a, b] = edge.ends.map(|end| root(&mut parents, end));
             if a == b {
                 continue;
             }
             parents[a as usize] = b;
-            edge.ends.iter().for_each(|&end| degrees[end as usize] += 1);
+            if joined < target {
+                edge.ends.iter().for_each(|&end| slope[end as usize] -= 1.0);
+            }
             weight += edge.priced;
-            twice_least += 2.0 * sorted[joined];
+            twice_least += 2.0 * price(joined);
             let bound = (weight + twice_least - largest - ROUNDING).ceil();
             self.weights[joined] = self.weights[joined].max(bound);
             joined += 1;
         }
-        degrees
+        slope
     }
 
     /// Most sources that can be served in `slots` slots in a row.
