@@ -14,13 +14,14 @@ use rayon::ThreadPoolBuilder;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use skysink_common::node::{NodeError, Stop};
-use skysink_common::scenario::Scenario;
+use skysink_common::scenario::{Scenario, Strategy};
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::SlotBits;
 
 use crate::error::Error;
 use crate::metrics::Metrics;
 use crate::mission::Mission;
+use crate::optimize::loss_bound;
 use crate::record::write_whole;
 use crate::report::MissionProgress;
 use crate::summary::Tally;
@@ -250,6 +251,7 @@ fn fly(scenario: &Scenario, flight: Flight) -> Result<Row, Error> {
         aoi_mean_s: figures.aoi_mean_s,
         aoi_p99_s: figures.aoi_p99_s,
         jain: figures.jain,
+        loss_bound: (scenario.planner.strategy == Strategy::Offline).then(|| loss_bound(scenario, &list)),
         plan_p50_us: summary.timing.plan_p50_us,
         plan_p99_us: summary.timing.plan_p99_us,
     })

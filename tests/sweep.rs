@@ -72,6 +72,33 @@ fn a_row_is_the_mission_that_simulate_flies() {
 }
 
 #[test]
+fn a_sweep_with_offline_plans_shows_the_bound_and_the_best_known() {
+    let place = Place::new();
+    place.write("far.toml", "name = \"far\"\nslots = 80\n[area]\nside_m = 400.0\n[sensors]\ncount = 30\n");
+    let axes = "\"sensors.sampling_bps\" = [500.0]\n\"planner.offline_steps\" = [3000]\n";
+    let text = "scenario = \"far.toml\"\nstrategies = [\"tour\", \"offline\"]\nseeds = 4\n[axes]\n";
+    place.write("sweep.toml", &format!("{text}{axes}"));
+    place.run_well(&["sweep", "sweep.toml", "--out", "sweep"]);
+    let (results, summary) = (rows(&place.read("sweep/results.csv")), rows(&place.read("sweep/summary.csv")));
+    let losses = |strategy: &str| -> Vec<f64> {
+        let flown = results.iter().filter(|row| row["strategy"] == strategy);
+        flown.map(|row| row["loss_rate"].parse().unwrap()).collect()
+    };
+    let (tours, offline) = (losses("tour"), losses("offline"));
+    for (row, loss) in results.iter().filter(|row| row["strategy"] == "offline").zip(&offline) {
+        let bound: f64 = row["loss_bound"].parse().unwrap();
+        assert!(0.0 < bound && bound <= *loss, "{row:?}");
+    }
+    assert!(results.iter().filter(|row| row["strategy"] == "tour").all(|row| row["loss_bound"].is_empty()));
+    let least: f64 = tours.iter().zip(&offline).map(|(a, b)| a.min(*b)).sum::<f64>() / 4.0;
+    let best: Vec<_> = summary.iter().filter(|row| row["strategy"] == "best-known").collect();
+    assert_eq!((best.len(), best[0]["metric"].as_str(), best[0]["n"].as_str()), (1, "loss_rate", "4"));
+    assert!((best[0]["mean"].parse::<f64>().unwrap() - least).abs() < 1e-12, "{best:?} against {least}");
+    let bounds = summary.iter().filter(|row| row["metric"] == "loss_bound").count();
+    assert_eq!(bounds, 1, "of the offline plans alone");
+}
+
+#[test]
 fn a_sweep_that_is_interrupted_ends_with_the_same_bytes() {
     let place = Place::new();
     write_sweep(&place, 60);

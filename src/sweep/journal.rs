@@ -28,6 +28,7 @@ pub struct Row {
     pub aoi_mean_s: f64,
     pub aoi_p99_s: f64,
     pub jain: f64,
+    pub loss_bound: Option<f64>,
     pub plan_p50_us: f64,
     pub plan_p99_us: f64,
 }

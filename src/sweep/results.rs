@@ -9,6 +9,7 @@ use arrow_schema::{DataType, Field, Schema};
 use parquet::arrow::ArrowWriter;
 use parquet::basic::Compression;
 use parquet::file::properties::WriterProperties;
+use skysink_common::scenario::Strategy;
 
 use super::journal::Row;
 use super::plan::{Definition, Flight};
@@ -19,8 +20,11 @@ use crate::record::write_whole;
 /// A column of the results that is summarised.
 type Metric = (&'static str, fn(&Row) -> f64);
 
-/// The metrics of a mission, in the order of the columns; defined in `docs/metrics.md`.
-pub const METRICS: [Metric; 10] = [
+/// The name under which the least loss of all strategies over each field is summarised.
+pub const BEST_KNOWN: &str = "best-known";
+
+/// The metrics of a mission, in the order of the columns, NaN where it has none; defined in `docs/metrics.md`.
+pub const METRICS: [Metric; 11] = [
     ("loss_rate", |row| row.loss_rate),
     ("eta_letter", |row| row.eta_letter),
     ("delivered_bits", |row| row.delivered_bits as f64),
@@ -31,6 +35,7 @@ pub const METRICS: [Metric; 10] = [
     ("aoi_mean_s", |row| row.aoi_mean_s),
     ("aoi_p99_s", |row| row.aoi_p99_s),
     ("jain", |row| row.jain),
+    ("loss_bound", |row| row.loss_bound.unwrap_or(f64::NAN)),
 ];
 
 /// Writes all files into `folder`; equal missions give equal bytes, but for the timings.
@@ -53,8 +58,8 @@ fn results_csv(definition: &Definition, rows: &BTreeMap<Flight, Row>) -> Vec<u8>
 /// The same as Parquet, with a type for each column.
 fn results_parquet(definition: &Definition, rows: &BTreeMap<Flight, Row>) -> Vec<u8> {
     let (mut fields, mut columns) = (Vec::new(), Vec::<ArrayRef>::new());
-    let mut add = |name: &str, kind, column| {
-        fields.push(Field::new(name, kind, false));
+    let mut add = |name: &str, kind, column: ArrayRef| {
+        fields.push(Field::new(name, kind, column.is_nullable()));
         columns.push(column);
     };
     for (place, key) in definition.keys.iter().enumerate() {
@@ -69,7 +74,8 @@ fn results_parquet(definition: &Definition, rows: &BTreeMap<Flight, Row>) -> Vec
             let bits = rows.values().map(|row| row.delivered_bits);
             add(name, DataType::UInt64, Arc::new(UInt64Array::from_iter_values(bits)));
         } else {
-            add(name, DataType::Float64, Arc::new(Float64Array::from_iter_values(rows.values().map(value))));
+            let values = rows.values().map(value).map(|value| Some(value).filter(|value| !value.is_nan()));
+            add(name, DataType::Float64, Arc::new(values.collect::<Float64Array>()));
         }
     }
     let schema = Arc::new(Schema::new(fields));
@@ -96,28 +102,54 @@ fn swept(definition: &Definition, rows: &BTreeMap<Flight, Row>, place: usize) ->
     }
 }
 
-/// A metric of a point and strategy per row: mean, standard deviation and confidence interval over the seeds.
+/// A metric of a point and strategy per row: mean, standard deviation and confidence interval over the seeds. Where an
+/// offline plan was flown, too, the best known loss of each point follows.
 fn summary_csv(definition: &Definition, rows: &BTreeMap<Flight, Row>) -> Vec<u8> {
     let names = ["strategy", "metric", "n", "mean", "standard_deviation", "ci95_low", "ci95_high"];
-    let groups = groups(rows);
-    let lines = groups.iter().flat_map(|((point, strategy), rows)| {
-        METRICS.iter().map(move |(name, value)| {
-            let estimate = Estimate::of(&rows.iter().map(|row| value(row)).collect::<Vec<_>>());
-            let interval =
-                estimate.half_width.map(|half_width| (estimate.mean - half_width, estimate.mean + half_width));
-            let figures = [
-                name.to_string(),
-                estimate.n.to_string(),
-                estimate.mean.to_string(),
-                estimate.deviation.map_or_else(String::new, |value| value.to_string()),
-                interval.map_or_else(String::new, |(low, _)| low.to_string()),
-                interval.map_or_else(String::new, |(_, high)| high.to_string()),
-            ];
-            let strategy = definition.strategies[*strategy].name().to_owned();
-            definition.points[*point].iter().map(text).chain([strategy]).chain(figures)
-        })
-    });
-    table(header(definition, names), lines)
+    let line = |point: usize, strategy: &str, metric: &str, values: &[f64]| {
+        let estimate = Estimate::of(values);
+        let interval = estimate.half_width.map(|half_width| (estimate.mean - half_width, estimate.mean + half_width));
+        let figures = [
+            strategy.to_owned(),
+            metric.to_owned(),
+            estimate.n.to_string(),
+            estimate.mean.to_string(),
+            estimate.deviation.map_or_else(String::new, |value| value.to_string()),
+            interval.map_or_else(String::new, |(low, _)| low.to_string()),
+            interval.map_or_else(String::new, |(_, high)| high.to_string()),
+        ];
+        definition.points[point].iter().map(text).chain(figures).collect::<Vec<_>>().into_iter()
+    };
+    let mut lines = Vec::new();
+    for ((point, strategy), rows) in groups(rows) {
+        for (name, value) in METRICS {
+            let values: Vec<f64> = rows.iter().map(|row| value(row)).collect();
+            if !values.iter().any(|value| value.is_nan()) {
+                lines.push(line(point, definition.strategies[strategy].name(), name, &values));
+            }
+        }
+    }
+    if definition.strategies.contains(&Strategy::Offline) {
+        for (point, losses) in best_known(rows) {
+            lines.push(line(point, BEST_KNOWN, "loss_rate", &losses));
+        }
+    }
+    table(header(definition, names), lines.into_iter())
+}
+
+/// The least loss of all strategies, by point and seed.
+#[must_use]
+pub fn best_known(rows: &BTreeMap<Flight, Row>) -> BTreeMap<usize, Vec<f64>> {
+    let mut least: BTreeMap<(usize, u64), f64> = BTreeMap::new();
+    for row in rows.values() {
+        let known = least.entry((row.point, row.seed)).or_insert(f64::INFINITY);
+        *known = known.min(row.loss_rate);
+    }
+    let mut points: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
+    for ((point, _), loss_rate) in least {
+        points.entry(point).or_default().push(loss_rate);
+    }
+    points
 }
 
 /// The missions of each point and strategy.
@@ -152,9 +184,13 @@ fn mission(definition: &Definition, row: &Row) -> impl Iterator<Item = String> {
         .chain([strategy, row.seed.to_string()])
 }
 
-/// A metric as text; bits stay whole.
+/// A metric as text; bits stay whole, and what a mission has not stays empty.
 fn number((name, value): Metric, row: &Row) -> String {
-    if name == "delivered_bits" { row.delivered_bits.to_string() } else { value(row).to_string() }
+    match value(row) {
+        _ if name == "delivered_bits" => row.delivered_bits.to_string(),
+        value if value.is_nan() => String::new(),
+        value => value.to_string(),
+    }
 }
 
 /// A swept value as text: as in the sweep file, strings without quotes.
