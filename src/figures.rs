@@ -10,8 +10,10 @@ pub mod campaign;
 mod canvas;
 pub mod chart;
 pub mod error;
+mod flights;
 pub mod map;
 mod panel;
+mod study;
 mod style;
 #[cfg(test)]
 mod tests;

@@ -34,6 +34,7 @@ const QUANTITIES: [Quantity; 2] = [
         y_label: "data loss rate η",
         y_scale: Scale::Linear,
         value: |row| row.loss_rate,
+        bounded: false,
     },
     Quantity {
         stem: "altitude-bits",
@@ -41,17 +42,18 @@ const QUANTITIES: [Quantity; 2] = [
         y_label: "bits delivered per waypoint [bit]",
         y_scale: Scale::Linear,
         value: |row| row.bits_per_waypoint,
+        bounded: false,
     },
 ];
 
 /// Flies the sweep, draws a chart per quantity and environment, and adds their tables.
 pub(super) fn draw(campaign: &Campaign, tables: &mut String) -> Result<Vec<PathBuf>, Error> {
-    let rows = campaign.fly("altitude", &sweep(campaign.runs)?, 0)?;
+    let rows = campaign.fly("altitude", &sweep(campaign.choice.runs)?, 0)?;
     let mut stems = Vec::new();
     for quantity in &QUANTITIES {
         for (place, environment) in Environment::ALL.into_iter().enumerate() {
             let chart = chart(campaign, quantity, &rows, place, environment);
-            let stem = campaign.out.join(format!("{}-{}", quantity.stem, environment.name()));
+            let stem = campaign.choice.out.join(format!("{}-{}", quantity.stem, environment.name()));
             chart.draw(&stem)?;
             write_table(tables, &chart);
             stems.push(stem);

@@ -46,7 +46,7 @@ pub struct Series {
     pub points: Vec<Point>,
 }
 
-/// One to five curves over the same axes.
+/// One to eleven curves over the same axes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chart {
     /// Above everything.
@@ -67,7 +67,7 @@ impl Chart {
     /// Writes `stem`.svg and `stem`.png; the same chart gives the same bytes.
     ///
     /// # Errors
-    /// No series or more than five, a series without points, a number that cannot be placed, a character that the
+    /// No series or more than eleven, a series without points, a number that cannot be placed, a character that the
     /// embedded font lacks, a file that cannot be written.
     pub fn draw(&self, stem: &Path) -> Result<(), FigureError> {
         self.check()?;
@@ -91,7 +91,7 @@ impl Chart {
     fn check(&self) -> Result<(), FigureError> {
         let count = |place, what, count, expected| Err(FigureError::Count { place, what, count, expected });
         if !(1..=SERIES.len()).contains(&self.series.len()) {
-            return count(format!("chart {:?}", self.title), "series", self.series.len(), "1 to 5");
+            return count(format!("chart {:?}", self.title), "series", self.series.len(), "1 to 11");
         }
         for series in &self.series {
             if series.points.is_empty() {

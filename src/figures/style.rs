@@ -86,7 +86,7 @@ pub struct SeriesStyle {
     pub marker: Marker,
 }
 
-/// A sign at a point. The five are of different size and open or small, so that all are seen where curves coincide.
+/// A sign at a point. They are of different size and open or small, so that all are seen where curves coincide.
 #[derive(Debug, Clone, Copy)]
 pub enum Marker {
     /// ○
@@ -99,10 +99,21 @@ pub enum Marker {
     Cross,
     /// •
     Dot,
+    /// ◇
+    Diamond,
+    /// ▽
+    Nabla,
+    /// +
+    Plus,
+    /// ☆, of three strokes
+    Star,
+    /// None.
+    Bare,
 }
 
-/// The series in the order of a chart: rfs, gfs, uts, uts-wide, exact.
-pub static SERIES: [SeriesStyle; 5] = [
+/// The series in the order of a chart: rfs, gfs, uts, uts-wide, exact, tour, round-robin, max-age-first, horizon, the best
+/// known, the lower bound.
+pub static SERIES: [SeriesStyle; 11] = [
     SeriesStyle { colour: RGBColor(0xE6, 0x9F, 0x00), dashes: &[], width: 6.0, marker: Marker::Circle },
     SeriesStyle { colour: RGBColor(0x00, 0x9E, 0x73), dashes: &[30.0, 14.0], width: 5.0, marker: Marker::Square },
     SeriesStyle { colour: RGBColor(0x00, 0x72, 0xB2), dashes: &[], width: 3.5, marker: Marker::Triangle },
@@ -113,6 +124,12 @@ pub static SERIES: [SeriesStyle; 5] = [
         marker: Marker::Cross,
     },
     SeriesStyle { colour: RGBColor(0x00, 0x00, 0x00), dashes: &[5.0, 7.0], width: 4.0, marker: Marker::Dot },
+    SeriesStyle { colour: RGBColor(0x56, 0xB4, 0xE9), dashes: &[], width: 4.0, marker: Marker::Diamond },
+    SeriesStyle { colour: RGBColor(0x99, 0x99, 0x99), dashes: &[10.0, 6.0], width: 4.0, marker: Marker::Plus },
+    SeriesStyle { colour: RGBColor(0xB8, 0xA4, 0x00), dashes: &[18.0, 6.0], width: 4.0, marker: Marker::Nabla },
+    SeriesStyle { colour: RGBColor(0xCC, 0x79, 0xA7), dashes: &[], width: 6.0, marker: Marker::Star },
+    SeriesStyle { colour: RGBColor(0x66, 0x22, 0x55), dashes: &[], width: 2.0, marker: Marker::Bare },
+    SeriesStyle { colour: RGBColor(0x55, 0x55, 0x55), dashes: &[3.0, 6.0], width: 3.0, marker: Marker::Bare },
 ];
 
 impl SeriesStyle {
@@ -157,6 +174,14 @@ impl Marker {
             Self::Square => vec![ring(4, 22.0, 0.125)],
             Self::Triangle => vec![ring(3, 26.0, 0.0)],
             Self::Cross => [12.0, -12.0].map(|r| vec![[x - 12.0, y - r], [x + 12.0, y + r]]).into(),
+            Self::Diamond => vec![ring(4, 15.0, 0.0)],
+            Self::Nabla => vec![ring(3, 20.0, 0.5)],
+            Self::Plus => vec![vec![[x - 13.0, y], [x + 13.0, y]], vec![[x, y - 13.0], [x, y + 13.0]]],
+            Self::Star => {
+                let corners = ring(6, 17.0, 0.0);
+                (0..3).map(|i| vec![corners[i], corners[i + 3]]).collect()
+            }
+            Self::Bare => Vec::new(),
             Self::Dot => vec![ring(12, 1.4, 0.0), ring(12, 4.0, 0.0)],
         }
     }

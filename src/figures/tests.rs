@@ -114,9 +114,9 @@ fn a_confidence_interval_that_is_not_known_draws_no_band() {
 
 #[test]
 fn a_chart_of_nothing_or_of_too_much_is_refused() {
-    assert_eq!(refusal(&chart(vec![])), "chart \"Loss against area\": 0 series: expected 1 to 5");
+    assert_eq!(refusal(&chart(vec![])), "chart \"Loss against area\": 0 series: expected 1 to 11");
     let curve = series("uts", &[(1.0, 0.1, 0.0)]);
-    assert_eq!(refusal(&chart(vec![curve; 6])), "chart \"Loss against area\": 6 series: expected 1 to 5");
+    assert_eq!(refusal(&chart(vec![curve; 12])), "chart \"Loss against area\": 12 series: expected 1 to 11");
     let message = "chart \"Loss against area\", series \"uts\": 0 points: expected at least 1";
     assert_eq!(refusal(&chart(vec![series("uts", &[])])), message);
 }
