@@ -104,6 +104,7 @@ def refuse_others(folder: Path, scenario: dict[str, Any], summary: dict[str, Any
     expected = [
         ("planner.strategy", scenario["planner"]["strategy"], "uts"),
         ("planner.sca_iterations", scenario["planner"]["sca_iterations"], 1),
+        ("planner.knowledge", scenario["planner"]["knowledge"], "oracle"),
         ("link.model", scenario["link"]["model"], "free-space"),
         ("link.gain", scenario["link"]["gain"], "static"),
         ("held_slots", summary["held_slots"], 0),

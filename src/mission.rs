@@ -95,6 +95,7 @@ impl Mission {
         }
         let slot = self.slot + 1;
         let begin = Instant::now();
+        self.planner.observe(self.slot, &self.report, self.field.queues_bits());
         let mut plan = self.planner.step(slot, &self.report.position(), self.report.z_m, self.field.queues_bits());
         plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
         self.report = self.flight.step(slot, Some(&plan));

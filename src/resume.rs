@@ -1,11 +1,11 @@
 //! Going on with a run that has ended early: what is on record is flown once more, and compared. It is planned once more
-//! only where the strategy carries something from slot to slot.
+//! only where the planner carries something from slot to slot.
 
 use std::io::BufRead;
 
 use skysink_common::message::{FlightReport, Mode, Plan, QueuesHeader, SlotHeader};
 use skysink_common::ring_folder::RingFolder;
-use skysink_common::scenario::{Scenario, Strategy};
+use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::Field;
 use skysink_field_sim::memory::{Memory as FieldMemory, Reached};
@@ -24,7 +24,7 @@ pub struct Resumed {
     pub log: SlotLog,
     field: Field,
     flight: FlightReport,
-    /// Of a strategy that carries something from slot to slot.
+    /// Of a mission whose planner carries something from slot to slot.
     planner: Option<Planner>,
     reached: Reached,
 }
@@ -48,8 +48,8 @@ pub fn resume(folder: &RunFolder, scenario: &Scenario, list: &SensorList, tally:
     let mut field = Field::new(scenario, list);
     let mut flight = Flight::new(scenario, &list.nodes(scenario.sensors.capacity_bits));
     let (mut report, mut reached) = (flight.start(), Reached::default());
-    let carries = !Strategy::MEMORYLESS.contains(&scenario.planner.strategy);
-    let mut planner = carries.then(|| Planner::new(scenario, &list.nodes(scenario.sensors.capacity_bits)));
+    let mut planner =
+        scenario.planner.remembers().then(|| Planner::new(scenario, &list.nodes(scenario.sensors.capacity_bits)));
     let header = |reached: Reached, field: &Field| QueuesHeader {
         head: SlotHeader { slot: reached.slot, ..SlotHeader::default() },
         totals: *field.totals(),
@@ -71,6 +71,7 @@ pub fn resume(folder: &RunFolder, scenario: &Scenario, list: &SensorList, tally:
             return Err(refuse(&format!("slot {}: expected slot {slot} of {}", flown.slot, scenario.slots)));
         }
         if let Some(planner) = &mut planner {
+            planner.observe(reached.slot, &report, field.queues_bits());
             let _ = planner.step(slot, &report.position(), report.z_m, field.queues_bits()); // for what it carries on
         }
         report = flown.repeat(&mut flight);

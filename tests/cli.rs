@@ -87,6 +87,25 @@ fn count_and_file_together_are_refused() {
 }
 
 #[test]
+fn learnt_rates_without_estimated_queues_are_refused() {
+    let says = ["planner.rates = \"learnt\"", "expected \"known\", or planner.knowledge = \"estimated\""];
+    refused("name = \"x\"\n[planner]\nrates = \"learnt\"\n", &says);
+    refused(
+        "name = \"x\"\n[planner]\nknowledge = \"all\"\n",
+        &["line 3", "knowledge = \"all\"", "oracle", "estimated"],
+    );
+}
+
+#[test]
+fn a_range_that_is_none_is_refused() {
+    refused(
+        "name = \"x\"\n[sensors]\nsampling_bps = [2.0, 1.0]\n",
+        &["sensors.sampling_bps = [2.0, 1.0]", "lower first"],
+    );
+    refused("name = \"x\"\n[sensors]\nsampling_bps = [1.0]\n", &["line 3", "expected a number or [lowest, highest]"]);
+}
+
+#[test]
 fn a_name_that_is_no_folder_is_refused() {
     refused("name = \"../x\"\n", &["name = \"../x\"", "folder"]);
 }
@@ -160,8 +179,16 @@ fn check_prints_every_default_and_its_output_is_a_scenario() {
     let place = Place::new();
     place.write("short.toml", "name = \"short\"\n");
     let printed = place.run_well(&["check", "short.toml"]).stdout;
-    for line in ["side_m = 100.0", "count = 200", "start_m = [50.0, 50.0]", "noise_dbm = -100.0", "strategy = \"uts\""]
-    {
+    for line in [
+        "side_m = 100.0",
+        "count = 200",
+        "sampling_bps = 100.0",
+        "start_m = [50.0, 50.0]",
+        "noise_dbm = -100.0",
+        "strategy = \"uts\"",
+        "knowledge = \"oracle\"",
+        "rates = \"known\"",
+    ] {
         assert!(printed.contains(line), "{line} is missing in {printed}");
     }
     place.write("whole.toml", &printed);

@@ -93,9 +93,13 @@ fn kills_at_any_instant_change_nothing() {
 #[test]
 fn a_planner_that_remembers_comes_back_as_it_was() {
     let place = Place::new();
-    let few = "[planner]\nhorizon_iterations = 200\n[sensors]\ncount = 30\n[area]\nside_m = 300.0\n";
-    place.write("long.toml", &(LONG.replace("9000", "3000") + few));
-    for strategy in ["horizon", "max-age-first", "tour"] {
+    let few = "[sensors]\ncount = 30\nsampling_bps = [50.0, 900.0]\n[area]\nside_m = 300.0\n[planner]\n\
+               horizon_iterations = 200\n";
+    let (known, learnt) = ("knowledge = \"estimated\"\n", "knowledge = \"estimated\"\nrates = \"learnt\"\n");
+    let cases =
+        [("horizon", ""), ("max-age-first", ""), ("tour", ""), ("uts", known), ("exact", learnt), ("horizon", learnt)];
+    for (strategy, knowledge) in cases {
+        place.write("long.toml", &(LONG.replace("9000", "3000") + few + knowledge));
         let choice = ["--strategy", strategy, "--force"];
         place.run_well(&[&["simulate", "long.toml", "--out", "alone"][..], &choice].concat());
         let (run, ring) = begin(&place, &[&choice[..], &["--no-viewer"]].concat());
@@ -105,13 +109,14 @@ fn a_planner_that_remembers_comes_back_as_it_was() {
                 kill_process(place.worker(role, &ring), Signal::KILL).unwrap();
             }
         }
-        well(&end(run), strategy);
-        assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"), "{strategy}");
+        let case = format!("{strategy} {knowledge}");
+        well(&end(run), &case);
+        assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"), "{case}");
         // And after its launcher.
         let begun: String = place.read("alone/slots.csv").split_inclusive('\n').take(401).collect();
         fs::write(place.path("run/slots.csv"), begun).unwrap();
         place.run_well(&["run", "--resume", "run", "--no-viewer"]);
-        assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"), "{strategy}, resumed");
+        assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"), "{case}, resumed");
     }
     place.assert_clean();
 }

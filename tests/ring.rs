@@ -13,6 +13,9 @@ const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml")
 /// A scenario whose run lasts long enough to be disturbed.
 const LONG: &str = "name = \"long\"\nslots = 5000\nslot_s = 0.1\n";
 
+/// What a planner that does not see the queues adds to a scenario.
+const BELIEVES: &str = "\n[planner]\nhorizon_iterations = 200\nknowledge = \"estimated\"\nrates = \"learnt\"\n";
+
 /// Starts `skysink run` in the place, and waits until it has flown some slots. Returns its ring's name, too.
 fn under_way(place: &Place, arguments: &[&str]) -> (Child, String) {
     place.write("long.toml", LONG);
@@ -82,6 +85,23 @@ fn processes_and_one_process_fly_the_same_in_three_dimensions() {
             alone.lines().skip(1).filter_map(|line| line.split(',').nth(3)).collect();
         assert!(altitudes.len() > 1, "{strategy} does not use its altitude: {altitudes:?}");
     }
+}
+
+#[test]
+fn processes_and_one_process_believe_the_same() {
+    let place = Place::new();
+    let smoke = fs::read_to_string(SMOKE).unwrap().replace("[sensors]", "[sensors]\nsampling_bps = [50.0, 800.0]");
+    place.write("known.toml", &smoke);
+    place.write("believed.toml", &(smoke + BELIEVES));
+    for strategy in ["uts", "horizon"] {
+        let choice = ["--strategy", strategy, "--force", "--out"];
+        place.run_well(&[&["simulate", "known.toml"][..], &choice, &["known"]].concat());
+        place.run_well(&[&["simulate", "believed.toml"][..], &choice, &["alone"]].concat());
+        place.run_well(&[&["run", "believed.toml", "--no-viewer"][..], &choice, &["ring"]].concat());
+        assert_eq!(place.read("alone/slots.csv"), place.read("ring/slots.csv"), "{strategy}");
+        assert_ne!(place.read("alone/slots.csv"), place.read("known/slots.csv"), "{strategy} sees the queues");
+    }
+    place.assert_clean();
 }
 
 #[test]
@@ -230,14 +250,17 @@ fn the_same_run_twice_at_the_same_time_takes_two_folders() {
 #[test]
 fn a_paced_run_that_keeps_its_deadlines_flies_the_same_mission() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
-    let begin = std::time::Instant::now();
-    place.run_well(&["run", SMOKE, "--pace", "20x", "--no-viewer", "--out", "paced"]);
-    assert!(begin.elapsed().as_secs_f64() >= 60.0 / 20.0, "faster than its clock: {:?}", begin.elapsed());
-    let summary = place.summary("paced");
-    assert_eq!(summary["timing"]["missed_deadlines"], summary["held_slots"]);
-    if summary["held_slots"] == 0 {
-        assert_eq!(place.read("alone/slots.csv"), place.read("paced/slots.csv"));
+    let believed = place.write("believed.toml", &(fs::read_to_string(SMOKE).unwrap() + BELIEVES));
+    for scenario in [SMOKE, believed.to_str().unwrap()] {
+        place.run_well(&["simulate", scenario, "--force", "--out", "alone"]);
+        let begin = std::time::Instant::now();
+        place.run_well(&["run", scenario, "--pace", "20x", "--no-viewer", "--force", "--out", "paced"]);
+        assert!(begin.elapsed().as_secs_f64() >= 60.0 / 20.0, "faster than its clock: {:?}", begin.elapsed());
+        let summary = place.summary("paced");
+        assert_eq!(summary["timing"]["missed_deadlines"], summary["held_slots"]);
+        if summary["held_slots"] == 0 {
+            assert_eq!(place.read("alone/slots.csv"), place.read("paced/slots.csv"), "{scenario}");
+        }
     }
 }
 

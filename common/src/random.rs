@@ -24,6 +24,10 @@ pub enum Purpose {
     Horizon = 6,
     /// Search of the look-ahead strategy for groups of sensor nodes, before the mission.
     Groups = 7,
+    /// Sampling rate of a sensor node.
+    SamplingRate = 8,
+    /// Mean of the initial queue of a sensor node.
+    InitialQueueMean = 9,
 }
 
 /// The family of streams of one mission.

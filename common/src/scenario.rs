@@ -10,7 +10,7 @@ pub mod raw;
 use std::path::{Path, PathBuf};
 
 use crate::geometry::Position;
-pub use raw::{AltitudeMode, Environment, GainMode, LinkModel, Propulsion, Strategy, WaypointSolver};
+pub use raw::{AltitudeMode, Environment, GainMode, LinkModel, Propulsion, Rates, Strategy, WaypointSolver};
 
 /// Most resource blocks of a UAV: messages hold this many served sensor nodes.
 pub const MAX_RESOURCE_BLOCKS: usize = 64;
@@ -82,10 +82,18 @@ pub struct Sensors {
     pub source: SensorSource,
     /// Storage of each, `B` [bit].
     pub capacity_bits: u32,
-    /// Sampling rate `s` [bit/s] of those whose list does not name one.
-    pub sampling_bps: f64,
-    /// Mean `λ` [bit] of the Poisson initial queue of those whose list does not name one.
-    pub initial_queue_mean_bits: f64,
+    /// Lowest and highest sampling rate `s` [bit/s] of those whose list does not name one.
+    pub sampling_bps: [f64; 2],
+    /// Lowest and highest mean `λ` [bit] of the Poisson initial queue of those whose list does not name one.
+    pub initial_queue_mean_bits: [f64; 2],
+}
+
+impl Sensors {
+    /// The mean of what is uniform between two `ends`, such as [`Sensors::sampling_bps`].
+    #[must_use]
+    pub fn mean([lowest, highest]: [f64; 2]) -> f64 {
+        lowest + (highest - lowest) / 2.0
+    }
 }
 
 /// Where the positions of the sensor nodes come from.
@@ -201,6 +209,25 @@ pub struct PlannerChoice {
     pub offline_steps: u64,
     /// What solves sP2*.
     pub waypoint_solver: WaypointSolver,
+    /// What it sees of the queues.
+    pub knowledge: Knowledge,
+}
+
+impl PlannerChoice {
+    /// Whether the plan of a slot depends on the slots before it.
+    #[must_use]
+    pub fn remembers(&self) -> bool {
+        self.knowledge != Knowledge::Oracle || !Strategy::MEMORYLESS.contains(&self.strategy)
+    }
+}
+
+/// What a planner sees of the queues.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Knowledge {
+    /// All of them, in every slot.
+    Oracle,
+    /// What the UAV can know: the queues that it is told of on contact, and what must have come since at these rates.
+    Estimated(Rates),
 }
 
 /// Why a scenario is refused; the display is one line that names the file, the key, the value and what was expected.

@@ -132,19 +132,34 @@ fn draw(scenario: &Scenario, id: u32) -> Sensor {
         position: Position::new(x_m, y_m),
         queue_bits: draw_queue_bits(scenario, id),
         gain_db: draw_gain_db(scenario, 0, id),
-        sampling_bps: scenario.sensors.sampling_bps,
+        sampling_bps: draw_sampling_bps(scenario, id),
     }
 }
 
-/// Initial queue [bit] of sensor node `id`: Poisson, capped at the storage.
+/// Sampling rate [bit/s] of sensor node `id`.
+fn draw_sampling_bps(scenario: &Scenario, id: u32) -> f64 {
+    draw_between(scenario, scenario.sensors.sampling_bps, Purpose::SamplingRate, id)
+}
+
+/// A number for sensor node `id`, uniform between the ends, which may be one number.
+fn draw_between(scenario: &Scenario, [lowest, highest]: [f64; 2], purpose: Purpose, id: u32) -> f64 {
+    if lowest == highest {
+        return lowest;
+    }
+    let share: f64 = Streams::new(scenario.seed).stream(purpose, 0, id).random();
+    (lowest + (highest - lowest) * share).min(highest)
+}
+
+/// Initial queue [bit] of sensor node `id`: Poisson with a mean of its own, capped at the storage.
 fn draw_queue_bits(scenario: &Scenario, id: u32) -> u32 {
-    let mean_bits = scenario.sensors.initial_queue_mean_bits;
+    let mean_bits = draw_between(scenario, scenario.sensors.initial_queue_mean_bits, Purpose::InitialQueueMean, id);
     if mean_bits == 0.0 {
         return 0;
     }
     let mut stream = Streams::new(scenario.seed).stream(Purpose::InitialQueue, 0, id);
-    let drawn_bits: f64 =
-        Poisson::new(mean_bits).expect("the scenario's mean is finite and above 0").sample(&mut stream);
+    let drawn_bits: f64 = Poisson::new(mean_bits)
+        .expect("a mean in the scenario's range is finite, and above 0 here")
+        .sample(&mut stream);
     drawn_bits.min(f64::from(scenario.sensors.capacity_bits)) as u32
 }
 

@@ -4,9 +4,10 @@ use std::path::Path;
 
 use proptest::prelude::*;
 use skysink_common::scenario::{
-    GainMode, LosCurve, Overrides, Scenario, ScenarioError, SensorSource, Strategy, WaypointSolver,
+    GainMode, Knowledge, LosCurve, Overrides, Rates, Scenario, ScenarioError, SensorSource, Sensors, Strategy,
+    WaypointSolver,
 };
-use skysink_common::sensors::SensorList;
+use skysink_common::sensors::{Sensor, SensorList};
 
 fn parse(text: &str) -> Result<Scenario, ScenarioError> {
     Scenario::parse(text, Path::new("folder/city.toml"), Overrides::default())
@@ -25,6 +26,8 @@ fn every_default_is_the_letters_value() {
     assert_eq!((letter.link.resource_blocks, letter.link.gain), (4, GainMode::Static));
     assert!((letter.link.noise_w - 1e-13).abs() < 1e-27); // −100 dBm
     assert_eq!(letter.planner.waypoint_solver, WaypointSolver::Geometric);
+    assert_eq!(letter.planner.knowledge, Knowledge::Oracle);
+    assert_eq!(letter.sensors.sampling_bps.map(Some), [Some(100.0); 2]);
 }
 
 #[test]
@@ -35,6 +38,80 @@ fn a_resolved_scenario_is_the_same_scenario() {
     assert_eq!(parse(&scenario.to_toml()).unwrap(), scenario);
     assert_eq!(scenario.link.gain_db, [-51.5, -51.5]);
     assert_eq!((scenario.uav.start.x, scenario.uav.start.y), (40.25, 30.125));
+}
+
+#[test]
+fn what_the_planner_knows_reads_back_and_is_part_of_what_is_flown() {
+    let cases = [
+        ("", Knowledge::Oracle),
+        ("knowledge = \"estimated\"\n", Knowledge::Estimated(Rates::Known)),
+        ("knowledge = \"estimated\"\nrates = \"learnt\"\n", Knowledge::Estimated(Rates::Learnt)),
+    ];
+    let scenarios = cases.map(|(keys, knowledge)| {
+        let scenario = parse(&format!("name = \"x\"\n[planner]\n{keys}")).unwrap();
+        assert_eq!(scenario.planner.knowledge, knowledge);
+        assert_eq!(scenario.planner.remembers(), knowledge != Knowledge::Oracle, "uts remembers nothing else");
+        assert_eq!(parse(&scenario.to_toml()).unwrap(), scenario);
+        scenario
+    });
+    assert_eq!(scenarios.each_ref().map(|scenario| scenario.hash() == scenarios[0].hash()), [true, false, false]);
+}
+
+#[test]
+fn sampling_rates_and_initial_queues_are_drawn_between_their_ends() {
+    let text = "name = \"x\"\n[sensors]\ncount = 10000\nsampling_bps = [50, 150.0]\ncapacity_bits = 1000000\n\
+                initial_queue_mean_bits = [0.0, 20000.0]\n";
+    let scenario = parse(text).unwrap();
+    assert_eq!(parse(&scenario.to_toml()).unwrap(), scenario);
+    assert!(scenario.to_toml().contains("\nsampling_bps = [50.0, 150.0]\n"), "{}", scenario.to_toml());
+    let Sensors { sampling_bps, initial_queue_mean_bits, .. } = scenario.sensors;
+    assert_eq!((Sensors::mean(sampling_bps), Sensors::mean(initial_queue_mean_bits)), (100.0, 10_000.0));
+    let list = SensorList::of(&scenario).unwrap();
+    let mean = |value: &dyn Fn(usize) -> f64| (0..10_000).map(value).sum::<f64>() / 10_000.0;
+    let sensors = list.sensors();
+    assert!(sensors.iter().all(|sensor| (50.0..150.0).contains(&sensor.sampling_bps)));
+    // Five standard errors: uniform over 100 bit/s has deviation 28.9, over 20 000 bit 5 774 (the Poisson's 100 is little).
+    let rate = |id: usize| sensors[id].sampling_bps;
+    let queue = |id: usize| f64::from(sensors[id].queue_bits);
+    assert!((mean(&rate) - 100.0).abs() < 1.45);
+    assert!((mean(&queue) - 10_000.0).abs() < 290.0);
+    // A rate says nothing about a queue, nor about where it is; a correlation has deviation 0.01.
+    let together = |a: &dyn Fn(usize) -> f64, b: &dyn Fn(usize) -> f64| {
+        let (mean_a, mean_b) = (mean(a), mean(b));
+        let covariance = |a: &dyn Fn(usize) -> f64, b: &dyn Fn(usize) -> f64, mean_a: f64, mean_b: f64| {
+            mean(&|id| (a(id) - mean_a) * (b(id) - mean_b))
+        };
+        let deviations = (covariance(a, a, mean_a, mean_a) * covariance(b, b, mean_b, mean_b)).sqrt();
+        covariance(a, b, mean_a, mean_b) / deviations
+    };
+    assert!(together(&rate, &queue).abs() < 0.05);
+    assert!(together(&rate, &|id| sensors[id].position.x).abs() < 0.05);
+    assert!(together(&queue, &|id| sensors[id].gain_db).abs() < 0.05);
+}
+
+#[test]
+fn drawing_rates_and_means_changes_nothing_else() {
+    let plain = SensorList::of(&Scenario::letter(Overrides::default()).unwrap()).unwrap();
+    let drawn = parse("name = \"x\"\n[sensors]\nsampling_bps = [50.0, 150.0]\n").unwrap();
+    let drawn = SensorList::of(&drawn).unwrap();
+    let wide = parse("name = \"x\"\n[sensors]\ninitial_queue_mean_bits = [0.0, 20000.0]\n").unwrap();
+    let wide = SensorList::of(&wide).unwrap();
+    for ((plain, drawn), wide) in plain.sensors().iter().zip(drawn.sensors()).zip(wide.sensors()) {
+        assert_eq!(Sensor { sampling_bps: plain.sampling_bps, ..*drawn }, *plain);
+        assert_eq!(Sensor { queue_bits: plain.queue_bits, ..*wide }, *plain);
+    }
+    // Golden: a change here is value-breaking.
+    assert_eq!(
+        drawn.sensors()[..2].iter().map(|sensor| sensor.sampling_bps).collect::<Vec<_>>(),
+        [117.11838110034147, 116.93695663898046]
+    );
+    assert_eq!(wide.queues_bits()[..3], [2936, 19557, 2384]);
+    // What a list says wins; what it leaves out is drawn by its row.
+    let scenario = parse("name = \"x\"\n[sensors]\nsampling_bps = [50.0, 150.0]\n").unwrap();
+    let list = SensorList::parse("x_m,y_m,sampling_bps\n1,2,7\n", Path::new("l.csv"), &scenario).unwrap();
+    assert_eq!(list.sensors()[0].sampling_bps, 7.0);
+    let list = SensorList::parse("x_m,y_m\n1,2\n3,4\n", Path::new("l.csv"), &scenario).unwrap();
+    assert_eq!(list.sensors()[1].sampling_bps, drawn.sensors()[1].sampling_bps);
 }
 
 #[test]
@@ -76,6 +153,31 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
         (
             "slots = 1\n[sensors]\nsampling_bps = 9e15\ncount = 1001\n",
             "sensors.sampling_bps = 9000000000000000.0: expected at most 9e18 bits over the mission from all sensor nodes",
+        ),
+        (
+            "[sensors]\nsampling_bps = [150.0, 50.0]\n",
+            "sensors.sampling_bps = [150.0, 50.0]: expected finite numbers, 0 or above, the lower first",
+        ),
+        (
+            "[sensors]\nsampling_bps = [-1.0, 50.0]\n",
+            "sensors.sampling_bps = [-1.0, 50.0]: expected finite numbers, 0 or above, the lower first",
+        ),
+        (
+            "[sensors]\nsampling_bps = [0.0, 1e14]\n",
+            "sensors.sampling_bps = [0.0, 100000000000000.0]: expected at most 9e15 bits over the mission",
+        ),
+        (
+            "[sensors]\ninitial_queue_mean_bits = -1.0\n",
+            "sensors.initial_queue_mean_bits = -1.0: expected 0 to 4294967295 bits",
+        ),
+        (
+            "[sensors]\ninitial_queue_mean_bits = [0.0, nan]\n",
+            "sensors.initial_queue_mean_bits = [0.0, NaN]: expected 0 to 4294967295 bits, the lower first",
+        ),
+        (
+            "[planner]\nrates = \"learnt\"\n",
+            "planner.rates = \"learnt\": expected \"known\", or planner.knowledge = \"estimated\", with which rates may be \
+             learnt",
         ),
         ("[area]\nside_m = 5.0\nwidth_m = 5.0\n", "area.side_m = 5.0: expected either side_m, or width_m and height_m"),
         ("[area]\nheight_m = 5.0\n", "area.height_m = 5.0: expected width_m and height_m together, or side_m"),

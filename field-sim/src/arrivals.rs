@@ -1,9 +1,7 @@
-//! What the sensor nodes sample, in whole bits and without drift.
+//! What the sensor nodes sample in a slot, in whole bits and without drift; many of them at a time.
 
+use skysink_common::arrivals::{ROUNDING_BITS, bits_between};
 use skysink_common::wide::{BLOCK, wide};
-
-/// Keeps a product such as `0.1 × 30`, which is just below its integer, from losing a bit.
-const ROUNDING_BITS: f64 = 1e-9;
 
 /// From here on, floats are integers: what is added to it is rounded to one.
 const FLOATS_ONE_APART: f64 = 4_503_599_627_370_496.0; // 2^52
@@ -11,15 +9,10 @@ const FLOATS_ONE_APART: f64 = 4_503_599_627_370_496.0; // 2^52
 /// Arrivals [bit] below this number are computed by the block.
 const MOST_BITS: f64 = 2_147_483_648.0; // 2^31
 
-/// Bits sampled up to the end of `slot` at `mean_bits` [bit] per slot, `s_i τ`: `A_i(t) = floor(s_i τ t)` (decision D2).
-fn sampled_bits(mean_bits: f64, slot: u64) -> u64 {
-    (mean_bits * slot as f64 + ROUNDING_BITS).floor() as u64
-}
-
 /// Bits sampled in `slot`, from 1: `a_i(t) = A_i(t) − A_i(t−1)` (decision D2).
 #[must_use]
 pub fn arrival_bits(mean_bits: f64, slot: u64) -> u64 {
-    sampled_bits(mean_bits, slot) - sampled_bits(mean_bits, slot - 1)
+    bits_between(mean_bits, slot - 1, slot)
 }
 
 /// What the sensor nodes (SNs) of a field sample in a slot on average [bit], `s_i τ`.

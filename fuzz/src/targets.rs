@@ -8,6 +8,7 @@ mod journal;
 mod mission;
 mod place;
 mod plan_message;
+mod planner_memory;
 mod planner_message;
 mod scenario;
 mod sensors;
@@ -22,6 +23,7 @@ pub use health_message::health_message;
 pub use journal::journal;
 pub use mission::mission;
 pub use plan_message::plan_message;
+pub use planner_memory::planner_memory;
 pub use planner_message::planner_message;
 pub use scenario::scenario;
 pub use sensors::sensors;
@@ -49,7 +51,7 @@ pub enum Input {
 }
 
 /// All of them.
-pub const TARGETS: [Target; 12] = [
+pub const TARGETS: [Target; 13] = [
     Target { name: "scenario", check: scenario, input: Input::Text },
     Target { name: "sensors", check: sensors, input: Input::Text },
     Target { name: "mission", check: mission, input: Input::Text },
@@ -58,6 +60,7 @@ pub const TARGETS: [Target; 12] = [
     Target { name: "journal", check: journal, input: Input::Binary },
     Target { name: "field_journal", check: field_journal, input: Input::Binary },
     Target { name: "flight_journal", check: flight_journal, input: Input::Binary },
+    Target { name: "planner_memory", check: planner_memory, input: Input::Binary },
     Target { name: "plan_message", check: plan_message, input: Input::Binary },
     Target { name: "flight_message", check: flight_message, input: Input::Binary },
     Target { name: "planner_message", check: planner_message, input: Input::Binary },

@@ -44,6 +44,7 @@ fn fly(scenario: &Scenario) -> Outcome {
     let mut lost_bits = 0;
     for slot in 1..=scenario.slots {
         let begin_ms = computed_ms();
+        planner.observe(slot - 1, &report, field.queues_bits());
         let plan = planner.step(slot, &report.position(), report.z_m, field.queues_bits());
         outcome.plan_ms.push(computed_ms() - begin_ms);
         report = flight.step(slot, Some(&plan));

@@ -1,11 +1,12 @@
-//! What a planner carries from slot to slot, by strategy.
+//! What a planner carries from slot to slot, by strategy; what it believes of the queues is [`crate::estimate`]'s.
 
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::{Scenario, Strategy};
 
+use crate::estimate::Estimate;
 use crate::field::Field;
 use crate::horizon::Horizon;
-use crate::memory::{MemoryError, Reader, begin};
+use crate::memory::{MemoryError, Reader};
 use crate::rounds::{Ages, Rounds};
 
 /// The state of the strategies that have one.
@@ -22,46 +23,50 @@ pub(crate) enum Carried {
 }
 
 impl Carried {
-    /// The state of a scenario's strategy before its first slot.
-    pub fn new(scenario: &Scenario, sensors: &[SensorNode], field: &Field) -> Self {
+    /// The state of a scenario's strategy before its first slot; `estimate` is what it believes of the queues, if it does
+    /// not know them.
+    pub fn new(scenario: &Scenario, sensors: &[SensorNode], field: &Field, estimate: Option<&Estimate>) -> Self {
         match scenario.planner.strategy {
             Strategy::Rfs | Strategy::Gfs | Strategy::Uts | Strategy::UtsWide | Strategy::Exact => Self::Nothing,
             strategy @ (Strategy::Tour | Strategy::RoundRobin) => {
                 Self::Rounds(Rounds::new(strategy, field, &scenario.uav.start))
             }
             Strategy::MaxAgeFirst => Self::Ages(Ages::new(field)),
-            Strategy::Horizon | Strategy::Offline => Self::Horizon(Box::new(Horizon::new(scenario, sensors))),
+            Strategy::Horizon | Strategy::Offline => {
+                Self::Horizon(Box::new(match estimate.filter(|estimate| estimate.learns()) {
+                    Some(estimate) => Horizon::learning(scenario, sensors, estimate),
+                    None => Horizon::new(scenario, sensors),
+                }))
+            }
         }
     }
 
-    /// Writes the state after `slot`; nothing where there is none.
-    pub fn remember(&self, strategy: Strategy, slot: u64, bytes: &mut Vec<u8>) {
-        bytes.clear();
+    /// Takes over the rates that are believed of the sensor nodes `ids`, where they are learnt.
+    pub fn learn(&mut self, estimate: &Estimate, ids: impl Iterator<Item = u32>) {
+        if let Self::Horizon(horizon) = self
+            && estimate.learns()
+        {
+            ids.for_each(|id| horizon.learn(id, estimate));
+        }
+    }
+
+    /// Appends the state.
+    pub fn remember(&self, bytes: &mut Vec<u8>) {
         match self {
             Self::Nothing => {}
-            Self::Rounds(rounds) => {
-                begin(bytes, strategy, slot);
-                rounds.remember(bytes);
-            }
-            Self::Ages(ages) => {
-                begin(bytes, strategy, slot);
-                ages.remember(bytes);
-            }
-            Self::Horizon(horizon) => {
-                begin(bytes, strategy, slot);
-                horizon.remember(bytes);
-            }
+            Self::Rounds(rounds) => rounds.remember(bytes),
+            Self::Ages(ages) => ages.remember(bytes),
+            Self::Horizon(horizon) => horizon.remember(bytes),
         }
     }
 
-    /// Reads the state after `slot`; on an error it stays as it was.
-    pub fn recall(&mut self, strategy: Strategy, slot: u64, bytes: &[u8]) -> Result<(), MemoryError> {
+    /// Reads the state, with which a memory ends; on an error it stays as it was.
+    pub fn recall(&mut self, memory: Reader) -> Result<(), MemoryError> {
         match self {
-            Self::Nothing if bytes.is_empty() => Ok(()),
-            Self::Nothing => Err(MemoryError::Malformed { bytes: bytes.len(), strategy: strategy.name() }),
-            Self::Rounds(rounds) => rounds.recall(Reader::new(bytes, strategy, slot)?),
-            Self::Ages(ages) => ages.recall(Reader::new(bytes, strategy, slot)?),
-            Self::Horizon(horizon) => horizon.recall(Reader::new(bytes, strategy, slot)?),
+            Self::Nothing => memory.end(),
+            Self::Rounds(rounds) => rounds.recall(memory),
+            Self::Ages(ages) => ages.recall(memory),
+            Self::Horizon(horizon) => horizon.recall(memory),
         }
     }
 }

@@ -26,6 +26,7 @@ use skysink_common::message::SensorNode;
 use skysink_common::random::{Purpose, Streams};
 use skysink_common::scenario::{Scenario, Strategy};
 
+use crate::estimate::Estimate;
 use crate::memory::{MemoryError, Reader};
 use anneal::Heat;
 use bound::lower_bound;
@@ -37,6 +38,10 @@ const MOST_SLOTS: u64 = 600;
 
 /// Most slots that are planned before take-off.
 const MOST_OFFLINE_SLOTS: u64 = 10_000;
+
+/// Least that an SN of unknown rate is taken to sample per slot [bit]: one that does not sample cannot be told from one
+/// that samples hardly ever.
+const LEAST_MEAN_BITS: f64 = 1e-3;
 
 /// Most waypoints of the planned path.
 pub(crate) const PATH: usize = 64;
@@ -119,6 +124,27 @@ impl Horizon {
             offline_steps,
             carried: Vec::new(),
             heat: HOTTEST,
+        }
+    }
+
+    /// The look-ahead of a scenario that does not know the sampling rates: every SN may lose data, at the rate that
+    /// `estimate` believes in.
+    #[must_use]
+    pub fn learning(scenario: &Scenario, sensors: &[SensorNode], estimate: &Estimate) -> Self {
+        let believed = |(id, sensor): (u32, &SensorNode)| {
+            let sampling_bps = estimate.mean_bits(id).max(LEAST_MEAN_BITS) / scenario.slot_s;
+            SensorNode { sampling_bps, ..*sensor }
+        };
+        let mut horizon = Self::new(scenario, &(0..).zip(sensors).map(believed).collect::<Vec<_>>());
+        (0..).zip(sensors).for_each(|(id, _)| horizon.learn(id, estimate));
+        horizon
+    }
+
+    /// Takes over the rate that is believed of SN `id`. One that is unknown is passed over.
+    pub(crate) fn learn(&mut self, id: u32, estimate: &Estimate) {
+        if let Ok(source) = self.world.ids.binary_search(&id) {
+            let mean_bits = estimate.mean_bits(id).max(LEAST_MEAN_BITS);
+            self.world.sources[source].sample(mean_bits, estimate.capacity_bits(id));
         }
     }
 

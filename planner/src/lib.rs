@@ -8,6 +8,7 @@
 //! |---|---|
 //! | [`planner`] | one slot: schedule, then waypoint |
 //! | [`field`] | what stays the same in every slot |
+//! | [`estimate`] | what the UAV can know of the queues |
 //! | [`grid`] | who is near a point |
 //! | `nearby` | the candidates of both searches, fullest first |
 //! | [`search`], [`circles`] | sP1 by Algorithm 1 |
@@ -23,6 +24,7 @@ pub mod ascent;
 mod carried;
 pub mod circles;
 pub mod conic;
+pub mod estimate;
 pub mod exact;
 pub mod field;
 pub mod geometric;

@@ -1,12 +1,14 @@
 //! What a planner carries from one slot to the next, as bytes, so that a restarted one goes on as if nothing had happened.
 //!
-//! Little-endian: version `u8`, strategy `u8`, the slot planned last `u64`, then what the strategy adds. Where the bytes
-//! are kept is left to whoever runs the planner.
+//! Little-endian: version `u8`, strategy `u8`, what is believed of the queues `u8`, the slot planned last `u64`, then the
+//! beliefs, if there are any, and what the strategy adds. Where the bytes are kept is left to whoever runs the planner.
 
 use skysink_common::scenario::Strategy;
 
+use crate::estimate::Estimate;
+
 /// The layout's version.
-const VERSION: u8 = 1;
+const VERSION: u8 = 2;
 
 /// Why a memory is refused.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -29,11 +31,28 @@ pub enum MemoryError {
     },
 }
 
-/// Starts the memory of `strategy` after it has planned `slot`.
+/// Starts the memory of `strategy`, which believes nothing, after it has planned `slot`.
 pub(crate) fn begin(bytes: &mut Vec<u8>, strategy: Strategy, slot: u64) {
+    begin_with(bytes, strategy, slot, None);
+}
+
+/// Starts the memory of `strategy`, with what it believes of the queues, after it has planned `slot`.
+pub(crate) fn begin_with(bytes: &mut Vec<u8>, strategy: Strategy, slot: u64, estimate: Option<&Estimate>) {
     bytes.clear();
-    bytes.extend([VERSION, code(strategy)]);
+    bytes.extend([VERSION, code(strategy), belief_code(estimate)]);
     bytes.extend(slot.to_le_bytes());
+    if let Some(estimate) = estimate {
+        estimate.remember(bytes);
+    }
+}
+
+/// The number in memories of what is believed; never change or reuse one.
+fn belief_code(estimate: Option<&Estimate>) -> u8 {
+    match estimate.map(Estimate::learns) {
+        None => 0,
+        Some(false) => 1,
+        Some(true) => 2,
+    }
 }
 
 /// The number of a strategy in memories; never change or reuse one.
@@ -57,17 +76,33 @@ pub(crate) struct Reader<'a> {
     whole: &'a [u8],
     rest: &'a [u8],
     strategy: Strategy,
+    slot: u64,
+    beliefs: u8,
 }
 
 impl<'a> Reader<'a> {
-    /// Reads past the beginning of the memory of `strategy` after `slot`.
+    /// Reads past the beginning of the memory of `strategy` after `slot`, up to what is believed.
     pub fn new(bytes: &'a [u8], strategy: Strategy, slot: u64) -> Result<Self, MemoryError> {
-        let mut reader = Self { whole: bytes, rest: bytes, strategy };
-        if reader.take::<2>()? != [VERSION, code(strategy)] {
+        let mut reader = Self { whole: bytes, rest: bytes, strategy, slot, beliefs: 0 };
+        let [version, strategy_code, beliefs] = reader.take()?;
+        if [version, strategy_code] != [VERSION, code(strategy)] {
             return Err(reader.malformed());
         }
+        reader.beliefs = beliefs;
         let found = u64::from_le_bytes(reader.take()?);
         if found == slot { Ok(reader) } else { Err(MemoryError::OtherSlot { found, expected: slot }) }
+    }
+
+    /// What it says that a planner believes; `estimate` is what that one believed before. A memory of before slot 1, such
+    /// as that of an optimised plan, may leave it out.
+    pub fn estimate(&mut self, estimate: Option<&Estimate>) -> Result<Option<Estimate>, MemoryError> {
+        if self.beliefs == 0 && (estimate.is_none() || self.slot == 0) {
+            return Ok(estimate.cloned());
+        }
+        if self.beliefs != belief_code(estimate) {
+            return Err(self.malformed());
+        }
+        estimate.map(|estimate| estimate.recalled(self.slot, self)).transpose()
     }
 
     fn take<const N: usize>(&mut self) -> Result<[u8; N], MemoryError> {
@@ -82,10 +117,26 @@ impl<'a> Reader<'a> {
         if number <= most { Ok(number) } else { Err(self.malformed()) }
     }
 
+    /// A number of at most `most`, which may be large.
+    pub fn long(&mut self, most: u64) -> Result<u64, MemoryError> {
+        let number = u64::from_le_bytes(self.take()?);
+        if number <= most { Ok(number) } else { Err(self.malformed()) }
+    }
+
+    /// A number from 0 to `most`, with a fraction.
+    pub fn real(&mut self, most: f64) -> Result<f64, MemoryError> {
+        let number = f64::from_le_bytes(self.take()?);
+        if (0.0..=most).contains(&number) { Ok(number) } else { Err(self.malformed()) }
+    }
+
     /// A number from 0 to 1.
     pub fn share(&mut self) -> Result<f64, MemoryError> {
-        let share = f64::from_le_bytes(self.take()?);
-        if (0.0..=1.0).contains(&share) { Ok(share) } else { Err(self.malformed()) }
+        self.real(1.0)
+    }
+
+    /// Nothing is left.
+    pub fn end(&self) -> Result<(), MemoryError> {
+        if self.rest.is_empty() { Ok(()) } else { Err(self.malformed()) }
     }
 
     /// All numbers that are left, each at most `most`.
@@ -115,9 +166,9 @@ mod tests {
         let error = Reader::new(&bytes, Strategy::Tour, 8).err().unwrap();
         assert_eq!(error.to_string(), "planner memory of slot 7: expected slot 8");
         let error = Reader::new(&bytes, Strategy::Horizon, 7).err().unwrap();
-        let expected = "planner memory of 10 bytes: expected the memory of a horizon planner over the same field";
+        let expected = "planner memory of 11 bytes: expected the memory of a horizon planner over the same field";
         assert_eq!(error.to_string(), expected);
-        bytes[0] = 2;
+        bytes[0] = 1;
         assert!(Reader::new(&bytes, Strategy::Tour, 7).is_err());
         assert!(Reader::new(&[], Strategy::Tour, 7).is_err());
     }

@@ -6,6 +6,7 @@ use iceoryx2::prelude::Service;
 use skysink_common::message::{FLAG_END, FLAG_TICK, QueuesHeader, SlotHeader};
 use skysink_common::node::{NodeError, Role, Stop};
 use skysink_common::pace::Pace;
+use skysink_common::reader::Found;
 use skysink_common::refusals::Refusal;
 use skysink_common::ring::{Ring, RingError};
 use skysink_common::ring_folder::RingFolder;
@@ -37,10 +38,19 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         let is_state = |header: &QueuesHeader| header.head.flags & FLAG_TICK == 0;
         let mut state = queues.wait_for(&mut patience, next, is_state, serve_joiners)?;
         if let Pace::Factor(_) = ring.terms.pace {
-            // Only the newest counts: a plan for a slot that has begun is void.
+            // Only the newest is planned for, because a plan for a slot that has begun is void; what the UAV was told in
+            // the others counts all the same.
             while let Some(newer) = queues.receive()? {
-                if is_state(newer.user_header()) {
-                    state = newer;
+                if !is_state(newer.user_header()) {
+                    continue;
+                }
+                let older = std::mem::replace(&mut state, newer);
+                let slot = older.user_header().head.slot;
+                if slot >= next
+                    && let Found::Here(flight) = flights.look_for(slot)?
+                {
+                    recollection.before(slot + 1, &mut planner).map_err(RingError::from)?;
+                    planner.observe(slot, &flight, older.payload());
                 }
             }
         }
@@ -61,6 +71,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         next = slot + 1;
         recollection.before(next, &mut planner).map_err(RingError::from)?;
         let begin = Instant::now();
+        planner.observe(slot, &flight, state.payload());
         let mut plan = planner.step(next, &flight.position(), flight.z_m, state.payload());
         plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
         recollection.after(next, &planner).map_err(RingError::from)?;

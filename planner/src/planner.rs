@@ -2,7 +2,8 @@
 //!
 //! The rules live next door: [`crate::search`] and [`crate::exact`] (whom), [`crate::waypoint`] (where, in free space),
 //! [`crate::spatial`] (where, in three dimensions, by the chance of line of sight), [`crate::strategy`] (the baselines),
-//! [`crate::rounds`] (the baselines that take turns), [`crate::horizon`] (many slots ahead).
+//! [`crate::rounds`] (the baselines that take turns), [`crate::horizon`] (many slots ahead). What is known of the queues
+//! is [`crate::estimate`]'s.
 
 mod remembering;
 
@@ -10,16 +11,17 @@ use std::ops::ControlFlow;
 
 use nalgebra::Point3;
 use skysink_common::geometry::Position;
-use skysink_common::message::{Mode, Plan, SensorNode, SolverOutcome};
+use skysink_common::message::{FlightReport, Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::random::Streams;
 use skysink_common::scenario::{Scenario, Strategy};
 
 use crate::carried::Carried;
+use crate::estimate::Estimate;
 use crate::exact::ExactSearch;
 use crate::field::Field;
 use crate::horizon::PATH;
 use crate::horizon::optimize::Progress;
-use crate::memory::MemoryError;
+use crate::memory::{MemoryError, Reader, begin_with};
 use crate::search::{Reach, Search};
 use crate::spatial_solver::{SpatialSolver, SpatialWaypoint};
 use crate::strategy::{greedy_waypoint, random_waypoint, serve_fullest, transit_waypoint};
@@ -28,7 +30,8 @@ use crate::waypoint::{Problem, Solver};
 /// The planner of a mission.
 ///
 /// What it carries from slot to slot is in [`Planner::memory`]; everything else it could rebuild from the scenario and the
-/// sensor nodes. Most strategies carry nothing: their plan of a slot does not depend on the slots planned before.
+/// sensor nodes. Most strategies carry nothing where the queues are known: their plan of a slot does not depend on the
+/// slots planned before.
 pub struct Planner {
     scenario: Scenario,
     field: Field,
@@ -36,7 +39,9 @@ pub struct Planner {
     search: Search,
     exact: ExactSearch,
     carried: Carried,
-    /// The same as bytes, after the last slot.
+    /// What is believed of the queues; none where they are known.
+    estimate: Option<Box<Estimate>>,
+    /// Both as bytes, after the last slot.
     memory: Vec<u8>,
     /// Where the last plan leads.
     path: Vec<[f64; 3]>,
@@ -69,13 +74,15 @@ impl Planner {
     /// The planner of a scenario over a field of its own, such as one with another grid.
     #[must_use]
     pub fn over(scenario: &Scenario, sensors: &[SensorNode], field: Field) -> Self {
+        let estimate = Estimate::new(scenario, sensors).map(Box::new);
         Self {
             scenario: scenario.clone(),
             streams: Streams::new(scenario.seed),
             search: Search::with_room_for(sensors.len()),
             exact: ExactSearch::new(&field),
             problem: Problem::new(&field),
-            carried: Carried::new(scenario, sensors, &field),
+            carried: Carried::new(scenario, sensors, &field, estimate.as_deref()),
+            estimate,
             memory: Vec::new(),
             path: Vec::with_capacity(PATH),
             solver: Solver::new(scenario.planner.waypoint_solver),
@@ -85,18 +92,44 @@ impl Planner {
         }
     }
 
+    /// Takes in what was flown in `slot`, and the queues after it [bit], by id; to be done for every slot before the next
+    /// one is planned. Where the queues are estimated, only those of the SNs that the flight serves are looked at, and a
+    /// slot that is left out makes the estimate older, but not wrong; where they are known, nothing is done.
+    pub fn observe(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) {
+        if let Some(estimate) = &mut self.estimate {
+            estimate.observe(slot, flight, queues_bits);
+            self.carried.learn(estimate, flight.served_links().iter().map(|link| link.sensor));
+        }
+    }
+
     /// Plans `slot` from where the UAV is, `L_u(t−1)` at the altitude `altitude_m` [m], and the queues `B_i(t−1)` [bit],
-    /// by id. In free space the UAV flies at the scenario's altitude, whatever `altitude_m` says.
+    /// by id. In free space the UAV flies at the scenario's altitude, whatever `altitude_m` says. Where the queues are
+    /// estimated, the plan is made from what is believed of them, see [`Planner::observe`]; of `queues_bits` is kept what
+    /// those that it schedules will announce.
     ///
-    /// It takes as long as there are SNs near the UAV, however many there are in all; only a slot of transit looks at
-    /// every queue. `plan_ns` stays 0: a step reads no clock.
+    /// It takes as long as there are SNs near the UAV, however many there are in all; only a slot of transit, and an
+    /// estimate, look at every queue. `plan_ns` stays 0: a step reads no clock.
     ///
     /// # Panics
     /// If there is not one queue per sensor node.
     #[must_use]
     pub fn step(&mut self, slot: u64, position: &Position, altitude_m: f64, queues_bits: &[u32]) -> Plan {
         assert_eq!(queues_bits.len(), self.field.positions.len(), "expected one queue per sensor node");
-        let slot = Slot { number: slot, position, altitude_m, queues_bits };
+        let mut estimate = self.estimate.take(); // lent to the slot
+        let believed_bits = estimate.as_mut().map(|estimate| estimate.believe(slot.saturating_sub(1)));
+        let believed_bits = believed_bits.unwrap_or(queues_bits);
+        let plan = self.plan_slot(Slot { number: slot, position, altitude_m, queues_bits: believed_bits });
+        if let Some(estimate) = &mut estimate {
+            estimate.announce(slot, plan.scheduled(), queues_bits);
+        }
+        self.estimate = estimate;
+        self.remember(slot);
+        plan
+    }
+
+    /// Plans a slot from the queues that are known or believed.
+    fn plan_slot(&mut self, slot: Slot) -> Plan {
+        let Slot { position, queues_bits, .. } = slot;
         self.path.clear();
         let own = match self.scenario.planner.strategy {
             Strategy::Uts => self.algorithm_1(Reach::Letter, slot),
@@ -118,11 +151,10 @@ impl Planner {
         if self.path.is_empty() {
             self.path.push([plan.x_m, plan.y_m, plan.z_m]);
         }
-        self.carried.remember(self.scenario.planner.strategy, slot.number, &mut self.memory);
         plan
     }
 
-    /// Makes the plan of `offline` now, before slot 1 and from the queues `queues_bits` [bit], by id, instead of in the first
+    /// Makes the plan of `offline` now, before slot 1 and from the queues `queues_bits` [bit], by id, or what is believed of them, instead of in the first
     /// [`Planner::step`], which then flies the same; returns the loss [bit] that it leads to. `None` for the other
     /// strategies, if no sensor node that can lose data can be reached, or if `watch`, which is told now and then how far
     /// the search is, breaks it off.
@@ -130,12 +162,22 @@ impl Planner {
         let (strategy, start) = (self.scenario.planner.strategy, self.scenario.uav.start);
         let steps = (strategy == Strategy::Offline).then_some(self.scenario.planner.offline_steps)?;
         let Carried::Horizon(horizon) = &mut self.carried else { return None };
-        let loss_bits = horizon.prepare((1, steps), &start, queues_bits, watch)?;
-        self.carried.remember(strategy, 0, &mut self.memory);
+        let believed_bits = self.estimate.as_mut().map(|estimate| estimate.believe(0));
+        let loss_bits = horizon.prepare((1, steps), &start, believed_bits.unwrap_or(queues_bits), watch)?;
+        self.remember(0);
         Some(loss_bits)
     }
 
-    /// What the next slot has to know of the slots planned so far; empty for strategies that carry nothing.
+    /// Puts down what the next slot has to know.
+    fn remember(&mut self, slot: u64) {
+        if self.scenario.planner.remembers() {
+            begin_with(&mut self.memory, self.scenario.planner.strategy, slot, self.estimate.as_deref());
+            self.carried.remember(&mut self.memory);
+        }
+    }
+
+    /// What the next slot has to know of the slots so far: the state of the strategy, and what is believed of the queues.
+    /// Empty for strategies that carry nothing where the queues are known.
     ///
     /// A planner that recalls it continues byte for byte as this one does.
     #[must_use]
@@ -148,10 +190,27 @@ impl Planner {
     /// # Errors
     /// If the memory is of another slot, strategy or field; the planner then is as it was.
     pub fn recall(&mut self, slot: u64, memory: &[u8]) -> Result<(), MemoryError> {
-        self.carried.recall(self.scenario.planner.strategy, slot, memory)?;
+        let strategy = self.scenario.planner.strategy;
+        if self.scenario.planner.remembers() {
+            let mut reader = Reader::new(memory, strategy, slot)?;
+            let estimate = reader.estimate(self.estimate.as_deref())?;
+            self.carried.recall(reader)?;
+            self.estimate = estimate.map(Box::new);
+            if let Some(estimate) = &self.estimate {
+                self.carried.learn(estimate, self.field.ids());
+            }
+        } else if !memory.is_empty() {
+            return Err(MemoryError::Malformed { bytes: memory.len(), strategy: strategy.name() });
+        }
         self.memory.clear();
         self.memory.extend_from_slice(memory);
         Ok(())
+    }
+
+    /// What is believed of the queues; `None` where they are known.
+    #[must_use]
+    pub fn estimate(&self) -> Option<&Estimate> {
+        self.estimate.as_deref()
     }
 
     /// Where the last plan leads, its own waypoint first: at most 64 points [x, y, z] [m], more than one for `horizon`

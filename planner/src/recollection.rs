@@ -1,21 +1,22 @@
-//! What a planner process remembers across its own death: what its strategy carried after each of its last slots.
+//! What a planner process remembers across its own death: what it carried and believed after each of its last slots.
 
 use skysink_common::journal::{Journal, JournalError};
 use skysink_common::ring_folder::RingFolder;
-use skysink_common::scenario::{Scenario, Strategy};
+use skysink_common::scenario::Scenario;
 
+use crate::estimate::BYTES_EACH;
 use crate::planner::Planner;
 
 /// Slots that are kept: the three that a planner may be asked for again, and room for one that is cut.
 const SLOTS: u64 = 4;
 
-/// Most that a strategy carries, beside four bytes for each sensor node.
+/// Most that a planner remembers, beside [`BYTES_EACH`] and four bytes of its strategy for each sensor node.
 const ROOM: usize = 1 << 22;
 
-/// The journal of a planner, and the slot that it planned last.
+/// The journal of a planner, and the slot that it planned last, or whose memory it has recalled.
 #[derive(Debug)]
 pub struct Recollection {
-    /// None for the strategies that carry nothing.
+    /// None for planners that remember nothing.
     journal: Option<Journal>,
     planned: u64,
 }
@@ -26,24 +27,22 @@ impl Recollection {
     /// # Errors
     /// If the file cannot be opened.
     pub fn open(folder: &RingFolder, scenario: &Scenario, count: usize) -> Result<Self, JournalError> {
-        let carries = !Strategy::MEMORYLESS.contains(&scenario.planner.strategy);
-        let open = || Journal::open(&folder.journal("plans"), SLOTS, ROOM + 4 * count);
-        Ok(Self { journal: carries.then(open).transpose()?, planned: 0 })
+        let open = || Journal::open(&folder.journal("plans"), SLOTS, ROOM + (BYTES_EACH + 4) * count);
+        Ok(Self { journal: scenario.planner.remembers().then(open).transpose()?, planned: 0 })
     }
 
-    /// Brings `planner` to where it was before it planned `slot`, if it is not there and that is remembered. In paced
-    /// runs slots may be skipped; it then goes on with what it has.
+    /// Brings a planner that is new to where it was before it planned `slot`, or to the last slot before that which is
+    /// remembered; to be done before it observes or plans anything. In paced runs slots may be skipped; it then goes on
+    /// with what it has.
     ///
     /// # Errors
     /// If the journal cannot be read.
     pub fn before(&mut self, slot: u64, planner: &mut Planner) -> Result<(), JournalError> {
-        let last = slot.saturating_sub(1);
-        let Some(journal) = self.journal.as_ref().filter(|_| self.planned != last) else { return Ok(()) };
-        if let Some(record) = journal.read()?.into_iter().find(|record| record.slot == last)
-            && planner.recall(last, &record.bytes).is_ok()
-        {
-            self.planned = last;
-        }
+        let Some(journal) = self.journal.as_ref().filter(|_| self.planned == 0) else { return Ok(()) };
+        let records = journal.read()?;
+        let mut before = records.iter().rev().filter(|record| record.slot < slot);
+        let recalled = before.find(|record| planner.recall(record.slot, &record.bytes).is_ok());
+        self.planned = recalled.map_or(0, |record| record.slot);
         Ok(())
     }
 
@@ -60,51 +59,104 @@ impl Recollection {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use skysink_common::message::SensorNode;
+    use skysink_common::geometry::Position;
+    use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, SensorNode};
     use skysink_common::pace::Pace;
-    use skysink_common::scenario::Overrides;
+    use skysink_common::scenario::{Knowledge, Overrides, Rates, Strategy};
     use skysink_common::waiting::Waiting;
+
+    fn nodes() -> Vec<SensorNode> {
+        let node = |i: u32| SensorNode {
+            x_m: 8.0 * f64::from(i),
+            y_m: 90.0 - 7.0 * f64::from(i),
+            gain: 1e-5,
+            sampling_bps: 100.0,
+            capacity_bits: 30_000,
+            ..SensorNode::default()
+        };
+        (0..12).map(node).collect()
+    }
+
+    /// The queues before `slot` [bit].
+    fn queues(slot: u64) -> Vec<u32> {
+        (0..12).map(|i| (i * 977 + slot as u32 * 331) % 30_000).collect()
+    }
+
+    /// The flight that does what a plan says.
+    fn flown(plan: &Plan) -> FlightReport {
+        let mut report = FlightReport::at(plan.x_m, plan.y_m, plan.z_m, Mode::Serve);
+        for (link, &sensor) in report.links.iter_mut().zip(plan.scheduled()) {
+            *link = LinkReport { sensor, ..LinkReport::default() };
+        }
+        report.served = plan.served;
+        report
+    }
+
+    /// A planner process: the slot after that of `flight` is planned as the node does it.
+    fn answer(slot: u64, flight: &FlightReport, planner: &mut Planner, recollection: &mut Recollection) -> Plan {
+        recollection.before(slot, planner).unwrap();
+        planner.observe(slot - 1, flight, &queues(slot));
+        let plan = planner.step(slot, &flight.position(), 20.0, &queues(slot));
+        recollection.after(slot, planner).unwrap();
+        plan
+    }
+
+    /// Every planner that remembers something.
+    fn scenarios() -> impl Iterator<Item = Scenario> {
+        let seen = [Knowledge::Oracle, Knowledge::Estimated(Rates::Known), Knowledge::Estimated(Rates::Learnt)];
+        let all = Strategy::ALL.into_iter().flat_map(move |strategy| seen.map(|knowledge| (strategy, knowledge)));
+        let scenario = |(strategy, knowledge)| {
+            let mut scenario =
+                Scenario::letter(Overrides { strategy: Some(strategy), ..Overrides::default() }).unwrap();
+            scenario.planner.horizon_iterations = 200;
+            scenario.planner.knowledge = knowledge;
+            scenario
+        };
+        all.map(scenario).filter(|scenario| scenario.planner.remembers())
+    }
 
     #[test]
     fn a_planner_that_comes_back_plans_the_last_slots_as_before() {
-        for strategy in [Strategy::Horizon, Strategy::Tour, Strategy::RoundRobin, Strategy::MaxAgeFirst] {
-            let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-            let mut scenario = Scenario::letter(overrides).unwrap();
-            scenario.planner.horizon_iterations = 200;
-            let nodes: Vec<SensorNode> = (0..12)
-                .map(|i| SensorNode {
-                    x_m: 8.0 * f64::from(i),
-                    y_m: 90.0 - 7.0 * f64::from(i),
-                    gain: 1e-5,
-                    sampling_bps: 100.0,
-                    capacity_bits: 30_000,
-                    ..SensorNode::default()
-                })
-                .collect();
+        for scenario in scenarios() {
             let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
-            let queues = |slot: u64| (0..12).map(|i| (i * 977 + slot as u32 * 331) % 30_000).collect::<Vec<_>>();
-            let mut planner = Planner::new(&scenario, &nodes);
+            let start: Position = scenario.uav.start;
+            let mut flights = vec![FlightReport::at(start.x, start.y, 20.0, Mode::Hold)];
+            let mut planner = Planner::new(&scenario, &nodes());
             let mut recollection = Recollection::open(&folder, &scenario, 12).unwrap();
-            let (mut position, mut flown) = (scenario.uav.start, Vec::new());
             for slot in 1..=9 {
-                recollection.before(slot, &mut planner).unwrap();
-                let plan = planner.step(slot, &position, 20.0, &queues(slot));
-                recollection.after(slot, &planner).unwrap();
-                flown.push((position, plan));
-                position = [plan.x_m, plan.y_m].into();
+                let plan = answer(slot, &flights[slot as usize - 1], &mut planner, &mut recollection);
+                flights.push(flown(&plan));
             }
             for from in [7, 8, 9] {
-                let mut planner = Planner::new(&scenario, &nodes);
+                let mut again = Planner::new(&scenario, &nodes());
                 let mut recollection = Recollection::open(&folder, &scenario, 12).unwrap();
                 for slot in from..=9 {
-                    let (position, plan) = &flown[slot as usize - 1];
-                    recollection.before(slot, &mut planner).unwrap();
-                    let again = planner.step(slot, position, 20.0, &queues(slot));
-                    let parts = |plan: &skysink_common::message::Plan| (plan.x_m, plan.y_m, plan.z_m, plan.ids);
-                    assert_eq!(parts(&again), parts(plan), "{strategy:?}, slot {slot} from {from}");
-                    recollection.after(slot, &planner).unwrap();
+                    let plan = answer(slot, &flights[slot as usize - 1], &mut again, &mut recollection);
+                    assert_eq!(flown(&plan), flights[slot as usize], "{:?}, slot {slot} from {from}", scenario.planner);
                 }
+                assert_eq!(again.memory(), planner.memory(), "{:?}, from {from}", scenario.planner);
             }
         }
+    }
+
+    #[test]
+    fn a_planner_that_comes_back_late_believes_what_it_believed_last() {
+        let mut scenario = Scenario::letter(Overrides::default()).unwrap();
+        scenario.planner.knowledge = Knowledge::Estimated(Rates::Known);
+        let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
+        let mut planner = Planner::new(&scenario, &nodes());
+        let mut recollection = Recollection::open(&folder, &scenario, 12).unwrap();
+        let mut flight = FlightReport::at(50.0, 50.0, 20.0, Mode::Hold);
+        for slot in 1..=9 {
+            flight = flown(&answer(slot, &flight, &mut planner, &mut recollection));
+        }
+        let mut late = Planner::new(&scenario, &nodes());
+        let mut recollection = Recollection::open(&folder, &scenario, 12).unwrap();
+        let hold = FlightReport::at(50.0, 50.0, 20.0, Mode::Hold);
+        let _ = answer(15, &hold, &mut late, &mut recollection);
+        let contacts =
+            |planner: &Planner| (0..12).map(|id| planner.estimate().unwrap().contact(id)).collect::<Vec<_>>();
+        assert!(contacts(&planner).iter().any(Option::is_some));
+        assert_eq!(contacts(&late), contacts(&planner));
     }
 }

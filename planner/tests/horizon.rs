@@ -45,6 +45,7 @@ impl Mission {
 
     fn turn(&mut self, slot: u64) -> Plan {
         let (position, queues_bits) = (self.report.position(), self.field.queues_bits());
+        self.planner.observe(slot - 1, &self.report, queues_bits);
         let plan = self.planner.step(slot, &position, self.report.z_m, queues_bits);
         self.report = self.flight.step(slot, Some(&plan));
         self.lost_bits += self.field.step(slot, &self.report).unwrap().lost_bits;
@@ -56,8 +57,9 @@ impl Mission {
         (1..=scenario.slots).for_each(|slot| {
             self.turn(slot);
         });
+        let [_, sampling_bps] = scenario.sensors.sampling_bps;
         let count = self.field.queues_bits().len() as f64;
-        self.lost_bits as f64 / (count * scenario.sensors.sampling_bps * scenario.slot_s * scenario.slots as f64)
+        self.lost_bits as f64 / (count * sampling_bps * scenario.slot_s * scenario.slots as f64)
     }
 }
 

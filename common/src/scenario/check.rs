@@ -3,10 +3,10 @@
 use std::fmt::Debug;
 use std::path::Path;
 
-use super::raw::{self, AltitudeMode, GainDb, LinkModel, letter};
+use super::raw::{self, AltitudeMode, LinkModel, OneOrRange, Rates, letter};
 use super::{
-    Area, Climb, LinkBudget, MAX_FIELD_BITS, MAX_RESOURCE_BLOCKS, Origin, PlannerChoice, Scenario, ScenarioError,
-    SensorSource, Sensors, Uav,
+    Area, Climb, Knowledge, LinkBudget, MAX_FIELD_BITS, MAX_RESOURCE_BLOCKS, Origin, PlannerChoice, Scenario,
+    ScenarioError, SensorSource, Sensors, Uav,
 };
 use crate::geometry::Position;
 use crate::units::watts_of_dbm;
@@ -43,6 +43,7 @@ pub(super) fn check(mut raw: raw::Scenario, path: &Path) -> Result<Scenario, Sce
     let link = checker.link(&mut raw)?;
     let iterations = raw.planner.sca_iterations;
     checker.that("planner.sca_iterations", iterations, (1..=1000).contains(&iterations), "1 to 1000")?;
+    let knowledge = checker.knowledge(&raw.planner)?;
     let steps = raw.planner.horizon_iterations;
     checker.that("planner.horizon_iterations", steps, steps <= MAX_HORIZON_ITERATIONS, "0 to 1000000000")?;
     let offline = raw.planner.offline_steps;
@@ -63,6 +64,7 @@ pub(super) fn check(mut raw: raw::Scenario, path: &Path) -> Result<Scenario, Sce
             horizon_iterations: steps,
             offline_steps: offline,
             waypoint_solver: raw.planner.waypoint_solver,
+            knowledge,
         },
         resolved: raw,
     })
@@ -171,22 +173,45 @@ impl Checker<'_> {
         };
         let capacity_bits = u32::try_from(sensors.capacity_bits).ok().filter(|&bits| bits > 0);
         self.that("sensors.capacity_bits", sensors.capacity_bits, capacity_bits.is_some(), "1 to 4294967295 bits")?;
-        self.not_negative("sensors.sampling_bps", sensors.sampling_bps)?;
-        let sampled_bits = sensors.sampling_bps * slot_s * slots as f64;
+        let (rates, [slowest_bps, fastest_bps]) = (sensors.sampling_bps, sensors.sampling_bps.ends());
+        let holds = slowest_bps >= 0.0 && slowest_bps <= fastest_bps && fastest_bps.is_finite();
+        let expected = match rates {
+            OneOrRange::One(_) => "a finite number, 0 or above",
+            OneOrRange::Range(_) => "finite numbers, 0 or above, the lower first",
+        };
+        self.that("sensors.sampling_bps", rates, holds, expected)?;
+        let sampled_bits = fastest_bps * slot_s * slots as f64;
         let expected = "at most 9e15 bits over the mission";
-        self.that("sensors.sampling_bps", sensors.sampling_bps, sampled_bits <= MAX_SAMPLED_BITS, expected)?;
+        self.that("sensors.sampling_bps", rates, sampled_bits <= MAX_SAMPLED_BITS, expected)?;
         let drawn = if let SensorSource::Drawn(count) = source { f64::from(count) } else { 1.0 };
         let expected = "at most 9e18 bits over the mission from all sensor nodes";
-        self.that("sensors.sampling_bps", sensors.sampling_bps, drawn * sampled_bits <= MAX_FIELD_BITS, expected)?;
-        let mean_bits = sensors.initial_queue_mean_bits;
-        let holds = mean_bits >= 0.0 && mean_bits <= f64::from(u32::MAX);
-        self.that("sensors.initial_queue_mean_bits", mean_bits, holds, "0 to 4294967295 bits")?;
+        self.that("sensors.sampling_bps", rates, drawn * sampled_bits <= MAX_FIELD_BITS, expected)?;
+        let (means, [least_bits, most_bits]) =
+            (sensors.initial_queue_mean_bits, sensors.initial_queue_mean_bits.ends());
+        let holds = least_bits >= 0.0 && least_bits <= most_bits && most_bits <= f64::from(u32::MAX);
+        let expected = match means {
+            OneOrRange::One(_) => "0 to 4294967295 bits",
+            OneOrRange::Range(_) => "0 to 4294967295 bits, the lower first",
+        };
+        self.that("sensors.initial_queue_mean_bits", means, holds, expected)?;
         Ok(Sensors {
             source,
             capacity_bits: capacity_bits.expect("checked above"),
-            sampling_bps: sensors.sampling_bps,
-            initial_queue_mean_bits: mean_bits,
+            sampling_bps: rates.ends(),
+            initial_queue_mean_bits: means.ends(),
         })
+    }
+
+    fn knowledge(&self, planner: &raw::Planner) -> Result<Knowledge, ScenarioError> {
+        match (planner.knowledge, planner.rates) {
+            (raw::Knowledge::Oracle, Rates::Known) => Ok(Knowledge::Oracle),
+            (raw::Knowledge::Estimated, rates) => Ok(Knowledge::Estimated(rates)),
+            (raw::Knowledge::Oracle, Rates::Learnt) => {
+                let expected = "\"known\", or planner.knowledge = \"estimated\", with which rates may be learnt";
+                self.that("planner.rates", "learnt", false, expected)?;
+                unreachable!("the check above fails")
+            }
+        }
     }
 
     fn uav(&self, raw: &mut raw::Scenario, area: Area) -> Result<Uav, ScenarioError> {
@@ -255,8 +280,8 @@ impl Checker<'_> {
         let level = link.noise_dbm < 0.0 && link.noise_dbm >= -300.0;
         self.that("link.noise_dbm", link.noise_dbm, level, "a finite level below 0 dBm (and not below -300)")?;
         let gain_db = match (link.gain_db, link.reference_gain_db) {
-            (Some(GainDb::One(gain_db)), _) | (None, Some(gain_db)) => [gain_db; 2],
-            (Some(GainDb::Range(range)), _) => range,
+            (Some(gain_db), _) => gain_db.ends(),
+            (None, Some(gain_db)) => [gain_db; 2],
             (None, None) => unreachable!("the channel has one of them"),
         };
         let [lowest_db, highest_db] = gain_db;

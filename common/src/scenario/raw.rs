@@ -2,6 +2,7 @@
 //!
 //! The defaults are the letter's mission (section V). Levels are in dB here and nowhere behind.
 
+use std::fmt;
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
@@ -61,8 +62,8 @@ pub struct Sensors {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
     pub capacity_bits: u64,
-    pub sampling_bps: f64,
-    pub initial_queue_mean_bits: f64,
+    pub sampling_bps: OneOrRange,
+    pub initial_queue_mean_bits: OneOrRange,
 }
 
 /// `[uav]`.
@@ -133,7 +134,7 @@ pub struct Link {
     pub tx_power_w: f64,
     pub noise_dbm: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub gain_db: Option<GainDb>,
+    pub gain_db: Option<OneOrRange>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gain: Option<GainMode>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -165,6 +166,8 @@ pub struct Planner {
     pub horizon_iterations: u32,
     pub offline_steps: u64,
     pub waypoint_solver: WaypointSolver,
+    pub knowledge: Knowledge,
+    pub rates: Rates,
 }
 
 /// Channel model.
@@ -237,14 +240,35 @@ pub enum LosFit {
     Logistic { b1: f64, b2: f64, b3: f64, b4: f64 },
 }
 
-/// Reference gain: one number for all sensor nodes, or the ends of a range.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+/// A value of the sensor nodes: one number for all of them, or the ends of the range that each draws its own from.
+#[derive(Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(untagged, expecting = "expected a number or [lowest, highest]")]
-pub enum GainDb {
+pub enum OneOrRange {
     /// The same for all.
     One(f64),
-    /// Drawn uniformly in dB.
+    /// Drawn uniformly; levels uniformly in dB.
     Range([f64; 2]),
+}
+
+impl OneOrRange {
+    /// The lowest value and the highest.
+    #[must_use]
+    pub fn ends(self) -> [f64; 2] {
+        match self {
+            Self::One(value) => [value; 2],
+            Self::Range(ends) => ends,
+        }
+    }
+}
+
+/// As in the file.
+impl fmt::Debug for OneOrRange {
+    fn fmt(&self, formatter: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Self::One(value) => value.fmt(formatter),
+            Self::Range(ends) => ends.fmt(formatter),
+        }
+    }
 }
 
 /// Whether the reference gain changes during the mission.
@@ -329,16 +353,37 @@ pub enum WaypointSolver {
     Clarabel,
 }
 
+/// What the planner sees of the queues.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Knowledge {
+    /// All of them, in every slot.
+    Oracle,
+    /// What the UAV can know: the queues that it is told of on contact, and what must have come since.
+    Estimated,
+}
+
+/// What the planner knows of the sampling rates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Rates {
+    /// Each sensor node's own.
+    Known,
+    /// The mean over all of them, until contacts tell more.
+    Learnt,
+}
+
 /// The letter's values (section V).
 pub(super) mod letter {
     use super::{
-        AltitudeMode, GainDb, GainMode, Link, LinkModel, Planner, Propulsion, Sensors, Strategy, Uav, WaypointSolver,
+        AltitudeMode, GainMode, Knowledge, Link, LinkModel, OneOrRange, Planner, Propulsion, Rates, Sensors, Strategy,
+        Uav, WaypointSolver,
     };
 
     pub const SIDE_M: f64 = 100.0;
     pub const COUNT: u64 = 200;
 
-    pub const GAIN_DB: GainDb = GainDb::Range([-55.0, -50.0]);
+    pub const GAIN_DB: OneOrRange = OneOrRange::Range([-55.0, -50.0]);
     pub const GAIN: GainMode = GainMode::Static;
 
     pub fn slots() -> u64 {
@@ -355,8 +400,8 @@ pub(super) mod letter {
                 count: None,
                 file: None,
                 capacity_bits: 30_000,
-                sampling_bps: 100.0,
-                initial_queue_mean_bits: 10_000.0,
+                sampling_bps: OneOrRange::One(100.0),
+                initial_queue_mean_bits: OneOrRange::One(10_000.0),
             }
         }
     }
@@ -408,6 +453,8 @@ pub(super) mod letter {
                 horizon_iterations: 10_000,
                 offline_steps: 1_000_000,
                 waypoint_solver: WaypointSolver::Geometric,
+                knowledge: Knowledge::Oracle,
+                rates: Rates::Known,
             }
         }
     }

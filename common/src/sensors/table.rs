@@ -3,7 +3,7 @@
 //! Refusals are (line, message); the list adds the file. What a row leaves out is drawn by the parent module.
 
 use super::projection::Projection;
-use super::{Sensor, draw_gain_db, draw_queue_bits};
+use super::{Sensor, draw_gain_db, draw_queue_bits, draw_sampling_bps};
 use crate::geometry::Position;
 use crate::scenario::{Area, MAX_FIELD_BITS, Scenario};
 
@@ -117,7 +117,7 @@ impl<'a> Table<'a> {
             queue_bits: queue_bits.map_or_else(|| draw_queue_bits(scenario, id), |bits| bits as u32),
             // The probabilistic model has one reference gain for all, whatever the list says.
             gain_db: gain_db.filter(|_| scenario.link.los.is_none()).unwrap_or_else(|| draw_gain_db(scenario, 0, id)),
-            sampling_bps: sampling_bps.unwrap_or(scenario.sensors.sampling_bps),
+            sampling_bps: sampling_bps.unwrap_or_else(|| draw_sampling_bps(scenario, id)),
         })
     }
 

@@ -2,10 +2,11 @@
 
 use skysink_common::geometry::Position;
 use skysink_common::message::{HoldReason, SensorNode};
-use skysink_common::scenario::{Scenario, Strategy};
+use skysink_common::scenario::{Knowledge, Rates, Scenario, Strategy};
 use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
 
+use super::flight_message::report;
 use super::world::WORLDS;
 use crate::cursor::Cursor;
 
@@ -16,8 +17,14 @@ use crate::cursor::Cursor;
 /// If not.
 pub fn planner_message(bytes: &[u8]) {
     let mut input = Cursor::new(bytes);
-    let world = &WORLDS[usize::from(input.u8()) % WORLDS.len()];
+    let choice = usize::from(input.u8());
+    let world = &WORLDS[choice % WORLDS.len()];
     let mut scenario = world.scenario.clone();
+    scenario.planner.knowledge = match choice / WORLDS.len() % 3 {
+        0 => Knowledge::Oracle,
+        1 => Knowledge::Estimated(Rates::Known),
+        _ => Knowledge::Estimated(Rates::Learnt),
+    };
     scenario.planner.strategy = Strategy::ALL[usize::from(input.u8()) % Strategy::ALL.len()];
     scenario.planner.horizon_iterations = 20;
     scenario.planner.offline_steps = 200;
@@ -31,6 +38,9 @@ pub fn planner_message(bytes: &[u8]) {
     for _ in 0..2 {
         let (slot, position, altitude_m) = (input.u64(), Position::new(input.f64(), input.f64()), input.f64());
         let queues: Vec<u32> = nodes.iter().map(|_| input.u32()).collect();
+        if scenario.planner.knowledge != Knowledge::Oracle {
+            planner.observe(input.u64(), &report(&mut input, 2), &queues);
+        }
         let plan = planner.step(slot, &position, altitude_m, &queues);
         let ids = plan.scheduled();
         assert!(plan.served as usize == ids.len() && ids.len() <= scenario.link.resource_blocks, "{plan:?}");

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use proptest::prelude::*;
 use skysink_common::geometry::{Position, distance_squared};
-use skysink_common::message::SensorNode;
+use skysink_common::message::{FlightReport, Mode, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
 
 use super::anneal::{Heat, anneal};
@@ -14,6 +14,7 @@ use super::forecast::{FRESH, Forecast, Outlook};
 use super::reach::Reachable;
 use super::start;
 use super::world::World;
+use super::{Estimate, Horizon};
 use skysink_common::random::{Purpose, Streams};
 
 /// SNs of gain −52 dB, B = 30 kbit, at `places_m` [m] with their rates [bit/s], in an area of 400 m; d_c = 10 m,
@@ -282,4 +283,30 @@ proptest! {
             }
         }
     }
+}
+
+#[test]
+fn rates_that_are_learnt_take_the_place_of_those_believed_before() {
+    let text =
+        "name = 'x'\n[sensors]\nsampling_bps = [0.0, 200.0]\n[planner]\nknowledge = 'estimated'\nrates = 'learnt'\n";
+    let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
+    let sensor = |x_m: f64| SensorNode { x_m, y_m: 50.0, gain: 1e-5, capacity_bits: 30_000, ..SensorNode::default() };
+    let sensors = [30.0, 60.0, 90.0].map(sensor); // what they sample is not looked at
+    let mut estimate = Estimate::new(&scenario, &sensors).unwrap();
+    let mut horizon = Horizon::learning(&scenario, &sensors, &estimate);
+    let sources = |horizon: &Horizon| {
+        horizon.world.sources.iter().map(|source| (source.mean_bits, source.fill_slots)).collect::<Vec<_>>()
+    };
+    assert_eq!(sources(&horizon), [(100.0, 300.0); 3]);
+    // SNs 0 and 2 are served in slots 1 and 12: in the 10 slots between them come 2 500 bit, and nothing.
+    let mut flight = FlightReport::at(0.0, 0.0, 20.0, Mode::Serve);
+    flight.served = 2;
+    flight.links[0].sensor = 0;
+    flight.links[1].sensor = 2;
+    estimate.observe(1, &flight, &[500, 0, 7]);
+    (2..12).for_each(|slot| estimate.observe(slot, &FlightReport::at(0.0, 0.0, 20.0, Mode::Serve), &[0; 3]));
+    estimate.announce(12, &[0, 2], &[3_000, 0, 7]);
+    estimate.observe(12, &flight, &[0, 0, 7]);
+    [0, 2, 3].into_iter().for_each(|id| horizon.learn(id, &estimate)); // SN 3 is nobody
+    assert_eq!(sources(&horizon), [(250.0, 120.0), (100.0, 300.0), (1e-3, 3e7)]);
 }

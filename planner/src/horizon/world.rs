@@ -33,6 +33,13 @@ pub struct Source {
     pub emptied: bool,
 }
 
+impl Source {
+    /// Takes it to sample `mean_bits` per slot [bit], above 0, into a storage of `capacity_bits` from now on.
+    pub(super) fn sample(&mut self, mean_bits: f64, capacity_bits: u32) {
+        (self.mean_bits, self.fill_slots) = (mean_bits, f64::from(capacity_bits) / mean_bits);
+    }
+}
+
 /// A place to serve from: any point within `radius_m` of `centre` has all `members` in range.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Place {

@@ -1,0 +1,337 @@
+//! What the UAV can know of the queues: what it was told on contact, and what must have come since.
+//!
+//! A contact is a slot whose flight serves the sensor node (SN). The SN then says what it holds as the slot begins,
+//! `B_i(t−1)`, and what it still holds at its end, `B_i(t)`. How contacts become bytes is next door; what is made of
+//! the believed queues is left to the strategies.
+
+mod remembering;
+
+pub(crate) use remembering::BYTES_EACH;
+
+use skysink_common::arrivals::bits_between;
+use skysink_common::message::{FlightReport, SensorNode};
+use skysink_common::scenario::{Knowledge, Rates, Scenario, Sensors};
+
+/// The queues of a mission as the UAV believes them to be.
+///
+/// At the end of slot t it takes SN i, told of last in slot t0, to hold `min(B, B_i(t0) + A_i(t) − A_i(t0))`, where A
+/// counts whole bits as the SN does (decision D2): where the rate is known that is what it holds. Before the first
+/// contact t0 is 0, and `B_i(0)` the mean of the scenario's initial queues.
+#[derive(Debug, Clone)]
+pub struct Estimate {
+    rates: Rates,
+    /// Mean of the initial queues [bit].
+    initial_bits: u32,
+    beliefs: Vec<Belief>,
+    /// The last slot whose flight was observed; nobody is served before slot 1.
+    observed: u64,
+    /// Of the contacts since this slot none was missed.
+    whole_since: u64,
+    /// What those who are scheduled in a slot hold as it begins [bit], by id.
+    announced: (u64, Vec<(u32, u32)>),
+    /// What the SNs are believed to hold [bit].
+    queues_bits: Vec<u32>,
+}
+
+/// What is believed of an SN.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Belief {
+    /// Storage `B` [bit].
+    capacity_bits: u32,
+    /// Sampled per slot, `s_i τ` [bit], as far as is known before any contact.
+    prior_mean_bits: f64,
+    /// Slot of the last contact; 0 before the first.
+    contact: u64,
+    /// What that contact left [bit].
+    left_bits: u32,
+    learnt: Learnt,
+}
+
+/// What the gaps between contacts tell of a rate. A gap lasts from the end of a contact to the beginning of the next.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct Learnt {
+    /// Sampled in the gaps that ended with room in the storage [bit].
+    bits: u64,
+    /// How long these were [slots].
+    slots: u64,
+    /// Least mean [bit per slot] that the gaps that ended with a full storage allow.
+    least_mean_bits: f64,
+}
+
+impl Learnt {
+    /// A gap of `slots` slots that began with `left_bits` and ended with `found_bits` in a storage of `capacity_bits`.
+    fn add(&mut self, slots: u64, left_bits: u32, found_bits: u32, capacity_bits: u32) {
+        if slots == 0 {
+            return;
+        }
+        let gained_bits = found_bits.saturating_sub(left_bits);
+        if found_bits < capacity_bits {
+            self.bits += u64::from(gained_bits);
+            self.slots += slots;
+        } else {
+            self.least_mean_bits = self.least_mean_bits.max(f64::from(gained_bits) / slots as f64);
+        }
+    }
+
+    /// Sampled per slot [bit], if it was `prior_mean_bits` before anything was learnt.
+    fn mean_bits(&self, prior_mean_bits: f64) -> f64 {
+        let counted = if self.slots == 0 { prior_mean_bits } else { self.bits as f64 / self.slots as f64 };
+        counted.max(self.least_mean_bits)
+    }
+}
+
+impl Belief {
+    fn before_any_contact(capacity_bits: u32, prior_mean_bits: f64, initial_bits: u32) -> Self {
+        let left_bits = initial_bits.min(capacity_bits);
+        Self { capacity_bits, prior_mean_bits, contact: 0, left_bits, learnt: Learnt::default() }
+    }
+
+    fn mean_bits(&self) -> f64 {
+        self.learnt.mean_bits(self.prior_mean_bits)
+    }
+
+    /// What the SN is believed to hold at the end of `slot` [bit].
+    fn queue_bits(&self, slot: u64) -> u32 {
+        let held_bits = bits_between(self.mean_bits(), self.contact, slot).saturating_add(self.left_bits.into());
+        u32::try_from(held_bits).unwrap_or(u32::MAX).min(self.capacity_bits)
+    }
+}
+
+impl Estimate {
+    /// What is believed before slot 1 of a scenario with these SNs; `None` where its planner sees the queues.
+    #[must_use]
+    pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Option<Self> {
+        let Knowledge::Estimated(rates) = scenario.planner.knowledge else {
+            return None;
+        };
+        let initial_bits = Sensors::mean(scenario.sensors.initial_queue_mean_bits) as u32;
+        let mean_bps = |sensor: &SensorNode| match rates {
+            Rates::Known => sensor.sampling_bps,
+            Rates::Learnt => Sensors::mean(scenario.sensors.sampling_bps),
+        };
+        let belief = |sensor: &SensorNode| {
+            Belief::before_any_contact(sensor.capacity_bits, mean_bps(sensor) * scenario.slot_s, initial_bits)
+        };
+        Some(Self {
+            rates,
+            initial_bits,
+            beliefs: sensors.iter().map(belief).collect(),
+            observed: 0,
+            whole_since: 0,
+            announced: (0, Vec::with_capacity(scenario.link.resource_blocks)),
+            queues_bits: vec![0; sensors.len()],
+        })
+    }
+
+    /// Whether rates are learnt.
+    #[must_use]
+    pub fn learns(&self) -> bool {
+        self.rates == Rates::Learnt
+    }
+
+    /// What SN `id` is believed to sample per slot [bit].
+    #[must_use]
+    pub fn mean_bits(&self, id: u32) -> f64 {
+        self.beliefs[id as usize].mean_bits()
+    }
+
+    /// Storage of SN `id` [bit].
+    #[must_use]
+    pub fn capacity_bits(&self, id: u32) -> u32 {
+        self.beliefs[id as usize].capacity_bits
+    }
+
+    /// Slot of the last contact with SN `id` that was observed; `None` before the first.
+    #[must_use]
+    pub fn contact(&self, id: u32) -> Option<u64> {
+        Some(self.beliefs[id as usize].contact).filter(|&slot| slot > 0)
+    }
+
+    /// What the SNs are believed to hold at the end of `slot` [bit], by id. Takes time in proportion to their number.
+    pub fn believe(&mut self, slot: u64) -> &[u32] {
+        for (queue_bits, belief) in self.queues_bits.iter_mut().zip(&self.beliefs) {
+            *queue_bits = belief.queue_bits(slot);
+        }
+        &self.queues_bits
+    }
+
+    /// What was last believed, see [`Estimate::believe`].
+    #[must_use]
+    pub fn queues_bits(&self) -> &[u32] {
+        &self.queues_bits
+    }
+
+    /// Keeps what the `scheduled` SNs will say when the contact of `slot` begins: their queues `queues_bits` [bit]
+    /// before it, by id.
+    pub fn announce(&mut self, slot: u64, scheduled: &[u32], queues_bits: &[u32]) {
+        let (announced_slot, announced) = &mut self.announced;
+        *announced_slot = slot;
+        announced.clear();
+        announced.extend(scheduled.iter().map(|&id| (id, queues_bits[id as usize])));
+    }
+
+    /// Takes in the contacts of `slot`: its flight, and the queues after it [bit], by id, of which only those of the
+    /// served SNs are looked at. A slot that is not later than the last one observed says nothing new.
+    ///
+    /// Slots may be left out. What is believed then is only older, and gaps that began before them, in which there may
+    /// have been contacts that nobody knows of, teach nothing.
+    pub fn observe(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) {
+        if slot <= self.observed || queues_bits.len() != self.beliefs.len() {
+            return;
+        }
+        if slot != self.observed + 1 {
+            self.whole_since = slot;
+        }
+        self.observed = slot;
+        for link in flight.served_links() {
+            let found_bits = self.found_bits(slot, link.sensor);
+            let Some(belief) = self.beliefs.get_mut(link.sensor as usize) else { continue };
+            if let Some(found_bits) = found_bits
+                && belief.contact > 0
+                && belief.contact >= self.whole_since
+                && self.rates == Rates::Learnt
+            {
+                let gap = (slot - 1).saturating_sub(belief.contact);
+                belief.learnt.add(gap, belief.left_bits, found_bits.min(belief.capacity_bits), belief.capacity_bits);
+            }
+            belief.contact = slot;
+            belief.left_bits = queues_bits[link.sensor as usize].min(belief.capacity_bits);
+        }
+    }
+
+    /// What SN `id` held as `slot` began [bit], if it was to be served in it.
+    fn found_bits(&self, slot: u64, id: u32) -> Option<u32> {
+        let (announced_slot, announced) = &self.announced;
+        let found = announced.iter().find(|(announced_id, _)| *announced_id == id)?;
+        (*announced_slot == slot).then_some(found.1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skysink_common::message::{LinkReport, Mode};
+    use skysink_common::scenario::Overrides;
+    use std::path::Path;
+
+    /// Three SNs that sample 2.5, 100 and 0 bit/s into 1 000 bit, with initial queues of 300 bit and rates of 100 bit/s
+    /// in the mean.
+    fn estimate_of(rates: Rates) -> Estimate {
+        let text = "name = 'x'\n[sensors]\nsampling_bps = [50.0, 150.0]\ninitial_queue_mean_bits = [0.0, 600.0]\n";
+        let mut scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
+        scenario.planner.knowledge = Knowledge::Estimated(rates);
+        let sensor = |sampling_bps: f64| SensorNode { sampling_bps, capacity_bits: 1_000, ..SensorNode::default() };
+        Estimate::new(&scenario, &[2.5, 100.0, 0.0].map(sensor)).unwrap()
+    }
+
+    /// A flight that serves these SNs.
+    fn serving(ids: &[u32]) -> FlightReport {
+        let mut report = FlightReport::at(0.0, 0.0, 20.0, Mode::Serve);
+        for (link, &sensor) in report.links.iter_mut().zip(ids) {
+            *link = LinkReport { sensor, ..LinkReport::default() };
+        }
+        report.served = u32::try_from(ids.len()).unwrap();
+        report
+    }
+
+    /// Slot `slot` serves SN 0, which holds `found` [bit] before it and `left` after it.
+    fn contact(estimate: &mut Estimate, slot: u64, found: u32, left: u32) {
+        estimate.announce(slot, &[0], &[found, 0, 0]);
+        estimate.observe(slot, &serving(&[0]), &[left, 0, 0]);
+    }
+
+    /// Slots that serve nobody.
+    fn pass(estimate: &mut Estimate, slots: std::ops::RangeInclusive<u64>) {
+        slots.for_each(|slot| estimate.observe(slot, &serving(&[]), &[7; 3]));
+    }
+
+    #[test]
+    fn a_planner_that_sees_the_queues_estimates_none() {
+        let letter = Scenario::letter(Overrides::default()).unwrap();
+        assert!(Estimate::new(&letter, &[SensorNode::default()]).is_none());
+    }
+
+    #[test]
+    fn before_the_first_contact_the_mean_queue_grows_at_the_rate_up_to_the_storage() {
+        let mut estimate = estimate_of(Rates::Known);
+        assert_eq!(estimate.believe(0), [300, 300, 300]);
+        assert_eq!(estimate.believe(3), [307, 600, 300]); // floor(2.5 · 3) = 7
+        assert_eq!(estimate.believe(8), [320, 1_000, 300]); // 300 + 800 is more than 1 000
+        assert_eq!(estimate.contact(1), None);
+        assert_eq!(estimate_of(Rates::Learnt).believe(3), [600, 600, 600], "of unknown rates the mean");
+    }
+
+    #[test]
+    fn since_a_contact_whole_bits_are_counted_as_the_sensor_node_counts_them() {
+        let mut estimate = estimate_of(Rates::Known);
+        estimate.observe(1, &serving(&[0, 2]), &[40, 999, 60]);
+        // A(1) = 2, A(2) = 5, A(3) = 7, A(4) = 10: what came since slot 1 is 3, 5, 8.
+        assert_eq!(estimate.believe(1), [40, 400, 60], "SN 1 was not asked");
+        assert_eq!([2, 3, 4].map(|slot| estimate.believe(slot)[0]), [43, 45, 48]);
+        assert_eq!((estimate.contact(0), estimate.contact(1)), (Some(1), None));
+        assert_eq!(estimate.believe(5_000), [1_000, 1_000, 60]);
+    }
+
+    #[test]
+    fn a_rate_is_what_came_in_all_gaps_over_how_long_they_were() {
+        let mut estimate = estimate_of(Rates::Learnt);
+        contact(&mut estimate, 1, 500, 100);
+        assert_eq!(estimate.mean_bits(0), 100.0, "one contact tells no rate");
+        pass(&mut estimate, 2..=10);
+        contact(&mut estimate, 11, 280, 0); // 9 slots, 180 bit
+        assert_eq!(estimate.mean_bits(0), 20.0);
+        contact(&mut estimate, 12, 0, 20); // right after a contact: no slot between them, nothing learnt
+        assert_eq!(estimate.mean_bits(0), 20.0);
+        contact(&mut estimate, 14, 50, 0); // 1 slot, 30 bit
+        assert_eq!(estimate.mean_bits(0), 20.0, "slot 13 was left out, so it may have seen a contact");
+        pass(&mut estimate, 15..=15);
+        contact(&mut estimate, 16, 40, 0); // 1 slot, 40 bit
+        assert_eq!(estimate.mean_bits(0), 22.0, "(180 + 40) / (9 + 1)");
+        assert_eq!(estimate.believe(20)[0], 88, "since slot 16");
+        assert_eq!(estimate.mean_bits(1), 100.0, "SN 1 is the prior's");
+    }
+
+    #[test]
+    fn a_gap_that_ended_full_only_raises_a_rate() {
+        let mut estimate = estimate_of(Rates::Learnt);
+        contact(&mut estimate, 1, 0, 100);
+        pass(&mut estimate, 2..=6);
+        contact(&mut estimate, 7, 1_000, 0); // at least 900 bit in 5 slots
+        assert_eq!(estimate.mean_bits(0), 180.0);
+        pass(&mut estimate, 8..=27);
+        contact(&mut estimate, 28, 1_000, 0); // at least 1 000 bit in 20 slots, which says less
+        assert_eq!(estimate.mean_bits(0), 180.0);
+        pass(&mut estimate, 29..=30);
+        contact(&mut estimate, 31, 400, 0); // 2 slots, 400 bit
+        assert_eq!(estimate.mean_bits(0), 200.0);
+        let mut slow = estimate_of(Rates::Learnt);
+        contact(&mut slow, 1, 0, 0);
+        pass(&mut slow, 2..=51);
+        contact(&mut slow, 52, 1_000, 0); // at least 20 a slot, less than the prior
+        assert_eq!(slow.mean_bits(0), 100.0);
+    }
+
+    #[test]
+    fn one_that_does_not_sample_is_believed_not_to() {
+        let mut estimate = estimate_of(Rates::Learnt);
+        contact(&mut estimate, 1, 0, 30);
+        pass(&mut estimate, 2..=9);
+        contact(&mut estimate, 10, 30, 30);
+        assert_eq!((estimate.mean_bits(0), estimate.believe(1_000)[0]), (0.0, 30));
+    }
+
+    #[test]
+    fn what_does_not_belong_here_changes_nothing() {
+        let mut estimate = estimate_of(Rates::Learnt);
+        contact(&mut estimate, 5, 0, 30);
+        let before = estimate.believe(9).to_vec();
+        estimate.observe(5, &serving(&[1]), &[9; 3]); // a slot that is known
+        estimate.observe(4, &serving(&[1]), &[9; 3]);
+        estimate.observe(6, &serving(&[1]), &[9; 2]); // queues of another field
+        estimate.observe(6, &serving(&[3, u32::MAX]), &[9; 3]); // nobody
+        assert_eq!(estimate.believe(9), before);
+        estimate.announce(7, &[0], &[500, 0, 0]);
+        estimate.observe(7, &serving(&[0, 0]), &[2_000, 0, 0]); // twice, and more than the storage
+        assert_eq!((estimate.believe(7)[0], estimate.mean_bits(0)), (1_000, 470.0)); // (500 − 30) / 1
+    }
+}
