@@ -11,6 +11,7 @@ mod canvas;
 pub mod chart;
 pub mod error;
 mod flights;
+mod knowledge;
 pub mod map;
 mod panel;
 mod study;

@@ -1,7 +1,7 @@
 //! `skysink optimize`: the best flight that is known of a mission, beside the loss that no flight avoids.
 //!
-//! The candidates are the plan that a long search finds before take-off (`offline`) and what every strategy flies; the best
-//! is left as a run folder.
+//! The candidates are the plan that a long search finds before take-off (`offline`), knowing the queues, and what every
+//! strategy flies; the best is left as a run folder.
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -99,7 +99,7 @@ pub fn optimize(job: &Optimization, stop: &Stop) -> Result<(RunFolder, Summary, 
         Budget::Steps(steps) => steps,
         Budget::Time(time) => steps_in(time, offline, &list),
     };
-    let offline = offline.clone().with_offline_steps(steps);
+    let offline = offline.clone().with_oracle().with_offline_steps(steps);
     let (searched, rivals) = std::thread::scope(|scope| {
         let rivals = job.scenarios.iter().filter(|scenario| !is_offline(scenario));
         let rivals = scope.spawn(|| rivals.map(|scenario| standing(scenario, None, &list, stop)).collect());
@@ -132,7 +132,7 @@ pub fn optimize(job: &Optimization, stop: &Stop) -> Result<(RunFolder, Summary, 
 
 /// About as many steps as this machine takes in `time`, by a trial, which is part of it.
 fn steps_in(time: Duration, offline: &Scenario, list: &SensorList) -> u64 {
-    let trial = offline.clone().with_offline_steps(TRIAL_STEPS);
+    let trial = offline.clone().with_oracle().with_offline_steps(TRIAL_STEPS);
     let begin = Instant::now();
     let mut planner = Planner::new(&trial, &list.nodes(trial.sensors.capacity_bits));
     planner.prepare(&list.queues_bits(), &mut |_| ControlFlow::Continue(()));

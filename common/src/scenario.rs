@@ -318,6 +318,14 @@ impl Scenario {
         self
     }
 
+    /// The same with a planner that sees all queues.
+    #[must_use]
+    pub fn with_oracle(mut self) -> Self {
+        self.planner.knowledge = Knowledge::Oracle;
+        (self.resolved.planner.knowledge, self.resolved.planner.rates) = (raw::Knowledge::Oracle, raw::Rates::Known);
+        self
+    }
+
     /// The scenario as a file, every key present.
     #[must_use]
     pub fn to_toml(&self) -> String {

@@ -31,13 +31,8 @@ pub enum MemoryError {
     },
 }
 
-/// Starts the memory of `strategy`, which believes nothing, after it has planned `slot`.
-pub(crate) fn begin(bytes: &mut Vec<u8>, strategy: Strategy, slot: u64) {
-    begin_with(bytes, strategy, slot, None);
-}
-
 /// Starts the memory of `strategy`, with what it believes of the queues, after it has planned `slot`.
-pub(crate) fn begin_with(bytes: &mut Vec<u8>, strategy: Strategy, slot: u64, estimate: Option<&Estimate>) {
+pub(crate) fn begin(bytes: &mut Vec<u8>, strategy: Strategy, slot: u64, estimate: Option<&Estimate>) {
     bytes.clear();
     bytes.extend([VERSION, code(strategy), belief_code(estimate)]);
     bytes.extend(slot.to_le_bytes());
@@ -93,12 +88,8 @@ impl<'a> Reader<'a> {
         if found == slot { Ok(reader) } else { Err(MemoryError::OtherSlot { found, expected: slot }) }
     }
 
-    /// What it says that a planner believes; `estimate` is what that one believed before. A memory of before slot 1, such
-    /// as that of an optimised plan, may leave it out.
+    /// What it says that a planner believes; `estimate` is what that one believed before.
     pub fn estimate(&mut self, estimate: Option<&Estimate>) -> Result<Option<Estimate>, MemoryError> {
-        if self.beliefs == 0 && (estimate.is_none() || self.slot == 0) {
-            return Ok(estimate.cloned());
-        }
         if self.beliefs != belief_code(estimate) {
             return Err(self.malformed());
         }
@@ -161,7 +152,7 @@ mod tests {
     #[test]
     fn a_memory_of_another_slot_strategy_or_version_is_refused() {
         let mut bytes = Vec::new();
-        begin(&mut bytes, Strategy::Tour, 7);
+        begin(&mut bytes, Strategy::Tour, 7, None);
         assert!(Reader::new(&bytes, Strategy::Tour, 7).is_ok());
         let error = Reader::new(&bytes, Strategy::Tour, 8).err().unwrap();
         assert_eq!(error.to_string(), "planner memory of slot 7: expected slot 8");
@@ -176,7 +167,7 @@ mod tests {
     #[test]
     fn numbers_out_of_their_range_and_half_numbers_are_refused() {
         let mut bytes = Vec::new();
-        begin(&mut bytes, Strategy::Tour, 7);
+        begin(&mut bytes, Strategy::Tour, 7, None);
         bytes.extend(5u32.to_le_bytes());
         assert_eq!(Reader::new(&bytes, Strategy::Tour, 7).unwrap().number(5), Ok(5));
         assert!(Reader::new(&bytes, Strategy::Tour, 7).unwrap().number(4).is_err());

@@ -21,7 +21,7 @@ use crate::exact::ExactSearch;
 use crate::field::Field;
 use crate::horizon::PATH;
 use crate::horizon::optimize::Progress;
-use crate::memory::{MemoryError, Reader, begin_with};
+use crate::memory::{MemoryError, Reader, begin};
 use crate::search::{Reach, Search};
 use crate::spatial_solver::{SpatialSolver, SpatialWaypoint};
 use crate::strategy::{greedy_waypoint, random_waypoint, serve_fullest, transit_waypoint};
@@ -171,7 +171,7 @@ impl Planner {
     /// Puts down what the next slot has to know.
     fn remember(&mut self, slot: u64) {
         if self.scenario.planner.remembers() {
-            begin_with(&mut self.memory, self.scenario.planner.strategy, slot, self.estimate.as_deref());
+            begin(&mut self.memory, self.scenario.planner.strategy, slot, self.estimate.as_deref());
             self.carried.remember(&mut self.memory);
         }
     }

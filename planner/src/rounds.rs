@@ -225,10 +225,10 @@ mod tests {
     fn a_memory_of_another_field_is_refused() {
         let (field, mut rounds) = rounds(Strategy::Tour, &[[50.0, 90.0], [90.0, 90.0]]);
         let mut bytes = Vec::new();
-        memory::begin(&mut bytes, Strategy::Tour, 3);
+        memory::begin(&mut bytes, Strategy::Tour, 3, None);
         bytes.extend(2u32.to_le_bytes());
         assert!(rounds.recall(Reader::new(&bytes, Strategy::Tour, 3).unwrap()).is_err());
-        memory::begin(&mut bytes, Strategy::MaxAgeFirst, 3);
+        memory::begin(&mut bytes, Strategy::MaxAgeFirst, 3, None);
         bytes.extend([0; 12]);
         assert!(Ages::new(&field).recall(Reader::new(&bytes, Strategy::MaxAgeFirst, 3).unwrap()).is_err());
     }

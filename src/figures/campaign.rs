@@ -9,6 +9,7 @@ use skysink_common::node::Stop;
 
 use super::altitude;
 use super::flights::map_sheet;
+use super::knowledge;
 use super::study::STUDIES;
 use super::{Chart, Point, Scale};
 use crate::error::Error;
@@ -110,6 +111,7 @@ pub fn draw(choice: &Choice, stop: &Stop) -> Result<Vec<PathBuf>, Error> {
     for study in &STUDIES {
         stems.extend(study.draw(&campaign, &mut tables)?);
     }
+    stems.push(knowledge::draw(&campaign, &mut tables)?);
     stems.extend(altitude::draw(&campaign, &mut tables)?);
     for (name, change) in MAPS {
         let stem = choice.out.join(name);

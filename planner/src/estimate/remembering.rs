@@ -87,7 +87,7 @@ fn length(length: usize) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::memory::begin_with;
+    use crate::memory::begin;
     use skysink_common::message::{FlightReport, LinkReport, Mode, SensorNode};
     use skysink_common::scenario::{Knowledge, Overrides, Rates, Scenario, Strategy};
 
@@ -118,7 +118,7 @@ mod tests {
 
     fn memory_of(estimate: &Estimate) -> Vec<u8> {
         let mut bytes = Vec::new();
-        begin_with(&mut bytes, Strategy::Uts, 41, Some(estimate));
+        begin(&mut bytes, Strategy::Uts, 41, Some(estimate));
         bytes
     }
 
@@ -157,12 +157,9 @@ mod tests {
         assert!(recall(&known, &memory_of(&learnt)).is_err());
         assert!(recall(&learnt, &memory_of(&known)).is_err());
         let mut none = Vec::new();
-        begin_with(&mut none, Strategy::Uts, 41, None);
+        begin(&mut none, Strategy::Uts, 41, None);
         assert!(recall(&known, &none).is_err(), "something was believed after slot 41");
         assert!(Reader::new(&memory_of(&known), Strategy::Uts, 41).unwrap().estimate(None).is_err());
-        begin_with(&mut none, Strategy::Uts, 0, None);
-        let mut memory = Reader::new(&none, Strategy::Uts, 0).unwrap();
-        assert!(memory.estimate(Some(&known)).unwrap().is_some(), "before slot 1 there is nothing to believe");
     }
 
     #[test]
