@@ -79,6 +79,12 @@ impl Mission {
         self.field.delivered_bits()
     }
 
+    /// Where the last plan leads, its own waypoint first [m]: more than one point for strategies that know.
+    #[must_use]
+    pub fn path(&self) -> &[[f64; 3]] {
+        self.planner.path()
+    }
+
     /// The last flight; before slot 1 the UAV at its start.
     #[must_use]
     pub fn last_flight(&self) -> &FlightReport {

@@ -101,14 +101,17 @@ impl Recording {
     }
 
     fn log(&mut self, mission: &Mission, turn: Option<&Turn>) -> Result<(), Error> {
+        use skysink_common::path::PathPoint;
         let Some(scene) = &mut self.scene else { return Ok(()) };
         let header = turn.map_or_else(|| mission.header(SlotBits::default()), |turn| turn.header);
         let plan = turn.map(|turn| skysink_common::message::Plan { plan_ns: 0, ..turn.plan });
+        let path: Vec<PathPoint> = mission.path().iter().copied().map(PathPoint::from).collect();
         scene.log_slot(&skysink_viewer::SlotView {
             slot: header.head.slot,
             queues_bits: mission.queues_bits(),
             header: &header,
             plan: plan.as_ref(),
+            path: &path,
             flight: mission.last_flight(),
             slots_per_s: None,
             plan_ms: None,

@@ -8,6 +8,9 @@ mod intruder;
 mod messages;
 #[path = "hostile/modes.rs"]
 mod modes;
+#[cfg(feature = "viewer")]
+#[path = "hostile/paths.rs"]
+mod paths;
 #[path = "hostile/places.rs"]
 mod places;
 #[path = "hostile/plans.rs"]

@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::sync::Barrier;
 use std::thread;
 use std::time::Duration;
 
@@ -11,12 +12,15 @@ use skysink::record::RunFolder;
 use skysink::recorder::Recorder;
 use skysink::summary::Tally;
 use skysink::watch::{Alarm, ViewerState};
-use skysink_common::node::{NodeError, Stop};
+use skysink_common::message::Plan;
+use skysink_common::node::{NodeError, Role, Stop};
 use skysink_common::pace::Pace;
+use skysink_common::path::PathPoint;
 use skysink_common::ring::Ring;
 use skysink_common::ring_folder::RingFolder;
 use skysink_common::scenario::{Overrides, Scenario, Strategy};
 use skysink_common::sensors::SensorList;
+use skysink_common::topic::{PATH_BUFFER, VIEWER_BUFFER};
 use skysink_common::waiting::Waiting;
 use skysink_field_sim::SlotBits;
 
@@ -87,6 +91,83 @@ fn local_and_ipc_nodes_leave_the_trace_of_the_plain_calls() {
             assert_eq!(flown, trace, "{strategy:?}, {wait}");
             let flown = ring::<ipc::Service>(&scenario, wait, &name("ipc"), [0, 1, 2]);
             assert_eq!(flown, trace, "{strategy:?}, {wait}");
+        }
+    }
+}
+
+/// What somebody who only looks on sees: the plans, and the paths that are there when their plans are.
+type Seen = Vec<(Plan, Option<Vec<PathPoint>>)>;
+
+/// Looks on at a ring of threads from before they start.
+fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
+    let list = SensorList::of(scenario).unwrap();
+    let folder = RunFolder::create(Some(out), false, scenario, &list).unwrap();
+    let meeting = RingFolder::create(Pace::Max, Waiting::Event, 60.0, false).unwrap();
+    let ring = Ring::<S>::create(&meeting, scenario).unwrap();
+    let stop = Stop::default();
+    let mut recorder = Recorder::new(&ring, scenario.slot_s, Alarm::default(), &stop).unwrap();
+    let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(scenario, &list));
+    let nodes: [Node; 3] =
+        [skysink_field_sim::node::run::<S>, skysink_flight_sim::node::run::<S>, skysink_planner::node::run::<S>];
+    let there = Barrier::new(2);
+    thread::scope(|scope| {
+        let spectator = scope.spawn(|| {
+            let folder = RingFolder::open(meeting.path()).unwrap();
+            let claim = folder.claim(Role::Viewer).unwrap();
+            let ring = Ring::<S>::open(&folder, scenario, Role::Viewer, &claim).unwrap();
+            let mut patience = ring.patience(&folder, Some(claim), &stop).unwrap();
+            let mut paths = ring.path.reader(PATH_BUFFER).unwrap();
+            let mut plans = ring.plan.reader(VIEWER_BUFFER).unwrap();
+            there.wait();
+            let see = |slot| {
+                let plan = plans.wait(&mut patience, slot, || Ok::<_, NodeError>(())).unwrap();
+                let path = paths.take(slot).unwrap();
+                (*plan.payload(), path.map(|path| path.payload().to_vec()))
+            };
+            (1..=scenario.slots).map(see).collect()
+        });
+        there.wait();
+        let threads = nodes.map(|node| {
+            let (stop, path) = (stop.clone(), meeting.path());
+            scope.spawn(move || node(scenario, &RingFolder::open(path)?, &stop))
+        });
+        let mut patience = ring.patience(&meeting, None, &stop).unwrap();
+        recorder.record(scenario.slots, &mut patience, &mut log, &mut tally, |_| Ok(ViewerState::There)).unwrap();
+        recorder.release(scenario.slots, log.hash()).unwrap();
+        for thread in threads {
+            thread.join().unwrap().unwrap();
+        }
+        spectator.join().unwrap()
+    })
+}
+
+#[test]
+fn a_planner_that_looks_ahead_publishes_its_path_before_its_plan_and_the_others_publish_none() {
+    let out = tempfile::tempdir().unwrap();
+    for strategy in Strategy::ALL {
+        let mut scenario = smoke(strategy, 3);
+        scenario.planner.horizon_iterations = 200;
+        let list = SensorList::of(&scenario).unwrap();
+        let mut mission = Mission::new(&scenario, &list);
+        let fly = || {
+            let plan = mission.turn().unwrap()?.plan;
+            let path: Vec<_> = mission.path().iter().copied().map(PathPoint::from).collect();
+            Some((plan, Some(path).filter(|path| path.len() > 1)))
+        };
+        let expected: Seen = std::iter::from_fn(fly).collect();
+        let local = seen::<local::Service>(&scenario, &out.path().join(format!("local-{strategy:?}")));
+        let ipc = seen::<ipc::Service>(&scenario, &out.path().join(format!("ipc-{strategy:?}")));
+        for seen in [local, ipc] {
+            assert_eq!(seen.len(), 60);
+            for ((plan, path), (good, leads)) in seen.iter().zip(&expected) {
+                assert_eq!(path, leads, "{strategy:?}, {plan:?}");
+                let Some(first) = path.as_ref().map(|path| path[0]) else { continue };
+                assert_eq!((first.x_m, first.y_m, first.z_m), (plan.x_m, plan.y_m, plan.z_m), "{strategy:?}");
+                assert_eq!((first.x_m, first.y_m, first.z_m), (good.x_m, good.y_m, good.z_m), "{strategy:?}");
+            }
+            let paths = seen.iter().filter(|(_, path)| path.is_some()).count();
+            assert_eq!(paths > 40, strategy == Strategy::Horizon, "{strategy:?}: {paths} paths");
+            assert_eq!(paths > 0, strategy.has_path(), "{strategy:?}: {paths} paths");
         }
     }
 }

@@ -4,7 +4,7 @@
 mod support;
 
 use rustix::process::{Pid, Signal, kill_process};
-use support::{Place, end, lines, slots, until};
+use support::{Place, end, lines, rows, slots, until};
 
 const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
 
@@ -15,6 +15,57 @@ fn a_lock_step_recording_holds_every_slot() {
     for entity in ["/world/uav", "/metrics/loss_rate", "/world/links"] {
         assert_eq!(slots(&place.path("run/mission.rrd"), entity), (0..=60).collect(), "{entity}");
     }
+}
+
+/// What is recorded of the planned path.
+const PATH: [&str; 4] = ["/world/path", "/world/path/stops", "/world/path_track", "/world/path_track/stops"];
+
+/// The smoke test, so long and flown by a planner that looks ahead.
+fn write_ahead(place: &Place, slots: u64) {
+    let smoke = std::fs::read_to_string(SMOKE).unwrap().replace("slots = 60", &format!("slots = {slots}"));
+    let smoke = smoke.replace("max_speed_mps", &format!("endurance_s = {slots}.0\nmax_speed_mps"));
+    place.write("ahead.toml", &(smoke + "[planner]\nstrategy = \"horizon\"\nhorizon_iterations = 200\n"));
+}
+
+#[test]
+fn the_planned_path_is_recorded_alike_by_a_ring_and_by_one_process() {
+    let place = Place::new();
+    write_ahead(&place, 60);
+    place.run_well(&["simulate", "ahead.toml", "--record", "--out", "alone"]);
+    place.run_well(&["run", "ahead.toml", "--out", "ring"]);
+    for entity in PATH {
+        let [alone, ring] = ["alone", "ring"].map(|run| rows(&place.path(&format!("{run}/mission.rrd")), entity));
+        assert_eq!(alone.keys().copied().collect::<Vec<_>>(), (1..=60).collect::<Vec<_>>(), "{entity}");
+        let drawn = alone.values().filter(|row| row.contains("PrimitiveArray<Float32>\n[\n  ")).count();
+        assert!(drawn > 40, "{entity}: {drawn}");
+        assert!(alone == ring, "{entity}");
+    }
+    place.run_well(&["run", "ahead.toml", "--strategy", "uts", "--out", "uts"]);
+    assert_eq!(rows(&place.path("uts/mission.rrd"), "/world/path").len(), 0);
+    assert_eq!(slots(&place.path("uts/mission.rrd"), "/world/plan"), (0..=60).collect());
+}
+
+#[test]
+fn the_planned_path_is_that_of_the_undisturbed_mission_whenever_the_planner_is_killed() {
+    let place = Place::new();
+    write_ahead(&place, 400);
+    place.run_well(&["simulate", "ahead.toml", "--record", "--out", "alone"]);
+    let run = place.skysink(&["run", "ahead.toml", "--out", "run"]).spawn().unwrap();
+    for flown in [20, 80, 150, 220, 300] {
+        until("slot", || (lines(&place.path("run/slots.csv")) > flown).then_some(()));
+        let ring = place.rings().into_iter().next().expect("a ring under way");
+        kill_process(place.worker("planner", &ring), Signal::KILL).unwrap();
+    }
+    let ended = end(run);
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert_eq!(place.summary("run")["restarts"], 5, "{ended:?}");
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    for entity in PATH {
+        let [alone, run] = ["alone", "run"].map(|run| rows(&place.path(&format!("{run}/mission.rrd")), entity));
+        let others: Vec<_> = (0..=400).filter(|slot| alone.get(slot) != run.get(slot)).collect();
+        assert!(others.is_empty(), "{entity} of {others:?}");
+    }
+    place.assert_clean();
 }
 
 /// Starts a run with a viewer, and stops the viewer in it.

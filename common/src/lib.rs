@@ -16,6 +16,7 @@ pub mod los;
 pub mod message;
 pub mod node;
 pub mod pace;
+pub mod path;
 pub mod random;
 pub mod reader;
 pub mod refusals;

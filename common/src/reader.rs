@@ -176,6 +176,17 @@ where
         Ok(())
     }
 
+    /// Whether somebody has a place to write the topic.
+    #[must_use]
+    pub fn has_writer(&self) -> bool {
+        self.door.data.dynamic_config().number_of_publishers() > 0
+    }
+
+    /// Counts a message of `slot` that was let in and then refused for what it says.
+    pub fn refuse(&self, slot: u64, refusal: Refusal) {
+        self.door.refusals.add(self.name, slot, refusal, 1);
+    }
+
     /// The message of `slot`, if it has arrived. Peers cannot be far ahead of it.
     ///
     /// # Errors

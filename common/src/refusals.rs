@@ -23,10 +23,12 @@ pub enum Refusal {
     Waypoint,
     /// A plan names a sensor node that is out of range, unknown, named before, or beyond the resource blocks.
     Sensor,
+    /// A path has no point, more than there is room for, or one that is no number or outside the area.
+    Path,
 }
 
 /// Number of kinds.
-const KINDS: usize = 7;
+const KINDS: usize = 8;
 
 impl fmt::Display for Refusal {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -38,6 +40,7 @@ impl fmt::Display for Refusal {
             Self::Length => "expected a queue for each SN",
             Self::Waypoint => "waypoint not finite, out of reach, or outside the area: the UAV holds",
             Self::Sensor => "SN out of range, unknown, named twice, or beyond the resource blocks",
+            Self::Path => "expected 1 to 64 points, finite and in the area",
         })
     }
 }

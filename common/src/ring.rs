@@ -18,8 +18,8 @@ use crate::refusals::Refusals;
 use crate::ring_folder::{RingFolder, Terms};
 use crate::scenario::Scenario;
 use crate::topic::{
-    COMMIT, CommitTopic, FLIGHT, FlightTopic, HEALTH, HealthTopic, Member, PLAN, PlanTopic, QUEUES, QueuesTopic,
-    RING_BUFFER, SENSORS, SensorsTopic, Topic, VIEWER_BUFFER,
+    COMMIT, CommitTopic, FLIGHT, FlightTopic, HEALTH, HealthTopic, Member, PATH, PATH_BUFFER, PLAN, PathTopic,
+    PlanTopic, QUEUES, QueuesTopic, RING_BUFFER, SENSORS, SensorsTopic, Topic, VIEWER_BUFFER,
 };
 
 /// Version of the messages and of what they mean; processes of different versions do not meet.
@@ -103,6 +103,8 @@ pub struct Ring<S: Service + 'static> {
     pub queues: QueuesTopic<S>,
     /// The plan of each slot.
     pub plan: PlanTopic<S>,
+    /// Where the plan leads, of planners that know.
+    pub path: PathTopic<S>,
     /// The flight of each slot.
     pub flight: FlightTopic<S>,
     /// The slots on record.
@@ -132,6 +134,7 @@ impl<S: Service + 'static> Ring<S> {
             sensors: Topic::create_list(&node, &member, SENSORS, RING_BUFFER, &agreed)?,
             queues: Topic::create_list(&node, &member, QUEUES, VIEWER_BUFFER, &agreed)?,
             plan: Topic::create(&node, &member, PLAN, VIEWER_BUFFER, &agreed)?,
+            path: Topic::create_list(&node, &member, PATH, PATH_BUFFER, &agreed)?,
             flight: Topic::create(&node, &member, FLIGHT, VIEWER_BUFFER, &agreed)?,
             commit: Topic::create(&node, &member, COMMIT, RING_BUFFER, &agreed)?,
             health: Topic::create(&node, &member, HEALTH, VIEWER_BUFFER, &agreed)?,
@@ -148,9 +151,10 @@ impl<S: Service + 'static> Ring<S> {
     pub fn open(folder: &RingFolder, scenario: &Scenario, role: Role, claim: &Claim) -> Result<Self, RingError> {
         let terms = folder.terms();
         let node = node::<S>(folder, role)?;
-        // The ring's own processes say what they refuse; the viewer only looks on.
+        // The ring's own processes say what they refuse; the viewer only looks on, but nobody else reads paths.
         let speaker = Some(role).filter(|&role| role != Role::Viewer);
         let member = Member { mission: terms.mission, refusals: Refusals::new(speaker) };
+        let only_reader = Member { refusals: Refusals::new(Some(role)), ..member };
         let sensors = Topic::open_list(&node, &member, SENSORS)?;
         agree(folder, sensors.terms(), scenario)?;
         Ok(Self {
@@ -158,6 +162,7 @@ impl<S: Service + 'static> Ring<S> {
             sensors,
             queues: Topic::open_list(&node, &member, QUEUES)?,
             plan: Topic::open(&node, &member, PLAN)?,
+            path: Topic::open_list(&node, &only_reader, PATH)?,
             flight: Topic::open(&node, &member, FLIGHT)?,
             commit: Topic::open(&node, &member, COMMIT)?,
             health: Topic::open(&node, &member, HEALTH)?,

@@ -17,6 +17,7 @@ use crate::health::Health;
 use crate::message::{Commit, FlightReport, Plan, QueuesHeader, SensorNode, SlotHeader};
 use crate::node::{Role, Stop};
 use crate::pace::Pace;
+use crate::path::PathPoint;
 use crate::reader::{Door, MAX_EARLY, Reader};
 use crate::refusals::Refusals;
 use crate::ring::RingError;
@@ -27,6 +28,10 @@ pub const RING_BUFFER: usize = 4;
 
 /// Samples that wait for the viewer or the recorder. Memory that is not used costs nothing.
 pub const VIEWER_BUFFER: usize = 64;
+
+/// The same of `path`. Its writer waits for nobody; where it waits for the viewer with the plan of a slot, none of the
+/// paths before is missing, those that it repeats after a restart included.
+pub const PATH_BUFFER: usize = 2 * VIEWER_BUFFER;
 
 /// Samples that a late joiner still gets: slot 1 may be flown before the last process has seen the state before it.
 const HISTORY: usize = 2;
@@ -74,6 +79,7 @@ pub(crate) type Name = (&'static str, Role);
 pub(crate) const SENSORS: Name = ("sensors", Role::FieldSim);
 pub(crate) const QUEUES: Name = ("queues", Role::FieldSim);
 pub(crate) const PLAN: Name = ("plan", Role::Planner);
+pub(crate) const PATH: Name = ("path", Role::Planner);
 pub(crate) const FLIGHT: Name = ("flight", Role::FlightSim);
 pub(crate) const COMMIT: Name = ("commit", Role::Launcher);
 pub(crate) const HEALTH: Name = ("health", Role::Launcher);
@@ -104,6 +110,8 @@ pub type SensorsTopic<S> = Topic<S, [SensorNode], SlotHeader>;
 pub type QueuesTopic<S> = Topic<S, [u32], QueuesHeader>;
 /// `plan`: whom to serve and where to fly.
 pub type PlanTopic<S> = Topic<S, Plan, SlotHeader>;
+/// `path`: where the plan leads after the slot.
+pub type PathTopic<S> = Topic<S, [PathPoint], SlotHeader>;
 /// `flight`: where the UAV is, and what its links can carry.
 pub type FlightTopic<S> = Topic<S, FlightReport, SlotHeader>;
 /// `commit`: the slot is on record.

@@ -6,6 +6,7 @@ mod flight_message;
 mod health_message;
 mod journal;
 mod mission;
+mod path_message;
 mod place;
 mod plan_message;
 mod planner_memory;
@@ -22,6 +23,7 @@ pub use flight_message::flight_message;
 pub use health_message::health_message;
 pub use journal::journal;
 pub use mission::mission;
+pub use path_message::path_message;
 pub use plan_message::plan_message;
 pub use planner_memory::planner_memory;
 pub use planner_message::planner_message;
@@ -51,7 +53,7 @@ pub enum Input {
 }
 
 /// All of them.
-pub const TARGETS: [Target; 13] = [
+pub const TARGETS: [Target; 14] = [
     Target { name: "scenario", check: scenario, input: Input::Text },
     Target { name: "sensors", check: sensors, input: Input::Text },
     Target { name: "mission", check: mission, input: Input::Text },
@@ -65,6 +67,7 @@ pub const TARGETS: [Target; 13] = [
     Target { name: "flight_message", check: flight_message, input: Input::Binary },
     Target { name: "planner_message", check: planner_message, input: Input::Binary },
     Target { name: "health_message", check: health_message, input: Input::Binary },
+    Target { name: "path_message", check: path_message, input: Input::Binary },
 ];
 
 impl Target {

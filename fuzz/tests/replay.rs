@@ -33,11 +33,12 @@ nothing_is_wrong_with! {
     journal: 20_000,
     field_journal: 3_000,
     flight_journal: 10_000,
-    planner_memory: 3_000,
+    planner_memory: 2_000,
     plan_message: 20_000,
     flight_message: 20_000,
     planner_message: 20_000,
     health_message: 20_000,
+    path_message: 20_000,
 }
 
 #[test]

@@ -23,6 +23,7 @@ use std::ops::ControlFlow;
 
 use skysink_common::geometry::Position;
 use skysink_common::message::SensorNode;
+use skysink_common::path::MAX_POINTS;
 use skysink_common::random::{Purpose, Streams};
 use skysink_common::scenario::{Scenario, Strategy};
 
@@ -44,7 +45,7 @@ const MOST_OFFLINE_SLOTS: u64 = 10_000;
 const LEAST_MEAN_BITS: f64 = 1e-3;
 
 /// Most waypoints of the planned path.
-pub(crate) const PATH: usize = 64;
+pub(crate) const PATH: usize = MAX_POINTS;
 
 /// Hottest search: the loss accepted with chance 1/e, as a share of what the average stop loses beyond the bound.
 const HOTTEST: f64 = 1.0;

@@ -6,12 +6,14 @@ use iceoryx2::prelude::Service;
 use skysink_common::message::{FLAG_END, FLAG_TICK, QueuesHeader, SlotHeader};
 use skysink_common::node::{NodeError, Role, Stop};
 use skysink_common::pace::Pace;
+use skysink_common::path::{MAX_POINTS, PathPoint};
 use skysink_common::reader::Found;
 use skysink_common::refusals::Refusal;
 use skysink_common::ring::{Ring, RingError};
 use skysink_common::ring_folder::RingFolder;
 use skysink_common::scenario::Scenario;
 use skysink_common::topic::{Full, RING_BUFFER};
+use skysink_common::writer::Writer;
 
 use crate::planner::Planner;
 use crate::recollection::Recollection;
@@ -24,11 +26,17 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let claim = folder.claim(Role::Planner)?;
     let ring = Ring::<S>::open(folder, scenario, Role::Planner, &claim)?;
     let mut patience = ring.patience(folder, Some(claim), stop)?;
+    // Before the plans, so that whoever has a plan finds the writer of its path.
+    let path_writer = || ring.path.list_writer(MAX_POINTS, Full::Miss, stop, ring.timeout());
+    let paths = scenario.planner.strategy.has_path().then(path_writer).transpose()?;
     let plans = ring.plan.writer(Full::of(ring.terms.pace), stop, ring.timeout())?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let mut queues = ring.queues.reader(RING_BUFFER)?;
     let mut flights = ring.flight.reader(RING_BUFFER)?;
-    let serve_joiners = || -> Result<(), NodeError> { Ok(plans.serve_joiners()?) };
+    let serve_joiners = || -> Result<(), NodeError> {
+        plans.serve_joiners()?;
+        Ok(paths.as_ref().map_or(Ok(()), Writer::serve_joiners)?)
+    };
 
     let nodes = sensors.wait_for(&mut patience, 0, |_| true, serve_joiners)?;
     let mut planner = Planner::new(scenario, nodes.payload());
@@ -75,6 +83,10 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         let mut plan = planner.step(next, &flight.position(), flight.z_m, state.payload());
         plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
         recollection.after(next, &planner).map_err(RingError::from)?;
+        if let (Some(paths), [_, _, ..]) = (&paths, planner.path()) {
+            let path: Vec<_> = planner.path().iter().copied().map(PathPoint::from).collect();
+            paths.send_list(ring.header(next, 0), &path)?; // whoever has the plan then has the path
+        }
         plans.send(ring.header(next, 0), plan)?;
     }
 }

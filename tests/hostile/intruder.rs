@@ -44,6 +44,16 @@ impl Intruder {
         let service = self.0.service_builder(&Self::name(topic)).publish_subscribe::<P>().user_header::<H>();
         service.open().unwrap().subscriber_builder().buffer_size(1).create().unwrap()
     }
+
+    /// The same for lists.
+    #[cfg(feature = "viewer")]
+    pub fn list_reader<T: Debug + Copy + ZeroCopySend, H: Header>(
+        &self,
+        topic: &str,
+    ) -> Subscriber<ipc::Service, [T], H> {
+        let service = self.0.service_builder(&Self::name(topic)).publish_subscribe::<[T]>().user_header::<H>();
+        service.open().unwrap().subscriber_builder().buffer_size(1).create().unwrap()
+    }
 }
 
 /// Sends without a wake-up.

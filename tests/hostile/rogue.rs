@@ -49,8 +49,8 @@ pub fn begin(place: &Place, scenario: &str, arguments: &[&str]) -> (Child, Strin
     (child.unwrap(), ring)
 }
 
-/// The services of a ring: six topics, and the wake-ups of each.
-const SERVICES: usize = 12;
+/// The services of a ring: seven topics, and the wake-ups of each.
+const SERVICES: usize = 14;
 
 /// How long the processes of a run wait that is to end well [s].
 pub const LONG_S: &str = "60";

@@ -1,7 +1,7 @@
 //! What the tests of the executables share: a place of their own, and no waiting for ever.
 #![allow(dead_code)] // each test program uses its part
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
@@ -177,18 +177,29 @@ fn process(executable: &str, argument: &str) -> Option<rustix::process::Pid> {
 
 /// The slots in which a recording holds the entity.
 pub fn slots(recording: &Path, entity: &str) -> BTreeSet<i64> {
+    rows(recording, entity).into_keys().collect()
+}
+
+/// What a recording holds of the entity in each slot, written out.
+pub fn rows(recording: &Path, entity: &str) -> BTreeMap<i64, String> {
     let mut config = rerun::ChunkStoreConfig::DEFAULT;
     config.enable_changelog = false;
     let stores = rerun::ChunkStore::from_rrd_reader(&config, &mut File::open(recording).unwrap()).unwrap();
     let timeline = rerun::TimelineName::try_new("slot").unwrap();
-    let mut slots = BTreeSet::new();
+    let mut rows = BTreeMap::<_, String>::new();
     for (_, store) in stores.into_iter().filter(|(id, _)| id.is_recording()) {
         for chunk in
             store.iter_physical_chunks().filter(|chunk| chunk.entity_path() == &rerun::EntityPath::from(entity))
         {
-            let times = chunk.timelines().get(&timeline);
-            slots.extend(times.into_iter().flat_map(|times| times.times_raw().to_vec()));
+            let Some(times) = chunk.timelines().get(&timeline) else { continue };
+            for (row, &slot) in times.times_raw().iter().enumerate() {
+                let values = rows.entry(slot).or_default();
+                for component in chunk.components_identifiers() {
+                    let column = chunk.components().get_array(component).unwrap();
+                    values.push_str(&format!("{component}: {:?}\n", column.value(row)));
+                }
+            }
         }
     }
-    slots
+    rows
 }

@@ -13,7 +13,7 @@ use crate::layout::{Class, Layout, Tile};
 use crate::los::{self, profile};
 use crate::scene::Timing;
 use crate::sizes::Sizes;
-use crate::{curves, events, legend, links, queues, uav};
+use crate::{curves, events, legend, links, path, queues, uav};
 
 /// Slots per second at which a viewer plays a file.
 const SLOTS_PER_S: f64 = 10.0;
@@ -43,15 +43,21 @@ fn omit(entity: &str) -> String {
     format!("- /{entity}")
 }
 
+/// Leaves out an entity and all below it.
+fn omit_all(entity: &str) -> String {
+    omit(&format!("{entity}/**"))
+}
+
 /// The 3D scene, seen in three ways; in a fourth where line of sight is a matter of chance.
 fn scenes(layout: &mut Layout, sizes: &Sizes, scenario: &Scenario) -> RecordingStreamResult<Tile> {
     let slot_s = scenario.slot_s;
-    let field = [world(), omit(uav::TRACK)];
+    let field = [world(), omit(uav::TRACK), omit_all(path::TRACK)];
     let field = layout.view(Class::Scene, "Field (3D)", queues::WORLD, &field)?;
     layout.show_past(field, uav::TRAIL, Some(15), slot_s)?;
-    let top = layout.view(Class::Scene, "Top view", queues::WORLD, &[world(), omit(uav::TRAIL)])?;
+    let top =
+        layout.view(Class::Scene, "Top view", queues::WORLD, &[world(), omit(uav::TRAIL), omit_all(path::PATH)])?;
     layout.show_past(top, uav::TRACK, None, slot_s)?;
-    let chase = [world(), omit(uav::TRACK), omit(uav::DOT), omit(legend::CORNERS)];
+    let chase = [world(), omit(uav::TRACK), omit(uav::DOT), omit(legend::CORNERS), omit_all(path::TRACK)];
     let chase = layout.view(Class::Scene, "Chase", uav::UAV, &chase)?;
     layout.show_past(chase, uav::TRAIL, Some(10), slot_s)?;
     for (view, camera) in [(field, overview(sizes)), (top, above(sizes)), (chase, beside_uav(sizes))] {
@@ -81,7 +87,7 @@ fn film(layout: &Layout, view: Tile, camera: &EyeControls3D) -> RecordingStreamR
 fn line_of_sight(layout: &mut Layout, sizes: &Sizes, slot_s: f64) -> RecordingStreamResult<Tile> {
     let space = select(&format!("{}/**", los::SPACE));
     let hidden = [uav::TRACK, uav::DOT, links::CANDIDATES, links::CHOSEN, legend::CORNERS].map(omit);
-    let contents: Vec<_> = [world(), space].into_iter().chain(hidden).collect();
+    let contents: Vec<_> = [world(), space, omit_all(path::TRACK)].into_iter().chain(hidden).collect();
     let room = layout.view(Class::Scene, "Chance of sight around the UAV", uav::COVERAGE, &contents)?;
     layout.show_past(room, uav::TRAIL, Some(30), slot_s)?;
     film(layout, room, &around_uav(sizes))?;

@@ -28,6 +28,10 @@ pub const TRAIL: Rgb = [74, 144, 255];
 pub const TRACK: Rgb = [44, 70, 112];
 /// Planned waypoint, and the way to it.
 pub const PLAN: Rgb = [230, 80, 240];
+/// The way planned after it, near and far: fainter, for it will change.
+pub const PATH: [Rgb; 2] = [[205, 84, 222], [112, 52, 128]];
+/// Waypoints on that way, near and far.
+pub const STOP: [Rgb; 2] = [[236, 150, 245], [138, 76, 152]];
 /// Rim of the coverage circle.
 pub const COVERAGE: Rgb = [40, 205, 220];
 /// Ground in the coverage circle.
@@ -109,11 +113,18 @@ fn polynomial(factors: &[f64], x: f64) -> u8 {
 /// highest.
 #[must_use]
 pub fn of_rate(rate_bps: f64, range_bps: &RangeInclusive<f64>) -> Rgb {
-    const LOWEST: [f64; 3] = [16.0, 120.0, 70.0];
-    const HIGHEST: [f64; 3] = [205.0, 255.0, 150.0];
+    const LOWEST: Rgb = [16, 120, 70];
+    const HIGHEST: Rgb = [205, 255, 150];
     let span_bps = range_bps.end() - range_bps.start();
     let share = if span_bps > 0.0 { ((rate_bps - range_bps.start()) / span_bps).clamp(0.0, 1.0) } else { 1.0 };
-    std::array::from_fn(|channel| (LOWEST[channel] + (HIGHEST[channel] - LOWEST[channel]) * share).round() as u8)
+    between(LOWEST, HIGHEST, share)
+}
+
+/// The colour at a share of the way from one to another, 0 to 1.
+#[must_use]
+pub fn between(from: Rgb, to: Rgb, share: f64) -> Rgb {
+    let [from, to] = [from, to].map(|colour| colour.map(f64::from));
+    std::array::from_fn(|channel| (from[channel] + (to[channel] - from[channel]) * share).round() as u8)
 }
 
 #[cfg(test)]

@@ -72,6 +72,11 @@ impl History {
         self.missed_slots.range(..=slot).next_back().map_or(0, |(_, &count)| count)
     }
 
+    /// Whether there is anything of an entity.
+    pub(crate) fn has(&self, entity: &str) -> bool {
+        self.newest.contains_key(&EntityPath::from(entity))
+    }
+
     /// The last slot that all of `entities` have.
     pub(crate) fn last_whole(&self, entities: &[String]) -> Option<u64> {
         let newest = |entity: &String| self.newest.get(&EntityPath::from(entity.as_str())).copied();

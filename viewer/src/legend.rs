@@ -69,6 +69,7 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes) -> String {
          | quadrotor, red arrow | UAV and its heading |\n\
          | blue line | path flown lately; in *Top view* all of it |\n\
          | magenta ring and line | planned waypoint and the way to it |\n\
+         | thin violet line, dots | where the plan leads after it, if it is known |\n\
          | cyan circle, plumb line | whom the UAV can serve: within {radius_m} m |\n\
          {link}\
          | five thin orange circles | places considered for the slot |\n\

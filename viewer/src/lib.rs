@@ -15,6 +15,7 @@ pub mod legend;
 pub mod links;
 pub mod los;
 pub mod node;
+pub mod path;
 pub mod queues;
 pub mod recording;
 pub mod scene;

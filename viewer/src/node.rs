@@ -1,19 +1,23 @@
 //! viewer as a process of the ring: reads every topic, writes none, and shows each slot in the scene.
 
 use std::collections::VecDeque;
+use std::fmt::Debug;
 use std::time::{Duration, Instant};
 
-use iceoryx2::prelude::{Service, ZeroCopySend};
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::{IceoryxSend, Service, ZeroCopySend};
 use iceoryx2::sample::Sample;
 use skysink_common::health::Health;
 use skysink_common::message::{FLAG_END, FLAG_TICK, HoldReason, QueuesHeader, SlotHeader};
 use skysink_common::node::{NodeError, Patience, Role, Stop};
 use skysink_common::pace::Pace;
-use skysink_common::reader::{Found, Reader};
+use skysink_common::path::{PathPoint, believable};
+use skysink_common::reader::{Found, Reader, Receive};
+use skysink_common::refusals::Refusal;
 use skysink_common::ring::{Ring, RingError, VIEWER_READY};
 use skysink_common::ring_folder::RingFolder;
-use skysink_common::scenario::Scenario;
-use skysink_common::topic::{RING_BUFFER, VIEWER_BUFFER};
+use skysink_common::scenario::{Area, Scenario};
+use skysink_common::topic::{PATH_BUFFER, RING_BUFFER, VIEWER_BUFFER};
 
 use crate::{Level, Scene, SceneError, Sinks, SlotView, Timing};
 
@@ -63,7 +67,7 @@ pub fn run<S: Service + 'static>(
     let nodes = sensors.wait_for(&mut patience, 0, |_| true, idle)?;
     let mut scene =
         Scene::open(sinks, scenario, nodes.payload(), &run_name(scenario, ring.terms.mission), Timing::Measured)?;
-    let followed = follow(&ring, &mut patience, &mut scene);
+    let followed = follow(&ring, &mut patience, &mut scene, &scenario.area);
     let closed = scene.close();
     let missed = followed?;
     closed?;
@@ -80,7 +84,9 @@ fn follow<S: Service + 'static>(
     ring: &Ring<S>,
     patience: &mut Patience,
     scene: &mut Scene,
+    area: &Area,
 ) -> Result<u64, ViewerError> {
+    let mut paths = Paths::open(ring, *area)?; // before the plans: whoever has a plan then has its path
     let (mut plans, mut flights) = (ring.plan.reader(VIEWER_BUFFER)?, ring.flight.reader(VIEWER_BUFFER)?);
     let (mut queues, mut health) = (ring.queues.reader(VIEWER_BUFFER)?, ring.health.reader(VIEWER_BUFFER)?);
     let is_state = |header: &QueuesHeader| header.head.flags & FLAG_TICK == 0;
@@ -105,11 +111,13 @@ fn follow<S: Service + 'static>(
             next = slot + 1;
             let in_time = HoldReason::of_code(flight.payload().hold) != HoldReason::NoPlan;
             let plan = plan.as_ref().map(|plan| plan.payload()).filter(|_| in_time);
+            let path = paths.of(slot, patience)?.filter(|_| plan.is_some());
             scene.log_slot(&SlotView {
                 slot,
                 queues_bits: sample.payload(),
                 header,
                 plan,
+                path: path.as_ref().map_or(&[], |path| path.payload()),
                 flight: flight.payload(),
                 slots_per_s: speed.slots_per_s(header),
                 plan_ms: plan.map(|plan| plan.plan_ns as f64 / 1e6),
@@ -134,12 +142,12 @@ fn follow<S: Service + 'static>(
     }
 }
 
-/// How long a viewer that comes after the end waits for what may be left of the last slot.
+/// How long it is waited for what may be left of a slot that was sent before this process was there.
 const LEFT_OVERS: Duration = Duration::from_millis(500);
 
 /// The part of a slot that another topic holds; none if it was missed. A writer that waits for this reader's buffer may
 /// reach it later than the queues do.
-fn wait_for_part<S: Service + 'static, P: std::fmt::Debug + Copy + ZeroCopySend + 'static>(
+fn wait_for_part<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static>(
     parts: &mut Reader<S, P, SlotHeader>,
     patience: &mut Patience,
     pace: Pace,
@@ -148,29 +156,69 @@ fn wait_for_part<S: Service + 'static, P: std::fmt::Debug + Copy + ZeroCopySend 
 ) -> Result<Option<Sample<S, P, SlotHeader>>, ViewerError> {
     match (pace, slack) {
         (Pace::Max, None) => parts.wait_or_pass(patience, slot, idle),
-        (Pace::Max, Some(slack)) => {
-            let deadline = Instant::now() + slack;
-            loop {
-                let found = match parts.look_for(slot)? {
-                    Found::Here(part) => Some(part),
-                    Found::NotYet if Instant::now() < deadline => {
-                        patience.sleep_until(Instant::now() + GLANCE, idle)?;
-                        continue;
-                    }
-                    Found::NotYet | Found::Passed => None,
-                };
-                return Ok(found);
-            }
+        (Pace::Max, Some(slack)) => look_for(parts, patience, slot, slack),
+        (Pace::Factor(_), _) => look_for(parts, patience, slot, Duration::ZERO),
+    }
+}
+
+/// Looks for a message for `long`, and at least once.
+fn look_for<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static>(
+    parts: &mut Reader<S, P, SlotHeader>,
+    patience: &mut Patience,
+    slot: u64,
+    long: Duration,
+) -> Result<Option<Sample<S, P, SlotHeader>>, ViewerError>
+where
+    Subscriber<S, P, SlotHeader>: Receive<S, P, SlotHeader>,
+{
+    let deadline = Instant::now() + long;
+    loop {
+        match parts.look_for(slot)? {
+            Found::Here(part) => return Ok(Some(part)),
+            Found::NotYet if Instant::now() < deadline => patience.sleep_until(Instant::now() + GLANCE, idle)?,
+            Found::NotYet | Found::Passed => return Ok(None),
         }
-        (Pace::Factor(_), _) => match parts.look_for(slot)? {
-            Found::Here(part) => Ok(Some(part)),
-            Found::NotYet | Found::Passed => Ok(None),
-        },
     }
 }
 
 /// How often it is looked for what is left.
 const GLANCE: Duration = Duration::from_millis(10);
+
+/// The paths of the slots, of planners that send them before their plans.
+struct Paths<S: Service + 'static> {
+    reader: Reader<S, [PathPoint], SlotHeader>,
+    area: Area,
+    pace: Pace,
+    /// Slots that were looked for.
+    looked: u32,
+}
+
+/// Slots whose path may have been sent before this process was there. It then comes with the writer's next look at who
+/// has joined, which may be after that of the plan.
+const BEFORE: u32 = 2;
+
+impl<S: Service + 'static> Paths<S> {
+    fn open(ring: &Ring<S>, area: Area) -> Result<Self, RingError> {
+        Ok(Self { reader: ring.path.reader(PATH_BUFFER)?, area, pace: ring.terms.pace, looked: 0 })
+    }
+
+    /// The path of a slot whose plan is there; none if it has none, or one that cannot be, which is refused.
+    fn of(
+        &mut self,
+        slot: u64,
+        patience: &mut Patience,
+    ) -> Result<Option<Sample<S, [PathPoint], SlotHeader>>, ViewerError> {
+        let awaited = slot > 0 && self.looked < BEFORE && self.pace == Pace::Max && self.reader.has_writer();
+        self.looked = self.looked.saturating_add(1);
+        let long = if awaited { LEFT_OVERS } else { Duration::ZERO };
+        let path = look_for(&mut self.reader, patience, slot, long)?;
+        let is_good = path.as_ref().is_none_or(|path| believable(path.payload(), &self.area));
+        if !is_good {
+            self.reader.refuse(slot, Refusal::Path);
+        }
+        Ok(path.filter(|_| is_good))
+    }
+}
 
 /// Adds what has become of the processes to the event log.
 fn log_health<S: Service + 'static>(

@@ -6,11 +6,13 @@
 use std::ops::RangeInclusive;
 
 use skysink_common::message::{FlightReport, Plan, QueuesHeader, SensorNode, Totals};
+use skysink_common::path::PathPoint;
 use skysink_common::scenario::Scenario;
 
 use crate::events::{self, Events, Level};
 use crate::links::Links;
 use crate::los::Los;
+use crate::path::Path;
 use crate::queues::Queues;
 use crate::recording::{Recording, SceneError, Sinks};
 use crate::sizes::Sizes;
@@ -38,6 +40,8 @@ pub struct SlotView<'a> {
     pub header: &'a QueuesHeader,
     /// The plan, if one was there in time.
     pub plan: Option<&'a Plan>,
+    /// Where it leads, its own waypoint first; empty if that is not known.
+    pub path: &'a [PathPoint],
     /// What was flown and served.
     pub flight: &'a FlightReport,
     /// Slots per second of wall time, if measured.
@@ -52,6 +56,7 @@ pub struct Scene {
     scenario: Scenario,
     queues: Queues,
     uav: Uav,
+    path: Path,
     links: Links,
     los: Option<Los>,
     events: Events,
@@ -89,6 +94,7 @@ impl Scene {
         blueprint::send(stream, recording.name(), &sizes, scenario, timing)?;
         let queues = Queues::open(stream, sensors, &sizes)?;
         let uav = Uav::open(stream, &sizes)?;
+        let path = Path::open(stream, &sizes)?;
         let links = Links::open(stream, scenario, sensors, &sizes)?;
         let los = Los::open(stream, scenario, sensors, &sizes)?;
         let events = Events::open(stream)?;
@@ -98,7 +104,7 @@ impl Scene {
         let (last_slot, last_totals, missed_slots, continued) = (0, None, 0, Continued::default());
         #[rustfmt::skip]
         let mut scene = Self {
-            recording, scenario, queues, uav, links, los, events, last_slot, last_totals, missed_slots, continued,
+            recording, scenario, queues, uav, path, links, los, events, last_slot, last_totals, missed_slots, continued,
         };
         scene.begin()?;
         Ok(scene)
@@ -114,6 +120,7 @@ impl Scene {
             Past::Nothing => Ok(()),
             Past::NoRecording => self.log_event(0, Level::Warn, events::NOTHING_TO_CONTINUE),
             Past::Recording(history) => {
+                self.path.resume(&history);
                 let whole = history.last_whole(&self.every_slot());
                 self.continued = Continued { whole, seen: history.last_seen() };
                 self.last_slot = whole.unwrap_or(0);
@@ -127,7 +134,8 @@ impl Scene {
     /// Entities that every slot has.
     fn every_slot(&self) -> Vec<String> {
         let plain = uav::EVERY_SLOT.into_iter().chain(links::EVERY_SLOT).chain(curves::EVERY_SLOT);
-        let plain = plain.chain(self.queues.every_slot()).map(str::to_owned);
+        let path = self.path.every_slot().iter().copied();
+        let plain = plain.chain(self.queues.every_slot()).chain(path).map(str::to_owned);
         plain.chain(self.los.iter().flat_map(|_| Los::every_slot())).collect()
     }
 
@@ -167,6 +175,7 @@ impl Scene {
         let stream = self.recording.stream();
         let fill = self.queues.log_slot(stream, view.queues_bits)?;
         self.uav.log_slot(stream, view)?;
+        self.path.log_slot(stream, view.path)?;
         self.links.log_slot(stream, view)?;
         if let Some(los) = &mut self.los {
             los.log_slot(stream, view.flight)?;
@@ -205,6 +214,7 @@ impl Scene {
         self.recording.set_slot(slot, self.scenario.slot_s);
         let stream = self.recording.stream();
         self.uav.log_missed(stream)?;
+        self.path.log_missed(stream)?;
         self.links.log_missed(stream)?;
         if let Some(los) = &mut self.los {
             los.log_missed(stream)?;

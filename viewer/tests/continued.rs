@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use chunks::{Chunks, leave_out, recording};
 use skysink_common::scenario::Scenario;
-use skysink_viewer::{Existing, Level, Scene, SceneError, Sinks, Timing, curves, events, links, uav};
+use skysink_viewer::{Existing, Level, Scene, SceneError, Sinks, Timing, curves, events, links, path, uav};
 use support::{Found, Slot, letter, sensors, town};
 
 const SENSORS: u32 = 20;
@@ -151,6 +151,45 @@ fn a_gap_begins_after_the_last_whole_slot_and_ends_with_the_next() {
     log(&mut scene, [23]);
     scene.close().unwrap();
     assert_eq!(Found::read(&path).curve(curves::MISSED)[&23], 15.0);
+}
+
+/// Shows these slots, each with a path if `leads` says so.
+fn log_with_path(scene: &mut Scene, slots: impl IntoIterator<Item = u64>, leads: impl Fn(u64) -> bool) {
+    for slot in slots {
+        let mut shown = Slot::new(slot, SENSORS as usize);
+        if leads(slot) {
+            shown.path = vec![[slot as f64, 50.0, 20.0].into(), [90.0, 9.0, 20.0].into()];
+        }
+        scene.log_slot(&shown.view()).unwrap();
+    }
+}
+
+#[test]
+fn a_path_is_not_left_over_from_the_process_before() {
+    let (_folder, path) = place();
+    let mut scene = open(&path, &letter(), "x").unwrap();
+    log_with_path(&mut scene, 0..=5, |slot| slot >= 3);
+    scene.close().unwrap();
+    assert_eq!(go_on(&path, &letter(), 6..=8), Some(5), "the slots before the first path have none");
+    let found = Found::read(&path);
+    assert_tidy(&path, &found);
+    let drawn = |slot| found.text(path::PATH, "LineStrips3D:strips", Some(slot)).contains("Float32>");
+    assert_eq!(found.slots_of(path::PATH), (3..=8).collect());
+    assert!(drawn(5) && !drawn(6) && !drawn(8));
+}
+
+#[test]
+fn once_there_are_paths_a_slot_without_one_of_its_own_is_not_whole() {
+    for entity in [path::PATH, path::STOPS, path::TRACK, path::TRACK_STOPS] {
+        let (_folder, path) = place();
+        for slots in [0..=5, 6..=8] {
+            let mut scene = open(&path, &letter(), "x").unwrap();
+            log_with_path(&mut scene, slots, |slot| slot == 3);
+            scene.close().unwrap();
+        }
+        leave_out(&path, &format!("/{entity}"), 8);
+        assert_eq!(go_on(&path, &letter(), []), Some(5), "without the end of {entity}");
+    }
 }
 
 #[test]

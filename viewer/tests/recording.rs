@@ -9,7 +9,8 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use skysink_common::message::{FlightReport, HoldReason, Mode};
-use skysink_viewer::{Scene, SceneError, Sinks, Timing, curves, events, legend, links, queues, uav};
+use skysink_common::path::PathPoint;
+use skysink_viewer::{Scene, SceneError, Sinks, Timing, curves, events, legend, links, path, queues, uav};
 use support::{Found, Slot, letter, sensors};
 
 const SENSORS: u32 = 20;
@@ -97,6 +98,69 @@ fn a_slot_that_serves_nobody_shows_no_links_and_no_circles() {
     assert!(found.text(events::LANE, "StateChange:state", Some(3)).contains("hold"));
     assert!(found.text(events::LANE, "StateChange:state", Some(4)).contains("serve"));
     assert!(found.text(events::LOG, "TextLog:text", Some(3)).contains("no plan in time"));
+}
+
+/// Gives the slot a path of so many points.
+fn lead(slot: &mut Slot, points: u64) {
+    let point = |i| PathPoint { x_m: (slot.slot + 3 * i) as f64, y_m: 50.0 + i as f64, z_m: 20.0 };
+    slot.path = (0..points).map(point).collect();
+}
+
+/// Whether a slot has an empty path (`Some(false)`) or one that is drawn.
+fn drawn_path(found: &Found, slot: i64) -> Option<bool> {
+    let drawn = |entity, component| {
+        let text = found.text(entity, component, Some(slot));
+        (!text.is_empty()).then(|| text.contains("PrimitiveArray<Float32>\n[\n  "))
+    };
+    let line = drawn(path::PATH, "LineStrips3D:strips");
+    assert_eq!(drawn(path::TRACK, "LineStrips3D:strips"), line, "slot {slot}");
+    for stops in [path::STOPS, path::TRACK_STOPS] {
+        assert_eq!(drawn(stops, "Points3D:positions"), line, "slot {slot}");
+    }
+    line
+}
+
+#[test]
+fn a_path_is_drawn_in_its_slot_and_no_longer() {
+    let points = [0, 0, 1, 3, 64, 1, 0, 2];
+    let found = in_folder(|path| record(path, 7, |slot| lead(slot, points[slot.slot as usize])));
+    let drawn: Vec<_> = (0..=7).map(|slot| drawn_path(&found, slot)).collect();
+    let expected = [None, None, None, Some(true), Some(true), Some(false), Some(false), Some(true)];
+    assert_eq!(drawn, expected, "from the first path on, every slot has its own");
+    let line = found.text(path::PATH, "LineStrips3D:strips", Some(3));
+    for coordinate in ["3.0", "6.0", "9.0", "51.0", "52.0"] {
+        assert!(line.contains(coordinate), "{coordinate}: {line}");
+    }
+    let stops = found.text(path::STOPS, "Points3D:positions", Some(3));
+    assert!(stops.contains("52.0") && !stops.contains("50.0"), "the slot's own waypoint has its ring: {stops}");
+}
+
+#[test]
+fn a_mission_without_paths_records_nothing_of_them() {
+    let found = in_folder(|path| record(path, 9, |slot| lead(slot, slot.slot % 2)));
+    for entity in [path::PATH, path::STOPS, path::TRACK, path::TRACK_STOPS] {
+        assert!(found.slots_of(entity).is_empty(), "{entity}");
+    }
+    assert!(found.text(legend::PAGE, "TextDocument:text", None).contains("where the plan leads"));
+}
+
+#[test]
+fn a_missed_slot_shows_no_path() {
+    let found = in_folder(|path| {
+        let mut scene = open(path, SENSORS);
+        for slot in [0, 1, 5] {
+            if slot == 5 {
+                scene.log_missed(2..=4).unwrap();
+            }
+            let mut slot = Slot::new(slot, SENSORS as usize);
+            lead(&mut slot, 4);
+            scene.log_slot(&slot.view()).unwrap();
+        }
+        scene.close().unwrap();
+        Found::read(path)
+    });
+    let drawn = [1, 2, 3, 5].map(|slot| drawn_path(&found, slot));
+    assert_eq!(drawn, [Some(true), Some(false), None, Some(true)]);
 }
 
 #[test]

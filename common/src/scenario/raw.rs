@@ -325,6 +325,12 @@ impl Strategy {
     /// Those that plan one slot and remember none: a slot's plan does not depend on the plans before it.
     pub const MEMORYLESS: [Self; 5] = [Self::Rfs, Self::Gfs, Self::Uts, Self::UtsWide, Self::Exact];
 
+    /// Whether its planner knows where it flies after the slot.
+    #[must_use]
+    pub fn has_path(self) -> bool {
+        matches!(self, Self::Horizon | Self::Offline)
+    }
+
     /// The name in scenario files, folders and tables.
     #[must_use]
     pub fn name(self) -> &'static str {

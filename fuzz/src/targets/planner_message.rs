@@ -2,6 +2,7 @@
 
 use skysink_common::geometry::Position;
 use skysink_common::message::{HoldReason, SensorNode};
+use skysink_common::path::{PathPoint, believable};
 use skysink_common::scenario::{Knowledge, Rates, Scenario, Strategy};
 use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
@@ -11,7 +12,7 @@ use super::world::WORLDS;
 use crate::cursor::Cursor;
 
 /// Whatever it is told, the planner answers with at most n known sensor nodes; and if the UAV is where it can be, over the
-/// scenario's own sensor nodes, the UAV can do all that the plan says.
+/// scenario's own sensor nodes, the UAV can do all that the plan says, and the path is one.
 ///
 /// # Panics
 /// If not.
@@ -52,6 +53,8 @@ pub fn planner_message(bytes: &[u8]) {
             flight.take_over(&here);
             let report = flight.step(slot, Some(&plan));
             assert_eq!((report.hold, report.refused), (HoldReason::None.code(), 0), "{plan:?} from {here:?}");
+            let path: Vec<_> = planner.path().iter().copied().map(PathPoint::from).collect();
+            assert!(believable(&path, &scenario.area), "{path:?} from {here:?}");
         }
     }
 }

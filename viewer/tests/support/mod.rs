@@ -7,6 +7,7 @@ use std::path::Path;
 use rerun::external::arrow::array::Array;
 use rerun::{ChunkStore, ChunkStoreConfig, TimeColumn, TimelineName};
 use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, QueuesHeader, SensorNode, Totals};
+use skysink_common::path::PathPoint;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_viewer::SlotView;
 
@@ -41,6 +42,7 @@ pub struct Slot {
     pub queues_bits: Vec<u32>,
     pub header: QueuesHeader,
     pub plan: Option<Plan>,
+    pub path: Vec<PathPoint>,
     pub flight: FlightReport,
 }
 
@@ -60,7 +62,7 @@ impl Slot {
         let totals = Totals { sampled_bits: 1_000 * slot, lost_bits: slot * slot, ..Totals::default() };
         let header = QueuesHeader { totals, delivered_bits: 10 * slot, ..QueuesHeader::default() };
         let queues_bits = vec![u32::try_from(share).unwrap(); count];
-        Self { slot, queues_bits, header, plan: (slot > 0).then_some(plan), flight }
+        Self { slot, queues_bits, header, plan: (slot > 0).then_some(plan), path: Vec::new(), flight }
     }
 
     /// The same as the scene takes it, without wall-clock figures.
@@ -70,6 +72,7 @@ impl Slot {
             queues_bits: &self.queues_bits,
             header: &self.header,
             plan: self.plan.as_ref(),
+            path: &self.path,
             flight: &self.flight,
             slots_per_s: None,
             plan_ms: None,

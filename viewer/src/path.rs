@@ -1,0 +1,123 @@
+//! The planned path: the way from the planned waypoint over the next ones, of planners that know them.
+//!
+//! A recording in which nobody plans ahead holds nothing of it. From the first path on every slot has its own, or an
+//! empty one, so that none is left over from a slot before.
+
+use rerun::{LineStrips3D, Points3D, Radius, RecordingStream, RecordingStreamResult};
+use skysink_common::path::{MAX_POINTS, PathPoint};
+
+use crate::colour::{self, color};
+use crate::history::History;
+use crate::sizes::Sizes;
+use crate::uav::Point;
+
+/// The planned path.
+pub const PATH: &str = "world/path";
+/// Its waypoints, without the slot's own.
+pub const STOPS: &str = "world/path/stops";
+/// The path on the ground, for the view from above.
+pub const TRACK: &str = "world/path_track";
+/// Its waypoints.
+pub const TRACK_STOPS: &str = "world/path_track/stops";
+
+/// What every slot has of them, once one has.
+const EVERY_SLOT: [&str; 4] = [PATH, STOPS, TRACK, TRACK_STOPS];
+
+/// Legs of the path that are drawn alike: the farther, the likelier the plan still changes, and the fainter.
+const BANDS: [usize; 4] = [4, 8, 16, MAX_POINTS];
+
+/// The path of the scene.
+pub struct Path {
+    /// Whether a slot before had one.
+    begun: bool,
+    /// How much higher a band is than the one after it: a path that returns to a place shows its nearer part.
+    step_m: f32,
+}
+
+impl Path {
+    /// Styles the path.
+    pub(crate) fn open(stream: &RecordingStream, sizes: &Sizes) -> RecordingStreamResult<Self> {
+        let colours = |[near, far]: [colour::Rgb; 2]| {
+            (0..BANDS.len()).map(move |band| colour::between(near, far, band as f64 / (BANDS.len() - 1) as f64))
+        };
+        let line = LineStrips3D::update_fields()
+            .with_colors(colours(colour::PATH).map(color))
+            .with_radii([Radius::new_ui_points(0.7)]);
+        let each = BANDS.into_iter().zip(colours(colour::STOP)).flat_map(|(legs, colour)| vec![color(colour); legs]);
+        let stops = Points3D::update_fields().with_colors(each).with_radii([Radius::new_ui_points(1.8)]);
+        for (path, at) in [(PATH, STOPS), (TRACK, TRACK_STOPS)] {
+            stream.log_static(path, &line)?;
+            stream.log_static(at, &stops)?;
+        }
+        Ok(Self { begun: false, step_m: 0.002 * sizes.radius_m })
+    }
+
+    /// Goes on with what a recording has.
+    pub(crate) fn resume(&mut self, history: &History) {
+        self.begun = EVERY_SLOT.into_iter().any(|entity| history.has(entity));
+    }
+
+    /// What every slot has of it from here on.
+    pub(crate) fn every_slot(&self) -> &'static [&'static str] {
+        if self.begun { &EVERY_SLOT } else { &[] }
+    }
+
+    /// Draws the path of a slot; a single point, which is the slot's own waypoint, is none.
+    pub(crate) fn log_slot(&mut self, stream: &RecordingStream, path: &[PathPoint]) -> RecordingStreamResult<()> {
+        self.begun |= path.len() > 1;
+        if self.begun { self.log(stream, path) } else { Ok(()) }
+    }
+
+    /// Takes away what a missed slot would show wrongly.
+    pub(crate) fn log_missed(&self, stream: &RecordingStream) -> RecordingStreamResult<()> {
+        if self.begun { self.log(stream, &[]) } else { Ok(()) }
+    }
+
+    fn log(&self, stream: &RecordingStream, path: &[PathPoint]) -> RecordingStreamResult<()> {
+        let below_trail_m = (BANDS.len() + 1) as f32 * self.step_m;
+        let above = self.strips(path.iter().map(|at| [at.x_m as f32, at.y_m as f32, at.z_m as f32 - below_trail_m]));
+        let below = self.strips(path.iter().map(|at| [at.x_m as f32, at.y_m as f32, 0.0]));
+        for (entity, at, strips) in [(PATH, STOPS, above), (TRACK, TRACK_STOPS, below)] {
+            let stops: Vec<_> = strips.iter().flat_map(|strip| &strip[1..]).copied().collect();
+            stream.log(entity, &LineStrips3D::update_fields().with_strips(strips))?;
+            stream.log(at, &Points3D::update_fields().with_positions(stops))?;
+        }
+        Ok(())
+    }
+
+    /// The path's bands, each a little higher than the next.
+    fn strips(&self, path: impl Iterator<Item = Point>) -> Vec<Vec<Point>> {
+        let path: Vec<_> = path.collect();
+        let rises_m = (1..=BANDS.len()).rev().map(|steps| steps as f32 * self.step_m);
+        let raise =
+            |(strip, rise_m): (&[Point], f32)| strip.iter().map(|&[x_m, y_m, z_m]| [x_m, y_m, z_m + rise_m]).collect();
+        bands(&path).zip(rises_m).map(raise).collect()
+    }
+}
+
+/// The strips of a path, each beginning where the one before it ends.
+fn bands(path: &[Point]) -> impl Iterator<Item = &[Point]> {
+    let mut begin = 0;
+    BANDS.into_iter().map_while(move |legs| {
+        let end = (begin + legs + 1).min(path.len());
+        let band = path.get(begin..end).filter(|band| band.len() > 1)?;
+        begin += legs;
+        Some(band)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bands_cover_every_leg_once() {
+        for points in 0..=MAX_POINTS {
+            let path: Vec<Point> = (0..points).map(|i| [i as f32, 0.0, 0.0]).collect();
+            let legs: Vec<_> = bands(&path).flat_map(|band| band.windows(2)).map(|leg| (leg[0], leg[1])).collect();
+            let expected: Vec<_> = path.windows(2).map(|leg| (leg[0], leg[1])).collect();
+            assert_eq!(legs, expected, "{points} points");
+            assert!(bands(&path).count() <= BANDS.len());
+        }
+    }
+}
