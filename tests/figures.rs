@@ -29,6 +29,8 @@ fn one_command_draws_every_figure_and_writes_its_tables() {
     }
     let svg = place.read("figures/loss-sparse-letter.svg");
     assert!(svg.contains("best-known") && svg.contains("lower bound") && svg.contains("horizon"));
+    let svg = place.read("figures/loss-knowledge.svg");
+    assert!(["sees all queues", "estimates", "learns rates"].iter().all(|words| svg.contains(words)));
     for environment in ["suburban", "urban", "dense-urban", "high-rise"] {
         for quantity in ["loss", "bits"] {
             let svg = place.read(&format!("figures/altitude-{quantity}-{environment}.svg"));

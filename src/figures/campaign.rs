@@ -18,11 +18,13 @@ use crate::sweep::journal::Row;
 use crate::sweep::plan::{Flight, Sweep};
 use crate::sweep::sweep;
 
-/// Most fields per point for strategies that take milliseconds a slot.
-const AHEAD_RUNS: u64 = 20;
+/// Steps of an offline plan, for each step that `horizon` takes in a slot.
+const OFFLINE_SHARE: u64 = 200;
 
-/// Steps of an offline plan, for each step that `horizon` takes in a slot: about as many as in a mission.
-const OFFLINE_SHARE: u64 = 500;
+/// Search steps of an offline plan beside a `horizon` of `horizon_iterations` a slot.
+pub(super) fn offline_steps(horizon_iterations: u32) -> u64 {
+    u64::from(horizon_iterations) * OFFLINE_SHARE
+}
 
 /// What is plotted of the missions of a sweep.
 pub(super) struct Quantity {
@@ -60,16 +62,6 @@ impl Campaign<'_> {
     pub fn fly(&self, name: &str, plan: &Sweep, threads: usize) -> Result<BTreeMap<Flight, Row>, Error> {
         let threads = if threads > 0 { threads } else { self.choice.threads };
         sweep(plan, &self.choice.out.join("data").join(name), (1, 1), threads, self.stop)
-    }
-
-    /// Fields per point of the strategies that take milliseconds a slot.
-    pub fn ahead_runs(&self) -> u64 {
-        self.choice.runs.min(AHEAD_RUNS)
-    }
-
-    /// Search steps of an offline plan.
-    pub fn offline_steps(&self, horizon_iterations: u32) -> u64 {
-        u64::from(horizon_iterations) * OFFLINE_SHARE
     }
 
     /// Version and command, for footers.

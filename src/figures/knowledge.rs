@@ -24,6 +24,9 @@ const KNOWLEDGE: [(&str, &str, &str, &str); 3] = [
     ("knowledge-learnt", "estimated", "learnt", "learns rates, too"),
 ];
 
+/// Most fields per point.
+const MOST_RUNS: u64 = 20;
+
 /// Sides of the area [m].
 const SIDES_M: [i64; 5] = [100, 200, 300, 500, 1000];
 
@@ -39,7 +42,7 @@ pub(super) fn draw(campaign: &Campaign, tables: &mut String) -> Result<PathBuf, 
         series.extend(curves(&rows, label));
     }
     series.sort_by_key(|(strategy, _)| *strategy);
-    let runs = campaign.ahead_runs();
+    let runs = campaign.choice.runs.min(MOST_RUNS);
     let chart = Chart {
         title: "Data loss for not knowing · rates of 50 to 150 bit/s, initial queues of 0 to 20 kbit".to_owned(),
         x_label: "side of the area [m]".to_owned(),
@@ -80,5 +83,5 @@ fn sweep(campaign: &Campaign, name: &str, knowledge: &str, rates: &str) -> Resul
     add("planner.horizon_iterations", vec![i64::from(campaign.choice.horizon_iterations).into()]);
     add("area.side_m", SIDES_M.map(|side_m| number("area.side_m", side_m)).to_vec());
     let base = (PathBuf::from("letter.toml (built in)"), LETTER.parse().expect("the built-in scenario is TOML"));
-    Sweep::new(Path::new(name), base, axes, STRATEGIES.to_vec(), (1..=campaign.ahead_runs()).collect())
+    Sweep::new(Path::new(name), base, axes, STRATEGIES.to_vec(), (1..=campaign.choice.runs.min(MOST_RUNS)).collect())
 }

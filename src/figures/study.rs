@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use skysink_common::scenario::{LETTER, Strategy};
 
-use super::campaign::{Campaign, Quantity, write_table};
+use super::campaign::{Campaign, Quantity, offline_steps, write_table};
 use super::{Chart, Point, Scale, Series};
 use crate::error::Error;
 use crate::sweep::journal::Row;
@@ -48,6 +48,8 @@ pub(super) struct Study {
     threads: usize,
     /// Times as many search steps of `horizon` as elsewhere.
     effort: u32,
+    /// Most fields per point of strategies that take milliseconds a slot.
+    ahead_runs: u64,
     quantities: &'static [Quantity],
 }
 
@@ -71,6 +73,7 @@ pub(super) const STUDIES: [Study; 4] = [
         fixed: &[("slots", 500)],
         threads: 0,
         effort: 1,
+        ahead_runs: 20,
         quantities: &[
             Quantity {
                 stem: "fig2a-loss-area",
@@ -99,6 +102,7 @@ pub(super) const STUDIES: [Study; 4] = [
         fixed: &[("slots", 500)],
         threads: 0,
         effort: 4,
+        ahead_runs: 20,
         quantities: &[Quantity {
             stem: "loss-sparse",
             title: "Data loss in sparse fields",
@@ -117,6 +121,7 @@ pub(super) const STUDIES: [Study; 4] = [
         fixed: &[("slots", 600)],
         threads: 0,
         effort: 1,
+        ahead_runs: 20,
         quantities: &[Quantity {
             stem: "fig2b-loss-rate",
             title: "Data loss against the sampling rate",
@@ -135,6 +140,7 @@ pub(super) const STUDIES: [Study; 4] = [
         fixed: &[("sensors.sampling_bps", 120), ("slots", 600)],
         threads: 1,
         effort: 1,
+        ahead_runs: 5,
         quantities: &[Quantity {
             stem: "fig2c-time",
             title: "Planning time of a slot, median of each mission",
@@ -165,16 +171,22 @@ impl Study {
 
     /// Flies all strategies, those that take milliseconds over fewer fields.
     fn fly(&self, campaign: &Campaign) -> Result<Rows, Error> {
-        let (runs, ahead_runs) = (campaign.choice.runs, campaign.ahead_runs());
+        let (runs, ahead_runs) = (campaign.choice.runs, self.ahead_runs(campaign));
+        let bounded = self.quantities.iter().any(|quantity| quantity.bounded);
+        let ahead = if bounded { &AHEAD[..] } else { &AHEAD[..1] };
         let mut all = campaign.fly(self.name, &self.sweep(campaign, &AT_ONCE, runs)?, self.threads)?;
         let name = format!("{}-ahead", self.name);
-        let ahead = campaign.fly(&name, &self.sweep(campaign, &AHEAD, ahead_runs)?, self.threads)?;
-        all.extend(ahead.into_values().map(|row| {
+        let flown = campaign.fly(&name, &self.sweep(campaign, ahead, ahead_runs)?, self.threads)?;
+        all.extend(flown.into_values().map(|row| {
             let row = Row { strategy: row.strategy + AT_ONCE.len(), ..row };
             (row.flight(), row)
         }));
         let common = all.iter().filter(|(flight, _)| flight.seed <= ahead_runs);
         Ok(Rows { common: common.map(|(flight, row)| (*flight, *row)).collect(), all })
+    }
+
+    fn ahead_runs(&self, campaign: &Campaign) -> u64 {
+        campaign.choice.runs.min(self.ahead_runs)
     }
 
     /// The sweep: regime of the radio, then the key, over the letter's mission.
@@ -186,7 +198,7 @@ impl Study {
         }
         if strategies.contains(&Strategy::Horizon) {
             let iterations = campaign.choice.horizon_iterations.saturating_mul(self.effort);
-            let steps = i64::try_from(campaign.offline_steps(iterations)).unwrap_or(i64::MAX);
+            let steps = i64::try_from(offline_steps(iterations)).unwrap_or(i64::MAX);
             axes.insert("planner.horizon_iterations".to_owned(), list(vec![i64::from(iterations).into()]));
             axes.insert("planner.offline_steps".to_owned(), list(vec![steps.into()]));
         }
@@ -219,7 +231,7 @@ impl Study {
             let bound = |row: &Row| row.loss_bound.expect("an offline plan's mission has one");
             series.push(curve("lower bound", &|place| values(horizon + 1, place, &bound)));
         }
-        let (runs, ahead) = (campaign.choice.runs, campaign.ahead_runs());
+        let (runs, ahead) = (campaign.choice.runs, self.ahead_runs(campaign));
         let what = if quantity.bounded { "horizon, best-known and lower bound" } else { "horizon" };
         let runs = format!("seeds 1 to {runs}, of {what} 1 to {ahead}");
         Chart {
