@@ -8,6 +8,7 @@ mod check;
 pub mod raw;
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use crate::geometry::Position;
 pub use raw::{AltitudeMode, Environment, GainMode, LinkModel, Propulsion, Rates, Strategy, WaypointSolver};
@@ -207,6 +208,8 @@ pub struct PlannerChoice {
     pub horizon_iterations: u32,
     /// Search steps of `offline` before the mission.
     pub offline_steps: u64,
+    /// Longest that a slot's search may take where the mission is paced by a clock; elsewhere it has no effect.
+    pub horizon_budget: Option<Duration>,
     /// What solves sP2*.
     pub waypoint_solver: WaypointSolver,
     /// What it sees of the queues.

@@ -190,6 +190,14 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
             "[planner]\noffline_steps = 1000000000001\n",
             "planner.offline_steps = 1000000000001: expected 0 to 1000000000000",
         ),
+        (
+            "[planner]\nhorizon_budget_ms = 0.0\n",
+            "planner.horizon_budget_ms = 0.0: expected milliseconds above 0, at most 3600000",
+        ),
+        (
+            "[planner]\nhorizon_budget_ms = nan\n",
+            "planner.horizon_budget_ms = NaN: expected milliseconds above 0, at most 3600000",
+        ),
     ];
     for (text, expected) in cases {
         let text = format!("name = \"city\"\n{text}");

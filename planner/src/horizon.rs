@@ -7,7 +7,10 @@
 
 pub mod anneal;
 pub mod bound;
+pub mod budget;
+pub mod choice;
 pub mod circle;
+pub mod cycle;
 pub mod flight;
 pub mod forecast;
 pub mod grid;
@@ -15,11 +18,13 @@ pub mod groups;
 pub mod optimize;
 pub mod reach;
 pub mod start;
+pub mod states;
 #[cfg(test)]
 mod tests;
 pub mod world;
 
 use std::ops::ControlFlow;
+use std::time::Duration;
 
 use skysink_common::geometry::Position;
 use skysink_common::message::SensorNode;
@@ -31,6 +36,7 @@ use crate::estimate::Estimate;
 use crate::memory::{MemoryError, Reader};
 use anneal::Heat;
 use bound::lower_bound;
+use budget::Budget;
 use forecast::{Forecast, Outlook};
 use world::World;
 
@@ -86,6 +92,7 @@ pub struct Horizon {
     iterations: u32,
     /// Search steps before the first slot that is planned; none but for `offline`.
     offline_steps: Option<u64>,
+    limit: Option<Duration>,
     /// Stops that are still to come, as places of the world.
     carried: Vec<u32>,
     /// Heat of the next search, 0 to [`HOTTEST`].
@@ -123,6 +130,7 @@ impl Horizon {
             most_slots,
             iterations,
             offline_steps,
+            limit: None,
             carried: Vec::new(),
             heat: HOTTEST,
         }
@@ -149,14 +157,20 @@ impl Horizon {
         }
     }
 
+    /// Ends the search of a slot also when `limit` has passed since its step began; by default no clock is read.
+    pub fn limit(&mut self, limit: Option<Duration>) {
+        self.limit = limit;
+    }
+
     /// Looks ahead from `slot`, with the UAV at `position` and the queues `queues_bits` [bit], by id: takes up the
     /// carried plan, or makes one, improves it, and takes its first slot off. `None` if no SN that can lose data can be
     /// reached in time.
     ///
-    /// The search stops after the scenario's number of steps, not after a time, and draws from the slot's own random
-    /// stream: the result depends on the arguments and the carried plan alone.
+    /// Without a limit the search stops after the scenario's number of steps, not after a time. It draws from the slot's
+    /// own random stream: the result depends on the arguments and the carried plan alone.
     #[must_use]
     pub fn step(&mut self, slot: u64, position: &Position, queues_bits: &[u32]) -> Option<Next> {
+        let budget = Budget::from_now(self.iterations, self.limit);
         if let Some(steps) = self.offline_steps.take() {
             self.prepare((slot, steps), position, queues_bits, &mut |_| ControlFlow::Continue(()))?;
         }
@@ -171,7 +185,7 @@ impl Horizon {
             forecast.load(world, self.carried.iter().copied());
             start::extend(world, &mut forecast);
         }
-        self.improve(slot, &mut forecast);
+        self.improve(slot, &mut forecast, budget);
         self.carried.clear();
         let legs = &forecast.trace().legs;
         self.carried.extend(legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.place));
@@ -198,7 +212,7 @@ impl Horizon {
     /// The temperature is in proportion to what the plan loses beyond the bound, per stop, and falls with the share of
     /// resource blocks that it leaves free: a cycle of full groups can only be disturbed. It cools after a slot whose
     /// search ended higher and warms up after one whose search ended lower, below a ceiling that falls over the mission.
-    fn improve(&mut self, slot: u64, forecast: &mut Forecast) {
+    fn improve(&mut self, slot: u64, forecast: &mut Forecast, budget: Budget) {
         if self.iterations == 0 {
             return;
         }
@@ -207,16 +221,25 @@ impl Horizon {
         let (stops, places): (f64, Vec<u32>) = (legs.len().max(1) as f64, forecast.places());
         let begun_bits = forecast.loss_bits;
         let outlook = forecast.outlook();
+        let least_bits = lower_bound(world, outlook);
+        if begun_bits <= least_bits {
+            return; // nothing can be better
+        }
         let blocks = world.blocks() as f64 * f64::from(outlook.slots);
         let free = (1.0 - forecast.trace().visits.len() as f64 / blocks).max(0.0);
         let freedom = (free / FREE).min(1.0).powi(2);
-        let avoidable_bits = (begun_bits - forecast.beyond_bits - lower_bound(world, outlook)).max(0.0) * freedom;
-        let progress = slot as f64 / self.slots as f64;
+        let avoidable_bits = (begun_bits - forecast.beyond_bits - least_bits).max(0.0) * freedom;
+        // A window that moves on has no end to cool toward.
+        let progress = if outlook.beyond_slots > 0.0 { 1.0 } else { slot as f64 / self.slots as f64 };
         let ceiling = HOTTEST * (LAST_CEILING / HOTTEST).powf(progress);
         let far_bits = avoidable_bits / stops * self.heat.min(ceiling);
         let heat = Heat { far_bits, now: 0, far_slots: FAR_SLOTS, near_share: NEAR_SHARE };
         let mut random = self.streams.stream(Purpose::Horizon, slot, 0);
-        anneal::anneal(world, forecast, heat, self.iterations, &mut random);
+        anneal::anneal(world, forecast, heat, budget, &mut random);
+        // Whom a slot serves depends on the queues, and a search takes over what it does not fly again: only flown anew the
+        // plan is what the next slot goes on with.
+        let found = forecast.places();
+        forecast.load(world, found.into_iter());
         let rise_bits = forecast.loss_bits - begun_bits;
         if rise_bits > 0.0 {
             self.heat = (self.heat * COOLING).max(COLDEST);

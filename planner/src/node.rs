@@ -40,6 +40,9 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
 
     let nodes = sensors.wait_for(&mut patience, 0, |_| true, serve_joiners)?;
     let mut planner = Planner::new(scenario, nodes.payload());
+    if let Pace::Factor(_) = ring.terms.pace {
+        planner.limit(scenario.planner.horizon_budget);
+    }
     let mut recollection = Recollection::open(folder, scenario, nodes.payload().len()).map_err(RingError::from)?;
     let mut next = 0;
     loop {

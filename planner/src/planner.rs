@@ -8,6 +8,7 @@
 mod remembering;
 
 use std::ops::ControlFlow;
+use std::time::Duration;
 
 use nalgebra::Point3;
 use skysink_common::geometry::Position;
@@ -102,13 +103,22 @@ impl Planner {
         }
     }
 
+    /// Lets a search that looks ahead also end when `limit` has passed since its slot's step began; for runs paced by a
+    /// clock only, because results then depend on time. Without a limit, as at first, no clock is read.
+    pub fn limit(&mut self, limit: Option<Duration>) {
+        if let Carried::Horizon(horizon) = &mut self.carried {
+            horizon.limit(limit);
+        }
+    }
+
     /// Plans `slot` from where the UAV is, `L_u(t−1)` at the altitude `altitude_m` [m], and the queues `B_i(t−1)` [bit],
     /// by id. In free space the UAV flies at the scenario's altitude, whatever `altitude_m` says. Where the queues are
     /// estimated, the plan is made from what is believed of them, see [`Planner::observe`]; of `queues_bits` is kept what
     /// those that it schedules will announce.
     ///
     /// It takes as long as there are SNs near the UAV, however many there are in all; only a slot of transit, and an
-    /// estimate, look at every queue. `plan_ns` stays 0: a step reads no clock.
+    /// estimate, look at every queue. `plan_ns` stays 0: a step reads no clock, unless
+    /// [`Self::limit`] says so.
     ///
     /// # Panics
     /// If there is not one queue per sensor node.

@@ -2,6 +2,7 @@
 
 use std::fmt::Debug;
 use std::path::Path;
+use std::time::Duration;
 
 use super::raw::{self, AltitudeMode, LinkModel, OneOrRange, Rates, letter};
 use super::{
@@ -26,6 +27,9 @@ const MAX_HORIZON_ITERATIONS: u32 = 1_000_000_000;
 /// Search steps of the look-ahead strategy before a mission: a month.
 const MAX_OFFLINE_STEPS: u64 = 1_000_000_000_000;
 
+/// Longest search of a slot [ms], an hour.
+const MAX_HORIZON_BUDGET_MS: f64 = 3.6e6;
+
 /// Bits that one sensor node may sample in a mission: counted through `f64`, exact up to 2^53.
 const MAX_SAMPLED_BITS: f64 = 9.0e15;
 
@@ -48,6 +52,7 @@ pub(super) fn check(mut raw: raw::Scenario, path: &Path) -> Result<Scenario, Sce
     checker.that("planner.horizon_iterations", steps, steps <= MAX_HORIZON_ITERATIONS, "0 to 1000000000")?;
     let offline = raw.planner.offline_steps;
     checker.that("planner.offline_steps", offline, offline <= MAX_OFFLINE_STEPS, "0 to 1000000000000")?;
+    let horizon_budget = checker.milliseconds("planner.horizon_budget_ms", raw.planner.horizon_budget_ms)?;
     Ok(Scenario {
         name: raw.name.clone(),
         seed: raw.seed,
@@ -63,6 +68,7 @@ pub(super) fn check(mut raw: raw::Scenario, path: &Path) -> Result<Scenario, Sce
             sca_iterations: iterations,
             horizon_iterations: steps,
             offline_steps: offline,
+            horizon_budget,
             waypoint_solver: raw.planner.waypoint_solver,
             knowledge,
         },
@@ -97,6 +103,16 @@ impl Checker<'_> {
 
     pub(super) fn not_negative(&self, key: &'static str, value: f64) -> Result<(), ScenarioError> {
         self.that(key, value, value >= 0.0 && value.is_finite(), "a finite number, 0 or above")
+    }
+
+    /// A time, if there is one.
+    fn milliseconds(&self, key: &'static str, value: Option<f64>) -> Result<Option<Duration>, ScenarioError> {
+        let Some(value_ms) = value else {
+            return Ok(None);
+        };
+        let holds = value_ms > 0.0 && value_ms <= MAX_HORIZON_BUDGET_MS;
+        self.that(key, value_ms, holds, "milliseconds above 0, at most 3600000")?;
+        Ok(Some(Duration::from_secs_f64(value_ms / 1e3)))
     }
 
     fn name(&self, name: &str) -> Result<(), ScenarioError> {

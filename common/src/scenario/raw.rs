@@ -157,7 +157,7 @@ pub struct Link {
 }
 
 /// `[planner]`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 #[allow(missing_docs)]
 pub struct Planner {
@@ -165,6 +165,8 @@ pub struct Planner {
     pub sca_iterations: u32,
     pub horizon_iterations: u32,
     pub offline_steps: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub horizon_budget_ms: Option<f64>,
     pub waypoint_solver: WaypointSolver,
     pub knowledge: Knowledge,
     pub rates: Rates,
@@ -458,6 +460,7 @@ pub(super) mod letter {
                 sca_iterations: 1,
                 horizon_iterations: 10_000,
                 offline_steps: 1_000_000,
+                horizon_budget_ms: None,
                 waypoint_solver: WaypointSolver::Geometric,
                 knowledge: Knowledge::Oracle,
                 rates: Rates::Known,

@@ -3,6 +3,7 @@
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
+use super::budget::Budget;
 use super::forecast::{FRESH, Forecast};
 use super::world::World;
 
@@ -41,9 +42,9 @@ fn share(random: &mut ChaCha8Rng) -> f64 {
     (f64::from(random.next_u32()) + 1.0) / 4_294_967_296.0
 }
 
-/// Improves the plan of `forecast` by `steps` changes.
-pub fn anneal(world: &World, forecast: &mut Forecast, heat: Heat, steps: u32, random: &mut ChaCha8Rng) {
-    for _ in 0..steps {
+/// Improves the plan of `forecast` by as many changes as `budget` allows.
+pub fn anneal(world: &World, forecast: &mut Forecast, heat: Heat, budget: Budget, random: &mut ChaCha8Rng) {
+    for _ in (0..).take_while(|step| budget.allows(*step)) {
         let Some((from, to)) = propose(world, forecast, heat.now, random) else {
             continue;
         };

@@ -2,6 +2,7 @@
 
 use skysink_common::geometry::{Position, distance_squared};
 
+use super::choice::Candidate;
 use super::world::World;
 
 /// Slack of the number of slots to a stop, relative to one slot's reach; far below the slack of decision D5.
@@ -45,9 +46,8 @@ pub fn serve(world: &World, empty: &mut Empty, visit: &Visit) -> f64 {
     let slot = f64::from(visit.slot);
     let empty = &mut empty[visit.source as usize];
     let gap = slot - *empty;
-    let lost = (gap - source.fill_slots).max(0.0);
-    *empty = slot - (gap - lost - visit.capacity_slots).max(0.0);
-    lost * source.mean_bits
+    *empty = slot - (gap.min(source.fill_slots) - visit.capacity_slots).max(0.0);
+    (gap - source.fill_slots).max(0.0) * source.mean_bits
 }
 
 /// Slots to get from `from` to a point within `radius_m` [m] of `centre` at `reach_m` [m] a slot, at least 1.
@@ -113,8 +113,8 @@ pub struct Decoder {
     served: Vec<u32>,
     /// The members of the stops that end with that slot.
     stopped: Vec<u32>,
-    /// In range at the end of a slot: urgency, source, squared distance.
-    found: Vec<(f64, u32, f64)>,
+    /// In range at the end of a slot.
+    found: Vec<Candidate>,
 }
 
 impl Decoder {
@@ -179,32 +179,32 @@ impl Decoder {
         Some(lost_bits + self.meet(world, members, empty, visits))
     }
 
-    /// Serves `members` and then the most urgent of the others in range.
+    /// Serves `members` and then those of the others in range for whom it saves most.
     fn meet(&mut self, world: &World, members: &[u32], empty: &mut Empty, visits: &mut Vec<Visit>) -> f64 {
         let (slot, now) = (self.slot, f64::from(self.slot));
         let found = &mut self.found;
         found.clear();
         if members.len() == world.blocks() {
             let away_m2 = |&source: &u32| distance_squared(&world.positions[source as usize], &self.at);
-            found.extend(members.iter().map(|source| (0.0, *source, away_m2(source))));
+            found.extend(members.iter().map(|source| Candidate::new(world, *source, away_m2(source))));
         } else {
             world.grid.within(&self.at, world.radius_m() * (1.0 + RANGE_SLACK), |source, d2_m2| {
-                found.push((0.0, source, d2_m2));
+                found.push(Candidate::new(world, source, d2_m2));
             });
         }
         if found.len() > world.blocks() {
-            for (urgency, source, _) in found.iter_mut() {
-                let left = world.sources[*source as usize].fill_slots - (now - empty[*source as usize]);
-                *urgency = if members.contains(source) { f64::NEG_INFINITY } else { left };
+            for candidate in found.iter_mut() {
+                let gap_slots = now - empty[candidate.source as usize];
+                let is_member = members.contains(&candidate.source);
+                if is_member { candidate.stop() } else { candidate.weigh(world, gap_slots) }
             }
-            let order = |a: &(f64, u32, f64), b: &(f64, u32, f64)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
-            found.select_nth_unstable_by(world.blocks() - 1, order);
+            found.select_nth_unstable_by(world.blocks() - 1, Candidate::order);
             found.truncate(world.blocks());
         }
         self.served.clear();
         let mut lost_bits = 0.0;
-        for &(_, source, d2_m2) in found.iter() {
-            let visit = Visit { source, slot, capacity_slots: world.capacity_slots(source, d2_m2) };
+        for &Candidate { source, capacity_slots, .. } in found.iter() {
+            let visit = Visit { source, slot, capacity_slots };
             lost_bits += serve(world, empty, &visit);
             visits.push(visit);
             self.served.push(source);

@@ -5,14 +5,10 @@
 
 use skysink_common::geometry::Position;
 
+use super::choice::late_slots;
 use super::flight::{Decoder, Leg, Visit, serve};
+use super::states::{Rejoined, States};
 use super::world::World;
-
-/// Fewest legs between two stored states.
-const STRIDE: usize = 16;
-
-/// Stored states of a plan as it is loaded; their memory is in proportion to the sources.
-const STATES: usize = 64;
 
 /// A stop of a changed plan that the old plan does not have in this order.
 pub const FRESH: u32 = u32::MAX;
@@ -44,10 +40,12 @@ pub struct Trace {
 /// A change under trial: legs `from..` of the old trace are replaced by `trace`, then the old ones from `rest` on,
 /// `shift` slots later.
 #[derive(Debug, Clone, Default)]
-struct Change {
-    from: usize,
-    trace: Trace,
-    rest: Option<(usize, i32)>,
+pub(super) struct Change {
+    pub(super) from: usize,
+    pub(super) trace: Trace,
+    pub(super) rest: Option<(usize, i32)>,
+    /// Where the rest is as it was.
+    pub(super) rejoined: Option<Rejoined>,
 }
 
 /// The forecast of a plan.
@@ -63,11 +61,7 @@ pub struct Forecast {
     /// New stops in place of a part of the plan: place, and its index in the old plan or [`FRESH`].
     pub window: Vec<(u32, u32)>,
     decoder: Decoder,
-    /// Legs between two stored states.
-    stride: usize,
-    /// State before each leg that is a multiple of the stride, as far as known, and the loss until then.
-    states: Vec<(f64, Vec<f64>)>,
-    known: usize,
+    pub(super) states: States,
     work: Vec<f64>,
     spare: Trace,
 }
@@ -78,9 +72,7 @@ impl Forecast {
     pub fn new(world: &World, outlook: Outlook) -> Self {
         let mut forecast = Self {
             work: outlook.empty.clone(),
-            states: vec![(0.0, outlook.empty.clone())],
-            stride: STRIDE,
-            known: 1,
+            states: States::new(&outlook.empty),
             outlook,
             trace: Trace::default(),
             loss_bits: 0.0,
@@ -120,34 +112,26 @@ impl Forecast {
 
     /// Brings `work` to the state before leg `leg`; returns the loss until then [bit].
     fn restore(&mut self, world: &World, leg: usize) -> f64 {
-        let mut state = (leg / self.stride).min(self.known - 1);
-        let mut lost_bits = self.states[state].0;
-        self.work.copy_from_slice(&self.states[state].1);
-        let mut at = state * self.stride;
-        loop {
-            let to = leg.min((state + 1) * self.stride);
-            let end = self.trace.legs.get(to).map_or(self.trace.visits.len(), |leg| leg.first as usize);
-            for visit in &self.trace.visits[self.trace.legs.get(at).map_or(end, |leg| leg.first as usize)..end] {
+        let state = self.states.last_known(leg);
+        let mut lost_bits = self.states.load(state, 0, &mut self.work);
+        let mut at = self.states.leg(state);
+        for state in state + 1.. {
+            let to = leg.min(self.states.leg(state));
+            for visit in &self.trace.visits[self.first_visit(at)..self.first_visit(to)] {
                 lost_bits += serve(world, &mut self.work, visit);
             }
-            if to != (state + 1) * self.stride {
-                return lost_bits;
+            at = to;
+            if to != self.states.leg(state) {
+                break;
             }
-            (state, at) = (state + 1, to);
-            if state == self.known {
-                self.remember(state, lost_bits);
-            }
+            self.states.store(state, lost_bits, &self.work);
         }
+        lost_bits
     }
 
-    fn remember(&mut self, state: usize, lost_bits: f64) {
-        if state == self.states.len() {
-            self.states.push((lost_bits, self.work.clone()));
-        } else {
-            self.states[state].0 = lost_bits;
-            self.states[state].1.copy_from_slice(&self.work);
-        }
-        self.known = state + 1;
+    /// Index of the first visit of leg `leg`.
+    fn first_visit(&self, leg: usize) -> usize {
+        self.trace.legs.get(leg).map_or(self.trace.visits.len(), |leg| leg.first as usize)
     }
 
     /// What is lost after the last visit [bit], from the state `work`.
@@ -167,10 +151,8 @@ impl Forecast {
         if self.outlook.beyond_slots > 0.0 {
             let (most, until) = (self.outlook.beyond_slots, self.outlook.revisit_slots);
             for (source, empty) in world.sources.iter().zip(&self.work) {
-                // The next visit comes evenly within `until` slots: on average it is late by (until − left)²/(2 until).
                 let left = (source.fill_slots - (end - empty)).max(0.0);
-                let late = (until - left).max(0.0);
-                lost_bits += (late * late / (2.0 * until)).min(most) * source.mean_bits;
+                lost_bits += late_slots(left, until).min(most) * source.mean_bits;
             }
         }
         lost_bits
@@ -186,6 +168,7 @@ impl Forecast {
         change.trace.visits.clear();
         change.from = start;
         change.rest = None;
+        change.rejoined = None;
         let (before, fresh) = (from - start, self.window.len());
         let mut last = None; // index in the old plan, if flown as there
         for step in 0.. {
@@ -201,7 +184,7 @@ impl Forecast {
                 let shift = self.decoder.slot - self.end_before(old as usize);
                 if step >= before + fresh {
                     change.rest = Some((old as usize, shift));
-                    lost_bits += self.repeat(world, old as usize, shift);
+                    (lost_bits, change.rejoined) = self.repeat(world, old as usize, shift, lost_bits);
                     break;
                 }
                 let Some(bits) = self.copy_leg(world, old as usize, shift, &mut change.trace) else {
@@ -279,14 +262,36 @@ impl Forecast {
         Some(lost_bits)
     }
 
-    /// Flies the old plan from leg `old` on, `shift` slots later.
-    fn repeat(&mut self, world: &World, old: usize, shift: i32) -> f64 {
-        let (_, visits) = self.in_time(old, shift);
-        let mut lost_bits = 0.0;
-        for visit in &self.trace.visits[self.trace.legs[old].first as usize..visits] {
+    /// Flies the old plan from leg `old` on, `shift` slots later, `lost_bits` having been lost before; returns what is lost
+    /// until the end of its last leg [bit].
+    ///
+    /// As soon as a stored state shows that all queues are as they were then, what follows is known.
+    fn repeat(&mut self, world: &World, old: usize, shift: i32, mut lost_bits: f64) -> (f64, Option<Rejoined>) {
+        let (end, _) = self.in_time(old, shift);
+        let (mut at, mut rejoined) = (old, None);
+        for state in self.states.after(old).. {
+            let to = end.min(self.states.leg(state));
+            for visit in &self.trace.visits[self.first_visit(at)..self.first_visit(to)] {
+                lost_bits += serve(world, &mut self.work, &Visit { slot: visit.slot + shift, ..*visit });
+            }
+            at = to;
+            if to == end {
+                break;
+            }
+            let now = self.end_before(at) + shift;
+            if let Some(overflowed_bits) = self.states.rejoin(world, state, shift, now, &self.work) {
+                let more_bits = lost_bits + overflowed_bits - self.states.lost_bits(state);
+                rejoined = Some(Rejoined { state, more_bits });
+                let last = self.states.last_known(end);
+                lost_bits = self.states.load(last, shift, &mut self.work) + more_bits;
+                at = self.states.leg(last);
+                break;
+            }
+        }
+        for visit in &self.trace.visits[self.first_visit(at)..self.first_visit(end)] {
             lost_bits += serve(world, &mut self.work, &Visit { slot: visit.slot + shift, ..*visit });
         }
-        lost_bits
+        (lost_bits, rejoined)
     }
 
     /// Ends of the legs, from leg `old` on, and of their visits, that are in time `shift` slots later.
@@ -343,19 +348,19 @@ impl Forecast {
         self.trace.legs.extend_from_slice(&spare.legs);
         self.trace.visits.extend_from_slice(&spare.visits);
         self.spare = spare;
-        self.known = self.known.min(from / self.stride + 1);
+        self.states.change(change, self.trace.legs.len());
         self.loss_bits = loss_bits;
     }
 
     /// Replaces the plan by `places`, as far as they can be flown in time.
     pub fn load(&mut self, world: &World, places: impl Iterator<Item = u32>) {
         self.trace = Trace::default();
-        self.known = 1;
+        self.states.forget();
         self.window.clear();
         self.window.extend(places.map(|place| (place, FRESH)));
         let loss_bits = self.attempt(world, 0, 0);
         self.accept(loss_bits);
-        self.stride = STRIDE.max(self.trace.legs.len() / STATES);
+        self.states.spread(self.trace.legs.len());
         self.beyond_bits = self.beyond(world);
     }
 }

@@ -7,6 +7,7 @@ use skysink_common::random::Purpose;
 
 use super::anneal::{Heat, anneal};
 use super::bound::lower_bound;
+use super::budget::Budget;
 use super::forecast::Forecast;
 use super::{COLDEST, COOLING, FAR_SLOTS, HOTTEST, Horizon, LAST_CEILING, MOST_RISE, NEAR_SHARE, WARMING, start};
 
@@ -68,6 +69,9 @@ impl Horizon {
         let mut warmth = HOTTEST;
         for round in 0..ROUNDS {
             watch(Progress { share: round as f64 / ROUNDS as f64, loss_bits: best_bits })?;
+            if best_bits <= bound_bits {
+                break; // nothing can be better
+            }
             let (begun_bits, begun) = (forecast.loss_bits, forecast.places());
             let avoidable_bits = (forecast.loss_bits - forecast.beyond_bits - bound_bits).max(0.0);
             let stop_bits = avoidable_bits / best.len().max(1) as f64;
@@ -82,9 +86,14 @@ impl Horizon {
             if round == SWEEPING {
                 forecast.load(world, best.iter().copied());
             }
-            anneal(world, forecast, heat, part(steps, round), &mut random);
+            anneal(world, forecast, heat, Budget::from_now(part(steps, round), None), &mut random);
             if forecast.loss_bits < best_bits {
-                (best_bits, best) = (forecast.loss_bits, forecast.places());
+                // Flown anew, its slots may serve others; what counts is what comes of that.
+                let found = forecast.places();
+                forecast.load(world, found.iter().copied());
+                if forecast.loss_bits < best_bits {
+                    (best_bits, best) = (forecast.loss_bits, found);
+                }
             }
             let rise_bits = forecast.loss_bits - begun_bits;
             warmth = if rise_bits > 0.0 { warmth * COOLING } else { (warmth * WARMING).min(HOTTEST) };

@@ -5,6 +5,7 @@ use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
 
+use super::cycle::even_out;
 use super::grid::Grid;
 use super::groups;
 use crate::field::Field;
@@ -12,6 +13,12 @@ use crate::tour::closed_tour;
 
 /// Entries of the table of a channel that is in line of sight by chance, over `d²` from 0 to `d_c²`.
 const TABLE: usize = 64;
+
+/// Entries of it that an altitude is chosen for: the inner fifth of the disk, where most are served from.
+const NEAR_STEPS: usize = TABLE / 5;
+
+/// Steps between the altitudes that are compared.
+const LEVELS: u32 = 16;
 
 /// Stops that a move may put in another's place.
 const NEIGHBOURS: usize = 12;
@@ -56,7 +63,8 @@ pub struct Place {
 enum Channel {
     /// The mean rate in free space.
     FreeSpace,
-    /// The expected rate at the best altitude [bit per slot], over `d²`.
+    /// The expected rate [bit per slot], over `d²`, at the altitude that is best for sources nearby: all that a slot serves
+    /// are served from one altitude, and the next slot's is near to it.
     Table(Box<[f64; TABLE + 1]>),
 }
 
@@ -142,7 +150,13 @@ impl World {
             let large: Vec<usize> = (0..groups.len()).filter(|&group| groups[group].members.len() >= size).collect();
             let centres: Vec<Position> = large.iter().map(|&group| groups[group].centre).collect();
             let place = |index: u32| (first + large[index as usize]) as u32;
-            let tour = closed_tour(self.field.area, &centres).into_iter().map(place).collect();
+            let mut tour: Vec<u32> = closed_tour(self.field.area, &centres).into_iter().map(place).collect();
+            let excess = |a: u32, b: u32| {
+                let (a, b) = (&groups[a as usize - first], &groups[b as usize - first]);
+                let away_m = distance_squared(&a.centre, &b.centre).sqrt() - (a.radius_m + b.radius_m) / 2.0;
+                (away_m / self.field.reach_m - 1.0).max(0.0)
+            };
+            even_out(&mut tour, excess);
             self.tours.push(tour);
         }
     }
@@ -166,11 +180,16 @@ impl World {
         tour.iter().zip(tour.iter().cycle().skip(1)).map(leg).sum()
     }
 
+    /// Whether plans may stop at `place`: at a group, and at a source alone unless so many stand around it that it does
+    /// not say who is served, and a visit would empty it anyway.
     fn is_stop(&self, place: u32) -> bool {
+        let Some(source) = self.sources.get(place as usize) else {
+            return true;
+        };
         let mut met = 0;
         let centre = &self.places[place as usize].centre;
         self.grid.within(centre, self.field.comm_radius_m, |_, _| met += 1);
-        place as usize >= self.sources.len() || met <= self.blocks() || self.places.len() == self.sources.len()
+        !source.emptied || met <= self.blocks() || self.places.len() == self.sources.len()
     }
 
     /// How far from a source a stop for it alone may be [m]: as far as the link carries most of what it carries from
@@ -253,14 +272,15 @@ impl Channel {
             .climb
             .map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
         let rim_m2 = field.comm_radius_m * field.comm_radius_m;
-        let best_bits = |d2_m2: f64| {
-            let rate_bps = |level: u32| {
-                let z_m = altitudes_m[0] + (altitudes_m[1] - altitudes_m[0]) * f64::from(level) / 16.0;
-                los.expected_rate_bps(d2_m2, z_m)
-            };
-            let best_bps = (0..=16).map(rate_bps).fold(0.0, f64::max);
-            field.link.capacity_bits(best_bps) as f64
+        let at_m2 = |step: usize| rim_m2 * step as f64 / TABLE as f64;
+        let altitude_m =
+            |level: u32| altitudes_m[0] + (altitudes_m[1] - altitudes_m[0]) * f64::from(level) / f64::from(LEVELS);
+        let near_bps = |level: u32| -> f64 {
+            (0..=NEAR_STEPS).map(|step| los.expected_rate_bps(at_m2(step), altitude_m(level))).sum()
         };
-        Self::Table(Box::new(std::array::from_fn(|step| best_bits(rim_m2 * step as f64 / TABLE as f64))))
+        let better = |a: &u32, b: &u32| near_bps(*a).total_cmp(&near_bps(*b)).then(b.cmp(a));
+        let z_m = altitude_m((0..=LEVELS).max_by(better).expect("at least one level"));
+        let bits = |step| field.link.capacity_bits(los.expected_rate_bps(at_m2(step), z_m)) as f64;
+        Self::Table(Box::new(std::array::from_fn(bits)))
     }
 }

@@ -1,0 +1,156 @@
+//! States of a plan that are kept, so that a change of it is flown from the last one before the change to the first one
+//! behind it that is reached again.
+
+use super::forecast::Change;
+use super::world::{Source, World};
+
+/// Fewest legs between two stored states.
+const STRIDE: usize = 16;
+
+/// Stored states of a plan as it is loaded; their memory is in proportion to the sources.
+const STATES: usize = 64;
+
+/// Slots by which two states may differ and count as the same: rounding.
+const ROUNDING: f64 = 1e-9;
+
+/// A changed plan has come to the queues of a stored state of the old plan, at a shift in time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rejoined {
+    /// The state.
+    pub state: usize,
+    /// How much more the changed plan has lost until then, counting what has overflowed [bit].
+    pub more_bits: f64,
+}
+
+/// When each source is empty before a leg, and what has been lost until then [bit].
+#[derive(Debug, Clone)]
+struct State {
+    is_known: bool,
+    lost_bits: f64,
+    empty: Vec<f64>,
+}
+
+/// The states before every leg whose number is a multiple of a stride, as far as known.
+#[derive(Debug, Clone)]
+pub struct States {
+    stride: usize,
+    states: Vec<State>,
+    /// The source that differed when two states were last compared; it is likely to do so again.
+    suspect: usize,
+}
+
+impl States {
+    /// The states of an empty plan that starts from `empty`.
+    #[must_use]
+    pub fn new(empty: &[f64]) -> Self {
+        let start = State { is_known: true, lost_bits: 0.0, empty: empty.to_vec() };
+        Self { stride: STRIDE, states: vec![start], suspect: 0 }
+    }
+
+    /// Forgets all but the start.
+    pub fn forget(&mut self) {
+        self.states[1..].iter_mut().for_each(|state| state.is_known = false);
+    }
+
+    /// Chooses the stride for a plan of `legs` legs; all states but the start are forgotten.
+    pub fn spread(&mut self, legs: usize) {
+        self.forget();
+        self.stride = STRIDE.max(legs / STATES);
+    }
+
+    /// The leg that `state` is before.
+    #[must_use]
+    pub fn leg(&self, state: usize) -> usize {
+        state * self.stride
+    }
+
+    /// The first state before leg `leg` or a later one.
+    #[must_use]
+    pub fn after(&self, leg: usize) -> usize {
+        leg.div_ceil(self.stride)
+    }
+
+    fn is_known(&self, state: usize) -> bool {
+        self.states.get(state).is_some_and(|state| state.is_known)
+    }
+
+    /// The last known state before leg `leg` or an earlier one.
+    #[must_use]
+    pub fn last_known(&self, leg: usize) -> usize {
+        let last = (leg / self.stride).min(self.states.len() - 1);
+        (0..=last).rev().find(|&state| self.is_known(state)).expect("the start is known")
+    }
+
+    /// What has been lost before `state` [bit].
+    #[must_use]
+    pub fn lost_bits(&self, state: usize) -> f64 {
+        self.states[state].lost_bits
+    }
+
+    /// Brings `work` to `state`, `shift` slots later; returns what has been lost until then [bit].
+    pub fn load(&self, state: usize, shift: i32, work: &mut [f64]) -> f64 {
+        let State { lost_bits, empty, .. } = &self.states[state];
+        work.copy_from_slice(empty);
+        if shift != 0 {
+            work.iter_mut().for_each(|empty| *empty += f64::from(shift));
+        }
+        *lost_bits
+    }
+
+    /// Stores `work` as `state`, to which `lost_bits` have been lost.
+    pub fn store(&mut self, state: usize, lost_bits: f64, work: &[f64]) {
+        while self.states.len() <= state {
+            self.states.push(State { is_known: false, lost_bits: 0.0, empty: work.to_vec() });
+        }
+        let stored = &mut self.states[state];
+        (stored.is_known, stored.lost_bits) = (true, lost_bits);
+        stored.empty.copy_from_slice(work);
+    }
+
+    /// Whether all queues are at the end of slot `now`, in `work`, what they are in `state` `shift` slots before; then how
+    /// much more has overflowed of the full ones that nobody has visited since [bit].
+    pub fn rejoin(&mut self, world: &World, state: usize, shift: i32, now: i32, work: &[f64]) -> Option<f64> {
+        if !self.is_known(state) {
+            return None;
+        }
+        let stored = &self.states[state].empty;
+        let (then, now) = (f64::from(now - shift), f64::from(now));
+        let differs = |source: usize| {
+            let full = world.sources[source].fill_slots;
+            ((now - work[source]).min(full) - (then - stored[source]).min(full)).abs() > ROUNDING
+        };
+        if work.get(self.suspect).is_some_and(|_| differs(self.suspect)) {
+            return None;
+        }
+        if let Some(source) = (0..work.len()).find(|&source| differs(source)) {
+            self.suspect = source;
+            return None;
+        }
+        let overflow = |gap: f64, source: &Source| (gap - source.fill_slots).max(0.0) * source.mean_bits;
+        let more_bits = |(source, (work, stored)): (&Source, (&f64, &f64))| {
+            overflow(now - work, source) - overflow(then - stored, source)
+        };
+        Some(world.sources.iter().zip(work.iter().zip(stored)).map(more_bits).sum())
+    }
+
+    /// Keeps what is still right after `change`, which has left `legs` legs.
+    pub(super) fn change(&mut self, change: &Change, legs: usize) {
+        let first = change.from / self.stride + 1;
+        // States keep their places only if as many legs came as went.
+        let in_place = |rest: usize| change.from + change.trace.legs.len() == rest;
+        let rejoined = change.rejoined.zip(change.rest).filter(|(_, (rest, _))| in_place(*rest));
+        for state in first..self.states.len() {
+            let leg = self.leg(state);
+            let stored = &mut self.states[state];
+            match rejoined {
+                Some((Rejoined { state: rejoined, more_bits }, (_, shift))) if state >= rejoined && leg <= legs => {
+                    stored.lost_bits += more_bits;
+                    if shift != 0 {
+                        stored.empty.iter_mut().for_each(|empty| *empty += f64::from(shift));
+                    }
+                }
+                _ => stored.is_known = false,
+            }
+        }
+    }
+}
