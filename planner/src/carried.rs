@@ -50,6 +50,13 @@ impl Carried {
         }
     }
 
+    /// Takes over how sure the queues at the end of `slot` are.
+    pub fn doubt(&mut self, slot: u64, estimate: &Estimate) {
+        if let Self::Horizon(horizon) = self {
+            horizon.doubt(slot, estimate);
+        }
+    }
+
     /// Appends the state.
     pub fn remember(&self, bytes: &mut Vec<u8>) {
         match self {

@@ -22,6 +22,10 @@ pub struct Estimate {
     rates: Rates,
     /// Mean of the initial queues [bit].
     initial_bits: u32,
+    /// Half the width of the range in which they lie, evenly [bit].
+    initial_half_bits: f64,
+    /// Half the width of the range of the rates, as a share of their mean.
+    rate_half_share: f64,
     beliefs: Vec<Belief>,
     /// The last slot whose flight was observed; nobody is served before slot 1.
     observed: u64,
@@ -31,6 +35,28 @@ pub struct Estimate {
     announced: (u64, Vec<(u32, u32)>),
     /// What the SNs are believed to hold [bit].
     queues_bits: Vec<u32>,
+}
+
+/// How far an SN may be from what is believed of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Uncertainty {
+    /// What it would be believed to hold were its storage endless [bit].
+    pub endless_bits: f64,
+    /// Half the width of the range in which its initial queue lies, evenly [bit]; 0 after the first contact.
+    pub initial_bits: f64,
+    /// Half the width of the range in which its rate lies, evenly, as a share of what is believed; 0 once a gap told it.
+    pub rate: f64,
+}
+
+/// Half the width [bit] of an even law with the variance of Poisson queues whose mean is even in a range.
+fn half_bits([lowest, highest]: [f64; 2]) -> f64 {
+    let half_bits = (highest - lowest) / 2.0;
+    (half_bits * half_bits + 3.0 * Sensors::mean([lowest, highest])).sqrt()
+}
+
+/// Half the width of a range as a share of its mean; 0 of nothing.
+fn half_share([lowest, highest]: [f64; 2]) -> f64 {
+    if highest > 0.0 { (highest - lowest) / (highest + lowest) } else { 0.0 }
 }
 
 /// What is believed of an SN.
@@ -115,6 +141,8 @@ impl Estimate {
         Some(Self {
             rates,
             initial_bits,
+            initial_half_bits: half_bits(scenario.sensors.initial_queue_mean_bits),
+            rate_half_share: half_share(scenario.sensors.sampling_bps),
             beliefs: sensors.iter().map(belief).collect(),
             observed: 0,
             whole_since: 0,
@@ -133,6 +161,20 @@ impl Estimate {
     #[must_use]
     pub fn mean_bits(&self, id: u32) -> f64 {
         self.beliefs[id as usize].mean_bits()
+    }
+
+    /// How far SN `id` may be from what is believed of it at the end of `slot`.
+    #[must_use]
+    pub fn uncertainty(&self, slot: u64, id: u32) -> Uncertainty {
+        let belief = &self.beliefs[id as usize];
+        let came_bits = bits_between(belief.mean_bits(), belief.contact, slot);
+        let is_unmet = belief.contact == 0;
+        let is_unlearnt = self.rates == Rates::Learnt && belief.learnt.slots == 0;
+        Uncertainty {
+            endless_bits: came_bits as f64 + f64::from(belief.left_bits),
+            initial_bits: if is_unmet { self.initial_half_bits } else { 0.0 },
+            rate: if is_unlearnt { self.rate_half_share } else { 0.0 },
+        }
     }
 
     /// Storage of SN `id` [bit].

@@ -17,6 +17,7 @@ pub mod grid;
 pub mod groups;
 pub mod optimize;
 pub mod reach;
+pub mod rollout;
 pub mod start;
 pub mod states;
 #[cfg(test)]
@@ -32,13 +33,14 @@ use skysink_common::path::MAX_POINTS;
 use skysink_common::random::{Purpose, Streams};
 use skysink_common::scenario::{Scenario, Strategy};
 
-use crate::estimate::Estimate;
+use crate::estimate::{Estimate, Uncertainty};
 use crate::memory::{MemoryError, Reader};
 use anneal::Heat;
 use bound::lower_bound;
 use budget::Budget;
 use forecast::{Forecast, Outlook};
-use world::World;
+use rollout::roll_out;
+use world::{Doubt, Place, World};
 
 /// Most slots that are looked ahead: the letter's whole mission.
 const MOST_SLOTS: u64 = 600;
@@ -93,6 +95,9 @@ pub struct Horizon {
     /// Search steps before the first slot that is planned; none but for `offline`.
     offline_steps: Option<u64>,
     limit: Option<Duration>,
+    /// What the queues would hold beyond their storages, as far as is believed, by source [slots of sampling]; empty where
+    /// they are known.
+    overdue: Vec<f64>,
     /// Stops that are still to come, as places of the world.
     carried: Vec<u32>,
     /// Heat of the next search, 0 to [`HOTTEST`].
@@ -131,6 +136,7 @@ impl Horizon {
             iterations,
             offline_steps,
             limit: None,
+            overdue: Vec::new(),
             carried: Vec::new(),
             heat: HOTTEST,
         }
@@ -157,6 +163,19 @@ impl Horizon {
         }
     }
 
+    /// Takes over how sure `estimate` is of the queues at the end of `slot`.
+    pub(crate) fn doubt(&mut self, slot: u64, estimate: &Estimate) {
+        self.overdue.clear();
+        for (source, &id) in self.world.sources.iter_mut().zip(&self.world.ids) {
+            let Uncertainty { endless_bits, initial_bits, rate } = estimate.uncertainty(slot, id);
+            source.doubt = Doubt { initial_slots: initial_bits / source.mean_bits, rate };
+            let capacity_bits = source.fill_slots * source.mean_bits;
+            let in_doubt = source.doubt != Doubt::default();
+            let overdue_bits = if in_doubt { (endless_bits - capacity_bits).max(0.0) } else { 0.0 };
+            self.overdue.push(overdue_bits / source.mean_bits);
+        }
+    }
+
     /// Ends the search of a slot also when `limit` has passed since its step began; by default no clock is read.
     pub fn limit(&mut self, limit: Option<Duration>) {
         self.limit = limit;
@@ -180,7 +199,7 @@ impl Horizon {
         }
         let mut forecast = Forecast::new(world, self.outlook(slot, position, queues_bits));
         if self.carried.is_empty() {
-            start::begin(world, &mut forecast);
+            self.begin(&mut forecast);
         } else {
             forecast.load(world, self.carried.iter().copied());
             start::extend(world, &mut forecast);
@@ -192,15 +211,36 @@ impl Horizon {
         next(&self.world, &forecast)
     }
 
+    /// Makes a first plan: the best of several, where it loses more than it must also of the best sets of every slot.
+    fn begin(&mut self, forecast: &mut Forecast) {
+        self.world.forget_added();
+        start::begin(&self.world, forecast);
+        if forecast.loss_bits <= lower_bound(&self.world, forecast.outlook()) {
+            return;
+        }
+        if let Some(stops) = roll_out(&self.world, forecast.outlook()) {
+            let (begun_bits, begun) = (forecast.loss_bits, forecast.places());
+            let first = self.world.places.len() as u32;
+            self.world.add(stops);
+            forecast.load(&self.world, first..self.world.places.len() as u32);
+            if begun_bits <= forecast.loss_bits {
+                self.world.forget_added();
+                forecast.load(&self.world, begun.into_iter());
+            }
+        }
+    }
+
     /// What is to be foreseen from `slot` on.
     fn outlook(&self, slot: u64, position: &Position, queues_bits: &[u32]) -> Outlook {
         let left = (self.slots + 1).saturating_sub(slot).max(1);
         let slots = left.min(self.most_slots);
         let sources = self.world.sources.iter().zip(&self.world.ids);
         let empty = sources.map(|(source, &id)| -f64::from(queues_bits[id as usize]) / source.mean_bits);
+        let mut empty: Vec<f64> = empty.collect();
+        empty.iter_mut().zip(&self.overdue).for_each(|(empty, overdue)| *empty -= overdue);
         Outlook {
             start: *position,
-            empty: empty.collect(),
+            empty,
             slots: i32::try_from(slots).expect("a mission has at most 10^9 slots"),
             beyond_slots: (left - slots) as f64,
             revisit_slots: self.world.round_slots,
@@ -254,14 +294,34 @@ impl Horizon {
     /// Appends what the next slot has to know.
     pub(crate) fn remember(&self, bytes: &mut Vec<u8>) {
         bytes.extend(self.heat.to_le_bytes());
+        bytes.extend((self.world.added().len() as u32).to_le_bytes());
+        for Place { centre, members, .. } in self.world.added() {
+            let mut put = |number: u32| bytes.extend(number.to_le_bytes());
+            put(members.len() as u32);
+            members.iter().for_each(|&member| put(member));
+            centre.iter().for_each(|coordinate| bytes.extend(coordinate.to_le_bytes()));
+        }
         self.carried.iter().for_each(|place| bytes.extend(place.to_le_bytes()));
     }
 
     /// Goes on from a memory.
     pub(crate) fn recall(&mut self, mut memory: Reader) -> Result<(), MemoryError> {
         let heat = memory.share()?;
-        let places = u32::try_from(self.world.places.len()).unwrap_or(u32::MAX);
+        let (blocks, sources) = (self.world.blocks() as u32, self.world.sources.len() as u32);
+        let mut added = Vec::new();
+        for _ in 0..memory.number(MOST_OFFLINE_SLOTS as u32)? {
+            let members = memory.number(blocks.min(sources))?;
+            let members = (0..members).map(|_| memory.number(sources - 1)).collect::<Result<Vec<_>, _>>()?;
+            let centre = Position::new(memory.coordinate()?, memory.coordinate()?);
+            added.push(self.world.place_at(centre, members).ok_or_else(|| memory.malformed())?);
+        }
+        let own = self.world.places.len() - self.world.added().len();
+        let places = u32::try_from(own + added.len()).unwrap_or(u32::MAX);
         self.carried = if places == 0 { Vec::new() } else { memory.numbers(places - 1)? };
+        if self.world.added() != added {
+            self.world.forget_added();
+            self.world.add(added);
+        }
         self.heat = heat;
         self.offline_steps = None;
         Ok(())

@@ -120,6 +120,12 @@ impl<'a> Reader<'a> {
         if (0.0..=most).contains(&number) { Ok(number) } else { Err(self.malformed()) }
     }
 
+    /// A coordinate [m].
+    pub fn coordinate(&mut self) -> Result<f64, MemoryError> {
+        let coordinate = f64::from_le_bytes(self.take()?);
+        if coordinate.is_finite() { Ok(coordinate) } else { Err(self.malformed()) }
+    }
+
     /// A number from 0 to 1.
     pub fn share(&mut self) -> Result<f64, MemoryError> {
         self.real(1.0)

@@ -126,6 +126,9 @@ impl Planner {
     pub fn step(&mut self, slot: u64, position: &Position, altitude_m: f64, queues_bits: &[u32]) -> Plan {
         assert_eq!(queues_bits.len(), self.field.positions.len(), "expected one queue per sensor node");
         let mut estimate = self.estimate.take(); // lent to the slot
+        if let Some(estimate) = &estimate {
+            self.carried.doubt(slot.saturating_sub(1), estimate);
+        }
         let believed_bits = estimate.as_mut().map(|estimate| estimate.believe(slot.saturating_sub(1)));
         let believed_bits = believed_bits.unwrap_or(queues_bits);
         let plan = self.plan_slot(Slot { number: slot, position, altitude_m, queues_bits: believed_bits });
@@ -171,6 +174,9 @@ impl Planner {
     pub fn prepare(&mut self, queues_bits: &[u32], watch: &mut dyn FnMut(Progress) -> ControlFlow<()>) -> Option<f64> {
         let (strategy, start) = (self.scenario.planner.strategy, self.scenario.uav.start);
         let steps = (strategy == Strategy::Offline).then_some(self.scenario.planner.offline_steps)?;
+        if let Some(estimate) = &self.estimate {
+            self.carried.doubt(0, estimate);
+        }
         let Carried::Horizon(horizon) = &mut self.carried else { return None };
         let believed_bits = self.estimate.as_mut().map(|estimate| estimate.believe(0));
         let loss_bits = horizon.prepare((1, steps), &start, believed_bits.unwrap_or(queues_bits), watch)?;

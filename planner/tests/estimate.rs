@@ -96,7 +96,7 @@ fn texts(rates: &'static str) -> impl Generator<Value = String> {
             format!(
                 "slots = 60\nslot_s = {slot_s:?}\n[area]\nside_m = {side_m:?}\n[sensors]\ncount = {count}\n\
                  capacity_bits = {capacity_bits}\nsampling_bps = {sampling}\ninitial_queue_mean_bits = [0.0, 9000.0]\n\
-                 [link]\n{link}\n[planner]\nhorizon_iterations = 40\nknowledge = 'estimated'\nrates = '{rates}'\n"
+                 [link]\n{link}\n[planner]\nhorizon_iterations = 40\noffline_steps = 1000\nknowledge = 'estimated'\nrates = '{rates}'\n"
             )
         },
     )
@@ -260,4 +260,20 @@ fn a_planner_that_sees_the_queues_puts_down_nothing_of_them() {
     believing.turn(1);
     assert!(mission.planner.recall(1, believing.planner.memory()).is_err());
     assert!(believing.planner.recall(1, &[]).is_err());
+}
+
+#[test]
+fn a_planner_that_is_not_sure_of_the_queues_comes_early_enough() {
+    let text = "slots = 300\n[area]\nside_m = 250.0\n[sensors]\ncount = 100\nsampling_bps = [50.0, 150.0]\n\
+                initial_queue_mean_bits = [0.0, 20000.0]\n[planner]\nknowledge = 'estimated'\nrates = 'learnt'\n\
+                horizon_iterations = 300\n";
+    for seed in 1..=3 {
+        let mut mission = Mission::new(&scenario_of(text, Strategy::Horizon, seed));
+        (1..=300).for_each(|slot| {
+            mission.turn(slot);
+        });
+        let totals = mission.field.totals();
+        let loss_rate = totals.lost_bits as f64 / totals.sampled_bits as f64;
+        assert!(loss_rate < 1e-4, "seed {seed}: {loss_rate}; some fill within 70 slots");
+    }
 }

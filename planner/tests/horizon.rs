@@ -274,7 +274,7 @@ fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
 
 #[test]
 fn a_preparation_that_is_broken_off_leaves_nothing_behind() {
-    let text = "slots = 50\n[sensors]\ncount = 20\n[planner]\noffline_steps = 2000\n";
+    let text = "slots = 50\n[sensors]\ncount = 60\nsampling_bps = 5000.0\n[planner]\noffline_steps = 2000\n";
     let scenario = scenario_of(text, Strategy::Offline, 1);
     let mut mission = Mission::new(&scenario);
     let queues_bits = SensorList::of(&scenario).unwrap().queues_bits();
@@ -305,7 +305,7 @@ fn the_missions_stay_what_they_are() {
         ["181.229 223.402 []", "162.458 246.804 []", "143.687 270.206 []"],
         ["174.976 216.546 []", "149.951 233.092 []", "124.927 249.638 []"],
         ["227.270 187.496 [31]", "228.404 217.475 []", "229.539 247.453 []"],
-        ["", "", ""],
+        ["227.270 187.496 [31]", "227.070 217.495 []", "226.871 247.495 []"],
     ];
     assert_eq!(REMEMBERING.map(trace), expected);
 }

@@ -85,7 +85,8 @@ pub fn by_throughput(world: &World, outlook: &Outlook) -> f64 {
     let slots = f64::from(outlook.slots);
     let (mut excess_bits, mut best_bits) = (0.0, 0.0f64);
     for ((source, empty), id) in world.sources.iter().zip(&outlook.empty).zip(0..) {
-        excess_bits += (slots - empty - source.fill_slots) * source.mean_bits;
+        let stored_slots = (-empty).min(source.fill_slots);
+        excess_bits += (slots + stored_slots - source.fill_slots) * source.mean_bits;
         let carried = world.capacity_slots(id, 0.0).min(source.fill_slots);
         best_bits = best_bits.max(carried * source.mean_bits);
     }

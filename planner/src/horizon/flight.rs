@@ -45,9 +45,9 @@ pub fn serve(world: &World, empty: &mut Empty, visit: &Visit) -> f64 {
     let source = &world.sources[visit.source as usize];
     let slot = f64::from(visit.slot);
     let empty = &mut empty[visit.source as usize];
-    let gap = slot - *empty;
-    *empty = slot - (gap.min(source.fill_slots) - visit.capacity_slots).max(0.0);
-    (gap - source.fill_slots).max(0.0) * source.mean_bits
+    let overflow_slots = source.overflow_slots(slot, *empty);
+    *empty = slot - ((slot - *empty).min(source.fill_slots) - visit.capacity_slots).max(0.0);
+    overflow_slots * source.mean_bits
 }
 
 /// Slots to get from `from` to a point within `radius_m` [m] of `centre` at `reach_m` [m] a slot, at least 1.

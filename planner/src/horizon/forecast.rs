@@ -8,7 +8,7 @@ use skysink_common::geometry::Position;
 use super::choice::late_slots;
 use super::flight::{Decoder, Leg, Visit, serve};
 use super::states::{Rejoined, States};
-use super::world::World;
+use super::world::{Source, World};
 
 /// A stop of a changed plan that the old plan does not have in this order.
 pub const FRESH: u32 = u32::MAX;
@@ -60,6 +60,8 @@ pub struct Forecast {
     change: Change,
     /// New stops in place of a part of the plan: place, and its index in the old plan or [`FRESH`].
     pub window: Vec<(u32, u32)>,
+    /// What is expected to have overflowed before the first slot [bit]: it is in no plan's loss.
+    sunk_bits: f64,
     decoder: Decoder,
     pub(super) states: States,
     work: Vec<f64>,
@@ -77,11 +79,14 @@ impl Forecast {
             trace: Trace::default(),
             loss_bits: 0.0,
             beyond_bits: 0.0,
+            sunk_bits: 0.0,
             change: Change::default(),
             window: Vec::new(),
             decoder: Decoder::default(),
             spare: Trace::default(),
         };
+        let sunk_bits = |(source, empty): (&Source, &f64)| source.overflow_slots(0.0, *empty) * source.mean_bits;
+        forecast.sunk_bits = world.sources.iter().zip(&forecast.outlook.empty).map(sunk_bits).sum();
         forecast.loss_bits = forecast.final_loss(world);
         forecast
     }
@@ -139,9 +144,9 @@ impl Forecast {
         let end = f64::from(self.outlook.slots);
         let mut lost_bits = 0.0;
         for (source, empty) in world.sources.iter().zip(&self.work) {
-            lost_bits += (end - empty - source.fill_slots).max(0.0) * source.mean_bits;
+            lost_bits += source.overflow_slots(end, *empty) * source.mean_bits;
         }
-        lost_bits + self.beyond(world)
+        lost_bits - self.sunk_bits + self.beyond(world)
     }
 
     /// What is lost behind the last slot [bit], from the state `work`.

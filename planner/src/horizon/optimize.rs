@@ -44,7 +44,7 @@ impl Horizon {
             return None;
         }
         let mut forecast = Forecast::new(&self.world, self.outlook(slot, position, queues_bits));
-        start::begin(&self.world, &mut forecast);
+        self.begin(&mut forecast);
         self.cool(&mut forecast, (slot, steps), watch).continue_value()?;
         self.carried = forecast.places();
         self.heat = COLDEST;

@@ -2,7 +2,7 @@
 //! behind it that is reached again.
 
 use super::forecast::Change;
-use super::world::{Source, World};
+use super::world::{Doubt, Source, World};
 
 /// Fewest legs between two stored states.
 const STRIDE: usize = 16;
@@ -116,8 +116,10 @@ impl States {
         let stored = &self.states[state].empty;
         let (then, now) = (f64::from(now - shift), f64::from(now));
         let differs = |source: usize| {
-            let full = world.sources[source].fill_slots;
+            let Source { fill_slots, doubt, .. } = world.sources[source];
+            let full = if doubt == Doubt::default() { fill_slots } else { f64::INFINITY };
             ((now - work[source]).min(full) - (then - stored[source]).min(full)).abs() > ROUNDING
+                || doubt.initial_slots > 0.0 && (work[source] <= 0.0) != (stored[source] <= 0.0)
         };
         if work.get(self.suspect).is_some_and(|_| differs(self.suspect)) {
             return None;
@@ -126,9 +128,8 @@ impl States {
             self.suspect = source;
             return None;
         }
-        let overflow = |gap: f64, source: &Source| (gap - source.fill_slots).max(0.0) * source.mean_bits;
         let more_bits = |(source, (work, stored)): (&Source, (&f64, &f64))| {
-            overflow(now - work, source) - overflow(then - stored, source)
+            (source.overflow_slots(now, *work) - source.overflow_slots(then, *stored)) * source.mean_bits
         };
         Some(world.sources.iter().zip(work.iter().zip(stored)).map(more_bits).sum())
     }

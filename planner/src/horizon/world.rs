@@ -26,6 +26,9 @@ const NEIGHBOURS: usize = 12;
 /// Least share of the sources that a tour over groups visits.
 const MOSTLY: f64 = 0.9;
 
+/// Slack of range of places that were added: that of decision D5, and of rounding, relative to the communication radius.
+const WIDENED: f64 = 1e-8;
+
 /// Share of the best rate that a stop for one source asks for.
 const NEAR: f64 = 0.8;
 
@@ -38,12 +41,42 @@ pub struct Source {
     pub mean_bits: f64,
     /// Whether a visit from anywhere in range empties even a full queue.
     pub emptied: bool,
+    /// How sure it is when the queue was empty; nothing where queues are known.
+    pub doubt: Doubt,
+}
+
+/// What is not known of a queue, as half the width of the range in which it lies evenly.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Doubt {
+    /// Of what it held before anybody met it [slots of sampling].
+    pub initial_slots: f64,
+    /// Of what has come since it was empty, as a share.
+    pub rate: f64,
 }
 
 impl Source {
     /// Takes it to sample `mean_bits` per slot [bit], above 0, into a storage of `capacity_bits` from now on.
     pub(super) fn sample(&mut self, mean_bits: f64, capacity_bits: u32) {
         (self.mean_bits, self.fill_slots) = (mean_bits, f64::from(capacity_bits) / mean_bits);
+    }
+
+    /// What is expected to have overflowed [slots of sampling] at the end of `slot`, if the queue was empty in the slot
+    /// `empty`, as far as is known: evenly within the doubt, so that `late` slots too many with a half width h come to
+    /// `(late + h)²/4h` on average, between none and `late` themselves. The first visit, which lies behind slot 0, ends the
+    /// doubt of the initial queue.
+    #[inline]
+    #[must_use]
+    pub fn overflow_slots(&self, slot: f64, empty: f64) -> f64 {
+        let gap = slot - empty;
+        let late = gap - self.fill_slots;
+        let half = self.doubt.rate * gap + if empty <= 0.0 { self.doubt.initial_slots } else { 0.0 };
+        if late >= half {
+            late
+        } else if late <= -half {
+            0.0
+        } else {
+            (late + half) * (late + half) / (4.0 * half)
+        }
     }
 }
 
@@ -81,8 +114,10 @@ pub struct World {
     pub positions: Vec<Position>,
     /// The same, by place.
     pub grid: Grid,
-    /// Stops of a plan: first each source by itself, then groups.
+    /// Stops of a plan: first each source by itself, then groups, then what was added.
     pub places: Vec<Place>,
+    /// How many of them were added.
+    added: usize,
     /// Places in the order of short closed tours: over the single sources, and over groups that hold most of them.
     pub tours: Vec<Vec<u32>>,
     /// Slots of the quickest of them, about.
@@ -105,6 +140,7 @@ impl World {
             positions: Vec::new(),
             grid: Grid::new(field.area, field.comm_radius_m, &[]),
             places: Vec::new(),
+            added: 0,
             tours: Vec::new(),
             round_slots: 1.0,
             stops: Vec::new(),
@@ -130,9 +166,48 @@ impl World {
         world.add_tours(&groups);
         world.places.extend(groups);
         world.round_slots = world.tours.iter().map(|tour| world.slots_of(tour)).fold(f64::INFINITY, f64::min).max(1.0);
-        world.stops = (0..world.places.len() as u32).filter(|&place| world.is_stop(place)).collect();
-        world.neighbours = world.nearest_places();
+        world.find_stops();
         world
+    }
+
+    /// Finds out where plans may stop, and what is near to each place.
+    fn find_stops(&mut self) {
+        self.stops = (0..self.places.len() as u32).filter(|&place| self.is_stop(place)).collect();
+        self.neighbours = self.nearest_places();
+    }
+
+    /// The places that were added.
+    #[must_use]
+    pub fn added(&self) -> &[Place] {
+        &self.places[self.places.len() - self.added..]
+    }
+
+    /// The place to serve `members` from at and around `centre`; `None` unless these are 1 to n sources, ascending, and all
+    /// in range of it.
+    #[must_use]
+    pub fn place_at(&self, centre: Position, members: Vec<u32>) -> Option<Place> {
+        let position = |&member: &u32| self.positions.get(member as usize);
+        let away_m = members.iter().map(|member| Some((position(member)? - centre).norm()));
+        let farthest_m = away_m.collect::<Option<Vec<f64>>>()?.into_iter().fold(0.0, f64::max);
+        let is_set = (1..=self.blocks()).contains(&members.len()) && members.is_sorted_by(|a, b| a < b);
+        let radius_m = (self.radius_m() - farthest_m).max(0.0);
+        (is_set && farthest_m <= self.radius_m() * (1.0 + WIDENED)).then_some(Place { centre, radius_m, members })
+    }
+
+    /// Adds places.
+    pub fn add(&mut self, places: Vec<Place>) {
+        self.added += places.len();
+        self.places.extend(places);
+        self.find_stops();
+    }
+
+    /// Takes the places away that were added; no plan may stop at them any more.
+    pub fn forget_added(&mut self) {
+        if self.added > 0 {
+            self.places.truncate(self.places.len() - self.added);
+            self.added = 0;
+            self.find_stops();
+        }
     }
 
     /// Adds tours over the groups of at least a size, for every size that leaves out few sources: where no cover by full
@@ -165,7 +240,7 @@ impl World {
         let rim_m2 = self.field.comm_radius_m * self.field.comm_radius_m;
         let emptied = self.capacity_bits(id, rim_m2) >= f64::from(capacity_bits);
         let fill_slots = f64::from(capacity_bits) / mean_bits;
-        self.sources.push(Source { fill_slots, mean_bits, emptied });
+        self.sources.push(Source { fill_slots, mean_bits, emptied, doubt: Doubt::default() });
         self.ids.push(id);
         self.positions.push(*self.field.position(id));
     }
