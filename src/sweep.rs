@@ -237,6 +237,9 @@ fn fly(scenario: &Scenario, flight: Flight) -> Result<Row, Error> {
     }
     let summary = tally.summary(None, std::time::Duration::ZERO, 0);
     let figures = metrics.figures(mission.delivered_bits());
+    // What nobody has to lose nobody has to bound.
+    let bound = || if summary.lost_bits == 0 { 0.0 } else { loss_bound(scenario, &list) };
+    let loss_bound = (scenario.planner.strategy == Strategy::Offline).then(bound);
     Ok(Row {
         point: flight.point,
         strategy: flight.strategy,
@@ -251,7 +254,7 @@ fn fly(scenario: &Scenario, flight: Flight) -> Result<Row, Error> {
         aoi_mean_s: figures.aoi_mean_s,
         aoi_p99_s: figures.aoi_p99_s,
         jain: figures.jain,
-        loss_bound: (scenario.planner.strategy == Strategy::Offline).then(|| loss_bound(scenario, &list)),
+        loss_bound,
         plan_p50_us: summary.timing.plan_p50_us,
         plan_p99_us: summary.timing.plan_p99_us,
     })

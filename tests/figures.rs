@@ -34,7 +34,10 @@ fn one_command_draws_every_figure_and_writes_its_tables() {
     for environment in ["suburban", "urban", "dense-urban", "high-rise"] {
         for quantity in ["loss", "bits"] {
             let svg = place.read(&format!("figures/altitude-{quantity}-{environment}.svg"));
-            assert!(svg.contains("fixed altitude") && svg.contains("free altitude"), "{quantity}, {environment}");
+            assert!(
+                svg.contains("fixed altitude") && svg.contains("horizon, free from there"),
+                "{quantity}, {environment}"
+            );
         }
     }
     for map in ["map-letter", "map-sparse"] {

@@ -78,12 +78,6 @@ impl Campaign<'_> {
     pub fn footer_of(&self, runs: &str) -> String {
         format!("{runs} · bands: 95 % CI of the mean, Student's t · {}", self.command())
     }
-
-    /// The footer of a chart.
-    pub fn footer(&self) -> String {
-        let runs = self.choice.runs;
-        self.footer_of(&format!("{runs} missions per point, seeds 1 to {runs}"))
-    }
 }
 
 /// Search steps of `horizon` in a slot, if nothing else is wanted: the sparse fields take four times as many.

@@ -48,6 +48,10 @@ impl Reachable {
         if (2..=MOST_SOURCES).contains(&count) {
             let mut edges = edges(&world.positions, world.radius_m(), world.reach_m());
             let mut prices = vec![0.0; count];
+            reachable.tighten(&mut edges, &prices, count);
+            if reachable.weights[count - 1] <= (count / reachable.blocks) as f64 {
+                return reachable; // so near to each other that the resource blocks tell more
+            }
             for share in SHARES {
                 let target = ((count as f64 * share) as usize).max(2);
                 for round in 0..ROUNDS {

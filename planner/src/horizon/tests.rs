@@ -91,9 +91,10 @@ fn a_stop_that_cannot_be_reached_in_time_is_left_out() {
 
 #[test]
 fn sensor_nodes_too_close_together_for_the_blocks_are_grouped() {
-    let cluster = |x_m: f64| (0..4).map(move |step| ([x_m + 3.0 * f64::from(step), 100.0], 500.0));
-    let sensors: Vec<_> = cluster(100.0).chain(cluster(118.0)).collect();
-    let world = world_of(&sensors, 4, 5e6);
+    let cluster = |x_m: f64, rate_bps| (0..4).map(move |step| ([x_m + 3.0 * f64::from(step), 100.0], rate_bps));
+    let sensors = |rate_bps| cluster(100.0, rate_bps).chain(cluster(118.0, rate_bps)).collect::<Vec<_>>();
+    assert_eq!(world_of(&sensors(500.0), 4, 5e6).places.len(), 8, "0.13 of 4 resource blocks are needed");
+    let world = world_of(&sensors(9_000.0), 4, 5e6);
     let groups: Vec<_> = world.places[8..].iter().map(|place| place.members.clone()).collect();
     assert!(
         groups.len() == 2 && groups.contains(&vec![0, 1, 2, 3]) && groups.contains(&vec![4, 5, 6, 7]),
@@ -402,7 +403,9 @@ proptest! {
     fn groups_hold_every_source_once_and_in_range_of_one_point(
         sensors in prop::collection::vec(([150.0..200.0, 150.0..200.0], Just(500.0)), 2..40), blocks in 2u32..6,
     ) {
-        let world = world_of(&sensors, blocks, 5e6);
+        let mut world = world_of(&sensors, blocks, 5e6);
+        world.places.truncate(sensors.len());
+        world.group(1);
         let groups = &world.places[sensors.len()..];
         let mut members: Vec<u32> = groups.iter().flat_map(|group| group.members.iter().copied()).collect();
         members.sort_unstable();

@@ -29,6 +29,12 @@ const MOSTLY: f64 = 0.9;
 /// Slack of range of places that were added: that of decision D5, and of rounding, relative to the communication radius.
 const WIDENED: f64 = 1e-8;
 
+/// Share of the resource blocks from which on they are scarce, if so many are needed.
+const SCARCE_BLOCKS: f64 = 0.4;
+
+/// Share of the time in which a storage fills from which on it is scarce, if a tour takes so long.
+const SCARCE_TIME: f64 = 0.75;
+
 /// Share of the best rate that a stop for one source asks for.
 const NEAR: f64 = 0.8;
 
@@ -129,7 +135,7 @@ pub struct World {
 }
 
 impl World {
-    /// The world of a scenario with these SNs.
+    /// The world of a scenario with these SNs; with groups where resource blocks are scarce.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
         let field = Field::new(scenario, sensors);
@@ -161,17 +167,35 @@ impl World {
             members: vec![source],
         };
         world.places = world.positions.iter().zip(0..).map(single).collect();
-        let groups = groups::cover(&world, scenario.seed);
         world.tours = vec![closed_tour(world.field.area, &world.positions)];
-        world.add_tours(&groups);
-        world.places.extend(groups);
-        world.round_slots = world.tours.iter().map(|tour| world.slots_of(tour)).fold(f64::INFINITY, f64::min).max(1.0);
+        if world.is_scarce() {
+            world.group(scenario.seed);
+        }
         world.find_stops();
         world
     }
 
-    /// Finds out where plans may stop, and what is near to each place.
+    /// Whether loss may be hard to avoid, because most resource blocks are needed to take what is sampled, or a tour takes
+    /// most of the time in which a storage fills. Where it is not, to make groups would only take time.
+    fn is_scarce(&self) -> bool {
+        let visits = |(source, index): (&Source, u32)| 1.0 / self.capacity_slots(index, 0.0).min(source.fill_slots);
+        let needed: f64 = self.sources.iter().zip(0..).map(visits).sum();
+        let fills = self.sources.iter().map(|source| source.fill_slots);
+        let tour_slots = self.tours.first().map_or(0.0, |tour| self.slots_of(tour));
+        needed >= SCARCE_BLOCKS * self.blocks() as f64
+            || tour_slots >= SCARCE_TIME * fills.fold(f64::INFINITY, f64::min)
+    }
+
+    /// Makes the groups of a cover of the field, with random numbers of `seed`, and tours over them.
+    pub(super) fn group(&mut self, seed: u64) {
+        let groups = groups::cover(self, seed);
+        self.add_tours(&groups);
+        self.places.extend(groups);
+    }
+
+    /// Finds out where plans may stop, what is near to each place, and how long a round takes.
     fn find_stops(&mut self) {
+        self.round_slots = self.tours.iter().map(|tour| self.slots_of(tour)).fold(f64::INFINITY, f64::min).max(1.0);
         self.stops = (0..self.places.len() as u32).filter(|&place| self.is_stop(place)).collect();
         self.neighbours = self.nearest_places();
     }
