@@ -213,7 +213,9 @@ mod tests {
                     step[axis] = step_m;
                     let near = problem.project(&(end.point + step)).expect("the end is feasible");
                     let near_bps = problem.rate_bps(&near);
-                    prop_assert!(near_bps <= end.rate_bps * (1.0 + 1e-7), "{near} beats {end:?}");
+                    // Where links carry next to nothing, a thousandth of a bit per second is no way up.
+                    let most_bps = end.rate_bps * (1.0 + 1e-7) + 1e-3;
+                    prop_assert!(near_bps <= most_bps, "{near} beats {end:?} with {near_bps} bit/s");
                 }
             }
         }

@@ -203,6 +203,8 @@ fn farther(grid: &Grid, point: &Position, unvisited: &std::collections::BTreeSet
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use rand::RngExt;
+    use skysink_common::random::{Purpose, Streams};
 
     const AREA: Area = Area { width_m: 100.0, height_m: 100.0 };
 
@@ -239,21 +241,31 @@ mod tests {
             tour.sort_unstable();
             prop_assert!((0..points.len() as u32).eq(tour));
         }
+    }
 
-        #[test]
-        fn a_tour_of_seven_is_hardly_longer_than_the_shortest(
-            places in prop::collection::vec((0.0..100.0, 0.0..100.0), 7),
-        ) {
-            let points: Vec<Position> = places.into_iter().map(|(x_m, y_m)| Position::new(x_m, y_m)).collect();
-            let mut shortest_m = f64::INFINITY;
-            let mut orders = vec![vec![0u32]];
-            while let Some(order) = orders.pop() {
-                if order.len() == 7 {
-                    shortest_m = shortest_m.min(length_m(&points, &order));
-                }
-                orders.extend((1..7).filter(|next| !order.contains(next)).map(|next| [&order[..], &[next]].concat()));
+    /// Length of the shortest tour over a few points [m], by trying all.
+    fn shortest_m(points: &[Position]) -> f64 {
+        let (mut shortest_m, mut orders) = (f64::INFINITY, vec![vec![0u32]]);
+        while let Some(order) = orders.pop() {
+            if order.len() == points.len() {
+                shortest_m = shortest_m.min(length_m(points, &order));
             }
-            prop_assert!(length_m(&points, &closed_tour(AREA, &points)) <= 1.15 * shortest_m);
+            let others = (1..points.len() as u32).filter(|next| !order.contains(next));
+            orders.extend(others.map(|next| [&order[..], &[next]].concat()));
         }
+        shortest_m
+    }
+
+    #[test]
+    fn a_tour_of_seven_is_hardly_longer_than_the_shortest() {
+        let mut random = Streams::new(1).stream(Purpose::Position, 0, 0);
+        let mut coordinate_m = || random.random::<f64>() * 100.0;
+        let mut excess = |_| {
+            let points: Vec<Position> = (0..7).map(|_| Position::new(coordinate_m(), coordinate_m())).collect();
+            length_m(&points, &closed_tour(AREA, &points)) / shortest_m(&points) - 1.0
+        };
+        let excesses: Vec<f64> = (0..300).map(&mut excess).collect();
+        let (mean, worst) = (excesses.iter().sum::<f64>() / 300.0, excesses.iter().copied().fold(0.0, f64::max));
+        assert!(mean < 0.01 && worst < 0.25, "on average {mean}, at worst {worst}");
     }
 }
