@@ -96,8 +96,12 @@ Examples:
     #[command(after_help = "\
 Examples:
   skysink figures --quick             a first look, in minutes
+  skysink figures --only area,maps    some of them
   skysink figures --runs 300          the letter's number of missions per point")]
     Figures {
+        /// Only these figures (repeatable, or separated by commas).
+        #[arg(long, value_name = "PART", value_enum, value_delimiter = ',')]
+        only: Vec<campaign::Part>,
         /// 5 missions per point.
         #[arg(long, conflicts_with = "runs")]
         quick: bool,
@@ -228,10 +232,10 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
             println!("{} missions: {}", rows.len(), out.join("results.csv").display());
             return Ok(());
         }
-        Command::Figures { quick, runs, horizon_iterations, out, threads } => {
+        Command::Figures { only, quick, runs, horizon_iterations, out, threads } => {
             let runs = if quick { QUICK_RUNS } else { runs };
             let out = out.unwrap_or_else(|| Path::new("runs").join(format!("figures-{runs}")));
-            let choice = campaign::Choice { runs, horizon_iterations, threads, out };
+            let choice = campaign::Choice { only, runs, horizon_iterations, threads, out };
             let stems = campaign::draw(&choice, stop)?;
             stems.iter().for_each(|stem| println!("{}.svg, .png", stem.display()));
             println!("Tables: {}", choice.out.join("tables.md").display());

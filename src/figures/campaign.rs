@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+use clap::ValueEnum;
 use skysink_common::node::Stop;
 
 use super::altitude;
@@ -37,9 +38,30 @@ pub(super) struct Quantity {
     pub bounded: bool,
 }
 
+/// A group of figures with sweeps of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Part {
+    /// Against the area, the letter's Fig. 2 (a).
+    Area,
+    /// Against the area, up to 1 000 m.
+    Sparse,
+    /// Against the sampling rate, Fig. 2 (b).
+    Rate,
+    /// Planning time, Fig. 2 (c).
+    Time,
+    /// What it costs not to know the queues.
+    Knowledge,
+    /// What the third dimension is worth.
+    Altitude,
+    /// Trajectories.
+    Maps,
+}
+
 /// What the figures are made of.
 #[derive(Debug, Clone)]
 pub struct Choice {
+    /// Which of them; all if none is named.
+    pub only: Vec<Part>,
     /// Missions per point.
     pub runs: u64,
     /// Search steps of `horizon` in a slot.
@@ -78,6 +100,12 @@ impl Campaign<'_> {
     pub fn footer_of(&self, runs: &str) -> String {
         format!("{runs} · bands: 95 % CI of the mean, Student's t · {}", self.command())
     }
+
+    /// The footer of a chart whose curves are all of as many missions.
+    pub fn footer(&self) -> String {
+        let runs = self.choice.runs;
+        self.footer_of(&format!("{runs} missions per point, seeds 1 to {runs}"))
+    }
 }
 
 /// Search steps of `horizon` in a slot, if nothing else is wanted: the sparse fields take four times as many.
@@ -94,12 +122,17 @@ pub fn draw(choice: &Choice, stop: &Stop) -> Result<Vec<PathBuf>, Error> {
     let campaign = Campaign { choice, stop };
     let mut stems = Vec::new();
     let mut tables = format!("Made by {}; mean ± half of the 95 % CI.\n", campaign.command());
-    for study in &STUDIES {
+    let is_wanted = |part: Part| choice.only.is_empty() || choice.only.contains(&part);
+    for study in STUDIES.iter().filter(|study| is_wanted(study.part)) {
         stems.extend(study.draw(&campaign, &mut tables)?);
     }
-    stems.push(knowledge::draw(&campaign, &mut tables)?);
-    stems.extend(altitude::draw(&campaign, &mut tables)?);
-    for (name, change) in MAPS {
+    if is_wanted(Part::Knowledge) {
+        stems.push(knowledge::draw(&campaign, &mut tables)?);
+    }
+    if is_wanted(Part::Altitude) {
+        stems.extend(altitude::draw(&campaign, &mut tables)?);
+    }
+    for (name, change) in MAPS.into_iter().filter(|_| is_wanted(Part::Maps)) {
         let stem = choice.out.join(name);
         map_sheet(change, &campaign)?.draw(&stem)?;
         stems.push(stem);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use skysink_common::scenario::{LETTER, Strategy};
 
-use super::campaign::{Campaign, Quantity, offline_steps, write_table};
+use super::campaign::{Campaign, Part, Quantity, offline_steps, write_table};
 use super::{Chart, Point, Scale, Series};
 use crate::error::Error;
 use crate::sweep::journal::Row;
@@ -36,6 +36,8 @@ const LINKS: [Regime; 2] = [("letter", "W = 5 MHz, the letter's", 5e6), ("narrow
 
 /// A sweep over one key, and what is plotted of it.
 pub(super) struct Study {
+    /// The figures that it is.
+    pub part: Part,
     name: &'static str,
     key: &'static str,
     values: &'static [i64],
@@ -65,6 +67,7 @@ const LOSS: fn(&Row) -> f64 = |row| row.loss_rate;
 /// The letter's Fig. 2 (a) to (c), the bits per waypoint that its text speaks of, and fields larger than the letter's.
 pub(super) const STUDIES: [Study; 4] = [
     Study {
+        part: Part::Area,
         name: "area",
         key: "area.side_m",
         values: &[100, 150, 200, 250, 300],
@@ -94,6 +97,7 @@ pub(super) const STUDIES: [Study; 4] = [
         ],
     },
     Study {
+        part: Part::Sparse,
         name: "sparse",
         key: "area.side_m",
         values: &[300, 400, 500, 700, 1000],
@@ -113,6 +117,7 @@ pub(super) const STUDIES: [Study; 4] = [
         }],
     },
     Study {
+        part: Part::Rate,
         name: "rate",
         key: "sensors.sampling_bps",
         values: &[100, 200, 300, 400, 500, 600, 700, 800],
@@ -132,6 +137,7 @@ pub(super) const STUDIES: [Study; 4] = [
         }],
     },
     Study {
+        part: Part::Time,
         name: "time",
         key: "sensors.count",
         values: &[50, 100, 200, 400],
