@@ -458,7 +458,7 @@ pub(super) mod letter {
             Self {
                 strategy: Strategy::Uts,
                 sca_iterations: 1,
-                horizon_iterations: 10_000,
+                horizon_iterations: 6_000,
                 offline_steps: 1_000_000,
                 horizon_budget_ms: None,
                 waypoint_solver: WaypointSolver::Geometric,
