@@ -11,7 +11,7 @@ use crate::planner::Planner;
 const SLOTS: u64 = 4;
 
 /// Most that a planner remembers, beside [`BYTES_EACH`] and four bytes of its strategy for each sensor node.
-const ROOM: usize = 1 << 22;
+const ROOM: usize = 1 << 23;
 
 /// The journal of a planner, and the slot that it planned last, or whose memory it has recalled.
 #[derive(Debug)]
