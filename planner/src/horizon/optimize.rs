@@ -65,7 +65,7 @@ impl Horizon {
         let bound_bits = lower_bound(world, forecast.outlook());
         let slots = forecast.outlook().slots as u64;
         let (mut best_bits, mut best) = (forecast.loss_bits, forecast.places());
-        let mut random = self.streams.stream(Purpose::Horizon, slot - 1, 0);
+        let mut random = self.streams.stream(Purpose::Horizon, slot.saturating_sub(1), 0);
         let mut warmth = HOTTEST;
         for round in 0..ROUNDS {
             watch(Progress { share: round as f64 / ROUNDS as f64, loss_bits: best_bits })?;
