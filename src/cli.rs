@@ -123,10 +123,11 @@ Examples:
     #[command(after_help = "\
 Examples:
   skysink optimize scenarios/sparse.toml --budget 60s
-  skysink optimize scenarios/letter.toml --seed 3 --budget 5000000 --record --out /tmp/best
+  skysink optimize scenarios/letter.toml --seed 3 --budget 5000000 --record
 
-The result is the best known, not a proven optimum; what no flight avoids is shown beside it. The same number of steps
-finds the same flight on every machine; a time is turned into steps by a trial.")]
+The result is the best known, not a proven optimum; what no flight avoids is
+shown beside it. The same number of steps finds the same flight on every
+machine; a time is turned into steps by a trial.")]
     Optimize(OptimizeOptions),
     /// Measure how fast planner, field, missions and ring are on this machine, beside what they cannot be faster than.
     #[command(after_help = "\
@@ -158,6 +159,13 @@ struct Choice {
     /// Strategy, instead of the scenario's.
     #[arg(long)]
     strategy: Option<StrategyName>,
+    #[command(flatten)]
+    flight: Flown,
+}
+
+/// Which field is flown over, and where the run is put.
+#[derive(Debug, Args)]
+struct Flown {
     /// Seed, instead of the scenario's.
     #[arg(long, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     seed: Option<u64>,
@@ -171,7 +179,7 @@ struct Choice {
 
 impl Choice {
     fn overrides(&self) -> Overrides {
-        Overrides { seed: self.seed, strategy: self.strategy.map(|name| name.0), slots: None }
+        Overrides { seed: self.flight.seed, strategy: self.strategy.map(|name| name.0), slots: None }
     }
 }
 
@@ -248,7 +256,7 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
         }
         Command::Simulate { scenario, choice, record } => {
             let scenario = Scenario::read(&scenario, choice.overrides())?;
-            simulate(&Simulation { scenario, out: choice.out, force: choice.force, record }, stop)?
+            simulate(&Simulation { scenario, out: choice.flight.out, force: choice.flight.force, record }, stop)?
         }
         Command::Run(options) => run(&options.run()?, stop)?,
         Command::Optimize(options) => options.optimize(stop)?,

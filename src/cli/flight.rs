@@ -68,7 +68,7 @@ impl RunOptions {
         let timeout_s = self.timeout.unwrap_or(if self.external.is_empty() { 30.0 } else { 600.0 });
         let place = match self.resume {
             Some(folder) => RunPlace::Resume(folder),
-            None => RunPlace::New { out: self.choice.out, force: self.choice.force },
+            None => RunPlace::New { out: self.choice.flight.out, force: self.choice.flight.force },
         };
         let external = self.external.into_iter().map(Role::from).collect();
         let (pace, wait, live, restart) = (self.pace, self.wait, self.live, self.restart);
@@ -108,7 +108,7 @@ impl SoakOptions {
         if self.viewer && !cfg!(feature = "viewer") {
             return Err(Error::NoViewer);
         }
-        let place = RunPlace::New { out: self.choice.out, force: self.choice.force };
+        let place = RunPlace::New { out: self.choice.flight.out, force: self.choice.flight.force };
         let (pace, wait, viewer) = (Pace::Max, Waiting::Event, self.viewer);
         let (external, restart, live) = (Vec::new(), Vec::new(), None);
         let run = Run { scenario, pace, wait, place, viewer, live, external, restart, timeout_s: 30.0 };

@@ -7,6 +7,7 @@ use clap::Args;
 use skysink_common::node::Stop;
 use skysink_common::scenario::{Overrides, Scenario, Strategy};
 
+use super::Flown;
 use crate::error::Error;
 use crate::optimize::{Budget, MAX_STEPS, Optimization, optimize};
 use crate::record::RunFolder;
@@ -21,15 +22,8 @@ pub struct OptimizeOptions {
     /// How long to search: a time such as 60s, or a number of search steps.
     #[arg(long, value_name = "BUDGET", default_value = "10s", value_parser = budget)]
     budget: Budget,
-    /// Seed, instead of the scenario's.
-    #[arg(long, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
-    seed: Option<u64>,
-    /// Folder to write [default: runs/<name>-<best strategy>-<seed>].
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
-    /// Replace the run in DIR if it exists.
-    #[arg(long, requires = "out")]
-    force: bool,
+    #[command(flatten)]
+    flight: Flown,
     /// Leave a recording for rerun, mission.rrd.
     #[arg(long)]
     record: bool,
@@ -42,11 +36,11 @@ impl OptimizeOptions {
     /// If the scenario is refused, something cannot be written, or on a stop.
     pub fn optimize(self, stop: &Stop) -> Result<(RunFolder, Summary), Error> {
         let by = |strategy| {
-            let overrides = Overrides { seed: self.seed, strategy: Some(strategy), ..Overrides::default() };
+            let overrides = Overrides { seed: self.flight.seed, strategy: Some(strategy), ..Overrides::default() };
             Scenario::read(&self.scenario, overrides)
         };
         let scenarios = Strategy::ALL.map(by).into_iter().collect::<Result<_, _>>()?;
-        let Self { budget, out, force, record, .. } = self;
+        let Self { budget, flight: Flown { out, force, .. }, record, .. } = self;
         let (folder, summary, optimum) = optimize(&Optimization { scenarios, budget, out, force, record }, stop)?;
         report::print_optimum(&optimum);
         Ok((folder, summary))
