@@ -1,85 +1,14 @@
 //! Whole missions of planners that do not see the queues: what they believe against what is, and their restarts.
 
+mod support;
+
 use std::path::Path;
 
 use proptest::prelude::{Strategy as Generator, *};
 use skysink_common::arrivals::sampled_bits;
-use skysink_common::message::{FlightReport, Plan, SensorNode};
-use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::scenario::Strategy;
 use skysink_common::sensors::SensorList;
-use skysink_field_sim::Field;
-use skysink_flight_sim::Flight;
-use skysink_planner::Planner;
-use skysink_planner::estimate::Estimate;
-
-/// A mission under way, as the ring flies it.
-struct Mission {
-    scenario: Scenario,
-    nodes: Vec<SensorNode>,
-    field: Field,
-    flight: Flight,
-    planner: Planner,
-    report: FlightReport,
-}
-
-impl Mission {
-    fn new(scenario: &Scenario) -> Self {
-        let list = SensorList::of(scenario).unwrap();
-        Self::over(scenario, &list)
-    }
-
-    fn over(scenario: &Scenario, list: &SensorList) -> Self {
-        let nodes = list.nodes(scenario.sensors.capacity_bits);
-        let flight = Flight::new(scenario, &nodes);
-        Self {
-            scenario: scenario.clone(),
-            field: Field::new(scenario, list),
-            planner: Planner::new(scenario, &nodes),
-            report: flight.start(),
-            flight,
-            nodes,
-        }
-    }
-
-    /// Observes and plans as the planner's process does.
-    fn plan(&mut self, slot: u64) -> Plan {
-        let (position, queues_bits) = (self.report.position(), self.field.queues_bits());
-        self.planner.observe(slot - 1, &self.report, queues_bits);
-        self.planner.step(slot, &position, self.report.z_m, queues_bits)
-    }
-
-    fn fly(&mut self, slot: u64, plan: Option<&Plan>) {
-        self.report = self.flight.step(slot, plan);
-        self.field.step(slot, &self.report).unwrap();
-    }
-
-    fn turn(&mut self, slot: u64) -> Plan {
-        let plan = self.plan(slot);
-        self.fly(slot, Some(&plan));
-        plan
-    }
-
-    fn estimate(&self) -> &Estimate {
-        self.planner.estimate().unwrap()
-    }
-
-    /// Bits that SN `id` samples per slot.
-    fn mean_bits(&self, id: u32) -> f64 {
-        self.nodes[id as usize].sampling_bps * self.scenario.slot_s
-    }
-
-    /// A planner that knows only what the one before it has put down.
-    fn restart(&mut self, slot: u64) {
-        let memory = self.planner.memory().to_vec();
-        self.planner = Planner::new(&self.scenario, &self.nodes);
-        self.planner.recall(slot, &memory).unwrap();
-    }
-}
-
-fn scenario_of(text: &str, strategy: Strategy, seed: u64) -> Scenario {
-    let overrides = Overrides { strategy: Some(strategy), seed: Some(seed), slots: None };
-    Scenario::parse(&format!("name = 'case'\n{text}"), Path::new("case.toml"), overrides).unwrap()
-}
+use support::{Mission, scenario_of};
 
 /// Links that empty queues and links that do not, gains that change, and three dimensions; storages that fill and others
 /// that do not; rates of whole bits and others.

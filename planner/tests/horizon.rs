@@ -1,73 +1,21 @@
 //! Whole missions by the strategies that remember: never refused, continued byte for byte, and as good as foreseen.
 
+mod support;
+
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Duration;
 
 use proptest::prelude::{Strategy as Generator, *};
-use skysink_common::message::{FlightReport, Plan};
-use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::scenario::{Scenario, Strategy};
 use skysink_common::sensors::SensorList;
-use skysink_field_sim::Field;
-use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
 use skysink_planner::horizon::bound::mission_bound;
+use support::{Mission, scenario_of};
 
 /// The strategies that carry something from slot to slot.
 const REMEMBERING: [Strategy; 5] =
     [Strategy::Tour, Strategy::RoundRobin, Strategy::MaxAgeFirst, Strategy::Horizon, Strategy::Offline];
-
-/// A mission under way, as the ring flies it.
-struct Mission {
-    field: Field,
-    flight: Flight,
-    planner: Planner,
-    report: FlightReport,
-    lost_bits: u64,
-}
-
-impl Mission {
-    fn new(scenario: &Scenario) -> Self {
-        let list = SensorList::of(scenario).unwrap();
-        Self::over(scenario, &list)
-    }
-
-    fn over(scenario: &Scenario, list: &SensorList) -> Self {
-        let nodes = list.nodes(scenario.sensors.capacity_bits);
-        let flight = Flight::new(scenario, &nodes);
-        Self {
-            field: Field::new(scenario, list),
-            planner: Planner::new(scenario, &nodes),
-            report: flight.start(),
-            flight,
-            lost_bits: 0,
-        }
-    }
-
-    fn turn(&mut self, slot: u64) -> Plan {
-        let (position, queues_bits) = (self.report.position(), self.field.queues_bits());
-        self.planner.observe(slot - 1, &self.report, queues_bits);
-        let plan = self.planner.step(slot, &position, self.report.z_m, queues_bits);
-        self.report = self.flight.step(slot, Some(&plan));
-        self.lost_bits += self.field.step(slot, &self.report).unwrap().lost_bits;
-        plan
-    }
-
-    /// Loss rate of the whole mission (decision D3).
-    fn loss_rate(mut self, scenario: &Scenario) -> f64 {
-        (1..=scenario.slots).for_each(|slot| {
-            self.turn(slot);
-        });
-        let [_, sampling_bps] = scenario.sensors.sampling_bps;
-        let count = self.field.queues_bits().len() as f64;
-        self.lost_bits as f64 / (count * sampling_bps * scenario.slot_s * scenario.slots as f64)
-    }
-}
-
-fn scenario_of(text: &str, strategy: Strategy, seed: u64) -> Scenario {
-    let overrides = Overrides { strategy: Some(strategy), seed: Some(seed), slots: None };
-    Scenario::parse(&format!("name = 'case'\n{text}"), Path::new("case.toml"), overrides).unwrap()
-}
 
 /// Channels and vehicles at the edges: narrow and fading links, reach below range, range beyond the area, one SN, and
 /// three dimensions.
@@ -155,7 +103,7 @@ fn sensor_nodes_that_do_not_sample_are_served_but_not_waited_for() {
     (2..=30).for_each(|slot| {
         mission.turn(slot);
     });
-    assert_eq!(mission.lost_bits, 0);
+    assert_eq!(mission.lost_bits(), 0);
     assert!(first.scheduled().contains(&3) || mission.field.queues_bits()[3] == 0, "met on the way");
     // With nobody that samples, the UAV goes to the fullest queue (decision D8).
     let text = "x_m,y_m,queue_bits,sampling_bps\n20,50,20000,0\n";
@@ -205,7 +153,7 @@ fn a_planner_that_starts_in_mid_mission_plans_from_what_it_finds() {
         mission.turn(slot);
         assert_eq!(mission.report.refused, 0, "slot {slot}");
     });
-    assert_eq!(mission.lost_bits, 0);
+    assert_eq!(mission.lost_bits(), 0);
 }
 
 /// Where the letter's strategy is trapped: 300 m, it loses more than half.
@@ -214,7 +162,7 @@ fn looking_ahead_loses_nothing_where_the_letters_strategy_is_trapped() {
     for seed in 1..=3 {
         let text = "slots = 500\n[area]\nside_m = 300.0\n[planner]\nhorizon_iterations = 100\n";
         let scenario = scenario_of(text, Strategy::Horizon, seed);
-        assert_eq!(Mission::new(&scenario).loss_rate(&scenario), 0.0, "seed {seed}");
+        assert_eq!(Mission::new(&scenario).loss_rate(), 0.0, "seed {seed}");
     }
 }
 
@@ -229,7 +177,7 @@ fn looking_ahead_loses_less_than_every_other_strategy() {
         let mean = |strategy| {
             let mission = |seed| {
                 let scenario = scenario_of(&format!("{setting}[planner]\nhorizon_iterations = 300\n"), strategy, seed);
-                Mission::new(&scenario).loss_rate(&scenario)
+                Mission::new(&scenario).loss_rate()
             };
             (1..=3).map(mission).sum::<f64>() / 3.0
         };
@@ -261,13 +209,13 @@ fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
         (1..=200).for_each(|slot| {
             mission.turn(slot);
         });
-        let (lost_bits, predicted_bits) = (mission.lost_bits as f64, predicted_bits.unwrap());
+        let (lost_bits, predicted_bits) = (mission.lost_bits() as f64, predicted_bits.unwrap());
         assert!((lost_bits - predicted_bits).abs() < 1e-3, "seed {seed}: {lost_bits} against {predicted_bits}");
         let bound_bits = mission_bound(&scenario, &nodes, &list.queues_bits());
         assert!(bound_bits > 0.0 && bound_bits <= lost_bits, "seed {seed}: {lost_bits} against {bound_bits}");
-        let unprepared = Mission::new(&scenario).loss_rate(&scenario);
+        let unprepared = Mission::new(&scenario).loss_rate();
         assert_eq!(unprepared, lost_bits / (50.0 * 300.0 * 200.0), "seed {seed}: made in slot 1 instead");
-        let online = Mission::new(&scenario_of(text, Strategy::Horizon, seed)).loss_rate(&scenario);
+        let online = Mission::new(&scenario_of(text, Strategy::Horizon, seed)).loss_rate();
         assert!(unprepared <= online, "seed {seed}: without a search {online}");
     }
 }
@@ -283,7 +231,7 @@ fn a_preparation_that_is_broken_off_leaves_nothing_behind() {
         _ => ControlFlow::Continue(()),
     });
     assert!(broken_off.is_none() && mission.planner.memory().is_empty());
-    assert_eq!(mission.loss_rate(&scenario), Mission::new(&scenario).loss_rate(&scenario));
+    assert_eq!(mission.loss_rate(), Mission::new(&scenario).loss_rate());
 }
 
 /// Golden traces: waypoint [m] and schedule of the first slots.
