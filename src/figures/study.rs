@@ -14,7 +14,7 @@ use crate::sweep::results::{BEST_KNOWN, best_known, groups};
 use crate::sweep::statistics::Estimate;
 
 /// Strategies that take microseconds a slot, in the order of legends and tables.
-const AT_ONCE: [Strategy; 8] = [
+pub(super) const AT_ONCE: [Strategy; 8] = [
     Strategy::Rfs,
     Strategy::Gfs,
     Strategy::Uts,
