@@ -75,16 +75,17 @@ fn what_the_queues_are_known_by_has_a_figure() {
 #[test]
 fn altitudes_and_trajectories_have_figures() {
     let place = Place::new();
-    draw(&place, "altitude,maps", "1");
+    draw(&place, "altitude", "1");
+    draw(&place, "maps", "1");
     for environment in ["suburban", "urban", "dense-urban", "high-rise"] {
         for quantity in ["loss", "bits"] {
-            let svg = place.read(&format!("altitude,maps/altitude-{quantity}-{environment}.svg"));
+            let svg = place.read(&format!("altitude/altitude-{quantity}-{environment}.svg"));
             let curves = ["fixed altitude", "free altitude, from there"];
             assert!(curves.iter().all(|curve| svg.contains(curve)), "{quantity}, {environment}");
         }
     }
     for map in ["map-letter", "map-sparse"] {
-        let svg = place.read(&format!("altitude,maps/{map}.svg"));
+        let svg = place.read(&format!("maps/{map}.svg"));
         assert!(svg.contains("queue fill at the end") && svg.contains("horizon: η = "), "{map}");
     }
 }

@@ -120,6 +120,7 @@ const MAPS: [(&str, &str); 2] = [("map-letter", ""), ("map-sparse", "[area]\nsid
 /// If a sweep is refused, something cannot be written, or on a stop.
 pub fn draw(choice: &Choice, stop: &Stop) -> Result<Vec<PathBuf>, Error> {
     let campaign = Campaign { choice, stop };
+    std::fs::create_dir_all(&choice.out).map_err(Error::file(&choice.out))?;
     let mut stems = Vec::new();
     let mut tables = format!("Made by {}; mean ± half of the 95 % CI.\n", campaign.command());
     let is_wanted = |part: Part| choice.only.is_empty() || choice.only.contains(&part);
