@@ -15,11 +15,11 @@ use skysink_common::message::Plan;
 use skysink_common::scenario::{Overrides, Scenario, Strategy};
 use skysink_common::sensors::SensorList;
 use skysink_planner::Planner;
-use skysink_planner::conic::ConicSolver;
-use skysink_planner::field::Field;
-use skysink_planner::geometric::{Disk, project};
-use skysink_planner::grid::Grid;
-use skysink_planner::strategy::transit_waypoint;
+use skysink_planner::geometry::grid::Grid;
+use skysink_planner::sensor_table::SensorTable;
+use skysink_planner::strategies::baselines::transit_waypoint;
+use skysink_planner::waypoint::conic::ConicSolver;
+use skysink_planner::waypoint::geometric::{Disk, project};
 use skysink_planner::waypoint::{Problem, Solver};
 
 /// Slots after which a flight begins again: few enough that no queue far from the UAV is full.
@@ -75,16 +75,16 @@ fn fly(bencher: &mut Bencher, flight: &mut Flight, planner: &mut Planner) {
 }
 
 /// One look at each SN within `V τ + d_c` of the UAV, as little as any search over them can do.
-fn look(bencher: &mut Bencher, flight: &mut Flight, field: &Field, planner: &mut Planner) {
+fn look(bencher: &mut Bencher, flight: &mut Flight, table: &SensorTable, planner: &mut Planner) {
     bencher.iter_custom(|slots| {
         let mut taken = Duration::ZERO;
         for _ in 0..slots {
             let mut candidates = Vec::new();
-            field.grid.visit_within(&flight.position, field.reach_m + field.comm_radius_m, |node| {
+            table.grid.visit_within(&flight.position, table.reach_m + table.comm_radius_m, |node| {
                 candidates.push((node.position, flight.queues_bits[node.id as usize]));
             });
             let begin = Instant::now();
-            let in_reach = candidates.iter().filter(|(position, _)| within(position, &flight.position, field.reach_m));
+            let in_reach = candidates.iter().filter(|(position, _)| within(position, &flight.position, table.reach_m));
             black_box(in_reach.map(|&(_, queue_bits)| u64::from(queue_bits)).sum::<u64>());
             taken += begin.elapsed();
             flight.live(&planner.step(flight.slot, &flight.position, 20.0, &flight.queues_bits));
@@ -102,11 +102,11 @@ fn plans(criterion: &mut Criterion) {
             let list = SensorList::of(&scenario).expect("drawn");
             let nodes = list.nodes(scenario.sensors.capacity_bits);
             let initial_bits = list.queues_bits();
-            let field = Field::new(&scenario, &nodes);
-            let mut planner = Planner::over(&scenario, &nodes, field.clone());
+            let table = SensorTable::new(&scenario, &nodes);
+            let mut planner = Planner::over(&scenario, &nodes, table.clone());
             let mut flight = Flight::new(&scenario, &initial_bits);
             group.bench_function(strategy.name(), |bencher| fly(bencher, &mut flight, &mut planner));
-            let undivided = Field { grid: Grid::undivided(&field.positions), ..field.clone() };
+            let undivided = SensorTable { grid: Grid::undivided(&table.positions), ..table.clone() };
             let mut without = Planner::over(&scenario, &nodes, undivided);
             let mut flight = Flight::new(&scenario, &initial_bits);
             group.bench_function(format!("{}, no grid", strategy.name()), |bencher| {
@@ -116,12 +116,12 @@ fn plans(criterion: &mut Criterion) {
                 let equal_bits = vec![30_000; count as usize];
                 for (name, queues_bits) in [("transit", &initial_bits), ("transit, all queues equal", &equal_bits)] {
                     group.bench_function(name, |bencher| {
-                        bencher.iter(|| black_box(transit_waypoint(&field, &scenario.uav.start, queues_bits)));
+                        bencher.iter(|| black_box(transit_waypoint(&table, &scenario.uav.start, queues_bits)));
                     });
                 }
                 let mut flight = Flight::new(&scenario, &initial_bits);
                 group.bench_function("bare loop over the candidates", |bencher| {
-                    look(bencher, &mut flight, &field, &mut planner);
+                    look(bencher, &mut flight, &table, &mut planner);
                 });
             }
         }
@@ -130,7 +130,7 @@ fn plans(criterion: &mut Criterion) {
 
 /// Slots of the letter's mission: where the UAV is, and whom it serves.
 struct Slots {
-    field: Field,
+    table: SensorTable,
     slots: Vec<(Position, Vec<u32>)>,
     /// The same as projections of a target onto disks: reach, and the ranges of four SNs.
     problems: Vec<(Position, Vec<Disk>)>,
@@ -158,7 +158,7 @@ fn slots_with_four() -> Slots {
         }
         flight.live(&plan);
     }
-    Slots { field: Field::new(&scenario, &nodes), slots, problems }
+    Slots { table: SensorTable::new(&scenario, &nodes), slots, problems }
 }
 
 /// The data of a problem as Clarabel takes it, lengths in units of the communication radius.
@@ -194,14 +194,14 @@ fn bare_solver() -> DefaultSolver<f64> {
 }
 
 fn waypoints(criterion: &mut Criterion) {
-    let Slots { field, slots, problems } = slots_with_four();
+    let Slots { table, slots, problems } = slots_with_four();
     let mut group = criterion.benchmark_group("waypoint, n = 4");
     group.measurement_time(Duration::from_secs(3)).sample_size(50);
-    let (mut problem, mut next) = (Problem::new(&field), slots.iter().cycle());
+    let (mut problem, mut next) = (Problem::new(&table), slots.iter().cycle());
     group.bench_function("geometric, with its centroid", |bencher| {
         bencher.iter(|| {
             let (position, ids) = next.next().expect("endless");
-            problem.pose(&field, position, ids);
+            problem.pose(&table, position, ids);
             black_box(problem.solve(&mut Solver::Geometric, 1))
         });
     });

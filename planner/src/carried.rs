@@ -4,10 +4,10 @@ use skysink_common::message::SensorNode;
 use skysink_common::scenario::{Scenario, Strategy};
 
 use crate::estimate::Estimate;
-use crate::field::Field;
 use crate::horizon::Horizon;
 use crate::memory::{MemoryError, Reader};
-use crate::rounds::{Ages, Rounds};
+use crate::sensor_table::SensorTable;
+use crate::strategies::rounds::{Ages, Rounds};
 
 /// The state of the strategies that have one.
 #[derive(Debug, Clone)]
@@ -25,13 +25,13 @@ pub(crate) enum Carried {
 impl Carried {
     /// The state of a scenario's strategy before its first slot; `estimate` is what it believes of the queues, if it does
     /// not know them.
-    pub fn new(scenario: &Scenario, sensors: &[SensorNode], field: &Field, estimate: Option<&Estimate>) -> Self {
+    pub fn new(scenario: &Scenario, sensors: &[SensorNode], table: &SensorTable, estimate: Option<&Estimate>) -> Self {
         match scenario.planner.strategy {
             Strategy::Rfs | Strategy::Gfs | Strategy::Uts | Strategy::UtsWide | Strategy::Exact => Self::Nothing,
             strategy @ (Strategy::Tour | Strategy::RoundRobin) => {
-                Self::Rounds(Rounds::new(strategy, field, &scenario.uav.start))
+                Self::Rounds(Rounds::new(strategy, table, &scenario.uav.start))
             }
-            Strategy::MaxAgeFirst => Self::Ages(Ages::new(field)),
+            Strategy::MaxAgeFirst => Self::Ages(Ages::new(table)),
             Strategy::Horizon | Strategy::Offline => {
                 Self::Horizon(Box::new(match estimate.filter(|estimate| estimate.learns()) {
                     Some(estimate) => Horizon::learning(scenario, sensors, estimate),

@@ -1,8 +1,8 @@
 //! One slot of planning: schedule, then waypoint.
 //!
-//! The rules live next door: [`crate::search`] and [`crate::exact`] (whom), [`crate::waypoint`] (where, in free space),
-//! [`crate::spatial`] (where, in three dimensions, by the chance of line of sight), [`crate::strategy`] (the baselines),
-//! [`crate::rounds`] (the baselines that take turns), [`crate::horizon`] (many slots ahead). What is known of the queues
+//! The rules live next door: [`crate::strategies::algorithm_1`] and [`crate::strategies::exact`] (whom), [`crate::waypoint`] (where, in free space),
+//! [`crate::waypoint::spatial`] (where, in three dimensions, by the chance of line of sight), [`crate::strategies::baselines`] (the baselines),
+//! [`crate::strategies::rounds`] (the baselines that take turns), [`crate::horizon`] (many slots ahead). What is known of the queues
 //! is [`crate::estimate`]'s.
 
 mod remembering;
@@ -18,14 +18,14 @@ use skysink_common::scenario::{Scenario, Strategy};
 
 use crate::carried::Carried;
 use crate::estimate::Estimate;
-use crate::exact::ExactSearch;
-use crate::field::Field;
 use crate::horizon::PATH;
 use crate::horizon::optimize::Progress;
 use crate::memory::{MemoryError, Reader, begin};
-use crate::search::{Reach, Search};
-use crate::spatial_solver::{SpatialSolver, SpatialWaypoint};
-use crate::strategy::{greedy_waypoint, random_waypoint, serve_fullest, transit_waypoint};
+use crate::sensor_table::SensorTable;
+use crate::strategies::algorithm_1::{Reach, Search};
+use crate::strategies::baselines::{greedy_waypoint, random_waypoint, serve_fullest, transit_waypoint};
+use crate::strategies::exact::ExactSearch;
+use crate::waypoint::spatial_solver::{SpatialSolver, SpatialWaypoint};
 use crate::waypoint::{Problem, Solver};
 
 /// The planner of a mission.
@@ -35,7 +35,7 @@ use crate::waypoint::{Problem, Solver};
 /// slots planned before.
 pub struct Planner {
     scenario: Scenario,
-    field: Field,
+    table: SensorTable,
     streams: Streams,
     search: Search,
     exact: ExactSearch,
@@ -69,27 +69,27 @@ impl Planner {
     /// The planner of a scenario with the sensor nodes `sensors`, SN i at entry i.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
-        Self::over(scenario, sensors, Field::new(scenario, sensors))
+        Self::over(scenario, sensors, SensorTable::new(scenario, sensors))
     }
 
     /// The planner of a scenario over a field of its own, such as one with another grid.
     #[must_use]
-    pub fn over(scenario: &Scenario, sensors: &[SensorNode], field: Field) -> Self {
+    pub fn over(scenario: &Scenario, sensors: &[SensorNode], table: SensorTable) -> Self {
         let estimate = Estimate::new(scenario, sensors).map(Box::new);
         Self {
             scenario: scenario.clone(),
             streams: Streams::new(scenario.seed),
             search: Search::with_room_for(sensors.len()),
-            exact: ExactSearch::new(&field),
-            problem: Problem::new(&field),
-            carried: Carried::new(scenario, sensors, &field, estimate.as_deref()),
+            exact: ExactSearch::new(&table),
+            problem: Problem::new(&table),
+            carried: Carried::new(scenario, sensors, &table, estimate.as_deref()),
             estimate,
             memory: Vec::new(),
             path: Vec::with_capacity(PATH),
             solver: Solver::new(scenario.planner.waypoint_solver),
-            spatial: field.los.map(|link| SpatialSolver::new(link, scenario.planner, field.resource_blocks)),
+            spatial: table.los.map(|link| SpatialSolver::new(link, scenario.planner, table.resource_blocks)),
             ids: Vec::with_capacity(sensors.len()),
-            field,
+            table,
         }
     }
 
@@ -124,7 +124,7 @@ impl Planner {
     /// If there is not one queue per sensor node.
     #[must_use]
     pub fn step(&mut self, slot: u64, position: &Position, altitude_m: f64, queues_bits: &[u32]) -> Plan {
-        assert_eq!(queues_bits.len(), self.field.positions.len(), "expected one queue per sensor node");
+        assert_eq!(queues_bits.len(), self.table.positions.len(), "expected one queue per sensor node");
         let mut estimate = self.estimate.take(); // lent to the slot
         if let Some(estimate) = &estimate {
             self.carried.doubt(slot.saturating_sub(1), estimate);
@@ -148,17 +148,17 @@ impl Planner {
             Strategy::Uts => self.algorithm_1(Reach::Letter, slot),
             Strategy::UtsWide => self.algorithm_1(Reach::Wide, slot),
             Strategy::Exact => self.exact(slot),
-            Strategy::Gfs => greedy_waypoint(&self.field, position, queues_bits)
+            Strategy::Gfs => greedy_waypoint(&self.table, position, queues_bits)
                 .map(|waypoint| self.fly_then_schedule(&waypoint, Mode::Serve, slot)),
             Strategy::Rfs => {
-                let waypoint = random_waypoint(&self.field, &self.streams, slot.number, position);
+                let waypoint = random_waypoint(&self.table, &self.streams, slot.number, position);
                 Some(self.fly_then_schedule(&waypoint, Mode::Serve, slot))
             }
             Strategy::Tour | Strategy::RoundRobin | Strategy::MaxAgeFirst => self.in_turn(slot),
             Strategy::Horizon | Strategy::Offline => self.look_ahead(slot),
         };
         let plan = own.unwrap_or_else(|| {
-            let waypoint = transit_waypoint(&self.field, position, queues_bits);
+            let waypoint = transit_waypoint(&self.table, position, queues_bits);
             self.fly_then_schedule(&waypoint, Mode::Transit, slot)
         });
         if self.path.is_empty() {
@@ -213,7 +213,7 @@ impl Planner {
             self.carried.recall(reader)?;
             self.estimate = estimate.map(Box::new);
             if let Some(estimate) = &self.estimate {
-                self.carried.learn(estimate, self.field.ids());
+                self.carried.learn(estimate, self.table.ids());
             }
         } else if !memory.is_empty() {
             return Err(MemoryError::Malformed { bytes: memory.len(), strategy: strategy.name() });
@@ -239,7 +239,7 @@ impl Planner {
     /// The letter's strategy: sP1 by Algorithm 1, then the waypoint; `None` if there is no anchor in reach or no feasible
     /// point.
     fn algorithm_1(&mut self, reach: Reach, slot: Slot) -> Option<Plan> {
-        let winner = self.search.best_set(reach, &self.field, slot.position, slot.queues_bits, &mut self.ids)?;
+        let winner = self.search.best_set(reach, &self.table, slot.position, slot.queues_bits, &mut self.ids)?;
         let waypoint = self.waypoint_for_schedule(slot)?;
         let mut plan = self.plan_to_serve(&waypoint, slot);
         plan.anchor = winner.anchor;
@@ -253,7 +253,7 @@ impl Planner {
 
     /// sP1 solved exactly, then the waypoint; `None` if no sensor node can be served from within reach.
     fn exact(&mut self, slot: Slot) -> Option<Plan> {
-        let centre = self.exact.best_set(&self.field, slot.position, slot.queues_bits, &mut self.ids)?;
+        let centre = self.exact.best_set(&self.table, slot.position, slot.queues_bits, &mut self.ids)?;
         // The centre keeps every constraint of sP2 up to the slack of decision D5. Where the set has no point in common
         // but for that slack, sP2* may find none, and the centre is flown to.
         let waypoint = self.waypoint_for_schedule(slot).unwrap_or_else(|| SpatialWaypoint {
@@ -267,34 +267,34 @@ impl Planner {
     fn waypoint_for_schedule(&mut self, slot: Slot) -> Option<SpatialWaypoint> {
         if let Some(spatial) = &mut self.spatial {
             let altitudes_m = self.scenario.altitudes_m(slot.altitude_m);
-            return spatial.solve(&self.field, slot.position, altitudes_m, &self.ids);
+            return spatial.solve(&self.table, slot.position, altitudes_m, &self.ids);
         }
-        self.problem.pose(&self.field, slot.position, &self.ids);
+        self.problem.pose(&self.table, slot.position, &self.ids);
         let flat = self.problem.solve(&mut self.solver, self.scenario.planner.sca_iterations)?;
-        let point = Point3::new(flat.position.x, flat.position.y, self.field.link.altitude_m);
+        let point = Point3::new(flat.position.x, flat.position.y, self.table.link.altitude_m);
         Some(SpatialWaypoint { point, outcome: flat.outcome })
     }
 
     /// The altitude [m] that serves `self.ids` best above `ground`.
     fn altitude_above(&mut self, ground: &Position, slot: Slot) -> f64 {
         let Some(spatial) = &mut self.spatial else {
-            return self.field.link.altitude_m;
+            return self.table.link.altitude_m;
         };
         let altitudes_m = self.scenario.altitudes_m(slot.altitude_m);
-        spatial.altitude_above(&self.field, ground, altitudes_m, slot.altitude_m, &self.ids)
+        spatial.altitude_above(&self.table, ground, altitudes_m, slot.altitude_m, &self.ids)
     }
 
     /// The plan to serve `self.ids` from a solved waypoint.
     fn plan_to_serve(&self, waypoint: &SpatialWaypoint, slot: Slot) -> Plan {
-        let ground = self.field.into_area(&waypoint.point.xy());
+        let ground = self.table.into_area(&waypoint.point.xy());
         self.plan(&ground, waypoint.point.z, Mode::Serve, waypoint.outcome, slot)
     }
 
     /// The baselines and transit: a ground position by rule, the fullest queues in range of it, and the altitude that
     /// serves them best.
     fn fly_then_schedule(&mut self, waypoint: &Position, mode: Mode, slot: Slot) -> Plan {
-        let ground = self.field.into_area(waypoint);
-        serve_fullest(&self.field, &ground, slot.queues_bits, &mut self.ids);
+        let ground = self.table.into_area(waypoint);
+        serve_fullest(&self.table, &ground, slot.queues_bits, &mut self.ids);
         let altitude_m = self.altitude_above(&ground, slot);
         self.plan(&ground, altitude_m, mode, SolverOutcome::Rule, slot)
     }
@@ -304,7 +304,7 @@ impl Planner {
         let mut plan = Plan::fly_to(ground.x, ground.y, altitude_m, mode);
         plan.schedule(&self.ids);
         plan.solver = outcome.code();
-        plan.expected_bits = self.field.expected_bits(ground, altitude_m, &self.ids, slot.queues_bits);
+        plan.expected_bits = self.table.expected_bits(ground, altitude_m, &self.ids, slot.queues_bits);
         plan
     }
 }
@@ -419,7 +419,7 @@ mod tests {
         let places = [[50.0, 40.0], at([6.0, 8.0]), at([-8.0, 6.0]), [50.0 - diagonal_m, 50.0 + diagonal_m]];
         for solver in [WaypointSolver::Geometric, WaypointSolver::Clarabel] {
             let mut planner = planner_of(Strategy::Exact, &places, 30.0);
-            planner.field.resource_blocks = 3;
+            planner.table.resource_blocks = 3;
             planner.solver = Solver::new(solver);
             let plan = planner.step(1, &Position::new(56.0, 60.0), 20.0, &[900, 950, 800, 700]);
             assert_eq!((plan.scheduled(), plan.mode), (&[0, 1, 2][..], Mode::Serve.code()), "{solver:?}");

@@ -7,8 +7,8 @@ use skysink_common::geometry::Position;
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::{Overrides, Scenario, Strategy};
 use skysink_planner::Planner;
-use skysink_planner::field::Field;
-use skysink_planner::grid::Grid;
+use skysink_planner::geometry::grid::Grid;
+use skysink_planner::sensor_table::SensorTable;
 
 /// A field over which both planners plan.
 #[derive(Debug, Clone)]
@@ -31,8 +31,8 @@ impl Case {
 
 /// A planner that tests every SN in every look around.
 fn undivided(scenario: &Scenario, sensors: &[SensorNode]) -> Planner {
-    let field = Field::new(scenario, sensors);
-    Planner::over(scenario, sensors, Field { grid: Grid::undivided(&field.positions), ..field })
+    let table = SensorTable::new(scenario, sensors);
+    Planner::over(scenario, sensors, SensorTable { grid: Grid::undivided(&table.positions), ..table })
 }
 
 /// Shares of the side: anywhere, on the area's border, and on a lattice that is one of cells' borders, too.

@@ -12,10 +12,10 @@ use skysink_common::node::Stop;
 use skysink_common::scenario::{Scenario, Strategy};
 use skysink_common::sensors::SensorList;
 use skysink_planner::Planner;
-use skysink_planner::conic::ConicSolver;
-use skysink_planner::field::Field;
-use skysink_planner::geometric::{Disk, project};
-use skysink_planner::grid::Grid;
+use skysink_planner::geometry::grid::Grid;
+use skysink_planner::sensor_table::SensorTable;
+use skysink_planner::waypoint::conic::ConicSolver;
+use skysink_planner::waypoint::geometric::{Disk, project};
 
 use super::{Effort, Times, counts, letter};
 use crate::error::Error;
@@ -124,9 +124,9 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<Measured, Error> {
 }
 
 fn row(scenario: &Scenario, nodes: &[SensorNode], initial_bits: &[u32], effort: Effort) -> Row {
-    let field = Field::new(scenario, nodes);
-    let undivided = Field { grid: Grid::undivided(&field.positions), ..field.clone() };
-    let (mut with, mut without) = (Planner::over(scenario, nodes, field), Planner::over(scenario, nodes, undivided));
+    let table = SensorTable::new(scenario, nodes);
+    let undivided = SensorTable { grid: Grid::undivided(&table.positions), ..table.clone() };
+    let (mut with, mut without) = (Planner::over(scenario, nodes, table), Planner::over(scenario, nodes, undivided));
     let mut flight = Flight::new(scenario, initial_bits);
     for _ in 0..WARM_UP {
         let plan = flight.plan(&mut with);

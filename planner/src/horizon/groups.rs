@@ -7,8 +7,8 @@ use rand_chacha::ChaCha8Rng;
 use skysink_common::geometry::Position;
 use skysink_common::random::{Purpose, Streams};
 
-use super::circle::Circle;
 use super::world::{Place, World};
+use crate::geometry::circle::Circle;
 
 /// Sources that one may be grouped with.
 const NEIGHBOURS: usize = 24;

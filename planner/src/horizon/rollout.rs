@@ -7,7 +7,7 @@ use skysink_common::geometry::distance_squared;
 use super::flight::{Visit, serve};
 use super::forecast::Outlook;
 use super::world::{Place, World};
-use crate::exact::ExactSearch;
+use crate::strategies::exact::ExactSearch;
 
 /// The stops of the slots of `outlook` if every slot takes the fullest set in reach; `None` where a slot has nobody in
 /// reach: there it would be lost.

@@ -8,8 +8,8 @@ use skysink_common::scenario::Scenario;
 use super::cycle::even_out;
 use super::grid::Grid;
 use super::groups;
-use crate::field::Field;
-use crate::tour::closed_tour;
+use crate::geometry::tour::closed_tour;
+use crate::sensor_table::SensorTable;
 
 /// Entries of the table of a channel that is in line of sight by chance, over `d²` from 0 to `d_c²`.
 const TABLE: usize = 64;
@@ -110,7 +110,7 @@ enum Channel {
 /// The constants of a mission. *Sources* are the SNs that can lose data, numbered from 0 in the order of their ids.
 #[derive(Debug, Clone)]
 pub struct World {
-    pub(super) field: Field,
+    pub(super) field: SensorTable,
     channel: Channel,
     /// The sources.
     pub sources: Vec<Source>,
@@ -138,7 +138,7 @@ impl World {
     /// The world of a scenario with these SNs; with groups where resource blocks are scarce.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
-        let field = Field::new(scenario, sensors);
+        let field = SensorTable::new(scenario, sensors);
         let mut world = Self {
             channel: Channel::of(scenario, &field),
             sources: Vec::new(),
@@ -362,7 +362,7 @@ impl World {
 }
 
 impl Channel {
-    fn of(scenario: &Scenario, field: &Field) -> Self {
+    fn of(scenario: &Scenario, field: &SensorTable) -> Self {
         let Some(los) = &field.los else {
             return Self::FreeSpace;
         };

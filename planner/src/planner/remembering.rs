@@ -1,6 +1,6 @@
 //! The slots of the strategies that remember: how a turn or the first slot of a plan becomes a message.
 //!
-//! What they remember and how they decide is left to [`crate::rounds`] and [`crate::horizon`].
+//! What they remember and how they decide is left to [`crate::strategies::rounds`] and [`crate::horizon`].
 
 use skysink_common::geometry::Position;
 use skysink_common::message::{Mode, Plan, SolverOutcome};
@@ -8,24 +8,24 @@ use skysink_common::message::{Mode, Plan, SolverOutcome};
 use super::{Planner, Slot};
 use crate::carried::Carried;
 use crate::horizon::Next;
-use crate::strategy::{serve_first, share_within};
+use crate::strategies::baselines::{serve_first, share_within};
 
 impl Planner {
     /// The baselines that take sensor nodes in turn; `None` for the other strategies.
     pub(super) fn in_turn(&mut self, slot: Slot) -> Option<Plan> {
         let waypoint = match &self.carried {
-            Carried::Rounds(rounds) => rounds.waypoint(&self.field, slot.position),
-            Carried::Ages(ages) => ages.waypoint(&self.field, slot.position, slot.queues_bits),
+            Carried::Rounds(rounds) => rounds.waypoint(&self.table, slot.position),
+            Carried::Ages(ages) => ages.waypoint(&self.table, slot.position, slot.queues_bits),
             Carried::Nothing | Carried::Horizon(_) => return None,
         };
-        let ground = self.field.into_area(&waypoint);
+        let ground = self.table.into_area(&waypoint);
         match &mut self.carried {
             Carried::Rounds(rounds) => {
-                rounds.serve(&self.field, &ground, slot.queues_bits, &mut self.ids);
+                rounds.serve(&self.table, &ground, slot.queues_bits, &mut self.ids);
                 rounds.advance(&self.ids);
             }
             Carried::Ages(ages) => {
-                ages.serve(&self.field, &ground, slot.queues_bits, &mut self.ids);
+                ages.serve(&self.table, &ground, slot.queues_bits, &mut self.ids);
                 ages.advance(slot.number, &self.ids);
             }
             Carried::Nothing | Carried::Horizon(_) => return None,
@@ -41,8 +41,8 @@ impl Planner {
         };
         let next = horizon.step(slot.number, slot.position, slot.queues_bits)?;
         let (waypoint, outcome) = self.on_the_way(&next, slot);
-        let ground = self.field.into_area(&waypoint);
-        serve_first(&self.field, &ground, &next.ids, slot.queues_bits, &mut self.ids);
+        let ground = self.table.into_area(&waypoint);
+        serve_first(&self.table, &ground, &next.ids, slot.queues_bits, &mut self.ids);
         let altitude_m = self.altitude_above(&ground, slot);
         let plan = self.plan(&ground, altitude_m, Mode::Serve, outcome, slot);
         self.path.push([plan.x_m, plan.y_m, plan.z_m]);
@@ -57,7 +57,7 @@ impl Planner {
         self.ids.extend_from_slice(&next.ids);
         let altitude_m = self.altitude_above(&next.waypoint, slot);
         let queued_bits: u64 = self.ids.iter().map(|&id| u64::from(slot.queues_bits[id as usize])).sum();
-        let expected_bits = self.field.expected_bits(&next.waypoint, altitude_m, &self.ids, slot.queues_bits);
+        let expected_bits = self.table.expected_bits(&next.waypoint, altitude_m, &self.ids, slot.queues_bits);
         if expected_bits == queued_bits {
             return (next.waypoint, SolverOutcome::Rule);
         }
@@ -68,7 +68,7 @@ impl Planner {
         let Some((then, slots)) = next.then else {
             return (best_ground, best.outcome);
         };
-        let share = share_within(&next.waypoint, &best_ground, &then, self.field.reach_m * f64::from(slots));
+        let share = share_within(&next.waypoint, &best_ground, &then, self.table.reach_m * f64::from(slots));
         (next.waypoint + (best_ground - next.waypoint) * share, best.outcome)
     }
 }

@@ -9,7 +9,6 @@ pub mod anneal;
 pub mod bound;
 pub mod budget;
 pub mod choice;
-pub mod circle;
 pub mod cycle;
 pub mod flight;
 pub mod forecast;

@@ -20,9 +20,9 @@
 
 use skysink_common::geometry::{Position, distance_squared, within};
 
-use crate::field::Field;
-use crate::geometric::{self, Disk, crossings};
-use crate::nearby::{Spot, may_share, preselect};
+use crate::sensor_table::SensorTable;
+use crate::strategies::nearby::{Spot, may_share, preselect};
+use crate::waypoint::geometric::{self, Disk, crossings};
 
 /// The search, with its working memory.
 #[derive(Debug, Clone)]
@@ -55,8 +55,8 @@ struct Best {
 impl ExactSearch {
     /// A search over `field` that never allocates.
     #[must_use]
-    pub fn new(field: &Field) -> Self {
-        let (sensors, blocks) = (field.positions.len(), field.resource_blocks);
+    pub fn new(table: &SensorTable) -> Self {
+        let (sensors, blocks) = (table.positions.len(), table.resource_blocks);
         Self {
             nearby: Vec::with_capacity(sensors),
             around: Vec::with_capacity(sensors),
@@ -71,17 +71,17 @@ impl ExactSearch {
     /// the set within `d_c` of it (decision D5).
     pub fn best_set(
         &mut self,
-        field: &Field,
+        table: &SensorTable,
         position: &Position,
         queues_bits: &[u32],
         ids: &mut Vec<u32>,
     ) -> Option<Position> {
-        preselect(&mut self.nearby, field, position, field.reach_m + field.comm_radius_m, queues_bits);
+        preselect(&mut self.nearby, table, position, table.reach_m + table.comm_radius_m, queues_bits);
         self.best.clear();
         for index in 0..self.nearby.len() {
             let i = self.nearby[index];
-            if self.could_win_with(field, &i) {
-                self.look_about(field, position, &i);
+            if self.could_win_with(table, &i) {
+                self.look_about(table, position, &i);
             }
         }
         ids.clear();
@@ -90,59 +90,59 @@ impl ExactSearch {
     }
 
     /// Looks from where the disk of i, and its lenses with the disks of all less full SNs, come nearest to the UAV.
-    fn look_about(&mut self, field: &Field, position: &Position, i: &Spot) {
+    fn look_about(&mut self, table: &SensorTable, position: &Position, i: &Spot) {
         self.around.clear();
-        self.around.extend(self.nearby.iter().filter(|other| may_share(field, i, other)));
-        let reach = Disk { centre: *position, radius_m: field.reach_m };
-        let disk = disk_of(i, field);
+        self.around.extend(self.nearby.iter().filter(|other| may_share(table, i, other)));
+        let reach = Disk { centre: *position, radius_m: table.reach_m };
+        let disk = disk_of(i, table);
         if let Some(centre) = geometric::project(position, &[reach, disk]) {
-            self.look_from(field, &centre);
+            self.look_from(table, &centre);
         }
-        if field.resource_blocks < 2 {
+        if table.resource_blocks < 2 {
             return;
         }
         let own = self.around.iter().position(|spot| spot.id == i.id).expect("an SN is where it is itself");
         for index in own + 1..self.around.len() {
             let k = self.around[index];
-            if !self.could_win_with_both(field, i, &k) {
+            if !self.could_win_with_both(table, i, &k) {
                 continue;
             }
             // Where the lens comes nearer than at its corners, it does so where one of the disks does.
-            let [a, b] = crossings(&disk, &disk_of(&k, field));
+            let [a, b] = crossings(&disk, &disk_of(&k, table));
             let a_is_nearer = distance_squared(&a, position) <= distance_squared(&b, position);
             let corner = if a_is_nearer { a } else { b };
             if reach.contains(&corner) {
-                self.look_from(field, &corner);
+                self.look_from(table, &corner);
             }
         }
     }
 
     /// Offers the n fullest queues in range of `centre`.
-    fn look_from(&mut self, field: &Field, centre: &Position) {
-        let in_range = |spot: &&Spot| within(&spot.position, centre, field.comm_radius_m);
-        self.trial.fill(self.around.iter().filter(in_range).take(field.resource_blocks));
+    fn look_from(&mut self, table: &SensorTable, centre: &Position) {
+        let in_range = |spot: &&Spot| within(&spot.position, centre, table.comm_radius_m);
+        self.trial.fill(self.around.iter().filter(in_range).take(table.resource_blocks));
         self.best.offer(&mut self.trial, centre);
     }
 
     /// Whether a set with i may beat the best so far: i and its n−1 fullest neighbours, as if all could be served.
-    fn could_win_with(&mut self, field: &Field, i: &Spot) -> bool {
-        let others = self.nearby.iter().filter(|other| other.id != i.id && may_share(field, i, other));
-        self.trial.fill([i].into_iter().chain(others.take(field.resource_blocks - 1)));
+    fn could_win_with(&mut self, table: &SensorTable, i: &Spot) -> bool {
+        let others = self.nearby.iter().filter(|other| other.id != i.id && may_share(table, i, other));
+        self.trial.fill([i].into_iter().chain(others.take(table.resource_blocks - 1)));
         self.trial.beats(&self.best.schedule)
     }
 
     /// Whether a set with i and k may beat the best so far, likewise.
-    fn could_win_with_both(&mut self, field: &Field, i: &Spot, k: &Spot) -> bool {
+    fn could_win_with_both(&mut self, table: &SensorTable, i: &Spot, k: &Spot) -> bool {
         let others =
-            self.around.iter().filter(|other| other.id != i.id && other.id != k.id && may_share(field, k, other));
-        self.trial.fill([i, k].into_iter().chain(others.take(field.resource_blocks - 2)));
+            self.around.iter().filter(|other| other.id != i.id && other.id != k.id && may_share(table, k, other));
+        self.trial.fill([i, k].into_iter().chain(others.take(table.resource_blocks - 2)));
         self.trial.beats(&self.best.schedule)
     }
 }
 
 /// From where an SN can be served.
-fn disk_of(spot: &Spot, field: &Field) -> Disk {
-    Disk { centre: spot.position, radius_m: field.comm_radius_m }
+fn disk_of(spot: &Spot, table: &SensorTable) -> Disk {
+    Disk { centre: spot.position, radius_m: table.comm_radius_m }
 }
 
 impl Schedule {
@@ -191,18 +191,18 @@ impl Best {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::field::tests::field_of;
+    use crate::sensor_table::tests::table_of;
 
     /// The set found from the middle of the area, and from where.
-    fn search(field: &Field, queues_bits: &[u32]) -> Option<(Position, Vec<u32>)> {
+    fn search(table: &SensorTable, queues_bits: &[u32]) -> Option<(Position, Vec<u32>)> {
         let mut ids = vec![77];
-        let centre = ExactSearch::new(field).best_set(field, &Position::new(50.0, 50.0), queues_bits, &mut ids);
+        let centre = ExactSearch::new(table).best_set(table, &Position::new(50.0, 50.0), queues_bits, &mut ids);
         assert_eq!(centre.is_none(), ids.is_empty());
         centre.map(|centre| (centre, ids))
     }
 
-    fn assert_found(field: &Field, queues_bits: &[u32], centre: [f64; 2], ids: &[u32]) {
-        let (from, found) = search(field, queues_bits).expect("somebody can be served");
+    fn assert_found(table: &SensorTable, queues_bits: &[u32], centre: [f64; 2], ids: &[u32]) {
+        let (from, found) = search(table, queues_bits).expect("somebody can be served");
         assert_eq!(found, ids, "from {from}");
         assert!((from - Position::from(centre)).norm() < 1e-9, "{from}");
     }
@@ -210,85 +210,91 @@ mod tests {
     #[test]
     fn nobody_is_found_beyond_reach_and_range_together() {
         // V τ + d_c = 40 m.
-        assert_eq!(search(&field_of(&[[50.0, 90.1], [9.0, 50.0]]), &[9, 9]), None);
-        assert_eq!(search(&field_of(&[]), &[]), None);
+        assert_eq!(search(&table_of(&[[50.0, 90.1], [9.0, 50.0]]), &[9, 9]), None);
+        assert_eq!(search(&table_of(&[]), &[]), None);
     }
 
     #[test]
     fn nobody_is_found_from_nowhere() {
-        let field = field_of(&[[50.0, 50.0]]);
+        let table = table_of(&[[50.0, 50.0]]);
         let nowhere = Position::new(f64::NAN, 50.0);
-        assert_eq!(ExactSearch::new(&field).best_set(&field, &nowhere, &[9], &mut Vec::new()), None);
+        assert_eq!(ExactSearch::new(&table).best_set(&table, &nowhere, &[9], &mut Vec::new()), None);
     }
 
     #[test]
     fn a_lone_sensor_node_is_served_from_where_its_disk_is_nearest() {
-        assert_found(&field_of(&[[57.0, 50.0]]), &[9], [50.0, 50.0], &[0]);
+        assert_found(&table_of(&[[57.0, 50.0]]), &[9], [50.0, 50.0], &[0]);
         // 40 m away: where the disk and reach touch, 30 m and 10 m; (24, 32) is 40 m, too.
-        assert_found(&field_of(&[[50.0, 90.0]]), &[9], [50.0, 80.0], &[0]);
-        assert_found(&field_of(&[[74.0, 82.0]]), &[9], [68.0, 74.0], &[0]);
+        assert_found(&table_of(&[[50.0, 90.0]]), &[9], [50.0, 80.0], &[0]);
+        assert_found(&table_of(&[[74.0, 82.0]]), &[9], [68.0, 74.0], &[0]);
     }
 
     #[test]
     fn two_sensor_nodes_are_served_from_the_near_corner_of_their_lens() {
         // 12 m apart, 36 m to the north: the corners are 8 m to either side of the middle, 10² = 6² + 8².
-        assert_found(&field_of(&[[44.0, 86.0], [56.0, 86.0]]), &[9, 9], [50.0, 78.0], &[0, 1]);
+        assert_found(&table_of(&[[44.0, 86.0], [56.0, 86.0]]), &[9, 9], [50.0, 78.0], &[0, 1]);
         // At 39 m the near corner is 31 m away, and reach is 30 m: only one can be served, the fuller.
-        let field = field_of(&[[44.0, 89.0], [56.0, 89.0]]);
-        assert_eq!(search(&field, &[8, 9]).unwrap().1, [1]);
-        assert_eq!(search(&field, &[9, 9]).unwrap().1, [0]);
+        let table = table_of(&[[44.0, 89.0], [56.0, 89.0]]);
+        assert_eq!(search(&table, &[8, 9]).unwrap().1, [1]);
+        assert_eq!(search(&table, &[9, 9]).unwrap().1, [0]);
     }
 
     #[test]
     fn three_sensor_nodes_on_one_circle_are_served_from_its_centre() {
         // All 10 m from (50, 70), and any two of them at most 20 m apart: (±6, 8) and (0, −10).
-        assert_found(&field_of(&[[56.0, 78.0], [44.0, 78.0], [50.0, 60.0]]), &[1, 1, 1], [50.0, 70.0], &[0, 1, 2]);
+        assert_found(&table_of(&[[56.0, 78.0], [44.0, 78.0], [50.0, 60.0]]), &[1, 1, 1], [50.0, 70.0], &[0, 1, 2]);
     }
 
     #[test]
     fn sensor_nodes_that_touch_or_coincide_are_served_together() {
         // 20 m apart, twice on the same spot.
-        let field = field_of(&[[40.0, 60.0], [60.0, 60.0], [40.0, 60.0]]);
-        assert_found(&field, &[1, 1, 1], [50.0, 60.0], &[0, 1, 2]);
-        assert_found(&field_of(&[[50.0, 70.0]; 5]), &[1, 2, 3, 4, 5], [50.0, 60.0], &[1, 2, 3, 4]);
+        let table = table_of(&[[40.0, 60.0], [60.0, 60.0], [40.0, 60.0]]);
+        assert_found(&table, &[1, 1, 1], [50.0, 60.0], &[0, 1, 2]);
+        assert_found(&table_of(&[[50.0, 70.0]; 5]), &[1, 2, 3, 4, 5], [50.0, 60.0], &[1, 2, 3, 4]);
     }
 
     #[test]
     fn a_reach_smaller_than_range_leaves_what_is_in_range_of_all_of_it() {
-        let mut field = field_of(&[[56.0, 50.0], [44.0, 50.0], [50.0, 62.0]]);
-        field.reach_m = 1.0;
-        assert_found(&field, &[1, 1, 99], [50.0, 50.0], &[0, 1]);
+        let mut table = table_of(&[[56.0, 50.0], [44.0, 50.0], [50.0, 62.0]]);
+        table.reach_m = 1.0;
+        assert_found(&table, &[1, 1, 99], [50.0, 50.0], &[0, 1]);
     }
 
     #[test]
     fn a_set_without_the_fullest_queue_wins_where_it_holds_more() {
         // SN 0 is the partner of every anchor of Algorithm 1, more than 19.6 m from the others, and no circle of radius
         // 10 m has two of them in it as well. The other three are in range of (70, 50).
-        let mut field = field_of(&[[50.0, 50.0], [69.8, 50.0], [68.0, 58.0], [68.0, 42.0]]);
-        field.resource_blocks = 3;
-        assert_eq!(search(&field, &[100, 60, 60, 60]).unwrap().1, [1, 2, 3]);
+        let mut table = table_of(&[[50.0, 50.0], [69.8, 50.0], [68.0, 58.0], [68.0, 42.0]]);
+        table.resource_blocks = 3;
+        assert_eq!(search(&table, &[100, 60, 60, 60]).unwrap().1, [1, 2, 3]);
         let mut ids = Vec::new();
-        let (reach, position) = (crate::search::Reach::Wide, Position::new(50.0, 50.0));
-        crate::search::Search::default().best_set(reach, &field, &position, &[100, 60, 60, 60], &mut ids);
+        let (reach, position) = (crate::strategies::algorithm_1::Reach::Wide, Position::new(50.0, 50.0));
+        crate::strategies::algorithm_1::Search::default().best_set(
+            reach,
+            &table,
+            &position,
+            &[100, 60, 60, 60],
+            &mut ids,
+        );
         assert_eq!(ids, [0, 1]);
     }
 
     #[test]
     fn of_equal_sums_the_smallest_list_of_ids_wins() {
         // Three pairs that no point serves together.
-        let field = field_of(&[[50.0, 70.0], [25.0, 50.0], [75.0, 50.0], [76.0, 50.0], [26.0, 50.0], [50.0, 71.0]]);
-        assert_eq!(search(&field, &[5, 5, 5, 5, 5, 5]).unwrap().1, [0, 5]);
-        assert_eq!(search(&field, &[5, 6, 5, 6, 5, 5]).unwrap().1, [1, 4]);
+        let table = table_of(&[[50.0, 70.0], [25.0, 50.0], [75.0, 50.0], [76.0, 50.0], [26.0, 50.0], [50.0, 71.0]]);
+        assert_eq!(search(&table, &[5, 5, 5, 5, 5, 5]).unwrap().1, [0, 5]);
+        assert_eq!(search(&table, &[5, 6, 5, 6, 5, 5]).unwrap().1, [1, 4]);
     }
 
     #[test]
     fn an_empty_queue_is_better_than_a_free_block() {
         // SN 0 can be served alone, or with the empty SN 2.
-        assert_eq!(search(&field_of(&[[50.0, 50.0], [95.0, 50.0], [50.0, 65.0]]), &[5, 9, 0]).unwrap().1, [0, 2]);
+        assert_eq!(search(&table_of(&[[50.0, 50.0], [95.0, 50.0], [50.0, 65.0]]), &[5, 9, 0]).unwrap().1, [0, 2]);
         // With the empty SN 1, or with the empty SNs 2 and 3: ids count, not how many.
-        let field = field_of(&[[50.0, 50.0], [66.0, 50.0], [34.0, 50.0], [34.0, 51.0]]);
-        assert_eq!(search(&field, &[5, 0, 0, 0]).unwrap().1, [0, 1]);
+        let table = table_of(&[[50.0, 50.0], [66.0, 50.0], [34.0, 50.0], [34.0, 51.0]]);
+        assert_eq!(search(&table, &[5, 0, 0, 0]).unwrap().1, [0, 1]);
         // Nobody has anything.
-        assert_eq!(search(&field_of(&[[90.1, 50.0], [50.0, 60.0]]), &[0, 0]).unwrap().1, [1]);
+        assert_eq!(search(&table_of(&[[90.1, 50.0], [50.0, 60.0]]), &[0, 0]).unwrap().1, [1]);
     }
 }

@@ -2,7 +2,14 @@
 //!
 //! sP2 maximises the sum of the scheduled rates within reach of the UAV and in range of every scheduled sensor node.
 //! sP2* expands the rates to first order in `d²`, which makes it the projection of a weighted centroid onto an
-//! intersection of disks. How that is computed is left to [`crate::geometric`] and [`crate::conic`].
+//! intersection of disks. How that is computed is left to [`crate::waypoint::geometric`] and [`crate::waypoint::conic`].
+
+pub mod ascent;
+pub mod conic;
+pub mod geometric;
+pub mod sca;
+pub mod spatial;
+pub mod spatial_solver;
 
 use std::f64::consts::LOG2_E;
 
@@ -11,9 +18,9 @@ use skysink_common::link::Link;
 use skysink_common::message::SolverOutcome;
 use skysink_common::scenario::WaypointSolver;
 
-use crate::conic::ConicSolver;
-use crate::field::Field;
-use crate::geometric::{self, Disk};
+use crate::sensor_table::SensorTable;
+use conic::ConicSolver;
+use geometric::Disk;
 
 /// Re-expansion ends when the waypoint moves less than this [m].
 const SETTLED_M: f64 = 1e-6;
@@ -46,13 +53,13 @@ pub struct Waypoint {
 impl Problem {
     /// An empty problem over the links of `field` that never allocates for up to its n SNs.
     #[must_use]
-    pub fn new(field: &Field) -> Self {
+    pub fn new(field: &SensorTable) -> Self {
         let served = field.resource_blocks;
         Self { link: field.link, targets: Vec::with_capacity(served), disks: Vec::with_capacity(served + 1) }
     }
 
     /// Poses sP2 for the SNs `ids` and the UAV at `position`, `L_u(t−1)`: `‖q − L_u(t−1)‖ ≤ V τ` and `‖q − L_i‖ ≤ d_c`.
-    pub fn pose(&mut self, field: &Field, position: &Position, ids: &[u32]) {
+    pub fn pose(&mut self, field: &SensorTable, position: &Position, ids: &[u32]) {
         self.targets.clear();
         self.disks.clear();
         self.disks.push(Disk { centre: *position, radius_m: field.reach_m });
@@ -153,11 +160,11 @@ impl Solver {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::field::tests::field_of;
+    use crate::sensor_table::tests::table_of;
     use proptest::prelude::*;
 
     /// sP2 for all SNs of `field`, from `position`.
-    fn posed(field: &Field, position: [f64; 2]) -> Problem {
+    fn posed(field: &SensorTable, position: [f64; 2]) -> Problem {
         let mut problem = Problem::new(field);
         problem.pose(field, &position.into(), &field.ids().collect::<Vec<_>>());
         problem
@@ -174,24 +181,24 @@ mod tests {
 
     #[test]
     fn a_lone_sensor_node_is_flown_over() {
-        assert_waypoint(&posed(&field_of(&[[50.0, 60.0]]), [50.0, 50.0]), [50.0, 60.0]);
+        assert_waypoint(&posed(&table_of(&[[50.0, 60.0]]), [50.0, 50.0]), [50.0, 60.0]);
     }
 
     #[test]
     fn a_lone_sensor_node_beyond_reach_is_approached_as_far_as_reach_allows() {
-        assert_waypoint(&posed(&field_of(&[[50.0, 85.0]]), [50.0, 50.0]), [50.0, 80.0]);
+        assert_waypoint(&posed(&table_of(&[[50.0, 85.0]]), [50.0, 50.0]), [50.0, 80.0]);
     }
 
     #[test]
     fn equal_links_are_served_from_the_middle() {
-        assert_waypoint(&posed(&field_of(&[[44.0, 50.0], [56.0, 50.0]]), [50.0, 50.0]), [50.0, 50.0]);
+        assert_waypoint(&posed(&table_of(&[[44.0, 50.0], [56.0, 50.0]]), [50.0, 50.0]), [50.0, 50.0]);
     }
 
     #[test]
     fn the_flatter_link_draws_the_waypoint_less() {
         // q0 = (50, 50) is 6 m from both: x = 400 + 36 = 436. The first link has γ = x, the second γ = 3x, so that with
         // k = W log2(e), c_1 = k x / (x · 2x) = k/(2x) and c_2 = k 3x / (x · 4x) = 3k/(4x): weights 2 and 3.
-        let mut field = field_of(&[[44.0, 50.0], [56.0, 50.0]]);
+        let mut field = table_of(&[[44.0, 50.0], [56.0, 50.0]]);
         let per_gain = field.link.reference_snr(1.0);
         field.gains = vec![436.0 / per_gain, 3.0 * 436.0 / per_gain];
         assert_waypoint(&posed(&field, [50.0, 50.0]), [(2.0 * 44.0 + 3.0 * 56.0) / 5.0, 50.0]);
@@ -199,7 +206,7 @@ mod tests {
 
     #[test]
     fn touching_disks_are_served_from_the_point_between_them() {
-        let problem = posed(&field_of(&[[50.0, 50.0], [50.0, 50.0], [50.0, 70.0]]), [50.0, 40.0]);
+        let problem = posed(&table_of(&[[50.0, 50.0], [50.0, 50.0], [50.0, 70.0]]), [50.0, 40.0]);
         let waypoint = problem.solve(&mut Solver::Geometric, 1).unwrap();
         assert!((waypoint.position - Position::new(50.0, 60.0)).norm() < 1e-9, "{}", waypoint.position);
     }
@@ -208,7 +215,7 @@ mod tests {
     fn a_program_that_clarabel_does_not_solve_falls_back_and_says_so() {
         // The disks miss each other by 0.9e-9 of their radii, which decision D5 accepts and an interior-point method
         // does not.
-        let problem = posed(&field_of(&[[50.0, 50.0], [50.0, 50.0 + 20.0 * (1.0 + 0.9e-9)]]), [50.0, 40.0]);
+        let problem = posed(&table_of(&[[50.0, 50.0], [50.0, 50.0 + 20.0 * (1.0 + 0.9e-9)]]), [50.0, 40.0]);
         let waypoint = problem.solve(&mut Solver::new(WaypointSolver::Clarabel), 1).unwrap();
         assert_eq!(Some(waypoint.position), problem.solve(&mut Solver::Geometric, 1).map(|exact| exact.position));
         assert_eq!(waypoint.outcome, SolverOutcome::Fallback);
@@ -216,7 +223,7 @@ mod tests {
 
     #[test]
     fn sensor_nodes_that_no_point_can_serve_together_have_no_waypoint() {
-        let problem = posed(&field_of(&[[50.0, 50.0], [50.0, 70.1]]), [50.0, 50.0]);
+        let problem = posed(&table_of(&[[50.0, 50.0], [50.0, 70.1]]), [50.0, 50.0]);
         for choice in [WaypointSolver::Geometric, WaypointSolver::Clarabel] {
             assert_eq!(problem.solve(&mut Solver::new(choice), 5), None, "{choice:?}");
         }
@@ -224,25 +231,25 @@ mod tests {
 
     #[test]
     fn links_that_carry_nothing_are_served_from_their_mean() {
-        let mut field = field_of(&[[44.0, 50.0], [56.0, 50.0], [50.0, 53.0]]);
+        let mut field = table_of(&[[44.0, 50.0], [56.0, 50.0], [50.0, 53.0]]);
         field.gains = vec![0.0; 3];
         assert_waypoint(&posed(&field, [50.0, 50.0]), [50.0, 51.0]);
     }
 
     #[test]
     fn a_reused_problem_forgets_the_last_slot() {
-        let field = field_of(&[[44.0, 50.0], [56.0, 50.0], [50.0, 53.0]]);
+        let field = table_of(&[[44.0, 50.0], [56.0, 50.0], [50.0, 53.0]]);
         let mut problem = posed(&field, [50.0, 50.0]);
         problem.pose(&field, &Position::new(30.0, 50.0), &[1]);
         assert_waypoint(&problem, [56.0, 50.0]);
     }
 
     /// Two to six SNs within 14 m of each other with gains [dB] that differ, over a link that is the bottleneck.
-    fn clusters() -> impl Strategy<Value = Field> {
+    fn clusters() -> impl Strategy<Value = SensorTable> {
         let sensor = (45.0..55.0, 45.0..55.0, -90.0..-50.0);
         prop::collection::vec(sensor, 2..7).prop_map(|sensors| {
             let places: Vec<[f64; 2]> = sensors.iter().map(|&(x_m, y_m, _)| [x_m, y_m]).collect();
-            let mut field = field_of(&places);
+            let mut field = table_of(&places);
             field.gains = sensors.iter().map(|&(.., gain_db)| 10f64.powf(gain_db / 10.0)).collect();
             field.link.altitude_m = 5.0; // low, so that the rates bend within range
             field
@@ -303,7 +310,7 @@ mod tests {
 
     #[test]
     fn re_expansion_ends_where_it_settles() {
-        let mut field = field_of(&[[44.0, 50.0], [56.0, 50.0], [50.0, 53.0]]);
+        let mut field = table_of(&[[44.0, 50.0], [56.0, 50.0], [50.0, 53.0]]);
         field.gains = vec![1e-9, 1e-6, 1e-7];
         field.link.altitude_m = 5.0;
         let problem = posed(&field, [50.0, 50.0]);

@@ -2,8 +2,8 @@
 
 use skysink_common::geometry::{Position, within};
 
-use crate::field::Field;
-use crate::grid::PRESELECTION_MARGIN;
+use crate::geometry::grid::PRESELECTION_MARGIN;
+use crate::sensor_table::SensorTable;
 
 /// A sensor node (SN) in a slot, as a search sees it.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -30,29 +30,35 @@ pub(crate) fn fullest_first(queue_bits: u32, id: u32) -> u64 {
 
 /// Fills `spots` with the SNs within `radius_m` [m] of `position`, or a thousandth more, fullest first: the first n that
 /// pass a test are the n fullest that do.
-pub(crate) fn preselect(spots: &mut Vec<Spot>, field: &Field, position: &Position, radius_m: f64, queues_bits: &[u32]) {
+pub(crate) fn preselect(
+    spots: &mut Vec<Spot>,
+    table: &SensorTable,
+    position: &Position,
+    radius_m: f64,
+    queues_bits: &[u32],
+) {
     spots.clear();
-    field.grid.visit_within(position, radius_m * PRESELECTION_MARGIN, |node| {
+    table.grid.visit_within(position, radius_m * PRESELECTION_MARGIN, |node| {
         spots.push(Spot { position: node.position, queue_bits: queues_bits[node.id as usize], id: node.id });
     });
     spots.sort_unstable_by_key(Spot::fullest_first);
 }
 
 /// Whether one waypoint may have both SNs in range, or a thousandth more.
-pub(crate) fn may_share(field: &Field, a: &Spot, b: &Spot) -> bool {
-    within(&a.position, &b.position, 2.0 * field.comm_radius_m * PRESELECTION_MARGIN)
+pub(crate) fn may_share(table: &SensorTable, a: &Spot, b: &Spot) -> bool {
+    within(&a.position, &b.position, 2.0 * table.comm_radius_m * PRESELECTION_MARGIN)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::field::tests::field_of;
+    use crate::sensor_table::tests::table_of;
 
     #[test]
     fn candidates_come_fullest_first_and_equals_by_index() {
-        let field = field_of(&[[50.0, 50.0], [52.0, 50.0], [54.0, 50.0], [56.0, 50.0], [61.0, 50.0]]);
+        let table = table_of(&[[50.0, 50.0], [52.0, 50.0], [54.0, 50.0], [56.0, 50.0], [61.0, 50.0]]);
         let mut spots = vec![Spot::default()];
-        preselect(&mut spots, &field, &Position::new(50.0, 50.0), 10.0, &[3, 9, 0, 9, 99]);
+        preselect(&mut spots, &table, &Position::new(50.0, 50.0), 10.0, &[3, 9, 0, 9, 99]);
         assert_eq!(
             spots.iter().map(|spot| (spot.queue_bits, spot.id)).collect::<Vec<_>>(),
             [(9, 1), (9, 3), (3, 0), (0, 2)]

@@ -23,9 +23,9 @@ use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::los::LosLink;
 use skysink_common::scenario::LosCurve;
 
-use crate::ascent::Rated;
-use crate::conic;
-use crate::spatial::{SpatialProblem, slopes};
+use crate::waypoint::ascent::Rated;
+use crate::waypoint::conic;
+use crate::waypoint::spatial::{SpatialProblem, slopes};
 
 /// Largest exponent `α_L` at which the tangent is relied on as a lower bound.
 const CONVEX_UP_TO: f64 = 4.0;
@@ -228,8 +228,8 @@ impl Program {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ascent;
-    use crate::spatial::tests::{dense_urban, posed};
+    use crate::waypoint::ascent;
+    use crate::waypoint::spatial::tests::{dense_urban, posed};
     use proptest::prelude::*;
 
     /// Clusters of one to six SNs in sight of the origin, and a range of altitudes, an empty one among them.

@@ -10,11 +10,11 @@ use skysink_common::los::LosLink;
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::{Area, Scenario};
 
-use crate::grid::Grid;
+use crate::geometry::grid::Grid;
 
 /// The sensor nodes (SNs) and the limits that a plan has to keep.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Field {
+pub struct SensorTable {
     /// Where the SNs stand, `L_i`, by id.
     pub positions: Vec<Position>,
     /// The same SNs by place, in cells of the side `d_c`: who is near a point. It is made of `positions`, and has to be
@@ -36,8 +36,8 @@ pub struct Field {
     pub resource_blocks: usize,
 }
 
-impl Field {
-    /// The field of a scenario with these SNs.
+impl SensorTable {
+    /// The table of a scenario with these SNs.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
         let positions: Vec<Position> = sensors.iter().map(|sensor| Position::new(sensor.x_m, sensor.y_m)).collect();
@@ -103,39 +103,40 @@ pub(crate) mod tests {
     use skysink_common::scenario::Overrides;
 
     /// The letter's field (d_c = 10 m, V τ = 30 m, n = 4) over 100 m × 100 m with SNs of gain −52 dB at `places_m` [m].
-    pub(crate) fn field_of(places_m: &[[f64; 2]]) -> Field {
+    pub(crate) fn table_of(places_m: &[[f64; 2]]) -> SensorTable {
         let sensor = |&[x_m, y_m]: &[f64; 2]| SensorNode { x_m, y_m, gain: 10f64.powf(-5.2), ..SensorNode::default() };
         let scenario = Scenario::letter(Overrides::default()).unwrap();
-        Field::new(&scenario, &places_m.iter().map(sensor).collect::<Vec<_>>())
+        SensorTable::new(&scenario, &places_m.iter().map(sensor).collect::<Vec<_>>())
     }
 
     #[test]
-    fn a_scenario_becomes_a_field_in_its_units() {
+    fn a_scenario_becomes_a_table_in_its_units() {
         let text = "name = 'a'\nslot_s = 0.5\n[area]\nwidth_m = 80.0\nheight_m = 60.0\n[link]\ncomm_radius_m = 7.0\n";
         let scenario = Scenario::parse(text, Path::new("a.toml"), Overrides::default()).unwrap();
-        let field = Field::new(&scenario, &[SensorNode { x_m: 1.0, y_m: 2.0, gain: 1e-5, ..SensorNode::default() }]);
-        assert_eq!((field.reach_m, field.comm_radius_m, field.resource_blocks), (15.0, 7.0, 4)); // 30 m/s · 0.5 s
-        assert_eq!((field.positions[0], field.gains[0]), (Position::new(1.0, 2.0), 1e-5));
-        assert_eq!(field.area, Area { width_m: 80.0, height_m: 60.0 });
+        let table =
+            SensorTable::new(&scenario, &[SensorNode { x_m: 1.0, y_m: 2.0, gain: 1e-5, ..SensorNode::default() }]);
+        assert_eq!((table.reach_m, table.comm_radius_m, table.resource_blocks), (15.0, 7.0, 4)); // 30 m/s · 0.5 s
+        assert_eq!((table.positions[0], table.gains[0]), (Position::new(1.0, 2.0), 1e-5));
+        assert_eq!(table.area, Area { width_m: 80.0, height_m: 60.0 });
     }
 
     #[test]
     fn a_visit_is_expected_to_collect_the_queue_or_what_the_link_carries() {
-        let mut field = field_of(&[[50.0, 50.0], [50.0, 60.0]]);
+        let mut table = table_of(&[[50.0, 50.0], [50.0, 60.0]]);
         let waypoint = Position::new(50.0, 50.0);
         // The letter's links carry about 6 Mbit in a slot: both queues are emptied.
-        assert_eq!(field.expected_bits(&waypoint, 20.0, &[0, 1], &[9_000, 12_000]), 21_000);
+        assert_eq!(table.expected_bits(&waypoint, 20.0, &[0, 1], &[9_000, 12_000]), 21_000);
         // W = 5 kHz, γ = 10^−5.2 · 0.05/10^−13 = 3.1548e6. SN 0: x = 400, 500 · log2(1 + 7886.98) = 500 · 12.94545 =
         // 6472.7 bit; SN 1: x = 500, 500 · log2(1 + 6309.57) = 500 · 12.62357 = 6311.8 bit, but it holds only 100.
-        field.link.bandwidth_hz = 5e3;
-        assert_eq!(field.expected_bits(&waypoint, 20.0, &[0, 1], &[9_000, 12_000]), 6_472 + 6_311);
-        assert_eq!(field.expected_bits(&waypoint, 20.0, &[0, 1], &[9_000, 100]), 6_472 + 100);
+        table.link.bandwidth_hz = 5e3;
+        assert_eq!(table.expected_bits(&waypoint, 20.0, &[0, 1], &[9_000, 12_000]), 6_472 + 6_311);
+        assert_eq!(table.expected_bits(&waypoint, 20.0, &[0, 1], &[9_000, 100]), 6_472 + 100);
     }
 
     #[test]
     fn a_point_outside_the_area_moves_to_its_border() {
-        let field = field_of(&[[50.0, 50.0]]);
-        assert_eq!(field.into_area(&Position::new(-1e-9, 100.1)), Position::new(0.0, 100.0));
-        assert_eq!(field.into_area(&Position::new(3.0, 4.0)), Position::new(3.0, 4.0));
+        let table = table_of(&[[50.0, 50.0]]);
+        assert_eq!(table.into_area(&Position::new(-1e-9, 100.1)), Position::new(0.0, 100.0));
+        assert_eq!(table.into_area(&Position::new(3.0, 4.0)), Position::new(3.0, 4.0));
     }
 }

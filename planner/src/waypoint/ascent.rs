@@ -8,7 +8,7 @@
 use nalgebra::{Point3, Vector3, center};
 use skysink_common::geometry::Position;
 
-use crate::spatial::SpatialProblem;
+use crate::waypoint::spatial::SpatialProblem;
 
 /// Starts that are followed to their end.
 pub(crate) const FOLLOWED: usize = 6;
@@ -161,7 +161,7 @@ fn step(problem: &SpatialProblem, at: &Rated, slope: &Vector3<f64>, mut stretch:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::spatial::tests::{curves, dense_urban, posed};
+    use crate::waypoint::spatial::tests::{curves, dense_urban, posed};
     use proptest::prelude::*;
     use skysink_common::los::LosLink;
 

@@ -3,11 +3,13 @@
 //! It maximises `Σ B_i(t−1)` over the set (decision D6), with ties to the lowest index everywhere (decision D7). Where
 //! exactly the UAV then flies is left to [`crate::waypoint`].
 
+pub mod circles;
+
 use skysink_common::geometry::{Position, within};
 
-use crate::circles::{CIRCLES, circles};
-use crate::field::Field;
-use crate::nearby::{Spot, may_share, preselect};
+use crate::sensor_table::SensorTable;
+use crate::strategies::nearby::{Spot, may_share, preselect};
+use circles::{CIRCLES, circles};
 
 /// How far an SN in a circle may be from the anchor, in units of the `2 d_c` within which partners are: an anchor and its
 /// partner may be `2 d_c (1 + 1e-9)` apart (decision D5), and circles about such a pair pass them by as much.
@@ -26,17 +28,17 @@ pub enum Reach {
 
 impl Reach {
     /// How far an anchor may be from the UAV [m].
-    fn anchor_radius_m(self, field: &Field) -> f64 {
+    fn anchor_radius_m(self, table: &SensorTable) -> f64 {
         match self {
-            Self::Letter if field.reach_m <= field.comm_radius_m => field.reach_m,
-            Self::Letter => field.reach_m - field.comm_radius_m,
-            Self::Wide => field.reach_m + field.comm_radius_m,
+            Self::Letter if table.reach_m <= table.comm_radius_m => table.reach_m,
+            Self::Letter => table.reach_m - table.comm_radius_m,
+            Self::Wide => table.reach_m + table.comm_radius_m,
         }
     }
 
     /// Whether a circle about `centre` is a candidate for the UAV at `position`.
-    fn admits(self, field: &Field, position: &Position, centre: &Position) -> bool {
-        self == Self::Letter || within(centre, position, field.reach_m)
+    fn admits(self, table: &SensorTable, position: &Position, centre: &Position) -> bool {
+        self == Self::Letter || within(centre, position, table.reach_m)
     }
 }
 
@@ -75,7 +77,7 @@ pub struct Pair {
 #[derive(Clone, Copy)]
 struct Slot<'a> {
     reach: Reach,
-    field: &'a Field,
+    table: &'a SensorTable,
     /// The UAV's position, `L_u(t−1)`.
     position: &'a Position,
 }
@@ -105,24 +107,24 @@ impl Search {
     pub fn best_set(
         &mut self,
         reach: Reach,
-        field: &Field,
+        table: &SensorTable,
         position: &Position,
         queues_bits: &[u32],
         ids: &mut Vec<u32>,
     ) -> Option<Winner> {
         // Partners, and everything within d_c of a circle's centre, are within 2 d_c of an anchor.
-        let anchor_radius_m = reach.anchor_radius_m(field);
-        preselect(&mut self.nearby, field, position, anchor_radius_m + 2.0 * field.comm_radius_m, queues_bits);
+        let anchor_radius_m = reach.anchor_radius_m(table);
+        preselect(&mut self.nearby, table, position, anchor_radius_m + 2.0 * table.comm_radius_m, queues_bits);
         let is_anchor = |spot: &&Spot| within(&spot.position, position, anchor_radius_m);
         self.waiting.clear();
         self.waiting.extend(self.nearby.iter().filter(is_anchor));
         let mut best = None;
-        if field.resource_blocks > 1 {
-            self.pair_up(&Slot { reach, field, position }, &mut best);
+        if table.resource_blocks > 1 {
+            self.pair_up(&Slot { reach, table, position }, &mut best);
         }
         self.waiting.iter().for_each(|anchor| Best::alone(anchor).replace(&mut best));
         let winner = best?.winner;
-        self.collect(field, &winner, ids);
+        self.collect(table, &winner, ids);
         Some(winner)
     }
 
@@ -134,9 +136,9 @@ impl Search {
     /// its partner may be but can still be in a circle.
     fn pair_up(&mut self, slot: &Slot, best: &mut Option<Best>) {
         let Self { nearby, waiting, around } = self;
-        let field = slot.field;
+        let table = slot.table;
         around.resize(nearby.len().max(around.len()), Spot::default());
-        let (others, range_m) = (field.resource_blocks as u64 - 1, 2.0 * field.comm_radius_m);
+        let (others, range_m) = (table.resource_blocks as u64 - 1, 2.0 * table.comm_radius_m);
         let mut sliver = false;
         for partner in nearby.iter() {
             let Some(fullest) = waiting.first() else {
@@ -153,7 +155,7 @@ impl Search {
                     sliver |= anchor.id != partner.id && near(range_m * SLIVER);
                     return true;
                 }
-                let count = *gathered.get_or_insert_with(|| gather(field, nearby, partner, around));
+                let count = *gathered.get_or_insert_with(|| gather(table, nearby, partner, around));
                 look_about(slot, anchor, partner, &around[..count], best);
                 false
             });
@@ -161,14 +163,14 @@ impl Search {
     }
 
     /// Fills `ids` with the winner's set, ascending.
-    fn collect(&self, field: &Field, winner: &Winner, ids: &mut Vec<u32>) {
+    fn collect(&self, table: &SensorTable, winner: &Winner, ids: &mut Vec<u32>) {
         ids.clear();
         ids.push(winner.anchor);
         if let Some(pair) = &winner.pair {
             ids.push(pair.partner);
             let centre = pair.circles[pair.chosen as usize].expect("only a circle in reach can win");
             let others = self.nearby.iter().filter(|spot| spot.id != winner.anchor && spot.id != pair.partner);
-            ids.extend(in_circle(field, others, &centre).map(|spot| spot.id));
+            ids.extend(in_circle(table, others, &centre).map(|spot| spot.id));
         }
         ids.sort_unstable();
     }
@@ -178,11 +180,11 @@ impl Search {
 ///
 /// One in four or so is near, in no order that a processor could foresee: it is faster to write them all, each over the
 /// one before unless that was near, than to branch.
-fn gather(field: &Field, nearby: &[Spot], partner: &Spot, around: &mut [Spot]) -> usize {
+fn gather(table: &SensorTable, nearby: &[Spot], partner: &Spot, around: &mut [Spot]) -> usize {
     let mut count = 0;
     for spot in nearby {
         around[count] = *spot;
-        count += usize::from(spot.id != partner.id && may_share(field, partner, spot));
+        count += usize::from(spot.id != partner.id && may_share(table, partner, spot));
     }
     count
 }
@@ -193,20 +195,20 @@ fn gather(field: &Field, nearby: &[Spot], partner: &Spot, around: &mut [Spot]) -
 /// No circle can hold more than the n−2 fullest SNs that may share a waypoint with either of the two: most anchors need
 /// no circles to be seen to lose.
 fn look_about(slot: &Slot, anchor: &Spot, partner: &Spot, around: &[Spot], best: &mut Option<Best>) {
-    let Slot { reach, field, position } = *slot;
+    let Slot { reach, table, position } = *slot;
     let pair_bits = sum_bits([anchor, partner].into_iter());
     let others = || around.iter().filter(|spot| spot.id != anchor.id);
-    let sharing = others().filter(|spot| may_share(field, anchor, spot));
-    let most_bits = pair_bits + sum_bits(sharing.take(field.resource_blocks - 2));
+    let sharing = others().filter(|spot| may_share(table, anchor, spot));
+    let most_bits = pair_bits + sum_bits(sharing.take(table.resource_blocks - 2));
     if !is_better(best, most_bits, anchor.id) {
         return;
     }
-    let circles = circles(&anchor.position, &partner.position, field.comm_radius_m)
-        .map(|centre| reach.admits(field, position, &centre).then_some(centre));
+    let circles = circles(&anchor.position, &partner.position, table.comm_radius_m)
+        .map(|centre| reach.admits(table, position, &centre).then_some(centre));
     let mut fullest: Option<(u64, u32)> = None;
     for (circle, centre) in (0..).zip(&circles) {
         let Some(centre) = centre else { continue };
-        let set_bits = pair_bits + sum_bits(in_circle(field, others(), centre));
+        let set_bits = pair_bits + sum_bits(in_circle(table, others(), centre));
         if fullest.is_none_or(|(fullest_bits, _)| set_bits > fullest_bits) {
             fullest = Some((set_bits, circle));
         }
@@ -220,11 +222,11 @@ fn look_about(slot: &Slot, anchor: &Spot, partner: &Spot, around: &[Spot], best:
 
 /// Step 5: the n−2 largest queues in the circle about `centre` of `others`, which are fullest first.
 fn in_circle<'a>(
-    field: &Field,
+    table: &SensorTable,
     others: impl Iterator<Item = &'a Spot>,
     centre: &Position,
 ) -> impl Iterator<Item = &'a Spot> {
-    others.filter(|spot| within(&spot.position, centre, field.comm_radius_m)).take(field.resource_blocks - 2)
+    others.filter(|spot| within(&spot.position, centre, table.comm_radius_m)).take(table.resource_blocks - 2)
 }
 
 /// `Σ B_i` [bit].
@@ -255,70 +257,70 @@ impl Best {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::field::tests::field_of;
+    use crate::sensor_table::tests::table_of;
 
     /// The set found from the middle of the area, and how.
-    fn found(reach: Reach, field: &Field, queues_bits: &[u32]) -> Option<(Winner, Vec<u32>)> {
+    fn found(reach: Reach, table: &SensorTable, queues_bits: &[u32]) -> Option<(Winner, Vec<u32>)> {
         let mut ids = Vec::new();
-        let winner = Search::default().best_set(reach, field, &Position::new(50.0, 50.0), queues_bits, &mut ids)?;
+        let winner = Search::default().best_set(reach, table, &Position::new(50.0, 50.0), queues_bits, &mut ids)?;
         Some((winner, ids))
     }
 
     /// The letter's search.
-    fn search(field: &Field, queues_bits: &[u32]) -> Option<(Winner, Vec<u32>)> {
-        found(Reach::Letter, field, queues_bits)
+    fn search(table: &SensorTable, queues_bits: &[u32]) -> Option<(Winner, Vec<u32>)> {
+        found(Reach::Letter, table, queues_bits)
     }
 
     /// The wide one.
-    fn search_wide(field: &Field, queues_bits: &[u32]) -> Option<(Winner, Vec<u32>)> {
-        found(Reach::Wide, field, queues_bits)
+    fn search_wide(table: &SensorTable, queues_bits: &[u32]) -> Option<(Winner, Vec<u32>)> {
+        found(Reach::Wide, table, queues_bits)
     }
 
     #[test]
     fn the_fullest_circle_about_a_pair_wins() {
         // Anchor 0 with partner 1, 12 m apart; SN 2 is only in C1 about (50, 58), SN 3 only in C2 about (50, 42).
-        let field = field_of(&[[56.0, 50.0], [44.0, 50.0], [50.0, 67.0], [50.0, 33.0]]);
-        let (winner, ids) = search(&field, &[50, 100, 7, 8]).unwrap();
+        let table = table_of(&[[56.0, 50.0], [44.0, 50.0], [50.0, 67.0], [50.0, 33.0]]);
+        let (winner, ids) = search(&table, &[50, 100, 7, 8]).unwrap();
         assert_eq!((winner.anchor, winner.pair.unwrap().partner, winner.pair.unwrap().chosen), (0, 1, 1));
         assert_eq!(ids, [0, 1, 3]);
-        let (winner, ids) = search(&field, &[50, 100, 8, 8]).unwrap();
+        let (winner, ids) = search(&table, &[50, 100, 8, 8]).unwrap();
         assert_eq!(winner.pair.unwrap().chosen, 0, "the first of equals");
         assert_eq!(ids, [0, 1, 2]);
     }
 
     #[test]
     fn no_more_than_the_resource_blocks_are_scheduled() {
-        let mut field = field_of(&[[50.0, 50.0], [50.0, 51.0], [50.0, 52.0], [50.0, 53.0], [50.0, 54.0], [50.0, 55.0]]);
+        let mut table = table_of(&[[50.0, 50.0], [50.0, 51.0], [50.0, 52.0], [50.0, 53.0], [50.0, 54.0], [50.0, 55.0]]);
         for (resource_blocks, expected) in [(1, &[2][..]), (2, &[2, 5]), (3, &[2, 4, 5]), (64, &[0, 1, 2, 3, 4, 5])] {
-            field.resource_blocks = resource_blocks;
-            assert_eq!(search(&field, &[1, 2, 9, 3, 7, 8]).unwrap().1, expected, "n = {resource_blocks}");
+            table.resource_blocks = resource_blocks;
+            assert_eq!(search(&table, &[1, 2, 9, 3, 7, 8]).unwrap().1, expected, "n = {resource_blocks}");
         }
     }
 
     #[test]
     fn an_anchor_without_a_partner_is_served_alone() {
-        let mut field = field_of(&[[50.0, 50.0], [50.0, 70.1], [50.0, 52.0]]);
-        assert_eq!(search(&field, &[0, 0, 0]).unwrap().1, [0, 2], "an empty queue is scheduled too");
-        field.resource_blocks = 1;
+        let mut table = table_of(&[[50.0, 50.0], [50.0, 70.1], [50.0, 52.0]]);
+        assert_eq!(search(&table, &[0, 0, 0]).unwrap().1, [0, 2], "an empty queue is scheduled too");
+        table.resource_blocks = 1;
         let alone = (Winner { anchor: 2, pair: None }, vec![2]);
-        assert_eq!(search(&field, &[3, 99, 7]), Some(alone));
+        assert_eq!(search(&table, &[3, 99, 7]), Some(alone));
     }
 
     #[test]
     fn anchors_are_sought_where_every_circle_about_them_is_in_reach() {
         // V τ − d_c = 20 m: the SN at 20 m is an anchor, the one at 20.1 m is not.
-        assert_eq!(search(&field_of(&[[50.0, 70.0]]), &[1]).unwrap().1, [0]);
-        assert_eq!(search(&field_of(&[[50.0, 70.1]]), &[1]), None);
+        assert_eq!(search(&table_of(&[[50.0, 70.0]]), &[1]).unwrap().1, [0]);
+        assert_eq!(search(&table_of(&[[50.0, 70.1]]), &[1]), None);
         // V τ = 10 m = d_c: within V τ instead.
-        let mut field = field_of(&[[50.0, 60.0], [50.0, 39.9]]);
-        field.reach_m = 10.0;
-        assert_eq!(search(&field, &[1, 5]).unwrap().0.anchor, 0);
+        let mut table = table_of(&[[50.0, 60.0], [50.0, 39.9]]);
+        table.reach_m = 10.0;
+        assert_eq!(search(&table, &[1, 5]).unwrap().0.anchor, 0);
     }
 
     #[test]
     fn ties_between_anchors_and_partners_go_to_the_lowest_index() {
-        let field = field_of(&[[40.0, 50.0], [60.0, 50.0], [50.0, 50.0], [50.0, 51.0]]);
-        let (winner, _) = search(&field, &[5, 5, 5, 5]).unwrap();
+        let table = table_of(&[[40.0, 50.0], [60.0, 50.0], [50.0, 50.0], [50.0, 51.0]]);
+        let (winner, _) = search(&table, &[5, 5, 5, 5]).unwrap();
         assert_eq!((winner.anchor, winner.pair.unwrap().partner), (0, 1));
     }
 
@@ -331,10 +333,10 @@ mod tests {
         let farther = 1.0 + 10.0 * (1.0 + 0.9e-9) / f64::hypot(apart_m / 2.0, offset_m);
         let beyond = [40.0 + apart_m / 2.0 * farther, 50.0 + offset_m * farther];
         // Anchors within 12 m of (30, 50): SNs 0, 3 and 4, which are too far away to meet SN 0.
-        let mut field = field_of(&[[40.0, 50.0], [40.0 + apart_m, 50.0], beyond, [19.0, 50.0], [18.5, 50.0]]);
-        (field.reach_m, field.resource_blocks) = (22.0, 3);
+        let mut table = table_of(&[[40.0, 50.0], [40.0 + apart_m, 50.0], beyond, [19.0, 50.0], [18.5, 50.0]]);
+        (table.reach_m, table.resource_blocks) = (22.0, 3);
         let (position, mut ids) = (Position::new(30.0, 50.0), Vec::new());
-        let winner = Search::default().best_set(Reach::Letter, &field, &position, &[5, 10, 500, 60, 40], &mut ids);
+        let winner = Search::default().best_set(Reach::Letter, &table, &position, &[5, 10, 500, 60, 40], &mut ids);
         assert_eq!((winner.unwrap().anchor, &ids[..]), (0, &[0, 1, 2][..]));
     }
 
@@ -342,15 +344,15 @@ mod tests {
     fn wide_anchors_are_sought_as_far_as_the_uav_can_serve() {
         // V τ + d_c = 40 m.
         let alone = (Winner { anchor: 0, pair: None }, vec![0]);
-        assert_eq!(search_wide(&field_of(&[[50.0, 90.0]]), &[1]), Some(alone));
-        assert_eq!(search_wide(&field_of(&[[50.0, 90.1]]), &[1]), None);
+        assert_eq!(search_wide(&table_of(&[[50.0, 90.0]]), &[1]), Some(alone));
+        assert_eq!(search_wide(&table_of(&[[50.0, 90.1]]), &[1]), None);
     }
 
     #[test]
     fn the_wide_search_drops_circles_out_of_reach() {
         // 30 m to the north, 12 m apart. C1 = (50, 88) is out of reach, and SN 2 in no other circle.
-        let field = field_of(&[[56.0, 80.0], [44.0, 80.0], [50.0, 97.0]]);
-        let (winner, ids) = search_wide(&field, &[50, 100, 7]).unwrap();
+        let table = table_of(&[[56.0, 80.0], [44.0, 80.0], [50.0, 97.0]]);
+        let (winner, ids) = search_wide(&table, &[50, 100, 7]).unwrap();
         let pair = winner.pair.unwrap();
         assert_eq!((winner.anchor, pair.partner, pair.chosen, &ids[..]), (0, 1, 1, &[0, 1][..]));
         // C2 and C5 are within 30 m; C3 and C4, at (54, 80) and (46, 80), are 30.3 m away.
@@ -360,22 +362,22 @@ mod tests {
     #[test]
     fn a_wide_anchor_with_no_circle_in_reach_counts_alone() {
         // 39 m to the north, 12 m apart: even C2 is 31 m away.
-        let field = field_of(&[[56.0, 89.0], [44.0, 89.0]]);
-        assert_eq!(search_wide(&field, &[7, 8]), Some((Winner { anchor: 1, pair: None }, vec![1])));
+        let table = table_of(&[[56.0, 89.0], [44.0, 89.0]]);
+        assert_eq!(search_wide(&table, &[7, 8]), Some((Winner { anchor: 1, pair: None }, vec![1])));
     }
 
     #[test]
     fn below_range_the_letters_set_can_be_worth_more_than_the_wide_one() {
         // V τ = 5 m: no circle about SNs 19 m apart is in reach. The letter does not ask; its set cannot be served.
-        let mut field = field_of(&[[55.0, 50.0], [74.0, 50.0]]);
-        field.reach_m = 5.0;
-        assert_eq!(search(&field, &[10, 100]).unwrap().1, [0, 1]);
-        assert_eq!(search_wide(&field, &[10, 100]).unwrap().1, [0]);
+        let mut table = table_of(&[[55.0, 50.0], [74.0, 50.0]]);
+        table.reach_m = 5.0;
+        assert_eq!(search(&table, &[10, 100]).unwrap().1, [0, 1]);
+        assert_eq!(search_wide(&table, &[10, 100]).unwrap().1, [0]);
         // V τ = 7 m: of the circles about SNs 0 and 1 only C3 at (56, 50) is in reach. SN 2 is not in it, but in C1 at
         // (58, 56). All three are in range of (56.3, 52), which is in reach: the letter's set can even be served.
-        let mut field = field_of(&[[50.0, 50.0], [66.0, 50.0], [60.0, 59.2]]);
-        field.reach_m = 7.0;
-        assert_eq!(search(&field, &[90, 80, 10]).unwrap().1, [0, 1, 2]);
-        assert_eq!(search_wide(&field, &[90, 80, 10]).unwrap().1, [0, 1]);
+        let mut table = table_of(&[[50.0, 50.0], [66.0, 50.0], [60.0, 59.2]]);
+        table.reach_m = 7.0;
+        assert_eq!(search(&table, &[90, 80, 10]).unwrap().1, [0, 1, 2]);
+        assert_eq!(search_wide(&table, &[90, 80, 10]).unwrap().1, [0, 1]);
     }
 }

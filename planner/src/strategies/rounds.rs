@@ -5,12 +5,12 @@
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Strategy;
 
-use crate::field::Field;
+use crate::geometry::tour::closed_tour;
 use crate::horizon::flight::{aim, slots_for};
 use crate::memory::{MemoryError, Reader};
-use crate::nearby::fullest_first;
-use crate::strategy::toward;
-use crate::tour::closed_tour;
+use crate::sensor_table::SensorTable;
+use crate::strategies::baselines::toward;
+use crate::strategies::nearby::fullest_first;
 
 /// SNs in a fixed order, over and over: a turn ends with the slot that serves its SN.
 #[derive(Debug, Clone)]
@@ -25,11 +25,11 @@ impl Rounds {
     /// The rounds of `tour`, a short closed tour that starts at the SN nearest to `start`, or of `round-robin`, which
     /// goes by id.
     #[must_use]
-    pub fn new(strategy: Strategy, field: &Field, start: &Position) -> Self {
-        let mut order: Vec<u32> = field.ids().collect();
+    pub fn new(strategy: Strategy, table: &SensorTable, start: &Position) -> Self {
+        let mut order: Vec<u32> = table.ids().collect();
         if strategy == Strategy::Tour {
-            order = closed_tour(field.area, &field.positions);
-            let away_m2 = |&id: &u32| (field.position(id) - start).norm_squared();
+            order = closed_tour(table.area, &table.positions);
+            let away_m2 = |&id: &u32| (table.position(id) - start).norm_squared();
             let first = (0..order.len()).min_by(|&a, &b| away_m2(&order[a]).total_cmp(&away_m2(&order[b])));
             order.rotate_left(first.unwrap_or(0));
         }
@@ -45,27 +45,27 @@ impl Rounds {
     /// Where to fly from `position`. `round-robin`: straight toward the SN, until above it. `tour`: in as few slots as
     /// it takes to get in range, and to the point in range that is nearest to the next SN.
     #[must_use]
-    pub fn waypoint(&self, field: &Field, position: &Position) -> Position {
+    pub fn waypoint(&self, table: &SensorTable, position: &Position) -> Position {
         let Some(current) = self.current() else {
             return *position;
         };
-        let goal = field.position(current);
+        let goal = table.position(current);
         if self.strategy == Strategy::RoundRobin {
-            return toward(field, position, goal);
+            return toward(table, position, goal);
         }
-        let next = field.position(self.order[(self.turn + 1) % self.order.len()]);
-        let slots = slots_for(position, field.reach_m, goal, field.comm_radius_m);
-        let end = aim(position, field.reach_m * slots, goal, field.comm_radius_m, next);
+        let next = table.position(self.order[(self.turn + 1) % self.order.len()]);
+        let slots = slots_for(position, table.reach_m, goal, table.comm_radius_m);
+        let end = aim(position, table.reach_m * slots, goal, table.comm_radius_m, next);
         position + (end - position) / slots
     }
 
     /// Fills `ids` with the SN whose turn it is, if it is in range of `waypoint`, and the fullest queues, n in all,
     /// ascending by id.
-    pub fn serve(&self, field: &Field, waypoint: &Position, queues_bits: &[u32], ids: &mut Vec<u32>) {
+    pub fn serve(&self, table: &SensorTable, waypoint: &Position, queues_bits: &[u32], ids: &mut Vec<u32>) {
         ids.clear();
-        field.grid.visit_within(waypoint, field.comm_radius_m, |node| ids.push(node.id));
+        table.grid.visit_within(waypoint, table.comm_radius_m, |node| ids.push(node.id));
         ids.sort_unstable_by_key(|&id| (Some(id) != self.current(), fullest_first(queues_bits[id as usize], id)));
-        ids.truncate(field.resource_blocks);
+        ids.truncate(table.resource_blocks);
         ids.sort_unstable();
     }
 
@@ -105,8 +105,8 @@ pub struct Ages {
 impl Ages {
     /// Nobody served yet.
     #[must_use]
-    pub fn new(field: &Field) -> Self {
-        Self { last: vec![0; field.positions.len()] }
+    pub fn new(table: &SensorTable) -> Self {
+        Self { last: vec![0; table.positions.len()] }
     }
 
     /// Sort key: those that wait longest come first, of these the fullest, then the lowest index.
@@ -116,17 +116,17 @@ impl Ages {
 
     /// Straight, at full speed, toward the SN that has waited longest, until above it.
     #[must_use]
-    pub fn waypoint(&self, field: &Field, position: &Position, queues_bits: &[u32]) -> Position {
-        let oldest = field.ids().min_by_key(|&id| self.oldest_first(queues_bits, id));
-        oldest.map_or(*position, |oldest| toward(field, position, field.position(oldest)))
+    pub fn waypoint(&self, table: &SensorTable, position: &Position, queues_bits: &[u32]) -> Position {
+        let oldest = table.ids().min_by_key(|&id| self.oldest_first(queues_bits, id));
+        oldest.map_or(*position, |oldest| toward(table, position, table.position(oldest)))
     }
 
     /// Fills `ids` with the n in range of `waypoint` that have waited longest, ascending by id.
-    pub fn serve(&self, field: &Field, waypoint: &Position, queues_bits: &[u32], ids: &mut Vec<u32>) {
+    pub fn serve(&self, table: &SensorTable, waypoint: &Position, queues_bits: &[u32], ids: &mut Vec<u32>) {
         ids.clear();
-        field.grid.visit_within(waypoint, field.comm_radius_m, |node| ids.push(node.id));
+        table.grid.visit_within(waypoint, table.comm_radius_m, |node| ids.push(node.id));
         ids.sort_unstable_by_key(|&id| self.oldest_first(queues_bits, id));
-        ids.truncate(field.resource_blocks);
+        ids.truncate(table.resource_blocks);
         ids.sort_unstable();
     }
 
@@ -155,21 +155,21 @@ impl Ages {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::field::tests::field_of;
     use crate::memory;
+    use crate::sensor_table::tests::table_of;
 
-    fn rounds(strategy: Strategy, places_m: &[[f64; 2]]) -> (Field, Rounds) {
-        let field = field_of(places_m);
-        let rounds = Rounds::new(strategy, &field, &Position::new(50.0, 50.0));
-        (field, rounds)
+    fn rounds(strategy: Strategy, places_m: &[[f64; 2]]) -> (SensorTable, Rounds) {
+        let table = table_of(places_m);
+        let rounds = Rounds::new(strategy, &table, &Position::new(50.0, 50.0));
+        (table, rounds)
     }
 
     #[test]
     fn round_robin_flies_straight_over_each_in_turn() {
-        let (field, mut rounds) = rounds(Strategy::RoundRobin, &[[80.0, 90.0], [50.0, 60.0]]);
+        let (table, mut rounds) = rounds(Strategy::RoundRobin, &[[80.0, 90.0], [50.0, 60.0]]);
         // (30, 40) is 50 m away: 30 m of it are (18, 24); then 20 m are left.
-        assert_eq!(rounds.waypoint(&field, &Position::new(50.0, 50.0)), Position::new(68.0, 74.0));
-        assert_eq!(rounds.waypoint(&field, &Position::new(68.0, 74.0)), field.positions[0]);
+        assert_eq!(rounds.waypoint(&table, &Position::new(50.0, 50.0)), Position::new(68.0, 74.0));
+        assert_eq!(rounds.waypoint(&table, &Position::new(68.0, 74.0)), table.positions[0]);
         rounds.advance(&[1]);
         assert_eq!(rounds.current(), Some(0), "SN 1 was not at turn");
         rounds.advance(&[0, 1]);
@@ -180,56 +180,56 @@ mod tests {
 
     #[test]
     fn a_tour_turns_at_the_rim_and_looks_one_sensor_node_ahead() {
-        let (field, rounds) = rounds(Strategy::Tour, &[[50.0, 90.0], [90.0, 90.0]]);
+        let (table, rounds) = rounds(Strategy::Tour, &[[50.0, 90.0], [90.0, 90.0]]);
         // SN 0 is 40 m away, in range after 30 m; the one point there is (50, 80).
         assert_eq!(rounds.current(), Some(0));
-        assert!((rounds.waypoint(&field, &Position::new(50.0, 50.0)) - Position::new(50.0, 80.0)).norm() < 1e-4);
+        assert!((rounds.waypoint(&table, &Position::new(50.0, 50.0)) - Position::new(50.0, 80.0)).norm() < 1e-4);
         // From (50, 70) the whole disk around SN 0 is in reach; (60, 90) is nearest to SN 1.
-        assert!((rounds.waypoint(&field, &Position::new(50.0, 70.0)) - Position::new(60.0, 90.0)).norm() < 1e-9);
+        assert!((rounds.waypoint(&table, &Position::new(50.0, 70.0)) - Position::new(60.0, 90.0)).norm() < 1e-9);
     }
 
     #[test]
     fn a_leg_of_two_slots_is_flown_in_equal_steps() {
-        let (field, rounds) = rounds(Strategy::Tour, &[[50.0, 98.0]]);
+        let (table, rounds) = rounds(Strategy::Tour, &[[50.0, 98.0]]);
         // 48 m away, 38 m to the rim, two slots; alone, its own next: (50, 98) is 24 m a slot.
-        assert!((rounds.waypoint(&field, &Position::new(50.0, 50.0)) - Position::new(50.0, 74.0)).norm() < 1e-9);
+        assert!((rounds.waypoint(&table, &Position::new(50.0, 50.0)) - Position::new(50.0, 74.0)).norm() < 1e-9);
     }
 
     #[test]
     fn whose_turn_it_is_is_served_before_fuller_queues() {
         let places = [[50.0, 50.0], [51.0, 50.0], [52.0, 50.0], [53.0, 50.0], [54.0, 50.0]];
-        let (field, mut rounds) = rounds(Strategy::RoundRobin, &places);
+        let (table, mut rounds) = rounds(Strategy::RoundRobin, &places);
         let mut ids = Vec::new();
-        rounds.serve(&field, &Position::new(50.0, 50.0), &[1, 9, 8, 7, 6], &mut ids);
+        rounds.serve(&table, &Position::new(50.0, 50.0), &[1, 9, 8, 7, 6], &mut ids);
         assert_eq!(ids, [0, 1, 2, 3]);
         rounds.advance(&[0]);
-        rounds.serve(&field, &Position::new(50.0, 50.0), &[1, 9, 8, 7, 6], &mut ids);
+        rounds.serve(&table, &Position::new(50.0, 50.0), &[1, 9, 8, 7, 6], &mut ids);
         assert_eq!(ids, [1, 2, 3, 4]);
     }
 
     #[test]
     fn who_has_waited_longest_is_flown_to_and_served_first() {
-        let field = field_of(&[[50.0, 50.0], [51.0, 50.0], [52.0, 50.0], [53.0, 50.0], [50.0, 70.0]]);
-        let (mut ages, mut ids) = (Ages::new(&field), Vec::new());
+        let table = table_of(&[[50.0, 50.0], [51.0, 50.0], [52.0, 50.0], [53.0, 50.0], [50.0, 70.0]]);
+        let (mut ages, mut ids) = (Ages::new(&table), Vec::new());
         let (here, queues_bits) = (Position::new(50.0, 50.0), [5, 9, 5, 5, 8]);
-        assert_eq!(ages.waypoint(&field, &here, &queues_bits), field.positions[1], "of equals the fullest");
+        assert_eq!(ages.waypoint(&table, &here, &queues_bits), table.positions[1], "of equals the fullest");
         ages.advance(1, &[0, 1, 2]);
         ages.advance(2, &[4]);
-        assert_eq!(ages.waypoint(&field, &here, &queues_bits), field.positions[3]);
+        assert_eq!(ages.waypoint(&table, &here, &queues_bits), table.positions[3]);
         ages.advance(3, &[3]);
-        ages.serve(&Field { resource_blocks: 2, ..field.clone() }, &here, &queues_bits, &mut ids);
+        ages.serve(&SensorTable { resource_blocks: 2, ..table.clone() }, &here, &queues_bits, &mut ids);
         assert_eq!(ids, [0, 1], "of SNs 0, 1 and 2 the fullest, then the lowest index");
     }
 
     #[test]
     fn a_memory_of_another_field_is_refused() {
-        let (field, mut rounds) = rounds(Strategy::Tour, &[[50.0, 90.0], [90.0, 90.0]]);
+        let (table, mut rounds) = rounds(Strategy::Tour, &[[50.0, 90.0], [90.0, 90.0]]);
         let mut bytes = Vec::new();
         memory::begin(&mut bytes, Strategy::Tour, 3, None);
         bytes.extend(2u32.to_le_bytes());
         assert!(rounds.recall(Reader::new(&bytes, Strategy::Tour, 3).unwrap()).is_err());
         memory::begin(&mut bytes, Strategy::MaxAgeFirst, 3, None);
         bytes.extend([0; 12]);
-        assert!(Ages::new(&field).recall(Reader::new(&bytes, Strategy::MaxAgeFirst, 3).unwrap()).is_err());
+        assert!(Ages::new(&table).recall(Reader::new(&bytes, Strategy::MaxAgeFirst, 3).unwrap()).is_err());
     }
 }

@@ -1,6 +1,6 @@
 //! The five circles that Algorithm 1 draws about a pair of sensor nodes.
 //!
-//! Plane geometry only; who is in them is asked by [`crate::search`].
+//! Plane geometry only; who is in them is asked by [`crate::strategies::algorithm_1`].
 
 use skysink_common::geometry::Position;
 

@@ -2,7 +2,7 @@
 //!
 //! It maximises the expected rate of the scheduled set, `Σ E[r_i]` (UTS section IV), over the ground position `(x, y)`
 //! and the altitude `z`: within reach of the UAV, in range of every scheduled sensor node (SN) on the ground, and between
-//! the altitudes that one slot allows. How it is solved is left to [`crate::ascent`] and [`crate::sca`].
+//! the altitudes that one slot allows. How it is solved is left to [`crate::waypoint::ascent`] and [`crate::waypoint::sca`].
 
 use std::f64::consts::LOG2_E;
 
@@ -11,8 +11,8 @@ use skysink_common::geometry::{Position, distance_squared, elevation_deg};
 use skysink_common::los::LosLink;
 use skysink_common::scenario::LosCurve;
 
-use crate::field::Field;
-use crate::geometric::{self, Disk};
+use crate::sensor_table::SensorTable;
+use crate::waypoint::geometric::{self, Disk};
 
 /// Nearer than this [m] on the ground, the UAV is straight above an SN.
 const ABOVE_M: f64 = 1e-9;
@@ -54,7 +54,7 @@ impl SpatialProblem {
     }
 
     /// Poses the problem for the SNs `ids` and the UAV at `position`, `L_u(t−1)`.
-    pub fn pose(&mut self, field: &Field, position: &Position, altitudes_m: [f64; 2], ids: &[u32]) {
+    pub fn pose(&mut self, field: &SensorTable, position: &Position, altitudes_m: [f64; 2], ids: &[u32]) {
         self.targets.clear();
         self.targets.extend(ids.iter().map(|&id| *field.position(id)));
         self.disks.clear();

@@ -1,7 +1,7 @@
 //! Poses and solves the three-dimensional waypoint of a slot with the scenario's choice of solver.
 //!
-//! Which solver contributed what is decided here, in one place; how each works is left to [`crate::ascent`] and
-//! [`crate::sca`].
+//! Which solver contributed what is decided here, in one place; how each works is left to [`crate::waypoint::ascent`] and
+//! [`crate::waypoint::sca`].
 
 use nalgebra::Point3;
 use skysink_common::geometry::Position;
@@ -9,10 +9,10 @@ use skysink_common::los::LosLink;
 use skysink_common::message::SolverOutcome;
 use skysink_common::scenario::{PlannerChoice, WaypointSolver};
 
-use crate::ascent::{self, Rated, Starts};
-use crate::field::Field;
-use crate::sca::{self, Contribution};
-use crate::spatial::SpatialProblem;
+use crate::sensor_table::SensorTable;
+use crate::waypoint::ascent::{self, Rated, Starts};
+use crate::waypoint::sca::{self, Contribution};
+use crate::waypoint::spatial::SpatialProblem;
 
 /// Relative difference in rate below which two ends are equally good.
 const CONFIRMED: f64 = 1e-6;
@@ -45,7 +45,7 @@ impl SpatialSolver {
     /// keeps every constraint.
     pub fn solve(
         &mut self,
-        field: &Field,
+        field: &SensorTable,
         position: &Position,
         altitudes_m: [f64; 2],
         ids: &[u32],
@@ -81,7 +81,7 @@ impl SpatialSolver {
     /// with nobody to serve, the one nearest to `altitude_m`.
     pub fn altitude_above(
         &mut self,
-        field: &Field,
+        field: &SensorTable,
         ground: &Position,
         altitudes_m: [f64; 2],
         altitude_m: f64,

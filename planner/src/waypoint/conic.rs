@@ -1,6 +1,6 @@
 //! The conic waypoint solver: the projection onto an intersection of disks as a second-order cone program, by Clarabel.
 //!
-//! It solves what [`crate::geometric`] solves, and is there to check it. Only this file and [`crate::sca`], which carries
+//! It solves what [`crate::waypoint::geometric`] solves, and is there to check it. Only this file and [`crate::waypoint::sca`], which carries
 //! what plane geometry cannot, know Clarabel.
 
 use clarabel::algebra::CscMatrix;
@@ -9,7 +9,7 @@ use clarabel::solver::{
 };
 use skysink_common::geometry::{Position, distance_squared};
 
-use crate::geometric::{self, Disk};
+use crate::waypoint::geometric::{self, Disk};
 
 /// Rows of a cone: `(r, q − centre)`.
 const ROWS: usize = 3;

@@ -1,0 +1,5 @@
+//! Plane geometry that the other folders share; it knows none of them.
+
+pub mod circle;
+pub mod grid;
+pub mod tour;
