@@ -4,6 +4,7 @@
 //! It decides nothing: scheduling, flight and bookkeeping live in the crates that depend on this one.
 
 pub mod arrivals;
+pub mod checkpoint;
 pub mod claim;
 pub mod dead;
 pub mod geometry;

@@ -1,0 +1,155 @@
+//! Checkpoints: the state that a process saves after a slot, so that its successor resumes as if nothing had happened.
+//!
+//! Where the bytes are stored is left to whoever saves them.
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+/// A state that outlives its process.
+///
+/// A type without state needs neither method: it saves nothing.
+pub trait Checkpoint {
+    /// Appends the state to `bytes`.
+    fn save(&self, _bytes: &mut Vec<u8>) {}
+
+    /// Resumes from exactly the bytes that [`Checkpoint::save`] of an equally constructed value appended.
+    ///
+    /// # Errors
+    /// If the bytes are no state that this value can be in; it then stays as it was.
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        decode::<()>(bytes)
+    }
+}
+
+/// Why a checkpoint is refused.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum CheckpointError {
+    /// It ends early, goes on too long, or does not encode a value of the type.
+    #[error("checkpoint of {bytes} bytes: expected one that this version of the program saved")]
+    Malformed {
+        /// Bytes that were left to read.
+        bytes: usize,
+    },
+    /// It holds a value that the state cannot have.
+    #[error("checkpoint: {key} = {found}: expected {expected}")]
+    Unexpected {
+        /// What the value is of.
+        key: &'static str,
+        /// The value.
+        found: String,
+        /// What would have been right.
+        expected: String,
+    },
+}
+
+impl CheckpointError {
+    /// Refuses the value `found` of `key`.
+    pub fn unexpected(key: &'static str, found: impl ToString, expected: impl ToString) -> Self {
+        Self::Unexpected { key, found: found.to_string(), expected: expected.to_string() }
+    }
+}
+
+/// Appends `value` to `bytes` in the compact format of checkpoints.
+///
+/// # Panics
+/// If `value` serializes a sequence of unknown length, which no derived implementation does.
+pub fn encode(value: &impl Serialize, bytes: &mut Vec<u8>) {
+    postcard::to_io(value, bytes).expect("a vector takes every byte, and the lengths of its sequences are known");
+}
+
+/// The value that `bytes` encode, to the last byte.
+///
+/// # Errors
+/// If they are malformed, or some are left over.
+pub fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, CheckpointError> {
+    match decode_first(bytes)? {
+        (value, []) => Ok(value),
+        (_, left) => Err(CheckpointError::Malformed { bytes: left.len() }),
+    }
+}
+
+/// The value that `bytes` begin with, and the bytes after it.
+///
+/// # Errors
+/// If they are malformed.
+pub fn decode_first<T: DeserializeOwned>(bytes: &[u8]) -> Result<(T, &[u8]), CheckpointError> {
+    postcard::take_from_bytes(bytes).map_err(|_| CheckpointError::Malformed { bytes: bytes.len() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Counter(Vec<u64>);
+
+    impl Checkpoint for Counter {
+        fn save(&self, bytes: &mut Vec<u8>) {
+            encode(&self.0, bytes);
+        }
+
+        fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+            let counts: Vec<u64> = decode(bytes)?;
+            if counts.len() != self.0.len() {
+                return Err(CheckpointError::unexpected("counts", counts.len(), self.0.len()));
+            }
+            self.0 = counts;
+            Ok(())
+        }
+    }
+
+    struct Stateless;
+
+    impl Checkpoint for Stateless {}
+
+    fn saved(state: &dyn Checkpoint) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        state.save(&mut bytes);
+        bytes
+    }
+
+    #[test]
+    fn a_restored_state_is_the_saved_one() {
+        let mut counter = Counter(vec![0; 3]);
+        counter.restore(&saved(&Counter(vec![1, 300, u64::MAX]))).unwrap();
+        assert_eq!(counter.0, [1, 300, u64::MAX]);
+    }
+
+    #[test]
+    fn what_is_cut_or_too_long_is_refused_and_changes_nothing() {
+        let bytes = saved(&Counter(vec![1, 300]));
+        let mut counter = Counter(vec![5, 6]);
+        for length in 0..bytes.len() {
+            assert!(counter.restore(&bytes[..length]).is_err(), "cut after {length}");
+        }
+        assert_eq!(
+            counter.restore(&[&bytes[..], &[0, 0]].concat()).unwrap_err(),
+            CheckpointError::Malformed { bytes: 2 }
+        );
+        assert_eq!(counter.0, [5, 6]);
+    }
+
+    #[test]
+    fn a_state_of_another_shape_is_refused_by_name() {
+        let error = Counter(vec![0]).restore(&saved(&Counter(vec![1, 2]))).unwrap_err();
+        assert_eq!(error.to_string(), "checkpoint: counts = 2: expected 1");
+    }
+
+    #[test]
+    fn a_length_beyond_the_bytes_is_refused_without_making_room_for_it() {
+        assert!(Counter(vec![0]).restore(&[0xff, 0xff, 0xff, 0xff, 0xff, 0x7f]).is_err());
+    }
+
+    #[test]
+    fn a_type_without_state_saves_nothing_and_restores_only_that() {
+        assert!(saved(&Stateless).is_empty() && Stateless.restore(&[]).is_ok());
+        assert!(Stateless.restore(&[0]).is_err());
+    }
+
+    /// The format is part of a run folder: numbers below 128 take a byte, f64 eight.
+    #[test]
+    fn the_bytes_stay_what_they_are() {
+        let mut bytes = vec![9];
+        encode(&(5u32, 300u64, Some(1.0f64), "tour"), &mut bytes);
+        assert_eq!(bytes, [9, 5, 0xac, 0x02, 1, 0, 0, 0, 0, 0, 0, 0xf0, 0x3f, 4, b't', b'o', b'u', b'r']);
+    }
+}
