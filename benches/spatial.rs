@@ -8,9 +8,9 @@ use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{ExponentialConeT, NonnegativeConeT, SecondOrderConeT};
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus};
 use criterion::{Criterion, criterion_group, criterion_main};
-use skysink::mission::Mission;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
+use skysink_mission::mission::Mission;
 use skysink_planner::Planner;
 
 /// Sensor nodes of the bare program, metres from the UAV, which is 60 m up.
@@ -28,7 +28,7 @@ fn plan(criterion: &mut Criterion) {
         while {
             let flight = *mission.last_flight();
             states.push((flight, mission.queues_bits().to_vec()));
-            mission.turn().expect("steps of one list").is_some()
+            mission.next().is_some()
         } {}
         let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits));
         let mut slots = (1..).zip(states.iter().take(300)).cycle();

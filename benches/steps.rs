@@ -4,12 +4,12 @@ use std::hint::black_box;
 use std::path::Path;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use skysink::mission::Mission;
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, Mode};
 use skysink_common::scenario::{Overrides, Scenario, Strategy};
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::Field;
+use skysink_mission::mission::Mission;
 use skysink_planner::Planner;
 
 /// The letter's mission with another strategy and solver.
@@ -26,7 +26,7 @@ fn states(scenario: &Scenario, list: &SensorList) -> Vec<(Position, f64, Vec<u32
     loop {
         let flight = mission.last_flight();
         states.push((flight.position(), flight.z_m, mission.queues_bits().to_vec()));
-        if mission.turn().expect("steps of one list").is_none() {
+        if mission.next().is_none() {
             return states;
         }
     }
@@ -73,9 +73,8 @@ fn mission(criterion: &mut Criterion) {
     let list = SensorList::of(&scenario).expect("drawn");
     criterion.bench_function("the letter's mission in one process, 600 slots", |bencher| {
         bencher.iter(|| {
-            let mut mission = Mission::new(&scenario, &list);
-            while let Some(turn) = mission.turn().expect("steps of one list") {
-                black_box(&turn);
+            for flown in Mission::new(&scenario, &list) {
+                black_box(&flown);
             }
         });
     });

@@ -16,11 +16,11 @@ use std::time::Instant;
 
 use hdrhistogram::Histogram;
 use serde::Serialize;
-use skysink_common::node::Stop;
 use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::stop::Stop;
 
 use crate::error::Error;
-use crate::latency::{HOUR_NS, Spread};
+use skysink_mission::latency::{HOUR_NS, Spread};
 
 /// What can be measured by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -3,16 +3,15 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use skysink_common::node::{NodeError, Stop};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_field_sim::SlotBits;
+use skysink_common::stop::Stop;
 
 use crate::error::Error;
-use crate::mission::{Mission, Turn};
-use crate::record::RunFolder;
 use crate::report::Progress;
-use crate::summary::{Summary, Tally};
+use skysink_mission::mission::{FlownSlot, Mission};
+use skysink_mission::record::RunFolder;
+use skysink_mission::summary::{Summary, Tally};
 
 /// Slots between two looks at the progress.
 const SHOW_EVERY: u64 = 1000;
@@ -58,14 +57,14 @@ pub fn simulate_mission(
     let progress = Progress::new(scenario.slots);
 
     let begin = Instant::now();
-    tally.start(&mission.header(SlotBits::default()));
+    tally.start(&mission.header());
     recording.log(&mission, None)?;
     let mut stopped = Ok(());
     while stopped.is_ok() {
-        let Some(turn) = mission.turn().map_err(|error| NodeError::Peer(error.to_string()))? else { break };
-        log.add(&turn.flight, &turn.header)?;
-        tally.add(Some(&turn.plan), &turn.flight, &turn.header);
-        recording.log(&mission, Some(&turn))?;
+        let Some(flown) = mission.next() else { break };
+        log.add(&flown.flight, &flown.header)?;
+        tally.add(Some(&flown.plan), &flown.flight, &flown.header);
+        recording.log(&mission, Some(&flown))?;
         if tally.slots().is_multiple_of(SHOW_EVERY) {
             progress.show(&tally);
         }
@@ -100,11 +99,11 @@ impl Recording {
         Ok(Self { scene: Some(Scene::open(&sinks, scenario, &nodes, &name, Timing::Unmeasured)?) })
     }
 
-    fn log(&mut self, mission: &Mission, turn: Option<&Turn>) -> Result<(), Error> {
+    fn log(&mut self, mission: &Mission, flown: Option<&FlownSlot>) -> Result<(), Error> {
         use skysink_common::path::PathPoint;
         let Some(scene) = &mut self.scene else { return Ok(()) };
-        let header = turn.map_or_else(|| mission.header(SlotBits::default()), |turn| turn.header);
-        let plan = turn.map(|turn| skysink_common::message::Plan { plan_ns: 0, ..turn.plan });
+        let header = mission.header();
+        let plan = flown.map(|flown| skysink_common::message::Plan { plan_ns: 0, ..flown.plan });
         let path: Vec<PathPoint> = mission.path().iter().copied().map(PathPoint::from).collect();
         scene.log_slot(&skysink_viewer::SlotView {
             slot: header.head.slot,
@@ -130,7 +129,7 @@ impl Recording {
         if simulation.record { Err(Error::NoViewer) } else { Ok(Self {}) }
     }
 
-    fn log(&mut self, _: &Mission, _: Option<&Turn>) -> Result<(), Error> {
+    fn log(&mut self, _: &Mission, _: Option<&FlownSlot>) -> Result<(), Error> {
         Ok(())
     }
 

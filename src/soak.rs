@@ -12,14 +12,14 @@ use comfy_table::{CellAlignment, Table, presets};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rustix::process::{Signal, kill_process};
-use skysink_common::node::{NodeError, Stop};
 use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
 
 use crate::error::Error;
-use crate::mission::Mission;
-use crate::record::{RunFolder, TraceHash};
 use crate::run::{Inside, Run, run_with};
-use crate::summary::Summary;
+use skysink_mission::mission::Mission;
+use skysink_mission::record::{RunFolder, TraceHash};
+use skysink_mission::summary::Summary;
 
 /// What to fly, and how rough.
 #[derive(Debug)]
@@ -93,8 +93,8 @@ pub fn soak(soak: &Soak, stop: &Stop) -> Result<(), Error> {
 fn undisturbed(run: &Run, stop: &Stop) -> Result<u64, Error> {
     let list = SensorList::of(&run.scenario)?;
     let (mut mission, mut trace) = (Mission::new(&run.scenario, &list), TraceHash::default());
-    while let Some(turn) = mission.turn().map_err(|error| NodeError::Peer(error.to_string()))? {
-        trace.add(&turn.flight, &turn.header);
+    for flown in &mut mission {
+        trace.add(&flown.flight, &flown.header);
         stop.check()?;
     }
     Ok(trace.value())

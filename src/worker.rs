@@ -5,9 +5,10 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser};
 use iceoryx2::prelude::{LogLevel, set_log_level_from_env_or};
-use skysink_common::node::{NodeError, Role, Stop};
-use skysink_common::ring_folder::RingFolder;
 use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::stop::Stop;
+use skysink_ring::node::{NodeError, Role, stop_on_signals};
+use skysink_ring::ring_folder::RingFolder;
 
 /// Where the run is.
 #[derive(Debug, Args)]
@@ -32,7 +33,7 @@ struct Cli {
 #[must_use]
 pub fn main(role: Role, node: impl FnOnce(&Scenario, &RingFolder, &Stop) -> Result<(), NodeError>) -> ExitCode {
     let cli = Cli::parse();
-    let stop = Stop::on_signals();
+    let stop = stop_on_signals();
     let ended = join(&cli.place).and_then(|(scenario, folder)| node(&scenario, &folder, &stop));
     exit(role, ended.as_ref().err().map(|error| (error as &dyn std::error::Error, error.exit_code())))
 }

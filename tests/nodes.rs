@@ -7,22 +7,22 @@ use std::thread;
 use std::time::Duration;
 
 use iceoryx2::prelude::{Service, ipc, local};
-use skysink::mission::Mission;
-use skysink::record::RunFolder;
-use skysink::recorder::Recorder;
-use skysink::summary::Tally;
-use skysink::watch::{Alarm, ViewerState};
+use skysink::run::recorder::Recorder;
+use skysink::run::watch::{Alarm, ViewerState};
 use skysink_common::message::Plan;
-use skysink_common::node::{NodeError, Role, Stop};
 use skysink_common::pace::Pace;
 use skysink_common::path::PathPoint;
-use skysink_common::ring::Ring;
-use skysink_common::ring_folder::RingFolder;
 use skysink_common::scenario::{Overrides, Scenario, Strategy};
 use skysink_common::sensors::SensorList;
-use skysink_common::topic::{PATH_BUFFER, VIEWER_BUFFER};
-use skysink_common::waiting::Waiting;
-use skysink_field_sim::SlotBits;
+use skysink_common::stop::{Stop, Stopped};
+use skysink_mission::mission::Mission;
+use skysink_mission::record::RunFolder;
+use skysink_mission::summary::Tally;
+use skysink_ring::node::{NodeError, Role};
+use skysink_ring::ring::Ring;
+use skysink_ring::ring_folder::RingFolder;
+use skysink_ring::topic::{PATH_BUFFER, VIEWER_BUFFER};
+use skysink_ring::waiting::Waiting;
 
 fn smoke(strategy: Strategy, seed: u64) -> Scenario {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/smoke.toml");
@@ -36,10 +36,10 @@ fn smoke(strategy: Strategy, seed: u64) -> Scenario {
 fn alone(scenario: &Scenario, out: &Path) -> String {
     let list = SensorList::of(scenario).unwrap();
     let folder = RunFolder::create(Some(out), false, scenario, &list).unwrap();
-    let (mut log, mut mission) = (folder.slot_log().unwrap(), Mission::new(scenario, &list));
-    while let Some(turn) = mission.turn().unwrap() {
-        log.add(&turn.flight, &turn.header).unwrap();
-        assert!(turn.header.totals.balanced(), "{turn:?}");
+    let mut log = folder.slot_log().unwrap();
+    for flown in Mission::new(scenario, &list) {
+        log.add(&flown.flight, &flown.header).unwrap();
+        assert!(flown.header.totals.balanced(), "{flown:?}");
     }
     fs::read_to_string(out.join("slots.csv")).unwrap()
 }
@@ -71,9 +71,9 @@ fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, or
         }
     });
     let mut mission = Mission::new(scenario, &list);
-    while mission.turn().unwrap().is_some() {}
+    mission.by_ref().for_each(drop);
     let ours = tally.summary(None, Duration::ZERO, log.hash());
-    assert_eq!(ours.queued_bits, mission.header(SlotBits::default()).totals.queued_bits);
+    assert_eq!(ours.queued_bits, mission.header().totals.queued_bits);
     assert!(ours.complete);
     fs::read_to_string(out.join("slots.csv")).unwrap()
 }
@@ -150,7 +150,7 @@ fn a_planner_that_looks_ahead_publishes_its_path_before_its_plan_and_the_others_
         let list = SensorList::of(&scenario).unwrap();
         let mut mission = Mission::new(&scenario, &list);
         let fly = || {
-            let plan = mission.turn().unwrap()?.plan;
+            let plan = mission.next()?.plan;
             let path: Vec<_> = mission.path().iter().copied().map(PathPoint::from).collect();
             Some((plan, Some(path).filter(|path| path.len() > 1)))
         };
@@ -198,7 +198,7 @@ fn a_requested_stop_ends_a_waiting_node() {
                 skysink_planner::node::run::<local::Service>(&scenario, &folder, &stop)
             });
             stop.request();
-            assert!(matches!(node.join().unwrap(), Err(NodeError::Stopped(15))));
+            assert!(matches!(node.join().unwrap(), Err(NodeError::Stopped(Stopped(15)))));
         });
     }
 }

@@ -3,10 +3,10 @@
 //! A state is as large as the field, a flight is not: so a slot costs the same however many sensor nodes there are.
 
 use bytemuck::{Pod, Zeroable};
-use skysink_common::journal::{Journal, JournalError, Record};
 use skysink_common::ledger::Totals;
 use skysink_common::message::FlightReport;
-use skysink_common::ring_folder::RingFolder;
+use skysink_ring::journal::{Journal, JournalError, Record};
+use skysink_ring::ring_folder::RingFolder;
 
 use crate::field::{Field, SlotBits};
 
@@ -135,7 +135,7 @@ mod tests {
     use skysink_common::pace::Pace;
     use skysink_common::scenario::{Overrides, Scenario};
     use skysink_common::sensors::SensorList;
-    use skysink_common::waiting::Waiting;
+    use skysink_ring::waiting::Waiting;
 
     fn field() -> Field {
         let scenario = Scenario::letter(Overrides::default()).unwrap();

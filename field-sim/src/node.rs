@@ -4,12 +4,13 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
 use skysink_common::message::{FLAG_END, FLAG_TICK, QueuesHeader, SlotHeader};
-use skysink_common::node::{NodeError, Role, Stop};
-use skysink_common::ring::{Ring, RingError};
-use skysink_common::ring_folder::RingFolder;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::topic::{Full, RING_BUFFER};
+use skysink_common::stop::Stop;
+use skysink_ring::node::{NodeError, Role};
+use skysink_ring::ring::{Ring, RingError};
+use skysink_ring::ring_folder::RingFolder;
+use skysink_ring::topic::{Full, RING_BUFFER};
 
 use crate::field::{Field, SlotBits};
 use crate::memory::{Memory, Reached};

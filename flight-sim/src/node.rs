@@ -2,13 +2,14 @@
 
 use iceoryx2::prelude::Service;
 use skysink_common::message::{FLAG_END, FlightReport, HoldReason, QueuesHeader};
-use skysink_common::node::{NodeError, Role, Stop};
 use skysink_common::pace::Pace;
-use skysink_common::refusals::{Refusal, Refusals};
-use skysink_common::ring::{Ring, RingError};
-use skysink_common::ring_folder::RingFolder;
 use skysink_common::scenario::Scenario;
-use skysink_common::topic::{Full, RING_BUFFER};
+use skysink_common::stop::Stop;
+use skysink_ring::node::{NodeError, Role};
+use skysink_ring::refusals::{Refusal, Refusals};
+use skysink_ring::ring::{Ring, RingError};
+use skysink_ring::ring_folder::RingFolder;
+use skysink_ring::topic::{Full, RING_BUFFER};
 
 use crate::flight::Flight;
 use crate::memory::Memory;

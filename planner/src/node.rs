@@ -4,16 +4,17 @@ use std::time::Instant;
 
 use iceoryx2::prelude::Service;
 use skysink_common::message::{FLAG_END, FLAG_TICK, QueuesHeader, SlotHeader};
-use skysink_common::node::{NodeError, Role, Stop};
 use skysink_common::pace::Pace;
 use skysink_common::path::{MAX_POINTS, PathPoint};
-use skysink_common::reader::Found;
-use skysink_common::refusals::Refusal;
-use skysink_common::ring::{Ring, RingError};
-use skysink_common::ring_folder::RingFolder;
 use skysink_common::scenario::Scenario;
-use skysink_common::topic::{Full, RING_BUFFER};
-use skysink_common::writer::Writer;
+use skysink_common::stop::Stop;
+use skysink_ring::node::{NodeError, Role};
+use skysink_ring::reader::Found;
+use skysink_ring::refusals::Refusal;
+use skysink_ring::ring::{Ring, RingError};
+use skysink_ring::ring_folder::RingFolder;
+use skysink_ring::topic::{Full, RING_BUFFER};
+use skysink_ring::writer::Writer;
 
 use crate::planner::Planner;
 use crate::recollection::Recollection;

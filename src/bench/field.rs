@@ -6,14 +6,14 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use skysink_common::message::{FlightReport, Mode};
-use skysink_common::node::Stop;
 use skysink_common::scenario::Strategy;
 use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
 use skysink_field_sim::Field;
 
 use super::{Effort, Times, counts, letter};
 use crate::error::Error;
-use crate::latency::Spread;
+use skysink_mission::latency::Spread;
 
 /// Sensor nodes whose slots are timed together: few of them take no longer than reading the clock.
 const TOGETHER: u64 = 100_000;

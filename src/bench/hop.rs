@@ -13,16 +13,17 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use skysink_common::message::{FlightReport, Plan};
-use skysink_common::node::{NodeError, Stop};
 use skysink_common::pace::Pace;
-use skysink_common::ring::RingError;
-use skysink_common::ring_folder::RingFolder;
-use skysink_common::waiting::Waiting;
+use skysink_common::stop::Stop;
+use skysink_ring::node::NodeError;
+use skysink_ring::ring::RingError;
+use skysink_ring::ring_folder::RingFolder;
+use skysink_ring::waiting::Waiting;
 
 use super::Times;
 use super::transport::Socket;
 use crate::error::Error;
-use crate::latency::Spread;
+use skysink_mission::latency::Spread;
 
 /// Messages on the critical path of a slot, and the processes that pass them on.
 pub const HOPS: usize = 3;

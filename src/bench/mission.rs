@@ -4,15 +4,15 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
-use skysink_common::node::{NodeError, Stop};
 use skysink_common::scenario::{Overrides, Scenario, Strategy};
 use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
 
 use super::{Effort, letter_text, machine, median};
 use crate::error::Error;
-use crate::mission::Mission;
-use crate::sweep;
-use crate::sweep::plan::Sweep;
+use skysink_lab::sweep;
+use skysink_lab::sweep::plan::Sweep;
+use skysink_mission::mission::Mission;
 
 /// Slots of a mission, as the letter's.
 const SLOTS: u64 = 600;
@@ -74,8 +74,8 @@ fn alone(budget: Duration, stop: &Stop) -> Result<f64, Error> {
         seed += 1;
         let scenario = Scenario::letter(Overrides { seed: Some(seed), ..Overrides::default() })?;
         let mut mission = Mission::new(&scenario, &SensorList::of(&scenario)?);
-        while let Some(turn) = mission.turn().map_err(|error| NodeError::Peer(error.to_string()))? {
-            std::hint::black_box(&turn);
+        for flown in &mut mission {
+            std::hint::black_box(&flown);
             slots += 1;
         }
     }

@@ -8,9 +8,9 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 use skysink_common::geometry::Position;
 use skysink_common::message::{Plan, SensorNode};
-use skysink_common::node::Stop;
 use skysink_common::scenario::{Scenario, Strategy};
 use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
 use skysink_planner::Planner;
 use skysink_planner::geometry::grid::Grid;
 use skysink_planner::sensor_table::SensorTable;
@@ -19,7 +19,7 @@ use skysink_planner::waypoint::geometric::{Disk, project};
 
 use super::{Effort, Times, counts, letter};
 use crate::error::Error;
-use crate::latency::Spread;
+use skysink_mission::latency::Spread;
 
 /// Slots after which a flight begins again: few enough that no queue far from the UAV is full.
 const SLOTS: u64 = 150;

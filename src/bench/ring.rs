@@ -6,14 +6,14 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use serde::Serialize;
-use skysink_common::node::Stop;
 use skysink_common::pace::Pace;
-use skysink_common::waiting::Waiting;
+use skysink_common::stop::Stop;
+use skysink_ring::waiting::Waiting;
 
 use super::hop::{Medium, Rounds};
 use super::{Effort, counts, letter_text, median, median_spread};
 use crate::error::Error;
-use crate::latency::Spread;
+use skysink_mission::latency::Spread;
 
 /// Slots per second of a paced ring.
 const PACED_HZ: f64 = 200.0;

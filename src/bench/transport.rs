@@ -6,13 +6,13 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
-use skysink_common::node::Stop;
-use skysink_common::waiting::Waiting;
+use skysink_common::stop::Stop;
+use skysink_ring::waiting::Waiting;
 
 use super::hop::{HOPS, Medium, Rounds, missing_after};
 use super::{Effort, counts, median_spread};
 use crate::error::Error;
-use crate::latency::Spread;
+use skysink_mission::latency::Spread;
 
 /// Reads in a row before the core is offered to others, where a process polls.
 const LOOKS: u32 = 64;

@@ -6,7 +6,8 @@ use std::process::ExitCode;
 use clap::Parser;
 use iceoryx2::prelude::ipc;
 use skysink::worker::{self, Place};
-use skysink_common::node::{Role, Stop};
+use skysink_common::stop::Stop;
+use skysink_ring::node::{Role, stop_on_signals};
 use skysink_viewer::node::{ViewerError, run};
 use skysink_viewer::{Existing, Sinks};
 
@@ -35,7 +36,7 @@ fn main() -> ExitCode {
         .with_max_level(tracing_subscriber::filter::LevelFilter::WARN)
         .with_writer(std::io::stderr)
         .init();
-    let stop = Stop::on_signals();
+    let stop = stop_on_signals();
     let ended = record(&cli, &stop);
     worker::exit(Role::Viewer, ended.as_ref().err().map(|error| (error as &dyn std::error::Error, error.exit_code())))
 }

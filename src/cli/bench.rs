@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use clap::builder::PossibleValue;
 use clap::{Args, ValueEnum};
-use skysink_common::node::Stop;
-use skysink_common::waiting::Waiting;
+use skysink_common::stop::Stop;
+use skysink_ring::waiting::Waiting;
 
 use crate::bench::hop::{Medium, Place, Rounds};
 use crate::bench::{Effort, Part, measure};

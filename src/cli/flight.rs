@@ -4,14 +4,15 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use skysink_common::node::{Role, Stop};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::{Overrides, Scenario};
-use skysink_common::waiting::Waiting;
+use skysink_common::stop::Stop;
+use skysink_ring::node::Role;
+use skysink_ring::waiting::Waiting;
 
 use super::Choice;
 use crate::error::Error;
-use crate::restart::Rule;
+use crate::run::restart::Rule;
 use crate::run::{Run, RunPlace};
 use crate::soak::{self, Soak};
 

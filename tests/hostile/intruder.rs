@@ -5,8 +5,8 @@ use std::fmt::Debug;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
-use skysink_common::ring_folder::RingFolder;
-use skysink_common::topic::Header;
+use skysink_ring::ring_folder::RingFolder;
+use skysink_ring::topic::Header;
 
 pub struct Intruder(Node<ipc::Service>);
 

@@ -5,10 +5,10 @@ use std::time::Duration;
 
 use iceoryx2::prelude::ipc;
 use skysink_common::message::SlotHeader;
-use skysink_common::node::Stop;
 use skysink_common::path::{MAX_POINTS, PathPoint};
-use skysink_common::topic::Full;
-use skysink_common::writer::Writer;
+use skysink_common::stop::Stop;
+use skysink_ring::topic::Full;
+use skysink_ring::writer::Writer;
 
 use crate::audit::said;
 use crate::intruder::{Intruder, send_list};

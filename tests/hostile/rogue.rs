@@ -6,14 +6,15 @@ use std::process::Child;
 use iceoryx2::prelude::ipc;
 use skysink::worker::quiet_iceoryx2;
 use skysink_common::message::{FLAG_END, FLAG_TICK, FlightReport, Plan, QueuesHeader, SensorNode, SlotHeader};
-use skysink_common::node::{NodeError, Patience, Role, Stop};
-use skysink_common::reader::Reader;
-use skysink_common::ring::{Ring, RingError};
-use skysink_common::ring_folder::RingFolder;
 use skysink_common::scenario::{Overrides, Scenario};
-use skysink_common::topic::{Full, RING_BUFFER};
-use skysink_common::writer::Writer;
+use skysink_common::stop::Stop;
 use skysink_planner::Planner;
+use skysink_ring::node::{NodeError, Patience, Role};
+use skysink_ring::reader::Reader;
+use skysink_ring::ring::{Ring, RingError};
+use skysink_ring::ring_folder::RingFolder;
+use skysink_ring::topic::{Full, RING_BUFFER};
+use skysink_ring::writer::Writer;
 
 use crate::support::{Place, until};
 

@@ -7,17 +7,18 @@ use std::time::{Duration, Instant};
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{IceoryxSend, Service, ZeroCopySend};
 use iceoryx2::sample::Sample;
-use skysink_common::health::Health;
 use skysink_common::message::{FLAG_END, FLAG_TICK, HoldReason, QueuesHeader, SlotHeader};
-use skysink_common::node::{NodeError, Patience, Role, Stop};
 use skysink_common::pace::Pace;
 use skysink_common::path::{PathPoint, believable};
-use skysink_common::reader::{Found, Reader, Receive};
-use skysink_common::refusals::Refusal;
-use skysink_common::ring::{Ring, RingError, VIEWER_READY};
-use skysink_common::ring_folder::RingFolder;
 use skysink_common::scenario::{Area, Scenario};
-use skysink_common::topic::{PATH_BUFFER, RING_BUFFER, VIEWER_BUFFER};
+use skysink_common::stop::Stop;
+use skysink_ring::health::Health;
+use skysink_ring::node::{NodeError, Patience, Role};
+use skysink_ring::reader::{Found, Reader, Receive};
+use skysink_ring::refusals::Refusal;
+use skysink_ring::ring::{Ring, RingError, VIEWER_READY};
+use skysink_ring::ring_folder::RingFolder;
+use skysink_ring::topic::{PATH_BUFFER, RING_BUFFER, VIEWER_BUFFER};
 
 use crate::{Level, Scene, SceneError, Sinks, SlotView, Timing};
 

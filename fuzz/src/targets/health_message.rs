@@ -1,6 +1,6 @@
 //! News of the processes, as the launcher and the viewer get them.
 
-use skysink_common::health::Health;
+use skysink_ring::health::Health;
 
 use crate::cursor::Cursor;
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use skysink_common::journal::{Journal, Record};
+use skysink_ring::journal::{Journal, Record};
 
 use super::place::{in_folder, spoil, write};
 use crate::cursor::Cursor;

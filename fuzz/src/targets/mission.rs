@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use skysink::mission::Mission;
 use skysink_common::message::{FlightReport, HoldReason, Mode};
 use skysink_common::scenario::{Overrides, Scenario, SensorSource};
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::Field;
+use skysink_mission::mission::Mission;
 
 use super::flight_message::balanced;
 
@@ -36,8 +36,8 @@ pub fn mission(bytes: &[u8]) {
 fn fly(scenario: &Scenario) {
     let mut mission = Mission::new(scenario, &list(scenario));
     for _ in 0..SLOTS {
-        let Some(turn) = mission.turn().expect("the field knows whom its own planner serves") else { return };
-        let (plan, flight, totals) = (turn.plan, turn.flight, turn.header.totals);
+        let Some(flown) = mission.next() else { return };
+        let (plan, flight, totals) = (flown.plan, flown.flight, flown.header.totals);
         assert_eq!((flight.hold, flight.refused), (HoldReason::None.code(), 0), "{plan:?}");
         assert_ne!(Mode::of_code(flight.mode), Mode::Hold);
         assert!(totals.balanced(), "{totals:?}");

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use skysink::sweep::journal::{Journal, Row, read};
-use skysink::sweep::plan::Flight;
+use skysink_lab::sweep::journal::{Journal, Row, read};
+use skysink_lab::sweep::plan::Flight;
 
 use super::place::{in_folder, write};
 

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use skysink::Error;
-use skysink::record::RunFolder;
-use skysink::resume::{Flown, resume};
-use skysink::summary::Tally;
+use skysink::run::resume::{Flown, resume};
+use skysink_mission::record::RunFolder;
+use skysink_mission::summary::Tally;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 use super::place::{in_folder, write};

@@ -1,0 +1,11 @@
+//! Research: sweeps, metrics, figures, and the search for the best known flight. The only crate that knows arrow and plotters.
+
+pub mod error;
+pub mod figures;
+pub mod metrics;
+pub mod optimize;
+pub mod progress;
+pub mod propulsion;
+pub mod sweep;
+
+pub use error::LabError;

@@ -1,0 +1,193 @@
+//! `skysink optimize`: the best flight that is known of a mission, beside the loss that no flight avoids.
+//!
+//! The candidates are the plan that a long search finds before take-off (`offline`), knowing the queues, and what every
+//! strategy flies; the best is left as a run folder.
+
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+use skysink_common::scenario::{Scenario, Strategy};
+use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
+use skysink_planner::Planner;
+use skysink_planner::horizon::bound::mission_bound;
+
+use skysink_mission::mission::Mission;
+
+use crate::error::LabError;
+use crate::progress::SearchProgress;
+
+/// Steps by which the speed of the search is measured.
+const TRIAL_STEPS: u64 = 100_000;
+
+/// Most search steps, as in scenarios.
+pub const MAX_STEPS: u64 = 1_000_000_000_000;
+
+/// How long the search may take.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Budget {
+    /// Search steps: the result is the same everywhere.
+    Steps(u64),
+    /// Time of this machine, turned into steps by a trial.
+    Time(Duration),
+}
+
+/// What to optimise and where to put it.
+#[derive(Debug)]
+pub struct Optimization {
+    /// The mission, by every strategy; the one named `offline` is searched for.
+    pub scenarios: Vec<Scenario>,
+    /// How long to search.
+    pub budget: Budget,
+}
+
+/// What an optimisation comes to, and the flight that is the best known.
+#[derive(Debug)]
+pub struct Found {
+    /// Bound, best known, and every strategy.
+    pub optimum: Optimum,
+    /// The scenario of the best known flight.
+    pub scenario: Scenario,
+    /// The sensor nodes.
+    pub list: SensorList,
+    /// The plan of `offline`, if it is the best.
+    plan: Option<Vec<u8>>,
+}
+
+impl Found {
+    /// The best known flight, before slot 1.
+    #[must_use]
+    pub fn mission(&self) -> Mission {
+        mission(&self.scenario, self.plan.as_deref(), &self.list)
+    }
+}
+
+/// What a strategy loses.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Standing {
+    /// The strategy.
+    pub strategy: Strategy,
+    /// Its loss rate η.
+    pub loss_rate: f64,
+}
+
+/// What an optimisation comes to, as in `optimum.json`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Optimum {
+    /// Name of the scenario.
+    pub name: String,
+    /// Seed.
+    pub seed: u64,
+    /// Search steps of `offline`.
+    pub steps: u64,
+    /// Loss rate η that no flight avoids.
+    pub loss_bound: f64,
+    /// The least loss rate of all strategies.
+    pub best_known: Standing,
+    /// All strategies, the least loss first.
+    pub strategies: Vec<Standing>,
+    /// Version of Skysink.
+    pub version: &'static str,
+}
+
+/// The loss rate η that no flight of a mission avoids (`docs/look-ahead.md`); 0 where nothing is sampled.
+#[must_use]
+pub fn loss_bound(scenario: &Scenario, list: &SensorList) -> f64 {
+    let nodes = list.nodes(scenario.sensors.capacity_bits);
+    loss_rate(mission_bound(scenario, &nodes, &list.queues_bits()), scenario, list)
+}
+
+/// Searches, and flies every strategy. A stop leaves nothing.
+///
+/// # Errors
+/// If the sensor list is refused, or on a stop.
+pub fn optimize(job: &Optimization, stop: &Stop) -> Result<Found, LabError> {
+    let is_offline = |scenario: &&Scenario| scenario.planner.strategy == Strategy::Offline;
+    let offline = job.scenarios.iter().find(is_offline).expect("the mission by every strategy");
+    let list = SensorList::of(offline)?;
+    let steps = match job.budget {
+        Budget::Steps(steps) => steps,
+        Budget::Time(time) => steps_in(time, offline, &list),
+    };
+    let offline = offline.clone().with_oracle().with_offline_steps(steps);
+    let (searched, rivals) = std::thread::scope(|scope| {
+        let rivals = job.scenarios.iter().filter(|scenario| !is_offline(scenario));
+        let rivals = scope.spawn(|| rivals.map(|scenario| standing(scenario, None, &list, stop)).collect());
+        let searched = search(&offline, &list, stop);
+        let rivals: Result<Vec<Standing>, LabError> = rivals.join().expect("a flight does not panic");
+        (searched, rivals)
+    });
+    let plan = searched?;
+    let mut standings = vec![standing(&offline, plan.as_deref(), &list, stop)?]; // the first of equals
+    standings.extend(rivals?);
+    standings.sort_by(|a, b| a.loss_rate.total_cmp(&b.loss_rate));
+    let best = standings[0];
+    let flown = job.scenarios.iter().find(|scenario| scenario.planner.strategy == best.strategy);
+    let flown = flown.filter(|scenario| !is_offline(scenario)).unwrap_or(&offline);
+    let scenario = flown.clone();
+    let plan = plan.filter(|_| best.strategy == Strategy::Offline);
+    let optimum = Optimum {
+        name: offline.name.clone(),
+        seed: offline.seed,
+        steps,
+        loss_bound: loss_bound(&offline, &list),
+        best_known: best,
+        strategies: standings,
+        version: env!("CARGO_PKG_VERSION"),
+    };
+    Ok(Found { optimum, scenario, list, plan })
+}
+
+/// About as many steps as this machine takes in `time`, by a trial, which is part of it.
+fn steps_in(time: Duration, offline: &Scenario, list: &SensorList) -> u64 {
+    let trial = offline.clone().with_oracle().with_offline_steps(TRIAL_STEPS);
+    let begin = Instant::now();
+    let mut planner = Planner::new(&trial, &list.nodes(trial.sensors.capacity_bits));
+    planner.prepare(&list.queues_bits(), &mut |_| ControlFlow::Continue(()));
+    let took = begin.elapsed();
+    let share = time.saturating_sub(took).as_secs_f64() / took.as_secs_f64();
+    ((TRIAL_STEPS as f64 * share) as u64).clamp(TRIAL_STEPS, MAX_STEPS)
+}
+
+/// The plan of `offline`, as the memory of its planner before slot 1; none if no sensor node can be reached.
+fn search(offline: &Scenario, list: &SensorList, stop: &Stop) -> Result<Option<Vec<u8>>, LabError> {
+    let mut planner = Planner::new(offline, &list.nodes(offline.sensors.capacity_bits));
+    let progress = SearchProgress::new(offline.planner.offline_steps);
+    let mut stopped = Ok(());
+    let found = planner.prepare(&list.queues_bits(), &mut |search| {
+        progress.show(search.share, loss_rate(search.loss_bits, offline, list));
+        stopped = stop.check();
+        if stopped.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    });
+    progress.finish();
+    stopped?;
+    Ok(found.map(|_| planner.memory().to_vec()))
+}
+
+/// The mission before slot 1, with the plan of `offline` if there is one.
+fn mission(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList) -> Mission {
+    let mut mission = Mission::new(scenario, list);
+    if let Some(plan) = plan {
+        mission.recall(plan).expect("the plan of this very mission");
+    }
+    mission
+}
+
+/// What the strategy of a scenario loses.
+fn standing(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList, stop: &Stop) -> Result<Standing, LabError> {
+    let mission = mission(scenario, plan, list);
+    let mut lost_bits = 0;
+    for turn in mission {
+        lost_bits = turn.header.totals.lost_bits;
+        stop.check()?;
+    }
+    Ok(Standing { strategy: scenario.planner.strategy, loss_rate: loss_rate(lost_bits as f64, scenario, list) })
+}
+
+/// A loss [bit] as the share of what the mission samples (decision D3); 0 where nothing is sampled.
+fn loss_rate(lost_bits: f64, scenario: &Scenario, list: &SensorList) -> f64 {
+    let sampled_bps: f64 = list.sensors().iter().map(|sensor| sensor.sampling_bps).sum();
+    let sampled_bits = sampled_bps * scenario.slot_s * scenario.slots as f64;
+    if sampled_bits > 0.0 { lost_bits / sampled_bits } else { 0.0 }
+}

@@ -1,0 +1,217 @@
+//! What a sweep flies: a grid of scenarios, by strategy and seed.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use skysink_common::scenario::{Overrides, Scenario, SensorSource, Strategy};
+use skysink_common::sensors::SensorList;
+use xxhash_rust::xxh3::Xxh3;
+
+use super::error::SweepError;
+use crate::error::LabError;
+
+/// A sweep file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    scenario: PathBuf,
+    strategies: Vec<Strategy>,
+    seeds: Seeds,
+    #[serde(default)]
+    axes: toml::Table,
+}
+
+/// `20` for 1 to 20, or a list.
+#[derive(Debug, Deserialize)]
+#[serde(untagged, expecting = "expected a number of seeds or a list of seeds")]
+enum Seeds {
+    Count(u64),
+    List(Vec<u64>),
+}
+
+/// Most missions of a sweep.
+const MAX_MISSIONS: usize = 100_000_000;
+
+/// What a sweep's results depend on; kept beside them as `sweep.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Definition {
+    /// Hash of everything below and of the scenarios themselves.
+    pub identity: String,
+    /// Version of Skysink.
+    pub version: String,
+    /// Swept keys, dotted.
+    pub keys: Vec<String>,
+    /// Their values, by point of the grid; the last key varies fastest.
+    pub points: Vec<Vec<toml::Value>>,
+    /// Strategies, in the order of the results.
+    pub strategies: Vec<Strategy>,
+    /// Seeds, ascending; the same for every strategy, so that all fly over the same fields.
+    pub seeds: Vec<u64>,
+}
+
+/// A sweep that can be flown.
+#[derive(Debug)]
+pub struct Sweep {
+    /// What it is.
+    pub definition: Definition,
+    base: toml::Table,
+    base_path: PathBuf,
+}
+
+/// One mission of a sweep. The order is that of the results.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Flight {
+    /// Point of the grid.
+    pub point: usize,
+    /// Place of the strategy in the sweep's list.
+    pub strategy: usize,
+    /// The seed.
+    pub seed: u64,
+}
+
+impl Sweep {
+    /// Reads a sweep file and checks every point of its grid.
+    ///
+    /// # Errors
+    /// If the file, its scenario, or a point is refused.
+    pub fn read(path: &Path) -> Result<Self, LabError> {
+        let text =
+            std::fs::read_to_string(path).map_err(|source| SweepError::Unreadable { path: path.to_owned(), source })?;
+        let file: File = toml::from_str(&text).map_err(|error| SweepError::malformed(path, &text, &error))?;
+        let base = path.parent().unwrap_or(Path::new("")).join(&file.scenario);
+        Scenario::read(&base, Overrides::default())?;
+        let text = std::fs::read_to_string(&base).map_err(LabError::file(&base))?;
+        let table = text.parse().map_err(|error| SweepError::malformed(&base, &text, &error))?;
+        let seeds = match file.seeds {
+            Seeds::Count(count) => (1..=count).collect(),
+            Seeds::List(list) => list,
+        };
+        Self::new(path, (base, table), file.axes, file.strategies, seeds)
+    }
+
+    /// Checks a sweep over a scenario, which is given as its path and its text's table, and every point of its grid.
+    /// `path` stands for the sweep in messages.
+    ///
+    /// # Errors
+    /// If the choice of axes, strategies or seeds, or a point of the grid is refused.
+    pub fn new(
+        path: &Path,
+        (base_path, base): (PathBuf, toml::Table),
+        axes: toml::Table,
+        strategies: Vec<Strategy>,
+        seeds: Vec<u64>,
+    ) -> Result<Self, LabError> {
+        let refuse = |key: &str, expected: &str| SweepError::Value {
+            path: path.to_owned(),
+            key: key.to_owned(),
+            expected: expected.to_owned(),
+        };
+        let distinct: BTreeSet<&str> = strategies.iter().map(|strategy| strategy.name()).collect();
+        if distinct.is_empty() || distinct.len() < strategies.len() {
+            return Err(refuse("strategies", "at least one strategy, each once").into());
+        }
+        let ascending: BTreeSet<u64> = seeds.iter().copied().collect();
+        if ascending.is_empty() || ascending.len() < seeds.len() {
+            return Err(refuse("seeds", "1 or more, or a list of distinct seeds").into());
+        }
+        let axes = axes.into_iter().map(|(key, values)| match values {
+            _ if key == "seed" => Err(refuse("axes.seed", "the seeds under `seeds`")),
+            _ if key == "planner.strategy" => Err(refuse("axes.\"planner.strategy\"", "them under `strategies`")),
+            toml::Value::Array(values) if !values.is_empty() => Ok((key, values)),
+            _ => Err(refuse(&format!("axes.\"{key}\""), "a list of values")),
+        });
+        let axes: Vec<(String, Vec<toml::Value>)> = axes.collect::<Result<_, _>>()?;
+        let points = grid(&axes);
+        if points.len().saturating_mul(ascending.len()).saturating_mul(strategies.len()) > MAX_MISSIONS {
+            return Err(refuse("axes", "at most 100000000 missions").into());
+        }
+        let definition = Definition {
+            identity: String::new(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            keys: axes.into_iter().map(|(key, _)| key).collect(),
+            points,
+            strategies,
+            seeds: ascending.into_iter().collect(),
+        };
+        let mut sweep = Self { definition, base, base_path };
+        sweep.definition.identity = sweep.identity(path)?;
+        Ok(sweep)
+    }
+
+    /// The missions of shard `k` of `n` (from 1): those of every n-th point, in the order of the results.
+    #[must_use]
+    pub fn flights(&self, (k, n): (usize, usize)) -> Vec<Flight> {
+        let definition = &self.definition;
+        let mut flights = Vec::new();
+        for point in (k - 1..definition.points.len()).step_by(n) {
+            for strategy in 0..definition.strategies.len() {
+                flights.extend(definition.seeds.iter().map(|&seed| Flight { point, strategy, seed }));
+            }
+        }
+        flights
+    }
+
+    /// The scenario of a mission.
+    ///
+    /// # Errors
+    /// If the point or the seed is refused; reading the sweep has tried every point.
+    pub fn scenario(&self, flight: Flight) -> Result<Scenario, LabError> {
+        let mut table = self.base.clone();
+        for (key, value) in self.definition.keys.iter().zip(&self.definition.points[flight.point]) {
+            set(&mut table, key, value.clone()).map_err(|()| SweepError::NoKey { key: key.clone() })?;
+        }
+        let text = toml::to_string(&table).expect("a table that was read can be written");
+        let strategy = self.definition.strategies[flight.strategy];
+        let overrides = Overrides { seed: Some(flight.seed), strategy: Some(strategy), slots: None };
+        Ok(Scenario::parse(&text, &self.base_path, overrides)?)
+    }
+
+    /// Hash of everything that the results depend on; checks every point on the way.
+    fn identity(&self, path: &Path) -> Result<String, LabError> {
+        let mut hash = Xxh3::new();
+        let description = serde_json::to_string(&self.definition).expect("plain values");
+        hash.update(description.as_bytes());
+        for point in 0..self.definition.points.len() {
+            let flight = Flight { point, strategy: 0, seed: self.definition.seeds[0] };
+            let scenario = self.scenario(flight).map_err(|error| SweepError::Point {
+                path: path.to_owned(),
+                point: self.name(point),
+                source: Box::new(error),
+            })?;
+            hash.update(scenario.to_toml().as_bytes());
+            if let SensorSource::File(_) = scenario.sensors.source {
+                hash.update(SensorList::of(&scenario)?.to_csv().as_bytes());
+            }
+        }
+        Ok(format!("{:016x}", hash.digest()))
+    }
+
+    /// A point, for people.
+    fn name(&self, point: usize) -> String {
+        let values = self.definition.keys.iter().zip(&self.definition.points[point]);
+        values.map(|(key, value)| format!("{key} = {value}")).collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// Every combination of the axes' values; the last axis varies fastest. No axes: one point.
+fn grid(axes: &[(String, Vec<toml::Value>)]) -> Vec<Vec<toml::Value>> {
+    let mut points = vec![Vec::new()];
+    for (_, values) in axes {
+        let extend = |point: &Vec<toml::Value>| -> Vec<Vec<toml::Value>> {
+            values.iter().map(|value| [point.as_slice(), std::slice::from_ref(value)].concat()).collect()
+        };
+        points = points.iter().flat_map(extend).collect();
+    }
+    points
+}
+
+/// Sets a dotted key in a table; fails where a part of it is no table.
+fn set(table: &mut toml::Table, key: &str, value: toml::Value) -> Result<(), ()> {
+    let Some((first, rest)) = key.split_once('.') else {
+        table.insert(key.to_owned(), value);
+        return Ok(());
+    };
+    let inner = table.entry(first).or_insert_with(|| toml::Value::Table(toml::Table::new()));
+    set(inner.as_table_mut().ok_or(())?, rest, value)
+}

@@ -1,0 +1,182 @@
+//! How long the ring takes, hop by hop: from the times at which samples were sent.
+
+use hdrhistogram::Histogram;
+use serde::{Deserialize, Serialize};
+use skysink_common::message::SlotHeader;
+use skysink_common::pace::Pace;
+
+/// Longest time that is told apart [ns].
+pub const HOUR_NS: u64 = 3_600_000_000_000;
+
+/// When the samples of a slot were sent; none of those that were missed.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct SlotTimes {
+    /// The slot's beginning by the clock, in paced runs.
+    pub tick_ns: Option<u64>,
+    /// The plan.
+    pub plan_ns: Option<u64>,
+    /// The flight.
+    pub flight_ns: u64,
+    /// The queues after it.
+    pub queues_ns: u64,
+}
+
+impl SlotTimes {
+    /// The times in the headers of a slot's samples.
+    #[must_use]
+    pub fn of(tick_ns: Option<u64>, plan: Option<&SlotHeader>, flight: &SlotHeader, queues: &SlotHeader) -> Self {
+        let plan_ns = plan.map(|head| head.sent_ns);
+        Self { tick_ns, plan_ns, flight_ns: flight.sent_ns, queues_ns: queues.sent_ns }
+    }
+}
+
+/// The times of a run so far.
+#[derive(Debug)]
+pub struct Latency {
+    period_ns: Option<u64>,
+    last: Option<SlotTimes>,
+    plan: Histogram<u64>,
+    flight: Histogram<u64>,
+    queues: Histogram<u64>,
+    slot: Histogram<u64>,
+    jitter: Histogram<u64>,
+}
+
+/// A distribution of times [µs].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Spread {
+    /// Median.
+    pub p50_us: f64,
+    /// 99th percentile.
+    pub p99_us: f64,
+    /// 99.9th percentile.
+    pub p999_us: f64,
+    /// Longest.
+    pub max_us: f64,
+}
+
+impl Spread {
+    /// The distribution of times in nanoseconds.
+    pub fn of(ns: &Histogram<u64>) -> Self {
+        let us = |quantile| ns.value_at_quantile(quantile) as f64 / 1e3;
+        Self { p50_us: us(0.5), p99_us: us(0.99), p999_us: us(0.999), max_us: ns.max() as f64 / 1e3 }
+    }
+}
+
+/// The latencies of a run, from sample to sample.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Latencies {
+    /// `queues(t−1)` to `plan(t)`.
+    pub queues_to_plan: Spread,
+    /// `plan(t)` to `flight(t)`; in paced runs from the slot's beginning.
+    pub to_flight: Spread,
+    /// `flight(t)` to `queues(t)`.
+    pub flight_to_queues: Spread,
+    /// `queues(t−1)` to `queues(t)`; in paced runs from the slot's beginning to the plan of the next, which must be less
+    /// than the period.
+    pub slot: Spread,
+    /// Distance of the slots' beginnings from their period, in paced runs.
+    pub jitter: Option<Spread>,
+}
+
+impl Latency {
+    /// Nothing measured yet, at a pace.
+    #[must_use]
+    pub fn new(pace: Pace, slot_s: f64) -> Self {
+        let period_ns = pace.period(slot_s).map(|period| u64::try_from(period.as_nanos()).unwrap_or(u64::MAX));
+        let histogram = || Histogram::new_with_bounds(1, HOUR_NS, 3).expect("valid bounds and digits");
+        let (plan, flight, queues, slot, jitter) = (histogram(), histogram(), histogram(), histogram(), histogram());
+        Self { period_ns, last: None, plan, flight, queues, slot, jitter }
+    }
+
+    /// Adds a slot. Its predecessor has been added before, or it is the first.
+    pub fn add(&mut self, times: SlotTimes) {
+        record(&mut self.queues, Some(times.flight_ns), Some(times.queues_ns));
+        record(
+            &mut self.flight,
+            if self.period_ns.is_some() { times.tick_ns } else { times.plan_ns },
+            Some(times.flight_ns),
+        );
+        if let Some(last) = self.last.replace(times) {
+            record(&mut self.plan, Some(last.queues_ns), times.plan_ns);
+            match self.period_ns {
+                None => record(&mut self.slot, Some(last.queues_ns), Some(times.queues_ns)),
+                Some(period_ns) => {
+                    record(&mut self.slot, last.tick_ns, times.plan_ns);
+                    if let (Some(last), Some(now)) = (last.tick_ns, times.tick_ns) {
+                        self.jitter.saturating_record(now.saturating_sub(last).abs_diff(period_ns).max(1));
+                    }
+                }
+            }
+        }
+    }
+
+    /// The distributions so far; none before the second slot.
+    #[must_use]
+    pub fn spreads(&self) -> Option<Latencies> {
+        (!self.queues.is_empty()).then(|| Latencies {
+            queues_to_plan: Spread::of(&self.plan),
+            to_flight: Spread::of(&self.flight),
+            flight_to_queues: Spread::of(&self.queues),
+            slot: Spread::of(&self.slot),
+            jitter: self.period_ns.map(|_| Spread::of(&self.jitter)),
+        })
+    }
+}
+
+/// Adds the time between two samples, if both are known and in order: after a restart one may have been sent again.
+fn record(histogram: &mut Histogram<u64>, from_ns: Option<u64>, to_ns: Option<u64>) {
+    if let (Some(from_ns), Some(to_ns)) = (from_ns, to_ns)
+        && let Some(ns) = to_ns.checked_sub(from_ns)
+    {
+        histogram.saturating_record(ns.max(1));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The times of slot t that begins at `begin` [µs] after which plan, flight and queues come 10, 30 and 60 µs apart.
+    fn times(begin_us: u64) -> SlotTimes {
+        let ns = |us: u64| (begin_us + us) * 1_000;
+        SlotTimes { tick_ns: Some(ns(0)), plan_ns: Some(ns(10)), flight_ns: ns(40), queues_ns: ns(100) }
+    }
+
+    fn about(spread: Spread, us: f64) -> bool {
+        [spread.p50_us, spread.p99_us, spread.p999_us, spread.max_us]
+            .iter()
+            .all(|value| (value / us - 1.0).abs() < 2e-3)
+    }
+
+    #[test]
+    fn hops_are_measured_from_sample_to_sample() {
+        let mut latency = Latency::new(Pace::Max, 1.0);
+        assert_eq!(latency.spreads(), None);
+        (0..100).for_each(|slot| latency.add(times(slot * 500)));
+        let spreads = latency.spreads().unwrap();
+        // queues at 100 µs, the next plan at 510 µs
+        assert!(about(spreads.queues_to_plan, 410.0) && about(spreads.to_flight, 30.0), "{spreads:?}");
+        assert!(about(spreads.flight_to_queues, 60.0) && about(spreads.slot, 500.0), "{spreads:?}");
+        assert_eq!(spreads.jitter, None);
+    }
+
+    #[test]
+    fn a_paced_slot_is_measured_from_its_beginning() {
+        let mut latency = Latency::new(Pace::Factor(2000.0), 1.0); // 500 µs
+        (0..100).for_each(|slot| latency.add(times(slot * 500 + slot % 2 * 3)));
+        let spreads = latency.spreads().unwrap();
+        assert!(about(spreads.to_flight, 40.0), "{spreads:?}");
+        assert!(about(spreads.jitter.unwrap(), 3.0), "{spreads:?}");
+        assert!(spreads.slot.max_us > 512.0 && spreads.slot.max_us < 514.5, "tick to the next plan: {spreads:?}");
+    }
+
+    #[test]
+    fn a_sample_that_was_missed_or_sent_again_is_not_measured() {
+        let mut latency = Latency::new(Pace::Max, 1.0);
+        latency.add(times(0));
+        latency.add(SlotTimes { plan_ns: None, ..times(500) });
+        latency.add(SlotTimes { flight_ns: 5, ..times(1_000) });
+        assert!(about(latency.spreads().unwrap().to_flight, 30.0));
+    }
+}

@@ -1,0 +1,13 @@
+//! A mission in one process and on record.
+//!
+//! [`mission`] is the round trip as plain calls, [`record`] the run folder, [`summary`] what a run comes to, [`latency`] how
+//! its times are kept. The ring as processes is left to the product.
+
+pub mod error;
+pub mod latency;
+pub mod mission;
+pub mod record;
+pub mod summary;
+
+pub use error::MissionError;
+pub use mission::Mission;

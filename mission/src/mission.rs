@@ -1,0 +1,116 @@
+//! The round trip as plain calls: a whole mission in one process, by the same steps as the executables.
+
+use std::time::Instant;
+
+use skysink_common::message::{FLAG_END, FlightReport, Plan, QueuesHeader, SlotHeader};
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::SensorList;
+use skysink_field_sim::{Field, SlotBits};
+use skysink_flight_sim::Flight;
+use skysink_planner::Planner;
+use skysink_planner::memory::MemoryError;
+
+/// A mission under way, as an iterator over its slots.
+pub struct Mission {
+    field: Field,
+    planner: Planner,
+    flight: Flight,
+    slot: u64,
+    slots: u64,
+    report: FlightReport,
+    /// What the last slot moved.
+    moved: SlotBits,
+}
+
+/// What one slot was, as the processes would have published it.
+#[derive(Debug, Clone, Copy)]
+pub struct FlownSlot {
+    /// The schedule and the waypoint.
+    pub plan: Plan,
+    /// What was flown.
+    pub flight: FlightReport,
+    /// The ledger after it.
+    pub header: QueuesHeader,
+}
+
+impl Mission {
+    /// The mission before slot 1.
+    #[must_use]
+    pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
+        let nodes = list.nodes(scenario.sensors.capacity_bits);
+        let flight = Flight::new(scenario, &nodes);
+        Self {
+            field: Field::new(scenario, list),
+            planner: Planner::new(scenario, &nodes),
+            report: flight.start(),
+            flight,
+            slot: 0,
+            slots: scenario.slots,
+            moved: SlotBits::default(),
+        }
+    }
+
+    /// Takes over what a planner of the same mission remembers before slot 1.
+    ///
+    /// # Errors
+    /// If it is the memory of another.
+    pub fn recall(&mut self, memory: &[u8]) -> Result<(), MemoryError> {
+        self.planner.recall(0, memory)
+    }
+
+    /// The ledger after the last slot flown.
+    #[must_use]
+    pub fn header(&self) -> QueuesHeader {
+        let flags = if self.slot == self.slots { FLAG_END } else { 0 };
+        QueuesHeader {
+            head: SlotHeader { slot: self.slot, flags, ..SlotHeader::default() },
+            totals: *self.field.totals(),
+            delivered_bits: self.moved.delivered_bits,
+            lost_bits: self.moved.lost_bits,
+        }
+    }
+
+    /// Queue lengths [bit], by sensor node.
+    #[must_use]
+    pub fn queues_bits(&self) -> &[u32] {
+        self.field.queues_bits()
+    }
+
+    /// Bits uploaded so far, by sensor node.
+    #[must_use]
+    pub fn delivered_bits(&self) -> &[u64] {
+        self.field.delivered_bits()
+    }
+
+    /// Where the last plan leads, its own waypoint first [m]: more than one point for strategies that know.
+    #[must_use]
+    pub fn path(&self) -> &[[f64; 3]] {
+        self.planner.path()
+    }
+
+    /// The last flight; before slot 1 the UAV at its start.
+    #[must_use]
+    pub fn last_flight(&self) -> &FlightReport {
+        &self.report
+    }
+}
+
+impl Iterator for Mission {
+    type Item = FlownSlot;
+
+    /// Flies the next slot: plan, fly, account. `None` after the last.
+    fn next(&mut self) -> Option<FlownSlot> {
+        if self.slot == self.slots {
+            return None;
+        }
+        let slot = self.slot + 1;
+        let begin = Instant::now();
+        self.planner.observe(self.slot, &self.report, self.field.queues_bits());
+        let mut plan = self.planner.step(slot, &self.report.position(), self.report.z_m, self.field.queues_bits());
+        plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        self.report = self.flight.step(slot, Some(&plan));
+        self.moved = self.field.step(slot, &self.report).expect("flight-sim serves known sensor nodes alone");
+        self.slot = slot;
+        Some(FlownSlot { plan, flight: self.report, header: self.header() })
+    }
+}

@@ -1,0 +1,325 @@
+//! The run folder: the scenario and the sensor nodes as flown, a line per slot, and the summary.
+
+use std::fmt::Write as _;
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, BufRead as _, BufReader, Seek as _, SeekFrom, Write as _};
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use skysink_common::message::{FlightReport, Mode, QueuesHeader};
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::SensorList;
+use xxhash_rust::xxh3::xxh3_64_with_seed;
+
+use crate::error::MissionError;
+use crate::summary::Summary;
+
+/// Header of `slots.csv`.
+const SLOT_COLUMNS: &str = "slot,x_m,y_m,z_m,scheduled,delivered_bits,lost_bits,queued_bits,mode,refused\n";
+
+/// The files of a run.
+const FILES: [&str; 6] = ["scenario.toml", "sensors.csv", "slots.csv", "summary.json", "optimum.json", "mission.rrd"];
+
+/// A run's folder, made and furnished with what is flown.
+#[derive(Debug, Clone)]
+pub struct RunFolder {
+    path: PathBuf,
+}
+
+impl RunFolder {
+    /// Makes the folder `out`, or `runs/<name>-<strategy>-<seed>` with the first free suffix, and writes the scenario
+    /// and the sensor nodes into it.
+    ///
+    /// # Errors
+    /// If `out` exists and `force` does not allow to replace the run in it, or something cannot be written.
+    pub fn create(
+        out: Option<&Path>,
+        force: bool,
+        scenario: &Scenario,
+        list: &SensorList,
+    ) -> Result<Self, MissionError> {
+        let path = match out {
+            Some(out) => make(out, force)?,
+            None => make_default(scenario)?,
+        };
+        let folder = Self { path };
+        folder.write("scenario.toml", &scenario.to_toml_with_list("sensors.csv"))?;
+        folder.write("sensors.csv", &list.to_csv())?;
+        Ok(folder)
+    }
+
+    /// Whether a run may be put into `out`: before something takes long, and without making it.
+    ///
+    /// # Errors
+    /// If `out` exists and `force` does not allow to replace the run in it.
+    pub fn check(out: Option<&Path>, force: bool) -> Result<(), MissionError> {
+        match out {
+            Some(out) if !force && out.exists() => Err(MissionError::OutputExists(out.to_owned())),
+            _ => Ok(()),
+        }
+    }
+
+    /// The folder.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The scenario as flown.
+    #[must_use]
+    pub fn scenario(&self) -> PathBuf {
+        self.path.join("scenario.toml")
+    }
+
+    /// The recording for rerun.
+    #[must_use]
+    pub fn recording(&self) -> PathBuf {
+        self.path.join("mission.rrd")
+    }
+
+    /// Starts `slots.csv`.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn slot_log(&self) -> Result<SlotLog, MissionError> {
+        let path = self.slots();
+        let mut file = File::create(&path).map_err(MissionError::file(&path))?;
+        lock(&file, &path)?;
+        file.write_all(SLOT_COLUMNS.as_bytes()).map_err(MissionError::file(&path))?;
+        Ok(SlotLog { length: SLOT_COLUMNS.len() as u64, path, file, trace: TraceHash::default() })
+    }
+
+    /// Opens the folder of a run that has ended early.
+    ///
+    /// # Errors
+    /// If it is none.
+    pub fn reopen(path: &Path) -> Result<Self, MissionError> {
+        let folder = Self { path: path.to_owned() };
+        for file in [folder.scenario(), folder.slots()] {
+            if !file.is_file() {
+                let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+                return Err(MissionError::NotARun { path: folder.path, missing: name });
+            }
+        }
+        Ok(folder)
+    }
+
+    /// The trace.
+    #[must_use]
+    pub fn slots(&self) -> PathBuf {
+        self.path.join("slots.csv")
+    }
+
+    /// Opens `slots.csv` for reading what is on record and going on behind it.
+    ///
+    /// # Errors
+    /// If a run is still writing it, or it does not begin as a trace.
+    pub fn reopen_slot_log(&self) -> Result<(SlotLog, BufReader<File>), MissionError> {
+        let path = self.slots();
+        let file = OpenOptions::new().read(true).write(true).open(&path).map_err(MissionError::file(&path))?;
+        lock(&file, &path)?;
+        let mut reader = BufReader::new(file.try_clone().map_err(MissionError::file(&path))?);
+        let mut header = Vec::new();
+        reader.read_until(b'\n', &mut header).map_err(MissionError::file(&path))?;
+        if !header.is_empty() && header != SLOT_COLUMNS.as_bytes() && SLOT_COLUMNS.as_bytes().starts_with(&header) {
+            header.clear(); // cut: nothing is on record
+        }
+        if !header.is_empty() && header != SLOT_COLUMNS.as_bytes() {
+            let (found, expected) = (String::from_utf8_lossy(&header).trim_end().to_owned(), SLOT_COLUMNS.trim_end());
+            let what = format!("header {found:?}: expected {expected}");
+            return Err(MissionError::Trace { path, line: 1, what });
+        }
+        Ok((SlotLog { length: header.len() as u64, path, file, trace: TraceHash::default() }, reader))
+    }
+
+    /// Writes `summary.json`, whole or not at all.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write_summary(&self, summary: &Summary) -> Result<(), MissionError> {
+        self.write_json("summary.json", summary)
+    }
+
+    /// Writes `value` to the JSON file `name`, whole or not at all.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write_json(&self, name: &str, value: &impl Serialize) -> Result<(), MissionError> {
+        let text = serde_json::to_string_pretty(value).expect("plain numbers and strings") + "\n";
+        self.write(name, &text)
+    }
+
+    fn write(&self, name: &str, text: &str) -> Result<(), MissionError> {
+        write_whole(&self.path.join(name), text.as_bytes())
+    }
+}
+
+/// Writes a file, whole or not at all.
+///
+/// # Errors
+/// If it cannot be written.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), MissionError> {
+    let name = path.file_name().map_or_else(Default::default, |name| name.to_string_lossy());
+    let new = path.with_file_name(format!(".{name}.new"));
+    let written = fs::write(&new, bytes).and_then(|()| fs::rename(&new, path));
+    if written.is_err() {
+        let _ = fs::remove_file(&new); // half-written at best
+    }
+    written.map_err(MissionError::file(path))
+}
+
+/// Hash of the lines of a trace, without the trace.
+#[derive(Debug, Default)]
+pub struct TraceHash {
+    line: String,
+    hash: u64,
+}
+
+impl TraceHash {
+    /// Adds a slot.
+    pub fn add(&mut self, flight: &FlightReport, header: &QueuesHeader) {
+        self.line.clear();
+        write_line(&mut self.line, flight, header).expect("a string takes everything");
+        self.hash = xxh3_64_with_seed(self.line.as_bytes(), self.hash);
+    }
+
+    /// The hash of all lines so far, chained.
+    #[must_use]
+    pub fn value(&self) -> u64 {
+        self.hash
+    }
+}
+
+/// `slots.csv` under way. Each line reaches the system when its slot is recorded, so that nothing recorded is lost.
+#[derive(Debug)]
+pub struct SlotLog {
+    path: PathBuf,
+    file: File,
+    /// Bytes of whole lines.
+    length: u64,
+    trace: TraceHash,
+}
+
+impl SlotLog {
+    /// Adds the slot, and returns the hash of all lines so far.
+    ///
+    /// # Errors
+    /// If a bit of the ledger is unaccounted for, or the line cannot be written; then it is as if it had not been tried.
+    pub fn add(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, MissionError> {
+        self.pass(flight, header)?;
+        if let Err(error) = self.file.write_all(self.trace.line.as_bytes()) {
+            let _ = self.file.set_len(self.length); // a part of a line at best
+            return Err(MissionError::file(&self.path)(error));
+        }
+        self.length += self.trace.line.len() as u64;
+        Ok(self.trace.hash)
+    }
+
+    /// Goes over a line that is on record already. Says whether it is that of the slot.
+    ///
+    /// # Errors
+    /// If a bit of the ledger is unaccounted for.
+    pub fn repeat(&mut self, line: &[u8], flight: &FlightReport, header: &QueuesHeader) -> Result<bool, MissionError> {
+        self.pass(flight, header)?;
+        self.length += line.len() as u64;
+        Ok(self.trace.line.as_bytes() == line)
+    }
+
+    /// Ends what is on record behind the last line that was gone over, to go on from there.
+    ///
+    /// # Errors
+    /// If the file cannot be changed.
+    pub fn go_on(&mut self) -> Result<(), MissionError> {
+        let mut go_on = || {
+            self.file.set_len(self.length)?;
+            self.file.seek(SeekFrom::End(0))?;
+            if self.length == 0 {
+                self.file.write_all(SLOT_COLUMNS.as_bytes())?;
+                self.length = SLOT_COLUMNS.len() as u64;
+            }
+            Ok(())
+        };
+        go_on().map_err(MissionError::file(&self.path))
+    }
+
+    /// Hash of all lines so far, chained.
+    #[must_use]
+    pub fn hash(&self) -> u64 {
+        self.trace.hash
+    }
+
+    fn pass(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<(), MissionError> {
+        if !header.totals.balanced() {
+            return Err(MissionError::Unbalanced { slot: header.head.slot, totals: header.totals });
+        }
+        self.trace.add(flight, header);
+        Ok(())
+    }
+}
+
+/// Keeps a second run from writing the same trace.
+fn lock(file: &File, path: &Path) -> Result<(), MissionError> {
+    match file.try_lock() {
+        Ok(()) => Ok(()),
+        Err(TryLockError::WouldBlock) => Err(MissionError::RunUnderWay(path.to_owned())),
+        Err(TryLockError::Error(error)) => Err(MissionError::file(path)(error)),
+    }
+}
+
+/// One line of `slots.csv`. Floats read back exactly, and no clock is in it.
+fn write_line(line: &mut String, flight: &FlightReport, header: &QueuesHeader) -> std::fmt::Result {
+    write!(line, "{},{},{},{},", header.head.slot, flight.x_m, flight.y_m, flight.z_m)?;
+    for (i, link) in flight.served_links().iter().enumerate() {
+        let separator = if i > 0 { " " } else { "" };
+        write!(line, "{separator}{}", link.sensor)?;
+    }
+    let (delivered, lost, queued) = (header.delivered_bits, header.lost_bits, header.totals.queued_bits);
+    writeln!(line, ",{delivered},{lost},{queued},{},{}", Mode::of_code(flight.mode).name(), flight.refused)
+}
+
+/// Makes the folder that the user named.
+fn make(out: &Path, force: bool) -> Result<PathBuf, MissionError> {
+    let parent = out.parent().unwrap_or(Path::new(""));
+    if !parent.as_os_str().is_empty() {
+        fs::create_dir_all(parent).map_err(MissionError::file(parent))?;
+    }
+    match fs::create_dir(out) {
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists && !force => {
+            return Err(MissionError::OutputExists(out.to_owned()));
+        }
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => replace(out)?,
+        made => made.map_err(MissionError::file(out))?,
+    }
+    Ok(out.to_owned())
+}
+
+/// Removes the run in `out`, and nothing else that may be there.
+fn replace(out: &Path) -> Result<(), MissionError> {
+    let trace = out.join("slots.csv");
+    if let Ok(file) = File::open(&trace) {
+        lock(&file, &trace)?;
+    }
+    for name in FILES {
+        let path = out.join(name);
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(MissionError::file(&path)(error)),
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+/// Makes the first free of `runs/<name>-<strategy>-<seed>`, `...-2`, `...-3`.
+fn make_default(scenario: &Scenario) -> Result<PathBuf, MissionError> {
+    let runs = Path::new("runs");
+    fs::create_dir_all(runs).map_err(MissionError::file(runs))?;
+    let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy.name(), scenario.seed);
+    let mut number = 1u64;
+    loop {
+        let path = runs.join(if number == 1 { name.clone() } else { format!("{name}-{number}") });
+        match fs::create_dir(&path) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => number += 1,
+            made => return made.map(|()| path.clone()).map_err(MissionError::file(&path)),
+        }
+    }
+}

@@ -1,0 +1,274 @@
+//! The folder of a ring: made by the launcher, named to the other processes, removed with everything in it.
+//!
+//! Beside it lies a lock file that the launcher holds as long as it lives, so that the processes notice its death and
+//! the next launcher clears what it left.
+
+use std::fs::{self, DirBuilder, File, OpenOptions};
+use std::io::{self, Write as _};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+
+use iceoryx2::prelude::{Config, FileName, Path as IceoryxPath, SemanticString};
+use rand::RngExt;
+use serde::{Deserialize, Serialize};
+
+use crate::claim::Claim;
+use crate::node::{Role, Supervisor};
+use crate::ring::{RingError, short_enough};
+use crate::waiting::Waiting;
+use skysink_common::pace::Pace;
+
+/// Where iceoryx2 keeps its shared memory on Linux.
+pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
+
+/// What all processes of a run are told, in `ring.toml`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Terms {
+    /// Id of the run; every sample carries it.
+    #[serde(with = "hexadecimal")]
+    pub mission: u64,
+    /// How fast the ring turns.
+    pub pace: Pace,
+    /// How its processes wait for each other.
+    pub wait: Waiting,
+    /// How long a process waits for another [s].
+    pub timeout_s: f64,
+    /// Whether a viewer takes part.
+    pub viewer: bool,
+}
+
+/// The folder of a ring. The launcher's is removed with everything in it when it is dropped.
+#[derive(Debug)]
+pub struct RingFolder {
+    path: PathBuf,
+    terms: Terms,
+    /// The launcher's: held locked.
+    lock: Option<File>,
+}
+
+impl RingFolder {
+    /// Makes a folder for a new ring, and clears those whose launcher has died.
+    ///
+    /// # Errors
+    /// If the folder cannot be made.
+    pub fn create(pace: Pace, wait: Waiting, timeout_s: f64, viewer: bool) -> Result<Self, RingError> {
+        let home = home();
+        let refuse = |path: &Path, error: &dyn std::fmt::Display| RingError::Folder {
+            folder: path.display().to_string(),
+            message: error.to_string(),
+        };
+        DirBuilder::new().recursive(true).mode(0o700).create(&home).map_err(|error| refuse(&home, &error))?;
+        let owner = fs::symlink_metadata(&home).map_err(|error| refuse(&home, &error))?.uid();
+        if owner != rustix::process::getuid().as_raw() {
+            return Err(refuse(&home, &format!("belongs to user {owner}: remove it, or set TMPDIR to another folder")));
+        }
+        clear_abandoned(&home);
+        loop {
+            let mission: u64 = rand::rng().random();
+            let path = home.join(format!("{:08x}", mission >> 32));
+            let Some(lock) = lock_new(&lock_path(&path)).map_err(|error| refuse(&path, &error))? else { continue };
+            let terms = Terms { mission, pace, wait, timeout_s, viewer };
+            let folder = Self { path, terms, lock: Some(lock) };
+            folder.furnish().map_err(|error| refuse(&folder.path, &error))?;
+            return Ok(folder);
+        }
+    }
+
+    /// The folder that a launcher has made.
+    ///
+    /// # Errors
+    /// If it is none.
+    pub fn open(path: &Path) -> Result<Self, RingError> {
+        let refuse = |message: String| RingError::Folder { folder: path.display().to_string(), message };
+        let path = fs::canonicalize(path)
+            .map_err(|error| refuse(format!("{error}: expected the folder that skysink run prints")))?;
+        let text = fs::read_to_string(path.join("ring.toml"))
+            .map_err(|error| refuse(format!("ring.toml: {error}: expected the folder that skysink run prints")))?;
+        let terms = toml::from_str(&text).map_err(|error| refuse(format!("ring.toml: {}", error.message())))?;
+        Ok(Self { path, terms, lock: None })
+    }
+
+    /// The folder.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What the run has agreed on.
+    #[must_use]
+    pub fn terms(&self) -> Terms {
+        self.terms
+    }
+
+    /// The run's own iceoryx2 domain.
+    ///
+    /// # Errors
+    /// If the folder's name cannot be one.
+    pub fn config(&self) -> Result<Config, RingError> {
+        let refuse = |error: &dyn std::fmt::Debug| RingError::Folder {
+            folder: self.path.display().to_string(),
+            message: format!("cannot be an iceoryx2 root: {error:?}"),
+        };
+        let mut config = Config::default();
+        let root = format!("{}/", self.path.display());
+        config.global.set_root_path(&IceoryxPath::new(root.as_bytes()).map_err(|error| refuse(&error))?);
+        config.global.prefix = FileName::new(self.prefix().as_bytes()).map_err(|error| refuse(&error))?;
+        Ok(config)
+    }
+
+    /// Makes the run's domain that of the whole process, which iceoryx2 needs to clear up after the dead. Must be the
+    /// process's first use of iceoryx2.
+    ///
+    /// # Errors
+    /// If the folder has lost its configuration.
+    pub fn install(&self) -> Result<(), RingError> {
+        let file = self.path.join("config/iceoryx2.toml");
+        let refuse = |error: &dyn std::fmt::Debug| RingError::Folder {
+            folder: self.path.display().to_string(),
+            message: format!("config/iceoryx2.toml: {error:?}"),
+        };
+        let file = file.to_string_lossy();
+        let path = iceoryx2::prelude::FilePath::new(file.as_bytes()).map_err(|error| refuse(&error))?;
+        Config::setup_global_config_from_file(&path).map_err(|error| refuse(&error))?;
+        Ok(())
+    }
+
+    /// The watch over the launcher; none in the launcher itself.
+    ///
+    /// # Errors
+    /// If the lock file is gone, and the run with it.
+    pub(crate) fn supervisor(&self) -> Result<Option<Supervisor>, RingError> {
+        if self.lock.is_some() {
+            return Ok(None);
+        }
+        let lock = File::open(lock_path(&self.path)).map_err(|error| RingError::Folder {
+            folder: self.path.display().to_string(),
+            message: format!("lock: {error}: the run has ended"),
+        })?;
+        Ok(Some(Supervisor::new(lock)))
+    }
+
+    /// Takes the place of `role` in the ring, for as long as the claim lives.
+    ///
+    /// # Errors
+    /// If another process has it.
+    pub fn claim(&self, role: Role) -> Result<Claim, RingError> {
+        Claim::take(&self.path, role)
+    }
+
+    /// Where a process keeps the journal `name`.
+    #[must_use]
+    pub fn journal(&self, name: &str) -> PathBuf {
+        self.path.join(format!("{name}.journal"))
+    }
+
+    /// Closes iceoryx2's counter of processes, which it makes for every user, to all but the owner.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub(crate) fn close_counter(&self) -> io::Result<()> {
+        for entry in fs::read_dir(SHARED_MEMORY)?.flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            if name.starts_with(&self.prefix()) && name.ends_with(".global_mgmt") {
+                fs::set_permissions(entry.path(), fs::Permissions::from_mode(0o600))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Beginning of the names of the run's shared-memory files.
+    #[must_use]
+    pub fn prefix(&self) -> String {
+        prefix(&self.path)
+    }
+
+    /// Writes what the other processes read.
+    fn furnish(&self) -> io::Result<()> {
+        DirBuilder::new().mode(0o700).create(&self.path)?;
+        DirBuilder::new().mode(0o700).create(self.path.join("config"))?;
+        let domain = format!("[global]\nroot-path = \"{}/\"\nprefix = \"{}\"\n", self.path.display(), self.prefix());
+        write_private(&self.path.join("config/iceoryx2.toml"), &domain)?;
+        let terms = toml::to_string(&self.terms).expect("plain keys and values");
+        write_private(&self.path.join("ring.toml"), &terms)
+    }
+}
+
+impl Drop for RingFolder {
+    fn drop(&mut self) {
+        if self.lock.is_some() {
+            remove(&self.path);
+        }
+    }
+}
+
+/// `u64` as hexadecimal text: TOML's integers end at 2^63.
+mod hexadecimal {
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub fn serialize<S: Serializer>(value: &u64, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(&format_args!("{value:016x}"))
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u64, D::Error> {
+        u64::from_str_radix(&String::deserialize(deserializer)?, 16).map_err(serde::de::Error::custom)
+    }
+}
+
+/// Where the rings of this user are: a short path, for the sockets in it.
+fn home() -> PathBuf {
+    let user = format!("skysink-{}", rustix::process::getuid().as_raw());
+    let home = std::env::temp_dir().join(&user);
+    if short_enough(&home.join("12345678")) { home } else { Path::new("/tmp").join(user) }
+}
+
+fn lock_path(folder: &Path) -> PathBuf {
+    folder.with_extension("lock")
+}
+
+/// Beginning of the names of a ring's shared-memory files; two homes may hold rings of the same name.
+fn prefix(folder: &Path) -> String {
+    let name = folder.file_name().map_or_else(Default::default, |name| name.to_string_lossy());
+    format!("sky{name}_")
+}
+
+/// Writes a new file for the owner alone.
+fn write_private(path: &Path, text: &str) -> io::Result<()> {
+    OpenOptions::new().write(true).create_new(true).mode(0o600).open(path)?.write_all(text.as_bytes())
+}
+
+/// A new lock file, held; none if another process clears it at this moment or has it already.
+fn lock_new(path: &Path) -> io::Result<Option<File>> {
+    let lock = match OpenOptions::new().write(true).create_new(true).mode(0o600).open(path) {
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => return Ok(None),
+        lock => lock?,
+    };
+    if lock.try_lock().is_err() {
+        return Ok(None);
+    }
+    let same = fs::metadata(path).is_ok_and(|named| lock.metadata().is_ok_and(|held| held.ino() == named.ino()));
+    Ok(same.then_some(lock))
+}
+
+/// Removes every ring of this user whose launcher does not live any more.
+fn clear_abandoned(home: &Path) {
+    let Ok(entries) = fs::read_dir(home) else { return };
+    for path in entries.flatten().map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|e| e == "lock"))
+    {
+        if File::open(&path).is_ok_and(|lock| lock.try_lock().is_ok()) {
+            remove(&path.with_extension(""));
+        }
+    }
+}
+
+/// Removes a ring: its shared memory, its folder, its lock. What is gone already is no matter.
+fn remove(folder: &Path) {
+    let prefix = prefix(folder);
+    for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
+        if entry.file_name().to_string_lossy().starts_with(&prefix) {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+    let _ = fs::remove_dir_all(folder);
+    let _ = fs::remove_file(lock_path(folder));
+}

@@ -1,0 +1,177 @@
+//! The research commands: sweep, merge, figures, optimize.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use clap::{Args, Subcommand};
+use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::stop::Stop;
+use skysink_lab::figures::campaign;
+use skysink_lab::optimize::{Budget, MAX_STEPS, Optimization, optimize};
+use skysink_lab::sweep;
+use skysink_lab::sweep::plan::Sweep;
+use skysink_mission::record::RunFolder;
+
+use super::Flown;
+use crate::error::Error;
+use crate::report;
+use crate::simulate::{Simulation, simulate_mission};
+
+/// The research commands.
+#[derive(Debug, Subcommand)]
+pub enum Research {
+    /// Fly many missions: a grid of scenarios, by strategy and seed. Interrupted, it goes on where it was.
+    #[command(after_help = "\
+Examples:
+  skysink sweep scenarios/sweeps/letter.toml
+  skysink sweep area.toml --out area-1 --shard 1/2     and on another machine --shard 2/2;
+  skysink merge area-1 area-2 --out area               then joins the two")]
+    Sweep {
+        /// Sweep file.
+        sweep: PathBuf,
+        /// Folder to write, or to go on with [default: runs/<file's name>].
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+        /// Missions flown at the same time [default: one per core].
+        #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+        threads: usize,
+        /// Fly every n-th point only, from the k-th.
+        #[arg(long, value_name = "K/N", value_parser = shard, default_value = "1/1")]
+        shard: (usize, usize),
+    },
+    /// Draw the letter's figures, with the sweeps behind them. Interrupted, it goes on where it was.
+    #[command(after_help = "\
+Examples:
+  skysink figures --quick             a first look, in minutes
+  skysink figures --only area,maps    some of them
+  skysink figures --runs 300          the letter's number of missions per point")]
+    Figures {
+        /// Only these figures (repeatable, or separated by commas).
+        #[arg(long, value_name = "PART", value_enum, value_delimiter = ',')]
+        only: Vec<campaign::Part>,
+        /// 5 missions per point.
+        #[arg(long, conflicts_with = "runs")]
+        quick: bool,
+        /// Missions per point.
+        #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+        runs: u64,
+        /// Folder to write, or to go on with [default: runs/figures-<runs>].
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+        /// Search steps of horizon in a slot, and 200 times as many for the best known; four times that in sparse fields.
+        #[arg(long, value_name = "N", default_value_t = campaign::HORIZON_ITERATIONS)]
+        #[arg(value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+        horizon_iterations: u32,
+        /// Missions flown at the same time [default: one per core].
+        #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+        threads: usize,
+    },
+    /// Search for the flight that loses least, fly it, and say how far every strategy is from it.
+    #[command(after_help = "\
+Examples:
+  skysink optimize scenarios/sparse.toml --budget 60s
+  skysink optimize scenarios/letter.toml --seed 3 --budget 5000000 --record
+
+The result is the best known, not a proven optimum; what no flight avoids is
+shown beside it. The same number of steps finds the same flight on every
+machine; a time is turned into steps by a trial.")]
+    Optimize(OptimizeOptions),
+    /// Join the shards of a sweep.
+    Merge {
+        /// Folders of the shards.
+        #[arg(required = true)]
+        shards: Vec<PathBuf>,
+        /// Folder to write.
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
+}
+
+/// Missions per point of `--quick`.
+const QUICK_RUNS: u64 = 5;
+
+impl Research {
+    /// Runs the command.
+    ///
+    /// # Errors
+    /// If an input is refused, something cannot be written, or on a stop.
+    pub fn run(self, stop: &Stop) -> Result<(), Error> {
+        match self {
+            Self::Sweep { sweep, out, threads, shard } => {
+                let plan = Sweep::read(&sweep)?;
+                let name = sweep.file_stem().unwrap_or(sweep.as_os_str());
+                let out = out.unwrap_or_else(|| Path::new("runs").join(name));
+                let rows = sweep::sweep(&plan, &out, shard, threads, stop)?;
+                println!("{} missions: {}", rows.len(), out.join("results.csv").display());
+            }
+            Self::Figures { only, quick, runs, horizon_iterations, out, threads } => {
+                let runs = if quick { QUICK_RUNS } else { runs };
+                let out = out.unwrap_or_else(|| Path::new("runs").join(format!("figures-{runs}")));
+                let choice = campaign::Choice { only, runs, horizon_iterations, threads, out };
+                let stems = campaign::draw(&choice, stop)?;
+                stems.iter().for_each(|stem| println!("{}.svg, .png", stem.display()));
+                println!("Tables: {}", choice.out.join("tables.md").display());
+            }
+            Self::Merge { shards, out } => {
+                let rows = sweep::merge(&shards, &out)?;
+                println!("{} missions: {}", rows.len(), out.join("results.csv").display());
+            }
+            Self::Optimize(options) => options.optimize(stop)?,
+        }
+        Ok(())
+    }
+}
+
+/// Options of `skysink optimize`.
+#[derive(Debug, Args)]
+pub struct OptimizeOptions {
+    /// Scenario file.
+    scenario: PathBuf,
+    /// How long to search: a time such as 60s, or a number of search steps.
+    #[arg(long, value_name = "BUDGET", default_value = "10s", value_parser = budget)]
+    budget: Budget,
+    #[command(flatten)]
+    flight: Flown,
+    /// Leave a recording for rerun, mission.rrd.
+    #[arg(long)]
+    record: bool,
+}
+
+impl OptimizeOptions {
+    /// Searches, flies the best, and prints how every strategy compares.
+    ///
+    /// # Errors
+    /// If the scenario is refused, something cannot be written, or on a stop.
+    pub fn optimize(self, stop: &Stop) -> Result<(), Error> {
+        let by = |strategy| {
+            let overrides = Overrides { seed: self.flight.seed, strategy: Some(strategy), ..Overrides::default() };
+            Scenario::read(&self.scenario, overrides)
+        };
+        let scenarios = Strategy::ALL.map(by).into_iter().collect::<Result<_, _>>()?;
+        let Self { budget, flight: Flown { out, force, .. }, record, .. } = self;
+        RunFolder::check(out.as_deref(), force)?;
+        let found = optimize(&Optimization { scenarios, budget }, stop)?;
+        let simulation = Simulation { scenario: found.scenario.clone(), out, force, record };
+        let (folder, summary) = simulate_mission(&simulation, &found.list, found.mission(), stop)?;
+        folder.write_json("optimum.json", &found.optimum)?;
+        report::print_optimum(&found.optimum);
+        report::print(&folder, &summary);
+        Ok(())
+    }
+}
+
+fn budget(text: &str) -> Result<Budget, String> {
+    let time = text.strip_suffix('s').and_then(|seconds| seconds.parse::<f64>().ok());
+    let time = time.filter(|seconds| *seconds > 0.0 && *seconds <= 1e6);
+    let steps = || text.parse().ok().filter(|steps| *steps <= MAX_STEPS);
+    match (time, steps()) {
+        (Some(seconds), _) => Ok(Budget::Time(Duration::from_secs_f64(seconds))),
+        (None, Some(steps)) => Ok(Budget::Steps(steps)),
+        (None, None) => Err("expected seconds, such as 60s, or search steps, at most 1000000000000".to_owned()),
+    }
+}
+
+fn shard(text: &str) -> Result<(usize, usize), String> {
+    let parts = text.split_once('/').and_then(|(k, n)| Some((k.parse().ok()?, n.parse().ok()?)));
+    parts.filter(|(k, n)| (1..=*n).contains(k)).ok_or_else(|| "expected k/n with k from 1 to n".to_owned())
+}
