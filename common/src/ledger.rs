@@ -8,6 +8,7 @@ mod repeated;
 use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "node")]
 use iceoryx2::prelude::ZeroCopySend;
 
 use crate::wide::wide;
@@ -15,8 +16,8 @@ use repeated::Repeated;
 
 /// Bits of the whole field since the mission's start.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend, Pod, Zeroable)]
-#[type_name("skysink.Totals.v1")]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.Totals.v1"))]
 pub struct Totals {
     /// Queued before slot 1.
     pub initial_bits: u64,

@@ -4,6 +4,7 @@
 //! Rust program is said by the accessors, which never trust it. The layout's version is in each type name.
 
 use bytemuck::{Pod, Zeroable};
+#[cfg(feature = "node")]
 use iceoryx2::prelude::ZeroCopySend;
 
 pub use crate::ledger::Totals;
@@ -23,8 +24,8 @@ pub const FLAG_TICK: u32 = 2;
 
 /// User header of every sample.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
-#[type_name("skysink.SlotHeader.v1")]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.SlotHeader.v1"))]
 pub struct SlotHeader {
     /// The run that the sample belongs to.
     pub mission: u64,
@@ -40,8 +41,8 @@ pub struct SlotHeader {
 
 /// User header of `queues`.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("skysink.QueuesHeader.v1")]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.QueuesHeader.v1"))]
 pub struct QueuesHeader {
     /// Mission and slot.
     pub head: SlotHeader,
@@ -55,8 +56,8 @@ pub struct QueuesHeader {
 
 /// Payload element of `sensors`: one sensor node.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("skysink.SensorNode.v1")]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.SensorNode.v1"))]
 pub struct SensorNode {
     /// Position, east [m].
     pub x_m: f64,
@@ -150,8 +151,8 @@ impl SolverOutcome {
 
 /// Payload of `plan`: whom to serve in the slot, and from where.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
-#[type_name("skysink.Plan.v1")]
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.Plan.v1"))]
 pub struct Plan {
     /// Waypoint at the end of the slot, east [m].
     pub x_m: f64,
@@ -221,8 +222,8 @@ impl Plan {
 
 /// One served link of a slot.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend, Pod, Zeroable)]
-#[type_name("skysink.LinkReport.v1")]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.LinkReport.v1"))]
 pub struct LinkReport {
     /// The sensor node.
     pub sensor: u32,
@@ -273,8 +274,8 @@ impl HoldReason {
 
 /// Payload of `flight`: where the UAV is after the slot, and what each of its links can carry.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend, Pod, Zeroable)]
-#[type_name("skysink.FlightReport.v1")]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.FlightReport.v1"))]
 pub struct FlightReport {
     /// Position, east [m].
     pub x_m: f64,
@@ -325,8 +326,8 @@ impl FlightReport {
 
 /// Payload of `commit`: the slot in the sample's header is on record.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
-#[type_name("skysink.Commit.v1")]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.Commit.v1"))]
 pub struct Commit {
     /// Chained hash of the slot records up to this one.
     pub hash: u64,

@@ -1,5 +1,6 @@
 //! Where a plan leads after its slot: the message, and which one can be believed.
 
+#[cfg(feature = "node")]
 use iceoryx2::prelude::ZeroCopySend;
 
 use crate::geometry::{Position, RANGE_SLACK};
@@ -10,8 +11,8 @@ pub const MAX_POINTS: usize = 64;
 
 /// Payload element of `path`: a planned waypoint. The first is that of the slot's own plan.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
-#[type_name("skysink.PathPoint.v1")]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.PathPoint.v1"))]
 pub struct PathPoint {
     /// East [m].
     pub x_m: f64,

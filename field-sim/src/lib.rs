@@ -4,7 +4,9 @@
 
 pub mod arrivals;
 pub mod field;
+#[cfg(feature = "node")]
 pub mod memory;
+#[cfg(feature = "node")]
 pub mod node;
 
 pub use field::{Field, FieldError, SlotBits};

@@ -3,7 +3,9 @@
 //! It never trusts the planner. The queues are field-sim's.
 
 pub mod flight;
+#[cfg(feature = "node")]
 pub mod memory;
+#[cfg(feature = "node")]
 pub mod node;
 pub mod vehicle;
 

@@ -20,8 +20,10 @@ pub mod estimate;
 pub mod geometry;
 pub mod horizon;
 pub mod memory;
+#[cfg(feature = "node")]
 pub mod node;
 pub mod planner;
+#[cfg(feature = "node")]
 pub mod recollection;
 pub mod sensor_table;
 pub mod strategies;
