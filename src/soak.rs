@@ -18,8 +18,9 @@ use skysink_common::stop::Stop;
 use crate::error::Error;
 use crate::run::{Inside, Run, run_with};
 use skysink_mission::mission::Mission;
-use skysink_mission::record::{RunFolder, TraceHash};
+use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Summary;
+use skysink_mission::trace::TraceHash;
 
 /// What to fly, and how rough.
 #[derive(Debug)]

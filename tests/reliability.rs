@@ -301,7 +301,7 @@ fn what_cannot_be_resumed_is_refused() {
     let mut columns: Vec<_> = third.split(',').collect();
     columns[7] = "1"; // bits queued
     damage(third, &columns.join(","));
-    refused("slots.csv:3: the scenario does not lead to this line");
+    refused("slots.csv:3: the mission does not lead to this line");
     damage("slot,x_m", "slot,x");
     refused("slots.csv:1: header");
     fs::write(place.path("run/slots.csv"), &trace).unwrap();

@@ -1,6 +1,6 @@
 //! A mission in one process and on record.
 //!
-//! [`mission`] is the round trip as plain calls, [`record`] the run folder, [`summary`] what a run comes to, [`latency`] how
+//! [`mission`] is the round trip as plain calls, [`record`] the run folder, [`trace`] its lines, [`summary`] what a run comes to, [`latency`] how
 //! its times are kept. The ring as processes is left to the product.
 
 pub mod error;
@@ -8,6 +8,7 @@ pub mod latency;
 pub mod mission;
 pub mod record;
 pub mod summary;
+pub mod trace;
 
 pub use error::MissionError;
 pub use mission::Mission;

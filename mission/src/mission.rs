@@ -93,6 +93,42 @@ impl Mission {
     pub fn last_flight(&self) -> &FlightReport {
         &self.report
     }
+
+    /// The last slot flown; 0 before the first.
+    #[must_use]
+    pub fn slot(&self) -> u64 {
+        self.slot
+    }
+
+    /// The field and what the last slot moved, for a process that resumes from here.
+    #[must_use]
+    pub fn field(&self) -> (&Field, SlotBits) {
+        (&self.field, self.moved)
+    }
+
+    /// The planner, for a process that resumes from here.
+    #[must_use]
+    pub fn planner(&self) -> &Planner {
+        &self.planner
+    }
+
+    /// Plans the next slot, from the flight and the queues after the last; to be done once, before [`Mission::fly`].
+    pub fn plan(&mut self) -> Plan {
+        let begin = Instant::now();
+        self.planner.observe(self.slot, &self.report, self.field.queues_bits());
+        let position = self.report.position();
+        let mut plan = self.planner.step(self.slot + 1, &position, self.report.z_m, self.field.queues_bits());
+        plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        plan
+    }
+
+    /// Flies the next slot by a plan, whoever made it, or holds where there is none, and returns the ledger after it.
+    pub fn fly(&mut self, plan: Option<&Plan>) -> QueuesHeader {
+        self.slot += 1;
+        self.report = self.flight.step(self.slot, plan);
+        self.moved = self.field.step(self.slot, &self.report).expect("flight-sim serves known sensor nodes alone");
+        self.header()
+    }
 }
 
 impl Iterator for Mission {
@@ -103,14 +139,8 @@ impl Iterator for Mission {
         if self.slot == self.slots {
             return None;
         }
-        let slot = self.slot + 1;
-        let begin = Instant::now();
-        self.planner.observe(self.slot, &self.report, self.field.queues_bits());
-        let mut plan = self.planner.step(slot, &self.report.position(), self.report.z_m, self.field.queues_bits());
-        plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
-        self.report = self.flight.step(slot, Some(&plan));
-        self.moved = self.field.step(slot, &self.report).expect("flight-sim serves known sensor nodes alone");
-        self.slot = slot;
-        Some(FlownSlot { plan, flight: self.report, header: self.header() })
+        let plan = self.plan();
+        let header = self.fly(Some(&plan));
+        Some(FlownSlot { plan, flight: self.report, header })
     }
 }

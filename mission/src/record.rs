@@ -1,21 +1,17 @@
 //! The run folder: the scenario and the sensor nodes as flown, a line per slot, and the summary.
 
-use std::fmt::Write as _;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, BufRead as _, BufReader, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
-use skysink_common::message::{FlightReport, Mode, QueuesHeader};
+use skysink_common::message::{FlightReport, QueuesHeader};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 use crate::error::MissionError;
 use crate::summary::Summary;
-
-/// Header of `slots.csv`.
-const SLOT_COLUMNS: &str = "slot,x_m,y_m,z_m,scheduled,delivered_bits,lost_bits,queued_bits,mode,refused\n";
+use crate::trace::{SLOT_COLUMNS, TraceHash};
 
 /// The files of a run.
 const FILES: [&str; 6] = ["scenario.toml", "sensors.csv", "slots.csv", "summary.json", "optimum.json", "mission.rrd"];
@@ -168,28 +164,6 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), MissionError> {
     written.map_err(MissionError::file(path))
 }
 
-/// Hash of the lines of a trace, without the trace.
-#[derive(Debug, Default)]
-pub struct TraceHash {
-    line: String,
-    hash: u64,
-}
-
-impl TraceHash {
-    /// Adds a slot.
-    pub fn add(&mut self, flight: &FlightReport, header: &QueuesHeader) {
-        self.line.clear();
-        write_line(&mut self.line, flight, header).expect("a string takes everything");
-        self.hash = xxh3_64_with_seed(self.line.as_bytes(), self.hash);
-    }
-
-    /// The hash of all lines so far, chained.
-    #[must_use]
-    pub fn value(&self) -> u64 {
-        self.hash
-    }
-}
-
 /// `slots.csv` under way. Each line reaches the system when its slot is recorded, so that nothing recorded is lost.
 #[derive(Debug)]
 pub struct SlotLog {
@@ -207,12 +181,12 @@ impl SlotLog {
     /// If a bit of the ledger is unaccounted for, or the line cannot be written; then it is as if it had not been tried.
     pub fn add(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, MissionError> {
         self.pass(flight, header)?;
-        if let Err(error) = self.file.write_all(self.trace.line.as_bytes()) {
+        if let Err(error) = self.file.write_all(self.trace.last_line().as_bytes()) {
             let _ = self.file.set_len(self.length); // a part of a line at best
             return Err(MissionError::file(&self.path)(error));
         }
-        self.length += self.trace.line.len() as u64;
-        Ok(self.trace.hash)
+        self.length += self.trace.last_line().len() as u64;
+        Ok(self.trace.value())
     }
 
     /// Goes over a line that is on record already. Says whether it is that of the slot.
@@ -222,7 +196,7 @@ impl SlotLog {
     pub fn repeat(&mut self, line: &[u8], flight: &FlightReport, header: &QueuesHeader) -> Result<bool, MissionError> {
         self.pass(flight, header)?;
         self.length += line.len() as u64;
-        Ok(self.trace.line.as_bytes() == line)
+        Ok(self.trace.last_line().as_bytes() == line)
     }
 
     /// Ends what is on record behind the last line that was gone over, to go on from there.
@@ -245,7 +219,7 @@ impl SlotLog {
     /// Hash of all lines so far, chained.
     #[must_use]
     pub fn hash(&self) -> u64 {
-        self.trace.hash
+        self.trace.value()
     }
 
     fn pass(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<(), MissionError> {
@@ -264,17 +238,6 @@ fn lock(file: &File, path: &Path) -> Result<(), MissionError> {
         Err(TryLockError::WouldBlock) => Err(MissionError::RunUnderWay(path.to_owned())),
         Err(TryLockError::Error(error)) => Err(MissionError::file(path)(error)),
     }
-}
-
-/// One line of `slots.csv`. Floats read back exactly, and no clock is in it.
-fn write_line(line: &mut String, flight: &FlightReport, header: &QueuesHeader) -> std::fmt::Result {
-    write!(line, "{},{},{},{},", header.head.slot, flight.x_m, flight.y_m, flight.z_m)?;
-    for (i, link) in flight.served_links().iter().enumerate() {
-        let separator = if i > 0 { " " } else { "" };
-        write!(line, "{separator}{}", link.sensor)?;
-    }
-    let (delivered, lost, queued) = (header.delivered_bits, header.lost_bits, header.totals.queued_bits);
-    writeln!(line, ",{delivered},{lost},{queued},{},{}", Mode::of_code(flight.mode).name(), flight.refused)
 }
 
 /// Makes the folder that the user named.

@@ -29,7 +29,7 @@ use crate::report::Progress;
 use launch::{Crew, Job, REAP, Roster, whole};
 use recorder::Recorder;
 use restart::Rule;
-use resume::{Resumed, resume};
+use resume::{PlansBy, Resumed, resume};
 use skysink_mission::record::{RunFolder, SlotLog};
 use skysink_mission::summary::{Event, Summary, Tally};
 use watch::{Alarm, ViewerState, Watch};
@@ -119,7 +119,9 @@ pub fn run_with(run: &Run, stop: &Stop, started: impl FnOnce(Inside)) -> Result<
         RunPlace::New { out, force } => (RunFolder::create(out.as_deref(), *force, &run.scenario, &list)?, None),
         RunPlace::Resume(path) => {
             let folder = RunFolder::reopen(path)?;
-            let resumed = resume(&folder, &run.scenario, &list, &mut tally)?;
+            let outside = run.external.contains(&Role::Planner);
+            let plans_by = if outside { PlansBy::Outside } else { PlansBy::Planner };
+            let resumed = resume(&folder, &run.scenario, &list, plans_by, &mut tally)?;
             (folder, Some(resumed))
         }
     };
@@ -158,7 +160,7 @@ fn prepare(
         None => Ok(folder.slot_log()?),
         Some(mut resumed) => {
             resumed.log.go_on()?;
-            resumed.seed(meeting, scenario)?;
+            resumed.save(meeting, scenario)?;
             Ok(resumed.log)
         }
     }

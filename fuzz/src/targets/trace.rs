@@ -3,9 +3,10 @@
 use std::path::Path;
 
 use skysink::Error;
-use skysink::run::resume::{Flown, resume};
+use skysink::run::resume::{PlansBy, resume};
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
+use skysink_mission::trace::RecordedSlot;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 use super::place::{in_folder, write};
@@ -19,7 +20,7 @@ use super::world::{WORLDS, World};
 pub fn trace(bytes: &[u8]) {
     for line in bytes.split_inclusive(|&byte| byte == b'\n') {
         let columns = line.iter().filter(|&&byte| byte == b',').count() + 1;
-        assert!(Flown::parse(line).is_none() || columns == 10 && line.ends_with(b"\n"));
+        assert!(RecordedSlot::parse(line).is_none() || columns == 10 && line.ends_with(b"\n"));
     }
     let [world, ..] = &*WORLDS;
     in_folder(|folder| match go_on(folder, world, bytes) {
@@ -40,7 +41,8 @@ fn go_on(folder: &Path, World { scenario, list, .. }: &World, bytes: &[u8]) -> R
     for (name, bytes) in [("scenario.toml", &b""[..]), ("slots.csv", bytes)] {
         write(&folder.join(name), bytes);
     }
-    let mut resumed = resume(&RunFolder::reopen(folder)?, scenario, list, &mut Tally::new(scenario, list))?;
+    let mut tally = Tally::new(scenario, list);
+    let mut resumed = resume(&RunFolder::reopen(folder)?, scenario, list, PlansBy::Planner, &mut tally)?;
     resumed.log.go_on()?;
     Ok(resumed.log.hash())
 }
