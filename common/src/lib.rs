@@ -1,13 +1,13 @@
-//! The model: the scenario, the sensor list, the queue ledger, the link, counted random streams, and the messages of the ring.
+//! The model: the scenario, the sensor list, the queue ledger, the channel, counted random streams, and the messages of
+//! the ring.
 //!
 //! It decides nothing: scheduling, flight and bookkeeping live in the crates that depend on this one.
 
 pub mod arrivals;
+pub mod channel;
 pub mod checkpoint;
 pub mod geometry;
 pub mod ledger;
-pub mod link;
-pub mod los;
 pub mod message;
 pub mod pace;
 pub mod path;

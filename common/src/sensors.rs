@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use rand::RngExt;
 use rand_distr::{Distribution, Poisson};
 
+use crate::channel::draw_gain_db;
 use crate::geometry::Position;
 use crate::message::SensorNode;
 use crate::random::{Purpose, Streams};
@@ -131,7 +132,7 @@ fn draw(scenario: &Scenario, id: u32) -> Sensor {
     Sensor {
         position: Position::new(x_m, y_m),
         queue_bits: draw_queue_bits(scenario, id),
-        gain_db: draw_gain_db(scenario, 0, id),
+        gain_db: draw_gain_db(scenario.link.gain_db, &Streams::new(scenario.seed), 0, id),
         sampling_bps: draw_sampling_bps(scenario, id),
     }
 }
@@ -161,12 +162,4 @@ fn draw_queue_bits(scenario: &Scenario, id: u32) -> u32 {
         .expect("a mean in the scenario's range is finite, and above 0 here")
         .sample(&mut stream);
     drawn_bits.min(f64::from(scenario.sensors.capacity_bits)) as u32
-}
-
-/// Reference gain [dB] of sensor node `id` in `slot` (0: of the mission), uniform in dB.
-#[must_use]
-pub fn draw_gain_db(scenario: &Scenario, slot: u64, id: u32) -> f64 {
-    let [lowest_db, highest_db] = scenario.link.gain_db;
-    let share: f64 = Streams::new(scenario.seed).stream(Purpose::Gain, slot, id).random();
-    lowest_db + (highest_db - lowest_db) * share
 }

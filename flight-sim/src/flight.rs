@@ -1,24 +1,20 @@
 //! One slot of flight: fly to the waypoint, then talk to the sensor nodes that are really in range.
 
-use rand::RngExt;
-use skysink_common::geometry::{Position, distance_squared, elevation_deg, within};
-use skysink_common::link::Link;
-use skysink_common::los::LosLink;
+use skysink_common::channel::{Channel, Draw, Uplink};
+use skysink_common::geometry::{Position, distance_squared, within};
 use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode, Plan, SensorNode};
-use skysink_common::random::{Purpose, Streams};
-use skysink_common::scenario::{GainMode, Scenario};
-use skysink_common::sensors::draw_gain_db;
-use skysink_common::units::ratio_of_db;
+use skysink_common::random::Streams;
+use skysink_common::scenario::Scenario;
 
 use crate::vehicle::Vehicle;
 
 /// The UAV over its field.
 #[derive(Debug, Clone)]
 pub struct Flight {
-    scenario: Scenario,
-    link: Link,
-    /// The probabilistic channel; none in free space.
-    los: Option<LosLink>,
+    channel: Channel,
+    streams: Streams,
+    comm_radius_m: f64,
+    resource_blocks: usize,
     vehicle: Vehicle,
     positions: Vec<Position>,
     gains: Vec<f64>,
@@ -29,9 +25,10 @@ impl Flight {
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
         Self {
-            scenario: scenario.clone(),
-            link: Link::of(scenario),
-            los: scenario.link.los.as_ref().map(|los| LosLink::of(scenario, los)),
+            channel: Channel::of(scenario),
+            streams: Streams::new(scenario.seed),
+            comm_radius_m: scenario.link.comm_radius_m,
+            resource_blocks: scenario.link.resource_blocks,
             vehicle: Vehicle::new(scenario),
             positions: sensors.iter().map(|sensor| Position::new(sensor.x_m, sensor.y_m)).collect(),
             gains: sensors.iter().map(|sensor| sensor.gain).collect(),
@@ -73,7 +70,7 @@ impl Flight {
         let scheduled = plan.scheduled();
         let mut served = 0;
         for (block, &sensor) in scheduled.iter().enumerate() {
-            let blocked = block >= self.scenario.link.resource_blocks || scheduled[..block].contains(&sensor);
+            let blocked = block >= self.resource_blocks || scheduled[..block].contains(&sensor);
             if blocked || !self.in_range(sensor) {
                 continue;
             }
@@ -86,41 +83,23 @@ impl Flight {
     }
 
     fn in_range(&self, sensor: u32) -> bool {
-        let radius_m = self.scenario.link.comm_radius_m;
-        self.positions.get(sensor as usize).is_some_and(|position| within(&self.vehicle.position(), position, radius_m))
+        let uav = self.vehicle.position();
+        self.positions.get(sensor as usize).is_some_and(|position| within(&uav, position, self.comm_radius_m))
     }
 
     fn link_report(&self, slot: u64, sensor: u32) -> LinkReport {
-        let d2_m2 = distance_squared(&self.vehicle.position(), &self.positions[sensor as usize]);
-        let altitude_m = self.vehicle.altitude_m();
-        let (line_of_sight, rate_bps) = match &self.los {
-            Some(link) => {
-                let seen = self.draw_line_of_sight(slot, sensor) < link.los_probability(d2_m2, altitude_m);
-                (seen, if seen { link.los_rate_bps(d2_m2, altitude_m) } else { link.nlos_rate_bps(d2_m2, altitude_m) })
-            }
-            None => (true, self.link.rate_bps(self.gain(slot, sensor), d2_m2)),
-        };
+        let index = sensor as usize;
+        let d2_m2 = distance_squared(&self.vehicle.position(), &self.positions[index]);
+        let uplink = Uplink { gain: self.gains[index], d2_m2, z_m: self.vehicle.altitude_m() };
+        let Draw { line_of_sight, rate_bps } = self.channel.draw(&uplink, &self.streams, slot, sensor);
         LinkReport {
             sensor,
             line_of_sight: u32::from(line_of_sight),
-            distance_m: d2_m2.sqrt(),
-            elevation_deg: elevation_deg(d2_m2, altitude_m),
+            distance_m: uplink.d2_m2.sqrt(),
+            elevation_deg: uplink.elevation_deg(),
             rate_bps,
-            capacity_bits: self.link.capacity_bits(rate_bps),
+            capacity_bits: self.channel.capacity_bits(rate_bps),
         }
-    }
-
-    /// Reference gain of a sensor node in a slot, in free space.
-    fn gain(&self, slot: u64, sensor: u32) -> f64 {
-        match self.scenario.link.gain {
-            GainMode::Static => self.gains[sensor as usize],
-            GainMode::PerSlot => ratio_of_db(draw_gain_db(&self.scenario, slot, sensor)),
-        }
-    }
-
-    /// The draw of a sensor node in a slot, 0 to 1; it is in line of sight where the chance is above it.
-    fn draw_line_of_sight(&self, slot: u64, sensor: u32) -> f64 {
-        Streams::new(self.scenario.seed).stream(Purpose::LineOfSight, slot, sensor).random()
     }
 
     fn report(&self, mode: Mode) -> FlightReport {
@@ -218,22 +197,23 @@ mod tests {
     }
 
     #[test]
-    fn line_of_sight_is_drawn_by_slot_and_sensor_with_the_channels_chance() {
+    fn line_of_sight_is_drawn_by_slot_and_sensor_with_the_channels_probability() {
         let text = "name = \"x\"\nslots = 20000\nslot_s = 0.01\n[link]\nmodel = \"probabilistic-los\"\ncomm_s = 0.01\n\
                     environment = \"high-rise\"\ncomm_radius_m = 60.0\n[uav]\naltitude_m = 40.0\n";
         let scenario = Scenario::parse(text, std::path::Path::new("x.toml"), Overrides::default()).unwrap();
         let sensor = SensorNode { x_m: 80.0, y_m: 50.0, gain: 1e-6, ..SensorNode::default() };
         let mut flight = Flight::new(&scenario, &[sensor]);
         let links: Vec<_> = (1..=20_000).map(|slot| flight.step(slot, Some(&plan(&[0]))).links[0]).collect();
-        let link = LosLink::of(&scenario, &scenario.link.los.unwrap());
-        let share = links.iter().map(|link| f64::from(link.line_of_sight)).sum::<f64>() / 20_000.0;
-        let chance = link.los_probability(900.0, 40.0);
-        assert!((share - chance).abs() < 5.0 * (chance * (1.0 - chance) / 20_000.0).sqrt(), "{share} against {chance}");
+        let channel = Channel::of(&scenario);
+        let link = channel.line_of_sight().unwrap();
+        let fraction = links.iter().map(|link| f64::from(link.line_of_sight)).sum::<f64>() / 20_000.0;
+        let probability = link.los_probability(900.0, 40.0);
+        let error = (probability * (1.0 - probability) / 20_000.0).sqrt();
+        assert!((fraction - probability).abs() < 5.0 * error, "{fraction} against {probability}");
         // The expected rate is the mean of the draws, within five standard errors.
         let (los, nlos) = (link.los_rate_bps(900.0, 40.0), link.nlos_rate_bps(900.0, 40.0));
         let mean = links.iter().map(|link| link.rate_bps).sum::<f64>() / 20_000.0;
-        let error = (los - nlos) * (chance * (1.0 - chance) / 20_000.0).sqrt();
-        assert!((mean - link.expected_rate_bps(900.0, 40.0)).abs() < 5.0 * error);
+        assert!((mean - link.expected_rate_bps(900.0, 40.0)).abs() < 5.0 * error * (los - nlos));
         assert_eq!(Flight::new(&scenario, &[sensor]).step(7, Some(&plan(&[0]))).links[0], links[6]);
     }
 

@@ -15,12 +15,13 @@ use skysink_common::message::Plan;
 use skysink_common::scenario::{Overrides, Scenario, Strategy};
 use skysink_common::sensors::SensorList;
 use skysink_planner::Planner;
+use skysink_planner::geometry::disks::{Disk, project};
 use skysink_planner::geometry::grid::Grid;
 use skysink_planner::sensor_table::SensorTable;
 use skysink_planner::strategies::baselines::transit_waypoint;
 use skysink_planner::waypoint::conic::ConicSolver;
-use skysink_planner::waypoint::geometric::{Disk, project};
-use skysink_planner::waypoint::{Problem, Solver};
+use skysink_planner::waypoint::plane;
+use skysink_planner::waypoint::problem::Problem;
 
 /// Slots after which a flight begins again: few enough that no queue far from the UAV is full.
 const SLOTS: u64 = 150;
@@ -201,8 +202,8 @@ fn waypoints(criterion: &mut Criterion) {
     group.bench_function("geometric, with its centroid", |bencher| {
         bencher.iter(|| {
             let (position, ids) = next.next().expect("endless");
-            problem.pose(&table, position, ids);
-            black_box(problem.solve(&mut Solver::Geometric, 1))
+            problem.pose(&table, position, [20.0; 2], ids);
+            black_box(plane::solve(&problem, None, 1))
         });
     });
     let mut next = problems.iter().cycle();

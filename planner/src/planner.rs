@@ -1,9 +1,9 @@
 //! One slot of planning: schedule, then waypoint.
 //!
-//! The rules live next door: [`crate::strategies::algorithm_1`] and [`crate::strategies::exact`] (whom), [`crate::waypoint`] (where, in free space),
-//! [`crate::waypoint::spatial`] (where, in three dimensions, by the chance of line of sight), [`crate::strategies::baselines`] (the baselines),
-//! [`crate::strategies::rounds`] (the baselines that take turns), [`crate::horizon`] (many slots ahead). What is known of the queues
-//! is [`crate::estimate`]'s.
+//! The rules live next door: [`crate::strategies::algorithm_1`] and [`crate::strategies::exact`] (whom),
+//! [`crate::waypoint`] (where), [`crate::strategies::baselines`] (the baselines), [`crate::strategies::rounds`] (the
+//! baselines that take turns), [`crate::horizon`] (many slots ahead). What is known of the queues is
+//! [`crate::estimate`]'s.
 
 mod remembering;
 
@@ -25,8 +25,8 @@ use crate::sensor_table::SensorTable;
 use crate::strategies::algorithm_1::{Reach, Search};
 use crate::strategies::baselines::{greedy_waypoint, random_waypoint, serve_fullest, transit_waypoint};
 use crate::strategies::exact::ExactSearch;
-use crate::waypoint::spatial_solver::{SpatialSolver, SpatialWaypoint};
-use crate::waypoint::{Problem, Solver};
+use crate::waypoint::Solver;
+use crate::waypoint::problem::Waypoint;
 
 /// The planner of a mission.
 ///
@@ -46,10 +46,7 @@ pub struct Planner {
     memory: Vec<u8>,
     /// Where the last plan leads.
     path: Vec<[f64; 3]>,
-    problem: Problem,
     solver: Solver,
-    /// In place of both, where the link is in line of sight by chance.
-    spatial: Option<SpatialSolver>,
     /// The schedule in the making; room for every SN, so that no slot allocates.
     ids: Vec<u32>,
 }
@@ -63,6 +60,13 @@ struct Slot<'a> {
     altitude_m: f64,
     /// `B_i(t−1)` [bit], by id.
     queues_bits: &'a [u32],
+}
+
+impl Slot<'_> {
+    /// Where the UAV is.
+    fn uav(&self) -> Point3<f64> {
+        Point3::new(self.position.x, self.position.y, self.altitude_m)
+    }
 }
 
 impl Planner {
@@ -81,13 +85,11 @@ impl Planner {
             streams: Streams::new(scenario.seed),
             search: Search::with_room_for(sensors.len()),
             exact: ExactSearch::new(&table),
-            problem: Problem::new(&table),
             carried: Carried::new(scenario, sensors, &table, estimate.as_deref()),
             estimate,
             memory: Vec::new(),
             path: Vec::with_capacity(PATH),
-            solver: Solver::new(scenario.planner.waypoint_solver),
-            spatial: table.los.map(|link| SpatialSolver::new(link, scenario.planner, table.resource_blocks)),
+            solver: Solver::new(scenario, &table),
             ids: Vec::with_capacity(sensors.len()),
             table,
         }
@@ -112,7 +114,7 @@ impl Planner {
     }
 
     /// Plans `slot` from where the UAV is, `L_u(t−1)` at the altitude `altitude_m` [m], and the queues `B_i(t−1)` [bit],
-    /// by id. In free space the UAV flies at the scenario's altitude, whatever `altitude_m` says. Where the queues are
+    /// by id. Where the queues are
     /// estimated, the plan is made from what is believed of them, see [`Planner::observe`]; of `queues_bits` is kept what
     /// those that it schedules will announce.
     ///
@@ -256,38 +258,27 @@ impl Planner {
         let centre = self.exact.best_set(&self.table, slot.position, slot.queues_bits, &mut self.ids)?;
         // The centre keeps every constraint of sP2 up to the slack of decision D5. Where the set has no point in common
         // but for that slack, sP2* may find none, and the centre is flown to.
-        let waypoint = self.waypoint_for_schedule(slot).unwrap_or_else(|| SpatialWaypoint {
-            point: Point3::new(centre.x, centre.y, self.altitude_above(&centre, slot)),
-            outcome: SolverOutcome::Fallback,
-        });
+        let waypoint = self
+            .waypoint_for_schedule(slot)
+            .unwrap_or_else(|| Waypoint { point: self.above(&centre, slot), outcome: SolverOutcome::Fallback });
         Some(self.plan_to_serve(&waypoint, slot))
     }
 
-    /// The waypoint for `self.ids`, by sP2* in free space; `None` if no point in reach is in range of them all.
-    fn waypoint_for_schedule(&mut self, slot: Slot) -> Option<SpatialWaypoint> {
-        if let Some(spatial) = &mut self.spatial {
-            let altitudes_m = self.scenario.altitudes_m(slot.altitude_m);
-            return spatial.solve(&self.table, slot.position, altitudes_m, &self.ids);
-        }
-        self.problem.pose(&self.table, slot.position, &self.ids);
-        let flat = self.problem.solve(&mut self.solver, self.scenario.planner.sca_iterations)?;
-        let point = Point3::new(flat.position.x, flat.position.y, self.table.link.altitude_m);
-        Some(SpatialWaypoint { point, outcome: flat.outcome })
+    /// The waypoint for `self.ids`; `None` if no point in reach is in range of them all.
+    fn waypoint_for_schedule(&mut self, slot: Slot) -> Option<Waypoint> {
+        self.solver.solve(&self.table, &slot.uav(), &self.ids)
     }
 
-    /// The altitude [m] that serves `self.ids` best above `ground`.
-    fn altitude_above(&mut self, ground: &Position, slot: Slot) -> f64 {
-        let Some(spatial) = &mut self.spatial else {
-            return self.table.link.altitude_m;
-        };
-        let altitudes_m = self.scenario.altitudes_m(slot.altitude_m);
-        spatial.altitude_above(&self.table, ground, altitudes_m, slot.altitude_m, &self.ids)
+    /// The point above `ground` that serves `self.ids` best.
+    fn above(&mut self, ground: &Position, slot: Slot) -> Point3<f64> {
+        self.solver.above(&self.table, ground, &slot.uav(), &self.ids)
     }
 
     /// The plan to serve `self.ids` from a solved waypoint.
-    fn plan_to_serve(&self, waypoint: &SpatialWaypoint, slot: Slot) -> Plan {
+    fn plan_to_serve(&self, waypoint: &Waypoint, slot: Slot) -> Plan {
         let ground = self.table.into_area(&waypoint.point.xy());
-        self.plan(&ground, waypoint.point.z, Mode::Serve, waypoint.outcome, slot)
+        let waypoint = Waypoint { point: Point3::new(ground.x, ground.y, waypoint.point.z), ..*waypoint };
+        self.plan(&waypoint, Mode::Serve, slot)
     }
 
     /// The baselines and transit: a ground position by rule, the fullest queues in range of it, and the altitude that
@@ -295,16 +286,17 @@ impl Planner {
     fn fly_then_schedule(&mut self, waypoint: &Position, mode: Mode, slot: Slot) -> Plan {
         let ground = self.table.into_area(waypoint);
         serve_fullest(&self.table, &ground, slot.queues_bits, &mut self.ids);
-        let altitude_m = self.altitude_above(&ground, slot);
-        self.plan(&ground, altitude_m, mode, SolverOutcome::Rule, slot)
+        let point = self.above(&ground, slot);
+        self.plan(&Waypoint { point, outcome: SolverOutcome::Rule }, mode, slot)
     }
 
-    /// The plan to fly to `altitude_m` [m] above `ground` and serve `self.ids`, which are ascending.
-    fn plan(&self, ground: &Position, altitude_m: f64, mode: Mode, outcome: SolverOutcome, slot: Slot) -> Plan {
-        let mut plan = Plan::fly_to(ground.x, ground.y, altitude_m, mode);
+    /// The plan to fly to `waypoint` and serve `self.ids`, which are ascending.
+    fn plan(&self, waypoint: &Waypoint, mode: Mode, slot: Slot) -> Plan {
+        let point = &waypoint.point;
+        let mut plan = Plan::fly_to(point.x, point.y, point.z, mode);
         plan.schedule(&self.ids);
-        plan.solver = outcome.code();
-        plan.expected_bits = self.table.expected_bits(ground, altitude_m, &self.ids, slot.queues_bits);
+        plan.solver = waypoint.outcome.code();
+        plan.expected_bits = self.table.expected_bits(point, &self.ids, slot.queues_bits);
         plan
     }
 }
@@ -372,7 +364,8 @@ mod tests {
         // UAV is in range of SN 1 (24 − 5 = 19 m), so the UAV flies 5 m toward SN 1 and serves SN 0 from there.
         for solver in [WaypointSolver::Geometric, WaypointSolver::Clarabel] {
             let mut planner = planner_of(Strategy::Uts, &[[55.0, 50.0], [74.0, 50.0]], 5.0);
-            planner.solver = Solver::new(solver);
+            planner.scenario.planner.waypoint_solver = solver;
+            planner.solver = Solver::new(&planner.scenario, &planner.table);
             let plan = planner.step(1, &middle(), 20.0, &[10, 100]);
             assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (55.0, 50.0, &[0][..]), "{solver:?}");
             assert_eq!((plan.mode, plan.anchor), (Mode::Transit.code(), NOBODY), "{solver:?}");
@@ -420,7 +413,8 @@ mod tests {
         for solver in [WaypointSolver::Geometric, WaypointSolver::Clarabel] {
             let mut planner = planner_of(Strategy::Exact, &places, 30.0);
             planner.table.resource_blocks = 3;
-            planner.solver = Solver::new(solver);
+            planner.scenario.planner.waypoint_solver = solver;
+            planner.solver = Solver::new(&planner.scenario, &planner.table);
             let plan = planner.step(1, &Position::new(56.0, 60.0), 20.0, &[900, 950, 800, 700]);
             assert_eq!((plan.scheduled(), plan.mode), (&[0, 1, 2][..], Mode::Serve.code()), "{solver:?}");
             assert_eq!(plan.solver, SolverOutcome::Fallback.code(), "{solver:?}");

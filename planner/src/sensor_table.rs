@@ -1,12 +1,12 @@
-//! What a planner knows that stays the same in every slot: the sensor nodes, their mean links and the UAV's limits.
+//! What a planner knows that stays the same in every slot: the sensor nodes, their channel and the UAV's limits.
 //!
 //! It decides nothing; queues and the UAV's position are passed in by whoever asks.
 
 use std::ops::Range;
 
-use skysink_common::geometry::{Position, distance_squared};
-use skysink_common::link::Link;
-use skysink_common::los::LosLink;
+use nalgebra::Point3;
+use skysink_common::channel::{Channel, Uplink};
+use skysink_common::geometry::Position;
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::{Area, Scenario};
 
@@ -22,10 +22,8 @@ pub struct SensorTable {
     pub grid: Grid,
     /// Their reference channel gains at 1 m, `α_i`, as linear ratios, by id.
     pub gains: Vec<f64>,
-    /// The mean channel in free space.
-    pub link: Link,
-    /// In its place, the channel that is in line of sight by chance.
-    pub los: Option<LosLink>,
+    /// The channel of all uplinks.
+    pub channel: Channel,
     /// The area that the UAV must not leave.
     pub area: Area,
     /// Farthest flight in one slot, `V_max τ` [m].
@@ -45,8 +43,7 @@ impl SensorTable {
             grid: Grid::new(&positions, scenario.link.comm_radius_m),
             positions,
             gains: sensors.iter().map(|sensor| sensor.gain).collect(),
-            link: Link::of(scenario),
-            los: scenario.link.los.as_ref().map(|los| LosLink::of(scenario, los)),
+            channel: Channel::of(scenario),
             area: scenario.area,
             reach_m: scenario.reach_m(),
             comm_radius_m: scenario.link.comm_radius_m,
@@ -69,19 +66,17 @@ impl SensorTable {
         &self.positions[id as usize]
     }
 
-    /// Bits that a visit at `altitude_m` [m] above `ground` is expected to collect from the SNs `ids`:
-    /// `Σ min(floor(r_i τ_c), B_i(t−1))`, `r_i` the expected rate where the link is in line of sight by chance.
-    ///
-    /// In free space the altitude is the link's own.
+    /// The uplink of SN `id` with the UAV at `uav`.
     #[must_use]
-    pub fn expected_bits(&self, ground: &Position, altitude_m: f64, ids: &[u32], queues_bits: &[u32]) -> u64 {
-        let capacity_bits = |id: u32| {
-            let d2_m2 = distance_squared(self.position(id), ground);
-            self.link.capacity_bits(match &self.los {
-                None => self.link.rate_bps(self.gains[id as usize], d2_m2),
-                Some(los) => los.expected_rate_bps(d2_m2, altitude_m),
-            })
-        };
+    pub fn uplink(&self, id: u32, uav: &Point3<f64>) -> Uplink {
+        Uplink::new(self.gains[id as usize], self.position(id), uav)
+    }
+
+    /// Bits that a visit at `uav` is expected to collect from the SNs `ids`: `Σ min(floor(r_i τ_c), B_i(t−1))`, `r_i`
+    /// the expected rate.
+    #[must_use]
+    pub fn expected_bits(&self, uav: &Point3<f64>, ids: &[u32], queues_bits: &[u32]) -> u64 {
+        let capacity_bits = |id: u32| self.channel.capacity_bits(self.channel.expected_rate_bps(&self.uplink(id, uav)));
         ids.iter().map(|&id| capacity_bits(id).min(u64::from(queues_bits[id as usize]))).sum()
     }
 
@@ -123,14 +118,15 @@ pub(crate) mod tests {
     #[test]
     fn a_visit_is_expected_to_collect_the_queue_or_what_the_link_carries() {
         let mut table = table_of(&[[50.0, 50.0], [50.0, 60.0]]);
-        let waypoint = Position::new(50.0, 50.0);
+        let waypoint = Point3::new(50.0, 50.0, 20.0);
         // The letter's links carry about 6 Mbit in a slot: both queues are emptied.
-        assert_eq!(table.expected_bits(&waypoint, 20.0, &[0, 1], &[9_000, 12_000]), 21_000);
+        assert_eq!(table.expected_bits(&waypoint, &[0, 1], &[9_000, 12_000]), 21_000);
         // W = 5 kHz, γ = 10^−5.2 · 0.05/10^−13 = 3.1548e6. SN 0: x = 400, 500 · log2(1 + 7886.98) = 500 · 12.94545 =
         // 6472.7 bit; SN 1: x = 500, 500 · log2(1 + 6309.57) = 500 · 12.62357 = 6311.8 bit, but it holds only 100.
-        table.link.bandwidth_hz = 5e3;
-        assert_eq!(table.expected_bits(&waypoint, 20.0, &[0, 1], &[9_000, 12_000]), 6_472 + 6_311);
-        assert_eq!(table.expected_bits(&waypoint, 20.0, &[0, 1], &[9_000, 100]), 6_472 + 100);
+        let Channel::FreeSpace(model) = &mut table.channel else { panic!("the letter's channel is free space") };
+        model.bandwidth_hz = 5e3;
+        assert_eq!(table.expected_bits(&waypoint, &[0, 1], &[9_000, 12_000]), 6_472 + 6_311);
+        assert_eq!(table.expected_bits(&waypoint, &[0, 1], &[9_000, 100]), 6_472 + 100);
     }
 
     #[test]

@@ -5,9 +5,9 @@
 
 use std::path::Path;
 
+use skysink_common::channel::{Channel, Uplink};
 use skysink_common::geometry::{Position, distance_squared, within};
 use skysink_common::ledger::Ledger;
-use skysink_common::link::Link;
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::{Overrides, Scenario, Strategy, WaypointSolver};
 use skysink_common::sensors::SensorList;
@@ -49,13 +49,15 @@ fn sample(ledger: &mut Ledger, sensors: &[SensorNode], slot: u64, slot_s: f64) -
 
 /// Uploads the SNs `ids` to the UAV at `waypoint` and returns what they deliver [bit]; each must be in range.
 fn upload(ledger: &mut Ledger, sensors: &[SensorNode], scenario: &Scenario, waypoint: &Position, ids: &[u32]) -> u64 {
-    let link = Link::of(scenario);
+    let channel = Channel::of(scenario);
     let mut delivered_bits = 0;
     for &id in ids {
         let sensor = &sensors[id as usize];
         let place = Position::new(sensor.x_m, sensor.y_m);
         assert!(within(&place, waypoint, scenario.link.comm_radius_m), "SN {id} is out of range of {waypoint}");
-        let capacity_bits = link.capacity_bits(link.rate_bps(sensor.gain, distance_squared(&place, waypoint)));
+        let d2_m2 = distance_squared(&place, waypoint);
+        let uplink = Uplink { gain: sensor.gain, d2_m2, z_m: scenario.uav.altitude_m };
+        let capacity_bits = channel.capacity_bits(channel.expected_rate_bps(&uplink));
         delivered_bits += ledger.upload(id as usize, capacity_bits);
     }
     delivered_bits

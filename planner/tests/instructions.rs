@@ -11,7 +11,7 @@ use skysink_common::geometry::Position;
 use skysink_common::scenario::{Overrides, Scenario, Strategy};
 use skysink_common::sensors::SensorList;
 use skysink_planner::Planner;
-use skysink_planner::waypoint::geometric::{Disk, project};
+use skysink_planner::geometry::disks::{Disk, project};
 
 /// Slots of the letter's mission that are flown.
 const SLOTS: u64 = 150;

@@ -5,10 +5,10 @@ use std::path::Path;
 use nalgebra::{Point3, Vector2};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
+use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::geometry::{Position, distance_squared, within};
-use skysink_common::los::LosLink;
 use skysink_common::message::{Plan, SensorNode, SolverOutcome};
-use skysink_common::scenario::{Environment, LosModel, Overrides, Scenario, Strategy, WaypointSolver};
+use skysink_common::scenario::{Environment, Overrides, Scenario, Strategy, WaypointSolver};
 use skysink_planner::Planner;
 
 /// Side of the area [m]; everything happens about its middle.
@@ -86,12 +86,8 @@ impl Setting {
 }
 
 impl Case {
-    fn link(&self) -> LosLink {
-        LosLink::of(&self.scenario, self.los())
-    }
-
-    fn los(&self) -> &LosModel {
-        self.scenario.link.los.as_ref().unwrap()
+    fn link(&self) -> LineOfSight {
+        *Channel::of(&self.scenario).line_of_sight().unwrap()
     }
 
     /// The plan that serves all SNs: their queues are as good as endless.

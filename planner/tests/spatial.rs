@@ -5,9 +5,8 @@ use std::path::Path;
 use proptest::prelude::{Strategy as Generator, *};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
+use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::geometry::{Position, distance_squared, within};
-use skysink_common::link::Link;
-use skysink_common::los::LosLink;
 use skysink_common::message::{Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::scenario::{Overrides, Scenario, Strategy, WaypointSolver};
 use skysink_planner::Planner;
@@ -45,8 +44,8 @@ fn plan(scenario: &Scenario, places_m: &[[f64; 2]], altitude_m: f64) -> Plan {
     Planner::new(scenario, &nodes(places_m)).step(1, &Position::new(100.0, 100.0), altitude_m, &queues_bits)
 }
 
-fn link_of(scenario: &Scenario) -> LosLink {
-    LosLink::of(scenario, scenario.link.los.as_ref().unwrap())
+fn link_of(scenario: &Scenario) -> LineOfSight {
+    *Channel::of(scenario).line_of_sight().unwrap()
 }
 
 fn ground(plan: &Plan) -> Position {
@@ -281,7 +280,7 @@ proptest! {
                 prop_assert!(within(&place, &at, case.scenario.link.comm_radius_m), "slot {number}: SN {id}, {at}");
                 let link = link_of(&case.scenario);
                 let rate_bps = link.expected_rate_bps(distance_squared(&place, &at), plan.z_m);
-                let capacity_bits = Link::of(&case.scenario).capacity_bits(rate_bps);
+                let capacity_bits = Channel::of(&case.scenario).capacity_bits(rate_bps);
                 bits += capacity_bits.min(u64::from(queues_bits[id as usize]));
             }
             prop_assert_eq!(plan.expected_bits, bits);

@@ -12,10 +12,10 @@ use skysink_common::scenario::{Scenario, Strategy};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_planner::Planner;
+use skysink_planner::geometry::disks::{Disk, project};
 use skysink_planner::geometry::grid::Grid;
 use skysink_planner::sensor_table::SensorTable;
 use skysink_planner::waypoint::conic::ConicSolver;
-use skysink_planner::waypoint::geometric::{Disk, project};
 
 use super::{Effort, Times, counts, letter};
 use crate::error::Error;

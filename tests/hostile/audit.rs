@@ -1,7 +1,7 @@
 //! The books of a run, from its folder: every bit and every metre of every slot, whoever planned it.
 
+use skysink_common::channel::{Channel, Uplink};
 use skysink_common::geometry::{Position, distance_squared, within};
-use skysink_common::link::Link;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 
@@ -47,7 +47,8 @@ pub fn audit(place: &Place) -> Vec<Line> {
     let list = SensorList::of(&scenario).unwrap();
     let nodes = list.nodes(scenario.sensors.capacity_bits);
     let sampled_bits = nodes.iter().map(|node| (node.sampling_bps * scenario.slot_s) as u64).sum::<u64>();
-    let (link, lines) = (Link::of(&scenario), trace(place));
+    let channel = Channel::of(&scenario);
+    let lines = trace(place);
     let mut queued_bits: u64 = list.queues_bits().iter().map(|&bits| u64::from(bits)).sum();
     let mut position = scenario.uav.start;
     for (line, slot) in lines.iter().zip(1..) {
@@ -62,7 +63,9 @@ pub fn audit(place: &Place) -> Vec<Line> {
             let node = &nodes[id as usize];
             let (at, radius_m) = (Position::new(node.x_m, node.y_m), scenario.link.comm_radius_m);
             assert!(within(&line.position, &at, radius_m), "SN {id} is out of range: {line:?}");
-            most_bits += link.capacity_bits(link.rate_bps(node.gain, distance_squared(&line.position, &at)));
+            let d2_m2 = distance_squared(&line.position, &at);
+            let uplink = Uplink { gain: node.gain, d2_m2, z_m: scenario.uav.altitude_m };
+            most_bits += channel.capacity_bits(channel.expected_rate_bps(&uplink));
         }
         assert!(line.delivered_bits <= most_bits, "at most {most_bits}: {line:?}");
         if line.mode == "hold" {

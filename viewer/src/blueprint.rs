@@ -6,6 +6,7 @@ use rerun::external::re_sdk_types::blueprint::archetypes::{
 use rerun::external::re_sdk_types::blueprint::components::{self, BackgroundKind, ContainerKind, Eye3DKind};
 use rerun::external::re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
 use rerun::{RecordingStream, RecordingStreamResult};
+use skysink_common::channel::Channel;
 use skysink_common::scenario::Scenario;
 
 use crate::colour::{self, color};
@@ -64,7 +65,7 @@ fn scenes(layout: &mut Layout, sizes: &Sizes, scenario: &Scenario) -> RecordingS
         film(layout, view, &camera)?;
     }
     let mut tabs = vec![(1.0, field), (1.0, top), (1.0, chase)];
-    if scenario.link.los.is_some() {
+    if Channel::of(scenario).line_of_sight().is_some() {
         tabs.push((1.0, line_of_sight(layout, sizes, slot_s)?));
     }
     layout.container(ContainerKind::Tabs, &tabs)
@@ -193,9 +194,9 @@ fn log(layout: &mut Layout) -> RecordingStreamResult<Tile> {
 
 fn scales(layout: &mut Layout, scenario: &Scenario) -> RecordingStreamResult<Tile> {
     let contents = [select(&format!("{}/**", legend::SCALE))];
-    let name = match scenario.link.los {
-        None => "Colours: queue fill, link rate",
-        Some(_) => "Colours: queue fill, chance of sight",
+    let name = match Channel::of(scenario) {
+        Channel::FreeSpace(_) => "Colours: queue fill, link rate",
+        Channel::LineOfSight(_) => "Colours: queue fill, chance of sight",
     };
     let view = layout.view(Class::Picture, name, legend::SCALE, &contents)?;
     bound(layout, view, legend::SCALE_BOUNDS)?;

@@ -6,7 +6,7 @@ use rerun::{
     AnyValues, Boxes3D, Image, LineStrips3D, Points2D, Points3D, Radius, RecordingStream, RecordingStreamResult,
     TextDocument,
 };
-use skysink_common::los::LosLink;
+use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::scenario::Scenario;
 
 use crate::colour::{self, color};
@@ -36,8 +36,8 @@ pub(crate) fn log(
     rates_bps: Option<&RangeInclusive<f64>>,
 ) -> RecordingStreamResult<()> {
     stream.log_static(PAGE, &TextDocument::from_markdown(page(scenario, count, sizes)))?;
-    if let Some(model) = &scenario.link.los {
-        let page = los_page(scenario, &LosLink::of(scenario, model));
+    if let Channel::LineOfSight(link) = Channel::of(scenario) {
+        let page = los_page(scenario, &link);
         stream.log_static(LOS_PAGE, &TextDocument::from_markdown(page))?;
     }
     log_scale(stream, rates_bps)?;
@@ -53,9 +53,9 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes) -> String {
         format!("altitudes from {} m to {} m", climb.min_altitude_m, climb.max_altitude_m)
     });
     let (width_m, height_m, reach_m) = (scenario.area.width_m, scenario.area.height_m, scenario.reach_m());
-    let link = match scenario.link.los {
-        None => "| green line, dark → pale | served link, by rate: low → high |\n",
-        Some(_) => {
+    let link = match Channel::of(scenario) {
+        Channel::FreeSpace(_) => "| green line, dark → pale | served link, by rate: low → high |\n",
+        Channel::LineOfSight(_) => {
             "| bold light blue line | served link, in line of sight |\n\
              | thin orange line | served link, its sight blocked |\n"
         }
@@ -85,7 +85,7 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes) -> String {
 }
 
 /// Why the UAV climbs, and what shows it.
-fn los_page(scenario: &Scenario, link: &LosLink) -> String {
+fn los_page(scenario: &Scenario, link: &LineOfSight) -> String {
     let percent = 100.0 * field::funnel_chance(link);
     let fixed = if scenario.uav.climb.is_none() { " This UAV may not choose: its altitude is fixed." } else { "" };
     format!(

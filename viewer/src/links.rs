@@ -5,9 +5,9 @@
 use std::ops::RangeInclusive;
 
 use rerun::{Cylinders3D, FillMode, LineStrips3D, Radius, RecordingStream, RecordingStreamResult};
-use skysink_common::link::Link;
+use skysink_common::channel::{Channel, FreeSpace, Uplink};
 use skysink_common::message::{FlightReport, LinkReport, Plan, SensorNode};
-use skysink_common::scenario::{GainMode, Scenario};
+use skysink_common::scenario::Scenario;
 use skysink_common::units::ratio_of_db;
 
 use crate::colour::{self, color};
@@ -60,12 +60,13 @@ impl Links {
         let chosen =
             LineStrips3D::update_fields().with_colors([color(colour::CHOSEN)]).with_radii([Radius::new_ui_points(2.2)]);
         stream.log_static(CHOSEN, &chosen)?;
-        let colouring = if scenario.link.los.is_some() {
-            Colouring::Draw
-        } else {
-            let links = LineStrips3D::update_fields().with_radii([Radius::new_ui_points(1.6)]);
-            stream.log_static(LINKS, &links)?;
-            Colouring::Rate(possible_rates_bps(scenario, sensors))
+        let colouring = match Channel::of(scenario) {
+            Channel::LineOfSight(_) => Colouring::Draw,
+            Channel::FreeSpace(model) => {
+                let links = LineStrips3D::update_fields().with_radii([Radius::new_ui_points(1.6)]);
+                stream.log_static(LINKS, &links)?;
+                Colouring::Rate(possible_rates_bps(&model, scenario, sensors))
+            }
         };
         Ok(Self {
             feet: sensors.iter().map(|sensor| [sensor.x_m as f32, sensor.y_m as f32, 0.0]).collect(),
@@ -135,13 +136,11 @@ fn of_draw<T>(link: &LinkReport, [sight, blocked]: [T; 2]) -> T {
 }
 
 /// Rates [bit/s] from the weakest sensor node at the rim of the range to the strongest right below the UAV.
-fn possible_rates_bps(scenario: &Scenario, sensors: &[SensorNode]) -> RangeInclusive<f64> {
-    let drawn = match scenario.link.gain {
-        GainMode::Static => [f64::INFINITY, 0.0],
-        GainMode::PerSlot => scenario.link.gain_db.map(ratio_of_db),
-    };
+fn possible_rates_bps(model: &FreeSpace, scenario: &Scenario, sensors: &[SensorNode]) -> RangeInclusive<f64> {
+    let drawn = model.redrawn_db.map_or([f64::INFINITY, 0.0], |range_db| range_db.map(ratio_of_db));
     let weakest = sensors.iter().map(|sensor| sensor.gain).fold(drawn[0], f64::min);
     let strongest = sensors.iter().map(|sensor| sensor.gain).fold(drawn[1], f64::max);
-    let (link, radius_m) = (Link::of(scenario), scenario.link.comm_radius_m);
-    link.rate_bps(weakest, radius_m * radius_m)..=link.rate_bps(strongest, 0.0)
+    let radius_m = scenario.link.comm_radius_m;
+    let rate_bps = |gain, d2_m2| model.rate_bps(&Uplink { gain, d2_m2, z_m: scenario.uav.altitude_m });
+    rate_bps(weakest, radius_m * radius_m)..=rate_bps(strongest, 0.0)
 }

@@ -9,7 +9,7 @@ pub mod profile;
 
 use rerun::components::MarkerShape;
 use rerun::{Points3D, Radius, RecordingStream, RecordingStreamResult, Scalars, SeriesLines, SeriesPoints};
-use skysink_common::los::LosLink;
+use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::message::{FlightReport, LinkReport, SensorNode};
 use skysink_common::scenario::Scenario;
 
@@ -38,7 +38,7 @@ pub const BLOCKED: &str = "blocked";
 
 /// Line of sight of the scene.
 pub struct Los {
-    link: LosLink,
+    link: LineOfSight,
     feet_m: Vec<[f64; 2]>,
     most_links: usize,
     mark_above_m: f32,
@@ -62,11 +62,10 @@ impl Los {
         sensors: &[SensorNode],
         sizes: &Sizes,
     ) -> RecordingStreamResult<Option<Self>> {
-        let Some(model) = &scenario.link.los else {
+        let Channel::LineOfSight(link) = Channel::of(scenario) else {
             return Ok(None);
         };
         log_styles(stream)?;
-        let link = LosLink::of(scenario, model);
         let most_links = scenario.link.resource_blocks;
         let feet_m = sensors.iter().map(|sensor| [sensor.x_m, sensor.y_m]).collect();
         let field = Field::open(stream, &link, most_links, sizes)?;

@@ -5,8 +5,8 @@ mod support;
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::geometry::elevation_deg;
-use skysink_common::los::LosLink;
 use skysink_common::message::LinkReport;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_viewer::los::{self, field, profile};
@@ -15,9 +15,8 @@ use support::{Found, Slot, letter, sensors, town};
 
 const SENSORS: u32 = 20;
 
-fn link() -> LosLink {
-    let scenario = town();
-    LosLink::of(&scenario, &scenario.link.los.unwrap())
+fn link() -> LineOfSight {
+    *Channel::of(&town()).line_of_sight().expect("the town has buildings")
 }
 
 /// Slot `slot` of a UAV that flies east by 1 m and climbs by 2 m, and serves two sensor nodes: that below it, in line of

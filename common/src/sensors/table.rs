@@ -3,8 +3,10 @@
 //! Refusals are (line, message); the list adds the file. What a row leaves out is drawn by the parent module.
 
 use super::projection::Projection;
-use super::{Sensor, draw_gain_db, draw_queue_bits, draw_sampling_bps};
+use super::{Sensor, draw_queue_bits, draw_sampling_bps};
+use crate::channel::draw_gain_db;
 use crate::geometry::Position;
+use crate::random::Streams;
 use crate::scenario::{Area, MAX_FIELD_BITS, Scenario};
 
 /// Columns in which a list is written, in this order.
@@ -116,7 +118,9 @@ impl<'a> Table<'a> {
             position,
             queue_bits: queue_bits.map_or_else(|| draw_queue_bits(scenario, id), |bits| bits as u32),
             // The probabilistic model has one reference gain for all, whatever the list says.
-            gain_db: gain_db.filter(|_| scenario.link.los.is_none()).unwrap_or_else(|| draw_gain_db(scenario, 0, id)),
+            gain_db: gain_db
+                .filter(|_| scenario.link.los.is_none())
+                .unwrap_or_else(|| draw_gain_db(scenario.link.gain_db, &Streams::new(scenario.seed), 0, id)),
             sampling_bps: sampling_bps.unwrap_or_else(|| draw_sampling_bps(scenario, id)),
         })
     }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use proptest::prelude::*;
+use skysink_common::channel::Uplink;
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::message::{FlightReport, Mode, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
@@ -386,9 +387,12 @@ fn a_free_altitude_is_foreseen_as_one_that_the_uav_can_keep() {
     let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
     let sensor = SensorNode { x_m: 50.0, y_m: 50.0, sampling_bps: 1.0, capacity_bits: 30_000, ..SensorNode::default() };
     let world = World::new(&scenario, &[sensor]);
-    let (los, climb) = (world.field.los.unwrap(), scenario.uav.climb.unwrap());
+    let channel = world.field.channel;
+    let climb = scenario.uav.climb.unwrap();
     let range_m = climb.max_altitude_m - climb.min_altitude_m;
-    let carried = |d2_m2: f64, z_m: f64| world.field.link.capacity_bits(los.expected_rate_bps(d2_m2, z_m)) as f64;
+    let carried = |d2_m2: f64, z_m: f64| {
+        channel.capacity_bits(channel.expected_rate_bps(&Uplink { gain: 1.0, d2_m2, z_m })) as f64
+    };
     let explains = |level: &u32| {
         let z_m = climb.min_altitude_m + range_m * f64::from(*level) / 16.0;
         [0.0, 900.0, 3_600.0].iter().all(|&d2_m2| world.capacity_slots(0, d2_m2) == carried(d2_m2, z_m))

@@ -1,6 +1,7 @@
 //! What the look-ahead knows that stays the same in every slot: the sensor nodes that can lose data, in slots instead
 //! of bits, and the stops that a plan is made of.
 
+use skysink_common::channel::Uplink;
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
@@ -97,21 +98,15 @@ pub struct Place {
     pub members: Vec<u32>,
 }
 
-/// The channel that a forecast assumes.
-#[derive(Debug, Clone)]
-enum Channel {
-    /// The mean rate in free space.
-    FreeSpace,
-    /// The expected rate [bit per slot], over `d²`, at the altitude that is best for sources nearby: all that a slot serves
-    /// are served from one altitude, and the next slot's is near to it.
-    Table(Box<[f64; TABLE + 1]>),
-}
-
 /// The constants of a mission. *Sources* are the SNs that can lose data, numbered from 0 in the order of their ids.
 #[derive(Debug, Clone)]
 pub struct World {
     pub(super) field: SensorTable,
-    channel: Channel,
+    /// Where the UAV is when it serves [m]; where altitude matters, the altitude that is best for sources nearby: all that
+    /// a slot serves are served from one altitude, and the next slot's is near to it.
+    altitude_m: f64,
+    /// What a visit from there takes, over `d²` [bit], where all uplinks have one gain and a rate is dear to compute.
+    capacities_bits: Option<Box<[f64; TABLE + 1]>>,
     /// The sources.
     pub sources: Vec<Source>,
     /// Their ids in the field.
@@ -139,8 +134,14 @@ impl World {
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
         let field = SensorTable::new(scenario, sensors);
+        let altitude_m = if field.channel.depends_on_elevation() {
+            best_altitude_m(scenario, &field)
+        } else {
+            scenario.uav.altitude_m
+        };
         let mut world = Self {
-            channel: Channel::of(scenario, &field),
+            altitude_m,
+            capacities_bits: field.channel.depends_on_elevation().then(|| capacities_bits(&field, altitude_m)),
             sources: Vec::new(),
             ids: Vec::new(),
             positions: Vec::new(),
@@ -315,14 +316,12 @@ impl World {
 
     /// What a visit at the squared distance `d2_m2` [m²] takes from SN `id` in a slot [bit].
     fn capacity_bits(&self, id: u32, d2_m2: f64) -> f64 {
-        let link = &self.field.link;
-        match &self.channel {
-            Channel::FreeSpace => link.capacity_bits(link.rate_bps(self.field.gains[id as usize], d2_m2)) as f64,
-            Channel::Table(table) => {
-                let share = d2_m2 / (self.field.comm_radius_m * self.field.comm_radius_m);
-                table[((share * TABLE as f64).round() as usize).min(TABLE)]
-            }
+        if let Some(capacities_bits) = &self.capacities_bits {
+            let fraction = d2_m2 / (self.field.comm_radius_m * self.field.comm_radius_m);
+            return capacities_bits[((fraction * TABLE as f64).round() as usize).min(TABLE)];
         }
+        let uplink = Uplink { gain: self.field.gains[id as usize], d2_m2, z_m: self.altitude_m };
+        self.field.channel.capacity_bits(self.field.channel.expected_rate_bps(&uplink)) as f64
     }
 
     /// What a visit at the squared distance `d2_m2` [m²] takes from `source` [slots of sampling].
@@ -334,12 +333,6 @@ impl World {
             return f64::INFINITY;
         }
         self.capacity_bits(self.ids[source as usize], d2_m2) / facts.mean_bits
-    }
-
-    /// Capacity as in [`Self::capacity_slots`], with the UAV at `position`.
-    #[must_use]
-    pub fn capacity_from(&self, source: u32, position: &Position) -> f64 {
-        self.capacity_slots(source, distance_squared(&self.positions[source as usize], position))
     }
 
     /// Farthest flight in one slot [m].
@@ -361,25 +354,28 @@ impl World {
     }
 }
 
-impl Channel {
-    fn of(scenario: &Scenario, field: &SensorTable) -> Self {
-        let Some(los) = &field.los else {
-            return Self::FreeSpace;
-        };
-        let altitudes_m = scenario
-            .uav
-            .climb
-            .map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
-        let rim_m2 = field.comm_radius_m * field.comm_radius_m;
-        let at_m2 = |step: usize| rim_m2 * step as f64 / TABLE as f64;
-        let altitude_m =
-            |level: u32| altitudes_m[0] + (altitudes_m[1] - altitudes_m[0]) * f64::from(level) / f64::from(LEVELS);
-        let near_bps = |level: u32| -> f64 {
-            (0..=NEAR_STEPS).map(|step| los.expected_rate_bps(at_m2(step), altitude_m(level))).sum()
-        };
-        let better = |a: &u32, b: &u32| near_bps(*a).total_cmp(&near_bps(*b)).then(b.cmp(a));
-        let z_m = altitude_m((0..=LEVELS).max_by(better).expect("at least one level"));
-        let bits = |step| field.link.capacity_bits(los.expected_rate_bps(at_m2(step), z_m)) as f64;
-        Self::Table(Box::new(std::array::from_fn(bits)))
-    }
+/// The altitude [m] of some that may be flown from which a sensor node nearby is expected to send most.
+fn best_altitude_m(scenario: &Scenario, field: &SensorTable) -> f64 {
+    let altitudes_m =
+        scenario.uav.climb.map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
+    let altitude_m =
+        |level: u32| altitudes_m[0] + (altitudes_m[1] - altitudes_m[0]) * f64::from(level) / f64::from(LEVELS);
+    let near_bps = |level: u32| -> f64 {
+        (0..=NEAR_STEPS).map(|step| field.channel.expected_rate_bps(&uplink_at(field, step, altitude_m(level)))).sum()
+    };
+    let better = |a: &u32, b: &u32| near_bps(*a).total_cmp(&near_bps(*b)).then(b.cmp(a));
+    altitude_m((0..=LEVELS).max_by(better).expect("at least one level"))
+}
+
+/// What a visit takes at `altitude_m` [m] [bit], over `d²`.
+fn capacities_bits(field: &SensorTable, altitude_m: f64) -> Box<[f64; TABLE + 1]> {
+    let channel = &field.channel;
+    let bits = |step| channel.capacity_bits(channel.expected_rate_bps(&uplink_at(field, step, altitude_m))) as f64;
+    Box::new(std::array::from_fn(bits))
+}
+
+/// The uplink at step `step` of the table.
+fn uplink_at(field: &SensorTable, step: usize, altitude_m: f64) -> Uplink {
+    let rim_m2 = field.comm_radius_m * field.comm_radius_m;
+    Uplink { gain: 1.0, d2_m2: rim_m2 * step as f64 / TABLE as f64, z_m: altitude_m }
 }

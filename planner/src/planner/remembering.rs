@@ -9,6 +9,7 @@ use super::{Planner, Slot};
 use crate::carried::Carried;
 use crate::horizon::Next;
 use crate::strategies::baselines::{serve_first, share_within};
+use crate::waypoint::problem::Waypoint;
 
 impl Planner {
     /// The baselines that take sensor nodes in turn; `None` for the other strategies.
@@ -30,8 +31,8 @@ impl Planner {
             }
             Carried::Nothing | Carried::Horizon(_) => return None,
         }
-        let altitude_m = self.altitude_above(&ground, slot);
-        Some(self.plan(&ground, altitude_m, Mode::Serve, SolverOutcome::Rule, slot))
+        let point = self.above(&ground, slot);
+        Some(self.plan(&Waypoint { point, outcome: SolverOutcome::Rule }, Mode::Serve, slot))
     }
 
     /// The look-ahead; `None` if it has nowhere to fly, and for the other strategies.
@@ -43,8 +44,8 @@ impl Planner {
         let (waypoint, outcome) = self.on_the_way(&next, slot);
         let ground = self.table.into_area(&waypoint);
         serve_first(&self.table, &ground, &next.ids, slot.queues_bits, &mut self.ids);
-        let altitude_m = self.altitude_above(&ground, slot);
-        let plan = self.plan(&ground, altitude_m, Mode::Serve, outcome, slot);
+        let point = self.above(&ground, slot);
+        let plan = self.plan(&Waypoint { point, outcome }, Mode::Serve, slot);
         self.path.push([plan.x_m, plan.y_m, plan.z_m]);
         self.path.extend(next.path.iter().skip(1).map(|point| [point.x, point.y, plan.z_m]));
         Some(plan)
@@ -55,9 +56,9 @@ impl Planner {
     fn on_the_way(&mut self, next: &Next, slot: Slot) -> (Position, SolverOutcome) {
         self.ids.clear();
         self.ids.extend_from_slice(&next.ids);
-        let altitude_m = self.altitude_above(&next.waypoint, slot);
+        let above = self.above(&next.waypoint, slot);
         let queued_bits: u64 = self.ids.iter().map(|&id| u64::from(slot.queues_bits[id as usize])).sum();
-        let expected_bits = self.table.expected_bits(&next.waypoint, altitude_m, &self.ids, slot.queues_bits);
+        let expected_bits = self.table.expected_bits(&above, &self.ids, slot.queues_bits);
         if expected_bits == queued_bits {
             return (next.waypoint, SolverOutcome::Rule);
         }

@@ -20,9 +20,9 @@
 
 use skysink_common::geometry::{Position, distance_squared, within};
 
+use crate::geometry::disks::{Disk, crossings, project};
 use crate::sensor_table::SensorTable;
 use crate::strategies::nearby::{Spot, may_share, preselect};
-use crate::waypoint::geometric::{self, Disk, crossings};
 
 /// The search, with its working memory.
 #[derive(Debug, Clone)]
@@ -95,7 +95,7 @@ impl ExactSearch {
         self.around.extend(self.nearby.iter().filter(|other| may_share(table, i, other)));
         let reach = Disk { centre: *position, radius_m: table.reach_m };
         let disk = disk_of(i, table);
-        if let Some(centre) = geometric::project(position, &[reach, disk]) {
+        if let Some(centre) = project(position, &[reach, disk]) {
             self.look_from(table, &centre);
         }
         if table.resource_blocks < 2 {

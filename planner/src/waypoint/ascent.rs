@@ -6,9 +6,8 @@
 //! ascent, back into the feasible set by exact projection, and is taken only if the objective rises.
 
 use nalgebra::{Point3, Vector3, center};
-use skysink_common::geometry::Position;
 
-use crate::waypoint::spatial::SpatialProblem;
+use crate::waypoint::problem::Problem;
 
 /// Starts that are followed to their end.
 pub(crate) const FOLLOWED: usize = 6;
@@ -22,7 +21,7 @@ const MAX_STEPS: u32 = 200;
 /// A step shorter than this [m] ends the ascent.
 const SETTLED_M: f64 = 1e-6;
 
-/// Share of the linear rise that a step must keep.
+/// Fraction of the linear rise that a step must keep.
 const SUFFICIENT: f64 = 1e-4;
 
 /// What is left of a step that does not rise enough.
@@ -52,7 +51,7 @@ pub struct Rated {
 impl Rated {
     /// Rates a feasible point.
     #[must_use]
-    pub fn new(problem: &SpatialProblem, point: Point3<f64>) -> Self {
+    pub fn new(problem: &Problem, point: Point3<f64>) -> Self {
         Self { point, rate_bps: problem.rate_bps(&point) }
     }
 }
@@ -74,11 +73,10 @@ impl Starts {
     ///
     /// They stand over the mean of the SNs, the UAV, each SN and half-way from the mean to it, all projected into the
     /// feasible set, each at the best of a few altitudes.
-    pub fn of(&mut self, problem: &SpatialProblem) -> &[Rated] {
+    pub fn of(&mut self, problem: &Problem) -> &[Rated] {
         self.rated.clear();
-        let sum = problem.targets.iter().map(|target| target.coords).sum::<nalgebra::Vector2<f64>>();
-        let mean = Position::from(sum / problem.targets.len() as f64);
-        let around = problem.targets.iter().flat_map(|target| [*target, center(target, &mean)]);
+        let mean = problem.mean();
+        let around = problem.targets.iter().flat_map(|target| [target.position, center(&target.position, &mean)]);
         for ground in [mean, problem.disks[0].centre].into_iter().chain(around) {
             let Some(start) = problem.project(&Point3::new(ground.x, ground.y, problem.altitudes_m[0])) else {
                 return &[];
@@ -97,7 +95,7 @@ impl Starts {
 }
 
 /// The best of a few altitudes above `start`.
-fn at_best_level(problem: &SpatialProblem, start: Point3<f64>) -> Rated {
+fn at_best_level(problem: &Problem, start: Point3<f64>) -> Rated {
     let mut best = Rated::new(problem, start);
     if problem.altitudes_m[0] < problem.altitudes_m[1] {
         for level in 1..LEVELS {
@@ -112,7 +110,7 @@ fn at_best_level(problem: &SpatialProblem, start: Point3<f64>) -> Rated {
 }
 
 /// The best end of all starts; `None` if no point keeps every constraint.
-pub fn solve(problem: &SpatialProblem, starts: &mut Starts) -> Option<Rated> {
+pub fn solve(problem: &Problem, starts: &mut Starts) -> Option<Rated> {
     let ends = starts.of(problem).iter().map(|start| climb(problem, *start));
     ends.reduce(|best, end| if end.rate_bps > best.rate_bps { end } else { best })
 }
@@ -120,7 +118,7 @@ pub fn solve(problem: &SpatialProblem, starts: &mut Starts) -> Option<Rated> {
 /// Ascends from a feasible point until it settles: projected ascent with the step lengths of Barzilai and Borwein (1988),
 /// each shortened until the objective rises.
 #[must_use]
-pub fn climb(problem: &SpatialProblem, start: Rated) -> Rated {
+pub fn climb(problem: &Problem, start: Rated) -> Rated {
     let mut at = start;
     let mut slope = problem.ascent(&at.point);
     let mut stretch = FIRST_STEP_M / slope.norm();
@@ -145,7 +143,7 @@ pub fn climb(problem: &SpatialProblem, start: Rated) -> Rated {
 
 /// The first point of a shrinking step that rises enough, and the stretch left of it; `None` if none does, as where there
 /// is no slope, or one that is not a number.
-fn step(problem: &SpatialProblem, at: &Rated, slope: &Vector3<f64>, mut stretch: f64) -> Option<(Rated, f64)> {
+fn step(problem: &Problem, at: &Rated, slope: &Vector3<f64>, mut stretch: f64) -> Option<(Rated, f64)> {
     while stretch * slope.norm() >= SETTLED_M {
         let point = problem.project(&(at.point + slope * stretch))?;
         let next = Rated::new(problem, point);
@@ -161,9 +159,10 @@ fn step(problem: &SpatialProblem, at: &Rated, slope: &Vector3<f64>, mut stretch:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::waypoint::spatial::tests::{curves, dense_urban, posed};
+    use crate::waypoint::problem::tests::{curves, dense_urban, posed};
     use proptest::prelude::*;
-    use skysink_common::los::LosLink;
+    use skysink_common::channel::LineOfSight;
+    use skysink_common::geometry::Position;
 
     #[test]
     fn a_pair_is_served_from_above_its_middle() {
@@ -191,7 +190,7 @@ mod tests {
 
     #[test]
     fn links_that_carry_nothing_leave_the_ascent_where_it_starts() {
-        let silent = LosLink { los_snr: 0.0, nlos_snr: 0.0, ..dense_urban() };
+        let silent = LineOfSight { los_snr: 0.0, nlos_snr: 0.0, ..dense_urban() };
         let end = solve(&posed(silent, &[[10.0, 0.0], [20.0, 0.0]], [20.0, 120.0]), &mut Starts::with_room_for(2));
         assert_eq!(end.map(|end| end.rate_bps), Some(0.0));
     }
@@ -204,7 +203,7 @@ mod tests {
             range in (10.0..60.0, 0.0..100.0),
         ) {
             let places: Vec<[f64; 2]> = places.into_iter().map(|(x_m, y_m)| [x_m, y_m]).collect();
-            let problem = posed(LosLink { curve, ..dense_urban() }, &places, [range.0, range.0 + range.1]);
+            let problem = posed(LineOfSight { curve, ..dense_urban() }, &places, [range.0, range.0 + range.1]);
             let end = solve(&problem, &mut Starts::with_room_for(6)).expect("the origin is in all disks");
             prop_assert_eq!(problem.project(&end.point), Some(end.point));
             for axis in 0..3 {

@@ -1,6 +1,6 @@
 //! The conic waypoint solver: the projection onto an intersection of disks as a second-order cone program, by Clarabel.
 //!
-//! It solves what [`crate::waypoint::geometric`] solves, and is there to check it. Only this file and [`crate::waypoint::sca`], which carries
+//! It solves what [`crate::geometry::disks`] solves, and is there to check it. Only this file and [`crate::waypoint::sca`], which carries
 //! what plane geometry cannot, know Clarabel.
 
 use clarabel::algebra::CscMatrix;
@@ -9,7 +9,7 @@ use clarabel::solver::{
 };
 use skysink_common::geometry::{Position, distance_squared};
 
-use crate::waypoint::geometric::{self, Disk};
+use crate::geometry::disks::{self, Disk};
 
 /// Rows of a cone: `(r, q − centre)`.
 const ROWS: usize = 3;
@@ -48,7 +48,7 @@ impl ConicSolver {
         let unit_m = disks.iter().map(|disk| disk.radius_m).fold(f64::INFINITY, f64::min);
         let solution = target + self.solve(target, disks, unit_m)? * unit_m;
         // An interior-point solution may lie a little outside, where decision D5 would refuse a sensor node.
-        let pulled = geometric::project(&solution, disks)?;
+        let pulled = disks::project(&solution, disks)?;
         let farthest_m = FARTHEST_PULL * unit_m;
         (distance_squared(&pulled, &solution) <= farthest_m * farthest_m).then_some(pulled)
     }
@@ -170,7 +170,7 @@ mod tests {
 
         #[test]
         fn both_solvers_agree_to_a_millimetre_wherever_both_answer((target, disks) in problems()) {
-            let exact = geometric::project(&target, &disks);
+            let exact = disks::project(&target, &disks);
             if let Some(conic) = ConicSolver::default().project(&target, &disks) {
                 let off_m = (conic - exact.expect("the conic answer lies in all disks")).norm();
                 prop_assert!(off_m <= 1e-3, "{off_m} m apart: {conic}");
@@ -186,7 +186,7 @@ mod tests {
             // All centres are within 4·√2 = 5.7 m of the origin, so that a disk of 4.3 m about it is in all of them.
             let disks: Vec<Disk> = centres.iter().map(|&(x_m, y_m)| disk(x_m, y_m, 10.0)).collect();
             let target = Position::new(target.0, target.1);
-            let exact = geometric::project(&target, &disks).expect("the origin is in all disks");
+            let exact = disks::project(&target, &disks).expect("the origin is in all disks");
             let conic = ConicSolver::default().project(&target, &disks);
             prop_assert!(conic.is_some_and(|conic| (conic - exact).norm() <= 1e-4), "{conic:?}, {exact}");
         }
@@ -200,7 +200,7 @@ mod tests {
             let to_centre = nalgebra::Vector2::new(angle.cos(), angle.sin()) * (10.0 - overlap_m);
             let disks = [to_centre, -to_centre].map(|centre| Disk { centre: centre.into(), radius_m: 10.0 });
             let target = Position::new(target.0, target.1);
-            let exact = geometric::project(&target, &disks).expect("the origin is in both disks");
+            let exact = disks::project(&target, &disks).expect("the origin is in both disks");
             if let Some(conic) = ConicSolver::default().project(&target, &disks) {
                 prop_assert!((conic - exact).norm() <= 1e-3, "{conic}, {exact}");
             }

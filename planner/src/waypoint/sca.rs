@@ -4,7 +4,7 @@
 //! `s = b (θ − a) − ln a`: the rate is replaced by its tangent in `(x, y)`, `−Φ (x − x̂) − Ψ (y − ŷ)` with
 //! `Φ = P̂_L² (R̂_L − R̂_N)` and `Ψ = −∂E/∂y`. Of the line-of-sight part alone, `P_L R_L`, the tangent is a lower bound, for
 //! `(1/x) log2(1 + γ y^{−α_L/2})` is jointly convex at every SNR up to `α_L = 4`, and with room to spare; beyond 4 the
-//! argument is taken to end, and no step is made. Nor is one for the generalised logistic, whose chance is not of that
+//! argument is taken to end, and no step is made. Nor is one for the generalised logistic, whose probability is not of that
 //! form. The little that comes out of line of sight is only tangent; hence, and because solvers err, a step is taken only
 //! as far as the true objective rises. Near the tip of `θ` straight above an SN the bounds are tight over a short way only:
 //! steps become small there, and the ascent has to finish.
@@ -19,13 +19,13 @@ use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{self, ExponentialConeT, NonnegativeConeT, SecondOrderConeT, ZeroConeT};
 use clarabel::solver::{DefaultSolver, IPSolver, SolverStatus};
 use nalgebra::{Point3, Vector3};
+use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::geometry::{Position, distance_squared};
-use skysink_common::los::LosLink;
 use skysink_common::scenario::LosCurve;
 
 use crate::waypoint::ascent::Rated;
 use crate::waypoint::conic;
-use crate::waypoint::spatial::{SpatialProblem, slopes};
+use crate::waypoint::problem::Problem;
 
 /// Largest exponent `α_L` at which the tangent is relied on as a lower bound.
 const CONVEX_UP_TO: f64 = 4.0;
@@ -61,16 +61,19 @@ pub enum Contribution {
 
 /// Up to `iterations` convex steps from a feasible `start`; the true objective never falls.
 #[must_use]
-pub fn approximate(problem: &SpatialProblem, start: Rated, iterations: u32) -> (Rated, Contribution) {
+pub fn approximate(problem: &Problem, start: Rated, iterations: u32) -> (Rated, Contribution) {
     let (mut at, mut contribution) = (start, Contribution::Nothing);
-    let LosCurve::Sigmoid { a, b } = problem.link.curve else {
+    let Channel::LineOfSight(link) = problem.channel else {
+        return (at, contribution); // the tangents are those of this model
+    };
+    let LosCurve::Sigmoid { a, b } = link.curve else {
         return (at, contribution); // no convex form for the generalised logistic: left to the ascent
     };
-    if problem.link.los_exponent > CONVEX_UP_TO {
+    if link.los_exponent > CONVEX_UP_TO {
         return (at, contribution); // the lower bound ends: left to the ascent
     }
     for _ in 0..iterations {
-        let Some(proposal) = Program::at(problem, &at.point, a, b).solve() else {
+        let Some(proposal) = Program::at(problem, &link, &at.point, [a, b]).solve() else {
             break; // not solved: what was reached before counts, the rest is left to the ascent
         };
         let next = as_far_as_it_rises(problem, at, &proposal);
@@ -87,12 +90,13 @@ pub fn approximate(problem: &SpatialProblem, start: Rated, iterations: u32) -> (
     (at, contribution)
 }
 
-/// The farthest of some points on the way to `proposal` at which the true objective is higher than at `at`, or `at`.
-fn as_far_as_it_rises(problem: &SpatialProblem, at: Rated, proposal: &Point3<f64>) -> Rated {
-    let way = proposal - at.point;
-    let halves = std::iter::successors(Some(1.0), |share| Some(share / 2.0)).take(HALVINGS + 1);
-    let mut stops = halves.filter_map(|share| Some(Rated::new(problem, problem.project(&(at.point + way * share))?)));
-    stops.find(|stop| stop.rate_bps > at.rate_bps).unwrap_or(at)
+/// The farthest of some points between `at` and `proposal` at which the true objective is higher than at `at`, or `at`.
+fn as_far_as_it_rises(problem: &Problem, at: Rated, proposal: &Point3<f64>) -> Rated {
+    let step = proposal - at.point;
+    let fractions = std::iter::successors(Some(1.0), |fraction| Some(fraction / 2.0)).take(HALVINGS + 1);
+    let point = |fraction: f64| problem.project(&(at.point + step * fraction));
+    let mut points = fractions.filter_map(|fraction| Some(Rated::new(problem, point(fraction)?)));
+    points.find(|point| point.rate_bps > at.rate_bps).unwrap_or(at)
 }
 
 /// One convex program, `min ½ uᵀ P u + cᵀ u` subject to `h − A u ∈ K`.
@@ -110,8 +114,9 @@ struct Program {
 }
 
 impl Program {
-    /// The program of `problem` expanded at the feasible point `at`, for the curve `1/(1 + a e^{−b(θ−a)})`.
-    fn at(problem: &SpatialProblem, at: &Point3<f64>, a: f64, b: f64) -> Self {
+    /// The program of `problem` expanded at the feasible point `at`, for the curve `1/(1 + a e^{−b(θ−a)})` of
+    /// `[a, b]`.
+    fn at(problem: &Problem, link: &LineOfSight, at: &Point3<f64>, curve: [f64; 2]) -> Self {
         let variables = POINT + 2 * problem.targets.len();
         let unit_m = problem.disks.iter().map(|disk| disk.radius_m).fold(f64::INFINITY, f64::min);
         let mut program = Self {
@@ -129,7 +134,7 @@ impl Program {
         }
         let scale_bps = problem.rate_bps(at);
         for (index, target) in problem.targets.iter().enumerate() {
-            program.serve(&problem.link, target, [a, b], scale_bps, POINT + 2 * index);
+            program.serve(link, &target.position, curve, scale_bps, POINT + 2 * index);
         }
         program
     }
@@ -165,8 +170,8 @@ impl Program {
         self.row(from_centre.y, &[(1, -self.unit_m / radius_m)]);
     }
 
-    /// One SN's share of the objective, divided by `scale_bps`, and its two cones; its `v` is variable `v`, `w` the next.
-    fn serve(&mut self, link: &LosLink, target: &Position, [a, b]: [f64; 2], scale_bps: f64, v: usize) {
+    /// One SN's part of the objective, divided by `scale_bps`, and its two cones; its `v` is variable `v`, `w` the next.
+    fn serve(&mut self, link: &LineOfSight, target: &Position, [a, b]: [f64; 2], scale_bps: f64, v: usize) {
         let w = v + 1;
         let (away, z_m) = (self.origin.xy() - target, self.origin.z);
         let d2_m2 = distance_squared(&self.origin.xy(), target);
@@ -181,7 +186,7 @@ impl Program {
         let probability = link.los_probability(d2_m2, z_m);
         let gain_bps = link.los_rate_bps(d2_m2, z_m) - link.nlos_rate_bps(d2_m2, z_m);
         self.linear[w] = probability * probability * gain_bps.max(0.0) * inverse_odds / scale_bps;
-        let fall = -slopes(link, d2_m2, z_m).by_distance2 * self.unit_m / scale_bps;
+        let fall = -link.slopes(d2_m2, z_m).by_distance2 * self.unit_m / scale_bps;
         for (axis, offset_m) in Vector3::new(away.x, away.y, z_m).iter().enumerate() {
             self.quadratic[axis] += 2.0 * fall * self.unit_m;
             self.linear[axis] += 2.0 * fall * offset_m;
@@ -229,22 +234,22 @@ impl Program {
 mod tests {
     use super::*;
     use crate::waypoint::ascent;
-    use crate::waypoint::spatial::tests::{dense_urban, posed};
+    use crate::waypoint::problem::tests::{dense_urban, posed};
     use proptest::prelude::*;
 
     /// Clusters of one to six SNs in sight of the origin, and a range of altitudes, an empty one among them.
-    fn problems() -> impl Strategy<Value = SpatialProblem> {
+    fn problems() -> impl Strategy<Value = Problem> {
         let places = prop::collection::vec((-40.0..40.0, -40.0..40.0), 1..7);
         let curve = prop::sample::select(vec![(4.88, 0.43), (9.61, 0.16), (12.08, 0.11), (27.23, 0.08)]);
         let height_m = prop_oneof![3 => 5.0..100.0, 1 => Just(0.0)];
         (places, curve, 20.0..60.0, height_m, 2.0..4.0).prop_map(|(places, (a, b), low_m, height_m, los_exponent)| {
             let places: Vec<[f64; 2]> = places.into_iter().map(|(x_m, y_m)| [x_m, y_m]).collect();
-            let link = LosLink { curve: LosCurve::Sigmoid { a, b }, los_exponent, ..dense_urban() };
+            let link = LineOfSight { curve: LosCurve::Sigmoid { a, b }, los_exponent, ..dense_urban() };
             posed(link, &places, [low_m, low_m + height_m])
         })
     }
 
-    fn start_of(problem: &SpatialProblem, share: f64) -> Rated {
+    fn start_of(problem: &Problem, share: f64) -> Rated {
         Rated::new(problem, Point3::new(0.0, 0.0, problem.altitude_m(share)))
     }
 
@@ -283,7 +288,7 @@ mod tests {
     #[test]
     fn many_steps_come_close_to_where_the_ascent_ends() {
         for (a, b) in [(4.88, 0.43), (9.61, 0.16), (12.08, 0.11), (27.23, 0.08)] {
-            let link = LosLink { curve: LosCurve::Sigmoid { a, b }, ..dense_urban() };
+            let link = LineOfSight { curve: LosCurve::Sigmoid { a, b }, ..dense_urban() };
             let problem = posed(link, &[[-30.0, 5.0], [30.0, 0.0], [5.0, 35.0], [0.0, -25.0]], [20.0, 120.0]);
             let (end, contribution) = approximate(&problem, start_of(&problem, 0.5), 60);
             assert_eq!(contribution, Contribution::Moved, "a = {a}");
@@ -305,7 +310,9 @@ mod tests {
     #[test]
     fn what_the_convexity_argument_does_not_cover_is_left_to_the_ascent() {
         let logistic = LosCurve::Logistic { b1: -0.4568, b2: 0.047, b3: -0.63, b4: 1.63 };
-        for link in [LosLink { los_exponent: 4.1, ..dense_urban() }, LosLink { curve: logistic, ..dense_urban() }] {
+        for link in
+            [LineOfSight { los_exponent: 4.1, ..dense_urban() }, LineOfSight { curve: logistic, ..dense_urban() }]
+        {
             let problem = posed(link, &[[30.0, 0.0]], [20.0, 120.0]);
             let start = start_of(&problem, 0.5);
             assert_eq!(approximate(&problem, start, 5), (start, Contribution::Nothing));

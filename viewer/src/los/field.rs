@@ -5,7 +5,7 @@
 
 use rerun::components::{Colormap, ImageFormat};
 use rerun::{ChannelDatatype, Clear, ColorModel, GridMap, RecordingStream, RecordingStreamResult, VoxelGridMap};
-use skysink_common::los::LosLink;
+use skysink_common::channel::LineOfSight;
 
 use crate::sizes::Sizes;
 
@@ -27,7 +27,7 @@ const FUNNEL_SHARE: f64 = 0.8;
 
 /// Least chance of line of sight in a funnel.
 #[must_use]
-pub fn funnel_chance(link: &LosLink) -> f64 {
+pub fn funnel_chance(link: &LineOfSight) -> f64 {
     FUNNEL_SHARE * link.los_probability(0.0, 1.0)
 }
 
@@ -42,7 +42,7 @@ pub(super) struct Field {
 impl Field {
     pub(super) fn open(
         stream: &RecordingStream,
-        link: &LosLink,
+        link: &LineOfSight,
         most_funnels: usize,
         sizes: &Sizes,
     ) -> RecordingStreamResult<Self> {
@@ -70,7 +70,7 @@ impl Field {
     pub(super) fn log(
         &mut self,
         stream: &RecordingStream,
-        link: &LosLink,
+        link: &LineOfSight,
         uav_m: [f64; 3],
         served_m: &[[f64; 2]],
     ) -> RecordingStreamResult<()> {
@@ -112,7 +112,7 @@ impl Field {
 }
 
 /// Mean chance in the cells around the UAV, in 255 steps, row by row from north to south.
-fn slice(link: &LosLink, [x_m, y_m, z_m]: [f64; 3], half_m: f64, served_m: &[[f64; 2]]) -> Vec<u8> {
+fn slice(link: &LineOfSight, [x_m, y_m, z_m]: [f64; 3], half_m: f64, served_m: &[[f64; 2]]) -> Vec<u8> {
     let offset_m = |cell: u16| half_m * (2.0 * (f64::from(cell) + 0.5) / f64::from(SLICE_CELLS) - 1.0);
     let mean = |at_x_m: f64, at_y_m: f64| {
         let distances2_m2 = served_m.iter().map(|[x_m, y_m]| (at_x_m - x_m).powi(2) + (at_y_m - y_m).powi(2));
@@ -133,7 +133,7 @@ struct Funnel {
 }
 
 impl Funnel {
-    fn of(link: &LosLink, radius_m: f32, top_m: f32) -> Self {
+    fn of(link: &LineOfSight, radius_m: f32, top_m: f32) -> Self {
         let (side_m, height_m) = (2.0 * radius_m / f32::from(FUNNEL_CELLS), top_m / f32::from(FUNNEL_LAYERS));
         let least = funnel_chance(link);
         let middle = |cell: i32, cells: u16| f64::from(side_m) * (f64::from(cell) + 0.5 - 0.5 * f64::from(cells));
@@ -168,9 +168,10 @@ mod tests {
     use skysink_common::scenario::LosCurve;
 
     /// Dense urban surroundings.
-    fn link() -> LosLink {
-        LosLink {
+    fn link() -> LineOfSight {
+        LineOfSight {
             bandwidth_hz: 1e6,
+            comm_s: 0.1,
             curve: LosCurve::Sigmoid { a: 12.08, b: 0.11 },
             los_snr: 1e5,
             nlos_snr: 1e3,

@@ -4,7 +4,7 @@
 //! has its top between.
 
 use rerun::{Clear, LineStrips2D, Points2D, Radius, RecordingStream, RecordingStreamResult};
-use skysink_common::los::LosLink;
+use skysink_common::channel::LineOfSight;
 use skysink_common::scenario::Scenario;
 
 use crate::colour::{self, color};
@@ -55,7 +55,7 @@ impl Profile {
     pub(super) fn log(
         &self,
         stream: &RecordingStream,
-        link: &LosLink,
+        link: &LineOfSight,
         [x_m, y_m, z_m]: [f64; 3],
         served_m: &[[f64; 2]],
     ) -> RecordingStreamResult<()> {

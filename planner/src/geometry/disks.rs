@@ -1,7 +1,6 @@
-//! The exact waypoint solver: the projection of a point onto an intersection of disks.
+//! The projection of a point onto an intersection of disks, exactly.
 //!
-//! The nearest point is the target itself, or the target's projection on one disk, or a crossing of two circles. It
-//! knows nothing of sensor nodes or rates.
+//! The nearest point is the target itself, or the target's projection on one disk, or a crossing of two circles.
 
 use skysink_common::geometry::{Position, distance_squared, within};
 

@@ -1,73 +1,103 @@
-//! Where to fly in three dimensions: the waypoint of a probabilistic line-of-sight link as a value.
+//! sP2 as a value: from which waypoint the scheduled sensor nodes are expected to send most.
 //!
-//! It maximises the expected rate of the scheduled set, `Σ E[r_i]` (UTS section IV), over the ground position `(x, y)`
-//! and the altitude `z`: within reach of the UAV, in range of every scheduled sensor node (SN) on the ground, and between
-//! the altitudes that one slot allows. How it is solved is left to [`crate::waypoint::ascent`] and [`crate::waypoint::sca`].
-
-use std::f64::consts::LOG2_E;
+//! It maximises the sum of the expected rates, `Σ E[r_i]`, within reach of the UAV, in range of every scheduled sensor
+//! node (SN) on the ground, and between the altitudes that one slot allows. How it is solved is left to
+//! [`crate::waypoint::plane`], [`crate::waypoint::ascent`] and [`crate::waypoint::sca`].
 
 use nalgebra::{Point3, Vector2, Vector3};
-use skysink_common::geometry::{Position, distance_squared, elevation_deg};
-use skysink_common::los::LosLink;
-use skysink_common::scenario::LosCurve;
+use skysink_common::channel::{Channel, Uplink};
+use skysink_common::geometry::Position;
+use skysink_common::message::SolverOutcome;
 
+use crate::geometry::disks::{Disk, project};
 use crate::sensor_table::SensorTable;
-use crate::waypoint::geometric::{self, Disk};
 
 /// Nearer than this [m] on the ground, the UAV is straight above an SN.
 const ABOVE_M: f64 = 1e-9;
 
-/// Altitudes that [`SpatialProblem::best_altitude_m`] compares before it narrows the best one down.
+/// Altitudes that [`Problem::best_altitude_m`] compares before it narrows the best one down.
 const LEVELS: u32 = 16;
 
 /// Golden-section steps from there: each leaves 0.618 of the bracket, together less than 1e-7 of it.
 const NARROWINGS: u32 = 34;
 
-/// The problem of one slot. Posing the next one reuses its memory.
+/// sP2 of one slot. Posing the next one reuses its memory.
 #[derive(Debug, Clone)]
-pub struct SpatialProblem {
-    /// The channel, the same for every SN.
-    pub link: LosLink,
-    /// Where the scheduled SNs stand.
-    pub targets: Vec<Position>,
+pub struct Problem {
+    /// The channel of all uplinks.
+    pub channel: Channel,
+    /// The scheduled SNs.
+    pub targets: Vec<Target>,
     /// Reach first, then the range of each target.
     pub disks: Vec<Disk>,
-    /// The lowest and the highest altitude [m].
+    /// The lowest and the highest altitude [m]; the same where the UAV cannot climb.
     pub altitudes_m: [f64; 2],
 }
 
-/// The two parts of an expected rate's slope at one SN.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Slopes {
-    /// With the squared distance `D² = d² + z²`, at a constant elevation angle [bit/s/m²].
-    pub by_distance2: f64,
-    /// With the elevation angle, at a constant distance [bit/s/°].
-    pub by_elevation: f64,
+/// A scheduled SN.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Target {
+    /// Where it stands, `L_i`.
+    pub position: Position,
+    /// Its reference channel gain at 1 m, `α_i`, as a linear ratio.
+    pub gain: f64,
 }
 
-impl SpatialProblem {
-    /// An empty problem over `link` that never allocates for up to `served` SNs.
+/// A point that keeps every constraint of sP2.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Waypoint {
+    /// Where it is.
+    pub point: Point3<f64>,
+    /// How it was found.
+    pub outcome: SolverOutcome,
+}
+
+impl Target {
+    /// Its uplink with the UAV at `uav`.
     #[must_use]
-    pub fn new(link: LosLink, served: usize) -> Self {
-        let (targets, disks) = (Vec::with_capacity(served), Vec::with_capacity(served + 1));
-        Self { link, targets, disks, altitudes_m: [0.0; 2] }
+    pub fn uplink(&self, uav: &Point3<f64>) -> Uplink {
+        Uplink::new(self.gain, &self.position, uav)
+    }
+}
+
+impl Problem {
+    /// An empty problem over the SNs of `table` that never allocates for up to n of them.
+    #[must_use]
+    pub fn new(table: &SensorTable) -> Self {
+        let served = table.resource_blocks;
+        Self {
+            channel: table.channel,
+            targets: Vec::with_capacity(served),
+            disks: Vec::with_capacity(served + 1),
+            altitudes_m: [0.0; 2],
+        }
     }
 
-    /// Poses the problem for the SNs `ids` and the UAV at `position`, `L_u(t−1)`.
-    pub fn pose(&mut self, field: &SensorTable, position: &Position, altitudes_m: [f64; 2], ids: &[u32]) {
+    /// Poses sP2 for the SNs `ids` and the UAV above `ground`, `L_u(t−1)`: `‖q − L_u(t−1)‖ ≤ V τ` and `‖q − L_i‖ ≤ d_c`
+    /// on the ground, at one of `altitudes_m` [m], the lowest and the highest.
+    pub fn pose(&mut self, table: &SensorTable, ground: &Position, altitudes_m: [f64; 2], ids: &[u32]) {
         self.targets.clear();
-        self.targets.extend(ids.iter().map(|&id| *field.position(id)));
         self.disks.clear();
-        self.disks.push(Disk { centre: *position, radius_m: field.reach_m });
-        self.disks.extend(self.targets.iter().map(|&centre| Disk { centre, radius_m: field.comm_radius_m }));
+        self.disks.push(Disk { centre: *ground, radius_m: table.reach_m });
+        for &id in ids {
+            let position = *table.position(id);
+            self.targets.push(Target { position, gain: table.gains[id as usize] });
+            self.disks.push(Disk { centre: position, radius_m: table.comm_radius_m });
+        }
         self.altitudes_m = altitudes_m;
+    }
+
+    /// Mean of the scheduled positions, the letter's expansion point.
+    #[must_use]
+    pub fn mean(&self) -> Position {
+        let sum = self.targets.iter().map(|target| target.position.coords).sum::<Vector2<f64>>();
+        (sum / self.targets.len() as f64).into()
     }
 
     /// The objective, `Σ E[r_i]` [bit/s].
     #[must_use]
     pub fn rate_bps(&self, at: &Point3<f64>) -> f64 {
-        let d2_m2 = |target| distance_squared(target, &at.xy());
-        self.targets.iter().map(|target| self.link.expected_rate_bps(d2_m2(target), at.z)).sum()
+        self.targets.iter().map(|target| self.channel.expected_rate_bps(&target.uplink(at))).sum()
     }
 
     /// Direction and slope [bit/s/m] of the steepest ascent of the objective.
@@ -76,11 +106,13 @@ impl SpatialProblem {
     /// costs the same slope: what the other SNs pull is reduced by that, at most to rest.
     #[must_use]
     pub fn ascent(&self, at: &Point3<f64>) -> Vector3<f64> {
-        let (mut pull, mut hold, mut climb) = (Vector2::zeros(), 0.0, 0.0);
+        let mut pull = Vector2::zeros();
+        let mut hold = 0.0;
+        let mut climb = 0.0;
         for target in &self.targets {
-            let away = at.xy() - target;
+            let away = at.xy() - target.position;
             let d_m = away.norm();
-            let slopes = slopes(&self.link, d_m * d_m, at.z);
+            let slopes = self.channel.slopes(&Uplink { gain: target.gain, d2_m2: d_m * d_m, z_m: at.z });
             let by_angle = slopes.by_elevation.to_degrees() / (d_m * d_m + at.z * at.z);
             climb += 2.0 * at.z * slopes.by_distance2 + d_m * by_angle;
             if d_m > ABOVE_M {
@@ -90,14 +122,14 @@ impl SpatialProblem {
             }
         }
         let pulled = pull.norm();
-        let share = if pulled > hold { 1.0 - hold / pulled } else { 0.0 };
-        Vector3::new(pull.x * share, pull.y * share, climb)
+        let left = if pulled > hold { 1.0 - hold / pulled } else { 0.0 };
+        Vector3::new(pull.x * left, pull.y * left, climb)
     }
 
     /// The feasible point nearest to `target`; `None` if no point keeps every constraint.
     #[must_use]
     pub fn project(&self, target: &Point3<f64>) -> Option<Point3<f64>> {
-        let ground = geometric::project(&target.xy(), &self.disks)?;
+        let ground = project(&target.xy(), &self.disks)?;
         let [low_m, high_m] = self.altitudes_m;
         Some(Point3::new(ground.x, ground.y, target.z.max(low_m).min(high_m)))
     }
@@ -106,24 +138,29 @@ impl SpatialProblem {
     #[must_use]
     pub fn best_altitude_m(&self, ground: &Position) -> f64 {
         let rate_bps = |z_m: f64| self.rate_bps(&Point3::new(ground.x, ground.y, z_m));
-        let (mut best_m, mut best_bps, mut best_level) = (self.altitude_m(0.0), rate_bps(self.altitude_m(0.0)), 0);
+        let level_m = |level: u32| self.altitude_m(f64::from(level.min(LEVELS)) / f64::from(LEVELS));
+        let mut best_m = level_m(0);
+        let mut best_bps = rate_bps(best_m);
+        let mut best_level = 0;
         for level in 1..=LEVELS {
-            let z_m = self.altitude_m(f64::from(level) / f64::from(LEVELS));
+            let z_m = level_m(level);
             let level_bps = rate_bps(z_m);
             if level_bps > best_bps {
                 (best_m, best_bps, best_level) = (z_m, level_bps, level);
             }
         }
-        let share = |level: u32| f64::from(level.min(LEVELS)) / f64::from(LEVELS);
-        let (mut low_m, mut high_m) =
-            (self.altitude_m(share(best_level.saturating_sub(1))), self.altitude_m(share(best_level + 1)));
+        let mut low_m = level_m(best_level.saturating_sub(1));
+        let mut high_m = level_m(best_level + 1);
         let golden = (5f64.sqrt() - 1.0) / 2.0;
         for _ in 0..NARROWINGS {
             let width_m = (high_m - low_m) * golden;
-            let (lower_m, upper_m) = (high_m - width_m, low_m + width_m);
-            let (lower_bps, upper_bps) = (rate_bps(lower_m), rate_bps(upper_m));
-            let (z_m, z_bps) = if lower_bps >= upper_bps { (lower_m, lower_bps) } else { (upper_m, upper_bps) };
-            (low_m, high_m) = if lower_bps >= upper_bps { (low_m, upper_m) } else { (lower_m, high_m) };
+            let lower_m = high_m - width_m;
+            let upper_m = low_m + width_m;
+            let lower_bps = rate_bps(lower_m);
+            let upper_bps = rate_bps(upper_m);
+            let is_below = lower_bps >= upper_bps;
+            let (z_m, z_bps) = if is_below { (lower_m, lower_bps) } else { (upper_m, upper_bps) };
+            (low_m, high_m) = if is_below { (low_m, upper_m) } else { (lower_m, high_m) };
             if z_bps > best_bps {
                 (best_m, best_bps) = (z_m, z_bps);
             }
@@ -131,42 +168,10 @@ impl SpatialProblem {
         best_m
     }
 
-    /// The altitude [m] at `share` of the range, 0 for the lowest; at 0 and 1 its ends, to the bit.
-    pub(crate) fn altitude_m(&self, share: f64) -> f64 {
+    /// The altitude [m] at `fraction` of the range, 0 for the lowest; at 0 and 1 its ends, to the bit.
+    pub(crate) fn altitude_m(&self, fraction: f64) -> f64 {
         let [low_m, high_m] = self.altitudes_m;
-        (low_m * (1.0 - share) + high_m * share).max(low_m).min(high_m)
-    }
-}
-
-/// The slopes of [`LosLink::expected_rate_bps`].
-///
-/// `∂E/∂D² = P_L R_L' + (1 − P_L) R_N'` with `R' = −W log2(e) (α/2) γ / (D² (D^α + γ))`, and
-/// `∂E/∂θ = P_L' (R_L − R_N)`.
-pub(crate) fn slopes(link: &LosLink, d2_m2: f64, z_m: f64) -> Slopes {
-    let probability = link.los_probability(d2_m2, z_m);
-    let distance2_m2 = d2_m2 + z_m * z_m;
-    let fall = |snr: f64, exponent: f64| {
-        let kappa = exponent / 2.0;
-        link.bandwidth_hz * LOG2_E * kappa * snr / (distance2_m2 * (distance2_m2.powf(kappa) + snr))
-    };
-    let (los_fall, nlos_fall) = (fall(link.los_snr, link.los_exponent), fall(link.nlos_snr, link.nlos_exponent));
-    let steepness = steepness(&link.curve, elevation_deg(d2_m2, z_m));
-    Slopes {
-        by_distance2: -(probability * los_fall + (1.0 - probability) * nlos_fall),
-        by_elevation: steepness * (link.los_rate_bps(d2_m2, z_m) - link.nlos_rate_bps(d2_m2, z_m)),
-    }
-}
-
-/// How fast the chance of line of sight rises with the elevation angle `theta_deg` [deg], `P_L'` [1/°].
-fn steepness(curve: &LosCurve, theta_deg: f64) -> f64 {
-    let probability = curve.probability(theta_deg);
-    match *curve {
-        LosCurve::Sigmoid { b, .. } => b * probability * (1.0 - probability),
-        // Where the curve is held at 0 it is flat; P_L = b3 + b4 σ and b3 + b4 = 1, so that 1 − P_L = b4 (1 − σ).
-        LosCurve::Logistic { b2, b3, b4, .. } if probability > 0.0 => {
-            b2 * (probability - b3) / b4 * (1.0 - probability)
-        }
-        LosCurve::Logistic { .. } => 0.0,
+        (low_m * (1.0 - fraction) + high_m * fraction).max(low_m).min(high_m)
     }
 }
 
@@ -174,11 +179,14 @@ fn steepness(curve: &LosCurve, theta_deg: f64) -> f64 {
 pub(crate) mod tests {
     use super::*;
     use proptest::prelude::*;
+    use skysink_common::channel::LineOfSight;
+    use skysink_common::scenario::LosCurve;
 
     /// Dense urban surroundings, bandwidth 1 Hz, 0.1 W over −109 dBm: `γ = 0.1 · 1e−6/(1.259e−14 · 6.607) = 1.202e6`.
-    pub(crate) fn dense_urban() -> LosLink {
-        LosLink {
+    pub(crate) fn dense_urban() -> LineOfSight {
+        LineOfSight {
             bandwidth_hz: 1.0,
+            comm_s: 0.1,
             curve: LosCurve::Sigmoid { a: 12.08, b: 0.11 },
             los_snr: 1.202e6,
             nlos_snr: 1.202e4,
@@ -188,11 +196,12 @@ pub(crate) mod tests {
     }
 
     /// The problem of the SNs at `places_m` [m] for a UAV 80 m around the origin, `d_c` = 60 m.
-    pub(crate) fn posed(link: LosLink, places_m: &[[f64; 2]], altitudes_m: [f64; 2]) -> SpatialProblem {
-        let targets: Vec<Position> = places_m.iter().map(|&place| place.into()).collect();
+    pub(crate) fn posed(model: LineOfSight, places_m: &[[f64; 2]], altitudes_m: [f64; 2]) -> Problem {
+        let target = |&place: &[f64; 2]| Target { position: place.into(), gain: 1.0 };
+        let targets: Vec<Target> = places_m.iter().map(target).collect();
         let mut disks = vec![Disk { centre: Position::origin(), radius_m: 80.0 }];
-        disks.extend(targets.iter().map(|&centre| Disk { centre, radius_m: 60.0 }));
-        SpatialProblem { link, targets, disks, altitudes_m }
+        disks.extend(targets.iter().map(|target| Disk { centre: target.position, radius_m: 60.0 }));
+        Problem { channel: Channel::LineOfSight(model), targets, disks, altitudes_m }
     }
 
     pub(crate) fn curves() -> impl Strategy<Value = LosCurve> {
@@ -225,7 +234,7 @@ pub(crate) mod tests {
 
     #[test]
     fn the_best_altitude_of_a_far_sensor_node_lies_between() {
-        // From far below the horizon's chance to far above its reach: no end of the range is best.
+        // From where it is hardly ever in line of sight to where it is far away: no end of the range is best.
         let problem = posed(dense_urban(), &[[50.0, 0.0]], [1.0, 5_000.0]);
         let best_m = problem.best_altitude_m(&Position::origin());
         let slope = problem.ascent(&Point3::new(0.0, 0.0, best_m));
@@ -248,14 +257,12 @@ pub(crate) mod tests {
             exponents in (1.5..6.0, 2.0..6.0),
             at in (-40.0..40.0, -40.0..40.0, 10.0..150.0),
         ) {
-            let link = LosLink { curve, los_exponent: exponents.0, nlos_exponent: exponents.1, ..dense_urban() };
+            let link = LineOfSight { curve, los_exponent: exponents.0, nlos_exponent: exponents.1, ..dense_urban() };
             let problem = posed(link, &[[50.0, 3.0], [-45.0, 10.0], [0.0, 60.0]], [10.0, 150.0]);
             let at = Point3::new(at.0, at.1, at.2);
             let slope = problem.ascent(&at);
             // A logistic curve has a corner where it reaches 0, which no difference may straddle.
-            let flat = |target: &Position| {
-                link.los_probability(distance_squared(target, &at.xy()), at.z) > 1e-3
-            };
+            let flat = |target: &Target| link.los_probability(target.uplink(&at).d2_m2, at.z) > 1e-3;
             prop_assume!(problem.targets.iter().all(flat));
             for axis in 0..3 {
                 let mut step = Vector3::zeros();
@@ -272,7 +279,7 @@ pub(crate) mod tests {
             range in (10.0..60.0, 0.0..100.0),
         ) {
             let places: Vec<[f64; 2]> = places.into_iter().map(|(x_m, y_m)| [x_m, y_m]).collect();
-            let link = LosLink { curve, ..dense_urban() };
+            let link = LineOfSight { curve, ..dense_urban() };
             let problem = posed(link, &places, [range.0, range.0 + range.1]);
             let rate_bps = |z_m: f64| problem.rate_bps(&Point3::new(0.0, 0.0, z_m));
             let best_m = problem.best_altitude_m(&Position::origin());
