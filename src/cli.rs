@@ -13,7 +13,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use skysink_common::scenario::{Overrides, Scenario, Strategy};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
-use skysink_ring::node::stop_on_signals;
+use skysink_ring::wait::stop_on_signals;
 
 use crate::error::Error;
 use crate::run::run;

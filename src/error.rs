@@ -7,9 +7,7 @@ use skysink_common::scenario::ScenarioError;
 use skysink_common::sensors::SensorListError;
 use skysink_common::stop::Stopped;
 use skysink_mission::MissionError;
-use skysink_ring::journal::JournalError;
-use skysink_ring::node::NodeError;
-use skysink_ring::ring::RingError;
+use skysink_ring::error::{JournalError, NodeError, RingError};
 
 /// Why a command fails; the display is one line.
 #[derive(Debug, thiserror::Error)]

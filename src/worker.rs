@@ -7,8 +7,10 @@ use clap::{Args, Parser};
 use iceoryx2::prelude::{LogLevel, set_log_level_from_env_or};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
-use skysink_ring::node::{NodeError, Role, stop_on_signals};
-use skysink_ring::ring_folder::RingFolder;
+use skysink_ring::error::NodeError;
+use skysink_ring::folder::RingFolder;
+use skysink_ring::role::Role;
+use skysink_ring::wait::stop_on_signals;
 
 /// Where the run is.
 #[derive(Debug, Args)]

@@ -18,11 +18,11 @@ use skysink_common::stop::{Stop, Stopped};
 use skysink_mission::mission::Mission;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
-use skysink_ring::node::{NodeError, Role};
-use skysink_ring::ring::Ring;
-use skysink_ring::ring_folder::RingFolder;
-use skysink_ring::topic::{PATH_BUFFER, VIEWER_BUFFER};
-use skysink_ring::waiting::Waiting;
+use skysink_ring::error::NodeError;
+use skysink_ring::folder::RingFolder;
+use skysink_ring::role::Role;
+use skysink_ring::topics::{PATH_BUFFER, Ring, VIEWER_BUFFER};
+use skysink_ring::wait::Waiting;
 
 fn smoke(strategy: Strategy, seed: u64) -> Scenario {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/smoke.toml");
@@ -63,7 +63,7 @@ fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, or
             let (stop, path) = (stop.clone(), meeting.path());
             scope.spawn(move || nodes[node](scenario, &RingFolder::open(path)?, &stop))
         });
-        let mut patience = ring.patience(&meeting, None, &stop).unwrap();
+        let mut patience = ring.wait_context(&meeting, None, &stop).unwrap();
         recorder.record(scenario.slots, &mut patience, &mut log, &mut tally, |_| Ok(ViewerState::There)).unwrap();
         recorder.release(scenario.slots, log.hash()).unwrap();
         for thread in threads {
@@ -113,9 +113,9 @@ fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
     thread::scope(|scope| {
         let spectator = scope.spawn(|| {
             let folder = RingFolder::open(meeting.path()).unwrap();
-            let claim = folder.claim(Role::Viewer).unwrap();
-            let ring = Ring::<S>::open(&folder, scenario, Role::Viewer, &claim).unwrap();
-            let mut patience = ring.patience(&folder, Some(claim), &stop).unwrap();
+            let seat = folder.take_seat(Role::Viewer).unwrap();
+            let ring = Ring::<S>::open(&folder, scenario, Role::Viewer, &seat).unwrap();
+            let mut patience = ring.wait_context(&folder, Some(seat), &stop).unwrap();
             let mut paths = ring.path.reader(PATH_BUFFER).unwrap();
             let mut plans = ring.plan.reader(VIEWER_BUFFER).unwrap();
             there.wait();
@@ -131,7 +131,7 @@ fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
             let (stop, path) = (stop.clone(), meeting.path());
             scope.spawn(move || node(scenario, &RingFolder::open(path)?, &stop))
         });
-        let mut patience = ring.patience(&meeting, None, &stop).unwrap();
+        let mut patience = ring.wait_context(&meeting, None, &stop).unwrap();
         recorder.record(scenario.slots, &mut patience, &mut log, &mut tally, |_| Ok(ViewerState::There)).unwrap();
         recorder.release(scenario.slots, log.hash()).unwrap();
         for thread in threads {

@@ -5,8 +5,9 @@
 use bytemuck::{Pod, Zeroable};
 use skysink_common::ledger::Totals;
 use skysink_common::message::FlightReport;
-use skysink_ring::journal::{Journal, JournalError, Record};
-use skysink_ring::ring_folder::RingFolder;
+use skysink_ring::error::JournalError;
+use skysink_ring::folder::RingFolder;
+use skysink_ring::journal::{Journal, Record};
 
 use crate::field::{Field, SlotBits};
 
@@ -135,7 +136,7 @@ mod tests {
     use skysink_common::pace::Pace;
     use skysink_common::scenario::{Overrides, Scenario};
     use skysink_common::sensors::SensorList;
-    use skysink_ring::waiting::Waiting;
+    use skysink_ring::wait::Waiting;
 
     fn field() -> Field {
         let scenario = Scenario::letter(Overrides::default()).unwrap();

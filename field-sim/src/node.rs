@@ -7,10 +7,10 @@ use skysink_common::message::{FLAG_END, FLAG_TICK, QueuesHeader, SlotHeader};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
-use skysink_ring::node::{NodeError, Role};
-use skysink_ring::ring::{Ring, RingError};
-use skysink_ring::ring_folder::RingFolder;
-use skysink_ring::topic::{Full, RING_BUFFER};
+use skysink_ring::error::{NodeError, RingError};
+use skysink_ring::folder::RingFolder;
+use skysink_ring::role::Role;
+use skysink_ring::topics::{Full, RING_BUFFER, Ring};
 
 use crate::field::{Field, SlotBits};
 use crate::memory::{Memory, Reached};
@@ -22,9 +22,9 @@ use crate::memory::{Memory, Reached};
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
     let list = SensorList::of(scenario)?;
-    let claim = folder.claim(Role::FieldSim)?;
-    let ring = Ring::<S>::open(folder, scenario, Role::FieldSim, &claim)?;
-    let mut patience = ring.patience(folder, Some(claim), stop)?;
+    let seat = folder.take_seat(Role::FieldSim)?;
+    let ring = Ring::<S>::open(folder, scenario, Role::FieldSim, &seat)?;
+    let mut patience = ring.wait_context(folder, Some(seat), stop)?;
     let (pace, full, timeout) = (ring.terms.pace, Full::of(ring.terms.pace), ring.timeout());
     let sensors = ring.sensors.list_writer(list.sensors().len(), full, stop, timeout)?;
     let queues = ring.queues.list_writer(list.sensors().len(), full, stop, timeout)?;

@@ -1,8 +1,9 @@
 //! What flight-sim remembers across its own death: its last flights, so that what was flown stays flown.
 
 use skysink_common::message::FlightReport;
-use skysink_ring::journal::{Journal, JournalError};
-use skysink_ring::ring_folder::RingFolder;
+use skysink_ring::error::JournalError;
+use skysink_ring::folder::RingFolder;
+use skysink_ring::journal::Journal;
 
 /// Flights that are kept: the last two, and room for one that is cut.
 const FLIGHTS: u64 = 4;
@@ -52,7 +53,7 @@ mod tests {
     use super::*;
     use skysink_common::message::Mode;
     use skysink_common::pace::Pace;
-    use skysink_ring::waiting::Waiting;
+    use skysink_ring::wait::Waiting;
 
     #[test]
     fn the_last_two_flights_are_recalled_in_order() {

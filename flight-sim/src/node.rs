@@ -5,11 +5,11 @@ use skysink_common::message::{FLAG_END, FlightReport, HoldReason, QueuesHeader};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
-use skysink_ring::node::{NodeError, Role};
+use skysink_ring::error::{NodeError, RingError};
+use skysink_ring::folder::RingFolder;
 use skysink_ring::refusals::{Refusal, Refusals};
-use skysink_ring::ring::{Ring, RingError};
-use skysink_ring::ring_folder::RingFolder;
-use skysink_ring::topic::{Full, RING_BUFFER};
+use skysink_ring::role::Role;
+use skysink_ring::topics::{Full, RING_BUFFER, Ring};
 
 use crate::flight::Flight;
 use crate::memory::Memory;
@@ -20,9 +20,9 @@ use crate::memory::Memory;
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
-    let claim = folder.claim(Role::FlightSim)?;
-    let ring = Ring::<S>::open(folder, scenario, Role::FlightSim, &claim)?;
-    let mut patience = ring.patience(folder, Some(claim), stop)?;
+    let seat = folder.take_seat(Role::FlightSim)?;
+    let ring = Ring::<S>::open(folder, scenario, Role::FlightSim, &seat)?;
+    let mut patience = ring.wait_context(folder, Some(seat), stop)?;
     let pace = ring.terms.pace;
     let flights = ring.flight.writer(Full::of(pace), stop, ring.timeout())?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;

@@ -8,12 +8,12 @@ use skysink_common::pace::Pace;
 use skysink_common::path::{MAX_POINTS, PathPoint};
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
-use skysink_ring::node::{NodeError, Role};
+use skysink_ring::error::{NodeError, RingError};
+use skysink_ring::folder::RingFolder;
 use skysink_ring::reader::Found;
 use skysink_ring::refusals::Refusal;
-use skysink_ring::ring::{Ring, RingError};
-use skysink_ring::ring_folder::RingFolder;
-use skysink_ring::topic::{Full, RING_BUFFER};
+use skysink_ring::role::Role;
+use skysink_ring::topics::{Full, RING_BUFFER, Ring};
 use skysink_ring::writer::Writer;
 
 use crate::planner::Planner;
@@ -24,9 +24,9 @@ use crate::recollection::Recollection;
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
-    let claim = folder.claim(Role::Planner)?;
-    let ring = Ring::<S>::open(folder, scenario, Role::Planner, &claim)?;
-    let mut patience = ring.patience(folder, Some(claim), stop)?;
+    let seat = folder.take_seat(Role::Planner)?;
+    let ring = Ring::<S>::open(folder, scenario, Role::Planner, &seat)?;
+    let mut patience = ring.wait_context(folder, Some(seat), stop)?;
     // Before the plans, so that whoever has a plan finds the writer of its path.
     let path_writer = || ring.path.list_writer(MAX_POINTS, Full::Miss, stop, ring.timeout());
     let paths = scenario.planner.strategy.has_path().then(path_writer).transpose()?;

@@ -1,8 +1,9 @@
 //! What a planner process remembers across its own death: what it carried and believed after each of its last slots.
 
 use skysink_common::scenario::Scenario;
-use skysink_ring::journal::{Journal, JournalError};
-use skysink_ring::ring_folder::RingFolder;
+use skysink_ring::error::JournalError;
+use skysink_ring::folder::RingFolder;
+use skysink_ring::journal::Journal;
 
 use crate::estimate::BYTES_EACH;
 use crate::planner::Planner;
@@ -63,7 +64,7 @@ mod tests {
     use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, SensorNode};
     use skysink_common::pace::Pace;
     use skysink_common::scenario::{Knowledge, Overrides, Rates, Strategy};
-    use skysink_ring::waiting::Waiting;
+    use skysink_ring::wait::Waiting;
 
     fn nodes() -> Vec<SensorNode> {
         let node = |i: u32| SensorNode {

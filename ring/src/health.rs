@@ -5,7 +5,7 @@ use std::fmt;
 
 use iceoryx2::prelude::ZeroCopySend;
 
-use crate::node::Role;
+use crate::role::Role;
 
 /// What has become of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -12,15 +12,7 @@ use std::path::{Path, PathBuf};
 use rustix::io::{Errno, pwritev};
 use xxhash_rust::xxh3::Xxh3;
 
-/// Why a journal cannot be used.
-#[derive(Debug, thiserror::Error)]
-#[error("journal {}: {source}", path.display())]
-pub struct JournalError {
-    /// The file.
-    pub path: PathBuf,
-    /// What the system says.
-    pub source: io::Error,
-}
+use crate::error::JournalError;
 
 /// The last records of a process, by slot, each in its place of a file. A record that was cut by a kill is as if it had
 /// not been written, and leaves the others whole.

@@ -1,18 +1,28 @@
 //! The transport of the ring: what its processes share beside the model. The only crate beside the nodes that knows iceoryx2.
 //!
-//! Roles and their claims, topics with their writers and readers, waiting, journals, the folder in which the processes of a
-//! run meet, and the clearing up after processes that were killed. What the messages mean is left to `skysink-common`.
+//! What the messages mean is left to `skysink-common`. Each file imports only files above it:
+//!
+//! | file | holds |
+//! |---|---|
+//! | [`error`] | why a ring cannot be used, why a process ends early |
+//! | [`role`] | who takes part; the seat of a role |
+//! | [`wait`] | how a process waits, and what ends a wait |
+//! | [`folder`] | where the processes of a run meet |
+//! | [`health`], [`refusals`] | what becomes of processes; what they do not accept |
+//! | [`cleanup`] | what killed processes leave behind |
+//! | [`journal`] | what a process saves across its own death |
+//! | [`admission`], [`reader`], [`writer`] | the two ends of a topic |
+//! | [`topics`] | the table of topics |
 
-pub mod claim;
-pub mod dead;
+pub mod admission;
+pub mod cleanup;
+pub mod error;
+pub mod folder;
 pub mod health;
-pub mod janitor;
 pub mod journal;
-pub mod node;
 pub mod reader;
 pub mod refusals;
-pub mod ring;
-pub mod ring_folder;
-pub mod topic;
-pub mod waiting;
+pub mod role;
+pub mod topics;
+pub mod wait;
 pub mod writer;

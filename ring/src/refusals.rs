@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::fmt;
 use std::rc::Rc;
 
-use crate::node::Role;
+use crate::role::Role;
 
 /// Why a sample is not accepted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -11,8 +11,8 @@ use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::*;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
 
-use crate::ring::RingError;
-use crate::topic::Header;
+use crate::admission::Header;
+use crate::error::RingError;
 
 /// The writing end of a topic.
 #[derive(Debug)]

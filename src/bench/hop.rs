@@ -15,10 +15,9 @@ use iceoryx2::prelude::*;
 use skysink_common::message::{FlightReport, Plan};
 use skysink_common::pace::Pace;
 use skysink_common::stop::Stop;
-use skysink_ring::node::NodeError;
-use skysink_ring::ring::RingError;
-use skysink_ring::ring_folder::RingFolder;
-use skysink_ring::waiting::Waiting;
+use skysink_ring::error::{NodeError, RingError};
+use skysink_ring::folder::RingFolder;
+use skysink_ring::wait::Waiting;
 
 use super::Times;
 use super::transport::Socket;
@@ -238,7 +237,7 @@ impl Shared {
         let begin = Instant::now();
         let mut found = look(self)?;
         while found.is_none() {
-            found = wait.look(self, |shared| &shared.listener, look)?;
+            found = wait.poll(self, |shared| &shared.listener, look)?;
             missing_after(begin)?;
         }
         Ok(())

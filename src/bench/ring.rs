@@ -8,7 +8,7 @@ use std::time::Duration;
 use serde::Serialize;
 use skysink_common::pace::Pace;
 use skysink_common::stop::Stop;
-use skysink_ring::waiting::Waiting;
+use skysink_ring::wait::Waiting;
 
 use super::hop::{Medium, Rounds};
 use super::{Effort, counts, letter_text, median, median_spread};

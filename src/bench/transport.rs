@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use skysink_common::stop::Stop;
-use skysink_ring::waiting::Waiting;
+use skysink_ring::wait::Waiting;
 
 use super::hop::{HOPS, Medium, Rounds, missing_after};
 use super::{Effort, counts, median_spread};

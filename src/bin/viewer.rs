@@ -7,7 +7,8 @@ use clap::Parser;
 use iceoryx2::prelude::ipc;
 use skysink::worker::{self, Place};
 use skysink_common::stop::Stop;
-use skysink_ring::node::{Role, stop_on_signals};
+use skysink_ring::role::Role;
+use skysink_ring::wait::stop_on_signals;
 use skysink_viewer::node::{ViewerError, run};
 use skysink_viewer::{Existing, Sinks};
 

@@ -6,7 +6,7 @@ use std::time::Duration;
 use clap::builder::PossibleValue;
 use clap::{Args, ValueEnum};
 use skysink_common::stop::Stop;
-use skysink_ring::waiting::Waiting;
+use skysink_ring::wait::Waiting;
 
 use crate::bench::hop::{Medium, Place, Rounds};
 use crate::bench::{Effort, Part, measure};

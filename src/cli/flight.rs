@@ -7,8 +7,8 @@ use clap::{Args, ValueEnum};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
-use skysink_ring::node::Role;
-use skysink_ring::waiting::Waiting;
+use skysink_ring::role::Role;
+use skysink_ring::wait::Waiting;
 
 use super::Choice;
 use crate::error::Error;

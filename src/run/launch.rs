@@ -10,9 +10,8 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime};
 
 use rustix::process::{Pid, Signal, kill_process};
-use skysink_ring::claim::last_beat;
 use skysink_ring::health::Fate;
-use skysink_ring::node::Role;
+use skysink_ring::role::{Role, last_heartbeat};
 
 use crate::error::Error;
 use crate::run::restart::{GivenUp, MAX_RESTARTS, Restart, Restarts, WINDOW};
@@ -147,7 +146,7 @@ impl Crew {
                 worker.due = Some(worker.restarts.next(now, refused).map_err(|why| ended(role, status, why, slot))?);
                 continue;
             }
-            if let Some(fate) = worker.pulse.feel(last_beat(&self.ring, role), now) {
+            if let Some(fate) = worker.pulse.feel(last_heartbeat(&self.ring, role), now) {
                 fates.push((role, fate));
             }
             let hung = worker.pulse.silent_for(self.patience, now) && slot < last_slot;
@@ -204,7 +203,7 @@ impl Worker {
 
     fn start_again(&mut self, ring: &Path, say: &Say, roster: &Roster) -> Result<(), Error> {
         self.join_messages();
-        let pulse = Pulse::begin(last_beat(ring, self.job.role));
+        let pulse = Pulse::begin(last_heartbeat(ring, self.job.role));
         (self.child, self.messages) = spawn(&self.path, &self.job, &self.job.again, say, roster)?;
         (self.ended, self.due, self.pulse) = (None, None, pulse);
         Ok(())

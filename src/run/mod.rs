@@ -17,12 +17,11 @@ use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
-use skysink_ring::janitor::Janitor;
-use skysink_ring::node::Role;
-use skysink_ring::ring::Ring;
-use skysink_ring::ring_folder::RingFolder;
-use skysink_ring::topic::VIEWER_BUFFER;
-use skysink_ring::waiting::Waiting;
+use skysink_ring::cleanup::Janitor;
+use skysink_ring::folder::RingFolder;
+use skysink_ring::role::Role;
+use skysink_ring::topics::{Ring, VIEWER_BUFFER};
+use skysink_ring::wait::Waiting;
 
 use crate::error::Error;
 use crate::report::Progress;
@@ -190,7 +189,7 @@ fn fly(
         progress.say(&format!("waiting for {role}: {role} {}", arguments.join(" ")));
     }
     let mut watch = Watch::new(&ring, crew, progress, run.scenario.slots, slot, stop)?;
-    let mut patience = ring.patience(meeting, None, stop)?;
+    let mut patience = ring.wait_context(meeting, None, stop)?;
     let slots = run.scenario.slots;
     let recorded = recorder.record(slots, &mut patience, log, tally, |tally| watch.look(tally));
     let ended = match recorded {

@@ -7,10 +7,11 @@ use iceoryx2::prelude::Service;
 use skysink_common::message::{Commit, FLAG_END, FLAG_TICK, FlightReport, HoldReason, Plan, QueuesHeader, SlotHeader};
 use skysink_common::pace::Pace;
 use skysink_common::stop::Stop;
-use skysink_ring::node::{NodeError, Patience, Role};
+use skysink_ring::error::NodeError;
 use skysink_ring::reader::Reader;
-use skysink_ring::ring::{Ring, VIEWER_READY};
-use skysink_ring::topic::{Full, VIEWER_BUFFER};
+use skysink_ring::role::Role;
+use skysink_ring::topics::{Full, Ring, VIEWER_BUFFER, VIEWER_READY};
+use skysink_ring::wait::WaitContext;
 use skysink_ring::writer::Writer;
 
 use crate::error::Error;
@@ -78,7 +79,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
     pub fn record(
         &mut self,
         slots: u64,
-        patience: &mut Patience,
+        patience: &mut WaitContext,
         log: &mut SlotLog,
         tally: &mut Tally,
         mut care: impl FnMut(&Tally) -> Result<ViewerState, Error>,
@@ -132,7 +133,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
     fn gather(
         &mut self,
         first: u64,
-        patience: &mut Patience,
+        patience: &mut WaitContext,
         mut idle: impl FnMut() -> Result<ViewerState, Error>,
     ) -> Result<QueuesHeader, Error> {
         let header = self.state(first, patience, &mut idle)?;
@@ -147,7 +148,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         self.plans.wait_until_there(patience, first + 1, &mut look)?;
         self.note(state)?;
         self.wait_for_viewer(patience, idle)?;
-        self.queues.step_back(&self.ring.queues)?; // the planner is in a hurry, a record is not
+        self.queues.reattach(self.ring.queues.listener()?); // the planner is in a hurry, a record is not
         Ok(header)
     }
 
@@ -163,7 +164,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
     /// Waits until the viewer has said that it is there.
     fn wait_for_viewer(
         &mut self,
-        patience: &mut Patience,
+        patience: &mut WaitContext,
         mut idle: impl FnMut() -> Result<ViewerState, Error>,
     ) -> Result<(), Error> {
         let deadline = Instant::now() + self.ring.timeout();
@@ -190,7 +191,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
     fn state(
         &mut self,
         slot: u64,
-        patience: &mut Patience,
+        patience: &mut WaitContext,
         mut care: impl FnMut() -> Result<ViewerState, Error>,
     ) -> Result<QueuesHeader, Error> {
         let (ring, commits, begin) = (self.ring, &self.commits, Instant::now());
@@ -225,7 +226,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
     fn next(
         &mut self,
         slot: u64,
-        patience: &mut Patience,
+        patience: &mut WaitContext,
         mut care: impl FnMut() -> Result<ViewerState, Error>,
     ) -> Result<Seen, Error> {
         let header = self.state(slot, patience, &mut care)?;

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
-use skysink_ring::node::Role;
+use skysink_ring::role::Role;
 
 /// What is done about a process that ends before the mission does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

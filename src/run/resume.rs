@@ -13,7 +13,7 @@ use skysink_mission::summary::Tally;
 use skysink_mission::trace::RecordedSlot;
 use skysink_mission::{Mission, MissionError};
 use skysink_planner::recollection::Recollection;
-use skysink_ring::ring_folder::RingFolder;
+use skysink_ring::folder::RingFolder;
 
 use crate::error::Error;
 

@@ -8,9 +8,8 @@ use iceoryx2::prelude::Service;
 use skysink_common::message::SlotHeader;
 use skysink_common::stop::Stop;
 use skysink_ring::health::{Fate, Health};
-use skysink_ring::node::Role;
-use skysink_ring::ring::Ring;
-use skysink_ring::topic::Full;
+use skysink_ring::role::Role;
+use skysink_ring::topics::{Full, Ring};
 use skysink_ring::writer::Writer;
 
 use crate::error::Error;

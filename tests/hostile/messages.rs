@@ -1,7 +1,7 @@
 //! Plans that are none of their slot, of their run, or far too many.
 
 use skysink_common::message::{Plan, SlotHeader};
-use skysink_ring::ring_folder::RingFolder;
+use skysink_ring::folder::RingFolder;
 
 use crate::audit::{audit, said, trace};
 use crate::intruder::{Intruder, send};

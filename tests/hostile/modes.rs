@@ -37,7 +37,7 @@ fn assert_private(rogue: &Rogue) {
     // In a folder that is closed, these would not need to be.
     let private = |path: &&PathBuf| {
         let kind = path.extension().unwrap_or_default().to_string_lossy().into_owned();
-        ["claim", "journal", "event", "service", "details", "toml"].contains(&kind.as_str())
+        ["seat", "journal", "event", "service", "details", "toml"].contains(&kind.as_str())
     };
     for path in inside.iter().filter(private) {
         assert_eq!(mode(path).unwrap() & OTHERS, 0, "{}", path.display());
@@ -45,7 +45,7 @@ fn assert_private(rogue: &Rogue) {
     let sockets =
         inside.iter().filter(|path| fs::symlink_metadata(path).is_ok_and(|file| file.file_type().is_socket()));
     let named = |name: &str| inside.iter().any(|path| path.ends_with(name));
-    assert!(sockets.count() > 0 && named("planner.claim") && named("flights.journal"), "{inside:?}");
+    assert!(sockets.count() > 0 && named("planner.seat") && named("flights.journal"), "{inside:?}");
 
     let ours = |path: &PathBuf| path.file_name().unwrap().to_string_lossy().starts_with(&rogue.folder.prefix());
     let shared: Vec<_> = below(Path::new("/dev/shm")).into_iter().filter(ours).collect();

@@ -7,7 +7,7 @@ use iceoryx2::prelude::ipc;
 use skysink_common::message::SlotHeader;
 use skysink_common::path::{MAX_POINTS, PathPoint};
 use skysink_common::stop::Stop;
-use skysink_ring::topic::Full;
+use skysink_ring::topics::Full;
 use skysink_ring::writer::Writer;
 
 use crate::audit::said;

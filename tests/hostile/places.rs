@@ -4,8 +4,8 @@ use iceoryx2::prelude::*;
 use skysink_common::message::{SensorNode, SlotHeader};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::{Overrides, Scenario};
-use skysink_ring::ring_folder::RingFolder;
-use skysink_ring::waiting::Waiting;
+use skysink_ring::folder::RingFolder;
+use skysink_ring::wait::Waiting;
 
 use crate::rogue::{LONG_S, SMOKE, begin_with_rogue};
 use crate::support::{Place, end};
@@ -59,7 +59,7 @@ fn a_ring_of_another_version_or_scenario_is_refused_with_the_remedy() {
     let place = Place::new();
     let scenario = Scenario::read(SMOKE.as_ref(), Overrides::default()).unwrap();
     let hash = format!("{:016x}", scenario.hash());
-    let (version, program) = (skysink_ring::ring::SCHEMA, env!("CARGO_PKG_VERSION"));
+    let (version, program) = (skysink_ring::topics::SCHEMA, env!("CARGO_PKG_VERSION"));
     let build = "use the executables of one build";
     let file = "pass the scenario.toml of the run's folder";
     for (terms, what, remedy) in [

@@ -18,7 +18,7 @@ fn fly_with_deaf_reader<R>(place: &Place, arguments: &[&str], intrude: impl Fn(&
     let (run, mut rogue) = begin_with_rogue(place, SMOKE, SHORT_S, arguments);
     let intruder = Intruder::join(&rogue.folder);
     let mut deaf = None;
-    let mut fly = |rogue: &mut Rogue| -> Result<(), skysink_ring::node::NodeError> {
+    let mut fly = |rogue: &mut Rogue| -> Result<(), skysink_ring::error::NodeError> {
         while let Some(turn) = rogue.try_next()? {
             if turn.slot == 20 {
                 deaf = Some(intrude(&intruder));

@@ -9,11 +9,12 @@ use skysink_common::message::{FLAG_END, FLAG_TICK, FlightReport, Plan, QueuesHea
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
 use skysink_planner::Planner;
-use skysink_ring::node::{NodeError, Patience, Role};
+use skysink_ring::error::{NodeError, RingError};
+use skysink_ring::folder::RingFolder;
 use skysink_ring::reader::Reader;
-use skysink_ring::ring::{Ring, RingError};
-use skysink_ring::ring_folder::RingFolder;
-use skysink_ring::topic::{Full, RING_BUFFER};
+use skysink_ring::role::Role;
+use skysink_ring::topics::{Full, RING_BUFFER, Ring};
+use skysink_ring::wait::WaitContext;
 use skysink_ring::writer::Writer;
 
 use crate::support::{Place, until};
@@ -27,7 +28,7 @@ pub struct Rogue {
     pub ring: Ring<ipc::Service>,
     pub sensors: Vec<SensorNode>,
     planner: Planner,
-    patience: Patience,
+    patience: WaitContext,
     plans: Writer<ipc::Service, Plan, SlotHeader>,
     queues: Reader<ipc::Service, [u32], QueuesHeader>,
     flights: Reader<ipc::Service, FlightReport, SlotHeader>,
@@ -81,10 +82,10 @@ pub fn open_folder(place: &Place, ring: &str) -> (Scenario, RingFolder) {
 impl Rogue {
     pub fn join(place: &Place, ring: &str) -> Self {
         let (scenario, folder) = open_folder(place, ring);
-        let claim = folder.claim(Role::Planner).unwrap();
-        let ring = until("topics", || Ring::<ipc::Service>::open(&folder, &scenario, Role::Planner, &claim).ok());
+        let seat = folder.take_seat(Role::Planner).unwrap();
+        let ring = until("topics", || Ring::<ipc::Service>::open(&folder, &scenario, Role::Planner, &seat).ok());
         let stop = Stop::default();
-        let mut patience = ring.patience(&folder, Some(claim), &stop).unwrap();
+        let mut patience = ring.wait_context(&folder, Some(seat), &stop).unwrap();
         let plans = ring.plan.writer(Full::of(ring.terms.pace), &stop, ring.timeout()).unwrap();
         let mut nodes = ring.sensors.reader(RING_BUFFER).unwrap();
         let (queues, flights) = (ring.queues.reader(RING_BUFFER).unwrap(), ring.flight.reader(RING_BUFFER).unwrap());

@@ -12,13 +12,14 @@ use skysink_common::pace::Pace;
 use skysink_common::path::{PathPoint, believable};
 use skysink_common::scenario::{Area, Scenario};
 use skysink_common::stop::Stop;
+use skysink_ring::error::{NodeError, RingError};
+use skysink_ring::folder::RingFolder;
 use skysink_ring::health::Health;
-use skysink_ring::node::{NodeError, Patience, Role};
 use skysink_ring::reader::{Found, Reader, Receive};
 use skysink_ring::refusals::Refusal;
-use skysink_ring::ring::{Ring, RingError, VIEWER_READY};
-use skysink_ring::ring_folder::RingFolder;
-use skysink_ring::topic::{PATH_BUFFER, RING_BUFFER, VIEWER_BUFFER};
+use skysink_ring::role::Role;
+use skysink_ring::topics::{PATH_BUFFER, RING_BUFFER, Ring, VIEWER_BUFFER, VIEWER_READY};
+use skysink_ring::wait::WaitContext;
 
 use crate::{Level, Scene, SceneError, Sinks, SlotView, Timing};
 
@@ -61,9 +62,9 @@ pub fn run<S: Service + 'static>(
     stop: &Stop,
     sinks: &Sinks,
 ) -> Result<u64, ViewerError> {
-    let claim = folder.claim(Role::Viewer)?;
-    let ring = Ring::<S>::open(folder, scenario, Role::Viewer, &claim)?;
-    let mut patience = ring.patience(folder, Some(claim), stop)?;
+    let seat = folder.take_seat(Role::Viewer)?;
+    let ring = Ring::<S>::open(folder, scenario, Role::Viewer, &seat)?;
+    let mut patience = ring.wait_context(folder, Some(seat), stop)?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let nodes = sensors.wait_for(&mut patience, 0, |_| true, idle)?;
     let mut scene =
@@ -83,7 +84,7 @@ fn idle() -> Result<(), ViewerError> {
 /// Shows every slot that arrives; returns how many did not.
 fn follow<S: Service + 'static>(
     ring: &Ring<S>,
-    patience: &mut Patience,
+    patience: &mut WaitContext,
     scene: &mut Scene,
     area: &Area,
 ) -> Result<u64, ViewerError> {
@@ -150,7 +151,7 @@ const LEFT_OVERS: Duration = Duration::from_millis(500);
 /// reach it later than the queues do.
 fn wait_for_part<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static>(
     parts: &mut Reader<S, P, SlotHeader>,
-    patience: &mut Patience,
+    patience: &mut WaitContext,
     pace: Pace,
     slot: u64,
     slack: Option<Duration>,
@@ -165,7 +166,7 @@ fn wait_for_part<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static>
 /// Looks for a message for `long`, and at least once.
 fn look_for<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static>(
     parts: &mut Reader<S, P, SlotHeader>,
-    patience: &mut Patience,
+    patience: &mut WaitContext,
     slot: u64,
     long: Duration,
 ) -> Result<Option<Sample<S, P, SlotHeader>>, ViewerError>
@@ -207,7 +208,7 @@ impl<S: Service + 'static> Paths<S> {
     fn of(
         &mut self,
         slot: u64,
-        patience: &mut Patience,
+        patience: &mut WaitContext,
     ) -> Result<Option<Sample<S, [PathPoint], SlotHeader>>, ViewerError> {
         let awaited = slot > 0 && self.looked < BEFORE && self.pace == Pace::Max && self.reader.has_writer();
         self.looked = self.looked.saturating_add(1);

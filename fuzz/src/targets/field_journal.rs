@@ -6,8 +6,8 @@ use skysink_common::ledger::Totals;
 use skysink_common::message::{FlightReport, LinkReport, Mode};
 use skysink_field_sim::Field;
 use skysink_field_sim::memory::{Memory, Reached};
+use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::Journal;
-use skysink_ring::ring_folder::RingFolder;
 
 use super::flight_message::{balanced, report};
 use super::place::{in_ring, spoil};

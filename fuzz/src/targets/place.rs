@@ -6,8 +6,8 @@ use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 use skysink_common::pace::Pace;
-use skysink_ring::ring_folder::RingFolder;
-use skysink_ring::waiting::Waiting;
+use skysink_ring::folder::RingFolder;
+use skysink_ring::wait::Waiting;
 
 use crate::cursor::Cursor;
 

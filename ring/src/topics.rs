@@ -1,4 +1,7 @@
-//! The table of topics: a publish-subscribe service and an event service of the same name for each.
+//! The topics of a run: a publish-subscribe service and an event service of the same name for each.
+//!
+//! Every run has a folder and a prefix of its own, so that two runs never meet. The launcher creates the topics and holds
+//! them; a process of the ring only opens them.
 
 use std::collections::VecDeque;
 use std::fmt::Debug;
@@ -10,19 +13,30 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::{BackpressureAction, BackpressureInfo};
 use iceoryx2::prelude::*;
 use iceoryx2::service::builder::publish_subscribe as publish_subscribe_builder;
-use iceoryx2::service::port_factory::{event, publish_subscribe};
-
-use crate::dead::remove_dead_nodes;
-use crate::health::Health;
-use crate::node::Role;
-use crate::reader::{Door, MAX_EARLY, Reader};
-use crate::refusals::Refusals;
-use crate::ring::RingError;
-use crate::writer::Writer;
+use iceoryx2::service::port_factory::event;
+use rustix::time::{ClockId, clock_gettime};
 use skysink_common::message::{Commit, FlightReport, Plan, QueuesHeader, SensorNode, SlotHeader};
 use skysink_common::pace::Pace;
 use skysink_common::path::PathPoint;
+use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
+
+use crate::admission::{Admission, Data, Header};
+use crate::cleanup::{purge_dead_nodes, remove_dead_nodes};
+use crate::error::RingError;
+use crate::folder::{RingFolder, Terms};
+use crate::health::Health;
+use crate::reader::{MAX_EARLY, Reader};
+use crate::refusals::Refusals;
+use crate::role::{Role, Seat};
+use crate::wait::WaitContext;
+use crate::writer::Writer;
+
+/// Version of the messages and of what they mean; processes of different versions do not meet.
+pub const SCHEMA: &str = "2";
+
+/// Event by which the viewer says that it is connected to every writer, on the topic `commit`.
+pub const VIEWER_READY: usize = 11;
 
 /// Samples that wait for a process of the ring, which is never more than two slots behind.
 pub const RING_BUFFER: usize = 4;
@@ -54,24 +68,6 @@ const WRITE: &str = "write (if all places are taken, end the other program)";
 
 /// How long a full reader is waited for before the dead ones are looked for.
 const CLEAN_UP_AFTER: Duration = Duration::from_millis(20);
-
-/// What is read from a header of any topic.
-pub trait Header: Debug + Default + Copy + ZeroCopySend + 'static {
-    /// Mission, slot and flags.
-    fn head(&self) -> &SlotHeader;
-}
-
-impl Header for SlotHeader {
-    fn head(&self) -> &SlotHeader {
-        self
-    }
-}
-
-impl Header for QueuesHeader {
-    fn head(&self) -> &SlotHeader {
-        &self.head
-    }
-}
 
 /// Name of a topic, and who writes it.
 pub(crate) type Name = (&'static str, Role);
@@ -143,9 +139,6 @@ impl Full {
 /// What makes or opens the publish-subscribe service of a topic.
 type Builder<S, P, H> = publish_subscribe_builder::Builder<P, H, S>;
 
-/// A publish-subscribe service.
-pub(crate) type Data<S, P, H> = publish_subscribe::PortFactory<S, P, H>;
-
 impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header> Topic<S, P, H> {
     /// The builder that makes the topic's service for readers with room for `buffer` samples.
     fn maker(node: &Node<S>, name: &'static str, buffer: usize) -> Result<Builder<S, P, H>, RingError> {
@@ -188,7 +181,7 @@ impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header>
     /// # Errors
     /// If all readers' places are taken, or the system refuses.
     pub fn reader(&self, buffer: usize) -> Result<Reader<S, P, H>, RingError> {
-        let bell = self.listener()?;
+        let listener = self.listener()?;
         let subscriber = self
             .data
             .subscriber_builder()
@@ -196,7 +189,7 @@ impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header>
             .buffer_size(buffer)
             .create()
             .map_err(|error| RingError::topic(self.name, "read", &error))?;
-        let door = Door {
+        let admission = Admission {
             name: self.name,
             mission: self.member.mission,
             config: self.config.clone(),
@@ -204,10 +197,10 @@ impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header>
             refusals: self.member.refusals.clone(),
             several: self.name == HEALTH.0,
             writer: None,
-            stranger: None,
+            second_writer: None,
         };
         let early = VecDeque::with_capacity(MAX_EARLY);
-        Ok(Reader { name: self.name, from: self.from, subscriber, bell, early, door })
+        Ok(Reader { name: self.name, from: self.from, subscriber, listener, early, admission })
     }
 
     /// The wake-ups of the topic, without its samples.
@@ -334,4 +327,160 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
             .map_err(|error| RingError::topic(self.name, WRITE, &error))?;
         Ok(Writer { name: self.name, publisher, notifier: self.notifier()?, timeout })
     }
+}
+
+/// The topics of a run, opened.
+#[derive(Debug)]
+pub struct Ring<S: Service + 'static> {
+    /// What the run has agreed on.
+    pub terms: Terms,
+    /// Every sensor node, once.
+    pub sensors: SensorsTopic<S>,
+    /// The queues after each slot.
+    pub queues: QueuesTopic<S>,
+    /// The plan of each slot.
+    pub plan: PlanTopic<S>,
+    /// Where the plan leads, of planners that know.
+    pub path: PathTopic<S>,
+    /// The flight of each slot.
+    pub flight: FlightTopic<S>,
+    /// The slots on record.
+    pub commit: CommitTopic<S>,
+    /// What becomes of the processes.
+    pub health: HealthTopic<S>,
+    /// What this process did not accept.
+    pub refusals: Refusals,
+    /// How often its seat was taken before.
+    epoch: u32,
+    node: Node<S>,
+}
+
+impl<S: Service + 'static> Ring<S> {
+    /// Makes the ring in its folder; the launcher does, and keeps it for the whole run.
+    ///
+    /// # Errors
+    /// If iceoryx2 cannot create its services.
+    pub fn create(folder: &RingFolder, scenario: &Scenario) -> Result<Self, RingError> {
+        let terms = folder.terms();
+        let node = node::<S>(folder, Role::Launcher)?;
+        folder.close_counter().map_err(|error| RingError::topic("ring", "close its counter", &error))?;
+        let agreed = attributes(&terms, scenario)?;
+        let member = Member { mission: terms.mission, refusals: Refusals::new(None) };
+        Ok(Self {
+            terms,
+            sensors: Topic::create_list(&node, &member, SENSORS, RING_BUFFER, &agreed)?,
+            queues: Topic::create_list(&node, &member, QUEUES, VIEWER_BUFFER, &agreed)?,
+            plan: Topic::create(&node, &member, PLAN, VIEWER_BUFFER, &agreed)?,
+            path: Topic::create_list(&node, &member, PATH, PATH_BUFFER, &agreed)?,
+            flight: Topic::create(&node, &member, FLIGHT, VIEWER_BUFFER, &agreed)?,
+            commit: Topic::create(&node, &member, COMMIT, RING_BUFFER, &agreed)?,
+            health: Topic::create(&node, &member, HEALTH, VIEWER_BUFFER, &agreed)?,
+            refusals: member.refusals,
+            epoch: 0,
+            node,
+        })
+    }
+
+    /// Opens the ring in its folder, in the `seat` of `role`, and checks that it flies `scenario`.
+    ///
+    /// # Errors
+    /// If the ring is not there or flies another scenario.
+    pub fn open(folder: &RingFolder, scenario: &Scenario, role: Role, seat: &Seat) -> Result<Self, RingError> {
+        let terms = folder.terms();
+        let node = node::<S>(folder, role)?;
+        // The ring's own processes say what they refuse; the viewer only looks on, but nobody else reads paths.
+        let speaker = Some(role).filter(|&role| role != Role::Viewer);
+        let member = Member { mission: terms.mission, refusals: Refusals::new(speaker) };
+        let only_reader = Member { refusals: Refusals::new(Some(role)), ..member };
+        let sensors = Topic::open_list(&node, &member, SENSORS)?;
+        agree(folder, sensors.terms(), scenario)?;
+        Ok(Self {
+            terms,
+            sensors,
+            queues: Topic::open_list(&node, &member, QUEUES)?,
+            plan: Topic::open(&node, &member, PLAN)?,
+            path: Topic::open_list(&node, &only_reader, PATH)?,
+            flight: Topic::open(&node, &member, FLIGHT)?,
+            commit: Topic::open(&node, &member, COMMIT)?,
+            health: Topic::open(&node, &member, HEALTH)?,
+            refusals: member.refusals,
+            epoch: seat.restarts(),
+            node,
+        })
+    }
+
+    /// Frees what processes that died have left behind; the launcher does. What it cannot free goes with the folder.
+    pub fn remove_dead_nodes(&self) {
+        purge_dead_nodes::<S>(self.node.config());
+    }
+
+    /// A header of this run, sent now.
+    #[must_use]
+    pub fn header(&self, slot: u64, flags: u32) -> SlotHeader {
+        SlotHeader { mission: self.terms.mission, slot, epoch: self.epoch, flags, sent_ns: monotonic_ns() }
+    }
+
+    /// How long a process of this run waits for another.
+    #[must_use]
+    pub fn timeout(&self) -> Duration {
+        Duration::from_secs_f64(self.terms.timeout_s)
+    }
+
+    /// The wait context of a process of this run, which keeps the heartbeat of its seat going; the launcher has none.
+    ///
+    /// # Errors
+    /// If the supervisor's lock is not there.
+    pub fn wait_context(&self, folder: &RingFolder, seat: Option<Seat>, stop: &Stop) -> Result<WaitContext, RingError> {
+        Ok(WaitContext::new(stop.clone(), folder.supervisor()?, seat, self.timeout(), self.terms.wait))
+    }
+}
+
+/// Time on the monotonic clock [ns], common to all processes of a machine.
+#[must_use]
+pub fn monotonic_ns() -> u64 {
+    let time = clock_gettime(ClockId::Monotonic);
+    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64 // the clock starts at boot: both are positive
+}
+
+fn node<S: Service>(folder: &RingFolder, role: Role) -> Result<Node<S>, RingError> {
+    let name = NodeName::new(role.name()).map_err(|error| RingError::topic("ring", "name the process", &error))?;
+    NodeBuilder::new()
+        .config(&folder.config()?)
+        .name(&name)
+        .signal_handling_mode(SignalHandlingMode::Disabled) // see `Stop`
+        .create::<S>()
+        .map_err(|error| RingError::topic("ring", "join", &error))
+}
+
+/// What every process must agree on, by key.
+fn agreement(scenario: &Scenario) -> [(&'static str, String, &'static str); 3] {
+    [
+        ("version", SCHEMA.to_owned(), "use the executables of one build"),
+        ("program", env!("CARGO_PKG_VERSION").to_owned(), "use the executables of one build"),
+        ("scenario", format!("{:016x}", scenario.hash()), "pass the scenario.toml of the run's folder"),
+    ]
+}
+
+fn attributes(terms: &Terms, scenario: &Scenario) -> Result<AttributeSpecifier, RingError> {
+    let mission = ("mission", format!("{:016x}", terms.mission), "");
+    let mut specifier = AttributeSpecifier::new();
+    for (key, value, _) in agreement(scenario).into_iter().chain([mission]) {
+        let refuse = |error: &dyn std::fmt::Debug| RingError::topic("ring", "define its terms", error);
+        let (key, value) = (key.try_into().map_err(|error| refuse(&error))?, value.as_str().try_into());
+        let value = value.map_err(|error| refuse(&error))?;
+        specifier = specifier.define(&key, &value).map_err(|error| refuse(&error))?;
+    }
+    Ok(specifier)
+}
+
+fn agree(folder: &RingFolder, theirs: &AttributeSet, scenario: &Scenario) -> Result<(), RingError> {
+    for (what, ours, remedy) in agreement(scenario) {
+        let key = what.try_into().map_err(|error| RingError::topic("ring", "read its terms", &error))?;
+        let theirs = theirs.key_value(&key, 0).map_or_else(|| "missing".to_owned(), ToString::to_string);
+        if theirs != ours {
+            let folder = folder.path().display().to_string();
+            return Err(RingError::Differs { folder, what, theirs, ours, remedy });
+        }
+    }
+    Ok(())
 }

@@ -1,8 +1,8 @@
-//! Clears away what a process was making when it was killed.
+//! Cleans up after processes that were killed: iceoryx2 frees what they held when it is asked to, but not everything.
 //!
-//! iceoryx2 makes a piece of shared memory write-only, sets its size, fills it, and then makes it readable. Who opens one
-//! whose maker has died before the size was set waits for ever, and a second for one that is not readable. So this runs
-//! beside the launcher's own work, which may be what waits.
+//! iceoryx2 makes a piece of shared memory write-only, sets its size, fills it, and then makes it readable. A process that
+//! opens one whose maker has died before the size was set waits for ever, and a second for one that is not readable. So
+//! the janitor runs beside the launcher's own work, which may be what waits.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -12,13 +12,52 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use crate::ring_folder::{RingFolder, SHARED_MEMORY};
+use iceoryx2::node::NodeView;
+use iceoryx2::prelude::{CallbackProgression, Config, Node, NodeState, SemanticString, Service};
 
-/// How often it looks.
+use crate::folder::{RingFolder, SHARED_MEMORY};
+
+/// Frees what processes that died have left behind; a writer would wait for their buffers for ever.
+pub fn remove_dead_nodes<S: Service>(config: &Config) {
+    let _ = Node::<S>::list(config, |state| {
+        if let NodeState::Dead(node) = state {
+            let _ = node.try_remove_stale_resources(); // another process may have been quicker
+        }
+        CallbackProgression::Continue
+    });
+}
+
+/// The same, and removes what iceoryx2 leaves of a process that was killed while it joined: a node without details, which
+/// would be looked at again by every process that joins. To be done by one process of the ring.
+pub(crate) fn purge_dead_nodes<S: Service>(config: &Config) {
+    let _ = Node::<S>::list(config, |state| {
+        if let NodeState::Dead(node) = state {
+            let (id, bare) = (node.id().value(), node.details().is_none());
+            if node.try_remove_stale_resources().is_err() && bare {
+                remove_files(config, id);
+            }
+        }
+        CallbackProgression::Continue
+    });
+}
+
+fn remove_files(config: &Config, id: u128) {
+    let root = Path::new(std::str::from_utf8(config.global.root_path().as_bytes()).unwrap_or_default());
+    let nodes = root.join(String::from_utf8_lossy(config.global.node.directory.as_bytes()).as_ref());
+    let _ = fs::remove_dir_all(nodes.join(id.to_string()));
+    let prefix = format!("{}{id}.", String::from_utf8_lossy(config.global.prefix.as_bytes()));
+    for entry in fs::read_dir(&nodes).into_iter().flatten().flatten() {
+        if entry.file_name().to_string_lossy().starts_with(&prefix) {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// How often the janitor scans.
 const ROUND: Duration = Duration::from_millis(40);
 
-/// Rounds in which it sees a piece unfinished before it takes it for abandoned: a living maker needs microseconds.
-const PATIENCE: u32 = 3;
+/// Rounds in which a piece is unfinished before it counts as abandoned: a living maker needs microseconds.
+const MAX_ROUNDS: u32 = 3;
 
 /// Watches over the shared memory of a ring until it is dropped.
 #[derive(Debug)]
@@ -63,7 +102,7 @@ fn tidy(folder: &Path, prefix: &str, before: &BTreeMap<PathBuf, u32>) -> BTreeMa
         }
         let path = entry.path();
         let rounds = before.get(&path).map_or(1, |rounds| rounds + 1);
-        if rounds < PATIENCE {
+        if rounds < MAX_ROUNDS {
             unfinished.insert(path, rounds);
         } else {
             let _ = fs::remove_file(path); // its maker may have been alive after all

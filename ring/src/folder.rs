@@ -12,10 +12,9 @@ use iceoryx2::prelude::{Config, FileName, Path as IceoryxPath, SemanticString};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
-use crate::claim::Claim;
-use crate::node::{Role, Supervisor};
-use crate::ring::{RingError, short_enough};
-use crate::waiting::Waiting;
+use crate::error::RingError;
+use crate::role::{Role, Seat};
+use crate::wait::{Supervisor, Waiting};
 use skysink_common::pace::Pace;
 
 /// Where iceoryx2 keeps its shared memory on Linux.
@@ -149,12 +148,12 @@ impl RingFolder {
         Ok(Some(Supervisor::new(lock)))
     }
 
-    /// Takes the place of `role` in the ring, for as long as the claim lives.
+    /// Takes the seat of `role` in the ring, for as long as the returned value lives.
     ///
     /// # Errors
     /// If another process has it.
-    pub fn claim(&self, role: Role) -> Result<Claim, RingError> {
-        Claim::take(&self.path, role)
+    pub fn take_seat(&self, role: Role) -> Result<Seat, RingError> {
+        Seat::take(&self.path, role)
     }
 
     /// Where a process keeps the journal `name`.
@@ -220,6 +219,11 @@ fn home() -> PathBuf {
     let user = format!("skysink-{}", rustix::process::getuid().as_raw());
     let home = std::env::temp_dir().join(&user);
     if short_enough(&home.join("12345678")) { home } else { Path::new("/tmp").join(user) }
+}
+
+/// Whether `path` can be a ring's folder: iceoryx2 puts UNIX sockets there, whose paths end at 108 bytes.
+fn short_enough(path: &Path) -> bool {
+    path.as_os_str().len() <= 48
 }
 
 fn lock_path(folder: &Path) -> PathBuf {

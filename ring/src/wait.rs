@@ -1,108 +1,102 @@
-//! What every process of the ring shares: its role, when to stop, and how to wait for a message.
+//! How the processes of a ring wait for messages: asleep until they are woken, or polling, and what ends a wait.
 
+use std::fmt;
+use std::str::FromStr;
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::Service;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use signal_hook::consts::{SIGINT, SIGTERM};
+use skysink_common::stop::Stop;
 
-use skysink_common::scenario::ScenarioError;
-use skysink_common::sensors::SensorListError;
-use skysink_common::stop::{Stop, Stopped};
+use crate::error::NodeError;
+use crate::role::{Role, Seat};
 
-use crate::claim::Claim;
-use crate::ring::RingError;
-use crate::waiting::{LOOK_AROUND, Waiting};
-
-/// A process of the ring.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Role {
-    /// Owns the queues and the slot clock.
-    FieldSim,
-    /// Owns the UAV and the channel.
-    FlightSim,
-    /// Decides whom to serve and where to fly.
-    Planner,
-    /// Logs everything to rerun.
-    Viewer,
-    /// `skysink run`: launches the others and records.
-    Launcher,
+/// How a process waits for messages.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Waiting {
+    /// Asleep, until the writer wakes it.
+    #[default]
+    Event,
+    /// Polling, which keeps a core busy for each process: for machines with cores to spare.
+    Poll,
 }
 
-impl Role {
-    /// Every process, by its number in messages.
-    pub const ALL: [Self; 5] = [Self::FieldSim, Self::FlightSim, Self::Planner, Self::Viewer, Self::Launcher];
+/// Longest sleep: somebody may have just joined, and a ring that stands still should not wait for long.
+pub(crate) const PAUSE: Duration = Duration::from_millis(10);
 
-    /// The number in messages.
-    #[must_use]
-    pub fn code(self) -> u32 {
-        self as u32
-    }
+/// Polls in a row before the core is offered to others: where there are fewer cores than processes, the one whose
+/// message is awaited needs it.
+const POLLS: u32 = 64;
 
-    /// The process of a number.
-    #[must_use]
-    pub fn of_code(code: u32) -> Option<Self> {
-        Self::ALL.into_iter().find(|role| role.code() == code)
-    }
+/// Why a way of waiting is refused.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("wait {0}: expected event or poll")]
+pub struct WaitingError(String);
 
-    /// The name of the executable.
-    #[must_use]
-    pub fn name(self) -> &'static str {
+impl Waiting {
+    /// Every way, by its spelling.
+    const ALL: [(Self, &'static str); 2] = [(Self::Event, "event"), (Self::Poll, "poll")];
+
+    /// Waits a little for what `look` finds in `reader`: until its listener is notified, or for some polls, at most for 10 ms.
+    ///
+    /// Whoever polls leaves the listener alone: notifying one that is notified already costs its writer next to nothing.
+    ///
+    /// # Errors
+    /// Those of `look`.
+    pub fn poll<S: Service, R, T, E>(
+        self,
+        reader: &mut R,
+        listener: impl Fn(&R) -> &Listener<S>,
+        mut look: impl FnMut(&mut R) -> Result<Option<T>, E>,
+    ) -> Result<Option<T>, E> {
         match self {
-            Self::FieldSim => "field-sim",
-            Self::FlightSim => "flight-sim",
-            Self::Planner => "planner",
-            Self::Viewer => "viewer",
-            Self::Launcher => "skysink",
+            Self::Event => {
+                let _ = listener(reader).timed_wait(|_| {}, PAUSE); // an interrupted wait is a short one
+                look(reader)
+            }
+            Self::Poll => {
+                for _ in 0..POLLS {
+                    if let Some(found) = look(reader)? {
+                        return Ok(Some(found));
+                    }
+                    std::hint::spin_loop();
+                }
+                std::thread::yield_now();
+                Ok(None)
+            }
         }
     }
 }
 
-/// Why a process of the ring ends before the mission does.
-#[derive(Debug, thiserror::Error)]
-pub enum NodeError {
-    /// A signal asked for it.
-    #[error(transparent)]
-    Stopped(#[from] Stopped),
-    /// A peer did not answer in time.
-    #[error("waited {seconds} s for {what}: is {from} running?")]
-    TimedOut {
-        /// What did not come.
-        what: String,
-        /// Who should have sent it.
-        from: &'static str,
-        /// How long it was waited for.
-        seconds: f64,
-    },
-    /// Nobody supervises the ring any more.
-    #[error("skysink run has ended without stopping this process")]
-    Orphaned,
-    /// A peer sent what cannot be.
-    #[error("{0}")]
-    Peer(String),
-    /// The ring cannot be used.
-    #[error(transparent)]
-    Ring(#[from] RingError),
-    /// The scenario is refused.
-    #[error(transparent)]
-    Scenario(#[from] ScenarioError),
-    /// The sensor list is refused.
-    #[error(transparent)]
-    Sensors(#[from] SensorListError),
+impl FromStr for Waiting {
+    type Err = WaitingError;
+
+    fn from_str(text: &str) -> Result<Self, WaitingError> {
+        let found = Self::ALL.into_iter().find(|(_, name)| *name == text);
+        found.map(|(waiting, _)| waiting).ok_or_else(|| WaitingError(text.to_owned()))
+    }
 }
 
-impl NodeError {
-    /// Exit code of a process that ends with this error.
-    #[must_use]
-    pub fn exit_code(&self) -> u8 {
-        match self {
-            Self::Stopped(stopped) => stopped.exit_code(),
-            Self::Scenario(_)
-            | Self::Sensors(_)
-            | Self::Peer(_)
-            | Self::Ring(RingError::Folder { .. } | RingError::Differs { .. } | RingError::Taken { .. }) => 2,
-            Self::TimedOut { .. } | Self::Orphaned | Self::Ring(_) => 1,
-        }
+impl fmt::Display for Waiting {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::Event => "event",
+            Self::Poll => "poll",
+        })
+    }
+}
+
+impl Serialize for Waiting {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl<'de> Deserialize<'de> for Waiting {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        String::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
     }
 }
 
@@ -120,13 +114,13 @@ pub fn stop_on_signals() -> Stop {
     stop
 }
 
-/// Patience of a process: what it watches while it waits.
+/// What a process watches while it waits: the request to stop, its supervisor, its heartbeat, and the time.
 #[derive(Debug)]
-pub struct Patience {
+pub struct WaitContext {
     stop: Stop,
     supervisor: Option<Supervisor>,
     supervised: Instant,
-    claim: Option<Claim>,
+    seat: Option<Seat>,
     idled: Instant,
     timeout: Duration,
     waiting: Waiting,
@@ -135,19 +129,19 @@ pub struct Patience {
 /// How often the supervisor's lock is tried.
 const SUPERVISOR_CHECK: Duration = Duration::from_millis(500);
 
-impl Patience {
-    /// Waits, in the way `waiting`, that end with `stop`, with the death of `supervisor`, or after `timeout` without the
-    /// message, and that show by `claim` that the process is alive.
+impl WaitContext {
+    /// A wait context: waits as `waiting` says, ends on `stop`, on the supervisor's death or after `timeout`, and keeps
+    /// the heartbeat of `seat` going.
     #[must_use]
     pub fn new(
         stop: Stop,
         supervisor: Option<Supervisor>,
-        claim: Option<Claim>,
+        seat: Option<Seat>,
         timeout: Duration,
         waiting: Waiting,
     ) -> Self {
         let now = Instant::now();
-        Self { stop, supervisor, supervised: now, claim, idled: now, timeout, waiting }
+        Self { stop, supervisor, supervised: now, seat, idled: now, timeout, waiting }
     }
 
     /// The request to stop.
@@ -169,7 +163,7 @@ impl Patience {
         (topic, slot, from): (&'static str, u64, Role),
         reader: &mut R,
         mut look: impl FnMut(&mut R) -> Result<Option<T>, E>,
-        bell: impl Fn(&R) -> &Listener<S>,
+        listener: impl Fn(&R) -> &Listener<S>,
         mut idle: impl FnMut() -> Result<(), E>,
     ) -> Result<T, E> {
         let start = Instant::now();
@@ -181,7 +175,7 @@ impl Patience {
         }
         loop {
             self.check(now)?;
-            if let Some(found) = self.waiting.look(reader, &bell, &mut look)? {
+            if let Some(found) = self.waiting.poll(reader, &listener, &mut look)? {
                 return Ok(found);
             }
             now = Instant::now();
@@ -209,14 +203,14 @@ impl Patience {
     }
 
     fn beat(&mut self, now: Instant) {
-        if let Some(claim) = &mut self.claim {
-            claim.beat(now);
+        if let Some(seat) = &mut self.seat {
+            seat.beat(now);
         }
     }
 
     /// Runs `idle` if it has not run for a while.
     fn idle<E>(&mut self, now: Instant, idle: &mut impl FnMut() -> Result<(), E>) -> Result<(), E> {
-        if now.saturating_duration_since(self.idled) >= LOOK_AROUND {
+        if now.saturating_duration_since(self.idled) >= PAUSE {
             self.idled = now;
             idle()?;
         }
@@ -240,7 +234,7 @@ impl Patience {
             if remaining.is_zero() {
                 return Ok(());
             }
-            std::thread::sleep(remaining.min(LOOK_AROUND));
+            std::thread::sleep(remaining.min(PAUSE));
         }
     }
 }
@@ -266,6 +260,29 @@ impl Supervisor {
                 false
             }
             Err(_) => true,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_way_of_waiting_is_read_as_it_is_written() {
+        for (waiting, text) in Waiting::ALL {
+            assert_eq!(text.parse(), Ok(waiting));
+            assert_eq!(waiting.to_string(), text);
+        }
+    }
+
+    #[test]
+    fn a_way_that_is_none_is_refused() {
+        for text in ["", "Event", "spin", "events"] {
+            assert_eq!(
+                text.parse::<Waiting>().unwrap_err().to_string(),
+                format!("wait {text}: expected event or poll")
+            );
         }
     }
 }

@@ -1,0 +1,158 @@
+//! Who takes part in a ring: the roles, and the seat of each, which one process has at a time.
+//!
+//! A seat counts how often it was taken; its holder shows by heartbeats that it is alive.
+
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io;
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
+use std::path::Path;
+use std::time::{Duration, Instant, SystemTime};
+
+use rustix::fs::{Timespec, Timestamps, UTIME_NOW, futimens};
+
+use crate::error::RingError;
+
+/// A process of the ring.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Owns the queues and the slot clock.
+    FieldSim,
+    /// Owns the UAV and the channel.
+    FlightSim,
+    /// Decides whom to serve and where to fly.
+    Planner,
+    /// Logs everything to rerun.
+    Viewer,
+    /// `skysink run`: launches the others and records.
+    Launcher,
+}
+
+impl Role {
+    /// Every process, by its number in messages.
+    pub const ALL: [Self; 5] = [Self::FieldSim, Self::FlightSim, Self::Planner, Self::Viewer, Self::Launcher];
+
+    /// The number in messages.
+    #[must_use]
+    pub fn code(self) -> u32 {
+        self as u32
+    }
+
+    /// The process of a number.
+    #[must_use]
+    pub fn of_code(code: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|role| role.code() == code)
+    }
+
+    /// The name of the executable.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::FieldSim => "field-sim",
+            Self::FlightSim => "flight-sim",
+            Self::Planner => "planner",
+            Self::Viewer => "viewer",
+            Self::Launcher => "skysink",
+        }
+    }
+}
+
+/// How often a process shows that it is alive.
+pub const HEARTBEAT: Duration = Duration::from_millis(100);
+
+/// The seat of a role, held as long as the process lives: a file, locked.
+#[derive(Debug)]
+pub struct Seat {
+    file: File,
+    restarts: u32,
+    last_beat: Instant,
+}
+
+impl Seat {
+    /// Takes the seat of `role` in the ring of `folder`.
+    ///
+    /// # Errors
+    /// If another process has it, or the file cannot be written.
+    pub(crate) fn take(folder: &Path, role: Role) -> Result<Self, RingError> {
+        let refuse = |message: String| RingError::Folder { folder: folder.display().to_string(), message };
+        let io = |error: io::Error| refuse(format!("{}: {error}", file_name(role)));
+        let mut open = OpenOptions::new();
+        let open = open.read(true).write(true).create(true).truncate(false).mode(0o600);
+        let file = open.open(folder.join(file_name(role))).map_err(io)?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                return Err(RingError::Taken { folder: folder.display().to_string(), role: role.name() });
+            }
+            Err(TryLockError::Error(error)) => return Err(io(error)),
+        }
+        let restarts = read_count(&file).map_err(io)?;
+        file.write_all_at(&(restarts + 1).to_le_bytes(), 0).map_err(io)?;
+        Ok(Self { file, restarts, last_beat: Instant::now() })
+    }
+
+    /// How often the seat was taken before: the restart count of its holder.
+    #[must_use]
+    pub fn restarts(&self) -> u32 {
+        self.restarts
+    }
+
+    /// Shows that the process is alive, if it is time to.
+    pub fn beat(&mut self, now: Instant) {
+        if now.saturating_duration_since(self.last_beat) >= HEARTBEAT {
+            self.last_beat = now;
+            let touch = Timespec { tv_sec: 0, tv_nsec: UTIME_NOW };
+            let _ = futimens(&self.file, &Timestamps { last_access: touch, last_modification: touch }); // seen by its absence
+        }
+    }
+}
+
+/// When the process in the seat of `role` last showed that it is alive, by the clock of the file system; none if there
+/// never was one. Only a change of it means something: that clock may be set.
+#[must_use]
+pub fn last_heartbeat(folder: &Path, role: Role) -> Option<SystemTime> {
+    std::fs::metadata(folder.join(file_name(role))).and_then(|file| file.modified()).ok()
+}
+
+fn file_name(role: Role) -> String {
+    format!("{}.seat", role.name())
+}
+
+/// The number in the file; 0 in a new one.
+fn read_count(file: &File) -> io::Result<u32> {
+    let mut bytes = [0; 4];
+    match file.read_exact_at(&mut bytes, 0) {
+        Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(0),
+        read => read.map(|()| u32::from_le_bytes(bytes)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_seat_is_taken_by_one_at_a_time_and_counts_how_often() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(last_heartbeat(folder.path(), Role::Planner), None);
+        let first = Seat::take(folder.path(), Role::Planner).unwrap();
+        let error = Seat::take(folder.path(), Role::Planner).unwrap_err().to_string();
+        assert!(error.contains("planner") && error.contains("already"), "{error}");
+        assert_eq!(Seat::take(folder.path(), Role::FieldSim).unwrap().restarts(), 0, "another seat is free");
+        assert_eq!(first.restarts(), 0);
+        drop(first);
+        assert_eq!(Seat::take(folder.path(), Role::Planner).unwrap().restarts(), 1);
+    }
+
+    #[test]
+    fn a_beat_is_seen_from_outside() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut seat = Seat::take(folder.path(), Role::Planner).unwrap();
+        let long_ago = SystemTime::now() - Duration::from_secs(60);
+        seat.file.set_modified(long_ago).unwrap();
+        let begin = Instant::now();
+        seat.beat(begin); // too early: nothing happens
+        assert_eq!(last_heartbeat(folder.path(), Role::Planner), Some(long_ago));
+        seat.beat(begin + HEARTBEAT);
+        assert!(last_heartbeat(folder.path(), Role::Planner).unwrap() > long_ago);
+    }
+}
