@@ -84,8 +84,8 @@ impl From<JournalError> for Error {
 impl Error {
     /// A failure to write `path`.
     pub(crate) fn file(path: &Path) -> impl FnOnce(io::Error) -> Self + use<> {
-        let failed = MissionError::file(path);
-        move |source| failed(source).into()
+        let path = path.to_owned();
+        move |source| MissionError::File { path, source }.into()
     }
 
     /// Exit code: 1 failed while running, 2 bad input or usage, 130 and 143 after a signal.

@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use skysink_common::pace::Pace;
 
 #[cfg(feature = "lab")]
-use skysink_lab::optimize::Optimum;
+use skysink_lab::{optimize::Optimum, progress::LabProgress};
 use skysink_mission::latency::Spread;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
@@ -33,11 +33,7 @@ impl Progress {
     /// Never: the template is valid.
     #[must_use]
     pub fn new(slots: u64) -> Self {
-        if !std::io::stderr().is_terminal() {
-            return Self { bar: ProgressBar::hidden(), begin: Arc::default() };
-        }
-        let style = ProgressStyle::with_template("{bar:25} slot {pos}/{len}  {msg}").expect("a valid template");
-        Self { bar: ProgressBar::new(slots).with_style(style), begin: Arc::default() }
+        Self { bar: bar(slots, "{bar:25} slot {pos}/{len}  {msg}"), begin: Arc::default() }
     }
 
     /// Shows how far the run is.
@@ -73,6 +69,53 @@ impl Progress {
     pub fn speaker(&self) -> impl Fn(&str) + Clone + Send + 'static {
         let progress = self.clone();
         move |line| progress.say(line)
+    }
+}
+
+/// A progress bar on standard error; nothing at all where that is not a terminal.
+fn bar(length: u64, template: &str) -> ProgressBar {
+    if !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    ProgressBar::new(length).with_style(ProgressStyle::with_template(template).expect("a valid template"))
+}
+
+/// The progress bar of a sweep or a search, or of several in a row. It is removed with this value.
+#[cfg(feature = "lab")]
+pub struct LabBar(ProgressBar);
+
+#[cfg(feature = "lab")]
+impl LabBar {
+    /// The bar of a sweep.
+    pub fn of_missions() -> Self {
+        Self(bar(0, "{bar:25} mission {pos}/{len}  {eta} left"))
+    }
+
+    /// The bar of a search.
+    pub fn of_steps() -> Self {
+        Self(bar(0, "{bar:25} step {human_pos}/{human_len}  {msg}  {eta} left"))
+    }
+
+    /// Shows how far it is.
+    pub fn show(&self, progress: LabProgress) {
+        let Self(bar) = self;
+        if bar.length() != Some(progress.of) || progress.done < bar.position() {
+            bar.reset(); // another one begins
+            bar.set_length(progress.of);
+            bar.set_position(progress.done);
+            bar.reset_eta();
+        }
+        bar.set_position(progress.done);
+        if let Some(loss_rate) = progress.loss_rate {
+            bar.set_message(format!("loss {loss_rate:.4}"));
+        }
+    }
+}
+
+#[cfg(feature = "lab")]
+impl Drop for LabBar {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
     }
 }
 

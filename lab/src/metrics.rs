@@ -21,9 +21,9 @@ pub struct Metrics {
     ages: Ages,
 }
 
-/// The figures of a mission.
+/// The metrics of a mission.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Figures {
+pub struct MetricValues {
     /// Distance flown [m].
     pub flown_m: f64,
     /// Propulsion energy [J], hovering included.
@@ -68,14 +68,14 @@ impl Metrics {
         }
     }
 
-    /// The figures so far; `delivered_bits` by sensor node.
+    /// The metrics so far; `delivered_bits` by sensor node.
     #[must_use]
-    pub fn figures(&self, delivered_bits: &[u64]) -> Figures {
+    pub fn values(&self, delivered_bits: &[u64]) -> MetricValues {
         let mut ages = self.ages.clone();
         for last in &self.last_service {
             ages.add_gap(self.slot - last);
         }
-        Figures {
+        MetricValues {
             flown_m: self.flown_m,
             energy_j: self.energy_j,
             aoi_mean_s: ages.mean() * self.slot_s,
@@ -125,7 +125,7 @@ impl Ages {
         if samples == 0 { 0.0 } else { sum as f64 / samples as f64 }
     }
 
-    /// The least age that is not exceeded by a share `q` of the samples (nearest rank).
+    /// The least age that is not exceeded by a fraction `q` of the samples (nearest rank).
     fn quantile(&self, q: f64) -> u64 {
         let counts = self.counts();
         let rank = (q * counts.iter().sum::<u64>() as f64).ceil() as u64;
@@ -171,8 +171,8 @@ mod tests {
             metrics.add(&flight(50.0, served));
         }
         // Ages after slots 1 to 4: SN 0: 1, 0, 1, 0; SN 1: 1, 2, 3, 0. Mean 8/8; the largest of 8 is the 99th percentile.
-        let figures = metrics.figures(&[0, 0]);
-        assert_eq!((figures.aoi_mean_s, figures.aoi_p99_s), (1.0, 3.0));
+        let values = metrics.values(&[0, 0]);
+        assert_eq!((values.aoi_mean_s, values.aoi_p99_s), (1.0, 3.0));
     }
 
     #[test]
@@ -187,9 +187,9 @@ mod tests {
             ages.extend(last.iter().map(|last| slot - last));
         }
         ages.sort_unstable();
-        let figures = metrics.figures(&[0; 7]);
-        assert_eq!(figures.aoi_mean_s, ages.iter().sum::<u64>() as f64 / ages.len() as f64);
-        assert_eq!(figures.aoi_p99_s, ages[(ages.len() * 99).div_ceil(100) - 1] as f64);
+        let values = metrics.values(&[0; 7]);
+        assert_eq!(values.aoi_mean_s, ages.iter().sum::<u64>() as f64 / ages.len() as f64);
+        assert_eq!(values.aoi_p99_s, ages[(ages.len() * 99).div_ceil(100) - 1] as f64);
     }
 
     #[test]
@@ -197,10 +197,10 @@ mod tests {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
         let mut metrics = Metrics::new(&scenario, 1);
         metrics.add(&flight(50.0, &[]));
-        let hover = metrics.figures(&[0]);
+        let hover = metrics.values(&[0]);
         assert!((hover.energy_j - 168.49).abs() < 1e-9);
         metrics.add(&flight(60.0, &[]));
-        let flown = metrics.figures(&[0]);
+        let flown = metrics.values(&[0]);
         assert_eq!((hover.flown_m, flown.flown_m), (0.0, 10.0));
         assert!((flown.energy_j - hover.energy_j - power_w(&scenario.uav.propulsion, 10.0)).abs() < 1e-9);
     }

@@ -10,13 +10,12 @@ use serde::Serialize;
 use skysink_common::scenario::{Scenario, Strategy};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
+use skysink_mission::Mission;
 use skysink_planner::Planner;
 use skysink_planner::horizon::bound::mission_bound;
 
-use skysink_mission::mission::Mission;
-
 use crate::error::LabError;
-use crate::progress::SearchProgress;
+use crate::progress::{LabProgress, OnProgress};
 
 /// Steps by which the speed of the search is measured.
 const TRIAL_STEPS: u64 = 100_000;
@@ -44,7 +43,7 @@ pub struct Optimization {
 
 /// What an optimisation comes to, and the flight that is the best known.
 #[derive(Debug)]
-pub struct Found {
+pub struct BestKnown {
     /// Bound, best known, and every strategy.
     pub optimum: Optimum,
     /// The scenario of the best known flight.
@@ -55,7 +54,7 @@ pub struct Found {
     plan: Option<Vec<u8>>,
 }
 
-impl Found {
+impl BestKnown {
     /// The best known flight, before slot 1.
     #[must_use]
     pub fn mission(&self) -> Mission {
@@ -102,7 +101,7 @@ pub fn loss_bound(scenario: &Scenario, list: &SensorList) -> f64 {
 ///
 /// # Errors
 /// If the sensor list is refused, or on a stop.
-pub fn optimize(job: &Optimization, stop: &Stop) -> Result<Found, LabError> {
+pub fn optimize(job: &Optimization, stop: &Stop, on_progress: OnProgress) -> Result<BestKnown, LabError> {
     let is_offline = |scenario: &&Scenario| scenario.planner.strategy == Strategy::Offline;
     let offline = job.scenarios.iter().find(is_offline).expect("the mission by every strategy");
     let list = SensorList::of(offline)?;
@@ -114,7 +113,7 @@ pub fn optimize(job: &Optimization, stop: &Stop) -> Result<Found, LabError> {
     let (searched, rivals) = std::thread::scope(|scope| {
         let rivals = job.scenarios.iter().filter(|scenario| !is_offline(scenario));
         let rivals = scope.spawn(|| rivals.map(|scenario| standing(scenario, None, &list, stop)).collect());
-        let searched = search(&offline, &list, stop);
+        let searched = search(&offline, &list, stop, on_progress);
         let rivals: Result<Vec<Standing>, LabError> = rivals.join().expect("a flight does not panic");
         (searched, rivals)
     });
@@ -136,7 +135,7 @@ pub fn optimize(job: &Optimization, stop: &Stop) -> Result<Found, LabError> {
         strategies: standings,
         version: env!("CARGO_PKG_VERSION"),
     };
-    Ok(Found { optimum, scenario, list, plan })
+    Ok(BestKnown { optimum, scenario, list, plan })
 }
 
 /// About as many steps as this machine takes in `time`, by a trial, which is part of it.
@@ -146,21 +145,26 @@ fn steps_in(time: Duration, offline: &Scenario, list: &SensorList) -> u64 {
     let mut planner = Planner::new(&trial, &list.nodes(trial.sensors.capacity_bits));
     planner.prepare(&list.queues_bits(), &mut |_| ControlFlow::Continue(()));
     let took = begin.elapsed();
-    let share = time.saturating_sub(took).as_secs_f64() / took.as_secs_f64();
-    ((TRIAL_STEPS as f64 * share) as u64).clamp(TRIAL_STEPS, MAX_STEPS)
+    let trials = time.saturating_sub(took).as_secs_f64() / took.as_secs_f64();
+    ((TRIAL_STEPS as f64 * trials) as u64).clamp(TRIAL_STEPS, MAX_STEPS)
 }
 
 /// The plan of `offline`, as the memory of its planner before slot 1; none if no sensor node can be reached.
-fn search(offline: &Scenario, list: &SensorList, stop: &Stop) -> Result<Option<Vec<u8>>, LabError> {
+fn search(
+    offline: &Scenario,
+    list: &SensorList,
+    stop: &Stop,
+    on_progress: OnProgress,
+) -> Result<Option<Vec<u8>>, LabError> {
     let mut planner = Planner::new(offline, &list.nodes(offline.sensors.capacity_bits));
-    let progress = SearchProgress::new(offline.planner.offline_steps);
+    let steps = offline.planner.offline_steps;
     let mut stopped = Ok(());
     let found = planner.prepare(&list.queues_bits(), &mut |search| {
-        progress.show(search.share, loss_rate(search.loss_bits, offline, list));
+        let loss_rate = Some(loss_rate(search.loss_bits, offline, list));
+        on_progress(LabProgress { done: (search.share * steps as f64) as u64, of: steps, loss_rate });
         stopped = stop.check();
         if stopped.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });
-    progress.finish();
     stopped?;
     Ok(found.map(|_| planner.memory().to_vec()))
 }
@@ -178,14 +182,14 @@ fn mission(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList) -> Missi
 fn standing(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList, stop: &Stop) -> Result<Standing, LabError> {
     let mission = mission(scenario, plan, list);
     let mut lost_bits = 0;
-    for turn in mission {
-        lost_bits = turn.header.totals.lost_bits;
+    for flown in mission {
+        lost_bits = flown.header.totals.lost_bits;
         stop.check()?;
     }
     Ok(Standing { strategy: scenario.planner.strategy, loss_rate: loss_rate(lost_bits as f64, scenario, list) })
 }
 
-/// A loss [bit] as the share of what the mission samples (decision D3); 0 where nothing is sampled.
+/// A loss [bit] as the fraction of what the mission samples (decision D3); 0 where nothing is sampled.
 fn loss_rate(lost_bits: f64, scenario: &Scenario, list: &SensorList) -> f64 {
     let sampled_bps: f64 = list.sensors().iter().map(|sensor| sensor.sampling_bps).sum();
     let sampled_bits = sampled_bps * scenario.slot_s * scenario.slots as f64;

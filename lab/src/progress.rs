@@ -1,73 +1,15 @@
-//! Progress bars of what takes long, on standard error.
+//! How far a piece of research is, for whoever shows it: the lab itself prints nothing.
 
-use std::io::IsTerminal;
-
-use indicatif::{ProgressBar, ProgressStyle};
-
-/// The progress bar of a sweep; nothing at all where standard error is not a terminal.
-#[derive(Debug)]
-pub struct MissionProgress {
-    bar: ProgressBar,
+/// How far a sweep or a search is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LabProgress {
+    /// Missions flown of a sweep, or steps taken of a search.
+    pub done: u64,
+    /// All missions or steps.
+    pub of: u64,
+    /// Loss rate η of the best flight so far, of a search.
+    pub loss_rate: Option<f64>,
 }
 
-impl MissionProgress {
-    /// A bar over `missions` missions, of which some are flown already.
-    ///
-    /// # Panics
-    /// Never: the template is valid.
-    #[must_use]
-    pub fn new(missions: usize, flown: usize) -> Self {
-        if !std::io::stderr().is_terminal() {
-            return Self { bar: ProgressBar::hidden() };
-        }
-        let template = "{bar:25} mission {pos}/{len}  {eta} left";
-        let style = ProgressStyle::with_template(template).expect("a valid template");
-        let bar = ProgressBar::new(missions as u64).with_style(style).with_position(flown as u64);
-        bar.reset_eta();
-        Self { bar }
-    }
-
-    /// Another mission is flown.
-    pub fn advance(&self) {
-        self.bar.inc(1);
-    }
-
-    /// Removes the bar.
-    pub fn finish(&self) {
-        self.bar.finish_and_clear();
-    }
-}
-
-/// The progress bar of a search; nothing at all where standard error is not a terminal.
-#[derive(Debug)]
-pub struct SearchProgress {
-    bar: ProgressBar,
-    steps: u64,
-}
-
-impl SearchProgress {
-    /// A bar over `steps` search steps.
-    ///
-    /// # Panics
-    /// Never: the template is valid.
-    #[must_use]
-    pub fn new(steps: u64) -> Self {
-        if !std::io::stderr().is_terminal() {
-            return Self { bar: ProgressBar::hidden(), steps };
-        }
-        let template = "{bar:25} step {human_pos}/{human_len}  {msg}  {eta} left";
-        let style = ProgressStyle::with_template(template).expect("a valid template");
-        Self { bar: ProgressBar::new(steps).with_style(style), steps }
-    }
-
-    /// Shows that a share of the steps is done, and the loss rate of the best plan so far.
-    pub fn show(&self, share: f64, loss_rate: f64) {
-        self.bar.set_message(format!("loss {loss_rate:.4}"));
-        self.bar.set_position((share * self.steps as f64) as u64);
-    }
-
-    /// Removes the bar.
-    pub fn finish(&self) {
-        self.bar.finish_and_clear();
-    }
-}
+/// Hears of progress, from any thread: once at the beginning, and then as it is made.
+pub type OnProgress<'a> = &'a (dyn Fn(LabProgress) + Sync);

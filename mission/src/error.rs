@@ -44,7 +44,7 @@ pub enum MissionError {
         /// What is wrong with it.
         what: String,
     },
-    /// A file cannot be written.
+    /// A file cannot be read or written.
     #[error("{}: {source}", path.display())]
     File {
         /// The file or folder.
@@ -63,12 +63,6 @@ pub enum MissionError {
 }
 
 impl MissionError {
-    /// A failure to write `path`.
-    pub fn file(path: &Path) -> impl FnOnce(io::Error) -> Self + use<> {
-        let path = path.to_owned();
-        move |source| Self::File { path, source }
-    }
-
     /// Exit code: 1 failed while running, 2 bad input or usage, 130 and 143 after a signal.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
@@ -77,5 +71,20 @@ impl MissionError {
             Self::File { .. } | Self::Unbalanced { .. } => 1,
             _ => 2,
         }
+    }
+}
+
+/// Names the file in a failure to read or write it.
+pub trait FileContext<T> {
+    /// The value, or [`MissionError::File`] about `path`.
+    ///
+    /// # Errors
+    /// That of the file system.
+    fn at(self, path: &Path) -> Result<T, MissionError>;
+}
+
+impl<T> FileContext<T> for io::Result<T> {
+    fn at(self, path: &Path) -> Result<T, MissionError> {
+        self.map_err(|source| MissionError::File { path: path.to_owned(), source })
     }
 }

@@ -9,7 +9,7 @@ use skysink_common::message::{FlightReport, QueuesHeader};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 
-use crate::error::MissionError;
+use crate::error::{FileContext, MissionError};
 use crate::summary::Summary;
 use crate::trace::{SLOT_COLUMNS, TraceHash};
 
@@ -79,9 +79,9 @@ impl RunFolder {
     /// If it cannot be written.
     pub fn slot_log(&self) -> Result<SlotLog, MissionError> {
         let path = self.slots();
-        let mut file = File::create(&path).map_err(MissionError::file(&path))?;
+        let mut file = File::create(&path).at(&path)?;
         lock(&file, &path)?;
-        file.write_all(SLOT_COLUMNS.as_bytes()).map_err(MissionError::file(&path))?;
+        file.write_all(SLOT_COLUMNS.as_bytes()).at(&path)?;
         Ok(SlotLog { length: SLOT_COLUMNS.len() as u64, path, file, trace: TraceHash::default() })
     }
 
@@ -112,11 +112,11 @@ impl RunFolder {
     /// If a run is still writing it, or it does not begin as a trace.
     pub fn reopen_slot_log(&self) -> Result<(SlotLog, BufReader<File>), MissionError> {
         let path = self.slots();
-        let file = OpenOptions::new().read(true).write(true).open(&path).map_err(MissionError::file(&path))?;
+        let file = OpenOptions::new().read(true).write(true).open(&path).at(&path)?;
         lock(&file, &path)?;
-        let mut reader = BufReader::new(file.try_clone().map_err(MissionError::file(&path))?);
+        let mut reader = BufReader::new(file.try_clone().at(&path)?);
         let mut header = Vec::new();
-        reader.read_until(b'\n', &mut header).map_err(MissionError::file(&path))?;
+        reader.read_until(b'\n', &mut header).at(&path)?;
         if !header.is_empty() && header != SLOT_COLUMNS.as_bytes() && SLOT_COLUMNS.as_bytes().starts_with(&header) {
             header.clear(); // cut: nothing is on record
         }
@@ -161,7 +161,7 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), MissionError> {
     if written.is_err() {
         let _ = fs::remove_file(&new); // half-written at best
     }
-    written.map_err(MissionError::file(path))
+    written.at(path)
 }
 
 /// `slots.csv` under way. Each line reaches the system when its slot is recorded, so that nothing recorded is lost.
@@ -181,10 +181,11 @@ impl SlotLog {
     /// If a bit of the ledger is unaccounted for, or the line cannot be written; then it is as if it had not been tried.
     pub fn add(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, MissionError> {
         self.pass(flight, header)?;
-        if let Err(error) = self.file.write_all(self.trace.last_line().as_bytes()) {
+        let written = self.file.write_all(self.trace.last_line().as_bytes());
+        if written.is_err() {
             let _ = self.file.set_len(self.length); // a part of a line at best
-            return Err(MissionError::file(&self.path)(error));
         }
+        written.at(&self.path)?;
         self.length += self.trace.last_line().len() as u64;
         Ok(self.trace.value())
     }
@@ -213,7 +214,7 @@ impl SlotLog {
             }
             Ok(())
         };
-        go_on().map_err(MissionError::file(&self.path))
+        go_on().at(&self.path)
     }
 
     /// Hash of all lines so far, chained.
@@ -236,7 +237,7 @@ fn lock(file: &File, path: &Path) -> Result<(), MissionError> {
     match file.try_lock() {
         Ok(()) => Ok(()),
         Err(TryLockError::WouldBlock) => Err(MissionError::RunUnderWay(path.to_owned())),
-        Err(TryLockError::Error(error)) => Err(MissionError::file(path)(error)),
+        Err(TryLockError::Error(error)) => Err(error).at(path),
     }
 }
 
@@ -244,14 +245,14 @@ fn lock(file: &File, path: &Path) -> Result<(), MissionError> {
 fn make(out: &Path, force: bool) -> Result<PathBuf, MissionError> {
     let parent = out.parent().unwrap_or(Path::new(""));
     if !parent.as_os_str().is_empty() {
-        fs::create_dir_all(parent).map_err(MissionError::file(parent))?;
+        fs::create_dir_all(parent).at(parent)?;
     }
     match fs::create_dir(out) {
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists && !force => {
             return Err(MissionError::OutputExists(out.to_owned()));
         }
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists => replace(out)?,
-        made => made.map_err(MissionError::file(out))?,
+        made => made.at(out)?,
     }
     Ok(out.to_owned())
 }
@@ -265,8 +266,8 @@ fn replace(out: &Path) -> Result<(), MissionError> {
     for name in FILES {
         let path = out.join(name);
         match fs::remove_file(&path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(MissionError::file(&path)(error)),
-            _ => {}
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            removed => removed.at(&path)?,
         }
     }
     Ok(())
@@ -275,14 +276,14 @@ fn replace(out: &Path) -> Result<(), MissionError> {
 /// Makes the first free of `runs/<name>-<strategy>-<seed>`, `...-2`, `...-3`.
 fn make_default(scenario: &Scenario) -> Result<PathBuf, MissionError> {
     let runs = Path::new("runs");
-    fs::create_dir_all(runs).map_err(MissionError::file(runs))?;
+    fs::create_dir_all(runs).at(runs)?;
     let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy.name(), scenario.seed);
     let mut number = 1u64;
     loop {
         let path = runs.join(if number == 1 { name.clone() } else { format!("{name}-{number}") });
         match fs::create_dir(&path) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => number += 1,
-            made => return made.map(|()| path.clone()).map_err(MissionError::file(&path)),
+            made => return made.map(|()| path.clone()).at(&path),
         }
     }
 }

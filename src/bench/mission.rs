@@ -11,7 +11,7 @@ use skysink_common::stop::Stop;
 use super::{Effort, letter_text, machine, median};
 use crate::error::Error;
 use skysink_lab::sweep;
-use skysink_lab::sweep::plan::Sweep;
+use skysink_lab::sweep::plan::{Shard, Sweep, SweepBase};
 use skysink_mission::mission::Mission;
 
 /// Slots of a mission, as the letter's.
@@ -46,13 +46,13 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<Measured, Error> {
             let out = place.path().join(format!("{round}-{threads}-{}", speeds.len()));
             let plan = Sweep::new(
                 Path::new("bench"),
-                ("bench.toml".into(), letter_text(200, SLOTS).parse().expect("valid TOML")),
+                SweepBase { path: "bench.toml".into(), table: letter_text(200, SLOTS).parse().expect("valid TOML") },
                 toml::Table::new(),
                 vec![Strategy::Uts],
                 (1..=missions * threads as u64).collect(),
             )?;
             let begin = Instant::now();
-            let rows = sweep::sweep(&plan, &out, (1, 1), threads, stop)?;
+            let rows = sweep::sweep(&plan, &out, Shard::WHOLE, threads, stop, &|_| ())?;
             speeds.push((rows.len() as u64 * SLOTS) as f64 / begin.elapsed().as_secs_f64());
         }
     }

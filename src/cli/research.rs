@@ -6,15 +6,16 @@ use std::time::Duration;
 use clap::{Args, Subcommand};
 use skysink_common::scenario::{Overrides, Scenario, Strategy};
 use skysink_common::stop::Stop;
-use skysink_lab::figures::campaign;
+use skysink_lab::figures;
+use skysink_lab::figures::campaign::{Choice, FigurePart, HORIZON_ITERATIONS};
 use skysink_lab::optimize::{Budget, MAX_STEPS, Optimization, optimize};
 use skysink_lab::sweep;
-use skysink_lab::sweep::plan::Sweep;
+use skysink_lab::sweep::plan::{Shard, Sweep};
 use skysink_mission::record::RunFolder;
 
 use super::Flown;
 use crate::error::Error;
-use crate::report;
+use crate::report::{self, LabBar};
 use crate::simulate::{Simulation, simulate_mission};
 
 /// The research commands.
@@ -37,7 +38,7 @@ Examples:
         threads: usize,
         /// Fly every n-th point only, from the k-th.
         #[arg(long, value_name = "K/N", value_parser = shard, default_value = "1/1")]
-        shard: (usize, usize),
+        shard: Shard,
     },
     /// Draw the letter's figures, with the sweeps behind them. Interrupted, it goes on where it was.
     #[command(after_help = "\
@@ -48,7 +49,7 @@ Examples:
     Figures {
         /// Only these figures (repeatable, or separated by commas).
         #[arg(long, value_name = "PART", value_enum, value_delimiter = ',')]
-        only: Vec<campaign::Part>,
+        only: Vec<FigurePart>,
         /// 5 missions per point.
         #[arg(long, conflicts_with = "runs")]
         quick: bool,
@@ -59,7 +60,7 @@ Examples:
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
         /// Search steps of horizon in a slot, and 200 times as many for the best known; four times that in sparse fields.
-        #[arg(long, value_name = "N", default_value_t = campaign::HORIZON_ITERATIONS)]
+        #[arg(long, value_name = "N", default_value_t = HORIZON_ITERATIONS)]
         #[arg(value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
         horizon_iterations: u32,
         /// Missions flown at the same time [default: one per core].
@@ -101,14 +102,18 @@ impl Research {
                 let plan = Sweep::read(&sweep)?;
                 let name = sweep.file_stem().unwrap_or(sweep.as_os_str());
                 let out = out.unwrap_or_else(|| Path::new("runs").join(name));
-                let rows = sweep::sweep(&plan, &out, shard, threads, stop)?;
+                let progress = LabBar::of_missions();
+                let rows = sweep::sweep(&plan, &out, shard, threads, stop, &|made| progress.show(made))?;
+                drop(progress);
                 println!("{} missions: {}", rows.len(), out.join("results.csv").display());
             }
             Self::Figures { only, quick, runs, horizon_iterations, out, threads } => {
                 let runs = if quick { QUICK_RUNS } else { runs };
                 let out = out.unwrap_or_else(|| Path::new("runs").join(format!("figures-{runs}")));
-                let choice = campaign::Choice { only, runs, horizon_iterations, threads, out };
-                let stems = campaign::draw(&choice, stop)?;
+                let choice = Choice { only, runs, horizon_iterations, threads, out };
+                let progress = LabBar::of_missions();
+                let stems = figures::draw(&choice, stop, &|made| progress.show(made))?;
+                drop(progress);
                 stems.iter().for_each(|stem| println!("{}.svg, .png", stem.display()));
                 println!("Tables: {}", choice.out.join("tables.md").display());
             }
@@ -149,8 +154,10 @@ impl OptimizeOptions {
         };
         let scenarios = Strategy::ALL.map(by).into_iter().collect::<Result<_, _>>()?;
         let Self { budget, flight: Flown { out, force, .. }, record, .. } = self;
+        let progress = LabBar::of_steps();
         RunFolder::check(out.as_deref(), force)?;
-        let found = optimize(&Optimization { scenarios, budget }, stop)?;
+        let found = optimize(&Optimization { scenarios, budget }, stop, &|made| progress.show(made))?;
+        drop(progress);
         let simulation = Simulation { scenario: found.scenario.clone(), out, force, record };
         let (folder, summary) = simulate_mission(&simulation, &found.list, found.mission(), stop)?;
         folder.write_json("optimum.json", &found.optimum)?;
@@ -171,7 +178,7 @@ fn budget(text: &str) -> Result<Budget, String> {
     }
 }
 
-fn shard(text: &str) -> Result<(usize, usize), String> {
-    let parts = text.split_once('/').and_then(|(k, n)| Some((k.parse().ok()?, n.parse().ok()?)));
-    parts.filter(|(k, n)| (1..=*n).contains(k)).ok_or_else(|| "expected k/n with k from 1 to n".to_owned())
+fn shard(text: &str) -> Result<Shard, String> {
+    let parts = text.split_once('/').and_then(|(k, n)| Some(Shard(k.parse().ok()?, n.parse().ok()?)));
+    parts.filter(|&Shard(k, n)| (1..=n).contains(&k)).ok_or_else(|| "expected k/n with k from 1 to n".to_owned())
 }

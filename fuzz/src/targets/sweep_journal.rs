@@ -1,10 +1,8 @@
 //! The journal of a sweep.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
-use skysink_lab::sweep::journal::{Journal, Row, read};
-use skysink_lab::sweep::plan::Flight;
+use skysink_lab::sweep::journal::{MissionRows, SweepJournal, read};
 
 use super::place::{in_folder, write};
 
@@ -18,7 +16,7 @@ pub fn sweep_journal(bytes: &[u8]) {
         let (path, copy) = (folder.join("missions.csv"), folder.join("copy.csv"));
         write(&path, bytes);
         let found = read(&path);
-        match (found, Journal::open(&path)) {
+        match (found, SweepJournal::open(&path)) {
             (Err(error), Err(same)) => {
                 super::assert_one_line(&error);
                 assert_eq!(error.to_string(), same.to_string());
@@ -34,9 +32,9 @@ pub fn sweep_journal(bytes: &[u8]) {
     });
 }
 
-fn write_again(copy: &Path, rows: &BTreeMap<Flight, Row>) {
+fn write_again(copy: &Path, rows: &MissionRows) {
     write(copy, &[]);
-    let (mut journal, none) = Journal::open(copy).expect("an empty journal opens");
+    let (mut journal, none) = SweepJournal::open(copy).expect("an empty journal opens");
     assert!(none.is_empty());
     for row in rows.values() {
         journal.add(row).expect("the row is written");
@@ -45,6 +43,6 @@ fn write_again(copy: &Path, rows: &BTreeMap<Flight, Row>) {
 }
 
 /// The missions in words: a figure may be NaN, which equals nothing.
-fn told(rows: &BTreeMap<Flight, Row>) -> String {
+fn told(rows: &MissionRows) -> String {
     format!("{rows:?}")
 }

@@ -1,7 +1,7 @@
 //! A sheet of lines, areas and texts, and the two files it becomes: the only place that writes with plotters' backends.
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use std::{fs, io};
 
 use plotters::backend::{BitMapBackend, DrawingBackend, SVGBackend};
 use plotters::coord::Shift;
@@ -9,9 +9,11 @@ use plotters::drawing::{DrawingArea, DrawingAreaErrorKind, IntoDrawingArea};
 use plotters::element::{Circle, PathElement, Polygon};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{Color, FontTransform, RGBColor, ShapeStyle, TextStyle, WHITE};
+use skysink_mission::error::FileContext;
 
 use super::error::FigureError;
 use super::style::{bitmap_size, font, lacks};
+use crate::error::LabError;
 
 /// Backend pixels a unit: the SVG has coordinates that fine, the PNG is averaged from that many by that many samples.
 const FINENESS: u32 = 3;
@@ -94,21 +96,21 @@ impl Canvas {
     ///
     /// # Errors
     /// A text that the embedded font cannot set, a file that cannot be written.
-    pub fn write(&self, stem: &Path) -> Result<(), FigureError> {
+    pub fn write(&self, stem: &Path) -> Result<(), LabError> {
         for shape in &self.shapes {
             if let Shape::Text(Text { text, .. }) = shape
                 && let Some(character) = lacks(text)
             {
-                return Err(FigureError::Character { text: text.clone(), character });
+                return Err(FigureError::Character { text: text.clone(), character }.into());
             }
         }
-        let path = with_suffix(stem, "svg");
-        fs::write(&path, self.svg()).map_err(FigureError::file(&path))?;
-        let path = with_suffix(stem, "png");
-        let mut png = BitMapBackend::new(&path, (self.width, self.height));
-        png.blit_bitmap((0, 0), (self.width, self.height), &self.bitmap())
-            .and_then(|()| png.present())
-            .map_err(|error| FigureError::file(&path)(std::io::Error::other(error)))
+        let path = stem.with_added_extension("svg");
+        fs::write(&path, self.svg()).at(&path)?;
+        let path = stem.with_added_extension("png");
+        let size = (self.width, self.height);
+        let mut png = BitMapBackend::new(&path, size);
+        let written = png.blit_bitmap((0, 0), size, &self.bitmap()).and_then(|()| png.present());
+        Ok(written.map_err(io::Error::other).at(&path)?)
     }
 
     /// The sheet as an SVG document of `width` by `height`.
@@ -227,12 +229,4 @@ fn average(fine: &[u8], width: u32) -> Vec<u8> {
         }
     }
     coarse
-}
-
-/// `stem` with `.suffix` behind it, whatever dots it has.
-fn with_suffix(stem: &Path, suffix: &str) -> PathBuf {
-    let mut path = stem.as_os_str().to_owned();
-    path.push(".");
-    path.push(suffix);
-    path.into()
 }

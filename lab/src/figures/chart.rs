@@ -7,7 +7,8 @@ pub use super::axis::Scale;
 use super::canvas::{Anchor, Canvas, Run, Text};
 use super::error::FigureError;
 use super::panel::{Grid, Panel, draw_footer, footer_height, footer_lines, word};
-use super::style::{LABEL_EM, SERIES, SeriesStyle, TICK_EM, TITLE_EM, fitting, text_width};
+use super::style::{LABEL_EM, SeriesStyle, TICK_EM, TITLE_EM, fitting, text_width};
+use crate::error::LabError;
 
 /// Width and height of a chart [units, pixels of the PNG].
 const SIZE: [u32; 2] = [1600, 1000];
@@ -28,7 +29,7 @@ const MARKER_WIDTH: f64 = 3.0;
 
 /// A mean over missions.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Point {
+pub struct CurvePoint {
     /// What was varied, in the unit of the x axis.
     pub x: f64,
     /// Mean, in the unit of the y axis.
@@ -43,10 +44,10 @@ pub struct Series {
     /// Name in the legend.
     pub label: String,
     /// Its points by ascending `x`.
-    pub points: Vec<Point>,
+    pub points: Vec<CurvePoint>,
 }
 
-/// One to eleven curves over the same axes.
+/// Curves over the same axes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chart {
     /// Above everything.
@@ -55,7 +56,7 @@ pub struct Chart {
     pub x_label: String,
     /// What was measured, with its unit.
     pub y_label: String,
-    /// The curves; their place in the list fixes colour, dashes and markers.
+    /// The curves, at least one; the index fixes colour, dashes and marker.
     pub series: Vec<Series>,
     /// Missions, seeds, version, command.
     pub footer: String,
@@ -67,38 +68,35 @@ impl Chart {
     /// Writes `stem`.svg and `stem`.png; the same chart gives the same bytes.
     ///
     /// # Errors
-    /// No series or more than eleven, a series without points, a number that cannot be placed, a character that the
+    /// No series, a series without points, a number that cannot be placed, a character that the
     /// embedded font lacks, a file that cannot be written.
-    pub fn draw(&self, stem: &Path) -> Result<(), FigureError> {
+    pub fn draw(&self, stem: &Path) -> Result<(), LabError> {
         self.check()?;
         let mut canvas = Canvas::new(SIZE[0], SIZE[1]);
         let panel = self.draw_surroundings(&mut canvas);
-        for (series, style) in self.series.iter().zip(&SERIES) {
-            series.draw_bands(&mut canvas, &panel, style);
+        let styled = || self.series.iter().zip((0..).map(SeriesStyle::of));
+        for (series, style) in styled() {
+            series.draw_bands(&mut canvas, &panel, &style);
         }
-        for (series, style) in self.series.iter().zip(&SERIES) {
-            let curve = series.points.iter().map(|point| panel.at(point.x, point.mean)).collect();
-            draw_dashed(&mut canvas, curve, style);
+        for (series, style) in styled() {
+            draw_dashed(&mut canvas, series.means(&panel).collect(), &style);
         }
-        for (series, style) in self.series.iter().zip(&SERIES) {
-            for point in &series.points {
-                draw_marker(&mut canvas, panel.at(point.x, point.mean), style);
-            }
+        for (series, style) in styled() {
+            series.means(&panel).for_each(|at| draw_marker(&mut canvas, at, &style));
         }
         canvas.write(stem)
     }
 
     fn check(&self) -> Result<(), FigureError> {
-        let count = |place, what, count, expected| Err(FigureError::Count { place, what, count, expected });
-        if !(1..=SERIES.len()).contains(&self.series.len()) {
-            return count(format!("chart {:?}", self.title), "series", self.series.len(), "1 to 11");
+        if self.series.is_empty() {
+            return Err(FigureError::Nothing { place: format!("chart {:?}", self.title), what: "series" });
         }
         for series in &self.series {
             if series.points.is_empty() {
-                return count(self.place(series), "points", 0, "at least 1");
+                return Err(FigureError::Nothing { place: self.place(series), what: "points" });
             }
             let mut last_x = f64::NEG_INFINITY;
-            for &Point { x, mean, half_width } in &series.points {
+            for &CurvePoint { x, mean, half_width } in &series.points {
                 let place = || format!("{}, x = {x}", self.place(series));
                 let ascending = x.is_finite() && x > last_x;
                 FigureError::unless(ascending, || self.place(series), "x", x, "finite numbers in ascending order")?;
@@ -156,8 +154,9 @@ impl Chart {
         for (row, entries) in rows.into_iter().enumerate() {
             let y = MARGIN + 1.4 * TITLE_EM + LEGEND_ROW * (row as f64 + 0.5);
             for (x, series) in entries {
-                draw_dashed(canvas, vec![[left + x, y], [left + x + SAMPLE, y]], &SERIES[series]);
-                draw_marker(canvas, [left + x + SAMPLE / 2.0, y], &SERIES[series]);
+                let style = SeriesStyle::of(series);
+                draw_dashed(canvas, vec![[left + x, y], [left + x + SAMPLE, y]], &style);
+                draw_marker(canvas, [left + x + SAMPLE / 2.0, y], &style);
                 let at = [left + x + SAMPLE + 14.0, y + 0.36 * LABEL_EM];
                 canvas.text(word(&self.series[series].label, at, LABEL_EM, Anchor::Left));
             }
@@ -169,7 +168,7 @@ impl Chart {
         let points = || self.series.iter().flat_map(|series| &series.points);
         let lowest = points().map(|point| point.mean).fold(f64::INFINITY, f64::min);
         let highest = points().map(|point| point.mean).fold(f64::NEG_INFINITY, f64::max);
-        let limits = points().flat_map(Point::limits).filter(|limit| limit.is_finite());
+        let limits = points().flat_map(CurvePoint::limits).filter(|limit| limit.is_finite());
         let shown = |limit: &f64| self.y_scale == Scale::Linear || *limit > lowest / 3.0;
         let near_zero = self.y_scale == Scale::Linear && lowest >= 0.0 && lowest < highest / 2.0;
         let zero = near_zero.then_some(0.0);
@@ -193,7 +192,7 @@ impl Chart {
     }
 }
 
-impl Point {
+impl CurvePoint {
     /// Confidence limits; NaN where there are none.
     fn limits(&self) -> [f64; 2] {
         [self.mean - self.half_width, self.mean + self.half_width]
@@ -201,6 +200,11 @@ impl Point {
 }
 
 impl Series {
+    /// Where its means are on the sheet [units].
+    fn means<'a>(&'a self, panel: &'a Panel) -> impl Iterator<Item = [f64; 2]> + 'a {
+        self.points.iter().map(|point| panel.at(point.x, point.mean))
+    }
+
     /// Draws an area over every stretch of points that have confidence limits, and a bar at a lone one.
     fn draw_bands(&self, canvas: &mut Canvas, panel: &Panel, style: &SeriesStyle) {
         for stretch in self.points.chunk_by(|a, b| a.half_width.is_nan() == b.half_width.is_nan()) {

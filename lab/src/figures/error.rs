@@ -1,22 +1,15 @@
 //! Why a figure is not drawn.
 
-use std::io;
-use std::path::{Path, PathBuf};
-
-/// Why a figure is not drawn; the display is one line.
+/// Why a figure is not drawn; the display is one line. Files that cannot be written are a mission's error.
 #[derive(Debug, thiserror::Error)]
 pub enum FigureError {
-    /// There is nothing to draw, or more than can be told apart.
-    #[error("{place}: {count} {what}: expected {expected}")]
-    Count {
+    /// There is nothing to draw.
+    #[error("{place}: 0 {what}: expected at least 1")]
+    Nothing {
         /// Figure or series.
         place: String,
-        /// Of what.
+        /// What is missing.
         what: &'static str,
-        /// How many there are.
-        count: usize,
-        /// How many there may be.
-        expected: &'static str,
     },
     /// A number cannot be placed.
     #[error("{place}: {key} = {value}: expected {expected}")]
@@ -38,23 +31,9 @@ pub enum FigureError {
         /// Its first character without a glyph.
         character: char,
     },
-    /// A file cannot be written.
-    #[error("{}: {source}", path.display())]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// Why not.
-        source: io::Error,
-    },
 }
 
 impl FigureError {
-    /// A failure to write `path`.
-    pub(super) fn file(path: &Path) -> impl FnOnce(io::Error) -> Self + use<> {
-        let path = path.to_owned();
-        move |source| Self::File { path, source }
-    }
-
     /// Passes a number for which `holds`, refuses any other; a comparison with NaN does not hold.
     pub(super) fn unless(
         holds: bool,

@@ -1,18 +1,13 @@
 //! What it costs not to know the queues: the same missions flown by a planner that sees every queue, by one that estimates
 //! them from its contacts, and by one that has to learn the sampling rates, too.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use skysink_common::scenario::Strategy;
 
-use skysink_common::scenario::{LETTER, Strategy};
-
-use super::campaign::{Campaign, write_table};
-use super::study::{number, point};
-use super::{Chart, Scale, Series};
+use super::campaign::{Campaign, LETTER_BASE, all_of, curve, numbers, plan};
+use super::chart::{Chart, Scale};
 use crate::error::LabError;
-use crate::sweep::journal::Row;
-use crate::sweep::plan::{Flight, Sweep};
-use crate::sweep::results::groups;
+use crate::sweep::journal::missions_of;
+use crate::sweep::plan::Sweep;
 
 /// One strategy of each kind: of one slot, and of many.
 const STRATEGIES: [Strategy; 2] = [Strategy::Exact, Strategy::Horizon];
@@ -34,54 +29,42 @@ const SIDES_M: [i64; 5] = [100, 200, 300, 500, 1000];
 const RATES_BPS: [f64; 2] = [50.0, 150.0];
 const QUEUES_BITS: [f64; 2] = [0.0, 20_000.0];
 
-/// Flies the sweeps, draws the chart, and adds its table.
-pub(super) fn draw(campaign: &Campaign, tables: &mut String) -> Result<PathBuf, LabError> {
-    let mut series = Vec::new();
+/// Flies the sweeps, and draws the chart: of each strategy a curve for everything that it may know.
+pub(super) fn draw(campaign: &mut Campaign) -> Result<(), LabError> {
+    let mut flown = Vec::new();
     for (name, knowledge, rates, label) in KNOWLEDGE {
-        let rows = campaign.fly(name, &sweep(campaign, name, knowledge, rates)?, 0)?;
-        series.extend(curves(&rows, label));
+        flown.push((label, campaign.fly(name, &sweep(campaign, name, knowledge, rates)?, 0)?));
     }
-    series.sort_by_key(|(strategy, _)| *strategy);
-    let runs = campaign.choice.runs.min(MOST_RUNS);
+    let mut series = Vec::new();
+    for (strategy, name) in STRATEGIES.iter().enumerate() {
+        series.extend(flown.iter().map(|(label, rows)| {
+            curve(format!("{} {label}", name.name()), &SIDES_M, |side| {
+                missions_of(rows, side, strategy).map(|row| row.loss_rate).collect()
+            })
+        }));
+    }
     let chart = Chart {
         title: "Data loss for not knowing · rates of 50 to 150 bit/s, initial queues of 0 to 20 kbit".to_owned(),
         x_label: "side of the area [m]".to_owned(),
         y_label: "data loss rate η".to_owned(),
-        series: series.into_iter().map(|(_, series)| series).collect(),
-        footer: campaign.footer_of(&format!("{runs} missions per point, seeds 1 to {runs}")),
+        series,
+        footer: campaign.choice.footer(&all_of(campaign.choice.runs.min(MOST_RUNS))),
         y_scale: Scale::Linear,
     };
-    let stem = campaign.choice.out.join("loss-knowledge");
-    chart.draw(&stem)?;
-    write_table(tables, &chart);
-    Ok(stem)
-}
-
-/// A curve per strategy, with its place in the list.
-fn curves(rows: &BTreeMap<Flight, Row>, label: &str) -> Vec<(usize, Series)> {
-    let groups = groups(rows);
-    let losses = |place: usize, strategy: usize| -> Vec<f64> {
-        groups[&(place, strategy)].iter().map(|row| row.loss_rate).collect()
-    };
-    let curve = |(strategy, name): (usize, &Strategy)| {
-        let points = SIDES_M.iter().enumerate().map(|(place, &side_m)| point(side_m, &losses(place, strategy)));
-        (strategy, Series { label: format!("{} {label}", name.name()), points: points.collect() })
-    };
-    STRATEGIES.iter().enumerate().map(curve).collect()
+    campaign.add_chart("loss-knowledge", &chart)
 }
 
 /// The letter's mission over areas of several sides, with unequal sensor nodes.
 fn sweep(campaign: &Campaign, name: &str, knowledge: &str, rates: &str) -> Result<Sweep, LabError> {
-    let mut axes = toml::Table::new();
-    let mut add = |key: &str, values: Vec<toml::Value>| axes.insert(key.to_owned(), toml::Value::Array(values));
-    let range = |[low, high]: [f64; 2]| vec![toml::Value::Array(vec![low.into(), high.into()])];
-    add("slots", vec![500.into()]);
-    add("sensors.sampling_bps", range(RATES_BPS));
-    add("sensors.initial_queue_mean_bits", range(QUEUES_BITS));
-    add("planner.knowledge", vec![knowledge.into()]);
-    add("planner.rates", vec![rates.into()]);
-    add("planner.horizon_iterations", vec![i64::from(campaign.choice.horizon_iterations).into()]);
-    add("area.side_m", SIDES_M.map(|side_m| number("area.side_m", side_m)).to_vec());
-    let base = (PathBuf::from("letter.toml (built in)"), LETTER.parse().expect("the built-in scenario is TOML"));
-    Sweep::new(Path::new(name), base, axes, STRATEGIES.to_vec(), (1..=campaign.choice.runs.min(MOST_RUNS)).collect())
+    let range = |ends: [f64; 2]| vec![toml::Value::Array(ends.map(toml::Value::from).to_vec())];
+    let axes = vec![
+        ("slots", numbers("slots", &[500])),
+        ("sensors.sampling_bps", range(RATES_BPS)),
+        ("sensors.initial_queue_mean_bits", range(QUEUES_BITS)),
+        ("planner.knowledge", vec![knowledge.into()]),
+        ("planner.rates", vec![rates.into()]),
+        ("planner.horizon_iterations", vec![i64::from(campaign.choice.horizon_iterations).into()]),
+        ("area.side_m", numbers("area.side_m", &SIDES_M)),
+    ];
+    plan(name, LETTER_BASE, axes, &STRATEGIES, campaign.choice.runs.min(MOST_RUNS))
 }

@@ -9,6 +9,7 @@ use super::canvas::{Anchor, Canvas, Run, Text};
 use super::error::FigureError;
 use super::panel::{Grid, Panel, draw_footer, footer_height, footer_lines, word};
 use super::style::{AXIS_WIDTH, INK, PATH, TITLE_EM, fitting, shade};
+use crate::error::LabError;
 
 /// Width of a sheet [units, pixels of the PNG]; its height depends on the panels.
 const WIDTH: f64 = 1600.0;
@@ -32,8 +33,8 @@ const START: f64 = 12.0;
 pub struct MapSensor {
     /// Where it is: x, y [m].
     pub position_m: [f64; 2],
-    /// What its colour shows, a share from 0 to 1.
-    pub share: f64,
+    /// What its colour shows, a fraction from 0 to 1.
+    pub fraction: f64,
 }
 
 /// The trajectory of one mission.
@@ -61,7 +62,7 @@ pub struct MapSheet {
     /// The maps, row by row.
     pub maps: Vec<TrajectoryMap>,
     /// What the colours of the sensors show.
-    pub share_label: String,
+    pub fraction_label: String,
     /// Mission, seed, version, command.
     pub footer: String,
 }
@@ -71,10 +72,9 @@ impl MapSheet {
     ///
     /// # Errors
     /// No map, a number that cannot be placed, a character that the embedded font lacks, a file that cannot be written.
-    pub fn draw(&self, stem: &Path) -> Result<(), FigureError> {
+    pub fn draw(&self, stem: &Path) -> Result<(), LabError> {
         if self.maps.is_empty() {
-            let place = format!("map sheet {:?}", self.title);
-            return Err(FigureError::Count { place, what: "maps", count: 0, expected: "at least 1" });
+            return Err(FigureError::Nothing { place: format!("map sheet {:?}", self.title), what: "maps" }.into());
         }
         self.maps.iter().try_for_each(TrajectoryMap::check)?;
 
@@ -103,17 +103,17 @@ impl MapSheet {
         canvas.write(stem)
     }
 
-    /// Upper end of the colour bar: the first of 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1 that no share exceeds.
+    /// Upper end of the colour bar: the first of 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1 that no fraction exceeds.
     fn highest(&self) -> f64 {
-        let shares = self.maps.iter().flat_map(|map| &map.sensors).map(|sensor| sensor.share);
-        let highest = shares.fold(0.0, f64::max);
+        let fractions = self.maps.iter().flat_map(|map| &map.sensors).map(|sensor| sensor.fraction);
+        let highest = fractions.fold(0.0, f64::max);
         [0.01, 0.02, 0.05, 0.1, 0.2, 0.5].into_iter().find(|&end| highest <= end).unwrap_or(1.0)
     }
 
     /// Draws colour bar and signs in the cell after the last map.
     fn draw_key(&self, canvas: &mut Canvas, [cell_x, cell_y]: [f64; 2], [width, height]: [f64; 2], highest: f64) {
         let [left, top] = [cell_x + BESIDE[0], cell_y + AROUND[0] + 0.1 * height];
-        canvas.text(word(&self.share_label, [left, top], fitting(&self.share_label, EM, width), Anchor::Left));
+        canvas.text(word(&self.fraction_label, [left, top], fitting(&self.fraction_label, EM, width), Anchor::Left));
         const STEPS: u32 = 64;
         let bar = Panel {
             corner: [left, top + 0.6 * EM],
@@ -157,8 +157,14 @@ impl TrajectoryMap {
             }
         }
         for sensor in &self.sensors {
-            let share = sensor.share;
-            FigureError::unless((0.0..=1.0).contains(&share), place, "share", share, "a share from 0 to 1")?;
+            let fraction = sensor.fraction;
+            FigureError::unless(
+                (0.0..=1.0).contains(&fraction),
+                place,
+                "fraction",
+                fraction,
+                "a fraction from 0 to 1",
+            )?;
         }
         Ok(())
     }
@@ -195,13 +201,13 @@ impl TrajectoryMap {
         let at = [left - panel.left_margin(EM, TICK_SPACING[1]) - 0.5 * EM, top + size[1] / 2.0];
         canvas.text(Text { run: Run::Up, ..word("y [m]", at, EM, Anchor::Center) });
 
-        let way_m: Vec<_> = std::iter::once(self.start_m).chain(self.path_m.iter().copied()).collect();
-        let way: Vec<_> = way_m.into_iter().map(|[x, y]| panel.at(x, y)).collect();
-        let end = way[way.len() - 1];
-        canvas.line(way, AXIS_WIDTH, PATH);
+        let positions_m = std::iter::once(self.start_m).chain(self.path_m.iter().copied());
+        let path: Vec<_> = positions_m.map(|[x, y]| panel.at(x, y)).collect();
+        let end = path[path.len() - 1];
+        canvas.line(path, AXIS_WIDTH, PATH);
         for sensor in &self.sensors {
             let [x, y] = sensor.position_m;
-            draw_sensor(canvas, panel.at(x, y), shade(sensor.share / highest));
+            draw_sensor(canvas, panel.at(x, y), shade(sensor.fraction / highest));
         }
         draw_start(canvas, panel.at(self.start_m[0], self.start_m[1]));
         draw_end(canvas, end);

@@ -74,7 +74,7 @@ pub fn lacks(text: &str) -> Option<char> {
 }
 
 /// What tells one series from another.
-#[derive(Debug)]
+#[derive(Debug, Clone, Copy)]
 pub struct SeriesStyle {
     /// From the palette of Okabe and Ito, which colour-blind readers can tell apart; they differ in lightness too.
     pub colour: RGBColor,
@@ -87,7 +87,7 @@ pub struct SeriesStyle {
 }
 
 /// A sign at a point. They are of different size and open or small, so that all are seen where curves coincide.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Marker {
     /// ○
     Circle,
@@ -111,9 +111,9 @@ pub enum Marker {
     Bare,
 }
 
-/// The series in the order of a chart: rfs, gfs, uts, uts-wide, exact, tour, round-robin, max-age-first, horizon, the best
+/// The first series in the order of a chart: rfs, gfs, uts, uts-wide, exact, tour, round-robin, max-age-first, horizon, the best
 /// known, the lower bound.
-pub static SERIES: [SeriesStyle; 11] = [
+static SERIES: [SeriesStyle; 11] = [
     SeriesStyle { colour: RGBColor(0xE6, 0x9F, 0x00), dashes: &[], width: 6.0, marker: Marker::Circle },
     SeriesStyle { colour: RGBColor(0x00, 0x9E, 0x73), dashes: &[30.0, 14.0], width: 5.0, marker: Marker::Square },
     SeriesStyle { colour: RGBColor(0x00, 0x72, 0xB2), dashes: &[], width: 3.5, marker: Marker::Triangle },
@@ -133,6 +133,17 @@ pub static SERIES: [SeriesStyle; 11] = [
 ];
 
 impl SeriesStyle {
+    /// The style of the series with this index. After the last of [`SERIES`] colours and lines begin again, each time with
+    /// other markers.
+    pub fn of(index: usize) -> Self {
+        const MARKED: usize = 9; // the first series, each with a marker of its own
+        let style = SERIES[index % SERIES.len()];
+        match index / SERIES.len() {
+            0 => style,
+            round => Self { marker: SERIES[(index + 2 * round) % MARKED].marker, ..style },
+        }
+    }
+
     /// Cuts `curve` [units] into dashes, which go on around its corners.
     pub fn dashed(&self, curve: Vec<[f64; 2]>) -> Vec<Vec<[f64; 2]>> {
         if self.dashes.is_empty() {
@@ -187,10 +198,10 @@ impl Marker {
     }
 }
 
-/// Colour of a share of 1: cividis (Nuñez, Anderton and Renslow, 2018) from light (0) to dark (1).
+/// Colour of a fraction: cividis (Nuñez, Anderton and Renslow, 2018) from light (0) to dark (1).
 ///
-/// Its lightness is monotonic, so that it reads in grey; what matters most, a high share, is darkest.
-pub fn shade(share: f64) -> RGBColor {
+/// Its lightness is monotonic, so that it reads in grey; what matters most, a high fraction, is darkest.
+pub fn shade(fraction: f64) -> RGBColor {
     const DARK_TO_LIGHT: [[f64; 3]; 9] = [
         [0.0, 34.0, 78.0],
         [26.0, 56.0, 111.0],
@@ -202,7 +213,7 @@ pub fn shade(share: f64) -> RGBColor {
         [222.0, 201.0, 88.0],
         [254.0, 232.0, 56.0],
     ];
-    let position = (1.0 - share.clamp(0.0, 1.0)) * 8.0;
+    let position = (1.0 - fraction.clamp(0.0, 1.0)) * 8.0;
     let below = (position as usize).min(7);
     let mix = |channel: usize| {
         let (a, b) = (DARK_TO_LIGHT[below][channel], DARK_TO_LIGHT[below + 1][channel]);

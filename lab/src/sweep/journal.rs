@@ -1,20 +1,21 @@
-//! The journal of a sweep: a line for each mission that is flown, so that an interrupted sweep goes on where it was.
+//! The journal of a sweep: a line for each mission that is flown, so that an interrupted sweep can be resumed.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use skysink_mission::error::FileContext;
 
 use super::error::SweepError;
-use super::plan::Flight;
+use super::plan::MissionKey;
 use crate::error::LabError;
 
 /// What a mission comes to, as in the journal.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[allow(missing_docs)] // the columns of the results, defined in docs/metrics.md
-pub struct Row {
+pub struct MissionRow {
     pub point: usize,
     pub strategy: usize,
     pub seed: u64,
@@ -33,35 +34,42 @@ pub struct Row {
     pub plan_p99_us: f64,
 }
 
-impl Row {
+/// The missions of a sweep, in the order of the results.
+pub type MissionRows = BTreeMap<MissionKey, MissionRow>;
+
+/// The missions of a point by a strategy, by ascending seed.
+pub fn missions_of(rows: &MissionRows, point: usize, strategy: usize) -> impl Iterator<Item = &MissionRow> {
+    let key = |seed| MissionKey { point, strategy, seed };
+    rows.range(key(0)..=key(u64::MAX)).map(|(_, row)| row)
+}
+
+impl MissionRow {
     /// Which mission it is.
     #[must_use]
-    pub fn flight(&self) -> Flight {
-        Flight { point: self.point, strategy: self.strategy, seed: self.seed }
+    pub fn key(&self) -> MissionKey {
+        MissionKey { point: self.point, strategy: self.strategy, seed: self.seed }
     }
 }
 
 /// A journal that is written.
 #[derive(Debug)]
-pub struct Journal {
+pub struct SweepJournal {
     path: PathBuf,
     file: File,
 }
 
-impl Journal {
+impl SweepJournal {
     /// Opens the journal, drops a line that was cut off, and returns what is in it.
     ///
     /// # Errors
     /// If it cannot be read or written, or is no journal.
-    pub fn open(path: &Path) -> Result<(Self, BTreeMap<Flight, Row>), LabError> {
-        let open = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path);
-        let mut file = open.map_err(LabError::file(path))?;
+    pub fn open(path: &Path) -> Result<(Self, MissionRows), LabError> {
+        let mut file = OpenOptions::new().read(true).append(true).create(true).open(path).at(path)?;
         let mut text = Vec::new();
-        file.read_to_end(&mut text).map_err(LabError::file(path))?;
-        let whole = text.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1);
-        file.set_len(whole as u64).map_err(LabError::file(path))?;
-        file.seek(SeekFrom::End(0)).map_err(LabError::file(path))?;
-        let rows = parse(path, &text[..whole])?;
+        file.read_to_end(&mut text).at(path)?;
+        let whole = whole_lines(&text);
+        file.set_len(whole.len() as u64).at(path)?;
+        let rows = parse(path, whole)?;
         Ok((Self { path: path.to_owned(), file }, rows))
     }
 
@@ -69,13 +77,11 @@ impl Journal {
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn add(&mut self, row: &Row) -> Result<(), LabError> {
+    pub fn add(&mut self, row: &MissionRow) -> Result<(), LabError> {
         let mut writer = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
-        let line = writer
-            .serialize(row)
-            .map_err(std::io::Error::other)
-            .and_then(|()| writer.into_inner().map_err(|error| std::io::Error::other(error.to_string())));
-        line.and_then(|line| self.file.write_all(&line)).map_err(LabError::file(&self.path))
+        writer.serialize(row).expect("plain numbers");
+        let line = writer.into_inner().expect("memory takes everything");
+        Ok(self.file.write_all(&line).at(&self.path)?)
     }
 }
 
@@ -83,21 +89,24 @@ impl Journal {
 ///
 /// # Errors
 /// If it cannot be read or is no journal.
-pub fn read(path: &Path) -> Result<BTreeMap<Flight, Row>, LabError> {
-    let text = std::fs::read(path).map_err(LabError::file(path))?;
-    let whole = text.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1);
-    parse(path, &text[..whole])
+pub fn read(path: &Path) -> Result<MissionRows, LabError> {
+    parse(path, whole_lines(&std::fs::read(path).at(path)?))
 }
 
-fn parse(path: &Path, text: &[u8]) -> Result<BTreeMap<Flight, Row>, LabError> {
+/// The text up to its last line end.
+fn whole_lines(text: &[u8]) -> &[u8] {
+    &text[..text.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1)]
+}
+
+fn parse(path: &Path, text: &[u8]) -> Result<MissionRows, LabError> {
     let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(text);
     let rows = reader.deserialize().enumerate().map(|(line, row)| {
-        let row: Row = row.map_err(|error| SweepError::Journal {
+        let row: MissionRow = row.map_err(|error| SweepError::Journal {
             path: path.to_owned(),
             line: line + 1,
             message: error.to_string().replace('\n', " "),
         })?;
-        Ok((row.flight(), row))
+        Ok((row.key(), row))
     });
     rows.collect()
 }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use skysink_common::scenario::{Overrides, Scenario, SensorSource, Strategy};
 use skysink_common::sensors::SensorList;
+use skysink_mission::error::FileContext;
 use xxhash_rust::xxh3::Xxh3;
 
 use super::error::SweepError;
@@ -55,16 +56,33 @@ pub struct Definition {
 pub struct Sweep {
     /// What it is.
     pub definition: Definition,
-    base: toml::Table,
-    base_path: PathBuf,
+    base: SweepBase,
+}
+
+/// The scenario that a sweep varies.
+#[derive(Debug)]
+pub struct SweepBase {
+    /// Its file; files that it names are beside it.
+    pub path: PathBuf,
+    /// Its keys.
+    pub table: toml::Table,
+}
+
+/// Part k of n of a sweep, k from 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Shard(pub usize, pub usize);
+
+impl Shard {
+    /// All of it.
+    pub const WHOLE: Self = Self(1, 1);
 }
 
 /// One mission of a sweep. The order is that of the results.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Flight {
+pub struct MissionKey {
     /// Point of the grid.
     pub point: usize,
-    /// Place of the strategy in the sweep's list.
+    /// Index of the strategy in the sweep's list.
     pub strategy: usize,
     /// The seed.
     pub seed: u64,
@@ -79,25 +97,25 @@ impl Sweep {
         let text =
             std::fs::read_to_string(path).map_err(|source| SweepError::Unreadable { path: path.to_owned(), source })?;
         let file: File = toml::from_str(&text).map_err(|error| SweepError::malformed(path, &text, &error))?;
-        let base = path.parent().unwrap_or(Path::new("")).join(&file.scenario);
-        Scenario::read(&base, Overrides::default())?;
-        let text = std::fs::read_to_string(&base).map_err(LabError::file(&base))?;
-        let table = text.parse().map_err(|error| SweepError::malformed(&base, &text, &error))?;
+        let base_path = path.parent().unwrap_or(Path::new("")).join(&file.scenario);
+        Scenario::read(&base_path, Overrides::default())?;
+        let text = std::fs::read_to_string(&base_path).at(&base_path)?;
+        let table = text.parse().map_err(|error| SweepError::malformed(&base_path, &text, &error))?;
+        let base = SweepBase { path: base_path, table };
         let seeds = match file.seeds {
             Seeds::Count(count) => (1..=count).collect(),
             Seeds::List(list) => list,
         };
-        Self::new(path, (base, table), file.axes, file.strategies, seeds)
+        Self::new(path, base, file.axes, file.strategies, seeds)
     }
 
-    /// Checks a sweep over a scenario, which is given as its path and its text's table, and every point of its grid.
-    /// `path` stands for the sweep in messages.
+    /// Checks a sweep and every point of its grid. `path` stands for the sweep in messages.
     ///
     /// # Errors
     /// If the choice of axes, strategies or seeds, or a point of the grid is refused.
     pub fn new(
         path: &Path,
-        (base_path, base): (PathBuf, toml::Table),
+        base: SweepBase,
         axes: toml::Table,
         strategies: Vec<Strategy>,
         seeds: Vec<u64>,
@@ -134,37 +152,37 @@ impl Sweep {
             strategies,
             seeds: ascending.into_iter().collect(),
         };
-        let mut sweep = Self { definition, base, base_path };
+        let mut sweep = Self { definition, base };
         sweep.definition.identity = sweep.identity(path)?;
         Ok(sweep)
     }
 
-    /// The missions of shard `k` of `n` (from 1): those of every n-th point, in the order of the results.
+    /// The missions of a shard: those of every n-th point from the k-th, in the order of the results.
     #[must_use]
-    pub fn flights(&self, (k, n): (usize, usize)) -> Vec<Flight> {
+    pub fn missions(&self, Shard(k, n): Shard) -> Vec<MissionKey> {
         let definition = &self.definition;
-        let mut flights = Vec::new();
+        let mut missions = Vec::new();
         for point in (k - 1..definition.points.len()).step_by(n) {
             for strategy in 0..definition.strategies.len() {
-                flights.extend(definition.seeds.iter().map(|&seed| Flight { point, strategy, seed }));
+                missions.extend(definition.seeds.iter().map(|&seed| MissionKey { point, strategy, seed }));
             }
         }
-        flights
+        missions
     }
 
     /// The scenario of a mission.
     ///
     /// # Errors
     /// If the point or the seed is refused; reading the sweep has tried every point.
-    pub fn scenario(&self, flight: Flight) -> Result<Scenario, LabError> {
-        let mut table = self.base.clone();
-        for (key, value) in self.definition.keys.iter().zip(&self.definition.points[flight.point]) {
+    pub fn scenario(&self, mission: MissionKey) -> Result<Scenario, LabError> {
+        let mut table = self.base.table.clone();
+        for (key, value) in self.definition.keys.iter().zip(&self.definition.points[mission.point]) {
             set(&mut table, key, value.clone()).map_err(|()| SweepError::NoKey { key: key.clone() })?;
         }
         let text = toml::to_string(&table).expect("a table that was read can be written");
-        let strategy = self.definition.strategies[flight.strategy];
-        let overrides = Overrides { seed: Some(flight.seed), strategy: Some(strategy), slots: None };
-        Ok(Scenario::parse(&text, &self.base_path, overrides)?)
+        let strategy = self.definition.strategies[mission.strategy];
+        let overrides = Overrides { seed: Some(mission.seed), strategy: Some(strategy), slots: None };
+        Ok(Scenario::parse(&text, &self.base.path, overrides)?)
     }
 
     /// Hash of everything that the results depend on; checks every point on the way.
@@ -173,8 +191,8 @@ impl Sweep {
         let description = serde_json::to_string(&self.definition).expect("plain values");
         hash.update(description.as_bytes());
         for point in 0..self.definition.points.len() {
-            let flight = Flight { point, strategy: 0, seed: self.definition.seeds[0] };
-            let scenario = self.scenario(flight).map_err(|error| SweepError::Point {
+            let mission = MissionKey { point, strategy: 0, seed: self.definition.seeds[0] };
+            let scenario = self.scenario(mission).map_err(|error| SweepError::Point {
                 path: path.to_owned(),
                 point: self.name(point),
                 source: Box::new(error),

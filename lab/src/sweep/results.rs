@@ -10,15 +10,15 @@ use parquet::arrow::ArrowWriter;
 use parquet::basic::Compression;
 use parquet::file::properties::WriterProperties;
 use skysink_common::scenario::Strategy;
-
-use super::journal::Row;
-use super::plan::{Definition, Flight};
-use super::statistics::Estimate;
-use crate::error::LabError;
 use skysink_mission::record::write_whole;
 
+use super::journal::{MissionRow, MissionRows, missions_of};
+use super::plan::Definition;
+use super::statistics::MeanInterval;
+use crate::error::LabError;
+
 /// A column of the results that is summarised.
-type Metric = (&'static str, fn(&Row) -> f64);
+type Metric = (&'static str, fn(&MissionRow) -> f64);
 
 /// The name under which the least loss of all strategies over each field is summarised.
 pub const BEST_KNOWN: &str = "best-known";
@@ -42,7 +42,7 @@ pub const METRICS: [Metric; 11] = [
 ///
 /// # Errors
 /// If a file cannot be written.
-pub fn write(folder: &Path, definition: &Definition, rows: &BTreeMap<Flight, Row>) -> Result<(), LabError> {
+pub fn write(folder: &Path, definition: &Definition, rows: &MissionRows) -> Result<(), LabError> {
     write_whole(&folder.join("results.csv"), &results_csv(definition, rows))?;
     write_whole(&folder.join("results.parquet"), &results_parquet(definition, rows))?;
     write_whole(&folder.join("summary.csv"), &summary_csv(definition, rows))?;
@@ -50,13 +50,13 @@ pub fn write(folder: &Path, definition: &Definition, rows: &BTreeMap<Flight, Row
 }
 
 /// A mission per row: swept keys, strategy, seed, metrics. Floats read back exactly.
-fn results_csv(definition: &Definition, rows: &BTreeMap<Flight, Row>) -> Vec<u8> {
+fn results_csv(definition: &Definition, rows: &MissionRows) -> Vec<u8> {
     let header = header(definition, ["strategy", "seed"].into_iter().chain(METRICS.map(|(name, _)| name)));
     table(header, rows.values().map(|row| mission(definition, row).chain(METRICS.map(|metric| number(metric, row)))))
 }
 
 /// The same as Parquet, with a type for each column.
-fn results_parquet(definition: &Definition, rows: &BTreeMap<Flight, Row>) -> Vec<u8> {
+fn results_parquet(definition: &Definition, rows: &MissionRows) -> Vec<u8> {
     let (mut fields, mut columns) = (Vec::new(), Vec::<ArrayRef>::new());
     let mut add = |name: &str, kind, column: ArrayRef| {
         fields.push(Field::new(name, kind, column.is_nullable()));
@@ -90,7 +90,7 @@ fn results_parquet(definition: &Definition, rows: &BTreeMap<Flight, Row>) -> Vec
 }
 
 /// The column of a swept key: whole numbers, numbers, or text.
-fn swept(definition: &Definition, rows: &BTreeMap<Flight, Row>, place: usize) -> (DataType, ArrayRef) {
+fn swept(definition: &Definition, rows: &MissionRows, place: usize) -> (DataType, ArrayRef) {
     let values = || rows.values().map(|row| &definition.points[row.point][place]);
     if let Some(whole) = values().map(toml::Value::as_integer).collect::<Option<Vec<_>>>() {
         return (DataType::Int64, Arc::new(Int64Array::from(whole)));
@@ -104,10 +104,10 @@ fn swept(definition: &Definition, rows: &BTreeMap<Flight, Row>, place: usize) ->
 
 /// A metric of a point and strategy per row: mean, standard deviation and confidence interval over the seeds. Where an
 /// offline plan was flown, too, the best known loss of each point follows.
-fn summary_csv(definition: &Definition, rows: &BTreeMap<Flight, Row>) -> Vec<u8> {
+fn summary_csv(definition: &Definition, rows: &MissionRows) -> Vec<u8> {
     let names = ["strategy", "metric", "n", "mean", "standard_deviation", "ci95_low", "ci95_high"];
     let line = |point: usize, strategy: &str, metric: &str, values: &[f64]| {
-        let estimate = Estimate::of(values);
+        let estimate = MeanInterval::of(values);
         let interval = estimate.half_width.map(|half_width| (estimate.mean - half_width, estimate.mean + half_width));
         let figures = [
             strategy.to_owned(),
@@ -121,11 +121,13 @@ fn summary_csv(definition: &Definition, rows: &BTreeMap<Flight, Row>) -> Vec<u8>
         definition.points[point].iter().map(text).chain(figures).collect::<Vec<_>>().into_iter()
     };
     let mut lines = Vec::new();
-    for ((point, strategy), rows) in groups(rows) {
-        for (name, value) in METRICS {
-            let values: Vec<f64> = rows.iter().map(|row| value(row)).collect();
-            if !values.iter().any(|value| value.is_nan()) {
-                lines.push(line(point, definition.strategies[strategy].name(), name, &values));
+    for point in 0..definition.points.len() {
+        for (strategy, name) in definition.strategies.iter().map(|strategy| strategy.name()).enumerate() {
+            for (metric, value) in METRICS {
+                let values: Vec<f64> = missions_of(rows, point, strategy).map(value).collect();
+                if !values.is_empty() && !values.iter().any(|value| value.is_nan()) {
+                    lines.push(line(point, name, metric, &values));
+                }
             }
         }
     }
@@ -139,7 +141,7 @@ fn summary_csv(definition: &Definition, rows: &BTreeMap<Flight, Row>) -> Vec<u8>
 
 /// The least loss of all strategies, by point and seed.
 #[must_use]
-pub fn best_known(rows: &BTreeMap<Flight, Row>) -> BTreeMap<usize, Vec<f64>> {
+pub fn best_known(rows: &MissionRows) -> BTreeMap<usize, Vec<f64>> {
     let mut least: BTreeMap<(usize, u64), f64> = BTreeMap::new();
     for row in rows.values() {
         let known = least.entry((row.point, row.seed)).or_insert(f64::INFINITY);
@@ -152,20 +154,10 @@ pub fn best_known(rows: &BTreeMap<Flight, Row>) -> BTreeMap<usize, Vec<f64>> {
     points
 }
 
-/// The missions of each point and strategy.
-#[must_use]
-pub fn groups(rows: &BTreeMap<Flight, Row>) -> BTreeMap<(usize, usize), Vec<&Row>> {
-    let mut groups: BTreeMap<_, Vec<_>> = BTreeMap::new();
-    for row in rows.values() {
-        groups.entry((row.point, row.strategy)).or_default().push(row);
-    }
-    groups
-}
-
 /// Planning times per mission, by the wall clock of whoever flew it.
-fn timings_csv(definition: &Definition, rows: &BTreeMap<Flight, Row>) -> Vec<u8> {
+fn timings_csv(definition: &Definition, rows: &MissionRows) -> Vec<u8> {
     let header = header(definition, ["strategy", "seed", "plan_p50_us", "plan_p99_us"]);
-    let timed = |row: &Row| [row.plan_p50_us, row.plan_p99_us].map(|time_us| time_us.to_string());
+    let timed = |row: &MissionRow| [row.plan_p50_us, row.plan_p99_us].map(|time_us| time_us.to_string());
     table(header, rows.values().map(|row| mission(definition, row).chain(timed(row))))
 }
 
@@ -174,7 +166,7 @@ fn header<'a>(definition: &Definition, names: impl IntoIterator<Item = &'a str>)
 }
 
 /// Swept values, strategy and seed of a mission.
-fn mission(definition: &Definition, row: &Row) -> impl Iterator<Item = String> {
+fn mission(definition: &Definition, row: &MissionRow) -> impl Iterator<Item = String> {
     let strategy = definition.strategies[row.strategy].name().to_owned();
     definition.points[row.point]
         .iter()
@@ -185,7 +177,7 @@ fn mission(definition: &Definition, row: &Row) -> impl Iterator<Item = String> {
 }
 
 /// A metric as text; bits stay whole, and what a mission has not stays empty.
-fn number((name, value): Metric, row: &Row) -> String {
+fn number((name, value): Metric, row: &MissionRow) -> String {
     match value(row) {
         _ if name == "delivered_bits" => row.delivered_bits.to_string(),
         value if value.is_nan() => String::new(),

@@ -2,9 +2,9 @@
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// What repeated values say about their mean.
+/// The mean of repeated values with its confidence interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Estimate {
+pub struct MeanInterval {
     /// Number of values.
     pub n: usize,
     /// Their mean.
@@ -15,14 +15,14 @@ pub struct Estimate {
     pub half_width: Option<f64>,
 }
 
-impl Estimate {
-    /// The estimate from these values, added in their order.
+impl MeanInterval {
+    /// The mean of these values, added in their order.
     ///
     /// # Panics
     /// If there are none.
     #[must_use]
     pub fn of(values: &[f64]) -> Self {
-        assert!(!values.is_empty(), "an estimate needs a value");
+        assert!(!values.is_empty(), "a mean needs a value");
         let n = values.len();
         let mean = values.iter().sum::<f64>() / n as f64;
         if n == 1 {
@@ -34,12 +34,6 @@ impl Estimate {
         let t = StudentsT::new(0.0, 1.0, freedom).expect("a positive degree of freedom").inverse_cdf(0.975);
         Self { n, mean, deviation: Some(deviation), half_width: Some(t * deviation / (n as f64).sqrt()) }
     }
-
-    /// Standard error of the mean; none of a single value.
-    #[must_use]
-    pub fn standard_error(&self) -> Option<f64> {
-        self.deviation.map(|deviation| deviation / (self.n as f64).sqrt())
-    }
 }
 
 #[cfg(test)]
@@ -49,7 +43,7 @@ mod tests {
     #[test]
     fn the_interval_is_students() {
         // 1, 2, 3, 4: mean 2.5, s = sqrt(5/3) = 1.290994; t(0.975, 3) = 3.182446; 3.182446 · 1.290994/2 = 2.054260
-        let estimate = Estimate::of(&[1.0, 2.0, 3.0, 4.0]);
+        let estimate = MeanInterval::of(&[1.0, 2.0, 3.0, 4.0]);
         assert_eq!((estimate.n, estimate.mean), (4, 2.5));
         assert!((estimate.deviation.unwrap() - 1.290_994).abs() < 1e-6);
         assert!((estimate.half_width.unwrap() - 2.054_260).abs() < 1e-5);
@@ -57,7 +51,7 @@ mod tests {
 
     #[test]
     fn one_value_has_a_mean_and_nothing_else() {
-        let estimate = Estimate::of(&[7.0]);
+        let estimate = MeanInterval::of(&[7.0]);
         assert_eq!((estimate.mean, estimate.deviation, estimate.half_width), (7.0, None, None));
     }
 }

@@ -1,0 +1,60 @@
+//! Trajectory maps: the flights of the strategies over one field.
+
+use std::path::Path;
+
+use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::sensors::SensorList;
+use skysink_mission::Mission;
+
+use super::campaign::{Campaign, Choice};
+use super::map::{MapSensor, MapSheet, TrajectoryMap};
+use super::study::AT_ONCE;
+use crate::error::LabError;
+
+/// The fields of the maps: the letter's, and one that is too large for Algorithm 1.
+const FIELDS: [(&str, &str); 2] = [("map-letter", ""), ("map-sparse", "[area]\nside_m = 300.0\n")];
+
+/// Draws a sheet for each field, with the flights of all strategies.
+pub(super) fn draw(campaign: &mut Campaign) -> Result<(), LabError> {
+    // Eight maps and the key fill the sheet; round-robin crosses the field without a pattern.
+    let shown = AT_ONCE.into_iter().filter(|strategy| *strategy != Strategy::RoundRobin).chain([Strategy::Horizon]);
+    for (name, change) in FIELDS {
+        let maps = shown.clone().map(|strategy| map(change, strategy, campaign.choice));
+        let maps = maps.collect::<Result<Vec<_>, _>>()?;
+        let side_m = maps[0].width_m;
+        let sheet = MapSheet {
+            title: format!("Trajectories over 500 slots · {side_m} m × {side_m} m"),
+            maps,
+            fraction_label: "queue fill at the end".to_owned(),
+            footer: format!("seed 1, the letter's mission · {}", campaign.choice.command()),
+        };
+        campaign.add_maps(name, &sheet)?;
+    }
+    Ok(())
+}
+
+/// The flight of a strategy over the letter's mission, changed.
+fn map(change: &str, strategy: Strategy, choice: &Choice) -> Result<TrajectoryMap, LabError> {
+    let steps = choice.horizon_iterations;
+    let text = format!("name = \"map\"\nslots = 500\n{change}[planner]\nhorizon_iterations = {steps}\n");
+    let overrides = Overrides { strategy: Some(strategy), seed: Some(1), slots: None };
+    let scenario = Scenario::parse(&text, Path::new("map (built in)"), overrides)?;
+    let list = SensorList::of(&scenario)?;
+    let mut mission = Mission::new(&scenario, &list);
+    let path_m = mission.by_ref().map(|flown| [flown.flight.x_m, flown.flight.y_m]).collect();
+    let totals = mission.header().totals;
+    let loss_rate = totals.lost_bits as f64 / totals.sampled_bits as f64;
+    let capacity_bits = f64::from(scenario.sensors.capacity_bits);
+    let sensors = list.sensors().iter().zip(mission.queues_bits()).map(|(sensor, &queue_bits)| MapSensor {
+        position_m: sensor.position.coords.into(),
+        fraction: f64::from(queue_bits) / capacity_bits,
+    });
+    Ok(TrajectoryMap {
+        title: format!("{}: η = {loss_rate:.3}", strategy.name()),
+        width_m: scenario.area.width_m,
+        height_m: scenario.area.height_m,
+        sensors: sensors.collect(),
+        start_m: scenario.uav.start.coords.into(),
+        path_m,
+    })
+}
