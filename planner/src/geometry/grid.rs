@@ -1,37 +1,41 @@
-//! Where the sensor nodes stand, sorted into square cells, so that a look around costs what is there.
+//! Points sorted into square cells, so that finding those near a position costs what is there.
 //!
-//! It answers who is within a radius, exactly as a loop over all of them would, and knows nothing of queues or flight.
+//! It finds exactly those that a loop over all of them would, and knows nothing of queues or flight.
 
-use skysink_common::geometry::{Position, within};
+use skysink_common::geometry::{Position, RANGE_SLACK, distance_squared};
+use skysink_common::scenario::Area;
 
-/// Margin of a preselection over every test that follows it; it changes what is looked at, never what is found.
+/// Margin of a preselection over every test that follows it; it changes what is tested, never what is found.
 pub(crate) const PRESELECTION_MARGIN: f64 = 1.001;
 
-/// Most cells for each sensor node: beyond, they become larger, so that an empty country costs no memory.
+/// Most cells for each point of a grid over a bounding box: beyond, they become larger, so that an empty country costs no
+/// memory.
 const CELLS_PER_NODE: f64 = 4.0;
 
-/// Cells that are always allowed.
+/// Cells that are always allowed there.
 const FEW_CELLS: f64 = 64.0;
 
-/// A sensor node (SN) in its cell.
+/// Most cells along one axis of a grid over an area, about.
+const MOST_ALONG: f64 = 256.0;
+
+/// A point in its cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Node {
-    /// Where it stands, `L_i`.
+    /// Where it is: `L_i` of a sensor node (SN).
     pub position: Position,
-    /// Its id.
+    /// Its number in the list that the grid is made of: the id of an SN.
     pub id: u32,
 }
 
-/// All SNs in the cells of a uniform grid over their bounding box, made once.
+/// All points in the cells of a uniform grid, made once.
 ///
-/// Cells are numbered row by row from the south-west, and the SNs lie in memory in the order of their cells: what is in
+/// Cells are numbered row by row from the south-west, and the points lie in memory in the order of their cells: what is in
 /// some neighbouring columns of a row is one piece.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Grid {
     /// South-west corner.
     corner: Position,
-    /// Cells per metre, the same both ways.
-    cells_per_m: f64,
+    side_m: f64,
     columns: usize,
     rows: usize,
     /// Where each cell begins in `nodes`; one more than there are cells.
@@ -41,63 +45,103 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// The SNs at `positions`, SN i at entry i, in cells of the side `side_m` [m], above 0, or as much larger as it takes
-    /// to have no more than four cells for each SN.
+    /// A grid over the bounding box of `positions`, point i at entry i, in cells of the side `side_m` [m], above 0, or as
+    /// much larger as it takes to have no more than four cells for each point.
     ///
     /// # Panics
-    /// If there are more SNs than ids; a scenario has at most 10^7.
+    /// If there are more points than ids; a scenario has at most 10^7 SNs.
     #[must_use]
     pub fn new(positions: &[Position], side_m: f64) -> Self {
-        let (corner, [width_m, height_m]) = bounding_box(positions);
+        let (corner, extents_m) = bounding_box(positions);
         let most_cells = (CELLS_PER_NODE * positions.len() as f64).max(FEW_CELLS);
         let mut side_m = side_m;
-        let cells = |extent_m: f64, side_m: f64| (extent_m / side_m).floor() + 1.0;
-        while cells(width_m, side_m) * cells(height_m, side_m) > most_cells {
+        while cells(extents_m[0], side_m) * cells(extents_m[1], side_m) > most_cells {
             side_m *= 1.5;
         }
-        let (columns, rows) = ((cells(width_m, side_m) as usize).max(1), (cells(height_m, side_m) as usize).max(1));
-        let grid = Self { corner, cells_per_m: 1.0 / side_m, columns, rows, starts: Vec::new(), nodes: Vec::new() };
-        grid.filled(positions)
+        Self::filled(corner, extents_m, side_m, positions)
     }
 
-    /// The same SNs in a single cell: every look around tests them all. What the cells are measured against.
+    /// The same points in a single cell: every search tests them all. What the cells are measured against.
     #[must_use]
     pub fn undivided(positions: &[Position]) -> Self {
         Self::new(positions, f64::INFINITY)
     }
 
-    /// Sorts the SNs into their cells, by counting, which keeps them by id in each.
-    fn filled(mut self, positions: &[Position]) -> Self {
-        let count = u32::try_from(positions.len()).expect("a scenario has at most 10^7 sensor nodes");
-        self.starts = vec![0; self.columns * self.rows + 1];
-        for position in positions {
-            let cell = self.cell(position);
-            self.starts[cell + 1] += 1;
-        }
-        for cell in 1..self.starts.len() {
-            self.starts[cell] += self.starts[cell - 1];
-        }
-        let mut next = self.starts.clone();
-        self.nodes = vec![Node { position: Position::origin(), id: 0 }; positions.len()];
-        for (id, position) in (0..count).zip(positions) {
-            let place = &mut next[self.cell(position)];
-            self.nodes[*place as usize] = Node { position: *position, id };
-            *place += 1;
-        }
-        self
+    /// The same over `area`: the order in which points are visited depends on it, and not on the outermost of them.
+    ///
+    /// # Panics
+    /// As [`Self::new`].
+    #[must_use]
+    pub fn over(area: Area, positions: &[Position], side_m: f64) -> Self {
+        let side_m = side_m.max(area.width_m.max(area.height_m) / MOST_ALONG);
+        Self::filled(Position::origin(), [area.width_m, area.height_m], side_m, positions)
     }
 
-    /// Has every SN within `radius_m` [m] of `centre` (decision D5) visited once, in no particular order.
-    ///
-    /// No SN is missed by rounding: the borders of what is looked at are a thousandth of the radius beyond the test, and
-    /// they are put into cells by the same sums as the SNs, each of which never decreases with the coordinate.
+    /// Sorts the points into their cells, by counting, which keeps them by id in each.
+    fn filled(corner: Position, extents_m: [f64; 2], side_m: f64, positions: &[Position]) -> Self {
+        let count = u32::try_from(positions.len()).expect("a scenario has at most 10^7 sensor nodes");
+        let [columns, rows] = extents_m.map(|extent_m| (cells(extent_m, side_m) as usize).max(1));
+        let mut grid = Self { corner, side_m, columns, rows, starts: vec![0; columns * rows + 1], nodes: Vec::new() };
+        for position in positions {
+            let cell = grid.cell(position);
+            grid.starts[cell + 1] += 1;
+        }
+        for cell in 1..grid.starts.len() {
+            grid.starts[cell] += grid.starts[cell - 1];
+        }
+        let mut next = grid.starts.clone();
+        grid.nodes = vec![Node { position: Position::origin(), id: 0 }; positions.len()];
+        for (id, position) in (0..count).zip(positions) {
+            let index = &mut next[grid.cell(position)];
+            grid.nodes[*index as usize] = Node { position: *position, id };
+            *index += 1;
+        }
+        grid
+    }
+
+    /// Has every point within `radius_m` [m] of `centre` (decision D5) visited once, by cell.
     pub fn visit_within(&self, centre: &Position, radius_m: f64, mut visit: impl FnMut(&Node)) {
+        self.visit(centre, radius_m * (1.0 + RANGE_SLACK), |node, _| visit(node));
+    }
+
+    /// Has every point at most `radius_m` [m] from `centre`, without any slack, visited once with the squared distance
+    /// [m²], by cell and in each by id.
+    ///
+    /// No point is missed by rounding: the borders of what is tested are a thousandth of the radius beyond the test, and
+    /// they are put into cells by the same sums as the points, each of which never decreases with the coordinate.
+    #[inline]
+    pub fn visit(&self, centre: &Position, radius_m: f64, mut visit: impl FnMut(&Node, f64)) {
         let margin_m = radius_m * PRESELECTION_MARGIN;
+        let limit_m2 = radius_m * radius_m;
         let columns = self.column(centre.x - margin_m)..=self.column(centre.x + margin_m);
         for row in self.row(centre.y - margin_m)..=self.row(centre.y + margin_m) {
             let first = self.starts[row * self.columns + columns.start()] as usize;
             let last = self.starts[row * self.columns + columns.end() + 1] as usize;
-            self.nodes[first..last].iter().filter(|node| within(&node.position, centre, radius_m)).for_each(&mut visit);
+            for node in &self.nodes[first..last] {
+                let d2_m2 = distance_squared(&node.position, centre);
+                if d2_m2 <= limit_m2 {
+                    visit(node, d2_m2);
+                }
+            }
+        }
+    }
+
+    /// The `count` points nearest to `centre`, nearest first, ties to the lowest id.
+    #[must_use]
+    pub fn nearest(&self, centre: &Position, count: usize) -> Vec<u32> {
+        let count = count.min(self.nodes.len());
+        let widest_m = self.side_m * (self.columns + self.rows) as f64;
+        let farthest_m = (centre - self.corner).norm() + widest_m;
+        let mut radius_m = self.side_m;
+        loop {
+            let mut found: Vec<(f64, u32)> = Vec::new();
+            self.visit(centre, radius_m, |node, d2_m2| found.push((d2_m2, node.id)));
+            if found.len() >= count || radius_m > farthest_m || farthest_m.is_nan() {
+                found.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+                found.truncate(count);
+                return found.into_iter().map(|(_, id)| id).collect();
+            }
+            radius_m *= 2.0;
         }
     }
 
@@ -108,13 +152,18 @@ impl Grid {
 
     /// The column of `x_m` [m], the nearest one where it lies outside, the first where it is not a number.
     fn column(&self, x_m: f64) -> usize {
-        (((x_m - self.corner.x) * self.cells_per_m) as usize).min(self.columns - 1)
+        (((x_m - self.corner.x) / self.side_m) as usize).min(self.columns - 1)
     }
 
     /// The row of `y_m` [m], likewise.
     fn row(&self, y_m: f64) -> usize {
-        (((y_m - self.corner.y) * self.cells_per_m) as usize).min(self.rows - 1)
+        (((y_m - self.corner.y) / self.side_m) as usize).min(self.rows - 1)
     }
+}
+
+/// Cells of the side `side_m` [m] along an extent [m].
+fn cells(extent_m: f64, side_m: f64) -> f64 {
+    (extent_m / side_m).floor() + 1.0
 }
 
 /// The south-west corner of the smallest box around `positions`, and its width and height [m].
@@ -131,6 +180,7 @@ fn bounding_box(positions: &[Position]) -> (Position, [f64; 2]) {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use skysink_common::geometry::within;
 
     /// The SNs within `radius_m` [m] of `centre`, ascending, by the grid.
     fn found(grid: &Grid, centre: &Position, radius_m: f64) -> Vec<Node> {
@@ -184,7 +234,7 @@ mod tests {
     fn coordinates(extent_m: f64) -> impl Strategy<Value = f64> {
         let border = (0u32..=20).prop_map(move |step| f64::from(step) * extent_m / 20.0);
         prop_oneof![
-            (0.0..1.0).prop_map(move |share| share * extent_m),
+            (0.0..1.0).prop_map(move |fraction| fraction * extent_m),
             border.clone(),
             border.clone().prop_map(f64::next_up),
             border.prop_map(f64::next_down)
@@ -220,10 +270,26 @@ mod tests {
             // A centre that has an SN on its rim, up to rounding and the slack of decision D5.
             let to_rim = nalgebra::Vector2::from(towards) * (radius_m * slack);
             let centre = positions[near % positions.len()] + to_rim;
-            let (grid, undivided) = (Grid::new(&positions, side_m), Grid::undivided(&positions));
+            let area = Area { width_m: 100.0, height_m: 100.0 };
             let expected = looked_through(&positions, &centre, radius_m);
-            prop_assert_eq!(&found(&grid, &centre, radius_m), &expected);
-            prop_assert_eq!(&found(&undivided, &centre, radius_m), &expected);
+            for grid in [Grid::new(&positions, side_m), Grid::undivided(&positions), Grid::over(area, &positions, side_m)] {
+                prop_assert_eq!(&found(&grid, &centre, radius_m), &expected);
+            }
+        }
+
+        #[test]
+        fn the_nearest_are_those_that_a_loop_over_all_finds(
+            positions in prop::collection::vec((0.0..90.0, 0.0..60.0), 1..60),
+            centre in (-5.0..95.0, -5.0..65.0), side_m in 0.5..80.0, count in 1usize..20,
+        ) {
+            let positions: Vec<Position> = positions.iter().map(|&(x_m, y_m)| Position::new(x_m, y_m)).collect();
+            let centre = Position::new(centre.0, centre.1);
+            let mut all: Vec<(f64, u32)> = positions.iter().map(|at| distance_squared(at, &centre)).zip(0..).collect();
+            all.sort_by(|a, b| a.partial_cmp(b).unwrap());
+            let expected: Vec<u32> = all.iter().take(count).map(|&(_, id)| id).collect();
+            let area = Area { width_m: 90.0, height_m: 60.0 };
+            prop_assert_eq!(&Grid::new(&positions, side_m).nearest(&centre, count), &expected);
+            prop_assert_eq!(&Grid::over(area, &positions, side_m).nearest(&centre, count), &expected);
         }
     }
 }

@@ -5,7 +5,7 @@
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Area;
 
-use crate::horizon::grid::Grid;
+use super::grid::Grid;
 
 /// Neighbours that a point may be joined to.
 const NEIGHBOURS: usize = 10;
@@ -44,17 +44,17 @@ struct Tour<'a> {
 
 impl<'a> Tour<'a> {
     fn nearest_neighbour(area: Area, points: &'a [Position]) -> Self {
-        let numbered: Vec<(u32, Position)> = (0..).zip(points.iter().copied()).collect();
-        let cell_m = (area.width_m * area.height_m / points.len().max(1) as f64).sqrt();
-        let grid = Grid::new(area, cell_m, &numbered);
-        let near = |(index, point): &(u32, Position)| {
+        let side_m = (area.width_m * area.height_m / points.len().max(1) as f64).sqrt();
+        let grid = Grid::new(points, side_m);
+        let near = |(index, point): (u32, &Position)| {
             let mut near = grid.nearest(point, NEIGHBOURS + 1);
-            near.retain(|other| other != index);
+            near.retain(|&other| other != index);
             near
         };
-        let neighbours: Vec<Vec<u32>> = numbered.iter().map(near).collect();
-        let (mut order, mut places) = (Vec::with_capacity(points.len()), vec![usize::MAX; points.len()]);
-        let mut unvisited: std::collections::BTreeSet<u32> = (0..numbered.len() as u32).collect();
+        let neighbours: Vec<Vec<u32>> = (0..).zip(points).map(near).collect();
+        let mut order = Vec::with_capacity(points.len());
+        let mut places = vec![usize::MAX; points.len()];
+        let mut unvisited: std::collections::BTreeSet<u32> = (0..points.len() as u32).collect();
         let mut at = 0;
         while unvisited.remove(&at) {
             places[at as usize] = order.len();

@@ -188,8 +188,8 @@ impl Decoder {
             let away_m2 = |&source: &u32| distance_squared(&world.positions[source as usize], &self.at);
             found.extend(members.iter().map(|source| Candidate::new(world, *source, away_m2(source))));
         } else {
-            world.grid.within(&self.at, world.radius_m() * (1.0 + RANGE_SLACK), |source, d2_m2| {
-                found.push(Candidate::new(world, source, d2_m2));
+            world.grid.visit(&self.at, world.radius_m() * (1.0 + RANGE_SLACK), |node, d2_m2| {
+                found.push(Candidate::new(world, node.id, d2_m2));
             });
         }
         if found.len() > world.blocks() {

@@ -79,7 +79,7 @@ pub(super) fn cover(world: &World, seed: u64) -> Vec<Place> {
 /// The sources nearest to source `own` that can be served together with it.
 fn near(world: &World, own: u32, at: &Position) -> Vec<u32> {
     let mut near: Vec<(f64, u32)> = Vec::new();
-    world.grid.within(at, 2.0 * world.radius_m() * FILL, |other, d2_m2| near.push((d2_m2, other)));
+    world.grid.visit(at, 2.0 * world.radius_m() * FILL, |node, d2_m2| near.push((d2_m2, node.id)));
     near.retain(|&(_, other)| other != own);
     near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     near.truncate(NEIGHBOURS);

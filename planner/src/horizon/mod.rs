@@ -12,7 +12,6 @@ pub mod choice;
 pub mod cycle;
 pub mod flight;
 pub mod forecast;
-pub mod grid;
 pub mod groups;
 pub mod optimize;
 pub mod reach;

@@ -109,10 +109,10 @@ impl Around {
     fn new(world: &World, place: u32) -> Self {
         let place = &world.places[place as usize];
         let mut around = Self { members: Vec::new(), others: Vec::new() };
-        world.grid.within(&place.centre, world.radius_m(), |source, d2_m2| {
-            let is_member = place.members.contains(&source);
+        world.grid.visit(&place.centre, world.radius_m(), |node, d2_m2| {
+            let is_member = place.members.contains(&node.id);
             let list = if is_member { &mut around.members } else { &mut around.others };
-            list.push(Candidate::new(world, source, d2_m2));
+            list.push(Candidate::new(world, node.id, d2_m2));
         });
         around
     }

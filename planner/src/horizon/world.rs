@@ -7,8 +7,8 @@ use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
 
 use super::cycle::even_out;
-use super::grid::Grid;
 use super::groups;
+use crate::geometry::grid::Grid;
 use crate::geometry::tour::closed_tour;
 use crate::sensor_table::SensorTable;
 
@@ -145,7 +145,7 @@ impl World {
             sources: Vec::new(),
             ids: Vec::new(),
             positions: Vec::new(),
-            grid: Grid::new(field.area, field.comm_radius_m, &[]),
+            grid: Grid::over(field.area, &[], field.comm_radius_m),
             places: Vec::new(),
             added: 0,
             tours: Vec::new(),
@@ -160,8 +160,7 @@ impl World {
                 world.add_source(id, mean_bits, sensor.capacity_bits);
             }
         }
-        let points: Vec<(u32, Position)> = (0..).zip(world.positions.iter().copied()).collect();
-        world.grid = Grid::new(world.field.area, world.field.comm_radius_m, &points);
+        world.grid = Grid::over(world.field.area, &world.positions, world.field.comm_radius_m);
         let single = |(&centre, source): (&Position, u32)| Place {
             centre,
             radius_m: world.near_m(source),
@@ -288,7 +287,7 @@ impl World {
         };
         let mut met = 0;
         let centre = &self.places[place as usize].centre;
-        self.grid.within(centre, self.field.comm_radius_m, |_, _| met += 1);
+        self.grid.visit(centre, self.field.comm_radius_m, |_, _| met += 1);
         !source.emptied || met <= self.blocks() || self.places.len() == self.sources.len()
     }
 
@@ -302,11 +301,11 @@ impl World {
     }
 
     fn nearest_places(&self) -> Vec<Vec<u32>> {
-        let points: Vec<(u32, Position)> =
-            self.stops.iter().map(|&stop| (stop, self.places[stop as usize].centre)).collect();
-        let grid = Grid::new(self.field.area, self.field.comm_radius_m, &points);
+        let centres: Vec<Position> = self.stops.iter().map(|&stop| self.places[stop as usize].centre).collect();
+        let grid = Grid::new(&centres, self.field.comm_radius_m);
         let nearest = |(index, place): (u32, &Place)| {
-            let mut others = grid.nearest(&place.centre, NEIGHBOURS + 1);
+            let near = grid.nearest(&place.centre, NEIGHBOURS + 1);
+            let mut others: Vec<u32> = near.into_iter().map(|stop| self.stops[stop as usize]).collect();
             others.retain(|&other| other != index);
             others.truncate(NEIGHBOURS);
             others
