@@ -8,10 +8,11 @@ use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{ExponentialConeT, NonnegativeConeT, SecondOrderConeT};
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus};
 use criterion::{Criterion, criterion_group, criterion_main};
-use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::scenario::Overrides;
 use skysink_common::sensors::SensorList;
 use skysink_mission::mission::Mission;
 use skysink_planner::Planner;
+use skysink_planner::settings;
 
 /// Sensor nodes of the bare program, metres from the UAV, which is 60 m up.
 const PLACES_M: [[f64; 2]; 4] = [[20.0, 0.0], [-25.0, 10.0], [5.0, -30.0], [-10.0, 35.0]];
@@ -21,16 +22,16 @@ fn plan(criterion: &mut Criterion) {
     for solver in ["geometric", "clarabel"] {
         let text = include_str!("../scenarios/plos-dense-urban.toml");
         let text = format!("{text}waypoint_solver = \"{solver}\"\n");
-        let scenario = Scenario::parse(&text, Path::new("bench.toml"), Overrides::default()).expect("a valid scenario");
+        let scenario = settings::parse(&text, Path::new("bench.toml"), Overrides::default()).expect("a valid scenario");
         let list = SensorList::of(&scenario).expect("drawn");
-        let mut mission = Mission::new(&scenario, &list);
+        let mut mission = Mission::new(&scenario, &list).unwrap();
         let mut states = Vec::new();
         while {
             let flight = *mission.last_flight();
             states.push((flight, mission.queues_bits().to_vec()));
             mission.next().is_some()
         } {}
-        let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits));
+        let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits)).unwrap();
         let mut slots = (1..).zip(states.iter().take(300)).cycle();
         group.bench_function(solver, |bencher| {
             bencher.iter(|| {

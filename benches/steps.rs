@@ -6,22 +6,23 @@ use std::path::Path;
 use criterion::{Criterion, criterion_group, criterion_main};
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, Mode};
-use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::Field;
 use skysink_mission::mission::Mission;
 use skysink_planner::Planner;
+use skysink_planner::settings::{self, Strategy};
 
 /// The letter's mission with another strategy and solver.
 fn letter(strategy: Strategy, solver: &str) -> Scenario {
     let text = format!("name = \"bench\"\n[planner]\nwaypoint_solver = \"{solver}\"\n");
-    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-    Scenario::parse(&text, Path::new("bench.toml"), overrides).expect("a valid scenario")
+    let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
+    settings::parse(&text, Path::new("bench.toml"), overrides).expect("a valid scenario")
 }
 
 /// The states of a mission: positions and queues before each slot.
 fn states(scenario: &Scenario, list: &SensorList) -> Vec<(Position, f64, Vec<u32>)> {
-    let mut mission = Mission::new(scenario, list);
+    let mut mission = Mission::new(scenario, list).unwrap();
     let mut states = Vec::new();
     loop {
         let flight = mission.last_flight();
@@ -43,7 +44,7 @@ fn plan(criterion: &mut Criterion) {
         let scenario = letter(strategy, solver);
         let list = SensorList::of(&scenario).expect("drawn");
         let states = states(&scenario, &list);
-        let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits));
+        let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits)).unwrap();
         let mut slots = (1..).zip(states.iter().take(600)).cycle();
         group.bench_function(name, |bencher| {
             bencher.iter(|| {
@@ -73,7 +74,7 @@ fn mission(criterion: &mut Criterion) {
     let list = SensorList::of(&scenario).expect("drawn");
     criterion.bench_function("the letter's mission in one process, 600 slots", |bencher| {
         bencher.iter(|| {
-            for flown in Mission::new(&scenario, &list) {
+            for flown in Mission::new(&scenario, &list).unwrap() {
                 black_box(&flown);
             }
         });

@@ -16,8 +16,9 @@ use std::time::Instant;
 
 use hdrhistogram::Histogram;
 use serde::Serialize;
-use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
+use skysink_planner::settings::{self, Strategy};
 
 use crate::error::Error;
 use skysink_mission::latency::{HOUR_NS, Spread};
@@ -125,8 +126,8 @@ fn letter_text(count: u32, slots: u64) -> String {
 
 /// The same as a scenario.
 fn letter(count: u32, strategy: Strategy) -> Scenario {
-    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-    Scenario::parse(&letter_text(count, 600), Path::new("bench.toml"), overrides).expect("a valid scenario")
+    let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
+    settings::parse(&letter_text(count, 600), Path::new("bench.toml"), overrides).expect("a valid scenario")
 }
 
 /// Times that are being collected, down to a nanosecond.

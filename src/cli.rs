@@ -10,9 +10,10 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::scenario::Overrides;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
+use skysink_planner::settings::{self, Strategy};
 use skysink_ring::wait::stop_on_signals;
 
 use crate::error::Error;
@@ -117,7 +118,7 @@ struct Flown {
 
 impl Choice {
     fn overrides(&self) -> Overrides {
-        Overrides { seed: self.flight.seed, strategy: self.strategy.map(|name| name.0), slots: None }
+        Overrides { seed: self.flight.seed, strategy: self.strategy.map(|name| name.0.name()), slots: None }
     }
 }
 
@@ -166,7 +167,7 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
     let (folder, summary) = match command {
         Command::Check { scenario } => return check(&scenario),
         Command::Simulate { scenario, choice, record } => {
-            let scenario = Scenario::read(&scenario, choice.overrides())?;
+            let scenario = settings::read(&scenario, choice.overrides())?;
             simulate(&Simulation { scenario, out: choice.flight.out, force: choice.flight.force, record }, stop)?
         }
         Command::Run(options) => run(&options.run()?, stop)?,
@@ -183,7 +184,7 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
 }
 
 fn check(path: &Path) -> Result<(), Error> {
-    let scenario = Scenario::read(path, Overrides::default())?;
+    let scenario = settings::read(path, Overrides::default())?;
     let list = SensorList::of(&scenario)?;
     println!("# {}: {} sensor nodes", path.display(), list.sensors().len());
     print!("{}", scenario.to_toml());

@@ -151,7 +151,7 @@ pub fn print_optimum(optimum: &Optimum) {
 pub fn print(folder: &RunFolder, summary: &Summary) {
     let timing = &summary.timing;
     let pace = timing.pace.map_or_else(|| "in one process".to_owned(), |pace| format!("pace {pace}"));
-    let title = format!("{} · {} · seed {}", summary.name, summary.strategy.name(), summary.seed);
+    let title = format!("{} · {} · seed {}", summary.name, summary.strategy, summary.seed);
     println!("{title}: {} slots in {:.3} s, {pace}", summary.slots, timing.wall_s);
     let mut table = Table::new();
     table.load_style(presets::UTF8_BORDERS_ONLY);

@@ -35,7 +35,7 @@ pub struct Simulation {
 /// If the sensor list is refused or something cannot be written.
 pub fn simulate(simulation: &Simulation, stop: &Stop) -> Result<(RunFolder, Summary), Error> {
     let list = SensorList::of(&simulation.scenario)?;
-    let mission = Mission::new(&simulation.scenario, &list);
+    let mission = Mission::new(&simulation.scenario, &list)?;
     simulate_mission(simulation, &list, mission, stop)
 }
 
@@ -94,7 +94,7 @@ impl Recording {
         }
         let scenario = &simulation.scenario;
         let sinks = Sinks { save: Some(folder.recording()), ..Sinks::default() };
-        let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy.name(), scenario.seed);
+        let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy, scenario.seed);
         let nodes = list.nodes(scenario.sensors.capacity_bits);
         Ok(Self { scene: Some(Scene::open(&sinks, scenario, &nodes, &name, Timing::Unmeasured)?) })
     }

@@ -93,7 +93,7 @@ pub fn soak(soak: &Soak, stop: &Stop) -> Result<(), Error> {
 /// The trace of the mission, by plain calls.
 fn undisturbed(run: &Run, stop: &Stop) -> Result<u64, Error> {
     let list = SensorList::of(&run.scenario)?;
-    let (mut mission, mut trace) = (Mission::new(&run.scenario, &list), TraceHash::default());
+    let (mut mission, mut trace) = (Mission::new(&run.scenario, &list)?, TraceHash::default());
     for flown in &mut mission {
         trace.add(&flown.flight, &flown.header);
         stop.check()?;

@@ -7,6 +7,7 @@ use clap::{Args, Parser};
 use iceoryx2::prelude::{LogLevel, set_log_level_from_env_or};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
+use skysink_planner::settings;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
@@ -46,7 +47,7 @@ pub fn main(role: Role, node: impl FnOnce(&Scenario, &RingFolder, &Stop) -> Resu
 /// If there is no such run, or the scenario is refused.
 pub fn join(place: &Place) -> Result<(Scenario, RingFolder), NodeError> {
     quiet_iceoryx2();
-    let scenario = Scenario::read(&place.scenario, Overrides::default())?;
+    let scenario = settings::read(&place.scenario, Overrides::default())?;
     let folder = RingFolder::open(&place.ring)?;
     folder.install()?;
     Ok((scenario, folder))

@@ -12,12 +12,13 @@ use skysink::run::watch::{Alarm, ViewerState};
 use skysink_common::message::Plan;
 use skysink_common::pace::Pace;
 use skysink_common::path::PathPoint;
-use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::scenario::{Count, Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::{Stop, Stopped};
 use skysink_mission::mission::Mission;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
+use skysink_planner::settings::{self, Strategy, change};
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
@@ -26,10 +27,9 @@ use skysink_ring::wait::Waiting;
 
 fn smoke(strategy: Strategy, seed: u64) -> Scenario {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/smoke.toml");
-    let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), slots: None };
-    let mut scenario = Scenario::read(&path, overrides).unwrap();
-    scenario.planner.offline_steps = 5_000;
-    scenario
+    let overrides = Overrides { seed: Some(seed), strategy: Some(strategy.name()), slots: None };
+    let scenario = settings::read(&path, overrides).unwrap();
+    change(scenario, |settings| settings.offline.steps = Count::clamped(5_000)).unwrap()
 }
 
 /// The trace of a mission in one process.
@@ -37,7 +37,7 @@ fn alone(scenario: &Scenario, out: &Path) -> String {
     let list = SensorList::of(scenario).unwrap();
     let folder = RunFolder::create(Some(out), false, scenario, &list).unwrap();
     let mut log = folder.slot_log().unwrap();
-    for flown in Mission::new(scenario, &list) {
+    for flown in Mission::new(scenario, &list).unwrap() {
         log.add(&flown.flight, &flown.header).unwrap();
         assert!(flown.header.totals.balanced(), "{flown:?}");
     }
@@ -70,7 +70,7 @@ fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, or
             thread.join().unwrap().unwrap();
         }
     });
-    let mut mission = Mission::new(scenario, &list);
+    let mut mission = Mission::new(scenario, &list).unwrap();
     mission.by_ref().for_each(drop);
     let ours = tally.summary(None, Duration::ZERO, log.hash());
     assert_eq!(ours.queued_bits, mission.header().totals.queued_bits);
@@ -145,10 +145,10 @@ fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
 fn a_planner_that_looks_ahead_publishes_its_path_before_its_plan_and_the_others_publish_none() {
     let out = tempfile::tempdir().unwrap();
     for strategy in Strategy::ALL {
-        let mut scenario = smoke(strategy, 3);
-        scenario.planner.horizon_iterations = 200;
+        let scenario =
+            change(smoke(strategy, 3), |settings| settings.horizon.iterations = Count::clamped(200)).unwrap();
         let list = SensorList::of(&scenario).unwrap();
-        let mut mission = Mission::new(&scenario, &list);
+        let mut mission = Mission::new(&scenario, &list).unwrap();
         let fly = || {
             let plan = mission.next()?.plan;
             let path: Vec<_> = mission.path().iter().copied().map(PathPoint::from).collect();

@@ -9,7 +9,7 @@ use support::{Place, end, until};
 
 /// A field too large for strategies that look one slot ahead, in which nobody can avoid all loss.
 const SPARSE: &str = "name = \"far\"\nslots = 120\n[area]\nside_m = 500.0\n[sensors]\ncount = 40\nsampling_bps = 400.0\n\
-                      [planner]\nhorizon_iterations = 50\n";
+                      [planner]\nhorizon.iterations = 50\n";
 
 fn optimum(place: &Place, run: &str) -> serde_json::Value {
     serde_json::from_str(&place.read(&format!("{run}/optimum.json"))).unwrap()

@@ -24,7 +24,7 @@ const PATH: [&str; 4] = ["/world/path", "/world/path/stops", "/world/path_track"
 fn write_ahead(place: &Place, slots: u64) {
     let smoke = std::fs::read_to_string(SMOKE).unwrap().replace("slots = 60", &format!("slots = {slots}"));
     let smoke = smoke.replace("max_speed_mps", &format!("endurance_s = {slots}.0\nmax_speed_mps"));
-    place.write("ahead.toml", &(smoke + "[planner]\nstrategy = \"horizon\"\nhorizon_iterations = 200\n"));
+    place.write("ahead.toml", &(smoke + "[planner]\nstrategy = \"horizon\"\nhorizon.iterations = 200\n"));
 }
 
 #[test]

@@ -94,7 +94,7 @@ fn kills_at_any_instant_change_nothing() {
 fn a_planner_that_remembers_comes_back_as_it_was() {
     let place = Place::new();
     let few = "[sensors]\ncount = 30\nsampling_bps = [50.0, 900.0]\n[area]\nside_m = 300.0\n[planner]\n\
-               horizon_iterations = 200\n";
+               horizon.iterations = 200\n";
     let (known, learnt) = ("knowledge = \"estimated\"\n", "knowledge = \"estimated\"\nrates = \"learnt\"\n");
     let cases =
         [("horizon", ""), ("max-age-first", ""), ("tour", ""), ("uts", known), ("exact", learnt), ("horizon", learnt)];

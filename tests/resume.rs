@@ -4,11 +4,12 @@ use std::path::{Path, PathBuf};
 
 use skysink::run::resume::{PlansBy, resume};
 use skysink_common::message::Plan;
-use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
+use skysink_planner::settings::{self, Strategy};
 
 /// Slots on record.
 const SLOTS: u64 = 30;
@@ -18,7 +19,8 @@ type Substitute = fn(slot: u64, own: Plan) -> Option<Plan>;
 
 fn smoke(strategy: Strategy) -> (Scenario, SensorList) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/smoke.toml");
-    let scenario = Scenario::read(&path, Overrides { strategy: Some(strategy), ..Overrides::default() }).unwrap();
+    let scenario =
+        settings::read(&path, Overrides { strategy: Some(strategy.name()), ..Overrides::default() }).unwrap();
     let list = SensorList::of(&scenario).unwrap();
     (scenario, list)
 }
@@ -27,7 +29,7 @@ fn smoke(strategy: Strategy) -> (Scenario, SensorList) {
 fn record(scenario: &Scenario, list: &SensorList, out: &Path, substitute: Substitute) -> RunFolder {
     let folder = RunFolder::create(Some(out), false, scenario, list).unwrap();
     let mut log = folder.slot_log().unwrap();
-    let mut mission = Mission::new(scenario, list);
+    let mut mission = Mission::new(scenario, list).unwrap();
     for slot in 1..=SLOTS {
         let own = mission.plan();
         let header = mission.fly(substitute(slot, own).as_ref());

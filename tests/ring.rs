@@ -14,7 +14,7 @@ const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml")
 const LONG: &str = "name = \"long\"\nslots = 5000\nslot_s = 0.1\n";
 
 /// What a planner that does not see the queues adds to a scenario.
-const BELIEVES: &str = "\n[planner]\nhorizon_iterations = 200\nknowledge = \"estimated\"\nrates = \"learnt\"\n";
+const BELIEVES: &str = "\n[planner]\nhorizon.iterations = 200\nknowledge = \"estimated\"\nrates = \"learnt\"\n";
 
 /// Starts `skysink run` in the place, and waits until it has flown some slots. Returns its ring's name, too.
 fn under_way(place: &Place, arguments: &[&str]) -> (Child, String) {

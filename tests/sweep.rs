@@ -75,7 +75,7 @@ fn a_row_is_the_mission_that_simulate_flies() {
 fn a_sweep_with_offline_plans_shows_the_bound_and_the_best_known() {
     let place = Place::new();
     place.write("far.toml", "name = \"far\"\nslots = 80\n[area]\nside_m = 400.0\n[sensors]\ncount = 30\n");
-    let axes = "\"sensors.sampling_bps\" = [500.0]\n\"planner.offline_steps\" = [3000]\n";
+    let axes = "\"sensors.sampling_bps\" = [500.0]\n\"planner.offline.steps\" = [3000]\n";
     let text = "scenario = \"far.toml\"\nstrategies = [\"tour\", \"offline\"]\nseeds = 4\n[axes]\n";
     place.write("sweep.toml", &format!("{text}{axes}"));
     place.run_well(&["sweep", "sweep.toml", "--out", "sweep"]);

@@ -1,17 +1,20 @@
 //! The scenario: what is flown, over which field, through which channel, by which strategy.
 //!
 //! A [`Scenario`] that exists is valid. It is read from TOML through [`raw`], checked in one conversion, and written back with
-//! every default visible by [`Scenario::to_toml`]. Sensor lists are read by [`crate::sensors`].
+//! every default visible by [`Scenario::to_toml`]. Sensor lists are read by [`crate::sensors`], `[planner]` by the planner.
 
 mod channel;
 mod check;
+mod planner;
 pub mod raw;
+mod value;
 
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use crate::geometry::Position;
-pub use raw::{AltitudeMode, Environment, GainMode, LinkModel, Propulsion, Rates, Strategy, WaypointSolver};
+pub use planner::PlannerKeys;
+pub use raw::{AltitudeMode, Environment, GainMode, LinkModel, Propulsion};
+pub use value::Count;
 
 /// Most resource blocks of a UAV: messages hold this many served sensor nodes.
 pub const MAX_RESOURCE_BLOCKS: usize = 64;
@@ -43,9 +46,11 @@ pub struct Scenario {
     pub uav: Uav,
     /// The radio.
     pub link: LinkBudget,
-    /// The strategy.
-    pub planner: PlannerChoice,
-    /// The same in the keys and units of the file, every key present.
+    /// The strategy and its keys, which the planner checks.
+    pub planner: PlannerKeys,
+    /// The file that it was read from, for messages.
+    pub path: PathBuf,
+    /// The same in the keys and units of the file, every key present but those of the planner.
     resolved: raw::Scenario,
 }
 
@@ -197,42 +202,6 @@ pub struct LinkBudget {
     pub resource_blocks: usize,
 }
 
-/// The strategy and its settings.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct PlannerChoice {
-    /// Who is served and where to fly.
-    pub strategy: Strategy,
-    /// Most expansions of sP2*; the letter takes one.
-    pub sca_iterations: u32,
-    /// Search steps of `horizon` in each slot.
-    pub horizon_iterations: u32,
-    /// Search steps of `offline` before the mission.
-    pub offline_steps: u64,
-    /// Longest that a slot's search may take where the mission is paced by a clock; elsewhere it has no effect.
-    pub horizon_budget: Option<Duration>,
-    /// What solves sP2*.
-    pub waypoint_solver: WaypointSolver,
-    /// What it sees of the queues.
-    pub knowledge: Knowledge,
-}
-
-impl PlannerChoice {
-    /// Whether the plan of a slot depends on the slots before it.
-    #[must_use]
-    pub fn remembers(&self) -> bool {
-        self.knowledge != Knowledge::Oracle || !Strategy::MEMORYLESS.contains(&self.strategy)
-    }
-}
-
-/// What a planner sees of the queues.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Knowledge {
-    /// All of them, in every slot.
-    Oracle,
-    /// What the UAV can know: the queues that it is told of on contact, and what must have come since at these rates.
-    Estimated(Rates),
-}
-
 /// Why a scenario is refused; the display is one line that names the file, the key, the value and what was expected.
 #[derive(Debug, thiserror::Error)]
 pub enum ScenarioError {
@@ -260,7 +229,7 @@ pub enum ScenarioError {
         /// The file.
         path: PathBuf,
         /// Dotted key.
-        key: &'static str,
+        key: String,
         /// The value found.
         value: String,
         /// What would be accepted.
@@ -274,7 +243,7 @@ pub struct Overrides {
     /// Instead of `seed`.
     pub seed: Option<u64>,
     /// Instead of `planner.strategy`.
-    pub strategy: Option<Strategy>,
+    pub strategy: Option<&'static str>,
     /// Instead of `slots`; `uav.endurance_s` becomes at least as long as they last.
     pub slots: Option<u64>,
 }
@@ -305,7 +274,9 @@ impl Scenario {
     pub fn parse(text: &str, path: &Path, overrides: Overrides) -> Result<Self, ScenarioError> {
         let mut raw: raw::Scenario = toml::from_str(text).map_err(|error| malformed(&error, text, path))?;
         raw.seed = overrides.seed.unwrap_or(raw.seed);
-        raw.planner.strategy = overrides.strategy.unwrap_or(raw.planner.strategy);
+        if let Some(strategy) = overrides.strategy {
+            strategy.clone_into(&mut raw.planner.strategy);
+        }
         if let Some(slots) = overrides.slots {
             raw.slots = slots;
             raw.uav.endurance_s = raw.uav.endurance_s.max(slots as f64 * raw.slot_s);
@@ -313,34 +284,21 @@ impl Scenario {
         check::check(raw, path)
     }
 
-    /// The same with another number of search steps for `offline`, at most 10^12.
-    #[must_use]
-    pub fn with_offline_steps(mut self, steps: u64) -> Self {
-        self.planner.offline_steps = steps;
-        self.resolved.planner.offline_steps = steps;
-        self
-    }
-
-    /// The same with a planner that sees all queues.
-    #[must_use]
-    pub fn with_oracle(mut self) -> Self {
-        self.planner.knowledge = Knowledge::Oracle;
-        (self.resolved.planner.knowledge, self.resolved.planner.rates) = (raw::Knowledge::Oracle, raw::Rates::Known);
-        self
-    }
-
     /// The scenario as a file, every key present.
     #[must_use]
     pub fn to_toml(&self) -> String {
-        toml::to_string(&self.resolved).expect("a scenario is plain tables of numbers and strings")
+        self.write(self.resolved.sensors.clone())
     }
 
     /// The scenario as a file whose sensor list is the neighbouring file `list`.
     #[must_use]
     pub fn to_toml_with_list(&self, list: &str) -> String {
-        let mut resolved = self.resolved.clone();
-        resolved.sensors.count = None;
-        resolved.sensors.file = Some(PathBuf::from(list));
+        let file = Some(PathBuf::from(list));
+        self.write(raw::Sensors { count: None, file, ..self.resolved.sensors.clone() })
+    }
+
+    fn write(&self, sensors: raw::Sensors) -> String {
+        let resolved = raw::Scenario { sensors, planner: self.planner.clone(), ..self.resolved.clone() };
         toml::to_string(&resolved).expect("a scenario is plain tables of numbers and strings")
     }
 

@@ -3,10 +3,7 @@
 use std::path::Path;
 
 use proptest::prelude::*;
-use skysink_common::scenario::{
-    GainMode, Knowledge, LosCurve, Overrides, Rates, Scenario, ScenarioError, SensorSource, Sensors, Strategy,
-    WaypointSolver,
-};
+use skysink_common::scenario::{GainMode, LosCurve, Overrides, Scenario, ScenarioError, SensorSource, Sensors};
 use skysink_common::sensors::{Sensor, SensorList};
 
 fn parse(text: &str) -> Result<Scenario, ScenarioError> {
@@ -20,13 +17,12 @@ fn refusal(text: &str) -> String {
 #[test]
 fn every_default_is_the_letters_value() {
     let letter = Scenario::letter(Overrides::default()).unwrap();
-    let short = parse("name = \"letter\"\n").unwrap();
+    let mut short = parse("name = \"letter\"\n").unwrap();
+    (short.path, short.planner) = (letter.path.clone(), letter.planner.clone()); // whose defaults are the planner's
     assert_eq!(short, letter);
     assert_eq!((letter.slots, letter.slot_s, letter.reach_m()), (600, 1.0, 30.0));
     assert_eq!((letter.link.resource_blocks, letter.link.gain), (4, GainMode::Static));
     assert!((letter.link.noise_w - 1e-13).abs() < 1e-27); // −100 dBm
-    assert_eq!(letter.planner.waypoint_solver, WaypointSolver::Geometric);
-    assert_eq!(letter.planner.knowledge, Knowledge::Oracle);
     assert_eq!(letter.sensors.sampling_bps.map(Some), [Some(100.0); 2]);
 }
 
@@ -41,20 +37,14 @@ fn a_resolved_scenario_is_the_same_scenario() {
 }
 
 #[test]
-fn what_the_planner_knows_reads_back_and_is_part_of_what_is_flown() {
-    let cases = [
-        ("", Knowledge::Oracle),
-        ("knowledge = \"estimated\"\n", Knowledge::Estimated(Rates::Known)),
-        ("knowledge = \"estimated\"\nrates = \"learnt\"\n", Knowledge::Estimated(Rates::Learnt)),
-    ];
-    let scenarios = cases.map(|(keys, knowledge)| {
-        let scenario = parse(&format!("name = \"x\"\n[planner]\n{keys}")).unwrap();
-        assert_eq!(scenario.planner.knowledge, knowledge);
-        assert_eq!(scenario.planner.remembers(), knowledge != Knowledge::Oracle, "uts remembers nothing else");
-        assert_eq!(parse(&scenario.to_toml()).unwrap(), scenario);
-        scenario
-    });
-    assert_eq!(scenarios.each_ref().map(|scenario| scenario.hash() == scenarios[0].hash()), [true, false, false]);
+fn the_planners_keys_are_handed_on_as_they_are_and_are_part_of_what_is_flown() {
+    let text = "name = \"x\"\n[planner]\nstrategy = \"my-own\"\nsteps = 5\n[planner.my-own]\ndepth = 3\n";
+    let scenario = parse(text).unwrap();
+    assert_eq!(scenario.planner.strategy, "my-own");
+    assert_eq!(scenario.planner.others["my-own"]["depth"].as_integer(), Some(3));
+    assert_eq!(parse(&scenario.to_toml()).unwrap(), scenario);
+    assert_ne!(scenario.hash(), parse(&text.replace("depth = 3", "depth = 4")).unwrap().hash());
+    assert_eq!(parse("name = \"x\"\n").unwrap().planner.strategy, "uts");
 }
 
 #[test]
@@ -122,7 +112,7 @@ fn a_list_is_relative_to_the_scenario() {
 
 #[test]
 fn overrides_take_part_in_the_resolved_scenario_and_its_hash() {
-    let overrides = Overrides { seed: Some(9), strategy: Some(Strategy::Rfs), slots: None };
+    let overrides = Overrides { seed: Some(9), strategy: Some("rfs"), slots: None };
     let (plain, other) = (Scenario::letter(Overrides::default()).unwrap(), Scenario::letter(overrides).unwrap());
     assert!(other.to_toml().contains("seed = 9") && other.to_toml().contains("strategy = \"rfs\""));
     assert_ne!(plain.hash(), other.hash());
@@ -174,30 +164,8 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
             "[sensors]\ninitial_queue_mean_bits = [0.0, nan]\n",
             "sensors.initial_queue_mean_bits = [0.0, NaN]: expected 0 to 4294967295 bits, the lower first",
         ),
-        (
-            "[planner]\nrates = \"learnt\"\n",
-            "planner.rates = \"learnt\": expected \"known\", or planner.knowledge = \"estimated\", with which rates may be \
-             learnt",
-        ),
         ("[area]\nside_m = 5.0\nwidth_m = 5.0\n", "area.side_m = 5.0: expected either side_m, or width_m and height_m"),
         ("[area]\nheight_m = 5.0\n", "area.height_m = 5.0: expected width_m and height_m together, or side_m"),
-        ("[planner]\nsca_iterations = 0\n", "planner.sca_iterations = 0: expected 1 to 1000"),
-        (
-            "[planner]\nhorizon_iterations = 2000000000\n",
-            "planner.horizon_iterations = 2000000000: expected 0 to 1000000000",
-        ),
-        (
-            "[planner]\noffline_steps = 1000000000001\n",
-            "planner.offline_steps = 1000000000001: expected 0 to 1000000000000",
-        ),
-        (
-            "[planner]\nhorizon_budget_ms = 0.0\n",
-            "planner.horizon_budget_ms = 0.0: expected milliseconds above 0, at most 3600000",
-        ),
-        (
-            "[planner]\nhorizon_budget_ms = nan\n",
-            "planner.horizon_budget_ms = NaN: expected milliseconds above 0, at most 3600000",
-        ),
     ];
     for (text, expected) in cases {
         let text = format!("name = \"city\"\n{text}");

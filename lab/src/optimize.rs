@@ -7,12 +7,13 @@ use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
-use skysink_common::scenario::{Scenario, Strategy};
+use skysink_common::scenario::{Count, Scenario, ScenarioError};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_planner::Planner;
 use skysink_planner::horizon::bound::mission_bound;
+use skysink_planner::settings::{Knowledge, Rates, Settings, Strategy, change};
 
 use crate::error::LabError;
 use crate::progress::{LabProgress, OnProgress};
@@ -56,8 +57,10 @@ pub struct BestKnown {
 
 impl BestKnown {
     /// The best known flight, before slot 1.
-    #[must_use]
-    pub fn mission(&self) -> Mission {
+    ///
+    /// # Errors
+    /// Never for the scenario that was found.
+    pub fn mission(&self) -> Result<Mission, ScenarioError> {
         mission(&self.scenario, self.plan.as_deref(), &self.list)
     }
 }
@@ -102,18 +105,18 @@ pub fn loss_bound(scenario: &Scenario, list: &SensorList) -> f64 {
 /// # Errors
 /// If the sensor list is refused, or on a stop.
 pub fn optimize(job: &Optimization, stop: &Stop, on_progress: OnProgress) -> Result<BestKnown, LabError> {
-    let is_offline = |scenario: &&Scenario| scenario.planner.strategy == Strategy::Offline;
+    let is_offline = |scenario: &&Scenario| scenario.planner.strategy == Strategy::Offline.name();
     let offline = job.scenarios.iter().find(is_offline).expect("the mission by every strategy");
     let list = SensorList::of(offline)?;
     let steps = match job.budget {
         Budget::Steps(steps) => steps,
-        Budget::Time(time) => steps_in(time, offline, &list),
+        Budget::Time(time) => steps_in(time, offline, &list)?,
     };
-    let offline = offline.clone().with_oracle().with_offline_steps(steps);
+    let offline = searching(offline, steps)?;
     let (searched, rivals) = std::thread::scope(|scope| {
         let rivals = job.scenarios.iter().filter(|scenario| !is_offline(scenario));
         let rivals = scope.spawn(|| rivals.map(|scenario| standing(scenario, None, &list, stop)).collect());
-        let searched = search(&offline, &list, stop, on_progress);
+        let searched = search(&offline, steps, &list, stop, on_progress);
         let rivals: Result<Vec<Standing>, LabError> = rivals.join().expect("a flight does not panic");
         (searched, rivals)
     });
@@ -122,7 +125,7 @@ pub fn optimize(job: &Optimization, stop: &Stop, on_progress: OnProgress) -> Res
     standings.extend(rivals?);
     standings.sort_by(|a, b| a.loss_rate.total_cmp(&b.loss_rate));
     let best = standings[0];
-    let flown = job.scenarios.iter().find(|scenario| scenario.planner.strategy == best.strategy);
+    let flown = job.scenarios.iter().find(|scenario| scenario.planner.strategy == best.strategy.name());
     let flown = flown.filter(|scenario| !is_offline(scenario)).unwrap_or(&offline);
     let scenario = flown.clone();
     let plan = plan.filter(|_| best.strategy == Strategy::Offline);
@@ -139,25 +142,34 @@ pub fn optimize(job: &Optimization, stop: &Stop, on_progress: OnProgress) -> Res
 }
 
 /// About as many steps as this machine takes in `time`, by a trial, which is part of it.
-fn steps_in(time: Duration, offline: &Scenario, list: &SensorList) -> u64 {
-    let trial = offline.clone().with_oracle().with_offline_steps(TRIAL_STEPS);
+fn steps_in(time: Duration, offline: &Scenario, list: &SensorList) -> Result<u64, LabError> {
+    let trial = searching(offline, TRIAL_STEPS)?;
     let begin = Instant::now();
-    let mut planner = Planner::new(&trial, &list.nodes(trial.sensors.capacity_bits));
+    let mut planner = Planner::new(&trial, &list.nodes(trial.sensors.capacity_bits))?;
     planner.prepare(&list.queues_bits(), &mut |_| ControlFlow::Continue(()));
     let took = begin.elapsed();
     let trials = time.saturating_sub(took).as_secs_f64() / took.as_secs_f64();
-    ((TRIAL_STEPS as f64 * trials) as u64).clamp(TRIAL_STEPS, MAX_STEPS)
+    Ok(((TRIAL_STEPS as f64 * trials) as u64).clamp(TRIAL_STEPS, MAX_STEPS))
+}
+
+/// The mission with an offline search of `steps` steps that knows the queues.
+fn searching(offline: &Scenario, steps: u64) -> Result<Scenario, ScenarioError> {
+    change(offline.clone(), |settings| {
+        settings.knowledge = Knowledge::Oracle;
+        settings.rates = Rates::Known;
+        settings.offline.steps = Count::clamped(steps);
+    })
 }
 
 /// The plan of `offline`, as the memory of its planner before slot 1; none if no sensor node can be reached.
 fn search(
     offline: &Scenario,
+    steps: u64,
     list: &SensorList,
     stop: &Stop,
     on_progress: OnProgress,
 ) -> Result<Option<Vec<u8>>, LabError> {
-    let mut planner = Planner::new(offline, &list.nodes(offline.sensors.capacity_bits));
-    let steps = offline.planner.offline_steps;
+    let mut planner = Planner::new(offline, &list.nodes(offline.sensors.capacity_bits))?;
     let mut stopped = Ok(());
     let found = planner.prepare(&list.queues_bits(), &mut |search| {
         let loss_rate = Some(loss_rate(search.loss_bits, offline, list));
@@ -170,23 +182,24 @@ fn search(
 }
 
 /// The mission before slot 1, with the plan of `offline` if there is one.
-fn mission(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList) -> Mission {
-    let mut mission = Mission::new(scenario, list);
+fn mission(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList) -> Result<Mission, ScenarioError> {
+    let mut mission = Mission::new(scenario, list)?;
     if let Some(plan) = plan {
         mission.recall(plan).expect("the plan of this very mission");
     }
-    mission
+    Ok(mission)
 }
 
 /// What the strategy of a scenario loses.
 fn standing(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList, stop: &Stop) -> Result<Standing, LabError> {
-    let mission = mission(scenario, plan, list);
+    let strategy = Settings::of(scenario)?.strategy;
+    let mission = mission(scenario, plan, list)?;
     let mut lost_bits = 0;
     for flown in mission {
         lost_bits = flown.header.totals.lost_bits;
         stop.check()?;
     }
-    Ok(Standing { strategy: scenario.planner.strategy, loss_rate: loss_rate(lost_bits as f64, scenario, list) })
+    Ok(Standing { strategy, loss_rate: loss_rate(lost_bits as f64, scenario, list) })
 }
 
 /// A loss [bit] as the fraction of what the mission samples (decision D3); 0 where nothing is sampled.

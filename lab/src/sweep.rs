@@ -16,13 +16,14 @@ use std::time::Duration;
 use rayon::ThreadPoolBuilder;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use skysink_common::scenario::{Scenario, Strategy};
+use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
 use skysink_mission::record::write_whole;
 use skysink_mission::summary::Tally;
 use skysink_mission::{Mission, MissionError};
+use skysink_planner::settings::Strategy;
 
 use crate::error::LabError;
 use crate::metrics::Metrics;
@@ -156,7 +157,7 @@ pub fn merge(shards: &[PathBuf], out: &Path) -> Result<MissionRows, LabError> {
 fn fly(scenario: &Scenario, mission: MissionKey) -> Result<MissionRow, LabError> {
     let list = SensorList::of(scenario)?;
     let MissionKey { point, strategy, seed } = mission;
-    let mut mission = Mission::new(scenario, &list);
+    let mut mission = Mission::new(scenario, &list)?;
     let mut tally = Tally::new(scenario, &list);
     let mut metrics = Metrics::new(scenario, list.sensors().len());
     tally.start(&mission.header());
@@ -182,7 +183,7 @@ fn fly(scenario: &Scenario, mission: MissionKey) -> Result<MissionRow, LabError>
         aoi_mean_s: values.aoi_mean_s,
         aoi_p99_s: values.aoi_p99_s,
         jain: values.jain,
-        loss_bound: (scenario.planner.strategy == Strategy::Offline).then(bound),
+        loss_bound: (scenario.planner.strategy == Strategy::Offline.name()).then(bound),
         plan_p50_us: summary.timing.plan_p50_us,
         plan_p99_us: summary.timing.plan_p99_us,
     })

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use skysink_common::message::{FLAG_END, FlightReport, Plan, QueuesHeader, SlotHeader};
-use skysink_common::scenario::Scenario;
+use skysink_common::scenario::{Scenario, ScenarioError};
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::{Field, SlotBits};
 use skysink_flight_sim::Flight;
@@ -35,19 +35,21 @@ pub struct FlownSlot {
 
 impl Mission {
     /// The mission before slot 1.
-    #[must_use]
-    pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
+    ///
+    /// # Errors
+    /// If `[planner]` of the scenario is refused; never for one that was read by [`skysink_planner::settings`].
+    pub fn new(scenario: &Scenario, list: &SensorList) -> Result<Self, ScenarioError> {
         let nodes = list.nodes(scenario.sensors.capacity_bits);
         let flight = Flight::new(scenario, &nodes);
-        Self {
+        Ok(Self {
             field: Field::new(scenario, list),
-            planner: Planner::new(scenario, &nodes),
+            planner: Planner::new(scenario, &nodes)?,
             report: flight.start(),
             flight,
             slot: 0,
             slots: scenario.slots,
             moved: SlotBits::default(),
-        }
+        })
     }
 
     /// Takes over what a planner of the same mission remembers before slot 1.

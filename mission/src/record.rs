@@ -277,7 +277,7 @@ fn replace(out: &Path) -> Result<(), MissionError> {
 fn make_default(scenario: &Scenario) -> Result<PathBuf, MissionError> {
     let runs = Path::new("runs");
     fs::create_dir_all(runs).at(runs)?;
-    let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy.name(), scenario.seed);
+    let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy, scenario.seed);
     let mut number = 1u64;
     loop {
         let path = runs.join(if number == 1 { name.clone() } else { format!("{name}-{number}") });

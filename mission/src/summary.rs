@@ -6,7 +6,7 @@ use hdrhistogram::Histogram;
 use serde::Serialize;
 use skysink_common::message::{FlightReport, HoldReason, Mode, Plan, QueuesHeader, SolverOutcome, Totals};
 use skysink_common::pace::Pace;
-use skysink_common::scenario::{Scenario, Strategy};
+use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 
 use crate::latency::{Latencies, Latency, SlotTimes};
@@ -30,7 +30,7 @@ pub struct Summary {
     /// Name of the scenario.
     pub name: String,
     /// Strategy flown.
-    pub strategy: Strategy,
+    pub strategy: String,
     /// Seed.
     pub seed: u64,
     /// Slots flown.
@@ -113,7 +113,7 @@ const HOUR_NS: u64 = 3_600_000_000_000;
 #[derive(Debug)]
 pub struct Tally {
     name: String,
-    strategy: Strategy,
+    strategy: String,
     seed: u64,
     planned_slots: u64,
     sensors: usize,
@@ -143,7 +143,7 @@ impl Tally {
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
         Self {
             name: scenario.name.clone(),
-            strategy: scenario.planner.strategy,
+            strategy: scenario.planner.strategy.clone(),
             seed: scenario.seed,
             planned_slots: scenario.slots,
             sensors: list.sensors().len(),
@@ -247,7 +247,7 @@ impl Tally {
         let plan_us = |quantile| self.plan_ns.value_at_quantile(quantile) as f64 / 1e3;
         Summary {
             name: self.name.clone(),
-            strategy: self.strategy,
+            strategy: self.strategy.clone(),
             seed: self.seed,
             slots: self.slots,
             planned_slots: self.planned_slots,

@@ -12,12 +12,13 @@ use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverSt
 use criterion::{Bencher, Criterion, criterion_group, criterion_main};
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::Plan;
-use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_planner::Planner;
 use skysink_planner::geometry::disks::{Disk, project};
 use skysink_planner::geometry::grid::Grid;
 use skysink_planner::sensor_table::SensorTable;
+use skysink_planner::settings::Strategy;
 use skysink_planner::strategies::baselines::transit_waypoint;
 use skysink_planner::waypoint::conic::ConicSolver;
 use skysink_planner::waypoint::plane;
@@ -30,7 +31,7 @@ const SLOTS: u64 = 150;
 fn letter(count: u32, strategy: Strategy) -> Scenario {
     let side_m = 100.0 * (f64::from(count) / 200.0).sqrt();
     let text = format!("name = \"bench\"\n[area]\nside_m = {side_m:?}\n[sensors]\ncount = {count}\n");
-    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+    let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
     Scenario::parse(&text, Path::new("bench.toml"), overrides).expect("a valid scenario")
 }
 
@@ -104,11 +105,11 @@ fn plans(criterion: &mut Criterion) {
             let nodes = list.nodes(scenario.sensors.capacity_bits);
             let initial_bits = list.queues_bits();
             let table = SensorTable::new(&scenario, &nodes);
-            let mut planner = Planner::over(&scenario, &nodes, table.clone());
+            let mut planner = Planner::over(&scenario, &nodes, table.clone()).unwrap();
             let mut flight = Flight::new(&scenario, &initial_bits);
             group.bench_function(strategy.name(), |bencher| fly(bencher, &mut flight, &mut planner));
             let undivided = SensorTable { grid: Grid::undivided(&table.positions), ..table.clone() };
-            let mut without = Planner::over(&scenario, &nodes, undivided);
+            let mut without = Planner::over(&scenario, &nodes, undivided).unwrap();
             let mut flight = Flight::new(&scenario, &initial_bits);
             group.bench_function(format!("{}, no grid", strategy.name()), |bencher| {
                 fly(bencher, &mut flight, &mut without);
@@ -142,7 +143,7 @@ fn slots_with_four() -> Slots {
     let list = SensorList::of(&scenario).expect("drawn");
     let nodes = list.nodes(scenario.sensors.capacity_bits);
     let initial_bits = list.queues_bits();
-    let mut planner = Planner::new(&scenario, &nodes);
+    let mut planner = Planner::new(&scenario, &nodes).unwrap();
     let mut flight = Flight::new(&scenario, &initial_bits);
     let (mut slots, mut problems) = (Vec::new(), Vec::new());
     while problems.len() < 500 {

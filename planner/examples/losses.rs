@@ -7,12 +7,13 @@
 use std::path::Path;
 
 use rustix::time::{ClockId, clock_gettime};
-use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::Field;
 use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
 use skysink_planner::horizon::bound::mission_bound;
+use skysink_planner::settings::{self, Strategy};
 
 /// What one mission was.
 struct Outcome {
@@ -35,7 +36,7 @@ fn fly(scenario: &Scenario) -> Outcome {
     let nodes = list.nodes(scenario.sensors.capacity_bits);
     let mut field = Field::new(scenario, &list);
     let begin_ms = computed_ms();
-    let mut planner = Planner::new(scenario, &nodes);
+    let mut planner = Planner::new(scenario, &nodes).expect("checked as it was read");
     let setup_ms = computed_ms() - begin_ms;
     let bound_bits = if each() { mission_bound(scenario, &nodes, field.queues_bits()) } else { 0.0 };
     let mut flight = Flight::new(scenario, &nodes);
@@ -69,8 +70,8 @@ fn main() {
         let strategy = Strategy::ALL.into_iter().find(|strategy| strategy.name() == name).expect("a strategy");
         let mut outcomes = Vec::new();
         for seed in seeds.clone() {
-            let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), slots: None };
-            let scenario = Scenario::parse(&text, Path::new("arguments"), overrides).unwrap_or_else(|e| panic!("{e}"));
+            let overrides = Overrides { seed: Some(seed), strategy: Some(strategy.name()), slots: None };
+            let scenario = settings::parse(&text, Path::new("arguments"), overrides).unwrap_or_else(|e| panic!("{e}"));
             outcomes.push(fly(&scenario));
         }
         report(name, &outcomes);

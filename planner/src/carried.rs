@@ -1,12 +1,13 @@
 //! What a planner carries from slot to slot, by strategy; what it believes of the queues is [`crate::estimate`]'s.
 
 use skysink_common::message::SensorNode;
-use skysink_common::scenario::{Scenario, Strategy};
+use skysink_common::scenario::Scenario;
 
 use crate::estimate::Estimate;
 use crate::horizon::Horizon;
 use crate::memory::{MemoryError, Reader};
 use crate::sensor_table::SensorTable;
+use crate::settings::{Settings, Strategy};
 use crate::strategies::rounds::{Ages, Rounds};
 
 /// The state of the strategies that have one.
@@ -25,8 +26,14 @@ pub(crate) enum Carried {
 impl Carried {
     /// The state of a scenario's strategy before its first slot; `estimate` is what it believes of the queues, if it does
     /// not know them.
-    pub fn new(scenario: &Scenario, sensors: &[SensorNode], table: &SensorTable, estimate: Option<&Estimate>) -> Self {
-        match scenario.planner.strategy {
+    pub fn new(
+        scenario: &Scenario,
+        settings: &Settings,
+        sensors: &[SensorNode],
+        table: &SensorTable,
+        estimate: Option<&Estimate>,
+    ) -> Self {
+        match settings.strategy {
             Strategy::Rfs | Strategy::Gfs | Strategy::Uts | Strategy::UtsWide | Strategy::Exact => Self::Nothing,
             strategy @ (Strategy::Tour | Strategy::RoundRobin) => {
                 Self::Rounds(Rounds::new(strategy, table, &scenario.uav.start))
@@ -34,8 +41,8 @@ impl Carried {
             Strategy::MaxAgeFirst => Self::Ages(Ages::new(table)),
             Strategy::Horizon | Strategy::Offline => {
                 Self::Horizon(Box::new(match estimate.filter(|estimate| estimate.learns()) {
-                    Some(estimate) => Horizon::learning(scenario, sensors, estimate),
-                    None => Horizon::new(scenario, sensors),
+                    Some(estimate) => Horizon::learning(scenario, settings, sensors, estimate),
+                    None => Horizon::new(scenario, settings, sensors),
                 }))
             }
         }

@@ -10,7 +10,9 @@ pub(crate) use remembering::BYTES_EACH;
 
 use skysink_common::arrivals::bits_between;
 use skysink_common::message::{FlightReport, SensorNode};
-use skysink_common::scenario::{Knowledge, Rates, Scenario, Sensors};
+use skysink_common::scenario::{Scenario, Sensors};
+
+use crate::settings::Rates;
 
 /// The queues of a mission as the UAV believes them to be.
 ///
@@ -124,12 +126,9 @@ impl Belief {
 }
 
 impl Estimate {
-    /// What is believed before slot 1 of a scenario with these SNs; `None` where its planner sees the queues.
+    /// What is believed before slot 1 of a scenario with these SNs, by a planner that knows `rates` of their sampling.
     #[must_use]
-    pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Option<Self> {
-        let Knowledge::Estimated(rates) = scenario.planner.knowledge else {
-            return None;
-        };
+    pub fn new(scenario: &Scenario, rates: Rates, sensors: &[SensorNode]) -> Self {
         let initial_bits = Sensors::mean(scenario.sensors.initial_queue_mean_bits) as u32;
         let mean_bps = |sensor: &SensorNode| match rates {
             Rates::Known => sensor.sampling_bps,
@@ -138,7 +137,7 @@ impl Estimate {
         let belief = |sensor: &SensorNode| {
             Belief::before_any_contact(sensor.capacity_bits, mean_bps(sensor) * scenario.slot_s, initial_bits)
         };
-        Some(Self {
+        Self {
             rates,
             initial_bits,
             initial_half_bits: half_bits(scenario.sensors.initial_queue_mean_bits),
@@ -148,7 +147,7 @@ impl Estimate {
             whole_since: 0,
             announced: (0, Vec::with_capacity(scenario.link.resource_blocks)),
             queues_bits: vec![0; sensors.len()],
-        })
+        }
     }
 
     /// Whether rates are learnt.
@@ -260,10 +259,9 @@ mod tests {
     /// in the mean.
     fn estimate_of(rates: Rates) -> Estimate {
         let text = "name = 'x'\n[sensors]\nsampling_bps = [50.0, 150.0]\ninitial_queue_mean_bits = [0.0, 600.0]\n";
-        let mut scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
-        scenario.planner.knowledge = Knowledge::Estimated(rates);
+        let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
         let sensor = |sampling_bps: f64| SensorNode { sampling_bps, capacity_bits: 1_000, ..SensorNode::default() };
-        Estimate::new(&scenario, &[2.5, 100.0, 0.0].map(sensor)).unwrap()
+        Estimate::new(&scenario, rates, &[2.5, 100.0, 0.0].map(sensor))
     }
 
     /// A flight that serves these SNs.
@@ -285,12 +283,6 @@ mod tests {
     /// Slots that serve nobody.
     fn pass(estimate: &mut Estimate, slots: std::ops::RangeInclusive<u64>) {
         slots.for_each(|slot| estimate.observe(slot, &serving(&[]), &[7; 3]));
-    }
-
-    #[test]
-    fn a_planner_that_sees_the_queues_estimates_none() {
-        let letter = Scenario::letter(Overrides::default()).unwrap();
-        assert!(Estimate::new(&letter, &[SensorNode::default()]).is_none());
     }
 
     #[test]

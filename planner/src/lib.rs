@@ -6,6 +6,7 @@
 //!
 //! | module | job |
 //! |---|---|
+//! | [`settings`] | `[planner]` of the scenario file |
 //! | [`planner`] | one slot: schedule, then waypoint |
 //! | [`sensor_table`] | what stays the same in every slot |
 //! | [`estimate`] | what the UAV can know of the queues |
@@ -26,6 +27,7 @@ pub mod planner;
 #[cfg(feature = "node")]
 pub mod recollection;
 pub mod sensor_table;
+pub mod settings;
 pub mod strategies;
 pub mod waypoint;
 

@@ -3,9 +3,8 @@
 //! Little-endian: version `u8`, strategy `u8`, what is believed of the queues `u8`, the slot planned last `u64`, then the
 //! beliefs, if there are any, and what the strategy adds. Where the bytes are kept is left to whoever runs the planner.
 
-use skysink_common::scenario::Strategy;
-
 use crate::estimate::Estimate;
+use crate::settings::Strategy;
 
 /// The layout's version.
 const VERSION: u8 = 2;

@@ -1,6 +1,6 @@
 //! planner as a process of the ring: answers the queues of a slot with the plan of the next.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
 use skysink_common::message::{FLAG_END, FLAG_TICK, QueuesHeader, SlotHeader};
@@ -18,18 +18,20 @@ use skysink_ring::writer::Writer;
 
 use crate::planner::Planner;
 use crate::recollection::Recollection;
+use crate::settings::Settings;
 
 /// Plans until the mission ends. Started again, it answers what the others still have, as it did before.
 ///
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
+    let settings = Settings::of(scenario)?;
     let seat = folder.take_seat(Role::Planner)?;
     let ring = Ring::<S>::open(folder, scenario, Role::Planner, &seat)?;
     let mut patience = ring.wait_context(folder, Some(seat), stop)?;
     // Before the plans, so that whoever has a plan finds the writer of its path.
     let path_writer = || ring.path.list_writer(MAX_POINTS, Full::Miss, stop, ring.timeout());
-    let paths = scenario.planner.strategy.has_path().then(path_writer).transpose()?;
+    let paths = settings.strategy.has_path().then(path_writer).transpose()?;
     let plans = ring.plan.writer(Full::of(ring.terms.pace), stop, ring.timeout())?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let mut queues = ring.queues.reader(RING_BUFFER)?;
@@ -40,11 +42,11 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     };
 
     let nodes = sensors.wait_for(&mut patience, 0, |_| true, serve_joiners)?;
-    let mut planner = Planner::new(scenario, nodes.payload());
+    let mut planner = Planner::new(scenario, nodes.payload())?;
     if let Pace::Factor(_) = ring.terms.pace {
-        planner.limit(scenario.planner.horizon_budget);
+        planner.limit(settings.horizon.budget_ms.map(Duration::from));
     }
-    let mut recollection = Recollection::open(folder, scenario, nodes.payload().len()).map_err(RingError::from)?;
+    let mut recollection = Recollection::open(folder, &planner, nodes.payload().len()).map_err(RingError::from)?;
     let mut next = 0;
     loop {
         let is_state = |header: &QueuesHeader| header.head.flags & FLAG_TICK == 0;

@@ -14,7 +14,7 @@ use nalgebra::Point3;
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::random::Streams;
-use skysink_common::scenario::{Scenario, Strategy};
+use skysink_common::scenario::{Scenario, ScenarioError};
 
 use crate::carried::Carried;
 use crate::estimate::Estimate;
@@ -22,6 +22,7 @@ use crate::horizon::PATH;
 use crate::horizon::optimize::Progress;
 use crate::memory::{MemoryError, Reader, begin};
 use crate::sensor_table::SensorTable;
+use crate::settings::{Knowledge, Settings, Strategy};
 use crate::strategies::algorithm_1::{Reach, Search};
 use crate::strategies::baselines::{greedy_waypoint, random_waypoint, serve_fullest, transit_waypoint};
 use crate::strategies::exact::ExactSearch;
@@ -35,6 +36,7 @@ use crate::waypoint::problem::Waypoint;
 /// slots planned before.
 pub struct Planner {
     scenario: Scenario,
+    settings: Settings,
     table: SensorTable,
     streams: Streams,
     search: Search,
@@ -71,28 +73,35 @@ impl Slot<'_> {
 
 impl Planner {
     /// The planner of a scenario with the sensor nodes `sensors`, SN i at entry i.
-    #[must_use]
-    pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
+    ///
+    /// # Errors
+    /// If `[planner]` of the scenario is refused; never for one that was read by [`crate::settings`].
+    pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Result<Self, ScenarioError> {
         Self::over(scenario, sensors, SensorTable::new(scenario, sensors))
     }
 
     /// The planner of a scenario over a field of its own, such as one with another grid.
-    #[must_use]
-    pub fn over(scenario: &Scenario, sensors: &[SensorNode], table: SensorTable) -> Self {
-        let estimate = Estimate::new(scenario, sensors).map(Box::new);
-        Self {
+    ///
+    /// # Errors
+    /// As [`Planner::new`].
+    pub fn over(scenario: &Scenario, sensors: &[SensorNode], table: SensorTable) -> Result<Self, ScenarioError> {
+        let settings = Settings::of(scenario)?;
+        let estimate = (settings.knowledge == Knowledge::Estimated)
+            .then(|| Box::new(Estimate::new(scenario, settings.rates, sensors)));
+        Ok(Self {
             scenario: scenario.clone(),
+            settings,
             streams: Streams::new(scenario.seed),
             search: Search::with_room_for(sensors.len()),
             exact: ExactSearch::new(&table),
-            carried: Carried::new(scenario, sensors, &table, estimate.as_deref()),
+            carried: Carried::new(scenario, &settings, sensors, &table, estimate.as_deref()),
             estimate,
             memory: Vec::new(),
             path: Vec::with_capacity(PATH),
-            solver: Solver::new(scenario, &table),
+            solver: Solver::new(scenario, &settings, &table),
             ids: Vec::with_capacity(sensors.len()),
             table,
-        }
+        })
     }
 
     /// Takes in what was flown in `slot`, and the queues after it [bit], by id; to be done for every slot before the next
@@ -146,7 +155,7 @@ impl Planner {
     fn plan_slot(&mut self, slot: Slot) -> Plan {
         let Slot { position, queues_bits, .. } = slot;
         self.path.clear();
-        let own = match self.scenario.planner.strategy {
+        let own = match self.settings.strategy {
             Strategy::Uts => self.algorithm_1(Reach::Letter, slot),
             Strategy::UtsWide => self.algorithm_1(Reach::Wide, slot),
             Strategy::Exact => self.exact(slot),
@@ -174,8 +183,8 @@ impl Planner {
     /// strategies, if no sensor node that can lose data can be reached, or if `watch`, which is told now and then how far
     /// the search is, breaks it off.
     pub fn prepare(&mut self, queues_bits: &[u32], watch: &mut dyn FnMut(Progress) -> ControlFlow<()>) -> Option<f64> {
-        let (strategy, start) = (self.scenario.planner.strategy, self.scenario.uav.start);
-        let steps = (strategy == Strategy::Offline).then_some(self.scenario.planner.offline_steps)?;
+        let (strategy, start) = (self.settings.strategy, self.scenario.uav.start);
+        let steps = (strategy == Strategy::Offline).then_some(self.settings.offline.steps.get())?;
         if let Some(estimate) = &self.estimate {
             self.carried.doubt(0, estimate);
         }
@@ -188,8 +197,8 @@ impl Planner {
 
     /// Puts down what the next slot has to know.
     fn remember(&mut self, slot: u64) {
-        if self.scenario.planner.remembers() {
-            begin(&mut self.memory, self.scenario.planner.strategy, slot, self.estimate.as_deref());
+        if self.settings.remembers() {
+            begin(&mut self.memory, self.settings.strategy, slot, self.estimate.as_deref());
             self.carried.remember(&mut self.memory);
         }
     }
@@ -208,8 +217,8 @@ impl Planner {
     /// # Errors
     /// If the memory is of another slot, strategy or field; the planner then is as it was.
     pub fn recall(&mut self, slot: u64, memory: &[u8]) -> Result<(), MemoryError> {
-        let strategy = self.scenario.planner.strategy;
-        if self.scenario.planner.remembers() {
+        let strategy = self.settings.strategy;
+        if self.settings.remembers() {
             let mut reader = Reader::new(memory, strategy, slot)?;
             let estimate = reader.estimate(self.estimate.as_deref())?;
             self.carried.recall(reader)?;
@@ -223,6 +232,12 @@ impl Planner {
         self.memory.clear();
         self.memory.extend_from_slice(memory);
         Ok(())
+    }
+
+    /// Whether the plan of a slot depends on the slots before it: whether there is a memory.
+    #[must_use]
+    pub fn remembers(&self) -> bool {
+        self.settings.remembers()
     }
 
     /// What is believed of the queues; `None` where they are known.
@@ -304,17 +319,18 @@ impl Planner {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::settings::WaypointSolver;
     use skysink_common::message::NOBODY;
-    use skysink_common::scenario::{Overrides, WaypointSolver};
+    use skysink_common::scenario::Overrides;
     use skysink_common::sensors::SensorList;
 
     /// A planner over the letter's scenario with the SNs at `places_m` [m], gain −52 dB, and a top speed.
     fn planner_of(strategy: Strategy, places_m: &[[f64; 2]], max_speed_mps: f64) -> Planner {
-        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+        let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
         let mut scenario = Scenario::letter(overrides).unwrap();
         scenario.uav.max_speed_mps = max_speed_mps;
         let sensor = |&[x_m, y_m]: &[f64; 2]| SensorNode { x_m, y_m, gain: 10f64.powf(-5.2), ..SensorNode::default() };
-        Planner::new(&scenario, &places_m.iter().map(sensor).collect::<Vec<_>>())
+        Planner::new(&scenario, &places_m.iter().map(sensor).collect::<Vec<_>>()).unwrap()
     }
 
     fn middle() -> Position {
@@ -364,8 +380,8 @@ mod tests {
         // UAV is in range of SN 1 (24 − 5 = 19 m), so the UAV flies 5 m toward SN 1 and serves SN 0 from there.
         for solver in [WaypointSolver::Geometric, WaypointSolver::Clarabel] {
             let mut planner = planner_of(Strategy::Uts, &[[55.0, 50.0], [74.0, 50.0]], 5.0);
-            planner.scenario.planner.waypoint_solver = solver;
-            planner.solver = Solver::new(&planner.scenario, &planner.table);
+            let settings = Settings { waypoint_solver: solver, ..planner.settings };
+            planner.solver = Solver::new(&planner.scenario, &settings, &planner.table);
             let plan = planner.step(1, &middle(), 20.0, &[10, 100]);
             assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (55.0, 50.0, &[0][..]), "{solver:?}");
             assert_eq!((plan.mode, plan.anchor), (Mode::Transit.code(), NOBODY), "{solver:?}");
@@ -413,8 +429,8 @@ mod tests {
         for solver in [WaypointSolver::Geometric, WaypointSolver::Clarabel] {
             let mut planner = planner_of(Strategy::Exact, &places, 30.0);
             planner.table.resource_blocks = 3;
-            planner.scenario.planner.waypoint_solver = solver;
-            planner.solver = Solver::new(&planner.scenario, &planner.table);
+            let settings = Settings { waypoint_solver: solver, ..planner.settings };
+            planner.solver = Solver::new(&planner.scenario, &settings, &planner.table);
             let plan = planner.step(1, &Position::new(56.0, 60.0), 20.0, &[900, 950, 800, 700]);
             assert_eq!((plan.scheduled(), plan.mode), (&[0, 1, 2][..], Mode::Serve.code()), "{solver:?}");
             assert_eq!(plan.solver, SolverOutcome::Fallback.code(), "{solver:?}");
@@ -443,10 +459,11 @@ mod tests {
     /// Four slots of the letter's mission, at a top speed, without arrivals, queues emptied where they are served:
     /// waypoint [m] and schedule.
     fn trace_of(strategy: Strategy, max_speed_mps: f64) -> Vec<String> {
-        let mut scenario = Scenario::letter(Overrides { strategy: Some(strategy), ..Overrides::default() }).unwrap();
+        let mut scenario =
+            Scenario::letter(Overrides { strategy: Some(strategy.name()), ..Overrides::default() }).unwrap();
         scenario.uav.max_speed_mps = max_speed_mps;
         let list = SensorList::of(&scenario).unwrap();
-        let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits));
+        let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits)).unwrap();
         let (mut position, mut queues_bits) = (scenario.uav.start, list.queues_bits());
         let fly = |slot| {
             let plan = planner.step(slot, &position, 20.0, &queues_bits);

@@ -1,6 +1,5 @@
 //! What a planner process remembers across its own death: what it carried and believed after each of its last slots.
 
-use skysink_common::scenario::Scenario;
 use skysink_ring::error::JournalError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::Journal;
@@ -23,13 +22,13 @@ pub struct Recollection {
 }
 
 impl Recollection {
-    /// The journal in the ring's folder of a planner over `count` sensor nodes that has planned nothing yet.
+    /// The journal in the ring's folder of `planner`, which is over `count` sensor nodes and has planned nothing yet.
     ///
     /// # Errors
     /// If the file cannot be opened.
-    pub fn open(folder: &RingFolder, scenario: &Scenario, count: usize) -> Result<Self, JournalError> {
+    pub fn open(folder: &RingFolder, planner: &Planner, count: usize) -> Result<Self, JournalError> {
         let open = || Journal::open(&folder.journal("plans"), SLOTS, ROOM + (BYTES_EACH + 4) * count);
-        Ok(Self { journal: scenario.planner.remembers().then(open).transpose()?, planned: 0 })
+        Ok(Self { journal: planner.remembers().then(open).transpose()?, planned: 0 })
     }
 
     /// Brings a planner that is new to where it was before it planned `slot`, or to the last slot before that which is
@@ -60,10 +59,13 @@ impl Recollection {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::settings::{Knowledge, Rates, Settings, Strategy, change};
+    use std::path::Path;
+
     use skysink_common::geometry::Position;
     use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, SensorNode};
     use skysink_common::pace::Pace;
-    use skysink_common::scenario::{Knowledge, Overrides, Rates, Strategy};
+    use skysink_common::scenario::{Count, Overrides, Scenario};
     use skysink_ring::wait::Waiting;
 
     fn nodes() -> Vec<SensorNode> {
@@ -104,16 +106,22 @@ mod tests {
 
     /// Every planner that remembers something.
     fn scenarios() -> impl Iterator<Item = Scenario> {
-        let seen = [Knowledge::Oracle, Knowledge::Estimated(Rates::Known), Knowledge::Estimated(Rates::Learnt)];
+        let seen = [
+            (Knowledge::Oracle, Rates::Known),
+            (Knowledge::Estimated, Rates::Known),
+            (Knowledge::Estimated, Rates::Learnt),
+        ];
         let all = Strategy::ALL.into_iter().flat_map(move |strategy| seen.map(|knowledge| (strategy, knowledge)));
-        let scenario = |(strategy, knowledge)| {
-            let mut scenario =
-                Scenario::letter(Overrides { strategy: Some(strategy), ..Overrides::default() }).unwrap();
-            scenario.planner.horizon_iterations = 200;
-            scenario.planner.knowledge = knowledge;
-            scenario
+        let scenario = |(strategy, (knowledge, rates)): (Strategy, _)| {
+            let scenario =
+                Scenario::letter(Overrides { strategy: Some(strategy.name()), ..Overrides::default() }).unwrap();
+            change(scenario, |settings| {
+                settings.horizon.iterations = Count::clamped(200);
+                (settings.knowledge, settings.rates) = (knowledge, rates);
+            })
+            .unwrap()
         };
-        all.map(scenario).filter(|scenario| scenario.planner.remembers())
+        all.map(scenario).filter(|scenario| Settings::of(scenario).unwrap().remembers())
     }
 
     #[test]
@@ -122,15 +130,15 @@ mod tests {
             let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
             let start: Position = scenario.uav.start;
             let mut flights = vec![FlightReport::at(start.x, start.y, 20.0, Mode::Hold)];
-            let mut planner = Planner::new(&scenario, &nodes());
-            let mut recollection = Recollection::open(&folder, &scenario, 12).unwrap();
+            let mut planner = Planner::new(&scenario, &nodes()).unwrap();
+            let mut recollection = Recollection::open(&folder, &planner, 12).unwrap();
             for slot in 1..=9 {
                 let plan = answer(slot, &flights[slot as usize - 1], &mut planner, &mut recollection);
                 flights.push(flown(&plan));
             }
             for from in [7, 8, 9] {
-                let mut again = Planner::new(&scenario, &nodes());
-                let mut recollection = Recollection::open(&folder, &scenario, 12).unwrap();
+                let mut again = Planner::new(&scenario, &nodes()).unwrap();
+                let mut recollection = Recollection::open(&folder, &again, 12).unwrap();
                 for slot in from..=9 {
                     let plan = answer(slot, &flights[slot as usize - 1], &mut again, &mut recollection);
                     assert_eq!(flown(&plan), flights[slot as usize], "{:?}, slot {slot} from {from}", scenario.planner);
@@ -142,17 +150,17 @@ mod tests {
 
     #[test]
     fn a_planner_that_comes_back_late_believes_what_it_believed_last() {
-        let mut scenario = Scenario::letter(Overrides::default()).unwrap();
-        scenario.planner.knowledge = Knowledge::Estimated(Rates::Known);
+        let text = "name = 'x'\n[planner]\nknowledge = 'estimated'\n";
+        let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
         let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
-        let mut planner = Planner::new(&scenario, &nodes());
-        let mut recollection = Recollection::open(&folder, &scenario, 12).unwrap();
+        let mut planner = Planner::new(&scenario, &nodes()).unwrap();
+        let mut recollection = Recollection::open(&folder, &planner, 12).unwrap();
         let mut flight = FlightReport::at(50.0, 50.0, 20.0, Mode::Hold);
         for slot in 1..=9 {
             flight = flown(&answer(slot, &flight, &mut planner, &mut recollection));
         }
-        let mut late = Planner::new(&scenario, &nodes());
-        let mut recollection = Recollection::open(&folder, &scenario, 12).unwrap();
+        let mut late = Planner::new(&scenario, &nodes()).unwrap();
+        let mut recollection = Recollection::open(&folder, &late, 12).unwrap();
         let hold = FlightReport::at(50.0, 50.0, 20.0, Mode::Hold);
         let _ = answer(15, &hold, &mut late, &mut recollection);
         let contacts =

@@ -4,9 +4,10 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
 use skysink_common::geometry::Position;
-use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_planner::Planner;
+use skysink_planner::settings::Strategy;
 
 thread_local! {
     /// Requests for memory by this thread.
@@ -36,7 +37,7 @@ static ALLOCATOR: Counting = Counting;
 /// Flies 300 slots of `scenario` with `queues_bits` at the start and `sampled_bits` more in every slot.
 fn fly(scenario: &Scenario, mut queues_bits: Vec<u32>, sampled_bits: u32) {
     let list = SensorList::of(scenario).unwrap();
-    let mut planner = Planner::new(scenario, &list.nodes(scenario.sensors.capacity_bits));
+    let mut planner = Planner::new(scenario, &list.nodes(scenario.sensors.capacity_bits)).unwrap();
     let (mut position, mut altitude_m) = (scenario.uav.start, scenario.uav.altitude_m);
     let requests_before = REQUESTS.get();
     for slot in 1..=300 {
@@ -44,19 +45,19 @@ fn fly(scenario: &Scenario, mut queues_bits: Vec<u32>, sampled_bits: u32) {
         (position, altitude_m) = (Position::new(plan.x_m, plan.y_m), plan.z_m);
         plan.scheduled().iter().for_each(|&id| queues_bits[id as usize] = 0);
         queues_bits.iter_mut().for_each(|queue_bits| *queue_bits = (*queue_bits + sampled_bits).min(30_000));
-        assert_eq!(REQUESTS.get(), requests_before, "{}, slot {slot}", scenario.planner.strategy.name());
+        assert_eq!(REQUESTS.get(), requests_before, "{}, slot {slot}", scenario.planner.strategy);
     }
 }
 
 fn letter(strategy: Strategy) -> Scenario {
-    Scenario::letter(Overrides { strategy: Some(strategy), ..Overrides::default() }).unwrap()
+    Scenario::letter(Overrides { strategy: Some(strategy.name()), ..Overrides::default() }).unwrap()
 }
 
 /// The letter's field in dense urban surroundings, flown in three dimensions.
 fn spatial(strategy: Strategy) -> Scenario {
     let text = "name = 'a'\n[uav]\naltitude = 'free'\n[link]\nmodel = 'probabilistic-los'\n\
                 environment = 'dense-urban'\ncomm_radius_m = 25.0\nbandwidth_hz = 5e3\n";
-    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+    let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
     Scenario::parse(text, std::path::Path::new("a.toml"), overrides).unwrap()
 }
 
@@ -84,7 +85,7 @@ fn no_slot_of_equal_queues_asks_for_memory() {
 fn no_slot_over_a_large_field_asks_for_memory() {
     for strategy in Strategy::MEMORYLESS {
         let text = "name = 'a'\n[area]\nside_m = 1e3\n[sensors]\ncount = 20000\n";
-        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+        let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
         let scenario = Scenario::parse(text, std::path::Path::new("a.toml"), overrides).unwrap();
         let queues_bits = SensorList::of(&scenario).unwrap().queues_bits();
         fly(&scenario, queues_bits, 100);

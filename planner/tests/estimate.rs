@@ -6,8 +6,8 @@ use std::path::Path;
 
 use proptest::prelude::{Strategy as Generator, *};
 use skysink_common::arrivals::sampled_bits;
-use skysink_common::scenario::Strategy;
 use skysink_common::sensors::SensorList;
+use skysink_planner::settings::Strategy;
 use support::{Mission, scenario_of};
 
 /// Links that empty queues and links that do not, gains that change, and three dimensions; storages that fill and others
@@ -25,7 +25,7 @@ fn texts(rates: &'static str) -> impl Generator<Value = String> {
             format!(
                 "slots = 60\nslot_s = {slot_s:?}\n[area]\nside_m = {side_m:?}\n[sensors]\ncount = {count}\n\
                  capacity_bits = {capacity_bits}\nsampling_bps = {sampling}\ninitial_queue_mean_bits = [0.0, 9000.0]\n\
-                 [link]\n{link}\n[planner]\nhorizon_iterations = 40\noffline_steps = 1000\nknowledge = 'estimated'\nrates = '{rates}'\n"
+                 [link]\n{link}\n[planner]\nhorizon.iterations = 40\noffline.steps = 1000\nknowledge = 'estimated'\nrates = '{rates}'\n"
             )
         },
     )
@@ -150,7 +150,7 @@ fn what_is_learnt_of_equal_rates_is_what_is_known() {
         let text = |rates: &str| {
             format!(
                 "slots = 80\n[area]\nside_m = 150.0\n[sensors]\ncount = 60\nsampling_bps = 400.0\n[planner]\n\
-                 horizon_iterations = 100\nknowledge = 'estimated'\nrates = '{rates}'\n"
+                 horizon.iterations = 100\nknowledge = 'estimated'\nrates = '{rates}'\n"
             )
         };
         let [mut known, mut learnt] =
@@ -163,7 +163,7 @@ fn what_is_learnt_of_equal_rates_is_what_is_known() {
 
 #[test]
 fn the_look_ahead_flies_over_sensor_nodes_that_turn_out_not_to_sample() {
-    let text = "slots = 60\n[sensors]\nsampling_bps = 0.0\n[planner]\nhorizon_iterations = 50\nknowledge = 'estimated'\n\
+    let text = "slots = 60\n[sensors]\nsampling_bps = 0.0\n[planner]\nhorizon.iterations = 50\nknowledge = 'estimated'\n\
                 rates = 'learnt'\n";
     let scenario = scenario_of(text, Strategy::Horizon, 1);
     // The scenario's rate is 0, so nobody is believed to sample before a contact; SNs 1 and 2 do.
@@ -195,7 +195,7 @@ fn a_planner_that_sees_the_queues_puts_down_nothing_of_them() {
 fn a_planner_that_is_not_sure_of_the_queues_comes_early_enough() {
     let text = "slots = 300\n[area]\nside_m = 250.0\n[sensors]\ncount = 100\nsampling_bps = [50.0, 150.0]\n\
                 initial_queue_mean_bits = [0.0, 20000.0]\n[planner]\nknowledge = 'estimated'\nrates = 'learnt'\n\
-                horizon_iterations = 300\n";
+                horizon.iterations = 300\n";
     for seed in 1..=3 {
         let mut mission = Mission::new(&scenario_of(text, Strategy::Horizon, seed));
         (1..=300).for_each(|slot| {

@@ -9,9 +9,10 @@ use skysink_common::channel::{Channel, Uplink};
 use skysink_common::geometry::{Position, distance_squared, within};
 use skysink_common::ledger::Ledger;
 use skysink_common::message::SensorNode;
-use skysink_common::scenario::{Overrides, Scenario, Strategy, WaypointSolver};
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_planner::Planner;
+use skysink_planner::settings::{Strategy, WaypointSolver, change};
 
 /// One line of an expected trace.
 struct Slot {
@@ -66,13 +67,13 @@ fn upload(ledger: &mut Ledger, sensors: &[SensorNode], scenario: &Scenario, wayp
 /// Flies the mission of fixture `name` and compares every slot; waypoints may differ by `tolerance_m`.
 fn replay(name: &str, strategy: Strategy, solver: WaypointSolver, tolerance_m: f64) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures").join(name);
-    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-    let mut scenario = Scenario::read(&folder.join("scenario.toml"), overrides).unwrap();
-    scenario.planner.waypoint_solver = solver;
+    let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
+    let scenario = Scenario::read(&folder.join("scenario.toml"), overrides).unwrap();
+    let scenario = change(scenario, |settings| settings.waypoint_solver = solver).unwrap();
     let list = SensorList::of(&scenario).unwrap();
     let sensors = list.nodes(scenario.sensors.capacity_bits);
     let mut ledger = Ledger::new(scenario.sensors.capacity_bits, list.queues_bits());
-    let mut planner = Planner::new(&scenario, &sensors);
+    let mut planner = Planner::new(&scenario, &sensors).unwrap();
     let mut position = scenario.uav.start;
     let expected = std::fs::read_to_string(folder.join(format!("expected_{}.csv", strategy.name()))).unwrap();
     let mut slots = 0;

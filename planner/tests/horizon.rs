@@ -7,10 +7,11 @@ use std::path::Path;
 use std::time::Duration;
 
 use proptest::prelude::{Strategy as Generator, *};
-use skysink_common::scenario::{Scenario, Strategy};
+use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_planner::Planner;
 use skysink_planner::horizon::bound::mission_bound;
+use skysink_planner::settings::Strategy;
 use support::{Mission, scenario_of};
 
 /// The strategies that carry something from slot to slot.
@@ -40,7 +41,7 @@ fn texts() -> impl Generator<Value = String> {
                 "slots = 40\n[area]\nside_m = {side_m:?}\n[sensors]\ncount = {count}\nsampling_bps = {rate_bps:?}\n\
              initial_queue_mean_bits = 20000.0\n[uav]\nmax_speed_mps = {speed:?}\naltitude = '{altitude}'\n\
              [link]\ncomm_radius_m = {radius_m:?}\nbandwidth_hz = {width_hz:?}\nresource_blocks = {n}\n{link}\n\
-             [planner]\nhorizon_iterations = 60\noffline_steps = 2000\n"
+             [planner]\nhorizon.iterations = 60\noffline.steps = 2000\n"
             )
         },
     )
@@ -64,7 +65,7 @@ proptest! {
             if slot == restart {
                 let list = SensorList::of(&scenario).unwrap();
                 let memory = restarted.planner.memory().to_vec();
-                restarted.planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits));
+                restarted.planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits)).unwrap();
                 restarted.planner.recall(slot, &memory).unwrap();
             }
             prop_assert_eq!(mission.planner.memory(), restarted.planner.memory());
@@ -77,7 +78,7 @@ proptest! {
 fn a_memory_of_another_slot_or_strategy_is_refused_and_changes_nothing() {
     for strategy in REMEMBERING {
         let scenario =
-            scenario_of("slots = 10\n[planner]\nhorizon_iterations = 10\noffline_steps = 400\n", strategy, 1);
+            scenario_of("slots = 10\n[planner]\nhorizon.iterations = 10\noffline.steps = 400\n", strategy, 1);
         let mut mission = Mission::new(&scenario);
         mission.turn(1);
         let memory = mission.planner.memory().to_vec();
@@ -95,7 +96,7 @@ fn a_memory_of_another_slot_or_strategy_is_refused_and_changes_nothing() {
 
 #[test]
 fn sensor_nodes_that_do_not_sample_are_served_but_not_waited_for() {
-    let scenario = scenario_of("slots = 30\n[planner]\nhorizon_iterations = 50\n", Strategy::Horizon, 1);
+    let scenario = scenario_of("slots = 30\n[planner]\nhorizon.iterations = 50\n", Strategy::Horizon, 1);
     let text = "x_m,y_m,queue_bits,sampling_bps\n20,20,20000,0\n30,20,100,900\n90,90,100,900\n50,50,7000,0\n";
     let list = SensorList::parse(text, Path::new("list.csv"), &scenario).unwrap();
     let mut mission = Mission::over(&scenario, &list);
@@ -117,7 +118,7 @@ fn sensor_nodes_that_do_not_sample_are_served_but_not_waited_for() {
 fn a_limit_in_time_ends_a_search_and_none_or_a_long_one_changes_nothing() {
     let text = "slots = 40\n[area]\nside_m = 600.0\n[sensors]\nsampling_bps = 700.0\n";
     let of =
-        |steps: u32| scenario_of(&format!("{text}[planner]\nhorizon_iterations = {steps}\n"), Strategy::Horizon, 1);
+        |steps: u32| scenario_of(&format!("{text}[planner]\nhorizon.iterations = {steps}\n"), Strategy::Horizon, 1);
     let fly = |scenario: &Scenario, limit| {
         let mut mission = Mission::new(scenario);
         mission.planner.limit(limit);
@@ -141,14 +142,14 @@ fn a_limit_in_time_ends_a_search_and_none_or_a_long_one_changes_nothing() {
 
 #[test]
 fn a_planner_that_starts_in_mid_mission_plans_from_what_it_finds() {
-    let text = "slots = 200\n[area]\nside_m = 300.0\n[sensors]\ncount = 60\n[planner]\nhorizon_iterations = 200\n";
+    let text = "slots = 200\n[area]\nside_m = 300.0\n[sensors]\ncount = 60\n[planner]\nhorizon.iterations = 200\n";
     let scenario = scenario_of(text, Strategy::Horizon, 3);
     let mut mission = Mission::new(&scenario);
     (1..=100).for_each(|slot| {
         mission.turn(slot);
     });
     let list = SensorList::of(&scenario).unwrap();
-    mission.planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits));
+    mission.planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits)).unwrap();
     (101..=200).for_each(|slot| {
         mission.turn(slot);
         assert_eq!(mission.report.refused, 0, "slot {slot}");
@@ -160,7 +161,7 @@ fn a_planner_that_starts_in_mid_mission_plans_from_what_it_finds() {
 #[test]
 fn looking_ahead_loses_nothing_where_the_letters_strategy_is_trapped() {
     for seed in 1..=3 {
-        let text = "slots = 500\n[area]\nside_m = 300.0\n[planner]\nhorizon_iterations = 100\n";
+        let text = "slots = 500\n[area]\nside_m = 300.0\n[planner]\nhorizon.iterations = 100\n";
         let scenario = scenario_of(text, Strategy::Horizon, seed);
         assert_eq!(Mission::new(&scenario).loss_rate(), 0.0, "seed {seed}");
     }
@@ -176,7 +177,7 @@ fn looking_ahead_loses_less_than_every_other_strategy() {
     for setting in settings {
         let mean = |strategy| {
             let mission = |seed| {
-                let scenario = scenario_of(&format!("{setting}[planner]\nhorizon_iterations = 300\n"), strategy, seed);
+                let scenario = scenario_of(&format!("{setting}[planner]\nhorizon.iterations = 300\n"), strategy, seed);
                 Mission::new(&scenario).loss_rate()
             };
             (1..=3).map(mission).sum::<f64>() / 3.0
@@ -195,7 +196,7 @@ fn looking_ahead_loses_less_than_every_other_strategy() {
 fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
     for seed in 1..=4 {
         let text = "slots = 200\n[area]\nside_m = 600.0\n[sensors]\ncount = 50\nsampling_bps = 300.0\n\
-                    [planner]\nhorizon_iterations = 0\noffline_steps = 20000\n";
+                    [planner]\nhorizon.iterations = 0\noffline.steps = 20000\n";
         let scenario = scenario_of(text, Strategy::Offline, seed);
         let list = SensorList::of(&scenario).unwrap();
         let nodes = list.nodes(scenario.sensors.capacity_bits);
@@ -222,7 +223,7 @@ fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
 
 #[test]
 fn a_preparation_that_is_broken_off_leaves_nothing_behind() {
-    let text = "slots = 50\n[sensors]\ncount = 60\nsampling_bps = 5000.0\n[planner]\noffline_steps = 2000\n";
+    let text = "slots = 50\n[sensors]\ncount = 60\nsampling_bps = 5000.0\n[planner]\noffline.steps = 2000\n";
     let scenario = scenario_of(text, Strategy::Offline, 1);
     let mut mission = Mission::new(&scenario);
     let queues_bits = SensorList::of(&scenario).unwrap().queues_bits();
@@ -238,7 +239,7 @@ fn a_preparation_that_is_broken_off_leaves_nothing_behind() {
 #[test]
 fn the_missions_stay_what_they_are() {
     let text = "slots = 60\n[area]\nside_m = 400.0\n[sensors]\ncount = 40\nsampling_bps = 900.0\n\
-                [planner]\nhorizon_iterations = 200\noffline_steps = 5000\n";
+                [planner]\nhorizon.iterations = 200\noffline.steps = 5000\n";
     let trace = |strategy| {
         let mut mission = Mission::new(&scenario_of(text, strategy, 1));
         (1..=3)

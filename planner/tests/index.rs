@@ -5,10 +5,11 @@ use std::path::Path;
 use proptest::prelude::{Strategy as Generator, *};
 use skysink_common::geometry::Position;
 use skysink_common::message::SensorNode;
-use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::scenario::{Count, Overrides, Scenario};
 use skysink_planner::Planner;
 use skysink_planner::geometry::grid::Grid;
 use skysink_planner::sensor_table::SensorTable;
+use skysink_planner::settings::{Strategy, change};
 
 /// A field over which both planners plan.
 #[derive(Debug, Clone)]
@@ -22,17 +23,16 @@ struct Case {
 
 impl Case {
     fn scenario(&self, strategy: Strategy) -> Scenario {
-        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-        let mut scenario = Scenario::parse(&self.text, Path::new("case.toml"), overrides).unwrap();
-        scenario.planner.offline_steps = 500;
-        scenario
+        let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
+        let scenario = Scenario::parse(&self.text, Path::new("case.toml"), overrides).unwrap();
+        change(scenario, |settings| settings.offline.steps = Count::clamped(500)).unwrap()
     }
 }
 
 /// A planner that tests every SN in every look around.
 fn undivided(scenario: &Scenario, sensors: &[SensorNode]) -> Planner {
     let table = SensorTable::new(scenario, sensors);
-    Planner::over(scenario, sensors, SensorTable { grid: Grid::undivided(&table.positions), ..table })
+    Planner::over(scenario, sensors, SensorTable { grid: Grid::undivided(&table.positions), ..table }).unwrap()
 }
 
 /// Shares of the side: anywhere, on the area's border, and on a lattice that is one of cells' borders, too.
@@ -88,7 +88,7 @@ proptest! {
     fn a_plan_is_the_same_with_the_grid_and_without(case in cases()) {
         for strategy in Strategy::ALL {
             let scenario = case.scenario(strategy);
-            let mut divided = Planner::new(&scenario, &case.sensors);
+            let mut divided = Planner::new(&scenario, &case.sensors).unwrap();
             let mut undivided = undivided(&scenario, &case.sensors);
             for (number, (position, queues_bits)) in (1..).zip(&case.slots) {
                 let [own, expected] = [&mut divided, &mut undivided]

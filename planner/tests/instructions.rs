@@ -8,10 +8,11 @@ use std::path::Path;
 
 use instructions::{Case, counted};
 use skysink_common::geometry::Position;
-use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_planner::Planner;
 use skysink_planner::geometry::disks::{Disk, project};
+use skysink_planner::settings::Strategy;
 
 /// Slots of the letter's mission that are flown.
 const SLOTS: u64 = 150;
@@ -23,10 +24,10 @@ const WAYPOINTS: u64 = 1_000;
 fn fly(strategy: Strategy, count: u32) {
     let side_m = 100.0 * (f64::from(count) / 200.0).sqrt();
     let text = format!("name = 'a'\n[area]\nside_m = {side_m:?}\n[sensors]\ncount = {count}\n");
-    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+    let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
     let scenario = Scenario::parse(&text, Path::new("a.toml"), overrides).unwrap();
     let list = SensorList::of(&scenario).unwrap();
-    let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits));
+    let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits)).unwrap();
     let (mut position, mut queues_bits) = (scenario.uav.start, list.queues_bits());
     for slot in 1..=SLOTS {
         let plan = counted(|| planner.step(slot, &position, 20.0, &queues_bits));

@@ -5,8 +5,9 @@ use std::path::Path;
 use proptest::prelude::{Strategy as Generator, *};
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::{Mode, NOBODY, Plan, SensorNode, SolverOutcome};
-use skysink_common::scenario::{Overrides, Scenario, Strategy, WaypointSolver};
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_planner::Planner;
+use skysink_planner::settings::{Strategy, WaypointSolver, change};
 
 /// One slot to plan.
 #[derive(Debug, Clone)]
@@ -27,13 +28,18 @@ impl Case {
     /// The plan of slot `index` by a planner that has planned nothing before.
     fn fresh_plan(&self, index: usize) -> Plan {
         let slot = &self.slots[index];
-        Planner::new(&self.scenario, &self.sensors).step(index as u64 + 1, &slot.position, 20.0, &slot.queues_bits)
+        Planner::new(&self.scenario, &self.sensors).unwrap().step(
+            index as u64 + 1,
+            &slot.position,
+            20.0,
+            &slot.queues_bits,
+        )
     }
 
     /// The plan of slot `index` by `strategy`, and the queues [bit] that it schedules.
     fn plan_by(&self, strategy: Strategy, index: usize) -> (Plan, u64) {
         let mut case = self.clone();
-        case.scenario.planner.strategy = strategy;
+        strategy.name().clone_into(&mut case.scenario.planner.strategy);
         let plan = case.fresh_plan(index);
         let queue_bits = |&id: &u32| u64::from(self.slots[index].queues_bits[id as usize]);
         let sum_bits = plan.scheduled().iter().map(queue_bits).sum();
@@ -60,10 +66,9 @@ fn scenario_of(strategy: Strategy, solver: WaypointSolver, reach_m: f64, blocks:
         "name = 'case'\n[area]\nside_m = 60.0\n[uav]\nmax_speed_mps = {reach_m}\n[link]\nbandwidth_hz = 5e3\n\
          resource_blocks = {blocks}\n[planner]\nsca_iterations = {iterations}\n"
     );
-    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-    let mut scenario = Scenario::parse(&text, Path::new("case.toml"), overrides).unwrap();
-    scenario.planner.waypoint_solver = solver;
-    scenario
+    let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
+    let scenario = Scenario::parse(&text, Path::new("case.toml"), overrides).unwrap();
+    change(scenario, |settings| settings.waypoint_solver = solver).unwrap()
 }
 
 fn cases(strategies: &'static [Strategy]) -> impl Generator<Value = Case> {
@@ -106,7 +111,7 @@ proptest! {
 
     #[test]
     fn a_plan_keeps_range_reach_area_and_resource_blocks(case in cases(&Strategy::ALL)) {
-        let mut planner = Planner::new(&case.scenario, &case.sensors);
+        let mut planner = Planner::new(&case.scenario, &case.sensors).unwrap();
         for (number, slot) in (1..).zip(&case.slots) {
             let plan = planner.step(number, &slot.position, 20.0, &slot.queues_bits);
             let waypoint = Position::new(plan.x_m, plan.y_m);
@@ -202,7 +207,7 @@ proptest! {
 
     #[test]
     fn a_plan_does_not_depend_on_the_slots_planned_before(case in cases(&Strategy::MEMORYLESS)) {
-        let mut planner = Planner::new(&case.scenario, &case.sensors);
+        let mut planner = Planner::new(&case.scenario, &case.sensors).unwrap();
         for (index, slot) in case.slots.iter().enumerate() {
             let plan = planner.step(index as u64 + 1, &slot.position, 20.0, &slot.queues_bits);
             // As text, which tells every f64 apart and lets NaN equal NaN.

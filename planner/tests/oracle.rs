@@ -8,8 +8,9 @@ use rand::{RngExt, SeedableRng};
 use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::geometry::{Position, distance_squared, within};
 use skysink_common::message::{Plan, SensorNode, SolverOutcome};
-use skysink_common::scenario::{Environment, Overrides, Scenario, Strategy, WaypointSolver};
+use skysink_common::scenario::{Environment, Overrides, Scenario};
 use skysink_planner::Planner;
+use skysink_planner::settings::{Strategy, WaypointSolver};
 
 /// Side of the area [m]; everything happens about its middle.
 const SIDE_M: f64 = 400.0;
@@ -80,7 +81,7 @@ impl Setting {
              tx_power_w = 0.1\nnoise_dbm = -109.0\ncomm_radius_m = {}\n[planner]\nwaypoint_solver = '{solver}'\n",
             self.comm_radius_m
         );
-        let overrides = Overrides { strategy: Some(Strategy::Exact), ..Overrides::default() };
+        let overrides = Overrides { strategy: Some(Strategy::Exact.name()), ..Overrides::default() };
         Scenario::parse(&text, Path::new("case.toml"), overrides).unwrap()
     }
 }
@@ -95,7 +96,7 @@ impl Case {
         let node = |at: &Position| SensorNode { x_m: at.x, y_m: at.y, ..SensorNode::default() };
         let nodes: Vec<SensorNode> = self.sensors.iter().map(node).collect();
         let queues_bits = vec![u32::MAX; nodes.len()];
-        Planner::new(&self.scenario, &nodes).step(1, &self.position, self.altitude_m, &queues_bits)
+        Planner::new(&self.scenario, &nodes).unwrap().step(1, &self.position, self.altitude_m, &queues_bits)
     }
 
     fn rate_bps(&self, at: &Point3<f64>) -> f64 {

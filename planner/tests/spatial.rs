@@ -8,8 +8,9 @@ use rand::{RngExt, SeedableRng};
 use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::geometry::{Position, distance_squared, within};
 use skysink_common::message::{Mode, Plan, SensorNode, SolverOutcome};
-use skysink_common::scenario::{Overrides, Scenario, Strategy, WaypointSolver};
+use skysink_common::scenario::{Count, Overrides, Scenario};
 use skysink_planner::Planner;
+use skysink_planner::settings::{Settings, Strategy, WaypointSolver, change};
 
 const SOLVERS: [WaypointSolver; 2] = [WaypointSolver::Geometric, WaypointSolver::Clarabel];
 
@@ -23,10 +24,9 @@ fn scenario(strategy: Strategy, solver: WaypointSolver, uav: &str, link: &str) -
         "name = 'case'\n[area]\nside_m = 200.0\n[uav]\n{uav}\n[link]\nmodel = 'probabilistic-los'\n\
          tx_power_w = 0.1\nnoise_dbm = -109.0\n{link}\n"
     );
-    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-    let mut scenario = Scenario::parse(&text, Path::new("case.toml"), overrides).unwrap();
-    scenario.planner.waypoint_solver = solver;
-    scenario
+    let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
+    let scenario = Scenario::parse(&text, Path::new("case.toml"), overrides).unwrap();
+    change(scenario, |settings| settings.waypoint_solver = solver).unwrap()
 }
 
 /// As most tests want it.
@@ -41,7 +41,7 @@ fn nodes(places_m: &[[f64; 2]]) -> Vec<SensorNode> {
 /// The plan for SNs with endless queues and the UAV above (100, 100).
 fn plan(scenario: &Scenario, places_m: &[[f64; 2]], altitude_m: f64) -> Plan {
     let queues_bits = vec![u32::MAX; places_m.len()];
-    Planner::new(scenario, &nodes(places_m)).step(1, &Position::new(100.0, 100.0), altitude_m, &queues_bits)
+    Planner::new(scenario, &nodes(places_m)).unwrap().step(1, &Position::new(100.0, 100.0), altitude_m, &queues_bits)
 }
 
 fn link_of(scenario: &Scenario) -> LineOfSight {
@@ -98,11 +98,11 @@ fn at_the_letters_geometry_the_waypoint_is_that_of_free_space() {
     let places = [[95.0, 100.0], [107.0, 103.0], [99.0, 91.0], [101.0, 105.0]];
     let free_text = "name = 'free'\n[area]\nside_m = 200.0\n[link]\ntx_power_w = 0.1\nnoise_dbm = -109.0\n\
                      [planner]\nsca_iterations = 1000\n";
-    let overrides = Overrides { strategy: Some(Strategy::Exact), ..Overrides::default() };
-    let mut free = Scenario::parse(free_text, Path::new("free.toml"), overrides).unwrap();
+    let overrides = Overrides { strategy: Some(Strategy::Exact.name()), ..Overrides::default() };
+    let free = Scenario::parse(free_text, Path::new("free.toml"), overrides).unwrap();
     let settled = plan(&free, &places, 20.0);
-    free.planner.sca_iterations = 1;
-    let letter = plan(&free, &places, 20.0);
+    let one_step = change(free, |settings| settings.sca_iterations = Count::of::<1>()).unwrap();
+    let letter = plan(&one_step, &places, 20.0);
     for solver in SOLVERS {
         let at = |environment: &str, exponent: &str| {
             let link = format!("environment = '{environment}'\nlos_exponent = {exponent}");
@@ -170,7 +170,8 @@ fn a_set_that_only_the_slack_holds_together_is_served_from_where_it_was_found_an
         let mut scenario = dense_urban(Strategy::Exact, solver, FREE);
         (scenario.link.comm_radius_m, scenario.link.resource_blocks) = (10.0, 3);
         let queues_bits = [900, 950, 800, 700];
-        let found = Planner::new(&scenario, &nodes(&places)).step(1, &Position::new(106.0, 110.0), 60.0, &queues_bits);
+        let found =
+            Planner::new(&scenario, &nodes(&places)).unwrap().step(1, &Position::new(106.0, 110.0), 60.0, &queues_bits);
         assert_eq!((found.scheduled(), found.solver), (&[0, 1, 2][..], SolverOutcome::Fallback.code()), "{solver:?}");
         assert!((ground(&found) - Position::new(100.0, 100.0)).norm() < 1e-9, "{solver:?}");
         assert!((20.0..=120.0).contains(&found.z_m), "{solver:?}");
@@ -266,7 +267,7 @@ proptest! {
 
     #[test]
     fn a_plan_keeps_reach_range_area_and_climb_and_forgets_the_slots_before_if_its_strategy_does(case in cases()) {
-        let mut planner = Planner::new(&case.scenario, &case.sensors);
+        let mut planner = Planner::new(&case.scenario, &case.sensors).unwrap();
         for (number, (position, altitude_m, queues_bits)) in (1..).zip(&case.slots) {
             let plan = planner.step(number, position, *altitude_m, queues_bits);
             let at = ground(&plan);
@@ -291,10 +292,10 @@ proptest! {
                 prop_assert!(levels_m.all(|z_m| rate_bps(&case, &plan, z_m) <= best_bps), "slot {number}: altitude");
             }
             prop_assert!(plan.mode != Mode::Hold.code());
-            if !Strategy::MEMORYLESS.contains(&case.scenario.planner.strategy) {
+            if Settings::of(&case.scenario).unwrap().remembers() {
                 continue;
             }
-            let fresh = Planner::new(&case.scenario, &case.sensors).step(number, position, *altitude_m, queues_bits);
+            let fresh = Planner::new(&case.scenario, &case.sensors).unwrap().step(number, position, *altitude_m, queues_bits);
             // As text, which tells every f64 apart and lets NaN equal NaN.
             prop_assert_eq!(format!("{plan:?}"), format!("{fresh:?}"), "slot {}", number);
         }

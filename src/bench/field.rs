@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use skysink_common::message::{FlightReport, Mode};
-use skysink_common::scenario::Strategy;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_field_sim::Field;
+use skysink_planner::settings::Strategy;
 
 use super::{Effort, Times, counts, letter};
 use crate::error::Error;

@@ -4,9 +4,10 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
-use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::scenario::Overrides;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
+use skysink_planner::settings::{self, Strategy};
 
 use super::{Effort, letter_text, machine, median};
 use crate::error::Error;
@@ -72,8 +73,8 @@ fn alone(budget: Duration, stop: &Stop) -> Result<f64, Error> {
     while begin.elapsed() < budget {
         stop.check()?;
         seed += 1;
-        let scenario = Scenario::letter(Overrides { seed: Some(seed), ..Overrides::default() })?;
-        let mut mission = Mission::new(&scenario, &SensorList::of(&scenario)?);
+        let scenario = settings::letter(Overrides { seed: Some(seed), ..Overrides::default() })?;
+        let mut mission = Mission::new(&scenario, &SensorList::of(&scenario)?)?;
         for flown in &mut mission {
             std::hint::black_box(&flown);
             slots += 1;

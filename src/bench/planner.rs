@@ -8,13 +8,14 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 use skysink_common::geometry::Position;
 use skysink_common::message::{Plan, SensorNode};
-use skysink_common::scenario::{Scenario, Strategy};
+use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_planner::Planner;
 use skysink_planner::geometry::disks::{Disk, project};
 use skysink_planner::geometry::grid::Grid;
 use skysink_planner::sensor_table::SensorTable;
+use skysink_planner::settings::{Settings, Strategy};
 use skysink_planner::waypoint::conic::ConicSolver;
 
 use super::{Effort, Times, counts, letter};
@@ -99,7 +100,7 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<Measured, Error> {
         let (nodes, initial_bits) = (list.nodes(scenario.sensors.capacity_bits), list.queues_bits());
         for strategy in Strategy::MEMORYLESS {
             stop.check()?;
-            plans.push(row(&letter(sensors, strategy), &nodes, &initial_bits, effort));
+            plans.push(row(&letter(sensors, strategy), &nodes, &initial_bits, effort)?);
         }
     }
     let problems = problems()?;
@@ -123,10 +124,10 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<Measured, Error> {
     Ok(Measured { plans, waypoint_geometric: geometric.spread(), waypoint_clarabel: clarabel.spread() })
 }
 
-fn row(scenario: &Scenario, nodes: &[SensorNode], initial_bits: &[u32], effort: Effort) -> Row {
+fn row(scenario: &Scenario, nodes: &[SensorNode], initial_bits: &[u32], effort: Effort) -> Result<Row, Error> {
     let table = SensorTable::new(scenario, nodes);
     let undivided = SensorTable { grid: Grid::undivided(&table.positions), ..table.clone() };
-    let (mut with, mut without) = (Planner::over(scenario, nodes, table), Planner::over(scenario, nodes, undivided));
+    let (mut with, mut without) = (Planner::over(scenario, nodes, table)?, Planner::over(scenario, nodes, undivided)?);
     let mut flight = Flight::new(scenario, initial_bits);
     for _ in 0..WARM_UP {
         let plan = flight.plan(&mut with);
@@ -149,8 +150,8 @@ fn row(scenario: &Scenario, nodes: &[SensorNode], initial_bits: &[u32], effort: 
         flight.live(&plan);
     }
     let (plan, undivided) = (plans.spread(), undivided.spread());
-    let (sensors, strategy) = (nodes.len() as u32, scenario.planner.strategy);
-    Row { sensors, strategy, plan, undivided, undivided_over_plan: undivided.p50_us / plan.p50_us }
+    let (sensors, strategy) = (nodes.len() as u32, Settings::of(scenario)?.strategy);
+    Ok(Row { sensors, strategy, plan, undivided, undivided_over_plan: undivided.p50_us / plan.p50_us })
 }
 
 /// Waypoint problems of the letter's mission: a target, and the disks that it is projected onto.
@@ -158,7 +159,7 @@ fn problems() -> Result<Vec<(Position, Vec<Disk>)>, Error> {
     let scenario = letter(200, Strategy::Uts);
     let list = SensorList::of(&scenario)?;
     let (nodes, initial_bits) = (list.nodes(scenario.sensors.capacity_bits), list.queues_bits());
-    let mut planner = Planner::new(&scenario, &nodes);
+    let mut planner = Planner::new(&scenario, &nodes)?;
     let (mut flight, mut problems) = (Flight::new(&scenario, &initial_bits), Vec::new());
     for _ in 0..SLOTS {
         let plan = flight.plan(&mut planner);

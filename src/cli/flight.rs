@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use skysink_common::pace::Pace;
-use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::scenario::Overrides;
 use skysink_common::stop::Stop;
+use skysink_planner::settings;
 use skysink_ring::role::Role;
 use skysink_ring::wait::Waiting;
 
@@ -58,9 +59,9 @@ impl RunOptions {
     /// If the scenario is refused, or this build has no viewer.
     pub fn run(self) -> Result<Run, Error> {
         let scenario = match (&self.resume, &self.scenario) {
-            (Some(folder), _) => Scenario::read(&folder.join("scenario.toml"), Overrides::default())?,
-            (None, Some(path)) => Scenario::read(path, self.choice.overrides())?,
-            (None, None) => Scenario::letter(self.choice.overrides())?,
+            (Some(folder), _) => settings::read(&folder.join("scenario.toml"), Overrides::default())?,
+            (None, Some(path)) => settings::read(path, self.choice.overrides())?,
+            (None, None) => settings::letter(self.choice.overrides())?,
         };
         let viewer = !self.no_viewer;
         if viewer && !cfg!(feature = "viewer") {
@@ -103,8 +104,8 @@ impl SoakOptions {
     pub fn soak(self, stop: &Stop) -> Result<(), Error> {
         let overrides = Overrides { slots: Some(self.slots), ..self.choice.overrides() };
         let scenario = match &self.scenario {
-            Some(path) => Scenario::read(path, overrides)?,
-            None => Scenario::letter(overrides)?,
+            Some(path) => settings::read(path, overrides)?,
+            None => settings::letter(overrides)?,
         };
         if self.viewer && !cfg!(feature = "viewer") {
             return Err(Error::NoViewer);

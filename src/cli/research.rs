@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::{Args, Subcommand};
-use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::scenario::Overrides;
 use skysink_common::stop::Stop;
 use skysink_lab::figures;
 use skysink_lab::figures::campaign::{Choice, FigurePart, HORIZON_ITERATIONS};
@@ -12,6 +12,7 @@ use skysink_lab::optimize::{Budget, MAX_STEPS, Optimization, optimize};
 use skysink_lab::sweep;
 use skysink_lab::sweep::plan::{Shard, Sweep};
 use skysink_mission::record::RunFolder;
+use skysink_planner::settings::{self, Strategy};
 
 use super::Flown;
 use crate::error::Error;
@@ -148,9 +149,10 @@ impl OptimizeOptions {
     /// # Errors
     /// If the scenario is refused, something cannot be written, or on a stop.
     pub fn optimize(self, stop: &Stop) -> Result<(), Error> {
-        let by = |strategy| {
-            let overrides = Overrides { seed: self.flight.seed, strategy: Some(strategy), ..Overrides::default() };
-            Scenario::read(&self.scenario, overrides)
+        let by = |strategy: Strategy| {
+            let overrides =
+                Overrides { seed: self.flight.seed, strategy: Some(strategy.name()), ..Overrides::default() };
+            settings::read(&self.scenario, overrides)
         };
         let scenarios = Strategy::ALL.map(by).into_iter().collect::<Result<_, _>>()?;
         let Self { budget, flight: Flown { out, force, .. }, record, .. } = self;
@@ -159,7 +161,7 @@ impl OptimizeOptions {
         let found = optimize(&Optimization { scenarios, budget }, stop, &|made| progress.show(made))?;
         drop(progress);
         let simulation = Simulation { scenario: found.scenario.clone(), out, force, record };
-        let (folder, summary) = simulate_mission(&simulation, &found.list, found.mission(), stop)?;
+        let (folder, summary) = simulate_mission(&simulation, &found.list, found.mission()?, stop)?;
         folder.write_json("optimum.json", &found.optimum)?;
         report::print_optimum(&found.optimum);
         report::print(&folder, &summary);

@@ -132,7 +132,7 @@ pub fn run_with(run: &Run, stop: &Stop, started: impl FnOnce(Inside)) -> Result<
     }
     let meeting = RingFolder::create(run.pace, run.wait, run.timeout_s, run.viewer)?;
     meeting.install()?;
-    let mut log = prepare(&folder, &meeting, &run.scenario, resumed)?;
+    let mut log = prepare(&folder, &meeting, resumed)?;
     let progress = Progress::new(run.scenario.slots);
     let setup = Setup { run, folder: &folder, meeting: &meeting, progress: &progress, stop };
     let (mut fates, begin) = (Fates::default(), Instant::now());
@@ -149,17 +149,12 @@ pub fn run_with(run: &Run, stop: &Stop, started: impl FnOnce(Inside)) -> Result<
 }
 
 /// The trace to write, from the beginning or from where it ended.
-fn prepare(
-    folder: &RunFolder,
-    meeting: &RingFolder,
-    scenario: &Scenario,
-    resumed: Option<Resumed>,
-) -> Result<SlotLog, Error> {
+fn prepare(folder: &RunFolder, meeting: &RingFolder, resumed: Option<Resumed>) -> Result<SlotLog, Error> {
     match resumed {
         None => Ok(folder.slot_log()?),
         Some(mut resumed) => {
             resumed.log.go_on()?;
-            resumed.save(meeting, scenario)?;
+            resumed.save(meeting)?;
             Ok(resumed.log)
         }
     }

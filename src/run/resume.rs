@@ -13,6 +13,7 @@ use skysink_mission::summary::Tally;
 use skysink_mission::trace::RecordedSlot;
 use skysink_mission::{Mission, MissionError};
 use skysink_planner::recollection::Recollection;
+use skysink_planner::settings::Settings;
 use skysink_ring::folder::RingFolder;
 
 use crate::error::Error;
@@ -50,8 +51,9 @@ pub fn resume(
     tally: &mut Tally,
 ) -> Result<Resumed, Error> {
     let (mut log, mut trace) = folder.reopen_slot_log()?;
-    let mut mission = Mission::new(scenario, list);
-    let mut repeatable = plans_by == PlansBy::Planner && scenario.planner.horizon_budget.is_none();
+    let settings = Settings::of(scenario)?;
+    let mut mission = Mission::new(scenario, list)?;
+    let mut repeatable = plans_by == PlansBy::Planner && settings.horizon.budget_ms.is_none();
     tally.start(&mission.header());
     let mut line = Vec::new();
     loop {
@@ -69,7 +71,7 @@ pub fn resume(
         }
         let planned = mission.plan();
         let header = if recorded.is_missed() {
-            repeatable &= !scenario.planner.remembers();
+            repeatable &= !settings.remembers();
             mission.fly(None)
         } else if repeatable {
             mission.fly(Some(&planned))
@@ -92,14 +94,15 @@ impl Resumed {
     ///
     /// # Errors
     /// If the ring's folder cannot be written.
-    pub fn save(&self, meeting: &RingFolder, scenario: &Scenario) -> Result<(), Error> {
+    pub fn save(&self, meeting: &RingFolder) -> Result<(), Error> {
         let slot = self.mission.slot();
         if slot == 0 {
             return Ok(());
         }
         let (field, bits) = self.mission.field();
         let count = field.queues_bits().len();
-        Recollection::open(meeting, scenario, count)?.after(slot, self.mission.planner())?;
+        let planner = self.mission.planner();
+        Recollection::open(meeting, planner, count)?.after(slot, planner)?;
         FieldMemory::open(meeting, count)?.keep(Reached { slot, bits }, field)?;
         FlightMemory::open(meeting)?.keep(slot, self.mission.last_flight())?;
         Ok(())

@@ -2,8 +2,9 @@
 
 use skysink_common::channel::{Channel, Uplink};
 use skysink_common::geometry::{Position, distance_squared, within};
-use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::scenario::Overrides;
 use skysink_common::sensors::SensorList;
+use skysink_planner::settings;
 
 use crate::support::Place;
 
@@ -43,7 +44,7 @@ fn line(text: &str) -> Line {
 /// Fails unless every bit is accounted for, and the UAV flew and served as its scenario allows. All sensor nodes sample
 /// the same whole number of bits a slot. Returns the trace.
 pub fn audit(place: &Place) -> Vec<Line> {
-    let scenario = Scenario::read(&place.path("run/scenario.toml"), Overrides::default()).unwrap();
+    let scenario = settings::read(&place.path("run/scenario.toml"), Overrides::default()).unwrap();
     let list = SensorList::of(&scenario).unwrap();
     let nodes = list.nodes(scenario.sensors.capacity_bits);
     let sampled_bits = nodes.iter().map(|node| (node.sampling_bps * scenario.slot_s) as u64).sum::<u64>();

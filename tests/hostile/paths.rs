@@ -130,7 +130,7 @@ fn paths_of_another_run_slot_or_writer_are_refused_and_the_good_ones_drawn() {
 #[test]
 fn a_reader_that_is_deaf_to_paths_does_not_hold_up_the_ring() {
     let place = Place::new();
-    let scenario = std::fs::read_to_string(SMOKE).unwrap() + "[planner]\nhorizon_iterations = 100\n";
+    let scenario = std::fs::read_to_string(SMOKE).unwrap() + "[planner]\nhorizon.iterations = 100\n";
     place.write("ahead.toml", &scenario);
     let choice = ["--strategy", "horizon"];
     place.run_well(&[&["simulate", "ahead.toml", "--out", "alone"][..], &choice].concat());

@@ -9,6 +9,7 @@ use skysink_common::message::{FLAG_END, FLAG_TICK, FlightReport, Plan, QueuesHea
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
 use skysink_planner::Planner;
+use skysink_planner::settings;
 use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
 use skysink_ring::reader::Reader;
@@ -76,7 +77,7 @@ pub fn open_folder(place: &Place, ring: &str) -> (Scenario, RingFolder) {
     until("scenario", || place.path("run/scenario.toml").exists().then_some(()));
     let services = || fs::read_dir(path.join("services")).is_ok_and(|entries| entries.count() == SERVICES);
     until("services", || services().then_some(()));
-    (Scenario::read(&place.path("run/scenario.toml"), Overrides::default()).unwrap(), folder)
+    (settings::read(&place.path("run/scenario.toml"), Overrides::default()).unwrap(), folder)
 }
 
 impl Rogue {
@@ -91,7 +92,7 @@ impl Rogue {
         let (queues, flights) = (ring.queues.reader(RING_BUFFER).unwrap(), ring.flight.reader(RING_BUFFER).unwrap());
         let idle = || Ok::<_, NodeError>(plans.serve_joiners()?);
         let sensors = nodes.wait_for(&mut patience, 0, |_| true, idle).unwrap().payload().to_vec();
-        let planner = Planner::new(&scenario, &sensors);
+        let planner = Planner::new(&scenario, &sensors).unwrap();
         Self { scenario, folder, ring, sensors, planner, patience, plans, queues, flights, next: 0 }
     }
 

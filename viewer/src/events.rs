@@ -135,7 +135,7 @@ pub(crate) fn write(stream: &RecordingStream, level: Level, text: &str) -> Recor
 /// What is flown.
 pub(crate) fn start(scenario: &Scenario, count: usize) -> String {
     let Scenario { name, seed, slots, slot_s, .. } = scenario;
-    let strategy = scenario.planner.strategy.name();
+    let strategy = &scenario.planner.strategy;
     format!("{START} {name}\nstrategy {strategy}, seed {seed}, {count} sensor nodes, {slots} slots of {slot_s} s")
 }
 

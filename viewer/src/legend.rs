@@ -47,7 +47,7 @@ pub(crate) fn log(
 
 fn page(scenario: &Scenario, count: usize, sizes: &Sizes) -> String {
     let Scenario { name, seed, slots, slot_s, .. } = scenario;
-    let (strategy, blocks) = (scenario.planner.strategy.name(), scenario.link.resource_blocks);
+    let (strategy, blocks) = (&scenario.planner.strategy, scenario.link.resource_blocks);
     let (radius_m, altitude_m, grid_m) = (scenario.link.comm_radius_m, scenario.uav.altitude_m, sizes.grid_m);
     let altitude = scenario.uav.climb.map_or(format!("an altitude of {altitude_m} m"), |climb| {
         format!("altitudes from {} m to {} m", climb.min_altitude_m, climb.max_altitude_m)
@@ -175,7 +175,7 @@ fn log_facts(stream: &RecordingStream, scenario: &Scenario, count: usize) -> Rec
     use rerun::components::{Scalar, Text};
     let facts = AnyValues::default()
         .with_component::<Text>("scenario", [scenario.name.as_str()])
-        .with_component::<Text>("strategy", [scenario.planner.strategy.name()])
+        .with_component::<Text>("strategy", [scenario.planner.strategy.as_str()])
         .with_component::<Text>("seed", [scenario.seed.to_string()]) // a Scalar is exact up to 2^53 only
         .with_component::<Scalar>("sensors", [count as f64])
         .with_component::<Scalar>("slots", [scenario.slots as f64]);

@@ -238,7 +238,7 @@ fn log_health<S: Service + 'static>(
 
 /// What the recording is called. rerun merges recordings of one name, so that every run has its own.
 fn run_name(scenario: &Scenario, mission: u64) -> String {
-    let strategy = scenario.planner.strategy.name();
+    let strategy = &scenario.planner.strategy;
     format!("{}-{strategy}-{} ({:08x})", scenario.name, scenario.seed, mission >> 32)
 }
 

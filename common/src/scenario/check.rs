@@ -2,12 +2,11 @@
 
 use std::fmt::Debug;
 use std::path::Path;
-use std::time::Duration;
 
-use super::raw::{self, AltitudeMode, LinkModel, OneOrRange, Rates, letter};
+use super::raw::{self, AltitudeMode, LinkModel, OneOrRange, letter};
 use super::{
-    Area, Climb, Knowledge, LinkBudget, MAX_FIELD_BITS, MAX_RESOURCE_BLOCKS, Origin, PlannerChoice, Scenario,
-    ScenarioError, SensorSource, Sensors, Uav,
+    Area, Climb, LinkBudget, MAX_FIELD_BITS, MAX_RESOURCE_BLOCKS, Origin, Scenario, ScenarioError, SensorSource,
+    Sensors, Uav,
 };
 use crate::geometry::Position;
 use crate::units::watts_of_dbm;
@@ -20,15 +19,6 @@ const MAX_SLOTS: u64 = 1_000_000_000;
 
 /// Names become folders; file systems end at 255 bytes.
 const MAX_NAME_BYTES: usize = 100;
-
-/// Search steps of the look-ahead strategy in one slot.
-const MAX_HORIZON_ITERATIONS: u32 = 1_000_000_000;
-
-/// Search steps of the look-ahead strategy before a mission: a month.
-const MAX_OFFLINE_STEPS: u64 = 1_000_000_000_000;
-
-/// Longest search of a slot [ms], an hour.
-const MAX_HORIZON_BUDGET_MS: f64 = 3.6e6;
 
 /// Bits that one sensor node may sample in a mission: counted through `f64`, exact up to 2^53.
 const MAX_SAMPLED_BITS: f64 = 9.0e15;
@@ -45,14 +35,6 @@ pub(super) fn check(mut raw: raw::Scenario, path: &Path) -> Result<Scenario, Sce
     let sensors = checker.sensors(&mut raw)?;
     let uav = checker.uav(&mut raw, area)?;
     let link = checker.link(&mut raw)?;
-    let iterations = raw.planner.sca_iterations;
-    checker.that("planner.sca_iterations", iterations, (1..=1000).contains(&iterations), "1 to 1000")?;
-    let knowledge = checker.knowledge(&raw.planner)?;
-    let steps = raw.planner.horizon_iterations;
-    checker.that("planner.horizon_iterations", steps, steps <= MAX_HORIZON_ITERATIONS, "0 to 1000000000")?;
-    let offline = raw.planner.offline_steps;
-    checker.that("planner.offline_steps", offline, offline <= MAX_OFFLINE_STEPS, "0 to 1000000000000")?;
-    let horizon_budget = checker.milliseconds("planner.horizon_budget_ms", raw.planner.horizon_budget_ms)?;
     Ok(Scenario {
         name: raw.name.clone(),
         seed: raw.seed,
@@ -63,15 +45,8 @@ pub(super) fn check(mut raw: raw::Scenario, path: &Path) -> Result<Scenario, Sce
         sensors,
         uav,
         link,
-        planner: PlannerChoice {
-            strategy: raw.planner.strategy,
-            sca_iterations: iterations,
-            horizon_iterations: steps,
-            offline_steps: offline,
-            horizon_budget,
-            waypoint_solver: raw.planner.waypoint_solver,
-            knowledge,
-        },
+        planner: std::mem::take(&mut raw.planner),
+        path: path.to_owned(),
         resolved: raw,
     })
 }
@@ -94,7 +69,7 @@ impl Checker<'_> {
             return Ok(());
         }
         let (value, expected) = (format!("{value:?}"), expected.to_owned());
-        Err(ScenarioError::Value { path: self.path.to_owned(), key, value, expected })
+        Err(ScenarioError::Value { path: self.path.to_owned(), key: key.to_owned(), value, expected })
     }
 
     pub(super) fn positive(&self, key: &'static str, value: f64) -> Result<(), ScenarioError> {
@@ -103,16 +78,6 @@ impl Checker<'_> {
 
     pub(super) fn not_negative(&self, key: &'static str, value: f64) -> Result<(), ScenarioError> {
         self.that(key, value, value >= 0.0 && value.is_finite(), "a finite number, 0 or above")
-    }
-
-    /// A time, if there is one.
-    fn milliseconds(&self, key: &'static str, value: Option<f64>) -> Result<Option<Duration>, ScenarioError> {
-        let Some(value_ms) = value else {
-            return Ok(None);
-        };
-        let holds = value_ms > 0.0 && value_ms <= MAX_HORIZON_BUDGET_MS;
-        self.that(key, value_ms, holds, "milliseconds above 0, at most 3600000")?;
-        Ok(Some(Duration::from_secs_f64(value_ms / 1e3)))
     }
 
     fn name(&self, name: &str) -> Result<(), ScenarioError> {
@@ -216,18 +181,6 @@ impl Checker<'_> {
             sampling_bps: rates.ends(),
             initial_queue_mean_bits: means.ends(),
         })
-    }
-
-    fn knowledge(&self, planner: &raw::Planner) -> Result<Knowledge, ScenarioError> {
-        match (planner.knowledge, planner.rates) {
-            (raw::Knowledge::Oracle, Rates::Known) => Ok(Knowledge::Oracle),
-            (raw::Knowledge::Estimated, rates) => Ok(Knowledge::Estimated(rates)),
-            (raw::Knowledge::Oracle, Rates::Learnt) => {
-                let expected = "\"known\", or planner.knowledge = \"estimated\", with which rates may be learnt";
-                self.that("planner.rates", "learnt", false, expected)?;
-                unreachable!("the check above fails")
-            }
-        }
     }
 
     fn uav(&self, raw: &mut raw::Scenario, area: Area) -> Result<Uav, ScenarioError> {

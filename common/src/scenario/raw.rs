@@ -7,6 +7,8 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+use super::planner::PlannerKeys;
+
 /// A scenario file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -28,7 +30,7 @@ pub struct Scenario {
     #[serde(default)]
     pub link: Link,
     #[serde(default)]
-    pub planner: Planner,
+    pub planner: PlannerKeys,
 }
 
 fn one() -> u64 {
@@ -156,22 +158,6 @@ pub struct Link {
     pub resource_blocks: u64,
 }
 
-/// `[planner]`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-#[allow(missing_docs)]
-pub struct Planner {
-    pub strategy: Strategy,
-    pub sca_iterations: u32,
-    pub horizon_iterations: u32,
-    pub offline_steps: u64,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub horizon_budget_ms: Option<f64>,
-    pub waypoint_solver: WaypointSolver,
-    pub knowledge: Knowledge,
-    pub rates: Rates,
-}
-
 /// Channel model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -283,110 +269,9 @@ pub enum GainMode {
     PerSlot,
 }
 
-/// A scheduling and trajectory strategy.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Strategy {
-    /// Random flight, the fullest queues in range.
-    Rfs,
-    /// Greedy flight to the fullest queue in reach, then the fullest queues in range.
-    Gfs,
-    /// The letter's Algorithm 1 and sP2*.
-    Uts,
-    /// Algorithm 1 with anchors as far as the UAV can serve them, and sP2*.
-    UtsWide,
-    /// sP1 solved exactly, and sP2*.
-    Exact,
-    /// A short tour over all sensor nodes, flown round and round.
-    Tour,
-    /// To one sensor node after the other in the order of their ids.
-    RoundRobin,
-    /// To the sensor node that has waited longest for its last service.
-    MaxAgeFirst,
-    /// The plan of least predicted loss over many slots.
-    Horizon,
-    /// The same for the whole mission, made before take-off and flown as it is.
-    Offline,
-}
-
-impl Strategy {
-    /// All strategies, in the order in which they are listed to people.
-    pub const ALL: [Self; 10] = [
-        Self::Rfs,
-        Self::Gfs,
-        Self::Uts,
-        Self::UtsWide,
-        Self::Exact,
-        Self::Tour,
-        Self::RoundRobin,
-        Self::MaxAgeFirst,
-        Self::Horizon,
-        Self::Offline,
-    ];
-
-    /// Those that plan one slot and remember none: a slot's plan does not depend on the plans before it.
-    pub const MEMORYLESS: [Self; 5] = [Self::Rfs, Self::Gfs, Self::Uts, Self::UtsWide, Self::Exact];
-
-    /// Whether its planner knows where it flies after the slot.
-    #[must_use]
-    pub fn has_path(self) -> bool {
-        matches!(self, Self::Horizon | Self::Offline)
-    }
-
-    /// The name in scenario files, folders and tables.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Rfs => "rfs",
-            Self::Gfs => "gfs",
-            Self::Uts => "uts",
-            Self::UtsWide => "uts-wide",
-            Self::Exact => "exact",
-            Self::Tour => "tour",
-            Self::RoundRobin => "round-robin",
-            Self::MaxAgeFirst => "max-age-first",
-            Self::Horizon => "horizon",
-            Self::Offline => "offline",
-        }
-    }
-}
-
-/// What solves the waypoint problem sP2*.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum WaypointSolver {
-    /// Exact projection onto an intersection of disks.
-    Geometric,
-    /// Interior-point conic solver, Clarabel.
-    Clarabel,
-}
-
-/// What the planner sees of the queues.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Knowledge {
-    /// All of them, in every slot.
-    Oracle,
-    /// What the UAV can know: the queues that it is told of on contact, and what must have come since.
-    Estimated,
-}
-
-/// What the planner knows of the sampling rates.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Rates {
-    /// Each sensor node's own.
-    Known,
-    /// The mean over all of them, until contacts tell more.
-    Learnt,
-}
-
 /// The letter's values (section V).
 pub(super) mod letter {
-    use super::{
-        AltitudeMode, GainMode, Knowledge, Link, LinkModel, OneOrRange, Planner, Propulsion, Rates, Sensors, Strategy,
-        Uav, WaypointSolver,
-    };
+    use super::{AltitudeMode, GainMode, Link, LinkModel, OneOrRange, Propulsion, Sensors, Uav};
 
     pub const SIDE_M: f64 = 100.0;
     pub const COUNT: u64 = 200;
@@ -449,21 +334,6 @@ pub(super) mod letter {
                 comm_radius_m: 10.0,
                 comm_s: 0.1,
                 resource_blocks: 4,
-            }
-        }
-    }
-
-    impl Default for Planner {
-        fn default() -> Self {
-            Self {
-                strategy: Strategy::Uts,
-                sca_iterations: 1,
-                horizon_iterations: 6_000,
-                offline_steps: 1_000_000,
-                horizon_budget_ms: None,
-                waypoint_solver: WaypointSolver::Geometric,
-                knowledge: Knowledge::Oracle,
-                rates: Rates::Known,
             }
         }
     }

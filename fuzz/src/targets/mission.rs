@@ -7,6 +7,7 @@ use skysink_common::scenario::{Overrides, Scenario, SensorSource};
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::Field;
 use skysink_mission::mission::Mission;
+use skysink_planner::settings;
 
 use super::flight_message::balanced;
 
@@ -25,7 +26,7 @@ const SLOTS: u64 = 3;
 /// If not.
 pub fn mission(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
-    let Ok(scenario) = Scenario::parse(text, Path::new("city.toml"), Overrides::default()) else { return };
+    let Ok(scenario) = settings::parse(text, Path::new("city.toml"), Overrides::default()) else { return };
     match scenario.sensors.source {
         SensorSource::Drawn(..=MOST_FLOWN_OVER) => fly(&scenario),
         SensorSource::Drawn(..=MOST_SENSORS) => live(&scenario),
@@ -34,7 +35,7 @@ pub fn mission(bytes: &[u8]) {
 }
 
 fn fly(scenario: &Scenario) {
-    let mut mission = Mission::new(scenario, &list(scenario));
+    let mut mission = Mission::new(scenario, &list(scenario)).expect("its planner's keys were checked");
     for _ in 0..SLOTS {
         let Some(flown) = mission.next() else { return };
         let (plan, flight, totals) = (flown.plan, flown.flight, flown.header.totals);

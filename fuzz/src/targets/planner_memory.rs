@@ -1,11 +1,12 @@
 //! What a planner remembers.
 
 use skysink_common::message::FlightReport;
-use skysink_common::scenario::{Knowledge, Rates, Scenario, Strategy};
+use skysink_common::scenario::Scenario;
 use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
+use skysink_planner::settings::Strategy;
 
-use super::world::{WORLDS, World};
+use super::world::{SEEN, WORLDS, World, planned};
 use crate::cursor::Cursor;
 
 /// Slots of the life that a memory is taken from.
@@ -19,14 +20,9 @@ const LIFE_SLOTS: u64 = 6;
 pub fn planner_memory(bytes: &[u8]) {
     let mut input = Cursor::new(bytes);
     let world = &WORLDS[usize::from(input.u8()) % WORLDS.len()];
-    let mut scenario = world.scenario.clone();
-    scenario.planner.strategy = Strategy::ALL[usize::from(input.u8()) % Strategy::ALL.len()];
-    scenario.planner.horizon_iterations = 20;
-    scenario.planner.knowledge = match input.u8() % 3 {
-        0 => Knowledge::Oracle,
-        1 => Knowledge::Estimated(Rates::Known),
-        _ => Knowledge::Estimated(Rates::Learnt),
-    };
+    let strategy = Strategy::ALL[usize::from(input.u8()) % Strategy::ALL.len()];
+    let seen = SEEN[usize::from(input.u8()) % SEEN.len()];
+    let scenario = planned(&world.scenario, strategy, seen);
     let (mut planner, here) = life(world, &scenario);
     let lived = planner.memory().to_vec();
     let memory = spoilt(&lived, &mut input);
@@ -45,7 +41,7 @@ pub fn planner_memory(bytes: &[u8]) {
     let report = flight.step(LIFE_SLOTS + 1, Some(&plan));
     assert_eq!((report.hold, report.refused), (0, 0), "{plan:?} from {here:?}");
     let (next, there) = (planner.memory().to_vec(), report.position());
-    let mut again = Planner::new(&scenario, &world.nodes);
+    let mut again = Planner::new(&scenario, &world.nodes).expect("its keys were checked");
     again.recall(LIFE_SLOTS + 1, &next).expect("what a planner remembers is a memory");
     for planner in [&mut planner, &mut again] {
         planner.observe(LIFE_SLOTS + 1, &report, &queues);
@@ -57,7 +53,7 @@ pub fn planner_memory(bytes: &[u8]) {
 
 /// A planner after some slots, and the flight of the last.
 fn life(world: &World, scenario: &Scenario) -> (Planner, FlightReport) {
-    let mut planner = Planner::new(scenario, &world.nodes);
+    let mut planner = Planner::new(scenario, &world.nodes).expect("its keys were checked");
     let mut flight = Flight::new(scenario, &world.nodes);
     let mut report = flight.start();
     let queues = world.list.queues_bits();

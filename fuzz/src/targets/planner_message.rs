@@ -3,12 +3,13 @@
 use skysink_common::geometry::Position;
 use skysink_common::message::{HoldReason, SensorNode};
 use skysink_common::path::{PathPoint, believable};
-use skysink_common::scenario::{Knowledge, Rates, Scenario, Strategy};
+use skysink_common::scenario::Scenario;
 use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
+use skysink_planner::settings::{Knowledge, Strategy};
 
 use super::flight_message::report;
-use super::world::WORLDS;
+use super::world::{SEEN, WORLDS, planned};
 use crate::cursor::Cursor;
 
 /// Whatever it is told, the planner answers with at most n known sensor nodes; and if the UAV is where it can be, over the
@@ -20,26 +21,20 @@ pub fn planner_message(bytes: &[u8]) {
     let mut input = Cursor::new(bytes);
     let choice = usize::from(input.u8());
     let world = &WORLDS[choice % WORLDS.len()];
-    let mut scenario = world.scenario.clone();
-    scenario.planner.knowledge = match choice / WORLDS.len() % 3 {
-        0 => Knowledge::Oracle,
-        1 => Knowledge::Estimated(Rates::Known),
-        _ => Knowledge::Estimated(Rates::Learnt),
-    };
-    scenario.planner.strategy = Strategy::ALL[usize::from(input.u8()) % Strategy::ALL.len()];
-    scenario.planner.horizon_iterations = 20;
-    scenario.planner.offline_steps = 200;
+    let (knowledge, rates) = SEEN[choice / WORLDS.len() % SEEN.len()];
+    let strategy = Strategy::ALL[usize::from(input.u8()) % Strategy::ALL.len()];
+    let scenario = planned(&world.scenario, strategy, (knowledge, rates));
     let foreign = input.u8() % 4;
     let mut nodes = world.nodes.clone();
     for node in nodes.iter_mut().take(foreign.into()) {
         let (x_m, y_m, gain) = (input.f64(), input.f64(), input.f64());
         *node = SensorNode { x_m, y_m, gain, ..*node };
     }
-    let mut planner = Planner::new(&scenario, &nodes);
+    let mut planner = Planner::new(&scenario, &nodes).expect("its keys were checked");
     for _ in 0..2 {
         let (slot, position, altitude_m) = (input.u64(), Position::new(input.f64(), input.f64()), input.f64());
         let queues: Vec<u32> = nodes.iter().map(|_| input.u32()).collect();
-        if scenario.planner.knowledge != Knowledge::Oracle {
+        if knowledge != Knowledge::Oracle {
             planner.observe(input.u64(), &report(&mut input, 2), &queues);
         }
         let plan = planner.step(slot, &position, altitude_m, &queues);

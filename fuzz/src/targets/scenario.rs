@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::scenario::Overrides;
+use skysink_planner::settings;
 
 /// A text is refused in one line, or is a scenario that reads back as itself.
 ///
@@ -10,7 +11,7 @@ use skysink_common::scenario::{Overrides, Scenario};
 /// If it is neither.
 pub fn scenario(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
-    let parse = |text: &str| Scenario::parse(text, Path::new("folder/city.toml"), Overrides::default());
+    let parse = |text: &str| settings::parse(text, Path::new("folder/city.toml"), Overrides::default());
     match parse(text) {
         Err(error) => super::assert_one_line(&error),
         Ok(scenario) => {

@@ -4,8 +4,9 @@ use std::path::Path;
 use std::sync::LazyLock;
 
 use skysink_common::message::SensorNode;
-use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::scenario::{Count, Overrides, Scenario};
 use skysink_common::sensors::SensorList;
+use skysink_planner::settings::{self, Knowledge, Rates, Settings, Strategy};
 
 /// The letter's channel over ten sensor nodes.
 const FREE_SPACE: &str = "name = \"free\"\nslots = 20\n[area]\nside_m = 60.0\n[sensors]\ncount = 10\n\
@@ -31,6 +32,21 @@ pub(super) struct World {
 
 /// All of them, the letter's channel first.
 pub(super) static WORLDS: LazyLock<[World; 3]> = LazyLock::new(|| [FREE_SPACE, ORIGIN, LINE_OF_SIGHT].map(world));
+
+/// What a planner may know.
+pub(super) const SEEN: [(Knowledge, Rates); 3] =
+    [(Knowledge::Oracle, Rates::Known), (Knowledge::Estimated, Rates::Known), (Knowledge::Estimated, Rates::Learnt)];
+
+/// A scenario by `strategy`, with short searches.
+pub(super) fn planned(scenario: &Scenario, strategy: Strategy, (knowledge, rates): (Knowledge, Rates)) -> Scenario {
+    let change = |settings: &mut Settings| {
+        settings.strategy = strategy;
+        settings.horizon.iterations = Count::clamped(20);
+        settings.offline.steps = Count::clamped(200);
+        (settings.knowledge, settings.rates) = (knowledge, rates);
+    };
+    settings::change(scenario.clone(), change).expect("any of these may be chosen")
+}
 
 fn world(text: &str) -> World {
     let scenario = Scenario::parse(text, Path::new("world.toml"), Overrides::default());

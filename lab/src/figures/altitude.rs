@@ -1,7 +1,8 @@
 //! What the third dimension is worth: a UAV that chooses its altitude against one that stays at the altitude where it
 //! starts, in four surroundings, over the same fields.
 
-use skysink_common::scenario::{Environment, Strategy};
+use skysink_common::scenario::Environment;
+use skysink_planner::settings::Strategy;
 
 use super::campaign::{Campaign, Quantity, all_of, curve, numbers, plan};
 use super::chart::Chart;

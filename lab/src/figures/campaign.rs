@@ -4,10 +4,11 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
-use skysink_common::scenario::{LETTER, Strategy};
+use skysink_common::scenario::LETTER;
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
 use skysink_mission::record::write_whole;
+use skysink_planner::settings::Strategy;
 
 use super::chart::{Chart, CurvePoint, Scale, Series};
 use super::map::MapSheet;

@@ -1,7 +1,7 @@
 //! What it costs not to know the queues: the same missions flown by a planner that sees every queue, by one that estimates
 //! them from its contacts, and by one that has to learn the sampling rates, too.
 
-use skysink_common::scenario::Strategy;
+use skysink_planner::settings::Strategy;
 
 use super::campaign::{Campaign, LETTER_BASE, all_of, curve, numbers, plan};
 use super::chart::{Chart, Scale};
@@ -63,7 +63,7 @@ fn sweep(campaign: &Campaign, name: &str, knowledge: &str, rates: &str) -> Resul
         ("sensors.initial_queue_mean_bits", range(QUEUES_BITS)),
         ("planner.knowledge", vec![knowledge.into()]),
         ("planner.rates", vec![rates.into()]),
-        ("planner.horizon_iterations", vec![i64::from(campaign.choice.horizon_iterations).into()]),
+        ("planner.horizon.iterations", vec![i64::from(campaign.choice.horizon_iterations).into()]),
         ("area.side_m", numbers("area.side_m", &SIDES_M)),
     ];
     plan(name, LETTER_BASE, axes, &STRATEGIES, campaign.choice.runs.min(MOST_RUNS))

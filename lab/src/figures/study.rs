@@ -1,6 +1,6 @@
 //! Sweeps over one key of the letter's mission, by every strategy, and the charts made of them.
 
-use skysink_common::scenario::Strategy;
+use skysink_planner::settings::Strategy;
 
 use super::campaign::{Campaign, Choice, FigurePart, LETTER_BASE, Quantity, curve, numbers, plan};
 use super::chart::{Chart, Scale};
@@ -177,8 +177,8 @@ impl Study {
         if strategies.contains(&Strategy::Horizon) {
             let iterations = choice.horizon_iterations.saturating_mul(self.effort);
             let steps = i64::try_from(Choice::offline_steps(iterations)).unwrap_or(i64::MAX);
-            axes.push(("planner.horizon_iterations", vec![i64::from(iterations).into()]));
-            axes.push(("planner.offline_steps", vec![steps.into()]));
+            axes.push(("planner.horizon.iterations", vec![i64::from(iterations).into()]));
+            axes.push(("planner.offline.steps", vec![steps.into()]));
         }
         axes.push(("link.bandwidth_hz", self.regimes.iter().map(|regime| regime.bandwidth_hz.into()).collect()));
         axes.push((self.key, numbers(self.key, self.values)));

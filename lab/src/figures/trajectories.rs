@@ -2,9 +2,10 @@
 
 use std::path::Path;
 
-use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::scenario::Overrides;
 use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
+use skysink_planner::settings::{self, Strategy};
 
 use super::campaign::{Campaign, Choice};
 use super::map::{MapSensor, MapSheet, TrajectoryMap};
@@ -36,11 +37,11 @@ pub(super) fn draw(campaign: &mut Campaign) -> Result<(), LabError> {
 /// The flight of a strategy over the letter's mission, changed.
 fn map(change: &str, strategy: Strategy, choice: &Choice) -> Result<TrajectoryMap, LabError> {
     let steps = choice.horizon_iterations;
-    let text = format!("name = \"map\"\nslots = 500\n{change}[planner]\nhorizon_iterations = {steps}\n");
-    let overrides = Overrides { strategy: Some(strategy), seed: Some(1), slots: None };
-    let scenario = Scenario::parse(&text, Path::new("map (built in)"), overrides)?;
+    let text = format!("name = \"map\"\nslots = 500\n{change}[planner]\nhorizon.iterations = {steps}\n");
+    let overrides = Overrides { strategy: Some(strategy.name()), seed: Some(1), slots: None };
+    let scenario = settings::parse(&text, Path::new("map (built in)"), overrides)?;
     let list = SensorList::of(&scenario)?;
-    let mut mission = Mission::new(&scenario, &list);
+    let mut mission = Mission::new(&scenario, &list)?;
     let path_m = mission.by_ref().map(|flown| [flown.flight.x_m, flown.flight.y_m]).collect();
     let totals = mission.header().totals;
     let loss_rate = totals.lost_bits as f64 / totals.sampled_bits as f64;

@@ -4,9 +4,10 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use skysink_common::scenario::{Overrides, Scenario, SensorSource, Strategy};
+use skysink_common::scenario::{Overrides, Scenario, SensorSource};
 use skysink_common::sensors::SensorList;
 use skysink_mission::error::FileContext;
+use skysink_planner::settings::{self, Strategy};
 use xxhash_rust::xxh3::Xxh3;
 
 use super::error::SweepError;
@@ -98,7 +99,7 @@ impl Sweep {
             std::fs::read_to_string(path).map_err(|source| SweepError::Unreadable { path: path.to_owned(), source })?;
         let file: File = toml::from_str(&text).map_err(|error| SweepError::malformed(path, &text, &error))?;
         let base_path = path.parent().unwrap_or(Path::new("")).join(&file.scenario);
-        Scenario::read(&base_path, Overrides::default())?;
+        settings::read(&base_path, Overrides::default())?;
         let text = std::fs::read_to_string(&base_path).at(&base_path)?;
         let table = text.parse().map_err(|error| SweepError::malformed(&base_path, &text, &error))?;
         let base = SweepBase { path: base_path, table };
@@ -181,8 +182,8 @@ impl Sweep {
         }
         let text = toml::to_string(&table).expect("a table that was read can be written");
         let strategy = self.definition.strategies[mission.strategy];
-        let overrides = Overrides { seed: Some(mission.seed), strategy: Some(strategy), slots: None };
-        Ok(Scenario::parse(&text, &self.base.path, overrides)?)
+        let overrides = Overrides { seed: Some(mission.seed), strategy: Some(strategy.name()), slots: None };
+        Ok(settings::parse(&text, &self.base.path, overrides)?)
     }
 
     /// Hash of everything that the results depend on; checks every point on the way.

@@ -9,8 +9,8 @@ use arrow_schema::{DataType, Field, Schema};
 use parquet::arrow::ArrowWriter;
 use parquet::basic::Compression;
 use parquet::file::properties::WriterProperties;
-use skysink_common::scenario::Strategy;
 use skysink_mission::record::write_whole;
+use skysink_planner::settings::Strategy;
 
 use super::journal::{MissionRow, MissionRows, missions_of};
 use super::plan::Definition;

@@ -88,17 +88,17 @@ fn length(length: usize) -> u32 {
 mod tests {
     use super::*;
     use crate::memory::begin;
+    use crate::settings::{Rates, Strategy};
     use skysink_common::message::{FlightReport, LinkReport, Mode, SensorNode};
-    use skysink_common::scenario::{Knowledge, Overrides, Rates, Scenario, Strategy};
+    use skysink_common::scenario::{Overrides, Scenario};
 
     const ALL: [Rates; 2] = [Rates::Known, Rates::Learnt];
 
     /// Five SNs before slot 1.
     fn fresh(rates: Rates) -> Estimate {
-        let mut scenario = Scenario::letter(Overrides::default()).unwrap();
-        scenario.planner.knowledge = Knowledge::Estimated(rates);
+        let scenario = Scenario::letter(Overrides::default()).unwrap();
         let sensor = SensorNode { sampling_bps: 7.3, capacity_bits: 30_000, ..SensorNode::default() };
-        Estimate::new(&scenario, &[sensor; 5]).unwrap()
+        Estimate::new(&scenario, rates, &[sensor; 5])
     }
 
     /// The same after 40 slots in which SNs 1 and 3 were served by turns.

@@ -29,7 +29,7 @@ use skysink_common::geometry::Position;
 use skysink_common::message::SensorNode;
 use skysink_common::path::MAX_POINTS;
 use skysink_common::random::{Purpose, Streams};
-use skysink_common::scenario::{Scenario, Strategy};
+use skysink_common::scenario::Scenario;
 
 use crate::estimate::{Estimate, Uncertainty};
 use crate::memory::{MemoryError, Reader};
@@ -39,6 +39,8 @@ use budget::Budget;
 use forecast::{Forecast, Outlook};
 use rollout::roll_out;
 use world::{Doubt, Place, World};
+
+use crate::settings::{Settings, Strategy};
 
 /// Most slots that are looked ahead: the letter's whole mission.
 const MOST_SLOTS: u64 = 600;
@@ -120,11 +122,10 @@ pub struct Next {
 impl Horizon {
     /// The look-ahead of a scenario with these sensor nodes (SNs), before its first slot.
     #[must_use]
-    pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
-        let choice = scenario.planner;
-        let (most_slots, iterations, offline_steps) = match choice.strategy {
-            Strategy::Offline => (MOST_OFFLINE_SLOTS, 0, Some(choice.offline_steps)),
-            _ => (MOST_SLOTS, choice.horizon_iterations, None),
+    pub fn new(scenario: &Scenario, settings: &Settings, sensors: &[SensorNode]) -> Self {
+        let (most_slots, iterations, offline_steps) = match settings.strategy {
+            Strategy::Offline => (MOST_OFFLINE_SLOTS, 0, Some(settings.offline.steps.get())),
+            _ => (MOST_SLOTS, settings.horizon.iterations.get() as u32, None),
         };
         Self {
             world: World::new(scenario, sensors),
@@ -143,12 +144,12 @@ impl Horizon {
     /// The look-ahead of a scenario that does not know the sampling rates: every SN may lose data, at the rate that
     /// `estimate` believes in.
     #[must_use]
-    pub fn learning(scenario: &Scenario, sensors: &[SensorNode], estimate: &Estimate) -> Self {
+    pub fn learning(scenario: &Scenario, settings: &Settings, sensors: &[SensorNode], estimate: &Estimate) -> Self {
         let believed = |(id, sensor): (u32, &SensorNode)| {
             let sampling_bps = estimate.mean_bits(id).max(LEAST_MEAN_BITS) / scenario.slot_s;
             SensorNode { sampling_bps, ..*sensor }
         };
-        let mut horizon = Self::new(scenario, &(0..).zip(sensors).map(believed).collect::<Vec<_>>());
+        let mut horizon = Self::new(scenario, settings, &(0..).zip(sensors).map(believed).collect::<Vec<_>>());
         (0..).zip(sensors).for_each(|(id, _)| horizon.learn(id, estimate));
         horizon
     }

@@ -18,6 +18,7 @@ use super::rollout::roll_out;
 use super::start;
 use super::world::{Doubt, Source, World};
 use super::{Estimate, Horizon};
+use crate::settings::{Rates, Settings};
 use skysink_common::random::{Purpose, Streams};
 
 /// SNs of gain −52 dB, B = 30 kbit, at `places_m` [m] with their rates [bit/s], in an area of 400 m; d_c = 10 m,
@@ -431,8 +432,8 @@ fn rates_that_are_learnt_take_the_place_of_those_believed_before() {
     let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
     let sensor = |x_m: f64| SensorNode { x_m, y_m: 50.0, gain: 1e-5, capacity_bits: 30_000, ..SensorNode::default() };
     let sensors = [30.0, 60.0, 90.0].map(sensor); // what they sample is not looked at
-    let mut estimate = Estimate::new(&scenario, &sensors).unwrap();
-    let mut horizon = Horizon::learning(&scenario, &sensors, &estimate);
+    let mut estimate = Estimate::new(&scenario, Rates::Learnt, &sensors);
+    let mut horizon = Horizon::learning(&scenario, &Settings::of(&scenario).unwrap(), &sensors, &estimate);
     let sources = |horizon: &Horizon| {
         horizon.world.sources.iter().map(|source| (source.mean_bits, source.fill_slots)).collect::<Vec<_>>()
     };

@@ -3,12 +3,12 @@
 //! Unlike the strategies of one slot they remember whose turn it is, or who was served when.
 
 use skysink_common::geometry::Position;
-use skysink_common::scenario::Strategy;
 
 use crate::geometry::tour::closed_tour;
 use crate::horizon::flight::{aim, slots_for};
 use crate::memory::{MemoryError, Reader};
 use crate::sensor_table::SensorTable;
+use crate::settings::Strategy;
 use crate::strategies::baselines::toward;
 use crate::strategies::nearby::fullest_first;
 

@@ -12,9 +12,10 @@ pub mod sca;
 use nalgebra::Point3;
 use skysink_common::geometry::Position;
 use skysink_common::message::SolverOutcome;
-use skysink_common::scenario::{Scenario, WaypointSolver};
+use skysink_common::scenario::Scenario;
 
 use crate::sensor_table::SensorTable;
+use crate::settings::{Settings, WaypointSolver};
 use ascent::{Rated, Starts};
 use conic::ConicSolver;
 use problem::{Problem, Waypoint};
@@ -28,6 +29,8 @@ pub struct Solver {
     scenario: Scenario,
     problem: Problem,
     starts: Starts,
+    /// Most expansions, 1 to 1000.
+    iterations: u32,
     /// None where the solver is geometric.
     conic: Option<ConicSolver>,
 }
@@ -35,12 +38,13 @@ pub struct Solver {
 impl Solver {
     /// The solver of a scenario over the SNs of `table`.
     #[must_use]
-    pub fn new(scenario: &Scenario, table: &SensorTable) -> Self {
-        let is_conic = scenario.planner.waypoint_solver == WaypointSolver::Clarabel;
+    pub fn new(scenario: &Scenario, settings: &Settings, table: &SensorTable) -> Self {
+        let is_conic = settings.waypoint_solver == WaypointSolver::Clarabel;
         Self {
             scenario: scenario.clone(),
             problem: Problem::new(table),
             starts: Starts::with_room_for(table.resource_blocks),
+            iterations: settings.sca_iterations.get() as u32,
             conic: is_conic.then(ConicSolver::default),
         }
     }
@@ -49,12 +53,11 @@ impl Solver {
     /// point keeps every constraint.
     pub fn solve(&mut self, table: &SensorTable, uav: &Point3<f64>, ids: &[u32]) -> Option<Waypoint> {
         self.problem.pose(table, &uav.xy(), self.scenario.altitudes_m(uav.z), ids);
-        let iterations = self.scenario.planner.sca_iterations;
         if !table.channel.depends_on_elevation() {
-            return plane::solve(&self.problem, self.conic.as_mut(), iterations);
+            return plane::solve(&self.problem, self.conic.as_mut(), self.iterations);
         }
         if self.conic.is_some() {
-            return self.approximate(iterations);
+            return self.approximate();
         }
         let end = ascent::solve(&self.problem, &mut self.starts)?;
         Some(Waypoint { point: end.point, outcome: SolverOutcome::Solved })
@@ -62,10 +65,10 @@ impl Solver {
 
     /// Convex steps from the best starts, each finished by ascent; the ascent alone where that leads visibly higher, as
     /// it may where a step leaves the tip above an SN.
-    fn approximate(&mut self, iterations: u32) -> Option<Waypoint> {
+    fn approximate(&mut self) -> Option<Waypoint> {
         let problem = &self.problem;
         let ends = self.starts.of(problem).iter().map(|start| {
-            let (stepped, contribution) = sca::approximate(problem, *start, iterations);
+            let (stepped, contribution) = sca::approximate(problem, *start, self.iterations);
             let end = ascent::climb(problem, stepped);
             (end, outcome(contribution, stepped, end))
         });

@@ -65,10 +65,10 @@ mod tests {
     use super::*;
     use crate::sensor_table::SensorTable;
     use crate::sensor_table::tests::table_of;
+    use crate::settings::WaypointSolver;
     use crate::waypoint::problem::Target;
     use proptest::prelude::*;
     use skysink_common::channel::{Channel, FreeSpace, Uplink};
-    use skysink_common::scenario::WaypointSolver;
 
     /// sP2 for all SNs of `table`, from `position` and the letter's altitude.
     fn posed(table: &SensorTable, position: [f64; 2]) -> Problem {

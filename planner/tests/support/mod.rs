@@ -4,12 +4,13 @@
 use std::path::Path;
 
 use skysink_common::message::{FlightReport, Plan, SensorNode};
-use skysink_common::scenario::{Overrides, Scenario, Strategy};
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::Field;
 use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
 use skysink_planner::estimate::Estimate;
+use skysink_planner::settings::Strategy;
 
 /// A mission under way, as the ring flies it.
 pub struct Mission {
@@ -33,7 +34,7 @@ impl Mission {
         Self {
             scenario: scenario.clone(),
             field: Field::new(scenario, list),
-            planner: Planner::new(scenario, &nodes),
+            planner: Planner::new(scenario, &nodes).unwrap(),
             report: flight.start(),
             flight,
             nodes,
@@ -70,7 +71,7 @@ impl Mission {
     /// A planner that knows only what the one before it has put down.
     pub fn restart(&mut self, slot: u64) {
         let memory = self.planner.memory().to_vec();
-        self.planner = Planner::new(&self.scenario, &self.nodes);
+        self.planner = Planner::new(&self.scenario, &self.nodes).unwrap();
         self.planner.recall(slot, &memory).unwrap();
     }
 
@@ -91,6 +92,6 @@ impl Mission {
 
 /// The scenario of these lines.
 pub fn scenario_of(text: &str, strategy: Strategy, seed: u64) -> Scenario {
-    let overrides = Overrides { strategy: Some(strategy), seed: Some(seed), slots: None };
+    let overrides = Overrides { strategy: Some(strategy.name()), seed: Some(seed), slots: None };
     Scenario::parse(&format!("name = 'case'\n{text}"), Path::new("case.toml"), overrides).unwrap()
 }

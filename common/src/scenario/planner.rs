@@ -1,0 +1,63 @@
+//! `[planner]` of a scenario: the name of a strategy, and keys and tables that this crate does not interpret.
+//!
+//! The planner reads them by [`Scenario::planner_keys`] and writes them back with every default by
+//! [`Scenario::with_planner_keys`].
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
+
+use super::{Scenario, ScenarioError, value};
+
+/// `[planner]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PlannerKeys {
+    /// Name of the strategy.
+    #[serde(default = "letters_strategy")]
+    pub strategy: String,
+    /// Every other key.
+    #[serde(flatten)]
+    pub others: Table,
+}
+
+fn letters_strategy() -> String {
+    "uts".to_owned()
+}
+
+impl Default for PlannerKeys {
+    fn default() -> Self {
+        Self { strategy: letters_strategy(), others: Table::new() }
+    }
+}
+
+impl Scenario {
+    /// Reads `[planner]` as a `T`: `table` is `"planner"`, or the dotted name of one of its tables, `"planner.horizon"`.
+    /// A table that is left out is an empty one.
+    ///
+    /// # Errors
+    /// If `T` refuses a value or a key; the error names it.
+    pub fn planner_keys<T: DeserializeOwned>(&self, table: &str) -> Result<T, ScenarioError> {
+        let whole = Table::try_from(&self.planner).expect("it was read from TOML");
+        let inner = table.split('.').skip(1).try_fold(&whole, |outer, name| outer.get(name).and_then(Value::as_table));
+        value::read(inner.cloned().unwrap_or_default(), table, &self.path)
+    }
+
+    /// The same scenario with the keys `keys` for `[planner]`, such as the checked ones with every default.
+    ///
+    /// # Errors
+    /// If they have no strategy.
+    ///
+    /// # Panics
+    /// If TOML cannot write them.
+    pub fn with_planner_keys(mut self, keys: &impl Serialize) -> Result<Self, ScenarioError> {
+        let keys = Table::try_from(keys).expect("keys are plain tables of numbers and strings");
+        self.planner = value::read(keys, "planner", &self.path)?;
+        Ok(self)
+    }
+
+    /// The refusal of what `key` holds.
+    #[must_use]
+    pub fn refusal(&self, key: &str, value: &Value, expected: &str) -> ScenarioError {
+        value::refusal(&self.path, key, value, expected)
+    }
+}

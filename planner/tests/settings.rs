@@ -1,0 +1,94 @@
+//! `[planner]` of a scenario: what is accepted, and that what is written reads back as the same mission.
+
+use std::path::Path;
+
+use skysink_common::scenario::{Count, Overrides, Scenario, ScenarioError};
+use skysink_planner::Planner;
+use skysink_planner::settings::{Knowledge, Rates, Settings, Strategy, WaypointSolver, change, letter, parse};
+
+fn city(text: &str) -> Result<Scenario, ScenarioError> {
+    parse(&format!("name = \"x\"\n{text}"), Path::new("folder/city.toml"), Overrides::default())
+}
+
+#[test]
+fn every_default_is_the_letters_value_and_visible() {
+    let scenario = letter(Overrides::default()).unwrap();
+    let settings = Settings::of(&scenario).unwrap();
+    assert_eq!((settings.strategy, settings.waypoint_solver), (Strategy::Uts, WaypointSolver::Geometric));
+    assert_eq!((settings.knowledge, settings.rates), (Knowledge::Oracle, Rates::Known));
+    assert_eq!(settings, Settings::of(&city("").unwrap()).unwrap());
+    let keys = "[planner]\nstrategy = \"uts\"\nsca_iterations = 1\nwaypoint_solver = \"geometric\"\nknowledge = \"oracle\"\n\
+                rates = \"known\"\n\n[planner.horizon]\niterations = 6000\n\n[planner.offline]\nsteps = 1000000\n";
+    assert!(scenario.to_toml().ends_with(keys), "{}", scenario.to_toml());
+}
+
+#[test]
+fn what_the_planner_knows_reads_back_and_is_part_of_what_is_flown() {
+    let cases = [
+        ("", (Knowledge::Oracle, Rates::Known)),
+        ("knowledge = \"estimated\"\n", (Knowledge::Estimated, Rates::Known)),
+        ("knowledge = \"estimated\"\nrates = \"learnt\"\n", (Knowledge::Estimated, Rates::Learnt)),
+    ];
+    let scenarios = cases.map(|(keys, seen)| {
+        let scenario = city(&format!("[planner]\n{keys}")).unwrap();
+        let settings = Settings::of(&scenario).unwrap();
+        assert_eq!((settings.knowledge, settings.rates), seen);
+        assert_eq!(settings.remembers(), seen.0 != Knowledge::Oracle, "uts remembers nothing else");
+        let again = parse(&scenario.to_toml(), &scenario.path, Overrides::default()).unwrap();
+        assert_eq!((&again, again.hash()), (&scenario, scenario.hash()));
+        scenario
+    });
+    assert_eq!(scenarios.each_ref().map(|scenario| scenario.hash() == scenarios[0].hash()), [true, false, false]);
+}
+
+#[test]
+fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
+    let cases = [
+        (
+            "rates = \"learnt\"",
+            "planner.rates = \"learnt\": expected \"known\", or planner.knowledge = \"estimated\", with which rates may be \
+             learnt",
+        ),
+        ("sca_iterations = 0", "planner.sca_iterations = 0: expected 1 to 1000"),
+        ("sca_iterations = -1", "planner.sca_iterations = -1: expected 1 to 1000"),
+        ("sca_iterations = 1.0", "planner.sca_iterations = 1.0: expected a whole number"),
+        ("horizon.iterations = 2000000000", "planner.horizon.iterations = 2000000000: expected 0 to 1000000000"),
+        ("offline.steps = 1000000000001", "planner.offline.steps = 1000000000001: expected 0 to 1000000000000"),
+        ("horizon.budget_ms = 0.0", "planner.horizon.budget_ms = 0.0: expected milliseconds above 0, at most 3600000"),
+        ("horizon.budget_ms = nan", "planner.horizon.budget_ms = nan: expected milliseconds above 0, at most 3600000"),
+        ("horizon_iterations = 5", "planner.horizon_iterations = 5: expected planner.horizon.iterations instead"),
+        ("horizon_budget_ms = 5.0", "planner.horizon_budget_ms = 5.0: expected planner.horizon.budget_ms instead"),
+        ("offline_steps = 5", "planner.offline_steps = 5: expected planner.offline.steps instead"),
+        ("horizon.steps = \"a\\nb\"", "planner.horizon.steps = \"a\\nb\": expected `iterations` or `budget_ms`"),
+        ("waypoint_solver = 3", "planner.waypoint_solver = 3: expected a string"),
+    ];
+    for (key, expected) in cases {
+        let refusal = city(&format!("[planner]\n{key}\n")).unwrap_err().to_string();
+        assert_eq!(refusal, format!("scenario folder/city.toml: {expected}"));
+    }
+}
+
+#[test]
+fn an_unknown_strategy_or_key_is_refused_with_those_that_are_known() {
+    let refusal = |key: &str| city(&format!("[planner]\n{key}\n")).unwrap_err().to_string();
+    let strategy = refusal("strategy = \"best\"");
+    assert!(
+        strategy.starts_with("scenario folder/city.toml: planner.strategy = \"best\": expected one of "),
+        "{strategy}"
+    );
+    assert!(Strategy::ALL.iter().all(|known| strategy.contains(&format!("`{}`", known.name()))), "{strategy}");
+    let key = refusal("tour.length = 3");
+    assert!(key.starts_with("scenario folder/city.toml: planner.tour = { length = 3 }: expected one of "), "{key}");
+    assert!(key.contains("`strategy`, `sca_iterations`") && key.contains("`horizon`"), "{key}");
+}
+
+#[test]
+fn a_planner_is_made_of_checked_keys_only() {
+    let overrides = Overrides { strategy: Some("best"), ..Overrides::default() };
+    let unknown = Scenario::letter(overrides).unwrap();
+    assert!(Planner::new(&unknown, &[]).is_err());
+    let learnt = change(city("").unwrap(), |settings| settings.rates = Rates::Learnt);
+    assert!(learnt.unwrap_err().to_string().contains("planner.rates"));
+    let longer = change(city("").unwrap(), |settings| settings.horizon.iterations = Count::clamped(u64::MAX)).unwrap();
+    assert_eq!(Settings::of(&longer).unwrap().horizon.iterations.get(), 1_000_000_000);
+}
