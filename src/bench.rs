@@ -21,7 +21,7 @@ use skysink_common::stop::Stop;
 use skysink_planner::settings::{self, Strategy};
 
 use crate::error::Error;
-use skysink_mission::latency::{HOUR_NS, Spread};
+use skysink_mission::latency::{Spread, histogram};
 
 /// What can be measured by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -135,7 +135,7 @@ struct Times(Histogram<u64>);
 
 impl Times {
     fn new() -> Self {
-        Self(Histogram::new_with_bounds(1, HOUR_NS, 3).expect("valid bounds and digits"))
+        Self(histogram())
     }
 
     /// Takes the time since `begin`, divided among `steps` steps.

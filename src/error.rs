@@ -1,7 +1,6 @@
 //! What can go wrong in the program, and the exit code that says so.
 
-use std::io;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use skysink_common::scenario::ScenarioError;
 use skysink_common::sensors::SensorListError;
@@ -73,21 +72,15 @@ macro_rules! through {
     )*};
 }
 
-through!(ScenarioError => MissionError, SensorListError => MissionError, Stopped => MissionError, RingError => NodeError);
-
-impl From<JournalError> for Error {
-    fn from(error: JournalError) -> Self {
-        RingError::from(error).into()
-    }
-}
+through!(
+    ScenarioError => MissionError,
+    SensorListError => MissionError,
+    Stopped => MissionError,
+    JournalError => RingError,
+    RingError => NodeError
+);
 
 impl Error {
-    /// A failure to write `path`.
-    pub(crate) fn file(path: &Path) -> impl FnOnce(io::Error) -> Self + use<> {
-        let path = path.to_owned();
-        move |source| MissionError::File { path, source }.into()
-    }
-
     /// Exit code: 1 failed while running, 2 bad input or usage, 130 and 143 after a signal.
     #[must_use]
     pub fn exit_code(&self) -> u8 {

@@ -41,7 +41,7 @@ impl Progress {
         if self.bar.is_hidden() {
             return;
         }
-        let slots = tally.slots();
+        let slots = tally.last_slot();
         if slots == 0 {
             return;
         }

@@ -65,7 +65,7 @@ pub fn simulate_mission(
         log.add(&flown.flight, &flown.header)?;
         tally.add(Some(&flown.plan), &flown.flight, &flown.header);
         recording.log(&mission, Some(&flown))?;
-        if tally.slots().is_multiple_of(SHOW_EVERY) {
+        if tally.last_slot().is_multiple_of(SHOW_EVERY) {
             progress.show(&tally);
         }
         stopped = stop.check();

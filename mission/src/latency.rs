@@ -1,14 +1,23 @@
 //! How long the ring takes, hop by hop: from the times at which samples were sent.
 
+use std::time::Duration;
+
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use skysink_common::message::SlotHeader;
 use skysink_common::pace::Pace;
 
-/// Longest time that is told apart [ns].
-pub const HOUR_NS: u64 = 3_600_000_000_000;
+/// A histogram of times [ns] up to an hour, in three digits.
+///
+/// # Panics
+/// Never: its bounds are valid.
+#[must_use]
+pub fn histogram() -> Histogram<u64> {
+    const HOUR_NS: u64 = 3_600_000_000_000;
+    Histogram::new_with_bounds(1, HOUR_NS, 3).expect("valid bounds and digits")
+}
 
-/// When the samples of a slot were sent; none of those that were missed.
+/// When the samples of a slot were sent; `None` for those that were missed.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SlotTimes {
     /// The slot's beginning by the clock, in paced runs.
@@ -30,18 +39,6 @@ impl SlotTimes {
     }
 }
 
-/// The times of a run so far.
-#[derive(Debug)]
-pub struct Latency {
-    period_ns: Option<u64>,
-    last: Option<SlotTimes>,
-    plan: Histogram<u64>,
-    flight: Histogram<u64>,
-    queues: Histogram<u64>,
-    slot: Histogram<u64>,
-    jitter: Histogram<u64>,
-}
-
 /// A distribution of times [µs].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
@@ -57,6 +54,7 @@ pub struct Spread {
 
 impl Spread {
     /// The distribution of times in nanoseconds.
+    #[must_use]
     pub fn of(ns: &Histogram<u64>) -> Self {
         let us = |quantile| ns.value_at_quantile(quantile) as f64 / 1e3;
         Self { p50_us: us(0.5), p99_us: us(0.99), p999_us: us(0.999), max_us: ns.max() as f64 / 1e3 }
@@ -79,39 +77,53 @@ pub struct Latencies {
     pub jitter: Option<Spread>,
 }
 
+/// The times of a run so far.
+#[derive(Debug)]
+pub struct Latency {
+    /// Of a paced run.
+    period: Option<Duration>,
+    last: Option<SlotTimes>,
+    plan: Histogram<u64>,
+    flight: Histogram<u64>,
+    queues: Histogram<u64>,
+    slot: Histogram<u64>,
+    jitter: Histogram<u64>,
+}
+
 impl Latency {
     /// Nothing measured yet, at a pace.
     #[must_use]
     pub fn new(pace: Pace, slot_s: f64) -> Self {
-        let period_ns = pace.period(slot_s).map(|period| u64::try_from(period.as_nanos()).unwrap_or(u64::MAX));
-        let histogram = || Histogram::new_with_bounds(1, HOUR_NS, 3).expect("valid bounds and digits");
-        let (plan, flight, queues, slot, jitter) = (histogram(), histogram(), histogram(), histogram(), histogram());
-        Self { period_ns, last: None, plan, flight, queues, slot, jitter }
+        Self {
+            period: pace.period(slot_s),
+            last: None,
+            plan: histogram(),
+            flight: histogram(),
+            queues: histogram(),
+            slot: histogram(),
+            jitter: histogram(),
+        }
     }
 
     /// Adds a slot. Its predecessor has been added before, or it is the first.
     pub fn add(&mut self, times: SlotTimes) {
+        let flight_begin_ns = if self.period.is_some() { times.tick_ns } else { times.plan_ns };
+        record(&mut self.flight, flight_begin_ns, Some(times.flight_ns));
         record(&mut self.queues, Some(times.flight_ns), Some(times.queues_ns));
-        record(
-            &mut self.flight,
-            if self.period_ns.is_some() { times.tick_ns } else { times.plan_ns },
-            Some(times.flight_ns),
-        );
-        if let Some(last) = self.last.replace(times) {
-            record(&mut self.plan, Some(last.queues_ns), times.plan_ns);
-            match self.period_ns {
-                None => record(&mut self.slot, Some(last.queues_ns), Some(times.queues_ns)),
-                Some(period_ns) => {
-                    record(&mut self.slot, last.tick_ns, times.plan_ns);
-                    if let (Some(last), Some(now)) = (last.tick_ns, times.tick_ns) {
-                        self.jitter.saturating_record(now.saturating_sub(last).abs_diff(period_ns).max(1));
-                    }
-                }
-            }
+        let Some(last) = self.last.replace(times) else { return };
+        record(&mut self.plan, Some(last.queues_ns), times.plan_ns);
+        let Some(period) = self.period else {
+            return record(&mut self.slot, Some(last.queues_ns), Some(times.queues_ns));
+        };
+        record(&mut self.slot, last.tick_ns, times.plan_ns);
+        if let (Some(last_ns), Some(tick_ns)) = (last.tick_ns, times.tick_ns) {
+            let apart = Duration::from_nanos(tick_ns.saturating_sub(last_ns));
+            let off_ns = u64::try_from(apart.abs_diff(period).as_nanos()).unwrap_or(u64::MAX);
+            self.jitter.saturating_record(off_ns.max(1));
         }
     }
 
-    /// The distributions so far; none before the second slot.
+    /// The distributions so far; `None` before the second slot.
     #[must_use]
     pub fn spreads(&self) -> Option<Latencies> {
         (!self.queues.is_empty()).then(|| Latencies {
@@ -119,7 +131,7 @@ impl Latency {
             to_flight: Spread::of(&self.flight),
             flight_to_queues: Spread::of(&self.queues),
             slot: Spread::of(&self.slot),
-            jitter: self.period_ns.map(|_| Spread::of(&self.jitter)),
+            jitter: self.period.map(|_| Spread::of(&self.jitter)),
         })
     }
 }

@@ -16,7 +16,7 @@ use crate::trace::{SLOT_COLUMNS, TraceHash};
 /// The files of a run.
 const FILES: [&str; 6] = ["scenario.toml", "sensors.csv", "slots.csv", "summary.json", "optimum.json", "mission.rrd"];
 
-/// A run's folder, made and furnished with what is flown.
+/// A run's folder, with what is flown.
 #[derive(Debug, Clone)]
 pub struct RunFolder {
     path: PathBuf,
@@ -106,7 +106,7 @@ impl RunFolder {
         self.path.join("slots.csv")
     }
 
-    /// Opens `slots.csv` for reading what is on record and going on behind it.
+    /// Opens `slots.csv` to read what is on record and to resume it.
     ///
     /// # Errors
     /// If a run is still writing it, or it does not begin as a trace.
@@ -200,12 +200,12 @@ impl SlotLog {
         Ok(self.trace.last_line().as_bytes() == line)
     }
 
-    /// Ends what is on record behind the last line that was gone over, to go on from there.
+    /// Cuts the trace behind the last line that was gone over, to resume it there.
     ///
     /// # Errors
     /// If the file cannot be changed.
-    pub fn go_on(&mut self) -> Result<(), MissionError> {
-        let mut go_on = || {
+    pub fn resume(&mut self) -> Result<(), MissionError> {
+        let mut cut = || {
             self.file.set_len(self.length)?;
             self.file.seek(SeekFrom::End(0))?;
             if self.length == 0 {
@@ -214,7 +214,7 @@ impl SlotLog {
             }
             Ok(())
         };
-        go_on().at(&self.path)
+        cut().at(&self.path)
     }
 
     /// Hash of all lines so far, chained.

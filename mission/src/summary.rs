@@ -9,7 +9,7 @@ use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 
-use crate::latency::{Latencies, Latency, SlotTimes};
+use crate::latency::{Latencies, Latency, SlotTimes, histogram};
 
 /// What has become of a process, as in `summary.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -25,7 +25,7 @@ pub struct Event {
 }
 
 /// The figures of a run, as in `summary.json`.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Summary {
     /// Name of the scenario.
     pub name: String,
@@ -84,7 +84,7 @@ pub struct Summary {
 }
 
 /// The wall-clock figures of a run.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Timing {
     /// Pace, or none in one process.
     pub pace: Option<Pace>,
@@ -106,60 +106,37 @@ pub struct Timing {
     pub latency: Option<Latencies>,
 }
 
-/// Longest planning time that is told apart [ns].
-const HOUR_NS: u64 = 3_600_000_000_000;
-
-/// Running sums of a run.
+/// Running sums of a run: a summary in the making, and what its quotients are made of.
 #[derive(Debug)]
 pub struct Tally {
-    name: String,
-    strategy: String,
-    seed: u64,
-    planned_slots: u64,
-    sensors: usize,
+    summary: Summary,
     /// Bits that the field samples in a slot on average, `Σ_i s_i τ`.
     mean_bits: f64,
-    slots: u64,
     served: u64,
-    held_slots: u64,
-    transit_slots: u64,
-    refused: u64,
-    solver_fallbacks: u64,
-    missed_deadlines: u64,
-    late_slots: u64,
-    refused_messages: u64,
-    resumed_after: Option<u64>,
-    totals: Totals,
+    lost_slots: f64,
     plan_ns: Histogram<u64>,
     latency: Option<Latency>,
 }
 
 impl Tally {
     /// Nothing flown yet.
-    ///
-    /// # Panics
-    /// Never: the histogram's bounds are valid.
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
-        Self {
+        let summary = Summary {
             name: scenario.name.clone(),
             strategy: scenario.planner.strategy.clone(),
             seed: scenario.seed,
             planned_slots: scenario.slots,
             sensors: list.sensors().len(),
+            version: env!("CARGO_PKG_VERSION"),
+            ..Summary::default()
+        };
+        Self {
+            summary,
             mean_bits: list.sensors().iter().map(|sensor| sensor.sampling_bps * scenario.slot_s).sum(),
-            slots: 0,
             served: 0,
-            held_slots: 0,
-            transit_slots: 0,
-            refused: 0,
-            solver_fallbacks: 0,
-            missed_deadlines: 0,
-            late_slots: 0,
-            refused_messages: 0,
-            resumed_after: None,
-            totals: Totals::default(),
-            plan_ns: Histogram::new_with_bounds(1, HOUR_NS, 3).expect("valid bounds and digits"),
+            lost_slots: 0.0,
+            plan_ns: histogram(),
             latency: None,
         }
     }
@@ -173,30 +150,31 @@ impl Tally {
 
     /// What was added so far was on record before this run.
     pub fn resume(&mut self) {
-        self.resumed_after = Some(self.slots);
+        self.summary.resumed_after = Some(self.summary.slots);
     }
 
-    /// Takes over the state before slot 1.
+    /// Sets the ledger before slot 1.
     pub fn start(&mut self, header: &QueuesHeader) {
-        self.totals = header.totals;
+        self.set_totals(&header.totals);
     }
 
     /// Adds a slot.
     pub fn add(&mut self, plan: Option<&Plan>, flight: &FlightReport, header: &QueuesHeader) {
-        self.slots += 1;
+        self.set_totals(&header.totals);
         self.served += u64::from(flight.served);
-        self.refused += u64::from(flight.refused);
+        let summary = &mut self.summary;
+        summary.slots += 1;
+        summary.refused += u64::from(flight.refused);
         match Mode::of_code(flight.mode) {
-            Mode::Hold => self.held_slots += 1,
-            Mode::Transit => self.transit_slots += 1,
+            Mode::Hold => summary.held_slots += 1,
+            Mode::Transit => summary.transit_slots += 1,
             Mode::Serve => {}
         }
-        self.missed_deadlines += u64::from(HoldReason::of_code(flight.hold) == HoldReason::NoPlan);
+        summary.timing.missed_deadlines += u64::from(HoldReason::of_code(flight.hold) == HoldReason::NoPlan);
         if let Some(plan) = plan {
-            self.solver_fallbacks += u64::from(SolverOutcome::of_code(plan.solver) == SolverOutcome::Fallback);
+            summary.solver_fallbacks += u64::from(SolverOutcome::of_code(plan.solver) == SolverOutcome::Fallback);
             self.plan_ns.saturating_record(plan.plan_ns.max(1));
         }
-        self.totals = header.totals;
     }
 
     /// Adds when the samples of the slot were sent.
@@ -206,88 +184,71 @@ impl Tally {
         }
     }
 
-    /// Takes over how many samples were refused.
+    /// Sets how many samples were refused so far.
     pub fn set_refused_messages(&mut self, refused_messages: u64) {
-        self.refused_messages = refused_messages;
+        self.summary.refused_messages = refused_messages;
     }
 
-    /// Takes over how many slots have begun late.
+    /// Sets how many slots have begun late so far.
     pub fn set_late_slots(&mut self, late_slots: u64) {
-        self.late_slots = late_slots;
+        self.summary.timing.late_slots = late_slots;
     }
 
     /// The last slot on record; 0 before the first.
     #[must_use]
     pub fn last_slot(&self) -> u64 {
-        self.slots
-    }
-
-    /// Slots flown.
-    #[must_use]
-    pub fn slots(&self) -> u64 {
-        self.slots
+        self.summary.slots
     }
 
     /// Slots whose plan was not there when they began.
     #[must_use]
     pub fn missed_deadlines(&self) -> u64 {
-        self.missed_deadlines
+        self.summary.timing.missed_deadlines
     }
 
     /// The loss rate so far, `η` (decision D3); 0 where nothing is sampled.
     #[must_use]
     pub fn loss_rate(&self) -> f64 {
-        ratio(self.totals.lost_bits as f64, self.mean_bits * self.slots as f64)
+        ratio(self.summary.lost_bits as f64, self.mean_bits * self.summary.slots as f64)
     }
 
-    /// The figures of the run so far.
+    /// The figures of the run so far, after `wall` of wall time at a pace (`None` in one process).
     #[must_use]
     pub fn summary(&self, pace: Option<Pace>, wall: Duration, trace_hash: u64) -> Summary {
-        let (slots, totals) = (self.slots as f64, self.totals);
+        let mut summary = self.summary.clone();
+        let slots = summary.slots as f64;
+        summary.loss_rate = self.loss_rate();
+        summary.eta_letter = ratio(self.lost_slots, slots);
+        summary.bits_per_waypoint = ratio(summary.delivered_bits as f64, slots);
+        summary.mean_served = ratio(self.served as f64, slots);
+        summary.trace_hash = format!("{trace_hash:016x}");
+        summary.complete = summary.slots == summary.planned_slots;
         let plan_us = |quantile| self.plan_ns.value_at_quantile(quantile) as f64 / 1e3;
-        Summary {
-            name: self.name.clone(),
-            strategy: self.strategy.clone(),
-            seed: self.seed,
-            slots: self.slots,
-            planned_slots: self.planned_slots,
-            sensors: self.sensors,
-            loss_rate: self.loss_rate(),
-            eta_letter: ratio(totals.lost_slots, slots),
-            initial_bits: totals.initial_bits,
-            sampled_bits: totals.sampled_bits,
-            delivered_bits: totals.delivered_bits,
-            lost_bits: totals.lost_bits,
-            queued_bits: totals.queued_bits,
-            bits_per_waypoint: ratio(totals.delivered_bits as f64, slots),
-            mean_served: ratio(self.served as f64, slots),
-            held_slots: self.held_slots,
-            transit_slots: self.transit_slots,
-            refused: self.refused,
-            solver_fallbacks: self.solver_fallbacks,
-            refused_messages: self.refused_messages,
-            restarts: 0,
-            events: Vec::new(),
-            resumed_after: self.resumed_after,
-            trace_hash: format!("{trace_hash:016x}"),
-            complete: self.slots == self.planned_slots,
-            version: env!("CARGO_PKG_VERSION"),
-            timing: Timing {
-                pace,
-                wall_s: wall.as_secs_f64(),
-                slots_per_s: ratio(slots - self.resumed_after.unwrap_or(0) as f64, wall.as_secs_f64()),
-                missed_deadlines: self.missed_deadlines,
-                late_slots: self.late_slots,
-                plan_p50_us: plan_us(0.5),
-                plan_p99_us: plan_us(0.99),
-                plan_max_us: self.plan_ns.max() as f64 / 1e3,
-                latency: self.latency.as_ref().and_then(Latency::spreads),
-            },
-        }
+        summary.timing = Timing {
+            pace,
+            wall_s: wall.as_secs_f64(),
+            slots_per_s: ratio(slots - summary.resumed_after.unwrap_or(0) as f64, wall.as_secs_f64()),
+            plan_p50_us: plan_us(0.5),
+            plan_p99_us: plan_us(0.99),
+            plan_max_us: self.plan_ns.max() as f64 / 1e3,
+            latency: self.latency.as_ref().and_then(Latency::spreads),
+            ..summary.timing
+        };
+        summary
+    }
+
+    fn set_totals(&mut self, totals: &Totals) {
+        let summary = &mut self.summary;
+        summary.initial_bits = totals.initial_bits;
+        summary.sampled_bits = totals.sampled_bits;
+        summary.delivered_bits = totals.delivered_bits;
+        summary.lost_bits = totals.lost_bits;
+        summary.queued_bits = totals.queued_bits;
+        self.lost_slots = totals.lost_slots;
     }
 }
 
-/// A share of something, 0 where there is nothing.
+/// `part / whole`, 0 where there is nothing.
 fn ratio(part: f64, whole: f64) -> f64 {
     if whole > 0.0 { part / whole } else { 0.0 }
 }

@@ -22,6 +22,7 @@ use skysink_ring::wait::Waiting;
 use super::Times;
 use super::transport::Socket;
 use crate::error::Error;
+use skysink_mission::error::FileContext;
 use skysink_mission::latency::Spread;
 
 /// Messages on the critical path of a slot, and the processes that pass them on.
@@ -101,7 +102,7 @@ impl Rounds {
                 Ok((data, event))
             })
             .collect::<Result<Vec<_>, Error>>()?;
-        let program = std::env::current_exe().map_err(Error::file(Path::new("skysink")))?;
+        let program = std::env::current_exe().at(Path::new("skysink"))?;
         let command = |place: usize| {
             let mut command = Command::new(&program);
             command.arg("hop").arg(folder.path()).arg(place.to_string());
@@ -112,9 +113,9 @@ impl Rounds {
         };
         let mut others = Vec::new();
         for place in 1..HOPS {
-            others.push(command(place).spawn().map_err(Error::file(&program))?);
+            others.push(command(place).spawn().at(&program)?);
         }
-        let first = command(0).stdout(Stdio::piped()).output().map_err(Error::file(&program))?;
+        let first = command(0).stdout(Stdio::piped()).output().at(&program)?;
         for other in &mut others {
             let _ = other.wait(); // where it fails the first one does, too
         }

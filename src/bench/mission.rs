@@ -13,6 +13,7 @@ use super::{Effort, letter_text, machine, median};
 use crate::error::Error;
 use skysink_lab::sweep;
 use skysink_lab::sweep::plan::{Shard, Sweep, SweepBase};
+use skysink_mission::error::FileContext;
 use skysink_mission::mission::Mission;
 
 /// Slots of a mission, as the letter's.
@@ -38,7 +39,7 @@ pub struct Measured {
 /// # Errors
 /// If a mission is refused, something cannot be written, or on a stop.
 pub fn measure(effort: Effort, stop: &Stop) -> Result<Measured, Error> {
-    let place = tempfile::tempdir().map_err(Error::file(Path::new("folder for temporary files")))?;
+    let place = tempfile::tempdir().at(Path::new("folder for temporary files"))?;
     let slots_per_s = alone(effort.choose(Duration::from_secs(3), Duration::from_millis(100)), stop)?;
     let (mut one, mut all, cores) = (Vec::new(), Vec::new(), machine::cores());
     let missions = effort.choose(500, 8);

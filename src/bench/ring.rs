@@ -13,6 +13,7 @@ use skysink_ring::wait::Waiting;
 use super::hop::{Medium, Rounds};
 use super::{Effort, counts, letter_text, median, median_spread};
 use crate::error::Error;
+use skysink_mission::error::FileContext;
 use skysink_mission::latency::Spread;
 
 /// Slots per second of a paced ring.
@@ -103,10 +104,10 @@ fn row(sensors: u32, wait: Waiting, pace: Pace, effort: Effort, stop: &Stop) -> 
 /// One run of the whole ring, by `skysink run`.
 fn fly(sensors: u32, slots: u64, wait: Waiting, pace: Pace, stop: &Stop) -> Result<Flown, Error> {
     stop.check()?;
-    let place = tempfile::tempdir().map_err(Error::file(Path::new("folder for temporary files")))?;
+    let place = tempfile::tempdir().at(Path::new("folder for temporary files"))?;
     let (scenario, out) = (place.path().join("bench.toml"), place.path().join("run"));
-    fs::write(&scenario, letter_text(sensors, slots)).map_err(Error::file(&scenario))?;
-    let program = std::env::current_exe().map_err(Error::file(Path::new("skysink")))?;
+    fs::write(&scenario, letter_text(sensors, slots)).at(&scenario)?;
+    let program = std::env::current_exe().at(Path::new("skysink"))?;
     let run = Command::new(&program)
         .arg("run")
         .arg(&scenario)
@@ -114,13 +115,13 @@ fn fly(sensors: u32, slots: u64, wait: Waiting, pace: Pace, stop: &Stop) -> Resu
         .arg(&out)
         .stdin(Stdio::null())
         .output()
-        .map_err(Error::file(&program))?;
+        .at(&program)?;
     if !run.status.success() {
         let said = String::from_utf8_lossy(&run.stderr).trim().to_owned();
         return Err(Error::Bench(format!("skysink run: {}: {said}", run.status)));
     }
     let summary = out.join("summary.json");
-    let text = fs::read_to_string(&summary).map_err(Error::file(&summary))?;
+    let text = fs::read_to_string(&summary).at(&summary)?;
     let figures = |error| Error::Bench(format!("skysink run: summary.json: {error}"));
     let summary: serde_json::Value = serde_json::from_str(&text).map_err(figures)?;
     let timing = &summary["timing"];

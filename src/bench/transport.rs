@@ -12,6 +12,7 @@ use skysink_ring::wait::Waiting;
 use super::hop::{HOPS, Medium, Rounds, missing_after};
 use super::{Effort, counts, median_spread};
 use crate::error::Error;
+use skysink_mission::error::FileContext;
 use skysink_mission::latency::Spread;
 
 /// Reads in a row before the core is offered to others, where a process polls.
@@ -68,10 +69,10 @@ impl Socket {
     pub(super) fn join(folder: &Path, place: usize, received_bytes: usize, wait: Waiting) -> Result<Self, Error> {
         let address = |place: usize| folder.join(format!("hop-{place}.sock"));
         let own = address(place);
-        let listener = UnixListener::bind(&own).map_err(Error::file(&own))?;
+        let listener = UnixListener::bind(&own).at(&own)?;
         let to = connect(address((place + 1) % HOPS))?;
-        let (from, _) = listener.accept().map_err(Error::file(&own))?;
-        from.set_nonblocking(wait == Waiting::Poll).map_err(Error::file(&own))?;
+        let (from, _) = listener.accept().at(&own)?;
+        from.set_nonblocking(wait == Waiting::Poll).at(&own)?;
         Ok(Self { to, from, message: vec![0; received_bytes] })
     }
 

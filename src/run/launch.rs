@@ -15,6 +15,7 @@ use skysink_ring::role::{Role, last_heartbeat};
 
 use crate::error::Error;
 use crate::run::restart::{GivenUp, MAX_RESTARTS, Restart, Restarts, WINDOW};
+use skysink_mission::error::FileContext;
 
 /// How long a process may take to end after SIGTERM before it gets SIGKILL.
 const GRACE: Duration = Duration::from_secs(3);
@@ -285,7 +286,7 @@ fn spawn(path: &Path, job: &Job, more: &[std::ffi::OsString], say: &Say, roster:
         .stderr(Stdio::piped())
         .process_group(0) // Ctrl-C is for the launcher, which ends the others in order
         .spawn()
-        .map_err(Error::file(path))?;
+        .at(path)?;
     if let Some(pid) = pid(&child) {
         roster.lock().unwrap_or_else(PoisonError::into_inner).insert(job.role.name(), pid);
     }
@@ -302,7 +303,7 @@ fn pid(child: &Child) -> Option<Pid> {
 
 /// The executable of a role, which lies beside this one.
 fn executable(role: Role) -> Result<PathBuf, Error> {
-    let own = std::env::current_exe().map_err(Error::file(Path::new("skysink")))?;
+    let own = std::env::current_exe().at(Path::new("skysink"))?;
     let path = own.with_file_name(role.name());
     if path.is_file() { Ok(path) } else { Err(Error::ExecutableMissing(path)) }
 }

@@ -29,6 +29,7 @@ use launch::{Crew, Job, REAP, Roster, whole};
 use recorder::Recorder;
 use restart::Rule;
 use resume::{PlansBy, Resumed, resume};
+use skysink_mission::error::FileContext;
 use skysink_mission::record::{RunFolder, SlotLog};
 use skysink_mission::summary::{Event, Summary, Tally};
 use watch::{Alarm, ViewerState, Watch};
@@ -153,7 +154,7 @@ fn prepare(folder: &RunFolder, meeting: &RingFolder, resumed: Option<Resumed>) -
     match resumed {
         None => Ok(folder.slot_log()?),
         Some(mut resumed) => {
-            resumed.log.go_on()?;
+            resumed.log.resume()?;
             resumed.save(meeting)?;
             Ok(resumed.log)
         }
@@ -272,7 +273,7 @@ fn jobs(setup: &Setup) -> Vec<Job> {
 fn check_shared_memory(run: &Run, list: &SensorList) -> Result<(), Error> {
     const MIB: u64 = 1 << 20;
     let path = std::path::Path::new("/dev/shm");
-    let free = rustix::fs::statvfs(path).map_err(|error| Error::file(path)(error.into()))?;
+    let free = rustix::fs::statvfs(path).map_err(std::io::Error::from).at(path)?;
     let free_bytes = free.f_bavail * free.f_frsize;
     let samples = if run.viewer { VIEWER_BUFFER as u64 + 8 } else { 8 };
     let bytes_per_sensor = samples * 4 + 3 * 40; // queues in flight, the sensor list

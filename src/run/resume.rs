@@ -8,6 +8,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::memory::{Memory as FieldMemory, Reached};
 use skysink_flight_sim::memory::Memory as FlightMemory;
+use skysink_mission::error::FileContext;
 use skysink_mission::record::{RunFolder, SlotLog};
 use skysink_mission::summary::Tally;
 use skysink_mission::trace::RecordedSlot;
@@ -58,7 +59,7 @@ pub fn resume(
     let mut line = Vec::new();
     loop {
         line.clear();
-        trace.read_until(b'\n', &mut line).map_err(Error::file(&folder.slots()))?;
+        trace.read_until(b'\n', &mut line).at(&folder.slots())?;
         if line.last() != Some(&b'\n') {
             break;
         }

@@ -43,6 +43,6 @@ fn go_on(folder: &Path, World { scenario, list, .. }: &World, bytes: &[u8]) -> R
     }
     let mut tally = Tally::new(scenario, list);
     let mut resumed = resume(&RunFolder::reopen(folder)?, scenario, list, PlansBy::Planner, &mut tally)?;
-    resumed.log.go_on()?;
+    resumed.log.resume()?;
     Ok(resumed.log.hash())
 }

@@ -35,7 +35,7 @@ pub enum FigureError {
 
 impl FigureError {
     /// Passes a number for which `holds`, refuses any other; a comparison with NaN does not hold.
-    pub(super) fn unless(
+    pub(crate) fn unless(
         holds: bool,
         place: impl FnOnce() -> String,
         key: &'static str,

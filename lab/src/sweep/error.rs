@@ -79,7 +79,7 @@ pub enum SweepError {
 }
 
 impl SweepError {
-    pub(super) fn malformed(path: &Path, text: &str, error: &toml::de::Error) -> Self {
+    pub(crate) fn malformed(path: &Path, text: &str, error: &toml::de::Error) -> Self {
         let line = error.span().map_or(String::new(), |span| {
             format!("line {}: ", text[..span.start.min(text.len())].matches('\n').count() + 1)
         });
