@@ -195,8 +195,7 @@ pub fn print(folder: &RunFolder, summary: &Summary) {
     }
     println!("{table}");
     println!("Run folder:      {}", folder.path().display());
-    if folder.recording().is_file() {
-        let recording = folder.recording();
+    if let Some(recording) = folder.recording_pattern() {
         println!("Open recording:  rerun {}", recording.display());
         println!("                 (the viewer: pip install rerun-sdk=={RERUN})");
     }

@@ -93,7 +93,7 @@ impl Recording {
             return Ok(Self { scene: None });
         }
         let scenario = &simulation.scenario;
-        let sinks = Sinks { save: Some(folder.recording()), ..Sinks::default() };
+        let sinks = Sinks { save: Some(folder.recording()), live: None };
         let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy, scenario.seed);
         let nodes = list.nodes(scenario.sensors.capacity_bits);
         Ok(Self { scene: Some(Scene::open(&sinks, scenario, &nodes, &name, Timing::Unmeasured)?) })

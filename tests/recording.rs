@@ -114,6 +114,35 @@ fn a_paced_run_does_not_wait_for_the_viewer_and_marks_what_it_missed() {
     assert!(ended.stderr.contains(&format!("viewer: missed {missed} slots")), "{missed}: {ended:?}");
 }
 
+/// Id of the recording in a file.
+fn recording_id(place: &Place, file: &str) -> String {
+    let mut reader = std::fs::File::open(place.path(file)).unwrap();
+    let stores = rerun::ChunkStore::from_rrd_reader(&rerun::ChunkStoreConfig::DEFAULT, &mut reader).unwrap();
+    stores.into_keys().find(|store| store.is_recording()).unwrap().recording_id().to_string()
+}
+
+#[test]
+fn a_resumed_run_continues_the_recording_in_the_next_file_and_force_replaces_both() {
+    let place = Place::new();
+    place.write("smoke.toml", include_str!("../scenarios/smoke.toml"));
+    let ended = place.run_well(&["run", "smoke.toml", "--out", "run"]);
+    assert!(ended.stdout.contains("rerun run/mission.rrd"), "{ended:?}");
+    let first = recording_id(&place, "run/mission.rrd");
+    let begun: String = place.read("run/slots.csv").split_inclusive('\n').take(56).collect();
+    std::fs::write(place.path("run/slots.csv"), begun).unwrap();
+    let ended = place.run_well(&["run", "--resume", "run"]);
+    assert!(ended.stdout.contains("rerun run/*.rrd"), "{ended:?}");
+    assert_eq!(recording_id(&place, "run/mission-2.rrd"), first);
+    assert_eq!(slots(&place.path("run/mission-2.rrd"), "/metrics/loss_rate"), (55..=60).collect());
+    let log: String = rows(&place.path("run/mission-2.rrd"), "/log/events").into_values().collect();
+    assert!(log.contains("recording continued in a new file") && !log.contains("missed"), "{log}");
+    assert!(!log.contains("first loss"), "it is in the file before: {log}");
+    place.run_well(&["run", "smoke.toml", "--out", "run", "--force"]);
+    let files = support::recordings(&place.path("run"));
+    assert_eq!(files, [place.path("run/mission.rrd")]);
+    assert_ne!(recording_id(&place, "run/mission.rrd"), first, "another run");
+}
+
 #[test]
 fn a_live_port_that_is_taken_ends_the_run_with_one_clear_line() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();

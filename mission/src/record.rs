@@ -13,8 +13,8 @@ use crate::error::{FileContext, MissionError};
 use crate::summary::Summary;
 use crate::trace::{SLOT_COLUMNS, TraceHash};
 
-/// The files of a run.
-const FILES: [&str; 6] = ["scenario.toml", "sensors.csv", "slots.csv", "summary.json", "optimum.json", "mission.rrd"];
+/// The files of a run, but for its recordings.
+const FILES: [&str; 5] = ["scenario.toml", "sensors.csv", "slots.csv", "summary.json", "optimum.json"];
 
 /// A run's folder, with what is flown.
 #[derive(Debug, Clone)]
@@ -67,10 +67,22 @@ impl RunFolder {
         self.path.join("scenario.toml")
     }
 
-    /// The recording for rerun.
+    /// The recording for rerun; its first file, if the viewer was started again.
     #[must_use]
     pub fn recording(&self) -> PathBuf {
         self.path.join("mission.rrd")
+    }
+
+    /// How to name all files of the recording to rerun; none if there is no recording.
+    #[must_use]
+    pub fn recording_pattern(&self) -> Option<PathBuf> {
+        let mut names = file_names(&self.path).unwrap_or_default();
+        names.retain(|name| is_recording(name));
+        match &names[..] {
+            [] => None,
+            [name] => Some(self.path.join(name)),
+            _ => Some(self.path.join("*.rrd")),
+        }
     }
 
     /// Starts `slots.csv`.
@@ -263,14 +275,25 @@ fn replace(out: &Path) -> Result<(), MissionError> {
     if let Ok(file) = File::open(&trace) {
         lock(&file, &trace)?;
     }
-    for name in FILES {
+    let names = file_names(out).at(out)?;
+    for name in names.iter().filter(|name| FILES.contains(&name.as_str()) || is_recording(name)) {
         let path = out.join(name);
-        match fs::remove_file(&path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-            removed => removed.at(&path)?,
-        }
+        fs::remove_file(&path).at(&path)?;
     }
     Ok(())
+}
+
+/// The names of the files in a folder.
+fn file_names(folder: &Path) -> io::Result<Vec<String>> {
+    fs::read_dir(folder)?.map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned())).collect()
+}
+
+/// Whether a file of this name is one of the recording: `mission.rrd`, `mission-2.rrd` ...
+fn is_recording(name: &str) -> bool {
+    let number = name.strip_prefix("mission").and_then(|rest| rest.strip_suffix(".rrd"));
+    number.is_some_and(|number| {
+        number.is_empty() || number.strip_prefix('-').is_some_and(|digits| digits.parse::<u32>().is_ok())
+    })
 }
 
 /// Makes the first free of `runs/<name>-<strategy>-<seed>`, `...-2`, `...-3`.

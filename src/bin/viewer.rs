@@ -9,8 +9,8 @@ use skysink::worker::{self, Place};
 use skysink_common::stop::Stop;
 use skysink_ring::role::Role;
 use skysink_ring::wait::stop_on_signals;
+use skysink_viewer::Sinks;
 use skysink_viewer::node::{ViewerError, run};
-use skysink_viewer::{Existing, Sinks};
 
 /// Records a run that skysink run supervises.
 #[derive(Debug, Parser)]
@@ -19,12 +19,9 @@ use skysink_viewer::{Existing, Sinks};
 struct Cli {
     #[command(flatten)]
     place: Place,
-    /// Write the recording to this file.
+    /// Write the recording to this file, or to the next of FILE-2, FILE-3 ... if it is begun.
     #[arg(long, value_name = "FILE")]
     save: Option<PathBuf>,
-    /// Go on with the recording in that file, if there is one.
-    #[arg(long = "continue", requires = "save")]
-    goes_on: bool,
     /// Serve it live on 127.0.0.1.
     #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "9876")]
     live: Option<u16>,
@@ -44,8 +41,7 @@ fn main() -> ExitCode {
 
 fn record(cli: &Cli, stop: &Stop) -> Result<(), ViewerError> {
     let (scenario, folder) = worker::join(&cli.place)?;
-    let existing = if cli.goes_on { Existing::Continue } else { Existing::Replace };
-    let sinks = Sinks { save: cli.save.clone(), existing, live: cli.live };
+    let sinks = Sinks { save: cli.save.clone(), live: cli.live };
     let missed = run::<ipc::Service>(&scenario, &folder, stop, &sinks)?;
     if missed > 0 {
         eprintln!("viewer: missed {missed} slots, marked in the recording");

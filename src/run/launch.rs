@@ -33,8 +33,6 @@ pub struct Job {
     pub role: Role,
     /// Its arguments.
     pub arguments: Vec<std::ffi::OsString>,
-    /// What only a process that is started again gets.
-    pub again: Vec<std::ffi::OsString>,
     /// What is done when it ends too early.
     pub restart: Restart,
 }
@@ -95,7 +93,7 @@ impl Crew {
         let paths: Vec<PathBuf> = jobs.iter().map(|job| executable(job.role)).collect::<Result<_, _>>()?;
         let mut crew = Self { workers: Vec::new(), ring: ring.to_owned(), patience, say, roster: Roster::default() };
         for (job, path) in jobs.into_iter().zip(paths) {
-            let (child, messages) = spawn(&path, &job, &[], &crew.say, &crew.roster)?;
+            let (child, messages) = spawn(&path, &job, &crew.say, &crew.roster)?;
             let (restarts, pulse) = (Restarts::new(job.restart), Pulse::begin(None));
             crew.workers.push(Worker {
                 job,
@@ -205,7 +203,7 @@ impl Worker {
     fn start_again(&mut self, ring: &Path, say: &Say, roster: &Roster) -> Result<(), Error> {
         self.join_messages();
         let pulse = Pulse::begin(last_heartbeat(ring, self.job.role));
-        (self.child, self.messages) = spawn(&self.path, &self.job, &self.job.again, say, roster)?;
+        (self.child, self.messages) = spawn(&self.path, &self.job, say, roster)?;
         (self.ended, self.due, self.pulse) = (None, None, pulse);
         Ok(())
     }
@@ -278,10 +276,9 @@ impl Drop for Crew {
 /// A process, and the thread that takes its messages.
 type Spawned = (Child, Option<JoinHandle<()>>);
 
-fn spawn(path: &Path, job: &Job, more: &[std::ffi::OsString], say: &Say, roster: &Roster) -> Result<Spawned, Error> {
+fn spawn(path: &Path, job: &Job, say: &Say, roster: &Roster) -> Result<Spawned, Error> {
     let mut child = Command::new(path)
         .args(&job.arguments)
-        .args(more)
         .stdin(Stdio::null())
         .stderr(Stdio::piped())
         .process_group(0) // Ctrl-C is for the launcher, which ends the others in order

@@ -253,17 +253,13 @@ fn jobs(setup: &Setup) -> Vec<Job> {
     let common = |role| {
         let arguments: Vec<OsString> =
             vec!["--scenario".into(), folder.scenario().into(), "--ring".into(), meeting.path().into()];
-        Job { role, arguments, again: Vec::new(), restart: Rule::policy(&run.restart, role) }
+        Job { role, arguments, restart: Rule::policy(&run.restart, role) }
     };
     let mut jobs: Vec<Job> = [Role::FieldSim, Role::FlightSim, Role::Planner].into_iter().map(common).collect();
     if run.viewer {
         let mut job = common(Role::Viewer);
         job.arguments.extend(["--save".into(), folder.recording().into()]);
         job.arguments.extend(run.live.map(|port| OsString::from(format!("--live={port}"))));
-        match run.place {
-            RunPlace::New { .. } => job.again.push("--continue".into()),
-            RunPlace::Resume(_) => job.arguments.push("--continue".into()),
-        }
         jobs.push(job);
     }
     jobs

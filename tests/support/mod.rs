@@ -180,6 +180,17 @@ pub fn slots(recording: &Path, entity: &str) -> BTreeSet<i64> {
     rows(recording, entity).into_keys().collect()
 }
 
+/// The files of a run's recording, in no order.
+pub fn recordings(run: &Path) -> Vec<PathBuf> {
+    let paths = fs::read_dir(run).unwrap().map(|entry| entry.unwrap().path());
+    paths.filter(|path| path.extension().is_some_and(|extension| extension == "rrd")).collect()
+}
+
+/// The slots in which any of these files holds the entity.
+pub fn slots_of_all(recordings: &[PathBuf], entity: &str) -> BTreeSet<i64> {
+    recordings.iter().flat_map(|recording| slots(recording, entity)).collect()
+}
+
 /// What a recording holds of the entity in each slot, written out.
 pub fn rows(recording: &Path, entity: &str) -> BTreeMap<i64, String> {
     let mut config = rerun::ChunkStoreConfig::DEFAULT;

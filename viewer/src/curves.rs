@@ -20,11 +20,8 @@ pub const DELIVERED: &str = "metrics/delivered";
 pub const PLAN_LATENCY: &str = "metrics/plan_latency";
 /// Slots per second of wall time.
 pub const PACE: &str = "metrics/slots_per_second";
-/// Slots that the viewer missed since the start.
+/// Slots that the viewer missed, counted in each file from its beginning.
 pub const MISSED: &str = "metrics/missed_slots";
-
-/// What every slot has; the others only where the wall clock is measured.
-pub(crate) const EVERY_SLOT: [&str; 6] = [LOSS, LOSS_MARK, FILL_MEAN, FILL_MAX, DELIVERED, MISSED];
 
 /// Entity, name with unit, colour.
 const STYLES: [(&str, &str, Rgb); 8] = [

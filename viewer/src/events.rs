@@ -5,7 +5,7 @@ use skysink_common::message::{HoldReason, Mode, SolverOutcome, Totals};
 use skysink_common::scenario::Scenario;
 
 use crate::colour;
-use crate::history::History;
+use crate::files::Part;
 use crate::scene::SlotView;
 
 /// Entity of the event log.
@@ -15,13 +15,10 @@ pub const LANE: &str = "state/uav";
 /// State of the lane where the viewer missed slots.
 pub const GAP: &str = "gap";
 
-/// How the log's line on the start begins.
-pub(crate) const START: &str = "start of mission";
-/// How its line on the first loss begins.
-pub(crate) const FIRST_LOSS: &str = "first loss";
-
-/// What the log says where there was a file to continue, but no recording in it.
-pub(crate) const NOTHING_TO_CONTINUE: &str = "the file to continue held no recording, and was replaced";
+/// What the log says where a later file of the recording begins.
+const CONTINUED: &str = "recording continued in a new file: the viewer was started again
+\
+                         Up to a second of the slots before may be missing.";
 
 /// How much an event matters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,15 +42,18 @@ impl Level {
 }
 
 /// What the log and the lane have said so far.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Events {
+    /// A line that is due with the first slot.
+    due: Option<&'static str>,
     state: Option<&'static str>,
-    lost: bool,
+    /// Whether bits were lost up to the last slot; none before the first.
+    is_lossy: Option<bool>,
 }
 
 impl Events {
     /// Styles the lane.
-    pub(crate) fn open(stream: &RecordingStream) -> RecordingStreamResult<Self> {
+    pub(crate) fn open(stream: &RecordingStream, part: Part) -> RecordingStreamResult<Self> {
         let states = [
             (Mode::Serve.name(), colour::DELIVERY),
             (Mode::Transit.name(), colour::CLOCK),
@@ -64,19 +64,13 @@ impl Events {
             .with_values(states.map(|(name, _)| name))
             .with_colors(states.map(|(_, colour)| colour::color(colour)));
         stream.log_static(LANE, &style)?;
-        Ok(Self::default())
-    }
-
-    /// Goes on where the log and the lane of a continued recording ended.
-    pub(crate) fn resume(&mut self, history: &History) {
-        let states = [Mode::Serve.name(), Mode::Transit.name(), Mode::Hold.name(), GAP];
-        self.state = states.into_iter().find(|&state| history.state() == Some(state));
-        self.lost = history.lost;
+        Ok(Self { due: (part == Part::Later).then_some(CONTINUED), state: None, is_lossy: None })
     }
 
     /// Logs what is worth telling of a slot, and its state where it changes.
     pub(crate) fn log_slot(&mut self, stream: &RecordingStream, view: &SlotView) -> RecordingStreamResult<()> {
         let flight = view.flight;
+        self.log_due(stream)?;
         if view.slot > 0 {
             self.enter(stream, Mode::of_code(flight.mode).name())?;
         }
@@ -94,16 +88,19 @@ impl Events {
         if view.plan.is_some_and(|plan| SolverOutcome::of_code(plan.solver) == SolverOutcome::Fallback) {
             write(stream, Level::Warn, "waypoint by the geometric solver, as a fallback")?;
         }
-        if !self.lost && view.header.totals.lost_bits > 0 {
-            self.lost = true;
-            let text = format!("{FIRST_LOSS}, {} bits: a storage is full", view.header.totals.lost_bits);
-            write(stream, Level::Warn, &text)?;
+        let totals = &view.header.totals;
+        // In a later file an earlier one may have told of it: it holds the losses before this slot.
+        let was_lossy = self.is_lossy.unwrap_or(totals.lost_bits > view.header.lost_bits);
+        self.is_lossy = Some(totals.lost_bits > 0);
+        if !was_lossy && totals.lost_bits > 0 {
+            write(stream, Level::Warn, &format!("first loss, {} bits: a storage is full", totals.lost_bits))?;
         }
         Ok(())
     }
 
     /// Marks slots that the viewer did not get.
     pub(crate) fn log_missed(&mut self, stream: &RecordingStream, first: u64, last: u64) -> RecordingStreamResult<()> {
+        self.log_due(stream)?;
         self.enter(stream, GAP)?;
         let text = match last - first {
             0 => format!("slot {first} missed by the viewer\nThe mission went on."),
@@ -112,10 +109,8 @@ impl Events {
         write(stream, Level::Warn, &text)
     }
 
-    /// Says again that slots were missed, after what is known of some of them.
-    pub(crate) fn log_gap(&mut self, stream: &RecordingStream) -> RecordingStreamResult<()> {
-        self.state = None;
-        self.enter(stream, GAP)
+    fn log_due(&mut self, stream: &RecordingStream) -> RecordingStreamResult<()> {
+        self.due.take().map_or(Ok(()), |text| write(stream, Level::Warn, text))
     }
 
     fn enter(&mut self, stream: &RecordingStream, state: &'static str) -> RecordingStreamResult<()> {
@@ -136,14 +131,9 @@ pub(crate) fn write(stream: &RecordingStream, level: Level, text: &str) -> Recor
 pub(crate) fn start(scenario: &Scenario, count: usize) -> String {
     let Scenario { name, seed, slots, slot_s, .. } = scenario;
     let strategy = &scenario.planner.strategy;
-    format!("{START} {name}\nstrategy {strategy}, seed {seed}, {count} sensor nodes, {slots} slots of {slot_s} s")
-}
-
-/// Where the log goes on after a restart of the viewer; `last_slot` is the last that the recording has whole.
-pub(crate) fn continued(last_slot: Option<u64>, spoilt: u64) -> String {
-    let place = last_slot.map_or("before its first slot".to_owned(), |slot| format!("after slot {slot}"));
-    let spoilt = if spoilt == 0 { String::new() } else { format!("\n{spoilt} of its messages could not be read.") };
-    format!("recording continued {place}: the viewer was restarted{spoilt}")
+    format!(
+        "start of mission {name}\nstrategy {strategy}, seed {seed}, {count} sensor nodes, {slots} slots of {slot_s} s"
+    )
 }
 
 /// What came of it; without totals if no slot brought any.

@@ -22,9 +22,6 @@ pub const CHOSEN: &str = "world/chosen";
 /// The served links.
 pub const LINKS: &str = "world/links";
 
-/// What every slot has.
-pub(crate) const EVERY_SLOT: [&str; 3] = [CANDIDATES, CHOSEN, LINKS];
-
 /// Links and circles of the scene.
 pub struct Links {
     feet: Vec<Point>,

@@ -14,6 +14,7 @@ use skysink_common::message::{FlightReport, LinkReport, SensorNode};
 use skysink_common::scenario::Scenario;
 
 use crate::colour::{self, Rgb, color};
+use crate::files::Part;
 use crate::sizes::Sizes;
 use crate::uav::position;
 use field::Field;
@@ -61,6 +62,7 @@ impl Los {
         scenario: &Scenario,
         sensors: &[SensorNode],
         sizes: &Sizes,
+        part: Part,
     ) -> RecordingStreamResult<Option<Self>> {
         let Channel::LineOfSight(link) = Channel::of(scenario) else {
             return Ok(None);
@@ -68,16 +70,9 @@ impl Los {
         log_styles(stream)?;
         let most_links = scenario.link.resource_blocks;
         let feet_m = sensors.iter().map(|sensor| [sensor.x_m, sensor.y_m]).collect();
-        let field = Field::open(stream, &link, most_links, sizes)?;
+        let field = Field::open(stream, &link, most_links, sizes, part)?;
         let profile = Profile::open(stream, scenario)?;
         Ok(Some(Self { link, feet_m, most_links, mark_above_m: 1.8 * sizes.arm_m, field, profile }))
-    }
-
-    /// What every slot has of it.
-    pub(crate) fn every_slot() -> impl Iterator<Item = String> {
-        let by_draw = |root| [MEAN, SIGHT, BLOCKED].map(|name| format!("{root}/{name}"));
-        let whole = [ALTITUDE, MARK, field::SLICE, profile::CURVES, profile::FLOWN].map(str::to_owned);
-        whole.into_iter().chain(by_draw(ELEVATION)).chain(by_draw(CHANCE))
     }
 
     /// Shows one slot; where nobody is served, only the altitude.

@@ -5,9 +5,9 @@ use std::fmt::Debug;
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::prelude::{IceoryxSend, Service, ZeroCopySend};
+use iceoryx2::prelude::{IceoryxSend, Service};
 use iceoryx2::sample::Sample;
-use skysink_common::message::{FLAG_END, FLAG_TICK, HoldReason, QueuesHeader, SlotHeader};
+use skysink_common::message::{FLAG_END, FLAG_TICK, FlightReport, HoldReason, Plan, QueuesHeader, SlotHeader};
 use skysink_common::pace::Pace;
 use skysink_common::path::{PathPoint, believable};
 use skysink_common::scenario::{Area, Scenario};
@@ -15,6 +15,7 @@ use skysink_common::stop::Stop;
 use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
 use skysink_ring::health::Health;
+use skysink_ring::journal::Journal;
 use skysink_ring::reader::{Found, Reader, Receive};
 use skysink_ring::refusals::Refusal;
 use skysink_ring::role::Role;
@@ -51,8 +52,8 @@ impl ViewerError {
     }
 }
 
-/// Records until the mission ends, and returns how many slots it missed: none in lock-step. However it ends, the
-/// recording holds what it got.
+/// Records until the mission ends, and returns how many slots this process missed: none in lock-step. However it ends,
+/// the recording holds what it got. Started again, it writes the recording's next file.
 ///
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, `stop` is requested, or the recording cannot be made.
@@ -64,59 +65,66 @@ pub fn run<S: Service + 'static>(
 ) -> Result<u64, ViewerError> {
     let seat = folder.take_seat(Role::Viewer)?;
     let ring = Ring::<S>::open(folder, scenario, Role::Viewer, &seat)?;
-    let mut patience = ring.wait_context(folder, Some(seat), stop)?;
+    let mut context = ring.wait_context(folder, Some(seat), stop)?;
+    let journal = Journal::open(&folder.journal("viewer"), 2, 0).map_err(RingError::from)?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
-    let nodes = sensors.wait_for(&mut patience, 0, |_| true, idle)?;
+    let nodes = sensors.wait_for(&mut context, 0, |_| true, idle)?;
     let mut scene =
         Scene::open(sinks, scenario, nodes.payload(), &run_name(scenario, ring.terms.mission), Timing::Measured)?;
-    let followed = follow(&ring, &mut patience, &mut scene, &scenario.area);
+    let followed = follow(&ring, &scenario.area, &mut context, &journal, &mut scene);
     let closed = scene.close();
     let missed = followed?;
     closed?;
     Ok(missed)
 }
 
-/// This process serves nobody while it waits.
+/// No other process depends on this one while it waits.
 fn idle() -> Result<(), ViewerError> {
     Ok(())
 }
 
-/// Shows every slot that arrives; returns how many did not.
+/// Shows every slot that arrives, and saves to the journal which was the last; returns how many were missed.
 fn follow<S: Service + 'static>(
     ring: &Ring<S>,
-    patience: &mut WaitContext,
-    scene: &mut Scene,
     area: &Area,
+    context: &mut WaitContext,
+    journal: &Journal,
+    scene: &mut Scene,
 ) -> Result<u64, ViewerError> {
-    let mut paths = Paths::open(ring, *area)?; // before the plans: whoever has a plan then has its path
-    let (mut plans, mut flights) = (ring.plan.reader(VIEWER_BUFFER)?, ring.flight.reader(VIEWER_BUFFER)?);
-    let (mut queues, mut health) = (ring.queues.reader(VIEWER_BUFFER)?, ring.health.reader(VIEWER_BUFFER)?);
-    let is_state = |header: &QueuesHeader| header.head.flags & FLAG_TICK == 0;
-
-    let (mut missed, mut ready, mut speed) = (0, false, Speed::default());
-    let mut next = scene.continued_after().map_or(0, |slot| slot + 1);
+    let mut readers = Readers::open(ring)?;
+    let last = journal.read().map_err(RingError::from)?.last().map(|record| record.slot);
+    // After a resume the ring begins with the last slot on record; the slots before are in earlier files, if in any.
+    let mut next = last.map(|slot| slot + 1);
+    let mut missed = 0;
+    let mut is_ready = false;
+    let mut speed = Speed::default();
     loop {
-        let sample = queues.wait_for(patience, next, is_state, idle)?;
-        let (header, slot) = (sample.user_header(), sample.user_header().head.slot);
-        let end = header.head.flags & FLAG_END != 0;
-        log_health(&mut health, scene)?;
-        // Of a slot that was over before this process was there some may be gone; in paced runs also of others.
-        let slack = (end && !ready).then_some(LEFT_OVERS);
-        let pace = if slot == 0 { Pace::Max } else { ring.terms.pace }; // the clock does not run before all are here
-        let flight = wait_for_part(&mut flights, patience, pace, slot, slack)?;
-        let plan = if slot > 0 { wait_for_part(&mut plans, patience, pace, slot, slack)? } else { None };
-        if let Some(flight) = flight.filter(|_| slot >= next) {
-            if slot > next {
-                scene.log_missed(next..=slot - 1)?;
-                missed += slot - next;
-            }
-            next = slot + 1;
+        let queues = readers.queues(context, next.unwrap_or(0))?;
+        let header = queues.user_header();
+        let slot = header.head.slot;
+        let is_end = header.head.flags & FLAG_END != 0;
+        let expected = *next.get_or_insert(slot);
+        readers.log_health(scene)?;
+        let wait = readers.wait(slot, is_end && !is_ready);
+        let flight = read(&mut readers.flights, context, slot, wait)?;
+        let plan = if slot > 0 { read(&mut readers.plans, context, slot, wait)? } else { None };
+
+        let missed_until = match flight {
+            Some(_) => slot,
+            None if is_end => slot + 1,
+            None => expected, // not known before the next slot
+        };
+        if expected < missed_until {
+            scene.log_missed(expected..=missed_until - 1)?;
+            missed += missed_until - expected;
+        }
+        if let Some(flight) = flight.filter(|_| slot >= expected) {
             let in_time = HoldReason::of_code(flight.payload().hold) != HoldReason::NoPlan;
             let plan = plan.as_ref().map(|plan| plan.payload()).filter(|_| in_time);
-            let path = paths.of(slot, patience)?.filter(|_| plan.is_some());
+            let path = readers.path(context, slot, area)?.filter(|_| plan.is_some());
             scene.log_slot(&SlotView {
                 slot,
-                queues_bits: sample.payload(),
+                queues_bits: queues.payload(),
                 header,
                 plan,
                 path: path.as_ref().map_or(&[], |path| path.payload()),
@@ -124,119 +132,139 @@ fn follow<S: Service + 'static>(
                 slots_per_s: speed.slots_per_s(header),
                 plan_ms: plan.map(|plan| plan.plan_ns as f64 / 1e6),
             })?;
+            journal.write(slot, &[]).map_err(RingError::from)?;
+            next = Some(slot + 1);
         }
-        if !ready {
+
+        if !is_ready {
             // Connected to every writer: from here on no slot can be lost on the way.
-            if !end && pace == Pace::Max {
-                plans.wait_until_there(patience, slot + 1, idle)?;
+            if !is_end && wait == Wait::UntilPassed {
+                readers.plans.wait_until_there(context, slot + 1, idle)?;
             }
-            ready = true;
+            is_ready = true;
             ring.commit.say(VIEWER_READY)?;
         }
-        if end {
-            if next <= slot {
-                scene.log_missed(next..=slot)?;
-                missed += slot + 1 - next;
-            }
-            log_health(&mut health, scene)?;
+        if is_end {
+            readers.log_health(scene)?;
             return Ok(missed);
         }
     }
 }
 
-/// How long it is waited for what may be left of a slot that was sent before this process was there.
+/// The topics that the viewer reads.
+struct Readers<S: Service + 'static> {
+    queues: Reader<S, [u32], QueuesHeader>,
+    plans: Reader<S, Plan, SlotHeader>,
+    paths: Reader<S, [PathPoint], SlotHeader>,
+    flights: Reader<S, FlightReport, SlotHeader>,
+    health: Reader<S, Health, SlotHeader>,
+    pace: Pace,
+    /// Slots whose path has been read.
+    paths_read: u32,
+}
+
+/// How long to wait for a sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Wait {
+    /// Until it is there, or a later one is.
+    UntilPassed,
+    /// No longer than this.
+    AtMost(Duration),
+}
+
+/// How long to wait for what may have been sent before this process was there.
 const LEFT_OVERS: Duration = Duration::from_millis(500);
 
-/// The part of a slot that another topic holds; none if it was missed. A writer that waits for this reader's buffer may
-/// reach it later than the queues do.
-fn wait_for_part<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static>(
-    parts: &mut Reader<S, P, SlotHeader>,
-    patience: &mut WaitContext,
-    pace: Pace,
-    slot: u64,
-    slack: Option<Duration>,
-) -> Result<Option<Sample<S, P, SlotHeader>>, ViewerError> {
-    match (pace, slack) {
-        (Pace::Max, None) => parts.wait_or_pass(patience, slot, idle),
-        (Pace::Max, Some(slack)) => look_for(parts, patience, slot, slack),
-        (Pace::Factor(_), _) => look_for(parts, patience, slot, Duration::ZERO),
+/// How often it is polled for.
+const POLL: Duration = Duration::from_millis(10);
+
+/// Slots whose path may have been sent before this process was there. It then arrives when the writer next serves late
+/// joiners, which may be after the plan.
+const PATHS_BEFORE: u32 = 2;
+
+impl<S: Service + 'static> Readers<S> {
+    fn open(ring: &Ring<S>) -> Result<Self, RingError> {
+        Ok(Self {
+            paths: ring.path.reader(PATH_BUFFER)?, // before the plans: whoever has a plan then has its path
+            plans: ring.plan.reader(VIEWER_BUFFER)?,
+            flights: ring.flight.reader(VIEWER_BUFFER)?,
+            queues: ring.queues.reader(VIEWER_BUFFER)?,
+            health: ring.health.reader(VIEWER_BUFFER)?,
+            pace: ring.terms.pace,
+            paths_read: 0,
+        })
+    }
+
+    /// The next queues that arrive; `slot` is expected.
+    fn queues(&mut self, context: &mut WaitContext, slot: u64) -> Result<Sample<S, [u32], QueuesHeader>, ViewerError> {
+        let is_state = |header: &QueuesHeader| header.head.flags & FLAG_TICK == 0;
+        self.queues.wait_for(context, slot, is_state, idle)
+    }
+
+    /// How long to wait for the other samples of a slot. Of one that `was_over` before this process was there some may be
+    /// gone; in paced runs also of others.
+    fn wait(&self, slot: u64, was_over: bool) -> Wait {
+        match self.pace {
+            Pace::Factor(_) if slot > 0 => Wait::AtMost(Duration::ZERO), // the clock starts when everybody is there
+            _ if was_over => Wait::AtMost(LEFT_OVERS),
+            _ => Wait::UntilPassed,
+        }
+    }
+
+    /// The path of a slot whose plan is there; none if there is none, or one that cannot be, which is refused.
+    fn path(
+        &mut self,
+        context: &mut WaitContext,
+        slot: u64,
+        area: &Area,
+    ) -> Result<Option<Sample<S, [PathPoint], SlotHeader>>, ViewerError> {
+        let may_be_late = slot > 0 && self.paths_read < PATHS_BEFORE && self.pace == Pace::Max;
+        self.paths_read = self.paths_read.saturating_add(1);
+        let limit = if may_be_late && self.paths.has_writer() { LEFT_OVERS } else { Duration::ZERO };
+        let path = read(&mut self.paths, context, slot, Wait::AtMost(limit))?;
+        let is_good = path.as_ref().is_none_or(|path| believable(path.payload(), area));
+        if !is_good {
+            self.paths.refuse(slot, Refusal::Path);
+        }
+        Ok(path.filter(|_| is_good))
+    }
+
+    /// Adds what has become of the processes to the event log.
+    fn log_health(&mut self, scene: &Scene) -> Result<(), ViewerError> {
+        while let Some(sample) = self.health.receive()? {
+            if let Some((role, fate)) = sample.payload().read() {
+                let level = if fate.good() { Level::Info } else { Level::Warn };
+                scene.log_event(sample.user_header().slot, level, &format!("{} {fate}", role.name()))?;
+            }
+        }
+        Ok(())
     }
 }
 
-/// Looks for a message for `long`, and at least once.
-fn look_for<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static>(
-    parts: &mut Reader<S, P, SlotHeader>,
-    patience: &mut WaitContext,
+/// The sample of a slot; none if it was missed. A writer that waits for this reader's buffer may reach it later than the
+/// queues do.
+fn read<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static>(
+    reader: &mut Reader<S, P, SlotHeader>,
+    context: &mut WaitContext,
     slot: u64,
-    long: Duration,
+    wait: Wait,
 ) -> Result<Option<Sample<S, P, SlotHeader>>, ViewerError>
 where
     Subscriber<S, P, SlotHeader>: Receive<S, P, SlotHeader>,
 {
-    let deadline = Instant::now() + long;
+    let Wait::AtMost(limit) = wait else { return reader.wait_or_pass(context, slot, idle) };
+    let deadline = Instant::now() + limit;
     loop {
-        match parts.look_for(slot)? {
-            Found::Here(part) => return Ok(Some(part)),
-            Found::NotYet if Instant::now() < deadline => patience.sleep_until(Instant::now() + GLANCE, idle)?,
+        match reader.look_for(slot)? {
+            Found::Here(sample) => return Ok(Some(sample)),
+            Found::NotYet if Instant::now() < deadline => context.sleep_until(Instant::now() + POLL, idle)?,
             Found::NotYet | Found::Passed => return Ok(None),
         }
     }
 }
 
-/// How often it is looked for what is left.
-const GLANCE: Duration = Duration::from_millis(10);
-
-/// The paths of the slots, of planners that send them before their plans.
-struct Paths<S: Service + 'static> {
-    reader: Reader<S, [PathPoint], SlotHeader>,
-    area: Area,
-    pace: Pace,
-    /// Slots that were looked for.
-    looked: u32,
-}
-
-/// Slots whose path may have been sent before this process was there. It then comes with the writer's next look at who
-/// has joined, which may be after that of the plan.
-const BEFORE: u32 = 2;
-
-impl<S: Service + 'static> Paths<S> {
-    fn open(ring: &Ring<S>, area: Area) -> Result<Self, RingError> {
-        Ok(Self { reader: ring.path.reader(PATH_BUFFER)?, area, pace: ring.terms.pace, looked: 0 })
-    }
-
-    /// The path of a slot whose plan is there; none if it has none, or one that cannot be, which is refused.
-    fn of(
-        &mut self,
-        slot: u64,
-        patience: &mut WaitContext,
-    ) -> Result<Option<Sample<S, [PathPoint], SlotHeader>>, ViewerError> {
-        let awaited = slot > 0 && self.looked < BEFORE && self.pace == Pace::Max && self.reader.has_writer();
-        self.looked = self.looked.saturating_add(1);
-        let long = if awaited { LEFT_OVERS } else { Duration::ZERO };
-        let path = look_for(&mut self.reader, patience, slot, long)?;
-        let is_good = path.as_ref().is_none_or(|path| believable(path.payload(), &self.area));
-        if !is_good {
-            self.reader.refuse(slot, Refusal::Path);
-        }
-        Ok(path.filter(|_| is_good))
-    }
-}
-
-/// Adds what has become of the processes to the event log.
-fn log_health<S: Service + 'static>(
-    health: &mut Reader<S, Health, SlotHeader>,
-    scene: &Scene,
-) -> Result<(), ViewerError> {
-    while let Some(sample) = health.receive()? {
-        if let Some((role, fate)) = sample.payload().read() {
-            let level = if fate.good() { Level::Info } else { Level::Warn };
-            scene.log_event(sample.user_header().slot, level, &format!("{} {fate}", role.name()))?;
-        }
-    }
-    Ok(())
-}
-
-/// What the recording is called. rerun merges recordings of one name, so that every run has its own.
+/// Name of the recording, and its id unless earlier files have one. rerun merges recordings of one id: each run has its
+/// own.
 fn run_name(scenario: &Scenario, mission: u64) -> String {
     let strategy = &scenario.planner.strategy;
     format!("{}-{strategy}-{} ({:08x})", scenario.name, scenario.seed, mission >> 32)

@@ -7,7 +7,7 @@ use rerun::{LineStrips3D, Points3D, Radius, RecordingStream, RecordingStreamResu
 use skysink_common::path::{MAX_POINTS, PathPoint};
 
 use crate::colour::{self, color};
-use crate::history::History;
+use crate::files::Part;
 use crate::sizes::Sizes;
 use crate::uav::Point;
 
@@ -20,15 +20,12 @@ pub const TRACK: &str = "world/path_track";
 /// Its waypoints.
 pub const TRACK_STOPS: &str = "world/path_track/stops";
 
-/// What every slot has of them, once one has.
-const EVERY_SLOT: [&str; 4] = [PATH, STOPS, TRACK, TRACK_STOPS];
-
 /// Legs of the path that are drawn alike: the farther, the likelier the plan still changes, and the fainter.
 const BANDS: [usize; 4] = [4, 8, 16, MAX_POINTS];
 
 /// The path of the scene.
 pub struct Path {
-    /// Whether a slot before had one.
+    /// Whether a slot before had one, or may have had one in an earlier file.
     begun: bool,
     /// How much higher a band is than the one after it: a path that returns to a place shows its nearer part.
     step_m: f32,
@@ -36,7 +33,7 @@ pub struct Path {
 
 impl Path {
     /// Styles the path.
-    pub(crate) fn open(stream: &RecordingStream, sizes: &Sizes) -> RecordingStreamResult<Self> {
+    pub(crate) fn open(stream: &RecordingStream, sizes: &Sizes, part: Part) -> RecordingStreamResult<Self> {
         let colours = |[near, far]: [colour::Rgb; 2]| {
             (0..BANDS.len()).map(move |band| colour::between(near, far, band as f64 / (BANDS.len() - 1) as f64))
         };
@@ -49,17 +46,7 @@ impl Path {
             stream.log_static(path, &line)?;
             stream.log_static(at, &stops)?;
         }
-        Ok(Self { begun: false, step_m: 0.002 * sizes.radius_m })
-    }
-
-    /// Goes on with what a recording has.
-    pub(crate) fn resume(&mut self, history: &History) {
-        self.begun = EVERY_SLOT.into_iter().any(|entity| history.has(entity));
-    }
-
-    /// What every slot has of it from here on.
-    pub(crate) fn every_slot(&self) -> &'static [&'static str] {
-        if self.begun { &EVERY_SLOT } else { &[] }
+        Ok(Self { begun: part == Part::Later, step_m: 0.002 * sizes.radius_m })
     }
 
     /// Draws the path of a slot; a single point, which is the slot's own waypoint, is none.

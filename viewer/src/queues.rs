@@ -63,11 +63,6 @@ impl Queues {
         self.capacities_bits.len()
     }
 
-    /// What every slot has of them.
-    pub(crate) fn every_slot(&self) -> impl Iterator<Item = &'static str> + use<> {
-        std::iter::once(POINTS).chain(self.bars.as_ref().map(|_| BARS))
-    }
-
     /// Colours the sensor nodes of one slot; one queue [bit] per sensor node.
     pub(crate) fn log_slot(&self, stream: &RecordingStream, queues_bits: &[u32]) -> RecordingStreamResult<Fill> {
         let pairs = || queues_bits.iter().copied().zip(self.capacities_bits.iter().copied());

@@ -9,7 +9,7 @@ use rerun::log::ChunkBatcherConfig;
 use rerun::sink::{FileSink, FileSinkError, LogSink, SinkFlushError};
 use rerun::{RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 
-use crate::takeover::{Begun, Existing, Found, Past};
+use crate::files::{NextFile, Part};
 
 /// Application id of every recording: the rerun viewer keeps one layout per application.
 pub const APPLICATION: &str = "skysink";
@@ -34,10 +34,9 @@ const HISTORY_BYTES: u64 = 512 << 20;
 /// Where the recording goes.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Sinks {
-    /// File to write.
+    /// First file of the recording. If something was written to it already, a later one is written: `mission-2.rrd`
+    /// after `mission.rrd`, and so on.
     pub save: Option<PathBuf>,
-    /// What to do with it if it is there already.
-    pub existing: Existing,
     /// Port on 127.0.0.1 where a viewer may connect at any time; 0 takes a free one.
     pub live: Option<u16>,
 }
@@ -55,14 +54,6 @@ pub enum SceneError {
         path: PathBuf,
         /// Why not.
         source: FileSinkError,
-    },
-    /// The file that is there already cannot be read or replaced.
-    #[error("recording {}: {source}: expected a file that can be read and replaced", path.display())]
-    Unusable {
-        /// The file.
-        path: PathBuf,
-        /// Why not.
-        source: std::io::Error,
     },
     /// The port is taken.
     #[error("live viewer: port {port} of 127.0.0.1: {source}: choose another port, or end what listens there")]
@@ -103,24 +94,23 @@ fn at(path: &Option<PathBuf>) -> String {
 pub struct Recording {
     stream: RecordingStream,
     name: String,
+    part: Part,
     save: Option<PathBuf>,
-    found: Found,
     live: Option<u16>,
 }
 
 impl Recording {
-    /// Opens the sinks. The recording's id is its name, unless it is continued and has one, and nothing in it depends
-    /// on the clock. A file that is continued stays as it is until `take_over`.
+    /// Opens the sinks. The recording's id is its name, unless earlier files have begun it with another. Nothing in it
+    /// depends on the clock.
     ///
     /// # Errors
-    /// If there is no sink, the file cannot be created, read or replaced, or the port is taken.
+    /// If there is no sink, the file cannot be created, or the port is taken.
     pub fn open(sinks: &Sinks, name: &str) -> Result<Self, SceneError> {
         let mut open: Vec<Box<dyn LogSink>> = Vec::new();
         let live = sinks.live.map(free_port).transpose()?; // before the file: a refusal must not truncate one
-        let found = sinks.save.as_ref().map_or(Ok(Found::Nothing), |path| Found::at(path, sinks.existing))?;
-        if let Some(path) = &sinks.save {
-            let draft = found.begun().map_or_else(|| path.clone(), Begun::draft);
-            let file = FileSink::new(draft).map_err(|source| SceneError::File { path: path.clone(), source })?;
+        let next = sinks.save.as_deref().map(|first| NextFile::find(first, APPLICATION));
+        if let Some(NextFile { path, .. }) = &next {
+            let file = FileSink::new(path).map_err(|source| SceneError::File { path: path.clone(), source })?;
             open.push(Box::new(file));
         }
         if let Some(port) = live {
@@ -129,7 +119,9 @@ impl Recording {
         if open.is_empty() {
             return Err(SceneError::Nowhere);
         }
-        let name = found.begun().map_or(name, Begun::name).to_owned();
+        let (save, begun) = next.map_or((None, None), |next| (Some(next.path), next.recording_id));
+        let part = if begun.is_some() { Part::Later } else { Part::First };
+        let name = begun.unwrap_or_else(|| name.to_owned());
         let flush_tick = if live.is_some() { LIVE_TICK } else { FILE_TICK };
         let stream = RecordingStreamBuilder::new(APPLICATION)
             .recording_id(name.as_str())
@@ -140,25 +132,19 @@ impl Recording {
         stream.set_log_time_enabled(false);
         stream.set_log_tick_enabled(false);
         stream.send_recording_name(name.as_str())?;
-        Ok(Self { stream, name, save: sinks.save.clone(), found, live })
-    }
-
-    /// Takes over what the file held before, once all that stays is logged and nothing that has a time.
-    ///
-    /// # Errors
-    /// If the file cannot be read or replaced; then it is as it was.
-    pub(crate) fn take_over(&self) -> Result<Past, SceneError> {
-        Ok(match &self.found {
-            Found::Nothing => Past::Nothing,
-            Found::NoRecording => Past::NoRecording,
-            Found::Begun(begun) => Past::Recording(begun.take_over(&self.stream, FLUSH_LIMIT)?),
-        })
+        Ok(Self { stream, name, part, save, live })
     }
 
     /// Name and id of the recording.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    /// Whether its file begins it.
+    #[must_use]
+    pub(crate) fn part(&self) -> Part {
+        self.part
     }
 
     /// The stream.

@@ -10,15 +10,15 @@ use skysink_common::path::PathPoint;
 use skysink_common::scenario::Scenario;
 
 use crate::events::{self, Events, Level};
+use crate::files::Part;
 use crate::links::Links;
 use crate::los::Los;
 use crate::path::Path;
 use crate::queues::Queues;
 use crate::recording::{Recording, SceneError, Sinks};
 use crate::sizes::Sizes;
-use crate::takeover::Past;
-use crate::uav::{self, Uav};
-use crate::{blueprint, curves, legend, links};
+use crate::uav::Uav;
+use crate::{blueprint, curves, legend};
 
 /// Whether somebody measures the wall clock, so that its curves get a place on the screen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,28 +60,18 @@ pub struct Scene {
     links: Links,
     los: Option<Los>,
     events: Events,
-    last_slot: u64,
+    last_slot: Option<u64>,
     last_totals: Option<Totals>,
+    /// Slots missed since the file began.
     missed_slots: u64,
-    continued: Continued,
-}
-
-/// How far a recording was when it was continued; nothing if it was not.
-#[derive(Debug, Clone, Copy, Default)]
-struct Continued {
-    /// The last slot that it had whole.
-    whole: Option<u64>,
-    /// The last slot of which it showed anything.
-    seen: Option<u64>,
 }
 
 impl Scene {
-    /// Opens the sinks, draws everything that stays, and takes over what a file to continue has of earlier slots. If
-    /// there is such a file the recording keeps its name instead of `run_name`.
+    /// Opens the sinks and draws everything that stays. If the file continues a recording, that keeps its name instead of
+    /// `run_name`.
     ///
     /// # Errors
-    /// If there is no sink, the file cannot be created, read or replaced, the port is taken, or the recording library
-    /// refuses.
+    /// If there is no sink, the file cannot be created, the port is taken, or the recording library refuses.
     pub fn open(
         sinks: &Sinks,
         scenario: &Scenario,
@@ -90,65 +80,34 @@ impl Scene {
         timing: Timing,
     ) -> Result<Self, SceneError> {
         let recording = Recording::open(sinks, run_name)?;
-        let (stream, sizes) = (recording.stream(), Sizes::of(scenario, sensors.len()));
+        let (stream, part) = (recording.stream(), recording.part());
+        let sizes = Sizes::of(scenario, sensors.len());
         blueprint::send(stream, recording.name(), &sizes, scenario, timing)?;
         let queues = Queues::open(stream, sensors, &sizes)?;
         let uav = Uav::open(stream, &sizes)?;
-        let path = Path::open(stream, &sizes)?;
+        let path = Path::open(stream, &sizes, part)?;
         let links = Links::open(stream, scenario, sensors, &sizes)?;
-        let los = Los::open(stream, scenario, sensors, &sizes)?;
-        let events = Events::open(stream)?;
+        let los = Los::open(stream, scenario, sensors, &sizes, part)?;
+        let events = Events::open(stream, part)?;
         curves::open(stream)?;
         legend::log(stream, scenario, sensors.len(), &sizes, links.rates_bps())?;
-        let scenario = scenario.clone();
-        let (last_slot, last_totals, missed_slots, continued) = (0, None, 0, Continued::default());
-        #[rustfmt::skip]
-        let mut scene = Self {
-            recording, scenario, queues, uav, path, links, los, events, last_slot, last_totals, missed_slots, continued,
+        let scene = Self {
+            recording,
+            scenario: scenario.clone(),
+            queues,
+            uav,
+            path,
+            links,
+            los,
+            events,
+            last_slot: None,
+            last_totals: None,
+            missed_slots: 0,
         };
-        scene.begin()?;
+        if part == Part::First {
+            scene.log_event(0, Level::Info, &events::start(scenario, sensors.len()))?;
+        }
         Ok(scene)
-    }
-
-    /// Begins the log, or goes on with that of the recording before.
-    fn begin(&mut self) -> Result<(), SceneError> {
-        let past = self.recording.take_over()?;
-        if !matches!(&past, Past::Recording(history) if history.started) {
-            self.log_event(0, Level::Info, &events::start(&self.scenario, self.queues.count()))?;
-        }
-        match past {
-            Past::Nothing => Ok(()),
-            Past::NoRecording => self.log_event(0, Level::Warn, events::NOTHING_TO_CONTINUE),
-            Past::Recording(history) => {
-                self.path.resume(&history);
-                let whole = history.last_whole(&self.every_slot());
-                self.continued = Continued { whole, seen: history.last_seen() };
-                self.last_slot = whole.unwrap_or(0);
-                self.missed_slots = whole.map_or(0, |slot| history.missed_slots_at(slot));
-                self.events.resume(&history);
-                self.log_event(self.last_slot, Level::Warn, &events::continued(whole, history.spoilt))
-            }
-        }
-    }
-
-    /// Entities that every slot has.
-    fn every_slot(&self) -> Vec<String> {
-        let plain = uav::EVERY_SLOT.into_iter().chain(links::EVERY_SLOT).chain(curves::EVERY_SLOT);
-        let path = self.path.every_slot().iter().copied();
-        let plain = plain.chain(self.queues.every_slot()).chain(path).map(str::to_owned);
-        plain.chain(self.los.iter().flat_map(|_| Los::every_slot())).collect()
-    }
-
-    /// The last slot that a continued recording has whole; the next one is either logged or missed.
-    #[must_use]
-    pub fn continued_after(&self) -> Option<u64> {
-        self.continued.whole
-    }
-
-    /// Slots missed so far, those of a continued recording included.
-    #[must_use]
-    pub fn missed_slots(&self) -> u64 {
-        self.missed_slots
     }
 
     /// Address to open in a viewer, if the scene is served live.
@@ -157,8 +116,7 @@ impl Scene {
         self.recording.live_url()
     }
 
-    /// Adds a slot. Slots come in ascending order, and none that was reported as missed. A slot that a continued
-    /// recording has whole stays as it is.
+    /// Adds a slot. Slots come in ascending order, and none that was reported as missed.
     ///
     /// # Errors
     /// If the slot does not fit the sensor list, or the recording library refuses.
@@ -167,10 +125,8 @@ impl Scene {
         if found != expected {
             return Err(SceneError::Queues { slot, found, expected });
         }
-        (self.last_slot, self.last_totals) = (slot.max(self.last_slot), Some(view.header.totals));
-        if self.continued.whole.is_some_and(|whole| slot <= whole) {
-            return Ok(());
-        }
+        self.last_slot = Some(slot);
+        self.last_totals = Some(view.header.totals);
         self.recording.set_slot(slot, self.scenario.slot_s);
         let stream = self.recording.stream();
         let fill = self.queues.log_slot(stream, view.queues_bits)?;
@@ -185,33 +141,15 @@ impl Scene {
     }
 
     /// Marks slots that the viewer did not get: an event, a gap in the lane, and nothing left of the slot before that
-    /// would look like one of theirs. The next slot's curve of missed slots counts them. Slots that a continued
-    /// recording has whole are not missed.
+    /// would look like one of theirs. The next slot's curve of missed slots counts them.
     ///
     /// # Errors
     /// If the recording library refuses.
     pub fn log_missed(&mut self, slots: RangeInclusive<u64>) -> Result<(), SceneError> {
         let (first, last) = slots.into_inner();
-        let first = self.continued.whole.map_or(first, |whole| first.max(whole + 1));
-        if first > last {
-            return Ok(());
-        }
         self.missed_slots += last - first + 1;
-        self.last_slot = self.last_slot.max(last);
-        self.log_nothing(first)?;
-        self.events.log_missed(self.recording.stream(), first, last)?;
-        match self.continued.seen {
-            Some(seen) if (first..last).contains(&seen) => {
-                self.log_nothing(seen + 1)?;
-                Ok(self.events.log_gap(self.recording.stream())?)
-            }
-            _ => Ok(()),
-        }
-    }
-
-    /// Takes away from `slot` on what was only true in a slot.
-    fn log_nothing(&mut self, slot: u64) -> Result<(), SceneError> {
-        self.recording.set_slot(slot, self.scenario.slot_s);
+        self.last_slot = Some(last);
+        self.recording.set_slot(first, self.scenario.slot_s);
         let stream = self.recording.stream();
         self.uav.log_missed(stream)?;
         self.path.log_missed(stream)?;
@@ -219,7 +157,7 @@ impl Scene {
         if let Some(los) = &mut self.los {
             los.log_missed(stream)?;
         }
-        Ok(())
+        Ok(self.events.log_missed(stream, first, last)?)
     }
 
     /// Adds a line to the event log.
@@ -236,8 +174,10 @@ impl Scene {
     /// # Errors
     /// If something could not be written, now or earlier.
     pub fn close(self) -> Result<(), SceneError> {
-        let text = events::end(&self.scenario, self.last_slot, self.last_totals.as_ref(), self.missed_slots);
-        self.log_event(self.last_slot, Level::Info, &text)?;
+        if let Some(slot) = self.last_slot {
+            let text = events::end(&self.scenario, slot, self.last_totals.as_ref(), self.missed_slots);
+            self.log_event(slot, Level::Info, &text)?;
+        }
         self.recording.close()
     }
 }

@@ -29,9 +29,6 @@ pub const COVERAGE: &str = "world/coverage";
 /// The plumb line from the UAV to the ground.
 pub const PLUMB: &str = "world/plumb";
 
-/// What every slot has of them.
-pub(crate) const EVERY_SLOT: [&str; 6] = [UAV, TRAIL, TRACK, PLAN, COVERAGE, PLUMB];
-
 /// A position in the scene [m].
 pub type Point = [f32; 3];
 

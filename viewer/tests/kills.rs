@@ -1,37 +1,34 @@
-//! Viewers that are killed, again and again, while they record and while they take over.
+//! Viewers that are killed, again and again, while they record and while they begin a file.
 
 mod chunks;
 mod support;
 
 use std::fs;
-use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use chunks::{Chunks, recording};
-use skysink_viewer::{Existing, Scene, Sinks, Timing, uav};
-use support::{Slot, letter, sensors};
+use skysink_viewer::{Scene, Sinks, Timing};
+use support::{Slot, files, letter, sensors};
 
 const WATCHDOG: Duration = Duration::from_secs(120);
 const SENSORS: u32 = 200;
 const FILE: &str = "SKYSINK_TEST_RECORDING";
+const FIRST_SLOT: &str = "SKYSINK_TEST_FIRST_SLOT";
 
-fn open(path: &Path) -> Scene {
-    let sinks = Sinks { save: Some(path.to_owned()), existing: Existing::Continue, live: None };
-    Scene::open(&sinks, &letter(), &sensors(SENSORS), "killed", Timing::Unmeasured).unwrap()
+fn open(path: &Path, name: &str) -> Scene {
+    let sinks = Sinks { save: Some(path.to_owned()), live: None };
+    Scene::open(&sinks, &letter(), &sensors(SENSORS), name, Timing::Unmeasured).unwrap()
 }
 
-/// Records for ever, from where the one before ended, with a gap in between.
+/// Records for ever.
 #[test]
-#[ignore = "ends only if it is killed; the other tests start it"]
+#[ignore = "ends only if it is killed; the other test starts it"]
 fn a_viewer_to_be_killed() {
     let Ok(path) = std::env::var(FILE) else { return };
-    let mut scene = open(Path::new(&path));
-    let first = scene.continued_after().map_or(0, |slot| slot + 5);
-    if first > 0 {
-        scene.log_missed(0..=first - 1).unwrap();
-    }
+    let first: u64 = std::env::var(FIRST_SLOT).unwrap().parse().unwrap();
+    let mut scene = open(Path::new(&path), &format!("from {first}"));
     for slot in first.. {
         scene.log_slot(&Slot::new(slot, SENSORS as usize).view()).unwrap();
         std::thread::sleep(Duration::from_millis(2));
@@ -41,9 +38,10 @@ fn a_viewer_to_be_killed() {
 struct Killed(Child);
 
 impl Killed {
-    fn start(path: &Path) -> Self {
+    fn start(path: &Path, first: u64) -> Self {
         let mut command = Command::new(std::env::current_exe().unwrap());
-        command.args(["--exact", "a_viewer_to_be_killed", "--ignored"]).env(FILE, path);
+        command.args(["--exact", "a_viewer_to_be_killed", "--ignored"]);
+        command.env(FILE, path).env(FIRST_SLOT, first.to_string());
         Self(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
     }
 
@@ -64,59 +62,33 @@ impl Drop for Killed {
     }
 }
 
-/// The newest slot of anything.
-fn newest_of(chunks: &Chunks) -> Option<i64> {
-    chunks.timed.values().filter(|(entity, _)| *entity != "/log/events").flat_map(|(_, slots)| slots).copied().max()
-}
-
-fn newest(path: &Path) -> Option<i64> {
-    newest_of(&if path.exists() { Chunks::of(path) } else { Chunks::default() })
-}
-
-/// Which file it is, and how long.
-fn state(path: &Path) -> (u64, u64) {
-    fs::metadata(path).map_or((0, 0), |file| (file.ino(), file.len()))
-}
-
 #[test]
 fn nothing_written_is_lost_however_often_a_viewer_is_killed() {
     let folder = tempfile::tempdir().unwrap();
-    let (path, draft): (_, PathBuf) = (folder.path().join("mission.rrd"), folder.path().join(".mission.rrd.part"));
-    let mut known = Chunks::default();
+    let first = folder.path().join("mission.rrd");
+    let mut written: Vec<(PathBuf, Vec<u8>)> = Vec::new();
     for round in 0..8 {
-        let (before, rest) = (state(&path), state(&draft));
-        let viewer = Killed::start(&path);
-        let first = std::cell::Cell::new(None);
+        let viewer = Killed::start(&first, 10_000 * round);
+        let last = || files(&first).into_iter().nth(written.len());
+        let newest = || last().and_then(|path| Chunks::of(&path).newest());
         match round % 4 {
-            // While it records, well after the first slots were written, so that they are there in all their parts.
-            0 => viewer.at(|| {
-                let now = newest(&path);
-                if first.get().is_none() && now > newest_of(&known) {
-                    first.set(now);
-                }
-                first.get().is_some_and(|first| now > Some(first + 50))
-            }),
-            // While it records, as soon as a slot of anything was written.
-            2 => viewer.at(|| newest(&path) > newest_of(&known)),
-            // At the very beginning of the take-over.
-            1 => viewer.at(|| state(&draft) != rest),
-            // Somewhere within it.
-            _ => viewer.at(|| state(&draft).1 > before.1 / 2 || state(&path).0 != before.0),
+            // While it records, well after the first slots were written.
+            0 => viewer.at(|| newest() > Some(10_000 * round as i64 + 50)),
+            // As soon as its file is there, or holds the beginning of a recording.
+            1 => viewer.at(|| last().is_some()),
+            2 => viewer.at(|| last().is_some_and(|path| fs::metadata(path).unwrap().len() > 12)),
+            // As soon as a slot of anything was written.
+            _ => viewer.at(|| newest().is_some()),
         }
-        let now = Chunks::of(&path);
-        for (id, chunk) in &known.timed {
-            assert_eq!(now.timed.get(id), Some(chunk), "round {round}");
+        for (path, bytes) in &written {
+            assert!(fs::read(path).unwrap() == *bytes, "round {round}: {}", path.display());
         }
-        known = now;
+        written = files(&first).into_iter().map(|path| (path.clone(), fs::read(path).unwrap())).collect();
+        written.retain(|(_, bytes)| !bytes.is_empty()); // the next viewer writes the file that is still empty
     }
-    let mut scene = open(&path);
-    let after = scene.continued_after().unwrap();
-    scene.log_slot(&Slot::new(after + 1, SENSORS as usize).view()).unwrap();
-    scene.close().unwrap();
-    assert_eq!(recording(&path), "killed");
-    let found = Chunks::of(&path);
-    assert!(known.timed.iter().all(|(id, chunk)| found.timed.get(id) == Some(chunk)));
-    let slots = found.slots_of(&format!("/{}", uav::UAV));
-    assert!(slots.contains(&i64::try_from(after).unwrap()) && slots.len() > 100, "{} slots", slots.len());
-    assert!(!draft.exists());
+    open(&first, "the last").close().unwrap();
+    let files = files(&first);
+    assert_eq!(recording(files.last().unwrap()), "from 0");
+    let ids: Vec<_> = files.iter().filter_map(|path| Chunks::of(path).recording_id).collect();
+    assert!(ids.len() > 4 && ids.iter().all(|id| id == "from 0"), "{ids:?}");
 }

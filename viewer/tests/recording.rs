@@ -16,7 +16,7 @@ use support::{Found, Slot, letter, sensors};
 const SENSORS: u32 = 20;
 
 fn open(path: &Path, count: u32) -> Scene {
-    let sinks = Sinks { save: Some(path.to_owned()), live: None, ..Sinks::default() };
+    let sinks = Sinks { save: Some(path.to_owned()), live: None };
     Scene::open(&sinks, &letter(), &sensors(count), "test-run", Timing::Unmeasured).unwrap()
 }
 
@@ -247,7 +247,7 @@ fn two_thousand_sensor_nodes_are_bars_and_one_more_are_points() {
 #[test]
 fn wall_clock_figures_are_curves_where_they_are_known() {
     let found = in_folder(|path| {
-        let sinks = Sinks { save: Some(path.to_owned()), live: None, ..Sinks::default() };
+        let sinks = Sinks { save: Some(path.to_owned()), live: None };
         let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "timed", Timing::Measured).unwrap();
         let slot = Slot::new(1, SENSORS as usize);
         let view = skysink_viewer::SlotView { slots_per_s: Some(250.0), plan_ms: Some(0.5), ..slot.view() };
@@ -276,7 +276,7 @@ fn a_file_holds_what_was_logged_before_it_is_closed() {
 #[test]
 fn a_place_that_cannot_be_written_is_refused_by_name() {
     let path = Path::new("/nowhere/mission.rrd");
-    let sinks = Sinks { save: Some(path.to_owned()), live: None, ..Sinks::default() };
+    let sinks = Sinks { save: Some(path.to_owned()), live: None };
     let refusal = Scene::open(&sinks, &letter(), &sensors(1), "x", Timing::Unmeasured).err().unwrap().to_string();
     assert!(refusal.starts_with("recording /nowhere/mission.rrd: ") && !refusal.contains('\n'), "{refusal}");
 }
@@ -287,7 +287,7 @@ fn a_port_in_use_is_refused_by_number_and_no_file_is_touched() {
         std::fs::write(path, "precious").unwrap();
         let listener = TcpListener::bind(("127.0.0.1", 0)).unwrap();
         let port = listener.local_addr().unwrap().port();
-        let sinks = Sinks { save: Some(path.to_owned()), live: Some(port), ..Sinks::default() };
+        let sinks = Sinks { save: Some(path.to_owned()), live: Some(port) };
         let refusal = Scene::open(&sinks, &letter(), &sensors(1), "x", Timing::Measured).err().unwrap();
         assert!(matches!(refusal, SceneError::Port { .. }));
         let line = refusal.to_string();
@@ -313,7 +313,7 @@ fn a_slot_with_another_number_of_queues_is_refused() {
 #[test]
 fn a_live_scene_listens_on_this_machine_and_writes_the_same_file() {
     in_folder(|path| {
-        let sinks = Sinks { save: Some(path.to_owned()), live: Some(0), ..Sinks::default() };
+        let sinks = Sinks { save: Some(path.to_owned()), live: Some(0) };
         let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "live", Timing::Unmeasured).unwrap();
         let url = scene.live_url().unwrap();
         let place = url.strip_prefix("rerun+http://").and_then(|url| url.strip_suffix("/proxy")).unwrap();

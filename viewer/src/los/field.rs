@@ -7,6 +7,7 @@ use rerun::components::{Colormap, ImageFormat};
 use rerun::{ChannelDatatype, Clear, ColorModel, GridMap, RecordingStream, RecordingStreamResult, VoxelGridMap};
 use skysink_common::channel::LineOfSight;
 
+use crate::files::Part;
 use crate::sizes::Sizes;
 
 /// The slice: mean chance over the served sensor nodes.
@@ -36,7 +37,10 @@ pub(super) struct Field {
     slice_half_m: f32,
     shape: Funnel,
     most_funnels: usize,
+    /// Funnels that this file has drawn last.
     funnels: usize,
+    /// Funnels that may be on the screen: those, or some of an earlier file.
+    visible: usize,
 }
 
 impl Field {
@@ -45,6 +49,7 @@ impl Field {
         link: &LineOfSight,
         most_funnels: usize,
         sizes: &Sizes,
+        part: Part,
     ) -> RecordingStreamResult<Self> {
         let slice_half_m = SLICE_RADII * sizes.radius_m;
         let cells = u32::from(SLICE_CELLS);
@@ -63,7 +68,8 @@ impl Field {
                 .with_opacity(0.13);
             stream.log_static(format!("{FUNNELS}/{place}"), &style)?;
         }
-        Ok(Self { slice_half_m, shape, most_funnels, funnels: 0 })
+        let visible = if part == Part::Later { most_funnels } else { 0 };
+        Ok(Self { slice_half_m, shape, most_funnels, funnels: 0, visible })
     }
 
     /// Shows the slice around the UAV and a funnel above each of the served sensor nodes.
@@ -103,10 +109,11 @@ impl Field {
             }
             stream.log(format!("{FUNNELS}/{place}"), &funnel)?;
         }
-        for place in served_m.len()..self.funnels {
+        for place in served_m.len()..self.visible {
             stream.log(format!("{FUNNELS}/{place}"), &Clear::flat())?;
         }
         self.funnels = served_m.len();
+        self.visible = self.funnels;
         Ok(())
     }
 }

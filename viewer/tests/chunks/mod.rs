@@ -1,24 +1,22 @@
-//! What a recording is made of, message by message.
+//! What a file of a recording is made of, message by message.
 #![allow(dead_code)] // each test program uses its part
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
 use rerun::TimelineName;
-use rerun::external::re_log_encoding::{DecoderApp, Encoder};
+use rerun::external::re_log_encoding::DecoderApp;
 use rerun::log::{Chunk, ChunkId, LogMsg};
 
-/// The chunks of a recording, as far as they are whole.
+/// The chunks of a file, as far as they are whole.
 #[derive(Debug, Default)]
 pub struct Chunks {
+    /// Id of the recording that the first message names.
+    pub recording_id: Option<String>,
     /// Entity and slots of those that have a time.
     pub timed: BTreeMap<ChunkId, (String, Vec<i64>)>,
-    /// How many have none.
-    pub stay: usize,
-    /// How many are of the layout.
-    pub layout: usize,
 }
 
 impl Chunks {
@@ -26,32 +24,22 @@ impl Chunks {
     pub fn of(path: &Path) -> Self {
         let mut chunks = Self::default();
         let messages = DecoderApp::decode_lazy(BufReader::new(File::open(path).unwrap()));
-        for message in messages.map_while(Result::ok) {
-            match &message {
-                LogMsg::ArrowMsg(store, _) if !store.is_recording() => chunks.layout += 1,
-                LogMsg::ArrowMsg(_, chunk) => {
-                    let chunk = Chunk::from_arrow_msg(chunk).unwrap();
-                    if chunk.is_static() {
-                        chunks.stay += 1;
-                    } else {
-                        let before = chunks.timed.insert(chunk.id(), (chunk.entity_path().to_string(), slots(&chunk)));
-                        assert_eq!(before, None, "a chunk is there twice");
-                    }
-                }
-                _ => {}
+        for message in messages.map_while(Result::ok).filter(|message| message.store_id().is_recording()) {
+            let id = message.store_id().recording_id().to_string();
+            assert_eq!(chunks.recording_id.get_or_insert_with(|| id.clone()), &id);
+            let LogMsg::ArrowMsg(_, chunk) = &message else { continue };
+            let chunk = Chunk::from_arrow_msg(chunk).unwrap();
+            if !chunk.is_static() {
+                let before = chunks.timed.insert(chunk.id(), (chunk.entity_path().to_string(), slots(&chunk)));
+                assert_eq!(before, None, "a chunk is there twice");
             }
         }
         chunks
     }
 
-    /// The entities that have a time.
-    pub fn entities(&self) -> impl Iterator<Item = String> + use<> {
-        self.timed.values().map(|(entity, _)| entity.clone()).collect::<BTreeSet<_>>().into_iter()
-    }
-
-    /// Slots of one of them.
-    pub fn slots_of(&self, entity: &str) -> BTreeSet<i64> {
-        self.timed.values().filter(|(name, _)| name == entity).flat_map(|(_, slots)| slots.clone()).collect()
+    /// The newest slot of anything but the event log.
+    pub fn newest(&self) -> Option<i64> {
+        self.timed.values().filter(|(entity, _)| entity != "/log/events").flat_map(|(_, slots)| slots).copied().max()
     }
 }
 
@@ -77,21 +65,4 @@ pub fn recording(path: &Path) -> String {
     let footer = footers.iter().find(|footer| footer.store_id.is_recording()).expect("a footer");
     assert_eq!(footer.col_chunk_id().unwrap().collect::<BTreeSet<_>>(), ids);
     names.into_iter().next().unwrap()
-}
-
-/// Writes a recording again, without its footer and the chunks of an entity that have `slot`.
-pub fn leave_out(path: &Path, entity: &str, slot: i64) {
-    let messages: Vec<_> =
-        DecoderApp::decode_lazy(BufReader::new(File::open(path).unwrap())).map(Result::unwrap).collect();
-    let is_out = |message: &LogMsg| match message {
-        LogMsg::ArrowMsg(store, chunk) if store.is_recording() => {
-            let chunk = Chunk::from_arrow_msg(chunk).unwrap();
-            chunk.entity_path().to_string() == entity && slots(&chunk).contains(&slot)
-        }
-        _ => false,
-    };
-    let mut encoder = Encoder::local().unwrap();
-    encoder.do_not_emit_footer();
-    encoder.extend(messages.iter().filter(|message| !is_out(message)).map(Ok)).unwrap();
-    fs::write(path, encoder.into_inner().unwrap()).unwrap();
 }

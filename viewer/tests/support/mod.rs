@@ -2,7 +2,7 @@
 #![allow(dead_code)] // each test program uses its part
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use rerun::external::arrow::array::Array;
 use rerun::{ChunkStore, ChunkStoreConfig, TimeColumn, TimelineName};
@@ -34,6 +34,13 @@ pub fn sensors(count: u32) -> Vec<SensorNode> {
         reserved: 0,
     };
     (0..count).map(sensor).collect()
+}
+
+/// The files of a recording that exist, in the order in which they were begun.
+pub fn files(first: &Path) -> Vec<PathBuf> {
+    let stem = first.file_stem().unwrap().to_str().unwrap();
+    let later = (2..).map(|number| first.with_file_name(format!("{stem}-{number}.rrd")));
+    std::iter::once(first.to_owned()).chain(later).take_while(|path| path.exists()).collect()
 }
 
 /// One slot of a mission, whole.
@@ -137,6 +144,12 @@ impl Found {
     pub fn slots_of(&self, entity: &str) -> BTreeSet<i64> {
         let entity = format!("/{entity}");
         self.cells.keys().filter(|(name, ..)| *name == entity).filter_map(|(_, _, slot, _)| *slot).collect()
+    }
+
+    /// Slots in which a component of an entity was logged.
+    pub fn slots_of_component(&self, entity: &str, component: &str) -> BTreeSet<i64> {
+        let is_it = |cell: &&Cell| cell.0 == format!("/{entity}") && cell.1 == component;
+        self.cells.keys().filter(is_it).filter_map(|(_, _, slot, _)| *slot).collect()
     }
 
     /// What an entity's component holds in a slot, or statically; written out, empty if nothing was logged.
