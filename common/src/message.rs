@@ -6,6 +6,7 @@
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "node")]
 use iceoryx2::prelude::ZeroCopySend;
+use nalgebra::Point3;
 
 pub use crate::ledger::Totals;
 use crate::scenario::MAX_RESOURCE_BLOCKS;
@@ -201,6 +202,12 @@ impl Plan {
             served: 0,
             ids: [NOBODY; MAX_SERVED],
         }
+    }
+
+    /// Where the slot ends [m].
+    #[must_use]
+    pub fn waypoint(&self) -> Point3<f64> {
+        Point3::new(self.x_m, self.y_m, self.z_m)
     }
 
     /// Replaces the schedule, in the order given.

@@ -1,7 +1,8 @@
 //! One slot of flight: fly to the waypoint, then talk to the sensor nodes that are really in range.
 
+use nalgebra::Point3;
 use skysink_common::channel::{Channel, Draw, Uplink};
-use skysink_common::geometry::{Position, distance_squared, within};
+use skysink_common::geometry::{Position, within};
 use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode, Plan, SensorNode};
 use skysink_common::random::Streams;
 use skysink_common::scenario::Scenario;
@@ -43,7 +44,7 @@ impl Flight {
 
     /// Puts the UAV where a flight of this mission has ended.
     pub fn take_over(&mut self, report: &FlightReport) {
-        self.vehicle.take_over(report.position(), report.z_m);
+        self.vehicle.restore(Point3::new(report.x_m, report.y_m, report.z_m));
     }
 
     /// Flies `slot`, from 1. Without a plan, and with an impossible waypoint, the UAV holds and serves nobody; a sensor
@@ -54,7 +55,7 @@ impl Flight {
         let Some(plan) = plan else {
             return FlightReport { hold: HoldReason::NoPlan.code(), ..self.report(Mode::Hold) };
         };
-        if !self.vehicle.fly_to(Position::new(plan.x_m, plan.y_m), plan.z_m) {
+        if !self.vehicle.fly_to(plan.waypoint()) {
             return FlightReport { hold: HoldReason::Waypoint.code(), refused: 1, ..self.report(Mode::Hold) };
         }
         let mut report = self.report(match Mode::of_code(plan.mode) {
@@ -83,14 +84,13 @@ impl Flight {
     }
 
     fn in_range(&self, sensor: u32) -> bool {
-        let uav = self.vehicle.position();
+        let uav = self.vehicle.position().xy();
         self.positions.get(sensor as usize).is_some_and(|position| within(&uav, position, self.comm_radius_m))
     }
 
     fn link_report(&self, slot: u64, sensor: u32) -> LinkReport {
         let index = sensor as usize;
-        let d2_m2 = distance_squared(&self.vehicle.position(), &self.positions[index]);
-        let uplink = Uplink { gain: self.gains[index], d2_m2, z_m: self.vehicle.altitude_m() };
+        let uplink = Uplink::new(self.gains[index], &self.positions[index], &self.vehicle.position());
         let Draw { line_of_sight, rate_bps } = self.channel.draw(&uplink, &self.streams, slot, sensor);
         LinkReport {
             sensor,
@@ -104,7 +104,7 @@ impl Flight {
 
     fn report(&self, mode: Mode) -> FlightReport {
         let position = self.vehicle.position();
-        FlightReport::at(position.x, position.y, self.vehicle.altitude_m(), mode)
+        FlightReport::at(position.x, position.y, position.z, mode)
     }
 }
 
