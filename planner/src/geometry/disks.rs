@@ -25,8 +25,18 @@ impl Disk {
         if self.contains(target) {
             return *target;
         }
+        self.rim_toward(target)
+    }
+
+    /// The point of the rim in the direction of `target`.
+    fn rim_toward(&self, target: &Position) -> Position {
         let from_centre = target - self.centre;
         self.centre + from_centre * (self.radius_m / from_centre.norm())
+    }
+
+    /// Whether the disk holds `point` without any slack.
+    fn contains_strictly(&self, point: &Position) -> bool {
+        distance_squared(point, &self.centre) <= self.radius_m * self.radius_m
     }
 }
 
@@ -61,6 +71,28 @@ impl Nearest<'_> {
             self.best = Some((away_m2, candidate));
         }
     }
+}
+
+/// The point of both disks that is nearest to `target`, without the slack of decision D5; if they miss each other by
+/// rounding, a point between them.
+///
+/// A plan over many slots is flown through this point. With [`project`], which takes a point for inside that is up to the
+/// slack outside, most flights would be the same, but not all of them.
+#[must_use]
+pub fn nearest_in_both(target: &Position, reach: &Disk, range: &Disk) -> Position {
+    if range.contains_strictly(target) && reach.contains_strictly(target) {
+        return *target;
+    }
+    for (disk, other) in [(range, reach), (reach, range)] {
+        if !disk.contains_strictly(target) {
+            let point = disk.rim_toward(target);
+            if other.contains_strictly(&point) {
+                return point;
+            }
+        }
+    }
+    let [a, b] = crossings(reach, range);
+    if distance_squared(&a, target) <= distance_squared(&b, target) { a } else { b }
 }
 
 /// Where the circles of `a` and `b` cross, twice the same point where they only touch.

@@ -4,6 +4,7 @@ use skysink_common::geometry::{Position, distance_squared};
 
 use super::choice::Candidate;
 use super::world::World;
+use crate::geometry::disks::{Disk, nearest_in_both};
 
 /// Slack of the number of slots to a stop, relative to one slot's reach; far below the slack of decision D5.
 const SLOT_SLACK: f64 = 1e-11;
@@ -33,6 +34,15 @@ pub struct Leg {
     pub at: Position,
     /// Index of its first visit; those on the way to it belong to it.
     pub first: u32,
+}
+
+/// Legs with their visits.
+#[derive(Debug, Clone, Default)]
+pub struct Trace {
+    /// Stops in the order of flight.
+    pub legs: Vec<Leg>,
+    /// Visits in the order of time.
+    pub visits: Vec<Visit>,
 }
 
 /// What the sources hold, as the slot in which each would have been empty: `e_i`, so that a queue is
@@ -69,37 +79,8 @@ pub fn slots_to(world: &World, from: &Position, place: u32) -> i32 {
 /// The point within `reach_m` of `from` and `radius_m` of `centre` that is nearest to `target`.
 #[must_use]
 pub fn aim(from: &Position, reach_m: f64, centre: &Position, radius_m: f64, target: &Position) -> Position {
-    let inside = |point: &Position, of: &Position, radius_m: f64| distance_squared(point, of) <= radius_m * radius_m;
-    let pulled = |of: &Position, radius_m: f64| {
-        let away = target - of;
-        of + away * (radius_m / away.norm())
-    };
-    let in_range = inside(target, centre, radius_m);
-    let in_reach = inside(target, from, reach_m);
-    if in_range && in_reach {
-        return *target;
-    }
-    if !in_range {
-        let point = pulled(centre, radius_m);
-        if inside(&point, from, reach_m) {
-            return point;
-        }
-    }
-    if !in_reach {
-        let point = pulled(from, reach_m);
-        if inside(&point, centre, radius_m) {
-            return point;
-        }
-    }
-    let between = centre - from;
-    let apart_m = between.norm();
-    let foot_m = ((apart_m + (reach_m - radius_m) * ((reach_m + radius_m) / apart_m)) / 2.0).min(reach_m);
-    let along = between / apart_m;
-    let half_chord_m = ((reach_m - foot_m) * (reach_m + foot_m)).max(0.0).sqrt();
-    let foot = from + along * foot_m;
-    let across = nalgebra::Vector2::new(-along.y, along.x) * half_chord_m;
-    let ends = [foot + across, foot - across];
-    if distance_squared(&ends[0], target) <= distance_squared(&ends[1], target) { ends[0] } else { ends[1] }
+    let reach = Disk { centre: *from, radius_m: reach_m };
+    nearest_in_both(target, &reach, &Disk { centre: *centre, radius_m })
 }
 
 /// The state of a flight under decoding.

@@ -6,8 +6,8 @@
 use skysink_common::geometry::Position;
 
 use super::choice::late_slots;
-use super::flight::{Decoder, Leg, Visit, serve};
-use super::states::{Rejoined, States};
+use super::flight::{Decoder, Leg, Trace, Visit, serve};
+use super::states::{Change, Rejoined, States};
 use super::world::{Source, World};
 
 /// A stop of a changed plan that the old plan does not have in this order.
@@ -26,26 +26,6 @@ pub struct Outlook {
     pub beyond_slots: f64,
     /// Slots until everybody can be served once, from anywhere.
     pub revisit_slots: f64,
-}
-
-/// Legs with their visits.
-#[derive(Debug, Clone, Default)]
-pub struct Trace {
-    /// Stops in the order of flight.
-    pub legs: Vec<Leg>,
-    /// Visits in the order of time.
-    pub visits: Vec<Visit>,
-}
-
-/// A change under trial: legs `from..` of the old trace are replaced by `trace`, then the old ones from `rest` on,
-/// `shift` slots later.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Change {
-    pub(super) from: usize,
-    pub(super) trace: Trace,
-    pub(super) rest: Option<(usize, i32)>,
-    /// Where the rest is as it was.
-    pub(super) rejoined: Option<Rejoined>,
 }
 
 /// The forecast of a plan.

@@ -1,7 +1,7 @@
 //! States of a plan that are kept, so that a change of it is flown from the last one before the change to the first one
 //! behind it that is reached again.
 
-use super::forecast::Change;
+use super::flight::Trace;
 use super::world::{Doubt, Source, World};
 
 /// Fewest legs between two stored states.
@@ -20,6 +20,17 @@ pub struct Rejoined {
     pub state: usize,
     /// How much more the changed plan has lost until then, counting what has overflowed [bit].
     pub more_bits: f64,
+}
+
+/// A change under trial: legs `from..` of the old trace are replaced by `trace`, then the old ones from `rest` on,
+/// `shift` slots later.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Change {
+    pub(super) from: usize,
+    pub(super) trace: Trace,
+    pub(super) rest: Option<(usize, i32)>,
+    /// Where the rest is as it was.
+    pub(super) rejoined: Option<Rejoined>,
 }
 
 /// When each source is empty before a leg, and what has been lost until then [bit].
