@@ -4,7 +4,7 @@ use std::hint::black_box;
 use std::path::Path;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use skysink_common::geometry::Position;
+use skysink_common::geometry::{Position, above};
 use skysink_common::message::{FlightReport, Mode};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
@@ -49,7 +49,7 @@ fn plan(criterion: &mut Criterion) {
         group.bench_function(name, |bencher| {
             bencher.iter(|| {
                 let (slot, (position, altitude_m, queues)) = slots.next().expect("endless");
-                black_box(planner.step(slot, position, *altitude_m, queues))
+                black_box(planner.step(slot, above(position, *altitude_m), queues))
             });
         });
     }

@@ -3,6 +3,12 @@
 /// A position on the ground [m], in the frame of the area: origin in its south-west corner, x east, y north.
 pub type Position = nalgebra::Point2<f64>;
 
+/// The point at the altitude `z_m` [m] above `ground`.
+#[must_use]
+pub fn above(ground: &Position, z_m: f64) -> nalgebra::Point3<f64> {
+    nalgebra::Point3::new(ground.x, ground.y, z_m)
+}
+
 /// Slack of [`within`], relative to the radius.
 ///
 /// The candidate circles of Algorithm 1 pass exactly *through* sensor nodes; a bare `≤` would drop them by rounding.

@@ -329,6 +329,12 @@ impl FlightReport {
     pub fn position(&self) -> crate::geometry::Position {
         crate::geometry::Position::new(self.x_m, self.y_m)
     }
+
+    /// Where the UAV is at the end of the slot, `L_u(t)` [m].
+    #[must_use]
+    pub fn point(&self) -> Point3<f64> {
+        Point3::new(self.x_m, self.y_m, self.z_m)
+    }
 }
 
 /// Payload of `commit`: the slot in the sample's header is on record.

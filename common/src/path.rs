@@ -2,6 +2,7 @@
 
 #[cfg(feature = "node")]
 use iceoryx2::prelude::ZeroCopySend;
+use nalgebra::Point3;
 
 use crate::geometry::{Position, RANGE_SLACK};
 use crate::scenario::Area;
@@ -22,9 +23,9 @@ pub struct PathPoint {
     pub z_m: f64,
 }
 
-impl From<[f64; 3]> for PathPoint {
-    fn from([x_m, y_m, z_m]: [f64; 3]) -> Self {
-        Self { x_m, y_m, z_m }
+impl From<Point3<f64>> for PathPoint {
+    fn from(point: Point3<f64>) -> Self {
+        Self { x_m: point.x, y_m: point.y, z_m: point.z }
     }
 }
 
@@ -47,7 +48,7 @@ mod tests {
     #[test]
     fn the_layout_stays_what_it_is() {
         assert_eq!(size_of::<PathPoint>(), 24);
-        let point = PathPoint::from([1.0, 2.0, 3.0]);
+        let point = PathPoint::from(Point3::new(1.0, 2.0, 3.0));
         assert_eq!((point.x_m, point.y_m, point.z_m), (1.0, 2.0, 3.0));
     }
 
@@ -61,7 +62,10 @@ mod tests {
     #[test]
     fn one_point_that_is_nowhere_spoils_a_path() {
         let good = [100.0, 50.0, 20.0];
-        assert!(believable(&[good.into(), [0.0, 0.0, 1e9].into()], &AREA), "the rim is part of the area");
+        assert!(
+            believable(&[PathPoint::from(Point3::from(good)), Point3::new(0.0, 0.0, 1e9).into()], &AREA),
+            "the rim is part of the area"
+        );
         for (axis, value) in [
             (0, f64::NAN),
             (1, f64::NAN),
@@ -76,7 +80,7 @@ mod tests {
         ] {
             let mut bad = good;
             bad[axis] = value;
-            assert!(!believable(&[good.into(), bad.into()], &AREA), "{bad:?}");
+            assert!(!believable(&[PathPoint::from(Point3::from(good)), Point3::from(bad).into()], &AREA), "{bad:?}");
         }
     }
 }

@@ -7,13 +7,14 @@ use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
+use skysink_common::checkpoint::Checkpoint;
 use skysink_common::scenario::{Count, Scenario, ScenarioError};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
-use skysink_planner::Planner;
 use skysink_planner::horizon::bound::mission_bound;
 use skysink_planner::settings::{Knowledge, Rates, Settings, Strategy, change};
+use skysink_planner::strategies::offline::Offline;
 
 use crate::error::LabError;
 use crate::progress::{LabProgress, OnProgress};
@@ -145,8 +146,8 @@ pub fn optimize(job: &Optimization, stop: &Stop, on_progress: OnProgress) -> Res
 fn steps_in(time: Duration, offline: &Scenario, list: &SensorList) -> Result<u64, LabError> {
     let trial = searching(offline, TRIAL_STEPS)?;
     let begin = Instant::now();
-    let mut planner = Planner::new(&trial, &list.nodes(trial.sensors.capacity_bits))?;
-    planner.prepare(&list.queues_bits(), &mut |_| ControlFlow::Continue(()));
+    let nodes = list.nodes(trial.sensors.capacity_bits);
+    Offline::search(&trial, &nodes, &list.queues_bits(), &mut |_| ControlFlow::Continue(()))?;
     let took = begin.elapsed();
     let trials = time.saturating_sub(took).as_secs_f64() / took.as_secs_f64();
     Ok(((TRIAL_STEPS as f64 * trials) as u64).clamp(TRIAL_STEPS, MAX_STEPS))
@@ -161,7 +162,7 @@ fn searching(offline: &Scenario, steps: u64) -> Result<Scenario, ScenarioError> 
     })
 }
 
-/// The plan of `offline`, as the memory of its planner before slot 1; none if no sensor node can be reached.
+/// The plan of `offline`, as the checkpoint of the strategy before slot 1; none if no sensor node can be reached.
 fn search(
     offline: &Scenario,
     steps: u64,
@@ -169,25 +170,30 @@ fn search(
     stop: &Stop,
     on_progress: OnProgress,
 ) -> Result<Option<Vec<u8>>, LabError> {
-    let mut planner = Planner::new(offline, &list.nodes(offline.sensors.capacity_bits))?;
+    let nodes = list.nodes(offline.sensors.capacity_bits);
     let mut stopped = Ok(());
-    let found = planner.prepare(&list.queues_bits(), &mut |search| {
+    let found = Offline::search(offline, &nodes, &list.queues_bits(), &mut |search| {
         let loss_rate = Some(loss_rate(search.loss_bits, offline, list));
         on_progress(LabProgress { done: (search.share * steps as f64) as u64, of: steps, loss_rate });
         stopped = stop.check();
         if stopped.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });
     stopped?;
-    Ok(found.map(|_| planner.memory().to_vec()))
+    Ok(found?.map(|(planned, _)| {
+        let mut plan = Vec::new();
+        planned.save(&mut plan);
+        plan
+    }))
 }
 
 /// The mission before slot 1, with the plan of `offline` if there is one.
 fn mission(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList) -> Result<Mission, ScenarioError> {
-    let mut mission = Mission::new(scenario, list)?;
-    if let Some(plan) = plan {
-        mission.recall(plan).expect("the plan of this very mission");
-    }
-    Ok(mission)
+    let Some(plan) = plan else {
+        return Mission::new(scenario, list);
+    };
+    let mut planned = Offline::of(scenario, &list.nodes(scenario.sensors.capacity_bits))?;
+    planned.restore(plan).expect("the plan of this very mission");
+    Mission::with_strategy(scenario, list, Box::new(planned))
 }
 
 /// What the strategy of a scenario loses.

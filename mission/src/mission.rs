@@ -2,13 +2,14 @@
 
 use std::time::Instant;
 
-use skysink_common::message::{FLAG_END, FlightReport, Plan, QueuesHeader, SlotHeader};
+use nalgebra::Point3;
+use skysink_common::message::{FLAG_END, FlightReport, Plan, QueuesHeader, SensorNode, SlotHeader};
 use skysink_common::scenario::{Scenario, ScenarioError};
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::{Field, SlotBits};
 use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
-use skysink_planner::memory::MemoryError;
+use skysink_planner::strategies::Strategy;
 
 /// A mission under way, as an iterator over its slots.
 pub struct Mission {
@@ -39,25 +40,37 @@ impl Mission {
     /// # Errors
     /// If `[planner]` of the scenario is refused; never for one that was read by [`skysink_planner::settings`].
     pub fn new(scenario: &Scenario, list: &SensorList) -> Result<Self, ScenarioError> {
+        Self::with_planner(scenario, list, Planner::new)
+    }
+
+    /// The mission before slot 1, planned by `strategy`, whatever the scenario names.
+    ///
+    /// # Errors
+    /// As [`Mission::new`].
+    pub fn with_strategy(
+        scenario: &Scenario,
+        list: &SensorList,
+        strategy: Box<dyn Strategy>,
+    ) -> Result<Self, ScenarioError> {
+        Self::with_planner(scenario, list, |scenario, nodes| Planner::with_strategy(scenario, nodes, strategy))
+    }
+
+    fn with_planner(
+        scenario: &Scenario,
+        list: &SensorList,
+        planner: impl FnOnce(&Scenario, &[SensorNode]) -> Result<Planner, ScenarioError>,
+    ) -> Result<Self, ScenarioError> {
         let nodes = list.nodes(scenario.sensors.capacity_bits);
         let flight = Flight::new(scenario, &nodes);
         Ok(Self {
             field: Field::new(scenario, list),
-            planner: Planner::new(scenario, &nodes)?,
+            planner: planner(scenario, &nodes)?,
             report: flight.start(),
             flight,
             slot: 0,
             slots: scenario.slots,
             moved: SlotBits::default(),
         })
-    }
-
-    /// Takes over what a planner of the same mission remembers before slot 1.
-    ///
-    /// # Errors
-    /// If it is the memory of another.
-    pub fn recall(&mut self, memory: &[u8]) -> Result<(), MemoryError> {
-        self.planner.recall(0, memory)
     }
 
     /// The ledger after the last slot flown.
@@ -86,7 +99,7 @@ impl Mission {
 
     /// Where the last plan leads, its own waypoint first [m]: more than one point for strategies that know.
     #[must_use]
-    pub fn path(&self) -> &[[f64; 3]] {
+    pub fn path(&self) -> &[Point3<f64>] {
         self.planner.path()
     }
 
@@ -118,8 +131,7 @@ impl Mission {
     pub fn plan(&mut self) -> Plan {
         let begin = Instant::now();
         self.planner.observe(self.slot, &self.report, self.field.queues_bits());
-        let position = self.report.position();
-        let mut plan = self.planner.step(self.slot + 1, &position, self.report.z_m, self.field.queues_bits());
+        let mut plan = self.planner.step(self.slot + 1, self.report.point(), self.field.queues_bits());
         plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
         plan
     }

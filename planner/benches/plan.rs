@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
 use criterion::{Bencher, Criterion, criterion_group, criterion_main};
-use skysink_common::geometry::{Position, within};
+use skysink_common::geometry::{Position, above, within};
 use skysink_common::message::Plan;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
@@ -19,7 +19,7 @@ use skysink_planner::geometry::disks::{Disk, project};
 use skysink_planner::geometry::grid::Grid;
 use skysink_planner::sensor_table::SensorTable;
 use skysink_planner::settings::Strategy;
-use skysink_planner::strategies::baselines::transit_waypoint;
+use skysink_planner::strategies::transit::transit_waypoint;
 use skysink_planner::waypoint::conic::ConicSolver;
 use skysink_planner::waypoint::plane;
 use skysink_planner::waypoint::problem::Problem;
@@ -68,7 +68,7 @@ fn fly(bencher: &mut Bencher, flight: &mut Flight, planner: &mut Planner) {
         let mut taken = Duration::ZERO;
         for _ in 0..slots {
             let begin = Instant::now();
-            let plan = black_box(planner.step(flight.slot, &flight.position, 20.0, &flight.queues_bits));
+            let plan = black_box(planner.step(flight.slot, above(&flight.position, 20.0), &flight.queues_bits));
             taken += begin.elapsed();
             flight.live(&plan);
         }
@@ -89,7 +89,7 @@ fn look(bencher: &mut Bencher, flight: &mut Flight, table: &SensorTable, planner
             let in_reach = candidates.iter().filter(|(position, _)| within(position, &flight.position, table.reach_m));
             black_box(in_reach.map(|&(_, queue_bits)| u64::from(queue_bits)).sum::<u64>());
             taken += begin.elapsed();
-            flight.live(&planner.step(flight.slot, &flight.position, 20.0, &flight.queues_bits));
+            flight.live(&planner.step(flight.slot, above(&flight.position, 20.0), &flight.queues_bits));
         }
         taken
     });
@@ -147,7 +147,7 @@ fn slots_with_four() -> Slots {
     let mut flight = Flight::new(&scenario, &initial_bits);
     let (mut slots, mut problems) = (Vec::new(), Vec::new());
     while problems.len() < 500 {
-        let plan = planner.step(flight.slot, &flight.position, 20.0, &flight.queues_bits);
+        let plan = planner.step(flight.slot, above(&flight.position, 20.0), &flight.queues_bits);
         let place = |&id: &u32| Position::new(nodes[id as usize].x_m, nodes[id as usize].y_m);
         let places: Vec<Position> = plan.scheduled().iter().map(place).collect();
         if places.len() == 4 {

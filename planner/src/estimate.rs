@@ -1,13 +1,14 @@
 //! What the UAV can know of the queues: what it was told on contact, and what must have come since.
 //!
 //! A contact is a slot whose flight serves the sensor node (SN). The SN then says what it holds as the slot begins,
-//! `B_i(t−1)`, and what it still holds at its end, `B_i(t)`. How contacts become bytes is next door; what is made of
-//! the believed queues is left to the strategies.
+//! `B_i(t−1)`, and what it still holds at its end, `B_i(t)`. How contacts become a checkpoint is next door; what is
+//! made of the believed queues is left to the strategies.
 
-mod remembering;
+mod saved;
 
-pub(crate) use remembering::BYTES_EACH;
+pub(crate) use saved::{BYTES_EACH, Saved};
 
+use serde::{Deserialize, Serialize};
 use skysink_common::arrivals::bits_between;
 use skysink_common::message::{FlightReport, SensorNode};
 use skysink_common::scenario::{Scenario, Sensors};
@@ -76,7 +77,7 @@ struct Belief {
 }
 
 /// What the gaps between contacts tell of a rate. A gap lasts from the end of a contact to the beginning of the next.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 struct Learnt {
     /// Sampled in the gaps that ended with room in the storage [bit].
     bits: u64,

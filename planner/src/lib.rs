@@ -16,16 +16,12 @@
 //! | [`geometry`] | disks, grids and tours, which all of these use |
 //! | [`node`] | the planner as a process of the ring |
 
-mod carried;
 pub mod estimate;
 pub mod geometry;
 pub mod horizon;
-pub mod memory;
 #[cfg(feature = "node")]
 pub mod node;
 pub mod planner;
-#[cfg(feature = "node")]
-pub mod recollection;
 pub mod sensor_table;
 pub mod settings;
 pub mod strategies;

@@ -1,6 +1,6 @@
 //! planner as a process of the ring: answers the queues of a slot with the plan of the next.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use iceoryx2::prelude::Service;
 use skysink_common::message::{FLAG_END, FLAG_TICK, QueuesHeader, SlotHeader};
@@ -8,17 +8,43 @@ use skysink_common::pace::Pace;
 use skysink_common::path::{MAX_POINTS, PathPoint};
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
-use skysink_ring::error::{NodeError, RingError};
+use skysink_ring::error::{JournalError, NodeError, RingError};
 use skysink_ring::folder::RingFolder;
+use skysink_ring::journal::Journal;
 use skysink_ring::reader::Found;
 use skysink_ring::refusals::Refusal;
 use skysink_ring::role::Role;
 use skysink_ring::topics::{Full, RING_BUFFER, Ring};
 use skysink_ring::writer::Writer;
 
+use crate::estimate::BYTES_EACH;
 use crate::planner::Planner;
-use crate::recollection::Recollection;
 use crate::settings::Settings;
+use crate::strategies::{self, Timing};
+
+/// Slots in the journal: the three that a planner may be asked for again, and room for one that is cut.
+const SLOTS: u64 = 4;
+
+/// Most bytes of a checkpoint beside those for each sensor node.
+const ROOM: usize = 1 << 23;
+
+/// The journal in the ring's folder of a planner over `count` sensor nodes.
+///
+/// # Errors
+/// If the file cannot be opened.
+pub fn journal(folder: &RingFolder, count: usize) -> Result<Journal, JournalError> {
+    Journal::open(&folder.journal("plans"), SLOTS, ROOM + BYTES_EACH * count)
+}
+
+/// Brings a planner that is new to where its predecessor was before it planned `slot`, or after the last slot before that
+/// which is in the journal; to be done before it observes or plans anything. In paced runs slots may be skipped; it then
+/// resumes from what there is.
+fn resume(journal: &Journal, slot: u64, planner: &mut Planner) -> Result<(), JournalError> {
+    if planner.slot() == 0 {
+        journal.restore_before(slot, planner)?;
+    }
+    Ok(())
+}
 
 /// Plans until the mission ends. Started again, it answers what the others still have, as it did before.
 ///
@@ -31,7 +57,8 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let mut patience = ring.wait_context(folder, Some(seat), stop)?;
     // Before the plans, so that whoever has a plan finds the writer of its path.
     let path_writer = || ring.path.list_writer(MAX_POINTS, Full::Miss, stop, ring.timeout());
-    let paths = settings.strategy.has_path().then(path_writer).transpose()?;
+    let has_path = strategies::find(settings.strategy.name()).is_some_and(|strategy| strategy.has_path);
+    let paths = has_path.then(path_writer).transpose()?;
     let plans = ring.plan.writer(Full::of(ring.terms.pace), stop, ring.timeout())?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let mut queues = ring.queues.reader(RING_BUFFER)?;
@@ -44,9 +71,9 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let nodes = sensors.wait_for(&mut patience, 0, |_| true, serve_joiners)?;
     let mut planner = Planner::new(scenario, nodes.payload())?;
     if let Pace::Factor(_) = ring.terms.pace {
-        planner.limit(settings.horizon.budget_ms.map(Duration::from));
+        planner.set_timing(Timing::Paced);
     }
-    let mut recollection = Recollection::open(folder, &planner, nodes.payload().len()).map_err(RingError::from)?;
+    let journal = journal(folder, nodes.payload().len()).map_err(RingError::from)?;
     let mut next = 0;
     loop {
         let is_state = |header: &QueuesHeader| header.head.flags & FLAG_TICK == 0;
@@ -63,7 +90,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
                 if slot >= next
                     && let Found::Here(flight) = flights.look_for(slot)?
                 {
-                    recollection.before(slot + 1, &mut planner).map_err(RingError::from)?;
+                    resume(&journal, slot + 1, &mut planner).map_err(RingError::from)?;
                     planner.observe(slot, &flight, older.payload());
                 }
             }
@@ -83,16 +110,139 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         // passed was sent before this process was there: others have flown on since, so its plan is not missing.
         let Some(flight) = flights.wait_or_pass(&mut patience, slot, serve_joiners)? else { continue };
         next = slot + 1;
-        recollection.before(next, &mut planner).map_err(RingError::from)?;
+        resume(&journal, next, &mut planner).map_err(RingError::from)?;
         let begin = Instant::now();
         planner.observe(slot, &flight, state.payload());
-        let mut plan = planner.step(next, &flight.position(), flight.z_m, state.payload());
+        let mut plan = planner.step(next, flight.point(), state.payload());
         plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
-        recollection.after(next, &planner).map_err(RingError::from)?;
+        journal.save(next, &planner).map_err(RingError::from)?; // before the plan is published
         if let (Some(paths), [_, _, ..]) = (&paths, planner.path()) {
             let path: Vec<_> = planner.path().iter().copied().map(PathPoint::from).collect();
             paths.send_list(ring.header(next, 0), &path)?; // whoever has the plan then has the path
         }
         plans.send(ring.header(next, 0), plan)?;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{self, Knowledge, Rates, Strategy, change};
+    use nalgebra::Point3;
+    use skysink_common::checkpoint::Checkpoint;
+    use skysink_common::geometry::Position;
+    use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, SensorNode};
+    use skysink_common::pace::Pace;
+    use skysink_common::scenario::{Count, Overrides};
+    use skysink_ring::wait::Waiting;
+
+    fn nodes() -> Vec<SensorNode> {
+        let node = |i: u32| SensorNode {
+            x_m: 8.0 * f64::from(i),
+            y_m: 90.0 - 7.0 * f64::from(i),
+            gain: 1e-5,
+            sampling_bps: 100.0,
+            capacity_bits: 30_000,
+            ..SensorNode::default()
+        };
+        (0..12).map(node).collect()
+    }
+
+    /// The queues before `slot` [bit].
+    fn queues(slot: u64) -> Vec<u32> {
+        (0..12).map(|i| (i * 977 + slot as u32 * 331) % 30_000).collect()
+    }
+
+    /// The flight that does what a plan says.
+    fn flown(plan: &Plan) -> FlightReport {
+        let mut report = FlightReport::at(plan.x_m, plan.y_m, plan.z_m, Mode::Serve);
+        for (link, &sensor) in report.links.iter_mut().zip(plan.scheduled()) {
+            *link = LinkReport { sensor, ..LinkReport::default() };
+        }
+        report.served = plan.served;
+        report
+    }
+
+    /// A planner process: the slot after that of `flight` is planned as the node does it.
+    fn answer(slot: u64, flight: &FlightReport, planner: &mut Planner, folder: &RingFolder) -> Plan {
+        let journal = journal(folder, 12).unwrap();
+        resume(&journal, slot, planner).unwrap();
+        planner.observe(slot - 1, flight, &queues(slot));
+        let plan = planner.step(slot, flight.point(), &queues(slot));
+        journal.save(slot, planner).unwrap();
+        plan
+    }
+
+    fn saved(planner: &Planner) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        planner.save(&mut bytes);
+        bytes
+    }
+
+    /// Every planner that carries something from slot to slot.
+    fn scenarios() -> impl Iterator<Item = Scenario> {
+        let seen = [
+            (Knowledge::Oracle, Rates::Known),
+            (Knowledge::Estimated, Rates::Known),
+            (Knowledge::Estimated, Rates::Learnt),
+        ];
+        let all = Strategy::ALL.into_iter().flat_map(move |strategy| seen.map(|knowledge| (strategy, knowledge)));
+        let scenario = |(strategy, (knowledge, rates)): (Strategy, _)| {
+            let scenario =
+                settings::letter(Overrides { strategy: Some(strategy.name()), ..Overrides::default() }).unwrap();
+            change(scenario, |settings| {
+                settings.horizon.iterations = Count::clamped(200);
+                settings.knowledge = knowledge;
+                settings.rates = rates;
+            })
+            .unwrap()
+        };
+        let carries = |scenario: &Scenario| {
+            let mut planner = Planner::new(scenario, &nodes()).unwrap();
+            let _ = planner.step(1, Point3::new(50.0, 50.0, 20.0), &queues(1));
+            !saved(&planner).is_empty()
+        };
+        all.map(scenario).filter(carries)
+    }
+
+    #[test]
+    fn a_planner_that_comes_back_plans_the_last_slots_as_before() {
+        for scenario in scenarios() {
+            let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
+            let start: Position = scenario.uav.start;
+            let mut flights = vec![FlightReport::at(start.x, start.y, 20.0, Mode::Hold)];
+            let mut planner = Planner::new(&scenario, &nodes()).unwrap();
+            for slot in 1..=9 {
+                let plan = answer(slot, &flights[slot as usize - 1], &mut planner, &folder);
+                flights.push(flown(&plan));
+            }
+            for from in [7, 8, 9] {
+                let mut again = Planner::new(&scenario, &nodes()).unwrap();
+                for slot in from..=9 {
+                    let plan = answer(slot, &flights[slot as usize - 1], &mut again, &folder);
+                    assert_eq!(flown(&plan), flights[slot as usize], "{:?}, slot {slot} from {from}", scenario.planner);
+                }
+                assert_eq!(saved(&again), saved(&planner), "{:?}, from {from}", scenario.planner);
+            }
+        }
+    }
+
+    #[test]
+    fn a_planner_that_comes_back_late_believes_what_it_believed_last() {
+        let letter = settings::letter(Overrides::default()).unwrap();
+        let scenario = change(letter, |settings| settings.knowledge = Knowledge::Estimated).unwrap();
+        let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
+        let mut planner = Planner::new(&scenario, &nodes()).unwrap();
+        let mut flight = FlightReport::at(50.0, 50.0, 20.0, Mode::Hold);
+        for slot in 1..=9 {
+            flight = flown(&answer(slot, &flight, &mut planner, &folder));
+        }
+        let mut late = Planner::new(&scenario, &nodes()).unwrap();
+        let hold = FlightReport::at(50.0, 50.0, 20.0, Mode::Hold);
+        let _ = answer(15, &hold, &mut late, &folder);
+        let contacts =
+            |planner: &Planner| (0..12).map(|id| planner.estimate().unwrap().contact(id)).collect::<Vec<_>>();
+        assert!(contacts(&planner).iter().any(Option::is_some));
+        assert_eq!(contacts(&late), contacts(&planner));
     }
 }

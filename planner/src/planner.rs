@@ -1,74 +1,47 @@
-//! One slot of planning: schedule, then waypoint.
+//! One slot of planning: what is known or believed of the queues, the strategy's decision, the message.
 //!
-//! The rules live next door: [`crate::strategies::algorithm_1`] and [`crate::strategies::exact`] (whom),
-//! [`crate::waypoint`] (where), [`crate::strategies::baselines`] (the baselines), [`crate::strategies::rounds`] (the
-//! baselines that take turns), [`crate::horizon`] (many slots ahead). What is known of the queues is
-//! [`crate::estimate`]'s.
-
-mod remembering;
-
-use std::ops::ControlFlow;
-use std::time::Duration;
+//! The rules are left to [`crate::strategies`], what is believed to [`crate::estimate`].
 
 use nalgebra::Point3;
-use skysink_common::geometry::Position;
-use skysink_common::message::{FlightReport, Mode, Plan, SensorNode, SolverOutcome};
-use skysink_common::random::Streams;
+use serde::{Deserialize, Serialize};
+use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
+use skysink_common::message::{FlightReport, Mode, Plan, SensorNode};
+use skysink_common::path::MAX_POINTS;
 use skysink_common::scenario::{Scenario, ScenarioError};
 
-use crate::carried::Carried;
-use crate::estimate::Estimate;
-use crate::horizon::PATH;
-use crate::horizon::optimize::Progress;
-use crate::memory::{MemoryError, Reader, begin};
+use crate::estimate::{self, Estimate};
 use crate::sensor_table::SensorTable;
-use crate::settings::{Knowledge, Settings, Strategy};
-use crate::strategies::algorithm_1::{Reach, Search};
-use crate::strategies::baselines::{greedy_waypoint, random_waypoint, serve_fullest, transit_waypoint};
-use crate::strategies::exact::ExactSearch;
-use crate::waypoint::Solver;
-use crate::waypoint::problem::Waypoint;
+use crate::settings::{Knowledge, Settings};
+use crate::strategies::serving::Serving;
+use crate::strategies::transit::transit_waypoint;
+use crate::strategies::{self, Decision, Setup, Strategy, Timing, View};
 
 /// The planner of a mission.
 ///
-/// What it carries from slot to slot is in [`Planner::memory`]; everything else it could rebuild from the scenario and the
-/// sensor nodes. Most strategies carry nothing where the queues are known: their plan of a slot does not depend on the
-/// slots planned before.
+/// Its checkpoint is what it carries from slot to slot: the state of the strategy, and what is believed of the queues.
+/// Everything else it could rebuild from the scenario and the sensor nodes. Where the queues are known, most strategies
+/// carry nothing: their plan of a slot does not depend on the slots planned before.
 pub struct Planner {
-    scenario: Scenario,
-    settings: Settings,
+    /// As the scenario names it.
+    strategy_name: String,
     table: SensorTable,
-    streams: Streams,
-    search: Search,
-    exact: ExactSearch,
-    carried: Carried,
+    strategy: Box<dyn Strategy>,
+    transit: Serving,
     /// What is believed of the queues; none where they are known.
     estimate: Option<Box<Estimate>>,
-    /// Both as bytes, after the last slot.
-    memory: Vec<u8>,
+    timing: Timing,
+    /// The slot planned last, 0 before the first.
+    slot: u64,
     /// Where the last plan leads.
-    path: Vec<[f64; 3]>,
-    solver: Solver,
-    /// The schedule in the making; room for every SN, so that no slot allocates.
-    ids: Vec<u32>,
+    path: Vec<Point3<f64>>,
 }
 
-/// What a slot starts from.
-#[derive(Clone, Copy)]
-struct Slot<'a> {
-    number: u64,
-    /// The UAV's position, `L_u(t−1)`.
-    position: &'a Position,
-    altitude_m: f64,
-    /// `B_i(t−1)` [bit], by id.
-    queues_bits: &'a [u32],
-}
-
-impl Slot<'_> {
-    /// Where the UAV is.
-    fn uav(&self) -> Point3<f64> {
-        Point3::new(self.position.x, self.position.y, self.altitude_m)
-    }
+/// What a checkpoint begins with; the state of the strategy follows.
+#[derive(Serialize, Deserialize)]
+struct Head {
+    slot: u64,
+    strategy: String,
+    estimate: Option<estimate::Saved>,
 }
 
 impl Planner {
@@ -80,164 +53,124 @@ impl Planner {
         Self::over(scenario, sensors, SensorTable::new(scenario, sensors))
     }
 
-    /// The planner of a scenario over a field of its own, such as one with another grid.
+    /// The planner of a scenario over a table of its own, such as one with another grid.
     ///
     /// # Errors
     /// As [`Planner::new`].
     pub fn over(scenario: &Scenario, sensors: &[SensorNode], table: SensorTable) -> Result<Self, ScenarioError> {
         let settings = Settings::of(scenario)?;
-        let estimate = (settings.knowledge == Knowledge::Estimated)
-            .then(|| Box::new(Estimate::new(scenario, settings.rates, sensors)));
-        Ok(Self {
-            scenario: scenario.clone(),
-            settings,
-            streams: Streams::new(scenario.seed),
-            search: Search::with_room_for(sensors.len()),
-            exact: ExactSearch::new(&table),
-            carried: Carried::new(scenario, &settings, sensors, &table, estimate.as_deref()),
+        let strategy = strategies::find(settings.strategy.name()).expect("a strategy of the settings is registered");
+        Ok(Self::build(scenario, settings, sensors, table, strategy.make))
+    }
+
+    /// The planner that decides by `strategy`, whatever the scenario names.
+    ///
+    /// # Errors
+    /// As [`Planner::new`].
+    pub fn with_strategy(
+        scenario: &Scenario,
+        sensors: &[SensorNode],
+        strategy: Box<dyn Strategy>,
+    ) -> Result<Self, ScenarioError> {
+        let settings = Settings::of(scenario)?;
+        Ok(Self::build(scenario, settings, sensors, SensorTable::new(scenario, sensors), |_| strategy))
+    }
+
+    fn build(
+        scenario: &Scenario,
+        settings: Settings,
+        sensors: &[SensorNode],
+        table: SensorTable,
+        make: impl FnOnce(&Setup) -> Box<dyn Strategy>,
+    ) -> Self {
+        let is_estimated = settings.knowledge == Knowledge::Estimated;
+        let estimate = is_estimated.then(|| Box::new(Estimate::new(scenario, settings.rates, sensors)));
+        let setup = Setup { scenario, settings: &settings, sensors, table: &table, estimate: estimate.as_deref() };
+        Self {
+            strategy: make(&setup),
+            transit: Serving::new(&setup),
+            strategy_name: scenario.planner.strategy.clone(),
             estimate,
-            memory: Vec::new(),
-            path: Vec::with_capacity(PATH),
-            solver: Solver::new(scenario, &settings, &table),
-            ids: Vec::with_capacity(sensors.len()),
+            timing: Timing::Free,
+            slot: 0,
+            path: Vec::with_capacity(MAX_POINTS),
             table,
-        })
+        }
+    }
+
+    /// Says what paces the mission: a search may end by time in a paced one, and results then depend on time. At first no
+    /// clock is read.
+    pub fn set_timing(&mut self, timing: Timing) {
+        self.timing = timing;
     }
 
     /// Takes in what was flown in `slot`, and the queues after it [bit], by id; to be done for every slot before the next
     /// one is planned. Where the queues are estimated, only those of the SNs that the flight serves are looked at, and a
-    /// slot that is left out makes the estimate older, but not wrong; where they are known, nothing is done.
+    /// slot that is left out makes the estimate older, but not wrong.
     pub fn observe(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) {
         if let Some(estimate) = &mut self.estimate {
             estimate.observe(slot, flight, queues_bits);
-            self.carried.learn(estimate, flight.served_links().iter().map(|link| link.sensor));
         }
+        self.strategy.observe(flight, self.estimate.as_deref());
     }
 
-    /// Lets a search that looks ahead also end when `limit` has passed since its slot's step began; for runs paced by a
-    /// clock only, because results then depend on time. Without a limit, as at first, no clock is read.
-    pub fn limit(&mut self, limit: Option<Duration>) {
-        if let Carried::Horizon(horizon) = &mut self.carried {
-            horizon.limit(limit);
-        }
-    }
-
-    /// Plans `slot` from where the UAV is, `L_u(t−1)` at the altitude `altitude_m` [m], and the queues `B_i(t−1)` [bit],
-    /// by id. Where the queues are
-    /// estimated, the plan is made from what is believed of them, see [`Planner::observe`]; of `queues_bits` is kept what
-    /// those that it schedules will announce.
+    /// Plans `slot` from where the UAV is, `position`, `L_u(t−1)` [m], and the queues `B_i(t−1)` [bit], by id.
+    /// Where the queues are estimated, the plan is made from what is believed of them, see [`Planner::observe`]; of
+    /// `queues_bits` is kept what those that it schedules will announce.
     ///
     /// It takes as long as there are SNs near the UAV, however many there are in all; only a slot of transit, and an
-    /// estimate, look at every queue. `plan_ns` stays 0: a step reads no clock, unless
-    /// [`Self::limit`] says so.
+    /// estimate, look at every queue. `plan_ns` stays 0: a step reads no clock, unless [`Self::set_timing`] says so.
     ///
     /// # Panics
     /// If there is not one queue per sensor node.
     #[must_use]
-    pub fn step(&mut self, slot: u64, position: &Position, altitude_m: f64, queues_bits: &[u32]) -> Plan {
+    pub fn step(&mut self, slot: u64, position: Point3<f64>, queues_bits: &[u32]) -> Plan {
         assert_eq!(queues_bits.len(), self.table.positions.len(), "expected one queue per sensor node");
-        let mut estimate = self.estimate.take(); // lent to the slot
-        if let Some(estimate) = &estimate {
-            self.carried.doubt(slot.saturating_sub(1), estimate);
+        if let Some(estimate) = &mut self.estimate {
+            estimate.believe(slot.saturating_sub(1));
         }
-        let believed_bits = estimate.as_mut().map(|estimate| estimate.believe(slot.saturating_sub(1)));
-        let believed_bits = believed_bits.unwrap_or(queues_bits);
-        let plan = self.plan_slot(Slot { number: slot, position, altitude_m, queues_bits: believed_bits });
-        if let Some(estimate) = &mut estimate {
+        let estimate = self.estimate.as_deref();
+        let view = View {
+            slot,
+            position,
+            queues_bits: estimate.map_or(queues_bits, Estimate::queues_bits),
+            estimate,
+            table: &self.table,
+            timing: self.timing,
+        };
+        self.path.clear();
+        let plan = match self.strategy.plan(&view) {
+            Some(decision) => {
+                self.path.push(decision.waypoint);
+                self.path.extend(self.strategy.path().iter().take(MAX_POINTS - 1));
+                message(&view, &decision, Mode::Serve)
+            }
+            None => {
+                let waypoint = transit_waypoint(view.table, &view.ground(), view.queues_bits);
+                let decision = self.transit.serve_fullest(&view, &waypoint);
+                self.path.push(decision.waypoint);
+                message(&view, &decision, Mode::Transit)
+            }
+        };
+        if let Some(estimate) = &mut self.estimate {
             estimate.announce(slot, plan.scheduled(), queues_bits);
         }
-        self.estimate = estimate;
-        self.remember(slot);
+        self.slot = slot;
         plan
     }
 
-    /// Plans a slot from the queues that are known or believed.
-    fn plan_slot(&mut self, slot: Slot) -> Plan {
-        let Slot { position, queues_bits, .. } = slot;
-        self.path.clear();
-        let own = match self.settings.strategy {
-            Strategy::Uts => self.algorithm_1(Reach::Letter, slot),
-            Strategy::UtsWide => self.algorithm_1(Reach::Wide, slot),
-            Strategy::Exact => self.exact(slot),
-            Strategy::Gfs => greedy_waypoint(&self.table, position, queues_bits)
-                .map(|waypoint| self.fly_then_schedule(&waypoint, Mode::Serve, slot)),
-            Strategy::Rfs => {
-                let waypoint = random_waypoint(&self.table, &self.streams, slot.number, position);
-                Some(self.fly_then_schedule(&waypoint, Mode::Serve, slot))
-            }
-            Strategy::Tour | Strategy::RoundRobin | Strategy::MaxAgeFirst => self.in_turn(slot),
-            Strategy::Horizon | Strategy::Offline => self.look_ahead(slot),
-        };
-        let plan = own.unwrap_or_else(|| {
-            let waypoint = transit_waypoint(&self.table, position, queues_bits);
-            self.fly_then_schedule(&waypoint, Mode::Transit, slot)
-        });
-        if self.path.is_empty() {
-            self.path.push([plan.x_m, plan.y_m, plan.z_m]);
-        }
-        plan
-    }
-
-    /// Makes the plan of `offline` now, before slot 1 and from the queues `queues_bits` [bit], by id, or what is believed of them, instead of in the first
-    /// [`Planner::step`], which then flies the same; returns the loss [bit] that it leads to. `None` for the other
-    /// strategies, if no sensor node that can lose data can be reached, or if `watch`, which is told now and then how far
-    /// the search is, breaks it off.
-    pub fn prepare(&mut self, queues_bits: &[u32], watch: &mut dyn FnMut(Progress) -> ControlFlow<()>) -> Option<f64> {
-        let (strategy, start) = (self.settings.strategy, self.scenario.uav.start);
-        let steps = (strategy == Strategy::Offline).then_some(self.settings.offline.steps.get())?;
-        if let Some(estimate) = &self.estimate {
-            self.carried.doubt(0, estimate);
-        }
-        let Carried::Horizon(horizon) = &mut self.carried else { return None };
-        let believed_bits = self.estimate.as_mut().map(|estimate| estimate.believe(0));
-        let loss_bits = horizon.prepare((1, steps), &start, believed_bits.unwrap_or(queues_bits), watch)?;
-        self.remember(0);
-        Some(loss_bits)
-    }
-
-    /// Puts down what the next slot has to know.
-    fn remember(&mut self, slot: u64) {
-        if self.settings.remembers() {
-            begin(&mut self.memory, self.settings.strategy, slot, self.estimate.as_deref());
-            self.carried.remember(&mut self.memory);
-        }
-    }
-
-    /// What the next slot has to know of the slots so far: the state of the strategy, and what is believed of the queues.
-    /// Empty for strategies that carry nothing where the queues are known.
-    ///
-    /// A planner that recalls it continues byte for byte as this one does.
+    /// The slot planned last, by this planner or the one whose checkpoint it has restored; 0 before the first.
     #[must_use]
-    pub fn memory(&self) -> &[u8] {
-        &self.memory
+    pub fn slot(&self) -> u64 {
+        self.slot
     }
 
-    /// Goes on from the memory of a planner of the same scenario and sensor nodes that planned `slot` last.
-    ///
-    /// # Errors
-    /// If the memory is of another slot, strategy or field; the planner then is as it was.
-    pub fn recall(&mut self, slot: u64, memory: &[u8]) -> Result<(), MemoryError> {
-        let strategy = self.settings.strategy;
-        if self.settings.remembers() {
-            let mut reader = Reader::new(memory, strategy, slot)?;
-            let estimate = reader.estimate(self.estimate.as_deref())?;
-            self.carried.recall(reader)?;
-            self.estimate = estimate.map(Box::new);
-            if let Some(estimate) = &self.estimate {
-                self.carried.learn(estimate, self.table.ids());
-            }
-        } else if !memory.is_empty() {
-            return Err(MemoryError::Malformed { bytes: memory.len(), strategy: strategy.name() });
-        }
-        self.memory.clear();
-        self.memory.extend_from_slice(memory);
-        Ok(())
-    }
-
-    /// Whether the plan of a slot depends on the slots before it: whether there is a memory.
+    /// Whether the plan of a slot depends on the slots before it.
     #[must_use]
-    pub fn remembers(&self) -> bool {
-        self.settings.remembers()
+    pub fn has_state(&self) -> bool {
+        let mut bytes = Vec::new();
+        self.save(&mut bytes);
+        !bytes.is_empty()
     }
 
     /// What is believed of the queues; `None` where they are known.
@@ -246,91 +179,96 @@ impl Planner {
         self.estimate.as_deref()
     }
 
-    /// Where the last plan leads, its own waypoint first: at most 64 points [x, y, z] [m], more than one for `horizon`
-    /// alone. Altitudes after the first are the first's.
+    /// Where the last plan leads [m], its own waypoint first: at most [`MAX_POINTS`], more than one for strategies that
+    /// look ahead.
     #[must_use]
-    pub fn path(&self) -> &[[f64; 3]] {
+    pub fn path(&self) -> &[Point3<f64>] {
         &self.path
     }
+}
 
-    /// The letter's strategy: sP1 by Algorithm 1, then the waypoint; `None` if there is no anchor in reach or no feasible
-    /// point.
-    fn algorithm_1(&mut self, reach: Reach, slot: Slot) -> Option<Plan> {
-        let winner = self.search.best_set(reach, &self.table, slot.position, slot.queues_bits, &mut self.ids)?;
-        let waypoint = self.waypoint_for_schedule(slot)?;
-        let mut plan = self.plan_to_serve(&waypoint, slot);
+impl Checkpoint for Planner {
+    /// Appends nothing where the queues are known and the strategy has no state.
+    fn save(&self, bytes: &mut Vec<u8>) {
+        let begin = bytes.len();
+        let estimate = self.estimate.as_deref().map(Estimate::saved);
+        let is_stateless = estimate.is_none();
+        let strategy = self.strategy_name.clone();
+        encode(&Head { slot: self.slot, strategy, estimate }, bytes);
+        let head = bytes.len();
+        self.strategy.save(bytes);
+        if is_stateless && bytes.len() == head {
+            bytes.truncate(begin);
+        }
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        if bytes.is_empty() && self.estimate.is_none() {
+            return self.strategy.restore(bytes);
+        }
+        let (Head { slot, strategy, estimate }, state) = decode_first(bytes)?;
+        if strategy != self.strategy_name {
+            return Err(CheckpointError::unexpected("strategy", strategy, &self.strategy_name));
+        }
+        let estimate = match (&self.estimate, estimate) {
+            (None, None) => None,
+            (Some(own), Some(saved)) => Some(Box::new(own.restored(slot, saved)?)),
+            (own, saved) => {
+                let name = |is_estimated| if is_estimated { "estimated" } else { "known" };
+                return Err(CheckpointError::unexpected("queues", name(saved.is_some()), name(own.is_some())));
+            }
+        };
+        self.strategy.restore(state)?;
+        self.estimate = estimate;
+        self.slot = slot;
+        Ok(())
+    }
+}
+
+/// The plan that says `decision`.
+fn message(view: &View, decision: &Decision, mode: Mode) -> Plan {
+    let Decision { waypoint, schedule, outcome, winner } = decision;
+    let mut plan = Plan::fly_to(waypoint.x, waypoint.y, waypoint.z, mode);
+    plan.schedule(schedule);
+    plan.solver = outcome.code();
+    plan.expected_bits = view.table.expected_bits(waypoint, schedule, view.queues_bits);
+    if let Some(winner) = winner {
         plan.anchor = winner.anchor;
         if let Some(pair) = winner.pair {
             plan.partner = pair.partner;
             plan.circles_m = pair.circles.map(|centre| centre.map_or([f64::NAN; 2], |centre| [centre.x, centre.y]));
             plan.chosen = pair.chosen;
         }
-        Some(plan)
     }
-
-    /// sP1 solved exactly, then the waypoint; `None` if no sensor node can be served from within reach.
-    fn exact(&mut self, slot: Slot) -> Option<Plan> {
-        let centre = self.exact.best_set(&self.table, slot.position, slot.queues_bits, &mut self.ids)?;
-        // The centre keeps every constraint of sP2 up to the slack of decision D5. Where the set has no point in common
-        // but for that slack, sP2* may find none, and the centre is flown to.
-        let waypoint = self
-            .waypoint_for_schedule(slot)
-            .unwrap_or_else(|| Waypoint { point: self.above(&centre, slot), outcome: SolverOutcome::Fallback });
-        Some(self.plan_to_serve(&waypoint, slot))
-    }
-
-    /// The waypoint for `self.ids`; `None` if no point in reach is in range of them all.
-    fn waypoint_for_schedule(&mut self, slot: Slot) -> Option<Waypoint> {
-        self.solver.solve(&self.table, &slot.uav(), &self.ids)
-    }
-
-    /// The point above `ground` that serves `self.ids` best.
-    fn above(&mut self, ground: &Position, slot: Slot) -> Point3<f64> {
-        self.solver.above(&self.table, ground, &slot.uav(), &self.ids)
-    }
-
-    /// The plan to serve `self.ids` from a solved waypoint.
-    fn plan_to_serve(&self, waypoint: &Waypoint, slot: Slot) -> Plan {
-        let ground = self.table.into_area(&waypoint.point.xy());
-        let waypoint = Waypoint { point: Point3::new(ground.x, ground.y, waypoint.point.z), ..*waypoint };
-        self.plan(&waypoint, Mode::Serve, slot)
-    }
-
-    /// The baselines and transit: a ground position by rule, the fullest queues in range of it, and the altitude that
-    /// serves them best.
-    fn fly_then_schedule(&mut self, waypoint: &Position, mode: Mode, slot: Slot) -> Plan {
-        let ground = self.table.into_area(waypoint);
-        serve_fullest(&self.table, &ground, slot.queues_bits, &mut self.ids);
-        let point = self.above(&ground, slot);
-        self.plan(&Waypoint { point, outcome: SolverOutcome::Rule }, mode, slot)
-    }
-
-    /// The plan to fly to `waypoint` and serve `self.ids`, which are ascending.
-    fn plan(&self, waypoint: &Waypoint, mode: Mode, slot: Slot) -> Plan {
-        let point = &waypoint.point;
-        let mut plan = Plan::fly_to(point.x, point.y, point.z, mode);
-        plan.schedule(&self.ids);
-        plan.solver = waypoint.outcome.code();
-        plan.expected_bits = self.table.expected_bits(point, &self.ids, slot.queues_bits);
-        plan
-    }
+    plan
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::WaypointSolver;
-    use skysink_common::message::NOBODY;
+    use crate::settings::{self, WaypointSolver, change};
+    use skysink_common::geometry::{Position, above};
+    use skysink_common::message::{NOBODY, SolverOutcome};
     use skysink_common::scenario::Overrides;
     use skysink_common::sensors::SensorList;
 
     /// A planner over the letter's scenario with the SNs at `places_m` [m], gain −52 dB, and a top speed.
-    fn planner_of(strategy: Strategy, places_m: &[[f64; 2]], max_speed_mps: f64) -> Planner {
+    fn planner_of(strategy: settings::Strategy, places_m: &[[f64; 2]], max_speed_mps: f64) -> Planner {
+        changed(strategy, places_m, |scenario| scenario.uav.max_speed_mps = max_speed_mps)
+    }
+
+    /// The same with other changes.
+    fn changed(strategy: settings::Strategy, places_m: &[[f64; 2]], adapt: impl Fn(&mut Scenario)) -> Planner {
         let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
-        let mut scenario = Scenario::letter(overrides).unwrap();
-        scenario.uav.max_speed_mps = max_speed_mps;
+        let mut scenario = settings::letter(overrides).unwrap();
+        adapt(&mut scenario);
         let sensor = |&[x_m, y_m]: &[f64; 2]| SensorNode { x_m, y_m, gain: 10f64.powf(-5.2), ..SensorNode::default() };
         Planner::new(&scenario, &places_m.iter().map(sensor).collect::<Vec<_>>()).unwrap()
+    }
+
+    /// Over the middle of the area.
+    fn here() -> Point3<f64> {
+        above(&middle(), 20.0)
     }
 
     fn middle() -> Position {
@@ -340,13 +278,14 @@ mod tests {
     #[test]
     #[should_panic(expected = "expected one queue per sensor node")]
     fn queues_of_another_field_are_refused() {
-        let _ = planner_of(Strategy::Uts, &[[50.0, 50.0]], 30.0).step(1, &middle(), 20.0, &[1, 2]);
+        let _ = planner_of(settings::Strategy::Uts, &[[50.0, 50.0]], 30.0).step(1, here(), &[1, 2]);
     }
 
     #[test]
     fn the_letters_plan_shows_how_it_came_about() {
         // Two SNs 12 m apart: C1 to C5 as in the search's own test; equal gains, so that the middle is the waypoint.
-        let plan = planner_of(Strategy::Uts, &[[56.0, 50.0], [44.0, 50.0]], 30.0).step(1, &middle(), 20.0, &[700, 800]);
+        let plan =
+            planner_of(settings::Strategy::Uts, &[[56.0, 50.0], [44.0, 50.0]], 30.0).step(1, here(), &[700, 800]);
         assert!((Position::new(plan.x_m, plan.y_m) - middle()).norm() < 1e-12);
         assert_eq!((plan.z_m, plan.expected_bits, plan.plan_ns), (20.0, 1_500, 0));
         assert_eq!((plan.anchor, plan.partner, plan.chosen), (0, 1, 0));
@@ -357,7 +296,7 @@ mod tests {
 
     #[test]
     fn an_anchor_alone_has_neither_partner_nor_circles() {
-        let plan = planner_of(Strategy::Uts, &[[50.0, 60.0]], 30.0).step(1, &middle(), 20.0, &[700]);
+        let plan = planner_of(settings::Strategy::Uts, &[[50.0, 60.0]], 30.0).step(1, here(), &[700]);
         assert_eq!((plan.anchor, plan.partner, plan.chosen), (0, NOBODY, NOBODY));
         assert!(plan.circles_m.iter().flatten().all(|coordinate| coordinate.is_nan()));
         assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 60.0, &[0][..]));
@@ -367,8 +306,8 @@ mod tests {
     fn without_an_anchor_the_uav_is_in_transit_and_serves_what_it_meets() {
         // The fullest queue is 50 m away, (30, 40): 30 m of that are (18, 24). SN 1 is no anchor
         // (24² + 16² = 28.8²), but it is exactly in range of the waypoint, 6² + 8² = 10².
-        let mut planner = planner_of(Strategy::Uts, &[[80.0, 90.0], [74.0, 66.0], [0.0, 0.0]], 30.0);
-        let plan = planner.step(1, &middle(), 20.0, &[900, 30, 800]);
+        let mut planner = planner_of(settings::Strategy::Uts, &[[80.0, 90.0], [74.0, 66.0], [0.0, 0.0]], 30.0);
+        let plan = planner.step(1, here(), &[900, 30, 800]);
         assert!((Position::new(plan.x_m, plan.y_m) - Position::new(68.0, 74.0)).norm() < 1e-12);
         assert_eq!((plan.mode, plan.solver), (Mode::Transit.code(), SolverOutcome::Rule.code()));
         assert_eq!((plan.scheduled(), plan.expected_bits, plan.anchor), (&[1][..], 30, NOBODY));
@@ -379,10 +318,11 @@ mod tests {
         // V τ = 5 m is below d_c = 10 m. Anchor 0 is 5 m away and its partner 1 another 19 m: nowhere within 5 m of the
         // UAV is in range of SN 1 (24 − 5 = 19 m), so the UAV flies 5 m toward SN 1 and serves SN 0 from there.
         for solver in [WaypointSolver::Geometric, WaypointSolver::Clarabel] {
-            let mut planner = planner_of(Strategy::Uts, &[[55.0, 50.0], [74.0, 50.0]], 5.0);
-            let settings = Settings { waypoint_solver: solver, ..planner.settings };
-            planner.solver = Solver::new(&planner.scenario, &settings, &planner.table);
-            let plan = planner.step(1, &middle(), 20.0, &[10, 100]);
+            let mut planner = changed(settings::Strategy::Uts, &[[55.0, 50.0], [74.0, 50.0]], |scenario| {
+                scenario.uav.max_speed_mps = 5.0;
+                *scenario = change(scenario.clone(), |settings| settings.waypoint_solver = solver).unwrap();
+            });
+            let plan = planner.step(1, here(), &[10, 100]);
             assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (55.0, 50.0, &[0][..]), "{solver:?}");
             assert_eq!((plan.mode, plan.anchor), (Mode::Transit.code(), NOBODY), "{solver:?}");
         }
@@ -393,7 +333,7 @@ mod tests {
         // As in the search's own test: only C2 = (50, 72) and C5 = (50, 80) are within 30 m. The waypoint, the middle
         // of the pair, is exactly in reach.
         let plan =
-            planner_of(Strategy::UtsWide, &[[56.0, 80.0], [44.0, 80.0]], 30.0).step(1, &middle(), 20.0, &[700, 800]);
+            planner_of(settings::Strategy::UtsWide, &[[56.0, 80.0], [44.0, 80.0]], 30.0).step(1, here(), &[700, 800]);
         assert!((Position::new(plan.x_m, plan.y_m) - Position::new(50.0, 80.0)).norm() < 1e-12);
         assert_eq!((plan.anchor, plan.partner, plan.chosen, plan.scheduled()), (0, 1, 1, &[0, 1][..]));
         assert_eq!(plan.circles_m.map(|[x_m, y_m]| x_m.is_nan() && y_m.is_nan()), [true, false, true, true, false]);
@@ -403,7 +343,7 @@ mod tests {
     #[test]
     fn an_exact_plan_names_no_anchor_and_no_circle() {
         // 40 m away, V τ + d_c: served from the one point in reach that has it in range.
-        let plan = planner_of(Strategy::Exact, &[[50.0, 90.0]], 30.0).step(1, &middle(), 20.0, &[700]);
+        let plan = planner_of(settings::Strategy::Exact, &[[50.0, 90.0]], 30.0).step(1, here(), &[700]);
         assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 80.0, &[0][..]));
         assert_eq!((plan.mode, plan.solver), (Mode::Serve.code(), SolverOutcome::Solved.code()));
         assert_eq!((plan.anchor, plan.partner, plan.chosen), (NOBODY, NOBODY, NOBODY));
@@ -412,7 +352,7 @@ mod tests {
 
     #[test]
     fn an_exact_plan_without_anybody_in_range_of_reach_is_transit() {
-        let plan = planner_of(Strategy::Exact, &[[50.0, 91.0]], 30.0).step(1, &middle(), 20.0, &[700]);
+        let plan = planner_of(settings::Strategy::Exact, &[[50.0, 91.0]], 30.0).step(1, here(), &[700]);
         assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 80.0, &[][..]));
         assert_eq!((plan.mode, plan.solver), (Mode::Transit.code(), SolverOutcome::Rule.code()));
     }
@@ -427,11 +367,11 @@ mod tests {
         let diagonal_m = 50f64.sqrt();
         let places = [[50.0, 40.0], at([6.0, 8.0]), at([-8.0, 6.0]), [50.0 - diagonal_m, 50.0 + diagonal_m]];
         for solver in [WaypointSolver::Geometric, WaypointSolver::Clarabel] {
-            let mut planner = planner_of(Strategy::Exact, &places, 30.0);
-            planner.table.resource_blocks = 3;
-            let settings = Settings { waypoint_solver: solver, ..planner.settings };
-            planner.solver = Solver::new(&planner.scenario, &settings, &planner.table);
-            let plan = planner.step(1, &Position::new(56.0, 60.0), 20.0, &[900, 950, 800, 700]);
+            let mut planner = changed(settings::Strategy::Exact, &places, |scenario| {
+                scenario.link.resource_blocks = 3;
+                *scenario = change(scenario.clone(), |settings| settings.waypoint_solver = solver).unwrap();
+            });
+            let plan = planner.step(1, above(&Position::new(56.0, 60.0), 20.0), &[900, 950, 800, 700]);
             assert_eq!((plan.scheduled(), plan.mode), (&[0, 1, 2][..], Mode::Serve.code()), "{solver:?}");
             assert_eq!(plan.solver, SolverOutcome::Fallback.code(), "{solver:?}");
             assert!((Position::new(plan.x_m, plan.y_m) - middle()).norm() < 1e-9, "{solver:?}");
@@ -441,32 +381,32 @@ mod tests {
     #[test]
     fn greedy_flight_serves_what_is_in_range_of_its_goal_and_else_is_in_transit() {
         let places = [[50.0, 70.0], [55.0, 70.0], [50.0, 59.0], [50.0, 99.0]];
-        let mut planner = planner_of(Strategy::Gfs, &places, 30.0);
-        let plan = planner.step(1, &middle(), 20.0, &[80, 70, 60, 90]);
+        let mut planner = planner_of(settings::Strategy::Gfs, &places, 30.0);
+        let plan = planner.step(1, here(), &[80, 70, 60, 90]);
         assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 70.0, &[0, 1][..]));
         assert_eq!((plan.mode, plan.solver), (Mode::Serve.code(), SolverOutcome::Rule.code()));
-        let plan = planner.step(2, &Position::new(50.0, 0.0), 20.0, &[80, 70, 60, 90]);
+        let plan = planner.step(2, above(&Position::new(50.0, 0.0), 20.0), &[80, 70, 60, 90]);
         assert_eq!((plan.x_m, plan.y_m, plan.mode), (50.0, 30.0, Mode::Transit.code()));
     }
 
     #[test]
     fn random_flight_serves_nobody_where_nobody_is() {
-        let plan = planner_of(Strategy::Rfs, &[[99.0, 99.0]], 30.0).step(1, &middle(), 20.0, &[80]);
+        let plan = planner_of(settings::Strategy::Rfs, &[[99.0, 99.0]], 30.0).step(1, here(), &[80]);
         assert_eq!((plan.scheduled(), plan.mode), (&[][..], Mode::Serve.code()));
         assert_eq!((plan.anchor, plan.expected_bits), (NOBODY, 0));
     }
 
     /// Four slots of the letter's mission, at a top speed, without arrivals, queues emptied where they are served:
     /// waypoint [m] and schedule.
-    fn trace_of(strategy: Strategy, max_speed_mps: f64) -> Vec<String> {
-        let mut scenario =
-            Scenario::letter(Overrides { strategy: Some(strategy.name()), ..Overrides::default() }).unwrap();
+    fn trace_of(strategy: settings::Strategy, max_speed_mps: f64) -> Vec<String> {
+        let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
+        let mut scenario = settings::letter(overrides).unwrap();
         scenario.uav.max_speed_mps = max_speed_mps;
         let list = SensorList::of(&scenario).unwrap();
         let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits)).unwrap();
         let (mut position, mut queues_bits) = (scenario.uav.start, list.queues_bits());
         let fly = |slot| {
-            let plan = planner.step(slot, &position, 20.0, &queues_bits);
+            let plan = planner.step(slot, above(&position, 20.0), &queues_bits);
             position = Position::new(plan.x_m, plan.y_m);
             plan.scheduled().iter().for_each(|&id| queues_bits[id as usize] = 0);
             format!("{:.3} {:.3} {:?}", plan.x_m, plan.y_m, plan.scheduled())
@@ -482,7 +422,7 @@ mod tests {
             "68.056 89.593 [4, 74, 89, 174]",
             "65.173 78.760 [71, 87, 134, 151]",
         ];
-        assert_eq!(trace_of(Strategy::Uts, 30.0), expected);
+        assert_eq!(trace_of(settings::Strategy::Uts, 30.0), expected);
     }
 
     #[test]
@@ -493,7 +433,7 @@ mod tests {
             "53.477 75.585 [10, 24, 87, 109]",
             "61.198 85.026 [71, 74, 165, 174]",
         ];
-        assert_eq!(trace_of(Strategy::UtsWide, 15.0), expected);
+        assert_eq!(trace_of(settings::Strategy::UtsWide, 15.0), expected);
     }
 
     #[test]
@@ -504,6 +444,6 @@ mod tests {
             "73.992 71.526 [74, 93, 124, 186]",
             "64.033 82.743 [24, 71, 134, 174]",
         ];
-        assert_eq!(trace_of(Strategy::Exact, 15.0), expected);
+        assert_eq!(trace_of(settings::Strategy::Exact, 15.0), expected);
     }
 }

@@ -3,7 +3,7 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use skysink_common::geometry::Position;
+use skysink_common::geometry::{Position, above};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_planner::Planner;
@@ -41,7 +41,7 @@ fn fly(scenario: &Scenario, mut queues_bits: Vec<u32>, sampled_bits: u32) {
     let (mut position, mut altitude_m) = (scenario.uav.start, scenario.uav.altitude_m);
     let requests_before = REQUESTS.get();
     for slot in 1..=300 {
-        let plan = planner.step(slot, &position, altitude_m, &queues_bits);
+        let plan = planner.step(slot, above(&position, altitude_m), &queues_bits);
         (position, altitude_m) = (Position::new(plan.x_m, plan.y_m), plan.z_m);
         plan.scheduled().iter().for_each(|&id| queues_bits[id as usize] = 0);
         queues_bits.iter_mut().for_each(|queue_bits| *queue_bits = (*queue_bits + sampled_bits).min(30_000));

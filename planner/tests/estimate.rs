@@ -6,6 +6,7 @@ use std::path::Path;
 
 use proptest::prelude::{Strategy as Generator, *};
 use skysink_common::arrivals::sampled_bits;
+use skysink_common::checkpoint::Checkpoint;
 use skysink_common::sensors::SensorList;
 use skysink_planner::settings::Strategy;
 use support::{Mission, scenario_of};
@@ -103,9 +104,9 @@ proptest! {
         for slot in 1..=scenario.slots {
             prop_assert_eq!(format!("{:?}", mission.turn(slot)), format!("{:?}", restarted.turn(slot)), "slot {}", slot);
             if slot == restart {
-                restarted.restart(slot);
+                restarted.restart();
             }
-            prop_assert_eq!(mission.planner.memory(), restarted.planner.memory(), "slot {}", slot);
+            prop_assert_eq!(mission.saved(), restarted.saved(), "slot {}", slot);
         }
     }
 }
@@ -179,16 +180,16 @@ fn the_look_ahead_flies_over_sensor_nodes_that_turn_out_not_to_sample() {
 }
 
 #[test]
-fn a_planner_that_sees_the_queues_puts_down_nothing_of_them() {
+fn a_planner_that_sees_the_queues_saves_nothing_of_them() {
     let scenario = scenario_of("slots = 10\n", Strategy::Uts, 1);
     let mut mission = Mission::new(&scenario);
     mission.turn(1);
-    assert!(mission.planner.estimate().is_none() && mission.planner.memory().is_empty());
+    assert!(mission.planner.estimate().is_none() && mission.saved().is_empty());
     let text = "slots = 10\n[planner]\nknowledge = 'estimated'\n";
     let mut believing = Mission::new(&scenario_of(text, Strategy::Uts, 1));
     believing.turn(1);
-    assert!(mission.planner.recall(1, believing.planner.memory()).is_err());
-    assert!(believing.planner.recall(1, &[]).is_err());
+    assert!(mission.planner.restore(&believing.saved()).is_err());
+    assert!(believing.planner.restore(&[]).is_err());
 }
 
 #[test]

@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use skysink_common::channel::{Channel, Uplink};
-use skysink_common::geometry::{Position, distance_squared, within};
+use skysink_common::geometry::{Position, above, distance_squared, within};
 use skysink_common::ledger::Ledger;
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::{Overrides, Scenario};
@@ -79,7 +79,7 @@ fn replay(name: &str, strategy: Strategy, solver: WaypointSolver, tolerance_m: f
     let mut slots = 0;
     for expected in expected.lines().skip(1).map(slot_of) {
         let Slot { slot, .. } = expected;
-        let plan = planner.step(slot, &position, 20.0, ledger.queues_bits());
+        let plan = planner.step(slot, above(&position, 20.0), ledger.queues_bits());
         let waypoint = Position::new(plan.x_m, plan.y_m);
         assert!(within(&waypoint, &position, scenario.reach_m()), "{name}, slot {slot}: {waypoint} is out of reach");
         let lost_bits = sample(&mut ledger, &sensors, slot, scenario.slot_s);

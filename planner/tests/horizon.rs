@@ -4,14 +4,16 @@ mod support;
 
 use std::ops::ControlFlow;
 use std::path::Path;
-use std::time::Duration;
 
+use nalgebra::Point3;
 use proptest::prelude::{Strategy as Generator, *};
-use skysink_common::scenario::Scenario;
+use skysink_common::checkpoint::Checkpoint;
 use skysink_common::sensors::SensorList;
 use skysink_planner::Planner;
 use skysink_planner::horizon::bound::mission_bound;
 use skysink_planner::settings::Strategy;
+use skysink_planner::strategies::Timing;
+use skysink_planner::strategies::offline::Offline;
 use support::{Mission, scenario_of};
 
 /// The strategies that carry something from slot to slot.
@@ -60,37 +62,36 @@ proptest! {
             let plan = mission.turn(slot);
             prop_assert_eq!(mission.report.refused, 0, "slot {}: {:?}", slot, plan);
             let path = mission.planner.path();
-            prop_assert!((1..=64).contains(&path.len()) && path[0] == [plan.x_m, plan.y_m, plan.z_m], "{:?}", path);
+            let waypoint = Point3::new(plan.x_m, plan.y_m, plan.z_m);
+            prop_assert!((1..=64).contains(&path.len()) && path[0] == waypoint, "{:?}", path);
             prop_assert_eq!(format!("{plan:?}"), format!("{:?}", restarted.turn(slot)));
             if slot == restart {
-                let list = SensorList::of(&scenario).unwrap();
-                let memory = restarted.planner.memory().to_vec();
-                restarted.planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits)).unwrap();
-                restarted.planner.recall(slot, &memory).unwrap();
+                restarted.restart();
+                prop_assert_eq!(restarted.planner.slot(), slot);
             }
-            prop_assert_eq!(mission.planner.memory(), restarted.planner.memory());
+            prop_assert_eq!(mission.saved(), restarted.saved());
         }
         prop_assert!(mission.field.totals().balanced());
     }
 }
 
 #[test]
-fn a_memory_of_another_slot_or_strategy_is_refused_and_changes_nothing() {
+fn a_checkpoint_that_is_cut_or_of_another_strategy_is_refused_and_changes_nothing() {
     for strategy in REMEMBERING {
         let scenario =
             scenario_of("slots = 10\n[planner]\nhorizon.iterations = 10\noffline.steps = 400\n", strategy, 1);
         let mut mission = Mission::new(&scenario);
         mission.turn(1);
-        let memory = mission.planner.memory().to_vec();
-        assert!(mission.planner.recall(2, &memory).is_err(), "{strategy:?}: another slot");
-        let mut cut = memory.clone();
-        cut.pop();
-        assert!(mission.planner.recall(1, &cut).is_err(), "{strategy:?}: cut short");
-        assert_eq!(mission.planner.memory(), memory);
+        let saved = mission.saved();
+        for length in 0..saved.len() {
+            assert!(mission.planner.restore(&saved[..length]).is_err(), "{strategy:?}: cut after {length}");
+        }
+        assert!(mission.planner.restore(&[&saved[..], &[0]].concat()).is_err(), "{strategy:?}: too long");
+        assert_eq!(mission.saved(), saved);
         let mut other = Mission::new(&scenario_of("slots = 10\n", Strategy::Uts, 1));
         other.turn(1);
-        assert!(other.planner.memory().is_empty());
-        assert!(other.planner.recall(1, &memory).is_err(), "{strategy:?}: another strategy");
+        assert!(other.saved().is_empty());
+        assert!(other.planner.restore(&saved).is_err(), "{strategy:?}: another strategy");
     }
 }
 
@@ -117,11 +118,10 @@ fn sensor_nodes_that_do_not_sample_are_served_but_not_waited_for() {
 #[test]
 fn a_limit_in_time_ends_a_search_and_none_or_a_long_one_changes_nothing() {
     let text = "slots = 40\n[area]\nside_m = 600.0\n[sensors]\nsampling_bps = 700.0\n";
-    let of =
-        |steps: u32| scenario_of(&format!("{text}[planner]\nhorizon.iterations = {steps}\n"), Strategy::Horizon, 1);
-    let fly = |scenario: &Scenario, limit| {
-        let mut mission = Mission::new(scenario);
-        mission.planner.limit(limit);
+    let fly = |steps: u32, budget: &str, timing| {
+        let keys = format!("{text}[planner]\nhorizon.iterations = {steps}\n{budget}\n");
+        let mut mission = Mission::new(&scenario_of(&keys, Strategy::Horizon, 1));
+        mission.planner.set_timing(timing);
         (1..=40)
             .map(|slot| {
                 let plan = mission.turn(slot);
@@ -131,12 +131,13 @@ fn a_limit_in_time_ends_a_search_and_none_or_a_long_one_changes_nothing() {
             .collect::<Vec<_>>()
     };
     // A thousand million steps would take half an hour a slot.
-    fly(&of(1_000_000_000), Some(Duration::from_millis(2)));
-    let few = of(500);
-    let unlimited = fly(&few, None);
-    assert_eq!(fly(&few, Some(Duration::from_secs(3_600))), unlimited);
-    let unimproved = fly(&of(0), None);
-    assert_eq!(fly(&few, Some(Duration::ZERO)), unimproved);
+    fly(1_000_000_000, "horizon.budget_ms = 2.0", Timing::Paced);
+    let unlimited = fly(500, "", Timing::Paced);
+    assert_eq!(fly(500, "horizon.budget_ms = 3.6e6", Timing::Paced), unlimited);
+    let at_once = "horizon.budget_ms = 1e-6";
+    assert_eq!(fly(500, at_once, Timing::Free), unlimited, "no clock is read");
+    let unimproved = fly(0, "", Timing::Paced);
+    assert_eq!(fly(500, at_once, Timing::Paced), unimproved);
     assert_ne!(unimproved, unlimited);
 }
 
@@ -202,15 +203,17 @@ fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
         let nodes = list.nodes(scenario.sensors.capacity_bits);
         let mut mission = Mission::new(&scenario);
         let mut shares = Vec::new();
-        let predicted_bits = mission.planner.prepare(&list.queues_bits(), &mut |progress| {
+        let found = Offline::search(&scenario, &nodes, &list.queues_bits(), &mut |progress| {
             shares.push(progress.share);
             ControlFlow::Continue(())
         });
+        let (offline, predicted_bits) = found.unwrap().unwrap();
+        mission.planner = Planner::with_strategy(&scenario, &nodes, Box::new(offline)).unwrap();
         assert!(shares.len() > 100 && shares.is_sorted() && shares[0] == 0.0, "{shares:?}");
         (1..=200).for_each(|slot| {
             mission.turn(slot);
         });
-        let (lost_bits, predicted_bits) = (mission.lost_bits() as f64, predicted_bits.unwrap());
+        let lost_bits = mission.lost_bits() as f64;
         assert!((lost_bits - predicted_bits).abs() < 1e-3, "seed {seed}: {lost_bits} against {predicted_bits}");
         let bound_bits = mission_bound(&scenario, &nodes, &list.queues_bits());
         assert!(bound_bits > 0.0 && bound_bits <= lost_bits, "seed {seed}: {lost_bits} against {bound_bits}");
@@ -222,17 +225,16 @@ fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
 }
 
 #[test]
-fn a_preparation_that_is_broken_off_leaves_nothing_behind() {
+fn a_search_that_is_broken_off_finds_nothing() {
     let text = "slots = 50\n[sensors]\ncount = 60\nsampling_bps = 5000.0\n[planner]\noffline.steps = 2000\n";
     let scenario = scenario_of(text, Strategy::Offline, 1);
-    let mut mission = Mission::new(&scenario);
-    let queues_bits = SensorList::of(&scenario).unwrap().queues_bits();
-    let broken_off = mission.planner.prepare(&queues_bits, &mut |progress| match progress.share {
+    let list = SensorList::of(&scenario).unwrap();
+    let nodes = list.nodes(scenario.sensors.capacity_bits);
+    let broken_off = Offline::search(&scenario, &nodes, &list.queues_bits(), &mut |progress| match progress.share {
         share if share > 0.5 => ControlFlow::Break(()),
         _ => ControlFlow::Continue(()),
     });
-    assert!(broken_off.is_none() && mission.planner.memory().is_empty());
-    assert_eq!(mission.loss_rate(), Mission::new(&scenario).loss_rate());
+    assert!(broken_off.unwrap().is_none());
 }
 
 /// Golden traces: waypoint [m] and schedule of the first slots.

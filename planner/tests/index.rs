@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use proptest::prelude::{Strategy as Generator, *};
-use skysink_common::geometry::Position;
+use skysink_common::geometry::{Position, above};
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::{Count, Overrides, Scenario};
 use skysink_planner::Planner;
@@ -92,7 +92,7 @@ proptest! {
             let mut undivided = undivided(&scenario, &case.sensors);
             for (number, (position, queues_bits)) in (1..).zip(&case.slots) {
                 let [own, expected] = [&mut divided, &mut undivided]
-                    .map(|planner| format!("{:?}", planner.step(number, position, 20.0, queues_bits)));
+                    .map(|planner| format!("{:?}", planner.step(number, above(position, 20.0), queues_bits)));
                 prop_assert_eq!(own, expected, "{}, slot {}", strategy.name(), number);
             }
         }

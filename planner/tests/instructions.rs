@@ -7,7 +7,7 @@ use std::hint::black_box;
 use std::path::Path;
 
 use instructions::{Case, counted};
-use skysink_common::geometry::Position;
+use skysink_common::geometry::{Position, above};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_planner::Planner;
@@ -30,7 +30,7 @@ fn fly(strategy: Strategy, count: u32) {
     let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits)).unwrap();
     let (mut position, mut queues_bits) = (scenario.uav.start, list.queues_bits());
     for slot in 1..=SLOTS {
-        let plan = counted(|| planner.step(slot, &position, 20.0, &queues_bits));
+        let plan = counted(|| planner.step(slot, above(&position, 20.0), &queues_bits));
         position = Position::new(plan.x_m, plan.y_m);
         plan.scheduled().iter().for_each(|&id| queues_bits[id as usize] = 0);
         queues_bits.iter_mut().for_each(|queue_bits| *queue_bits = (*queue_bits + 100).min(30_000));

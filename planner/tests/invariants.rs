@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use proptest::prelude::{Strategy as Generator, *};
-use skysink_common::geometry::{Position, within};
+use skysink_common::geometry::{Position, above, within};
 use skysink_common::message::{Mode, NOBODY, Plan, SensorNode, SolverOutcome};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_planner::Planner;
@@ -30,8 +30,7 @@ impl Case {
         let slot = &self.slots[index];
         Planner::new(&self.scenario, &self.sensors).unwrap().step(
             index as u64 + 1,
-            &slot.position,
-            20.0,
+            above(&slot.position, 20.0),
             &slot.queues_bits,
         )
     }
@@ -113,7 +112,7 @@ proptest! {
     fn a_plan_keeps_range_reach_area_and_resource_blocks(case in cases(&Strategy::ALL)) {
         let mut planner = Planner::new(&case.scenario, &case.sensors).unwrap();
         for (number, slot) in (1..).zip(&case.slots) {
-            let plan = planner.step(number, &slot.position, 20.0, &slot.queues_bits);
+            let plan = planner.step(number, above(&slot.position, 20.0), &slot.queues_bits);
             let waypoint = Position::new(plan.x_m, plan.y_m);
             let in_reach = within(&waypoint, &slot.position, case.scenario.reach_m());
             prop_assert!(in_reach, "slot {number}: reach, {waypoint}");
@@ -209,7 +208,7 @@ proptest! {
     fn a_plan_does_not_depend_on_the_slots_planned_before(case in cases(&Strategy::MEMORYLESS)) {
         let mut planner = Planner::new(&case.scenario, &case.sensors).unwrap();
         for (index, slot) in case.slots.iter().enumerate() {
-            let plan = planner.step(index as u64 + 1, &slot.position, 20.0, &slot.queues_bits);
+            let plan = planner.step(index as u64 + 1, above(&slot.position, 20.0), &slot.queues_bits);
             // As text, which tells every f64 apart and lets NaN equal NaN.
             prop_assert_eq!(format!("{plan:?}"), format!("{:?}", case.fresh_plan(index)));
         }

@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector2};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use skysink_common::channel::{Channel, LineOfSight};
-use skysink_common::geometry::{Position, distance_squared, within};
+use skysink_common::geometry::{Position, above, distance_squared, within};
 use skysink_common::message::{Plan, SensorNode, SolverOutcome};
 use skysink_common::scenario::{Environment, Overrides, Scenario};
 use skysink_planner::Planner;
@@ -96,7 +96,7 @@ impl Case {
         let node = |at: &Position| SensorNode { x_m: at.x, y_m: at.y, ..SensorNode::default() };
         let nodes: Vec<SensorNode> = self.sensors.iter().map(node).collect();
         let queues_bits = vec![u32::MAX; nodes.len()];
-        Planner::new(&self.scenario, &nodes).unwrap().step(1, &self.position, self.altitude_m, &queues_bits)
+        Planner::new(&self.scenario, &nodes).unwrap().step(1, above(&self.position, self.altitude_m), &queues_bits)
     }
 
     fn rate_bps(&self, at: &Point3<f64>) -> f64 {

@@ -6,7 +6,7 @@ use proptest::prelude::{Strategy as Generator, *};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use skysink_common::channel::{Channel, LineOfSight};
-use skysink_common::geometry::{Position, distance_squared, within};
+use skysink_common::geometry::{Position, above, distance_squared, within};
 use skysink_common::message::{Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::scenario::{Count, Overrides, Scenario};
 use skysink_planner::Planner;
@@ -41,7 +41,11 @@ fn nodes(places_m: &[[f64; 2]]) -> Vec<SensorNode> {
 /// The plan for SNs with endless queues and the UAV above (100, 100).
 fn plan(scenario: &Scenario, places_m: &[[f64; 2]], altitude_m: f64) -> Plan {
     let queues_bits = vec![u32::MAX; places_m.len()];
-    Planner::new(scenario, &nodes(places_m)).unwrap().step(1, &Position::new(100.0, 100.0), altitude_m, &queues_bits)
+    Planner::new(scenario, &nodes(places_m)).unwrap().step(
+        1,
+        above(&Position::new(100.0, 100.0), altitude_m),
+        &queues_bits,
+    )
 }
 
 fn link_of(scenario: &Scenario) -> LineOfSight {
@@ -170,8 +174,11 @@ fn a_set_that_only_the_slack_holds_together_is_served_from_where_it_was_found_an
         let mut scenario = dense_urban(Strategy::Exact, solver, FREE);
         (scenario.link.comm_radius_m, scenario.link.resource_blocks) = (10.0, 3);
         let queues_bits = [900, 950, 800, 700];
-        let found =
-            Planner::new(&scenario, &nodes(&places)).unwrap().step(1, &Position::new(106.0, 110.0), 60.0, &queues_bits);
+        let found = Planner::new(&scenario, &nodes(&places)).unwrap().step(
+            1,
+            above(&Position::new(106.0, 110.0), 60.0),
+            &queues_bits,
+        );
         assert_eq!((found.scheduled(), found.solver), (&[0, 1, 2][..], SolverOutcome::Fallback.code()), "{solver:?}");
         assert!((ground(&found) - Position::new(100.0, 100.0)).norm() < 1e-9, "{solver:?}");
         assert!((20.0..=120.0).contains(&found.z_m), "{solver:?}");
@@ -269,7 +276,7 @@ proptest! {
     fn a_plan_keeps_reach_range_area_and_climb_and_forgets_the_slots_before_if_its_strategy_does(case in cases()) {
         let mut planner = Planner::new(&case.scenario, &case.sensors).unwrap();
         for (number, (position, altitude_m, queues_bits)) in (1..).zip(&case.slots) {
-            let plan = planner.step(number, position, *altitude_m, queues_bits);
+            let plan = planner.step(number, above(position, *altitude_m), queues_bits);
             let at = ground(&plan);
             prop_assert!(within(&at, position, case.scenario.reach_m()), "slot {number}: reach, {at}");
             prop_assert!(case.scenario.area.contains(&at, 0.0), "slot {number}: area, {at}");
@@ -295,7 +302,7 @@ proptest! {
             if Settings::of(&case.scenario).unwrap().remembers() {
                 continue;
             }
-            let fresh = Planner::new(&case.scenario, &case.sensors).unwrap().step(number, position, *altitude_m, queues_bits);
+            let fresh = Planner::new(&case.scenario, &case.sensors).unwrap().step(number, above(position, *altitude_m), queues_bits);
             // As text, which tells every f64 apart and lets NaN equal NaN.
             prop_assert_eq!(format!("{plan:?}"), format!("{fresh:?}"), "slot {}", number);
         }

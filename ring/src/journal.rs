@@ -10,6 +10,7 @@ use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
 use rustix::io::{Errno, pwritev};
+use skysink_common::checkpoint::Checkpoint;
 use xxhash_rust::xxh3::Xxh3;
 
 use crate::error::JournalError;
@@ -87,6 +88,27 @@ impl Journal {
             }
         }
         Ok(())
+    }
+
+    /// Writes the state as the record of `slot`; one without bytes leaves none.
+    ///
+    /// # Errors
+    /// As [`Journal::write`].
+    pub fn save(&self, slot: u64, state: &dyn Checkpoint) -> Result<(), JournalError> {
+        let mut bytes = Vec::new();
+        state.save(&mut bytes);
+        if bytes.is_empty() { Ok(()) } else { self.write(slot, &[&bytes]) }
+    }
+
+    /// Restores the newest state of a slot before `slot` that `state` accepts, and returns its slot; `None` if there is
+    /// none, and `state` is as it was.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub fn restore_before(&self, slot: u64, state: &mut dyn Checkpoint) -> Result<Option<u64>, JournalError> {
+        let records = self.read()?;
+        let mut before = records.iter().rev().filter(|record| record.slot < slot);
+        Ok(before.find(|record| state.restore(&record.bytes).is_ok()).map(|record| record.slot))
     }
 
     /// All records that are whole, in ascending order of their slots. Whatever else is in the file does not count.

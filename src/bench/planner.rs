@@ -6,7 +6,7 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
-use skysink_common::geometry::Position;
+use skysink_common::geometry::{Position, above};
 use skysink_common::message::{Plan, SensorNode};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
@@ -72,7 +72,7 @@ impl<'a> Flight<'a> {
     }
 
     fn plan(&self, planner: &mut Planner) -> Plan {
-        black_box(planner.step(self.slot, &self.position, self.scenario.uav.altitude_m, &self.queues_bits))
+        black_box(planner.step(self.slot, above(&self.position, self.scenario.uav.altitude_m), &self.queues_bits))
     }
 
     /// Lives through the slot of a plan, which empties what it serves.

@@ -13,7 +13,7 @@ use skysink_mission::record::{RunFolder, SlotLog};
 use skysink_mission::summary::Tally;
 use skysink_mission::trace::RecordedSlot;
 use skysink_mission::{Mission, MissionError};
-use skysink_planner::recollection::Recollection;
+use skysink_planner::node::journal;
 use skysink_planner::settings::Settings;
 use skysink_ring::folder::RingFolder;
 
@@ -72,7 +72,7 @@ pub fn resume(
         }
         let planned = mission.plan();
         let header = if recorded.is_missed() {
-            repeatable &= !settings.remembers();
+            repeatable &= !mission.planner().has_state();
             mission.fly(None)
         } else if repeatable {
             mission.fly(Some(&planned))
@@ -103,7 +103,7 @@ impl Resumed {
         let (field, bits) = self.mission.field();
         let count = field.queues_bits().len();
         let planner = self.mission.planner();
-        Recollection::open(meeting, planner, count)?.after(slot, planner)?;
+        journal(meeting, count)?.save(slot, planner)?;
         FieldMemory::open(meeting, count)?.keep(Reached { slot, bits }, field)?;
         FlightMemory::open(meeting)?.keep(slot, self.mission.last_flight())?;
         Ok(())

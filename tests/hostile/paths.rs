@@ -34,8 +34,8 @@ fn writer(rogue: &Rogue) -> Writer<ipc::Service, [PathPoint], SlotHeader> {
 
 /// The good waypoint, and so many points after it.
 fn path(turn: &Turn, more: usize) -> Vec<PathPoint> {
-    let mut path = vec![PathPoint::from([turn.good.x_m, turn.good.y_m, turn.good.z_m])];
-    path.extend((0..more).map(|i| PathPoint::from([(i % 60) as f64, 30.0, 20.0])));
+    let mut path = vec![PathPoint { x_m: turn.good.x_m, y_m: turn.good.y_m, z_m: turn.good.z_m }];
+    path.extend((0..more).map(|i| PathPoint { x_m: (i % 60) as f64, y_m: 30.0, z_m: 20.0 }));
     path
 }
 

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use chunks::recording;
 use skysink_common::message::LinkReport;
+use skysink_common::path::PathPoint;
 use skysink_common::scenario::Scenario;
 use skysink_viewer::los::field;
 use skysink_viewer::{Scene, Sinks, Timing, curves, events, links, path, uav};
@@ -125,7 +126,8 @@ fn slots_between_two_files_are_marked_and_counted_in_the_later_one() {
 fn a_path_is_not_left_over_from_the_file_before() {
     let (_folder, first) = place();
     let leading = (0..=5).map(|slot| {
-        let path = vec![[slot as f64, 50.0, 20.0].into(), [90.0, 9.0, 20.0].into()];
+        let point = |x_m, y_m| PathPoint { x_m, y_m, z_m: 20.0 };
+        let path = vec![point(slot as f64, 50.0), point(90.0, 9.0)];
         Slot { path, ..Slot::new(slot, SENSORS as usize) }
     });
     record_slots(&first, &letter(), "x", leading);

@@ -14,7 +14,8 @@ pub fn path_message(bytes: &[u8]) {
     let area = WORLDS[usize::from(input.u8()) % WORLDS.len()].scenario.area;
     while !input.is_empty() {
         let count = input.u8() % 80;
-        let path: Vec<_> = (0..count).map(|_| PathPoint::from([input.f64(), input.f64(), input.f64()])).collect();
+        let path: Vec<_> =
+            (0..count).map(|_| PathPoint { x_m: input.f64(), y_m: input.f64(), z_m: input.f64() }).collect();
         if believable(&path, &area) {
             assert!((1..=64).contains(&path.len()), "{path:?}");
             for point in &path {

@@ -1,5 +1,6 @@
-//! What a planner remembers.
+//! Checkpoints of a planner.
 
+use skysink_common::checkpoint::Checkpoint;
 use skysink_common::message::FlightReport;
 use skysink_common::scenario::Scenario;
 use skysink_flight_sim::Flight;
@@ -9,11 +10,11 @@ use skysink_planner::settings::Strategy;
 use super::world::{SEEN, WORLDS, World, planned};
 use crate::cursor::Cursor;
 
-/// Slots of the life that a memory is taken from.
+/// Slots of the life that a checkpoint is taken from.
 const LIFE_SLOTS: u64 = 6;
 
-/// A planner that is given any memory refuses it and is as it was, or goes on with it: then it has that memory, and plans
-/// what the UAV can do. An unspoilt memory is never refused.
+/// A planner that is given any bytes refuses them and is as it was, or resumes from them and plans what the UAV can do. An
+/// unspoilt checkpoint is never refused.
 ///
 /// # Panics
 /// If not.
@@ -24,31 +25,33 @@ pub fn planner_memory(bytes: &[u8]) {
     let seen = SEEN[usize::from(input.u8()) % SEEN.len()];
     let scenario = planned(&world.scenario, strategy, seen);
     let (mut planner, here) = life(world, &scenario);
-    let lived = planner.memory().to_vec();
-    let memory = spoilt(&lived, &mut input);
-    match planner.recall(LIFE_SLOTS, &memory) {
-        Ok(()) => assert_eq!(planner.memory(), memory),
-        Err(_) => {
-            assert_eq!(planner.memory(), lived);
-            assert_ne!(memory, lived, "a memory of its own is refused");
-        }
+    let lived = saved(&planner);
+    let checkpoint = spoilt(&lived, &mut input);
+    if planner.restore(&checkpoint).is_err() {
+        assert_eq!(saved(&planner), lived);
+        assert_ne!(checkpoint, lived, "a checkpoint of its own is refused");
     }
     let queues: Vec<u32> = world.nodes.iter().map(|_| input.u32()).collect();
     planner.observe(LIFE_SLOTS, &here, &queues);
-    let plan = planner.step(LIFE_SLOTS + 1, &here.position(), here.z_m, &queues);
+    let plan = planner.step(LIFE_SLOTS + 1, here.point(), &queues);
     let mut flight = Flight::new(&scenario, &world.nodes);
     flight.take_over(&here);
     let report = flight.step(LIFE_SLOTS + 1, Some(&plan));
     assert_eq!((report.hold, report.refused), (0, 0), "{plan:?} from {here:?}");
-    let (next, there) = (planner.memory().to_vec(), report.position());
-    let mut again = Planner::new(&scenario, &world.nodes).expect("its keys were checked");
-    again.recall(LIFE_SLOTS + 1, &next).expect("what a planner remembers is a memory");
+    let mut again = Planner::new(&scenario, &world.nodes).expect("a scenario with a change that is allowed");
+    again.restore(&saved(&planner)).expect("what a planner saves is a checkpoint");
+    assert_eq!(saved(&again), saved(&planner));
     for planner in [&mut planner, &mut again] {
         planner.observe(LIFE_SLOTS + 1, &report, &queues);
     }
-    let [plan, same] =
-        [&mut planner, &mut again].map(|planner| planner.step(LIFE_SLOTS + 2, &there, report.z_m, &queues));
+    let [plan, same] = [&mut planner, &mut again].map(|planner| planner.step(LIFE_SLOTS + 2, report.point(), &queues));
     assert_eq!(format!("{plan:?}"), format!("{same:?}"));
+}
+
+fn saved(planner: &Planner) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    planner.save(&mut bytes);
+    bytes
 }
 
 /// A planner after some slots, and the flight of the last.
@@ -59,18 +62,18 @@ fn life(world: &World, scenario: &Scenario) -> (Planner, FlightReport) {
     let queues = world.list.queues_bits();
     for slot in 1..=LIFE_SLOTS {
         planner.observe(slot - 1, &report, &queues);
-        let plan = planner.step(slot, &report.position(), report.z_m, &queues);
+        let plan = planner.step(slot, report.point(), &queues);
         report = flight.step(slot, Some(&plan));
     }
     (planner, report)
 }
 
-/// A memory with some of its bytes replaced, cut, or any bytes instead.
-fn spoilt(memory: &[u8], input: &mut Cursor) -> Vec<u8> {
-    let mut spoilt = memory.to_vec();
+/// A checkpoint with some of its bytes replaced, cut, or any bytes instead.
+fn spoilt(checkpoint: &[u8], input: &mut Cursor) -> Vec<u8> {
+    let mut spoilt = checkpoint.to_vec();
     match input.u8() % 4 {
         0 => {}
-        1 => spoilt.truncate(usize::from(input.u16()) % (memory.len() + 1)),
+        1 => spoilt.truncate(usize::from(input.u16()) % (checkpoint.len() + 1)),
         2 => {
             for _ in 0..input.u8() % 4 {
                 let (place, length) = (usize::from(input.u16()), usize::from(input.u8()) % 9);

@@ -1,6 +1,6 @@
 //! Flights, queues and sensor nodes as the planner gets them.
 
-use skysink_common::geometry::Position;
+use skysink_common::geometry::{Position, above};
 use skysink_common::message::{HoldReason, SensorNode};
 use skysink_common::path::{PathPoint, believable};
 use skysink_common::scenario::Scenario;
@@ -37,7 +37,7 @@ pub fn planner_message(bytes: &[u8]) {
         if knowledge != Knowledge::Oracle {
             planner.observe(input.u64(), &report(&mut input, 2), &queues);
         }
-        let plan = planner.step(slot, &position, altitude_m, &queues);
+        let plan = planner.step(slot, above(&position, altitude_m), &queues);
         let ids = plan.scheduled();
         assert!(plan.served as usize == ids.len() && ids.len() <= scenario.link.resource_blocks, "{plan:?}");
         assert!(ids.iter().all(|&id| (id as usize) < nodes.len()) && ids.is_sorted_by(|a, b| a < b), "{plan:?}");

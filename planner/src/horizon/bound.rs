@@ -7,7 +7,6 @@ use super::Horizon;
 use super::forecast::Outlook;
 use super::reach::Reachable;
 use super::world::World;
-use crate::settings::Settings;
 
 /// Windows that are compared.
 const WINDOWS: usize = 8;
@@ -16,8 +15,7 @@ const WINDOWS: usize = 8;
 /// is flown: [`lower_bound_with_way`].
 #[must_use]
 pub fn mission_bound(scenario: &Scenario, sensors: &[SensorNode], queues_bits: &[u32]) -> f64 {
-    let mut horizon = Horizon::new(scenario, &Settings::default(), sensors);
-    horizon.most_slots = scenario.slots;
+    let horizon = Horizon::new(scenario, sensors);
     let world = &horizon.world;
     lower_bound_with_way(world, &horizon.outlook(1, &scenario.uav.start, queues_bits), &Reachable::new(world))
 }

@@ -22,9 +22,10 @@ pub mod states;
 mod tests;
 pub mod world;
 
-use std::ops::ControlFlow;
 use std::time::Duration;
 
+use serde::{Deserialize, Serialize};
+use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::geometry::Position;
 use skysink_common::message::SensorNode;
 use skysink_common::path::MAX_POINTS;
@@ -32,21 +33,12 @@ use skysink_common::random::{Purpose, Streams};
 use skysink_common::scenario::Scenario;
 
 use crate::estimate::{Estimate, Uncertainty};
-use crate::memory::{MemoryError, Reader};
 use anneal::Heat;
 use bound::lower_bound;
 use budget::Budget;
 use forecast::{Forecast, Outlook};
 use rollout::roll_out;
 use world::{Doubt, Place, World};
-
-use crate::settings::{Settings, Strategy};
-
-/// Most slots that are looked ahead: the letter's whole mission.
-const MOST_SLOTS: u64 = 600;
-
-/// Most slots that are planned before take-off.
-const MOST_OFFLINE_SLOTS: u64 = 10_000;
 
 /// Least that an SN of unknown rate is taken to sample per slot [bit]: one that does not sample cannot be told from one
 /// that samples hardly ever.
@@ -92,8 +84,6 @@ pub struct Horizon {
     most_slots: u64,
     /// Search steps in each slot.
     iterations: u32,
-    /// Search steps before the first slot that is planned; none but for `offline`.
-    offline_steps: Option<u64>,
     limit: Option<Duration>,
     /// What the queues would hold beyond their storages, as far as is believed, by source [slots of sampling]; empty where
     /// they are known.
@@ -102,6 +92,15 @@ pub struct Horizon {
     carried: Vec<u32>,
     /// Heat of the next search, 0 to [`HOTTEST`].
     heat: f64,
+}
+
+/// What a checkpoint holds of a look-ahead.
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    heat: f64,
+    /// Places that were added: centre [m] and members.
+    added: Vec<([f64; 2], Vec<u32>)>,
+    carried: Vec<u32>,
 }
 
 /// The next slot of a plan.
@@ -120,20 +119,15 @@ pub struct Next {
 }
 
 impl Horizon {
-    /// The look-ahead of a scenario with these sensor nodes (SNs), before its first slot.
+    /// The look-ahead of a scenario with these sensor nodes (SNs), before its first slot: over all slots, without search.
     #[must_use]
-    pub fn new(scenario: &Scenario, settings: &Settings, sensors: &[SensorNode]) -> Self {
-        let (most_slots, iterations, offline_steps) = match settings.strategy {
-            Strategy::Offline => (MOST_OFFLINE_SLOTS, 0, Some(settings.offline.steps.get())),
-            _ => (MOST_SLOTS, settings.horizon.iterations.get() as u32, None),
-        };
+    pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
         Self {
             world: World::new(scenario, sensors),
             streams: Streams::new(scenario.seed),
             slots: scenario.slots,
-            most_slots,
-            iterations,
-            offline_steps,
+            most_slots: scenario.slots,
+            iterations: 0,
             limit: None,
             overdue: Vec::new(),
             carried: Vec::new(),
@@ -144,28 +138,28 @@ impl Horizon {
     /// The look-ahead of a scenario that does not know the sampling rates: every SN may lose data, at the rate that
     /// `estimate` believes in.
     #[must_use]
-    pub fn learning(scenario: &Scenario, settings: &Settings, sensors: &[SensorNode], estimate: &Estimate) -> Self {
+    pub fn learning(scenario: &Scenario, sensors: &[SensorNode], estimate: &Estimate) -> Self {
         let believed = |(id, sensor): (u32, &SensorNode)| {
             let sampling_bps = estimate.mean_bits(id).max(LEAST_MEAN_BITS) / scenario.slot_s;
             SensorNode { sampling_bps, ..*sensor }
         };
-        let mut horizon = Self::new(scenario, settings, &(0..).zip(sensors).map(believed).collect::<Vec<_>>());
-        (0..).zip(sensors).for_each(|(id, _)| horizon.learn(id, estimate));
-        horizon
+        Self::new(scenario, &(0..).zip(sensors).map(believed).collect::<Vec<_>>())
     }
 
-    /// Takes over the rate that is believed of SN `id`. One that is unknown is passed over.
-    pub(crate) fn learn(&mut self, id: u32, estimate: &Estimate) {
-        if let Ok(source) = self.world.ids.binary_search(&id) {
-            let mean_bits = estimate.mean_bits(id).max(LEAST_MEAN_BITS);
-            self.world.sources[source].sample(mean_bits, estimate.capacity_bits(id));
-        }
+    /// Looks at most `most_slots` ahead from now on, with `iterations` search steps in each slot.
+    pub fn look_ahead(&mut self, most_slots: u64, iterations: u32) {
+        self.most_slots = most_slots;
+        self.iterations = iterations;
     }
 
-    /// Takes over how sure `estimate` is of the queues at the end of `slot`.
-    pub(crate) fn doubt(&mut self, slot: u64, estimate: &Estimate) {
+    /// Takes in what `estimate` believes at the end of `slot`: the rates, where they are learnt, and how sure the queues
+    /// are.
+    pub fn believe(&mut self, slot: u64, estimate: &Estimate) {
         self.overdue.clear();
         for (source, &id) in self.world.sources.iter_mut().zip(&self.world.ids) {
+            if estimate.learns() {
+                source.sample(estimate.mean_bits(id).max(LEAST_MEAN_BITS), estimate.capacity_bits(id));
+            }
             let Uncertainty { endless_bits, initial_bits, rate } = estimate.uncertainty(slot, id);
             source.doubt = Doubt { initial_slots: initial_bits / source.mean_bits, rate };
             let capacity_bits = source.fill_slots * source.mean_bits;
@@ -189,9 +183,6 @@ impl Horizon {
     #[must_use]
     pub fn step(&mut self, slot: u64, position: &Position, queues_bits: &[u32]) -> Option<Next> {
         let budget = Budget::from_now(self.iterations, self.limit);
-        if let Some(steps) = self.offline_steps.take() {
-            self.prepare((slot, steps), position, queues_bits, &mut |_| ControlFlow::Continue(()))?;
-        }
         let world = &self.world;
         if world.sources.is_empty() {
             return None;
@@ -289,40 +280,35 @@ impl Horizon {
             forecast.load(world, places.into_iter());
         }
     }
+}
 
-    /// Appends what the next slot has to know.
-    pub(crate) fn remember(&self, bytes: &mut Vec<u8>) {
-        bytes.extend(self.heat.to_le_bytes());
-        bytes.extend((self.world.added().len() as u32).to_le_bytes());
-        for Place { centre, members, .. } in self.world.added() {
-            let mut put = |number: u32| bytes.extend(number.to_le_bytes());
-            put(members.len() as u32);
-            members.iter().for_each(|&member| put(member));
-            centre.iter().for_each(|coordinate| bytes.extend(coordinate.to_le_bytes()));
-        }
-        self.carried.iter().for_each(|place| bytes.extend(place.to_le_bytes()));
+impl Checkpoint for Horizon {
+    fn save(&self, bytes: &mut Vec<u8>) {
+        let added = self.world.added().iter().map(|place| (place.centre.into(), place.members.clone())).collect();
+        encode(&Saved { heat: self.heat, added, carried: self.carried.clone() }, bytes);
     }
 
-    /// Goes on from a memory.
-    pub(crate) fn recall(&mut self, mut memory: Reader) -> Result<(), MemoryError> {
-        let heat = memory.share()?;
-        let (blocks, sources) = (self.world.blocks() as u32, self.world.sources.len() as u32);
-        let mut added = Vec::new();
-        for _ in 0..memory.number(MOST_OFFLINE_SLOTS as u32)? {
-            let members = memory.number(blocks.min(sources))?;
-            let members = (0..members).map(|_| memory.number(sources - 1)).collect::<Result<Vec<_>, _>>()?;
-            let centre = Position::new(memory.coordinate()?, memory.coordinate()?);
-            added.push(self.world.place_at(centre, members).ok_or_else(|| memory.malformed())?);
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        let Saved { heat, added, carried } = decode(bytes)?;
+        if !(0.0..=HOTTEST).contains(&heat) {
+            return Err(CheckpointError::unexpected("heat", heat, "0 to 1"));
         }
-        let own = self.world.places.len() - self.world.added().len();
-        let places = u32::try_from(own + added.len()).unwrap_or(u32::MAX);
-        self.carried = if places == 0 { Vec::new() } else { memory.numbers(places - 1)? };
+        let place = |(centre, members): ([f64; 2], Vec<u32>)| {
+            let refusal = || CheckpointError::unexpected("place", format!("{centre:?}"), "one in range of its members");
+            let is_finite = centre.iter().all(|coordinate| coordinate.is_finite());
+            self.world.place_at(centre.into(), members).filter(|_| is_finite).ok_or_else(refusal)
+        };
+        let added = added.into_iter().map(place).collect::<Result<Vec<Place>, _>>()?;
+        let places = self.world.places.len() - self.world.added().len() + added.len();
+        if let Some(stop) = carried.iter().find(|&&stop| stop as usize >= places) {
+            return Err(CheckpointError::unexpected("stop", stop, format!("a place below {places}")));
+        }
         if self.world.added() != added {
             self.world.forget_added();
             self.world.add(added);
         }
+        self.carried = carried;
         self.heat = heat;
-        self.offline_steps = None;
         Ok(())
     }
 }

@@ -48,7 +48,6 @@ impl Horizon {
         self.cool(&mut forecast, (slot, steps), watch).continue_value()?;
         self.carried = forecast.places();
         self.heat = COLDEST;
-        self.offline_steps = None;
         Some(forecast.loss_bits)
     }
 

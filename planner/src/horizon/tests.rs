@@ -18,7 +18,7 @@ use super::rollout::roll_out;
 use super::start;
 use super::world::{Doubt, Source, World};
 use super::{Estimate, Horizon};
-use crate::settings::{Rates, Settings};
+use crate::settings::Rates;
 use skysink_common::random::{Purpose, Streams};
 
 /// SNs of gain −52 dB, B = 30 kbit, at `places_m` [m] with their rates [bit/s], in an area of 400 m; d_c = 10 m,
@@ -433,7 +433,8 @@ fn rates_that_are_learnt_take_the_place_of_those_believed_before() {
     let sensor = |x_m: f64| SensorNode { x_m, y_m: 50.0, gain: 1e-5, capacity_bits: 30_000, ..SensorNode::default() };
     let sensors = [30.0, 60.0, 90.0].map(sensor); // what they sample is not looked at
     let mut estimate = Estimate::new(&scenario, Rates::Learnt, &sensors);
-    let mut horizon = Horizon::learning(&scenario, &Settings::of(&scenario).unwrap(), &sensors, &estimate);
+    let mut horizon = Horizon::learning(&scenario, &sensors, &estimate);
+    horizon.believe(0, &estimate);
     let sources = |horizon: &Horizon| {
         horizon.world.sources.iter().map(|source| (source.mean_bits, source.fill_slots)).collect::<Vec<_>>()
     };
@@ -447,6 +448,6 @@ fn rates_that_are_learnt_take_the_place_of_those_believed_before() {
     (2..12).for_each(|slot| estimate.observe(slot, &FlightReport::at(0.0, 0.0, 20.0, Mode::Serve), &[0; 3]));
     estimate.announce(12, &[0, 2], &[3_000, 0, 7]);
     estimate.observe(12, &flight, &[0, 0, 7]);
-    [0, 2, 3].into_iter().for_each(|id| horizon.learn(id, &estimate)); // SN 3 is nobody
+    horizon.believe(12, &estimate);
     assert_eq!(sources(&horizon), [(250.0, 120.0), (100.0, 300.0), (1e-3, 3e7)]);
 }

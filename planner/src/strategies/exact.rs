@@ -1,4 +1,4 @@
-//! Whom to serve: sP1 solved exactly, over every point in reach instead of Algorithm 1's circles.
+//! `exact`: sP1 solved exactly, over every point in reach instead of Algorithm 1's circles, then the waypoint by sP2.
 //!
 //! The best set is the one with the largest `Σ B_i(t−1)` (decision D6) of all sets of at most n sensor nodes (SNs) that
 //! one point within `V τ` has in range; of equals, the one with the lexicographically smallest ascending list of ids
@@ -18,11 +18,54 @@
 //!    are equally full, their ids are elementwise at most as high. So what the fullest neighbours of an SN, or of two,
 //!    would give if they could all be served bounds what any set with that SN, or both, can give.
 
+use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::{Position, distance_squared, within};
+use skysink_common::message::SolverOutcome;
 
 use crate::geometry::disks::{Disk, crossings, project};
 use crate::sensor_table::SensorTable;
 use crate::strategies::nearby::{Spot, may_share, preselect};
+use crate::strategies::serving::Serving;
+use crate::strategies::{Decision, Registered, Setup, Strategy, View};
+use crate::waypoint::problem::Waypoint;
+
+/// The strategy in the registry.
+pub const STRATEGY: Registered = Registered {
+    name: "exact",
+    about: "the best set of all that one point in reach can serve, then the best waypoint",
+    has_path: false,
+    make: |setup| Box::new(Exact::new(setup)),
+};
+
+struct Exact {
+    search: ExactSearch,
+    serving: Serving,
+    /// The schedule in the making.
+    ids: Vec<u32>,
+}
+
+impl Exact {
+    fn new(setup: &Setup) -> Self {
+        let ids = Vec::with_capacity(setup.table.resource_blocks);
+        Self { search: ExactSearch::new(setup.table), serving: Serving::new(setup), ids }
+    }
+}
+
+impl Checkpoint for Exact {}
+
+impl Strategy for Exact {
+    /// `None` if no sensor node can be served from within reach.
+    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+        let Self { search, serving, ids } = self;
+        let centre = search.best_set(view.table, &view.ground(), view.queues_bits, ids)?;
+        // The centre keeps every constraint of sP2 up to the slack of decision D5. Where the set has no point in common
+        // but for that slack, sP2* may find none, and the centre is flown to.
+        let waypoint = serving
+            .waypoint(view, ids)
+            .unwrap_or_else(|| Waypoint { point: serving.above(view, &centre, ids), outcome: SolverOutcome::Fallback });
+        Some(Decision::serve(view, &waypoint, ids))
+    }
+}
 
 /// The search, with its working memory.
 #[derive(Debug, Clone)]

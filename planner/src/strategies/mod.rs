@@ -1,7 +1,202 @@
-//! The strategies: whom to serve, and where to fly by rule.
+//! The strategies: who is served in a slot, and where the UAV flies.
+//!
+//! A strategy is a file of this folder and a line of [`STRATEGIES`], from which everything else knows it. It decides; how
+//! a decision becomes a message, and transit where it has none, is left to [`crate::planner`].
 
 pub mod algorithm_1;
-pub mod baselines;
 pub mod exact;
+pub mod gfs;
+pub mod horizon;
+pub mod max_age_first;
 pub(crate) mod nearby;
-pub mod rounds;
+pub mod offline;
+pub mod rfs;
+pub mod round_robin;
+pub mod serving;
+pub mod tour;
+pub mod transit;
+pub(crate) mod turns;
+pub mod uts;
+pub mod uts_wide;
+
+use std::ops::Deref;
+
+use nalgebra::Point3;
+use skysink_common::checkpoint::Checkpoint;
+use skysink_common::geometry::Position;
+use skysink_common::message::{FlightReport, MAX_SERVED, SensorNode, SolverOutcome};
+use skysink_common::scenario::Scenario;
+
+use crate::estimate::Estimate;
+use crate::sensor_table::SensorTable;
+use crate::settings::Settings;
+use algorithm_1::Winner;
+
+/// Every strategy, in the order in which they are listed to people.
+pub static STRATEGIES: [Registered; 10] = [
+    rfs::STRATEGY,
+    gfs::STRATEGY,
+    uts::STRATEGY,
+    uts_wide::STRATEGY,
+    exact::STRATEGY,
+    tour::STRATEGY,
+    round_robin::STRATEGY,
+    max_age_first::STRATEGY,
+    horizon::STRATEGY,
+    offline::STRATEGY,
+];
+
+/// A planning strategy: decides one slot from what is known at the end of the one before.
+///
+/// It depends on no clock unless its view says that one paces the mission, and on no random numbers but those of
+/// [`skysink_common::random`]; what it carries from slot to slot is its checkpoint.
+pub trait Strategy: Checkpoint {
+    /// The decision for the slot of `view`; `None` if nothing is within reach, and the transit rule (decision D8) flies.
+    fn plan(&mut self, view: &View<'_>) -> Option<Decision>;
+
+    /// Takes in what was flown, and what the UAV learned from it; `None` where the queues are known.
+    fn observe(&mut self, _report: &FlightReport, _estimate: Option<&Estimate>) {}
+
+    /// The waypoints after the one decided last, if the strategy looks that far.
+    fn path(&self) -> &[Point3<f64>] {
+        &[]
+    }
+}
+
+/// What a strategy sees of a slot.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'a> {
+    /// The slot to plan, t; the first is 1.
+    pub slot: u64,
+    /// Where the UAV is as it begins, `L_u(t−1)` [m].
+    pub position: Point3<f64>,
+    /// What the SNs hold as it begins, `B_i(t−1)` [bit], by id: known, or believed.
+    pub queues_bits: &'a [u32],
+    /// How far they may be from what is believed; `None` where they are known.
+    pub estimate: Option<&'a Estimate>,
+    /// The SNs and the limits of the UAV.
+    pub table: &'a SensorTable,
+    /// Whether a search may look at a clock.
+    pub timing: Timing,
+}
+
+/// What paces a mission.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Timing {
+    /// Its own steps: results depend on no clock.
+    Free,
+    /// A clock, which voids late plans: a search may end by time.
+    Paced,
+}
+
+impl View<'_> {
+    /// Where the UAV is, on the ground.
+    #[must_use]
+    pub fn ground(&self) -> Position {
+        self.position.xy()
+    }
+}
+
+/// What a strategy decides for a slot.
+#[derive(Debug, Clone, Copy)]
+pub struct Decision {
+    /// Where to fly [m].
+    pub waypoint: Point3<f64>,
+    /// Whom to serve from there.
+    pub schedule: Schedule,
+    /// How the waypoint was found.
+    pub outcome: SolverOutcome,
+    /// How Algorithm 1 found the schedule, for those who watch.
+    pub winner: Option<Winner>,
+}
+
+/// The SNs that a slot serves, ascending by id.
+#[derive(Debug, Clone, Copy)]
+pub struct Schedule {
+    ids: [u32; MAX_SERVED],
+    count: usize,
+}
+
+impl From<&[u32]> for Schedule {
+    /// # Panics
+    /// If there are more than [`MAX_SERVED`] ids; a scenario has at most as many resource blocks.
+    fn from(ids: &[u32]) -> Self {
+        let mut schedule = Self { ids: [0; MAX_SERVED], count: ids.len() };
+        schedule.ids[..ids.len()].copy_from_slice(ids);
+        schedule
+    }
+}
+
+impl Deref for Schedule {
+    type Target = [u32];
+
+    fn deref(&self) -> &[u32] {
+        &self.ids[..self.count]
+    }
+}
+
+/// What a strategy is made of before the first slot.
+#[derive(Debug, Clone, Copy)]
+pub struct Setup<'a> {
+    /// The mission.
+    pub scenario: &'a Scenario,
+    /// Its `[planner]`.
+    pub settings: &'a Settings,
+    /// Its sensor nodes (SNs), by id.
+    pub sensors: &'a [SensorNode],
+    /// The same and the limits of the UAV, as every view has them.
+    pub table: &'a SensorTable,
+    /// What is believed of the queues before any contact; `None` where they are known.
+    pub estimate: Option<&'a Estimate>,
+}
+
+/// A strategy as the registry knows it.
+#[derive(Debug, Clone, Copy)]
+pub struct Registered {
+    /// Its name in scenario files, folders and tables.
+    pub name: &'static str,
+    /// What it does, in a line.
+    pub about: &'static str,
+    /// Whether it knows where it flies after a slot ([`Strategy::path`]).
+    pub has_path: bool,
+    /// Makes it, before slot 1.
+    pub make: fn(&Setup<'_>) -> Box<dyn Strategy>,
+}
+
+/// The strategy of that name.
+#[must_use]
+pub fn find(name: &str) -> Option<&'static Registered> {
+    STRATEGIES.iter().find(|strategy| strategy.name == name)
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use skysink_common::scenario::Overrides;
+
+    /// The strategy of that name over SNs at `places_m` [m], in the letter's scenario.
+    pub(crate) fn made(name: &str, places_m: &[[f64; 2]]) -> (SensorTable, Box<dyn Strategy>) {
+        let scenario = Scenario::letter(Overrides::default()).unwrap();
+        let sensor = |&[x_m, y_m]: &[f64; 2]| SensorNode { x_m, y_m, gain: 10f64.powf(-5.2), ..SensorNode::default() };
+        let sensors: Vec<SensorNode> = places_m.iter().map(sensor).collect();
+        let table = SensorTable::new(&scenario, &sensors);
+        let settings = &Settings::of(&scenario).unwrap();
+        let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table: &table, estimate: None };
+        let strategy = (find(name).unwrap().make)(&setup);
+        (table, strategy)
+    }
+
+    /// What it sees from 20 m above `ground` [m].
+    pub(crate) fn view<'a>(table: &'a SensorTable, slot: u64, ground: [f64; 2], queues_bits: &'a [u32]) -> View<'a> {
+        let position = Point3::new(ground[0], ground[1], 20.0);
+        View { slot, position, queues_bits, estimate: None, table, timing: Timing::Free }
+    }
+
+    #[test]
+    fn every_strategy_is_found_by_its_name_alone() {
+        for strategy in &STRATEGIES {
+            assert!(std::ptr::eq(find(strategy.name).unwrap(), strategy), "{} is there twice", strategy.name);
+        }
+        assert!(find("nobody").is_none());
+    }
+}

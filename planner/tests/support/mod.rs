@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use skysink_common::checkpoint::Checkpoint;
 use skysink_common::message::{FlightReport, Plan, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
@@ -43,9 +44,9 @@ impl Mission {
 
     /// Observes and plans as the planner's process does.
     pub fn plan(&mut self, slot: u64) -> Plan {
-        let (position, queues_bits) = (self.report.position(), self.field.queues_bits());
+        let queues_bits = self.field.queues_bits();
         self.planner.observe(slot - 1, &self.report, queues_bits);
-        self.planner.step(slot, &position, self.report.z_m, queues_bits)
+        self.planner.step(slot, self.report.point(), queues_bits)
     }
 
     pub fn fly(&mut self, slot: u64, plan: Option<&Plan>) {
@@ -68,11 +69,18 @@ impl Mission {
         self.nodes[id as usize].sampling_bps * self.scenario.slot_s
     }
 
-    /// A planner that knows only what the one before it has put down.
-    pub fn restart(&mut self, slot: u64) {
-        let memory = self.planner.memory().to_vec();
+    /// The checkpoint of the planner.
+    pub fn saved(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        self.planner.save(&mut bytes);
+        bytes
+    }
+
+    /// A planner that knows only what the one before it has saved.
+    pub fn restart(&mut self) {
+        let saved = self.saved();
         self.planner = Planner::new(&self.scenario, &self.nodes).unwrap();
-        self.planner.recall(slot, &memory).unwrap();
+        self.planner.restore(&saved).unwrap();
     }
 
     /// Bits lost so far.

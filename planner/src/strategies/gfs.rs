@@ -1,0 +1,57 @@
+//! `gfs`: greedy flight to the fullest queue in reach, then the fullest queues in range.
+
+use skysink_common::checkpoint::Checkpoint;
+use skysink_common::geometry::Position;
+
+use super::nearby::fullest_first;
+use super::serving::Serving;
+use super::{Decision, Registered, Strategy, View};
+use crate::sensor_table::SensorTable;
+
+/// The strategy in the registry.
+pub const STRATEGY: Registered = Registered {
+    name: "gfs",
+    about: "greedy flight to the fullest queue in reach, then the fullest queues in range",
+    has_path: false,
+    make: |setup| Box::new(Gfs(Serving::new(setup))),
+};
+
+struct Gfs(Serving);
+
+impl Checkpoint for Gfs {}
+
+impl Strategy for Gfs {
+    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+        let waypoint = greedy_waypoint(view.table, &view.ground(), view.queues_bits)?;
+        Some(self.0.serve_fullest(view, &waypoint))
+    }
+}
+
+/// The SN with the largest queue within `V τ`, ties to the lowest index (decision D7); `None` if there
+/// is none.
+fn greedy_waypoint(table: &SensorTable, position: &Position, queues_bits: &[u32]) -> Option<Position> {
+    let mut fullest: Option<(u64, Position)> = None;
+    table.grid.visit_within(position, table.reach_m, |node| {
+        let key = fullest_first(queues_bits[node.id as usize], node.id);
+        if fullest.is_none_or(|(least, _)| key < least) {
+            fullest = Some((key, node.position));
+        }
+    });
+    fullest.map(|(_, position)| position)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor_table::tests::table_of;
+
+    #[test]
+    fn greedy_flight_takes_the_fullest_queue_in_reach_and_the_lowest_index_of_equals() {
+        let table = table_of(&[[50.0, 81.0], [50.0, 80.0], [20.0, 50.0], [60.0, 50.0]]);
+        let position = Position::new(50.0, 50.0);
+        // SN 0 is 31 m away, out of reach; SNs 1 and 2 exactly 30 m.
+        assert_eq!(greedy_waypoint(&table, &position, &[9, 7, 7, 6]), Some(table.positions[1]));
+        assert_eq!(greedy_waypoint(&table, &position, &[9, 7, 8, 6]), Some(table.positions[2]));
+        assert_eq!(greedy_waypoint(&table, &Position::new(50.0, 0.0), &[9, 7, 7, 6]), None);
+    }
+}

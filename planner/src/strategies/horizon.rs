@@ -1,0 +1,165 @@
+//! `horizon`: the plan of least predicted loss over many slots, improved in every slot and flown a slot at a time.
+//!
+//! How it is improved is left to [`crate::horizon`]; here its first slot becomes a decision.
+
+use std::time::Duration;
+
+use nalgebra::Point3;
+use skysink_common::checkpoint::{Checkpoint, CheckpointError};
+use skysink_common::geometry::Position;
+use skysink_common::message::SolverOutcome;
+
+use super::nearby::fullest_first;
+use super::serving::Serving;
+use super::{Decision, Registered, Setup, Strategy, Timing, View};
+use crate::horizon::{Horizon, Next, PATH};
+
+/// The strategy in the registry.
+pub const STRATEGY: Registered = Registered {
+    name: "horizon",
+    about: "the plan of least predicted loss over many slots, improved in every slot",
+    has_path: true,
+    make: |setup| Box::new(Rolling::new(setup)),
+};
+
+/// Most slots that are looked ahead: the letter's whole mission.
+const MOST_SLOTS: u64 = 600;
+
+/// The look-ahead as it moves on with the mission.
+struct Rolling {
+    ahead: Ahead,
+    /// Longest that a search may take in a paced mission.
+    budget: Option<Duration>,
+}
+
+impl Rolling {
+    fn new(setup: &Setup) -> Self {
+        let settings = setup.settings.horizon;
+        let iterations = settings.iterations.get() as u32; // at most 10^9
+        Self { ahead: Ahead::new(setup, MOST_SLOTS, iterations), budget: settings.budget_ms.map(Duration::from) }
+    }
+}
+
+impl Strategy for Rolling {
+    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+        self.ahead.horizon.limit(self.budget.filter(|_| view.timing == Timing::Paced));
+        self.ahead.believe(view);
+        self.ahead.plan(view)
+    }
+
+    fn path(&self) -> &[Point3<f64>] {
+        self.ahead.path()
+    }
+}
+
+impl Checkpoint for Rolling {
+    fn save(&self, bytes: &mut Vec<u8>) {
+        self.ahead.horizon.save(bytes);
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        self.ahead.horizon.restore(bytes)
+    }
+}
+
+/// A plan over many slots, and how its first slot is flown.
+pub(super) struct Ahead {
+    pub horizon: Horizon,
+    serving: Serving,
+    /// The waypoints after the one decided last.
+    path: Vec<Point3<f64>>,
+}
+
+impl Ahead {
+    /// Looks at most `most_slots` ahead, with `iterations` search steps in each slot.
+    pub fn new(setup: &Setup, most_slots: u64, iterations: u32) -> Self {
+        let Setup { scenario, sensors, estimate, .. } = *setup;
+        let learnt = estimate.filter(|estimate| estimate.learns());
+        let mut horizon = match learnt {
+            Some(estimate) => Horizon::learning(scenario, sensors, estimate),
+            None => Horizon::new(scenario, sensors),
+        };
+        horizon.look_ahead(most_slots, iterations);
+        Self { horizon, serving: Serving::new(setup), path: Vec::with_capacity(PATH) }
+    }
+
+    /// Takes in what is believed of the queues and of the sampling rates.
+    pub fn believe(&mut self, view: &View) {
+        if let Some(estimate) = view.estimate {
+            self.horizon.believe(view.slot.saturating_sub(1), estimate);
+        }
+    }
+
+    /// Improves the plan and decides its first slot; `None` if no SN that can lose data can be reached.
+    pub fn plan(&mut self, view: &View) -> Option<Decision> {
+        self.path.clear();
+        let next = self.horizon.step(view.slot, &view.ground(), view.queues_bits)?;
+        let (waypoint, outcome) = self.between_stops(view, &next);
+        let key = |id: u32| (!next.ids.contains(&id), fullest_first(view.queues_bits[id as usize], id));
+        let decision = Decision { outcome, ..self.serving.serve_by(view, &waypoint, key) };
+        let z_m = decision.waypoint.z;
+        self.path.extend(next.path.iter().skip(1).map(|point| Point3::new(point.x, point.y, z_m)));
+        Some(decision)
+    }
+
+    /// The waypoints after the one decided last.
+    pub fn path(&self) -> &[Point3<f64>] {
+        &self.path
+    }
+
+    /// The waypoint of a planned slot: where its links limit what it collects, as far toward the best point to serve
+    /// from (sP2*) as the next stop stays in reach in time.
+    fn between_stops(&mut self, view: &View, next: &Next) -> (Position, SolverOutcome) {
+        let above = self.serving.above(view, &next.waypoint, &next.ids);
+        let queued_bits: u64 = next.ids.iter().map(|&id| u64::from(view.queues_bits[id as usize])).sum();
+        let expected_bits = view.table.expected_bits(&above, &next.ids, view.queues_bits);
+        if expected_bits == queued_bits {
+            return (next.waypoint, SolverOutcome::Rule);
+        }
+        let Some(best) = self.serving.waypoint(view, &next.ids) else {
+            return (next.waypoint, SolverOutcome::Rule);
+        };
+        let best_ground = best.point.xy();
+        let Some((then, slots)) = next.then else {
+            return (best_ground, best.outcome);
+        };
+        let reach_m = view.table.reach_m * f64::from(slots);
+        let fraction = fraction_within(&next.waypoint, &best_ground, &then, reach_m);
+        (next.waypoint + (best_ground - next.waypoint) * fraction, best.outcome)
+    }
+}
+
+/// How far from `from` toward `to`, as a fraction of the path, one stays within `radius_m` [m] of `centre`; 0 if `from` is
+/// not.
+fn fraction_within(from: &Position, to: &Position, centre: &Position, radius_m: f64) -> f64 {
+    let path = to - from;
+    let away = from - centre;
+    let a = path.norm_squared();
+    let b = path.dot(&away);
+    let c = away.norm_squared() - radius_m * radius_m;
+    if c > 0.0 {
+        return 0.0;
+    }
+    // The larger root of a t² + 2 b t + c = 0, c ≤ 0.
+    let root = (b * b - a * c).max(0.0).sqrt();
+    let fraction = if b > 0.0 { -c / (b + root) } else { (root - b) / a };
+    if fraction.is_finite() { fraction.clamp(0.0, 1.0) } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_path_within_a_circle_ends_on_it() {
+        let at = Position::new;
+        // From 4 m west of the centre of a circle of 10 m eastward: 14 m of 28 m.
+        let fraction = fraction_within(&at(46.0, 50.0), &at(74.0, 50.0), &at(50.0, 50.0), 10.0);
+        assert!((fraction - 0.5).abs() < 1e-12, "{fraction}");
+        let fraction = fraction_within(&at(54.0, 50.0), &at(26.0, 50.0), &at(50.0, 50.0), 10.0);
+        assert!((fraction - 0.5).abs() < 1e-12, "{fraction}");
+        assert_eq!(fraction_within(&at(46.0, 50.0), &at(48.0, 50.0), &at(50.0, 50.0), 10.0), 1.0, "never leaves it");
+        assert_eq!(fraction_within(&at(30.0, 50.0), &at(50.0, 50.0), &at(50.0, 50.0), 10.0), 0.0, "starts outside");
+        assert_eq!(fraction_within(&at(46.0, 50.0), &at(46.0, 50.0), &at(50.0, 50.0), 10.0), 0.0, "nowhere to go");
+    }
+}

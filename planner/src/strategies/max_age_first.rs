@@ -1,0 +1,89 @@
+//! `max-age-first`: to the sensor node (SN) that has waited longest for its last service.
+
+use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
+
+use super::nearby::fullest_first;
+use super::serving::Serving;
+use super::transit::toward;
+use super::{Decision, Registered, Setup, Strategy, View};
+
+/// The strategy in the registry.
+pub const STRATEGY: Registered = Registered {
+    name: "max-age-first",
+    about: "to the sensor node that has waited longest for its last service",
+    has_path: false,
+    make: |setup| Box::new(MaxAgeFirst::new(setup)),
+};
+
+struct MaxAgeFirst {
+    /// Slot in which each SN was scheduled last, 0 before the first, by id.
+    last: Vec<u32>,
+    serving: Serving,
+}
+
+impl MaxAgeFirst {
+    fn new(setup: &Setup) -> Self {
+        Self { last: vec![0; setup.sensors.len()], serving: Serving::new(setup) }
+    }
+}
+
+impl Strategy for MaxAgeFirst {
+    /// Straight toward the SN that has waited longest, until above it; serves the n in range that have.
+    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+        let Self { last, serving } = self;
+        // Those that wait longest come first, of these the fullest, then the lowest index.
+        let oldest_first = |id: u32| (last[id as usize], fullest_first(view.queues_bits[id as usize], id));
+        let ground = view.ground();
+        let oldest = view.table.ids().min_by_key(|&id| oldest_first(id));
+        let waypoint = oldest.map_or(ground, |oldest| toward(view.table, &ground, view.table.position(oldest)));
+        let decision = serving.serve_by(view, &waypoint, oldest_first);
+        let slot = u32::try_from(view.slot).unwrap_or(u32::MAX);
+        decision.schedule.iter().for_each(|&id| last[id as usize] = slot);
+        Some(decision)
+    }
+}
+
+impl Checkpoint for MaxAgeFirst {
+    fn save(&self, bytes: &mut Vec<u8>) {
+        encode(&self.last, bytes);
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        let last: Vec<u32> = decode(bytes)?;
+        if last.len() != self.last.len() {
+            return Err(CheckpointError::unexpected("sensor nodes", last.len(), self.last.len()));
+        }
+        self.last = last;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{made, view};
+
+    #[test]
+    fn who_has_waited_longest_is_flown_to_and_served_first() {
+        let places = [[50.0, 50.0], [51.0, 50.0], [52.0, 50.0], [53.0, 50.0], [54.0, 50.0], [50.0, 75.0]];
+        let (table, mut oldest_first) = made("max-age-first", &places);
+        let mut plan = |slot, ground| {
+            let decision = oldest_first.plan(&view(&table, slot, ground, &[5, 9, 5, 5, 5, 8])).unwrap();
+            (decision.waypoint.xy().into(), decision.schedule.to_vec())
+        };
+        assert_eq!(
+            plan(1, [50.0, 50.0]),
+            ([51.0, 50.0], vec![0, 1, 2, 3]),
+            "of equals the fullest, then the lowest index"
+        );
+        assert_eq!(plan(2, [51.0, 50.0]), ([50.0, 75.0], vec![5]), "SNs 4 and 5 were never served");
+        assert_eq!(plan(3, [54.0, 51.0]), ([54.0, 50.0], vec![0, 1, 2, 4]), "SN 4 and those of slot 1, not SN 3");
+    }
+
+    #[test]
+    fn a_checkpoint_of_another_field_is_refused() {
+        let (_, mut oldest_first) = made("max-age-first", &[[50.0, 90.0], [90.0, 90.0]]);
+        let mut bytes = Vec::new();
+        made("max-age-first", &[[50.0, 90.0]; 3]).1.save(&mut bytes);
+        assert_eq!(oldest_first.restore(&bytes).unwrap_err().to_string(), "checkpoint: sensor nodes = 3: expected 2");
+    }
+}

@@ -1,0 +1,112 @@
+//! `offline`: the plan of least predicted loss for the whole mission, made before take-off and flown as it is.
+
+use std::ops::ControlFlow;
+
+use nalgebra::Point3;
+use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
+use skysink_common::message::SensorNode;
+use skysink_common::scenario::{Scenario, ScenarioError};
+
+use super::horizon::Ahead;
+use super::{Decision, Registered, Setup, Strategy, Timing, View};
+use crate::horizon::optimize::Progress;
+use crate::sensor_table::SensorTable;
+use crate::settings::Settings;
+
+/// The strategy in the registry.
+pub const STRATEGY: Registered = Registered {
+    name: "offline",
+    about: "the same for the whole mission, made before take-off and flown as it is",
+    has_path: true,
+    make: |setup| Box::new(Offline::new(setup)),
+};
+
+/// Most slots that are planned before take-off.
+const MOST_SLOTS: u64 = 10_000;
+
+/// The plan of a mission.
+pub struct Offline {
+    ahead: Ahead,
+    /// Search steps for the plan.
+    steps: u64,
+    /// Whether the plan is made.
+    is_planned: bool,
+}
+
+impl Offline {
+    /// The strategy before its search.
+    #[must_use]
+    pub fn new(setup: &Setup) -> Self {
+        Self { ahead: Ahead::new(setup, MOST_SLOTS, 0), steps: setup.settings.offline.steps.get(), is_planned: false }
+    }
+
+    /// The strategy before its search, of a mission whose queues are known.
+    ///
+    /// # Errors
+    /// If `[planner]` of the scenario is refused.
+    pub fn of(scenario: &Scenario, sensors: &[SensorNode]) -> Result<Self, ScenarioError> {
+        let settings = &Settings::of(scenario)?;
+        let table = &SensorTable::new(scenario, sensors);
+        Ok(Self::new(&Setup { scenario, settings, sensors, table, estimate: None }))
+    }
+
+    /// Makes the plan of a mission whose queues are known, `queues_bits` [bit] by id before slot 1, and returns the loss
+    /// [bit] that it leads to. Without it the first slot does so.
+    ///
+    /// `None`, and nothing is planned, if no sensor node that can lose data can be reached, or if `watch`, which is told
+    /// now and then how far the search is, breaks it off.
+    ///
+    /// # Errors
+    /// If `[planner]` of the scenario is refused.
+    pub fn search(
+        scenario: &Scenario,
+        sensors: &[SensorNode],
+        queues_bits: &[u32],
+        watch: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+    ) -> Result<Option<(Self, f64)>, ScenarioError> {
+        let table = &SensorTable::new(scenario, sensors);
+        let mut offline = Self::of(scenario, sensors)?;
+        let start = scenario.uav.start;
+        let position = Point3::new(start.x, start.y, scenario.uav.altitude_m);
+        let view = View { slot: 1, position, queues_bits, estimate: None, table, timing: Timing::Free };
+        Ok(offline.prepare(&view, watch).map(|loss_bits| (offline, loss_bits)))
+    }
+
+    /// Makes the plan from `view` on; returns the loss [bit] that it leads to.
+    fn prepare(&mut self, view: &View, watch: &mut dyn FnMut(Progress) -> ControlFlow<()>) -> Option<f64> {
+        self.ahead.believe(view);
+        let begin = (view.slot, self.steps);
+        let loss_bits = self.ahead.horizon.prepare(begin, &view.ground(), view.queues_bits, watch)?;
+        self.is_planned = true;
+        Some(loss_bits)
+    }
+}
+
+impl Strategy for Offline {
+    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+        if self.is_planned {
+            self.ahead.believe(view);
+        } else {
+            self.prepare(view, &mut |_| ControlFlow::Continue(()))?;
+        }
+        self.ahead.plan(view)
+    }
+
+    fn path(&self) -> &[Point3<f64>] {
+        self.ahead.path()
+    }
+}
+
+impl Checkpoint for Offline {
+    fn save(&self, bytes: &mut Vec<u8>) {
+        encode(&self.is_planned, bytes);
+        self.ahead.horizon.save(bytes);
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        let (is_planned, horizon) = decode_first(bytes)?;
+        self.ahead.horizon.restore(horizon)?;
+        self.is_planned = is_planned;
+        Ok(())
+    }
+}

@@ -1,0 +1,108 @@
+//! `rfs`: random flight, then the fullest queues in range.
+
+use rand::RngExt;
+use skysink_common::checkpoint::Checkpoint;
+use skysink_common::geometry::{Position, within};
+use skysink_common::random::{Purpose, Streams};
+
+use super::serving::Serving;
+use super::{Decision, Registered, Strategy, View};
+use crate::sensor_table::SensorTable;
+
+/// The strategy in the registry.
+pub const STRATEGY: Registered = Registered {
+    name: "rfs",
+    about: "random flight, the fullest queues in range",
+    has_path: false,
+    make: |setup| Box::new(Rfs { streams: Streams::new(setup.scenario.seed), serving: Serving::new(setup) }),
+};
+
+/// Draws of a random waypoint before the UAV stays where it is.
+///
+/// Of the points drawn, at least a fraction of π/4 is in reach, unless the position is outside the area or not a number;
+/// flight-sim reports no such position, but a planner that never answers would be worse than one that stays.
+const MAX_DRAWS: u32 = 1_000;
+
+struct Rfs {
+    streams: Streams,
+    serving: Serving,
+}
+
+impl Checkpoint for Rfs {}
+
+impl Strategy for Rfs {
+    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+        let waypoint = random_waypoint(view.table, &self.streams, view.slot, &view.ground());
+        Some(self.serving.serve_fullest(view, &waypoint))
+    }
+}
+
+/// Random flight: uniform on the disk of radius `V τ` about the UAV, intersected with the closed area, by rejection.
+fn random_waypoint(table: &SensorTable, streams: &Streams, slot: u64, position: &Position) -> Position {
+    let mut stream = streams.stream(Purpose::RandomFlight, slot, 0);
+    let bounds_m = |at_m: f64, extent_m: f64| ((at_m - table.reach_m).max(0.0), (at_m + table.reach_m).min(extent_m));
+    let (west_m, east_m) = bounds_m(position.x, table.area.width_m);
+    let (south_m, north_m) = bounds_m(position.y, table.area.height_m);
+    for _ in 0..MAX_DRAWS {
+        let [share_x, share_y] = stream.random::<[f64; 2]>();
+        let drawn = Position::new(west_m + (east_m - west_m) * share_x, south_m + (north_m - south_m) * share_y);
+        if within(&drawn, position, table.reach_m) {
+            return drawn;
+        }
+    }
+    *position
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor_table::tests::table_of;
+
+    #[test]
+    fn random_waypoints_stay_in_reach_and_in_the_area() {
+        let table = table_of(&[[50.0, 50.0]]);
+        for (seed, corner) in (0..).zip([[0.0, 0.0], [100.0, 0.0], [97.0, 88.0], [50.0, 50.0]]) {
+            let position = Position::from(corner);
+            for slot in 1..=500 {
+                let waypoint = random_waypoint(&table, &Streams::new(seed), slot, &position);
+                assert!(within(&waypoint, &position, table.reach_m), "seed {seed}, slot {slot}: {waypoint}");
+                assert!(table.area.contains(&waypoint, 0.0), "seed {seed}, slot {slot}: {waypoint}");
+            }
+        }
+    }
+
+    #[test]
+    fn random_waypoints_spread_evenly_over_the_disk() {
+        let table = table_of(&[[50.0, 50.0]]);
+        let position = Position::new(50.0, 50.0);
+        let (mut sum, mut sum_m2) = (nalgebra::Vector2::zeros(), 0.0);
+        for slot in 1..=20_000 {
+            let offset_m = random_waypoint(&table, &Streams::new(1), slot, &position) - position;
+            sum += offset_m;
+            sum_m2 += offset_m.norm_squared();
+        }
+        // Uniform on a disk of radius R: mean 0 with deviation R/2 per axis, mean squared radius R²/2 = 450 with
+        // deviation R²/√12 = 260. Five standard errors of 20 000 draws: 5 · 15/141 = 0.53 m and 5 · 260/141 = 9.2 m².
+        assert!((sum / 20_000.0).amax() < 0.53, "{sum}");
+        assert!((sum_m2 / 20_000.0 - 450.0).abs() < 9.2, "{sum_m2}");
+    }
+
+    #[test]
+    fn a_random_waypoint_from_nowhere_is_nowhere_instead_of_never() {
+        let table = table_of(&[[50.0, 50.0]]);
+        let waypoint = |x_m| random_waypoint(&table, &Streams::new(1), 1, &Position::new(x_m, 50.0));
+        assert!(waypoint(f64::NAN).x.is_nan());
+        assert_eq!(waypoint(500.0), Position::new(500.0, 50.0));
+    }
+
+    /// A golden draw: missions flown with `rfs` depend on it.
+    #[test]
+    fn random_flight_stays_what_it_is() {
+        let table = table_of(&[[50.0, 50.0]]);
+        let waypoints = [1, 2].map(|slot| random_waypoint(&table, &Streams::new(1), slot, &Position::new(50.0, 50.0)));
+        assert_eq!(
+            waypoints,
+            [[62.22547328363256, 46.235563928894265], [66.48446199110184, 34.41681694902436]].map(Position::from)
+        );
+    }
+}

@@ -1,0 +1,75 @@
+//! `round-robin`: to one sensor node (SN) after the other in the order of their ids.
+
+use skysink_common::checkpoint::{Checkpoint, CheckpointError};
+
+use super::serving::Serving;
+use super::transit::toward;
+use super::turns::Turns;
+use super::{Decision, Registered, Setup, Strategy, View};
+
+/// The strategy in the registry.
+pub const STRATEGY: Registered = Registered {
+    name: "round-robin",
+    about: "to one sensor node after the other in the order of their ids",
+    has_path: false,
+    make: |setup| Box::new(RoundRobin::new(setup)),
+};
+
+struct RoundRobin {
+    turns: Turns,
+    serving: Serving,
+}
+
+impl RoundRobin {
+    fn new(setup: &Setup) -> Self {
+        Self { turns: Turns::new(setup.table.ids().collect()), serving: Serving::new(setup) }
+    }
+}
+
+impl Strategy for RoundRobin {
+    /// Straight toward the SN whose turn it is, until above it.
+    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+        let ground = view.ground();
+        let waypoint = self.turns.current().map(|id| toward(view.table, &ground, view.table.position(id)));
+        Some(self.turns.serve(view, &mut self.serving, &waypoint.unwrap_or(ground)))
+    }
+}
+
+impl Checkpoint for RoundRobin {
+    fn save(&self, bytes: &mut Vec<u8>) {
+        self.turns.save(bytes);
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        self.turns.restore(bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{made, view};
+
+    #[test]
+    fn round_robin_flies_straight_over_each_in_turn() {
+        let (table, mut round_robin) = made("round-robin", &[[80.0, 90.0], [50.0, 60.0]]);
+        let mut waypoint = |slot, ground| {
+            let decision = round_robin.plan(&view(&table, slot, ground, &[9, 9])).unwrap();
+            (decision.waypoint.xy().into(), decision.schedule.to_vec())
+        };
+        // (30, 40) is 50 m away: 30 m of it are (18, 24); then 20 m are left.
+        assert_eq!(waypoint(1, [50.0, 50.0]), ([68.0, 74.0], vec![]));
+        assert_eq!(waypoint(2, [68.0, 74.0]), ([80.0, 90.0], vec![0]), "served, which ends its turn");
+        assert_eq!(waypoint(3, [50.0, 59.0]), ([50.0, 60.0], vec![1]));
+        assert_eq!(waypoint(4, [80.0, 89.0]), ([80.0, 90.0], vec![0]), "and again from the first");
+    }
+
+    #[test]
+    fn whose_turn_it_is_is_served_before_fuller_queues() {
+        let places = [[50.0, 50.0], [51.0, 50.0], [52.0, 50.0], [53.0, 50.0], [54.0, 50.0]];
+        let (table, mut round_robin) = made("round-robin", &places);
+        let mut served = |slot| round_robin.plan(&view(&table, slot, [50.0, 50.0], &[1, 9, 8, 7, 6])).unwrap().schedule;
+        assert_eq!(served(1)[..], [0, 1, 2, 3], "SN 0 instead of SN 4");
+        assert_eq!(served(2)[..], [1, 2, 3, 4], "SN 0 had its turn");
+        assert_eq!(served(3)[..], [0, 1, 2, 3]);
+    }
+}

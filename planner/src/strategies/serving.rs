@@ -1,0 +1,109 @@
+//! From where a set of sensor nodes (SNs) is served, and whom a point serves: what most strategies end with.
+
+use nalgebra::Point3;
+use skysink_common::geometry::Position;
+use skysink_common::message::SolverOutcome;
+
+use super::nearby::fullest_first;
+use super::{Decision, Setup, View};
+use crate::sensor_table::SensorTable;
+use crate::waypoint::Solver;
+use crate::waypoint::problem::Waypoint;
+
+/// The waypoints and schedules of a mission, with the working memory for them: nothing here allocates in a slot.
+pub struct Serving {
+    solver: Solver,
+    /// The schedule in the making.
+    ids: Vec<u32>,
+}
+
+impl Serving {
+    /// With the solver that the scenario chooses.
+    #[must_use]
+    pub fn new(setup: &Setup) -> Self {
+        let ids = Vec::with_capacity(setup.table.positions.len());
+        Self { solver: Solver::new(setup.scenario, setup.settings, setup.table), ids }
+    }
+
+    /// The waypoint from which the SNs `ids` send most, by sP2; `None` if no point in reach is in range of them all.
+    pub fn waypoint(&mut self, view: &View, ids: &[u32]) -> Option<Waypoint> {
+        self.solver.solve(view.table, &view.position, ids)
+    }
+
+    /// The point above `ground` from which the SNs `ids` send most.
+    pub fn above(&mut self, view: &View, ground: &Position, ids: &[u32]) -> Point3<f64> {
+        self.solver.above(view.table, ground, &view.position, ids)
+    }
+
+    /// The decision to fly to `ground`, or the point of the area next to it, and serve the n fullest queues in range.
+    pub fn serve_fullest(&mut self, view: &View, ground: &Position) -> Decision {
+        self.serve_by(view, ground, |id| fullest_first(view.queues_bits[id as usize], id))
+    }
+
+    /// The same, for the n SNs in range with the smallest `key`, which differs from SN to SN.
+    pub fn serve_by<K: Ord>(&mut self, view: &View, ground: &Position, key: impl Fn(u32) -> K) -> Decision {
+        let ground = view.table.into_area(ground);
+        let Self { solver, ids } = self;
+        fill_in_range(view.table, &ground, key, ids);
+        let waypoint = solver.above(view.table, &ground, &view.position, ids);
+        Decision { waypoint, schedule: ids[..].into(), outcome: SolverOutcome::Rule, winner: None }
+    }
+}
+
+impl Decision {
+    /// To serve the SNs `ids`, ascending, from a solved waypoint, or the point of the area next to it.
+    #[must_use]
+    pub fn serve(view: &View, waypoint: &Waypoint, ids: &[u32]) -> Self {
+        let ground = view.table.into_area(&waypoint.point.xy());
+        let point = Point3::new(ground.x, ground.y, waypoint.point.z);
+        Self { waypoint: point, schedule: ids.into(), outcome: waypoint.outcome, winner: None }
+    }
+}
+
+/// Fills `ids` with the n SNs within `d_c` of `ground` that have the smallest `key`, ascending by id.
+fn fill_in_range<K: Ord>(table: &SensorTable, ground: &Position, key: impl Fn(u32) -> K, ids: &mut Vec<u32>) {
+    ids.clear();
+    table.grid.visit_within(ground, table.comm_radius_m, |node| ids.push(node.id));
+    if ids.len() > table.resource_blocks {
+        ids.select_nth_unstable_by_key(table.resource_blocks, |&id| key(id));
+        ids.truncate(table.resource_blocks);
+    }
+    ids.sort_unstable();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor_table::tests::table_of;
+
+    /// The n fullest queues in range.
+    fn fullest(table: &SensorTable, ground: [f64; 2], queues_bits: &[u32]) -> Vec<u32> {
+        let mut ids = vec![77];
+        let key = |id: u32| fullest_first(queues_bits[id as usize], id);
+        fill_in_range(table, &ground.into(), key, &mut ids);
+        ids
+    }
+
+    #[test]
+    fn the_fullest_queues_in_range_are_served_in_ascending_order() {
+        let table = table_of(&[[50.0, 50.0], [51.0, 50.0], [60.0, 50.0], [60.1, 50.0], [52.0, 50.0], [53.0, 50.0]]);
+        // SN 3 is 10.1 m away. n = 4 of the rest: 9, 8, then the two lowest indices of the three that hold 3.
+        assert_eq!(fullest(&table, [50.0, 50.0], &[3, 3, 9, 99, 8, 3]), [0, 1, 2, 4]);
+        assert_eq!(fullest(&table, [0.0, 0.0], &[3, 3, 9, 99, 8, 3]), [0; 0]);
+    }
+
+    #[test]
+    fn an_empty_queue_is_served_while_blocks_are_free() {
+        assert_eq!(fullest(&table_of(&[[50.0, 50.0], [51.0, 50.0]]), [50.0, 50.0], &[0, 0]), [0, 1]);
+    }
+
+    #[test]
+    fn whom_a_key_puts_first_is_served_before_fuller_queues_if_in_range() {
+        let table = table_of(&[[50.0, 50.0], [51.0, 50.0], [52.0, 50.0], [53.0, 50.0], [54.0, 50.0], [90.0, 90.0]]);
+        let queues_bits = [1, 5, 6, 7, 8, 9];
+        let key = |id: u32| (![0, 5].contains(&id), fullest_first(queues_bits[id as usize], id));
+        let mut ids = Vec::new();
+        fill_in_range(&table, &Position::new(50.0, 50.0), key, &mut ids);
+        assert_eq!(ids, [0, 2, 3, 4]);
+    }
+}
