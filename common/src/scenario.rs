@@ -1,23 +1,40 @@
 //! The scenario: what is flown, over which field, through which channel, by which strategy.
 //!
-//! A [`Scenario`] that exists is valid. It is read from TOML through [`raw`], checked in one conversion, and written back with
-//! every default visible by [`Scenario::to_toml`]. Sensor lists are read by [`crate::sensors`], `[planner]` by the planner.
+//! A [`Scenario`] that exists is valid. It is read from TOML: `keys` has every key with its check and default, `resolve`
+//! the rules between keys. [`Scenario::to_toml`] writes it back with every default visible. Sensor lists are read by
+//! [`crate::sensors`], `[planner]` by the planner.
 
-mod channel;
-mod check;
+mod error;
+mod keys;
 mod planner;
-pub mod raw;
+mod resolve;
 mod value;
 
 use std::path::{Path, PathBuf};
 
+use toml::{Table, Value};
+
 use crate::geometry::Position;
+pub use error::ScenarioError;
+pub use keys::{AltitudeMode, Environment, GainMode, LinkModel, Propulsion};
+use keys::{Keys, SensorKeys};
 pub use planner::PlannerKeys;
-pub use raw::{AltitudeMode, Environment, GainMode, LinkModel, Propulsion};
-pub use value::Count;
+pub use value::{Count, NonNegative, Positive};
 
 /// Most resource blocks of a UAV: messages hold this many served sensor nodes.
 pub const MAX_RESOURCE_BLOCKS: usize = 64;
+
+/// Largest seed, which is TOML's largest number.
+const MAX_SEED: u64 = i64::MAX as u64;
+
+/// Slots of the longest mission.
+const MAX_SLOTS: u64 = 1_000_000_000;
+
+/// Most sensor nodes of a field.
+const MAX_SENSORS: u64 = 10_000_000;
+
+/// Bits that one sensor node may sample in a mission: counted through `f64`, exact up to 2^53.
+pub(crate) const MAX_SAMPLED_BITS: f64 = 9.0e15;
 
 /// Bits that all sensor nodes together may sample in a mission: the ledger's totals are 64 bits wide.
 pub(crate) const MAX_FIELD_BITS: f64 = 9.0e18;
@@ -51,7 +68,7 @@ pub struct Scenario {
     /// The file that it was read from, for messages.
     pub path: PathBuf,
     /// The same in the keys and units of the file, every key present but those of the planner.
-    resolved: raw::Scenario,
+    keys: Keys,
 }
 
 /// The area `[0, width] × [0, height]`, closed.
@@ -202,41 +219,6 @@ pub struct LinkBudget {
     pub resource_blocks: usize,
 }
 
-/// Why a scenario is refused; the display is one line that names the file, the key, the value and what was expected.
-#[derive(Debug, thiserror::Error)]
-pub enum ScenarioError {
-    /// The file cannot be read.
-    #[error("scenario {}: {source}", path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// Why not.
-        source: std::io::Error,
-    },
-    /// The file is not the TOML of a scenario.
-    #[error("scenario {}: {place}{message}", path.display())]
-    Malformed {
-        /// The file.
-        path: PathBuf,
-        /// Line and text, where known.
-        place: String,
-        /// What is wrong there.
-        message: String,
-    },
-    /// A value is out of its range.
-    #[error("scenario {}: {key} = {value}: expected {expected}", path.display())]
-    Value {
-        /// The file.
-        path: PathBuf,
-        /// Dotted key.
-        key: String,
-        /// The value found.
-        value: String,
-        /// What would be accepted.
-        expected: String,
-    },
-}
-
 /// What the command line changes in a scenario before it is checked.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Overrides {
@@ -272,34 +254,39 @@ impl Scenario {
     /// # Errors
     /// If the text is not a scenario or holds a value out of its range.
     pub fn parse(text: &str, path: &Path, overrides: Overrides) -> Result<Self, ScenarioError> {
-        let mut raw: raw::Scenario = toml::from_str(text).map_err(|error| malformed(&error, text, path))?;
-        raw.seed = overrides.seed.unwrap_or(raw.seed);
+        let mut table: Table = text.parse().map_err(|error| malformed(&error, text, path))?;
+        for (key, number) in [("seed", overrides.seed), ("slots", overrides.slots)] {
+            if let Some(number) = number {
+                // What TOML cannot write is more than either may be.
+                table.insert(key.to_owned(), Value::Integer(i64::try_from(number).unwrap_or(-1)));
+            }
+        }
+        let mut keys: Keys = value::read(table, "", path)?;
         if let Some(strategy) = overrides.strategy {
-            strategy.clone_into(&mut raw.planner.strategy);
+            strategy.clone_into(&mut keys.planner.strategy);
         }
         if let Some(slots) = overrides.slots {
-            raw.slots = slots;
-            raw.uav.endurance_s = raw.uav.endurance_s.max(slots as f64 * raw.slot_s);
+            keys.uav.endurance_s = Positive(keys.uav.endurance_s.0.max(slots as f64 * keys.slot_s.0));
         }
-        check::check(raw, path)
+        resolve::resolve(keys, path)
     }
 
     /// The scenario as a file, every key present.
     #[must_use]
     pub fn to_toml(&self) -> String {
-        self.write(self.resolved.sensors.clone())
+        self.write(self.keys.sensors.clone())
     }
 
     /// The scenario as a file whose sensor list is the neighbouring file `list`.
     #[must_use]
     pub fn to_toml_with_list(&self, list: &str) -> String {
         let file = Some(PathBuf::from(list));
-        self.write(raw::Sensors { count: None, file, ..self.resolved.sensors.clone() })
+        self.write(SensorKeys { count: None, file, ..self.keys.sensors.clone() })
     }
 
-    fn write(&self, sensors: raw::Sensors) -> String {
-        let resolved = raw::Scenario { sensors, planner: self.planner.clone(), ..self.resolved.clone() };
-        toml::to_string(&resolved).expect("a scenario is plain tables of numbers and strings")
+    fn write(&self, sensors: SensorKeys) -> String {
+        let keys = Keys { sensors, planner: self.planner.clone(), ..self.keys.clone() };
+        toml::to_string(&keys).expect("a scenario is plain tables of numbers and strings")
     }
 
     /// A number that two scenarios share only if they fly the same: of every key but where the sensor list comes from,

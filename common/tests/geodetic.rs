@@ -34,7 +34,7 @@ fn project(lat_deg: f64, lon_deg: f64, scenario: &Scenario) -> Position {
 fn an_origin_off_the_earth_or_half_an_origin_is_refused() {
     let cases = [
         ("origin_lat_deg = 90.1\norigin_lon_deg = 0.0", "area.origin_lat_deg = 90.1: expected a latitude, -90 to 90"),
-        ("origin_lat_deg = nan\norigin_lon_deg = 0.0", "area.origin_lat_deg = NaN: expected a latitude, -90 to 90"),
+        ("origin_lat_deg = nan\norigin_lon_deg = 0.0", "area.origin_lat_deg = nan: expected a latitude, -90 to 90"),
         (
             "origin_lat_deg = 0.0\norigin_lon_deg = -181.0",
             "area.origin_lon_deg = -181.0: expected a longitude, -180 to 180",

@@ -123,7 +123,7 @@ fn overrides_take_part_in_the_resolved_scenario_and_its_hash() {
 #[test]
 fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
     let cases = [
-        ("[link]\nnoise_dbm = 12\n", "link.noise_dbm = 12.0: expected a finite level below 0 dBm (and not below -300)"),
+        ("[link]\nnoise_dbm = 12\n", "link.noise_dbm = 12: expected a finite level below 0 dBm (and not below -300)"),
         ("[uav]\nmax_speed_mps = inf\n", "uav.max_speed_mps = inf: expected a finite number above 0"),
         (
             "[uav]\nstart_m = [0.0, 100.1]\n",
@@ -132,25 +132,22 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
         ("[link]\ncomm_s = 1.5\n", "link.comm_s = 1.5: expected at most the slot's 1 s"),
         (
             "[link]\ngain_db = [-50.0, -55.0]\n",
-            "link.gain_db = [-50.0, -55.0]: expected levels from -300 to 0 dB, the lower first",
+            "link.gain_db = [-50.0, -55.0]: expected a level from -300 to 0 dB, the lower first",
         ),
-        ("[link]\nresource_blocks = 65\n", "link.resource_blocks = 65: expected 1 to 64 resource blocks"),
-        (
-            "[sensors]\ncapacity_bits = 4294967296\n",
-            "sensors.capacity_bits = 4294967296: expected 1 to 4294967295 bits",
-        ),
-        ("[sensors]\nsampling_bps = nan\n", "sensors.sampling_bps = NaN: expected a finite number, 0 or above"),
+        ("[link]\nresource_blocks = 65\n", "link.resource_blocks = 65: expected 1 to 64"),
+        ("[sensors]\ncapacity_bits = 4294967296\n", "sensors.capacity_bits = 4294967296: expected 1 to 4294967295"),
+        ("[sensors]\nsampling_bps = nan\n", "sensors.sampling_bps = nan: expected a finite number, 0 or above"),
         (
             "slots = 1\n[sensors]\nsampling_bps = 9e15\ncount = 1001\n",
             "sensors.sampling_bps = 9000000000000000.0: expected at most 9e18 bits over the mission from all sensor nodes",
         ),
         (
             "[sensors]\nsampling_bps = [150.0, 50.0]\n",
-            "sensors.sampling_bps = [150.0, 50.0]: expected finite numbers, 0 or above, the lower first",
+            "sensors.sampling_bps = [150.0, 50.0]: expected a finite number, 0 or above, the lower first",
         ),
         (
             "[sensors]\nsampling_bps = [-1.0, 50.0]\n",
-            "sensors.sampling_bps = [-1.0, 50.0]: expected finite numbers, 0 or above, the lower first",
+            "sensors.sampling_bps = [-1.0, 50.0]: expected a finite number, 0 or above, the lower first",
         ),
         (
             "[sensors]\nsampling_bps = [0.0, 1e14]\n",
@@ -162,7 +159,7 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
         ),
         (
             "[sensors]\ninitial_queue_mean_bits = [0.0, nan]\n",
-            "sensors.initial_queue_mean_bits = [0.0, NaN]: expected 0 to 4294967295 bits, the lower first",
+            "sensors.initial_queue_mean_bits = [0.0, nan]: expected 0 to 4294967295 bits, the lower first",
         ),
         ("[area]\nside_m = 5.0\nwidth_m = 5.0\n", "area.side_m = 5.0: expected either side_m, or width_m and height_m"),
         ("[area]\nheight_m = 5.0\n", "area.height_m = 5.0: expected width_m and height_m together, or side_m"),
@@ -197,7 +194,7 @@ fn channels_that_cannot_be_are_refused() {
         ("[link]\nenvironment = \"urban\"\n".to_owned(), "link.environment"),
         ("[link]\nsnr_gap_db = 3.0\n".to_owned(), "link.snr_gap_db"),
         (format!("[link]\n{los}gain_db = -50.0\n"), "link.gain_db"),
-        (format!("[link]\n{los}los_exponent = nan\n"), "link.los_exponent = NaN"),
+        (format!("[link]\n{los}los_exponent = nan\n"), "link.los_exponent = nan"),
         (format!("[link]\n{los}los = {{ a = -1.0, b = 0.1 }}\n"), "link.los.a"),
         (format!("[link]\n{los}los = {{ b1 = 0.0, b2 = 0.1, b3 = 0.0, b4 = 0.9 }}\n"), "link.los.b3"),
         (format!("[link]\n{los}los = {{ a = 9.0, b = 0.1 }}\nenvironment = \"urban\"\n"), "link.environment"),

@@ -7,7 +7,8 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
-use super::{Scenario, ScenarioError, value};
+use super::error::ScenarioError;
+use super::{Scenario, value};
 
 /// `[planner]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
