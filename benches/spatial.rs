@@ -31,7 +31,7 @@ fn plan(criterion: &mut Criterion) {
             states.push((flight, mission.queues_bits().to_vec()));
             mission.next().is_some()
         } {}
-        let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits)).unwrap();
+        let mut planner = Planner::new(&scenario, &list.nodes()).unwrap();
         let mut slots = (1..).zip(states.iter().take(300)).cycle();
         group.bench_function(solver, |bencher| {
             bencher.iter(|| {

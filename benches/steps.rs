@@ -44,7 +44,7 @@ fn plan(criterion: &mut Criterion) {
         let scenario = letter(strategy, solver);
         let list = SensorList::of(&scenario).expect("drawn");
         let states = states(&scenario, &list);
-        let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits)).unwrap();
+        let mut planner = Planner::new(&scenario, &list.nodes()).unwrap();
         let mut slots = (1..).zip(states.iter().take(600)).cycle();
         group.bench_function(name, |bencher| {
             bencher.iter(|| {

@@ -95,7 +95,7 @@ impl Recording {
         let scenario = &simulation.scenario;
         let sinks = Sinks { save: Some(folder.recording()), live: None };
         let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy, scenario.seed);
-        let nodes = list.nodes(scenario.sensors.capacity_bits);
+        let nodes = list.nodes();
         Ok(Self { scene: Some(Scene::open(&sinks, scenario, &nodes, &name, Timing::Unmeasured)?) })
     }
 

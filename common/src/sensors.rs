@@ -32,7 +32,11 @@ pub struct Sensor {
 
 /// All sensor nodes of a mission, at least one; SN i is entry i.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SensorList(Vec<Sensor>);
+pub struct SensorList {
+    sensors: Vec<Sensor>,
+    /// Storage of each, `B` [bit].
+    capacity_bits: u32,
+}
 
 /// Why a sensor list is refused; the display is one line that names the file, the line, the value and what was expected.
 #[derive(Debug, thiserror::Error)]
@@ -64,7 +68,7 @@ impl SensorList {
     /// If the file cannot be read or holds a bad row.
     pub fn of(scenario: &Scenario) -> Result<Self, SensorListError> {
         match &scenario.sensors.source {
-            SensorSource::Drawn(count) => Ok(Self((0..*count).map(|id| draw(scenario, id)).collect())),
+            SensorSource::Drawn(count) => Ok(Self::new((0..*count).map(|id| draw(scenario, id)).collect(), scenario)),
             SensorSource::File(path) => {
                 let text = std::fs::read_to_string(path)
                     .map_err(|source| SensorListError::Unreadable { path: path.clone(), source })?;
@@ -83,14 +87,18 @@ impl SensorList {
             let message = message.replace(['\n', '\r'], " "); // what a quoted field holds
             SensorListError::Row { path: path.to_owned(), line, message }
         };
-        table::read(text, scenario).map(Self).map_err(refuse)
+        table::read(text, scenario).map(|sensors| Self::new(sensors, scenario)).map_err(refuse)
+    }
+
+    fn new(sensors: Vec<Sensor>, scenario: &Scenario) -> Self {
+        Self { sensors, capacity_bits: scenario.sensors.capacity_bits }
     }
 
     /// The list as a CSV file with every column; floats read back exactly.
     #[must_use]
     pub fn to_csv(&self) -> String {
         let mut text = table::WRITTEN.join(",") + "\n";
-        for Sensor { position, queue_bits, gain_db, sampling_bps } in &self.0 {
+        for Sensor { position, queue_bits, gain_db, sampling_bps } in &self.sensors {
             let line = format!("{},{},{queue_bits},{gain_db},{sampling_bps}\n", position.x, position.y);
             text.push_str(&line);
         }
@@ -100,27 +108,27 @@ impl SensorList {
     /// The sensor nodes, by id.
     #[must_use]
     pub fn sensors(&self) -> &[Sensor] {
-        &self.0
+        &self.sensors
     }
 
     /// The queues before slot 1 [bit], by id.
     #[must_use]
     pub fn queues_bits(&self) -> Vec<u32> {
-        self.0.iter().map(|sensor| sensor.queue_bits).collect()
+        self.sensors.iter().map(|sensor| sensor.queue_bits).collect()
     }
 
     /// The list as it is published on the topic `sensors`.
     #[must_use]
-    pub fn nodes(&self, capacity_bits: u32) -> Vec<SensorNode> {
+    pub fn nodes(&self) -> Vec<SensorNode> {
         let node = |sensor: &Sensor| SensorNode {
             x_m: sensor.position.x,
             y_m: sensor.position.y,
             gain: ratio_of_db(sensor.gain_db),
             sampling_bps: sensor.sampling_bps,
-            capacity_bits,
+            capacity_bits: self.capacity_bits,
             reserved: 0,
         };
-        self.0.iter().map(node).collect()
+        self.sensors.iter().map(node).collect()
     }
 }
 

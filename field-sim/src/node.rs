@@ -48,7 +48,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         sensors.serve_joiners()?;
         Ok(queues.serve_joiners()?)
     };
-    sensors.send_list(ring.header(0, 0), &list.nodes(scenario.sensors.capacity_bits))?;
+    sensors.send_list(ring.header(0, 0), &list.nodes())?;
     queues.send_list(state(reached, &field), field.queues_bits())?;
 
     let mut clock = pace.period(scenario.slot_s).map(Clock::new);

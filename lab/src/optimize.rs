@@ -97,7 +97,7 @@ pub struct Optimum {
 /// The loss rate η that no flight of a mission avoids (`docs/look-ahead.md`); 0 where nothing is sampled.
 #[must_use]
 pub fn loss_bound(scenario: &Scenario, list: &SensorList) -> f64 {
-    let nodes = list.nodes(scenario.sensors.capacity_bits);
+    let nodes = list.nodes();
     loss_rate(mission_bound(scenario, &nodes, &list.queues_bits()), scenario, list)
 }
 
@@ -146,7 +146,7 @@ pub fn optimize(job: &Optimization, stop: &Stop, on_progress: OnProgress) -> Res
 fn steps_in(time: Duration, offline: &Scenario, list: &SensorList) -> Result<u64, LabError> {
     let trial = searching(offline, TRIAL_STEPS)?;
     let begin = Instant::now();
-    let nodes = list.nodes(trial.sensors.capacity_bits);
+    let nodes = list.nodes();
     Offline::search(&trial, &nodes, &list.queues_bits(), &mut |_| ControlFlow::Continue(()))?;
     let took = begin.elapsed();
     let trials = time.saturating_sub(took).as_secs_f64() / took.as_secs_f64();
@@ -170,7 +170,7 @@ fn search(
     stop: &Stop,
     on_progress: OnProgress,
 ) -> Result<Option<Vec<u8>>, LabError> {
-    let nodes = list.nodes(offline.sensors.capacity_bits);
+    let nodes = list.nodes();
     let mut stopped = Ok(());
     let found = Offline::search(offline, &nodes, &list.queues_bits(), &mut |search| {
         let loss_rate = Some(loss_rate(search.loss_bits, offline, list));
@@ -191,7 +191,7 @@ fn mission(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList) -> Resul
     let Some(plan) = plan else {
         return Mission::new(scenario, list);
     };
-    let mut planned = Offline::of(scenario, &list.nodes(scenario.sensors.capacity_bits))?;
+    let mut planned = Offline::of(scenario, &list.nodes())?;
     planned.restore(plan).expect("the plan of this very mission");
     Mission::with_strategy(scenario, list, Box::new(planned))
 }

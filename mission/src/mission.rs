@@ -60,7 +60,7 @@ impl Mission {
         list: &SensorList,
         planner: impl FnOnce(&Scenario, &[SensorNode]) -> Result<Planner, ScenarioError>,
     ) -> Result<Self, ScenarioError> {
-        let nodes = list.nodes(scenario.sensors.capacity_bits);
+        let nodes = list.nodes();
         let flight = Flight::new(scenario, &nodes);
         Ok(Self {
             field: Field::new(scenario, list),

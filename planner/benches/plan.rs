@@ -102,7 +102,7 @@ fn plans(criterion: &mut Criterion) {
         for strategy in Strategy::MEMORYLESS {
             let scenario = letter(count, strategy);
             let list = SensorList::of(&scenario).expect("drawn");
-            let nodes = list.nodes(scenario.sensors.capacity_bits);
+            let nodes = list.nodes();
             let initial_bits = list.queues_bits();
             let table = SensorTable::new(&scenario, &nodes);
             let mut planner = Planner::over(&scenario, &nodes, table.clone()).unwrap();
@@ -141,7 +141,7 @@ struct Slots {
 fn slots_with_four() -> Slots {
     let scenario = letter(200, Strategy::Uts);
     let list = SensorList::of(&scenario).expect("drawn");
-    let nodes = list.nodes(scenario.sensors.capacity_bits);
+    let nodes = list.nodes();
     let initial_bits = list.queues_bits();
     let mut planner = Planner::new(&scenario, &nodes).unwrap();
     let mut flight = Flight::new(&scenario, &initial_bits);

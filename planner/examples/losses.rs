@@ -33,7 +33,7 @@ fn computed_ms() -> f64 {
 
 fn fly(scenario: &Scenario) -> Outcome {
     let list = SensorList::of(scenario).expect("drawn");
-    let nodes = list.nodes(scenario.sensors.capacity_bits);
+    let nodes = list.nodes();
     let mut field = Field::new(scenario, &list);
     let begin_ms = computed_ms();
     let mut planner = Planner::new(scenario, &nodes).expect("checked as it was read");

@@ -403,7 +403,7 @@ mod tests {
         let mut scenario = settings::letter(overrides).unwrap();
         scenario.uav.max_speed_mps = max_speed_mps;
         let list = SensorList::of(&scenario).unwrap();
-        let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits)).unwrap();
+        let mut planner = Planner::new(&scenario, &list.nodes()).unwrap();
         let (mut position, mut queues_bits) = (scenario.uav.start, list.queues_bits());
         let fly = |slot| {
             let plan = planner.step(slot, above(&position, 20.0), &queues_bits);

@@ -37,7 +37,7 @@ static ALLOCATOR: Counting = Counting;
 /// Flies 300 slots of `scenario` with `queues_bits` at the start and `sampled_bits` more in every slot.
 fn fly(scenario: &Scenario, mut queues_bits: Vec<u32>, sampled_bits: u32) {
     let list = SensorList::of(scenario).unwrap();
-    let mut planner = Planner::new(scenario, &list.nodes(scenario.sensors.capacity_bits)).unwrap();
+    let mut planner = Planner::new(scenario, &list.nodes()).unwrap();
     let (mut position, mut altitude_m) = (scenario.uav.start, scenario.uav.altitude_m);
     let requests_before = REQUESTS.get();
     for slot in 1..=300 {

@@ -71,7 +71,7 @@ fn replay(name: &str, strategy: Strategy, solver: WaypointSolver, tolerance_m: f
     let scenario = Scenario::read(&folder.join("scenario.toml"), overrides).unwrap();
     let scenario = change(scenario, |settings| settings.waypoint_solver = solver).unwrap();
     let list = SensorList::of(&scenario).unwrap();
-    let sensors = list.nodes(scenario.sensors.capacity_bits);
+    let sensors = list.nodes();
     let mut ledger = Ledger::new(scenario.sensors.capacity_bits, list.queues_bits());
     let mut planner = Planner::new(&scenario, &sensors).unwrap();
     let mut position = scenario.uav.start;

@@ -150,7 +150,7 @@ fn a_planner_that_starts_in_mid_mission_plans_from_what_it_finds() {
         mission.turn(slot);
     });
     let list = SensorList::of(&scenario).unwrap();
-    mission.planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits)).unwrap();
+    mission.planner = Planner::new(&scenario, &list.nodes()).unwrap();
     (101..=200).for_each(|slot| {
         mission.turn(slot);
         assert_eq!(mission.report.refused, 0, "slot {slot}");
@@ -200,7 +200,7 @@ fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
                     [planner]\nhorizon.iterations = 0\noffline.steps = 20000\n";
         let scenario = scenario_of(text, Strategy::Offline, seed);
         let list = SensorList::of(&scenario).unwrap();
-        let nodes = list.nodes(scenario.sensors.capacity_bits);
+        let nodes = list.nodes();
         let mut mission = Mission::new(&scenario);
         let mut shares = Vec::new();
         let found = Offline::search(&scenario, &nodes, &list.queues_bits(), &mut |progress| {
@@ -229,7 +229,7 @@ fn a_search_that_is_broken_off_finds_nothing() {
     let text = "slots = 50\n[sensors]\ncount = 60\nsampling_bps = 5000.0\n[planner]\noffline.steps = 2000\n";
     let scenario = scenario_of(text, Strategy::Offline, 1);
     let list = SensorList::of(&scenario).unwrap();
-    let nodes = list.nodes(scenario.sensors.capacity_bits);
+    let nodes = list.nodes();
     let broken_off = Offline::search(&scenario, &nodes, &list.queues_bits(), &mut |progress| match progress.share {
         share if share > 0.5 => ControlFlow::Break(()),
         _ => ControlFlow::Continue(()),

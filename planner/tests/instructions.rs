@@ -27,7 +27,7 @@ fn fly(strategy: Strategy, count: u32) {
     let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
     let scenario = Scenario::parse(&text, Path::new("a.toml"), overrides).unwrap();
     let list = SensorList::of(&scenario).unwrap();
-    let mut planner = Planner::new(&scenario, &list.nodes(scenario.sensors.capacity_bits)).unwrap();
+    let mut planner = Planner::new(&scenario, &list.nodes()).unwrap();
     let (mut position, mut queues_bits) = (scenario.uav.start, list.queues_bits());
     for slot in 1..=SLOTS {
         let plan = counted(|| planner.step(slot, above(&position, 20.0), &queues_bits));

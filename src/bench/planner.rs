@@ -97,7 +97,7 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<Measured, Error> {
     for &sensors in counts(effort) {
         let scenario = letter(sensors, Strategy::Uts);
         let list = SensorList::of(&scenario)?;
-        let (nodes, initial_bits) = (list.nodes(scenario.sensors.capacity_bits), list.queues_bits());
+        let (nodes, initial_bits) = (list.nodes(), list.queues_bits());
         for strategy in Strategy::MEMORYLESS {
             stop.check()?;
             plans.push(row(&letter(sensors, strategy), &nodes, &initial_bits, effort)?);
@@ -158,7 +158,7 @@ fn row(scenario: &Scenario, nodes: &[SensorNode], initial_bits: &[u32], effort: 
 fn problems() -> Result<Vec<(Position, Vec<Disk>)>, Error> {
     let scenario = letter(200, Strategy::Uts);
     let list = SensorList::of(&scenario)?;
-    let (nodes, initial_bits) = (list.nodes(scenario.sensors.capacity_bits), list.queues_bits());
+    let (nodes, initial_bits) = (list.nodes(), list.queues_bits());
     let mut planner = Planner::new(&scenario, &nodes)?;
     let (mut flight, mut problems) = (Flight::new(&scenario, &initial_bits), Vec::new());
     for _ in 0..SLOTS {

@@ -46,7 +46,7 @@ fn line(text: &str) -> Line {
 pub fn audit(place: &Place) -> Vec<Line> {
     let scenario = settings::read(&place.path("run/scenario.toml"), Overrides::default()).unwrap();
     let list = SensorList::of(&scenario).unwrap();
-    let nodes = list.nodes(scenario.sensors.capacity_bits);
+    let nodes = list.nodes();
     let sampled_bits = nodes.iter().map(|node| (node.sampling_bps * scenario.slot_s) as u64).sum::<u64>();
     let channel = Channel::of(&scenario);
     let lines = trace(place);

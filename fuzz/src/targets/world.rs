@@ -52,6 +52,6 @@ fn world(text: &str) -> World {
     let scenario = Scenario::parse(text, Path::new("world.toml"), Overrides::default());
     let scenario = scenario.expect("the scenarios above are valid");
     let list = SensorList::of(&scenario).expect("its sensor nodes are drawn, not read");
-    let nodes = list.nodes(scenario.sensors.capacity_bits);
+    let nodes = list.nodes();
     World { scenario, list, nodes }
 }

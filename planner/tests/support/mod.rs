@@ -30,7 +30,7 @@ impl Mission {
     }
 
     pub fn over(scenario: &Scenario, list: &SensorList) -> Self {
-        let nodes = list.nodes(scenario.sensors.capacity_bits);
+        let nodes = list.nodes();
         let flight = Flight::new(scenario, &nodes);
         Self {
             scenario: scenario.clone(),
