@@ -1,10 +1,11 @@
 //! The curves beside the scene: what the mission achieves and how fast it is computed.
 
-use rerun::{RecordingStream, RecordingStreamResult, Scalars, SeriesLines};
+use rerun::{RecordingStream, RecordingStreamResult, Scalars};
 
 use crate::colour::{self, Rgb};
 use crate::queues::Fill;
-use crate::scene::SlotView;
+use crate::shapes::curve_style;
+use crate::slot::SlotView;
 
 /// Lost ÷ sampled bits since the start.
 pub const LOSS: &str = "metrics/loss_rate";
@@ -38,8 +39,7 @@ const STYLES: [(&str, &str, Rgb); 8] = [
 /// Names and colours, once.
 pub(crate) fn open(stream: &RecordingStream) -> RecordingStreamResult<()> {
     for (entity, name, colour) in STYLES {
-        let style = SeriesLines::new().with_names([name]).with_colors([colour::color(colour)]).with_widths([1.5]);
-        stream.log_static(entity, &style)?;
+        stream.log_static(entity, &curve_style(name, colour))?;
     }
     Ok(())
 }

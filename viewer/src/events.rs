@@ -6,7 +6,7 @@ use skysink_common::scenario::Scenario;
 
 use crate::colour;
 use crate::files::Part;
-use crate::scene::SlotView;
+use crate::slot::SlotView;
 
 /// Entity of the event log.
 pub const LOG: &str = "log/events";

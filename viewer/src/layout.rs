@@ -1,178 +1,215 @@
-//! A blueprint, as the recording library calls a screen layout, written entity by entity into a store of its own.
-//!
-//! The library's own builder knows no properties of views (cameras, axes), draws random ids, and panics where the
-//! environment says `RERUN=off`; the entities below are all that it would write.
+//! How the scene is arranged on the screen: views, cameras, axes and timeline.
 
-use rerun::external::re_log_types::BlueprintActivationCommand;
 use rerun::external::re_sdk_types::blueprint::archetypes::{
-    ContainerBlueprint, PanelBlueprint, TimePanelBlueprint, ViewBlueprint, ViewContents, ViewportBlueprint,
-    VisibleTimeRanges,
+    Background, EyeControls3D, LineGrid3D, PlotLegend, ScalarAxis, SpatialInformation, TextLogColumns, VisualBounds2D,
 };
-use rerun::external::re_sdk_types::blueprint::components::{
-    ContainerKind, Fps, PanelState, RootContainer, TimelineName, VisibleTimeRange,
-};
-use rerun::external::re_types_core::datatypes::{TimeInt, TimeRange, TimeRangeBoundary, VisibleTimeRange as Range};
-use rerun::sink::MemorySinkStorage;
-use rerun::{
-    Archetype, AsComponents, EntityPath, RecordingStream, RecordingStreamBuilder, RecordingStreamResult, StoreId,
-    StoreKind,
-};
+use rerun::external::re_sdk_types::blueprint::components::{self, BackgroundKind, ContainerKind, Eye3DKind};
+use rerun::external::re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
+use rerun::{RecordingStream, RecordingStreamResult};
+use skysink_common::channel::Channel;
+use skysink_common::scenario::Scenario;
 
-use crate::recording::{APPLICATION, SIM_TIME, SLOT};
+use crate::blueprint::{Blueprint, Class, Tile};
+use crate::colour::{self, color};
+use crate::los::{self, profile};
+use crate::sizes::Sizes;
+use crate::slot::Timing;
+use crate::{curves, events, legend, links, path, queues, uav};
 
-/// What a view shows, by the library's names.
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum Class {
-    Scene,
-    Picture,
-    Curves,
-    States,
-    Text,
-    Log,
+/// Slots per second at which a viewer plays a file.
+const SLOTS_PER_S: f64 = 10.0;
+
+/// Sends the layout of the screen along with the recording `name`.
+pub(crate) fn send(
+    stream: &RecordingStream,
+    name: &str,
+    sizes: &Sizes,
+    scenario: &Scenario,
+    timing: Timing,
+) -> RecordingStreamResult<()> {
+    let mut layout = Blueprint::new(name)?;
+    let scenes = scenes(&mut layout, sizes, scenario)?;
+    let lane = layout.view(Class::States, "UAV: serve, transit, hold", "", &[select(events::LANE)])?;
+    let left = layout.container(ContainerKind::Vertical, &[(6.0, scenes), (1.1, lane)])?;
+    let right = beside(&mut layout, scenario, timing)?;
+    let root = layout.container(ContainerKind::Horizontal, &[(2.1, left), (1.0, right)])?;
+    layout.send(stream, root, SLOTS_PER_S)
 }
 
-impl Class {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Scene => "3D",
-            Self::Picture => "2D",
-            Self::Curves => "TimeSeries",
-            Self::States => "StateTimeline",
-            Self::Text => "TextDocument",
-            Self::Log => "TextLog",
-        }
-    }
+fn select(entity: &str) -> String {
+    format!("+ /{entity}")
 }
 
-/// A view or a container that is already written.
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum Tile {
-    View(u8),
-    Container(u8),
+fn omit(entity: &str) -> String {
+    format!("- /{entity}")
 }
 
-impl Tile {
-    /// Its id: fixed bytes and its number, so that equal layouts are equal.
-    fn id(self) -> [u8; 16] {
-        let (Self::View(number) | Self::Container(number)) = self;
-        let mut id = *b"skysink\0\x80layout\0";
-        id[15] = number;
-        id
-    }
-
-    fn path(self) -> EntityPath {
-        let kind = match self {
-            Self::View(_) => "view",
-            Self::Container(_) => "container",
-        };
-        let hex: String = self.id().iter().map(|byte| format!("{byte:02x}")).collect();
-        let id = [&hex[..8], &hex[8..12], &hex[12..16], &hex[16..20], &hex[20..]].join("-");
-        EntityPath::from(format!("{kind}/{id}"))
-    }
+/// Leaves out an entity and all below it.
+fn omit_all(entity: &str) -> String {
+    omit(&format!("{entity}/**"))
 }
 
-/// A layout in the making.
-pub(crate) struct Layout {
-    store: StoreId,
-    recorder: RecordingStream,
-    messages: MemorySinkStorage,
-    tiles: u8,
+/// The 3D scene, seen in three ways; in a fourth where line of sight is a matter of chance.
+fn scenes(layout: &mut Blueprint, sizes: &Sizes, scenario: &Scenario) -> RecordingStreamResult<Tile> {
+    let slot_s = scenario.slot_s;
+    let field = [world(), omit(uav::TRACK), omit_all(path::TRACK)];
+    let field = layout.view(Class::Scene, "Field (3D)", queues::WORLD, &field)?;
+    layout.show_past(field, uav::TRAIL, Some(15), slot_s)?;
+    let top =
+        layout.view(Class::Scene, "Top view", queues::WORLD, &[world(), omit(uav::TRAIL), omit_all(path::PATH)])?;
+    layout.show_past(top, uav::TRACK, None, slot_s)?;
+    let chase = [world(), omit(uav::TRACK), omit(uav::DOT), omit(legend::CORNERS), omit_all(path::TRACK)];
+    let chase = layout.view(Class::Scene, "Chase", uav::UAV, &chase)?;
+    layout.show_past(chase, uav::TRAIL, Some(10), slot_s)?;
+    for (view, camera) in [(field, overview(sizes)), (top, above(sizes)), (chase, beside_uav(sizes))] {
+        film(layout, view, &camera)?;
+    }
+    let mut tabs = vec![(1.0, field), (1.0, top), (1.0, chase)];
+    if Channel::of(scenario).line_of_sight().is_some() {
+        tabs.push((1.0, line_of_sight(layout, sizes, slot_s)?));
+    }
+    layout.container(ContainerKind::Tabs, &tabs)
 }
 
-impl Layout {
-    /// An empty layout for the recording `name`.
-    pub(crate) fn new(name: &str) -> RecordingStreamResult<Self> {
-        let store = StoreId::new(StoreKind::Blueprint, APPLICATION, format!("{name}-layout"));
-        let builder = RecordingStreamBuilder::from_store_id(&store);
-        let (recorder, messages) = builder.send_properties(false).enabled(true).memory()?;
-        recorder.set_log_time_enabled(false);
-        recorder.set_time_sequence("blueprint", 0);
-        Ok(Self { store, recorder, messages, tiles: 0 })
-    }
+/// The whole 3D scene.
+fn world() -> String {
+    select(&format!("{}/**", queues::WORLD))
+}
 
-    /// Adds a view of the entities that `contents` selects, in the frame of `origin`.
-    pub(crate) fn view(
-        &mut self,
-        class: Class,
-        name: &str,
-        origin: &str,
-        contents: &[String],
-    ) -> RecordingStreamResult<Tile> {
-        let tile = Tile::View(self.next());
-        let view = ViewBlueprint::new(class.name()).with_display_name(name).with_space_origin(format!("/{origin}"));
-        self.recorder.log(tile.path(), &view)?;
-        self.set(tile, &ViewContents::new(contents.iter().map(String::as_str)))?;
-        Ok(tile)
-    }
+/// Camera and backdrop of a 3D view.
+fn film(layout: &Blueprint, view: Tile, camera: &EyeControls3D) -> RecordingStreamResult<()> {
+    layout.set(view, camera)?;
+    layout.set(view, &background())?;
+    layout.set(view, &LineGrid3D::new().with_visible(false))?; // the area has its own
+    layout.set(view, &SpatialInformation::update_fields().with_show_axes(false))
+}
 
-    /// Adds a container of tiles with their shares of its height or width.
-    pub(crate) fn container(&mut self, kind: ContainerKind, tiles: &[(f32, Tile)]) -> RecordingStreamResult<Tile> {
-        let shares = tiles.iter().map(|&(share, _)| share);
-        let container =
-            ContainerBlueprint::new(kind).with_contents(tiles.iter().map(|(_, tile)| tile.path().to_string()));
-        let container = match kind {
-            ContainerKind::Horizontal => container.with_col_shares(shares),
-            ContainerKind::Vertical => container.with_row_shares(shares),
-            ContainerKind::Tabs | ContainerKind::Grid => container,
-        };
-        let tile = Tile::Container(self.next());
-        self.recorder.log(tile.path(), &container)?;
-        Ok(tile)
-    }
+/// The room around the UAV, its legend, and the curves that say why it flies so high.
+fn line_of_sight(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> RecordingStreamResult<Tile> {
+    let space = select(&format!("{}/**", los::SPACE));
+    let hidden = [uav::TRACK, uav::DOT, links::CANDIDATES, links::CHOSEN, legend::CORNERS].map(omit);
+    let contents: Vec<_> = [world(), space, omit_all(path::TRACK)].into_iter().chain(hidden).collect();
+    let room = layout.view(Class::Scene, "Chance of sight around the UAV", uav::COVERAGE, &contents)?;
+    layout.show_past(room, uav::TRAIL, Some(30), slot_s)?;
+    film(layout, room, &around_uav(sizes))?;
+    let page = layout.view(Class::Text, "What it shows", legend::LOS_PAGE, &[select(legend::LOS_PAGE)])?;
+    let left = layout.container(ContainerKind::Vertical, &[(1.75, room), (1.0, page)])?;
 
-    /// Names a container, for its tab.
-    pub(crate) fn name(&self, container: Tile, name: &str) -> RecordingStreamResult<()> {
-        self.recorder.log(container.path(), &ContainerBlueprint::update_fields().with_display_name(name))
-    }
+    let contents = [select(&format!("{}/**", profile::PROFILE))];
+    let why = layout.view(Class::Picture, "Expected rate (green) by altitude", profile::PROFILE, &contents)?;
+    bound(layout, why, profile::BOUNDS)?;
+    let altitude = plot(layout, "Altitude [m]", &[los::ALTITUDE])?;
+    layout
+        .set(altitude, &ScalarAxis::new().with_range([0.0, 1.1 * f64::from(sizes.highest_m)]).with_zoom_lock(true))?;
+    let elevation = plot(layout, "Elevation of each served link [°]", &by_draw(los::ELEVATION))?;
+    layout.set(elevation, &ScalarAxis::new().with_range([0.0, 94.0]).with_zoom_lock(true))?;
+    let chance = plot(layout, "Chance of sight of each served link", &by_draw(los::CHANCE))?;
+    layout.set(chance, &ScalarAxis::new().with_range([-0.04, 1.08]).with_zoom_lock(true))?;
+    let right = [(1.3, why), (1.0, altitude), (1.0, elevation), (1.0, chance)];
+    let right = layout.container(ContainerKind::Vertical, &right)?;
+    let tab = layout.container(ContainerKind::Horizontal, &[(1.9, left), (1.0, right)])?;
+    layout.name(tab, "Line of sight")?;
+    Ok(tab)
+}
 
-    /// Sets a property of a view.
-    pub(crate) fn set<A: Archetype + AsComponents>(&self, view: Tile, property: &A) -> RecordingStreamResult<()> {
-        self.recorder.log(view.path().join(&EntityPath::from(A::name().short_name())), property)
-    }
+/// The curves of the served links below a root.
+fn by_draw(root: &str) -> [String; 3] {
+    [los::MEAN, los::SIGHT, los::BLOCKED].map(|name| format!("{root}/{name}"))
+}
 
-    /// Lets a view show what an entity logged in the last `slots` slots of `slot_s` [s], or ever.
-    pub(crate) fn show_past(
-        &self,
-        view: Tile,
-        entity: &str,
-        slots: Option<u32>,
-        slot_s: f64,
-    ) -> RecordingStreamResult<()> {
-        let range = |timeline: &str, per_slot: f64| {
-            let start = slots.map_or(TimeRangeBoundary::Infinite, |slots| {
-                TimeRangeBoundary::CursorRelative(TimeInt(-(f64::from(slots) * per_slot).round() as i64))
-            });
-            let range = TimeRange { start, end: TimeRangeBoundary::AT_CURSOR };
-            VisibleTimeRange(Range { timeline: timeline.into(), range })
-        };
-        let ranges = VisibleTimeRanges::new([range(SLOT, 1.0), range(SIM_TIME, 1e9 * slot_s)]);
-        let place = EntityPath::from(format!("ViewContents/overrides/{entity}/visualizers"));
-        self.recorder.log(view.path().join(&place), &ranges)
-    }
+/// Extent [m] of what a camera must get into the picture, and stay above: the area, and the room that is flown in.
+fn seen_m(sizes: &Sizes) -> f32 {
+    sizes.span_m().max(1.8 * sizes.highest_m)
+}
 
-    /// Sends the layout along with a recording: all panels closed, the slots played at `slots_per_s`. It becomes the
-    /// application's active and default one. Without a play state a file plays and a live stream follows.
-    pub(crate) fn send(self, stream: &RecordingStream, root: Tile, slots_per_s: f64) -> RecordingStreamResult<()> {
-        let viewport = ViewportBlueprint::new()
-            .with_root_container(RootContainer(root.id().into()))
-            .with_auto_layout(false)
-            .with_auto_views(false);
-        self.recorder.log("viewport", &viewport)?;
-        for panel in ["blueprint_panel", "selection_panel"] {
-            self.recorder.log(panel, &PanelBlueprint::new().with_state(PanelState::Collapsed))?;
-        }
-        let time_panel = TimePanelBlueprint::new()
-            .with_state(PanelState::Collapsed)
-            .with_timeline(TimelineName(SLOT.into()))
-            .with_fps(Fps(slots_per_s.into()));
-        self.recorder.log("time_panel", &time_panel)?;
-        let activation = BlueprintActivationCommand { blueprint_id: self.store, make_active: true, make_default: true };
-        stream.send_blueprint(self.messages.take(), activation);
-        Ok(())
-    }
+fn camera(eye: [f32; 3], target: [f32; 3], up: [f32; 3]) -> EyeControls3D {
+    EyeControls3D::new().with_kind(Eye3DKind::Orbital).with_position(eye).with_look_target(target).with_eye_up(up)
+}
 
-    fn next(&mut self) -> u8 {
-        self.tiles += 1;
-        self.tiles
+/// The whole area from the south, at about 45 degrees.
+fn overview(sizes: &Sizes) -> EyeControls3D {
+    let (x_m, y_m, span_m) = (sizes.width_m / 2.0, sizes.depth_m / 2.0, seen_m(sizes));
+    let eye = [x_m, y_m - 0.5 * sizes.depth_m - 0.42 * span_m, 0.68 * span_m];
+    camera(eye, [x_m, y_m - 0.08 * span_m, 0.0], [0.0, 0.0, 1.0])
+}
+
+/// The whole area as on a map: north is up.
+fn above(sizes: &Sizes) -> EyeControls3D {
+    let (x_m, y_m) = (sizes.width_m / 2.0, sizes.depth_m / 2.0);
+    camera([x_m, y_m, 1.16 * seen_m(sizes)], [x_m, y_m, 0.0], [0.0, 1.0, 0.0])
+}
+
+/// In the UAV's frame, so that the camera flies along.
+fn beside_uav(sizes: &Sizes) -> EyeControls3D {
+    let near_m = sizes.radius_m + 0.5 * sizes.highest_m;
+    let eye = [-1.2 * near_m, -1.9 * near_m, 0.9 * near_m];
+    camera(eye, [0.0, 0.0, -0.55 * sizes.altitude_m], [0.0, 0.0, 1.0])
+}
+
+/// In a frame that moves with the UAV but does not climb with it, so that its altitude is seen.
+fn around_uav(sizes: &Sizes) -> EyeControls3D {
+    let far_m = (1.5 * sizes.radius_m).max(0.75 * sizes.highest_m);
+    camera([-0.9 * far_m, -2.1 * far_m, 1.35 * far_m], [0.0, 0.0, 0.3 * sizes.highest_m], [0.0, 0.0, 1.0])
+}
+
+/// Curves, scales and text, beside the scene.
+fn beside(layout: &mut Blueprint, scenario: &Scenario, timing: Timing) -> RecordingStreamResult<Tile> {
+    let losses = [curves::LOSS, curves::LOSS_MARK];
+    let fills = [curves::FILL_MAX, curves::FILL_MEAN];
+    let fill = plot(layout, "Queue fill: fullest (violet), mean (blue)", &fills)?;
+    layout.set(fill, &ScalarAxis::new().with_range([-0.04, 1.1]).with_zoom_lock(true))?;
+    let mut rows = vec![
+        (1.15, plot(layout, "Loss rate so far: lost ÷ sampled (red), 1 % (grey)", &losses)?),
+        (1.15, fill),
+        (1.0, plot(layout, "Delivered per slot [kbit]", &[curves::DELIVERED])?),
+    ];
+    if timing == Timing::Measured {
+        let latency = plot(layout, "Plan latency [ms]", &[curves::PLAN_LATENCY])?;
+        let pace = plot(layout, "Pace [slot/s]", &[curves::PACE])?;
+        rows.push((0.9, layout.container(ContainerKind::Horizontal, &[(1.0, latency), (1.0, pace)])?));
     }
+    rows.push((0.7, scales(layout, scenario)?));
+    let page = layout.view(Class::Text, "Legend", legend::PAGE, &[select(legend::PAGE)])?;
+    let log = log(layout)?;
+    let missed = plot(layout, "Missed slots", &[curves::MISSED])?;
+    rows.push((2.5, layout.container(ContainerKind::Tabs, &[(1.0, page), (1.0, log), (1.0, missed)])?));
+    layout.container(ContainerKind::Vertical, &rows)
+}
+
+/// Curves whose names are in the title: a box of names would cover them.
+fn plot<E: AsRef<str>>(layout: &mut Blueprint, name: &str, entities: &[E]) -> RecordingStreamResult<Tile> {
+    let entities: Vec<_> = entities.iter().map(|entity| select(entity.as_ref())).collect();
+    let view = layout.view(Class::Curves, name, "", &entities)?;
+    layout.set(view, &PlotLegend::new().with_visible(false))?;
+    Ok(view)
+}
+
+fn log(layout: &mut Blueprint) -> RecordingStreamResult<Tile> {
+    let view = layout.view(Class::Log, "Events", events::LOG, &[select(events::LOG)])?;
+    let columns = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body]
+        .map(|kind| components::TextLogColumn(datatypes::TextLogColumn { visible: true.into(), kind }));
+    layout.set(view, &TextLogColumns::update_fields().with_text_log_columns(columns))?;
+    Ok(view)
+}
+
+fn scales(layout: &mut Blueprint, scenario: &Scenario) -> RecordingStreamResult<Tile> {
+    let contents = [select(&format!("{}/**", legend::SCALE))];
+    let name = match Channel::of(scenario) {
+        Channel::FreeSpace(_) => "Colours: queue fill, link rate",
+        Channel::LineOfSight(_) => "Colours: queue fill, chance of sight",
+    };
+    let view = layout.view(Class::Picture, name, legend::SCALE, &contents)?;
+    bound(layout, view, legend::SCALE_BOUNDS)?;
+    Ok(view)
+}
+
+/// What a picture shows, and its backdrop.
+fn bound(layout: &Blueprint, view: Tile, [x, y]: [[f64; 2]; 2]) -> RecordingStreamResult<()> {
+    let bounds = rerun::datatypes::Range2D { x_range: x.into(), y_range: y.into() };
+    layout.set(view, &VisualBounds2D::new(components::VisualBounds2D(bounds)))?;
+    layout.set(view, &background())
+}
+
+fn background() -> Background {
+    Background::new(BackgroundKind::SolidColor).with_color(color(colour::BACKGROUND))
 }

@@ -2,15 +2,13 @@
 
 use std::ops::RangeInclusive;
 
-use rerun::{
-    AnyValues, Boxes3D, Image, LineStrips3D, Points2D, Points3D, Radius, RecordingStream, RecordingStreamResult,
-    TextDocument,
-};
+use rerun::{AnyValues, Boxes3D, Image, Points3D, Radius, RecordingStream, RecordingStreamResult, TextDocument};
 use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::scenario::Scenario;
 
 use crate::colour::{self, color};
 use crate::los::field;
+use crate::shapes::{line_style, writing};
 use crate::sizes::{MAX_BARS, Sizes};
 
 /// The page of text.
@@ -111,13 +109,7 @@ fn log_scale(stream: &RecordingStream, rates_bps: Option<&RangeInclusive<f64>>) 
         Image::from_rgb24(row.repeat(HEIGHT as usize), [WIDTH, HEIGHT])
     };
     stream.log_static(format!("{SCALE}/queue/bar"), &bar(&colour::of_fill))?;
-    let writing = |texts: [String; 2]| {
-        Points2D::new([[30.0, 24.0], [230.0, 24.0]])
-            .with_labels(texts)
-            .with_show_labels(true)
-            .with_radii([0.1])
-            .with_colors([color(colour::WRITING)])
-    };
+    let writing = |texts| writing([[30.0, 24.0], [230.0, 24.0]], texts);
     let queue = ["empty", "full"].map(str::to_owned);
     stream.log_static(format!("{SCALE}/queue/text"), &writing(queue))?;
     let (name, right, ends) = match rates_bps {
@@ -158,9 +150,7 @@ fn log_area(stream: &RecordingStream, sizes: &Sizes) -> RecordingStreamResult<()
     let z_m = -0.8 * below_m;
     let north = steps(width_m).chain([width_m]).map(|x_m| [[x_m, 0.0, z_m], [x_m, depth_m, z_m]]);
     let east = steps(depth_m).chain([depth_m]).map(|y_m| [[0.0, y_m, z_m], [width_m, y_m, z_m]]);
-    let grid = LineStrips3D::new(north.chain(east))
-        .with_colors([color(colour::GRID)])
-        .with_radii([Radius::new_ui_points(0.5)]);
+    let grid = line_style(colour::GRID, 0.5).with_strips(north.chain(east));
     stream.log_static(format!("{AREA}/grid"), &grid)?;
     let corners = Points3D::new([[0.0, 0.0, 0.0], [width_m, 0.0, 0.0], [0.0, depth_m, 0.0]])
         .with_labels(["0 m".to_owned(), format!("x = {width_m} m"), format!("y = {depth_m} m")])

@@ -5,12 +5,12 @@
 //! and chances of line of sight as `skysink-common` computes them.
 //! The only crate that knows rerun.
 
-pub mod blueprint;
+mod blueprint;
 pub mod colour;
 pub mod curves;
 pub mod events;
 mod files;
-mod layout;
+pub mod layout;
 pub mod legend;
 pub mod links;
 pub mod los;
@@ -19,9 +19,12 @@ pub mod path;
 pub mod queues;
 pub mod recording;
 pub mod scene;
+mod shapes;
 pub mod sizes;
+mod slot;
 pub mod uav;
 
 pub use events::Level;
 pub use recording::{SceneError, Sinks};
-pub use scene::{Scene, SlotView, Timing};
+pub use scene::Scene;
+pub use slot::{SlotView, Timing};

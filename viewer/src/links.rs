@@ -11,9 +11,9 @@ use skysink_common::scenario::Scenario;
 use skysink_common::units::ratio_of_db;
 
 use crate::colour::{self, color};
-use crate::scene::SlotView;
+use crate::shapes::{Point, circle, line_style, position};
 use crate::sizes::Sizes;
-use crate::uav::{Point, circle, position};
+use crate::slot::SlotView;
 
 /// The candidate circles.
 pub const CANDIDATES: &str = "world/candidates";
@@ -54,9 +54,7 @@ impl Links {
             .with_colors([color(colour::CANDIDATE)])
             .with_line_radii([Radius::new_ui_points(0.8)]);
         stream.log_static(CANDIDATES, &candidates)?;
-        let chosen =
-            LineStrips3D::update_fields().with_colors([color(colour::CHOSEN)]).with_radii([Radius::new_ui_points(2.2)]);
-        stream.log_static(CHOSEN, &chosen)?;
+        stream.log_static(CHOSEN, &line_style(colour::CHOSEN, 2.2))?;
         let colouring = match Channel::of(scenario) {
             Channel::LineOfSight(_) => Colouring::Draw,
             Channel::FreeSpace(model) => {

@@ -8,15 +8,15 @@ pub mod field;
 pub mod profile;
 
 use rerun::components::MarkerShape;
-use rerun::{Points3D, Radius, RecordingStream, RecordingStreamResult, Scalars, SeriesLines, SeriesPoints};
+use rerun::{Points3D, Radius, RecordingStream, RecordingStreamResult, Scalars, SeriesPoints};
 use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::message::{FlightReport, LinkReport, SensorNode};
 use skysink_common::scenario::Scenario;
 
-use crate::colour::{self, Rgb, color};
+use crate::colour::{self, color};
 use crate::files::Part;
+use crate::shapes::{curve_style, position};
 use crate::sizes::Sizes;
-use crate::uav::position;
 use field::Field;
 use profile::Profile;
 
@@ -131,17 +131,15 @@ impl Los {
 }
 
 fn log_styles(stream: &RecordingStream) -> RecordingStreamResult<()> {
-    let line =
-        |name, colour: Rgb| SeriesLines::new().with_names([name]).with_colors([color(colour)]).with_widths([1.5]);
-    stream.log_static(ALTITUDE, &line("altitude [m]", colour::UAV))?;
+    stream.log_static(ALTITUDE, &curve_style("altitude [m]", colour::UAV))?;
     for (root, mean) in [(ELEVATION, "mean elevation [°]"), (CHANCE, "mean chance of line of sight")] {
-        stream.log_static(format!("{root}/{MEAN}"), &line(mean, colour::UAV))?;
-        for (name, colour, width) in [(SIGHT, colour::SIGHT, 1.5), (BLOCKED, colour::BLOCKED, 1.5)] {
+        stream.log_static(format!("{root}/{MEAN}"), &curve_style(mean, colour::UAV))?;
+        for (name, colour) in [(SIGHT, colour::SIGHT), (BLOCKED, colour::BLOCKED)] {
             let points = SeriesPoints::new()
                 .with_names([name])
                 .with_colors([color(colour)])
                 .with_markers([MarkerShape::Circle])
-                .with_marker_sizes([width]);
+                .with_marker_sizes([1.5]);
             stream.log_static(format!("{root}/{name}"), &points)?;
         }
     }

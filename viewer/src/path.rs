@@ -8,8 +8,8 @@ use skysink_common::path::{MAX_POINTS, PathPoint};
 
 use crate::colour::{self, color};
 use crate::files::Part;
+use crate::shapes::Point;
 use crate::sizes::Sizes;
-use crate::uav::Point;
 
 /// The planned path.
 pub const PATH: &str = "world/path";

@@ -1,12 +1,11 @@
 //! A mission as a scene: opened once, given every slot, closed.
 //!
 //! Where things go is decided in the neighbouring modules, one per part of the picture; how they are arranged on the
-//! screen in [`crate::blueprint`].
+//! screen in [`crate::layout`].
 
 use std::ops::RangeInclusive;
 
-use skysink_common::message::{FlightReport, Plan, QueuesHeader, SensorNode, Totals};
-use skysink_common::path::PathPoint;
+use skysink_common::message::{SensorNode, Totals};
 use skysink_common::scenario::Scenario;
 
 use crate::events::{self, Events, Level};
@@ -17,38 +16,9 @@ use crate::path::Path;
 use crate::queues::Queues;
 use crate::recording::{Recording, SceneError, Sinks};
 use crate::sizes::Sizes;
+use crate::slot::{SlotView, Timing};
 use crate::uav::Uav;
-use crate::{blueprint, curves, legend};
-
-/// Whether somebody measures the wall clock, so that its curves get a place on the screen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Timing {
-    /// Slots come with their plan latency and pace.
-    Measured,
-    /// They do not, and equal missions make equal recordings.
-    Unmeasured,
-}
-
-/// Everything that is known of one slot; slot 0 is the state before the first and has no plan.
-#[derive(Debug, Clone, Copy)]
-pub struct SlotView<'a> {
-    /// The slot.
-    pub slot: u64,
-    /// Queue [bit] of every sensor node after it.
-    pub queues_bits: &'a [u32],
-    /// Bits of the slot and since the start.
-    pub header: &'a QueuesHeader,
-    /// The plan, if one was there in time.
-    pub plan: Option<&'a Plan>,
-    /// Where it leads, its own waypoint first; empty if that is not known.
-    pub path: &'a [PathPoint],
-    /// What was flown and served.
-    pub flight: &'a FlightReport,
-    /// Slots per second of wall time, if measured.
-    pub slots_per_s: Option<f64>,
-    /// Wall time of planning the slot [ms], if measured.
-    pub plan_ms: Option<f64>,
-}
+use crate::{curves, layout, legend};
 
 /// A recording under way.
 pub struct Scene {
@@ -82,7 +52,7 @@ impl Scene {
         let recording = Recording::open(sinks, run_name)?;
         let (stream, part) = (recording.stream(), recording.part());
         let sizes = Sizes::of(scenario, sensors.len());
-        blueprint::send(stream, recording.name(), &sizes, scenario, timing)?;
+        layout::send(stream, recording.name(), &sizes, scenario, timing)?;
         let queues = Queues::open(stream, sensors, &sizes)?;
         let uav = Uav::open(stream, &sizes)?;
         let path = Path::open(stream, &sizes, part)?;

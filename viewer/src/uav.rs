@@ -1,16 +1,17 @@
 //! The UAV: body and heading, flown path, planned waypoint, and the circle that it covers on the ground.
 
-use std::f32::consts::{FRAC_1_SQRT_2, TAU};
+use std::f32::consts::FRAC_1_SQRT_2;
 
 use rerun::{
     Angle, Arrows3D, Boxes3D, Cylinders3D, FillMode, LineStrips3D, Points3D, Radius, RecordingStream,
     RecordingStreamResult, RotationAxisAngle, Transform3D,
 };
-use skysink_common::message::{FlightReport, Plan};
+use skysink_common::message::Plan;
 
 use crate::colour::{self, color};
-use crate::scene::SlotView;
+use crate::shapes::{Point, circle, line_style, position};
 use crate::sizes::Sizes;
+use crate::slot::SlotView;
 
 /// Frame of the UAV: moves with it, turns with nobody, so that a camera may ride in it.
 pub const UAV: &str = "world/uav";
@@ -29,9 +30,6 @@ pub const COVERAGE: &str = "world/coverage";
 /// The plumb line from the UAV to the ground.
 pub const PLUMB: &str = "world/plumb";
 
-/// A position in the scene [m].
-pub type Point = [f32; 3];
-
 /// The UAV of the scene.
 pub struct Uav {
     ring_m: f32,
@@ -44,13 +42,10 @@ impl Uav {
     pub(crate) fn open(stream: &RecordingStream, sizes: &Sizes) -> RecordingStreamResult<Self> {
         log_body(stream, sizes.arm_m)?;
         log_coverage(stream, sizes.radius_m)?;
-        let line = |colour, width| {
-            LineStrips3D::update_fields().with_colors([color(colour)]).with_radii([Radius::new_ui_points(width)])
-        };
-        stream.log_static(TRAIL, &line(colour::TRAIL, 1.2))?;
-        stream.log_static(TRACK, &line(colour::TRACK, 0.7))?;
-        stream.log_static(PLAN, &line(colour::PLAN, 1.5))?;
-        stream.log_static(PLUMB, &line(colour::COVERAGE, 0.7))?;
+        stream.log_static(TRAIL, &line_style(colour::TRAIL, 1.2))?;
+        stream.log_static(TRACK, &line_style(colour::TRACK, 0.7))?;
+        stream.log_static(PLAN, &line_style(colour::PLAN, 1.5))?;
+        stream.log_static(PLUMB, &line_style(colour::COVERAGE, 0.7))?;
         Ok(Self { ring_m: 1.8 * sizes.arm_m, track_z_m: -0.006 * sizes.radius_m, before: None })
     }
 
@@ -89,20 +84,6 @@ impl Uav {
     }
 }
 
-/// Where a report says the UAV is.
-pub(crate) fn position(flight: &FlightReport) -> Point {
-    [flight.x_m as f32, flight.y_m as f32, flight.z_m as f32]
-}
-
-/// A closed horizontal circle.
-pub(crate) fn circle([x_m, y_m, z_m]: Point, radius_m: f32) -> Vec<Point> {
-    const CORNERS: u16 = 64;
-    (0..=CORNERS)
-        .map(|corner| f32::from(corner) / f32::from(CORNERS) * TAU)
-        .map(|angle| [x_m + radius_m * angle.cos(), y_m + radius_m * angle.sin(), z_m])
-        .collect()
-}
-
 /// A quadrotor with arms of `arm_m` [m] that looks along x, and its dot.
 fn log_body(stream: &RecordingStream, arm_m: f32) -> RecordingStreamResult<()> {
     let hub = [0.38 * arm_m, 0.3 * arm_m, 0.13 * arm_m];
@@ -136,8 +117,6 @@ fn log_coverage(stream: &RecordingStream, radius_m: f32) -> RecordingStreamResul
         .with_colors([color(colour::COVERED)])
         .with_fill_mode(FillMode::Solid);
     stream.log_static(format!("{COVERAGE}/disc"), &disc)?;
-    let rim = LineStrips3D::new([circle([0.0; 3], radius_m)])
-        .with_colors([color(colour::COVERAGE)])
-        .with_radii([Radius::new_ui_points(1.2)]);
+    let rim = line_style(colour::COVERAGE, 1.2).with_strips([circle([0.0; 3], radius_m)]);
     stream.log_static(format!("{COVERAGE}/rim"), &rim)
 }

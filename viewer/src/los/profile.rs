@@ -3,11 +3,12 @@
 //! Higher up the chance of line of sight grows and the rate in line of sight falls with the distance; the expected rate
 //! has its top between.
 
-use rerun::{Clear, LineStrips2D, Points2D, Radius, RecordingStream, RecordingStreamResult};
+use rerun::{Clear, LineStrips2D, Radius, RecordingStream, RecordingStreamResult};
 use skysink_common::channel::LineOfSight;
 use skysink_common::scenario::Scenario;
 
 use crate::colour::{self, color};
+use crate::shapes::writing;
 
 /// Root of the picture.
 pub const PROFILE: &str = "profile";
@@ -37,11 +38,9 @@ impl Profile {
         ]);
         let frame = frame.with_colors([color(colour::GRID)]).with_radii([Radius::new_ui_points(0.7)]);
         stream.log_static(format!("{PROFILE}/frame"), &frame)?;
-        let ticks = Points2D::new([[0.0, HEIGHT as f32 + 4.0], [WIDTH as f32, HEIGHT as f32 + 4.0]])
-            .with_labels(range_m.map(|altitude_m| format!("{altitude_m:.0} m")))
-            .with_show_labels(true)
-            .with_radii([0.1])
-            .with_colors([color(colour::WRITING)]);
+        let below = HEIGHT as f32 + 4.0;
+        let altitudes = range_m.map(|altitude_m| format!("{altitude_m:.0} m"));
+        let ticks = writing([[0.0, below], [WIDTH as f32, below]], altitudes);
         stream.log_static(format!("{PROFILE}/ticks"), &ticks)?;
         let curves = LineStrips2D::update_fields()
             .with_colors([colour::SIGHT, colour::MISSED, colour::DELIVERY].map(color))

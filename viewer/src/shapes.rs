@@ -1,0 +1,44 @@
+//! Shapes and styles that several parts of the picture draw.
+
+use std::f32::consts::TAU;
+
+use rerun::{LineStrips3D, Points2D, Radius, SeriesLines};
+use skysink_common::message::FlightReport;
+
+use crate::colour::{self, Rgb, color};
+
+/// A position in the scene [m].
+pub type Point = [f32; 3];
+
+/// Where a report says the UAV is.
+pub(crate) fn position(flight: &FlightReport) -> Point {
+    [flight.x_m as f32, flight.y_m as f32, flight.z_m as f32]
+}
+
+/// A closed horizontal circle.
+pub(crate) fn circle([x_m, y_m, z_m]: Point, radius_m: f32) -> Vec<Point> {
+    const CORNERS: u16 = 64;
+    (0..=CORNERS)
+        .map(|corner| f32::from(corner) / f32::from(CORNERS) * TAU)
+        .map(|angle| [x_m + radius_m * angle.cos(), y_m + radius_m * angle.sin(), z_m])
+        .collect()
+}
+
+/// Lines of one colour and width, in points of the screen.
+pub(crate) fn line_style(colour: Rgb, width_ui: f32) -> LineStrips3D {
+    LineStrips3D::update_fields().with_colors([color(colour)]).with_radii([Radius::new_ui_points(width_ui)])
+}
+
+/// A curve of one colour, under the name `name`.
+pub(crate) fn curve_style(name: &str, colour: Rgb) -> SeriesLines {
+    SeriesLines::new().with_names([name]).with_colors([color(colour)]).with_widths([1.5])
+}
+
+/// Writing in a picture, each text at its point.
+pub(crate) fn writing(points: [[f32; 2]; 2], texts: [String; 2]) -> Points2D {
+    Points2D::new(points)
+        .with_labels(texts)
+        .with_show_labels(true)
+        .with_radii([0.1])
+        .with_colors([color(colour::WRITING)])
+}
