@@ -1,9 +1,10 @@
-//! `skysink bench`: how fast planner, field, missions and ring are on this machine, beside what they cannot be faster
-//! than, measured in the same run.
+//! `skysink bench`: how fast planner, field, missions and ring are on this machine, beside their lower bounds, measured in
+//! the same run.
 
 mod field;
 pub mod hop;
 mod machine;
+pub mod medium;
 mod mission;
 mod planner;
 mod ring;
@@ -14,6 +15,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Instant;
 
+use clap::ValueEnum;
 use hdrhistogram::Histogram;
 use serde::Serialize;
 use skysink_common::scenario::{Overrides, Scenario};
@@ -23,24 +25,19 @@ use skysink_planner::settings::{self, Strategy};
 use crate::error::Error;
 use skysink_mission::latency::{Spread, histogram};
 
-/// What can be measured by itself.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Part {
-    /// A slot's plan, by strategy and number of sensor nodes.
+/// What can be measured by itself, in the order in which it is measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum BenchPart {
+    /// A slot's plan, by strategy and number of SNs.
     Planner,
-    /// A slot of the field.
+    /// A slot of the field, beside a copy.
     Field,
     /// Missions in one process, on one core and on all.
     Mission,
-    /// The ring of processes.
+    /// The ring of processes, beside bare hops.
     Ring,
-    /// The ring's way of passing messages beside UNIX sockets.
+    /// Bare hops by shared memory and by UNIX sockets.
     Transport,
-}
-
-impl Part {
-    /// Every part, in the order in which they are measured.
-    pub const ALL: [Self; 5] = [Self::Planner, Self::Field, Self::Mission, Self::Ring, Self::Transport];
 }
 
 /// How much is measured.
@@ -72,11 +69,11 @@ fn counts(effort: Effort) -> &'static [u32] {
 pub struct Report {
     version: &'static str,
     machine: machine::Machine,
-    planner: Option<planner::Measured>,
-    field: Option<Vec<field::Row>>,
-    mission: Option<mission::Measured>,
-    ring: Option<Vec<ring::Row>>,
-    transport: Option<Vec<transport::Row>>,
+    planner: Option<planner::PlannerSpeeds>,
+    field: Option<Vec<field::FieldRow>>,
+    mission: Option<mission::MissionSpeeds>,
+    ring: Option<Vec<ring::RingRow>>,
+    transport: Option<Vec<transport::TransportRow>>,
 }
 
 impl Report {
@@ -90,11 +87,11 @@ impl Report {
     }
 }
 
-/// Measures the parts.
+/// Measures the parts; all if none is named.
 ///
 /// # Errors
 /// If an executable is missing or fails, nothing can be written to the folder for temporary files, or on a stop.
-pub fn measure(parts: &[Part], effort: Effort, stop: &Stop) -> Result<Report, Error> {
+pub fn measure(parts: &[BenchPart], effort: Effort, stop: &Stop) -> Result<Report, Error> {
     let mut report = Report {
         version: env!("CARGO_PKG_VERSION"),
         machine: machine::Machine::this(),
@@ -104,13 +101,14 @@ pub fn measure(parts: &[Part], effort: Effort, stop: &Stop) -> Result<Report, Er
         ring: None,
         transport: None,
     };
-    for part in Part::ALL.into_iter().filter(|part| parts.contains(part)) {
+    let is_wanted = |part: &&BenchPart| parts.is_empty() || parts.contains(part);
+    for part in BenchPart::value_variants().iter().filter(is_wanted) {
         match part {
-            Part::Planner => report.planner = Some(planner::measure(effort, stop)?),
-            Part::Field => report.field = Some(field::measure(effort, stop)?),
-            Part::Mission => report.mission = Some(mission::measure(effort, stop)?),
-            Part::Ring => report.ring = Some(ring::measure(effort, stop)?),
-            Part::Transport => report.transport = Some(transport::measure(effort, stop)?),
+            BenchPart::Planner => report.planner = Some(planner::measure(effort, stop)?),
+            BenchPart::Field => report.field = Some(field::measure(effort, stop)?),
+            BenchPart::Mission => report.mission = Some(mission::measure(effort, stop)?),
+            BenchPart::Ring => report.ring = Some(ring::measure(effort, stop)?),
+            BenchPart::Transport => report.transport = Some(transport::measure(effort, stop)?),
         }
     }
     Ok(report)

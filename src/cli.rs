@@ -79,7 +79,7 @@ Examples:
     #[command(flatten)]
     Research(research::Research),
     #[cfg(feature = "lab")]
-    /// Measure how fast planner, field, missions and ring are on this machine, beside what they cannot be faster than.
+    /// Benchmark planner, field, missions and ring against their lower bounds.
     #[command(after_help = "\
 Examples:
   skysink bench --quick               does it work, and about how fast: seconds

@@ -123,27 +123,21 @@ impl Drop for LabBar {
 #[cfg(feature = "lab")]
 pub fn print_optimum(optimum: &Optimum) {
     let best = optimum.best_known;
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_BORDERS_ONLY);
+    let mut table = table();
     table.set_header(["", "η", "of the best known"]);
-    let share = |loss_rate: f64| match loss_rate / best.loss_rate {
-        share if share.is_finite() => format!("{share:.3}"),
+    let ratio = |loss_rate: f64| match loss_rate / best.loss_rate {
+        ratio if ratio.is_finite() => format!("{ratio:.3}"),
         _ => String::new(),
     };
     let mut row = |name: &str, loss_rate: f64| {
-        table.add_row([name.to_owned(), format!("{loss_rate:.6}"), share(loss_rate)]);
+        table.add_row([name.to_owned(), format!("{loss_rate:.6}"), ratio(loss_rate)]);
     };
     row("lower bound", optimum.loss_bound);
     row("best known", best.loss_rate);
     for standing in &optimum.strategies {
         row(standing.strategy.name(), standing.loss_rate);
     }
-    for column in [1, 2] {
-        if let Some(column) = table.column_mut(column) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
-    }
-    println!("{table}");
+    println!("{}", with_numbers_right(table));
     println!("Searched {} steps; --budget {} finds the same again.", grouped(optimum.steps), optimum.steps);
 }
 
@@ -153,8 +147,7 @@ pub fn print(folder: &RunFolder, summary: &Summary) {
     let pace = timing.pace.map_or_else(|| "in one process".to_owned(), |pace| format!("pace {pace}"));
     let title = format!("{} · {} · seed {}", summary.name, summary.strategy, summary.seed);
     println!("{title}: {} slots in {:.3} s, {pace}", summary.slots, timing.wall_s);
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_BORDERS_ONLY);
+    let mut table = table();
     let mut rows = vec![
         ("data loss rate η", format!("{:.6}", summary.loss_rate)),
         ("η as in the letter", format!("{:.6}", summary.eta_letter)),
@@ -190,15 +183,31 @@ pub fn print(folder: &RunFolder, summary: &Summary) {
     for (name, value) in rows {
         table.add_row([name, &value]);
     }
-    if let Some(column) = table.column_mut(1) {
-        column.set_cell_alignment(CellAlignment::Right);
-    }
-    println!("{table}");
+    println!("{}", with_numbers_right(table));
     println!("Run folder:      {}", folder.path().display());
     if let Some(recording) = folder.recording_pattern() {
         println!("Open recording:  rerun {}", recording.display());
         println!("                 (the viewer: pip install rerun-sdk=={RERUN})");
     }
+}
+
+/// An empty table.
+#[must_use]
+pub fn table() -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_BORDERS_ONLY);
+    table
+}
+
+/// The table with every column but the first aligned to the right.
+#[must_use]
+pub fn with_numbers_right(mut table: Table) -> Table {
+    for column in 1..table.column_count() {
+        if let Some(column) = table.column_mut(column) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    table
 }
 
 /// A whole number with its thousands apart.

@@ -13,7 +13,7 @@ use skysink_mission::mission::{FlownSlot, Mission};
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
 
-/// Slots between two looks at the progress.
+/// Slots after which the progress is shown again.
 const SHOW_EVERY: u64 = 1000;
 
 /// What to simulate and where to put it.

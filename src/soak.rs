@@ -8,7 +8,6 @@ use std::sync::PoisonError;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use comfy_table::{CellAlignment, Table, presets};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rustix::process::{Signal, kill_process};
@@ -16,13 +15,14 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 
 use crate::error::Error;
+use crate::report::{self, with_numbers_right};
 use crate::run::{Inside, Run, run_with};
 use skysink_mission::mission::Mission;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Summary;
 use skysink_mission::trace::TraceHash;
 
-/// What to fly, and how rough.
+/// What to fly, and how often its processes are killed.
 #[derive(Debug)]
 pub struct Soak {
     /// The mission.
@@ -63,14 +63,15 @@ struct Seen {
 /// Those of the run; [`Error::Soak`] if the trace is not that of the undisturbed mission, or something has grown.
 pub fn soak(soak: &Soak, stop: &Stop) -> Result<(), Error> {
     let begin = Instant::now();
-    let (expected, mut seen, over) = (undisturbed(&soak.run, stop)?, Seen::default(), AtomicBool::new(false));
+    let expected = undisturbed(&soak.run, stop)?;
+    let over = AtomicBool::new(false);
     println!(
         "undisturbed, in one process: {} slots in {:.1} s",
         soak.run.scenario.slots,
         begin.elapsed().as_secs_f64()
     );
     let (sender, receiver) = std::sync::mpsc::channel::<Inside>();
-    let flown = std::thread::scope(|scope| {
+    let (seen, flown) = std::thread::scope(|scope| {
         let over = &over;
         let watcher = scope.spawn(move || {
             let mut seen = Seen::default();
@@ -83,11 +84,10 @@ pub fn soak(soak: &Soak, stop: &Stop) -> Result<(), Error> {
             let _ = sender.send(inside);
         });
         over.store(true, Ordering::Relaxed);
-        seen = watcher.join().unwrap_or_default();
-        flown
+        (watcher.join().unwrap_or_default(), flown)
     });
     let (folder, summary) = flown?;
-    report(soak, &seen, &folder, &summary, expected)
+    judge(soak, &seen, &folder, &summary, expected)
 }
 
 /// The trace of the mission, by plain calls.
@@ -169,12 +169,11 @@ fn slope(points: &[(f64, f64)]) -> f64 {
 }
 
 /// Prints the table; fails if something is not as it should be.
-fn report(soak: &Soak, seen: &Seen, folder: &RunFolder, summary: &Summary, expected: u64) -> Result<(), Error> {
+fn judge(soak: &Soak, seen: &Seen, folder: &RunFolder, summary: &Summary, expected: u64) -> Result<(), Error> {
     const MIB: f64 = (1u64 << 20) as f64;
     let (speed, kills) = (summary.timing.slots_per_s, seen.kills.values().sum::<u64>());
     println!("in the ring: {} slots, {speed:.0} slots/s, {kills} kills, {} restarts", summary.slots, summary.restarts);
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_BORDERS_ONLY);
+    let mut table = report::table();
     table.set_header(["calm half", "kills", "memory [MiB]", "slope [MiB/10⁶ slots]", "descriptors"]);
     let mut grown = Vec::new();
     let per_million = |points: Vec<(f64, f64)>| slope(&points) / MIB * 1e6;
@@ -213,14 +212,7 @@ fn report(soak: &Soak, seen: &Seen, folder: &RunFolder, summary: &Summary, expec
         let range = format!("{:.2} → {:.2}", first.1 as f64 / MIB, last.1 as f64 / MIB);
         table.add_row(["/dev/shm".to_owned(), String::new(), range, format!("{slope:.3}"), String::new()]);
     }
-    (1..5).filter_map(|column| table.column(column).map(|_| column)).collect::<Vec<_>>().into_iter().for_each(
-        |column| {
-            if let Some(column) = table.column_mut(column) {
-                column.set_cell_alignment(CellAlignment::Right);
-            }
-        },
-    );
-    println!("{table}");
+    println!("{}", with_numbers_right(table));
     let unaccounted = (summary.initial_bits + summary.sampled_bits)
         .abs_diff(summary.delivered_bits + summary.lost_bits + summary.queued_bits);
     println!("bits unaccounted: {unaccounted}");

@@ -20,10 +20,10 @@ const TOGETHER: u64 = 100_000;
 
 /// A slot with so many sensor nodes.
 #[derive(Debug, Serialize)]
-pub struct Row {
+pub struct FieldRow {
     /// Sensor nodes.
     pub sensors: u32,
-    /// Sampling, losses and the books, and the new queues into a message.
+    /// Sampling, losses and the ledger, and the new queues into a message.
     pub step: Spread,
     /// A copy of the queues.
     pub copy: Spread,
@@ -31,11 +31,11 @@ pub struct Row {
     pub step_over_copy: f64,
 }
 
-/// Measures slots and copies in turns.
+/// Measures slots and copies alternately.
 ///
 /// # Errors
 /// If the sensor list is refused, or on a stop.
-pub fn measure(effort: Effort, stop: &Stop) -> Result<Vec<Row>, Error> {
+pub fn measure(effort: Effort, stop: &Stop) -> Result<Vec<FieldRow>, Error> {
     let row = |&sensors: &u32| {
         stop.check()?;
         row(sensors, effort)
@@ -43,11 +43,11 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<Vec<Row>, Error> {
     counts(effort).iter().map(row).collect()
 }
 
-fn row(sensors: u32, effort: Effort) -> Result<Row, Error> {
+fn row(sensors: u32, effort: Effort) -> Result<FieldRow, Error> {
     let scenario = letter(sensors, Strategy::Uts);
     let list = SensorList::of(&scenario)?;
     let mut field = Field::new(&scenario, &list);
-    let nobody = FlightReport::at(50.0, 50.0, 20.0, Mode::Hold);
+    let idle = FlightReport::at(50.0, 50.0, 20.0, Mode::Hold);
     let mut message = vec![MaybeUninit::new(0); sensors as usize];
     let (queues_bits, mut copy) = (list.queues_bits(), vec![0; sensors as usize]);
     let (mut steps, mut copies, mut slot) = (Times::new(), Times::new(), 0);
@@ -63,10 +63,10 @@ fn row(sensors: u32, effort: Effort) -> Result<Row, Error> {
         let begin = Instant::now();
         for _ in 0..together {
             slot += 1;
-            black_box(field.step_into(slot, &nobody, black_box(&mut message)).expect("nobody is somebody"));
+            black_box(field.step_into(slot, &idle, black_box(&mut message)).expect("a flight that serves nobody"));
         }
         steps.add(begin, together);
     }
     let (step, copy) = (steps.spread(), copies.spread());
-    Ok(Row { sensors, step, copy, step_over_copy: step.p50_us / copy.p50_us })
+    Ok(FieldRow { sensors, step, copy, step_over_copy: step.p50_us / copy.p50_us })
 }

@@ -21,7 +21,7 @@ const SLOTS: u64 = 600;
 
 /// What was measured of missions.
 #[derive(Debug, Serialize)]
-pub struct Measured {
+pub struct MissionSpeeds {
     /// Slots per second of the letter's missions on one core, `uts`, N = 200, set-up included.
     pub slots_per_s: f64,
     /// Slots per second of a sweep of them, on one thread.
@@ -38,7 +38,7 @@ pub struct Measured {
 ///
 /// # Errors
 /// If a mission is refused, something cannot be written, or on a stop.
-pub fn measure(effort: Effort, stop: &Stop) -> Result<Measured, Error> {
+pub fn measure(effort: Effort, stop: &Stop) -> Result<MissionSpeeds, Error> {
     let place = tempfile::tempdir().at(Path::new("folder for temporary files"))?;
     let slots_per_s = alone(effort.choose(Duration::from_secs(3), Duration::from_millis(100)), stop)?;
     let (mut one, mut all, cores) = (Vec::new(), Vec::new(), machine::cores());
@@ -59,7 +59,7 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<Measured, Error> {
         }
     }
     let (one, all) = (median(one), median(all));
-    Ok(Measured {
+    Ok(MissionSpeeds {
         slots_per_s,
         sweep_slots_per_s: one,
         sweep_all_slots_per_s: all,

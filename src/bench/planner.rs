@@ -33,9 +33,9 @@ const SOLVES: u64 = 64;
 
 /// What was measured of the planner.
 #[derive(Debug, Serialize)]
-pub struct Measured {
+pub struct PlannerSpeeds {
     /// By number of SNs and strategy.
-    pub plans: Vec<Row>,
+    pub plans: Vec<PlanRow>,
     /// The nearest point of five disks, reach and the ranges of four SNs, without a loop over candidates.
     pub waypoint_geometric: Spread,
     /// The same by Clarabel, with the solver kept.
@@ -44,7 +44,7 @@ pub struct Measured {
 
 /// A slot's plan.
 #[derive(Debug, Serialize)]
-pub struct Row {
+pub struct PlanRow {
     /// Sensor nodes.
     pub sensors: u32,
     /// The strategy.
@@ -75,8 +75,8 @@ impl<'a> Flight<'a> {
         black_box(planner.step(self.slot, above(&self.position, self.scenario.uav.altitude_m), &self.queues_bits))
     }
 
-    /// Lives through the slot of a plan, which empties what it serves.
-    fn live(&mut self, plan: &Plan) {
+    /// Advances by the slot of a plan, which empties what it serves.
+    fn advance(&mut self, plan: &Plan) {
         plan.scheduled().iter().for_each(|&id| self.queues_bits[id as usize] = 0);
         let capacity_bits = self.scenario.sensors.capacity_bits;
         self.queues_bits.iter_mut().for_each(|queue_bits| *queue_bits = (*queue_bits + 100).min(capacity_bits));
@@ -92,7 +92,7 @@ impl<'a> Flight<'a> {
 ///
 /// # Errors
 /// If the sensor list is refused, or on a stop.
-pub fn measure(effort: Effort, stop: &Stop) -> Result<Measured, Error> {
+pub fn measure(effort: Effort, stop: &Stop) -> Result<PlannerSpeeds, Error> {
     let mut plans = Vec::new();
     for &sensors in counts(effort) {
         let scenario = letter(sensors, Strategy::Uts);
@@ -121,17 +121,17 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<Measured, Error> {
         }
         clarabel.add(begin, SOLVES);
     }
-    Ok(Measured { plans, waypoint_geometric: geometric.spread(), waypoint_clarabel: clarabel.spread() })
+    Ok(PlannerSpeeds { plans, waypoint_geometric: geometric.spread(), waypoint_clarabel: clarabel.spread() })
 }
 
-fn row(scenario: &Scenario, nodes: &[SensorNode], initial_bits: &[u32], effort: Effort) -> Result<Row, Error> {
+fn row(scenario: &Scenario, nodes: &[SensorNode], initial_bits: &[u32], effort: Effort) -> Result<PlanRow, Error> {
     let table = SensorTable::new(scenario, nodes);
     let undivided = SensorTable { grid: Grid::undivided(&table.positions), ..table.clone() };
     let (mut with, mut without) = (Planner::over(scenario, nodes, table)?, Planner::over(scenario, nodes, undivided)?);
     let mut flight = Flight::new(scenario, initial_bits);
     for _ in 0..WARM_UP {
         let plan = flight.plan(&mut with);
-        flight.live(&plan);
+        flight.advance(&plan);
     }
     let budget = effort.choose(Duration::from_secs(2), Duration::from_millis(20));
     let (mut plans, mut undivided, mut spent) = (Times::new(), Times::new(), Duration::ZERO);
@@ -147,11 +147,11 @@ fn row(scenario: &Scenario, nodes: &[SensorNode], initial_bits: &[u32], effort: 
             spent += begin.elapsed();
             assert_eq!(plan.scheduled(), same.scheduled(), "the grid finds whom a loop over all finds");
         }
-        flight.live(&plan);
+        flight.advance(&plan);
     }
     let (plan, undivided) = (plans.spread(), undivided.spread());
     let (sensors, strategy) = (nodes.len() as u32, Settings::of(scenario)?.strategy);
-    Ok(Row { sensors, strategy, plan, undivided, undivided_over_plan: undivided.p50_us / plan.p50_us })
+    Ok(PlanRow { sensors, strategy, plan, undivided, undivided_over_plan: undivided.p50_us / plan.p50_us })
 }
 
 /// Waypoint problems of the letter's mission: a target, and the disks that it is projected onto.
@@ -172,7 +172,7 @@ fn problems() -> Result<Vec<(Position, Vec<Disk>)>, Error> {
             disks.extend(places.into_iter().map(disk));
             problems.push((Position::from(sum / 4.0), disks));
         }
-        flight.live(&plan);
+        flight.advance(&plan);
     }
     Ok(problems)
 }

@@ -1,4 +1,4 @@
-//! The ring of processes beside its floor: the same messages passed around as many processes, and the plan.
+//! The ring of processes beside its lower bound: the same messages passed around as many processes, and the plan.
 
 use std::fs;
 use std::path::Path;
@@ -10,7 +10,8 @@ use skysink_common::pace::Pace;
 use skysink_common::stop::Stop;
 use skysink_ring::wait::Waiting;
 
-use super::hop::{Medium, Rounds};
+use super::hop::HopRounds;
+use super::medium::Medium;
 use super::{Effort, counts, letter_text, median, median_spread};
 use crate::error::Error;
 use skysink_mission::error::FileContext;
@@ -22,14 +23,14 @@ const PACED_HZ: f64 = 200.0;
 /// Sensor nodes up to which a ring keeps up with that.
 const PACED_MOST: u32 = 10_000;
 
-/// A ring beside its floor.
+/// A ring beside its lower bound.
 #[derive(Debug, Serialize)]
-pub struct Row {
+pub struct RingRow {
     /// Sensor nodes.
     pub sensors: u32,
     /// How the processes wait for each other.
     pub wait: Waiting,
-    /// How fast it turns.
+    /// How fast it runs.
     pub pace: Pace,
     /// Slots per second.
     pub slots_per_s: f64,
@@ -39,9 +40,9 @@ pub struct Row {
     pub plan: Spread,
     /// Three bare hops with the same payloads.
     pub hops: Spread,
-    /// Medians of hops and plan together [µs].
+    /// Its lower bound: medians of hops and plan together [µs].
     pub floor_us: f64,
-    /// Median of the slot over the floor.
+    /// Median of the slot over that.
     pub p50_over_floor: f64,
     /// 99th percentile of the slot over its median.
     pub p99_over_p50: f64,
@@ -54,11 +55,11 @@ struct Flown {
     plan: Spread,
 }
 
-/// Measures rings and floors in turns.
+/// Measures rings and lower bounds alternately.
 ///
 /// # Errors
 /// If an executable is missing or fails, or on a stop.
-pub fn measure(effort: Effort, stop: &Stop) -> Result<Vec<Row>, Error> {
+pub fn measure(effort: Effort, stop: &Stop) -> Result<Vec<RingRow>, Error> {
     let mut rows = Vec::new();
     for pace in [Pace::Max, Pace::Factor(PACED_HZ)] {
         for sensors in counts(effort).iter().copied().filter(|&sensors| pace == Pace::Max || sensors <= PACED_MOST) {
@@ -70,24 +71,24 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<Vec<Row>, Error> {
     Ok(rows)
 }
 
-fn row(sensors: u32, wait: Waiting, pace: Pace, effort: Effort, stop: &Stop) -> Result<Row, Error> {
+fn row(sensors: u32, wait: Waiting, pace: Pace, effort: Effort, stop: &Stop) -> Result<RingRow, Error> {
     let slots = match (pace, sensors) {
         (Pace::Factor(_), _) => effort.choose(600, 20),
         (Pace::Max, ..100_000) => effort.choose(6_000, 100),
         (Pace::Max, _) => effort.choose(500, 10),
     };
     let period = pace.period(1.0).unwrap_or(Duration::ZERO);
-    let floor = Rounds { medium: Medium::SharedMemory, wait, sensors, rounds: slots, period };
+    let bound = HopRounds { medium: Medium::SharedMemory, wait, sensors, rounds: slots, period };
     let (mut hops, mut flown) = (Vec::new(), Vec::new());
     for _ in 0..effort.choose(3, 1) {
-        hops.push(floor.time(stop)?);
+        hops.push(bound.time(stop)?);
         flown.push(fly(sensors, slots, wait, pace, stop)?);
     }
     let hops = median_spread(&hops);
     let of = |spread: fn(&Flown) -> Spread| median_spread(&flown.iter().map(spread).collect::<Vec<_>>());
     let (slot, plan) = (of(|flown| flown.slot), of(|flown| flown.plan));
     let floor_us = hops.p50_us + plan.p50_us;
-    Ok(Row {
+    Ok(RingRow {
         sensors,
         wait,
         pace,

@@ -2,9 +2,10 @@
 
 use std::fmt;
 
-use comfy_table::{CellAlignment, Table, presets};
+use comfy_table::Table;
 
 use super::Report;
+use crate::report::{self, with_numbers_right};
 use skysink_mission::latency::Spread;
 
 impl fmt::Display for Report {
@@ -50,7 +51,7 @@ impl Report {
         {
             table.add_row([name, "4", &us(spread.p50_us), &us(spread.p99_us)]);
         }
-        Some(right(table))
+        Some(with_numbers_right(table))
     }
 
     fn field(&self) -> Option<Table> {
@@ -66,7 +67,7 @@ impl Report {
                 ratio(row.step_over_copy),
             ]);
         }
-        Some(right(table))
+        Some(with_numbers_right(table))
     }
 
     fn mission(&self) -> Option<Table> {
@@ -81,7 +82,7 @@ impl Report {
             table.add_row([name, &format!("{slots_per_s:.0}")]);
         }
         table.add_row(["speed per core, all over one", &ratio(measured.per_core)]);
-        Some(right(table))
+        Some(with_numbers_right(table))
     }
 
     fn ring(&self) -> Option<Table> {
@@ -116,7 +117,7 @@ impl Report {
                 ratio(row.p99_over_p50),
             ]);
         }
-        Some(right(table))
+        Some(with_numbers_right(table))
     }
 
     fn transport(&self) -> Option<Table> {
@@ -132,24 +133,13 @@ impl Report {
                 ratio(row.socket_over_shared_memory),
             ]);
         }
-        Some(right(table))
+        Some(with_numbers_right(table))
     }
 }
 
 fn table<const COLUMNS: usize>(header: [&str; COLUMNS]) -> Table {
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_BORDERS_ONLY);
+    let mut table = report::table();
     table.set_header(header);
-    table
-}
-
-/// Numbers to the right.
-fn right(mut table: Table) -> Table {
-    for column in 1..table.column_count() {
-        if let Some(column) = table.column_mut(column) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
-    }
     table
 }
 

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Overrides;
 use skysink_common::stop::Stop;
@@ -24,13 +25,13 @@ pub struct RunOptions {
     scenario: Option<PathBuf>,
     #[command(flatten)]
     choice: Choice,
-    /// Go on with a run that has ended early, in its folder.
+    /// Resume a run that has ended early, in its folder.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["scenario", "strategy", "seed", "out", "force"])]
     resume: Option<PathBuf>,
     /// max, realtime, or a factor such as 10x.
     #[arg(long, default_value = "max", value_name = "PACE")]
     pace: Pace,
-    /// How the processes wait for each other: event, asleep until they are woken; or poll, looking again and again, which
+    /// How the processes wait for each other: event, asleep until they are woken; or poll, which
     /// keeps a core busy for each of them and is faster only where there are cores to spare.
     #[arg(long, default_value = "event", value_name = "WAY")]
     wait: Waiting,
@@ -41,8 +42,8 @@ pub struct RunOptions {
     #[arg(long, conflicts_with = "live")]
     no_viewer: bool,
     /// Leave this process to somebody else and wait for it (repeatable).
-    #[arg(long, value_name = "ROLE")]
-    external: Vec<External>,
+    #[arg(long, value_name = "ROLE", value_parser = PossibleValuesParser::new(WORKERS.map(Role::name)).map(worker))]
+    external: Vec<Role>,
     /// What is done when a process ends too early: never, or on-failure; planner=never for one of them (repeatable)
     /// [default: on-failure, at most 50 times in 10 s].
     #[arg(long, value_name = "POLICY")]
@@ -72,8 +73,7 @@ impl RunOptions {
             Some(folder) => RunPlace::Resume(folder),
             None => RunPlace::New { out: self.choice.flight.out, force: self.choice.flight.force },
         };
-        let external = self.external.into_iter().map(Role::from).collect();
-        let (pace, wait, live, restart) = (self.pace, self.wait, self.live, self.restart);
+        let Self { pace, wait, live, external, restart, .. } = self;
         Ok(Run { scenario, pace, wait, place, viewer, live, external, restart, timeout_s })
     }
 }
@@ -111,31 +111,26 @@ impl SoakOptions {
             return Err(Error::NoViewer);
         }
         let place = RunPlace::New { out: self.choice.flight.out, force: self.choice.flight.force };
-        let (pace, wait, viewer) = (Pace::Max, Waiting::Event, self.viewer);
-        let (external, restart, live) = (Vec::new(), Vec::new(), None);
-        let run = Run { scenario, pace, wait, place, viewer, live, external, restart, timeout_s: 30.0 };
+        let run = Run {
+            scenario,
+            pace: Pace::Max,
+            wait: Waiting::Event,
+            place,
+            viewer: self.viewer,
+            live: None,
+            external: Vec::new(),
+            restart: Vec::new(),
+            timeout_s: 30.0,
+        };
         soak::soak(&Soak { run, kill_every: Duration::from_secs_f64(self.kill_every) }, stop)
     }
 }
 
-/// A process that can be left to somebody else.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum External {
-    FieldSim,
-    FlightSim,
-    Planner,
-    Viewer,
-}
+/// The processes that can be left to somebody else.
+const WORKERS: [Role; 4] = [Role::FieldSim, Role::FlightSim, Role::Planner, Role::Viewer];
 
-impl From<External> for Role {
-    fn from(external: External) -> Self {
-        match external {
-            External::FieldSim => Self::FieldSim,
-            External::FlightSim => Self::FlightSim,
-            External::Planner => Self::Planner,
-            External::Viewer => Self::Viewer,
-        }
-    }
+fn worker(name: String) -> Role {
+    WORKERS.into_iter().find(|role| role.name() == name).expect("one of the possible values")
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
