@@ -20,13 +20,13 @@ const RERUN: &str = "0.36.3";
 
 /// The progress bar of a run; nothing at all where standard error is not a terminal.
 #[derive(Debug, Clone)]
-pub struct Progress {
+pub struct RunProgress {
     bar: ProgressBar,
     /// When and where the run was first seen under way.
     begin: Arc<OnceLock<(Instant, u64)>>,
 }
 
-impl Progress {
+impl RunProgress {
     /// A bar over `slots` slots.
     ///
     /// # Panics

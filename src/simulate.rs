@@ -8,7 +8,7 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 
 use crate::error::Error;
-use crate::report::Progress;
+use crate::report::RunProgress;
 use skysink_mission::mission::{FlownSlot, Mission};
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
@@ -54,7 +54,7 @@ pub fn simulate_mission(
     let mut recording = Recording::open(simulation, &folder, list)?;
     let mut log = folder.slot_log()?;
     let mut tally = Tally::new(scenario, list);
-    let progress = Progress::new(scenario.slots);
+    let progress = RunProgress::new(scenario.slots);
 
     let begin = Instant::now();
     tally.start(&mission.header());

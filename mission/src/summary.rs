@@ -80,12 +80,12 @@ pub struct Summary {
     /// Version of Skysink.
     pub version: &'static str,
     /// By the wall clock; different each time.
-    pub timing: Timing,
+    pub timing: RunTiming,
 }
 
 /// The wall-clock figures of a run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub struct Timing {
+pub struct RunTiming {
     /// Pace, or none in one process.
     pub pace: Option<Pace>,
     /// Duration [s], from the first slot to the last.
@@ -224,7 +224,7 @@ impl Tally {
         summary.trace_hash = format!("{trace_hash:016x}");
         summary.complete = summary.slots == summary.planned_slots;
         let plan_us = |quantile| self.plan_ns.value_at_quantile(quantile) as f64 / 1e3;
-        summary.timing = Timing {
+        summary.timing = RunTiming {
             pace,
             wall_s: wall.as_secs_f64(),
             slots_per_s: ratio(slots - summary.resumed_after.unwrap_or(0) as f64, wall.as_secs_f64()),

@@ -24,7 +24,7 @@ use skysink_ring::topics::{Ring, VIEWER_BUFFER};
 use skysink_ring::wait::Waiting;
 
 use crate::error::Error;
-use crate::report::Progress;
+use crate::report::RunProgress;
 use launch::{Crew, Job, REAP, Roster, whole};
 use recorder::Recorder;
 use restart::Rule;
@@ -76,7 +76,7 @@ struct Setup<'a> {
     run: &'a Run,
     folder: &'a RunFolder,
     meeting: &'a RingFolder,
-    progress: &'a Progress,
+    progress: &'a RunProgress,
     stop: &'a Stop,
 }
 
@@ -134,7 +134,7 @@ pub fn run_with(run: &Run, stop: &Stop, started: impl FnOnce(Inside)) -> Result<
     let meeting = RingFolder::create(run.pace, run.wait, run.timeout_s, run.viewer)?;
     meeting.install()?;
     let mut log = prepare(&folder, &meeting, resumed)?;
-    let progress = Progress::new(run.scenario.slots);
+    let progress = RunProgress::new(run.scenario.slots);
     let setup = Setup { run, folder: &folder, meeting: &meeting, progress: &progress, stop };
     let (mut fates, begin) = (Fates::default(), Instant::now());
     let flown = fly(&setup, &mut log, &mut tally, &mut fates, started);

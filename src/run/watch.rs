@@ -13,7 +13,7 @@ use skysink_ring::topics::{Full, Ring};
 use skysink_ring::writer::Writer;
 
 use crate::error::Error;
-use crate::report::Progress;
+use crate::report::RunProgress;
 use crate::run::launch::Crew;
 use skysink_mission::summary::{Event, Tally};
 
@@ -57,7 +57,7 @@ pub struct Watch<'a, S: Service + 'static> {
     ring: &'a Ring<S>,
     crew: Crew,
     health: Writer<S, Health, SlotHeader>,
-    progress: &'a Progress,
+    progress: &'a RunProgress,
     begin: Instant,
     last_slot: u64,
     slot: Arc<AtomicU64>,
@@ -75,7 +75,7 @@ impl<'a, S: Service + 'static> Watch<'a, S> {
     pub fn new(
         ring: &'a Ring<S>,
         crew: Crew,
-        progress: &'a Progress,
+        progress: &'a RunProgress,
         last_slot: u64,
         slot: Arc<AtomicU64>,
         stop: &Stop,

@@ -7,39 +7,20 @@ use plotters::backend::{BitMapBackend, DrawingBackend, SVGBackend};
 use plotters::coord::Shift;
 use plotters::drawing::{DrawingArea, DrawingAreaErrorKind, IntoDrawingArea};
 use plotters::element::{Circle, PathElement, Polygon};
-use plotters::style::text_anchor::{HPos, Pos, VPos};
-use plotters::style::{Color, FontTransform, RGBColor, ShapeStyle, TextStyle, WHITE};
+pub use plotters::style::FontTransform;
+pub use plotters::style::text_anchor::HPos;
+use plotters::style::text_anchor::{Pos, VPos};
+use plotters::style::{Color, RGBColor, ShapeStyle, TextStyle, WHITE};
 use skysink_mission::error::FileContext;
 
 use super::error::FigureError;
-use super::style::{bitmap_size, font, lacks};
+use super::style::{INK, bitmap_size, font, lacks};
 use crate::error::LabError;
 
 /// Backend pixels a unit: the SVG has coordinates that fine, the PNG is averaged from that many by that many samples.
 const FINENESS: u32 = 3;
 
-/// Which part of a text is at its anchor.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Anchor {
-    /// Its begin.
-    Left,
-    /// Its middle.
-    Center,
-    /// Its end.
-    Right,
-}
-
-/// Which way a text runs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Run {
-    /// From left to right.
-    Across,
-    /// From below to above.
-    Up,
-}
-
 /// A text on the sheet.
-#[derive(Debug)]
 pub struct Text {
     /// What it says.
     pub text: String,
@@ -48,15 +29,21 @@ pub struct Text {
     /// Size [units].
     pub em: f64,
     /// Which part is there.
-    pub anchor: Anchor,
-    /// Which way it runs.
-    pub run: Run,
+    pub anchor: HPos,
+    /// Whether it runs from left to right or, rotated by 270°, from below to above.
+    pub turn: FontTransform,
     /// Its colour.
     pub colour: RGBColor,
 }
 
+impl Text {
+    /// A text that runs from left to right in the colour of axes.
+    pub fn new(text: impl Into<String>, at: [f64; 2], em: f64, anchor: HPos) -> Self {
+        Self { text: text.into(), at, em, anchor, turn: FontTransform::None, colour: INK }
+    }
+}
+
 /// What can lie on the sheet.
-#[derive(Debug)]
 enum Shape {
     Line { points: Vec<[f64; 2]>, width: f64, colour: RGBColor },
     Area { points: Vec<[f64; 2]>, colour: RGBColor, opacity: f64 },
@@ -64,7 +51,6 @@ enum Shape {
 }
 
 /// A white sheet; x to the right and y downwards from its upper left corner, a unit is a pixel of the PNG.
-#[derive(Debug)]
 pub struct Canvas {
     width: u32,
     height: u32,
@@ -193,17 +179,12 @@ impl Medium {
             Self::Svg => (1.24 * text.em, 0.76 * text.em),
             Self::Bitmap => (bitmap_size(text.em), bitmap_size(text.em) / 2.0),
         };
-        let (at, turn) = match text.run {
-            Run::Across => ([text.at[0], text.at[1] - depth], FontTransform::None),
-            Run::Up => ([text.at[0] - depth, text.at[1]], FontTransform::Rotate270),
+        let at = match text.turn {
+            FontTransform::None => [text.at[0], text.at[1] - depth],
+            _ => [text.at[0] - depth, text.at[1]],
         };
-        let font = font(size * f64::from(FINENESS)).transform(turn);
-        let side = match text.anchor {
-            Anchor::Left => HPos::Left,
-            Anchor::Center => HPos::Center,
-            Anchor::Right => HPos::Right,
-        };
-        let style = TextStyle { font, color: text.colour.to_backend_color(), pos: Pos::new(side, VPos::Top) };
+        let font = font(size * f64::from(FINENESS)).transform(text.turn.clone());
+        let style = TextStyle { font, color: text.colour.to_backend_color(), pos: Pos::new(text.anchor, VPos::Top) };
         area.draw_text(&text.text, &style, fine(&[at])[0])
     }
 }

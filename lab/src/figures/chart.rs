@@ -4,9 +4,9 @@ use std::path::Path;
 
 use super::axis::Axis;
 pub use super::axis::Scale;
-use super::canvas::{Anchor, Canvas, Run, Text};
+use super::canvas::{Canvas, FontTransform, HPos, Text};
 use super::error::FigureError;
-use super::panel::{Grid, Panel, draw_footer, footer_height, footer_lines, word};
+use super::panel::{Grid, Panel, draw_footer, footer_height, footer_lines};
 use super::style::{LABEL_EM, SeriesStyle, TICK_EM, TITLE_EM, fitting, text_width};
 use crate::error::LabError;
 
@@ -137,13 +137,13 @@ impl Chart {
 
         let middle = [left + panel.size[0] / 2.0, top + panel.size[1] / 2.0];
         let em = fitting(&self.title, TITLE_EM, panel.size[0]);
-        canvas.text(word(&self.title, [left, MARGIN + 0.8 * TITLE_EM], em, Anchor::Left));
+        canvas.text(Text::new(&self.title, [left, MARGIN + 0.8 * TITLE_EM], em, HPos::Left));
         let base = panel.bottom() + Panel::bottom_margin(TICK_EM) + 1.1 * LABEL_EM;
         let em = fitting(&self.x_label, LABEL_EM, panel.size[0]);
-        canvas.text(word(&self.x_label, [middle[0], base], em, Anchor::Center));
+        canvas.text(Text::new(&self.x_label, [middle[0], base], em, HPos::Center));
         let em = fitting(&self.y_label, LABEL_EM, panel.size[1]);
-        let y_label = word(&self.y_label, [MARGIN + 0.8 * LABEL_EM, middle[1]], em, Anchor::Center);
-        canvas.text(Text { run: Run::Up, ..y_label });
+        let y_label = Text::new(&self.y_label, [MARGIN + 0.8 * LABEL_EM, middle[1]], em, HPos::Center);
+        canvas.text(Text { turn: FontTransform::Rotate270, ..y_label });
         self.draw_legend(canvas, rows, left);
         draw_footer(canvas, footer, [MARGIN, height - MARGIN]);
         panel
@@ -158,7 +158,7 @@ impl Chart {
                 draw_dashed(canvas, vec![[left + x, y], [left + x + SAMPLE, y]], &style);
                 draw_marker(canvas, [left + x + SAMPLE / 2.0, y], &style);
                 let at = [left + x + SAMPLE + 14.0, y + 0.36 * LABEL_EM];
-                canvas.text(word(&self.series[series].label, at, LABEL_EM, Anchor::Left));
+                canvas.text(Text::new(&self.series[series].label, at, LABEL_EM, HPos::Left));
             }
         }
     }

@@ -5,9 +5,9 @@ use std::path::Path;
 use plotters::style::{RGBColor, WHITE};
 
 use super::axis::Axis;
-use super::canvas::{Anchor, Canvas, Run, Text};
+use super::canvas::{Canvas, FontTransform, HPos, Text};
 use super::error::FigureError;
-use super::panel::{Grid, Panel, draw_footer, footer_height, footer_lines, word};
+use super::panel::{Grid, Panel, draw_footer, footer_height, footer_lines};
 use super::style::{AXIS_WIDTH, INK, PATH, TITLE_EM, fitting, shade};
 use crate::error::LabError;
 
@@ -91,7 +91,7 @@ impl MapSheet {
 
         let mut canvas = Canvas::new(WIDTH as u32, height.ceil() as u32);
         let em = fitting(&self.title, TITLE_EM, WIDTH - 2.0 * MARGIN);
-        canvas.text(word(&self.title, [MARGIN, MARGIN + 0.8 * TITLE_EM], em, Anchor::Left));
+        canvas.text(Text::new(&self.title, [MARGIN, MARGIN + 0.8 * TITLE_EM], em, HPos::Left));
         let cell = |i: usize| [MARGIN + cell_width * (i % columns) as f64, top + cell_height * (i / columns) as f64];
         let room = [panel_width, panel_width * slimness];
         let highest = self.highest();
@@ -113,7 +113,7 @@ impl MapSheet {
     /// Draws colour bar and signs in the cell after the last map.
     fn draw_key(&self, canvas: &mut Canvas, [cell_x, cell_y]: [f64; 2], [width, height]: [f64; 2], highest: f64) {
         let [left, top] = [cell_x + BESIDE[0], cell_y + AROUND[0] + 0.1 * height];
-        canvas.text(word(&self.fraction_label, [left, top], fitting(&self.fraction_label, EM, width), Anchor::Left));
+        canvas.text(Text::new(&self.fraction_label, [left, top], fitting(&self.fraction_label, EM, width), HPos::Left));
         const STEPS: u32 = 64;
         let bar = Panel {
             corner: [left, top + 0.6 * EM],
@@ -138,7 +138,7 @@ impl MapSheet {
         canvas.line(vec![[left, row(3.0)], [left + 60.0, row(3.0)]], AXIS_WIDTH, PATH);
         draw_sensor(canvas, sign(4.0), shade(0.5));
         for (i, meaning) in ["start", "end", "path of the UAV", "sensor"].into_iter().enumerate() {
-            canvas.text(word(meaning, [left + 80.0, row(i as f64 + 1.0) + 0.36 * EM], EM, Anchor::Left));
+            canvas.text(Text::new(meaning, [left + 80.0, row(i as f64 + 1.0) + 0.36 * EM], EM, HPos::Left));
         }
     }
 }
@@ -195,11 +195,11 @@ impl TrajectoryMap {
         panel.draw(canvas, EM, TICK_SPACING, Grid::None);
         let [left, top] = corner;
         let em = fitting(&self.title, 1.1 * EM, size[0]);
-        canvas.text(word(&self.title, [left, top - 0.6 * EM], em, Anchor::Left));
+        canvas.text(Text::new(&self.title, [left, top - 0.6 * EM], em, HPos::Left));
         let base = panel.bottom() + Panel::bottom_margin(EM) + EM;
-        canvas.text(word("x [m]", [left + size[0] / 2.0, base], EM, Anchor::Center));
+        canvas.text(Text::new("x [m]", [left + size[0] / 2.0, base], EM, HPos::Center));
         let at = [left - panel.left_margin(EM, TICK_SPACING[1]) - 0.5 * EM, top + size[1] / 2.0];
-        canvas.text(Text { run: Run::Up, ..word("y [m]", at, EM, Anchor::Center) });
+        canvas.text(Text { turn: FontTransform::Rotate270, ..Text::new("y [m]", at, EM, HPos::Center) });
 
         let positions_m = std::iter::once(self.start_m).chain(self.path_m.iter().copied());
         let path: Vec<_> = positions_m.map(|[x, y]| panel.at(x, y)).collect();

@@ -1,7 +1,7 @@
 //! A rectangle of the sheet between two axes, and the words around a figure: what charts and maps have in common.
 
 use super::axis::Axis;
-use super::canvas::{Anchor, Canvas, Run, Text};
+use super::canvas::{Canvas, HPos, Text};
 use super::style::{AXIS_WIDTH, FAINT, FOOTER_EM, GRID, INK, text_width};
 
 /// Length of a tick [units].
@@ -57,7 +57,7 @@ impl Panel {
                 canvas.line(vec![[left, y], [right, y]], AXIS_WIDTH / 2.0, GRID);
             }
             canvas.line(vec![[left - TICK, y], [left, y]], AXIS_WIDTH, INK);
-            canvas.text(word(label, [left - TICK - GAP, y + 0.36 * em], em, Anchor::Right));
+            canvas.text(Text::new(label, [left - TICK - GAP, y + 0.36 * em], em, HPos::Right));
         }
     }
 
@@ -67,7 +67,7 @@ impl Panel {
         for (value, label) in self.x.ticks((self.size[0] / spacing) as usize + 1) {
             let x = self.corner[0] + self.x.place(value) * self.size[0];
             canvas.line(vec![[x, bottom], [x, bottom + TICK]], AXIS_WIDTH, INK);
-            canvas.text(word(label, [x, bottom + TICK + GAP + 0.76 * em], em, Anchor::Center));
+            canvas.text(Text::new(label, [x, bottom + TICK + GAP + 0.76 * em], em, HPos::Center));
         }
     }
 
@@ -89,11 +89,6 @@ impl Panel {
     pub fn bottom_margin(em: f64) -> f64 {
         TICK + GAP + em
     }
-}
-
-/// A text that runs from left to right in the colour of axes.
-pub fn word(text: impl Into<String>, at: [f64; 2], em: f64, anchor: Anchor) -> Text {
-    Text { text: text.into(), at, em, anchor, run: Run::Across, colour: INK }
 }
 
 /// The lines of a footer within `width` [units]; it is broken at spaces.
@@ -122,6 +117,6 @@ pub fn draw_footer(canvas: &mut Canvas, lines: Vec<String>, [left, bottom]: [f64
     let top = bottom - footer_height(&lines);
     for (i, line) in lines.into_iter().enumerate() {
         let base = top + 1.35 * FOOTER_EM * (i as f64 + 0.75);
-        canvas.text(Text { colour: FAINT, ..word(line, [left, base], FOOTER_EM, Anchor::Left) });
+        canvas.text(Text { colour: FAINT, ..Text::new(line, [left, base], FOOTER_EM, HPos::Left) });
     }
 }
