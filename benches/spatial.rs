@@ -36,7 +36,7 @@ fn plan(criterion: &mut Criterion) {
         group.bench_function(solver, |bencher| {
             bencher.iter(|| {
                 let (slot, (flight, queues)) = slots.next().expect("endless");
-                black_box(planner.step(slot, flight.point(), queues))
+                black_box(planner.step(slot, flight.position(), queues))
             });
         });
     }

@@ -26,7 +26,7 @@ fn states(scenario: &Scenario, list: &SensorList) -> Vec<(Position, f64, Vec<u32
     let mut states = Vec::new();
     loop {
         let flight = mission.last_flight();
-        states.push((flight.position(), flight.z_m, mission.queues_bits().to_vec()));
+        states.push((flight.position().xy(), flight.z_m, mission.queues_bits().to_vec()));
         if mission.next().is_none() {
             return states;
         }
@@ -59,7 +59,7 @@ fn field(criterion: &mut Criterion) {
     let scenario = letter(Strategy::Uts, "geometric");
     let list = SensorList::of(&scenario).expect("drawn");
     let mut field = Field::new(&scenario, &list);
-    let nobody = FlightReport::at(50.0, 50.0, 20.0, Mode::Hold);
+    let nobody = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
     let mut slot = 0;
     criterion.bench_function("live through a slot, N = 200", |bencher| {
         bencher.iter(|| {

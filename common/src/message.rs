@@ -184,13 +184,14 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// A plan that flies to `(x, y, z)` [m] and serves nobody.
+    /// A plan that flies to `waypoint` [m] and serves nobody.
     #[must_use]
-    pub fn fly_to(x_m: f64, y_m: f64, z_m: f64, mode: Mode) -> Self {
+    pub fn fly_to(waypoint: impl Into<Point3<f64>>, mode: Mode) -> Self {
+        let waypoint = waypoint.into();
         Self {
-            x_m,
-            y_m,
-            z_m,
+            x_m: waypoint.x,
+            y_m: waypoint.y,
+            z_m: waypoint.z,
             expected_bits: 0,
             plan_ns: 0,
             circles_m: [[f64::NAN; 2]; 5],
@@ -303,13 +304,14 @@ pub struct FlightReport {
 }
 
 impl FlightReport {
-    /// A report from `(x, y, z)` [m] with nobody served.
+    /// A report from `position` [m] with nobody served.
     #[must_use]
-    pub fn at(x_m: f64, y_m: f64, z_m: f64, mode: Mode) -> Self {
+    pub fn at(position: impl Into<Point3<f64>>, mode: Mode) -> Self {
+        let position = position.into();
         Self {
-            x_m,
-            y_m,
-            z_m,
+            x_m: position.x,
+            y_m: position.y,
+            z_m: position.z,
             mode: mode.code(),
             hold: HoldReason::None.code(),
             refused: 0,
@@ -324,15 +326,9 @@ impl FlightReport {
         &self.links[..(self.served as usize).min(MAX_SERVED)]
     }
 
-    /// The UAV's position on the ground.
-    #[must_use]
-    pub fn position(&self) -> crate::geometry::Position {
-        crate::geometry::Position::new(self.x_m, self.y_m)
-    }
-
     /// Where the UAV is at the end of the slot, `L_u(t)` [m].
     #[must_use]
-    pub fn point(&self) -> Point3<f64> {
+    pub fn position(&self) -> Point3<f64> {
         Point3::new(self.x_m, self.y_m, self.z_m)
     }
 }
@@ -365,7 +361,7 @@ mod tests {
 
     #[test]
     fn a_count_beyond_the_message_reads_no_further_than_the_message() {
-        let mut plan = Plan::fly_to(0.0, 0.0, 20.0, Mode::Serve);
+        let mut plan = Plan::fly_to([0.0, 0.0, 20.0], Mode::Serve);
         plan.served = 1_000_000;
         assert_eq!(plan.scheduled().len(), MAX_SERVED);
     }

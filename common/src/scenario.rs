@@ -12,6 +12,7 @@ mod value;
 
 use std::path::{Path, PathBuf};
 
+use nalgebra::Point3;
 use toml::{Table, Value};
 
 use crate::geometry::Position;
@@ -139,8 +140,8 @@ pub struct Uav {
     pub max_speed_mps: f64,
     /// Longest flight `T_e` [s].
     pub endurance_s: f64,
-    /// Where it starts.
-    pub start: Position,
+    /// Where it starts [m].
+    pub start: Point3<f64>,
     /// What flying costs.
     pub propulsion: Propulsion,
 }

@@ -39,7 +39,7 @@ fn list(scenario: &Scenario, count: u32, rate_bps: impl Fn(u32) -> f64) -> Senso
 /// Slots from 1 on, with nobody served: in place, or into a buffer as well.
 fn live(bencher: &mut Bencher, scenario: &Scenario, list: &SensorList, into: Option<&mut [MaybeUninit<u32>]>) {
     let mut field = Field::new(scenario, list);
-    let nobody = FlightReport::at(50.0, 50.0, 20.0, Mode::Hold);
+    let nobody = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
     let mut slot = 0;
     match into {
         None => bencher.iter(|| {

@@ -174,7 +174,7 @@ mod tests {
     }
 
     fn serving(sensor: u32, capacity_bits: u64) -> FlightReport {
-        let mut report = FlightReport::at(10.0, 10.0, 20.0, Mode::Serve);
+        let mut report = FlightReport::at([10.0, 10.0, 20.0], Mode::Serve);
         report.links[0] = LinkReport { sensor, capacity_bits, ..LinkReport::default() };
         report.served = 1;
         report

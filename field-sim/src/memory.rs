@@ -145,7 +145,7 @@ mod tests {
 
     /// A flight that serves another SN in each slot.
     fn flight(slot: u64) -> FlightReport {
-        let mut report = FlightReport::at(50.0, 50.0, 20.0, Mode::Serve);
+        let mut report = FlightReport::at([50.0, 50.0, 20.0], Mode::Serve);
         let sensor = u32::try_from(slot * 7 % 200).unwrap();
         report.links[0] = LinkReport { sensor, capacity_bits: 5_000, ..LinkReport::default() };
         report.served = 1;

@@ -1,6 +1,5 @@
 //! One slot of flight: fly to the waypoint, then talk to the sensor nodes that are really in range.
 
-use nalgebra::Point3;
 use skysink_common::channel::{Channel, Draw, Uplink};
 use skysink_common::geometry::{Position, within};
 use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode, Plan, SensorNode};
@@ -44,7 +43,7 @@ impl Flight {
 
     /// Puts the UAV where a flight of this mission has ended.
     pub fn take_over(&mut self, report: &FlightReport) {
-        self.vehicle.restore(Point3::new(report.x_m, report.y_m, report.z_m));
+        self.vehicle.restore(report.position());
     }
 
     /// Flies `slot`, from 1. Without a plan, and with an impossible waypoint, the UAV holds and serves nobody; a sensor
@@ -103,8 +102,7 @@ impl Flight {
     }
 
     fn report(&self, mode: Mode) -> FlightReport {
-        let position = self.vehicle.position();
-        FlightReport::at(position.x, position.y, position.z, mode)
+        FlightReport::at(self.vehicle.position(), mode)
     }
 }
 
@@ -123,7 +121,7 @@ mod tests {
     }
 
     fn plan(ids: &[u32]) -> Plan {
-        let mut plan = Plan::fly_to(50.0, 50.0, 20.0, Mode::Serve);
+        let mut plan = Plan::fly_to([50.0, 50.0, 20.0], Mode::Serve);
         plan.schedule(ids);
         plan
     }
@@ -223,12 +221,12 @@ mod tests {
             x_m in prop::num::f64::ANY, y_m in prop::num::f64::ANY, z_m in prop::num::f64::ANY,
             count in any::<u32>(), ids in prop::collection::vec(0u32..8, MAX_SERVED), mode in any::<u32>(),
         ) {
-            let mut plan = Plan { mode, ..Plan::fly_to(x_m, y_m, z_m, Mode::Serve) };
+            let mut plan = Plan { mode, ..Plan::fly_to([x_m, y_m, z_m], Mode::Serve) };
             plan.schedule(&ids);
             plan.served = count;
             let mut flight = flight();
             let report = flight.step(1, Some(&plan));
-            prop_assert!(within(&report.position(), &Position::new(50.0, 50.0), 30.0));
+            prop_assert!(within(&report.position().xy(), &Position::new(50.0, 50.0), 30.0));
             prop_assert!(report.served <= 4);
             for (i, link) in report.served_links().iter().enumerate() {
                 prop_assert!(link.distance_m <= 10.0 * (1.0 + 1e-9));

@@ -59,7 +59,7 @@ mod tests {
     fn the_last_two_flights_are_recalled_in_order() {
         let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
         let memory = Memory::open(&folder).unwrap();
-        let flight = |slot: u64| FlightReport::at(slot as f64, 0.5, 20.0, Mode::Serve);
+        let flight = |slot: u64| FlightReport::at([slot as f64, 0.5, 20.0], Mode::Serve);
         assert_eq!(memory.recall().unwrap(), []);
         memory.keep(0, &flight(0)).unwrap();
         assert_eq!(memory.recall().unwrap(), [(0, flight(0))]);

@@ -18,8 +18,7 @@ impl Vehicle {
     /// The UAV of a scenario, where it starts.
     #[must_use]
     pub fn new(scenario: &Scenario) -> Self {
-        let start = scenario.uav.start;
-        Self { scenario: scenario.clone(), position: Point3::new(start.x, start.y, scenario.uav.altitude_m) }
+        Self { scenario: scenario.clone(), position: scenario.uav.start }
     }
 
     /// Flies to `waypoint` [m] if it lies in the area and in reach of one slot (UTS eq. 3, and the climb); otherwise

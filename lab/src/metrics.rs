@@ -43,7 +43,7 @@ impl Metrics {
         Self {
             slot_s: scenario.slot_s,
             aircraft: scenario.uav.propulsion,
-            place: Point3::new(scenario.uav.start.x, scenario.uav.start.y, scenario.uav.altitude_m),
+            place: scenario.uav.start,
             flown_m: 0.0,
             energy_j: 0.0,
             slot: 0,
@@ -155,7 +155,7 @@ mod tests {
 
     /// A flight to x [m] on the line y = 50 m that serves these SNs.
     fn flight(x_m: f64, served: &[u32]) -> FlightReport {
-        let mut report = FlightReport::at(x_m, 50.0, 20.0, Mode::Serve);
+        let mut report = FlightReport::at([x_m, 50.0, 20.0], Mode::Serve);
         for (link, &sensor) in report.links.iter_mut().zip(served) {
             *link = LinkReport { sensor, ..LinkReport::default() };
         }

@@ -131,7 +131,7 @@ impl Mission {
     pub fn plan(&mut self) -> Plan {
         let begin = Instant::now();
         self.planner.observe(self.slot, &self.report, self.field.queues_bits());
-        let mut plan = self.planner.step(self.slot + 1, self.report.point(), self.field.queues_bits());
+        let mut plan = self.planner.step(self.slot + 1, self.report.position(), self.field.queues_bits());
         plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
         plan
     }

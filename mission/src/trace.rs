@@ -89,7 +89,7 @@ impl RecordedSlot {
     /// A plan that leads to the recorded flight: where requests were refused, with as many that are.
     #[must_use]
     pub fn plan(&self) -> Plan {
-        let mut plan = Plan::fly_to(self.position.x, self.position.y, self.position.z, self.mode);
+        let mut plan = Plan::fly_to(self.position, self.mode);
         if self.mode == Mode::Hold {
             plan.x_m = f64::NAN; // the refused waypoint
             return plan;

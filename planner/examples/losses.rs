@@ -46,7 +46,7 @@ fn fly(scenario: &Scenario) -> Outcome {
     for slot in 1..=scenario.slots {
         let begin_ms = computed_ms();
         planner.observe(slot - 1, &report, field.queues_bits());
-        let plan = planner.step(slot, report.point(), field.queues_bits());
+        let plan = planner.step(slot, report.position(), field.queues_bits());
         outcome.plan_ms.push(computed_ms() - begin_ms);
         report = flight.step(slot, Some(&plan));
         outcome.refused += u64::from(report.refused);

@@ -267,7 +267,7 @@ mod tests {
 
     /// A flight that serves these SNs.
     fn serving(ids: &[u32]) -> FlightReport {
-        let mut report = FlightReport::at(0.0, 0.0, 20.0, Mode::Serve);
+        let mut report = FlightReport::at([0.0, 0.0, 20.0], Mode::Serve);
         for (link, &sensor) in report.links.iter_mut().zip(ids) {
             *link = LinkReport { sensor, ..LinkReport::default() };
         }

@@ -113,7 +113,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         resume(&journal, next, &mut planner).map_err(RingError::from)?;
         let begin = Instant::now();
         planner.observe(slot, &flight, state.payload());
-        let mut plan = planner.step(next, flight.point(), state.payload());
+        let mut plan = planner.step(next, flight.position(), state.payload());
         plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
         journal.save(next, &planner).map_err(RingError::from)?; // before the plan is published
         if let (Some(paths), [_, _, ..]) = (&paths, planner.path()) {
@@ -130,7 +130,6 @@ mod tests {
     use crate::settings::{self, Knowledge, Rates, Strategy, change};
     use nalgebra::Point3;
     use skysink_common::checkpoint::Checkpoint;
-    use skysink_common::geometry::Position;
     use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, SensorNode};
     use skysink_common::pace::Pace;
     use skysink_common::scenario::{Count, Overrides};
@@ -155,7 +154,7 @@ mod tests {
 
     /// The flight that does what a plan says.
     fn flown(plan: &Plan) -> FlightReport {
-        let mut report = FlightReport::at(plan.x_m, plan.y_m, plan.z_m, Mode::Serve);
+        let mut report = FlightReport::at(plan.waypoint(), Mode::Serve);
         for (link, &sensor) in report.links.iter_mut().zip(plan.scheduled()) {
             *link = LinkReport { sensor, ..LinkReport::default() };
         }
@@ -168,7 +167,7 @@ mod tests {
         let journal = journal(folder, 12).unwrap();
         resume(&journal, slot, planner).unwrap();
         planner.observe(slot - 1, flight, &queues(slot));
-        let plan = planner.step(slot, flight.point(), &queues(slot));
+        let plan = planner.step(slot, flight.position(), &queues(slot));
         journal.save(slot, planner).unwrap();
         plan
     }
@@ -209,8 +208,7 @@ mod tests {
     fn a_planner_that_comes_back_plans_the_last_slots_as_before() {
         for scenario in scenarios() {
             let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
-            let start: Position = scenario.uav.start;
-            let mut flights = vec![FlightReport::at(start.x, start.y, 20.0, Mode::Hold)];
+            let mut flights = vec![FlightReport::at(scenario.uav.start, Mode::Hold)];
             let mut planner = Planner::new(&scenario, &nodes()).unwrap();
             for slot in 1..=9 {
                 let plan = answer(slot, &flights[slot as usize - 1], &mut planner, &folder);
@@ -233,12 +231,12 @@ mod tests {
         let scenario = change(letter, |settings| settings.knowledge = Knowledge::Estimated).unwrap();
         let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
         let mut planner = Planner::new(&scenario, &nodes()).unwrap();
-        let mut flight = FlightReport::at(50.0, 50.0, 20.0, Mode::Hold);
+        let mut flight = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
         for slot in 1..=9 {
             flight = flown(&answer(slot, &flight, &mut planner, &folder));
         }
         let mut late = Planner::new(&scenario, &nodes()).unwrap();
-        let hold = FlightReport::at(50.0, 50.0, 20.0, Mode::Hold);
+        let hold = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
         let _ = answer(15, &hold, &mut late, &folder);
         let contacts =
             |planner: &Planner| (0..12).map(|id| planner.estimate().unwrap().contact(id)).collect::<Vec<_>>();

@@ -228,7 +228,7 @@ impl Checkpoint for Planner {
 /// The plan that says `decision`.
 fn message(view: &View, decision: &Decision, mode: Mode) -> Plan {
     let Decision { waypoint, schedule, outcome, winner } = decision;
-    let mut plan = Plan::fly_to(waypoint.x, waypoint.y, waypoint.z, mode);
+    let mut plan = Plan::fly_to(*waypoint, mode);
     plan.schedule(schedule);
     plan.solver = outcome.code();
     plan.expected_bits = view.table.expected_bits(waypoint, schedule, view.queues_bits);
@@ -404,7 +404,7 @@ mod tests {
         scenario.uav.max_speed_mps = max_speed_mps;
         let list = SensorList::of(&scenario).unwrap();
         let mut planner = Planner::new(&scenario, &list.nodes()).unwrap();
-        let (mut position, mut queues_bits) = (scenario.uav.start, list.queues_bits());
+        let (mut position, mut queues_bits) = (scenario.uav.start.xy(), list.queues_bits());
         let fly = |slot| {
             let plan = planner.step(slot, above(&position, 20.0), &queues_bits);
             position = Position::new(plan.x_m, plan.y_m);

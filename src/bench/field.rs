@@ -47,7 +47,7 @@ fn row(sensors: u32, effort: Effort) -> Result<FieldRow, Error> {
     let scenario = letter(sensors, Strategy::Uts);
     let list = SensorList::of(&scenario)?;
     let mut field = Field::new(&scenario, &list);
-    let idle = FlightReport::at(50.0, 50.0, 20.0, Mode::Hold);
+    let idle = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
     let mut message = vec![MaybeUninit::new(0); sensors as usize];
     let (queues_bits, mut copy) = (list.queues_bits(), vec![0; sensors as usize]);
     let (mut steps, mut copies, mut slot) = (Times::new(), Times::new(), 0);

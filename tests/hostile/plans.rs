@@ -25,7 +25,7 @@ fn at(turn: &Turn, x_m: f64, y_m: f64, z_m: f64) -> Plan {
 
 /// A waypoint in the area, `by_m` [m] beyond the reach.
 fn beyond_reach(rogue: &Rogue, turn: &Turn, by_m: f64) -> Plan {
-    let (from, far_m) = (turn.flight.position(), rogue.scenario.reach_m() + by_m);
+    let (from, far_m) = (turn.flight.position().xy(), rogue.scenario.reach_m() + by_m);
     let toward = if from.x < rogue.scenario.area.width_m / 2.0 { far_m } else { -far_m };
     at(turn, from.x + toward, from.y, 20.0)
 }

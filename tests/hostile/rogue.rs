@@ -118,7 +118,7 @@ impl Rogue {
             // A paced run may have left this planner behind.
             let Some(flight) = self.flights.wait_or_pass(patience, slot, idle)? else { continue };
             let flight = *flight.payload();
-            let good = self.planner.step(slot + 1, flight.point(), state.payload());
+            let good = self.planner.step(slot + 1, flight.position(), state.payload());
             return Ok(Some(Turn { slot: slot + 1, good, flight }));
         }
     }

@@ -15,7 +15,7 @@ const LONG: &str = "name = \"long\"\nslots = 3000\nslot_s = 0.1\n";
 
 /// A plan that would be seen in the trace.
 fn forged_plan() -> Plan {
-    Plan::fly_to(50.0, 50.0, 20.0, Mode::Serve)
+    Plan::fly_to([50.0, 50.0, 20.0], Mode::Serve)
 }
 
 #[test]
@@ -34,7 +34,7 @@ fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_s
             return; // everybody hears the real ones first
         }
         let head = SlotHeader { flags: FLAG_END, ..rogue.header(turn.slot) };
-        let flight = FlightReport { served: 64, ..FlightReport::at(1.0, 1.0, 20.0, Mode::Serve) };
+        let flight = FlightReport { served: 64, ..FlightReport::at([1.0, 1.0, 20.0], Mode::Serve) };
         let totals = Totals { delivered_bits: u64::MAX, ..Totals::default() };
         let forged = QueuesHeader { head, totals, delivered_bits: u64::MAX, lost_bits: 0 };
         for length in [0, 40] {

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use nalgebra::Point3;
 use toml::{Table, Value};
 
 use super::error::ScenarioError;
@@ -11,7 +12,6 @@ use super::{
     Area, Climb, LinkBudget, LosCurve, LosModel, MAX_FIELD_BITS, MAX_SAMPLED_BITS, Origin, Scenario, SensorSource,
     Sensors, Uav,
 };
-use crate::geometry::Position;
 use crate::units::{ratio_of_db, watts_of_dbm};
 
 /// Keys of the link that belong to one model only.
@@ -127,7 +127,7 @@ fn check(keys: &Keys, path: &Path) -> Result<(), ScenarioError> {
     rule(flight_s <= keys.uav.endurance_s.0 * (1.0 + 1e-12), "uav.endurance_s", &expected)?;
     let area = area(keys);
     let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m, area.height_m);
-    rule(area.contains(&start(keys, area), 0.0), "uav.start_m", &expected)?;
+    rule(area.contains(&start(keys, area).xy(), 0.0), "uav.start_m", &expected)?;
     if let Some(Climb { min_altitude_m, max_altitude_m, .. }) = climb(keys) {
         let expected = "\"fixed\", or link.model = \"probabilistic-los\", in which altitude matters";
         rule(keys.link.model == LinkModel::ProbabilisticLos, "uav.altitude", expected)?;
@@ -164,8 +164,9 @@ fn area(keys: &Keys) -> Area {
 }
 
 /// Where the UAV starts: by default above the centre.
-fn start(keys: &Keys, area: Area) -> Position {
-    keys.uav.start_m.unwrap_or([area.width_m / 2.0, area.height_m / 2.0]).into()
+fn start(keys: &Keys, area: Area) -> Point3<f64> {
+    let [x_m, y_m] = keys.uav.start_m.unwrap_or([area.width_m / 2.0, area.height_m / 2.0]);
+    Point3::new(x_m, y_m, keys.uav.altitude_m.0)
 }
 
 /// The range of altitudes; none where the UAV stays at one.

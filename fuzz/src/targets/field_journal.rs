@@ -31,10 +31,10 @@ struct Lived {
 static LIFE: LazyLock<Vec<Lived>> = LazyLock::new(|| {
     let [world, ..] = &*WORLDS;
     let mut field = Field::new(&world.scenario, &world.list);
-    let nobody = FlightReport::at(1.0, 2.0, 20.0, Mode::Hold);
+    let nobody = FlightReport::at([1.0, 2.0, 20.0], Mode::Hold);
     let mut life = vec![Lived { flight: nobody, reached: Reached::default(), field: field.clone() }];
     for slot in 1..LIFE_SLOTS {
-        let mut flight = FlightReport::at(1.0, 2.0, 20.0, Mode::Serve);
+        let mut flight = FlightReport::at([1.0, 2.0, 20.0], Mode::Serve);
         let sensor = u32::try_from(slot % 10).expect("below 10");
         flight.links[0] = LinkReport { sensor, capacity_bits: 7 * slot, ..LinkReport::default() };
         flight.served = 1;

@@ -9,7 +9,7 @@ use crate::cursor::Cursor;
 /// A report of any numbers, with at most `links` links other than zero.
 pub(super) fn report(input: &mut Cursor, links: usize) -> FlightReport {
     let (x_m, y_m, z_m) = (input.f64(), input.f64(), input.f64());
-    let mut report = FlightReport::at(x_m, y_m, z_m, Mode::Serve);
+    let mut report = FlightReport::at([x_m, y_m, z_m], Mode::Serve);
     (report.mode, report.hold, report.refused, report.served) = (input.u32(), input.u32(), input.u32(), input.u32());
     for link in report.links.iter_mut().take(links) {
         *link = LinkReport {
@@ -43,7 +43,7 @@ pub fn flight_message(bytes: &[u8]) {
 pub(super) fn step(field: &mut Field, slot: u64, flight: &FlightReport, capacity_bits: u32) {
     let before = field.clone();
     let mut unserved = field.clone();
-    let nobody = FlightReport::at(0.0, 0.0, 0.0, Mode::Hold);
+    let nobody = FlightReport::at([0.0, 0.0, 0.0], Mode::Hold);
     unserved.step(slot, &nobody).expect("nobody is served");
     let links = flight.served_links();
     let known = links.iter().all(|link| (link.sensor as usize) < field.queues_bits().len());

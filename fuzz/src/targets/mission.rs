@@ -49,7 +49,7 @@ fn fly(scenario: &Scenario) {
 /// The first slot of the field and the last, with nobody served.
 fn live(scenario: &Scenario) {
     let mut field = Field::new(scenario, &list(scenario));
-    let nobody = FlightReport::at(0.0, 0.0, 0.0, Mode::Hold);
+    let nobody = FlightReport::at([0.0, 0.0, 0.0], Mode::Hold);
     for slot in [1, scenario.slots] {
         field.step(slot, &nobody).expect("nobody is served");
         balanced(&field, scenario.sensors.capacity_bits);

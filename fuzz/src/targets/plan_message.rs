@@ -16,7 +16,7 @@ const BORDER: f64 = 1e-9;
 /// A plan of any numbers, its schedule after its other numbers.
 fn plan(input: &mut Cursor) -> Plan {
     let (x_m, y_m, z_m) = (input.f64(), input.f64(), input.f64());
-    let mut plan = Plan::fly_to(x_m, y_m, z_m, Mode::Serve);
+    let mut plan = Plan::fly_to([x_m, y_m, z_m], Mode::Serve);
     (plan.mode, plan.solver, plan.served) = (input.u32(), input.u32(), input.u32());
     let named = usize::from(input.u8()) % (MAX_SERVED + 1);
     plan.ids[..named].fill_with(|| input.u32());
@@ -49,8 +49,8 @@ pub fn plan_message(bytes: &[u8]) {
 /// Fails unless the UAV can have flown from `before` to `after`.
 fn moved(scenario: &Scenario, before: &FlightReport, after: &FlightReport) {
     let area = scenario.area;
-    assert!(within(&before.position(), &after.position(), scenario.reach_m()), "{before:?}, {after:?}");
-    assert!(area.contains(&after.position(), BORDER * area.width_m.max(area.height_m)), "{after:?}");
+    assert!(within(&before.position().xy(), &after.position().xy(), scenario.reach_m()), "{before:?}, {after:?}");
+    assert!(area.contains(&after.position().xy(), BORDER * area.width_m.max(area.height_m)), "{after:?}");
     let [lowest_m, highest_m] = scenario.altitudes_m(before.z_m);
     assert!((lowest_m..=highest_m).contains(&after.z_m), "{lowest_m} to {highest_m}: {after:?}");
 }
@@ -62,7 +62,7 @@ fn served(scenario: &Scenario, places: &[Position], told: Option<&Plan>, report:
     assert!(links.is_sorted_by(|a, b| a.sensor < b.sensor), "{links:?}");
     for link in links {
         let place = &places[link.sensor as usize];
-        assert!(within(&report.position(), place, scenario.link.comm_radius_m), "{link:?}");
+        assert!(within(&report.position().xy(), place, scenario.link.comm_radius_m), "{link:?}");
         assert!(link.rate_bps >= 0.0 && link.rate_bps.is_finite(), "{link:?}");
         assert!(told.is_some_and(|plan| plan.scheduled().contains(&link.sensor)), "{link:?}");
     }

@@ -33,7 +33,7 @@ pub fn planner_memory(bytes: &[u8]) {
     }
     let queues: Vec<u32> = world.nodes.iter().map(|_| input.u32()).collect();
     planner.observe(LIFE_SLOTS, &here, &queues);
-    let plan = planner.step(LIFE_SLOTS + 1, here.point(), &queues);
+    let plan = planner.step(LIFE_SLOTS + 1, here.position(), &queues);
     let mut flight = Flight::new(&scenario, &world.nodes);
     flight.take_over(&here);
     let report = flight.step(LIFE_SLOTS + 1, Some(&plan));
@@ -44,7 +44,8 @@ pub fn planner_memory(bytes: &[u8]) {
     for planner in [&mut planner, &mut again] {
         planner.observe(LIFE_SLOTS + 1, &report, &queues);
     }
-    let [plan, same] = [&mut planner, &mut again].map(|planner| planner.step(LIFE_SLOTS + 2, report.point(), &queues));
+    let [plan, same] =
+        [&mut planner, &mut again].map(|planner| planner.step(LIFE_SLOTS + 2, report.position(), &queues));
     assert_eq!(format!("{plan:?}"), format!("{same:?}"));
 }
 
@@ -62,7 +63,7 @@ fn life(world: &World, scenario: &Scenario) -> (Planner, FlightReport) {
     let queues = world.list.queues_bits();
     for slot in 1..=LIFE_SLOTS {
         planner.observe(slot - 1, &report, &queues);
-        let plan = planner.step(slot, report.point(), &queues);
+        let plan = planner.step(slot, report.position(), &queues);
         report = flight.step(slot, Some(&plan));
     }
     (planner, report)

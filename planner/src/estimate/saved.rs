@@ -126,7 +126,7 @@ mod tests {
     /// The same after 40 slots in which SNs 1 and 3 were served by turns.
     fn lived(rates: Rates) -> Estimate {
         let mut estimate = fresh(rates);
-        let mut flight = FlightReport::at(0.0, 0.0, 20.0, Mode::Serve);
+        let mut flight = FlightReport::at([0.0, 0.0, 20.0], Mode::Serve);
         flight.served = 1;
         for slot in 1..=40 {
             let sensor = if slot % 5 == 0 { 3 } else { 1 };

@@ -440,12 +440,12 @@ fn rates_that_are_learnt_take_the_place_of_those_believed_before() {
     };
     assert_eq!(sources(&horizon), [(100.0, 300.0); 3]);
     // SNs 0 and 2 are served in slots 1 and 12: in the 10 slots between them come 2 500 bit, and nothing.
-    let mut flight = FlightReport::at(0.0, 0.0, 20.0, Mode::Serve);
+    let mut flight = FlightReport::at([0.0, 0.0, 20.0], Mode::Serve);
     flight.served = 2;
     flight.links[0].sensor = 0;
     flight.links[1].sensor = 2;
     estimate.observe(1, &flight, &[500, 0, 7]);
-    (2..12).for_each(|slot| estimate.observe(slot, &FlightReport::at(0.0, 0.0, 20.0, Mode::Serve), &[0; 3]));
+    (2..12).for_each(|slot| estimate.observe(slot, &FlightReport::at([0.0, 0.0, 20.0], Mode::Serve), &[0; 3]));
     estimate.announce(12, &[0, 2], &[3_000, 0, 7]);
     estimate.observe(12, &flight, &[0, 0, 7]);
     horizon.believe(12, &estimate);

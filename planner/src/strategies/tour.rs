@@ -25,7 +25,7 @@ struct Tour {
 
 impl Tour {
     fn new(setup: &Setup) -> Self {
-        let order = order(setup.table, &setup.scenario.uav.start);
+        let order = order(setup.table, &setup.scenario.uav.start.xy());
         Self { turns: Turns::new(order), serving: Serving::new(setup) }
     }
 }

@@ -46,7 +46,7 @@ impl Mission {
     pub fn plan(&mut self, slot: u64) -> Plan {
         let queues_bits = self.field.queues_bits();
         self.planner.observe(slot - 1, &self.report, queues_bits);
-        self.planner.step(slot, self.report.point(), queues_bits)
+        self.planner.step(slot, self.report.position(), queues_bits)
     }
 
     pub fn fly(&mut self, slot: u64, plan: Option<&Plan>) {

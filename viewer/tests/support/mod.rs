@@ -57,10 +57,10 @@ impl Slot {
     /// Slot `slot` of a UAV that flies east by 1 m and serves the sensor node below it; slot 0 has no plan.
     pub fn new(slot: u64, count: usize) -> Self {
         let (x_m, share) = (slot as f64, slot % 10 * 100);
-        let mut plan = Plan::fly_to(x_m, 50.0, 20.0, Mode::Serve);
+        let mut plan = Plan::fly_to([x_m, 50.0, 20.0], Mode::Serve);
         plan.circles_m = std::array::from_fn(|circle| [x_m + circle as f64, 50.0]);
         plan.chosen = 2;
-        let mut flight = FlightReport::at(x_m, 50.0, 20.0, Mode::Serve);
+        let mut flight = FlightReport::at([x_m, 50.0, 20.0], Mode::Serve);
         if slot > 0 {
             flight.served = 1;
             let link = &mut flight.links[0];
