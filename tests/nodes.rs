@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use iceoryx2::prelude::{Service, ipc, local};
 use skysink::run::recorder::Recorder;
-use skysink::run::watch::{Alarm, ViewerState};
+use skysink::run::watch::Alarm;
 use skysink_common::message::Plan;
 use skysink_common::pace::Pace;
 use skysink_common::path::PathPoint;
@@ -52,9 +52,9 @@ fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, or
     let list = SensorList::of(scenario).unwrap();
     let folder = RunFolder::create(Some(out), false, scenario, &list).unwrap();
     let meeting = RingFolder::create(Pace::Max, wait, 60.0, false).unwrap();
-    let ring = Ring::<S>::create(&meeting, scenario).unwrap();
     let stop = Stop::default();
-    let mut recorder = Recorder::new(&ring, scenario.slot_s, Alarm::default(), &stop).unwrap();
+    let (ring, wait) = Ring::<S>::create(&meeting, scenario, &stop).unwrap();
+    let mut recorder = Recorder::new(&ring, wait, scenario.slot_s, Alarm::default()).unwrap();
     let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(scenario, &list));
     let nodes: [Node; 3] =
         [skysink_field_sim::node::run::<S>, skysink_flight_sim::node::run::<S>, skysink_planner::node::run::<S>];
@@ -63,9 +63,11 @@ fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, or
             let (stop, path) = (stop.clone(), meeting.path());
             scope.spawn(move || nodes[node](scenario, &RingFolder::open(path)?, &stop))
         });
-        let mut patience = ring.wait_context(&meeting, None, &stop).unwrap();
-        recorder.record(scenario.slots, &mut patience, &mut log, &mut tally, |_| Ok(ViewerState::There)).unwrap();
+        recorder.record(scenario.slots, &mut log, &mut tally, &mut |_| Ok(0)).unwrap();
         recorder.release(scenario.slots, log.hash()).unwrap();
+        while threads.iter().any(|thread| !thread.is_finished()) {
+            recorder.pause(Duration::from_millis(1)).unwrap(); // serves those that ask late
+        }
         for thread in threads {
             thread.join().unwrap().unwrap();
         }
@@ -103,9 +105,9 @@ fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
     let list = SensorList::of(scenario).unwrap();
     let folder = RunFolder::create(Some(out), false, scenario, &list).unwrap();
     let meeting = RingFolder::create(Pace::Max, Waiting::Event, 60.0, false).unwrap();
-    let ring = Ring::<S>::create(&meeting, scenario).unwrap();
     let stop = Stop::default();
-    let mut recorder = Recorder::new(&ring, scenario.slot_s, Alarm::default(), &stop).unwrap();
+    let (ring, wait) = Ring::<S>::create(&meeting, scenario, &stop).unwrap();
+    let mut recorder = Recorder::new(&ring, wait, scenario.slot_s, Alarm::default()).unwrap();
     let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(scenario, &list));
     let nodes: [Node; 3] =
         [skysink_field_sim::node::run::<S>, skysink_flight_sim::node::run::<S>, skysink_planner::node::run::<S>];
@@ -113,15 +115,13 @@ fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
     thread::scope(|scope| {
         let spectator = scope.spawn(|| {
             let folder = RingFolder::open(meeting.path()).unwrap();
-            let seat = folder.take_seat(Role::Viewer).unwrap();
-            let ring = Ring::<S>::open(&folder, scenario, Role::Viewer, &seat).unwrap();
-            let mut patience = ring.wait_context(&folder, Some(seat), &stop).unwrap();
+            let (ring, mut wait) = Ring::<S>::open(&folder, scenario, Role::Viewer, &stop).unwrap();
             let mut paths = ring.path.reader(PATH_BUFFER).unwrap();
             let mut plans = ring.plan.reader(VIEWER_BUFFER).unwrap();
             there.wait();
             let see = |slot| {
-                let plan = plans.wait(&mut patience, slot, || Ok::<_, NodeError>(())).unwrap();
-                let path = paths.take(slot).unwrap();
+                let plan = plans.wait_for_slot(&mut wait, slot).unwrap().unwrap();
+                let path = paths.of_slot(slot).unwrap().here();
                 (*plan.payload(), path.map(|path| path.payload().to_vec()))
             };
             (1..=scenario.slots).map(see).collect()
@@ -131,9 +131,11 @@ fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
             let (stop, path) = (stop.clone(), meeting.path());
             scope.spawn(move || node(scenario, &RingFolder::open(path)?, &stop))
         });
-        let mut patience = ring.wait_context(&meeting, None, &stop).unwrap();
-        recorder.record(scenario.slots, &mut patience, &mut log, &mut tally, |_| Ok(ViewerState::There)).unwrap();
+        recorder.record(scenario.slots, &mut log, &mut tally, &mut |_| Ok(0)).unwrap();
         recorder.release(scenario.slots, log.hash()).unwrap();
+        while threads.iter().any(|thread| !thread.is_finished()) {
+            recorder.pause(Duration::from_millis(1)).unwrap(); // serves those that ask late
+        }
         for thread in threads {
             thread.join().unwrap().unwrap();
         }
@@ -190,7 +192,7 @@ fn a_requested_stop_ends_a_waiting_node() {
     let scenario = smoke(Strategy::Uts, 1);
     for wait in [Waiting::Event, Waiting::Poll] {
         let meeting = RingFolder::create(Pace::Max, wait, 60.0, false).unwrap();
-        let _ring = Ring::<local::Service>::create(&meeting, &scenario).unwrap();
+        let _ring = Ring::<local::Service>::create(&meeting, &scenario, &Stop::default()).unwrap();
         let stop = Stop::default();
         thread::scope(|scope| {
             let node = scope.spawn(|| {
@@ -208,7 +210,7 @@ fn a_node_whose_peer_does_not_come_says_which() {
     let scenario = smoke(Strategy::Uts, 1);
     for wait in [Waiting::Event, Waiting::Poll] {
         let meeting = RingFolder::create(Pace::Max, wait, 0.2, false).unwrap();
-        let _ring = Ring::<local::Service>::create(&meeting, &scenario).unwrap();
+        let _ring = Ring::<local::Service>::create(&meeting, &scenario, &Stop::default()).unwrap();
         let folder = RingFolder::open(meeting.path()).unwrap();
         let error = skysink_planner::node::run::<local::Service>(&scenario, &folder, &Stop::default()).unwrap_err();
         assert_eq!(error.to_string(), "waited 0.2 s for sensors(0): is field-sim running?");
@@ -229,7 +231,7 @@ fn a_ring_that_waits_in_an_unknown_way_is_refused() {
 #[test]
 fn a_node_with_another_scenario_is_refused() {
     let meeting = RingFolder::create(Pace::Max, Waiting::Event, 0.2, false).unwrap();
-    let _ring = Ring::<local::Service>::create(&meeting, &smoke(Strategy::Uts, 1)).unwrap();
+    let _ring = Ring::<local::Service>::create(&meeting, &smoke(Strategy::Uts, 1), &Stop::default()).unwrap();
     let folder = RingFolder::open(meeting.path()).unwrap();
     let other = smoke(Strategy::Uts, 2);
     let error = skysink_flight_sim::node::run::<local::Service>(&other, &folder, &Stop::default()).unwrap_err();

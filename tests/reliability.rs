@@ -429,7 +429,7 @@ fn a_process_started_by_hand_may_die_and_be_started_by_hand_again() {
     let (run, ring) = begin(&place, &["--no-viewer", "--external", "planner"]);
     until("scenario", || place.path("run/scenario.toml").exists().then_some(()));
     let folder = place.ring_file(&ring).parent().unwrap().to_owned();
-    until("services", || fs::read_dir(folder.join("services")).is_ok_and(|files| files.count() >= 14).then_some(()));
+    until("services", || fs::read_dir(folder.join("services")).is_ok_and(|files| files.count() >= 18).then_some(()));
     let arguments = ["--scenario", "run/scenario.toml", "--ring", folder.to_str().unwrap()];
     for kill in 1..=3 {
         let by_hand = place.command(env!("CARGO_BIN_EXE_planner"), &arguments).spawn().unwrap();

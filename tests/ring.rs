@@ -310,7 +310,7 @@ fn a_role_can_be_left_to_a_process_started_by_hand() {
             place.command(executable, &["--scenario", scenario, "--ring", folder.to_str().unwrap()])
         };
         let services = folder.join("services");
-        until("services", || fs::read_dir(&services).is_ok_and(|entries| entries.count() >= 14).then_some(()));
+        until("services", || fs::read_dir(&services).is_ok_and(|entries| entries.count() >= 18).then_some(()));
 
         place.write("other.toml", "name = \"other\"\n");
         let other = end(by_hand("other.toml").spawn().unwrap());

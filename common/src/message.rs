@@ -20,9 +20,6 @@ pub const NOBODY: u32 = u32::MAX;
 /// [`SlotHeader::flags`]: the last slot of the mission; nothing follows.
 pub const FLAG_END: u32 = 1;
 
-/// [`SlotHeader::flags`] on `queues`, in paced runs: the slot begins now. The sample holds no queues.
-pub const FLAG_TICK: u32 = 2;
-
 /// User header of every sample.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -34,7 +31,7 @@ pub struct SlotHeader {
     pub slot: u64,
     /// Restart count of the writer.
     pub epoch: u32,
-    /// [`FLAG_END`], [`FLAG_TICK`].
+    /// [`FLAG_END`].
     pub flags: u32,
     /// When it was sent, on the monotonic clock [ns].
     pub sent_ns: u64,
@@ -342,6 +339,15 @@ pub struct Commit {
     pub hash: u64,
 }
 
+/// Payload of `tick`, in paced runs: the slot in the sample's header begins now.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.Tick.v1"))]
+pub struct Tick {
+    /// Wall time from one slot to the next [ns].
+    pub period_ns: u64,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -357,6 +363,7 @@ mod tests {
         assert_eq!(size_of::<LinkReport>(), 40);
         assert_eq!(size_of::<FlightReport>(), 2600);
         assert_eq!(size_of::<Commit>(), 8);
+        assert_eq!(size_of::<Tick>(), 8);
     }
 
     #[test]

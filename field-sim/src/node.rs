@@ -3,116 +3,121 @@
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
-use skysink_common::message::{FLAG_END, FLAG_TICK, QueuesHeader, SlotHeader};
+use skysink_common::message::{Commit, FLAG_END, QueuesHeader, SlotHeader, Tick};
+use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
+use skysink_ring::reader::Reader;
 use skysink_ring::role::Role;
-use skysink_ring::topics::{Full, RING_BUFFER, Ring};
+use skysink_ring::topics::{RING_BUFFER, Ring};
+use skysink_ring::wait::WaitContext;
 
-use crate::field::{Field, SlotBits};
+use crate::field::Field;
 use crate::memory::{Memory, Reached};
 
-/// Turns the ring until the mission ends. Started again, it goes on where it was killed: it publishes the last two slots
-/// that it remembers once more, because a peer may have died without them.
+/// Runs the slots until the mission ends. Started again, it resumes where it was killed: it publishes the last two slots
+/// that it has saved once more, because a peer may have died without them.
 ///
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
     let list = SensorList::of(scenario)?;
-    let seat = folder.take_seat(Role::FieldSim)?;
-    let ring = Ring::<S>::open(folder, scenario, Role::FieldSim, &seat)?;
-    let mut patience = ring.wait_context(folder, Some(seat), stop)?;
-    let (pace, full, timeout) = (ring.terms.pace, Full::of(ring.terms.pace), ring.timeout());
-    let sensors = ring.sensors.list_writer(list.sensors().len(), full, stop, timeout)?;
-    let queues = ring.queues.list_writer(list.sensors().len(), full, stop, timeout)?;
+    let count = list.sensors().len();
+    let (ring, mut wait) = Ring::<S>::open(folder, scenario, Role::FieldSim, stop)?;
+    let sensors = ring.sensors.list_writer(count)?;
+    let queues = ring.queues.list_writer(count)?;
+    let ticks = ring.tick.writer()?;
     let mut flights = ring.flight.reader(RING_BUFFER)?;
-    let mut commits = ring.commit.reader(RING_BUFFER)?;
+    let mut record = Record { commits: ring.commit.reader(RING_BUFFER)?, last: None };
+    let mut clock = ring.terms.pace.period(scenario.slot_s).map(Clock::new);
 
     let mut field = Field::new(scenario, &list);
-    let memory = Memory::open(folder, list.sensors().len()).map_err(RingError::from)?;
-    let (mut reached, mut remembered) = memory.recall(&mut field).map_err(RingError::from)?;
-    let header = |slot, flags, field: &Field, bits: SlotBits| QueuesHeader {
-        head: ring.header(slot, flags),
+    let memory = Memory::open(folder, count).map_err(RingError::from)?;
+    let (mut reached, mut saved) = memory.recall(&mut field).map_err(RingError::from)?;
+    let header = |reached: Reached, field: &Field| QueuesHeader {
+        head: ring.header(reached.slot, if reached.slot == scenario.slots { FLAG_END } else { 0 }),
         totals: *field.totals(),
-        delivered_bits: bits.delivered_bits,
-        lost_bits: bits.lost_bits,
-    };
-    let state = |reached: Reached, field: &Field| {
-        let end = if reached.slot == scenario.slots { FLAG_END } else { 0 };
-        header(reached.slot, end, field, reached.bits)
-    };
-    let serve_joiners = || -> Result<(), NodeError> {
-        sensors.serve_joiners()?;
-        Ok(queues.serve_joiners()?)
+        delivered_bits: reached.bits.delivered_bits,
+        lost_bits: reached.bits.lost_bits,
     };
     sensors.send_list(ring.header(0, 0), &list.nodes())?;
-    queues.send_list(state(reached, &field), field.queues_bits())?;
+    queues.send_list(header(reached, &field), field.queues_bits())?;
 
-    let mut clock = pace.period(scenario.slot_s).map(Clock::new);
     for slot in reached.slot + 1..=scenario.slots {
-        let flight = match remembered.take() {
-            Some(flight) => flight,
-            None => {
-                if let Some(clock) = &mut clock {
-                    if !clock.started {
-                        commits.wait_until_there(&mut patience, slot - 1, serve_joiners)?; // everybody is here
-                        clock.start();
-                    }
-                    patience.sleep_until(clock.next_slot(), serve_joiners)?;
-                    queues.send_list(header(slot, FLAG_TICK, &field, SlotBits::default()), &[])?;
-                }
-                *flights.wait(&mut patience, slot, serve_joiners)?.payload()
+        if let Some(clock) = clock.as_mut().filter(|_| saved.is_none()) {
+            if clock.next.is_none() {
+                record.wait_for(slot - 1, &mut wait)?; // everybody is there
             }
+            wait.sleep_until(clock.next_slot())?;
+            ticks.send(ring.header(slot, 0), Tick { period_ns: clock.period_ns() })?;
+        }
+        let flight = match saved.take() {
+            Some(flight) => flight,
+            None => match flights.wait_for_slot(&mut wait, slot)? {
+                Some(flight) => *flight.payload(),
+                None => return Err(NodeError::Peer(format!("flight({slot}): expected every slot"))),
+            },
         };
-        let mut message = queues.blank(list.sensors().len())?;
-        let bits = field.step_into(slot, &flight, message.places());
+        let mut loaned = queues.loan(count)?;
+        let bits = field.step_into(slot, &flight, loaned.elements());
         let bits = bits.map_err(|error| NodeError::Peer(error.to_string()))?;
-        memory.add(slot, &flight).map_err(RingError::from)?;
-        commits.wait_or_pass(&mut patience, slot - 1, serve_joiners)?; // where a later slot is on record, it is, too
         reached = Reached { slot, bits };
-        // SAFETY: the step has not failed, so it has written every place.
-        unsafe { message.send(state(reached, &field)) }?;
+        // Saved no earlier: started again before, it publishes the slot before the last once more, too.
+        record.wait_for(slot - 1, &mut wait)?;
+        memory.add(slot, &flight).map_err(RingError::from)?;
+        // SAFETY: the step has not failed, so it has written every element.
+        unsafe { loaned.send(header(reached, &field)) }?;
         memory.rest(reached, &field).map_err(RingError::from)?;
     }
-    // The others end with the last queues. Those who are started again must find them, and those who lag in a paced run,
-    // whose buffers may have been full.
-    let end = || -> Result<(), NodeError> {
-        serve_joiners()?;
-        match full {
-            Full::Wait => Ok(()),
-            Full::Miss => Ok(queues.send_list(state(reached, &field), field.queues_bits())?),
+    ring.wait_for_release(&mut wait, || match ring.terms.pace {
+        Pace::Max => Ok(()),
+        // The buffer of a reader that lags may have been full.
+        Pace::Factor(_) => queues.send_list(header(reached, &field), field.queues_bits()),
+    })
+}
+
+/// What is on record.
+struct Record<S: Service + 'static> {
+    commits: Reader<S, Commit, SlotHeader>,
+    /// The last slot; none yet.
+    last: Option<u64>,
+}
+
+impl<S: Service + 'static> Record<S> {
+    /// Waits until `slot` is on record.
+    fn wait_for(&mut self, slot: u64, wait: &mut WaitContext) -> Result<(), NodeError> {
+        while self.last.is_none_or(|last| last < slot) {
+            self.last = Some(self.commits.wait_for_next(wait, slot)?.user_header().slot);
         }
-    };
-    let ended = |header: &SlotHeader| header.flags & FLAG_END != 0;
-    commits.wait_for(&mut patience, scenario.slots, ended, end)?;
-    Ok(())
+        Ok(())
+    }
 }
 
 /// The starts of the slots on a grid of wall time.
 struct Clock {
     period: Duration,
-    next: Instant,
-    started: bool,
+    /// None before the first slot.
+    next: Option<Instant>,
 }
 
 impl Clock {
     fn new(period: Duration) -> Self {
-        Self { period, next: Instant::now(), started: false }
+        Self { period, next: None }
     }
 
-    /// The first slot begins one period from now, so that its plan has as much time as any other.
-    fn start(&mut self) {
-        self.started = true;
-        self.next = Instant::now() + self.period;
+    fn period_ns(&self) -> u64 {
+        u64::try_from(self.period.as_nanos()).unwrap_or(u64::MAX)
     }
 
-    /// When the next slot begins. A ring that was held up does not hurry to catch up: the grid moves.
+    /// When the next slot begins. The first begins one period from now, so that its plan has as much time as any other. A
+    /// ring that was held up does not hurry to catch up: the grid moves.
     fn next_slot(&mut self) -> Instant {
-        let slot = self.next.max(Instant::now());
-        self.next = slot + self.period;
+        let now = Instant::now();
+        let slot = self.next.unwrap_or(now + self.period).max(now);
+        self.next = Some(slot + self.period);
         slot
     }
 }

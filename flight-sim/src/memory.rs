@@ -4,9 +4,10 @@ use skysink_common::message::FlightReport;
 use skysink_ring::error::JournalError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::Journal;
+use skysink_ring::topics::FLIGHT_HISTORY;
 
-/// Flights that are kept: the last two, and room for one that is cut.
-const FLIGHTS: u64 = 4;
+/// Flights that are kept: the last ones, and room for one that is cut.
+const FLIGHTS: u64 = FLIGHT_HISTORY as u64 + 1;
 
 /// The journal of flight-sim.
 #[derive(Debug)]
@@ -29,7 +30,7 @@ impl Memory {
         self.0.write(slot, &[bytemuck::bytes_of(flight)])
     }
 
-    /// The last flights that are remembered, two at most, by slot, in ascending order without a gap.
+    /// The last flights that are remembered, as many as late joiners get, by slot, in ascending order without a gap.
     ///
     /// # Errors
     /// If the file cannot be read.
@@ -42,7 +43,7 @@ impl Memory {
                 _ => flights.push((record.slot, flight)),
             }
         }
-        flights.truncate(2);
+        flights.truncate(FLIGHT_HISTORY);
         flights.reverse();
         Ok(flights)
     }
@@ -56,7 +57,7 @@ mod tests {
     use skysink_ring::wait::Waiting;
 
     #[test]
-    fn the_last_two_flights_are_recalled_in_order() {
+    fn the_last_three_flights_are_recalled_in_order() {
         let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
         let memory = Memory::open(&folder).unwrap();
         let flight = |slot: u64| FlightReport::at([slot as f64, 0.5, 20.0], Mode::Serve);
@@ -66,7 +67,8 @@ mod tests {
         for slot in 1..=9 {
             memory.keep(slot, &flight(slot)).unwrap();
             let again = Memory::open(&folder).unwrap();
-            assert_eq!(again.recall().unwrap(), [(slot - 1, flight(slot - 1)), (slot, flight(slot))]);
+            let last: Vec<_> = (slot.saturating_sub(2)..=slot).map(|slot| (slot, flight(slot))).collect();
+            assert_eq!(again.recall().unwrap(), last);
         }
         memory.keep(14, &flight(14)).unwrap(); // 11 to 13 are cut
         assert_eq!(memory.recall().unwrap(), [(14, flight(14))]);

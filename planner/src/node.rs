@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use iceoryx2::prelude::Service;
-use skysink_common::message::{FLAG_END, FLAG_TICK, QueuesHeader, SlotHeader};
+use skysink_common::message::{FLAG_END, SlotHeader};
 use skysink_common::pace::Pace;
 use skysink_common::path::{MAX_POINTS, PathPoint};
 use skysink_common::scenario::Scenario;
@@ -14,8 +14,7 @@ use skysink_ring::journal::Journal;
 use skysink_ring::reader::Found;
 use skysink_ring::refusals::Refusal;
 use skysink_ring::role::Role;
-use skysink_ring::topics::{Full, RING_BUFFER, Ring};
-use skysink_ring::writer::Writer;
+use skysink_ring::topics::{RING_BUFFER, Ring};
 
 use crate::estimate::BYTES_EACH;
 use crate::planner::Planner;
@@ -52,23 +51,16 @@ fn resume(journal: &Journal, slot: u64, planner: &mut Planner) -> Result<(), Jou
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
     let settings = Settings::of(scenario)?;
-    let seat = folder.take_seat(Role::Planner)?;
-    let ring = Ring::<S>::open(folder, scenario, Role::Planner, &seat)?;
-    let mut patience = ring.wait_context(folder, Some(seat), stop)?;
+    let (ring, mut wait) = Ring::<S>::open(folder, scenario, Role::Planner, stop)?;
     // Before the plans, so that whoever has a plan finds the writer of its path.
-    let path_writer = || ring.path.list_writer(MAX_POINTS, Full::Miss, stop, ring.timeout());
     let has_path = strategies::find(settings.strategy.name()).is_some_and(|strategy| strategy.has_path);
-    let paths = has_path.then(path_writer).transpose()?;
-    let plans = ring.plan.writer(Full::of(ring.terms.pace), stop, ring.timeout())?;
+    let paths = has_path.then(|| ring.path.list_writer(MAX_POINTS)).transpose()?;
+    let plans = ring.plan.writer()?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let mut queues = ring.queues.reader(RING_BUFFER)?;
     let mut flights = ring.flight.reader(RING_BUFFER)?;
-    let serve_joiners = || -> Result<(), NodeError> {
-        plans.serve_joiners()?;
-        Ok(paths.as_ref().map_or(Ok(()), Writer::serve_joiners)?)
-    };
 
-    let nodes = sensors.wait_for(&mut patience, 0, |_| true, serve_joiners)?;
+    let nodes = sensors.wait_for_next(&mut wait, 0)?;
     let mut planner = Planner::new(scenario, nodes.payload())?;
     if let Pace::Factor(_) = ring.terms.pace {
         planner.set_timing(Timing::Paced);
@@ -76,19 +68,15 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let journal = journal(folder, nodes.payload().len()).map_err(RingError::from)?;
     let mut next = 0;
     loop {
-        let is_state = |header: &QueuesHeader| header.head.flags & FLAG_TICK == 0;
-        let mut state = queues.wait_for(&mut patience, next, is_state, serve_joiners)?;
+        let mut state = queues.wait_for_next(&mut wait, next)?;
         if let Pace::Factor(_) = ring.terms.pace {
             // Only the newest is planned for, because a plan for a slot that has begun is void; what the UAV was told in
             // the others counts all the same.
-            while let Some(newer) = queues.receive()? {
-                if !is_state(newer.user_header()) {
-                    continue;
-                }
+            while let Some(newer) = queues.next()? {
                 let older = std::mem::replace(&mut state, newer);
                 let slot = older.user_header().head.slot;
                 if slot >= next
-                    && let Found::Here(flight) = flights.look_for(slot)?
+                    && let Found::Here(flight) = flights.of_slot(slot)?
                 {
                     resume(&journal, slot + 1, &mut planner).map_err(RingError::from)?;
                     planner.observe(slot, &flight, older.payload());
@@ -97,7 +85,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         }
         let SlotHeader { slot, flags, .. } = state.user_header().head;
         if flags & FLAG_END != 0 {
-            return Ok(());
+            break;
         }
         if slot < next {
             continue; // a field-sim that was started again repeats itself; the plan is there for whoever needs it
@@ -108,7 +96,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         }
         // A writer that waits for another reader's buffer may reach this one later than the queues do. A flight that has
         // passed was sent before this process was there: others have flown on since, so its plan is not missing.
-        let Some(flight) = flights.wait_or_pass(&mut patience, slot, serve_joiners)? else { continue };
+        let Some(flight) = flights.wait_for_slot(&mut wait, slot)? else { continue };
         next = slot + 1;
         resume(&journal, next, &mut planner).map_err(RingError::from)?;
         let begin = Instant::now();
@@ -122,6 +110,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         }
         plans.send(ring.header(next, 0), plan)?;
     }
+    ring.wait_for_release(&mut wait, || Ok(()))
 }
 
 #[cfg(test)]

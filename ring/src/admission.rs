@@ -1,43 +1,22 @@
 //! Which samples a reader admits: those of its run, from one writer at a time, in the order of their slots.
 
-use std::fmt::Debug;
 use std::rc::Rc;
 
 use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::publish_subscribe;
-use skysink_common::message::{FLAG_END, FLAG_TICK, QueuesHeader, SlotHeader};
+use skysink_common::message::{FLAG_END, SlotHeader};
 
 use crate::cleanup::remove_dead_nodes;
 use crate::refusals::{Refusal, Refusals};
-
-/// What is read from a header of any topic.
-pub trait Header: Debug + Default + Copy + ZeroCopySend + 'static {
-    /// Mission, slot and flags.
-    fn head(&self) -> &SlotHeader;
-}
-
-impl Header for SlotHeader {
-    fn head(&self) -> &SlotHeader {
-        self
-    }
-}
-
-impl Header for QueuesHeader {
-    fn head(&self) -> &SlotHeader {
-        &self.head
-    }
-}
+use crate::sample::{Header, Payload};
 
 /// A publish-subscribe service.
 pub(crate) type Data<S, P, H> = publish_subscribe::PortFactory<S, P, H>;
 
-/// Slots that the ring can be ahead of a process that takes part in it.
-const MAX_AHEAD: u64 = 2;
-
 /// The admission of a reader.
 #[derive(Debug)]
-pub(crate) struct Admission<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header> {
+pub(crate) struct Admission<S: Service + 'static, P: Payload + ?Sized, H: Header> {
     pub(crate) name: &'static str,
     pub(crate) mission: u64,
     pub(crate) config: Config,
@@ -59,10 +38,9 @@ pub(crate) enum Entry {
     Refused,
 }
 
-impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header> Admission<S, P, H> {
-    /// Whether the sample of `publisher` is admitted; `wanted` is the slot that the reader waits for, if its peers
-    /// cannot be far ahead of it.
-    pub(crate) fn check(&mut self, publisher: UniquePublisherId, header: &SlotHeader, wanted: Option<u64>) -> Entry {
+impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Admission<S, P, H> {
+    /// Whether the sample of `publisher` is admitted; `limit` is the last slot that can have been reached, if that is known.
+    pub(crate) fn check(&mut self, publisher: UniquePublisherId, header: &SlotHeader, limit: Option<u64>) -> Entry {
         let refuse = |refusal| {
             self.refusals.add(self.name, header.slot, refusal, 1);
             Entry::Refused
@@ -70,7 +48,7 @@ impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header>
         if header.mission != self.mission {
             return refuse(Refusal::Mission);
         }
-        if wanted.is_some_and(|wanted| header.slot > wanted + MAX_AHEAD) {
+        if limit.is_some_and(|limit| header.slot > limit) {
             return refuse(Refusal::FarSlot);
         }
         let order = order(header);
@@ -105,6 +83,11 @@ impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header>
         Entry::New
     }
 
+    /// Whether any writer is attached to the topic.
+    pub(crate) fn has_writer(&self) -> bool {
+        self.data.dynamic_config().number_of_publishers() > 0
+    }
+
     /// Whether a writer is attached to the topic.
     fn writes(&self, writer: UniquePublisherId) -> bool {
         let mut found = false;
@@ -116,12 +99,7 @@ impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header>
     }
 }
 
-/// The order in which a writer sends: a slot begins (in paced runs) before its result, and the end comes last.
+/// The order in which a writer sends: slot by slot; the end comes after the last slot.
 pub(crate) fn order(header: &SlotHeader) -> u64 {
-    let within = match header.flags {
-        flags if flags & FLAG_TICK != 0 => 0,
-        flags if flags & FLAG_END != 0 => 2,
-        _ => 1,
-    };
-    header.slot.saturating_mul(3).saturating_add(within)
+    header.slot.saturating_mul(2).saturating_add(u64::from(header.flags & FLAG_END))
 }

@@ -7,6 +7,7 @@ use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, Write as _};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use iceoryx2::prelude::{Config, FileName, Path as IceoryxPath, SemanticString};
 use rand::RngExt;
@@ -35,6 +36,14 @@ pub struct Terms {
     pub timeout_s: f64,
     /// Whether a viewer takes part.
     pub viewer: bool,
+}
+
+impl Terms {
+    /// How long a process of the run waits for another.
+    #[must_use]
+    pub fn timeout(&self) -> Duration {
+        Duration::from_secs_f64(self.timeout_s)
+    }
 }
 
 /// The folder of a ring. The launcher's is removed with everything in it when it is dropped.

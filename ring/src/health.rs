@@ -37,6 +37,17 @@ pub struct Health {
     pub reserved: u32,
 }
 
+/// Payload of `ready`: the process is connected to every writer; the sample's slot is the first that it has shown.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
+#[type_name("skysink.Ready.v1")]
+pub struct Ready {
+    /// The process, by its number in [`Health`]: 3, the viewer.
+    pub process: u32,
+    /// How often the process was started before.
+    pub restarts: u32,
+}
+
 impl Health {
     /// The message that `role` has met with `fate`.
     #[must_use]

@@ -11,7 +11,7 @@
 //! | [`health`], [`refusals`] | what becomes of processes; what they do not accept |
 //! | [`cleanup`] | what killed processes leave behind |
 //! | [`journal`] | what a process saves across its own death |
-//! | [`admission`], [`reader`], [`writer`] | the two ends of a topic |
+//! | [`sample`], [`admission`], [`reader`], [`writer`] | the two ends of a topic |
 //! | [`topics`] | the table of topics |
 
 pub mod admission;
@@ -23,6 +23,7 @@ pub mod journal;
 pub mod reader;
 pub mod refusals;
 pub mod role;
+pub mod sample;
 pub mod topics;
 pub mod wait;
 pub mod writer;

@@ -43,6 +43,13 @@ impl Role {
         Self::ALL.into_iter().find(|role| role.code() == code)
     }
 
+    /// Whether the ring cannot go on without the process, so that its peers are never far ahead. The others may lag: the
+    /// viewer, and in paced runs the planner.
+    #[must_use]
+    pub fn keeps_the_ring_waiting(self) -> bool {
+        matches!(self, Self::FieldSim | Self::FlightSim | Self::Launcher)
+    }
+
     /// The name of the executable.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -111,6 +118,12 @@ impl Seat {
 #[must_use]
 pub fn last_heartbeat(folder: &Path, role: Role) -> Option<SystemTime> {
     std::fs::metadata(folder.join(file_name(role))).and_then(|file| file.modified()).ok()
+}
+
+/// How often the seat of `role` was taken: the restart count of its last holder, and one.
+#[must_use]
+pub fn times_taken(folder: &Path, role: Role) -> u32 {
+    File::open(folder.join(file_name(role))).and_then(|file| read_count(&file)).unwrap_or(0)
 }
 
 fn file_name(role: Role) -> String {

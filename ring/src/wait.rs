@@ -1,6 +1,8 @@
 //! How the processes of a ring wait for messages: asleep until they are woken, or polling, and what ends a wait.
 
-use std::fmt;
+use std::cell::RefCell;
+use std::fmt::{self, Debug};
+use std::rc::{Rc, Weak};
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
@@ -10,7 +12,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use skysink_common::stop::Stop;
 
-use crate::error::NodeError;
+use crate::error::{NodeError, RingError};
 use crate::role::{Role, Seat};
 
 /// How a process waits for messages.
@@ -39,33 +41,16 @@ impl Waiting {
     /// Every way, by its spelling.
     const ALL: [(Self, &'static str); 2] = [(Self::Event, "event"), (Self::Poll, "poll")];
 
-    /// Waits a little for what `look` finds in `reader`: until its listener is notified, or for some polls, at most for 10 ms.
+    /// Pauses until `listener` is notified, for 10 ms at most; or for one of many polls, of which this is number `polls`.
     ///
     /// Whoever polls leaves the listener alone: notifying one that is notified already costs its writer next to nothing.
-    ///
-    /// # Errors
-    /// Those of `look`.
-    pub fn poll<S: Service, R, T, E>(
-        self,
-        reader: &mut R,
-        listener: impl Fn(&R) -> &Listener<S>,
-        mut look: impl FnMut(&mut R) -> Result<Option<T>, E>,
-    ) -> Result<Option<T>, E> {
+    pub fn pause<S: Service>(self, listener: &Listener<S>, polls: u32) {
         match self {
             Self::Event => {
-                let _ = listener(reader).timed_wait(|_| {}, PAUSE); // an interrupted wait is a short one
-                look(reader)
+                let _ = listener.timed_wait(|_| {}, PAUSE); // an interrupted wait is a short one
             }
-            Self::Poll => {
-                for _ in 0..POLLS {
-                    if let Some(found) = look(reader)? {
-                        return Ok(Some(found));
-                    }
-                    std::hint::spin_loop();
-                }
-                std::thread::yield_now();
-                Ok(None)
-            }
+            Self::Poll if polls.is_multiple_of(POLLS) => std::thread::yield_now(),
+            Self::Poll => std::hint::spin_loop(),
         }
     }
 }
@@ -114,83 +99,112 @@ pub fn stop_on_signals() -> Stop {
     stop
 }
 
-/// What a process watches while it waits: the request to stop, its supervisor, its heartbeat, and the time.
+/// A writer with readers that may join late.
+pub(crate) trait ServeJoiners: Debug {
+    /// Sends late joiners the newest samples, and wakes them.
+    fn serve_joiners(&self) -> Result<(), RingError>;
+}
+
+/// The writers of a process.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct LateJoiners(Rc<RefCell<Vec<Weak<dyn ServeJoiners>>>>);
+
+impl LateJoiners {
+    /// Serves the late joiners of `writer`, too, as long as it lives.
+    pub(crate) fn add(&self, writer: Weak<dyn ServeJoiners>) {
+        self.0.borrow_mut().push(writer);
+    }
+
+    /// The newest writer first: a reader that attaches to topics in the order of their writers, and has a sample of the
+    /// last one, then soon has those of the others.
+    fn serve(&self) -> Result<(), RingError> {
+        self.0.borrow().iter().rev().filter_map(Weak::upgrade).try_for_each(|writer| writer.serve_joiners())
+    }
+}
+
+/// A wait context: ends waits on a requested stop, on the supervisor's death or after a time-out, keeps the heartbeat going,
+/// and serves late joiners.
 #[derive(Debug)]
 pub struct WaitContext {
-    stop: Stop,
-    supervisor: Option<Supervisor>,
-    supervised: Instant,
-    seat: Option<Seat>,
-    idled: Instant,
-    timeout: Duration,
-    waiting: Waiting,
+    pub(crate) stop: Stop,
+    /// None in the launcher.
+    pub(crate) supervisor: Option<Supervisor>,
+    /// None in the launcher.
+    pub(crate) seat: Option<Seat>,
+    pub(crate) late_joiners: LateJoiners,
+    pub(crate) timeout: Duration,
+    pub(crate) waiting: Waiting,
+    pub(crate) supervised: Instant,
+    pub(crate) served: Instant,
+    pub(crate) polls: u32,
+}
+
+/// What a process waits for.
+#[derive(Debug, Clone, Copy)]
+pub struct Awaited {
+    /// The topic.
+    pub topic: &'static str,
+    /// The slot of the sample.
+    pub slot: u64,
+    /// Who should send it.
+    pub from: Role,
+    /// Since when it is waited for.
+    pub since: Instant,
 }
 
 /// How often the supervisor's lock is tried.
 const SUPERVISOR_CHECK: Duration = Duration::from_millis(500);
 
 impl WaitContext {
-    /// A wait context: waits as `waiting` says, ends on `stop`, on the supervisor's death or after `timeout`, and keeps
-    /// the heartbeat of `seat` going.
-    #[must_use]
-    pub fn new(
-        stop: Stop,
-        supervisor: Option<Supervisor>,
-        seat: Option<Seat>,
-        timeout: Duration,
-        waiting: Waiting,
-    ) -> Self {
-        let now = Instant::now();
-        Self { stop, supervisor, supervised: now, seat, idled: now, timeout, waiting }
-    }
-
-    /// The request to stop.
-    #[must_use]
-    pub fn stop(&self) -> &Stop {
-        &self.stop
-    }
-
-    /// Waits until `look` finds something in `reader`, and returns it. `what` is the topic and the slot of the message,
-    /// and who should send it, for the time-out.
-    ///
-    /// `look` runs before the first wait and after every one, because iceoryx2 may lose a notification; `idle` runs now
-    /// and then while nothing is found, and is the place to serve late joiners.
+    /// Begins a wait for the sample of `slot` on `topic`, which comes from `from`.
     ///
     /// # Errors
-    /// Those of `look` and `idle`, a requested stop, the supervisor's death, or the time-out.
-    pub(crate) fn wait<S: Service, R, T, E: From<NodeError>>(
-        &mut self,
-        (topic, slot, from): (&'static str, u64, Role),
-        reader: &mut R,
-        mut look: impl FnMut(&mut R) -> Result<Option<T>, E>,
-        listener: impl Fn(&R) -> &Listener<S>,
-        mut idle: impl FnMut() -> Result<(), E>,
-    ) -> Result<T, E> {
-        let start = Instant::now();
-        let mut now = start;
-        self.beat(start); // a process that always finds its message gets no further
-        self.idle(start, &mut idle)?;
-        if let Some(found) = look(reader)? {
-            return Ok(found);
+    /// If a late joiner cannot be served.
+    pub fn begin(&mut self, topic: &'static str, slot: u64, from: Role) -> Result<Awaited, RingError> {
+        let since = Instant::now();
+        self.be_there(since)?; // a process that always finds its sample gets no further
+        Ok(Awaited { topic, slot, from, since })
+    }
+
+    /// Pauses until `listener` is notified, for 10 ms at most.
+    ///
+    /// # Errors
+    /// A requested stop, the supervisor's death, or the time-out of `awaited`.
+    pub fn pause<S: Service>(&mut self, listener: &Listener<S>, awaited: &Awaited) -> Result<(), NodeError> {
+        self.waiting.pause(listener, self.polls);
+        self.polls = self.polls.wrapping_add(1);
+        if self.waiting == Waiting::Poll && !self.polls.is_multiple_of(POLLS) {
+            return Ok(());
         }
+        let now = Instant::now();
+        self.check(now)?;
+        if now - awaited.since >= self.timeout {
+            let what = format!("{}({})", awaited.topic, awaited.slot);
+            return Err(NodeError::TimedOut { what, from: awaited.from.name(), seconds: self.timeout.as_secs_f64() });
+        }
+        Ok(())
+    }
+
+    /// Sleeps until `deadline`.
+    ///
+    /// # Errors
+    /// A requested stop, the supervisor's death, or a broken ring.
+    pub fn sleep_until(&mut self, deadline: Instant) -> Result<(), NodeError> {
         loop {
+            let now = Instant::now();
             self.check(now)?;
-            if let Some(found) = self.waiting.poll(reader, &listener, &mut look)? {
-                return Ok(found);
+            let remaining = deadline.saturating_duration_since(now);
+            if remaining.is_zero() {
+                return Ok(());
             }
-            now = Instant::now();
-            self.idle(now, &mut idle)?;
-            if now - start >= self.timeout {
-                let what = format!("{topic}({slot})");
-                return Err(NodeError::TimedOut { what, from: from.name(), seconds: self.timeout.as_secs_f64() }.into());
-            }
+            std::thread::sleep(remaining.min(PAUSE));
         }
     }
 
-    /// Shows that the process is alive; fails once a stop is requested or the supervisor is dead.
+    /// Fails once a stop is requested or the supervisor is dead.
     fn check(&mut self, now: Instant) -> Result<(), NodeError> {
         self.stop.check()?;
-        self.beat(now);
+        self.be_there(now)?;
         if let Some(supervisor) = &mut self.supervisor
             && now - self.supervised >= SUPERVISOR_CHECK
         {
@@ -202,40 +216,16 @@ impl WaitContext {
         Ok(())
     }
 
-    fn beat(&mut self, now: Instant) {
+    /// Keeps the heartbeat going, and serves late joiners now and then.
+    fn be_there(&mut self, now: Instant) -> Result<(), RingError> {
         if let Some(seat) = &mut self.seat {
             seat.beat(now);
         }
-    }
-
-    /// Runs `idle` if it has not run for a while.
-    fn idle<E>(&mut self, now: Instant, idle: &mut impl FnMut() -> Result<(), E>) -> Result<(), E> {
-        if now.saturating_duration_since(self.idled) >= PAUSE {
-            self.idled = now;
-            idle()?;
+        if now.saturating_duration_since(self.served) >= PAUSE {
+            self.served = now;
+            self.late_joiners.serve()?;
         }
         Ok(())
-    }
-
-    /// Sleeps until `deadline`; ends early with a requested stop. `idle` runs now and then.
-    ///
-    /// # Errors
-    /// Those of `idle`, [`Stopped`], or [`NodeError::Orphaned`].
-    pub fn sleep_until<E: From<NodeError>>(
-        &mut self,
-        deadline: Instant,
-        mut idle: impl FnMut() -> Result<(), E>,
-    ) -> Result<(), E> {
-        loop {
-            let now = Instant::now();
-            self.check(now)?;
-            self.idle(now, &mut idle)?;
-            let remaining = deadline.saturating_duration_since(now);
-            if remaining.is_zero() {
-                return Ok(());
-            }
-            std::thread::sleep(remaining.min(PAUSE));
-        }
     }
 }
 

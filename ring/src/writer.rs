@@ -2,6 +2,7 @@
 
 use std::fmt::Debug;
 use std::mem::MaybeUninit;
+use std::rc::Rc;
 use std::time::Duration;
 
 use iceoryx2::port::SendError;
@@ -11,28 +12,46 @@ use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::*;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
 
-use crate::admission::Header;
 use crate::error::RingError;
+use crate::sample::{Header, Payload};
+use crate::wait::{LateJoiners, ServeJoiners};
 
 /// The writing end of a topic.
 #[derive(Debug)]
-pub struct Writer<S: Service, P: IceoryxSend + Debug + ?Sized + 'static, H: Header> {
-    pub(crate) name: &'static str,
-    pub(crate) publisher: Publisher<S, P, H>,
-    pub(crate) notifier: Notifier<S>,
-    pub(crate) timeout: Duration,
+pub struct Writer<S: Service + 'static, P: Payload + ?Sized, H: Header>(Rc<Ports<S, P, H>>);
+
+/// What iceoryx2 has of a writer.
+#[derive(Debug)]
+struct Ports<S: Service + 'static, P: Payload + ?Sized, H: Header> {
+    name: &'static str,
+    publisher: Publisher<S, P, H>,
+    notifier: Notifier<S>,
+    timeout: Duration,
 }
 
-impl<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static, H: Header> Writer<S, P, H> {
-    /// Lets late joiners have the newest samples, and wakes them.
-    ///
-    /// # Errors
-    /// If a joiner cannot be connected.
-    pub fn serve_joiners(&self) -> Result<(), RingError> {
+impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Writer<S, P, H> {
+    /// A writer whose late joiners are served whenever the process waits.
+    pub(crate) fn new(
+        name: &'static str,
+        publisher: Publisher<S, P, H>,
+        notifier: Notifier<S>,
+        timeout: Duration,
+        late_joiners: &LateJoiners,
+    ) -> Self {
+        let ports = Rc::new(Ports { name, publisher, notifier, timeout });
+        late_joiners.add(Rc::downgrade(&ports) as _);
+        Self(ports)
+    }
+}
+
+impl<S: Service + 'static, P: Payload + ?Sized, H: Header> ServeJoiners for Ports<S, P, H> {
+    fn serve_joiners(&self) -> Result<(), RingError> {
         self.publisher.update_connections().map_err(|error| RingError::topic(self.name, "connect", &error))?;
         self.wake()
     }
+}
 
+impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Ports<S, P, H> {
     fn undelivered(&self, error: SendError) -> RingError {
         match error {
             SendError::UnableToDeliver => RingError::Full { topic: self.name, seconds: self.timeout.as_secs_f64() },
@@ -52,12 +71,12 @@ impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> 
     /// # Errors
     /// If a reader does not take it in time, or the system refuses.
     pub fn send(&self, header: H, message: P) -> Result<(), RingError> {
+        let ports = &self.0;
         let mut sample =
-            self.publisher.loan_uninit().map_err(|error| RingError::topic(self.name, "loan a sample", &error))?;
+            ports.publisher.loan_uninit().map_err(|error| RingError::topic(ports.name, "loan a sample", &error))?;
         *sample.user_header_mut() = header;
-        let sample = sample.write_payload(message);
-        sample.send().map_err(|error| self.undelivered(error))?;
-        self.wake()
+        sample.write_payload(message).send().map_err(|error| ports.undelivered(error))?;
+        ports.wake()
     }
 }
 
@@ -67,47 +86,47 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
     /// # Errors
     /// If a reader does not take it in time, or the system refuses.
     pub fn send_list(&self, header: H, list: &[T]) -> Result<(), RingError> {
-        let mut blank = self.blank(list.len())?;
-        blank.places().write_copy_of_slice(list);
-        // SAFETY: it was just written, from the first place to the last.
-        unsafe { blank.send(header) }
+        let mut loaned = self.loan(list.len())?;
+        loaned.elements().write_copy_of_slice(list);
+        // SAFETY: every element was just written.
+        unsafe { loaned.send(header) }
     }
 
-    /// A list of `len` places, to be written where its readers will find it. A writer has one at a time.
+    /// Loans a list of `len` elements, to be written where its readers will find it. A writer has one at a time.
     ///
     /// # Errors
     /// If `len` is more than the writer was made for, or the system refuses.
-    pub fn blank(&self, len: usize) -> Result<Blank<'_, S, T, H>, RingError> {
-        let sample = self.publisher.loan_slice_uninit(len);
-        let sample = sample.map_err(|error| RingError::topic(self.name, "loan a sample", &error))?;
-        Ok(Blank { writer: self, sample })
+    pub fn loan(&self, len: usize) -> Result<LoanedList<'_, S, T, H>, RingError> {
+        let sample = self.0.publisher.loan_slice_uninit(len);
+        let sample = sample.map_err(|error| RingError::topic(self.0.name, "loan a sample", &error))?;
+        Ok(LoanedList { writer: self, sample })
     }
 }
 
-/// A list in the making, in the memory in which it is sent; without being sent, it is as if it had never been.
-pub struct Blank<'a, S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> {
+/// A loaned, uninitialised list sample. Dropping it discards it.
+pub struct LoanedList<'a, S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> {
     writer: &'a Writer<S, [T], H>,
     sample: SampleMutUninit<S, [MaybeUninit<T>], H>,
 }
 
-impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> Blank<'_, S, T, H> {
-    /// The places to be written.
-    pub fn places(&mut self) -> &mut [MaybeUninit<T>] {
+impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> LoanedList<'_, S, T, H> {
+    /// The elements to be written.
+    pub fn elements(&mut self) -> &mut [MaybeUninit<T>] {
         self.sample.payload_mut()
     }
 
     /// Sends the list, then the wake-up.
     ///
     /// # Safety
-    /// Every place must have been written.
+    /// Every element must have been written.
     ///
     /// # Errors
     /// If a reader does not take it in time, or the system refuses.
     pub unsafe fn send(mut self, header: H) -> Result<(), RingError> {
         *self.sample.user_header_mut() = header;
-        // SAFETY: the caller has written every place.
+        // SAFETY: the caller has written every element.
         let sample = unsafe { self.sample.assume_init() };
-        sample.send().map_err(|error| self.writer.undelivered(error))?;
-        self.writer.wake()
+        sample.send().map_err(|error| self.writer.0.undelivered(error))?;
+        self.writer.0.wake()
     }
 }

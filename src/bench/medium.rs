@@ -103,17 +103,17 @@ impl Ends for SharedEnds {
     }
 
     fn receive(&mut self) -> Result<(), Error> {
-        let poll = |ends: &mut Self| {
-            let received = ends.subscriber.receive().map_err(refused)?;
-            Ok::<_, Error>(received.map(|sample| std::hint::black_box(sample.payload().len())))
-        };
         let begin = Instant::now();
-        let mut found = poll(self)?;
-        while found.is_none() {
-            found = self.wait.poll(self, |ends| &ends.listener, poll)?;
+        let mut polls = 0;
+        loop {
+            if let Some(sample) = self.subscriber.receive().map_err(refused)? {
+                std::hint::black_box(sample.payload().len());
+                return Ok(());
+            }
+            self.wait.pause(&self.listener, polls);
+            polls = polls.wrapping_add(1);
             check_timeout(begin)?;
         }
-        Ok(())
     }
 }
 

@@ -54,8 +54,8 @@ struct Worker {
     restarts: Restarts,
     /// When it is to be started again.
     due: Option<Instant>,
-    /// Whether it is not needed any more.
-    dismissed: bool,
+    /// Whether it has done its part, however it ends.
+    released: bool,
     pulse: Pulse,
 }
 
@@ -103,7 +103,7 @@ impl Crew {
                 messages,
                 restarts,
                 due: None,
-                dismissed: false,
+                released: false,
                 pulse,
             });
         }
@@ -137,7 +137,7 @@ impl Crew {
                 continue;
             }
             if let Some(status) = worker.look(&self.roster) {
-                if worker.dismissed || status.success() && slot >= last_slot {
+                if worker.released || status.success() && slot >= last_slot {
                     continue;
                 }
                 fates.push((role, fate(status)));
@@ -156,38 +156,39 @@ impl Crew {
         Ok(fates)
     }
 
-    /// Ends those of the roles that have not ended by themselves. Their part is done, however they end.
-    pub fn dismiss(&mut self, roles: &[Role]) {
-        for worker in self.workers.iter_mut().filter(|worker| roles.contains(&worker.job.role)) {
-            worker.dismissed = true;
+    /// The folder in which the processes meet.
+    #[must_use]
+    pub fn ring(&self) -> &Path {
+        &self.ring
+    }
+
+    /// All processes have done their part: none is started again.
+    pub fn release(&mut self) {
+        for worker in &mut self.workers {
+            worker.released = true;
             worker.due = None;
-            if worker.look(&self.roster).is_none() {
-                worker.signal(Signal::TERM);
-            }
         }
     }
 
-    /// Whether all processes but `role` have done their part.
+    /// Whether the process of `role` has ended for good, if it is one of these.
     #[must_use]
-    pub fn done_but(&self, role: Role) -> bool {
-        self.slowest_but(role).is_none()
-    }
-
-    /// A process other than `role` that has not done its part.
-    #[must_use]
-    pub fn slowest_but(&self, role: Role) -> Option<Role> {
-        let under_way = |worker: &&Worker| worker.job.role != role && (worker.ended.is_none() || worker.due.is_some());
-        self.workers.iter().find(under_way).map(|worker| worker.job.role)
+    pub fn has_ended(&self, role: Role) -> bool {
+        self.workers.iter().filter(|worker| worker.job.role == role).all(Worker::has_ended)
     }
 
     /// Whether all have.
     #[must_use]
-    pub fn done(&self) -> bool {
-        self.done_but(Role::Launcher)
+    pub fn have_ended(&self) -> bool {
+        self.workers.iter().all(Worker::has_ended)
     }
 }
 
 impl Worker {
+    /// Whether it has ended and is not started again.
+    fn has_ended(&self) -> bool {
+        self.ended.is_some() && self.due.is_none()
+    }
+
     /// Notes if it has ended, and says how.
     fn look(&mut self, roster: &Roster) -> Option<ExitStatus> {
         if self.ended.is_none() {

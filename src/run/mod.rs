@@ -32,7 +32,7 @@ use resume::{PlansBy, Resumed, resume};
 use skysink_mission::error::FileContext;
 use skysink_mission::record::{RunFolder, SlotLog};
 use skysink_mission::summary::{Event, Summary, Tally};
-use watch::{Alarm, ViewerState, Watch};
+use watch::{Alarm, Watch};
 
 /// What to run and how.
 #[derive(Debug)]
@@ -170,13 +170,13 @@ fn fly(
     started: impl FnOnce(Inside),
 ) -> Result<Duration, Error> {
     let Setup { run, meeting, progress, stop, .. } = *setup;
-    let ring = Ring::<ipc::Service>::create(meeting, &run.scenario)?;
+    let (ring, wait) = Ring::<ipc::Service>::create(meeting, &run.scenario, stop)?;
     let _janitor = Janitor::of(meeting);
     let alarm = Alarm::on_child();
-    let mut recorder = Recorder::new(&ring, run.scenario.slot_s, alarm, stop)?;
+    let mut recorder = Recorder::new(&ring, wait, run.scenario.slot_s, alarm)?;
     let (own, others): (Vec<Job>, Vec<Job>) =
         jobs(setup).into_iter().partition(|job| !run.external.contains(&job.role));
-    let crew = Crew::start(own, meeting.path(), ring.timeout() / 2, Arc::new(progress.speaker()))?;
+    let crew = Crew::start(own, meeting.path(), ring.terms.timeout() / 2, Arc::new(progress.speaker()))?;
     let slot = Arc::new(AtomicU64::new(0));
     started(Inside { roster: crew.roster(), slot: Arc::clone(&slot), shared_prefix: meeting.prefix() });
     for job in others {
@@ -184,13 +184,12 @@ fn fly(
         let arguments: Vec<_> = job.arguments.iter().map(|argument| argument.to_string_lossy()).collect();
         progress.say(&format!("waiting for {role}: {role} {}", arguments.join(" ")));
     }
-    let mut watch = Watch::new(&ring, crew, progress, run.scenario.slots, slot, stop)?;
-    let mut patience = ring.wait_context(meeting, None, stop)?;
+    let mut watch = Watch::new(&ring, crew, progress, run.scenario.slots, slot)?;
     let slots = run.scenario.slots;
-    let recorded = recorder.record(slots, &mut patience, log, tally, |tally| watch.look(tally));
+    let recorded = recorder.record(slots, log, tally, &mut |tally| watch.supervise(tally));
     let ended = match recorded {
-        Ok(wall) => finish(&recorder, &mut watch, tally, log.hash(), stop).map(|()| wall),
-        Err(error) => Err(match watch.look(tally) {
+        Ok(wall) => finish(&mut recorder, &mut watch, tally, log.hash()).map(|()| wall),
+        Err(error) => Err(match watch.supervise(tally) {
             Err(cause @ Error::WorkerEnded { .. }) if stop.requested().is_none() => cause,
             _ => error,
         }),
@@ -201,48 +200,39 @@ fn fly(
     ended
 }
 
-/// How long a process may take to end by itself once the mission is on record: one that was started again at the very end
-/// may wait for a peer that has ended.
+/// How long a process may take to end by itself once it is released.
 const FAREWELL: Duration = Duration::from_secs(2);
 
-/// Waits until all processes have ended, field-sim as the last: a viewer that is started again still needs it.
+/// Waits until all processes have ended, the viewer first: the others are there for it, and for one that is started again.
 fn finish(
-    recorder: &Recorder<ipc::Service>,
+    recorder: &mut Recorder<ipc::Service>,
     watch: &mut Watch<ipc::Service>,
     tally: &Tally,
     hash: u64,
-    stop: &Stop,
 ) -> Result<(), Error> {
-    let (slot, begin) = (tally.last_slot(), Instant::now());
-    let (mut released, mut deadline) = (None, begin + watch.timeout());
-    while !watch.crew().done() {
-        if watch.look(tally)? == ViewerState::Lost {
-            deadline = Instant::now() + watch.timeout();
+    let slot = tally.last_slot();
+    let mut viewer = watch.supervise(tally)?;
+    let timeout = recorder.timeout();
+    let mut deadline = Instant::now() + timeout;
+    while !watch.crew().has_ended(Role::Viewer) {
+        recorder.pause(REAP)?;
+        let current = watch.supervise(tally)?;
+        if current != viewer {
+            viewer = current;
+            deadline = Instant::now() + timeout;
         }
-        recorder.serve_joiners()?;
-        if begin.elapsed() > FAREWELL {
-            watch.dismiss(&[Role::Planner, Role::FlightSim]);
+        if Instant::now() > deadline {
+            let role = Role::Viewer.name();
+            let status = format!("nothing: it did not end within {} s after the mission", timeout.as_secs_f64());
+            return Err(Error::WorkerEnded { role, status, slot, whole: whole(slot + 1) });
         }
-        match released {
-            None if watch.crew().done_but(Role::FieldSim) => {
-                recorder.release(slot, hash)?;
-                released = Some(Instant::now());
-            }
-            Some(released) if released.elapsed() > FAREWELL => watch.dismiss(&[Role::FieldSim]),
-            _ => {}
-        }
-        if Instant::now() > deadline
-            && let Some(role) = watch.crew().slowest_but(Role::Launcher)
-        {
-            let status =
-                format!("nothing: it did not end within {} s after the mission", watch.timeout().as_secs_f64());
-            return Err(Error::WorkerEnded { role: role.name(), status, slot, whole: whole(slot + 1) });
-        }
-        stop.check()?;
-        std::thread::sleep(REAP);
     }
-    if released.is_none() {
-        recorder.release(slot, hash)?; // a field-sim that somebody else has started
+    watch.release();
+    recorder.release(slot, hash)?;
+    let released = Instant::now();
+    while !watch.crew().have_ended() && released.elapsed() < FAREWELL {
+        recorder.pause(REAP)?;
+        watch.supervise(tally)?;
     }
     Ok(())
 }

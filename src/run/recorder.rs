@@ -1,118 +1,149 @@
-//! The recorder: reads every slot off the ring, puts it on record, and commits it to field-sim.
+//! The recorder: waits for the parts of every slot, puts it on record, and commits it to field-sim.
 
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::Service;
-use skysink_common::message::{Commit, FLAG_END, FLAG_TICK, FlightReport, HoldReason, Plan, QueuesHeader, SlotHeader};
+use skysink_common::message::{Commit, FLAG_END, FlightReport, HoldReason, Plan, QueuesHeader, SlotHeader, Tick};
 use skysink_common::pace::Pace;
-use skysink_common::stop::Stop;
-use skysink_ring::error::NodeError;
+use skysink_mission::latency::SlotTimes;
+use skysink_mission::record::SlotLog;
+use skysink_mission::summary::Tally;
+use skysink_ring::error::RingError;
+use skysink_ring::health::Ready;
 use skysink_ring::reader::Reader;
 use skysink_ring::role::Role;
-use skysink_ring::topics::{Full, Ring, VIEWER_BUFFER, VIEWER_READY};
+use skysink_ring::topics::{RING_BUFFER, Ring, VIEWER_BUFFER};
 use skysink_ring::wait::WaitContext;
 use skysink_ring::writer::Writer;
 
 use crate::error::Error;
-use crate::run::watch::{Alarm, ViewerState};
-use skysink_mission::latency::SlotTimes;
-use skysink_mission::record::SlotLog;
-use skysink_mission::summary::Tally;
+use crate::run::watch::Alarm;
 
-/// How often the surroundings of the ring are looked after.
-const CARE: Duration = Duration::from_millis(100);
-
-/// How often it is looked whether the viewer is there.
-const GATHER: Duration = Duration::from_millis(5);
+/// How often the processes are supervised.
+const SUPERVISE: Duration = Duration::from_millis(10);
 
 /// A wait after which a process may have died that is not the launcher's.
 const STALL: Duration = Duration::from_millis(200);
 
-/// Puts a mission on record while the ring turns.
+/// Puts a mission on record while the ring runs.
 pub struct Recorder<'a, S: Service + 'static> {
     ring: &'a Ring<S>,
+    wait: WaitContext,
+    /// The wake-ups of `queues`, which are the last part of a slot.
+    listener: Listener<S>,
     queues: Reader<S, [u32], QueuesHeader>,
     plans: Reader<S, Plan, SlotHeader>,
     flights: Reader<S, FlightReport, SlotHeader>,
+    ticks: Reader<S, Tick, SlotHeader>,
+    ready: Reader<S, Ready, SlotHeader>,
     commits: Writer<S, Commit, SlotHeader>,
-    viewer: Listener<S>,
-    viewer_state: ViewerState,
-    alarm: Alarm,
+    parts: Parts,
+    viewer: Viewer,
     clock: Clock,
+    alarm: Alarm,
+    supervised: Instant,
 }
 
-/// Everything of a slot.
-struct Seen {
-    header: QueuesHeader,
-    flight: FlightReport,
-    /// None if it came too late.
-    plan: Option<Plan>,
-    times: SlotTimes,
+/// What has arrived of a slot.
+#[derive(Default)]
+struct Parts {
+    queues: Option<QueuesHeader>,
+    flight: Option<(SlotHeader, FlightReport)>,
+    plan: Option<(SlotHeader, Plan)>,
 }
+
+/// What has to be there of a slot before it is put on record, beside its queues.
+#[derive(Debug, Clone, Copy)]
+enum Needed {
+    /// Its flight: in paced runs a plan may be late, and a viewer may lag.
+    Flight,
+    /// Its flight, the plan of the slot `plan_of`, and the viewer, which would otherwise miss what comes next.
+    All { plan_of: u64 },
+}
+
+/// The restart counts of the viewer.
+#[derive(Default)]
+struct Viewer {
+    /// That of the process that is now, or will be started next.
+    current: u32,
+    /// That of the newest that is ready.
+    ready: Option<u32>,
+}
+
+/// Supervises the processes of the run; may end it. Returns the restart count of the current viewer.
+pub type Supervise<'a> = dyn FnMut(&Tally) -> Result<u32, Error> + 'a;
 
 impl<'a, S: Service + 'static> Recorder<'a, S> {
     /// Connects to the ring; to be done before any other process is started. `alarm` tells at once when one has died.
     ///
     /// # Errors
     /// If a topic cannot be read or written.
-    pub fn new(ring: &'a Ring<S>, slot_s: f64, alarm: Alarm, stop: &Stop) -> Result<Self, Error> {
+    pub fn new(ring: &'a Ring<S>, wait: WaitContext, slot_s: f64, alarm: Alarm) -> Result<Self, Error> {
         Ok(Self {
             ring,
+            wait,
+            listener: ring.queues.listener()?,
             queues: ring.queues.reader(VIEWER_BUFFER)?,
             plans: ring.plan.reader(VIEWER_BUFFER)?,
             flights: ring.flight.reader(VIEWER_BUFFER)?,
-            commits: ring.commit.writer(Full::of(ring.terms.pace), stop, ring.timeout())?,
-            viewer: ring.commit.listener()?,
-            viewer_state: if ring.terms.viewer { ViewerState::Lost } else { ViewerState::There },
-            alarm,
+            ticks: ring.tick.reader(VIEWER_BUFFER)?,
+            ready: ring.ready.reader(RING_BUFFER)?,
+            commits: ring.commit.writer()?,
+            parts: Parts::default(),
+            viewer: Viewer::default(),
             clock: Clock::new(ring.terms.pace.period(slot_s)),
+            alarm,
+            supervised: Instant::now(),
         })
     }
 
     /// Records all slots after those of the tally, up to `slots`, into the log and the tally, and returns the wall time
-    /// from the first to the last. `care` looks after the processes whenever one has died, and every tenth of a second;
-    /// it may end the run.
+    /// from the first to the last. `supervise` runs when a process has died, and now and then.
     ///
     /// # Errors
-    /// Those of `care` and of the log; a peer that is missing or wrong, a broken ring, or a requested stop.
+    /// Those of `supervise` and of the log; a peer that is missing or wrong, a broken ring, or a requested stop.
     pub fn record(
         &mut self,
         slots: u64,
-        patience: &mut WaitContext,
         log: &mut SlotLog,
         tally: &mut Tally,
-        mut care: impl FnMut(&Tally) -> Result<ViewerState, Error>,
+        supervise: &mut Supervise,
     ) -> Result<Duration, Error> {
         let first = tally.last_slot();
-        let header = self.gather(first, patience, || care(tally))?;
+        // Every process has shown itself once the plan of the first slot is there.
+        let (header, _) = self.wait_for_parts(first, Needed::All { plan_of: first + 1 }, tally, supervise)?;
+        self.listener = self.ring.queues.listener()?; // behind the planner's, which is in a hurry; a record is not
         if first == 0 {
             tally.start(&header);
         }
         self.commit(first, log.hash())?;
         let begin = Instant::now();
-        let mut cared = begin;
         for slot in first + 1..=slots {
-            if self.alarm.rung() || cared.elapsed() >= CARE {
-                cared = Instant::now();
-                let state = care(tally)?;
-                self.note(state)?;
-            }
-            let seen = self.next(slot, patience, || care(tally))?;
-            let hash = log.add(&seen.flight, &seen.header)?;
-            tally.add(seen.plan.as_ref(), &seen.flight, &seen.header);
-            tally.add_times(seen.times);
+            self.supervise(tally, supervise)?;
+            let needed = match self.ring.terms.pace {
+                Pace::Max => Needed::All { plan_of: slot },
+                Pace::Factor(_) => Needed::Flight,
+            };
+            let (header, (flight_head, flight)) = self.wait_for_parts(slot, needed, tally, supervise)?;
+            self.clock.read(&mut self.ticks)?;
+            let plan = self.parts.plan.take();
+            let plan_head = plan.as_ref().map(|(head, _)| head);
+            let times = SlotTimes::of(self.clock.began(slot), plan_head, &flight_head, &header.head);
+            let in_time = HoldReason::of_code(flight.hold) != HoldReason::NoPlan;
+            let plan = plan.map(|(_, plan)| plan).filter(|_| in_time);
+
+            let hash = log.add(&flight, &header)?;
+            tally.add(plan.as_ref(), &flight, &header);
+            tally.add_times(times);
             tally.set_late_slots(self.clock.late_slots);
             tally.set_refused_messages(self.ring.refusals.total());
-            if self.ring.terms.pace == Pace::Max {
-                self.wait_for_viewer(patience, || care(tally))?; // or it would miss more than it has to
-            }
             self.commit(slot, hash)?;
         }
         Ok(begin.elapsed())
     }
 
-    /// Lets field-sim end, after everybody else has: until then it serves those who are started again.
+    /// Lets the processes end. Until then they are there for those that are started again.
     ///
     /// # Errors
     /// If the ring is broken.
@@ -120,135 +151,100 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         Ok(self.commits.send(self.ring.header(slot, FLAG_END), Commit { hash })?)
     }
 
-    /// Lets processes that are started again have the last commits.
+    /// How long a process waits for another.
+    #[must_use]
+    pub fn timeout(&self) -> Duration {
+        self.ring.terms.timeout()
+    }
+
+    /// Pauses after the last slot; processes that are started again get the last commits.
     ///
     /// # Errors
-    /// If the ring is broken.
-    pub fn serve_joiners(&self) -> Result<(), Error> {
-        Ok(self.commits.serve_joiners()?)
+    /// A requested stop, or a broken ring.
+    pub fn pause(&mut self, long: Duration) -> Result<(), Error> {
+        Ok(self.wait.sleep_until(Instant::now() + long)?)
     }
 
-    /// Waits until every process has shown itself, and returns the state after slot `first`. The viewer must be connected
-    /// before the ring turns, or it would miss the first slots.
-    fn gather(
+    /// Waits for what is `needed` of `slot`, and returns its queues and its flight.
+    fn wait_for_parts(
         &mut self,
-        first: u64,
-        patience: &mut WaitContext,
-        mut idle: impl FnMut() -> Result<ViewerState, Error>,
-    ) -> Result<QueuesHeader, Error> {
-        let header = self.state(first, patience, &mut idle)?;
-        let mut state = ViewerState::There;
-        let mut look = || {
-            if idle()? == ViewerState::Lost {
-                state = ViewerState::Lost;
+        slot: u64,
+        needed: Needed,
+        tally: &Tally,
+        supervise: &mut Supervise,
+    ) -> Result<(QueuesHeader, (SlotHeader, FlightReport)), Error> {
+        let mut awaited = self.wait.begin("queues", slot, Role::FieldSim)?;
+        loop {
+            self.read(slot, needed)?;
+            let (topic, topic_slot, from) = match self.missing(slot, needed)? {
+                Some(missing) => missing,
+                None => {
+                    let Parts { queues: Some(queues), flight: Some(flight), .. } = self.parts else { continue };
+                    self.parts = Parts { plan: self.parts.plan.take(), ..Parts::default() };
+                    return Ok((queues, flight));
+                }
+            };
+            if (topic, topic_slot) != (awaited.topic, awaited.slot) {
+                awaited = self.wait.begin(topic, topic_slot, from)?;
             }
-            Ok::<_, Error>(())
-        };
-        self.flights.wait_until_there(patience, first, &mut look)?;
-        self.plans.wait_until_there(patience, first + 1, &mut look)?;
-        self.note(state)?;
-        self.wait_for_viewer(patience, idle)?;
-        self.queues.reattach(self.ring.queues.listener()?); // the planner is in a hurry, a record is not
-        Ok(header)
+            self.supervise(tally, supervise)?;
+            if awaited.since.elapsed() >= STALL {
+                self.ring.remove_dead_nodes();
+            }
+            self.wait.pause(&self.listener, &awaited)?;
+        }
     }
 
-    /// Notes if the viewer has died: it is waited for once more.
-    fn note(&mut self, state: ViewerState) -> Result<(), Error> {
-        if state == ViewerState::Lost && self.ring.terms.viewer {
-            self.viewer_state = ViewerState::Lost;
-            while matches!(self.viewer.try_wait(|_| {}), Ok(1..)) {} // what it said before it died
+    /// The first sample of what is `needed` that is missing, and who sends it.
+    fn missing(&mut self, slot: u64, needed: Needed) -> Result<Option<(&'static str, u64, Role)>, RingError> {
+        let Parts { queues, flight, plan } = &self.parts;
+        Ok(match needed {
+            _ if queues.is_none() => Some(("queues", slot, Role::FieldSim)),
+            _ if flight.is_none() => Some(("flight", slot, Role::FlightSim)),
+            Needed::Flight => None,
+            Needed::All { plan_of } if plan.is_none() => Some(("plan", plan_of, Role::Planner)),
+            Needed::All { .. } if self.viewer_is_ready()? => None,
+            Needed::All { .. } => Some(("ready", u64::from(self.viewer.current), Role::Viewer)),
+        })
+    }
+
+    /// Takes what has arrived. It looks at every topic: a writer must not wait because of what is refused here.
+    fn read(&mut self, slot: u64, needed: Needed) -> Result<(), RingError> {
+        let plan_of = if let Needed::All { plan_of } = needed { plan_of } else { slot };
+        let Parts { queues, flight, plan } = &mut self.parts;
+        if queues.is_none() {
+            *queues = self.queues.of_slot(slot)?.here().map(|sample| *sample.user_header());
+        }
+        if flight.is_none() {
+            *flight = self.flights.of_slot(slot)?.here().map(|sample| (*sample.user_header(), *sample.payload()));
+        }
+        if plan.is_none() {
+            *plan = self.plans.of_slot(plan_of)?.here().map(|sample| (*sample.user_header(), *sample.payload()));
         }
         Ok(())
     }
 
-    /// Waits until the viewer has said that it is there.
-    fn wait_for_viewer(
-        &mut self,
-        patience: &mut WaitContext,
-        mut idle: impl FnMut() -> Result<ViewerState, Error>,
-    ) -> Result<(), Error> {
-        let deadline = Instant::now() + self.ring.timeout();
-        while self.viewer_state == ViewerState::Lost {
-            let mut ready = false;
-            let look = |event: iceoryx2::prelude::EventActivation| ready |= event.id.as_value() == VIEWER_READY;
-            let _ = self.viewer.timed_wait(look, GATHER); // an interrupted wait is a short one
-            if ready {
-                self.viewer_state = ViewerState::There;
-            }
-            let state = idle()?;
-            self.note(state)?;
-            self.commits.serve_joiners()?;
-            patience.stop().check()?;
-            if Instant::now() > deadline {
-                let (what, seconds) = ("the viewer to be ready".to_owned(), self.ring.timeout().as_secs_f64());
-                return Err(NodeError::TimedOut { what, from: Role::Viewer.name(), seconds }.into());
-            }
+    /// Whether the current viewer is ready, if one takes part.
+    fn viewer_is_ready(&mut self) -> Result<bool, RingError> {
+        if !self.ring.terms.viewer {
+            return Ok(true);
+        }
+        let Viewer { current, ready } = &mut self.viewer;
+        while *ready < Some(*current)
+            && let Some(sample) = self.ready.next()?
+        {
+            *ready = (*ready).max(Some(sample.payload().restarts));
+        }
+        Ok(*ready >= Some(*current))
+    }
+
+    /// Supervises the processes when one has died, and now and then.
+    fn supervise(&mut self, tally: &Tally, supervise: &mut Supervise) -> Result<(), Error> {
+        if self.alarm.rung() || self.supervised.elapsed() >= SUPERVISE {
+            self.supervised = Instant::now();
+            self.viewer.current = supervise(tally)?;
         }
         Ok(())
-    }
-
-    /// Waits for the queues after `slot`.
-    fn state(
-        &mut self,
-        slot: u64,
-        patience: &mut WaitContext,
-        mut care: impl FnMut() -> Result<ViewerState, Error>,
-    ) -> Result<QueuesHeader, Error> {
-        let (ring, commits, begin) = (self.ring, &self.commits, Instant::now());
-        let (plans, flights) = (&mut self.plans, &mut self.flights);
-        let mut viewer = ViewerState::There;
-        let idle = || {
-            commits.serve_joiners()?;
-            plans.make_room(slot)?;
-            flights.make_room(slot)?;
-            if care()? == ViewerState::Lost {
-                viewer = ViewerState::Lost;
-            }
-            if begin.elapsed() >= STALL {
-                ring.remove_dead_nodes();
-            }
-            Ok::<_, Error>(())
-        };
-        let clock = &mut self.clock;
-        let is_state = |header: &QueuesHeader| {
-            let tick = header.head.flags & FLAG_TICK != 0;
-            if tick {
-                clock.tick(header.head.slot, header.head.sent_ns);
-            }
-            !tick && header.head.slot == slot
-        };
-        let header = *self.queues.wait_for(patience, slot, is_state, idle)?.user_header();
-        self.note(viewer)?;
-        Ok(header)
-    }
-
-    /// Waits for everything of `slot`.
-    fn next(
-        &mut self,
-        slot: u64,
-        patience: &mut WaitContext,
-        mut care: impl FnMut() -> Result<ViewerState, Error>,
-    ) -> Result<Seen, Error> {
-        let header = self.state(slot, patience, &mut care)?;
-        let mut viewer = ViewerState::There;
-        let mut idle = || {
-            if care()? == ViewerState::Lost {
-                viewer = ViewerState::Lost;
-            }
-            Ok::<_, Error>(())
-        };
-        let flight = self.flights.wait(patience, slot, &mut idle)?;
-        let plan = match self.ring.terms.pace {
-            Pace::Max => Some(self.plans.wait(patience, slot, &mut idle)?),
-            Pace::Factor(_) => self.plans.take(slot)?,
-        };
-        self.note(viewer)?;
-        let plan_head = plan.as_ref().map(|plan| plan.user_header());
-        let times = SlotTimes::of(self.clock.began(slot), plan_head, flight.user_header(), &header.head);
-        let flight = *flight.payload();
-        let in_time = HoldReason::of_code(flight.hold) != HoldReason::NoPlan;
-        let plan = plan.map(|plan| *plan.payload()).filter(|_| in_time);
-        Ok(Seen { header, flight, plan, times })
     }
 
     fn commit(&mut self, slot: u64, hash: u64) -> Result<(), Error> {
@@ -269,12 +265,17 @@ impl Clock {
         Self { period, last: None, late_slots: 0 }
     }
 
-    /// A slot begins. It is late if it comes more than one and a half periods after the last.
-    fn tick(&mut self, slot: u64, sent_ns: u64) {
-        if let (Some(period), Some((_, last_ns))) = (self.period, self.last.replace((slot, sent_ns))) {
-            let apart = Duration::from_nanos(sent_ns.saturating_sub(last_ns));
-            self.late_slots += u64::from(apart > period.mul_f64(1.5));
+    /// Reads which slots have begun. One is late if it comes more than one and a half periods after the last.
+    fn read<S: Service>(&mut self, ticks: &mut Reader<S, Tick, SlotHeader>) -> Result<(), RingError> {
+        let Some(period) = self.period else { return Ok(()) };
+        while let Some(tick) = ticks.next()? {
+            let SlotHeader { slot, sent_ns, .. } = *tick.user_header();
+            if let Some((_, last_ns)) = self.last.replace((slot, sent_ns)) {
+                let apart = Duration::from_nanos(sent_ns.saturating_sub(last_ns));
+                self.late_slots += u64::from(apart > period.mul_f64(1.5));
+            }
         }
+        Ok(())
     }
 
     /// When a slot began.

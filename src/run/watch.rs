@@ -6,10 +6,9 @@ use std::time::Instant;
 
 use iceoryx2::prelude::Service;
 use skysink_common::message::SlotHeader;
-use skysink_common::stop::Stop;
 use skysink_ring::health::{Fate, Health};
-use skysink_ring::role::Role;
-use skysink_ring::topics::{Full, Ring};
+use skysink_ring::role::{Role, times_taken};
+use skysink_ring::topics::Ring;
 use skysink_ring::writer::Writer;
 
 use crate::error::Error;
@@ -43,15 +42,6 @@ impl Alarm {
     }
 }
 
-/// Whether the viewer follows the ring.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ViewerState {
-    /// As far as one knows.
-    There,
-    /// It has died since the last look, and will say when it is back.
-    Lost,
-}
-
 /// The watch of a run.
 pub struct Watch<'a, S: Service + 'static> {
     ring: &'a Ring<S>,
@@ -65,6 +55,8 @@ pub struct Watch<'a, S: Service + 'static> {
     pub events: Vec<Event>,
     /// How often one was started again.
     pub restarts: u64,
+    /// Restart count of the viewer that is there, or will be there next.
+    viewer: u32,
 }
 
 impl<'a, S: Service + 'static> Watch<'a, S> {
@@ -78,45 +70,38 @@ impl<'a, S: Service + 'static> Watch<'a, S> {
         progress: &'a RunProgress,
         last_slot: u64,
         slot: Arc<AtomicU64>,
-        stop: &Stop,
     ) -> Result<Self, Error> {
-        let health = ring.health.writer(Full::Miss, stop, ring.timeout())?;
+        let health = ring.health.writer()?;
         let (begin, events) = (Instant::now(), Vec::new());
-        Ok(Self { ring, crew, health, progress, begin, last_slot, slot, events, restarts: 0 })
+        Ok(Self { ring, crew, health, progress, begin, last_slot, slot, events, restarts: 0, viewer: 0 })
     }
 
-    /// Looks around.
+    /// Supervises the processes; returns the restart count of the current viewer, by its seat.
     ///
     /// # Errors
     /// [`Error::WorkerEnded`] if a process has ended that is not started again.
-    pub fn look(&mut self, tally: &Tally) -> Result<ViewerState, Error> {
+    pub fn supervise(&mut self, tally: &Tally) -> Result<u32, Error> {
         self.progress.show(tally);
         let slot = tally.last_slot() + 1;
         self.slot.store(slot, Ordering::Relaxed);
         let fates = self.crew.tend(slot.min(self.last_slot), self.last_slot)?;
-        let mut viewer = ViewerState::There;
+        let taken = times_taken(self.crew.ring(), Role::Viewer);
+        self.viewer = self.viewer.max(taken.saturating_sub(1));
         for (role, fate) in fates {
             if let Fate::Killed(_) | Fate::Exited(_) = fate {
                 self.ring.remove_dead_nodes(); // before the next one needs its place
                 if role == Role::Viewer {
-                    viewer = ViewerState::Lost;
+                    self.viewer = taken; // the next one's
                 }
             }
             self.tell(slot, role, fate)?;
         }
-        self.health.serve_joiners()?;
-        Ok(viewer)
+        Ok(self.viewer)
     }
 
-    /// How long a process waits for another.
-    #[must_use]
-    pub fn timeout(&self) -> std::time::Duration {
-        self.ring.timeout()
-    }
-
-    /// Ends processes that are not needed any more.
-    pub fn dismiss(&mut self, roles: &[Role]) {
-        self.crew.dismiss(roles);
+    /// Starts no process again: all have done their part.
+    pub fn release(&mut self) {
+        self.crew.release();
     }
 
     /// The processes under watch.

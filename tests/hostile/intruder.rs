@@ -5,8 +5,8 @@ use std::fmt::Debug;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
-use skysink_ring::admission::Header;
 use skysink_ring::folder::RingFolder;
+use skysink_ring::sample::Header;
 
 pub struct Intruder(Node<ipc::Service>);
 

@@ -1,13 +1,10 @@
 //! Paths that lead nowhere, and what a viewer makes of them.
 
 use std::process::Child;
-use std::time::Duration;
 
 use iceoryx2::prelude::ipc;
 use skysink_common::message::SlotHeader;
 use skysink_common::path::{MAX_POINTS, PathPoint};
-use skysink_common::stop::Stop;
-use skysink_ring::topics::Full;
 use skysink_ring::writer::Writer;
 
 use crate::audit::said;
@@ -29,7 +26,7 @@ fn begin_with_viewer(place: &Place) -> (Child, Rogue) {
 }
 
 fn writer(rogue: &Rogue) -> Writer<ipc::Service, [PathPoint], SlotHeader> {
-    rogue.ring.path.list_writer(1_000, Full::Miss, &Stop::default(), Duration::from_secs(1)).unwrap()
+    rogue.ring.path.list_writer(1_000).unwrap()
 }
 
 /// The good waypoint, and so many points after it.

@@ -5,7 +5,7 @@ use std::process::Child;
 
 use iceoryx2::prelude::ipc;
 use skysink::worker::quiet_iceoryx2;
-use skysink_common::message::{FLAG_END, FLAG_TICK, FlightReport, Plan, QueuesHeader, SensorNode, SlotHeader};
+use skysink_common::message::{FLAG_END, FlightReport, Plan, QueuesHeader, SensorNode, SlotHeader};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
 use skysink_planner::Planner;
@@ -14,7 +14,7 @@ use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
 use skysink_ring::reader::Reader;
 use skysink_ring::role::Role;
-use skysink_ring::topics::{Full, RING_BUFFER, Ring};
+use skysink_ring::topics::{RING_BUFFER, Ring};
 use skysink_ring::wait::WaitContext;
 use skysink_ring::writer::Writer;
 
@@ -29,7 +29,7 @@ pub struct Rogue {
     pub ring: Ring<ipc::Service>,
     pub sensors: Vec<SensorNode>,
     planner: Planner,
-    patience: WaitContext,
+    wait: WaitContext,
     plans: Writer<ipc::Service, Plan, SlotHeader>,
     queues: Reader<ipc::Service, [u32], QueuesHeader>,
     flights: Reader<ipc::Service, FlightReport, SlotHeader>,
@@ -52,8 +52,8 @@ pub fn begin(place: &Place, scenario: &str, arguments: &[&str]) -> (Child, Strin
     (child.unwrap(), ring)
 }
 
-/// The services of a ring: seven topics, and the wake-ups of each.
-const SERVICES: usize = 14;
+/// The services of a ring: nine topics, and the wake-ups of each.
+const SERVICES: usize = 18;
 
 /// How long the processes of a run wait that is to end well [s].
 pub const LONG_S: &str = "60";
@@ -83,17 +83,15 @@ pub fn open_folder(place: &Place, ring: &str) -> (Scenario, RingFolder) {
 impl Rogue {
     pub fn join(place: &Place, ring: &str) -> Self {
         let (scenario, folder) = open_folder(place, ring);
-        let seat = folder.take_seat(Role::Planner).unwrap();
-        let ring = until("topics", || Ring::<ipc::Service>::open(&folder, &scenario, Role::Planner, &seat).ok());
         let stop = Stop::default();
-        let mut patience = ring.wait_context(&folder, Some(seat), &stop).unwrap();
-        let plans = ring.plan.writer(Full::of(ring.terms.pace), &stop, ring.timeout()).unwrap();
+        let open = || Ring::<ipc::Service>::open(&folder, &scenario, Role::Planner, &stop).ok();
+        let (ring, mut wait) = until("topics", open);
+        let plans = ring.plan.writer().unwrap();
         let mut nodes = ring.sensors.reader(RING_BUFFER).unwrap();
         let (queues, flights) = (ring.queues.reader(RING_BUFFER).unwrap(), ring.flight.reader(RING_BUFFER).unwrap());
-        let idle = || Ok::<_, NodeError>(plans.serve_joiners()?);
-        let sensors = nodes.wait_for(&mut patience, 0, |_| true, idle).unwrap().payload().to_vec();
+        let sensors = nodes.wait_for_next(&mut wait, 0).unwrap().payload().to_vec();
         let planner = Planner::new(&scenario, &sensors).unwrap();
-        Self { scenario, folder, ring, sensors, planner, patience, plans, queues, flights, next: 0 }
+        Self { scenario, folder, ring, sensors, planner, wait, plans, queues, flights, next: 0 }
     }
 
     /// Waits for the next slot that needs a plan; none after the last.
@@ -103,20 +101,18 @@ impl Rogue {
 
     /// The same; fails if the run ends too early.
     pub fn try_next(&mut self) -> Result<Option<Turn>, NodeError> {
-        let Self { plans, patience, queues, .. } = self;
-        let idle = || Ok::<_, NodeError>(plans.serve_joiners()?);
         loop {
-            // A field-sim that was started again repeats itself.
-            let next = self.next;
-            let is_state = |header: &QueuesHeader| header.head.flags & FLAG_TICK == 0 && header.head.slot >= next;
-            let state = queues.wait_for(patience, next, is_state, idle)?;
+            let state = self.queues.wait_for_next(&mut self.wait, self.next)?;
             let SlotHeader { slot, flags, .. } = state.user_header().head;
             if flags & FLAG_END != 0 {
                 return Ok(None);
             }
+            if slot < self.next {
+                continue; // a field-sim that was started again repeats itself
+            }
             self.next = slot + 1;
             // A paced run may have left this planner behind.
-            let Some(flight) = self.flights.wait_or_pass(patience, slot, idle)? else { continue };
+            let Some(flight) = self.flights.wait_for_slot(&mut self.wait, slot)? else { continue };
             let flight = *flight.payload();
             let good = self.planner.step(slot + 1, flight.position(), state.payload());
             return Ok(Some(Turn { slot: slot + 1, good, flight }));

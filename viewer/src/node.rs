@@ -1,25 +1,24 @@
 //! viewer as a process of the ring: reads every topic, writes none, and shows each slot in the scene.
 
 use std::collections::VecDeque;
-use std::fmt::Debug;
 use std::time::{Duration, Instant};
 
-use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::prelude::{IceoryxSend, Service};
+use iceoryx2::prelude::Service;
 use iceoryx2::sample::Sample;
-use skysink_common::message::{FLAG_END, FLAG_TICK, FlightReport, HoldReason, Plan, QueuesHeader, SlotHeader};
+use skysink_common::message::{FLAG_END, FlightReport, HoldReason, Plan, QueuesHeader, SlotHeader};
 use skysink_common::pace::Pace;
 use skysink_common::path::{PathPoint, believable};
 use skysink_common::scenario::{Area, Scenario};
 use skysink_common::stop::Stop;
 use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
-use skysink_ring::health::Health;
+use skysink_ring::health::{Health, Ready};
 use skysink_ring::journal::Journal;
-use skysink_ring::reader::{Found, Reader, Receive};
+use skysink_ring::reader::{Found, Reader};
 use skysink_ring::refusals::Refusal;
 use skysink_ring::role::Role;
-use skysink_ring::topics::{PATH_BUFFER, RING_BUFFER, Ring, VIEWER_BUFFER, VIEWER_READY};
+use skysink_ring::sample::Payload;
+use skysink_ring::topics::{PATH_BUFFER, RING_BUFFER, Ring, VIEWER_BUFFER};
 use skysink_ring::wait::WaitContext;
 
 use crate::{Level, Scene, SceneError, Sinks, SlotView, Timing};
@@ -63,35 +62,29 @@ pub fn run<S: Service + 'static>(
     stop: &Stop,
     sinks: &Sinks,
 ) -> Result<u64, ViewerError> {
-    let seat = folder.take_seat(Role::Viewer)?;
-    let ring = Ring::<S>::open(folder, scenario, Role::Viewer, &seat)?;
-    let mut context = ring.wait_context(folder, Some(seat), stop)?;
+    let (ring, mut wait) = Ring::<S>::open(folder, scenario, Role::Viewer, stop)?;
     let journal = Journal::open(&folder.journal("viewer"), 2, 0).map_err(RingError::from)?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
-    let nodes = sensors.wait_for(&mut context, 0, |_| true, idle)?;
+    let nodes = sensors.wait_for_next(&mut wait, 0)?;
     let mut scene =
         Scene::open(sinks, scenario, nodes.payload(), &run_name(scenario, ring.terms.mission), Timing::Measured)?;
-    let followed = follow(&ring, &scenario.area, &mut context, &journal, &mut scene);
+    let followed = follow(&ring, &scenario.area, &mut wait, &journal, &mut scene);
     let closed = scene.close();
     let missed = followed?;
     closed?;
     Ok(missed)
 }
 
-/// No other process depends on this one while it waits.
-fn idle() -> Result<(), ViewerError> {
-    Ok(())
-}
-
 /// Shows every slot that arrives, and saves to the journal which was the last; returns how many were missed.
 fn follow<S: Service + 'static>(
     ring: &Ring<S>,
     area: &Area,
-    context: &mut WaitContext,
+    wait: &mut WaitContext,
     journal: &Journal,
     scene: &mut Scene,
 ) -> Result<u64, ViewerError> {
     let mut readers = Readers::open(ring)?;
+    let ready = ring.ready.writer()?;
     let last = journal.read().map_err(RingError::from)?.last().map(|record| record.slot);
     // After a resume the ring begins with the last slot on record; the slots before are in earlier files, if in any.
     let mut next = last.map(|slot| slot + 1);
@@ -99,15 +92,16 @@ fn follow<S: Service + 'static>(
     let mut is_ready = false;
     let mut speed = Speed::default();
     loop {
-        let queues = readers.queues(context, next.unwrap_or(0))?;
+        let queues = readers.queues.wait_for_next(wait, next.unwrap_or(0))?;
         let header = queues.user_header();
         let slot = header.head.slot;
         let is_end = header.head.flags & FLAG_END != 0;
         let expected = *next.get_or_insert(slot);
         readers.log_health(scene)?;
-        let wait = readers.wait(slot, is_end && !is_ready);
-        let flight = read(&mut readers.flights, context, slot, wait)?;
-        let plan = if slot > 0 { read(&mut readers.plans, context, slot, wait)? } else { None };
+        let flight_limit = readers.limit(slot, true); // flight-sim repeats more than one slot
+        let plan_limit = readers.limit(slot, is_ready);
+        let flight = read(&mut readers.flights, wait, slot, flight_limit)?;
+        let plan = if slot > 0 { read(&mut readers.plans, wait, slot, plan_limit)? } else { None };
 
         let missed_until = match flight {
             Some(_) => slot,
@@ -121,7 +115,7 @@ fn follow<S: Service + 'static>(
         if let Some(flight) = flight.filter(|_| slot >= expected) {
             let in_time = HoldReason::of_code(flight.payload().hold) != HoldReason::NoPlan;
             let plan = plan.as_ref().map(|plan| plan.payload()).filter(|_| in_time);
-            let path = readers.path(context, slot, area)?.filter(|_| plan.is_some());
+            let path = readers.path(wait, slot, area)?.filter(|_| plan.is_some());
             scene.log_slot(&SlotView {
                 slot,
                 queues_bits: queues.payload(),
@@ -137,15 +131,14 @@ fn follow<S: Service + 'static>(
         }
 
         if !is_ready {
-            // Connected to every writer: from here on no slot can be lost on the way.
-            if !is_end && wait == Wait::UntilPassed {
-                readers.plans.wait_until_there(context, slot + 1, idle)?;
-            }
+            // Its readers are attached everywhere: writers that live deliver every slot from here on.
             is_ready = true;
-            ring.commit.say(VIEWER_READY)?;
+            let process = Role::Viewer.code();
+            ready.send(ring.header(slot, 0), Ready { process, restarts: ring.restarts })?;
         }
         if is_end {
             readers.log_health(scene)?;
+            ring.wait_for_record(wait, slot)?; // until then the recorder may need to know that this viewer is ready
             return Ok(missed);
         }
     }
@@ -165,7 +158,7 @@ struct Readers<S: Service + 'static> {
 
 /// How long to wait for a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Wait {
+enum Limit {
     /// Until it is there, or a later one is.
     UntilPassed,
     /// No longer than this.
@@ -195,33 +188,27 @@ impl<S: Service + 'static> Readers<S> {
         })
     }
 
-    /// The next queues that arrive; `slot` is expected.
-    fn queues(&mut self, context: &mut WaitContext, slot: u64) -> Result<Sample<S, [u32], QueuesHeader>, ViewerError> {
-        let is_state = |header: &QueuesHeader| header.head.flags & FLAG_TICK == 0;
-        self.queues.wait_for(context, slot, is_state, idle)
-    }
-
-    /// How long to wait for the other samples of a slot. Of one that `was_over` before this process was there some may be
-    /// gone; in paced runs also of others.
-    fn wait(&self, slot: u64, was_over: bool) -> Wait {
+    /// How long to wait for the other samples of a slot. Before this process `is_ready` some may be gone; in paced runs also
+    /// later.
+    fn limit(&self, slot: u64, is_ready: bool) -> Limit {
         match self.pace {
-            Pace::Factor(_) if slot > 0 => Wait::AtMost(Duration::ZERO), // the clock starts when everybody is there
-            _ if was_over => Wait::AtMost(LEFT_OVERS),
-            _ => Wait::UntilPassed,
+            Pace::Factor(_) if slot > 0 => Limit::AtMost(Duration::ZERO), // the clock starts when everybody is there
+            _ if is_ready => Limit::UntilPassed,
+            _ => Limit::AtMost(LEFT_OVERS),
         }
     }
 
     /// The path of a slot whose plan is there; none if there is none, or one that cannot be, which is refused.
     fn path(
         &mut self,
-        context: &mut WaitContext,
+        wait: &mut WaitContext,
         slot: u64,
         area: &Area,
     ) -> Result<Option<Sample<S, [PathPoint], SlotHeader>>, ViewerError> {
         let may_be_late = slot > 0 && self.paths_read < PATHS_BEFORE && self.pace == Pace::Max;
         self.paths_read = self.paths_read.saturating_add(1);
         let limit = if may_be_late && self.paths.has_writer() { LEFT_OVERS } else { Duration::ZERO };
-        let path = read(&mut self.paths, context, slot, Wait::AtMost(limit))?;
+        let path = read(&mut self.paths, wait, slot, Limit::AtMost(limit))?;
         let is_good = path.as_ref().is_none_or(|path| believable(path.payload(), area));
         if !is_good {
             self.paths.refuse(slot, Refusal::Path);
@@ -231,7 +218,7 @@ impl<S: Service + 'static> Readers<S> {
 
     /// Adds what has become of the processes to the event log.
     fn log_health(&mut self, scene: &Scene) -> Result<(), ViewerError> {
-        while let Some(sample) = self.health.receive()? {
+        while let Some(sample) = self.health.next()? {
             if let Some((role, fate)) = sample.payload().read() {
                 let level = if fate.good() { Level::Info } else { Level::Warn };
                 scene.log_event(sample.user_header().slot, level, &format!("{} {fate}", role.name()))?;
@@ -243,21 +230,18 @@ impl<S: Service + 'static> Readers<S> {
 
 /// The sample of a slot; none if it was missed. A writer that waits for this reader's buffer may reach it later than the
 /// queues do.
-fn read<S: Service + 'static, P: IceoryxSend + Debug + ?Sized + 'static>(
+fn read<S: Service + 'static, P: Payload + ?Sized>(
     reader: &mut Reader<S, P, SlotHeader>,
-    context: &mut WaitContext,
+    wait: &mut WaitContext,
     slot: u64,
-    wait: Wait,
-) -> Result<Option<Sample<S, P, SlotHeader>>, ViewerError>
-where
-    Subscriber<S, P, SlotHeader>: Receive<S, P, SlotHeader>,
-{
-    let Wait::AtMost(limit) = wait else { return reader.wait_or_pass(context, slot, idle) };
+    limit: Limit,
+) -> Result<Option<Sample<S, P, SlotHeader>>, NodeError> {
+    let Limit::AtMost(limit) = limit else { return reader.wait_for_slot(wait, slot) };
     let deadline = Instant::now() + limit;
     loop {
-        match reader.look_for(slot)? {
+        match reader.of_slot(slot)? {
             Found::Here(sample) => return Ok(Some(sample)),
-            Found::NotYet if Instant::now() < deadline => context.sleep_until(Instant::now() + POLL, idle)?,
+            Found::NotYet if Instant::now() < deadline => wait.sleep_until(Instant::now() + POLL)?,
             Found::NotYet | Found::Passed => return Ok(None),
         }
     }
