@@ -12,7 +12,7 @@
 //! | [`cleanup`] | what killed processes leave behind |
 //! | [`journal`] | what a process saves across its own death |
 //! | [`sample`], [`admission`], [`reader`], [`writer`] | the two ends of a topic |
-//! | [`topics`] | the table of topics |
+//! | [`topic`], [`topics`] | a topic; the table of topics |
 
 pub mod admission;
 pub mod cleanup;
@@ -24,6 +24,7 @@ pub mod reader;
 pub mod refusals;
 pub mod role;
 pub mod sample;
+pub mod topic;
 pub mod topics;
 pub mod wait;
 pub mod writer;
