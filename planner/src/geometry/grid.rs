@@ -136,7 +136,7 @@ impl Grid {
         loop {
             let mut found: Vec<(f64, u32)> = Vec::new();
             self.visit(centre, radius_m, |node, d2_m2| found.push((d2_m2, node.id)));
-            if found.len() >= count || radius_m > farthest_m || farthest_m.is_nan() {
+            if found.len() >= count || radius_m >= farthest_m || farthest_m.is_nan() {
                 found.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
                 found.truncate(count);
                 return found.into_iter().map(|(_, id)| id).collect();
@@ -206,6 +206,14 @@ mod tests {
         let grid = Grid::new(&[Position::new(1.0, 2.0)], 10.0);
         assert_eq!(found(&grid, &Position::new(f64::NAN, 2.0), 10.0), []);
         assert_eq!(found(&grid, &Position::new(1.0, 2.0), f64::NAN), []);
+    }
+
+    #[test]
+    fn nearest_ends_wherever_the_centre_is() {
+        let grid = Grid::new(&[Position::origin(), Position::new(f64::NAN, 0.0)], 10.0);
+        for x_m in [f64::NAN, f64::INFINITY, f64::MAX] {
+            assert!(grid.nearest(&Position::new(x_m, 0.0), 2).len() < 2, "{x_m}");
+        }
     }
 
     #[test]
