@@ -9,7 +9,8 @@ mod research;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, Parser, Subcommand};
 use skysink_common::scenario::Overrides;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
@@ -96,8 +97,8 @@ Examples:
 #[derive(Debug, Args)]
 struct Choice {
     /// Strategy, instead of the scenario's.
-    #[arg(long)]
-    strategy: Option<StrategyName>,
+    #[arg(long, value_parser = strategy_parser())]
+    strategy: Option<Strategy>,
     #[command(flatten)]
     flight: Flown,
 }
@@ -118,35 +119,16 @@ struct Flown {
 
 impl Choice {
     fn overrides(&self) -> Overrides {
-        Overrides { seed: self.flight.seed, strategy: self.strategy.map(|name| name.0.name()), slots: None }
+        Overrides { seed: self.flight.seed, strategy: self.strategy.map(Strategy::name), slots: None }
     }
 }
 
 /// A strategy by its name in scenario files.
-#[derive(Debug, Clone, Copy)]
-struct StrategyName(Strategy);
-
-impl ValueEnum for StrategyName {
-    fn value_variants<'a>() -> &'a [Self] {
-        const {
-            &[
-                Self(Strategy::Rfs),
-                Self(Strategy::Gfs),
-                Self(Strategy::Uts),
-                Self(Strategy::UtsWide),
-                Self(Strategy::Exact),
-                Self(Strategy::Tour),
-                Self(Strategy::RoundRobin),
-                Self(Strategy::MaxAgeFirst),
-                Self(Strategy::Horizon),
-                Self(Strategy::Offline),
-            ]
-        }
-    }
-
-    fn to_possible_value(&self) -> Option<clap::builder::PossibleValue> {
-        Some(clap::builder::PossibleValue::new(self.0.name()))
-    }
+fn strategy_parser() -> impl TypedValueParser<Value = Strategy> {
+    PossibleValuesParser::new(Strategy::ALL.map(Strategy::name)).map(|name| {
+        let is_named = |strategy: &Strategy| strategy.name() == name;
+        Strategy::ALL.into_iter().find(is_named).expect("one of the possible values")
+    })
 }
 
 /// Runs the command line of this process.

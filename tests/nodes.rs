@@ -168,7 +168,7 @@ fn a_planner_that_looks_ahead_publishes_its_path_before_its_plan_and_the_others_
                 assert_eq!((first.x_m, first.y_m, first.z_m), (good.x_m, good.y_m, good.z_m), "{strategy:?}");
             }
             let paths = seen.iter().filter(|(_, path)| path.is_some()).count();
-            let expected = if strategy.has_path() { 41..=60 } else { 0..=0 };
+            let expected = if strategy.registered().has_path { 41..=60 } else { 0..=0 };
             assert!(expected.contains(&paths), "{strategy:?}: {paths} paths");
         }
     }

@@ -99,7 +99,7 @@ fn plans(criterion: &mut Criterion) {
     for count in [200, 10_000, 1_000_000] {
         let mut group = criterion.benchmark_group(format!("plan a slot, N = {count}"));
         group.warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(2)).sample_size(20);
-        for strategy in Strategy::MEMORYLESS {
+        for strategy in Strategy::stateless() {
             let scenario = letter(count, strategy);
             let list = SensorList::of(&scenario).expect("drawn");
             let nodes = list.nodes();

@@ -19,7 +19,7 @@ use skysink_ring::topics::{RING_BUFFER, Ring};
 use crate::estimate::BYTES_EACH;
 use crate::planner::Planner;
 use crate::settings::Settings;
-use crate::strategies::{self, Timing};
+use crate::strategies::Timing;
 
 /// Slots in the journal: the three that a planner may be asked for again, and room for one that is cut.
 const SLOTS: u64 = 4;
@@ -53,7 +53,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let settings = Settings::of(scenario)?;
     let (ring, mut wait) = Ring::<S>::open(folder, scenario, Role::Planner, stop)?;
     // Before the plans, so that whoever has a plan finds the writer of its path.
-    let has_path = strategies::find(settings.strategy.name()).is_some_and(|strategy| strategy.has_path);
+    let has_path = settings.strategy.registered().has_path;
     let paths = has_path.then(|| ring.path.list_writer(MAX_POINTS)).transpose()?;
     let plans = ring.plan.writer()?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;

@@ -14,7 +14,7 @@ use crate::sensor_table::SensorTable;
 use crate::settings::{Knowledge, Settings};
 use crate::strategies::serving::Serving;
 use crate::strategies::transit::transit_waypoint;
-use crate::strategies::{self, Decision, Setup, Strategy, Timing, View};
+use crate::strategies::{Decision, Setup, Strategy, Timing, View};
 
 /// The planner of a mission.
 ///
@@ -59,8 +59,7 @@ impl Planner {
     /// As [`Planner::new`].
     pub fn over(scenario: &Scenario, sensors: &[SensorNode], table: SensorTable) -> Result<Self, ScenarioError> {
         let settings = Settings::of(scenario)?;
-        let strategy = strategies::find(settings.strategy.name()).expect("a strategy of the settings is registered");
-        Ok(Self::build(scenario, settings, sensors, table, strategy.make))
+        Ok(Self::build(scenario, settings, sensors, table, settings.strategy.registered().make))
     }
 
     /// The planner that decides by `strategy`, whatever the scenario names.

@@ -8,6 +8,8 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use skysink_common::scenario::{Count, Overrides, Scenario, ScenarioError};
 
+pub use crate::strategies::StrategyName as Strategy;
+
 /// Keys that have moved, and where to.
 const MOVED: [(&str, &str); 3] = [
     ("horizon_iterations", "planner.horizon.iterations"),
@@ -122,7 +124,7 @@ impl Settings {
     /// Whether the plan of a slot depends on the slots before it.
     #[must_use]
     pub fn remembers(&self) -> bool {
-        self.knowledge != Knowledge::Oracle || !Strategy::MEMORYLESS.contains(&self.strategy)
+        self.knowledge != Knowledge::Oracle || !self.strategy.registered().is_stateless
     }
 }
 
@@ -166,74 +168,6 @@ pub fn change(scenario: Scenario, change: impl FnOnce(&mut Settings)) -> Result<
     let scenario = scenario.with_planner_keys(&settings)?;
     Settings::of(&scenario)?;
     Ok(scenario)
-}
-
-/// A scheduling and trajectory strategy.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Strategy {
-    /// Random flight, the fullest queues in range.
-    Rfs,
-    /// Greedy flight to the fullest queue in reach, then the fullest queues in range.
-    Gfs,
-    /// The letter's Algorithm 1 and sP2*.
-    Uts,
-    /// Algorithm 1 with anchors as far as the UAV can serve them, and sP2*.
-    UtsWide,
-    /// sP1 solved exactly, and sP2*.
-    Exact,
-    /// A short tour over all sensor nodes, flown round and round.
-    Tour,
-    /// To one sensor node after the other in the order of their ids.
-    RoundRobin,
-    /// To the sensor node that has waited longest for its last service.
-    MaxAgeFirst,
-    /// The plan of least predicted loss over many slots.
-    Horizon,
-    /// The same for the whole mission, made before take-off and flown as it is.
-    Offline,
-}
-
-impl Strategy {
-    /// All strategies, in the order in which they are listed to people.
-    pub const ALL: [Self; 10] = [
-        Self::Rfs,
-        Self::Gfs,
-        Self::Uts,
-        Self::UtsWide,
-        Self::Exact,
-        Self::Tour,
-        Self::RoundRobin,
-        Self::MaxAgeFirst,
-        Self::Horizon,
-        Self::Offline,
-    ];
-
-    /// Those that plan one slot and remember none: a slot's plan does not depend on the plans before it.
-    pub const MEMORYLESS: [Self; 5] = [Self::Rfs, Self::Gfs, Self::Uts, Self::UtsWide, Self::Exact];
-
-    /// Whether its planner knows where it flies after the slot.
-    #[must_use]
-    pub fn has_path(self) -> bool {
-        matches!(self, Self::Horizon | Self::Offline)
-    }
-
-    /// The name in scenario files, folders and tables.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Rfs => "rfs",
-            Self::Gfs => "gfs",
-            Self::Uts => "uts",
-            Self::UtsWide => "uts-wide",
-            Self::Exact => "exact",
-            Self::Tour => "tour",
-            Self::RoundRobin => "round-robin",
-            Self::MaxAgeFirst => "max-age-first",
-            Self::Horizon => "horizon",
-            Self::Offline => "offline",
-        }
-    }
 }
 
 /// What solves the waypoint problem sP2*.

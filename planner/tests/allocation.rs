@@ -63,7 +63,7 @@ fn spatial(strategy: Strategy) -> Scenario {
 
 #[test]
 fn no_slot_asks_for_memory() {
-    for strategy in Strategy::MEMORYLESS {
+    for strategy in Strategy::stateless() {
         for scenario in [letter(strategy), spatial(strategy)] {
             let queues_bits = SensorList::of(&scenario).unwrap().queues_bits();
             fly(&scenario, queues_bits, 100);
@@ -74,7 +74,7 @@ fn no_slot_asks_for_memory() {
 /// Ties, which have lists of ids compared.
 #[test]
 fn no_slot_of_equal_queues_asks_for_memory() {
-    for strategy in Strategy::MEMORYLESS {
+    for strategy in Strategy::stateless() {
         fly(&letter(strategy), vec![0; 200], 0);
         fly(&letter(strategy), vec![30_000; 200], 30_000);
     }
@@ -83,7 +83,7 @@ fn no_slot_of_equal_queues_asks_for_memory() {
 /// A hundred times the letter's field at its density.
 #[test]
 fn no_slot_over_a_large_field_asks_for_memory() {
-    for strategy in Strategy::MEMORYLESS {
+    for strategy in Strategy::stateless() {
         let text = "name = 'a'\n[area]\nside_m = 1e3\n[sensors]\ncount = 20000\n";
         let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
         let scenario = Scenario::parse(text, std::path::Path::new("a.toml"), overrides).unwrap();

@@ -70,9 +70,9 @@ fn scenario_of(strategy: Strategy, solver: WaypointSolver, reach_m: f64, blocks:
     change(scenario, |settings| settings.waypoint_solver = solver).unwrap()
 }
 
-fn cases(strategies: &'static [Strategy]) -> impl Generator<Value = Case> {
+fn cases(strategies: &[Strategy]) -> impl Generator<Value = Case> {
     let scenario = (
-        prop::sample::select(strategies),
+        prop::sample::select(strategies.to_vec()),
         prop_oneof![Just(WaypointSolver::Geometric), Just(WaypointSolver::Clarabel)],
         prop_oneof![Just(30.0), Just(20.0), Just(10.0), 1.0..60.0],
         prop_oneof![1u64..=6, Just(64)],
@@ -205,7 +205,7 @@ proptest! {
     }
 
     #[test]
-    fn a_plan_does_not_depend_on_the_slots_planned_before(case in cases(&Strategy::MEMORYLESS)) {
+    fn a_plan_does_not_depend_on_the_slots_planned_before(case in cases(&Strategy::stateless())) {
         let mut planner = Planner::new(&case.scenario, &case.sensors).unwrap();
         for (index, slot) in case.slots.iter().enumerate() {
             let plan = planner.step(index as u64 + 1, above(&slot.position, 20.0), &slot.queues_bits);

@@ -98,7 +98,7 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<PlannerSpeeds, Error> {
         let scenario = letter(sensors, Strategy::Uts);
         let list = SensorList::of(&scenario)?;
         let (nodes, initial_bits) = (list.nodes(), list.queues_bits());
-        for strategy in Strategy::MEMORYLESS {
+        for strategy in Strategy::stateless() {
             stop.check()?;
             plans.push(row(&letter(sensors, strategy), &nodes, &initial_bits, effort)?);
         }

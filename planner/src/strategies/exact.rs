@@ -33,6 +33,7 @@ use crate::waypoint::problem::Waypoint;
 pub const STRATEGY: Registered = Registered {
     name: "exact",
     about: "the best set of all that one point in reach can serve, then the best waypoint",
+    is_stateless: true,
     has_path: false,
     make: |setup| Box::new(Exact::new(setup)),
 };

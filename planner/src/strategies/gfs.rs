@@ -12,6 +12,7 @@ use crate::sensor_table::SensorTable;
 pub const STRATEGY: Registered = Registered {
     name: "gfs",
     about: "greedy flight to the fullest queue in reach, then the fullest queues in range",
+    is_stateless: true,
     has_path: false,
     make: |setup| Box::new(Gfs(Serving::new(setup))),
 };

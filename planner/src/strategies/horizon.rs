@@ -18,6 +18,7 @@ use crate::horizon::{Horizon, Next, PATH};
 pub const STRATEGY: Registered = Registered {
     name: "horizon",
     about: "the plan of least predicted loss over many slots, improved in every slot",
+    is_stateless: false,
     has_path: true,
     make: |setup| Box::new(Rolling::new(setup)),
 };

@@ -11,6 +11,7 @@ use super::{Decision, Registered, Setup, Strategy, View};
 pub const STRATEGY: Registered = Registered {
     name: "max-age-first",
     about: "to the sensor node that has waited longest for its last service",
+    is_stateless: false,
     has_path: false,
     make: |setup| Box::new(MaxAgeFirst::new(setup)),
 };

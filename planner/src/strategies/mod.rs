@@ -4,6 +4,7 @@
 //! a decision becomes a message, and transit where it has none, is left to [`crate::planner`].
 
 pub mod algorithm_1;
+pub mod edf;
 pub mod exact;
 pub mod gfs;
 pub mod horizon;
@@ -22,6 +23,7 @@ pub mod uts_wide;
 use std::ops::Deref;
 
 use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, MAX_SERVED, SensorNode, SolverOutcome};
@@ -32,19 +34,59 @@ use crate::sensor_table::SensorTable;
 use crate::settings::Settings;
 use algorithm_1::Winner;
 
-/// Every strategy, in the order in which they are listed to people.
-pub static STRATEGIES: [Registered; 10] = [
-    rfs::STRATEGY,
-    gfs::STRATEGY,
-    uts::STRATEGY,
-    uts_wide::STRATEGY,
-    exact::STRATEGY,
-    tour::STRATEGY,
-    round_robin::STRATEGY,
-    max_age_first::STRATEGY,
-    horizon::STRATEGY,
-    offline::STRATEGY,
-];
+/// Makes the registry of lines `Name = file`, in the order in which strategies are listed to people.
+macro_rules! registry {
+    ($($name:ident = $file:ident),* $(,)?) => {
+        /// Every strategy.
+        pub static STRATEGIES: [Registered; StrategyName::ALL.len()] = [$($file::STRATEGY),*];
+
+        /// A registered strategy by its name.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+        #[serde(rename_all = "kebab-case")]
+        pub enum StrategyName {
+            $(#[doc = concat!("See [`", stringify!($file), "`].")] $name),*
+        }
+
+        impl StrategyName {
+            /// All of them.
+            pub const ALL: [Self; [$(stringify!($name)),*].len()] = [$(Self::$name),*];
+        }
+    };
+}
+
+registry! {
+    Rfs = rfs,
+    Gfs = gfs,
+    Uts = uts,
+    UtsWide = uts_wide,
+    Exact = exact,
+    Tour = tour,
+    RoundRobin = round_robin,
+    MaxAgeFirst = max_age_first,
+    Edf = edf,
+    Horizon = horizon,
+    Offline = offline,
+}
+
+impl StrategyName {
+    /// What the registry knows of it.
+    #[must_use]
+    pub fn registered(self) -> &'static Registered {
+        &STRATEGIES[self as usize]
+    }
+
+    /// The name in scenario files, folders and tables.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        self.registered().name
+    }
+
+    /// Those that plan one slot and have no state: a slot's plan does not depend on the plans before it.
+    #[must_use]
+    pub fn stateless() -> Vec<Self> {
+        Self::ALL.into_iter().filter(|strategy| strategy.registered().is_stateless).collect()
+    }
+}
 
 /// A planning strategy: decides one slot from what is known at the end of the one before.
 ///
@@ -157,16 +199,12 @@ pub struct Registered {
     pub name: &'static str,
     /// What it does, in a line.
     pub about: &'static str,
+    /// Whether it has no state that outlives a slot.
+    pub is_stateless: bool,
     /// Whether it knows where it flies after a slot ([`Strategy::path`]).
     pub has_path: bool,
     /// Makes it, before slot 1.
     pub make: fn(&Setup<'_>) -> Box<dyn Strategy>,
-}
-
-/// The strategy of that name.
-#[must_use]
-pub fn find(name: &str) -> Option<&'static Registered> {
-    STRATEGIES.iter().find(|strategy| strategy.name == name)
 }
 
 #[cfg(test)]
@@ -182,7 +220,7 @@ pub(crate) mod tests {
         let table = SensorTable::new(&scenario, &sensors);
         let settings = &Settings::of(&scenario).unwrap();
         let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table: &table, estimate: None };
-        let strategy = (find(name).unwrap().make)(&setup);
+        let strategy = (STRATEGIES.iter().find(|strategy| strategy.name == name).unwrap().make)(&setup);
         (table, strategy)
     }
 
@@ -193,10 +231,14 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn every_strategy_is_found_by_its_name_alone() {
-        for strategy in &STRATEGIES {
-            assert!(std::ptr::eq(find(strategy.name).unwrap(), strategy), "{} is there twice", strategy.name);
+    fn every_strategy_has_one_name_and_says_whether_it_has_a_state() {
+        for name in StrategyName::ALL {
+            let Registered { is_stateless, .. } = *name.registered();
+            let overrides = Overrides { strategy: Some(name.name()), ..Overrides::default() };
+            assert_eq!(Settings::of(&Scenario::letter(overrides).unwrap()).unwrap().strategy, name);
+            let mut bytes = Vec::new();
+            made(name.name(), &[[50.0, 50.0]]).1.save(&mut bytes);
+            assert_eq!(bytes.is_empty(), is_stateless, "{name:?}");
         }
-        assert!(find("nobody").is_none());
     }
 }

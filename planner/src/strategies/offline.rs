@@ -17,6 +17,7 @@ use crate::settings::Settings;
 pub const STRATEGY: Registered = Registered {
     name: "offline",
     about: "the same for the whole mission, made before take-off and flown as it is",
+    is_stateless: false,
     has_path: true,
     make: |setup| Box::new(Offline::new(setup)),
 };

@@ -13,6 +13,7 @@ use crate::sensor_table::SensorTable;
 pub const STRATEGY: Registered = Registered {
     name: "rfs",
     about: "random flight, the fullest queues in range",
+    is_stateless: true,
     has_path: false,
     make: |setup| Box::new(Rfs { streams: Streams::new(setup.scenario.seed), serving: Serving::new(setup) }),
 };

@@ -11,6 +11,7 @@ use super::{Decision, Registered, Setup, Strategy, View};
 pub const STRATEGY: Registered = Registered {
     name: "round-robin",
     about: "to one sensor node after the other in the order of their ids",
+    is_stateless: false,
     has_path: false,
     make: |setup| Box::new(RoundRobin::new(setup)),
 };

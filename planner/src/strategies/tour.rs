@@ -14,6 +14,7 @@ use crate::sensor_table::SensorTable;
 pub const STRATEGY: Registered = Registered {
     name: "tour",
     about: "a short tour over all sensor nodes, flown round and round",
+    is_stateless: false,
     has_path: false,
     make: |setup| Box::new(Tour::new(setup)),
 };

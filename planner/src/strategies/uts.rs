@@ -10,6 +10,7 @@ use super::{Decision, Registered, Setup, Strategy, View};
 pub const STRATEGY: Registered = Registered {
     name: "uts",
     about: "the UTS letter: Algorithm 1, then the best waypoint for its set",
+    is_stateless: true,
     has_path: false,
     make: |setup| Box::new(Uts::new(Reach::Letter, setup)),
 };

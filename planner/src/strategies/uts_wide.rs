@@ -8,6 +8,7 @@ use super::uts::Uts;
 pub const STRATEGY: Registered = Registered {
     name: "uts-wide",
     about: "Algorithm 1 with anchors as far as the UAV can serve them, then the best waypoint",
+    is_stateless: true,
     has_path: false,
     make: |setup| Box::new(Uts::new(Reach::Wide, setup)),
 };

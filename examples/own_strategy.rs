@@ -1,0 +1,40 @@
+//! A strategy of one's own, flown over the letter's field: to the nearest queue of at least 5 000 bit, which is served alone.
+
+use skysink_common::checkpoint::Checkpoint;
+use skysink_common::geometry::{above, distance_squared, within};
+use skysink_common::message::SolverOutcome;
+use skysink_common::scenario::Overrides;
+use skysink_common::sensors::SensorList;
+use skysink_mission::Mission;
+use skysink_planner::settings;
+use skysink_planner::strategies::transit::toward;
+use skysink_planner::strategies::{Decision, Strategy, View};
+use skysink_planner::waypoint::problem::Waypoint;
+
+struct Nearest;
+
+impl Checkpoint for Nearest {} // it has no state
+
+impl Strategy for Nearest {
+    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+        let (table, uav) = (view.table, view.ground());
+        let away_m2 = |id: u32| distance_squared(table.position(id), &uav);
+        let waiting = table.ids().filter(|&id| view.queues_bits[id as usize] >= 5_000);
+        let nearest = waiting.min_by(|&a, &b| away_m2(a).total_cmp(&away_m2(b)))?;
+        let ground = toward(table, &uav, table.position(nearest));
+        let is_in_range = within(table.position(nearest), &ground, table.comm_radius_m);
+        let waypoint = Waypoint { point: above(&ground, view.position.z), outcome: SolverOutcome::Rule };
+        let served = if is_in_range { vec![nearest] } else { vec![] };
+        Some(Decision::serve(view, &waypoint, &served))
+    }
+}
+
+/// Flies the mission and says what it lost.
+pub fn main() {
+    let scenario = settings::letter(Overrides::default()).expect("built in");
+    let list = SensorList::of(&scenario).expect("drawn");
+    let mission = Mission::with_strategy(&scenario, &list, Box::new(Nearest)).expect("a checked scenario");
+    let totals = mission.last().expect("at least one slot").header.totals;
+    println!("lost {} of {} bit", totals.lost_bits, totals.sampled_bits);
+    assert!(totals.balanced() && totals.delivered_bits > 0);
+}

@@ -1,0 +1,119 @@
+//! `edf`, earliest deadline first: to the sensor node (SN) that overflows soonest, then the fullest queues in range.
+
+use skysink_common::checkpoint::Checkpoint;
+use skysink_common::geometry::distance_squared;
+
+use super::serving::Serving;
+use super::transit::toward;
+use super::{Decision, Registered, Setup, Strategy, View};
+
+/// The strategy in the registry.
+pub const STRATEGY: Registered = Registered {
+    name: "edf",
+    about: "to the sensor node that overflows soonest, then the fullest queues in range",
+    is_stateless: true,
+    has_path: false,
+    make: |setup| Box::new(Edf::new(setup)),
+};
+
+struct Edf {
+    /// Of each SN, what it samples per slot [bit] and its buffer [bit].
+    samplers: Vec<(f64, f64)>,
+    serving: Serving,
+}
+
+impl Edf {
+    fn new(setup: &Setup) -> Self {
+        let slot_s = setup.scenario.slot_s;
+        let samplers = setup.sensors.iter().map(|sensor| (sensor.sampling_bps * slot_s, sensor.capacity_bits.into()));
+        Self { samplers: samplers.collect(), serving: Serving::new(setup) }
+    }
+
+    /// Slots until SN `id` overflows, by what is known or believed; `None` if it never samples.
+    fn deadline_slots(&self, view: &View, id: u32) -> Option<f64> {
+        let (known_mean_bits, capacity_bits) = self.samplers[id as usize];
+        let mean_bits = view.estimate.map_or(known_mean_bits, |estimate| estimate.mean_bits(id));
+        let room_bits = capacity_bits - f64::from(view.queues_bits[id as usize]);
+        (mean_bits > 0.0).then(|| room_bits / mean_bits)
+    }
+}
+
+impl Checkpoint for Edf {}
+
+impl Strategy for Edf {
+    /// Straight toward the SN with the earliest deadline, until above it; ties go to the nearest, then to the lowest index.
+    /// `None` if no SN samples.
+    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+        let ground = view.ground();
+        let deadline = |id| {
+            let away_m2 = distance_squared(view.table.position(id), &ground);
+            self.deadline_slots(view, id).map(|slots| (slots, away_m2, id))
+        };
+        let sooner = |a: &(f64, f64, u32), b: &(f64, f64, u32)| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1));
+        let (_, _, first) = view.table.ids().filter_map(deadline).min_by(sooner)?;
+        let waypoint = toward(view.table, &ground, view.table.position(first));
+        Some(self.serving.serve_fullest(view, &waypoint))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor_table::SensorTable;
+    use crate::settings::{Settings, letter};
+    use crate::strategies::tests::view;
+    use skysink_common::message::SensorNode;
+    use skysink_common::scenario::Overrides;
+
+    /// SNs at these places [m] that sample so much [bit/s] into 1 000 bit.
+    fn edf(sensors: &[([f64; 2], f64)]) -> (SensorTable, Edf) {
+        let scenario = letter(Overrides::default()).unwrap();
+        let node = |&([x_m, y_m], sampling_bps): &([f64; 2], f64)| SensorNode {
+            x_m,
+            y_m,
+            sampling_bps,
+            gain: 1e-5,
+            capacity_bits: 1_000,
+            ..SensorNode::default()
+        };
+        let sensors: Vec<SensorNode> = sensors.iter().map(node).collect();
+        let table = SensorTable::new(&scenario, &sensors);
+        let settings = &Settings::of(&scenario).unwrap();
+        let edf = Edf::new(&Setup { scenario: &scenario, settings, sensors: &sensors, table: &table, estimate: None });
+        (table, edf)
+    }
+
+    fn waypoint(sensors: &[([f64; 2], f64)], queues_bits: &[u32]) -> Option<[f64; 2]> {
+        let (table, mut edf) = edf(sensors);
+        edf.plan(&view(&table, 1, [50.0, 50.0], queues_bits)).map(|decision| decision.waypoint.xy().into())
+    }
+
+    #[test]
+    fn the_sensor_node_that_overflows_soonest_is_flown_to_not_the_fullest() {
+        // 100 bit of room at 10 bit a slot last 10 slots, 500 at 100 last 5.
+        assert_eq!(waypoint(&[([50.0, 60.0], 10.0), ([60.0, 50.0], 100.0)], &[900, 500]), Some([60.0, 50.0]));
+        // 50 m away, (30, 40): 30 m of it are (18, 24).
+        assert_eq!(waypoint(&[([80.0, 90.0], 10.0)], &[0]), Some([68.0, 74.0]));
+    }
+
+    #[test]
+    fn equal_deadlines_go_to_the_nearest_and_then_to_the_lowest_index() {
+        let places = [([50.0, 75.0], 10.0), ([50.0, 30.0], 10.0), ([70.0, 50.0], 10.0)];
+        assert_eq!(waypoint(&places, &[500, 500, 500]), Some([50.0, 30.0]));
+    }
+
+    #[test]
+    fn who_never_samples_has_no_deadline_and_without_any_nothing_is_decided() {
+        assert_eq!(waypoint(&[([50.0, 60.0], 0.0), ([60.0, 50.0], 1.0)], &[1_000, 0]), Some([60.0, 50.0]));
+        assert_eq!(waypoint(&[([50.0, 60.0], 0.0)], &[1_000]), None);
+        assert_eq!(waypoint(&[], &[]), None);
+    }
+
+    #[test]
+    fn the_fullest_queues_in_range_of_the_waypoint_are_served() {
+        let place = |x_m| ([x_m, 50.0], 10.0);
+        let (table, mut edf) = edf(&[place(50.0), place(51.0), place(52.0), place(53.0), place(54.0), place(90.0)]);
+        let decision = edf.plan(&view(&table, 1, [50.0, 50.0], &[1, 5, 6, 7, 8, 2])).unwrap();
+        assert_eq!(decision.schedule[..], [1, 2, 3, 4]);
+    }
+}
