@@ -3,13 +3,21 @@
 //! field-sim fills the queues by it, and a planner that has to estimate them counts by it.
 
 /// Keeps a product such as `0.1 × 30`, which is just below its integer, from losing a bit.
-pub const ROUNDING_BITS: f64 = 1e-9;
+const ROUNDING_BITS: f64 = 1e-9;
 
-/// Bits sampled up to the end of `slot` at `mean_bits` [bit] per slot, `s_i τ`: `A_i(t) = floor(s_i τ t)`.
+/// Bits sampled up to the end of `slot` at `mean_bits` [bit] per slot, `s_i τ`: `A_i(t) = floor(s_i τ t)`, a whole number
+/// below 2^53 in every mission.
+#[inline(always)]
+#[must_use]
+pub fn sampled(mean_bits: f64, slot: u64) -> f64 {
+    (mean_bits * slot as f64 + ROUNDING_BITS).floor()
+}
+
+/// The same as an integer.
 #[inline]
 #[must_use]
 pub fn sampled_bits(mean_bits: f64, slot: u64) -> u64 {
-    (mean_bits * slot as f64 + ROUNDING_BITS).floor() as u64
+    sampled(mean_bits, slot) as u64
 }
 
 /// Bits sampled in the slots after `from` up to `to`, `A_i(to) − A_i(from)`; none if `to` is not later.

@@ -5,7 +5,7 @@
 pub mod arrivals;
 pub mod field;
 #[cfg(feature = "node")]
-pub mod memory;
+pub mod journal;
 #[cfg(feature = "node")]
 pub mod node;
 

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
-use skysink_common::message::{Commit, FLAG_END, QueuesHeader, SlotHeader, Tick};
+use skysink_common::message::{Commit, FLAG_END, SlotHeader, Tick};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
@@ -16,7 +16,7 @@ use skysink_ring::topics::{RING_BUFFER, Ring};
 use skysink_ring::wait::WaitContext;
 
 use crate::field::Field;
-use crate::memory::{Memory, Reached};
+use crate::journal::FieldJournal;
 
 /// Runs the slots until the mission ends. Started again, it resumes where it was killed: it publishes the last two slots
 /// that it has saved once more, because a peer may have died without them.
@@ -35,18 +35,14 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let mut clock = ring.terms.pace.period(scenario.slot_s).map(Clock::new);
 
     let mut field = Field::new(scenario, &list);
-    let memory = Memory::open(folder, count).map_err(RingError::from)?;
-    let (mut reached, mut saved) = memory.recall(&mut field).map_err(RingError::from)?;
-    let header = |reached: Reached, field: &Field| QueuesHeader {
-        head: ring.header(reached.slot, if reached.slot == scenario.slots { FLAG_END } else { 0 }),
-        totals: *field.totals(),
-        delivered_bits: reached.bits.delivered_bits,
-        lost_bits: reached.bits.lost_bits,
+    let (mut journal, mut saved) = FieldJournal::open(folder, &mut field).map_err(RingError::from)?;
+    let header = |field: &Field| {
+        field.header(ring.header(field.slot(), if field.slot() == scenario.slots { FLAG_END } else { 0 }))
     };
     sensors.send_list(ring.header(0, 0), &list.nodes())?;
-    queues.send_list(header(reached, &field), field.queues_bits())?;
+    queues.send_list(header(&field), field.queues_bits())?;
 
-    for slot in reached.slot + 1..=scenario.slots {
+    for slot in field.slot() + 1..=scenario.slots {
         if let Some(clock) = clock.as_mut().filter(|_| saved.is_none()) {
             if clock.next.is_none() {
                 record.wait_for(slot - 1, &mut wait)?; // everybody is there
@@ -62,20 +58,17 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
             },
         };
         let mut loaned = queues.loan(count)?;
-        let bits = field.step_into(slot, &flight, loaned.elements());
-        let bits = bits.map_err(|error| NodeError::Peer(error.to_string()))?;
-        reached = Reached { slot, bits };
+        field.step_into(slot, &flight, loaned.elements()).map_err(|error| NodeError::Peer(error.to_string()))?;
         // Saved no earlier: started again before, it publishes the slot before the last once more, too.
         record.wait_for(slot - 1, &mut wait)?;
-        memory.add(slot, &flight).map_err(RingError::from)?;
+        journal.save(&flight, &field).map_err(RingError::from)?;
         // SAFETY: the step has not failed, so it has written every element.
-        unsafe { loaned.send(header(reached, &field)) }?;
-        memory.rest(reached, &field).map_err(RingError::from)?;
+        unsafe { loaned.send(header(&field)) }?;
     }
     ring.wait_for_release(&mut wait, || match ring.terms.pace {
         Pace::Max => Ok(()),
         // The buffer of a reader that lags may have been full.
-        Pace::Factor(_) => queues.send_list(header(reached, &field), field.queues_bits()),
+        Pace::Factor(_) => queues.send_list(header(&field), field.queues_bits()),
     })
 }
 

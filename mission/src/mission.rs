@@ -6,7 +6,7 @@ use nalgebra::Point3;
 use skysink_common::message::{FLAG_END, FlightReport, Plan, QueuesHeader, SensorNode, SlotHeader};
 use skysink_common::scenario::{Scenario, ScenarioError};
 use skysink_common::sensors::SensorList;
-use skysink_field_sim::{Field, SlotBits};
+use skysink_field_sim::Field;
 use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
 use skysink_planner::strategies::Strategy;
@@ -19,8 +19,6 @@ pub struct Mission {
     slot: u64,
     slots: u64,
     report: FlightReport,
-    /// What the last slot moved.
-    moved: SlotBits,
 }
 
 /// What one slot was, as the processes would have published it.
@@ -69,7 +67,6 @@ impl Mission {
             flight,
             slot: 0,
             slots: scenario.slots,
-            moved: SlotBits::default(),
         })
     }
 
@@ -77,12 +74,7 @@ impl Mission {
     #[must_use]
     pub fn header(&self) -> QueuesHeader {
         let flags = if self.slot == self.slots { FLAG_END } else { 0 };
-        QueuesHeader {
-            head: SlotHeader { slot: self.slot, flags, ..SlotHeader::default() },
-            totals: *self.field.totals(),
-            delivered_bits: self.moved.delivered_bits,
-            lost_bits: self.moved.lost_bits,
-        }
+        self.field.header(SlotHeader { slot: self.slot, flags, ..SlotHeader::default() })
     }
 
     /// Queue lengths [bit], by sensor node.
@@ -115,10 +107,10 @@ impl Mission {
         self.slot
     }
 
-    /// The field and what the last slot moved, for a process that resumes from here.
+    /// The field, for a process that resumes from here.
     #[must_use]
-    pub fn field(&self) -> (&Field, SlotBits) {
-        (&self.field, self.moved)
+    pub fn field(&self) -> &Field {
+        &self.field
     }
 
     /// The planner, for a process that resumes from here.
@@ -140,7 +132,7 @@ impl Mission {
     pub fn fly(&mut self, plan: Option<&Plan>) -> QueuesHeader {
         self.slot += 1;
         self.report = self.flight.step(self.slot, plan);
-        self.moved = self.field.step(self.slot, &self.report).expect("flight-sim serves known sensor nodes alone");
+        self.field.step(self.slot, &self.report).expect("flight-sim serves known sensor nodes alone");
         self.header()
     }
 }

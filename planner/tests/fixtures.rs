@@ -45,7 +45,7 @@ fn sample(ledger: &mut Ledger, sensors: &[SensorNode], slot: u64, slot_s: f64) -
     let sampled_bits =
         |sensor: &SensorNode, slots: u64| (sensor.sampling_bps * slot_s * slots as f64 + 1e-9).floor() as u64;
     let arrival = |sensor| sampled_bits(sensor, slot) - sampled_bits(sensor, slot - 1);
-    (0..).zip(sensors).map(|(id, sensor)| ledger.sample(id, arrival(sensor), sensor.sampling_bps * slot_s)).sum()
+    (0..).zip(sensors).map(|(id, sensor)| ledger.sample(id..id + 1, std::iter::once(arrival(sensor)))).sum()
 }
 
 /// Uploads the SNs `ids` to the UAV at `waypoint` and returns what they deliver [bit]; each must be in range.

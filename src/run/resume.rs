@@ -6,7 +6,7 @@ use std::io::BufRead;
 
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_field_sim::memory::{Memory as FieldMemory, Reached};
+use skysink_field_sim::journal::FieldJournal;
 use skysink_flight_sim::memory::Memory as FlightMemory;
 use skysink_mission::error::FileContext;
 use skysink_mission::record::{RunFolder, SlotLog};
@@ -100,11 +100,11 @@ impl Resumed {
         if slot == 0 {
             return Ok(());
         }
-        let (field, bits) = self.mission.field();
+        let mut field = self.mission.field().clone();
         let count = field.queues_bits().len();
         let planner = self.mission.planner();
         journal(meeting, count)?.save(slot, planner)?;
-        FieldMemory::open(meeting, count)?.keep(Reached { slot, bits }, field)?;
+        FieldJournal::open(meeting, &mut field)?; // an empty one begins with this state
         FlightMemory::open(meeting)?.keep(slot, self.mission.last_flight())?;
         Ok(())
     }

@@ -1,11 +1,10 @@
-//! What field-sim remembers.
+//! What field-sim saves.
 
 use std::sync::LazyLock;
 
-use skysink_common::ledger::Totals;
 use skysink_common::message::{FlightReport, LinkReport, Mode};
 use skysink_field_sim::Field;
-use skysink_field_sim::memory::{Memory, Reached};
+use skysink_field_sim::journal::FieldJournal;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::Journal;
 
@@ -14,91 +13,75 @@ use super::place::{in_ring, spoil};
 use super::world::WORLDS;
 use crate::cursor::Cursor;
 
-const STATES: &str = "field-states";
-const FLIGHTS: &str = "field-flights";
+const JOURNAL: &str = "field";
 
-/// Slots of a life, with two states in it.
-const LIFE_SLOTS: u64 = 140;
+/// Slots flown, with two states among them beside the first.
+const FLOWN_SLOTS: u64 = 140;
 
-/// A slot that was lived through.
-struct Lived {
-    flight: FlightReport,
-    reached: Reached,
-    field: Field,
-}
-
-/// A life over the first world, from the beginning: another sensor node is served in each slot.
-static LIFE: LazyLock<Vec<Lived>> = LazyLock::new(|| {
+/// The first world from the beginning, and the flight of each slot: another sensor node is served in each.
+static FLOWN: LazyLock<Vec<(FlightReport, Field)>> = LazyLock::new(|| {
     let [world, ..] = &*WORLDS;
-    let mut field = Field::new(&world.scenario, &world.list);
+    let mut scenario = world.scenario.clone();
+    scenario.slots = FLOWN_SLOTS;
+    let mut field = Field::new(&scenario, &world.list);
     let nobody = FlightReport::at([1.0, 2.0, 20.0], Mode::Hold);
-    let mut life = vec![Lived { flight: nobody, reached: Reached::default(), field: field.clone() }];
-    for slot in 1..LIFE_SLOTS {
+    let mut flown = vec![(nobody, field.clone())];
+    for slot in 1..FLOWN_SLOTS {
         let mut flight = FlightReport::at([1.0, 2.0, 20.0], Mode::Serve);
         let sensor = u32::try_from(slot % 10).expect("below 10");
         flight.links[0] = LinkReport { sensor, capacity_bits: 7 * slot, ..LinkReport::default() };
         flight.served = 1;
-        let bits = field.step(slot, &flight).expect("the sensor node is known");
-        life.push(Lived { flight, reached: Reached { slot, bits }, field: field.clone() });
+        field.step(slot, &flight).expect("the sensor node is known");
+        flown.push((flight, field.clone()));
     }
-    life
+    flown
 });
 
-/// From the journals of a field that has lived, spoilt, comes a state that it has lived through; from journals that
-/// somebody else has written comes a field whose books agree.
+/// From the spoilt journal of a field comes a state that it has been in; from a journal that somebody else has written comes a
+/// field whose ledger balances.
 ///
 /// # Panics
 /// If not.
 pub fn field_journal(bytes: &[u8]) {
     let mut input = Cursor::new(bytes);
     let [world, ..] = &*WORLDS;
-    let mut field = LIFE[0].field.clone();
+    let mut field = FLOWN[0].1.clone();
     let foreign = input.u8() % 2 == 1;
-    in_ring(&[STATES, FLIGHTS], |ring| {
-        let memory = Memory::open(ring, field.queues_bits().len()).expect("the journals open");
-        if foreign {
-            forged(ring, &memory, &mut field, &mut input);
-        } else {
-            lived(ring, &memory, &mut field, &mut input);
-        }
+    in_ring(&[JOURNAL], |ring| {
+        if foreign { forged(ring, &mut field, &mut input) } else { saved(ring, &mut field, &mut input) }
     });
     balanced(&field, world.scenario.sensors.capacity_bits);
 }
 
-/// Remembers some slots of a life, spoils a journal and compares what is recalled with what was.
-fn lived(ring: &RingFolder, memory: &Memory, field: &mut Field, input: &mut Cursor) {
-    let slots = u64::from(input.u8()) % LIFE_SLOTS;
-    for Lived { flight, reached, field } in LIFE.iter().skip(1).take(slots as usize) {
-        memory.add(reached.slot, flight).expect("the flight is written");
-        memory.rest(*reached, field).expect("the state is written");
+/// Saves some slots, spoils the journal and compares what is restored with what was.
+fn saved(ring: &RingFolder, field: &mut Field, input: &mut Cursor) {
+    let slots = u64::from(input.u8()) % FLOWN_SLOTS;
+    let (mut journal, _) = FieldJournal::open(ring, field).expect("the journal opens");
+    for (flight, field) in FLOWN.iter().skip(1).take(slots as usize) {
+        journal.save(flight, field).expect("the slot is written");
     }
-    let spoilt = spoil(&ring.journal(if input.u8().is_multiple_of(2) { STATES } else { FLIGHTS }), input);
-    let (reached, last) = memory.recall(field).expect("the journals are read");
-    let was = &LIFE[reached.slot as usize];
-    assert!(reached == was.reached && reached.slot <= slots, "{reached:?}");
-    assert_eq!((field.queues_bits(), field.totals()), (was.field.queues_bits(), was.field.totals()));
+    let spoilt = spoil(&ring.journal(JOURNAL), input);
+    let (_, last) = FieldJournal::open(ring, field).expect("the journal is read");
+    assert!(field.slot() <= slots && *field == FLOWN[field.slot() as usize].1, "{}", field.slot());
     if let Some(last) = last {
-        assert_eq!(LIFE[reached.slot as usize + 1].flight, last);
+        assert_eq!(FLOWN[field.slot() as usize + 1].0, last);
     }
     if !spoilt {
-        assert_eq!((reached.slot, last.is_some()), (slots.saturating_sub(1), slots > 0));
+        assert_eq!((field.slot(), last.is_some()), (slots.saturating_sub(1), slots > 0));
     }
 }
 
-/// Writes states and flights of any numbers, whole and with their hashes, and recalls them.
-fn forged(ring: &RingFolder, memory: &Memory, field: &mut Field, input: &mut Cursor) {
-    let head = size_of::<u64>() * 3 + size_of::<Totals>();
-    let room = head + size_of_val(field.queues_bits());
-    let states = Journal::open(&ring.journal(STATES), 2, room).expect("the journal opens");
+/// Writes flights and states of any numbers, whole and with their hashes, and restores them.
+fn forged(ring: &RingFolder, field: &mut Field, input: &mut Cursor) {
+    let room = size_of::<FlightReport>() + 200;
+    let journal = Journal::open(&ring.journal(JOURNAL), 128, room).expect("the journal opens");
     let slot = input.u64();
-    for _ in 0..input.u8() % 3 {
-        let (place, state) = (input.u64(), input.bytes(room - 8));
-        states.write(place, &[&slot.to_le_bytes(), state]).expect("the state is written");
-    }
-    for next in 1..=u64::from(input.u8() % 4) {
+    for next in 0..u64::from(input.u8() % 5) {
         let flight = report(input, 2);
-        memory.add(slot.wrapping_add(next), &flight).expect("the flight is written");
+        let state = input.bytes(200).to_vec();
+        let state = if input.u8() % 2 == 0 { &state[..] } else { &[] };
+        let parts = [bytemuck::bytes_of(&flight), state];
+        journal.write(slot.wrapping_add(next), &parts).expect("the slot is written");
     }
-    let (reached, _) = memory.recall(field).expect("the journals are read");
-    assert!(reached == Reached::default() || reached.slot >= slot || reached.slot < 4, "{reached:?}");
+    let _ = FieldJournal::open(ring, field).expect("the journal is read");
 }

@@ -33,14 +33,15 @@ pub fn flight_message(bytes: &[u8]) {
     let mut input = Cursor::new(bytes);
     let [world, ..] = &*WORLDS;
     let mut field = Field::new(&world.scenario, &world.list);
-    for slot in 1..=4 {
+    for _ in 1..=4 {
         let flight = report(&mut input, 6);
-        step(&mut field, slot, &flight, world.scenario.sensors.capacity_bits);
+        step(&mut field, &flight, world.scenario.sensors.capacity_bits);
     }
 }
 
-/// Lives through a slot with `flight`, and with none, and compares.
-pub(super) fn step(field: &mut Field, slot: u64, flight: &FlightReport, capacity_bits: u32) {
+/// Advances by a slot with `flight`, and with none, and compares.
+pub(super) fn step(field: &mut Field, flight: &FlightReport, capacity_bits: u32) {
+    let slot = field.slot() + 1;
     let before = field.clone();
     let mut unserved = field.clone();
     let nobody = FlightReport::at([0.0, 0.0, 0.0], Mode::Hold);
@@ -69,7 +70,7 @@ pub(super) fn step(field: &mut Field, slot: u64, flight: &FlightReport, capacity
     }
 }
 
-/// Fails unless the books of a field agree.
+/// Fails unless the ledger of a field balances.
 pub(super) fn balanced(field: &Field, capacity_bits: u32) {
     let (queues, totals) = (field.queues_bits(), field.totals());
     assert!(totals.balanced(), "{totals:?}");

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use skysink_common::checkpoint::{Checkpoint, encode};
 use skysink_common::message::{FlightReport, HoldReason, Mode};
 use skysink_common::scenario::{Overrides, Scenario, SensorSource};
 use skysink_common::sensors::SensorList;
@@ -50,7 +51,13 @@ fn fly(scenario: &Scenario) {
 fn live(scenario: &Scenario) {
     let mut field = Field::new(scenario, &list(scenario));
     let nobody = FlightReport::at([0.0, 0.0, 0.0], Mode::Hold);
+    let mut saved = Vec::new();
+    field.save(&mut saved);
     for slot in [1, scenario.slots] {
+        let mut state = Vec::new();
+        encode(&(slot - 1), &mut state); // a state begins with its slot, and 0 takes one byte
+        state.extend_from_slice(&saved[1..]);
+        field.restore(&state).expect("nobody has delivered anything");
         field.step(slot, &nobody).expect("nobody is served");
         balanced(&field, scenario.sensors.capacity_bits);
     }

@@ -41,7 +41,7 @@ pub fn plan_message(bytes: &[u8]) {
         let report = flight.step(slot, told.as_ref());
         moved(scenario, &before, &report);
         served(scenario, &places, told.as_ref(), &report);
-        flight_message::step(&mut field, slot, &report, scenario.sensors.capacity_bits);
+        flight_message::step(&mut field, &report, scenario.sensors.capacity_bits);
         before = report;
     }
 }
