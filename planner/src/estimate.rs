@@ -13,7 +13,15 @@ use skysink_common::arrivals::bits_between;
 use skysink_common::message::{FlightReport, SensorNode};
 use skysink_common::scenario::{Scenario, Sensors};
 
-use crate::settings::Rates;
+/// What the planner knows of the sampling rates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Rates {
+    /// Each sensor node's own.
+    Known,
+    /// The mean over all of them, until contacts tell more.
+    Learnt,
+}
 
 /// The queues of a mission as the UAV believes them to be.
 ///

@@ -8,6 +8,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use skysink_common::scenario::{Count, Overrides, Scenario, ScenarioError};
 
+pub use crate::estimate::Rates;
 pub use crate::strategies::StrategyName as Strategy;
 
 /// Keys that have moved, and where to.
@@ -189,14 +190,4 @@ pub enum Knowledge {
     /// What the UAV can know: the queues that it is told of on contact, and what must have come since at the rates that
     /// it knows.
     Estimated,
-}
-
-/// What the planner knows of the sampling rates.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Rates {
-    /// Each sensor node's own.
-    Known,
-    /// The mean over all of them, until contacts tell more.
-    Learnt,
 }
