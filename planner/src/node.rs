@@ -72,7 +72,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         if let Pace::Factor(_) = ring.terms.pace {
             // Only the newest is planned for, because a plan for a slot that has begun is void; what the UAV was told in
             // the others counts all the same.
-            while let Some(newer) = queues.next()? {
+            while let Some(newer) = queues.next_sample()? {
                 let older = std::mem::replace(&mut state, newer);
                 let slot = older.user_header().head.slot;
                 if slot >= next

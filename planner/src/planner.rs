@@ -117,8 +117,8 @@ impl Planner {
     /// Where the queues are estimated, the plan is made from what is believed of them, see [`Planner::observe`]; of
     /// `queues_bits` is kept what those that it schedules will announce.
     ///
-    /// It takes as long as there are SNs near the UAV, however many there are in all; only a slot of transit, and an
-    /// estimate, look at every queue. `plan_ns` stays 0: a step reads no clock, unless [`Self::set_timing`] says so.
+    /// It takes as long as there are SNs near the UAV, however many there are in all; only a slot of transit, an
+    /// estimate and `edf` look at every queue. `plan_ns` stays 0: a step reads no clock, unless [`Self::set_timing`] says so.
     ///
     /// # Panics
     /// If there is not one queue per sensor node.

@@ -20,7 +20,7 @@ const MOVED: [(&str, &str); 3] = [
 
 /// The checked keys of `[planner]`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields, default, expecting = "a table")]
 pub struct Settings {
     /// Who is served and where to fly.
     pub strategy: Strategy,
@@ -40,7 +40,7 @@ pub struct Settings {
 
 /// `[planner.horizon]`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields, default, expecting = "a table")]
 pub struct HorizonSettings {
     /// Search steps in each slot.
     pub iterations: Count<0, 1_000_000_000>,
@@ -51,7 +51,7 @@ pub struct HorizonSettings {
 
 /// `[planner.offline]`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields, default, expecting = "a table")]
 pub struct OfflineSettings {
     /// Search steps before the mission; the most take a month.
     pub steps: Count<0, 1_000_000_000_000>,

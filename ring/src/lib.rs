@@ -1,4 +1,5 @@
-//! The transport of the ring: what its processes share beside the model. The only crate beside the nodes that knows iceoryx2.
+//! The transport of the ring: what its processes share beside the model. With the nodes, the
+//! launcher and the benchmarks all that knows iceoryx2.
 //!
 //! What the messages mean is left to `skysink-common`. Each file imports only files above it:
 //!

@@ -105,7 +105,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
     ///
     /// # Errors
     /// If the writer's memory cannot be mapped.
-    pub fn next(&mut self) -> Result<Option<Sample<S, P, H>>, RingError> {
+    pub fn next_sample(&mut self) -> Result<Option<Sample<S, P, H>>, RingError> {
         self.receive(None, &mut 0)?;
         Ok(self.early.pop_front())
     }
@@ -115,7 +115,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
     /// # Errors
     /// As [`Reader::wait_for_slot`].
     pub fn wait_for_next(&mut self, wait: &mut WaitContext, slot: u64) -> Result<Sample<S, P, H>, NodeError> {
-        self.wait(wait, slot, Self::next)
+        self.wait(wait, slot, Self::next_sample)
     }
 
     /// Waits until `look` finds something. It looks before the first pause and after each: notifications may be lost.

@@ -206,7 +206,7 @@ impl<S: Service + 'static> Ring<S> {
     ) -> Result<(), NodeError> {
         let mut commits = self.commit.reader(RING_BUFFER)?;
         loop {
-            while let Some(commit) = commits.next()? {
+            while let Some(commit) = commits.next_sample()? {
                 if is_awaited(commit.user_header()) {
                     return Ok(());
                 }

@@ -204,7 +204,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             Needed::Flight => None,
             Needed::All { plan_of } if plan.is_none() => Some(("plan", plan_of, Role::Planner)),
             Needed::All { .. } if self.viewer_is_ready()? => None,
-            Needed::All { .. } => Some(("ready", u64::from(self.viewer.current), Role::Viewer)),
+            Needed::All { .. } => Some(("ready", slot, Role::Viewer)), // one time-out for all its restarts
         })
     }
 
@@ -231,7 +231,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         }
         let Viewer { current, ready } = &mut self.viewer;
         while *ready < Some(*current)
-            && let Some(sample) = self.ready.next()?
+            && let Some(sample) = self.ready.next_sample()?
         {
             *ready = (*ready).max(Some(sample.payload().restarts));
         }
@@ -268,7 +268,7 @@ impl Clock {
     /// Reads which slots have begun. One is late if it comes more than one and a half periods after the last.
     fn read<S: Service>(&mut self, ticks: &mut Reader<S, Tick, SlotHeader>) -> Result<(), RingError> {
         let Some(period) = self.period else { return Ok(()) };
-        while let Some(tick) = ticks.next()? {
+        while let Some(tick) = ticks.next_sample()? {
             let SlotHeader { slot, sent_ns, .. } = *tick.user_header();
             if let Some((_, last_ns)) = self.last.replace((slot, sent_ns)) {
                 let apart = Duration::from_nanos(sent_ns.saturating_sub(last_ns));

@@ -218,7 +218,7 @@ impl<S: Service + 'static> Readers<S> {
 
     /// Adds what has become of the processes to the event log.
     fn log_health(&mut self, scene: &Scene) -> Result<(), ViewerError> {
-        while let Some(sample) = self.health.next()? {
+        while let Some(sample) = self.health.next_sample()? {
             if let Some((role, fate)) = sample.payload().read() {
                 let level = if fate.good() { Level::Info } else { Level::Warn };
                 scene.log_event(sample.user_header().slot, level, &format!("{} {fate}", role.name()))?;

@@ -16,7 +16,7 @@ use super::{MAX_RESOURCE_BLOCKS, MAX_SEED, MAX_SENSORS, MAX_SLOTS};
 
 /// A scenario file. The keys are documented on [`super::Scenario`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table")]
 pub(super) struct Keys {
     pub name: Name,
     #[serde(default = "Count::of::<1>")]
@@ -43,7 +43,7 @@ fn one_second() -> Positive {
 
 /// `[area]`: `side_m`, or `width_m` and `height_m`; and the latitude and longitude of its south-west corner, or neither.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table")]
 pub(super) struct AreaKeys {
     pub side_m: Option<Positive>,
     pub width_m: Option<Positive>,
@@ -54,7 +54,7 @@ pub(super) struct AreaKeys {
 
 /// `[sensors]`: `count` or `file`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields, default, expecting = "a table")]
 pub(super) struct SensorKeys {
     pub count: Option<Count<1, MAX_SENSORS>>,
     pub file: Option<PathBuf>,
@@ -77,7 +77,7 @@ impl Default for SensorKeys {
 
 /// `[uav]`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields, default, expecting = "a table")]
 pub(super) struct UavKeys {
     pub altitude: AltitudeMode,
     pub altitude_m: Positive,
@@ -109,7 +109,7 @@ impl Default for UavKeys {
 /// `[uav.propulsion]`: a rotary-wing aircraft in the model of Zeng, Xu and Zhang, "Energy Minimization for Wireless
 /// Communication With Rotary-Wing UAV", IEEE Trans. Wireless Commun. 18(4), 2019, with the values of its table I.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields, default, expecting = "a table")]
 pub struct Propulsion {
     /// Blade profile power in hovering, `P_0` [W].
     pub blade_profile_w: Positive,
@@ -146,7 +146,7 @@ impl Default for Propulsion {
 
 /// `[link]`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields, default, expecting = "a table")]
 pub(super) struct LinkKeys {
     pub model: LinkModel,
     pub bandwidth_hz: Positive,
@@ -191,7 +191,7 @@ impl Default for LinkKeys {
 
 /// `link.los`: parameters of the probability of line of sight instead of an environment's, a and b or b1 to b4.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, expecting = "a table")]
 pub(super) struct LosKeys {
     pub a: Option<Positive>,
     pub b: Option<Positive>,

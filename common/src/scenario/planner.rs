@@ -12,6 +12,7 @@ use super::{Scenario, value};
 
 /// `[planner]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(expecting = "a table")]
 pub struct PlannerKeys {
     /// Name of the strategy.
     #[serde(default = "letters_strategy")]

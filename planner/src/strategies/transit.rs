@@ -8,7 +8,7 @@ use crate::sensor_table::SensorTable;
 /// Transit (decision D8): straight, at full speed, toward the SN with the largest queue, stopping on it if it is
 /// nearer.
 ///
-/// Ties go to the nearest, then to the lowest index. This is the one rule that looks at the whole field, in slots of
+/// Ties go to the nearest, then to the lowest index. It looks at the whole field, in slots of
 /// transit only: it reads all N queues in order, and the positions of the fullest. At N = 10^6 that is about a tenth of a
 /// millisecond, and one to two where all queues are equal.
 #[must_use]
