@@ -79,7 +79,7 @@ fn forged(ring: &RingFolder, field: &mut Field, input: &mut Cursor) {
     for next in 0..u64::from(input.u8() % 5) {
         let flight = report(input, 2);
         let state = input.bytes(200).to_vec();
-        let state = if input.u8() % 2 == 0 { &state[..] } else { &[] };
+        let state = if input.u8().is_multiple_of(2) { &state[..] } else { &[] };
         let parts = [bytemuck::bytes_of(&flight), state];
         journal.write(slot.wrapping_add(next), &parts).expect("the slot is written");
     }
