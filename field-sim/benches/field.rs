@@ -35,10 +35,12 @@ fn list(scenario: &Scenario, count: u32, rate_bps: fn(u32) -> f64) -> SensorList
     SensorList::parse(&text, Path::new("list.csv"), scenario).expect("a valid list")
 }
 
+/// Sampling rate [bit/s] of a sensor node, by id.
+type Rate = fn(u32) -> f64;
+
 fn field(criterion: &mut Criterion) {
     let nobody = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
-    let rates: [(&str, fn(u32) -> f64); 2] =
-        [("one rate", |_| 2.0), ("a rate each", |id| 1.0 + f64::from(id % 1_013) / 1e3)];
+    let rates: [(&str, Rate); 2] = [("one rate", |_| 2.0), ("a rate each", |id| 1.0 + f64::from(id % 1_013) / 1e3)];
     for count in COUNTS {
         let mut group = criterion.benchmark_group(format!("a slot of the field, N = {count}"));
         group.warm_up_time(Duration::from_secs(1)).measurement_time(Duration::from_secs(2)).sample_size(30);
