@@ -6,7 +6,8 @@
 
 mod saved;
 
-pub(crate) use saved::{BYTES_EACH, Saved};
+pub use saved::BYTES_EACH;
+pub(crate) use saved::Saved;
 
 use serde::{Deserialize, Serialize};
 use skysink_common::arrivals::bits_between;

@@ -7,7 +7,7 @@ use skysink_common::message::MAX_SERVED;
 use super::{Belief, Estimate, Learnt};
 
 /// Most bytes of a checkpoint for an SN.
-pub(crate) const BYTES_EACH: usize = 56;
+pub const BYTES_EACH: usize = 56;
 
 /// What a checkpoint holds of an estimate.
 #[derive(Debug, Clone, Serialize, Deserialize)]
