@@ -10,7 +10,7 @@
 //! | [`planner`] | one slot: schedule, then waypoint |
 //! | [`sensor_table`] | what stays the same in every slot |
 //! | [`estimate`] | what the UAV can know of the queues |
-//! | [`strategies`] | whom to serve, and where to fly by rule |
+//! | [`strategies`] | schedule and waypoint by each strategy |
 //! | [`waypoint`] | sP2, from where to serve them: in the plane and in three dimensions |
 //! | [`horizon`] | the look-ahead over many slots |
 //! | [`geometry`] | disks, grids and tours, which all of these use |

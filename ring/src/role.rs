@@ -19,7 +19,7 @@ pub enum Role {
     FieldSim,
     /// Owns the UAV and the channel.
     FlightSim,
-    /// Decides whom to serve and where to fly.
+    /// Decides the schedule and the waypoint.
     Planner,
     /// Logs everything to rerun.
     Viewer,
