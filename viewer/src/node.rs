@@ -98,10 +98,12 @@ fn follow<S: Service + 'static>(
         let is_end = header.head.flags & FLAG_END != 0;
         let expected = *next.get_or_insert(slot);
         readers.log_health(scene)?;
-        let flight_limit = readers.limit(slot, true); // flight-sim repeats more than one slot
-        let plan_limit = readers.limit(slot, is_ready);
+        let flight_limit = readers.limit(true); // flight-sim repeats more than one slot
+        let plan_limit = readers.limit(is_ready);
         let flight = read(&mut readers.flights, wait, slot, flight_limit)?;
-        let plan = if slot > 0 { read(&mut readers.plans, wait, slot, plan_limit)? } else { None };
+        let was_planned =
+            flight.as_ref().is_some_and(|flight| HoldReason::of_code(flight.payload().hold) != HoldReason::NoPlan);
+        let plan = if slot > 0 && was_planned { read(&mut readers.plans, wait, slot, plan_limit)? } else { None };
 
         let missed_until = match flight {
             Some(_) => slot,
@@ -113,8 +115,7 @@ fn follow<S: Service + 'static>(
             missed += missed_until - expected;
         }
         if let Some(flight) = flight.filter(|_| slot >= expected) {
-            let in_time = HoldReason::of_code(flight.payload().hold) != HoldReason::NoPlan;
-            let plan = plan.as_ref().map(|plan| plan.payload()).filter(|_| in_time);
+            let plan = plan.as_ref().map(|plan| plan.payload());
             let path = readers.path(wait, slot, area)?.filter(|_| plan.is_some());
             scene.log_slot(&SlotView {
                 slot,
@@ -189,11 +190,10 @@ impl<S: Service + 'static> Readers<S> {
     }
 
     /// How long to wait for the other samples of a slot. Before this process `is_ready` some may be gone; in paced runs also
-    /// later.
-    fn limit(&self, slot: u64, is_ready: bool) -> Limit {
+    /// later, because no writer waits for this reader.
+    fn limit(&self, is_ready: bool) -> Limit {
         match self.pace {
-            Pace::Factor(_) if slot > 0 => Limit::AtMost(Duration::ZERO), // the clock starts when everybody is there
-            _ if is_ready => Limit::UntilPassed,
+            Pace::Max if is_ready => Limit::UntilPassed,
             _ => Limit::AtMost(LEFT_OVERS),
         }
     }
@@ -228,8 +228,8 @@ impl<S: Service + 'static> Readers<S> {
     }
 }
 
-/// The sample of a slot; none if it was missed. A writer that waits for this reader's buffer may reach it later than the
-/// queues do.
+/// The sample of a slot; none if it was missed. A sample may reach this reader later than the queues do: its writer
+/// serves the readers one after another. A requested stop does not cut a limited wait short, for the last slot's sake.
 fn read<S: Service + 'static, P: Payload + ?Sized>(
     reader: &mut Reader<S, P, SlotHeader>,
     wait: &mut WaitContext,
@@ -241,7 +241,7 @@ fn read<S: Service + 'static, P: Payload + ?Sized>(
     loop {
         match reader.of_slot(slot)? {
             Found::Here(sample) => return Ok(Some(sample)),
-            Found::NotYet if Instant::now() < deadline => wait.sleep_until(Instant::now() + POLL)?,
+            Found::NotYet if Instant::now() < deadline => std::thread::sleep(POLL),
             Found::NotYet | Found::Passed => return Ok(None),
         }
     }
