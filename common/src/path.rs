@@ -42,7 +42,7 @@ pub fn believable(points: &[PathPoint], area: &Area) -> bool {
 mod tests {
     use super::*;
 
-    const AREA: Area = Area { width_m: 100.0, height_m: 50.0 };
+    const AREA: Area = Area::new(100.0, 50.0);
 
     /// Outside programs declare the same struct: a size that changes needs a new version in the type's name.
     #[test]

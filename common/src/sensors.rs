@@ -14,7 +14,7 @@ use crate::channel::draw_gain_db;
 use crate::geometry::Position;
 use crate::message::SensorNode;
 use crate::random::{Purpose, Streams};
-use crate::scenario::{Scenario, SensorSource};
+use crate::scenario::{Interval, Scenario};
 use crate::units::ratio_of_db;
 
 /// One sensor node of the list.
@@ -22,7 +22,7 @@ use crate::units::ratio_of_db;
 pub struct Sensor {
     /// Where it stands, `L_i`.
     pub position: Position,
-    /// What it holds before slot 1 [bit], at most its storage.
+    /// What it holds before slot 1 [bit], at most its buffer.
     pub queue_bits: u32,
     /// Reference channel gain at 1 m, `α_i` [dB].
     pub gain_db: f64,
@@ -34,7 +34,7 @@ pub struct Sensor {
 #[derive(Debug, Clone, PartialEq)]
 pub struct SensorList {
     sensors: Vec<Sensor>,
-    /// Storage of each, `B` [bit].
+    /// Buffer of each, `B` [bit].
     capacity_bits: u32,
 }
 
@@ -67,13 +67,13 @@ impl SensorList {
     /// # Errors
     /// If the file cannot be read or holds a bad row.
     pub fn of(scenario: &Scenario) -> Result<Self, SensorListError> {
-        match &scenario.sensors.source {
-            SensorSource::Drawn(count) => Ok(Self::new((0..*count).map(|id| draw(scenario, id)).collect(), scenario)),
-            SensorSource::File(path) => {
-                let text = std::fs::read_to_string(path)
-                    .map_err(|source| SensorListError::Unreadable { path: path.clone(), source })?;
-                Self::parse(&text, path, scenario)
-            }
+        let Some(path) = scenario.sensor_file() else {
+            let count = scenario.sensors.count.map_or(0, |count| count.get() as u32);
+            return Ok(Self::new((0..count).map(|id| draw(scenario, id)).collect(), scenario));
+        };
+        match std::fs::read_to_string(&path) {
+            Ok(text) => Self::parse(&text, &path, scenario),
+            Err(source) => Err(SensorListError::Unreadable { path, source }),
         }
     }
 
@@ -140,7 +140,7 @@ fn draw(scenario: &Scenario, id: u32) -> Sensor {
     Sensor {
         position: Position::new(x_m, y_m),
         queue_bits: draw_queue_bits(scenario, id),
-        gain_db: draw_gain_db(scenario.link.gain_db, &Streams::new(scenario.seed), 0, id),
+        gain_db: draw_gain_db(scenario.link.gain_range_db(), &Streams::new(scenario.seed), 0, id),
         sampling_bps: draw_sampling_bps(scenario, id),
     }
 }
@@ -151,15 +151,16 @@ fn draw_sampling_bps(scenario: &Scenario, id: u32) -> f64 {
 }
 
 /// A number for sensor node `id`, uniform between the ends, which may be one number.
-fn draw_between(scenario: &Scenario, [lowest, highest]: [f64; 2], purpose: Purpose, id: u32) -> f64 {
+fn draw_between(scenario: &Scenario, interval: Interval, purpose: Purpose, id: u32) -> f64 {
+    let [lowest, highest] = interval.ends();
     if lowest == highest {
         return lowest;
     }
-    let share: f64 = Streams::new(scenario.seed).stream(purpose, 0, id).random();
-    (lowest + (highest - lowest) * share).min(highest)
+    let fraction: f64 = Streams::new(scenario.seed).stream(purpose, 0, id).random();
+    (lowest + (highest - lowest) * fraction).min(highest)
 }
 
-/// Initial queue [bit] of sensor node `id`: Poisson with a mean of its own, capped at the storage.
+/// Initial queue [bit] of sensor node `id`: Poisson with a mean of its own, capped at the buffer.
 fn draw_queue_bits(scenario: &Scenario, id: u32) -> u32 {
     let mean_bits = draw_between(scenario, scenario.sensors.initial_queue_mean_bits, Purpose::InitialQueueMean, id);
     if mean_bits == 0.0 {

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use proptest::prelude::*;
-use skysink_common::scenario::{GainMode, LosCurve, Overrides, Scenario, ScenarioError, SensorSource, Sensors};
+use skysink_common::channel::LineOfSight;
+use skysink_common::scenario::{GainMode, LosCurve, Overrides, Scenario, ScenarioError, Sensors};
 use skysink_common::sensors::{Sensor, SensorList};
 
 fn parse(text: &str) -> Result<Scenario, ScenarioError> {
@@ -21,9 +22,9 @@ fn every_default_is_the_letters_value() {
     (short.path, short.planner) = (letter.path.clone(), letter.planner.clone()); // whose defaults are the planner's
     assert_eq!(short, letter);
     assert_eq!((letter.slots, letter.slot_s, letter.reach_m()), (600, 1.0, 30.0));
-    assert_eq!((letter.link.resource_blocks, letter.link.gain), (4, GainMode::Static));
-    assert!((letter.link.noise_w - 1e-13).abs() < 1e-27); // −100 dBm
-    assert_eq!(letter.sensors.sampling_bps.map(Some), [Some(100.0); 2]);
+    assert_eq!((letter.link.resource_blocks, letter.link.gain), (4, Some(GainMode::Static)));
+    assert!((letter.link.noise_w() - 1e-13).abs() < 1e-27); // −100 dBm
+    assert_eq!(letter.sensors.sampling_bps.ends(), [100.0; 2]);
 }
 
 #[test]
@@ -32,8 +33,8 @@ fn a_resolved_scenario_is_the_same_scenario() {
                 gain_db = -51.5\ngain = \"per-slot\"\nnoise_dbm = -97.3\n[planner]\nstrategy = \"gfs\"\n";
     let scenario = parse(text).unwrap();
     assert_eq!(parse(&scenario.to_toml()).unwrap(), scenario);
-    assert_eq!(scenario.link.gain_db, [-51.5, -51.5]);
-    assert_eq!((scenario.uav.start.x, scenario.uav.start.y), (40.25, 30.125));
+    assert_eq!(scenario.link.gain_range_db(), [-51.5, -51.5]);
+    assert_eq!((scenario.start().x, scenario.start().y), (40.25, 30.125));
 }
 
 #[test]
@@ -55,7 +56,7 @@ fn sampling_rates_and_initial_queues_are_drawn_between_their_ends() {
     assert_eq!(parse(&scenario.to_toml()).unwrap(), scenario);
     assert!(scenario.to_toml().contains("\nsampling_bps = [50.0, 150.0]\n"), "{}", scenario.to_toml());
     let Sensors { sampling_bps, initial_queue_mean_bits, .. } = scenario.sensors;
-    assert_eq!((Sensors::mean(sampling_bps), Sensors::mean(initial_queue_mean_bits)), (100.0, 10_000.0));
+    assert_eq!((sampling_bps.mean(), initial_queue_mean_bits.mean()), (100.0, 10_000.0));
     let list = SensorList::of(&scenario).unwrap();
     let mean = |value: &dyn Fn(usize) -> f64| (0..10_000).map(value).sum::<f64>() / 10_000.0;
     let sensors = list.sensors();
@@ -107,7 +108,7 @@ fn drawing_rates_and_means_changes_nothing_else() {
 #[test]
 fn a_list_is_relative_to_the_scenario() {
     let scenario = parse("name = \"x\"\n[sensors]\nfile = \"sub/list.csv\"\n").unwrap();
-    assert_eq!(scenario.sensors.source, SensorSource::File("folder/sub/list.csv".into()));
+    assert_eq!(scenario.sensor_file(), Some("folder/sub/list.csv".into()));
 }
 
 #[test]
@@ -173,9 +174,11 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
 #[test]
 fn the_probabilistic_model_has_its_own_keys_and_defaults() {
     let scenario = parse("name = \"x\"\n[uav]\naltitude = \"free\"\n[link]\nmodel = \"probabilistic-los\"\n").unwrap();
-    let (los, climb) = (scenario.link.los.unwrap(), scenario.uav.climb.unwrap());
+    let (los, climb) = (LineOfSight::of(&scenario).unwrap(), scenario.uav.climb().unwrap());
     assert_eq!(los.curve, LosCurve::Sigmoid { a: 9.61, b: 0.16 }, "urban");
-    assert!((los.reference_gain - 1e-6).abs() < 1e-18 && (los.nlos_extra - 0.01).abs() < 1e-15);
+    // p β0/(σ² Γ) = 0.05 · 10^−6/(10^−13 · 10^0.82), and μ = 0.01
+    assert!((los.los_snr / (5e5 / 10f64.powf(0.82)) - 1.0).abs() < 1e-12);
+    assert!((los.nlos_snr / los.los_snr - 0.01).abs() < 1e-15);
     assert_eq!((climb.min_altitude_m, climb.max_altitude_m, climb.max_climb_mps), (20.0, 120.0, 5.0));
     assert_eq!(scenario.altitudes_m(22.0), [20.0, 27.0]);
     assert_eq!(parse(&scenario.to_toml()).unwrap(), scenario);

@@ -18,7 +18,7 @@ impl Vehicle {
     /// The UAV of a scenario, where it starts.
     #[must_use]
     pub fn new(scenario: &Scenario) -> Self {
-        Self { scenario: scenario.clone(), position: scenario.uav.start }
+        Self { scenario: scenario.clone(), position: scenario.start() }
     }
 
     /// Flies to `waypoint` [m] if it lies in the area and in reach of one slot (UTS eq. 3, and the climb); otherwise
@@ -30,7 +30,7 @@ impl Vehicle {
         let ground = waypoint.xy();
         let is_over = area.contains(&ground, border_m) && within(&self.position.xy(), &ground, self.scenario.reach_m());
         let [lowest_m, highest_m] = self.scenario.altitudes_m(self.position.z);
-        let z_m = match self.scenario.uav.climb {
+        let z_m = match self.scenario.uav.climb() {
             None if waypoint.z.is_finite() => self.position.z,
             _ => waypoint.z,
         };

@@ -43,7 +43,7 @@ impl Metrics {
         Self {
             slot_s: scenario.slot_s,
             aircraft: scenario.uav.propulsion,
-            place: scenario.uav.start,
+            place: scenario.start(),
             flown_m: 0.0,
             energy_j: 0.0,
             slot: 0,

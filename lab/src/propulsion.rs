@@ -11,14 +11,11 @@ use skysink_common::scenario::Propulsion;
 #[must_use]
 pub fn power_w(aircraft: &Propulsion, speed_mps: f64) -> f64 {
     let v2 = speed_mps * speed_mps;
-    let blade_w = aircraft.blade_profile_w.get() * (1.0 + 3.0 * v2 / aircraft.tip_speed_mps.get().powi(2));
+    let blade_w = aircraft.blade_profile_w * (1.0 + 3.0 * v2 / aircraft.tip_speed_mps.powi(2));
     // sqrt(1 + x²) − x loses all digits at high speed; its reciprocal form does not.
-    let x = v2 / (2.0 * aircraft.hover_induced_mps.get().powi(2));
-    let induced_w = aircraft.induced_w.get() / (x + (1.0 + x * x).sqrt()).sqrt();
-    let drag = aircraft.drag_ratio.get()
-        * aircraft.air_density_kgpm3.get()
-        * aircraft.rotor_solidity.get()
-        * aircraft.rotor_disc_m2.get();
+    let x = v2 / (2.0 * aircraft.hover_induced_mps.powi(2));
+    let induced_w = aircraft.induced_w / (x + (1.0 + x * x).sqrt()).sqrt();
+    let drag = aircraft.drag_ratio * aircraft.air_density_kgpm3 * aircraft.rotor_solidity * aircraft.rotor_disc_m2;
     blade_w + induced_w + 0.5 * drag * v2 * speed_mps
 }
 

@@ -46,7 +46,7 @@ struct Flight<'a> {
 
 impl<'a> Flight<'a> {
     fn new(scenario: &'a Scenario, initial_bits: &'a [u32]) -> Self {
-        Self { scenario, initial_bits, queues_bits: initial_bits.to_vec(), position: scenario.uav.start.xy(), slot: 1 }
+        Self { scenario, initial_bits, queues_bits: initial_bits.to_vec(), position: scenario.start().xy(), slot: 1 }
     }
 
     /// Lives through the slot of a plan, which empties what it serves.
@@ -118,7 +118,7 @@ fn plans(criterion: &mut Criterion) {
                 let equal_bits = vec![30_000; count as usize];
                 for (name, queues_bits) in [("transit", &initial_bits), ("transit, all queues equal", &equal_bits)] {
                     group.bench_function(name, |bencher| {
-                        bencher.iter(|| black_box(transit_waypoint(&table, &scenario.uav.start.xy(), queues_bits)));
+                        bencher.iter(|| black_box(transit_waypoint(&table, &scenario.start().xy(), queues_bits)));
                     });
                 }
                 let mut flight = Flight::new(&scenario, &initial_bits);

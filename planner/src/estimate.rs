@@ -12,7 +12,7 @@ pub(crate) use saved::Saved;
 use serde::{Deserialize, Serialize};
 use skysink_common::arrivals::bits_between;
 use skysink_common::message::{FlightReport, SensorNode};
-use skysink_common::scenario::{Scenario, Sensors};
+use skysink_common::scenario::{Interval, Scenario};
 
 /// What the planner knows of the sampling rates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -63,7 +63,7 @@ pub struct Uncertainty {
 /// Half the width [bit] of an even law with the variance of Poisson queues whose mean is even in a range.
 fn half_bits([lowest, highest]: [f64; 2]) -> f64 {
     let half_bits = (highest - lowest) / 2.0;
-    (half_bits * half_bits + 3.0 * Sensors::mean([lowest, highest])).sqrt()
+    (half_bits * half_bits + 3.0 * Interval::Range([lowest, highest]).mean()).sqrt()
 }
 
 /// Half the width of a range as a share of its mean; 0 of nothing.
@@ -139,10 +139,10 @@ impl Estimate {
     /// What is believed before slot 1 of a scenario with these SNs, by a planner that knows `rates` of their sampling.
     #[must_use]
     pub fn new(scenario: &Scenario, rates: Rates, sensors: &[SensorNode]) -> Self {
-        let initial_bits = Sensors::mean(scenario.sensors.initial_queue_mean_bits) as u32;
+        let initial_bits = scenario.sensors.initial_queue_mean_bits.mean() as u32;
         let mean_bps = |sensor: &SensorNode| match rates {
             Rates::Known => sensor.sampling_bps,
-            Rates::Learnt => Sensors::mean(scenario.sensors.sampling_bps),
+            Rates::Learnt => scenario.sensors.sampling_bps.mean(),
         };
         let belief = |sensor: &SensorNode| {
             Belief::before_any_contact(sensor.capacity_bits, mean_bps(sensor) * scenario.slot_s, initial_bits)
@@ -150,8 +150,8 @@ impl Estimate {
         Self {
             rates,
             initial_bits,
-            initial_half_bits: half_bits(scenario.sensors.initial_queue_mean_bits),
-            rate_half_share: half_share(scenario.sensors.sampling_bps),
+            initial_half_bits: half_bits(scenario.sensors.initial_queue_mean_bits.ends()),
+            rate_half_share: half_share(scenario.sensors.sampling_bps.ends()),
             beliefs: sensors.iter().map(belief).collect(),
             observed: 0,
             whole_since: 0,

@@ -197,7 +197,7 @@ mod tests {
     fn a_planner_that_comes_back_plans_the_last_slots_as_before() {
         for scenario in scenarios() {
             let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
-            let mut flights = vec![FlightReport::at(scenario.uav.start, Mode::Hold)];
+            let mut flights = vec![FlightReport::at(scenario.start(), Mode::Hold)];
             let mut planner = Planner::new(&scenario, &nodes()).unwrap();
             for slot in 1..=9 {
                 let plan = answer(slot, &flights[slot as usize - 1], &mut planner, &folder);

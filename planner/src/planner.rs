@@ -403,7 +403,7 @@ mod tests {
         scenario.uav.max_speed_mps = max_speed_mps;
         let list = SensorList::of(&scenario).unwrap();
         let mut planner = Planner::new(&scenario, &list.nodes()).unwrap();
-        let (mut position, mut queues_bits) = (scenario.uav.start.xy(), list.queues_bits());
+        let (mut position, mut queues_bits) = (scenario.start().xy(), list.queues_bits());
         let fly = |slot| {
             let plan = planner.step(slot, above(&position, 20.0), &queues_bits);
             position = Position::new(plan.x_m, plan.y_m);

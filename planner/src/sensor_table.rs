@@ -112,7 +112,7 @@ pub(crate) mod tests {
             SensorTable::new(&scenario, &[SensorNode { x_m: 1.0, y_m: 2.0, gain: 1e-5, ..SensorNode::default() }]);
         assert_eq!((table.reach_m, table.comm_radius_m, table.resource_blocks), (15.0, 7.0, 4)); // 30 m/s · 0.5 s
         assert_eq!((table.positions[0], table.gains[0]), (Position::new(1.0, 2.0), 1e-5));
-        assert_eq!(table.area, Area { width_m: 80.0, height_m: 60.0 });
+        assert_eq!(table.area, Area::new(80.0, 60.0));
     }
 
     #[test]

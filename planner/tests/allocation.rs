@@ -38,7 +38,7 @@ static ALLOCATOR: Counting = Counting;
 fn fly(scenario: &Scenario, mut queues_bits: Vec<u32>, sampled_bits: u32) {
     let list = SensorList::of(scenario).unwrap();
     let mut planner = Planner::new(scenario, &list.nodes()).unwrap();
-    let (mut position, mut altitude_m) = (scenario.uav.start.xy(), scenario.uav.altitude_m);
+    let (mut position, mut altitude_m) = (scenario.start().xy(), scenario.uav.altitude_m);
     let requests_before = REQUESTS.get();
     for slot in 1..=300 {
         let plan = planner.step(slot, above(&position, altitude_m), &queues_bits);

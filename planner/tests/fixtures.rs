@@ -74,7 +74,7 @@ fn replay(name: &str, strategy: Strategy, solver: WaypointSolver, tolerance_m: f
     let sensors = list.nodes();
     let mut ledger = Ledger::new(scenario.sensors.capacity_bits, list.queues_bits());
     let mut planner = Planner::new(&scenario, &sensors).unwrap();
-    let mut position = scenario.uav.start.xy();
+    let mut position = scenario.start().xy();
     let expected = std::fs::read_to_string(folder.join(format!("expected_{}.csv", strategy.name()))).unwrap();
     let mut slots = 0;
     for expected in expected.lines().skip(1).map(slot_of) {

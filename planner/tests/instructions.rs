@@ -28,7 +28,7 @@ fn fly(strategy: Strategy, count: u32) {
     let scenario = Scenario::parse(&text, Path::new("a.toml"), overrides).unwrap();
     let list = SensorList::of(&scenario).unwrap();
     let mut planner = Planner::new(&scenario, &list.nodes()).unwrap();
-    let (mut position, mut queues_bits) = (scenario.uav.start.xy(), list.queues_bits());
+    let (mut position, mut queues_bits) = (scenario.start().xy(), list.queues_bits());
     for slot in 1..=SLOTS {
         let plan = counted(|| planner.step(slot, above(&position, 20.0), &queues_bits));
         position = Position::new(plan.x_m, plan.y_m);

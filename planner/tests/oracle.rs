@@ -65,12 +65,7 @@ impl Setting {
 
     /// Slots of 1 s; `altitude` is the value of its key, and more lines of the same table.
     fn scenario(self, reach_m: f64, altitude: &str, altitude_m: f64) -> Scenario {
-        let environment = match self.environment {
-            Environment::Suburban => "suburban",
-            Environment::Urban => "urban",
-            Environment::DenseUrban => "dense-urban",
-            Environment::HighRise => "high-rise",
-        };
+        let environment = self.environment.name();
         let solver = match self.solver {
             WaypointSolver::Geometric => "geometric",
             WaypointSolver::Clarabel => "clarabel",

@@ -68,7 +68,7 @@ struct Flight<'a> {
 
 impl<'a> Flight<'a> {
     fn new(scenario: &'a Scenario, initial_bits: &'a [u32]) -> Self {
-        Self { scenario, initial_bits, queues_bits: initial_bits.to_vec(), position: scenario.uav.start.xy(), slot: 1 }
+        Self { scenario, initial_bits, queues_bits: initial_bits.to_vec(), position: scenario.start().xy(), slot: 1 }
     }
 
     fn plan(&self, planner: &mut Planner) -> Plan {

@@ -51,7 +51,7 @@ pub fn audit(place: &Place) -> Vec<Line> {
     let channel = Channel::of(&scenario);
     let lines = trace(place);
     let mut queued_bits: u64 = list.queues_bits().iter().map(|&bits| u64::from(bits)).sum();
-    let mut position = scenario.uav.start.xy();
+    let mut position = scenario.start().xy();
     for (line, slot) in lines.iter().zip(1..) {
         assert_eq!(line.slot, slot);
         assert_eq!(queued_bits + sampled_bits, line.delivered_bits + line.lost_bits + line.queued_bits, "{line:?}");

@@ -47,7 +47,7 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes) -> String {
     let Scenario { name, seed, slots, slot_s, .. } = scenario;
     let (strategy, blocks) = (&scenario.planner.strategy, scenario.link.resource_blocks);
     let (radius_m, altitude_m, grid_m) = (scenario.link.comm_radius_m, scenario.uav.altitude_m, sizes.grid_m);
-    let altitude = scenario.uav.climb.map_or(format!("an altitude of {altitude_m} m"), |climb| {
+    let altitude = scenario.uav.climb().map_or(format!("an altitude of {altitude_m} m"), |climb| {
         format!("altitudes from {} m to {} m", climb.min_altitude_m, climb.max_altitude_m)
     });
     let (width_m, height_m, reach_m) = (scenario.area.width_m, scenario.area.height_m, scenario.reach_m());
@@ -85,7 +85,7 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes) -> String {
 /// Why the UAV climbs, and what shows it.
 fn los_page(scenario: &Scenario, link: &LineOfSight) -> String {
     let percent = 100.0 * field::funnel_chance(link);
-    let fixed = if scenario.uav.climb.is_none() { " This UAV may not choose: its altitude is fixed." } else { "" };
+    let fixed = if scenario.uav.climb().is_none() { " This UAV may not choose: its altitude is fixed." } else { "" };
     format!(
         "**Why climb?** Buildings block links. The *steeper* a sensor node looks up to the UAV, the likelier it sees it. \
          But the *higher* the UAV, the longer the link and the lower its rate. The best altitude lies between.{fixed}\n\n\

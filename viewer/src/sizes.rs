@@ -36,7 +36,7 @@ impl Sizes {
     pub fn of(scenario: &Scenario, count: usize) -> Self {
         let (width_m, depth_m) = (scenario.area.width_m as f32, scenario.area.height_m as f32);
         let fixed_m = [scenario.uav.altitude_m; 2];
-        let range_m = scenario.uav.climb.map_or(fixed_m, |climb| [climb.min_altitude_m, climb.max_altitude_m]);
+        let range_m = scenario.uav.climb().map_or(fixed_m, |climb| [climb.min_altitude_m, climb.max_altitude_m]);
         let [lowest_m, highest_m] = range_m.map(|altitude_m| altitude_m as f32);
         let (altitude_m, radius_m) = (0.5 * (lowest_m + highest_m), scenario.link.comm_radius_m as f32);
         let spacing_m = (width_m * depth_m / count.max(1) as f32).sqrt();

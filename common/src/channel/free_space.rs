@@ -31,9 +31,9 @@ impl FreeSpace {
         Self {
             bandwidth_hz: scenario.link.bandwidth_hz,
             tx_power_w: scenario.link.tx_power_w,
-            noise_w: scenario.link.noise_w,
+            noise_w: scenario.link.noise_w(),
             comm_s: scenario.link.comm_s,
-            redrawn_db: (scenario.link.gain == GainMode::PerSlot).then_some(scenario.link.gain_db),
+            redrawn_db: (scenario.link.gain == Some(GainMode::PerSlot)).then_some(scenario.link.gain_range_db()),
         }
     }
 

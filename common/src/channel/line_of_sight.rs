@@ -10,7 +10,8 @@ use rand::RngExt;
 use super::{Draw, Slopes, Uplink};
 use crate::geometry::elevation_deg;
 use crate::random::{Purpose, Streams};
-use crate::scenario::{LosCurve, LosModel, Scenario};
+use crate::scenario::{LosCurve, Scenario};
+use crate::units::ratio_of_db;
 
 /// The parameters of a probabilistic line-of-sight uplink.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,19 +33,21 @@ pub struct LineOfSight {
 }
 
 impl LineOfSight {
-    /// The channel of a scenario whose link has this model.
+    /// The channel of a scenario; none in free space.
     #[must_use]
-    pub fn of(scenario: &Scenario, model: &LosModel) -> Self {
-        let los_snr = scenario.link.tx_power_w * model.reference_gain / (scenario.link.noise_w * model.snr_gap);
-        Self {
-            bandwidth_hz: scenario.link.bandwidth_hz,
-            comm_s: scenario.link.comm_s,
-            curve: model.curve,
+    pub fn of(scenario: &Scenario) -> Option<Self> {
+        let link = &scenario.link;
+        let snr_gap = ratio_of_db(link.snr_gap_db?);
+        let los_snr = link.tx_power_w * ratio_of_db(link.reference_gain_db?) / (link.noise_w() * snr_gap);
+        Some(Self {
+            bandwidth_hz: link.bandwidth_hz,
+            comm_s: link.comm_s,
+            curve: link.los_curve()?,
             los_snr,
-            nlos_snr: model.nlos_extra * los_snr,
-            los_exponent: model.los_exponent,
-            nlos_exponent: model.nlos_exponent,
-        }
+            nlos_snr: ratio_of_db(link.nlos_extra_db?) * los_snr,
+            los_exponent: link.los_exponent?,
+            nlos_exponent: link.nlos_exponent?,
+        })
     }
 
     /// Probability of line of sight, `P_L`.

@@ -72,10 +72,7 @@ impl Channel {
     /// The channel of a scenario.
     #[must_use]
     pub fn of(scenario: &Scenario) -> Self {
-        match &scenario.link.los {
-            None => Self::FreeSpace(FreeSpace::of(scenario)),
-            Some(model) => Self::LineOfSight(LineOfSight::of(scenario, model)),
-        }
+        LineOfSight::of(scenario).map_or_else(|| Self::FreeSpace(FreeSpace::of(scenario)), Self::LineOfSight)
     }
 
     /// The probabilistic line-of-sight model, if that is what it is.

@@ -1,108 +1,151 @@
-//! The keys of a scenario file: each one once, with its unit, its check and its default, as read and as written.
+//! The tables of a scenario file: each key with its unit, as read and as written.
 //!
-//! The defaults are the letter's mission (section V). Levels are in dB here and nowhere behind. Rules between keys, and
-//! defaults that depend on other keys, are next door.
+//! What a number may be, the defaults and the rules between keys are next door. Levels are in dB here and nowhere behind.
 
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
+use strum::{IntoStaticStr, VariantArray};
 
-use super::planner::PlannerKeys;
-use super::value::{
-    Count, Exponent, Finite, GainDb, GapDb, LatitudeDeg, LongitudeDeg, MeanBits, Name, NoiseDbm, NonNegative,
-    OneOrRange, Positive,
-};
-use super::{MAX_RESOURCE_BLOCKS, MAX_SEED, MAX_SENSORS, MAX_SLOTS};
+use super::value::{Count, Interval, count};
+use super::{MAX_RESOURCE_BLOCKS, MAX_SENSORS};
+use crate::geometry::Position;
+use crate::units::watts_of_dbm;
 
-/// A scenario file. The keys are documented on [`super::Scenario`].
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// `[area]`: the area `[0, width] × [0, height]`, closed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(from = "AreaKeys", into = "AreaKeys")]
+pub struct Area {
+    /// Extent in x [m].
+    pub width_m: f64,
+    /// Extent in y [m].
+    pub height_m: f64,
+    /// Where it lies on the Earth, if the file says so.
+    pub origin: Option<Origin>,
+}
+
+impl Area {
+    /// An area that lies nowhere.
+    #[must_use]
+    pub const fn new(width_m: f64, height_m: f64) -> Self {
+        Self { width_m, height_m, origin: None }
+    }
+
+    /// Whether a position lies in the closed area, up to `slack_m` [m]; false for NaN.
+    #[must_use]
+    pub fn contains(&self, position: &Position, slack_m: f64) -> bool {
+        (-slack_m..=self.width_m + slack_m).contains(&position.x)
+            && (-slack_m..=self.height_m + slack_m).contains(&position.y)
+    }
+}
+
+/// The south-west corner of the area on the WGS84 ellipsoid, at altitude 0.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Origin {
+    /// Geodetic latitude [°], −90 to 90.
+    pub lat_deg: f64,
+    /// Longitude [°], −180 to 180.
+    pub lon_deg: f64,
+}
+
+/// An area as written: `side_m`, or `width_m` and `height_m`; and both coordinates of its origin, or neither.
+#[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields, expecting = "a table")]
-pub(super) struct Keys {
-    pub name: Name,
-    #[serde(default = "Count::of::<1>")]
-    pub seed: Count<0, MAX_SEED>,
-    #[serde(default = "Count::of::<600>")]
-    pub slots: Count<1, MAX_SLOTS>,
-    #[serde(default = "one_second")]
-    pub slot_s: Positive,
-    #[serde(default)]
-    pub area: AreaKeys,
-    #[serde(default)]
-    pub sensors: SensorKeys,
-    #[serde(default)]
-    pub uav: UavKeys,
-    #[serde(default)]
-    pub link: LinkKeys,
-    #[serde(default)]
-    pub planner: PlannerKeys,
+struct AreaKeys {
+    side_m: Option<f64>,
+    width_m: Option<f64>,
+    height_m: Option<f64>,
+    origin_lat_deg: Option<f64>,
+    origin_lon_deg: Option<f64>,
 }
 
-fn one_second() -> Positive {
-    Positive(1.0)
-}
-
-/// `[area]`: `side_m`, or `width_m` and `height_m`; and the latitude and longitude of its south-west corner, or neither.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, expecting = "a table")]
-pub(super) struct AreaKeys {
-    pub side_m: Option<Positive>,
-    pub width_m: Option<Positive>,
-    pub height_m: Option<Positive>,
-    pub origin_lat_deg: Option<LatitudeDeg>,
-    pub origin_lon_deg: Option<LongitudeDeg>,
-}
-
-/// `[sensors]`: `count` or `file`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, expecting = "a table")]
-pub(super) struct SensorKeys {
-    pub count: Option<Count<1, MAX_SENSORS>>,
-    pub file: Option<PathBuf>,
-    pub capacity_bits: Count<1, { u32::MAX as u64 }>,
-    pub sampling_bps: OneOrRange<NonNegative>,
-    pub initial_queue_mean_bits: OneOrRange<MeanBits>,
-}
-
-impl Default for SensorKeys {
-    fn default() -> Self {
+impl From<AreaKeys> for Area {
+    /// The rules between the keys are checked elsewhere.
+    fn from(keys: AreaKeys) -> Self {
+        let extent_m = |extent_m: Option<f64>| extent_m.or(keys.side_m).unwrap_or(f64::NAN);
+        let origin = keys.origin_lat_deg.zip(keys.origin_lon_deg);
         Self {
-            count: None,
-            file: None,
-            capacity_bits: Count::of::<30_000>(),
-            sampling_bps: OneOrRange::One(NonNegative(100.0)),
-            initial_queue_mean_bits: OneOrRange::One(MeanBits(10_000.0)),
+            width_m: extent_m(keys.width_m),
+            height_m: extent_m(keys.height_m),
+            origin: origin.map(|(lat_deg, lon_deg)| Origin { lat_deg, lon_deg }),
         }
     }
 }
 
-/// `[uav]`.
+impl From<Area> for AreaKeys {
+    fn from(Area { width_m, height_m, origin }: Area) -> Self {
+        let is_square = width_m == height_m;
+        Self {
+            side_m: is_square.then_some(width_m),
+            width_m: (!is_square).then_some(width_m),
+            height_m: (!is_square).then_some(height_m),
+            origin_lat_deg: origin.map(|origin| origin.lat_deg),
+            origin_lon_deg: origin.map(|origin| origin.lon_deg),
+        }
+    }
+}
+
+/// `[sensors]`: the sensor nodes, before their list is drawn or read.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, expecting = "a table")]
+pub struct Sensors {
+    /// This many, drawn uniformly over the area from the seed; none if there is a file.
+    pub count: Option<Count<1, MAX_SENSORS>>,
+    /// A CSV file, relative to the scenario's folder.
+    pub file: Option<PathBuf>,
+    /// Buffer of each, `B` [bit].
+    #[serde(deserialize_with = "count::<1, { u32::MAX as u64 }, _, _>")]
+    pub capacity_bits: u32,
+    /// Sampling rate `s` [bit/s] of those whose list does not name one.
+    pub sampling_bps: Interval,
+    /// Mean `λ` [bit] of the Poisson initial queue of those whose list does not name one.
+    pub initial_queue_mean_bits: Interval,
+}
+
+/// `[uav]`: the vehicle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, expecting = "a table")]
-pub(super) struct UavKeys {
+#[serde(deny_unknown_fields, expecting = "a table")]
+pub struct UavKeys {
+    /// Whether it may change its altitude.
+    #[serde(default)]
     pub altitude: AltitudeMode,
-    pub altitude_m: Positive,
-    pub min_altitude_m: Option<Positive>,
-    pub max_altitude_m: Option<Positive>,
-    pub max_climb_mps: Option<NonNegative>,
-    pub max_speed_mps: Positive,
-    pub endurance_s: Positive,
+    /// Altitude `H` [m], or the one it starts at.
+    pub altitude_m: f64,
+    /// Lowest altitude `H_min` [m]; present at a free one, as are the next two.
+    pub min_altitude_m: Option<f64>,
+    /// Highest altitude `H_max` [m].
+    pub max_altitude_m: Option<f64>,
+    /// Fastest climb and descent `V_z` [m/s].
+    pub max_climb_mps: Option<f64>,
+    /// Top speed `V_max` [m/s].
+    pub max_speed_mps: f64,
+    /// Longest flight `T_e` [s].
+    pub endurance_s: f64,
+    /// Where it starts [m], on the ground; always there in a scenario.
     pub start_m: Option<[f64; 2]>,
+    /// What flying costs.
+    #[serde(default)]
     pub propulsion: Propulsion,
 }
 
-impl Default for UavKeys {
-    fn default() -> Self {
-        Self {
-            altitude: AltitudeMode::Fixed,
-            altitude_m: Positive(20.0),
-            min_altitude_m: None,
-            max_altitude_m: None,
-            max_climb_mps: None,
-            max_speed_mps: Positive(30.0),
-            endurance_s: Positive(600.0),
-            start_m: None,
-            propulsion: Propulsion::default(),
-        }
+/// How the UAV may change its altitude.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Climb {
+    /// Lowest altitude `H_min` [m].
+    pub min_altitude_m: f64,
+    /// Highest altitude `H_max` [m].
+    pub max_altitude_m: f64,
+    /// Fastest climb and descent `V_z` [m/s].
+    pub max_climb_mps: f64,
+}
+
+impl UavKeys {
+    /// The range in which it may change its altitude; none at a fixed one.
+    #[must_use]
+    pub fn climb(&self) -> Option<Climb> {
+        let [min_altitude_m, max_altitude_m] = [self.min_altitude_m?, self.max_altitude_m?];
+        let climb = Climb { min_altitude_m, max_altitude_m, max_climb_mps: self.max_climb_mps? };
+        (self.altitude == AltitudeMode::Free).then_some(climb)
     }
 }
 
@@ -112,93 +155,123 @@ impl Default for UavKeys {
 #[serde(deny_unknown_fields, default, expecting = "a table")]
 pub struct Propulsion {
     /// Blade profile power in hovering, `P_0` [W].
-    pub blade_profile_w: Positive,
+    pub blade_profile_w: f64,
     /// Induced power in hovering, `P_i` [W].
-    pub induced_w: Positive,
+    pub induced_w: f64,
     /// Speed of the rotor's blade tips, `U_tip` [m/s].
-    pub tip_speed_mps: Positive,
+    pub tip_speed_mps: f64,
     /// Mean rotor induced velocity in hovering, `v_0` [m/s].
-    pub hover_induced_mps: Positive,
+    pub hover_induced_mps: f64,
     /// Fuselage drag ratio, `d_0`.
-    pub drag_ratio: NonNegative,
+    pub drag_ratio: f64,
     /// Air density, `ρ` [kg/m³].
-    pub air_density_kgpm3: Positive,
+    pub air_density_kgpm3: f64,
     /// Rotor solidity, `s`.
-    pub rotor_solidity: Positive,
+    pub rotor_solidity: f64,
     /// Rotor disc area, `A` [m²].
-    pub rotor_disc_m2: Positive,
+    pub rotor_disc_m2: f64,
 }
 
 impl Default for Propulsion {
     fn default() -> Self {
         Self {
-            blade_profile_w: Positive(79.86),
-            induced_w: Positive(88.63),
-            tip_speed_mps: Positive(120.0),
-            hover_induced_mps: Positive(4.03),
-            drag_ratio: NonNegative(0.6),
-            air_density_kgpm3: Positive(1.225),
-            rotor_solidity: Positive(0.05),
-            rotor_disc_m2: Positive(0.503),
+            blade_profile_w: 79.86,
+            induced_w: 88.63,
+            tip_speed_mps: 120.0,
+            hover_induced_mps: 4.03,
+            drag_ratio: 0.6,
+            air_density_kgpm3: 1.225,
+            rotor_solidity: 0.05,
+            rotor_disc_m2: 0.503,
         }
     }
 }
 
-/// `[link]`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, expecting = "a table")]
-pub(super) struct LinkKeys {
-    pub model: LinkModel,
-    pub bandwidth_hz: Positive,
-    pub tx_power_w: Positive,
-    pub noise_dbm: NoiseDbm,
-    pub gain_db: Option<OneOrRange<GainDb>>,
-    pub gain: Option<GainMode>,
-    pub environment: Option<Environment>,
-    pub los: Option<LosKeys>,
-    pub reference_gain_db: Option<GainDb>,
-    pub los_exponent: Option<Exponent>,
-    pub nlos_exponent: Option<Exponent>,
-    pub nlos_extra_db: Option<GainDb>,
-    pub snr_gap_db: Option<GapDb>,
-    pub comm_radius_m: Positive,
-    pub comm_s: Positive,
-    pub resource_blocks: Count<1, { MAX_RESOURCE_BLOCKS as u64 }>,
-}
-
-impl Default for LinkKeys {
-    fn default() -> Self {
-        Self {
-            model: LinkModel::FreeSpace,
-            bandwidth_hz: Positive(5e6),
-            tx_power_w: Positive(0.05),
-            noise_dbm: NoiseDbm(-100.0),
-            gain_db: None,
-            gain: None,
-            environment: None,
-            los: None,
-            reference_gain_db: None,
-            los_exponent: None,
-            nlos_exponent: None,
-            nlos_extra_db: None,
-            snr_gap_db: None,
-            comm_radius_m: Positive(10.0),
-            comm_s: Positive(0.1),
-            resource_blocks: Count::of::<4>(),
-        }
-    }
-}
-
-/// `link.los`: parameters of the probability of line of sight instead of an environment's, a and b or b1 to b4.
+/// `[link]`: the radio. The keys of one channel model are none in the other.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, expecting = "a table")]
-pub(super) struct LosKeys {
-    pub a: Option<Positive>,
-    pub b: Option<Positive>,
-    pub b1: Option<Finite>,
-    pub b2: Option<Positive>,
-    pub b3: Option<Finite>,
-    pub b4: Option<Positive>,
+pub struct LinkBudget {
+    /// Channel model.
+    pub model: LinkModel,
+    /// Bandwidth of a resource block, `W` [Hz].
+    pub bandwidth_hz: f64,
+    /// Transmission power of a sensor node, `p` [W].
+    pub tx_power_w: f64,
+    /// Noise power, `σ²` [dBm].
+    pub noise_dbm: f64,
+    /// Free space: the reference gain at 1 m, `α` [dB]; a range is uniform in dB.
+    pub gain_db: Option<Interval>,
+    /// Free space: whether the gain is redrawn.
+    pub gain: Option<GainMode>,
+    /// Line of sight: surroundings, or else `los`.
+    pub environment: Option<Environment>,
+    /// Line of sight: its probability.
+    pub los: Option<LosCurve>,
+    /// Line of sight: gain at 1 m, `β0` [dB].
+    pub reference_gain_db: Option<f64>,
+    /// Path loss exponent in line of sight, `α_L`.
+    pub los_exponent: Option<f64>,
+    /// Path loss exponent out of line of sight, `α_N`.
+    pub nlos_exponent: Option<f64>,
+    /// Further attenuation out of line of sight, `μ` [dB].
+    pub nlos_extra_db: Option<f64>,
+    /// SNR gap of a real modem, `Γ` [dB].
+    pub snr_gap_db: Option<f64>,
+    /// Communication radius on the ground, `d_c` [m].
+    pub comm_radius_m: f64,
+    /// Time for communication in a slot, `τ_c` [s].
+    pub comm_s: f64,
+    /// Resource blocks, `n`: the most sensor nodes served in a slot.
+    #[serde(deserialize_with = "count::<1, { MAX_RESOURCE_BLOCKS as u64 }, _, _>")]
+    pub resource_blocks: usize,
+}
+
+impl LinkBudget {
+    /// Noise power, `σ²` [W].
+    #[must_use]
+    pub fn noise_w(&self) -> f64 {
+        watts_of_dbm(self.noise_dbm)
+    }
+
+    /// Range [dB] of the reference gain at 1 m; `β0` twice in the probabilistic model, which has one gain for all.
+    #[must_use]
+    pub fn gain_range_db(&self) -> [f64; 2] {
+        self.gain_db.map_or([self.reference_gain_db.unwrap_or_default(); 2], Interval::ends)
+    }
+
+    /// Probability of line of sight over the elevation angle; none in free space.
+    #[must_use]
+    pub fn los_curve(&self) -> Option<LosCurve> {
+        self.los.or_else(|| self.environment.map(Environment::curve))
+    }
+}
+
+/// `link.los`: probability of line of sight over the elevation angle `θ` [deg].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(
+    untagged,
+    deny_unknown_fields,
+    expecting = "expected { a = , b = } or { b1 = , b2 = , b3 = , b4 = }, all of them numbers"
+)]
+pub enum LosCurve {
+    /// `1/(1 + a e^{−b(θ−a)})`.
+    Sigmoid {
+        /// Parameter a.
+        a: f64,
+        /// Parameter b.
+        b: f64,
+    },
+    /// `b3 + b4/(1 + e^{−(b1 + b2 θ)})`, `b3 + b4 = 1`; below 0 it is 0.
+    Logistic {
+        /// Parameter b1.
+        b1: f64,
+        /// Parameter b2.
+        b2: f64,
+        /// Parameter b3.
+        b3: f64,
+        /// Parameter b4.
+        b4: f64,
+    },
 }
 
 /// Channel model.
@@ -207,23 +280,25 @@ pub(super) struct LosKeys {
 pub enum LinkModel {
     /// Line of sight at a fixed altitude (UTS eq. 4).
     FreeSpace,
-    /// In line of sight or not, by chance (UTS section IV).
+    /// In line of sight or not, at random (UTS section IV).
     ProbabilisticLos,
 }
 
 /// Whether the UAV may change its altitude.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AltitudeMode {
     /// It stays at its altitude.
+    #[default]
     Fixed,
     /// It climbs and descends within its range.
     Free,
 }
 
-/// Surroundings with known parameters of line of sight.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+/// Surroundings with known parameters of line of sight, from open to built up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, IntoStaticStr, VariantArray)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum Environment {
     /// (a, b) = (4.88, 0.43).
     Suburban,
@@ -236,29 +311,25 @@ pub enum Environment {
 }
 
 impl Environment {
-    /// All of them, from open to built up.
-    pub const ALL: [Self; 4] = [Self::Suburban, Self::Urban, Self::DenseUrban, Self::HighRise];
+    /// All of them.
+    pub const ALL: &'static [Self] = Self::VARIANTS;
 
     /// The name in scenario files and figures.
     #[must_use]
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Suburban => "suburban",
-            Self::Urban => "urban",
-            Self::DenseUrban => "dense-urban",
-            Self::HighRise => "high-rise",
-        }
+        self.into()
     }
 
-    /// Parameters (a, b) of its chance of line of sight.
+    /// Its probability of line of sight.
     #[must_use]
-    pub fn sigmoid(self) -> (f64, f64) {
-        match self {
-            Self::Suburban => (4.88, 0.43),
-            Self::Urban => (9.61, 0.16),
-            Self::DenseUrban => (12.08, 0.11),
-            Self::HighRise => (27.23, 0.08),
-        }
+    pub fn curve(self) -> LosCurve {
+        let [a, b] = match self {
+            Self::Suburban => [4.88, 0.43],
+            Self::Urban => [9.61, 0.16],
+            Self::DenseUrban => [12.08, 0.11],
+            Self::HighRise => [27.23, 0.08],
+        };
+        LosCurve::Sigmoid { a, b }
     }
 }
 

@@ -15,21 +15,10 @@ use super::{Scenario, value};
 #[serde(expecting = "a table")]
 pub struct PlannerKeys {
     /// Name of the strategy.
-    #[serde(default = "letters_strategy")]
     pub strategy: String,
     /// Every other key.
     #[serde(flatten)]
     pub others: Table,
-}
-
-fn letters_strategy() -> String {
-    "uts".to_owned()
-}
-
-impl Default for PlannerKeys {
-    fn default() -> Self {
-        Self { strategy: letters_strategy(), others: Table::new() }
-    }
 }
 
 impl Scenario {

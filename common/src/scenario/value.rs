@@ -1,85 +1,13 @@
-//! Values that are checked as they are read, and the reader that says which key of which file it refuses, and why.
+//! Counts and names, which are checked as they are read, and the reader that says which key of which file it refuses, and why.
 
 use std::path::Path;
 
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
+use serde::de::{DeserializeOwned, Error as _};
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_path_to_error::Segment;
 use toml::{Table, Value};
 
 use super::error::ScenarioError;
-
-/// A number that is checked as it is read.
-pub trait Checked: Copy + Into<f64> {
-    /// What is accepted.
-    const EXPECTED: &'static str;
-
-    /// The number, if it is accepted.
-    fn of(value: f64) -> Option<Self>;
-}
-
-/// Declares checked numbers: a name, what is expected, and whether a value is that, written so that NaN fails.
-macro_rules! checked_numbers {
-    ($($(#[$doc:meta])* $name:ident: $expected:literal, |$value:ident| $holds:expr;)*) => {$(
-        $(#[$doc])*
-        #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-        #[serde(try_from = "f64")]
-        pub struct $name(pub(super) f64);
-
-        impl Checked for $name {
-            const EXPECTED: &'static str = $expected;
-
-            fn of($value: f64) -> Option<Self> {
-                if $holds { Some(Self($value)) } else { None }
-            }
-        }
-
-        impl TryFrom<f64> for $name {
-            type Error = &'static str;
-
-            fn try_from(value: f64) -> Result<Self, Self::Error> {
-                Self::of(value).ok_or(concat!("expected ", $expected))
-            }
-        }
-
-        impl $name {
-            /// The number.
-            #[must_use]
-            pub const fn get(self) -> f64 {
-                self.0
-            }
-        }
-
-        impl From<$name> for f64 {
-            fn from(number: $name) -> f64 {
-                number.0
-            }
-        }
-    )*};
-}
-
-checked_numbers! {
-    /// A finite number.
-    Finite: "a finite number", |value| value.is_finite();
-    /// A finite number above 0.
-    Positive: "a finite number above 0", |value| value > 0.0 && value.is_finite();
-    /// A finite number, 0 or above.
-    NonNegative: "a finite number, 0 or above", |value| value >= 0.0 && value.is_finite();
-    /// A mean number of bits, at most the largest storage.
-    MeanBits: "0 to 4294967295 bits", |value| (0.0..=4_294_967_295.0).contains(&value);
-    /// A gain [dB].
-    GainDb: "a level from -300 to 0 dB", |value| (-300.0..=0.0).contains(&value);
-    /// An SNR gap [dB].
-    GapDb: "0 to 100 dB", |value| (0.0..=100.0).contains(&value);
-    /// A noise power [dBm].
-    NoiseDbm: "a finite level below 0 dBm (and not below -300)", |value| (-300.0..0.0).contains(&value);
-    /// A path loss exponent.
-    Exponent: "an exponent from 1 to 10", |value| (1.0..=10.0).contains(&value);
-    /// A geodetic latitude [°].
-    LatitudeDeg: "a latitude, -90 to 90", |value| value.abs() <= 90.0;
-    /// A longitude [°].
-    LongitudeDeg: "a longitude, -180 to 180", |value| value.abs() <= 180.0;
-}
 
 /// A whole number from `MIN` to `MAX`, both at most TOML's largest, 2^63 − 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -116,67 +44,54 @@ impl<const MIN: u64, const MAX: u64> TryFrom<i64> for Count<MIN, MAX> {
     }
 }
 
-/// One number for all sensor nodes, or the lowest and the highest of the range that each draws its own from.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "Written", untagged, bound(deserialize = "T: Checked"))]
-pub enum OneOrRange<T> {
-    /// The same for all.
-    One(T),
-    /// Drawn uniformly; levels uniformly in dB.
-    Range([T; 2]),
+/// Reads a [`Count`] as a plain number.
+pub(super) fn count<'de, const MIN: u64, const MAX: u64, D: Deserializer<'de>, N: TryFrom<u64>>(
+    deserializer: D,
+) -> Result<N, D::Error> {
+    let Count(count) = Count::<MIN, MAX>::deserialize(deserializer)?;
+    N::try_from(count).map_err(|_| D::Error::custom(format!("expected {MIN} to {MAX}")))
 }
 
-/// The same before its check.
-#[derive(Deserialize)]
+/// One number for all sensor nodes, or the lowest and the highest of the range that each draws its own from.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(untagged, expecting = "expected a number or [lowest, highest]")]
-enum Written {
+pub enum Interval {
+    /// The same for all.
     One(f64),
+    /// Drawn uniformly; levels uniformly in dB.
     Range([f64; 2]),
 }
 
-impl<T: Checked> TryFrom<Written> for OneOrRange<T> {
-    type Error = String;
-
-    fn try_from(written: Written) -> Result<Self, String> {
-        match written {
-            Written::One(value) => T::of(value).map(Self::One).ok_or_else(|| format!("expected {}", T::EXPECTED)),
-            Written::Range([lowest, highest]) => match (T::of(lowest), T::of(highest)) {
-                (Some(low), Some(high)) if lowest <= highest => Ok(Self::Range([low, high])),
-                _ => Err(format!("expected {}, the lower first", T::EXPECTED)),
-            },
-        }
-    }
-}
-
-impl<T: Checked> OneOrRange<T> {
+impl Interval {
     /// The lowest value and the highest.
     #[must_use]
     pub fn ends(self) -> [f64; 2] {
         match self {
-            Self::One(value) => [value.into(); 2],
-            Self::Range(ends) => ends.map(Into::into),
+            Self::One(value) => [value; 2],
+            Self::Range(ends) => ends,
         }
     }
-}
 
-/// The name of a mission, which becomes the name of a folder.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(try_from = "String")]
-pub struct Name(pub(super) String);
+    /// The mean of what is drawn from it.
+    #[must_use]
+    pub fn mean(self) -> f64 {
+        let [lowest, highest] = self.ends();
+        lowest + (highest - lowest) / 2.0
+    }
+}
 
 /// Names become folders; file systems end at 255 bytes.
 const MAX_NAME_BYTES: usize = 100;
 
-impl TryFrom<String> for Name {
-    type Error = &'static str;
-
-    fn try_from(name: String) -> Result<Self, Self::Error> {
-        let allowed = |byte: u8| byte.is_ascii_alphanumeric() || b"._-".contains(&byte);
-        let holds = (1..=MAX_NAME_BYTES).contains(&name.len())
-            && name.bytes().all(allowed)
-            && !name.bytes().all(|byte| byte == b'.');
-        if holds { Ok(Self(name)) } else { Err("expected 1 to 100 of A-Z a-z 0-9 . _ - (it becomes a folder)") }
-    }
+/// Reads the name of a mission.
+pub(super) fn name<'de, D: Deserializer<'de>>(deserializer: D) -> Result<String, D::Error> {
+    let name = String::deserialize(deserializer)?;
+    let allowed = |byte: u8| byte.is_ascii_alphanumeric() || b"._-".contains(&byte);
+    let holds = (1..=MAX_NAME_BYTES).contains(&name.len())
+        && name.bytes().all(allowed)
+        && !name.bytes().all(|byte| byte == b'.');
+    let expected = "expected 1 to 100 of A-Z a-z 0-9 . _ - (it becomes a folder)";
+    if holds { Ok(name) } else { Err(D::Error::custom(expected)) }
 }
 
 /// Reads `table`, whose dotted name in the file `path` is `name` (empty: the file itself), as a `T`.

@@ -7,7 +7,7 @@ use super::{Sensor, draw_queue_bits, draw_sampling_bps};
 use crate::channel::draw_gain_db;
 use crate::geometry::Position;
 use crate::random::Streams;
-use crate::scenario::{Area, MAX_FIELD_BITS, Scenario};
+use crate::scenario::{Area, LinkModel, MAX_FIELD_BITS, Scenario};
 
 /// Columns in which a list is written, in this order.
 pub(super) const WRITTEN: [&str; 5] = ["x_m", "y_m", "queue_bits", "gain_db", "sampling_bps"];
@@ -87,7 +87,7 @@ impl<'a> Table<'a> {
             (Some(x_m), Some(y_m), None, None) => Frame::Area { x_m, y_m },
             (None, None, Some(lat_deg), Some(lon_deg)) => {
                 let expected = "area.origin_lat_deg and area.origin_lon_deg in the scenario";
-                let origin = scenario.origin.ok_or_else(|| format!("header `{named}`: expected {expected}"))?;
+                let origin = scenario.area.origin.ok_or_else(|| format!("header `{named}`: expected {expected}"))?;
                 Frame::Earth { lat_deg, lon_deg, projection: Projection::about(origin) }
             }
             _ => {
@@ -119,8 +119,8 @@ impl<'a> Table<'a> {
             queue_bits: queue_bits.map_or_else(|| draw_queue_bits(scenario, id), |bits| bits as u32),
             // The probabilistic model has one reference gain for all, whatever the list says.
             gain_db: gain_db
-                .filter(|_| scenario.link.los.is_none())
-                .unwrap_or_else(|| draw_gain_db(scenario.link.gain_db, &Streams::new(scenario.seed), 0, id)),
+                .filter(|_| scenario.link.model == LinkModel::FreeSpace)
+                .unwrap_or_else(|| draw_gain_db(scenario.link.gain_range_db(), &Streams::new(scenario.seed), 0, id)),
             sampling_bps: sampling_bps.unwrap_or_else(|| draw_sampling_bps(scenario, id)),
         })
     }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use skysink_common::checkpoint::{Checkpoint, encode};
 use skysink_common::message::{FlightReport, HoldReason, Mode};
-use skysink_common::scenario::{Overrides, Scenario, SensorSource};
+use skysink_common::scenario::{Count, Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::Field;
 use skysink_mission::mission::Mission;
@@ -13,10 +13,10 @@ use skysink_planner::settings;
 use super::flight_message::balanced;
 
 /// Most sensor nodes that are flown over: a slot takes time with more.
-const MOST_FLOWN_OVER: u32 = 16;
+const MOST_FLOWN_OVER: u64 = 16;
 
 /// Most sensor nodes that live through a slot.
-const MOST_SENSORS: u32 = 4096;
+const MOST_SENSORS: u64 = 4096;
 
 /// Slots that are flown.
 const SLOTS: u64 = 3;
@@ -28,10 +28,10 @@ const SLOTS: u64 = 3;
 pub fn mission(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     let Ok(scenario) = settings::parse(text, Path::new("city.toml"), Overrides::default()) else { return };
-    match scenario.sensors.source {
-        SensorSource::Drawn(..=MOST_FLOWN_OVER) => fly(&scenario),
-        SensorSource::Drawn(..=MOST_SENSORS) => live(&scenario),
-        SensorSource::Drawn(_) | SensorSource::File(_) => {}
+    match scenario.sensors.count.map(Count::get) {
+        Some(..=MOST_FLOWN_OVER) => fly(&scenario),
+        Some(..=MOST_SENSORS) => live(&scenario),
+        _ => {}
     }
 }
 

@@ -57,7 +57,7 @@ pub fn planner_message(bytes: &[u8]) {
 /// Whether the UAV can be there.
 fn possible(scenario: &Scenario, position: &Position, altitude_m: f64) -> bool {
     let uav = scenario.uav;
-    let high = uav.climb.map_or(altitude_m == uav.altitude_m, |climb| {
+    let high = uav.climb().map_or(altitude_m == uav.altitude_m, |climb| {
         (climb.min_altitude_m..=climb.max_altitude_m).contains(&altitude_m)
     });
     scenario.area.contains(position, 0.0) && high

@@ -33,7 +33,7 @@ pub(super) fn draw(campaign: &mut Campaign) -> Result<(), LabError> {
     let runs = campaign.choice.runs;
     let rows = campaign.fly("altitude", &sweep(runs)?, 0)?;
     for quantity in &QUANTITIES {
-        for (environment, name) in Environment::ALL.into_iter().map(Environment::name).enumerate() {
+        for (environment, name) in Environment::ALL.iter().map(|environment| environment.name()).enumerate() {
             let series = MODES.iter().enumerate().map(|(mode, (_, label))| {
                 curve(*label, &ALTITUDES_M, |altitude| {
                     let point = (environment * MODES.len() + mode) * ALTITUDES_M.len() + altitude;
@@ -57,7 +57,7 @@ pub(super) fn draw(campaign: &mut Campaign) -> Result<(), LabError> {
 /// Environment, then fixed or free, then altitude.
 fn sweep(runs: u64) -> Result<Sweep, LabError> {
     let axes = vec![
-        ("link.environment", Environment::ALL.map(|environment| environment.name().into()).to_vec()),
+        ("link.environment", Environment::ALL.iter().map(|environment| environment.name().into()).collect()),
         ("uav.altitude", MODES.map(|(mode, _)| mode.into()).to_vec()),
         ("uav.altitude_m", numbers("uav.altitude_m", &ALTITUDES_M)),
     ];

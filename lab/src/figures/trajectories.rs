@@ -55,7 +55,7 @@ fn map(change: &str, strategy: Strategy, choice: &Choice) -> Result<TrajectoryMa
         width_m: scenario.area.width_m,
         height_m: scenario.area.height_m,
         sensors: sensors.collect(),
-        start_m: scenario.uav.start.xy().coords.into(),
+        start_m: scenario.start().xy().coords.into(),
         path_m,
     })
 }

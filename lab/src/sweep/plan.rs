@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use skysink_common::scenario::{Overrides, Scenario, SensorSource};
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_mission::error::FileContext;
 use skysink_planner::settings::{self, Strategy};
@@ -199,7 +199,7 @@ impl Sweep {
                 source: Box::new(error),
             })?;
             hash.update(scenario.to_toml().as_bytes());
-            if let SensorSource::File(_) = scenario.sensors.source {
+            if scenario.sensors.file.is_some() {
                 hash.update(SensorList::of(&scenario)?.to_csv().as_bytes());
             }
         }

@@ -278,7 +278,7 @@ mod tests {
             // A centre that has an SN on its rim, up to rounding and the slack of decision D5.
             let to_rim = nalgebra::Vector2::from(towards) * (radius_m * slack);
             let centre = positions[near % positions.len()] + to_rim;
-            let area = Area { width_m: 100.0, height_m: 100.0 };
+            let area = Area::new(100.0, 100.0);
             let expected = looked_through(&positions, &centre, radius_m);
             for grid in [Grid::new(&positions, side_m), Grid::undivided(&positions), Grid::over(area, &positions, side_m)] {
                 prop_assert_eq!(&found(&grid, &centre, radius_m), &expected);
@@ -295,7 +295,7 @@ mod tests {
             let mut all: Vec<(f64, u32)> = positions.iter().map(|at| distance_squared(at, &centre)).zip(0..).collect();
             all.sort_by(|a, b| a.partial_cmp(b).unwrap());
             let expected: Vec<u32> = all.iter().take(count).map(|&(_, id)| id).collect();
-            let area = Area { width_m: 90.0, height_m: 60.0 };
+            let area = Area::new(90.0, 60.0);
             prop_assert_eq!(&Grid::new(&positions, side_m).nearest(&centre, count), &expected);
             prop_assert_eq!(&Grid::over(area, &positions, side_m).nearest(&centre, count), &expected);
         }

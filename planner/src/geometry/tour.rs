@@ -206,7 +206,7 @@ mod tests {
     use rand::RngExt;
     use skysink_common::random::{Purpose, Streams};
 
-    const AREA: Area = Area { width_m: 100.0, height_m: 100.0 };
+    const AREA: Area = Area::new(100.0, 100.0);
 
     fn length_m(points: &[Position], tour: &[u32]) -> f64 {
         let at = |index: usize| points[tour[index % tour.len()] as usize];

@@ -17,7 +17,7 @@ const WINDOWS: usize = 8;
 pub fn mission_bound(scenario: &Scenario, sensors: &[SensorNode], queues_bits: &[u32]) -> f64 {
     let horizon = Horizon::new(scenario, sensors);
     let world = &horizon.world;
-    lower_bound_with_way(world, &horizon.outlook(1, &scenario.uav.start.xy(), queues_bits), &Reachable::new(world))
+    lower_bound_with_way(world, &horizon.outlook(1, &scenario.start().xy(), queues_bits), &Reachable::new(world))
 }
 
 /// A lower bound on the loss [bit] of every plan over `outlook`, the larger of [`by_visits`] and [`by_throughput`].

@@ -389,7 +389,7 @@ fn a_free_altitude_is_foreseen_as_one_that_the_uav_can_keep() {
     let sensor = SensorNode { x_m: 50.0, y_m: 50.0, sampling_bps: 1.0, capacity_bits: 30_000, ..SensorNode::default() };
     let world = World::new(&scenario, &[sensor]);
     let channel = world.field.channel;
-    let climb = scenario.uav.climb.unwrap();
+    let climb = scenario.uav.climb().unwrap();
     let range_m = climb.max_altitude_m - climb.min_altitude_m;
     let carried = |d2_m2: f64, z_m: f64| {
         channel.capacity_bits(channel.expected_rate_bps(&Uplink { gain: 1.0, d2_m2, z_m })) as f64

@@ -356,7 +356,7 @@ impl World {
 /// The altitude [m] of some that may be flown from which a sensor node nearby is expected to send most.
 fn best_altitude_m(scenario: &Scenario, field: &SensorTable) -> f64 {
     let altitudes_m =
-        scenario.uav.climb.map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
+        scenario.uav.climb().map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
     let altitude_m =
         |level: u32| altitudes_m[0] + (altitudes_m[1] - altitudes_m[0]) * f64::from(level) / f64::from(LEVELS);
     let near_bps = |level: u32| -> f64 {

@@ -67,7 +67,7 @@ impl Offline {
     ) -> Result<Option<(Self, f64)>, ScenarioError> {
         let table = &SensorTable::new(scenario, sensors);
         let mut offline = Self::of(scenario, sensors)?;
-        let start = scenario.uav.start.xy();
+        let start = scenario.start().xy();
         let position = Point3::new(start.x, start.y, scenario.uav.altitude_m);
         let view = View { slot: 1, position, queues_bits, estimate: None, table, timing: Timing::Free };
         Ok(offline.prepare(&view, watch).map(|loss_bits| (offline, loss_bits)))

@@ -26,7 +26,7 @@ struct Tour {
 
 impl Tour {
     fn new(setup: &Setup) -> Self {
-        let order = order(setup.table, &setup.scenario.uav.start.xy());
+        let order = order(setup.table, &setup.scenario.start().xy());
         Self { turns: Turns::new(order), serving: Serving::new(setup) }
     }
 }

@@ -96,6 +96,6 @@ impl Profile {
 fn range_m(scenario: &Scenario) -> [f64; 2] {
     let fixed_m = scenario.uav.altitude_m;
     let fixed = [0.5 * fixed_m, 1.5 * fixed_m];
-    let free = scenario.uav.climb.map(|climb| [climb.min_altitude_m, climb.max_altitude_m]);
+    let free = scenario.uav.climb().map(|climb| [climb.min_altitude_m, climb.max_altitude_m]);
     free.filter(|[lowest_m, highest_m]| lowest_m < highest_m).unwrap_or(fixed)
 }
