@@ -6,7 +6,7 @@ use skysink_common::scenario::ScenarioError;
 use skysink_common::sensors::SensorListError;
 use skysink_common::stop::Stopped;
 use skysink_mission::MissionError;
-use skysink_ring::error::{JournalError, NodeError, RingError};
+use skysink_ring::error::{NodeError, RingError};
 
 /// Why a command fails; the display is one line.
 #[derive(Debug, thiserror::Error)]
@@ -76,7 +76,6 @@ through!(
     ScenarioError => MissionError,
     SensorListError => MissionError,
     Stopped => MissionError,
-    JournalError => RingError,
     RingError => NodeError
 );
 

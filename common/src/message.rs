@@ -1,12 +1,13 @@
 //! The messages of the ring, as they lie in shared memory.
 //!
-//! Plain `repr(C)` numbers without implicit padding, so that any language can read them; what a number means to a
-//! Rust program is said by the accessors, which never trust it. The layout's version is in each type name.
+//! Plain `repr(C)` numbers without implicit padding, so that any language can read them. A number that means nothing is read
+//! as the default of its enum. The layout's version is in each type name.
 
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "node")]
 use iceoryx2::prelude::ZeroCopySend;
 use nalgebra::Point3;
+use strum::{Display, EnumString, FromRepr, IntoStaticStr};
 
 pub use crate::ledger::Totals;
 use crate::scenario::MAX_RESOURCE_BLOCKS;
@@ -65,86 +66,37 @@ pub struct SensorNode {
     pub gain: f64,
     /// Sampling rate `s_i` [bit/s].
     pub sampling_bps: f64,
-    /// Storage `B` [bit].
+    /// Buffer `B` [bit].
     pub capacity_bits: u32,
     /// Zero.
     pub reserved: u32,
 }
 
-/// What the UAV does in a slot.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// What the UAV does in a slot, by its number in messages and its name in `slots.csv`; an unknown number is a hold.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Display, EnumString, FromRepr, IntoStaticStr)]
+#[strum(serialize_all = "lowercase")]
+#[repr(u32)]
 pub enum Mode {
     /// Flies to the strategy's own waypoint and serves there.
     Serve,
     /// Flies straight toward the fullest queue because nobody can be served from the strategy's reach.
     Transit,
     /// Stays where it is and serves nobody.
+    #[default]
     Hold,
 }
 
-impl Mode {
-    /// The number in messages.
-    #[must_use]
-    pub fn code(self) -> u32 {
-        match self {
-            Self::Serve => 0,
-            Self::Transit => 1,
-            Self::Hold => 2,
-        }
-    }
-
-    /// The mode of a number; an unknown one is a hold.
-    #[must_use]
-    pub fn of_code(code: u32) -> Self {
-        match code {
-            0 => Self::Serve,
-            1 => Self::Transit,
-            _ => Self::Hold,
-        }
-    }
-
-    /// The name in `slots.csv`.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Serve => "serve",
-            Self::Transit => "transit",
-            Self::Hold => "hold",
-        }
-    }
-}
-
-/// How the waypoint was found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// How the waypoint was found, by its number in messages; an unknown one, from a planner of somebody else, is its own rule.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, FromRepr)]
+#[repr(u32)]
 pub enum SolverOutcome {
     /// By the strategy's own rule; no problem was solved.
+    #[default]
     Rule,
     /// By the chosen solver.
     Solved,
     /// By the geometric solver, because the chosen one gave no usable point.
     Fallback,
-}
-
-impl SolverOutcome {
-    /// The number in messages.
-    #[must_use]
-    pub fn code(self) -> u32 {
-        match self {
-            Self::Rule => 0,
-            Self::Solved => 1,
-            Self::Fallback => 2,
-        }
-    }
-
-    /// The outcome of a number; an unknown one, from a planner of somebody else, is its own rule.
-    #[must_use]
-    pub fn of_code(code: u32) -> Self {
-        match code {
-            1 => Self::Solved,
-            2 => Self::Fallback,
-            _ => Self::Rule,
-        }
-    }
 }
 
 /// Payload of `plan`: whom to serve in the slot, and from where.
@@ -195,8 +147,8 @@ impl Plan {
             anchor: NOBODY,
             partner: NOBODY,
             chosen: NOBODY,
-            mode: mode.code(),
-            solver: SolverOutcome::Rule.code(),
+            mode: mode as u32,
+            solver: SolverOutcome::Rule as u32,
             served: 0,
             ids: [NOBODY; MAX_SERVED],
         }
@@ -244,37 +196,17 @@ pub struct LinkReport {
     pub capacity_bits: u64,
 }
 
-/// Why the UAV held its position.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Why the UAV held its position, by its number in messages; an unknown one is none.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, FromRepr)]
+#[repr(u32)]
 pub enum HoldReason {
     /// It did not hold.
+    #[default]
     None,
     /// No plan was there when the slot began.
     NoPlan,
     /// The waypoint was not finite, out of reach or outside the area.
     Waypoint,
-}
-
-impl HoldReason {
-    /// The number in messages.
-    #[must_use]
-    pub fn code(self) -> u32 {
-        match self {
-            Self::None => 0,
-            Self::NoPlan => 1,
-            Self::Waypoint => 2,
-        }
-    }
-
-    /// The reason of a number; an unknown one is none.
-    #[must_use]
-    pub fn of_code(code: u32) -> Self {
-        match code {
-            1 => Self::NoPlan,
-            2 => Self::Waypoint,
-            _ => Self::None,
-        }
-    }
 }
 
 /// Payload of `flight`: where the UAV is after the slot, and what each of its links can carry.
@@ -309,8 +241,8 @@ impl FlightReport {
             x_m: position.x,
             y_m: position.y,
             z_m: position.z,
-            mode: mode.code(),
-            hold: HoldReason::None.code(),
+            mode: mode as u32,
+            hold: HoldReason::None as u32,
             refused: 0,
             served: 0,
             links: [LinkReport::default(); MAX_SERVED],
@@ -374,10 +306,12 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_mode_is_a_hold() {
-        assert_eq!(Mode::of_code(77), Mode::Hold);
-        for mode in [Mode::Serve, Mode::Transit, Mode::Hold] {
-            assert_eq!(Mode::of_code(mode.code()), mode);
+    fn modes_have_numbers_and_names() {
+        assert_eq!(Mode::from_repr(77), None);
+        for (code, name, mode) in [(0, "serve", Mode::Serve), (1, "transit", Mode::Transit), (2, "hold", Mode::Hold)] {
+            assert_eq!((Mode::from_repr(code), mode as u32), (Some(mode), code));
+            assert_eq!((name.parse(), mode.to_string()), (Ok(mode), name.to_owned()));
         }
+        assert_eq!(Mode::default(), Mode::Hold, "what an unknown number is");
     }
 }

@@ -5,7 +5,7 @@
 use bytemuck::Zeroable;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::message::FlightReport;
-use skysink_ring::error::JournalError;
+use skysink_ring::error::RingError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::{Journal, Record};
 
@@ -36,7 +36,7 @@ impl FieldJournal {
     ///
     /// # Errors
     /// If the file cannot be opened, read or written.
-    pub fn open(folder: &RingFolder, field: &mut Field) -> Result<(Self, Option<FlightReport>), JournalError> {
+    pub fn open(folder: &RingFolder, field: &mut Field) -> Result<(Self, Option<FlightReport>), RingError> {
         let room = size_of::<FlightReport>() + STATE_BYTES[0] + STATE_BYTES[1] * field.queues_bits().len();
         let journal = Journal::open(&folder.journal("field"), SLOTS, room)?;
         let mut opened = Self { journal, state: Vec::new() };
@@ -52,7 +52,7 @@ impl FieldJournal {
     ///
     /// # Errors
     /// If the system refuses.
-    pub fn save(&mut self, flight: &FlightReport, field: &Field) -> Result<(), JournalError> {
+    pub fn save(&mut self, flight: &FlightReport, field: &Field) -> Result<(), RingError> {
         if field.slot().is_multiple_of(STATE_EVERY) {
             self.save_state(flight, field)
         } else {
@@ -60,7 +60,7 @@ impl FieldJournal {
         }
     }
 
-    fn save_state(&mut self, flight: &FlightReport, field: &Field) -> Result<(), JournalError> {
+    fn save_state(&mut self, flight: &FlightReport, field: &Field) -> Result<(), RingError> {
         self.state.clear();
         field.save(&mut self.state);
         self.journal.write(field.slot(), &[bytemuck::bytes_of(flight), &self.state])

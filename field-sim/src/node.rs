@@ -8,7 +8,7 @@ use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
-use skysink_ring::error::{NodeError, RingError};
+use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::reader::Reader;
 use skysink_ring::role::Role;
@@ -35,7 +35,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let mut clock = ring.terms.pace.period(scenario.slot_s).map(Clock::new);
 
     let mut field = Field::new(scenario, &list);
-    let (mut journal, mut saved) = FieldJournal::open(folder, &mut field).map_err(RingError::from)?;
+    let (mut journal, mut saved) = FieldJournal::open(folder, &mut field)?;
     let header = |field: &Field| {
         field.header(ring.header(field.slot(), if field.slot() == scenario.slots { FLAG_END } else { 0 }))
     };
@@ -61,7 +61,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         field.step_into(slot, &flight, loaned.elements()).map_err(|error| NodeError::Peer(error.to_string()))?;
         // Saved no earlier: started again before, it publishes the slot before the last once more, too.
         record.wait_for(slot - 1, &mut wait)?;
-        journal.save(&flight, &field).map_err(RingError::from)?;
+        journal.save(&flight, &field)?;
         // SAFETY: the step has not failed, so it has written every element.
         unsafe { loaned.send(header(&field)) }?;
     }

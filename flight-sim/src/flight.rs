@@ -52,12 +52,12 @@ impl Flight {
     #[must_use]
     pub fn step(&mut self, slot: u64, plan: Option<&Plan>) -> FlightReport {
         let Some(plan) = plan else {
-            return FlightReport { hold: HoldReason::NoPlan.code(), ..self.report(Mode::Hold) };
+            return FlightReport { hold: HoldReason::NoPlan as u32, ..self.report(Mode::Hold) };
         };
         if !self.vehicle.fly_to(plan.waypoint()) {
-            return FlightReport { hold: HoldReason::Waypoint.code(), refused: 1, ..self.report(Mode::Hold) };
+            return FlightReport { hold: HoldReason::Waypoint as u32, refused: 1, ..self.report(Mode::Hold) };
         }
-        let mut report = self.report(match Mode::of_code(plan.mode) {
+        let mut report = self.report(match Mode::from_repr(plan.mode).unwrap_or_default() {
             Mode::Transit => Mode::Transit,
             Mode::Serve | Mode::Hold => Mode::Serve,
         });
@@ -156,7 +156,7 @@ mod tests {
     #[test]
     fn without_a_plan_the_uav_holds_and_serves_nobody() {
         let report = flight().step(1, None);
-        assert_eq!((Mode::of_code(report.mode), HoldReason::of_code(report.hold)), (Mode::Hold, HoldReason::NoPlan));
+        assert_eq!((report.mode, report.hold), (Mode::Hold as u32, HoldReason::NoPlan as u32));
         assert_eq!((report.served, report.refused), (0, 0));
     }
 
@@ -165,7 +165,7 @@ mod tests {
         let mut plan = plan(&[0]);
         plan.z_m = f64::NAN;
         let report = flight().step(1, Some(&plan));
-        assert_eq!((Mode::of_code(report.mode), HoldReason::of_code(report.hold)), (Mode::Hold, HoldReason::Waypoint));
+        assert_eq!((report.mode, report.hold), (Mode::Hold as u32, HoldReason::Waypoint as u32));
         assert_eq!((report.served, report.refused), (0, 1));
     }
 

@@ -1,7 +1,7 @@
 //! What flight-sim remembers across its own death: its last flights, so that what was flown stays flown.
 
 use skysink_common::message::FlightReport;
-use skysink_ring::error::JournalError;
+use skysink_ring::error::RingError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::Journal;
 use skysink_ring::topics::FLIGHT_HISTORY;
@@ -18,7 +18,7 @@ impl Memory {
     ///
     /// # Errors
     /// If the file cannot be opened.
-    pub fn open(folder: &RingFolder) -> Result<Self, JournalError> {
+    pub fn open(folder: &RingFolder) -> Result<Self, RingError> {
         Journal::open(&folder.journal("flights"), FLIGHTS, size_of::<FlightReport>()).map(Self)
     }
 
@@ -26,7 +26,7 @@ impl Memory {
     ///
     /// # Errors
     /// If the system refuses.
-    pub fn keep(&self, slot: u64, flight: &FlightReport) -> Result<(), JournalError> {
+    pub fn keep(&self, slot: u64, flight: &FlightReport) -> Result<(), RingError> {
         self.0.write(slot, &[bytemuck::bytes_of(flight)])
     }
 
@@ -34,7 +34,7 @@ impl Memory {
     ///
     /// # Errors
     /// If the file cannot be read.
-    pub fn recall(&self) -> Result<Vec<(u64, FlightReport)>, JournalError> {
+    pub fn recall(&self) -> Result<Vec<(u64, FlightReport)>, RingError> {
         let mut flights: Vec<(u64, FlightReport)> = Vec::new();
         for record in self.0.read()?.iter().rev() {
             let Ok(flight) = bytemuck::try_pod_read_unaligned(&record.bytes) else { continue };

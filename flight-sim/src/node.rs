@@ -5,7 +5,7 @@ use skysink_common::message::{FlightReport, HoldReason};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
-use skysink_ring::error::{NodeError, RingError};
+use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::refusals::{Refusal, Refusals};
 use skysink_ring::role::Role;
@@ -28,13 +28,13 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
 
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
     let mut flight = Flight::new(scenario, nodes.payload());
-    let memory = Memory::open(folder).map_err(RingError::from)?;
-    let mut flown = memory.recall().map_err(RingError::from)?;
+    let memory = Memory::open(folder)?;
+    let mut flown = memory.recall()?;
     if let Some((_, report)) = flown.last() {
         flight.take_over(report);
     } else {
         let start = flight.start();
-        memory.keep(0, &start).map_err(RingError::from)?;
+        memory.keep(0, &start)?;
         flown.push((0, start));
     }
     for (slot, report) in &flown {
@@ -55,7 +55,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         let report = flight.step(slot, plan.as_ref().map(|plan| plan.payload()));
         drop(plan);
         count_refusals(&ring.refusals, slot, &report);
-        memory.keep(slot, &report).map_err(RingError::from)?;
+        memory.keep(slot, &report)?;
         flights.send(ring.header(slot, 0), report)?;
     }
     ring.wait_for_release(&mut wait, || Ok(()))
@@ -64,7 +64,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
 /// What was refused of the slot's plan, in words.
 fn count_refusals(refusals: &Refusals, slot: u64, report: &FlightReport) {
     if report.refused > 0 {
-        let refusal = match HoldReason::of_code(report.hold) {
+        let refusal = match HoldReason::from_repr(report.hold).unwrap_or_default() {
             HoldReason::Waypoint => Refusal::Waypoint,
             HoldReason::None | HoldReason::NoPlan => Refusal::Sensor,
         };

@@ -165,14 +165,14 @@ impl Tally {
         let summary = &mut self.summary;
         summary.slots += 1;
         summary.refused += u64::from(flight.refused);
-        match Mode::of_code(flight.mode) {
+        match Mode::from_repr(flight.mode).unwrap_or_default() {
             Mode::Hold => summary.held_slots += 1,
             Mode::Transit => summary.transit_slots += 1,
             Mode::Serve => {}
         }
-        summary.timing.missed_deadlines += u64::from(HoldReason::of_code(flight.hold) == HoldReason::NoPlan);
+        summary.timing.missed_deadlines += u64::from(flight.hold == HoldReason::NoPlan as u32);
         if let Some(plan) = plan {
-            summary.solver_fallbacks += u64::from(SolverOutcome::of_code(plan.solver) == SolverOutcome::Fallback);
+            summary.solver_fallbacks += u64::from(plan.solver == SolverOutcome::Fallback as u32);
             self.plan_ns.saturating_record(plan.plan_ns.max(1));
         }
     }

@@ -45,7 +45,12 @@ fn write_line(line: &mut String, flight: &FlightReport, header: &QueuesHeader) -
         write!(line, "{separator}{}", link.sensor)?;
     }
     let (delivered, lost, queued) = (header.delivered_bits, header.lost_bits, header.totals.queued_bits);
-    writeln!(line, ",{delivered},{lost},{queued},{},{}", Mode::of_code(flight.mode).name(), flight.refused)
+    writeln!(
+        line,
+        ",{delivered},{lost},{queued},{},{}",
+        Mode::from_repr(flight.mode).unwrap_or_default(),
+        flight.refused
+    )
 }
 
 /// What a line of the trace says of a slot.
@@ -75,7 +80,7 @@ impl RecordedSlot {
             slot: slot.parse().ok()?,
             position: Point3::new(number(x_m)?, number(y_m)?, number(z_m)?),
             scheduled: scheduled.split_ascii_whitespace().map(|id| id.parse().ok()).collect::<Option<_>>()?,
-            mode: [Mode::Serve, Mode::Transit, Mode::Hold].into_iter().find(|known| known.name() == mode)?,
+            mode: mode.parse().ok()?,
             refused: refused.parse().ok()?,
         })
     }

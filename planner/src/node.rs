@@ -8,10 +8,10 @@ use skysink_common::pace::Pace;
 use skysink_common::path::{MAX_POINTS, PathPoint};
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
-use skysink_ring::error::{JournalError, NodeError, RingError};
+use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::Journal;
-use skysink_ring::reader::Found;
+use skysink_ring::reader::SlotSample;
 use skysink_ring::refusals::Refusal;
 use skysink_ring::role::Role;
 use skysink_ring::topics::{RING_BUFFER, Ring};
@@ -31,14 +31,14 @@ const ROOM: usize = 1 << 23;
 ///
 /// # Errors
 /// If the file cannot be opened.
-pub fn journal(folder: &RingFolder, count: usize) -> Result<Journal, JournalError> {
+pub fn journal(folder: &RingFolder, count: usize) -> Result<Journal, RingError> {
     Journal::open(&folder.journal("plans"), SLOTS, ROOM + BYTES_EACH * count)
 }
 
 /// Brings a planner that is new to where its predecessor was before it planned `slot`, or after the last slot before that
 /// which is in the journal; to be done before it observes or plans anything. In paced runs slots may be skipped; it then
 /// resumes from what there is.
-fn resume(journal: &Journal, slot: u64, planner: &mut Planner) -> Result<(), JournalError> {
+fn resume(journal: &Journal, slot: u64, planner: &mut Planner) -> Result<(), RingError> {
     if planner.slot() == 0 {
         journal.restore_before(slot, planner)?;
     }
@@ -65,7 +65,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     if let Pace::Factor(_) = ring.terms.pace {
         planner.set_timing(Timing::Paced);
     }
-    let journal = journal(folder, nodes.payload().len()).map_err(RingError::from)?;
+    let journal = journal(folder, nodes.payload().len())?;
     let mut next = 0;
     loop {
         let mut state = queues.wait_for_next(&mut wait, next)?;
@@ -76,9 +76,9 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
                 let older = std::mem::replace(&mut state, newer);
                 let slot = older.user_header().head.slot;
                 if slot >= next
-                    && let Found::Here(flight) = flights.of_slot(slot)?
+                    && let SlotSample::Here(flight) = flights.of_slot(slot)?
                 {
-                    resume(&journal, slot + 1, &mut planner).map_err(RingError::from)?;
+                    resume(&journal, slot + 1, &mut planner)?;
                     planner.observe(slot, &flight, older.payload());
                 }
             }
@@ -98,12 +98,12 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         // passed was sent before this process was there: others have flown on since, so its plan is not missing.
         let Some(flight) = flights.wait_for_slot(&mut wait, slot)? else { continue };
         next = slot + 1;
-        resume(&journal, next, &mut planner).map_err(RingError::from)?;
+        resume(&journal, next, &mut planner)?;
         let begin = Instant::now();
         planner.observe(slot, &flight, state.payload());
         let mut plan = planner.step(next, flight.position(), state.payload());
         plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
-        journal.save(next, &planner).map_err(RingError::from)?; // before the plan is published
+        journal.save(next, &planner)?; // before the plan is published
         if let (Some(paths), [_, _, ..]) = (&paths, planner.path()) {
             let path: Vec<_> = planner.path().iter().copied().map(PathPoint::from).collect();
             paths.send_list(ring.header(next, 0), &path)?; // whoever has the plan then has the path

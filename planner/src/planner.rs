@@ -229,7 +229,7 @@ fn message(view: &View, decision: &Decision, mode: Mode) -> Plan {
     let Decision { waypoint, schedule, outcome, winner } = decision;
     let mut plan = Plan::fly_to(*waypoint, mode);
     plan.schedule(schedule);
-    plan.solver = outcome.code();
+    plan.solver = *outcome as u32;
     plan.expected_bits = view.table.expected_bits(waypoint, schedule, view.queues_bits);
     if let Some(winner) = winner {
         plan.anchor = winner.anchor;
@@ -289,7 +289,7 @@ mod tests {
         assert_eq!((plan.z_m, plan.expected_bits, plan.plan_ns), (20.0, 1_500, 0));
         assert_eq!((plan.anchor, plan.partner, plan.chosen), (0, 1, 0));
         assert_eq!(plan.circles_m, [[50.0, 58.0], [50.0, 42.0], [54.0, 50.0], [46.0, 50.0], [50.0, 50.0]]);
-        assert_eq!((plan.mode, plan.solver), (Mode::Serve.code(), SolverOutcome::Solved.code()));
+        assert_eq!((plan.mode, plan.solver), (Mode::Serve as u32, SolverOutcome::Solved as u32));
         assert_eq!(plan.scheduled(), [0, 1]);
     }
 
@@ -308,7 +308,7 @@ mod tests {
         let mut planner = planner_of(settings::Strategy::Uts, &[[80.0, 90.0], [74.0, 66.0], [0.0, 0.0]], 30.0);
         let plan = planner.step(1, here(), &[900, 30, 800]);
         assert!((Position::new(plan.x_m, plan.y_m) - Position::new(68.0, 74.0)).norm() < 1e-12);
-        assert_eq!((plan.mode, plan.solver), (Mode::Transit.code(), SolverOutcome::Rule.code()));
+        assert_eq!((plan.mode, plan.solver), (Mode::Transit as u32, SolverOutcome::Rule as u32));
         assert_eq!((plan.scheduled(), plan.expected_bits, plan.anchor), (&[1][..], 30, NOBODY));
     }
 
@@ -323,7 +323,7 @@ mod tests {
             });
             let plan = planner.step(1, here(), &[10, 100]);
             assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (55.0, 50.0, &[0][..]), "{solver:?}");
-            assert_eq!((plan.mode, plan.anchor), (Mode::Transit.code(), NOBODY), "{solver:?}");
+            assert_eq!((plan.mode, plan.anchor), (Mode::Transit as u32, NOBODY), "{solver:?}");
         }
     }
 
@@ -344,7 +344,7 @@ mod tests {
         // 40 m away, V τ + d_c: served from the one point in reach that has it in range.
         let plan = planner_of(settings::Strategy::Exact, &[[50.0, 90.0]], 30.0).step(1, here(), &[700]);
         assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 80.0, &[0][..]));
-        assert_eq!((plan.mode, plan.solver), (Mode::Serve.code(), SolverOutcome::Solved.code()));
+        assert_eq!((plan.mode, plan.solver), (Mode::Serve as u32, SolverOutcome::Solved as u32));
         assert_eq!((plan.anchor, plan.partner, plan.chosen), (NOBODY, NOBODY, NOBODY));
         assert!(plan.circles_m.iter().flatten().all(|coordinate| coordinate.is_nan()));
     }
@@ -353,7 +353,7 @@ mod tests {
     fn an_exact_plan_without_anybody_in_range_of_reach_is_transit() {
         let plan = planner_of(settings::Strategy::Exact, &[[50.0, 91.0]], 30.0).step(1, here(), &[700]);
         assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 80.0, &[][..]));
-        assert_eq!((plan.mode, plan.solver), (Mode::Transit.code(), SolverOutcome::Rule.code()));
+        assert_eq!((plan.mode, plan.solver), (Mode::Transit as u32, SolverOutcome::Rule as u32));
     }
 
     #[test]
@@ -371,8 +371,8 @@ mod tests {
                 *scenario = change(scenario.clone(), |settings| settings.waypoint_solver = solver).unwrap();
             });
             let plan = planner.step(1, above(&Position::new(56.0, 60.0), 20.0), &[900, 950, 800, 700]);
-            assert_eq!((plan.scheduled(), plan.mode), (&[0, 1, 2][..], Mode::Serve.code()), "{solver:?}");
-            assert_eq!(plan.solver, SolverOutcome::Fallback.code(), "{solver:?}");
+            assert_eq!((plan.scheduled(), plan.mode), (&[0, 1, 2][..], Mode::Serve as u32), "{solver:?}");
+            assert_eq!(plan.solver, SolverOutcome::Fallback as u32, "{solver:?}");
             assert!((Position::new(plan.x_m, plan.y_m) - middle()).norm() < 1e-9, "{solver:?}");
         }
     }
@@ -383,15 +383,15 @@ mod tests {
         let mut planner = planner_of(settings::Strategy::Gfs, &places, 30.0);
         let plan = planner.step(1, here(), &[80, 70, 60, 90]);
         assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 70.0, &[0, 1][..]));
-        assert_eq!((plan.mode, plan.solver), (Mode::Serve.code(), SolverOutcome::Rule.code()));
+        assert_eq!((plan.mode, plan.solver), (Mode::Serve as u32, SolverOutcome::Rule as u32));
         let plan = planner.step(2, above(&Position::new(50.0, 0.0), 20.0), &[80, 70, 60, 90]);
-        assert_eq!((plan.x_m, plan.y_m, plan.mode), (50.0, 30.0, Mode::Transit.code()));
+        assert_eq!((plan.x_m, plan.y_m, plan.mode), (50.0, 30.0, Mode::Transit as u32));
     }
 
     #[test]
     fn random_flight_serves_nobody_where_nobody_is() {
         let plan = planner_of(settings::Strategy::Rfs, &[[99.0, 99.0]], 30.0).step(1, here(), &[80]);
-        assert_eq!((plan.scheduled(), plan.mode), (&[][..], Mode::Serve.code()));
+        assert_eq!((plan.scheduled(), plan.mode), (&[][..], Mode::Serve as u32));
         assert_eq!((plan.anchor, plan.expected_bits), (NOBODY, 0));
     }
 

@@ -133,8 +133,8 @@ proptest! {
     #[test]
     fn the_letters_plan_serves_its_anchor_and_partner_from_a_solved_waypoint(case in cases(&[Strategy::Uts])) {
         let plan = case.fresh_plan(0);
-        let rule = plan.solver == SolverOutcome::Rule.code();
-        if plan.mode == Mode::Transit.code() {
+        let rule = plan.solver == SolverOutcome::Rule as u32;
+        if plan.mode == Mode::Transit as u32 {
             prop_assert!(rule && plan.anchor == NOBODY && plan.partner == NOBODY && plan.chosen == NOBODY);
         } else {
             prop_assert!(!rule && plan.scheduled().contains(&plan.anchor));
@@ -147,8 +147,8 @@ proptest! {
     #[test]
     fn a_wide_plan_shows_the_circles_in_reach_and_serves_from_one_of_them(case in cases(&[Strategy::UtsWide])) {
         let plan = case.fresh_plan(0);
-        if plan.mode == Mode::Serve.code() {
-            prop_assert!(plan.solver != SolverOutcome::Rule.code() && plan.scheduled().contains(&plan.anchor));
+        if plan.mode == Mode::Serve as u32 {
+            prop_assert!(plan.solver != SolverOutcome::Rule as u32 && plan.scheduled().contains(&plan.anchor));
             prop_assert_eq!(plan.partner == NOBODY, plan.scheduled().len() == 1);
             prop_assert_eq!(plan.partner == NOBODY, plan.circles_m.iter().all(|[x_m, _]| x_m.is_nan()));
             prop_assert_eq!(plan.partner == NOBODY, plan.chosen == NOBODY);
@@ -167,8 +167,8 @@ proptest! {
         let in_sight = |id: u32| within(&place(&case, id), &case.slots[0].position, in_sight_m);
         let anybody = (0..).zip(&case.sensors).any(|(id, _)| in_sight(id));
         let plan = case.fresh_plan(0);
-        prop_assert_eq!(plan.mode, if anybody { Mode::Serve } else { Mode::Transit }.code());
-        prop_assert_eq!(plan.solver == SolverOutcome::Rule.code(), !anybody);
+        prop_assert_eq!(plan.mode, if anybody { Mode::Serve } else { Mode::Transit } as u32);
+        prop_assert_eq!(plan.solver == SolverOutcome::Rule as u32, !anybody);
     }
 
     /// Whatever another strategy schedules is in range of its waypoint, which is in reach: a set that the exact search
@@ -197,7 +197,7 @@ proptest! {
         for index in 0..case.slots.len() {
             let (letter, letter_bits) = case.plan_by(Strategy::Uts, index);
             let (wide, wide_bits) = case.plan_by(Strategy::UtsWide, index);
-            if letter.mode == Mode::Serve.code() {
+            if letter.mode == Mode::Serve as u32 {
                 prop_assert_eq!(wide.mode, letter.mode);
                 prop_assert!(wide_bits >= letter_bits, "slot {}: {} < {}", index + 1, wide_bits, letter_bits);
             }
@@ -223,6 +223,6 @@ proptest! {
         let slot = &case.slots[0];
         let is_anchor = |id: u32| within(&place(&case, id), &slot.position, reach_m - 10.0);
         let anchored = (0..).zip(&case.sensors).any(|(id, _)| is_anchor(id));
-        prop_assert_eq!(case.fresh_plan(0).mode == Mode::Serve.code(), anchored);
+        prop_assert_eq!(case.fresh_plan(0).mode == Mode::Serve as u32, anchored);
     }
 }

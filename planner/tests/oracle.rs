@@ -201,7 +201,7 @@ fn assert_near_the_best(environment: Environment, solver: WaypointSolver, cases:
             let case = setting.case(number);
             let plan = case.plan();
             case.assert_feasible(&plan, &format!("{}, case {number}", setting.name()));
-            fallen_back += u64::from(plan.solver == SolverOutcome::Fallback.code());
+            fallen_back += u64::from(plan.solver == SolverOutcome::Fallback as u32);
             let planned_bps = case.rate_bps(&Point3::new(plan.x_m, plan.y_m, plan.z_m));
             let shortfall = 1.0 - planned_bps / case.best_bps();
             lead = lead.max(-shortfall);

@@ -91,7 +91,7 @@ fn a_range_of_one_altitude_is_that_altitude() {
     let uav = "altitude = 'free'\naltitude_m = 43.7\nmin_altitude_m = 43.7\nmax_altitude_m = 43.7";
     for solver in SOLVERS {
         let found = plan(&dense_urban(Strategy::Exact, solver, uav), &[[90.0, 100.0], [130.0, 100.0]], 43.7);
-        assert_eq!((found.z_m, found.solver), (43.7, SolverOutcome::Solved.code()), "{solver:?}");
+        assert_eq!((found.z_m, found.solver), (43.7, SolverOutcome::Solved as u32), "{solver:?}");
     }
 }
 
@@ -129,7 +129,7 @@ fn beyond_the_convexity_argument_the_fallback_finds_the_same_and_says_so() {
         let [ascent, conic] =
             SOLVERS.map(|solver| plan(&scenario(Strategy::Exact, solver, FREE, &link), &places, 60.0));
         let outcomes = (ascent.solver, conic.solver);
-        assert_eq!(outcomes, (SolverOutcome::Solved.code(), SolverOutcome::Fallback.code()), "{link}");
+        assert_eq!(outcomes, (SolverOutcome::Solved as u32, SolverOutcome::Fallback as u32), "{link}");
         assert_eq!((ascent.x_m, ascent.y_m, ascent.z_m), (conic.x_m, conic.y_m, conic.z_m), "{link}");
     }
 }
@@ -138,7 +138,7 @@ fn beyond_the_convexity_argument_the_fallback_finds_the_same_and_says_so() {
 fn both_solvers_take_part_where_the_argument_holds() {
     let places = [[90.0, 100.0], [130.0, 100.0], [95.0, 140.0]];
     let [ascent, conic] = SOLVERS.map(|solver| plan(&dense_urban(Strategy::Exact, solver, FREE), &places, 60.0));
-    assert_eq!((ascent.solver, conic.solver), (SolverOutcome::Solved.code(), SolverOutcome::Solved.code()));
+    assert_eq!((ascent.solver, conic.solver), (SolverOutcome::Solved as u32, SolverOutcome::Solved as u32));
     assert!(
         ascent.expected_bits.abs_diff(conic.expected_bits) <= 3,
         "{} {}",
@@ -179,7 +179,7 @@ fn a_set_that_only_the_slack_holds_together_is_served_from_where_it_was_found_an
             above(&Position::new(106.0, 110.0), 60.0),
             &queues_bits,
         );
-        assert_eq!((found.scheduled(), found.solver), (&[0, 1, 2][..], SolverOutcome::Fallback.code()), "{solver:?}");
+        assert_eq!((found.scheduled(), found.solver), (&[0, 1, 2][..], SolverOutcome::Fallback as u32), "{solver:?}");
         assert!((ground(&found) - Position::new(100.0, 100.0)).norm() < 1e-9, "{solver:?}");
         assert!((20.0..=120.0).contains(&found.z_m), "{solver:?}");
     }
@@ -292,13 +292,13 @@ proptest! {
                 bits += capacity_bits.min(u64::from(queues_bits[id as usize]));
             }
             prop_assert_eq!(plan.expected_bits, bits);
-            if plan.solver == SolverOutcome::Rule.code() {
+            if plan.solver == SolverOutcome::Rule as u32 {
                 prop_assert!(!plan.scheduled().is_empty() || plan.z_m == *altitude_m, "slot {number}: {} m", plan.z_m);
                 let best_bps = rate_bps(&case, &plan, plan.z_m) * (1.0 + 1e-9);
                 let mut levels_m = (0..=50).map(|step| low_m + (high_m - low_m) * f64::from(step) / 50.0);
                 prop_assert!(levels_m.all(|z_m| rate_bps(&case, &plan, z_m) <= best_bps), "slot {number}: altitude");
             }
-            prop_assert!(plan.mode != Mode::Hold.code());
+            prop_assert!(plan.mode != Mode::Hold as u32);
             if Settings::of(&case.scenario).unwrap().remembers() {
                 continue;
             }

@@ -1,58 +1,32 @@
 //! Why a ring cannot be used, and why one of its processes ends early.
 
+use std::fmt::{Debug, Display};
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use skysink_common::scenario::ScenarioError;
 use skysink_common::sensors::SensorListError;
 use skysink_common::stop::Stopped;
 
-/// Why a journal cannot be used.
-#[derive(Debug, thiserror::Error)]
-#[error("journal {}: {source}", path.display())]
-pub struct JournalError {
-    /// The file.
-    pub path: PathBuf,
-    /// What the system says.
-    pub source: io::Error,
-}
-
 /// Why a ring cannot be used; the display is one line that names the remedy where there is one.
 #[derive(Debug, thiserror::Error)]
 pub enum RingError {
-    /// The folder is not that of a running ring.
-    #[error("ring {folder}: {message}")]
+    /// The folder is not that of a running ring, the ring flies something else, or another process has the seat.
+    #[error("ring {}: {message}", folder.display())]
     Folder {
         /// The folder.
-        folder: String,
-        /// What is wrong with it.
+        folder: PathBuf,
+        /// What is wrong with it, and the remedy.
         message: String,
     },
-    /// The ring flies something else.
-    #[error("ring {folder}: {what} is {theirs}, here {ours}: {remedy}")]
-    Differs {
-        /// The folder.
-        folder: String,
-        /// What differs.
-        what: &'static str,
-        /// As the ring has it.
-        theirs: String,
-        /// As this process has it.
-        ours: String,
-        /// What to do.
-        remedy: &'static str,
+    /// A process cannot save its state, or restore it.
+    #[error("journal {}: {source}", path.display())]
+    Journal {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
     },
-    /// Another process has the seat.
-    #[error("ring {folder}: there is a {role} already: end it first")]
-    Taken {
-        /// The folder.
-        folder: String,
-        /// The role.
-        role: &'static str,
-    },
-    /// A process cannot save its state.
-    #[error(transparent)]
-    Journal(#[from] JournalError),
     /// A reader is stuck.
     #[error(
         "topic {topic}: a reader has not taken its samples for {seconds} s: is one stopped, or the viewer too slow?"
@@ -76,7 +50,11 @@ pub enum RingError {
 }
 
 impl RingError {
-    pub(crate) fn topic(topic: &'static str, action: &'static str, error: &dyn std::fmt::Debug) -> Self {
+    pub(crate) fn folder(folder: &Path, message: impl Display) -> Self {
+        Self::Folder { folder: folder.to_owned(), message: message.to_string() }
+    }
+
+    pub(crate) fn topic(topic: &'static str, action: &'static str, error: &dyn Debug) -> Self {
         Self::Topic { topic, action, detail: format!("{error:?}") }
     }
 }
@@ -120,10 +98,7 @@ impl NodeError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Stopped(stopped) => stopped.exit_code(),
-            Self::Scenario(_)
-            | Self::Sensors(_)
-            | Self::Peer(_)
-            | Self::Ring(RingError::Folder { .. } | RingError::Differs { .. } | RingError::Taken { .. }) => 2,
+            Self::Scenario(_) | Self::Sensors(_) | Self::Peer(_) | Self::Ring(RingError::Folder { .. }) => 2,
             Self::TimedOut { .. } | Self::Orphaned | Self::Ring(_) => 1,
         }
     }

@@ -3,19 +3,20 @@
 //! Beside it lies a lock file that the launcher holds as long as it lives, so that the processes notice its death and
 //! the next launcher clears what it left.
 
+use std::fmt::Debug;
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, Write as _};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use iceoryx2::prelude::{Config, FileName, Path as IceoryxPath, SemanticString};
+use iceoryx2::prelude::{Config, FileName, Path as IceoryxPath, SemanticString, SemanticStringError};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use crate::error::RingError;
 use crate::role::{Role, Seat};
-use crate::wait::{Supervisor, Waiting};
+use crate::wait::Waiting;
 use skysink_common::pace::Pace;
 
 /// Where iceoryx2 keeps its shared memory on Linux.
@@ -62,23 +63,21 @@ impl RingFolder {
     /// If the folder cannot be made.
     pub fn create(pace: Pace, wait: Waiting, timeout_s: f64, viewer: bool) -> Result<Self, RingError> {
         let home = home();
-        let refuse = |path: &Path, error: &dyn std::fmt::Display| RingError::Folder {
-            folder: path.display().to_string(),
-            message: error.to_string(),
-        };
-        DirBuilder::new().recursive(true).mode(0o700).create(&home).map_err(|error| refuse(&home, &error))?;
-        let owner = fs::symlink_metadata(&home).map_err(|error| refuse(&home, &error))?.uid();
+        let refuse = |error: io::Error| RingError::folder(&home, error);
+        DirBuilder::new().recursive(true).mode(0o700).create(&home).map_err(refuse)?;
+        let owner = fs::symlink_metadata(&home).map_err(refuse)?.uid();
         if owner != rustix::process::getuid().as_raw() {
-            return Err(refuse(&home, &format!("belongs to user {owner}: remove it, or set TMPDIR to another folder")));
+            let message = format_args!("belongs to user {owner}: remove it, or set TMPDIR to another folder");
+            return Err(RingError::folder(&home, message));
         }
         clear_abandoned(&home);
         loop {
             let mission: u64 = rand::rng().random();
             let path = home.join(format!("{:08x}", mission >> 32));
-            let Some(lock) = lock_new(&lock_path(&path)).map_err(|error| refuse(&path, &error))? else { continue };
+            let Some(lock) = lock_new(&lock_path(&path)).map_err(refuse)? else { continue };
             let terms = Terms { mission, pace, wait, timeout_s, viewer };
             let folder = Self { path, terms, lock: Some(lock) };
-            folder.furnish().map_err(|error| refuse(&folder.path, &error))?;
+            folder.furnish().map_err(|error| RingError::folder(&folder.path, error))?;
             return Ok(folder);
         }
     }
@@ -88,12 +87,15 @@ impl RingFolder {
     /// # Errors
     /// If it is none.
     pub fn open(path: &Path) -> Result<Self, RingError> {
-        let refuse = |message: String| RingError::Folder { folder: path.display().to_string(), message };
-        let path = fs::canonicalize(path)
-            .map_err(|error| refuse(format!("{error}: expected the folder that skysink run prints")))?;
-        let text = fs::read_to_string(path.join("ring.toml"))
-            .map_err(|error| refuse(format!("ring.toml: {error}: expected the folder that skysink run prints")))?;
-        let terms = toml::from_str(&text).map_err(|error| refuse(format!("ring.toml: {}", error.message())))?;
+        const EXPECTED: &str = "expected the folder that skysink run prints";
+        let refuse = |message: String| RingError::folder(path, message);
+        let path = fs::canonicalize(path).map_err(|error| refuse(format!("{error}: {EXPECTED}")))?;
+        let text = fs::read_to_string(path.join("ring.toml"));
+        let text = text.map_err(|error| refuse(format!("ring.toml: {error}: {EXPECTED}")))?;
+        let terms: Terms = toml::from_str(&text).map_err(|error| refuse(format!("ring.toml: {}", error.message())))?;
+        if Duration::try_from_secs_f64(terms.timeout_s).is_err() {
+            return Err(refuse(format!("ring.toml: timeout_s = {}: expected seconds, 0 or above", terms.timeout_s)));
+        }
         Ok(Self { path, terms, lock: None })
     }
 
@@ -114,14 +116,13 @@ impl RingFolder {
     /// # Errors
     /// If the folder's name cannot be one.
     pub fn config(&self) -> Result<Config, RingError> {
-        let refuse = |error: &dyn std::fmt::Debug| RingError::Folder {
-            folder: self.path.display().to_string(),
-            message: format!("cannot be an iceoryx2 root: {error:?}"),
+        let refuse = |error: SemanticStringError| {
+            RingError::folder(&self.path, format_args!("cannot be an iceoryx2 root: {error:?}"))
         };
         let mut config = Config::default();
         let root = format!("{}/", self.path.display());
-        config.global.set_root_path(&IceoryxPath::new(root.as_bytes()).map_err(|error| refuse(&error))?);
-        config.global.prefix = FileName::new(self.prefix().as_bytes()).map_err(|error| refuse(&error))?;
+        config.global.set_root_path(&IceoryxPath::new(root.as_bytes()).map_err(refuse)?);
+        config.global.prefix = FileName::new(self.prefix().as_bytes()).map_err(refuse)?;
         Ok(config)
     }
 
@@ -132,29 +133,23 @@ impl RingFolder {
     /// If the folder has lost its configuration.
     pub fn install(&self) -> Result<(), RingError> {
         let file = self.path.join("config/iceoryx2.toml");
-        let refuse = |error: &dyn std::fmt::Debug| RingError::Folder {
-            folder: self.path.display().to_string(),
-            message: format!("config/iceoryx2.toml: {error:?}"),
-        };
+        let refuse = |error: &dyn Debug| RingError::folder(&self.path, format_args!("config/iceoryx2.toml: {error:?}"));
         let file = file.to_string_lossy();
         let path = iceoryx2::prelude::FilePath::new(file.as_bytes()).map_err(|error| refuse(&error))?;
         Config::setup_global_config_from_file(&path).map_err(|error| refuse(&error))?;
         Ok(())
     }
 
-    /// The watch over the launcher; none in the launcher itself.
+    /// The file that the launcher holds locked as long as it lives; none in the launcher itself.
     ///
     /// # Errors
-    /// If the lock file is gone, and the run with it.
-    pub(crate) fn supervisor(&self) -> Result<Option<Supervisor>, RingError> {
+    /// If the file is gone, and the run with it.
+    pub(crate) fn supervisor(&self) -> Result<Option<File>, RingError> {
         if self.lock.is_some() {
             return Ok(None);
         }
-        let lock = File::open(lock_path(&self.path)).map_err(|error| RingError::Folder {
-            folder: self.path.display().to_string(),
-            message: format!("lock: {error}: the run has ended"),
-        })?;
-        Ok(Some(Supervisor::new(lock)))
+        let refuse = |error| RingError::folder(&self.path, format_args!("lock: {error}: the run has ended"));
+        File::open(lock_path(&self.path)).map(Some).map_err(refuse)
     }
 
     /// Takes the seat of `role` in the ring, for as long as the returned value lives.
@@ -165,7 +160,7 @@ impl RingFolder {
         Seat::take(&self.path, role)
     }
 
-    /// Where a process keeps the journal `name`.
+    /// The file of the journal `name`.
     #[must_use]
     pub fn journal(&self, name: &str) -> PathBuf {
         self.path.join(format!("{name}.journal"))

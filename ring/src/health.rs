@@ -60,7 +60,7 @@ impl Health {
             Fate::Silent(ms) => (3, number(ms)),
             Fate::Back(ms) => (4, number(ms)),
         };
-        Self { process: role.code(), fate, detail, reserved: 0 }
+        Self { process: role as u32, fate, detail, reserved: 0 }
     }
 
     /// Who has met with what; none if the numbers mean nothing.
@@ -75,14 +75,14 @@ impl Health {
             4 => Fate::Back(number),
             _ => return None,
         };
-        Some((Role::of_code(self.process)?, fate))
+        Some((Role::from_repr(self.process)?, fate))
     }
 }
 
 impl Fate {
-    /// Whether it is what one hopes for.
+    /// Whether the process recovered.
     #[must_use]
-    pub fn good(self) -> bool {
+    pub fn is_recovery(self) -> bool {
         matches!(self, Self::Restarted(_) | Self::Back(_))
     }
 }
@@ -106,12 +106,11 @@ mod tests {
 
     #[test]
     fn a_message_says_what_was_put_into_it() {
-        for (i, fate) in
-            [Fate::Killed(9), Fate::Exited(1), Fate::Restarted(3), Fate::Silent(1_500), Fate::Back(u32::MAX / 2)]
-                .into_iter()
-                .enumerate()
-        {
-            assert_eq!(Health::of(Role::ALL[i], fate).read(), Some((Role::ALL[i], fate)));
+        let fates =
+            [Fate::Killed(9), Fate::Exited(1), Fate::Restarted(3), Fate::Silent(1_500), Fate::Back(u32::MAX / 2)];
+        for (number, fate) in (0..).zip(fates) {
+            let role = Role::from_repr(number).unwrap();
+            assert_eq!(Health::of(role, fate).read(), Some((role, fate)));
         }
         assert_eq!(Fate::Silent(1_500).to_string(), "has given no sign of life for 1.5 s");
     }

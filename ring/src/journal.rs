@@ -1,4 +1,4 @@
-//! What a process of the ring remembers across its own death: its last records, in a file of the ring's folder.
+//! What a process of the ring saves across its own death: its last records, in a file of the ring's folder.
 //!
 //! A record is written each time before what it says is published. It is not synced to the disk: what a killed process
 //! has written stays with the operating system, and only a crash of the machine, which ends the ring too, loses it.
@@ -13,7 +13,7 @@ use rustix::io::{Errno, pwritev};
 use skysink_common::checkpoint::Checkpoint;
 use xxhash_rust::xxh3::Xxh3;
 
-use crate::error::JournalError;
+use crate::error::RingError;
 
 /// The last records of a process, by slot, each in its place of a file. A record that was cut by a kill is as if it had
 /// not been written, and leaves the others whole.
@@ -46,9 +46,9 @@ impl Journal {
     ///
     /// # Errors
     /// If the file cannot be opened.
-    pub fn open(path: &Path, places: u64, room: usize) -> Result<Self, JournalError> {
+    pub fn open(path: &Path, places: u64, room: usize) -> Result<Self, RingError> {
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).mode(0o600).open(path);
-        let file = file.map_err(|source| JournalError { path: path.to_owned(), source })?;
+        let file = file.map_err(|source| RingError::Journal { path: path.to_owned(), source })?;
         Ok(Self { file, path: path.to_owned(), places, room })
     }
 
@@ -59,7 +59,7 @@ impl Journal {
     ///
     /// # Panics
     /// If the parts are longer than the journal's room.
-    pub fn write(&self, slot: u64, parts: &[&[u8]]) -> Result<(), JournalError> {
+    pub fn write(&self, slot: u64, parts: &[&[u8]]) -> Result<(), RingError> {
         let length: usize = parts.iter().map(|part| part.len()).sum();
         assert!(length <= self.room, "a record of {length} bytes in a journal for {}", self.room);
         let mut hash = begin_hash(slot, length as u64);
@@ -94,7 +94,7 @@ impl Journal {
     ///
     /// # Errors
     /// As [`Journal::write`].
-    pub fn save(&self, slot: u64, state: &dyn Checkpoint) -> Result<(), JournalError> {
+    pub fn save(&self, slot: u64, state: &dyn Checkpoint) -> Result<(), RingError> {
         let mut bytes = Vec::new();
         state.save(&mut bytes);
         if bytes.is_empty() { Ok(()) } else { self.write(slot, &[&bytes]) }
@@ -105,7 +105,7 @@ impl Journal {
     ///
     /// # Errors
     /// If the file cannot be read.
-    pub fn restore_before(&self, slot: u64, state: &mut dyn Checkpoint) -> Result<Option<u64>, JournalError> {
+    pub fn restore_before(&self, slot: u64, state: &mut dyn Checkpoint) -> Result<Option<u64>, RingError> {
         let records = self.read()?;
         let mut before = records.iter().rev().filter(|record| record.slot < slot);
         Ok(before.find(|record| state.restore(&record.bytes).is_ok()).map(|record| record.slot))
@@ -115,7 +115,7 @@ impl Journal {
     ///
     /// # Errors
     /// If the file cannot be read.
-    pub fn read(&self) -> Result<Vec<Record>, JournalError> {
+    pub fn read(&self) -> Result<Vec<Record>, RingError> {
         let mut records = Vec::new();
         for place in 0..self.places {
             records.extend(self.read_place(place).map_err(|source| self.refuse(source))?);
@@ -154,8 +154,8 @@ impl Journal {
         slot % self.places * (HEAD as u64 + self.room as u64).next_multiple_of(PAGE)
     }
 
-    fn refuse(&self, source: io::Error) -> JournalError {
-        JournalError { path: self.path.clone(), source }
+    fn refuse(&self, source: io::Error) -> RingError {
+        RingError::Journal { path: self.path.clone(), source }
     }
 }
 

@@ -16,7 +16,7 @@ use crate::role::Role;
 use crate::sample::{Header, Payload};
 use crate::wait::WaitContext;
 
-/// Samples that are kept because they came early. With the one that is worked on they are all that a reader may hold.
+/// Samples held because they came early. With the one that is worked on they are all that a reader may hold.
 pub(crate) const MAX_EARLY: usize = 3;
 
 /// Samples received in a row before the process does something else: a flood must not keep it from ending.
@@ -25,7 +25,7 @@ const MAX_IN_A_ROW: usize = 256;
 /// Slots by which its peers can be ahead of a process without which the ring cannot go on.
 pub(crate) const MAX_AHEAD: u64 = 2;
 
-/// The reading end of a topic. Samples of slots that have passed are dropped, those that came early are kept; foreign, old
+/// The reading end of a topic. Samples of slots that have passed are dropped, those that came early are held; foreign, old
 /// and far samples are refused.
 #[derive(Debug)]
 pub struct Reader<S: Service + 'static, P: Payload + ?Sized, H: Header> {
@@ -44,7 +44,7 @@ pub struct Reader<S: Service + 'static, P: Payload + ?Sized, H: Header> {
 
 /// What a reader finds of a slot.
 #[derive(Debug)]
-pub enum Found<T> {
+pub enum SlotSample<T> {
     /// Its sample.
     Here(T),
     /// Nothing yet.
@@ -54,7 +54,7 @@ pub enum Found<T> {
     Passed,
 }
 
-impl<T> Found<T> {
+impl<T> SlotSample<T> {
     /// The sample, if it is here.
     pub fn here(self) -> Option<T> {
         match self {
@@ -69,7 +69,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
     ///
     /// # Errors
     /// If the writer's memory cannot be mapped.
-    pub fn of_slot(&mut self, slot: u64) -> Result<Found<Sample<S, P, H>>, RingError> {
+    pub fn of_slot(&mut self, slot: u64) -> Result<SlotSample<Sample<S, P, H>>, RingError> {
         let limit = self.max_ahead.map(|ahead| slot.saturating_add(ahead));
         let mut received = 0;
         loop {
@@ -79,11 +79,11 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
             }
             match self.early.front() {
                 Some(sample) if sample.user_header().head().slot == slot => {
-                    return Ok(self.early.pop_front().map_or(Found::NotYet, Found::Here));
+                    return Ok(self.early.pop_front().map_or(SlotSample::NotYet, SlotSample::Here));
                 }
-                Some(_) if self.max_ahead.is_none() => return Ok(Found::Passed),
-                Some(_) => return Ok(Found::NotYet),
-                None if all || received >= MAX_IN_A_ROW => return Ok(Found::NotYet),
+                Some(_) if self.max_ahead.is_none() => return Ok(SlotSample::Passed),
+                Some(_) => return Ok(SlotSample::NotYet),
+                None if all || received >= MAX_IN_A_ROW => return Ok(SlotSample::NotYet),
                 None => {}
             }
         }
@@ -95,9 +95,9 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
     /// A requested stop, the supervisor's death, the time-out, or a broken ring.
     pub fn wait_for_slot(&mut self, wait: &mut WaitContext, slot: u64) -> Result<Option<Sample<S, P, H>>, NodeError> {
         self.wait(wait, slot, |reader| match reader.of_slot(slot)? {
-            Found::Here(sample) => Ok(Some(Some(sample))),
-            Found::NotYet => Ok(None),
-            Found::Passed => Ok(Some(None)),
+            SlotSample::Here(sample) => Ok(Some(Some(sample))),
+            SlotSample::NotYet => Ok(None),
+            SlotSample::Passed => Ok(Some(None)),
         })
     }
 
@@ -118,16 +118,16 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
         self.wait(wait, slot, Self::next_sample)
     }
 
-    /// Waits until `look` finds something. It looks before the first pause and after each: notifications may be lost.
+    /// Waits until `poll` finds something. It polls before the first pause and after each: notifications may be lost.
     fn wait<T>(
         &mut self,
         wait: &mut WaitContext,
         slot: u64,
-        mut look: impl FnMut(&mut Self) -> Result<Option<T>, RingError>,
+        mut poll: impl FnMut(&mut Self) -> Result<Option<T>, RingError>,
     ) -> Result<T, NodeError> {
         let awaited = wait.begin(self.name, slot, self.from)?;
         loop {
-            if let Some(found) = look(self)? {
+            if let Some(found) = poll(self)? {
                 return Ok(found);
             }
             match &self.listener {

@@ -1,48 +1,39 @@
 //! What a process does not accept from its peers: counted, and said in one line, but not a thousand times.
 
 use std::cell::RefCell;
-use std::fmt;
 use std::rc::Rc;
+
+use strum::{Display, EnumCount};
 
 use crate::role::Role;
 
 /// Why a sample is not accepted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumCount)]
 pub enum Refusal {
     /// It belongs to another run.
+    #[strum(to_string = "it belongs to another run")]
     Mission,
     /// Its writer is not the one that is heard, and that one is still there.
+    #[strum(to_string = "another process is writing this topic already")]
     SecondWriter,
     /// Its writer has sent a slot that is not after the last one.
+    #[strum(to_string = "its writer has sent that slot, or a later one, before")]
     OldSlot,
     /// Its slot is further ahead than the ring can be.
+    #[strum(to_string = "the ring cannot be that far")]
     FarSlot,
     /// It has another length than the field has sensor nodes.
+    #[strum(to_string = "expected a queue for each SN")]
     Length,
     /// The waypoint of a plan is no number, out of reach, or outside the area.
+    #[strum(to_string = "waypoint not finite, out of reach, or outside the area: the UAV holds")]
     Waypoint,
     /// A plan names a sensor node that is out of range, unknown, named before, or beyond the resource blocks.
+    #[strum(to_string = "SN out of range, unknown, named twice, or beyond the resource blocks")]
     Sensor,
     /// A path has no point, more than there is room for, or one that is no number or outside the area.
+    #[strum(to_string = "expected 1 to 64 points, finite and in the area")]
     Path,
-}
-
-/// Number of kinds.
-const KINDS: usize = 8;
-
-impl fmt::Display for Refusal {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.write_str(match self {
-            Self::Mission => "it belongs to another run",
-            Self::SecondWriter => "another process is writing this topic already",
-            Self::OldSlot => "its writer has sent that slot, or a later one, before",
-            Self::FarSlot => "the ring cannot be that far",
-            Self::Length => "expected a queue for each SN",
-            Self::Waypoint => "waypoint not finite, out of reach, or outside the area: the UAV holds",
-            Self::Sensor => "SN out of range, unknown, named twice, or beyond the resource blocks",
-            Self::Path => "expected 1 to 64 points, finite and in the area",
-        })
-    }
 }
 
 /// The refusals of a process, shared by its readers.
@@ -51,7 +42,7 @@ pub struct Refusals(Rc<RefCell<State>>);
 
 #[derive(Debug)]
 struct State {
-    counts: [u64; KINDS],
+    counts: [u64; Refusal::COUNT],
     speaker: Option<Role>,
 }
 
@@ -59,7 +50,7 @@ impl Refusals {
     /// Refusals that `speaker`, if there is one, says on standard error: the first of its kind, the 10th, the 100th...
     #[must_use]
     pub fn new(speaker: Option<Role>) -> Self {
-        Self(Rc::new(RefCell::new(State { counts: [0; KINDS], speaker })))
+        Self(Rc::new(RefCell::new(State { counts: [0; Refusal::COUNT], speaker })))
     }
 
     /// Counts the refusal of the sample of `slot` on `topic`, which is `count` of its kind.

@@ -9,11 +9,14 @@ use std::path::Path;
 use std::time::{Duration, Instant, SystemTime};
 
 use rustix::fs::{Timespec, Timestamps, UTIME_NOW, futimens};
+use strum::{EnumString, FromRepr, IntoStaticStr};
 
 use crate::error::RingError;
 
-/// A process of the ring.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// A process of the ring, by its number in messages and the name of its executable.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, EnumString, FromRepr, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
+#[repr(u32)]
 pub enum Role {
     /// Owns the queues and the slot clock.
     FieldSim,
@@ -24,25 +27,11 @@ pub enum Role {
     /// Logs everything to rerun.
     Viewer,
     /// `skysink run`: launches the others and records.
+    #[strum(serialize = "skysink")]
     Launcher,
 }
 
 impl Role {
-    /// Every process, by its number in messages.
-    pub const ALL: [Self; 5] = [Self::FieldSim, Self::FlightSim, Self::Planner, Self::Viewer, Self::Launcher];
-
-    /// The number in messages.
-    #[must_use]
-    pub fn code(self) -> u32 {
-        self as u32
-    }
-
-    /// The process of a number.
-    #[must_use]
-    pub fn of_code(code: u32) -> Option<Self> {
-        Self::ALL.into_iter().find(|role| role.code() == code)
-    }
-
     /// Whether the ring cannot go on without the process, so that its peers are never far ahead. The others may lag: the
     /// viewer, and in paced runs the planner.
     #[must_use]
@@ -53,13 +42,7 @@ impl Role {
     /// The name of the executable.
     #[must_use]
     pub fn name(self) -> &'static str {
-        match self {
-            Self::FieldSim => "field-sim",
-            Self::FlightSim => "flight-sim",
-            Self::Planner => "planner",
-            Self::Viewer => "viewer",
-            Self::Launcher => "skysink",
-        }
+        self.into()
     }
 }
 
@@ -80,15 +63,15 @@ impl Seat {
     /// # Errors
     /// If another process has it, or the file cannot be written.
     pub(crate) fn take(folder: &Path, role: Role) -> Result<Self, RingError> {
-        let refuse = |message: String| RingError::Folder { folder: folder.display().to_string(), message };
-        let io = |error: io::Error| refuse(format!("{}: {error}", file_name(role)));
+        let io = |error: io::Error| RingError::folder(folder, format_args!("{}: {error}", file_name(role)));
         let mut open = OpenOptions::new();
         let open = open.read(true).write(true).create(true).truncate(false).mode(0o600);
         let file = open.open(folder.join(file_name(role))).map_err(io)?;
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
-                return Err(RingError::Taken { folder: folder.display().to_string(), role: role.name() });
+                let message = format_args!("there is a {} already: end it first", role.name());
+                return Err(RingError::folder(folder, message));
             }
             Err(TryLockError::Error(error)) => return Err(io(error)),
         }

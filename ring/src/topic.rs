@@ -6,10 +6,10 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use iceoryx2::port::listener::Listener;
-use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::{BackpressureAction, BackpressureInfo};
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::event;
+use iceoryx2::service::port_factory::publisher::PortFactoryPublisher;
 use skysink_common::pace::Pace;
 use skysink_common::stop::Stop;
 
@@ -164,17 +164,17 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
         self.event.listener_builder().create().map_err(|error| RingError::topic(self.row.name, "listen", &error))
     }
 
-    fn notifier(&self) -> Result<Notifier<S>, RingError> {
-        self.event.notifier_builder().create().map_err(|error| RingError::topic(self.row.name, "notify", &error))
-    }
-
-    /// How long a process of the run waits for another.
-    fn timeout(&self) -> Duration {
-        self.member.terms.timeout()
+    fn write_by(&self, builder: PortFactoryPublisher<'_, S, P, H>) -> Result<Writer<S, P, H>, RingError> {
+        let name = self.row.name;
+        let builder = builder.max_loaned_samples(1).set_backpressure_handler(self.backpressure());
+        let publisher = builder.create().map_err(|error| RingError::topic(name, WRITE, &error))?;
+        let notifier = self.event.notifier_builder().create();
+        let notifier = notifier.map_err(|error| RingError::topic(name, "notify", &error))?;
+        Ok(Writer::new(name, publisher, notifier, self.member.terms.timeout(), &self.member.late_joiners))
     }
 
     fn backpressure(&self) -> impl Fn(&BackpressureInfo) -> BackpressureAction + use<S, P, H> {
-        let (config, stop, timeout) = (self.config.clone(), self.member.stop.clone(), self.timeout());
+        let (config, stop, timeout) = (self.config.clone(), self.member.stop.clone(), self.member.terms.timeout());
         let waits = self.row.full == Full::WaitInLockStep && self.member.terms.pace == Pace::Max;
         move |info| {
             if !waits {
@@ -197,10 +197,7 @@ impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> 
     /// # Errors
     /// If all writers' places are taken, or the system refuses.
     pub fn writer(&self) -> Result<Writer<S, P, H>, RingError> {
-        let builder = self.data.publisher_builder().max_loaned_samples(1);
-        let publisher = builder.set_backpressure_handler(self.backpressure()).create();
-        let publisher = publisher.map_err(|error| RingError::topic(self.row.name, WRITE, &error))?;
-        Ok(Writer::new(self.row.name, publisher, self.notifier()?, self.timeout(), &self.member.late_joiners))
+        self.write_by(self.data.publisher_builder())
     }
 }
 
@@ -210,9 +207,6 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
     /// # Errors
     /// If all writers' places are taken, or the system refuses.
     pub fn list_writer(&self, len: usize) -> Result<Writer<S, [T], H>, RingError> {
-        let builder = self.data.publisher_builder().initial_max_slice_len(len).max_loaned_samples(1);
-        let publisher = builder.set_backpressure_handler(self.backpressure()).create();
-        let publisher = publisher.map_err(|error| RingError::topic(self.row.name, WRITE, &error))?;
-        Ok(Writer::new(self.row.name, publisher, self.notifier()?, self.timeout(), &self.member.late_joiners))
+        self.write_by(self.data.publisher_builder().initial_max_slice_len(len))
     }
 }

@@ -263,8 +263,8 @@ fn agree(folder: &RingFolder, theirs: &AttributeSet, scenario: &Scenario) -> Res
         let key = what.try_into().map_err(|error| RingError::topic("ring", "read its terms", &error))?;
         let theirs = theirs.key_value(&key, 0).map_or_else(|| "missing".to_owned(), ToString::to_string);
         if theirs != ours {
-            let folder = folder.path().display().to_string();
-            return Err(RingError::Differs { folder, what, theirs, ours, remedy });
+            let message = format_args!("{what} is {theirs}, here {ours}: {remedy}");
+            return Err(RingError::folder(folder.path(), message));
         }
     }
     Ok(())

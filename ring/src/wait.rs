@@ -1,22 +1,26 @@
 //! How the processes of a ring wait for messages: asleep until they are woken, or polling, and what ends a wait.
 
 use std::cell::RefCell;
-use std::fmt::{self, Debug};
+use std::fmt::Debug;
+use std::fs::File;
 use std::rc::{Rc, Weak};
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::Service;
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::{Deserialize, Serialize};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use skysink_common::stop::Stop;
+use strum::{Display, VariantArray};
 
 use crate::error::{NodeError, RingError};
 use crate::role::{Role, Seat};
 
 /// How a process waits for messages.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, Display, VariantArray)]
+#[serde(rename_all = "lowercase")]
+#[strum(serialize_all = "lowercase")]
 pub enum Waiting {
     /// Asleep, until the writer wakes it.
     #[default]
@@ -32,15 +36,7 @@ pub(crate) const PAUSE: Duration = Duration::from_millis(10);
 /// message is awaited needs it.
 const POLLS: u32 = 64;
 
-/// Why a way of waiting is refused.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("wait {0}: expected event or poll")]
-pub struct WaitingError(String);
-
 impl Waiting {
-    /// Every way, by its spelling.
-    const ALL: [(Self, &'static str); 2] = [(Self::Event, "event"), (Self::Poll, "poll")];
-
     /// Pauses until `listener` is notified, for 10 ms at most; or for one of many polls, of which this is number `polls`.
     ///
     /// Whoever polls leaves the listener alone: notifying one that is notified already costs its writer next to nothing.
@@ -56,32 +52,11 @@ impl Waiting {
 }
 
 impl FromStr for Waiting {
-    type Err = WaitingError;
+    type Err = String;
 
-    fn from_str(text: &str) -> Result<Self, WaitingError> {
-        let found = Self::ALL.into_iter().find(|(_, name)| *name == text);
-        found.map(|(waiting, _)| waiting).ok_or_else(|| WaitingError(text.to_owned()))
-    }
-}
-
-impl fmt::Display for Waiting {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.write_str(match self {
-            Self::Event => "event",
-            Self::Poll => "poll",
-        })
-    }
-}
-
-impl Serialize for Waiting {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
-    }
-}
-
-impl<'de> Deserialize<'de> for Waiting {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        String::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
+    fn from_str(text: &str) -> Result<Self, String> {
+        let found = Self::VARIANTS.iter().find(|waiting| waiting.to_string() == text);
+        found.copied().ok_or_else(|| format!("wait {text}: expected event or poll"))
     }
 }
 
@@ -127,8 +102,8 @@ impl LateJoiners {
 #[derive(Debug)]
 pub struct WaitContext {
     pub(crate) stop: Stop,
-    /// None in the launcher.
-    pub(crate) supervisor: Option<Supervisor>,
+    /// The supervisor's lock file; none in the launcher.
+    pub(crate) supervisor: Option<File>,
     /// None in the launcher.
     pub(crate) seat: Option<Seat>,
     pub(crate) late_joiners: LateJoiners,
@@ -162,7 +137,7 @@ impl WaitContext {
     /// If a late joiner cannot be served.
     pub fn begin(&mut self, topic: &'static str, slot: u64, from: Role) -> Result<Awaited, RingError> {
         let since = Instant::now();
-        self.be_there(since)?; // a process that always finds its sample gets no further
+        self.stay_present(since)?; // a process that always finds its sample gets no further
         Ok(Awaited { topic, slot, from, since })
     }
 
@@ -204,12 +179,13 @@ impl WaitContext {
     /// Fails once a stop is requested or the supervisor is dead.
     fn check(&mut self, now: Instant) -> Result<(), NodeError> {
         self.stop.check()?;
-        self.be_there(now)?;
-        if let Some(supervisor) = &mut self.supervisor
+        self.stay_present(now)?;
+        if let Some(lock) = &self.supervisor
             && now - self.supervised >= SUPERVISOR_CHECK
         {
             self.supervised = now;
-            if !supervisor.alive() {
+            if lock.try_lock_shared().is_ok() {
+                let _ = lock.unlock(); // for the others, who try it, too
                 return Err(NodeError::Orphaned);
             }
         }
@@ -217,7 +193,7 @@ impl WaitContext {
     }
 
     /// Keeps the heartbeat going, and serves late joiners now and then.
-    fn be_there(&mut self, now: Instant) -> Result<(), RingError> {
+    fn stay_present(&mut self, now: Instant) -> Result<(), RingError> {
         if let Some(seat) = &mut self.seat {
             seat.beat(now);
         }
@@ -229,38 +205,13 @@ impl WaitContext {
     }
 }
 
-/// The watch over the process that supervises the ring: it holds a lock as long as it lives.
-#[derive(Debug)]
-pub struct Supervisor {
-    lock: std::fs::File,
-}
-
-impl Supervisor {
-    /// Watches the holder of the lock file.
-    #[must_use]
-    pub fn new(lock: std::fs::File) -> Self {
-        Self { lock }
-    }
-
-    /// Whether somebody holds the lock.
-    fn alive(&mut self) -> bool {
-        match self.lock.try_lock_shared() {
-            Ok(()) => {
-                let _ = self.lock.unlock();
-                false
-            }
-            Err(_) => true,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn a_way_of_waiting_is_read_as_it_is_written() {
-        for (waiting, text) in Waiting::ALL {
+        for (waiting, text) in [(Waiting::Event, "event"), (Waiting::Poll, "poll")] {
             assert_eq!(text.parse(), Ok(waiting));
             assert_eq!(waiting.to_string(), text);
         }
@@ -269,10 +220,7 @@ mod tests {
     #[test]
     fn a_way_that_is_none_is_refused() {
         for text in ["", "Event", "spin", "events"] {
-            assert_eq!(
-                text.parse::<Waiting>().unwrap_err().to_string(),
-                format!("wait {text}: expected event or poll")
-            );
+            assert_eq!(text.parse::<Waiting>(), Err(format!("wait {text}: expected event or poll")));
         }
     }
 }

@@ -130,7 +130,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             let plan = self.parts.plan.take();
             let plan_head = plan.as_ref().map(|(head, _)| head);
             let times = SlotTimes::of(self.clock.began(slot), plan_head, &flight_head, &header.head);
-            let in_time = HoldReason::of_code(flight.hold) != HoldReason::NoPlan;
+            let in_time = flight.hold != HoldReason::NoPlan as u32;
             let plan = plan.map(|(_, plan)| plan).filter(|_| in_time);
 
             let hash = log.add(&flight, &header)?;

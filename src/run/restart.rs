@@ -90,7 +90,7 @@ impl FromStr for Rule {
         let refuse = || "expected never or on-failure, for one process as in planner=never".to_owned();
         let (role, policy) = match text.split_once('=') {
             Some((name, policy)) => {
-                let role = Role::ALL.into_iter().find(|role| role.name() == name && *role != Role::Launcher);
+                let role = name.parse().ok().filter(|role| *role != Role::Launcher);
                 (Some(role.ok_or_else(refuse)?), policy)
             }
             None => (None, text),

@@ -126,7 +126,7 @@ fn whatever_a_plan_asks_for_is_flown_as_far_as_it_can_be_and_the_rest_is_counted
         let wrong = nonsense.map_or(Wrong::Nothing, |(_, _, wrong)| *wrong);
         kinds += usize::from(nonsense.is_some());
         let what = nonsense.map(|(name, ..)| name);
-        let mode = if turn.good.mode == Mode::Transit.code() { "transit" } else { "serve" };
+        let mode = if turn.good.mode == Mode::Transit as u32 { "transit" } else { "serve" };
         let (mode, count, served) = match wrong {
             Wrong::Waypoint => ("hold", 1, 0),
             Wrong::Sensors(expected) => (mode, expected(&turn.good).0, expected(&turn.good).1.min(good.len())),

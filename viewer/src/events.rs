@@ -55,9 +55,9 @@ impl Events {
     /// Styles the lane.
     pub(crate) fn open(stream: &RecordingStream, part: Part) -> RecordingStreamResult<Self> {
         let states = [
-            (Mode::Serve.name(), colour::DELIVERY),
-            (Mode::Transit.name(), colour::CLOCK),
-            (Mode::Hold.name(), colour::LOSS),
+            (Mode::Serve.into(), colour::DELIVERY),
+            (Mode::Transit.into(), colour::CLOCK),
+            (Mode::Hold.into(), colour::LOSS),
             (GAP, colour::MISSED),
         ];
         let style = StateConfiguration::new()
@@ -72,9 +72,9 @@ impl Events {
         let flight = view.flight;
         self.log_due(stream)?;
         if view.slot > 0 {
-            self.enter(stream, Mode::of_code(flight.mode).name())?;
+            self.enter(stream, Mode::from_repr(flight.mode).unwrap_or_default().into())?;
         }
-        match HoldReason::of_code(flight.hold) {
+        match HoldReason::from_repr(flight.hold).unwrap_or_default() {
             HoldReason::None => {}
             HoldReason::NoPlan => write(stream, Level::Warn, "hold: no plan in time")?,
             HoldReason::Waypoint => {
@@ -85,7 +85,7 @@ impl Events {
             let text = format!("{} of the plan's requests refused", flight.refused);
             write(stream, Level::Warn, &text)?;
         }
-        if view.plan.is_some_and(|plan| SolverOutcome::of_code(plan.solver) == SolverOutcome::Fallback) {
+        if view.plan.is_some_and(|plan| plan.solver == SolverOutcome::Fallback as u32) {
             write(stream, Level::Warn, "waypoint by the geometric solver, as a fallback")?;
         }
         let totals = &view.header.totals;

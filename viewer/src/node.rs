@@ -14,7 +14,7 @@ use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
 use skysink_ring::health::{Health, Ready};
 use skysink_ring::journal::Journal;
-use skysink_ring::reader::{Found, Reader};
+use skysink_ring::reader::{Reader, SlotSample};
 use skysink_ring::refusals::Refusal;
 use skysink_ring::role::Role;
 use skysink_ring::sample::Payload;
@@ -63,7 +63,7 @@ pub fn run<S: Service + 'static>(
     sinks: &Sinks,
 ) -> Result<u64, ViewerError> {
     let (ring, mut wait) = Ring::<S>::open(folder, scenario, Role::Viewer, stop)?;
-    let journal = Journal::open(&folder.journal("viewer"), 2, 0).map_err(RingError::from)?;
+    let journal = Journal::open(&folder.journal("viewer"), 2, 0)?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
     let mut scene =
@@ -85,7 +85,7 @@ fn follow<S: Service + 'static>(
 ) -> Result<u64, ViewerError> {
     let mut readers = Readers::open(ring)?;
     let ready = ring.ready.writer()?;
-    let last = journal.read().map_err(RingError::from)?.last().map(|record| record.slot);
+    let last = journal.read()?.last().map(|record| record.slot);
     // After a resume the ring begins with the last slot on record; the slots before are in earlier files, if in any.
     let mut next = last.map(|slot| slot + 1);
     let mut missed = 0;
@@ -101,8 +101,7 @@ fn follow<S: Service + 'static>(
         let flight_limit = readers.limit(true); // flight-sim repeats more than one slot
         let plan_limit = readers.limit(is_ready);
         let flight = read(&mut readers.flights, wait, slot, flight_limit)?;
-        let was_planned =
-            flight.as_ref().is_some_and(|flight| HoldReason::of_code(flight.payload().hold) != HoldReason::NoPlan);
+        let was_planned = flight.as_ref().is_some_and(|flight| flight.payload().hold != HoldReason::NoPlan as u32);
         let plan = if slot > 0 && was_planned { read(&mut readers.plans, wait, slot, plan_limit)? } else { None };
 
         let missed_until = match flight {
@@ -127,14 +126,14 @@ fn follow<S: Service + 'static>(
                 slots_per_s: speed.slots_per_s(header),
                 plan_ms: plan.map(|plan| plan.plan_ns as f64 / 1e6),
             })?;
-            journal.write(slot, &[]).map_err(RingError::from)?;
+            journal.write(slot, &[])?;
             next = Some(slot + 1);
         }
 
         if !is_ready {
             // Its readers are attached everywhere: writers that live deliver every slot from here on.
             is_ready = true;
-            let process = Role::Viewer.code();
+            let process = Role::Viewer as u32;
             ready.send(ring.header(slot, 0), Ready { process, restarts: ring.restarts })?;
         }
         if is_end {
@@ -220,7 +219,7 @@ impl<S: Service + 'static> Readers<S> {
     fn log_health(&mut self, scene: &Scene) -> Result<(), ViewerError> {
         while let Some(sample) = self.health.next_sample()? {
             if let Some((role, fate)) = sample.payload().read() {
-                let level = if fate.good() { Level::Info } else { Level::Warn };
+                let level = if fate.is_recovery() { Level::Info } else { Level::Warn };
                 scene.log_event(sample.user_header().slot, level, &format!("{} {fate}", role.name()))?;
             }
         }
@@ -240,9 +239,9 @@ fn read<S: Service + 'static, P: Payload + ?Sized>(
     let deadline = Instant::now() + limit;
     loop {
         match reader.of_slot(slot)? {
-            Found::Here(sample) => return Ok(Some(sample)),
-            Found::NotYet if Instant::now() < deadline => std::thread::sleep(POLL),
-            Found::NotYet | Found::Passed => return Ok(None),
+            SlotSample::Here(sample) => return Ok(Some(sample)),
+            SlotSample::NotYet if Instant::now() < deadline => std::thread::sleep(POLL),
+            SlotSample::NotYet | SlotSample::Passed => return Ok(None),
         }
     }
 }

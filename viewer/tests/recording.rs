@@ -83,7 +83,7 @@ fn a_slot_that_serves_nobody_shows_no_links_and_no_circles() {
         if slot.slot == 3 {
             slot.plan = None;
             slot.flight = FlightReport::at([2.0, 50.0, 20.0], Mode::Hold);
-            slot.flight.hold = HoldReason::NoPlan.code();
+            slot.flight.hold = HoldReason::NoPlan as u32;
         }
     };
     let found = in_folder(|path| record(path, 4, hold));

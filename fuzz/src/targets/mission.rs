@@ -40,8 +40,8 @@ fn fly(scenario: &Scenario) {
     for _ in 0..SLOTS {
         let Some(flown) = mission.next() else { return };
         let (plan, flight, totals) = (flown.plan, flown.flight, flown.header.totals);
-        assert_eq!((flight.hold, flight.refused), (HoldReason::None.code(), 0), "{plan:?}");
-        assert_ne!(Mode::of_code(flight.mode), Mode::Hold);
+        assert_eq!((flight.hold, flight.refused), (HoldReason::None as u32, 0), "{plan:?}");
+        assert_ne!(flight.mode, Mode::Hold as u32);
         assert!(totals.balanced(), "{totals:?}");
         assert_eq!(mission.queues_bits().iter().copied().map(u64::from).sum::<u64>(), totals.queued_bits);
     }

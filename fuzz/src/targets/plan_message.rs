@@ -66,12 +66,12 @@ fn served(scenario: &Scenario, places: &[Position], told: Option<&Plan>, report:
         assert!(link.rate_bps >= 0.0 && link.rate_bps.is_finite(), "{link:?}");
         assert!(told.is_some_and(|plan| plan.scheduled().contains(&link.sensor)), "{link:?}");
     }
-    let refused = match (told, HoldReason::of_code(report.hold)) {
+    let refused = match (told, HoldReason::from_repr(report.hold).unwrap_or_default()) {
         (None, HoldReason::NoPlan) => 0,
         (Some(_), HoldReason::Waypoint) => 1,
         (Some(plan), HoldReason::None) => plan.served - report.served,
         (told, hold) => panic!("{hold:?} after {told:?}"),
     };
     assert_eq!(report.refused, refused);
-    assert_eq!(Mode::of_code(report.mode) == Mode::Hold, report.hold != HoldReason::None.code());
+    assert_eq!(report.mode == Mode::Hold as u32, report.hold != HoldReason::None as u32);
 }

@@ -47,7 +47,7 @@ pub fn planner_message(bytes: &[u8]) {
             (here.x_m, here.y_m, here.z_m) = (position.x, position.y, altitude_m);
             flight.take_over(&here);
             let report = flight.step(slot, Some(&plan));
-            assert_eq!((report.hold, report.refused), (HoldReason::None.code(), 0), "{plan:?} from {here:?}");
+            assert_eq!((report.hold, report.refused), (HoldReason::None as u32, 0), "{plan:?} from {here:?}");
             let path: Vec<_> = planner.path().iter().copied().map(PathPoint::from).collect();
             assert!(believable(&path, &scenario.area), "{path:?} from {here:?}");
         }
