@@ -6,12 +6,11 @@
 mod altitude;
 mod axis;
 pub mod campaign;
-mod canvas;
 pub mod chart;
 pub mod error;
 mod knowledge;
 pub mod map;
-mod panel;
+mod page;
 mod study;
 mod style;
 #[cfg(test)]

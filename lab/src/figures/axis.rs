@@ -1,7 +1,6 @@
-//! An axis: which range it shows, where a value lies on it, and which values are named.
+//! Axes: which range they show, where a value lies, which values are named, and the panel between two of them.
 
-use plotters::coord::ranged1d::Ranged;
-use plotters::coord::types::RangedCoordf64;
+use super::page::{INK, Page, fitting, line, stroke, text, text_width};
 
 /// How values are spread over an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -13,112 +12,184 @@ pub enum Scale {
 }
 
 /// An axis from `low` to `high`.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Axis {
+    label: String,
     low: f64,
     high: f64,
     scale: Scale,
 }
 
+/// A named value: its position, 0 at the low end of the axis and 1 at the high end, and its label.
+type Tick = (f64, String);
+
 impl Axis {
     /// A linear axis that ends exactly at `low` and `high`.
-    pub fn exact(low: f64, high: f64) -> Self {
-        Self { low, high, scale: Scale::Linear }
+    pub fn exact(label: &str, [low, high]: [f64; 2]) -> Self {
+        Self { label: label.to_owned(), low, high, scale: Scale::Linear }
     }
 
     /// An axis that shows all `values` (finite; above 0 on a logarithmic scale) with a margin of 4 % at both ends.
-    pub fn around(values: impl Iterator<Item = f64> + Clone, scale: Scale) -> Self {
+    pub fn around(label: &str, values: impl Iterator<Item = f64> + Clone, scale: Scale) -> Self {
         let low = values.clone().fold(f64::INFINITY, f64::min);
         let high = values.fold(f64::NEG_INFINITY, f64::max);
-        match scale {
+        let [low, high] = match scale {
             Scale::Linear => {
-                let reach = if high > low { high - low } else { high.abs().max(1.0) };
-                Self { low: low - 0.04 * reach, high: high + 0.04 * reach, scale }
+                let margin = 0.04 * if high > low { high - low } else { high.abs().max(1.0) };
+                [low - margin, high + margin]
             }
             Scale::Log => {
                 let margin = if high > low { (high / low).powf(0.04) } else { 3.0 };
-                Self { low: low / margin, high: high * margin, scale }
+                [low / margin, high * margin]
             }
-        }
+        };
+        Self { label: label.to_owned(), low, high, scale }
     }
 
-    /// Place of `value`, 0 at the low end and 1 at the high end.
-    pub fn place(&self, value: f64) -> f64 {
+    /// Position of `value`, 0 at the low end and 1 at the high end; on a logarithmic scale 0 below the low end, too.
+    fn position(&self, value: f64) -> f64 {
         match self.scale {
             Scale::Linear => (value - self.low) / (self.high - self.low),
-            Scale::Log => (value / self.low).ln() / (self.high / self.low).ln(),
+            Scale::Log => (value.max(self.low) / self.low).ln() / (self.high / self.low).ln(),
         }
     }
 
-    /// `value`, or the low end of the axis if that is higher.
-    pub fn raised(&self, value: f64) -> f64 {
-        value.max(self.low)
-    }
-
-    /// At most `most` round values on the axis with their labels.
-    pub fn ticks(&self, most: usize) -> Vec<(f64, String)> {
-        match self.scale {
-            Scale::Linear => {
-                let values = RangedCoordf64::from(self.low..self.high).key_points(most);
-                let step = values.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
-                values.into_iter().map(|value| (value, linear_label(value, step))).collect()
-            }
+    /// At most `most` round values on the axis.
+    fn ticks(&self, most: usize) -> Vec<Tick> {
+        let decimals = match self.scale {
+            Scale::Linear => self.linear_ticks(most),
             Scale::Log => self.log_ticks(most),
-        }
+        };
+        let tick = |(mantissa, exponent)| (decimal(mantissa, exponent), label(mantissa, exponent));
+        let on_axis = |(value, _): &Tick| (self.low..=self.high).contains(value);
+        decimals.into_iter().map(tick).filter(on_axis).map(|(value, label)| (self.position(value), label)).collect()
     }
 
-    /// Powers of ten, or 1, 2 and 5 times these where there is room for them.
-    fn log_ticks(&self, most: usize) -> Vec<(f64, String)> {
+    /// Multiples of 1, 2 or 5 times a power of ten, as mantissa and exponent of ten.
+    fn linear_ticks(&self, most: usize) -> Vec<(i64, i32)> {
+        let finest = ((self.high - self.low) / most.max(1) as f64).log10().floor() as i32;
+        let steps = (finest..).flat_map(|exponent| [1, 2, 5].map(|factor| (factor, exponent)));
+        let multiples = |(factor, exponent)| {
+            let step = decimal(factor, exponent);
+            let multiples = (self.low / step).ceil() as i64..=(self.high / step).floor() as i64;
+            multiples.map(|multiple| (multiple * factor, exponent)).collect::<Vec<_>>()
+        };
+        steps.map(multiples).find(|ticks| ticks.len() <= most.max(1)).expect("steps become as wide as needed")
+    }
+
+    /// Powers of ten, or 1, 2 and 5 times these where there is room for them, as mantissa and exponent of ten.
+    fn log_ticks(&self, most: usize) -> Vec<(i64, i32)> {
         let (low, high) = (self.low.log10(), self.high.log10());
         let decades = (high.floor() - low.ceil()) as usize + 1; // at least 1: a negative float becomes 0
         let stride = decades.div_ceil(most.max(1)) as i32;
-        let factors: &[u32] = if 3 * decades <= most { &[1, 2, 5] } else { &[1] };
-        (low.floor() as i32..=high.floor() as i32)
-            .filter(|exponent| exponent % stride == 0)
-            .flat_map(|exponent| factors.iter().map(move |&factor| (factor, exponent)))
-            .map(|(factor, exponent)| (f64::from(factor) * 10_f64.powi(exponent), log_label(factor, exponent)))
-            .filter(|(value, _)| (self.low..=self.high).contains(value))
-            .collect()
+        let factors: &[i64] = if 3 * decades <= most { &[1, 2, 5] } else { &[1] };
+        let exponents = (low.floor() as i32..=high.floor() as i32).filter(|exponent| exponent % stride == 0);
+        exponents.flat_map(|exponent| factors.iter().map(move |&factor| (factor, exponent))).collect()
     }
 }
 
-/// A value with the decimals that tell it from the next one `step` away.
-fn linear_label(value: f64, step: f64) -> String {
-    let exponent = step.log10().floor() as i32;
-    if value.abs() < step / 2.0 && exponent < -4 {
+/// `mantissa` · 10^`exponent`, rounded once.
+fn decimal(mantissa: i64, exponent: i32) -> f64 {
+    format!("{mantissa}e{exponent}").parse().expect("a decimal number")
+}
+
+/// `mantissa` · 10^`exponent` with as many decimals as the exponent has, or as a power of ten where these are too many.
+fn label(mantissa: i64, exponent: i32) -> String {
+    let value = decimal(mantissa, exponent);
+    if mantissa == 0 && exponent < -4 {
         return "0".to_owned();
     }
-    let value = if value.abs() < step / 2.0 { 0.0 } else { value }; // no "−0.0"
-    if exponent < -4 || value.abs() >= 1e6 {
-        let exponent = value.abs().log10().floor() as i32;
-        let mantissa = format!("{:.2}", value / 10_f64.powi(exponent));
-        let mantissa = mantissa.trim_end_matches('0').trim_end_matches('.').replace('-', "−");
-        return format!("{mantissa}·10{}", superscript(exponent));
+    if mantissa == 0 || exponent > -4 && value.abs() < 1e6 {
+        return format!("{value:.*}", usize::try_from(-exponent).unwrap_or(0)).replace('-', "−");
     }
-    format!("{value:.*}", usize::try_from(-exponent).unwrap_or(0)).replace('-', "−")
-}
-
-/// `factor` · 10^`exponent`, written out between 0.001 and 50 000.
-fn log_label(factor: u32, exponent: i32) -> String {
-    match (factor, exponent) {
-        (_, -3..=4) => {
-            format!("{:.*}", usize::try_from(-exponent).unwrap_or(0), f64::from(factor) * 10_f64.powi(exponent))
-        }
-        (1, _) => format!("10{}", superscript(exponent)),
-        _ => format!("{factor}·10{}", superscript(exponent)),
-    }
+    let text = format!("{value:e}");
+    let (mantissa, exponent) = text.split_once('e').expect("in this notation");
+    let factor = if mantissa == "1" { String::new() } else { mantissa.replace('-', "−") + "·" };
+    format!("{factor}10{}", superscript(exponent))
 }
 
 /// A whole number in raised digits.
-fn superscript(number: i32) -> String {
-    let raise = |character| match character {
+fn superscript(number: &str) -> String {
+    let raised = |character| match character {
         '-' => '⁻',
         '1' => '¹',
         '2' => '²',
         '3' => '³',
         digit => char::from_u32('⁰' as u32 + digit as u32 - '0' as u32).expect("raised digits are in a row"),
     };
-    number.to_string().chars().map(raise).collect()
+    number.chars().map(raised).collect()
+}
+
+/// A rectangle of a page [units] between two axes.
+#[derive(Debug)]
+pub struct Panel {
+    /// Left, upper end.
+    pub corner: [f64; 2],
+    /// Width and height.
+    pub size: [f64; 2],
+    /// Axis along the lower side.
+    pub x: Axis,
+    /// Axis along the left side.
+    pub y: Axis,
+    /// Em of its text.
+    pub em: f64,
+}
+
+/// From the side of a panel to its tick labels [units]; half of it is the tick.
+const GAP: f64 = 16.0;
+
+impl Panel {
+    /// Where the point (`x`, `y`) is on the page [units].
+    pub fn at(&self, x: f64, y: f64) -> [f64; 2] {
+        [self.corner[0] + self.x.position(x) * self.size[0], self.bottom() - self.y.position(y) * self.size[1]]
+    }
+
+    /// Lower side [units].
+    pub fn bottom(&self) -> f64 {
+        self.corner[1] + self.size[1]
+    }
+
+    fn y_ticks(&self) -> Vec<Tick> {
+        self.y.ticks((self.size[1] / (2.5 * self.em)) as usize + 1)
+    }
+
+    /// Room [units] left of it that ticks, their labels and the label of the axis take up.
+    pub fn left_room(&self) -> f64 {
+        let widest = self.y_ticks().iter().map(|(_, label)| text_width(label, self.em)).fold(0.0, f64::max);
+        GAP + widest + 1.7 * self.em
+    }
+
+    /// Draws a line across at every tick of the left side.
+    pub fn draw_grid(&self, page: &mut Page) {
+        let [left, _] = self.corner;
+        for (position, _) in self.y_ticks() {
+            let y = self.bottom() - position * self.size[1];
+            page.add(stroke(line([[left, y], [left + self.size[0], y]]), 1.0, "#DDDDDD"));
+        }
+    }
+
+    /// Draws frame, ticks and labels.
+    pub fn draw_axes(&self, page: &mut Page) {
+        let ([left, top], [width, height], bottom, em) = (self.corner, self.size, self.bottom(), self.em);
+        let mut lines = format!("M{left:.1},{top:.1}h{width:.1}v{height:.1}h-{width:.1}z");
+        for (position, label) in self.x.ticks((width / (4.0 * em)) as usize + 1) {
+            let x = left + position * width;
+            lines += &format!("M{x:.1},{bottom:.1}v{}", GAP / 2.0);
+            page.add(text(&label, [x, bottom + GAP + 0.76 * em], em, "middle"));
+        }
+        for (position, label) in self.y_ticks() {
+            let y = bottom - position * height;
+            lines += &format!("M{left:.1},{y:.1}h-{}", GAP / 2.0);
+            page.add(text(&label, [left - GAP, y + 0.36 * em], em, "end"));
+        }
+        page.add(stroke(lines, 2.0, INK));
+        let at = [left + width / 2.0, bottom + GAP + 2.1 * em];
+        page.add(text(&self.x.label, at, fitting(&self.x.label, 1.14 * em, width), "middle"));
+        let turned =
+            format!("translate({:.1} {:.1}) rotate(-90)", left - self.left_room() + 0.9 * em, top + height / 2.0);
+        let label = text(&self.y.label, [0.0, 0.0], fitting(&self.y.label, 1.14 * em, height), "middle");
+        page.add(label.set("transform", turned));
+    }
 }
 
 #[cfg(test)]
@@ -131,14 +202,14 @@ mod tests {
 
     #[test]
     fn ticks_of_a_linear_axis_are_round_and_share_their_decimals() {
-        assert_eq!(labels(Axis::exact(-0.01, 0.26), 7), ["0.00", "0.05", "0.10", "0.15", "0.20", "0.25"]);
-        assert_eq!(labels(Axis::exact(-120.0, 120.0), 5), ["−100", "−50", "0", "50", "100"]);
-        assert_eq!(labels(Axis::exact(0.0, 4e-5), 5), ["0", "1·10⁻⁵", "2·10⁻⁵", "3·10⁻⁵", "4·10⁻⁵"]);
+        assert_eq!(labels(Axis::exact("", [-0.01, 0.26]), 7), ["0.00", "0.05", "0.10", "0.15", "0.20", "0.25"]);
+        assert_eq!(labels(Axis::exact("", [-120.0, 120.0]), 5), ["−100", "−50", "0", "50", "100"]);
+        assert_eq!(labels(Axis::exact("", [0.0, 4e-5]), 5), ["0", "10⁻⁵", "2·10⁻⁵", "3·10⁻⁵", "4·10⁻⁵"]);
     }
 
     #[test]
     fn ticks_of_a_logarithmic_axis_are_powers_of_ten_and_round_steps_between_few() {
-        let log = |low, high| Axis { low, high, scale: Scale::Log };
+        let log = |low, high| Axis { label: String::new(), low, high, scale: Scale::Log };
         assert_eq!(labels(log(0.9, 30.0), 9), ["1", "2", "5", "10", "20"]);
         assert_eq!(labels(log(1.5e-7, 1.5e4), 7), ["10⁻⁶", "10⁻⁴", "0.01", "1", "100", "10000"]);
         assert_eq!(labels(log(5e-5, 2e3), 8), ["10⁻⁴", "0.001", "0.01", "0.1", "1", "10", "100", "1000"]);
@@ -147,8 +218,8 @@ mod tests {
     #[test]
     fn a_lone_value_still_has_an_axis() {
         for scale in [Scale::Linear, Scale::Log] {
-            let place = Axis::around([7.0].into_iter(), scale).place(7.0);
-            assert!((place - 0.5).abs() < 1e-12, "{scale:?}: {place}");
+            let position = Axis::around("", [7.0].into_iter(), scale).position(7.0);
+            assert!((position - 0.5).abs() < 1e-12, "{scale:?}: {position}");
         }
     }
 }

@@ -2,31 +2,26 @@
 
 use std::path::Path;
 
-use plotters::style::{RGBColor, WHITE};
+use svg::node::element::{Circle, Group, Rectangle};
 
-use super::axis::Axis;
-use super::canvas::{Canvas, FontTransform, HPos, Text};
+use super::axis::{Axis, Panel};
 use super::error::FigureError;
-use super::panel::{Grid, Panel, draw_footer, footer_height, footer_lines};
-use super::style::{AXIS_WIDTH, INK, PATH, TITLE_EM, fitting, shade};
+use super::page::{INK, MARGIN, Page, SAMPLE, TOP, WIDTH, fitting, line, stroke, text};
+use super::style::shade;
 use crate::error::LabError;
 
-/// Width of a sheet [units, pixels of the PNG]; its height depends on the panels.
-const WIDTH: f64 = 1600.0;
-/// Distance of everything from the edge of the sheet [units].
-const MARGIN: f64 = 30.0;
 /// Em of everything but title and footer [units].
 const EM: f64 = 24.0;
-/// About so far apart are ticks [units].
-const TICK_SPACING: [f64; 2] = [85.0, 85.0];
 /// Space [units] left of a panel (tick and axis labels) and right of it.
 const BESIDE: [f64; 2] = [110.0, 20.0];
 /// Space [units] above a panel (its title) and below it (tick and axis labels).
 const AROUND: [f64; 2] = [46.0, 84.0];
-/// Radius [units] of a sensor.
-const SENSOR: f64 = 8.0;
-/// Half the width [units] of the sign at the start.
-const START: f64 = 12.0;
+/// Sign at the start, as SVG path data from there: a square.
+const START: &str = "m-12,-12h24v24h-24z";
+/// Sign at the end: a cross.
+const END: &str = "m-12,-12l24,24m0,-24l-24,24";
+/// Colour of a path.
+const PATH: &str = "#909090";
 
 /// A sensor of a map.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -80,27 +75,22 @@ impl MapSheet {
 
         let cells = self.maps.len() + 1; // the last is for colour bar and signs
         let columns = if cells == 2 || cells == 4 { 2 } else { 3 };
-        let rows = cells.div_ceil(columns);
         let cell_width = (WIDTH - 2.0 * MARGIN) / columns as f64;
         let panel_width = cell_width - BESIDE[0] - BESIDE[1];
         let slimness = self.maps.iter().map(TrajectoryMap::slimness).fold(0.0, f64::max).clamp(0.65, 1.5);
-        let cell_height = panel_width * slimness + AROUND[0] + AROUND[1];
-        let top = MARGIN + 1.5 * TITLE_EM;
-        let footer = footer_lines(&self.footer, WIDTH - 2.0 * MARGIN);
-        let height = top + cell_height * rows as f64 + footer_height(&footer) + MARGIN;
-
-        let mut canvas = Canvas::new(WIDTH as u32, height.ceil() as u32);
-        let em = fitting(&self.title, TITLE_EM, WIDTH - 2.0 * MARGIN);
-        canvas.text(Text::new(&self.title, [MARGIN, MARGIN + 0.8 * TITLE_EM], em, HPos::Left));
-        let cell = |i: usize| [MARGIN + cell_width * (i % columns) as f64, top + cell_height * (i / columns) as f64];
         let room = [panel_width, panel_width * slimness];
+        let cell_height = room[1] + AROUND[0] + AROUND[1];
+        let corner = |cell: usize| {
+            let (row, column) = (cell / columns, cell % columns);
+            [MARGIN + cell_width * column as f64 + BESIDE[0], TOP + cell_height * row as f64 + AROUND[0]]
+        };
+        let mut page = Page::new(&self.title);
         let highest = self.highest();
         for (i, map) in self.maps.iter().enumerate() {
-            map.draw(&mut canvas, cell(i), room, highest);
+            map.draw(&mut page, corner(i), room, highest);
         }
-        self.draw_key(&mut canvas, cell(self.maps.len()), room, highest);
-        draw_footer(&mut canvas, footer, [MARGIN, height.ceil() - MARGIN]);
-        canvas.write(stem)
+        self.draw_key(&mut page, corner(self.maps.len()), room[0], highest);
+        page.write(stem, TOP + cell_height * cells.div_ceil(columns) as f64, &self.footer)
     }
 
     /// Upper end of the colour bar: the first of 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1 that no fraction exceeds.
@@ -111,35 +101,27 @@ impl MapSheet {
     }
 
     /// Draws colour bar and signs in the cell after the last map.
-    fn draw_key(&self, canvas: &mut Canvas, [cell_x, cell_y]: [f64; 2], [width, height]: [f64; 2], highest: f64) {
-        let [left, top] = [cell_x + BESIDE[0], cell_y + AROUND[0] + 0.1 * height];
-        canvas.text(Text::new(&self.fraction_label, [left, top], fitting(&self.fraction_label, EM, width), HPos::Left));
+    fn draw_key(&self, page: &mut Page, [left, top]: [f64; 2], width: f64, highest: f64) {
         const STEPS: u32 = 64;
-        let bar = Panel {
-            corner: [left, top + 0.6 * EM],
-            size: [width, 1.4 * EM],
-            x: Axis::exact(0.0, highest),
-            y: Axis::exact(0.0, 1.0),
-        };
+        page.add(text(&self.fraction_label, [left, top + EM], fitting(&self.fraction_label, EM, width), "start"));
         for step in 0..STEPS {
             // Each step reaches to the end, under the next: no seams where a viewer smooths edges.
-            let x0 = left + width * f64::from(step) / f64::from(STEPS);
-            let (x1, y0, y1) = (left + width, bar.corner[1], bar.bottom());
+            let done = width * f64::from(step) / f64::from(STEPS);
+            let bar = Rectangle::new().set("x", left + done).set("width", width - done);
             let colour = shade((f64::from(step) + 0.5) / f64::from(STEPS));
-            canvas.area(vec![[x0, y0], [x1, y0], [x1, y1], [x0, y1]], colour, 1.0);
+            page.add(bar.set("y", top + 1.6 * EM).set("height", 1.4 * EM).set("fill", colour));
         }
-        bar.draw_x_axis(canvas, EM, 0.8 * TICK_SPACING[0]);
-        bar.draw_frame(canvas);
-
-        let row = |i: f64| bar.bottom() + Panel::bottom_margin(EM) + 1.8 * EM * i;
-        let sign = |i: f64| [left + 30.0, row(i)];
-        draw_start(canvas, sign(1.0));
-        draw_end(canvas, sign(2.0));
-        canvas.line(vec![[left, row(3.0)], [left + 60.0, row(3.0)]], AXIS_WIDTH, PATH);
-        draw_sensor(canvas, sign(4.0), shade(0.5));
-        for (i, meaning) in ["start", "end", "path of the UAV", "sensor"].into_iter().enumerate() {
-            canvas.text(Text::new(meaning, [left + 80.0, row(i as f64 + 1.0) + 0.36 * EM], EM, HPos::Left));
+        for part in [0.0, 0.5, 1.0] {
+            page.add(text(&(part * highest).to_string(), [left + part * width, top + 4.0 * EM], EM, "middle"));
         }
+        let at = [SAMPLE / 2.0, 0.0];
+        let entries = [
+            (sign(at, START), "start"),
+            (sign(at, END), "end"),
+            (Group::new().add(stroke(line([[0.0, 0.0], [SAMPLE, 0.0]]), 2.0, PATH)), "path of the UAV"),
+            (Group::new().add(sensor(at, 0.5)), "sensor"),
+        ];
+        page.add_legend([left, top + 5.0 * EM], width, EM, &entries);
     }
 }
 
@@ -184,59 +166,34 @@ impl TrajectoryMap {
         (y_m[1] - y_m[0]) / (x_m[1] - x_m[0])
     }
 
-    /// Draws the map to scale in the upper middle of its cell.
-    fn draw(&self, canvas: &mut Canvas, [cell_x, cell_y]: [f64; 2], room: [f64; 2], highest: f64) {
+    /// Draws the map to scale in the upper middle of `room` [units].
+    fn draw(&self, page: &mut Page, [left, top]: [f64; 2], room: [f64; 2], highest: f64) {
         let [x_m, y_m] = self.extent_m();
-        let (width_m, height_m) = (x_m[1] - x_m[0], y_m[1] - y_m[0]);
-        let units_per_m = (room[0] / width_m).min(room[1] / height_m);
-        let size = [width_m * units_per_m, height_m * units_per_m];
-        let corner = [cell_x + BESIDE[0] + (room[0] - size[0]) / 2.0, cell_y + AROUND[0]];
-        let panel = Panel { corner, size, x: Axis::exact(x_m[0], x_m[1]), y: Axis::exact(y_m[0], y_m[1]) };
-        panel.draw(canvas, EM, TICK_SPACING, Grid::None);
-        let [left, top] = corner;
-        let em = fitting(&self.title, 1.1 * EM, size[0]);
-        canvas.text(Text::new(&self.title, [left, top - 0.6 * EM], em, HPos::Left));
-        let base = panel.bottom() + Panel::bottom_margin(EM) + EM;
-        canvas.text(Text::new("x [m]", [left + size[0] / 2.0, base], EM, HPos::Center));
-        let at = [left - panel.left_margin(EM, TICK_SPACING[1]) - 0.5 * EM, top + size[1] / 2.0];
-        canvas.text(Text { turn: FontTransform::Rotate270, ..Text::new("y [m]", at, EM, HPos::Center) });
+        let units_per_m = (room[0] / (x_m[1] - x_m[0])).min(room[1] / (y_m[1] - y_m[0]));
+        let size = [x_m, y_m].map(|[low, high]| (high - low) * units_per_m);
+        let corner = [left + (room[0] - size[0]) / 2.0, top];
+        let panel = Panel { corner, size, x: Axis::exact("x [m]", x_m), y: Axis::exact("y [m]", y_m), em: EM };
+        panel.draw_axes(page);
+        page.add(text(&self.title, [corner[0], top - 0.6 * EM], fitting(&self.title, 1.1 * EM, size[0]), "start"));
 
-        let positions_m = std::iter::once(self.start_m).chain(self.path_m.iter().copied());
-        let path: Vec<_> = positions_m.map(|[x, y]| panel.at(x, y)).collect();
-        let end = path[path.len() - 1];
-        canvas.line(path, AXIS_WIDTH, PATH);
-        for sensor in &self.sensors {
-            let [x, y] = sensor.position_m;
-            draw_sensor(canvas, panel.at(x, y), shade(sensor.fraction / highest));
+        let at = |[x, y]: [f64; 2]| panel.at(x, y);
+        page.add(stroke(line([self.start_m].iter().chain(&self.path_m).copied().map(at)), 2.0, PATH));
+        for MapSensor { position_m, fraction } in &self.sensors {
+            page.add(sensor(at(*position_m), fraction / highest));
         }
-        draw_start(canvas, panel.at(self.start_m[0], self.start_m[1]));
-        draw_end(canvas, end);
+        page.add(sign(at(self.start_m), START));
+        page.add(sign(at(*self.path_m.last().unwrap_or(&self.start_m)), END));
     }
 }
 
 /// A disc with a dark edge, so that a light one is seen on white.
-fn draw_sensor(canvas: &mut Canvas, [x, y]: [f64; 2], colour: RGBColor) {
-    let corner = |i: u32| {
-        let (sin, cos) = (f64::from(i) / 24.0 * std::f64::consts::TAU).sin_cos();
-        [x + SENSOR * sin, y - SENSOR * cos]
-    };
-    let edge: Vec<_> = (0..=24).map(corner).collect();
-    canvas.area(edge.clone(), colour, 1.0);
-    canvas.line(edge, 1.0, INK);
+fn sensor([x, y]: [f64; 2], fraction: f64) -> Circle {
+    let disc = Circle::new().set("cx", format!("{x:.1}")).set("cy", format!("{y:.1}")).set("r", 8);
+    disc.set("fill", shade(fraction)).set("stroke", INK)
 }
 
-/// A square on white.
-fn draw_start(canvas: &mut Canvas, [x, y]: [f64; 2]) {
-    let square = |r: f64| vec![[x - r, y - r], [x + r, y - r], [x + r, y + r], [x - r, y + r], [x - r, y - r]];
-    canvas.line(square(START), 7.0, WHITE);
-    canvas.line(square(START), 3.5, INK);
-}
-
-/// A cross on white.
-fn draw_end(canvas: &mut Canvas, [x, y]: [f64; 2]) {
-    for (width, colour) in [(8.0, WHITE), (4.0, INK)] {
-        for r in [START, -START] {
-            canvas.line(vec![[x - START, y - r], [x + START, y + r]], width, colour);
-        }
-    }
+/// A sign on white.
+fn sign([x, y]: [f64; 2], data: &str) -> Group {
+    let data = format!("M{x:.1},{y:.1}{data}");
+    Group::new().add(stroke(&*data, 8.0, "white")).add(stroke(&*data, 4.0, INK))
 }

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use super::chart::{Chart, CurvePoint, Scale, Series};
 use super::map::{MapSensor, MapSheet, TrajectoryMap};
+use super::page;
 use super::style;
 use crate::error::LabError;
 
@@ -82,7 +83,7 @@ fn a_chart_says_what_it_shows() {
     ] {
         assert!(svg.contains(&format!(">\n{text}\n</text>")), "{text}");
     }
-    assert!(svg.starts_with("<svg width=\"1600\" height=\"1000\""), "{}", &svg[..80]);
+    assert!(svg.contains(r#"viewBox="0 0 1600 1000" width="1600""#), "{}", &svg[..200]);
     assert!(svg.contains("font-family=\"DejaVu Sans, Verdana, Arial, sans-serif\""));
     let side = |at: usize| u32::from_be_bytes(png[at..at + 4].try_into().unwrap());
     assert_eq!((side(16), side(20)), (1600, 1000));
@@ -110,7 +111,7 @@ fn a_sheet_of_maps_says_what_it_shows() {
 fn a_confidence_interval_that_is_not_known_draws_no_band() {
     let bands = |half_width: f64| {
         let curve = series("uts", &[(1.0, 0.1, half_width), (2.0, 0.2, half_width)]);
-        files(|stem| chart(vec![curve.clone()]).draw(stem)).0.matches("<polygon").count()
+        files(|stem| chart(vec![curve.clone()]).draw(stem)).0.matches("fill-opacity").count()
     };
     assert_eq!((bands(f64::NAN), bands(0.05)), (0, 1));
 }
@@ -174,20 +175,11 @@ fn a_file_that_cannot_be_written_is_named() {
 }
 
 #[test]
-fn every_character_that_is_not_refused_has_a_glyph() {
-    let glyph = |character: char| {
-        let mut dots = Vec::new();
-        let drawn = style::font(60.0).draw(&character.to_string(), (0, 0), |x, y, cover| {
-            dots.push((x, y, cover.to_bits()));
-            Ok::<(), ()>(())
-        });
-        drawn.unwrap().unwrap();
-        dots
-    };
-    let box_of_a_missing_glyph = glyph('城');
-    let accepted = (' '..='\u{ffff}').filter(|character| style::lacks(&character.to_string()).is_none());
-    let missing: Vec<_> = accepted.filter(|&character| glyph(character) == box_of_a_missing_glyph).collect();
-    assert!(missing.is_empty(), "{missing:?}");
+fn latin_greek_and_common_symbols_have_glyphs() {
+    let words = "Grüße, naïve Œuvre; ΑΒΓΔΩ αβγδηλμπσφω ‐–— ‘’ “” … ‰ 10⁻⁴⁹ x₀₉ ←↑→↓ ∆∑−√∝∞≈≠≤≥ ×·±°µ²³";
+    let lacking = |character: char| page::text_width(&character.to_string(), 20.0) == 0.0;
+    assert_eq!((' '..='~').chain(words.chars()).find(|&character| lacking(character)), None);
+    assert!(lacking('城'));
 }
 
 #[test]
@@ -201,18 +193,11 @@ fn any_number_of_curves_is_told_apart() {
 }
 
 #[test]
-fn dashes_go_on_around_corners() {
-    // 4 of dash, 3 of gap along a right angle of 5 + 6: dashes from 0 to 4 and, past the corner, from 7 to 11.
-    let style = style::SeriesStyle { dashes: &[4.0, 3.0], ..style::SeriesStyle::of(0) };
-    let dashes = style.dashed(vec![[0.0, 0.0], [5.0, 0.0], [5.0, 6.0]]);
-    assert_eq!(dashes, [[[0.0, 0.0], [4.0, 0.0]], [[5.0, 2.0], [5.0, 6.0]]]);
-}
-
-#[test]
 fn a_higher_fraction_is_darker_so_that_maps_read_in_grey() {
     let lightness = |fraction: f64| {
-        let plotters::style::RGBColor(red, green, blue) = style::shade(fraction);
-        0.2126 * f64::from(red) + 0.7152 * f64::from(green) + 0.0722 * f64::from(blue)
+        let shade = style::shade(fraction);
+        let channel = |at: usize| f64::from(u8::from_str_radix(&shade[at..at + 2], 16).unwrap());
+        0.2126 * channel(1) + 0.7152 * channel(3) + 0.0722 * channel(5)
     };
     let lightness: Vec<_> = (0..=100).map(|percent| lightness(f64::from(percent) / 100.0)).collect();
     assert!(lightness.windows(2).all(|pair| pair[0] > pair[1]), "{lightness:?}");

@@ -1,0 +1,158 @@
+//! The page of a figure: title, legend, footer, the embedded font, and the two files it becomes.
+//!
+//! Everything is drawn as SVG, in which text stays text; the PNG is the same document, rendered by resvg.
+
+use std::fs;
+use std::path::Path;
+
+use resvg::{tiny_skia, usvg};
+use skrifa::instance::{LocationRef, Size};
+use skrifa::{FontRef, MetadataProvider};
+use skysink_mission::error::FileContext;
+use svg::node::element::{Group, Path as Stroke, Rectangle, Text};
+use svg::{Document, Node};
+
+use super::error::FigureError;
+use crate::error::LabError;
+
+/// Width of a page [units: pixels of the PNG].
+pub const WIDTH: f64 = 1600.0;
+/// Distance of everything from the edge of the page [units].
+pub const MARGIN: f64 = 30.0;
+/// Lower end of the title [units].
+pub const TOP: f64 = 78.0;
+/// Room [units] for the sample of a legend entry.
+pub const SAMPLE: f64 = 100.0;
+/// Axis lines and text.
+pub const INK: &str = "#202020";
+/// Em of the title [units].
+const TITLE_EM: f64 = 34.0;
+/// Em of the footer [units].
+const FOOTER_EM: f64 = 20.0;
+
+/// The font families that the SVG names; the first is the embedded one, by which text is measured.
+const FAMILIES: &str = "DejaVu Sans, Verdana, Arial, sans-serif";
+/// DejaVu Sans reduced to what figures say; licence and command in `DejaVuSans-subset.LICENSE.txt`.
+const DEJAVU_SANS: &[u8] = include_bytes!("DejaVuSans-subset.ttf");
+
+/// A white page; x to the right and y downwards from its upper left corner.
+pub struct Page {
+    document: Document,
+}
+
+impl Page {
+    /// A page with a title.
+    pub fn new(title: &str) -> Self {
+        let white = Rectangle::new().set("width", "100%").set("height", "100%").set("fill", "white");
+        let at = [MARGIN, MARGIN + 0.8 * TITLE_EM];
+        let title = text(title, at, fitting(title, TITLE_EM, WIDTH - 2.0 * MARGIN), "start");
+        let document = Document::new().set("font-family", FAMILIES).set("stroke-linejoin", "round").set("fill", INK);
+        Self { document: document.add(white).add(title) }
+    }
+
+    /// Adds something on top of the rest.
+    pub fn add(&mut self, node: impl Into<Box<dyn Node>>) {
+        self.document.append(node);
+    }
+
+    /// Adds samples, drawn to the right of the origin, with their labels, in as many columns as fit into `width`. Returns
+    /// the lower end.
+    pub fn add_legend(&mut self, [left, top]: [f64; 2], width: f64, em: f64, entries: &[(Group, &str)]) -> f64 {
+        // Somebody else's font may be wider.
+        let widest = entries.iter().map(|(_, label)| 1.1 * text_width(label, em)).fold(0.0, f64::max);
+        let column = SAMPLE + widest + 1.4 * em;
+        let columns = ((width / column) as usize).clamp(1, entries.len());
+        for (i, (sample, label)) in entries.iter().enumerate() {
+            let x = left + column * (i % columns) as f64;
+            let y = top + 1.6 * em * ((i / columns) as f64 + 0.5);
+            self.add(sample.clone().set("transform", format!("translate({x:.1} {y:.1})")));
+            self.add(text(label, [x + SAMPLE + 0.4 * em, y + 0.36 * em], em, "start"));
+        }
+        top + 1.6 * em * entries.len().div_ceil(columns) as f64
+    }
+
+    /// Writes `stem`.svg and `stem`.png, with a footer below `bottom` [units].
+    ///
+    /// # Errors
+    /// A text that the embedded font cannot set, a file that cannot be written.
+    pub fn write(mut self, stem: &Path, bottom: f64, footer: &str) -> Result<(), LabError> {
+        let lines = broken(footer, WIDTH - 2.0 * MARGIN);
+        let base = |line: usize| bottom + 12.0 + 1.35 * FOOTER_EM * line as f64 + FOOTER_EM;
+        let height = (base(lines.len().max(2)) - 3.0).round();
+        for (i, line) in lines.iter().enumerate() {
+            self.add(text(line, [MARGIN, base(i)], FOOTER_EM, "start").set("fill", "#666666"));
+        }
+        let document = self.document.set("width", WIDTH).set("height", height);
+        let svg = document.set("viewBox", (0.0, 0.0, WIDTH, height)).to_string();
+        let lacking = |text: &str| text.chars().find(|&character| font().charmap().map(character).is_none());
+        for text in svg.split(['<', '>']).map(str::trim) {
+            if let Some(character) = lacking(text) {
+                return Err(FigureError::Character { text: text.to_owned(), character }.into());
+            }
+        }
+        let path = stem.with_added_extension("svg");
+        fs::write(&path, &svg).at(&path)?;
+        let path = stem.with_added_extension("png");
+        Ok(fs::write(&path, png(&svg)).at(&path)?)
+    }
+}
+
+/// The picture of a document of ours.
+fn png(svg: &str) -> Vec<u8> {
+    let mut options = usvg::Options::default();
+    options.fontdb_mut().load_font_data(DEJAVU_SANS.to_vec());
+    let tree = usvg::Tree::from_str(svg, &options).expect("a document of ours is SVG");
+    let size = tree.size().to_int_size();
+    let mut pixels = tiny_skia::Pixmap::new(size.width(), size.height()).expect("a page fits into memory");
+    resvg::render(&tree, tiny_skia::Transform::identity(), &mut pixels.as_mut());
+    pixels.encode_png().expect("memory takes everything")
+}
+
+/// Words with their `anchor` (`start`, `middle`, `end`) on the base line.
+pub fn text(words: &str, [x, y]: [f64; 2], em: f64, anchor: &str) -> Text {
+    let rounded = |number: f64| (10.0 * number).round() / 10.0;
+    let text = Text::new(words).set("x", rounded(x)).set("y", rounded(y));
+    text.set("font-size", rounded(em)).set("text-anchor", anchor)
+}
+
+/// An unfilled line of `width` [units] along the SVG path `data`.
+pub fn stroke(data: impl Into<String>, width: f64, colour: &str) -> Stroke {
+    Stroke::new().set("d", data.into()).set("fill", "none").set("stroke", colour).set("stroke-width", width)
+}
+
+/// SVG path data of a line through these points.
+pub fn line(points: impl IntoIterator<Item = [f64; 2]>) -> String {
+    let points: Vec<String> = points.into_iter().map(|[x, y]| format!("{x:.1},{y:.1}")).collect();
+    format!("M{}", points.join(" "))
+}
+
+/// `em`, or the smaller em at which `text` fits into `room` [units] with some room left for a viewer's wider font.
+pub fn fitting(text: &str, em: f64, room: f64) -> f64 {
+    em.min(em * room / (1.08 * text_width(text, em)).max(1.0))
+}
+
+/// Width [units] of `text` in the embedded font.
+pub fn text_width(text: &str, em: f64) -> f64 {
+    let metrics = font().glyph_metrics(Size::new(em as f32), LocationRef::default());
+    let advance = |character| metrics.advance_width(font().charmap().map(character)?);
+    text.chars().filter_map(advance).map(f64::from).sum()
+}
+
+fn font() -> FontRef<'static> {
+    FontRef::new(DEJAVU_SANS).expect("the embedded font is valid")
+}
+
+/// The lines of a text within `width` [units], broken at spaces.
+fn broken(text: &str, width: f64) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if 1.06 * text_width(&format!("{line} {word}"), FOOTER_EM) < width => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
