@@ -88,7 +88,7 @@ struct Recording {
 #[cfg(feature = "viewer")]
 impl Recording {
     fn open(simulation: &Simulation, folder: &RunFolder, list: &SensorList) -> Result<Self, Error> {
-        use skysink_viewer::{Scene, Sinks, Timing};
+        use skysink_viewer::{Scene, Sinks, WallClock};
         if !simulation.record {
             return Ok(Self { scene: None });
         }
@@ -96,7 +96,7 @@ impl Recording {
         let sinks = Sinks { save: Some(folder.recording()), live: None };
         let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy, scenario.seed);
         let nodes = list.nodes();
-        Ok(Self { scene: Some(Scene::open(&sinks, scenario, &nodes, &name, Timing::Unmeasured)?) })
+        Ok(Self { scene: Some(Scene::open(&sinks, scenario, &nodes, &name, WallClock::Unmeasured)?) })
     }
 
     fn log(&mut self, mission: &Mission, flown: Option<&FlownSlot>) -> Result<(), Error> {

@@ -53,7 +53,7 @@ fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, or
     let folder = RunFolder::create(Some(out), false, scenario, &list).unwrap();
     let meeting = RingFolder::create(Pace::Max, wait, 60.0, false).unwrap();
     let stop = Stop::default();
-    let (ring, wait) = Ring::<S>::create(&meeting, scenario, &stop).unwrap();
+    let (ring, wait) = Ring::<S>::join(&meeting, scenario, Role::Launcher, &stop).unwrap();
     let mut recorder = Recorder::new(&ring, wait, scenario.slot_s, Alarm::default()).unwrap();
     let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(scenario, &list));
     let nodes: [Node; 3] =
@@ -106,7 +106,7 @@ fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
     let folder = RunFolder::create(Some(out), false, scenario, &list).unwrap();
     let meeting = RingFolder::create(Pace::Max, Waiting::Event, 60.0, false).unwrap();
     let stop = Stop::default();
-    let (ring, wait) = Ring::<S>::create(&meeting, scenario, &stop).unwrap();
+    let (ring, wait) = Ring::<S>::join(&meeting, scenario, Role::Launcher, &stop).unwrap();
     let mut recorder = Recorder::new(&ring, wait, scenario.slot_s, Alarm::default()).unwrap();
     let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(scenario, &list));
     let nodes: [Node; 3] =
@@ -115,7 +115,7 @@ fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
     thread::scope(|scope| {
         let spectator = scope.spawn(|| {
             let folder = RingFolder::open(meeting.path()).unwrap();
-            let (ring, mut wait) = Ring::<S>::open(&folder, scenario, Role::Viewer, &stop).unwrap();
+            let (ring, mut wait) = Ring::<S>::join(&folder, scenario, Role::Viewer, &stop).unwrap();
             let mut paths = ring.path.reader(PATH_BUFFER).unwrap();
             let mut plans = ring.plan.reader(VIEWER_BUFFER).unwrap();
             there.wait();
@@ -192,7 +192,7 @@ fn a_requested_stop_ends_a_waiting_node() {
     let scenario = smoke(Strategy::Uts, 1);
     for wait in [Waiting::Event, Waiting::Poll] {
         let meeting = RingFolder::create(Pace::Max, wait, 60.0, false).unwrap();
-        let _ring = Ring::<local::Service>::create(&meeting, &scenario, &Stop::default()).unwrap();
+        let _ring = Ring::<local::Service>::join(&meeting, &scenario, Role::Launcher, &Stop::default()).unwrap();
         let stop = Stop::default();
         thread::scope(|scope| {
             let node = scope.spawn(|| {
@@ -210,7 +210,7 @@ fn a_node_whose_peer_does_not_come_says_which() {
     let scenario = smoke(Strategy::Uts, 1);
     for wait in [Waiting::Event, Waiting::Poll] {
         let meeting = RingFolder::create(Pace::Max, wait, 0.2, false).unwrap();
-        let _ring = Ring::<local::Service>::create(&meeting, &scenario, &Stop::default()).unwrap();
+        let _ring = Ring::<local::Service>::join(&meeting, &scenario, Role::Launcher, &Stop::default()).unwrap();
         let folder = RingFolder::open(meeting.path()).unwrap();
         let error = skysink_planner::node::run::<local::Service>(&scenario, &folder, &Stop::default()).unwrap_err();
         assert_eq!(error.to_string(), "waited 0.2 s for sensors(0): is field-sim running?");
@@ -231,7 +231,8 @@ fn a_ring_that_waits_in_an_unknown_way_is_refused() {
 #[test]
 fn a_node_with_another_scenario_is_refused() {
     let meeting = RingFolder::create(Pace::Max, Waiting::Event, 0.2, false).unwrap();
-    let _ring = Ring::<local::Service>::create(&meeting, &smoke(Strategy::Uts, 1), &Stop::default()).unwrap();
+    let _ring =
+        Ring::<local::Service>::join(&meeting, &smoke(Strategy::Uts, 1), Role::Launcher, &Stop::default()).unwrap();
     let folder = RingFolder::open(meeting.path()).unwrap();
     let other = smoke(Strategy::Uts, 2);
     let error = skysink_flight_sim::node::run::<local::Service>(&other, &folder, &Stop::default()).unwrap_err();

@@ -1,6 +1,7 @@
-//! How fast the ring turns.
+//! How fast the slots of a run follow each other.
 
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::str::FromStr;
 use std::time::Duration;
 
@@ -15,13 +16,11 @@ pub enum Pace {
     Factor(f64),
 }
 
-/// Fastest clock: beyond it a slot's start cannot be timed.
-const MAX_FACTOR: f64 = 1e6;
+/// Factors of a clock: a slot's start cannot be timed beyond the fastest, nor waited for beyond the slowest.
+const FACTORS: RangeInclusive<f64> = 1e-6..=1e6;
 
-/// Why a pace is refused.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("pace {0}: expected max, realtime, or a factor above 0 such as 10x")]
-pub struct PaceError(String);
+/// Longest time between two slots, longer than any run: a clock can still be added to it.
+const LONGEST: Duration = Duration::from_secs(u32::MAX as u64);
 
 impl Pace {
     /// Wall time between the starts of two slots of `slot_s` [s]; none in lock-step.
@@ -29,24 +28,24 @@ impl Pace {
     pub fn period(self, slot_s: f64) -> Option<Duration> {
         match self {
             Self::Max => None,
-            Self::Factor(factor) => Some(Duration::from_secs_f64(slot_s / factor)),
+            Self::Factor(factor) => {
+                Some(Duration::try_from_secs_f64(slot_s / factor).map_or(LONGEST, |period| period.min(LONGEST)))
+            }
         }
     }
 }
 
 impl FromStr for Pace {
-    type Err = PaceError;
+    type Err = String;
 
-    fn from_str(text: &str) -> Result<Self, PaceError> {
-        let refuse = || PaceError(text.to_owned());
-        match text {
-            "max" => Ok(Self::Max),
-            "realtime" => Ok(Self::Factor(1.0)),
-            _ => {
-                let factor: f64 = text.strip_suffix('x').and_then(|factor| factor.parse().ok()).ok_or_else(refuse)?;
-                if factor > 0.0 && factor <= MAX_FACTOR { Ok(Self::Factor(factor)) } else { Err(refuse()) }
-            }
-        }
+    fn from_str(text: &str) -> Result<Self, String> {
+        let factor = match text {
+            "max" => return Ok(Self::Max),
+            "realtime" => Some(1.0),
+            _ => text.strip_suffix('x').and_then(|factor| factor.parse().ok()),
+        };
+        let factor = factor.filter(|factor| FACTORS.contains(factor)).map(Self::Factor);
+        factor.ok_or_else(|| format!("pace {text}: expected max, realtime, or a factor such as 10x, 1e-6x to 1e6x"))
     }
 }
 
@@ -82,11 +81,12 @@ mod tests {
             assert_eq!(text.parse::<Pace>().unwrap().to_string(), text);
         }
         assert_eq!("10x".parse::<Pace>().unwrap().period(1.0), Some(Duration::from_millis(100)));
+        assert_eq!("1e-6x".parse::<Pace>().unwrap().period(1e300), Some(LONGEST));
     }
 
     #[test]
     fn a_pace_that_is_no_pace_is_refused() {
-        for text in ["", "fast", "10", "x", "0x", "-1x", "NaNx", "infx"] {
+        for text in ["", "fast", "10", "x", "0x", "-1x", "NaNx", "infx", "1e-25x", "2e6x"] {
             assert!(text.parse::<Pace>().is_err(), "{text}");
         }
     }

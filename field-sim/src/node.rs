@@ -12,7 +12,7 @@ use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::reader::Reader;
 use skysink_ring::role::Role;
-use skysink_ring::topics::{RING_BUFFER, Ring};
+use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 use skysink_ring::wait::WaitContext;
 
 use crate::field::Field;
@@ -26,7 +26,7 @@ use crate::journal::FieldJournal;
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
     let list = SensorList::of(scenario)?;
     let count = list.sensors().len();
-    let (ring, mut wait) = Ring::<S>::open(folder, scenario, Role::FieldSim, stop)?;
+    let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::FieldSim, stop)?;
     let sensors = ring.sensors.list_writer(count)?;
     let queues = ring.queues.list_writer(count)?;
     let ticks = ring.tick.writer()?;
@@ -65,7 +65,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         // SAFETY: the step has not failed, so it has written every element.
         unsafe { loaned.send(header(&field)) }?;
     }
-    ring.wait_for_release(&mut wait, || match ring.terms.pace {
+    ring.wait_for_commit(&mut wait, is_release, || match ring.terms.pace {
         Pace::Max => Ok(()),
         // The buffer of a reader that lags may have been full.
         Pace::Factor(_) => queues.send_list(header(&field), field.queues_bits()),

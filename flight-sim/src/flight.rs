@@ -41,9 +41,9 @@ impl Flight {
         self.report(Mode::Hold)
     }
 
-    /// Puts the UAV where a flight of this mission has ended.
-    pub fn take_over(&mut self, report: &FlightReport) {
-        self.vehicle.restore(report.position());
+    /// Restores the UAV to where a flight of this mission has ended.
+    pub fn restore(&mut self, report: &FlightReport) {
+        self.vehicle.position = report.position();
     }
 
     /// Flies `slot`, from 1. Without a plan, and with an impossible waypoint, the UAV holds and serves nobody; a sensor
@@ -83,13 +83,13 @@ impl Flight {
     }
 
     fn in_range(&self, sensor: u32) -> bool {
-        let uav = self.vehicle.position().xy();
+        let uav = self.vehicle.position.xy();
         self.positions.get(sensor as usize).is_some_and(|position| within(&uav, position, self.comm_radius_m))
     }
 
     fn link_report(&self, slot: u64, sensor: u32) -> LinkReport {
         let index = sensor as usize;
-        let uplink = Uplink::new(self.gains[index], &self.positions[index], &self.vehicle.position());
+        let uplink = Uplink::new(self.gains[index], &self.positions[index], &self.vehicle.position);
         let Draw { line_of_sight, rate_bps } = self.channel.draw(&uplink, &self.streams, slot, sensor);
         LinkReport {
             sensor,
@@ -102,7 +102,7 @@ impl Flight {
     }
 
     fn report(&self, mode: Mode) -> FlightReport {
-        FlightReport::at(self.vehicle.position(), mode)
+        FlightReport::at(self.vehicle.position, mode)
     }
 }
 

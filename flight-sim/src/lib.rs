@@ -4,7 +4,7 @@
 
 pub mod flight;
 #[cfg(feature = "node")]
-pub mod memory;
+pub mod journal;
 #[cfg(feature = "node")]
 pub mod node;
 pub mod vehicle;

@@ -9,10 +9,10 @@ use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::refusals::{Refusal, Refusals};
 use skysink_ring::role::Role;
-use skysink_ring::topics::{RING_BUFFER, Ring};
+use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 
 use crate::flight::Flight;
-use crate::memory::Memory;
+use crate::journal::FlightJournal;
 
 /// Flies until the mission ends. Started again, it resumes where it was killed: what was flown stays flown, and the last
 /// flights are published once more, because a peer may have died without them.
@@ -20,7 +20,7 @@ use crate::memory::Memory;
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
-    let (ring, mut wait) = Ring::<S>::open(folder, scenario, Role::FlightSim, stop)?;
+    let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::FlightSim, stop)?;
     let flights = ring.flight.writer()?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let mut plans = ring.plan.reader(RING_BUFFER)?;
@@ -28,13 +28,13 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
 
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
     let mut flight = Flight::new(scenario, nodes.payload());
-    let memory = Memory::open(folder)?;
-    let mut flown = memory.recall()?;
+    let journal = FlightJournal::open(folder)?;
+    let mut flown = journal.restore()?;
     if let Some((_, report)) = flown.last() {
-        flight.take_over(report);
+        flight.restore(report);
     } else {
         let start = flight.start();
-        memory.keep(0, &start)?;
+        journal.save(0, &start)?;
         flown.push((0, start));
     }
     for (slot, report) in &flown {
@@ -55,10 +55,10 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         let report = flight.step(slot, plan.as_ref().map(|plan| plan.payload()));
         drop(plan);
         count_refusals(&ring.refusals, slot, &report);
-        memory.keep(slot, &report)?;
+        journal.save(slot, &report)?;
         flights.send(ring.header(slot, 0), report)?;
     }
-    ring.wait_for_release(&mut wait, || Ok(()))
+    ring.wait_for_commit(&mut wait, is_release, || Ok(()))
 }
 
 /// What was refused of the slot's plan, in words.

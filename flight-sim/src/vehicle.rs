@@ -11,7 +11,8 @@ const SLACK: f64 = 1e-9;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Vehicle {
     scenario: Scenario,
-    position: Point3<f64>,
+    /// Where it is [m].
+    pub position: Point3<f64>,
 }
 
 impl Vehicle {
@@ -41,17 +42,6 @@ impl Vehicle {
         }
         is_possible
     }
-
-    /// Puts it where it has been before, wherever it is now.
-    pub fn restore(&mut self, position: Point3<f64>) {
-        self.position = position;
-    }
-
-    /// Where it is [m].
-    #[must_use]
-    pub fn position(&self) -> Point3<f64> {
-        self.position
-    }
 }
 
 #[cfg(test)]
@@ -67,7 +57,7 @@ mod tests {
     fn a_waypoint_in_reach_is_flown_to() {
         let mut vehicle = letter();
         assert!(vehicle.fly_to(Point3::new(80.0, 50.0, 20.0)));
-        assert_eq!(vehicle.position(), Point3::new(80.0, 50.0, 20.0));
+        assert_eq!(vehicle.position, Point3::new(80.0, 50.0, 20.0));
         assert!(vehicle.fly_to(Point3::new(100.0, 50.0, 20.0)), "the area is closed");
     }
 
@@ -79,7 +69,7 @@ mod tests {
         for (z_m, possible) in [(120.0, true), (120.1, false), (113.0, true), (112.9, false), (f64::NAN, false)] {
             let mut vehicle = Vehicle::new(&scenario); // 5 m a slot, from 20 to 120 m
             assert_eq!(vehicle.fly_to(Point3::new(50.0, 50.0, z_m)), possible, "{z_m}");
-            assert_eq!(vehicle.position().z, if possible { z_m } else { 118.0 });
+            assert_eq!(vehicle.position.z, if possible { z_m } else { 118.0 });
         }
     }
 
@@ -87,7 +77,7 @@ mod tests {
     fn a_fixed_altitude_stays_whatever_is_asked_for() {
         let mut vehicle = letter();
         assert!(vehicle.fly_to(Point3::new(50.0, 50.0, 99.0)));
-        assert_eq!(vehicle.position().z, 20.0);
+        assert_eq!(vehicle.position.z, 20.0);
         assert!(!vehicle.fly_to(Point3::new(50.0, 50.0, f64::INFINITY)));
     }
 
@@ -96,7 +86,7 @@ mod tests {
         for waypoint in [[80.001, 50.0, 20.0], [f64::NAN, 50.0, 20.0], [50.0, f64::INFINITY, 20.0]] {
             let mut vehicle = letter();
             assert!(!vehicle.fly_to(Point3::from(waypoint)), "{waypoint:?}");
-            assert_eq!(vehicle.position(), Point3::new(50.0, 50.0, 20.0));
+            assert_eq!(vehicle.position, Point3::new(50.0, 50.0, 20.0));
         }
         let mut vehicle = letter();
         assert!(vehicle.fly_to(Point3::new(80.0, 50.0, 20.0)));

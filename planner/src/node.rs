@@ -14,7 +14,7 @@ use skysink_ring::journal::Journal;
 use skysink_ring::reader::SlotSample;
 use skysink_ring::refusals::Refusal;
 use skysink_ring::role::Role;
-use skysink_ring::topics::{RING_BUFFER, Ring};
+use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 
 use crate::estimate::BYTES_EACH;
 use crate::planner::Planner;
@@ -51,7 +51,7 @@ fn resume(journal: &Journal, slot: u64, planner: &mut Planner) -> Result<(), Rin
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
     let settings = Settings::of(scenario)?;
-    let (ring, mut wait) = Ring::<S>::open(folder, scenario, Role::Planner, stop)?;
+    let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Planner, stop)?;
     // Before the plans, so that whoever has a plan finds the writer of its path.
     let has_path = settings.strategy.registered().has_path;
     let paths = has_path.then(|| ring.path.list_writer(MAX_POINTS)).transpose()?;
@@ -110,7 +110,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         }
         plans.send(ring.header(next, 0), plan)?;
     }
-    ring.wait_for_release(&mut wait, || Ok(()))
+    ring.wait_for_commit(&mut wait, is_release, || Ok(()))
 }
 
 #[cfg(test)]

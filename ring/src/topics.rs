@@ -90,37 +90,21 @@ pub struct Ring<S: Service + 'static> {
 }
 
 impl<S: Service + 'static> Ring<S> {
-    /// Creates the ring in its folder, with the launcher's wait context; the launcher does, and keeps it for the whole run.
+    /// Takes the seat of `role` in the ring of the folder and opens its topics, with the process's wait context. The launcher
+    /// has no seat; it creates the topics, and holds them for the whole run.
     ///
     /// # Errors
-    /// If iceoryx2 cannot create its services.
-    pub fn create(folder: &RingFolder, scenario: &Scenario, stop: &Stop) -> Result<(Self, WaitContext), RingError> {
-        let agreed = attributes(&folder.terms(), scenario)?;
-        Self::join(folder, scenario, Role::Launcher, stop, Some(&agreed))
-    }
-
-    /// Takes the seat of `role` in the ring of the folder and opens its topics, with the process's wait context.
-    ///
-    /// # Errors
-    /// If the seat is taken, or the ring is not there or flies another scenario.
-    pub fn open(
+    /// If the seat is taken, the ring is not there or flies another scenario, or iceoryx2 cannot create its services.
+    pub fn join(
         folder: &RingFolder,
         scenario: &Scenario,
         role: Role,
         stop: &Stop,
-    ) -> Result<(Self, WaitContext), RingError> {
-        Self::join(folder, scenario, role, stop, None)
-    }
-
-    fn join(
-        folder: &RingFolder,
-        scenario: &Scenario,
-        role: Role,
-        stop: &Stop,
-        agreed: Option<&AttributeSpecifier>,
     ) -> Result<(Self, WaitContext), RingError> {
         let terms = folder.terms();
         let is_launcher = role == Role::Launcher;
+        let agreed = if is_launcher { Some(attributes(&terms, scenario)?) } else { None };
+        let agreed = agreed.as_ref();
         let seat = if is_launcher { None } else { Some(folder.take_seat(role)?) };
         let node = node::<S>(folder, role)?;
         if is_launcher {
@@ -177,28 +161,12 @@ impl<S: Service + 'static> Ring<S> {
         SlotHeader { mission: self.terms.mission, slot, epoch: self.restarts, flags, sent_ns: monotonic_ns() }
     }
 
-    /// Waits after the last slot until the launcher releases this process, or has ended: until then it is there for those
-    /// that are started again. `repeat` runs now and then.
+    /// Waits after the last slot until the record has what `is_awaited` (such as [`is_release`]), or the launcher has ended:
+    /// until then this process is there for those that are started again. `repeat` runs now and then.
     ///
     /// # Errors
     /// Those of `repeat`, a requested stop, or a broken ring.
-    pub fn wait_for_release(
-        &self,
-        wait: &mut WaitContext,
-        repeat: impl FnMut() -> Result<(), RingError>,
-    ) -> Result<(), NodeError> {
-        self.wait_for_commit(wait, |commit| commit.flags & FLAG_END != 0, repeat)
-    }
-
-    /// Waits until `slot` is on record, or the launcher has ended.
-    ///
-    /// # Errors
-    /// A requested stop, or a broken ring.
-    pub fn wait_for_record(&self, wait: &mut WaitContext, slot: u64) -> Result<(), NodeError> {
-        self.wait_for_commit(wait, |commit| commit.slot >= slot, || Ok(()))
-    }
-
-    fn wait_for_commit(
+    pub fn wait_for_commit(
         &self,
         wait: &mut WaitContext,
         is_awaited: impl Fn(&SlotHeader) -> bool,
@@ -218,6 +186,12 @@ impl<S: Service + 'static> Ring<S> {
             }
         }
     }
+}
+
+/// Whether a commit releases the processes of the ring.
+#[must_use]
+pub fn is_release(commit: &SlotHeader) -> bool {
+    commit.flags & FLAG_END != 0
 }
 
 /// Time on the monotonic clock [ns], common to all processes of a machine.

@@ -170,7 +170,7 @@ fn fly(
     started: impl FnOnce(Inside),
 ) -> Result<Duration, Error> {
     let Setup { run, meeting, progress, stop, .. } = *setup;
-    let (ring, wait) = Ring::<ipc::Service>::create(meeting, &run.scenario, stop)?;
+    let (ring, wait) = Ring::<ipc::Service>::join(meeting, &run.scenario, Role::Launcher, stop)?;
     let _janitor = Janitor::of(meeting);
     let alarm = Alarm::on_child();
     let mut recorder = Recorder::new(&ring, wait, run.scenario.slot_s, alarm)?;

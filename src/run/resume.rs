@@ -7,7 +7,7 @@ use std::io::BufRead;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::journal::FieldJournal;
-use skysink_flight_sim::memory::Memory as FlightMemory;
+use skysink_flight_sim::journal::FlightJournal;
 use skysink_mission::error::FileContext;
 use skysink_mission::record::{RunFolder, SlotLog};
 use skysink_mission::summary::Tally;
@@ -105,7 +105,7 @@ impl Resumed {
         let planner = self.mission.planner();
         journal(meeting, count)?.save(slot, planner)?;
         FieldJournal::open(meeting, &mut field)?; // an empty one begins with this state
-        FlightMemory::open(meeting)?.keep(slot, self.mission.last_flight())?;
+        FlightJournal::open(meeting)?.save(slot, self.mission.last_flight())?;
         Ok(())
     }
 }

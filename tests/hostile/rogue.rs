@@ -84,7 +84,7 @@ impl Rogue {
     pub fn join(place: &Place, ring: &str) -> Self {
         let (scenario, folder) = open_folder(place, ring);
         let stop = Stop::default();
-        let open = || Ring::<ipc::Service>::open(&folder, &scenario, Role::Planner, &stop).ok();
+        let open = || Ring::<ipc::Service>::join(&folder, &scenario, Role::Planner, &stop).ok();
         let (ring, mut wait) = until("topics", open);
         let plans = ring.plan.writer().unwrap();
         let mut nodes = ring.sensors.reader(RING_BUFFER).unwrap();

@@ -21,53 +21,28 @@ use rerun::{
 use crate::recording::{APPLICATION, SIM_TIME, SLOT};
 
 /// What a view shows, by the library's names.
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum Class {
-    Scene,
-    Picture,
-    Curves,
-    States,
-    Text,
-    Log,
-}
-
-impl Class {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Scene => "3D",
-            Self::Picture => "2D",
-            Self::Curves => "TimeSeries",
-            Self::States => "StateTimeline",
-            Self::Text => "TextDocument",
-            Self::Log => "TextLog",
-        }
-    }
+pub(crate) mod class {
+    pub(crate) const SCENE: &str = "3D";
+    pub(crate) const PICTURE: &str = "2D";
+    pub(crate) const CURVES: &str = "TimeSeries";
+    pub(crate) const STATES: &str = "StateTimeline";
+    pub(crate) const TEXT: &str = "TextDocument";
+    pub(crate) const LOG: &str = "TextLog";
 }
 
 /// A view or a container that is already written.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Tile {
-    View(u8),
-    Container(u8),
+pub(crate) struct Tile {
+    kind: &'static str,
+    /// Fixed bytes and the tile's number, so that equal layouts are equal.
+    id: [u8; 16],
 }
 
 impl Tile {
-    /// Its id: fixed bytes and its number, so that equal layouts are equal.
-    fn id(self) -> [u8; 16] {
-        let (Self::View(number) | Self::Container(number)) = self;
-        let mut id = *b"skysink\0\x80layout\0";
-        id[15] = number;
-        id
-    }
-
     fn path(self) -> EntityPath {
-        let kind = match self {
-            Self::View(_) => "view",
-            Self::Container(_) => "container",
-        };
-        let hex: String = self.id().iter().map(|byte| format!("{byte:02x}")).collect();
+        let hex: String = self.id.iter().map(|byte| format!("{byte:02x}")).collect();
         let id = [&hex[..8], &hex[8..12], &hex[12..16], &hex[16..20], &hex[20..]].join("-");
-        EntityPath::from(format!("{kind}/{id}"))
+        EntityPath::from(format!("{}/{id}", self.kind))
     }
 }
 
@@ -93,29 +68,29 @@ impl Blueprint {
     /// Adds a view of the entities that `contents` selects, in the frame of `origin`.
     pub(crate) fn view(
         &mut self,
-        class: Class,
+        class: &'static str,
         name: &str,
         origin: &str,
         contents: &[String],
     ) -> RecordingStreamResult<Tile> {
-        let tile = Tile::View(self.next());
-        let view = ViewBlueprint::new(class.name()).with_display_name(name).with_space_origin(format!("/{origin}"));
+        let tile = self.next("view");
+        let view = ViewBlueprint::new(class).with_display_name(name).with_space_origin(format!("/{origin}"));
         self.recorder.log(tile.path(), &view)?;
         self.set(tile, &ViewContents::new(contents.iter().map(String::as_str)))?;
         Ok(tile)
     }
 
-    /// Adds a container of tiles with their shares of its height or width.
+    /// Adds a container of tiles with their fractions of its height or width.
     pub(crate) fn container(&mut self, kind: ContainerKind, tiles: &[(f32, Tile)]) -> RecordingStreamResult<Tile> {
-        let shares = tiles.iter().map(|&(share, _)| share);
+        let fractions = tiles.iter().map(|&(fraction, _)| fraction);
         let container =
             ContainerBlueprint::new(kind).with_contents(tiles.iter().map(|(_, tile)| tile.path().to_string()));
         let container = match kind {
-            ContainerKind::Horizontal => container.with_col_shares(shares),
-            ContainerKind::Vertical => container.with_row_shares(shares),
+            ContainerKind::Horizontal => container.with_col_shares(fractions),
+            ContainerKind::Vertical => container.with_row_shares(fractions),
             ContainerKind::Tabs | ContainerKind::Grid => container,
         };
-        let tile = Tile::Container(self.next());
+        let tile = self.next("container");
         self.recorder.log(tile.path(), &container)?;
         Ok(tile)
     }
@@ -154,7 +129,7 @@ impl Blueprint {
     /// application's active and default one. Without a play state a file plays and a live stream follows.
     pub(crate) fn send(self, stream: &RecordingStream, root: Tile, slots_per_s: f64) -> RecordingStreamResult<()> {
         let viewport = ViewportBlueprint::new()
-            .with_root_container(RootContainer(root.id().into()))
+            .with_root_container(RootContainer(root.id.into()))
             .with_auto_layout(false)
             .with_auto_views(false);
         self.recorder.log("viewport", &viewport)?;
@@ -171,8 +146,10 @@ impl Blueprint {
         Ok(())
     }
 
-    fn next(&mut self) -> u8 {
+    fn next(&mut self, kind: &'static str) -> Tile {
         self.tiles += 1;
-        self.tiles
+        let mut id = *b"skysink\0\x80layout\0";
+        id[15] = self.tiles;
+        Tile { kind, id }
     }
 }

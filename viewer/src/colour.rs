@@ -1,4 +1,4 @@
-//! Colours of the scene, and the scales that turn a number into one: queue fill, link rate, chance of line of sight.
+//! Colours of the scene, and the scales that turn a number into one: queue fill, link rate, probability of line of sight.
 
 use std::ops::RangeInclusive;
 
@@ -26,11 +26,11 @@ pub const HEADING: Rgb = [255, 70, 70];
 pub const TRAIL: Rgb = [74, 144, 255];
 /// Ground below the whole flown path.
 pub const TRACK: Rgb = [44, 70, 112];
-/// Planned waypoint, and the way to it.
+/// Planned waypoint, and the path to it.
 pub const PLAN: Rgb = [230, 80, 240];
-/// The way planned after it, near and far: fainter, for it will change.
+/// The path planned after it, near and far: fainter, for it will change.
 pub const PATH: [Rgb; 2] = [[205, 84, 222], [112, 52, 128]];
-/// Waypoints on that way, near and far.
+/// Waypoints on that path, near and far.
 pub const STOP: [Rgb; 2] = [[236, 150, 245], [138, 76, 152]];
 /// Rim of the coverage circle.
 pub const COVERAGE: Rgb = [40, 205, 220];
@@ -63,7 +63,7 @@ pub fn color([r, g, b]: Rgb) -> rerun::Color {
     rerun::Color::from_rgb(r, g, b)
 }
 
-/// Level of a queue on the queue scale, 0 to [`FULL_LEVEL`], rounded to the nearest; a storage of 0 bits is full.
+/// Level of a queue on the queue scale, 0 to [`FULL_LEVEL`], rounded to the nearest; a buffer of 0 bits is full.
 #[must_use]
 pub fn level(queue_bits: u32, capacity_bits: u32) -> u16 {
     if queue_bits >= capacity_bits {
@@ -71,7 +71,7 @@ pub fn level(queue_bits: u32, capacity_bits: u32) -> u16 {
     }
     let (queue, capacity) = (u64::from(queue_bits), u64::from(capacity_bits));
     let nearest = (2 * u64::from(FULL_LEVEL) * queue + capacity) / (2 * capacity);
-    u16::try_from(nearest).expect("at most FULL_LEVEL, for the queue is below its storage")
+    u16::try_from(nearest).expect("at most FULL_LEVEL, for the queue is below its buffer")
 }
 
 /// Colour of a queue fill, 0 (blue) over 0.5 (green) to 1 (red): the turbo colour map without its near-black ends.
@@ -90,17 +90,17 @@ pub fn of_fill(fill: f64) -> Rgb {
     CHANNELS.map(|channel| polynomial(&channel, x))
 }
 
-/// Colour of a chance of line of sight, 0 (violet) over 0.5 (teal) to 1 (yellow): the viridis colour map.
+/// Colour of a probability of line of sight, 0 (violet) over 0.5 (teal) to 1 (yellow): the viridis colour map.
 ///
 /// Polynomial of degree 6 per channel by Zucker, "Colormaps as polynomials" (2019); it is within 3 % of the map.
 #[must_use]
-pub fn of_chance(chance: f64) -> Rgb {
+pub fn of_probability(probability: f64) -> Rgb {
     const CHANNELS: [[f64; 7]; 3] = [
         [0.277_727, 0.105_093, -0.330_862, -4.634_230, 6.228_270, 4.776_385, -5.435_456],
         [0.005_407, 1.404_614, 0.214_848, -5.799_101, 14.179_933, -13.745_145, 4.645_853],
         [0.334_100, 1.384_590, 0.095_095, -19.332_441, 56.690_553, -65.353_033, 26.312_435],
     ];
-    CHANNELS.map(|channel| polynomial(&channel, chance.clamp(0.0, 1.0)))
+    CHANNELS.map(|channel| polynomial(&channel, probability.clamp(0.0, 1.0)))
 }
 
 /// A channel's byte at `x`, from a polynomial with ascending powers.
@@ -116,15 +116,15 @@ pub fn of_rate(rate_bps: f64, range_bps: &RangeInclusive<f64>) -> Rgb {
     const LOWEST: Rgb = [16, 120, 70];
     const HIGHEST: Rgb = [205, 255, 150];
     let span_bps = range_bps.end() - range_bps.start();
-    let share = if span_bps > 0.0 { ((rate_bps - range_bps.start()) / span_bps).clamp(0.0, 1.0) } else { 1.0 };
-    between(LOWEST, HIGHEST, share)
+    let fraction = if span_bps > 0.0 { ((rate_bps - range_bps.start()) / span_bps).clamp(0.0, 1.0) } else { 1.0 };
+    between(LOWEST, HIGHEST, fraction)
 }
 
-/// The colour at a share of the way from one to another, 0 to 1.
+/// The colour between two others, at a fraction from 0 to 1.
 #[must_use]
-pub fn between(from: Rgb, to: Rgb, share: f64) -> Rgb {
+pub fn between(from: Rgb, to: Rgb, fraction: f64) -> Rgb {
     let [from, to] = [from, to].map(|colour| colour.map(f64::from));
-    std::array::from_fn(|channel| (from[channel] + (to[channel] - from[channel]) * share).round() as u8)
+    std::array::from_fn(|channel| (from[channel] + (to[channel] - from[channel]) * fraction).round() as u8)
 }
 
 #[cfg(test)]
@@ -151,10 +151,10 @@ mod tests {
     }
 
     #[test]
-    fn chances_turn_from_violet_over_teal_to_yellow() {
+    fn probabilities_turn_from_violet_over_teal_to_yellow() {
         let near = |found: Rgb, map: Rgb| std::iter::zip(found, map).all(|(a, b)| a.abs_diff(b) <= 8);
-        for (chance, map) in [(0.0, [68, 1, 84]), (0.5, [33, 145, 140]), (1.0, [253, 231, 37])] {
-            assert!(near(of_chance(chance), map), "{chance}: {:?}", of_chance(chance));
+        for (probability, map) in [(0.0, [68, 1, 84]), (0.5, [33, 145, 140]), (1.0, [253, 231, 37])] {
+            assert!(near(of_probability(probability), map), "{probability}: {:?}", of_probability(probability));
         }
     }
 

@@ -1,8 +1,9 @@
 //! What happened, in words: the event log, and the lane of the UAV's state.
 
-use rerun::{RecordingStream, RecordingStreamResult, StateChange, StateConfiguration, TextLog, TextLogLevel};
+use rerun::{RecordingStream, RecordingStreamResult, StateChange, StateConfiguration, TextLog};
 use skysink_common::message::{HoldReason, Mode, SolverOutcome, Totals};
 use skysink_common::scenario::Scenario;
+use strum::IntoStaticStr;
 
 use crate::colour;
 use crate::files::Part;
@@ -20,8 +21,9 @@ const CONTINUED: &str = "recording continued in a new file: the viewer was start
 \
                          Up to a second of the slots before may be missing.";
 
-/// How much an event matters.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// How much an event matters, by the library's names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr)]
+#[strum(serialize_all = "UPPERCASE")]
 pub enum Level {
     /// Good to know.
     Info,
@@ -29,16 +31,6 @@ pub enum Level {
     Warn,
     /// Something failed.
     Error,
-}
-
-impl Level {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Info => TextLogLevel::INFO,
-            Self::Warn => TextLogLevel::WARN,
-            Self::Error => TextLogLevel::ERROR,
-        }
-    }
 }
 
 /// What the log and the lane have said so far.
@@ -93,7 +85,7 @@ impl Events {
         let was_lossy = self.is_lossy.unwrap_or(totals.lost_bits > view.header.lost_bits);
         self.is_lossy = Some(totals.lost_bits > 0);
         if !was_lossy && totals.lost_bits > 0 {
-            write(stream, Level::Warn, &format!("first loss, {} bits: a storage is full", totals.lost_bits))?;
+            write(stream, Level::Warn, &format!("first loss, {} bits: a buffer is full", totals.lost_bits))?;
         }
         Ok(())
     }
@@ -124,7 +116,7 @@ impl Events {
 
 /// Adds one line to the event log, at the time set before.
 pub(crate) fn write(stream: &RecordingStream, level: Level, text: &str) -> RecordingStreamResult<()> {
-    stream.log(LOG, &TextLog::new(text).with_level(level.name()))
+    stream.log(LOG, &TextLog::new(text).with_level(<&str>::from(level)))
 }
 
 /// What is flown.

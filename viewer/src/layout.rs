@@ -9,11 +9,11 @@ use rerun::{RecordingStream, RecordingStreamResult};
 use skysink_common::channel::Channel;
 use skysink_common::scenario::Scenario;
 
-use crate::blueprint::{Blueprint, Class, Tile};
+use crate::blueprint::{Blueprint, Tile, class};
 use crate::colour::{self, color};
 use crate::los::{self, profile};
 use crate::sizes::Sizes;
-use crate::slot::Timing;
+use crate::slot::WallClock;
 use crate::{curves, events, legend, links, path, queues, uav};
 
 /// Slots per second at which a viewer plays a file.
@@ -25,13 +25,13 @@ pub(crate) fn send(
     name: &str,
     sizes: &Sizes,
     scenario: &Scenario,
-    timing: Timing,
+    clock: WallClock,
 ) -> RecordingStreamResult<()> {
     let mut layout = Blueprint::new(name)?;
     let scenes = scenes(&mut layout, sizes, scenario)?;
-    let lane = layout.view(Class::States, "UAV: serve, transit, hold", "", &[select(events::LANE)])?;
+    let lane = layout.view(class::STATES, "UAV: serve, transit, hold", "", &[select(events::LANE)])?;
     let left = layout.container(ContainerKind::Vertical, &[(6.0, scenes), (1.1, lane)])?;
-    let right = beside(&mut layout, scenario, timing)?;
+    let right = beside(&mut layout, scenario, clock)?;
     let root = layout.container(ContainerKind::Horizontal, &[(2.1, left), (1.0, right)])?;
     layout.send(stream, root, SLOTS_PER_S)
 }
@@ -49,17 +49,17 @@ fn omit_all(entity: &str) -> String {
     omit(&format!("{entity}/**"))
 }
 
-/// The 3D scene, seen in three ways; in a fourth where line of sight is a matter of chance.
+/// The 3D scene, seen in three ways; in a fourth where line of sight is random.
 fn scenes(layout: &mut Blueprint, sizes: &Sizes, scenario: &Scenario) -> RecordingStreamResult<Tile> {
     let slot_s = scenario.slot_s;
     let field = [world(), omit(uav::TRACK), omit_all(path::TRACK)];
-    let field = layout.view(Class::Scene, "Field (3D)", queues::WORLD, &field)?;
+    let field = layout.view(class::SCENE, "Field (3D)", queues::WORLD, &field)?;
     layout.show_past(field, uav::TRAIL, Some(15), slot_s)?;
     let top =
-        layout.view(Class::Scene, "Top view", queues::WORLD, &[world(), omit(uav::TRAIL), omit_all(path::PATH)])?;
+        layout.view(class::SCENE, "Top view", queues::WORLD, &[world(), omit(uav::TRAIL), omit_all(path::PATH)])?;
     layout.show_past(top, uav::TRACK, None, slot_s)?;
     let chase = [world(), omit(uav::TRACK), omit(uav::DOT), omit(legend::CORNERS), omit_all(path::TRACK)];
-    let chase = layout.view(Class::Scene, "Chase", uav::UAV, &chase)?;
+    let chase = layout.view(class::SCENE, "Chase", uav::UAV, &chase)?;
     layout.show_past(chase, uav::TRAIL, Some(10), slot_s)?;
     for (view, camera) in [(field, overview(sizes)), (top, above(sizes)), (chase, beside_uav(sizes))] {
         film(layout, view, &camera)?;
@@ -89,23 +89,23 @@ fn line_of_sight(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> Recordin
     let space = select(&format!("{}/**", los::SPACE));
     let hidden = [uav::TRACK, uav::DOT, links::CANDIDATES, links::CHOSEN, legend::CORNERS].map(omit);
     let contents: Vec<_> = [world(), space, omit_all(path::TRACK)].into_iter().chain(hidden).collect();
-    let room = layout.view(Class::Scene, "Chance of sight around the UAV", uav::COVERAGE, &contents)?;
+    let room = layout.view(class::SCENE, "Probability of sight around the UAV", uav::COVERAGE, &contents)?;
     layout.show_past(room, uav::TRAIL, Some(30), slot_s)?;
     film(layout, room, &around_uav(sizes))?;
-    let page = layout.view(Class::Text, "What it shows", legend::LOS_PAGE, &[select(legend::LOS_PAGE)])?;
+    let page = layout.view(class::TEXT, "What it shows", legend::LOS_PAGE, &[select(legend::LOS_PAGE)])?;
     let left = layout.container(ContainerKind::Vertical, &[(1.75, room), (1.0, page)])?;
 
     let contents = [select(&format!("{}/**", profile::PROFILE))];
-    let why = layout.view(Class::Picture, "Expected rate (green) by altitude", profile::PROFILE, &contents)?;
+    let why = layout.view(class::PICTURE, "Expected rate (green) by altitude", profile::PROFILE, &contents)?;
     bound(layout, why, profile::BOUNDS)?;
     let altitude = plot(layout, "Altitude [m]", &[los::ALTITUDE])?;
     layout
         .set(altitude, &ScalarAxis::new().with_range([0.0, 1.1 * f64::from(sizes.highest_m)]).with_zoom_lock(true))?;
     let elevation = plot(layout, "Elevation of each served link [°]", &by_draw(los::ELEVATION))?;
     layout.set(elevation, &ScalarAxis::new().with_range([0.0, 94.0]).with_zoom_lock(true))?;
-    let chance = plot(layout, "Chance of sight of each served link", &by_draw(los::CHANCE))?;
-    layout.set(chance, &ScalarAxis::new().with_range([-0.04, 1.08]).with_zoom_lock(true))?;
-    let right = [(1.3, why), (1.0, altitude), (1.0, elevation), (1.0, chance)];
+    let probability = plot(layout, "Probability of sight of each served link", &by_draw(los::PROBABILITY))?;
+    layout.set(probability, &ScalarAxis::new().with_range([-0.04, 1.08]).with_zoom_lock(true))?;
+    let right = [(1.3, why), (1.0, altitude), (1.0, elevation), (1.0, probability)];
     let right = layout.container(ContainerKind::Vertical, &right)?;
     let tab = layout.container(ContainerKind::Horizontal, &[(1.9, left), (1.0, right)])?;
     layout.name(tab, "Line of sight")?;
@@ -153,7 +153,7 @@ fn around_uav(sizes: &Sizes) -> EyeControls3D {
 }
 
 /// Curves, scales and text, beside the scene.
-fn beside(layout: &mut Blueprint, scenario: &Scenario, timing: Timing) -> RecordingStreamResult<Tile> {
+fn beside(layout: &mut Blueprint, scenario: &Scenario, clock: WallClock) -> RecordingStreamResult<Tile> {
     let losses = [curves::LOSS, curves::LOSS_MARK];
     let fills = [curves::FILL_MAX, curves::FILL_MEAN];
     let fill = plot(layout, "Queue fill: fullest (violet), mean (blue)", &fills)?;
@@ -163,13 +163,13 @@ fn beside(layout: &mut Blueprint, scenario: &Scenario, timing: Timing) -> Record
         (1.15, fill),
         (1.0, plot(layout, "Delivered per slot [kbit]", &[curves::DELIVERED])?),
     ];
-    if timing == Timing::Measured {
+    if clock == WallClock::Measured {
         let latency = plot(layout, "Plan latency [ms]", &[curves::PLAN_LATENCY])?;
         let pace = plot(layout, "Pace [slot/s]", &[curves::PACE])?;
         rows.push((0.9, layout.container(ContainerKind::Horizontal, &[(1.0, latency), (1.0, pace)])?));
     }
     rows.push((0.7, scales(layout, scenario)?));
-    let page = layout.view(Class::Text, "Legend", legend::PAGE, &[select(legend::PAGE)])?;
+    let page = layout.view(class::TEXT, "Legend", legend::PAGE, &[select(legend::PAGE)])?;
     let log = log(layout)?;
     let missed = plot(layout, "Missed slots", &[curves::MISSED])?;
     rows.push((2.5, layout.container(ContainerKind::Tabs, &[(1.0, page), (1.0, log), (1.0, missed)])?));
@@ -179,13 +179,13 @@ fn beside(layout: &mut Blueprint, scenario: &Scenario, timing: Timing) -> Record
 /// Curves whose names are in the title: a box of names would cover them.
 fn plot<E: AsRef<str>>(layout: &mut Blueprint, name: &str, entities: &[E]) -> RecordingStreamResult<Tile> {
     let entities: Vec<_> = entities.iter().map(|entity| select(entity.as_ref())).collect();
-    let view = layout.view(Class::Curves, name, "", &entities)?;
+    let view = layout.view(class::CURVES, name, "", &entities)?;
     layout.set(view, &PlotLegend::new().with_visible(false))?;
     Ok(view)
 }
 
 fn log(layout: &mut Blueprint) -> RecordingStreamResult<Tile> {
-    let view = layout.view(Class::Log, "Events", events::LOG, &[select(events::LOG)])?;
+    let view = layout.view(class::LOG, "Events", events::LOG, &[select(events::LOG)])?;
     let columns = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body]
         .map(|kind| components::TextLogColumn(datatypes::TextLogColumn { visible: true.into(), kind }));
     layout.set(view, &TextLogColumns::update_fields().with_text_log_columns(columns))?;
@@ -196,9 +196,9 @@ fn scales(layout: &mut Blueprint, scenario: &Scenario) -> RecordingStreamResult<
     let contents = [select(&format!("{}/**", legend::SCALE))];
     let name = match Channel::of(scenario) {
         Channel::FreeSpace(_) => "Colours: queue fill, link rate",
-        Channel::LineOfSight(_) => "Colours: queue fill, chance of sight",
+        Channel::LineOfSight(_) => "Colours: queue fill, probability of sight",
     };
-    let view = layout.view(Class::Picture, name, legend::SCALE, &contents)?;
+    let view = layout.view(class::PICTURE, name, legend::SCALE, &contents)?;
     bound(layout, view, legend::SCALE_BOUNDS)?;
     Ok(view)
 }

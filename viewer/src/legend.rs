@@ -44,13 +44,7 @@ pub(crate) fn log(
 }
 
 fn page(scenario: &Scenario, count: usize, sizes: &Sizes) -> String {
-    let Scenario { name, seed, slots, slot_s, .. } = scenario;
-    let (strategy, blocks) = (&scenario.planner.strategy, scenario.link.resource_blocks);
-    let (radius_m, altitude_m, grid_m) = (scenario.link.comm_radius_m, scenario.uav.altitude_m, sizes.grid_m);
-    let altitude = scenario.uav.climb().map_or(format!("an altitude of {altitude_m} m"), |climb| {
-        format!("altitudes from {} m to {} m", climb.min_altitude_m, climb.max_altitude_m)
-    });
-    let (width_m, height_m, reach_m) = (scenario.area.width_m, scenario.area.height_m, scenario.reach_m());
+    let fixed = || format!("an altitude of {} m", scenario.uav.altitude_m);
     let link = match Channel::of(scenario) {
         Channel::FreeSpace(_) => "| green line, dark → pale | served link, by rate: low → high |\n",
         Channel::LineOfSight(_) => {
@@ -58,48 +52,36 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes) -> String {
              | thin orange line | served link, its sight blocked |\n"
         }
     };
-    let shape = if count <= MAX_BARS { "bar" } else { "point" };
-    let height = if count <= MAX_BARS { "; its height too" } else { "" };
     format!(
-        "**{name}**: {count} sensor nodes fill their storages; a UAV flies from place to place and empties them.\n\n\
-         | What you see | What it means |\n|---|---|\n\
-         | {shape}, blue → green → red | sensor node, by queue: empty → full{height} |\n\
-         | quadrotor, red arrow | UAV and its heading |\n\
-         | blue line | path flown lately; in *Top view* all of it |\n\
-         | magenta ring and line | planned waypoint and the way to it |\n\
-         | thin violet line, dots | where the plan leads after it, if it is known |\n\
-         | cyan circle, plumb line | whom the UAV can serve: within {radius_m} m |\n\
-         {link}\
-         | five thin orange circles | places considered for the slot |\n\
-         | bold orange circle | the place that won |\n\
-         | lane: **serve** | at the waypoint of its strategy |\n\
-         | lane: **transit** | nobody in reach: off to the fullest queue |\n\
-         | lane: **hold** | stays: plan too late or not flyable |\n\
-         | lane: **gap** | the viewer missed slots; the mission went on |\n\n\
-         In each slot of {slot_s} s the UAV flies up to {reach_m} m at {altitude}; then up to {blocks} \
-         sensor nodes within {radius_m} m on the ground upload to it. A full storage loses what its sensor samples.\n\n\
-         Strategy **{strategy}**, seed {seed}, {slots} slots, area {width_m} m × {height_m} m, grid {grid_m} m.\n"
+        include_str!("legend.md"),
+        name = scenario.name,
+        count = count,
+        shape = if count <= MAX_BARS { "bar" } else { "point" },
+        height = if count <= MAX_BARS { "; its height too" } else { "" },
+        link = link,
+        slot_s = scenario.slot_s,
+        reach_m = scenario.reach_m(),
+        altitude = scenario.uav.climb().map_or_else(fixed, |climb| {
+            format!("altitudes from {} m to {} m", climb.min_altitude_m, climb.max_altitude_m)
+        }),
+        blocks = scenario.link.resource_blocks,
+        radius_m = scenario.link.comm_radius_m,
+        strategy = scenario.planner.strategy,
+        seed = scenario.seed,
+        slots = scenario.slots,
+        width_m = scenario.area.width_m,
+        height_m = scenario.area.height_m,
+        grid_m = sizes.grid_m,
     )
 }
 
 /// Why the UAV climbs, and what shows it.
 fn los_page(scenario: &Scenario, link: &LineOfSight) -> String {
-    let percent = 100.0 * field::funnel_chance(link);
     let fixed = if scenario.uav.climb().is_none() { " This UAV may not choose: its altitude is fixed." } else { "" };
-    format!(
-        "**Why climb?** Buildings block links. The *steeper* a sensor node looks up to the UAV, the likelier it sees it. \
-         But the *higher* the UAV, the longer the link and the lower its rate. The best altitude lies between.{fixed}\n\n\
-         | What you see | What it means |\n|---|---|\n\
-         | right, green line | expected rate here, by altitude: the UAV looks for its top; white line: where it is |\n\
-         | right, blue and grey line | what it is made of: chance of line of sight, and rate if there is |\n\
-         | dots, bold / thin lines | served links: blue in line of sight, orange blocked, drawn anew in each slot |\n\
-         | funnel | from inside, the UAV is seen with a chance of {percent:.0} % or more |\n\
-         | square at the UAV | mean chance of the served if it were there, violet → yellow: 0 → 100 % |\n\
-         "
-    )
+    format!(include_str!("los.md"), fixed = fixed, percent = 100.0 * field::funnel_probability(link))
 }
 
-/// Two bars with their ends written below: queue fill to the left; link rate, or the chance of line of sight, to the
+/// Two bars with their ends written below: queue fill to the left; link rate, or the probability of line of sight, to the
 /// right.
 fn log_scale(stream: &RecordingStream, rates_bps: Option<&RangeInclusive<f64>>) -> RecordingStreamResult<()> {
     const WIDTH: u32 = 260;
@@ -115,10 +97,10 @@ fn log_scale(stream: &RecordingStream, rates_bps: Option<&RangeInclusive<f64>>) 
     let (name, right, ends) = match rates_bps {
         Some(rates_bps) => {
             let (lowest_bps, highest_bps) = (*rates_bps.start(), *rates_bps.end());
-            let rate = |share: f64| colour::of_rate(lowest_bps + share * (highest_bps - lowest_bps), rates_bps);
+            let rate = |fraction: f64| colour::of_rate(lowest_bps + fraction * (highest_bps - lowest_bps), rates_bps);
             ("rate", bar(&rate), [lowest_bps, highest_bps].map(format_rate))
         }
-        None => ("chance", bar(&colour::of_chance), ["blocked", "in sight"].map(str::to_owned)),
+        None => ("chance", bar(&colour::of_probability), ["blocked", "in sight"].map(str::to_owned)),
     };
     stream.log_static(format!("{SCALE}/{name}"), &rerun::Transform3D::from_translation([340.0, 0.0, 0.0]))?;
     stream.log_static(format!("{SCALE}/{name}/bar"), &right)?;

@@ -2,7 +2,7 @@
 //! events that the rerun viewer shows without further setting up.
 //!
 //! It decides nothing and computes no physics: positions, queues and rates are shown as the other crates report them,
-//! and chances of line of sight as `skysink-common` computes them.
+//! and probabilities of line of sight as `skysink-common` computes them.
 //! The only crate that knows rerun.
 
 mod blueprint;
@@ -27,4 +27,4 @@ pub mod uav;
 pub use events::Level;
 pub use recording::{SceneError, Sinks};
 pub use scene::Scene;
-pub use slot::{SlotView, Timing};
+pub use slot::{SlotView, WallClock};

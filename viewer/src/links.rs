@@ -1,6 +1,6 @@
 //! What the UAV chose to do in a slot: the candidate circles of the winning anchor, and the links that it served.
 //!
-//! A link is coloured by its rate in free space, and by whether it was in line of sight where that is a matter of chance.
+//! A link is coloured by its rate in free space, and by whether it was in line of sight where that is random.
 
 use std::ops::RangeInclusive;
 
@@ -11,7 +11,7 @@ use skysink_common::scenario::Scenario;
 use skysink_common::units::ratio_of_db;
 
 use crate::colour::{self, color};
-use crate::shapes::{Point, circle, line_style, position};
+use crate::shapes::{Point, circle, drawn, line_style};
 use crate::sizes::Sizes;
 use crate::slot::SlotView;
 
@@ -26,15 +26,8 @@ pub const LINKS: &str = "world/links";
 pub struct Links {
     feet: Vec<Point>,
     radius_m: f32,
-    colouring: Colouring,
-}
-
-/// What the colour of a link says.
-enum Colouring {
-    /// Its rate within this range [bit/s].
-    Rate(RangeInclusive<f64>),
-    /// Whether it is in line of sight.
-    Draw,
+    /// The rates [bit/s] between which links are coloured; none where the colour says whether they are in line of sight.
+    pub(crate) rates_bps: Option<RangeInclusive<f64>>,
 }
 
 /// Width of a link, in points of the screen; the second where it is out of line of sight.
@@ -55,28 +48,19 @@ impl Links {
             .with_line_radii([Radius::new_ui_points(0.8)]);
         stream.log_static(CANDIDATES, &candidates)?;
         stream.log_static(CHOSEN, &line_style(colour::CHOSEN, 2.2))?;
-        let colouring = match Channel::of(scenario) {
-            Channel::LineOfSight(_) => Colouring::Draw,
+        let rates_bps = match Channel::of(scenario) {
+            Channel::LineOfSight(_) => None,
             Channel::FreeSpace(model) => {
                 let links = LineStrips3D::update_fields().with_radii([Radius::new_ui_points(1.6)]);
                 stream.log_static(LINKS, &links)?;
-                Colouring::Rate(possible_rates_bps(&model, scenario, sensors))
+                Some(possible_rates_bps(&model, scenario, sensors))
             }
         };
         Ok(Self {
             feet: sensors.iter().map(|sensor| [sensor.x_m as f32, sensor.y_m as f32, 0.0]).collect(),
             radius_m: sizes.radius_m,
-            colouring,
+            rates_bps,
         })
-    }
-
-    /// The rates [bit/s] between which links are coloured, if they are coloured by rate.
-    #[must_use]
-    pub fn rates_bps(&self) -> Option<&RangeInclusive<f64>> {
-        match &self.colouring {
-            Colouring::Rate(rates_bps) => Some(rates_bps),
-            Colouring::Draw => None,
-        }
     }
 
     /// Shows the circles and links of one slot, and none where there are none.
@@ -110,16 +94,16 @@ impl Links {
 
     fn log_links(&self, stream: &RecordingStream, flight: Option<&FlightReport>) -> RecordingStreamResult<()> {
         let served = flight.map_or(&[][..], FlightReport::served_links);
-        let drawn = || served.iter().filter_map(|link| Some((*self.feet.get(link.sensor as usize)?, link)));
-        let strips = drawn().map(|(foot, _)| [flight.map_or(foot, position), foot]);
+        let links_drawn = || served.iter().filter_map(|link| Some((*self.feet.get(link.sensor as usize)?, link)));
+        let strips = links_drawn().map(|(foot, _)| [flight.map_or(foot, |flight| drawn(flight.position())), foot]);
         let links = LineStrips3D::update_fields().with_strips(strips);
-        let links = match &self.colouring {
-            Colouring::Rate(rates_bps) => {
-                links.with_colors(drawn().map(|(_, link)| color(colour::of_rate(link.rate_bps, rates_bps))))
+        let links = match &self.rates_bps {
+            Some(rates_bps) => {
+                links.with_colors(links_drawn().map(|(_, link)| color(colour::of_rate(link.rate_bps, rates_bps))))
             }
-            Colouring::Draw => links
-                .with_colors(drawn().map(|(_, link)| color(of_draw(link, [colour::SIGHT, colour::BLOCKED]))))
-                .with_radii(drawn().map(|(_, link)| Radius::new_ui_points(of_draw(link, WIDTHS_UI)))),
+            None => links
+                .with_colors(links_drawn().map(|(_, link)| color(of_draw(link, [colour::SIGHT, colour::BLOCKED]))))
+                .with_radii(links_drawn().map(|(_, link)| Radius::new_ui_points(of_draw(link, WIDTHS_UI)))),
         };
         stream.log(LINKS, &links)
     }

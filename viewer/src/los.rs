@@ -1,5 +1,5 @@
-//! Line of sight, where it is a matter of chance: under which angle and with which chance each served sensor node sees
-//! the UAV, and what came of it. A free-space recording has none of this.
+//! Line of sight, where it is random: under which angle and with which probability each served sensor node sees the UAV,
+//! and what came of it. A free-space recording has none of this.
 //!
 //! The room around the UAV is drawn by [`field`], the choice of an altitude by [`profile`]. What is not there is a
 //! number that is none: it breaks a curve, where the library would draw an empty row as 0.
@@ -10,14 +10,15 @@ pub mod profile;
 use rerun::components::MarkerShape;
 use rerun::{Points3D, Radius, RecordingStream, RecordingStreamResult, Scalars, SeriesPoints};
 use skysink_common::channel::{Channel, LineOfSight};
+use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, LinkReport, SensorNode};
 use skysink_common::scenario::Scenario;
 
 use crate::colour::{self, color};
 use crate::files::Part;
-use crate::shapes::{curve_style, position};
+use crate::shapes::{curve_style, drawn};
 use crate::sizes::Sizes;
-use field::Field;
+use field::Surroundings;
 use profile::Profile;
 
 /// Root of what is drawn in space.
@@ -28,9 +29,9 @@ pub const MARK: &str = "los/altitude";
 pub const ALTITUDE: &str = "metrics/los/altitude";
 /// Root of the elevation angles [deg] of the served links.
 pub const ELEVATION: &str = "metrics/los/elevation";
-/// Root of their chances of line of sight, 0 to 1.
-pub const CHANCE: &str = "metrics/los/chance";
-/// Below [`ELEVATION`] and [`CHANCE`]: the mean over the served links.
+/// Root of their probabilities of line of sight, 0 to 1.
+pub const PROBABILITY: &str = "metrics/los/chance";
+/// Below [`ELEVATION`] and [`PROBABILITY`]: the mean over the served links.
 pub const MEAN: &str = "mean";
 /// Below them: a point for each link in line of sight.
 pub const SIGHT: &str = "sight";
@@ -40,19 +41,11 @@ pub const BLOCKED: &str = "blocked";
 /// Line of sight of the scene.
 pub struct Los {
     link: LineOfSight,
-    feet_m: Vec<[f64; 2]>,
+    positions: Vec<Position>,
     most_links: usize,
     mark_above_m: f32,
-    field: Field,
+    surroundings: Surroundings,
     profile: Profile,
-}
-
-/// A served link as the curves show it.
-#[derive(Debug, Clone, Copy)]
-struct Seen {
-    in_sight: bool,
-    elevation_deg: f64,
-    chance: f64,
 }
 
 impl Los {
@@ -69,46 +62,38 @@ impl Los {
         };
         log_styles(stream)?;
         let most_links = scenario.link.resource_blocks;
-        let feet_m = sensors.iter().map(|sensor| [sensor.x_m, sensor.y_m]).collect();
-        let field = Field::open(stream, &link, most_links, sizes, part)?;
+        let positions = sensors.iter().map(|sensor| Position::new(sensor.x_m, sensor.y_m)).collect();
+        let surroundings = Surroundings::open(stream, &link, most_links, sizes, part)?;
         let profile = Profile::open(stream, scenario)?;
-        Ok(Some(Self { link, feet_m, most_links, mark_above_m: 1.8 * sizes.arm_m, field, profile }))
+        Ok(Some(Self { link, positions, most_links, mark_above_m: 1.8 * sizes.arm_m, surroundings, profile }))
     }
 
     /// Shows one slot; where nobody is served, only the altitude.
     pub(crate) fn log_slot(&mut self, stream: &RecordingStream, flight: &FlightReport) -> RecordingStreamResult<()> {
         stream.log(ALTITUDE, &Scalars::single(flight.z_m))?;
-        let [x_m, y_m, z_m] = position(flight);
+        let [x_m, y_m, z_m] = drawn(flight.position());
         let mark = Points3D::update_fields().with_positions([[x_m, y_m, z_m + self.mark_above_m]]);
         stream.log(MARK, &mark.with_labels([format!("{:.0} m", flight.z_m)]))?;
         self.log_links(stream, flight.z_m, flight.served_links())?;
-        let (feet_m, links) = (&self.feet_m, flight.served_links());
-        let served_m: Vec<_> = links.iter().filter_map(|link| feet_m.get(link.sensor as usize).copied()).collect();
-        let uav_m = [flight.x_m, flight.y_m, flight.z_m];
-        self.field.log(stream, &self.link, uav_m, &served_m)?;
-        self.profile.log(stream, &self.link, uav_m, &served_m)
+        let position = |link: &LinkReport| self.positions.get(link.sensor as usize).copied();
+        let served: Vec<_> = flight.served_links().iter().filter_map(position).collect();
+        self.surroundings.log(stream, &self.link, flight.position(), &served)?;
+        self.profile.log(stream, &self.link, flight.position(), &served)
     }
 
     /// Takes away what a missed slot would show wrongly.
     pub(crate) fn log_missed(&mut self, stream: &RecordingStream) -> RecordingStreamResult<()> {
         stream.log(ALTITUDE, &Scalars::single(f64::NAN))?;
         self.log_links(stream, 0.0, &[])?;
-        self.field.clear(stream)?;
+        self.surroundings.clear(stream)?;
         self.profile.clear(stream)
     }
 
     /// A point per link, and the mean.
     fn log_links(&self, stream: &RecordingStream, z_m: f64, links: &[LinkReport]) -> RecordingStreamResult<()> {
-        let seen: Vec<_> = links
-            .iter()
-            .map(|link| Seen {
-                in_sight: link.line_of_sight == 1,
-                elevation_deg: link.elevation_deg,
-                chance: self.link.los_probability(link.distance_m * link.distance_m, z_m),
-            })
-            .collect();
-        self.log_curve(stream, ELEVATION, &seen, |link| link.elevation_deg)?;
-        self.log_curve(stream, CHANCE, &seen, |link| link.chance)
+        self.log_curve(stream, ELEVATION, links, |link| link.elevation_deg)?;
+        let probability = |link: &LinkReport| self.link.los_probability(link.distance_m * link.distance_m, z_m);
+        self.log_curve(stream, PROBABILITY, links, probability)
     }
 
     /// One curve's points, as many numbers in every slot.
@@ -116,13 +101,14 @@ impl Los {
         &self,
         stream: &RecordingStream,
         root: &str,
-        seen: &[Seen],
-        value: impl Fn(&Seen) -> f64,
+        links: &[LinkReport],
+        value: impl Fn(&LinkReport) -> f64,
     ) -> RecordingStreamResult<()> {
-        let mean = seen.iter().map(&value).sum::<f64>() / seen.len() as f64; // of nobody: not a number
+        let mean = links.iter().map(&value).sum::<f64>() / links.len() as f64; // of nobody: not a number
         stream.log(format!("{root}/{MEAN}"), &Scalars::single(mean))?;
-        for (name, in_sight) in [(SIGHT, true), (BLOCKED, false)] {
-            let points = seen.iter().map(|link| if link.in_sight == in_sight { value(link) } else { f64::NAN });
+        for (name, line_of_sight) in [(SIGHT, 1), (BLOCKED, 0)] {
+            let is_shown = |link: &LinkReport| link.line_of_sight.min(1) == line_of_sight;
+            let points = links.iter().map(|link| if is_shown(link) { value(link) } else { f64::NAN });
             let points = points.chain(std::iter::repeat(f64::NAN)).take(self.most_links);
             stream.log(format!("{root}/{name}"), &Scalars::new(points))?;
         }
@@ -132,7 +118,7 @@ impl Los {
 
 fn log_styles(stream: &RecordingStream) -> RecordingStreamResult<()> {
     stream.log_static(ALTITUDE, &curve_style("altitude [m]", colour::UAV))?;
-    for (root, mean) in [(ELEVATION, "mean elevation [°]"), (CHANCE, "mean chance of line of sight")] {
+    for (root, mean) in [(ELEVATION, "mean elevation [°]"), (PROBABILITY, "mean probability of line of sight")] {
         stream.log_static(format!("{root}/{MEAN}"), &curve_style(mean, colour::UAV))?;
         for (name, colour) in [(SIGHT, colour::SIGHT), (BLOCKED, colour::BLOCKED)] {
             let points = SeriesPoints::new()

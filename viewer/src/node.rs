@@ -21,7 +21,7 @@ use skysink_ring::sample::Payload;
 use skysink_ring::topics::{PATH_BUFFER, RING_BUFFER, Ring, VIEWER_BUFFER};
 use skysink_ring::wait::WaitContext;
 
-use crate::{Level, Scene, SceneError, Sinks, SlotView, Timing};
+use crate::{Level, Scene, SceneError, Sinks, SlotView, WallClock};
 
 /// Why the viewer ends before the mission does.
 #[derive(Debug, thiserror::Error)]
@@ -62,12 +62,12 @@ pub fn run<S: Service + 'static>(
     stop: &Stop,
     sinks: &Sinks,
 ) -> Result<u64, ViewerError> {
-    let (ring, mut wait) = Ring::<S>::open(folder, scenario, Role::Viewer, stop)?;
+    let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Viewer, stop)?;
     let journal = Journal::open(&folder.journal("viewer"), 2, 0)?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
     let mut scene =
-        Scene::open(sinks, scenario, nodes.payload(), &run_name(scenario, ring.terms.mission), Timing::Measured)?;
+        Scene::open(sinks, scenario, nodes.payload(), &run_name(scenario, ring.terms.mission), WallClock::Measured)?;
     let followed = follow(&ring, &scenario.area, &mut wait, &journal, &mut scene);
     let closed = scene.close();
     let missed = followed?;
@@ -138,7 +138,8 @@ fn follow<S: Service + 'static>(
         }
         if is_end {
             readers.log_health(scene)?;
-            ring.wait_for_record(wait, slot)?; // until then the recorder may need to know that this viewer is ready
+            // Until then the recorder may need to know that this viewer is ready.
+            ring.wait_for_commit(wait, |commit| commit.slot >= slot, || Ok(()))?;
             return Ok(missed);
         }
     }
@@ -154,15 +155,6 @@ struct Readers<S: Service + 'static> {
     pace: Pace,
     /// Slots whose path has been read.
     paths_read: u32,
-}
-
-/// How long to wait for a sample.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Limit {
-    /// Until it is there, or a later one is.
-    UntilPassed,
-    /// No longer than this.
-    AtMost(Duration),
 }
 
 /// How long to wait for what may have been sent before this process was there.
@@ -188,13 +180,10 @@ impl<S: Service + 'static> Readers<S> {
         })
     }
 
-    /// How long to wait for the other samples of a slot. Before this process `is_ready` some may be gone; in paced runs also
+    /// How long to wait for the other samples of a slot at most; none: until they are there, or later ones are. Before this process `is_ready` some may be gone; in paced runs also
     /// later, because no writer waits for this reader.
-    fn limit(&self, is_ready: bool) -> Limit {
-        match self.pace {
-            Pace::Max if is_ready => Limit::UntilPassed,
-            _ => Limit::AtMost(LEFT_OVERS),
-        }
+    fn limit(&self, is_ready: bool) -> Option<Duration> {
+        (self.pace != Pace::Max || !is_ready).then_some(LEFT_OVERS)
     }
 
     /// The path of a slot whose plan is there; none if there is none, or one that cannot be, which is refused.
@@ -207,7 +196,7 @@ impl<S: Service + 'static> Readers<S> {
         let may_be_late = slot > 0 && self.paths_read < PATHS_BEFORE && self.pace == Pace::Max;
         self.paths_read = self.paths_read.saturating_add(1);
         let limit = if may_be_late && self.paths.has_writer() { LEFT_OVERS } else { Duration::ZERO };
-        let path = read(&mut self.paths, wait, slot, Limit::AtMost(limit))?;
+        let path = read(&mut self.paths, wait, slot, Some(limit))?;
         let is_good = path.as_ref().is_none_or(|path| believable(path.payload(), area));
         if !is_good {
             self.paths.refuse(slot, Refusal::Path);
@@ -233,9 +222,9 @@ fn read<S: Service + 'static, P: Payload + ?Sized>(
     reader: &mut Reader<S, P, SlotHeader>,
     wait: &mut WaitContext,
     slot: u64,
-    limit: Limit,
+    limit: Option<Duration>,
 ) -> Result<Option<Sample<S, P, SlotHeader>>, NodeError> {
-    let Limit::AtMost(limit) = limit else { return reader.wait_for_slot(wait, slot) };
+    let Some(limit) = limit else { return reader.wait_for_slot(wait, slot) };
     let deadline = Instant::now() + limit;
     loop {
         match reader.of_slot(slot)? {

@@ -1,4 +1,4 @@
-//! The planned path: the way from the planned waypoint over the next ones, of planners that know them.
+//! The planned path: from the planned waypoint over the next ones, of planners that know them.
 //!
 //! A recording in which nobody plans ahead holds nothing of it. From the first path on every slot has its own, or an
 //! empty one, so that none is left over from a slot before.

@@ -17,7 +17,7 @@ pub const POINTS: &str = "world/sensors";
 /// The bars.
 pub const BARS: &str = "world/queues";
 
-/// Share of the storages in use, 0 to 1.
+/// Fraction of the buffers in use, 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fill {
     /// Mean over the sensor nodes.
@@ -87,18 +87,18 @@ impl Bars {
     }
 }
 
-/// Share of a storage in use.
+/// Fraction of a buffer in use.
 fn fill(queue_bits: u32, capacity_bits: u32) -> f64 {
     if queue_bits >= capacity_bits { 1.0 } else { f64::from(queue_bits) / f64::from(capacity_bits) }
 }
 
 /// Name and colour of a level, which the viewer shows on hovering.
 fn describe(level: u16) -> AnnotationInfo {
-    let share = f64::from(level) / f64::from(FULL_LEVEL);
-    let [r, g, b] = colour::of_fill(share);
+    let fraction = f64::from(level) / f64::from(FULL_LEVEL);
+    let [r, g, b] = colour::of_fill(fraction);
     AnnotationInfo {
         id: level,
-        label: Some(format!("queue {:.0} % full", 100.0 * share).into()),
+        label: Some(format!("queue {:.0} % full", 100.0 * fraction).into()),
         color: Some(Rgba32::from_unmultiplied_rgba(r, g, b, 255)),
     }
 }

@@ -91,10 +91,12 @@ fn at(path: &Option<PathBuf>) -> String {
 }
 
 /// An open stream, and what is needed to name and end it.
-pub struct Recording {
-    stream: RecordingStream,
-    name: String,
-    part: Part,
+pub(crate) struct Recording {
+    pub(crate) stream: RecordingStream,
+    /// Name and id.
+    pub(crate) name: String,
+    /// Whether its file begins it.
+    pub(crate) part: Part,
     save: Option<PathBuf>,
     live: Option<u16>,
 }
@@ -105,7 +107,7 @@ impl Recording {
     ///
     /// # Errors
     /// If there is no sink, the file cannot be created, or the port is taken.
-    pub fn open(sinks: &Sinks, name: &str) -> Result<Self, SceneError> {
+    pub(crate) fn open(sinks: &Sinks, name: &str) -> Result<Self, SceneError> {
         let mut open: Vec<Box<dyn LogSink>> = Vec::new();
         let live = sinks.live.map(free_port).transpose()?; // before the file: a refusal must not truncate one
         let next = sinks.save.as_deref().map(|first| NextFile::find(first, APPLICATION));
@@ -135,32 +137,13 @@ impl Recording {
         Ok(Self { stream, name, part, save, live })
     }
 
-    /// Name and id of the recording.
-    #[must_use]
-    pub fn name(&self) -> &str {
-        &self.name
-    }
-
-    /// Whether its file begins it.
-    #[must_use]
-    pub(crate) fn part(&self) -> Part {
-        self.part
-    }
-
-    /// The stream.
-    #[must_use]
-    pub fn stream(&self) -> &RecordingStream {
-        &self.stream
-    }
-
     /// Address to open in a viewer, if there is a server.
-    #[must_use]
-    pub fn live_url(&self) -> Option<String> {
+    pub(crate) fn live_url(&self) -> Option<String> {
         self.live.map(|port| format!("rerun+http://127.0.0.1:{port}/proxy"))
     }
 
     /// Sets the time of what is logged next.
-    pub fn set_slot(&self, slot: u64, slot_s: f64) {
+    pub(crate) fn set_slot(&self, slot: u64, slot_s: f64) {
         self.stream.set_time_sequence(SLOT, i64::try_from(slot).unwrap_or(i64::MAX));
         self.stream.set_duration_secs(SIM_TIME, slot as f64 * slot_s);
     }
@@ -169,7 +152,7 @@ impl Recording {
     ///
     /// # Errors
     /// If something could not be written, now or earlier.
-    pub fn close(self) -> Result<(), SceneError> {
+    pub(crate) fn close(self) -> Result<(), SceneError> {
         let Self { stream, save, .. } = self;
         let flushed = stream.flush_with_timeout(FLUSH_LIMIT);
         drop(stream);

@@ -16,8 +16,8 @@ use crate::path::Path;
 use crate::queues::Queues;
 use crate::recording::{Recording, SceneError, Sinks};
 use crate::sizes::Sizes;
-use crate::slot::{SlotView, Timing};
-use crate::uav::Uav;
+use crate::slot::{SlotView, WallClock};
+use crate::uav::UavShape;
 use crate::{curves, layout, legend};
 
 /// A recording under way.
@@ -25,7 +25,7 @@ pub struct Scene {
     recording: Recording,
     scenario: Scenario,
     queues: Queues,
-    uav: Uav,
+    uav: UavShape,
     path: Path,
     links: Links,
     los: Option<Los>,
@@ -47,20 +47,20 @@ impl Scene {
         scenario: &Scenario,
         sensors: &[SensorNode],
         run_name: &str,
-        timing: Timing,
+        clock: WallClock,
     ) -> Result<Self, SceneError> {
         let recording = Recording::open(sinks, run_name)?;
-        let (stream, part) = (recording.stream(), recording.part());
+        let Recording { stream, name, part, .. } = &recording;
         let sizes = Sizes::of(scenario, sensors.len());
-        layout::send(stream, recording.name(), &sizes, scenario, timing)?;
+        layout::send(stream, name, &sizes, scenario, clock)?;
         let queues = Queues::open(stream, sensors, &sizes)?;
-        let uav = Uav::open(stream, &sizes)?;
-        let path = Path::open(stream, &sizes, part)?;
+        let uav = UavShape::open(stream, &sizes)?;
+        let path = Path::open(stream, &sizes, *part)?;
         let links = Links::open(stream, scenario, sensors, &sizes)?;
-        let los = Los::open(stream, scenario, sensors, &sizes, part)?;
-        let events = Events::open(stream, part)?;
+        let los = Los::open(stream, scenario, sensors, &sizes, *part)?;
+        let events = Events::open(stream, *part)?;
         curves::open(stream)?;
-        legend::log(stream, scenario, sensors.len(), &sizes, links.rates_bps())?;
+        legend::log(stream, scenario, sensors.len(), &sizes, links.rates_bps.as_ref())?;
         let scene = Self {
             recording,
             scenario: scenario.clone(),
@@ -74,7 +74,7 @@ impl Scene {
             last_totals: None,
             missed_slots: 0,
         };
-        if part == Part::First {
+        if scene.recording.part == Part::First {
             scene.log_event(0, Level::Info, &events::start(scenario, sensors.len()))?;
         }
         Ok(scene)
@@ -98,7 +98,7 @@ impl Scene {
         self.last_slot = Some(slot);
         self.last_totals = Some(view.header.totals);
         self.recording.set_slot(slot, self.scenario.slot_s);
-        let stream = self.recording.stream();
+        let stream = &self.recording.stream;
         let fill = self.queues.log_slot(stream, view.queues_bits)?;
         self.uav.log_slot(stream, view)?;
         self.path.log_slot(stream, view.path)?;
@@ -120,7 +120,7 @@ impl Scene {
         self.missed_slots += last - first + 1;
         self.last_slot = Some(last);
         self.recording.set_slot(first, self.scenario.slot_s);
-        let stream = self.recording.stream();
+        let stream = &self.recording.stream;
         self.uav.log_missed(stream)?;
         self.path.log_missed(stream)?;
         self.links.log_missed(stream)?;
@@ -136,7 +136,7 @@ impl Scene {
     /// If the recording library refuses.
     pub fn log_event(&self, slot: u64, level: Level, text: &str) -> Result<(), SceneError> {
         self.recording.set_slot(slot, self.scenario.slot_s);
-        Ok(events::write(self.recording.stream(), level, text)?)
+        Ok(events::write(&self.recording.stream, level, text)?)
     }
 
     /// Adds the mission's totals to the event log and ends the recording.

@@ -2,17 +2,17 @@
 
 use std::f32::consts::TAU;
 
+use nalgebra::Point3;
 use rerun::{LineStrips3D, Points2D, Radius, SeriesLines};
-use skysink_common::message::FlightReport;
 
 use crate::colour::{self, Rgb, color};
 
 /// A position in the scene [m].
 pub type Point = [f32; 3];
 
-/// Where a report says the UAV is.
-pub(crate) fn position(flight: &FlightReport) -> Point {
-    [flight.x_m as f32, flight.y_m as f32, flight.z_m as f32]
+/// The same in single precision, in which the recording library draws.
+pub(crate) fn drawn(point: Point3<f64>) -> Point {
+    point.coords.map(|coordinate_m| coordinate_m as f32).into()
 }
 
 /// A closed horizontal circle.

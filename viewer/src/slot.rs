@@ -5,7 +5,7 @@ use skysink_common::path::PathPoint;
 
 /// Whether somebody measures the wall clock, so that its curves get a place on the screen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Timing {
+pub enum WallClock {
     /// Slots come with their plan latency and pace.
     Measured,
     /// They do not, and equal missions make equal recordings.

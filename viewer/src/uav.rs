@@ -9,7 +9,7 @@ use rerun::{
 use skysink_common::message::Plan;
 
 use crate::colour::{self, color};
-use crate::shapes::{Point, circle, line_style, position};
+use crate::shapes::{Point, circle, drawn, line_style};
 use crate::sizes::Sizes;
 use crate::slot::SlotView;
 
@@ -19,11 +19,11 @@ pub const UAV: &str = "world/uav";
 pub const BODY: &str = "world/uav/body";
 /// A dot in its place, as large from far away as from near.
 pub const DOT: &str = "world/uav/dot";
-/// The way flown in each slot, where it was flown; a view chooses how many slots of it are seen.
+/// The path flown in each slot, where it was flown; a view chooses how many slots of it are seen.
 pub const TRAIL: &str = "world/uav_trail";
 /// The same on the ground, for the view from above.
 pub const TRACK: &str = "world/uav_track";
-/// The planned waypoint and the way to it.
+/// The planned waypoint and the path to it.
 pub const PLAN: &str = "world/plan";
 /// The circle within communication radius.
 pub const COVERAGE: &str = "world/coverage";
@@ -31,13 +31,13 @@ pub const COVERAGE: &str = "world/coverage";
 pub const PLUMB: &str = "world/plumb";
 
 /// The UAV of the scene.
-pub struct Uav {
+pub struct UavShape {
     ring_m: f32,
     track_z_m: f32,
     before: Option<Point>,
 }
 
-impl Uav {
+impl UavShape {
     /// Builds the UAV and styles what moves with it.
     pub(crate) fn open(stream: &RecordingStream, sizes: &Sizes) -> RecordingStreamResult<Self> {
         log_body(stream, sizes.arm_m)?;
@@ -51,7 +51,7 @@ impl Uav {
 
     /// Moves the UAV to where it is after a slot.
     pub(crate) fn log_slot(&mut self, stream: &RecordingStream, view: &SlotView) -> RecordingStreamResult<()> {
-        let here = position(view.flight);
+        let here = drawn(view.flight.position());
         let [x_m, y_m, _] = here;
         stream.log(UAV, &Transform3D::update_fields().with_translation(here))?;
         stream.log(COVERAGE, &Transform3D::update_fields().with_translation([x_m, y_m, 0.0]))?;
@@ -62,7 +62,7 @@ impl Uav {
             stream.log(BODY, &Transform3D::update_fields().with_rotation_axis_angle(turn))?;
         }
         let flown: Vec<_> = self.before.map(|before| [before, here]).into_iter().collect();
-        let track: Vec<_> = flown.iter().map(|way| way.map(|[x_m, y_m, _]| [x_m, y_m, self.track_z_m])).collect();
+        let track: Vec<_> = flown.iter().map(|leg| leg.map(|[x_m, y_m, _]| [x_m, y_m, self.track_z_m])).collect();
         stream.log(TRAIL, &LineStrips3D::update_fields().with_strips(flown))?;
         stream.log(TRACK, &LineStrips3D::update_fields().with_strips(track))?;
         self.log_plan(stream, view.plan, self.before.unwrap_or(here))?;
@@ -77,9 +77,10 @@ impl Uav {
     }
 
     fn log_plan(&self, stream: &RecordingStream, plan: Option<&Plan>, from: Point) -> RecordingStreamResult<()> {
-        let waypoint = plan.map(|plan| [plan.x_m as f32, plan.y_m as f32, plan.z_m as f32]);
-        let strips = waypoint.filter(|waypoint| waypoint.iter().all(|coordinate| coordinate.is_finite()));
-        let strips = strips.map_or_else(Vec::new, |waypoint| vec![circle(waypoint, self.ring_m), vec![from, waypoint]]);
+        let waypoint = plan.map(|plan| drawn(plan.waypoint()));
+        let waypoint = waypoint.filter(|waypoint| waypoint.iter().all(|coordinate| coordinate.is_finite()));
+        let strips =
+            waypoint.map_or_else(Vec::new, |waypoint| vec![circle(waypoint, self.ring_m), vec![from, waypoint]]);
         stream.log(PLAN, &LineStrips3D::update_fields().with_strips(strips))
     }
 }

@@ -12,14 +12,14 @@ use skysink_common::message::LinkReport;
 use skysink_common::path::PathPoint;
 use skysink_common::scenario::Scenario;
 use skysink_viewer::los::field;
-use skysink_viewer::{Scene, Sinks, Timing, curves, events, links, path, uav};
+use skysink_viewer::{Scene, Sinks, WallClock, curves, events, links, path, uav};
 use support::{Found, Slot, files, letter, sensors, town};
 
 const SENSORS: u32 = 30;
 
 fn open(first: &Path, scenario: &Scenario, name: &str) -> Scene {
     let sinks = Sinks { save: Some(first.to_owned()), live: None };
-    Scene::open(&sinks, scenario, &sensors(SENSORS), name, Timing::Unmeasured).unwrap()
+    Scene::open(&sinks, scenario, &sensors(SENSORS), name, WallClock::Unmeasured).unwrap()
 }
 
 /// Records these slots into the next file, and returns what is in it.
@@ -205,7 +205,7 @@ fn a_live_viewer_continues_a_recording_in_the_next_file() {
     let (_folder, first) = place();
     record(&first, &letter(), "first name", 0..=8);
     let sinks = Sinks { save: Some(first.clone()), live: Some(0) };
-    let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "x", Timing::Unmeasured).unwrap();
+    let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "x", WallClock::Unmeasured).unwrap();
     scene.log_slot(&Slot::new(9, SENSORS as usize).view()).unwrap();
     scene.close().unwrap();
     let second = first.with_file_name("mission-2.rrd");

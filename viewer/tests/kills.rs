@@ -9,7 +9,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use chunks::{Chunks, recording};
-use skysink_viewer::{Scene, Sinks, Timing};
+use skysink_viewer::{Scene, Sinks, WallClock};
 use support::{Slot, files, letter, sensors};
 
 const WATCHDOG: Duration = Duration::from_secs(120);
@@ -19,7 +19,7 @@ const FIRST_SLOT: &str = "SKYSINK_TEST_FIRST_SLOT";
 
 fn open(path: &Path, name: &str) -> Scene {
     let sinks = Sinks { save: Some(path.to_owned()), live: None };
-    Scene::open(&sinks, &letter(), &sensors(SENSORS), name, Timing::Unmeasured).unwrap()
+    Scene::open(&sinks, &letter(), &sensors(SENSORS), name, WallClock::Unmeasured).unwrap()
 }
 
 /// Records for ever.

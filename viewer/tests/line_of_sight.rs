@@ -10,7 +10,7 @@ use skysink_common::geometry::elevation_deg;
 use skysink_common::message::LinkReport;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_viewer::los::{self, field, profile};
-use skysink_viewer::{Scene, Sinks, Timing, colour, legend, links, uav};
+use skysink_viewer::{Scene, Sinks, WallClock, colour, legend, links, uav};
 use support::{Found, Slot, letter, sensors, town};
 
 const SENSORS: u32 = 20;
@@ -44,7 +44,7 @@ fn record(scenario: &Scenario, slots: &[Slot]) -> Found {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("mission.rrd");
     let sinks = Sinks { save: Some(path.clone()), live: None };
-    let mut scene = Scene::open(&sinks, scenario, &sensors(SENSORS), "test-run", Timing::Unmeasured).unwrap();
+    let mut scene = Scene::open(&sinks, scenario, &sensors(SENSORS), "test-run", WallClock::Unmeasured).unwrap();
     let mut next = 0;
     for slot in slots {
         if slot.slot > next {
@@ -96,9 +96,9 @@ fn a_link_has_the_colour_and_the_width_of_its_draw() {
 fn the_curves_hold_the_chance_and_the_angle_of_every_link() {
     let found = town_until(6);
     let chances = |slot: i64| [0.0, 1.0].map(|d2_m2| link().los_probability(d2_m2, 50.0 + 2.0 * slot as f64));
-    let means = found.curve(&below(los::CHANCE, los::MEAN));
-    let sights = found.points(&below(los::CHANCE, los::SIGHT));
-    let blocks = found.points(&below(los::CHANCE, los::BLOCKED));
+    let means = found.curve(&below(los::PROBABILITY, los::MEAN));
+    let sights = found.points(&below(los::PROBABILITY, los::SIGHT));
+    let blocks = found.points(&below(los::PROBABILITY, los::BLOCKED));
     let drawn = |points: &[f64]| points.iter().copied().filter(|point| !point.is_nan()).collect::<Vec<_>>();
     assert!(means[&0].is_nan() && drawn(&sights[&0]).is_empty(), "nobody is served in slot 0");
     for slot in 1..=6 {

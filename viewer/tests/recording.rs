@@ -10,14 +10,14 @@ use std::time::{Duration, Instant};
 
 use skysink_common::message::{FlightReport, HoldReason, Mode};
 use skysink_common::path::PathPoint;
-use skysink_viewer::{Scene, SceneError, Sinks, Timing, curves, events, legend, links, path, queues, uav};
+use skysink_viewer::{Scene, SceneError, Sinks, WallClock, curves, events, legend, links, path, queues, uav};
 use support::{Found, Slot, letter, sensors};
 
 const SENSORS: u32 = 20;
 
 fn open(path: &Path, count: u32) -> Scene {
     let sinks = Sinks { save: Some(path.to_owned()), live: None };
-    Scene::open(&sinks, &letter(), &sensors(count), "test-run", Timing::Unmeasured).unwrap()
+    Scene::open(&sinks, &letter(), &sensors(count), "test-run", WallClock::Unmeasured).unwrap()
 }
 
 /// Records slots 0 to `last`, each changed by `change` before.
@@ -248,7 +248,7 @@ fn two_thousand_sensor_nodes_are_bars_and_one_more_are_points() {
 fn wall_clock_figures_are_curves_where_they_are_known() {
     let found = in_folder(|path| {
         let sinks = Sinks { save: Some(path.to_owned()), live: None };
-        let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "timed", Timing::Measured).unwrap();
+        let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "timed", WallClock::Measured).unwrap();
         let slot = Slot::new(1, SENSORS as usize);
         let view = skysink_viewer::SlotView { slots_per_s: Some(250.0), plan_ms: Some(0.5), ..slot.view() };
         scene.log_slot(&view).unwrap();
@@ -277,7 +277,7 @@ fn a_file_holds_what_was_logged_before_it_is_closed() {
 fn a_place_that_cannot_be_written_is_refused_by_name() {
     let path = Path::new("/nowhere/mission.rrd");
     let sinks = Sinks { save: Some(path.to_owned()), live: None };
-    let refusal = Scene::open(&sinks, &letter(), &sensors(1), "x", Timing::Unmeasured).err().unwrap().to_string();
+    let refusal = Scene::open(&sinks, &letter(), &sensors(1), "x", WallClock::Unmeasured).err().unwrap().to_string();
     assert!(refusal.starts_with("recording /nowhere/mission.rrd: ") && !refusal.contains('\n'), "{refusal}");
 }
 
@@ -288,7 +288,7 @@ fn a_port_in_use_is_refused_by_number_and_no_file_is_touched() {
         let listener = TcpListener::bind(("127.0.0.1", 0)).unwrap();
         let port = listener.local_addr().unwrap().port();
         let sinks = Sinks { save: Some(path.to_owned()), live: Some(port) };
-        let refusal = Scene::open(&sinks, &letter(), &sensors(1), "x", Timing::Measured).err().unwrap();
+        let refusal = Scene::open(&sinks, &letter(), &sensors(1), "x", WallClock::Measured).err().unwrap();
         assert!(matches!(refusal, SceneError::Port { .. }));
         let line = refusal.to_string();
         assert!(line.contains(&format!("port {port} ")) && !line.contains('\n'), "{line}");
@@ -298,7 +298,7 @@ fn a_port_in_use_is_refused_by_number_and_no_file_is_touched() {
 
 #[test]
 fn a_scene_without_a_destination_is_refused() {
-    let refusal = Scene::open(&Sinks::default(), &letter(), &sensors(1), "x", Timing::Unmeasured).err().unwrap();
+    let refusal = Scene::open(&Sinks::default(), &letter(), &sensors(1), "x", WallClock::Unmeasured).err().unwrap();
     assert!(matches!(refusal, SceneError::Nowhere));
 }
 
@@ -314,7 +314,7 @@ fn a_slot_with_another_number_of_queues_is_refused() {
 fn a_live_scene_listens_on_this_machine_and_writes_the_same_file() {
     in_folder(|path| {
         let sinks = Sinks { save: Some(path.to_owned()), live: Some(0) };
-        let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "live", Timing::Unmeasured).unwrap();
+        let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "live", WallClock::Unmeasured).unwrap();
         let url = scene.live_url().unwrap();
         let place = url.strip_prefix("rerun+http://").and_then(|url| url.strip_suffix("/proxy")).unwrap();
         assert!(place.starts_with("127.0.0.1:"), "{url}");

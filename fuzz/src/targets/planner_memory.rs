@@ -35,7 +35,7 @@ pub fn planner_memory(bytes: &[u8]) {
     planner.observe(LIFE_SLOTS, &here, &queues);
     let plan = planner.step(LIFE_SLOTS + 1, here.position(), &queues);
     let mut flight = Flight::new(&scenario, &world.nodes);
-    flight.take_over(&here);
+    flight.restore(&here);
     let report = flight.step(LIFE_SLOTS + 1, Some(&plan));
     assert_eq!((report.hold, report.refused), (0, 0), "{plan:?} from {here:?}");
     let mut again = Planner::new(&scenario, &world.nodes).expect("a scenario with a change that is allowed");

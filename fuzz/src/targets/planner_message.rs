@@ -45,7 +45,7 @@ pub fn planner_message(bytes: &[u8]) {
             let mut flight = Flight::new(&scenario, &nodes);
             let mut here = flight.start();
             (here.x_m, here.y_m, here.z_m) = (position.x, position.y, altitude_m);
-            flight.take_over(&here);
+            flight.restore(&here);
             let report = flight.step(slot, Some(&plan));
             assert_eq!((report.hold, report.refused), (HoldReason::None as u32, 0), "{plan:?} from {here:?}");
             let path: Vec<_> = planner.path().iter().copied().map(PathPoint::from).collect();

@@ -1,16 +1,19 @@
-//! The chance of line of sight in the room around the UAV: a horizontal slice at its altitude, and above each served
-//! sensor node the funnel in which the chance is high.
+//! The probability of line of sight around the UAV: a horizontal slice at its altitude, and above each served sensor node
+//! the funnel in which the probability is high.
 //!
 //! Every funnel has the same shape, so that a slot only moves it: 12 bytes instead of a thousand voxels.
 
+use nalgebra::{Point3, Vector2};
 use rerun::components::{Colormap, ImageFormat};
 use rerun::{ChannelDatatype, Clear, ColorModel, GridMap, RecordingStream, RecordingStreamResult, VoxelGridMap};
 use skysink_common::channel::LineOfSight;
+use skysink_common::geometry::{Position, distance_squared};
 
 use crate::files::Part;
+use crate::shapes::drawn;
 use crate::sizes::Sizes;
 
-/// The slice: mean chance over the served sensor nodes.
+/// The slice: mean probability over the served sensor nodes.
 pub const SLICE: &str = "los/slice";
 /// Root of the funnels: one per served link, numbered in the report's order.
 pub const FUNNELS: &str = "los/funnels";
@@ -23,17 +26,17 @@ const SLICE_CELLS: u16 = 32;
 const FUNNEL_CELLS: u16 = 15;
 /// Voxels of a funnel, in z, up to the highest altitude.
 const FUNNEL_LAYERS: u16 = 15;
-/// Least chance in a funnel, of the chance straight below the UAV.
-const FUNNEL_SHARE: f64 = 0.8;
+/// Least probability in a funnel, of the one straight below the UAV.
+const FUNNEL_FRACTION: f64 = 0.8;
 
-/// Least chance of line of sight in a funnel.
+/// Least probability of line of sight in a funnel.
 #[must_use]
-pub fn funnel_chance(link: &LineOfSight) -> f64 {
-    FUNNEL_SHARE * link.los_probability(0.0, 1.0)
+pub fn funnel_probability(link: &LineOfSight) -> f64 {
+    FUNNEL_FRACTION * link.los_probability(0.0, 1.0)
 }
 
 /// Slice and funnels of the scene.
-pub(super) struct Field {
+pub(super) struct Surroundings {
     slice_half_m: f32,
     shape: Funnel,
     most_funnels: usize,
@@ -43,7 +46,7 @@ pub(super) struct Field {
     visible: usize,
 }
 
-impl Field {
+impl Surroundings {
     pub(super) fn open(
         stream: &RecordingStream,
         link: &LineOfSight,
@@ -77,18 +80,18 @@ impl Field {
         &mut self,
         stream: &RecordingStream,
         link: &LineOfSight,
-        uav_m: [f64; 3],
-        served_m: &[[f64; 2]],
+        uav: Point3<f64>,
+        served: &[Position],
     ) -> RecordingStreamResult<()> {
-        if served_m.is_empty() {
+        if served.is_empty() {
             return self.clear(stream);
         }
-        let [x_m, y_m, z_m] = uav_m.map(|coordinate_m| coordinate_m as f32);
+        let [x_m, y_m, z_m] = drawn(uav);
         let slice = GridMap::update_fields()
-            .with_data(slice(link, uav_m, f64::from(self.slice_half_m), served_m))
+            .with_data(slice(link, uav, f64::from(self.slice_half_m), served))
             .with_translation([x_m - self.slice_half_m, y_m - self.slice_half_m, z_m]);
         stream.log(SLICE, &slice)?;
-        self.log_funnels(stream, served_m)
+        self.log_funnels(stream, served)
     }
 
     /// Takes slice and funnels away.
@@ -97,75 +100,76 @@ impl Field {
         self.log_funnels(stream, &[])
     }
 
-    fn log_funnels(&mut self, stream: &RecordingStream, served_m: &[[f64; 2]]) -> RecordingStreamResult<()> {
-        let served_m = &served_m[..served_m.len().min(self.most_funnels)];
-        for (place, &[x_m, y_m]) in served_m.iter().enumerate() {
-            let [corner_x_m, corner_y_m] = self.shape.corner_m;
-            let corner_m = [x_m as f32 + corner_x_m, y_m as f32 + corner_y_m, 0.0];
+    fn log_funnels(&mut self, stream: &RecordingStream, served: &[Position]) -> RecordingStreamResult<()> {
+        let served = &served[..served.len().min(self.most_funnels)];
+        for (place, sensor) in served.iter().enumerate() {
+            let corner_m = [sensor.x as f32 - self.shape.radius_m, sensor.y as f32 - self.shape.radius_m, 0.0];
             let mut funnel = VoxelGridMap::update_fields().with_translation(corner_m);
             if place >= self.funnels {
-                let (voxels, chances) = (&self.shape.voxels, &self.shape.chances);
-                funnel = funnel.with_voxel_indices(voxels.iter().copied()).with_values(chances.iter().copied());
+                funnel = funnel
+                    .with_voxel_indices(self.shape.voxels.iter().copied())
+                    .with_values(self.shape.probabilities.iter().copied());
             }
             stream.log(format!("{FUNNELS}/{place}"), &funnel)?;
         }
-        for place in served_m.len()..self.visible {
+        for place in served.len()..self.visible {
             stream.log(format!("{FUNNELS}/{place}"), &Clear::flat())?;
         }
-        self.funnels = served_m.len();
+        self.funnels = served.len();
         self.visible = self.funnels;
         Ok(())
     }
 }
 
-/// Mean chance in the cells around the UAV, in 255 steps, row by row from north to south.
-fn slice(link: &LineOfSight, [x_m, y_m, z_m]: [f64; 3], half_m: f64, served_m: &[[f64; 2]]) -> Vec<u8> {
+/// Mean probability in the cells around the UAV, in 255 steps, row by row from north to south.
+fn slice(link: &LineOfSight, uav: Point3<f64>, half_m: f64, served: &[Position]) -> Vec<u8> {
     let offset_m = |cell: u16| half_m * (2.0 * (f64::from(cell) + 0.5) / f64::from(SLICE_CELLS) - 1.0);
-    let mean = |at_x_m: f64, at_y_m: f64| {
-        let distances2_m2 = served_m.iter().map(|[x_m, y_m]| (at_x_m - x_m).powi(2) + (at_y_m - y_m).powi(2));
-        distances2_m2.map(|d2_m2| link.los_probability(d2_m2, z_m)).sum::<f64>() / served_m.len() as f64
+    let mean = |at: Position| {
+        let probability = |sensor| link.los_probability(distance_squared(&at, sensor), uav.z);
+        served.iter().map(probability).sum::<f64>() / served.len() as f64
     };
-    let row = |row: u16| (0..SLICE_CELLS).map(move |column| (x_m + offset_m(column), y_m - offset_m(row)));
-    (0..SLICE_CELLS).flat_map(row).map(|(x_m, y_m)| (255.0 * mean(x_m, y_m)).round() as u8).collect()
+    let row = |row: u16| (0..SLICE_CELLS).map(move |column| uav.xy() + Vector2::new(offset_m(column), -offset_m(row)));
+    (0..SLICE_CELLS).flat_map(row).map(|at| (255.0 * mean(at)).round() as u8).collect()
 }
 
-/// The voxels above a sensor node, within its range, at the rim of where the chance is high: a full funnel would hide
+/// The voxels above a sensor node, within its range, at the rim of where the probability is high: a full funnel would hide
 /// what flies in it.
 struct Funnel {
     voxel_m: [f32; 3],
-    /// Where the lowest voxel of the grid begins, from the sensor node.
-    corner_m: [f32; 2],
+    /// From the sensor node to where the grid begins, in x and in y.
+    radius_m: f32,
     voxels: Vec<[i32; 3]>,
-    chances: Vec<f32>,
+    probabilities: Vec<f32>,
 }
 
 impl Funnel {
     fn of(link: &LineOfSight, radius_m: f32, top_m: f32) -> Self {
-        let (side_m, height_m) = (2.0 * radius_m / f32::from(FUNNEL_CELLS), top_m / f32::from(FUNNEL_LAYERS));
-        let least = funnel_chance(link);
+        let side_m = 2.0 * radius_m / f32::from(FUNNEL_CELLS);
+        let height_m = top_m / f32::from(FUNNEL_LAYERS);
+        let least = funnel_probability(link);
         let middle = |cell: i32, cells: u16| f64::from(side_m) * (f64::from(cell) + 0.5 - 0.5 * f64::from(cells));
         let cell_middle_m = |[x, y, z]: [i32; 3]| {
             [middle(x, FUNNEL_CELLS), middle(y, FUNNEL_CELLS), f64::from(height_m) * (f64::from(z) + 0.5)]
         };
-        let chance = |voxel: [i32; 3]| {
+        let probability = |voxel: [i32; 3]| {
             let [x_m, y_m, z_m] = cell_middle_m(voxel);
             if z_m > 0.0 { link.los_probability(x_m * x_m + y_m * y_m, z_m) } else { 0.0 }
         };
         let grid = (0..FUNNEL_LAYERS)
             .flat_map(|z| (0..FUNNEL_CELLS).flat_map(move |y| (0..FUNNEL_CELLS).map(move |x| [x, y, z])));
-        let (voxels, chances) = grid
+        let (voxels, probabilities) = grid
             .map(|voxel| voxel.map(i32::from))
             .filter(|&voxel| {
                 let [x_m, y_m, _] = cell_middle_m(voxel);
-                x_m.hypot(y_m) <= f64::from(radius_m) && chance(voxel) >= least
+                x_m.hypot(y_m) <= f64::from(radius_m) && probability(voxel) >= least
             })
             .filter(|&[x, y, z]| {
                 let beside = [[x - 1, y, z], [x + 1, y, z], [x, y - 1, z], [x, y + 1, z], [x, y, z - 1]];
-                beside.into_iter().any(|voxel| chance(voxel) < least)
+                beside.into_iter().any(|voxel| probability(voxel) < least)
             })
-            .map(|voxel| (voxel, chance(voxel) as f32))
+            .map(|voxel| (voxel, probability(voxel) as f32))
             .unzip();
-        Self { voxel_m: [side_m, side_m, height_m], corner_m: [-radius_m; 2], voxels, chances }
+        Self { voxel_m: [side_m, side_m, height_m], radius_m, voxels, probabilities }
     }
 }
 
@@ -188,12 +192,12 @@ mod tests {
     }
 
     #[test]
-    fn the_slice_holds_the_mean_chance_from_north_west_to_south_east() {
+    fn the_slice_holds_the_mean_probability_from_north_west_to_south_east() {
         // 32 cells of 2 m around (100, 200): the first one's middle is (69, 231), the last one's (131, 169).
-        let served_m = [[69.0, 231.0], [80.0, 200.0]];
-        let found = slice(&link(), [100.0, 200.0, 40.0], 32.0, &served_m);
+        let served = [Position::new(69.0, 231.0), Position::new(80.0, 200.0)];
+        let found = slice(&link(), Point3::new(100.0, 200.0, 40.0), 32.0, &served);
         let mean = |d2_m2: [f64; 2]| d2_m2.map(|d2_m2| link().los_probability(d2_m2, 40.0)).iter().sum::<f64>() / 2.0;
-        let bytes = |chance: f64| (255.0 * chance).round() as u8;
+        let bytes = |probability: f64| (255.0 * probability).round() as u8;
         assert_eq!(found.len(), 32 * 32);
         assert_eq!(found[0], bytes(mean([0.0, 11.0 * 11.0 + 31.0 * 31.0])));
         assert_eq!(found[31], bytes(mean([62.0 * 62.0, 51.0 * 51.0 + 31.0 * 31.0])));
@@ -201,15 +205,15 @@ mod tests {
     }
 
     #[test]
-    fn a_funnel_widens_upward_and_holds_only_high_chances() {
+    fn a_funnel_widens_upward_and_holds_only_high_probabilities() {
         let funnel = Funnel::of(&link(), 60.0, 120.0);
         let widest = |layer: i32| {
             let layer = funnel.voxels.iter().filter(|voxel| voxel[2] == layer);
             layer.map(|voxel| (voxel[0] - i32::from(FUNNEL_CELLS) / 2).abs()).max().unwrap()
         };
         assert!(widest(1) < widest(3) && widest(3) < widest(6), "{} {} {}", widest(1), widest(3), widest(6));
-        let least = funnel_chance(&link()) as f32;
-        assert!(funnel.chances.iter().all(|&chance| chance >= least));
+        let least = funnel_probability(&link()) as f32;
+        assert!(funnel.probabilities.iter().all(|&probability| probability >= least));
         assert!(funnel.voxels.len() < 1_000, "{} voxels", funnel.voxels.len());
     }
 }

@@ -1,10 +1,12 @@
 //! Why this altitude: what the served sensor nodes would get from the UAV's place on the ground at every altitude.
 //!
-//! Higher up the chance of line of sight grows and the rate in line of sight falls with the distance; the expected rate
+//! Higher up the probability of line of sight grows and the rate in line of sight falls with the distance; the expected rate
 //! has its top between.
 
+use nalgebra::Point3;
 use rerun::{Clear, LineStrips2D, Radius, RecordingStream, RecordingStreamResult};
 use skysink_common::channel::LineOfSight;
+use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::scenario::Scenario;
 
 use crate::colour::{self, color};
@@ -12,7 +14,7 @@ use crate::shapes::writing;
 
 /// Root of the picture.
 pub const PROFILE: &str = "profile";
-/// Mean chance, mean rate in line of sight, mean expected rate, each over the altitude.
+/// Mean probability, mean rate in line of sight, mean expected rate, each over the altitude.
 pub const CURVES: &str = "profile/curves";
 /// The altitude flown.
 pub const FLOWN: &str = "profile/flown";
@@ -55,23 +57,22 @@ impl Profile {
         &self,
         stream: &RecordingStream,
         link: &LineOfSight,
-        [x_m, y_m, z_m]: [f64; 3],
-        served_m: &[[f64; 2]],
+        uav: Point3<f64>,
+        served: &[Position],
     ) -> RecordingStreamResult<()> {
-        if served_m.is_empty() {
+        if served.is_empty() {
             return self.clear(stream);
         }
-        let distances2_m2: Vec<_> =
-            served_m.iter().map(|[foot_x_m, foot_y_m]| (x_m - foot_x_m).powi(2) + (y_m - foot_y_m).powi(2)).collect();
+        let distances2_m2: Vec<_> = served.iter().map(|sensor| distance_squared(&uav.xy(), sensor)).collect();
         let mean = |value: &dyn Fn(f64) -> f64| {
             distances2_m2.iter().map(|&d2_m2| value(d2_m2)).sum::<f64>() / distances2_m2.len() as f64
         };
         let [lowest_m, highest_m] = self.range_m;
         let unit_bps = mean(&|d2_m2| link.los_rate_bps(d2_m2, lowest_m)); // the most: it falls with the altitude
-        let curve = |share: &dyn Fn(f64) -> f64| -> Vec<[f32; 2]> {
+        let curve = |fraction: &dyn Fn(f64) -> f64| -> Vec<[f32; 2]> {
             (0..=STEPS)
                 .map(|step| f64::from(step) / f64::from(STEPS))
-                .map(|along| [along * WIDTH, HEIGHT * (1.0 - share(lowest_m + along * (highest_m - lowest_m)))])
+                .map(|along| [along * WIDTH, HEIGHT * (1.0 - fraction(lowest_m + along * (highest_m - lowest_m)))])
                 .map(|point| point.map(|coordinate| coordinate as f32))
                 .collect()
         };
@@ -81,7 +82,7 @@ impl Profile {
             curve(&|z_m| mean(&|d2_m2| link.expected_rate_bps(d2_m2, z_m)) / unit_bps),
         ];
         stream.log(CURVES, &LineStrips2D::update_fields().with_strips(curves))?;
-        let at = (WIDTH * (z_m - lowest_m) / (highest_m - lowest_m)) as f32;
+        let at = (WIDTH * (uav.z - lowest_m) / (highest_m - lowest_m)) as f32;
         stream.log(FLOWN, &LineStrips2D::update_fields().with_strips([[[at, 0.0], [at, HEIGHT as f32]]]))
     }
 

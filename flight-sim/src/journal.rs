@@ -1,4 +1,4 @@
-//! What flight-sim remembers across its own death: its last flights, so that what was flown stays flown.
+//! What flight-sim saves across its own death: its last flights, so that what was flown stays flown.
 
 use skysink_common::message::FlightReport;
 use skysink_ring::error::RingError;
@@ -6,15 +6,15 @@ use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::Journal;
 use skysink_ring::topics::FLIGHT_HISTORY;
 
-/// Flights that are kept: the last ones, and room for one that is cut.
+/// Flights that are saved: the last ones, and room for one that is cut.
 const FLIGHTS: u64 = FLIGHT_HISTORY as u64 + 1;
 
 /// The journal of flight-sim.
 #[derive(Debug)]
-pub struct Memory(Journal);
+pub struct FlightJournal(Journal);
 
-impl Memory {
-    /// The memory in the ring's folder.
+impl FlightJournal {
+    /// The journal in the ring's folder.
     ///
     /// # Errors
     /// If the file cannot be opened.
@@ -22,19 +22,19 @@ impl Memory {
         Journal::open(&folder.journal("flights"), FLIGHTS, size_of::<FlightReport>()).map(Self)
     }
 
-    /// Remembers the flight of a slot; to be done before it is published.
+    /// Saves the flight of a slot; to be done before it is published.
     ///
     /// # Errors
     /// If the system refuses.
-    pub fn keep(&self, slot: u64, flight: &FlightReport) -> Result<(), RingError> {
+    pub fn save(&self, slot: u64, flight: &FlightReport) -> Result<(), RingError> {
         self.0.write(slot, &[bytemuck::bytes_of(flight)])
     }
 
-    /// The last flights that are remembered, as many as late joiners get, by slot, in ascending order without a gap.
+    /// The last flights on record, as many as late joiners get, by slot, in ascending order without a gap.
     ///
     /// # Errors
     /// If the file cannot be read.
-    pub fn recall(&self) -> Result<Vec<(u64, FlightReport)>, RingError> {
+    pub fn restore(&self) -> Result<Vec<(u64, FlightReport)>, RingError> {
         let mut flights: Vec<(u64, FlightReport)> = Vec::new();
         for record in self.0.read()?.iter().rev() {
             let Ok(flight) = bytemuck::try_pod_read_unaligned(&record.bytes) else { continue };
@@ -57,20 +57,20 @@ mod tests {
     use skysink_ring::wait::Waiting;
 
     #[test]
-    fn the_last_three_flights_are_recalled_in_order() {
+    fn the_last_three_flights_are_restored_in_order() {
         let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
-        let memory = Memory::open(&folder).unwrap();
+        let journal = FlightJournal::open(&folder).unwrap();
         let flight = |slot: u64| FlightReport::at([slot as f64, 0.5, 20.0], Mode::Serve);
-        assert_eq!(memory.recall().unwrap(), []);
-        memory.keep(0, &flight(0)).unwrap();
-        assert_eq!(memory.recall().unwrap(), [(0, flight(0))]);
+        assert_eq!(journal.restore().unwrap(), []);
+        journal.save(0, &flight(0)).unwrap();
+        assert_eq!(journal.restore().unwrap(), [(0, flight(0))]);
         for slot in 1..=9 {
-            memory.keep(slot, &flight(slot)).unwrap();
-            let again = Memory::open(&folder).unwrap();
+            journal.save(slot, &flight(slot)).unwrap();
+            let again = FlightJournal::open(&folder).unwrap();
             let last: Vec<_> = (slot.saturating_sub(2)..=slot).map(|slot| (slot, flight(slot))).collect();
-            assert_eq!(again.recall().unwrap(), last);
+            assert_eq!(again.restore().unwrap(), last);
         }
-        memory.keep(14, &flight(14)).unwrap(); // 11 to 13 are cut
-        assert_eq!(memory.recall().unwrap(), [(14, flight(14))]);
+        journal.save(14, &flight(14)).unwrap(); // 11 to 13 are cut
+        assert_eq!(journal.restore().unwrap(), [(14, flight(14))]);
     }
 }
