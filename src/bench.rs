@@ -20,7 +20,7 @@ use hdrhistogram::Histogram;
 use serde::Serialize;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
-use skysink_planner::settings::{self, Strategy};
+use skysink_planner::settings;
 
 use crate::error::Error;
 use skysink_mission::latency::{Spread, histogram};
@@ -123,8 +123,8 @@ fn letter_text(count: u32, slots: u64) -> String {
 }
 
 /// The same as a scenario.
-fn letter(count: u32, strategy: Strategy) -> Scenario {
-    let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
+fn letter(count: u32, strategy: &'static str) -> Scenario {
+    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
     settings::parse(&letter_text(count, 600), Path::new("bench.toml"), overrides).expect("a valid scenario")
 }
 

@@ -6,15 +6,16 @@ mod flight;
 #[cfg(feature = "lab")]
 mod research;
 
+use skysink_planner::strategies::{Registered, STRATEGIES};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use skysink_common::scenario::Overrides;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
-use skysink_planner::settings::{self, Strategy};
+use skysink_planner::settings;
 use skysink_ring::wait::stop_on_signals;
 
 use crate::error::Error;
@@ -98,7 +99,7 @@ Examples:
 struct Choice {
     /// Strategy, instead of the scenario's.
     #[arg(long, value_parser = strategy_parser())]
-    strategy: Option<Strategy>,
+    strategy: Option<&'static str>,
     #[command(flatten)]
     flight: Flown,
 }
@@ -119,16 +120,14 @@ struct Flown {
 
 impl Choice {
     fn overrides(&self) -> Overrides {
-        Overrides { seed: self.flight.seed, strategy: self.strategy.map(Strategy::name), slots: None }
+        Overrides { seed: self.flight.seed, strategy: self.strategy, slots: None }
     }
 }
 
 /// A strategy by its name in scenario files.
-fn strategy_parser() -> impl TypedValueParser<Value = Strategy> {
-    PossibleValuesParser::new(Strategy::ALL.map(Strategy::name)).map(|name| {
-        let is_named = |strategy: &Strategy| strategy.name() == name;
-        Strategy::ALL.into_iter().find(is_named).expect("one of the possible values")
-    })
+fn strategy_parser() -> impl TypedValueParser<Value = &'static str> {
+    PossibleValuesParser::new(STRATEGIES.map(|strategy| PossibleValue::new(strategy.name).help(strategy.about)))
+        .map(|name| Registered::find(&name).expect("one of the possible values").name)
 }
 
 /// Runs the command line of this process.

@@ -135,7 +135,7 @@ pub fn print_optimum(optimum: &Optimum) {
     row("lower bound", optimum.loss_bound);
     row("best known", best.loss_rate);
     for standing in &optimum.strategies {
-        row(standing.strategy.name(), standing.loss_rate);
+        row(standing.strategy, standing.loss_rate);
     }
     println!("{}", with_numbers_right(table));
     println!("Searched {} steps; --budget {} finds the same again.", grouped(optimum.steps), optimum.steps);

@@ -18,16 +18,17 @@ use skysink_common::stop::{Stop, Stopped};
 use skysink_mission::mission::Mission;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
-use skysink_planner::settings::{self, Strategy, change};
+use skysink_planner::settings::{self, change};
+use skysink_planner::strategies::{Registered, names};
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
 use skysink_ring::topics::{PATH_BUFFER, Ring, VIEWER_BUFFER};
 use skysink_ring::wait::Waiting;
 
-fn smoke(strategy: Strategy, seed: u64) -> Scenario {
+fn smoke(strategy: &'static str, seed: u64) -> Scenario {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/smoke.toml");
-    let overrides = Overrides { seed: Some(seed), strategy: Some(strategy.name()), slots: None };
+    let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), slots: None };
     let scenario = settings::read(&path, overrides).unwrap();
     change(scenario, |settings| settings.offline.steps = Count::clamped(5_000)).unwrap()
 }
@@ -83,7 +84,7 @@ fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, or
 #[test]
 fn local_and_ipc_nodes_leave_the_trace_of_the_plain_calls() {
     let out = tempfile::tempdir().unwrap();
-    for (round, strategy) in Strategy::ALL.into_iter().enumerate() {
+    for (round, strategy) in names().into_iter().enumerate() {
         let scenario = smoke(strategy, 11);
         let name = |way: &str| out.path().join(format!("{way}-{round}"));
         let trace = alone(&scenario, &name("alone"));
@@ -146,7 +147,7 @@ fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
 #[test]
 fn a_planner_that_looks_ahead_publishes_its_path_before_its_plan_and_the_others_publish_none() {
     let out = tempfile::tempdir().unwrap();
-    for strategy in Strategy::ALL {
+    for strategy in names() {
         let scenario =
             change(smoke(strategy, 3), |settings| settings.horizon.iterations = Count::clamped(200)).unwrap();
         let list = SensorList::of(&scenario).unwrap();
@@ -168,7 +169,7 @@ fn a_planner_that_looks_ahead_publishes_its_path_before_its_plan_and_the_others_
                 assert_eq!((first.x_m, first.y_m, first.z_m), (good.x_m, good.y_m, good.z_m), "{strategy:?}");
             }
             let paths = seen.iter().filter(|(_, path)| path.is_some()).count();
-            let expected = if strategy.registered().has_path { 41..=60 } else { 0..=0 };
+            let expected = if Registered::find(strategy).unwrap().has_path { 41..=60 } else { 0..=0 };
             assert!(expected.contains(&paths), "{strategy:?}: {paths} paths");
         }
     }
@@ -177,7 +178,7 @@ fn a_planner_that_looks_ahead_publishes_its_path_before_its_plan_and_the_others_
 #[test]
 fn nodes_may_start_in_any_order() {
     let out = tempfile::tempdir().unwrap();
-    let scenario = smoke(Strategy::Uts, 12);
+    let scenario = smoke("uts", 12);
     let trace = alone(&scenario, &out.path().join("alone"));
     for (round, order) in [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]].into_iter().enumerate() {
         let name = |way: &str| out.path().join(format!("{way}-{round}"));
@@ -189,7 +190,7 @@ fn nodes_may_start_in_any_order() {
 
 #[test]
 fn a_requested_stop_ends_a_waiting_node() {
-    let scenario = smoke(Strategy::Uts, 1);
+    let scenario = smoke("uts", 1);
     for wait in [Waiting::Event, Waiting::Poll] {
         let meeting = RingFolder::create(Pace::Max, wait, 60.0, false).unwrap();
         let _ring = Ring::<local::Service>::join(&meeting, &scenario, Role::Launcher, &Stop::default()).unwrap();
@@ -207,7 +208,7 @@ fn a_requested_stop_ends_a_waiting_node() {
 
 #[test]
 fn a_node_whose_peer_does_not_come_says_which() {
-    let scenario = smoke(Strategy::Uts, 1);
+    let scenario = smoke("uts", 1);
     for wait in [Waiting::Event, Waiting::Poll] {
         let meeting = RingFolder::create(Pace::Max, wait, 0.2, false).unwrap();
         let _ring = Ring::<local::Service>::join(&meeting, &scenario, Role::Launcher, &Stop::default()).unwrap();
@@ -232,9 +233,9 @@ fn a_ring_that_waits_in_an_unknown_way_is_refused() {
 fn a_node_with_another_scenario_is_refused() {
     let meeting = RingFolder::create(Pace::Max, Waiting::Event, 0.2, false).unwrap();
     let _ring =
-        Ring::<local::Service>::join(&meeting, &smoke(Strategy::Uts, 1), Role::Launcher, &Stop::default()).unwrap();
+        Ring::<local::Service>::join(&meeting, &smoke("uts", 1), Role::Launcher, &Stop::default()).unwrap();
     let folder = RingFolder::open(meeting.path()).unwrap();
-    let other = smoke(Strategy::Uts, 2);
+    let other = smoke("uts", 2);
     let error = skysink_flight_sim::node::run::<local::Service>(&other, &folder, &Stop::default()).unwrap_err();
     assert_eq!(error.exit_code(), 2);
     assert!(error.to_string().contains("scenario is"), "{error}");

@@ -9,7 +9,7 @@ use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
-use skysink_planner::settings::{self, Strategy};
+use skysink_planner::settings;
 
 /// Slots on record.
 const SLOTS: u64 = 30;
@@ -17,10 +17,9 @@ const SLOTS: u64 = 30;
 /// The plan that is flown in a slot instead of the planner's own; `None` where it came too late.
 type Substitute = fn(slot: u64, own: Plan) -> Option<Plan>;
 
-fn smoke(strategy: Strategy) -> (Scenario, SensorList) {
+fn smoke(strategy: &'static str) -> (Scenario, SensorList) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/smoke.toml");
-    let scenario =
-        settings::read(&path, Overrides { strategy: Some(strategy.name()), ..Overrides::default() }).unwrap();
+    let scenario = settings::read(&path, Overrides { strategy: Some(strategy), ..Overrides::default() }).unwrap();
     let list = SensorList::of(&scenario).unwrap();
     (scenario, list)
 }
@@ -39,7 +38,7 @@ fn record(scenario: &Scenario, list: &SensorList, out: &Path, substitute: Substi
 }
 
 /// The last slot that a resumed run begins after, or why it is refused.
-fn resumed(strategy: Strategy, plans_by: PlansBy, substitute: Substitute) -> Result<u64, String> {
+fn resumed(strategy: &'static str, plans_by: PlansBy, substitute: Substitute) -> Result<u64, String> {
     let place = tempfile::tempdir().unwrap();
     let out: PathBuf = place.path().join("run");
     let (scenario, list) = smoke(strategy);
@@ -57,22 +56,22 @@ fn nudged(slot: u64, own: Plan) -> Option<Plan> {
 
 #[test]
 fn a_line_that_could_be_flown_but_was_not_planned_is_refused() {
-    assert_eq!(resumed(Strategy::Uts, PlansBy::Planner, |_, own| Some(own)), Ok(SLOTS));
-    let error = resumed(Strategy::Uts, PlansBy::Planner, nudged).unwrap_err();
+    assert_eq!(resumed("uts", PlansBy::Planner, |_, own| Some(own)), Ok(SLOTS));
+    let error = resumed("uts", PlansBy::Planner, nudged).unwrap_err();
     assert!(error.contains("slots.csv:21: the mission does not lead to this line"), "{error}");
 }
 
 #[test]
 fn plans_from_outside_are_taken_from_the_record() {
-    assert_eq!(resumed(Strategy::Uts, PlansBy::Outside, nudged), Ok(SLOTS));
+    assert_eq!(resumed("uts", PlansBy::Outside, nudged), Ok(SLOTS));
     let refused = |_, own: Plan| Some(Plan { x_m: f64::NAN, ..own });
-    assert_eq!(resumed(Strategy::Uts, PlansBy::Outside, refused), Ok(SLOTS), "waypoints that were refused");
+    assert_eq!(resumed("uts", PlansBy::Outside, refused), Ok(SLOTS), "waypoints that were refused");
 }
 
 #[test]
 fn a_plan_that_came_too_late_is_a_hold_whatever_the_strategy() {
     let late = |slot: u64, own| (slot % 7 != 3).then_some(own);
-    for strategy in [Strategy::Uts, Strategy::Rfs, Strategy::Tour, Strategy::MaxAgeFirst] {
+    for strategy in ["uts", "rfs", "tour", "max-age-first"] {
         assert_eq!(resumed(strategy, PlansBy::Planner, late), Ok(SLOTS), "{strategy:?}");
     }
 }
@@ -80,6 +79,6 @@ fn a_plan_that_came_too_late_is_a_hold_whatever_the_strategy() {
 #[test]
 fn after_a_hold_a_planner_with_a_state_may_have_planned_something_else() {
     let late_and_nudged = |slot, own| if slot == 5 { None } else { nudged(slot, own) };
-    assert_eq!(resumed(Strategy::Tour, PlansBy::Planner, late_and_nudged), Ok(SLOTS));
-    assert!(resumed(Strategy::Uts, PlansBy::Planner, late_and_nudged).is_err(), "uts plans each slot by itself");
+    assert_eq!(resumed("tour", PlansBy::Planner, late_and_nudged), Ok(SLOTS));
+    assert!(resumed("uts", PlansBy::Planner, late_and_nudged).is_err(), "uts plans each slot by itself");
 }

@@ -13,7 +13,7 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_planner::horizon::bound::mission_bound;
-use skysink_planner::settings::{Knowledge, Rates, Settings, Strategy, change};
+use skysink_planner::settings::{Knowledge, Rates, Settings, change};
 use skysink_planner::strategies::offline::Offline;
 
 use crate::error::LabError;
@@ -70,7 +70,7 @@ impl BestKnown {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Standing {
     /// The strategy.
-    pub strategy: Strategy,
+    pub strategy: &'static str,
     /// Its loss rate η.
     pub loss_rate: f64,
 }
@@ -106,7 +106,7 @@ pub fn loss_bound(scenario: &Scenario, list: &SensorList) -> f64 {
 /// # Errors
 /// If the sensor list is refused, or on a stop.
 pub fn optimize(job: &Optimization, stop: &Stop, on_progress: OnProgress) -> Result<BestKnown, LabError> {
-    let is_offline = |scenario: &&Scenario| scenario.planner.strategy == Strategy::Offline.name();
+    let is_offline = |scenario: &&Scenario| scenario.planner.strategy == "offline";
     let offline = job.scenarios.iter().find(is_offline).expect("the mission by every strategy");
     let list = SensorList::of(offline)?;
     let steps = match job.budget {
@@ -126,10 +126,10 @@ pub fn optimize(job: &Optimization, stop: &Stop, on_progress: OnProgress) -> Res
     standings.extend(rivals?);
     standings.sort_by(|a, b| a.loss_rate.total_cmp(&b.loss_rate));
     let best = standings[0];
-    let flown = job.scenarios.iter().find(|scenario| scenario.planner.strategy == best.strategy.name());
+    let flown = job.scenarios.iter().find(|scenario| scenario.planner.strategy == best.strategy);
     let flown = flown.filter(|scenario| !is_offline(scenario)).unwrap_or(&offline);
     let scenario = flown.clone();
-    let plan = plan.filter(|_| best.strategy == Strategy::Offline);
+    let plan = plan.filter(|_| best.strategy == "offline");
     let optimum = Optimum {
         name: offline.name.clone(),
         seed: offline.seed,
@@ -198,7 +198,7 @@ fn mission(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList) -> Resul
 
 /// What the strategy of a scenario loses.
 fn standing(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList, stop: &Stop) -> Result<Standing, LabError> {
-    let strategy = Settings::of(scenario)?.strategy;
+    let strategy = Settings::of(scenario)?.strategy.name;
     let mission = mission(scenario, plan, list)?;
     let mut lost_bits = 0;
     for flown in mission {

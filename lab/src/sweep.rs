@@ -23,7 +23,6 @@ use skysink_mission::error::FileContext;
 use skysink_mission::record::write_whole;
 use skysink_mission::summary::Tally;
 use skysink_mission::{Mission, MissionError};
-use skysink_planner::settings::Strategy;
 
 use crate::error::LabError;
 use crate::metrics::Metrics;
@@ -183,7 +182,7 @@ fn fly(scenario: &Scenario, mission: MissionKey) -> Result<MissionRow, LabError>
         aoi_mean_s: values.aoi_mean_s,
         aoi_p99_s: values.aoi_p99_s,
         jain: values.jain,
-        loss_bound: (scenario.planner.strategy == Strategy::Offline.name()).then(bound),
+        loss_bound: (scenario.planner.strategy == "offline").then(bound),
         plan_p50_us: summary.timing.plan_p50_us,
         plan_p99_us: summary.timing.plan_p99_us,
     })

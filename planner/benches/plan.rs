@@ -18,7 +18,7 @@ use skysink_planner::Planner;
 use skysink_planner::geometry::disks::{Disk, project};
 use skysink_planner::geometry::grid::Grid;
 use skysink_planner::sensor_table::SensorTable;
-use skysink_planner::settings::Strategy;
+use skysink_planner::strategies::stateless;
 use skysink_planner::strategies::transit::transit_waypoint;
 use skysink_planner::waypoint::conic::ConicSolver;
 use skysink_planner::waypoint::plane;
@@ -28,10 +28,10 @@ use skysink_planner::waypoint::problem::Problem;
 const SLOTS: u64 = 150;
 
 /// The letter's scenario with `count` sensor nodes (SNs) at its density.
-fn letter(count: u32, strategy: Strategy) -> Scenario {
+fn letter(count: u32, strategy: &'static str) -> Scenario {
     let side_m = 100.0 * (f64::from(count) / 200.0).sqrt();
     let text = format!("name = \"bench\"\n[area]\nside_m = {side_m:?}\n[sensors]\ncount = {count}\n");
-    let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
+    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
     Scenario::parse(&text, Path::new("bench.toml"), overrides).expect("a valid scenario")
 }
 
@@ -99,7 +99,7 @@ fn plans(criterion: &mut Criterion) {
     for count in [200, 10_000, 1_000_000] {
         let mut group = criterion.benchmark_group(format!("plan a slot, N = {count}"));
         group.warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(2)).sample_size(20);
-        for strategy in Strategy::stateless() {
+        for strategy in stateless() {
             let scenario = letter(count, strategy);
             let list = SensorList::of(&scenario).expect("drawn");
             let nodes = list.nodes();
@@ -107,14 +107,14 @@ fn plans(criterion: &mut Criterion) {
             let table = SensorTable::new(&scenario, &nodes);
             let mut planner = Planner::over(&scenario, &nodes, table.clone()).unwrap();
             let mut flight = Flight::new(&scenario, &initial_bits);
-            group.bench_function(strategy.name(), |bencher| fly(bencher, &mut flight, &mut planner));
+            group.bench_function(strategy, |bencher| fly(bencher, &mut flight, &mut planner));
             let undivided = SensorTable { grid: Grid::undivided(&table.positions), ..table.clone() };
             let mut without = Planner::over(&scenario, &nodes, undivided).unwrap();
             let mut flight = Flight::new(&scenario, &initial_bits);
-            group.bench_function(format!("{}, no grid", strategy.name()), |bencher| {
+            group.bench_function(format!("{}, no grid", strategy), |bencher| {
                 fly(bencher, &mut flight, &mut without);
             });
-            if strategy == Strategy::Uts {
+            if strategy == "uts" {
                 let equal_bits = vec![30_000; count as usize];
                 for (name, queues_bits) in [("transit", &initial_bits), ("transit, all queues equal", &equal_bits)] {
                     group.bench_function(name, |bencher| {
@@ -139,7 +139,7 @@ struct Slots {
 }
 
 fn slots_with_four() -> Slots {
-    let scenario = letter(200, Strategy::Uts);
+    let scenario = letter(200, "uts");
     let list = SensorList::of(&scenario).expect("drawn");
     let nodes = list.nodes();
     let initial_bits = list.queues_bits();

@@ -13,7 +13,8 @@ use skysink_field_sim::Field;
 use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
 use skysink_planner::horizon::bound::mission_bound;
-use skysink_planner::settings::{self, Strategy};
+use skysink_planner::settings;
+use skysink_planner::strategies::names;
 
 /// What one mission was.
 struct Outcome {
@@ -67,10 +68,10 @@ fn main() {
     let seeds = first.parse::<u64>().expect("a seed")..=last.parse().expect("a seed");
     let text = format!("name = 'losses'\n{}\n", lines.join("\n"));
     for name in strategies.split(',') {
-        let strategy = Strategy::ALL.into_iter().find(|strategy| strategy.name() == name).expect("a strategy");
+        let strategy = names().into_iter().find(|strategy| *strategy == name).expect("a strategy");
         let mut outcomes = Vec::new();
         for seed in seeds.clone() {
-            let overrides = Overrides { seed: Some(seed), strategy: Some(strategy.name()), slots: None };
+            let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), slots: None };
             let scenario = settings::parse(&text, Path::new("arguments"), overrides).unwrap_or_else(|e| panic!("{e}"));
             outcomes.push(fly(&scenario));
         }

@@ -53,7 +53,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let settings = Settings::of(scenario)?;
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Planner, stop)?;
     // Before the plans, so that whoever has a plan finds the writer of its path.
-    let has_path = settings.strategy.registered().has_path;
+    let has_path = settings.strategy.has_path;
     let paths = has_path.then(|| ring.path.list_writer(MAX_POINTS)).transpose()?;
     let plans = ring.plan.writer()?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
@@ -116,7 +116,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::{self, Knowledge, Rates, Strategy, change};
+    use crate::settings::{self, Knowledge, Rates, change};
     use nalgebra::Point3;
     use skysink_common::checkpoint::Checkpoint;
     use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, SensorNode};
@@ -174,10 +174,11 @@ mod tests {
             (Knowledge::Estimated, Rates::Known),
             (Knowledge::Estimated, Rates::Learnt),
         ];
-        let all = Strategy::ALL.into_iter().flat_map(move |strategy| seen.map(|knowledge| (strategy, knowledge)));
-        let scenario = |(strategy, (knowledge, rates)): (Strategy, _)| {
-            let scenario =
-                settings::letter(Overrides { strategy: Some(strategy.name()), ..Overrides::default() }).unwrap();
+        let all = crate::strategies::names()
+            .into_iter()
+            .flat_map(move |strategy| seen.map(|knowledge| (strategy, knowledge)));
+        let scenario = |(strategy, (knowledge, rates)): (&'static str, _)| {
+            let scenario = settings::letter(Overrides { strategy: Some(strategy), ..Overrides::default() }).unwrap();
             change(scenario, |settings| {
                 settings.horizon.iterations = Count::clamped(200);
                 settings.knowledge = knowledge;

@@ -59,7 +59,7 @@ impl Planner {
     /// As [`Planner::new`].
     pub fn over(scenario: &Scenario, sensors: &[SensorNode], table: SensorTable) -> Result<Self, ScenarioError> {
         let settings = Settings::of(scenario)?;
-        Ok(Self::build(scenario, settings, sensors, table, settings.strategy.registered().make))
+        Ok(Self::build(scenario, settings, sensors, table, settings.strategy.make))
     }
 
     /// The planner that decides by `strategy`, whatever the scenario names.
@@ -252,13 +252,13 @@ mod tests {
     use skysink_common::sensors::SensorList;
 
     /// A planner over the letter's scenario with the SNs at `places_m` [m], gain −52 dB, and a top speed.
-    fn planner_of(strategy: settings::Strategy, places_m: &[[f64; 2]], max_speed_mps: f64) -> Planner {
+    fn planner_of(strategy: &'static str, places_m: &[[f64; 2]], max_speed_mps: f64) -> Planner {
         changed(strategy, places_m, |scenario| scenario.uav.max_speed_mps = max_speed_mps)
     }
 
     /// The same with other changes.
-    fn changed(strategy: settings::Strategy, places_m: &[[f64; 2]], adapt: impl Fn(&mut Scenario)) -> Planner {
-        let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
+    fn changed(strategy: &'static str, places_m: &[[f64; 2]], adapt: impl Fn(&mut Scenario)) -> Planner {
+        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
         let mut scenario = settings::letter(overrides).unwrap();
         adapt(&mut scenario);
         let sensor = |&[x_m, y_m]: &[f64; 2]| SensorNode { x_m, y_m, gain: 10f64.powf(-5.2), ..SensorNode::default() };
@@ -277,14 +277,13 @@ mod tests {
     #[test]
     #[should_panic(expected = "expected one queue per sensor node")]
     fn queues_of_another_field_are_refused() {
-        let _ = planner_of(settings::Strategy::Uts, &[[50.0, 50.0]], 30.0).step(1, here(), &[1, 2]);
+        let _ = planner_of("uts", &[[50.0, 50.0]], 30.0).step(1, here(), &[1, 2]);
     }
 
     #[test]
     fn the_letters_plan_shows_how_it_came_about() {
         // Two SNs 12 m apart: C1 to C5 as in the search's own test; equal gains, so that the middle is the waypoint.
-        let plan =
-            planner_of(settings::Strategy::Uts, &[[56.0, 50.0], [44.0, 50.0]], 30.0).step(1, here(), &[700, 800]);
+        let plan = planner_of("uts", &[[56.0, 50.0], [44.0, 50.0]], 30.0).step(1, here(), &[700, 800]);
         assert!((Position::new(plan.x_m, plan.y_m) - middle()).norm() < 1e-12);
         assert_eq!((plan.z_m, plan.expected_bits, plan.plan_ns), (20.0, 1_500, 0));
         assert_eq!((plan.anchor, plan.partner, plan.chosen), (0, 1, 0));
@@ -295,7 +294,7 @@ mod tests {
 
     #[test]
     fn an_anchor_alone_has_neither_partner_nor_circles() {
-        let plan = planner_of(settings::Strategy::Uts, &[[50.0, 60.0]], 30.0).step(1, here(), &[700]);
+        let plan = planner_of("uts", &[[50.0, 60.0]], 30.0).step(1, here(), &[700]);
         assert_eq!((plan.anchor, plan.partner, plan.chosen), (0, NOBODY, NOBODY));
         assert!(plan.circles_m.iter().flatten().all(|coordinate| coordinate.is_nan()));
         assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 60.0, &[0][..]));
@@ -305,7 +304,7 @@ mod tests {
     fn without_an_anchor_the_uav_is_in_transit_and_serves_what_it_meets() {
         // The fullest queue is 50 m away, (30, 40): 30 m of that are (18, 24). SN 1 is no anchor
         // (24² + 16² = 28.8²), but it is exactly in range of the waypoint, 6² + 8² = 10².
-        let mut planner = planner_of(settings::Strategy::Uts, &[[80.0, 90.0], [74.0, 66.0], [0.0, 0.0]], 30.0);
+        let mut planner = planner_of("uts", &[[80.0, 90.0], [74.0, 66.0], [0.0, 0.0]], 30.0);
         let plan = planner.step(1, here(), &[900, 30, 800]);
         assert!((Position::new(plan.x_m, plan.y_m) - Position::new(68.0, 74.0)).norm() < 1e-12);
         assert_eq!((plan.mode, plan.solver), (Mode::Transit as u32, SolverOutcome::Rule as u32));
@@ -317,7 +316,7 @@ mod tests {
         // V τ = 5 m is below d_c = 10 m. Anchor 0 is 5 m away and its partner 1 another 19 m: nowhere within 5 m of the
         // UAV is in range of SN 1 (24 − 5 = 19 m), so the UAV flies 5 m toward SN 1 and serves SN 0 from there.
         for solver in [WaypointSolver::Geometric, WaypointSolver::Clarabel] {
-            let mut planner = changed(settings::Strategy::Uts, &[[55.0, 50.0], [74.0, 50.0]], |scenario| {
+            let mut planner = changed("uts", &[[55.0, 50.0], [74.0, 50.0]], |scenario| {
                 scenario.uav.max_speed_mps = 5.0;
                 *scenario = change(scenario.clone(), |settings| settings.waypoint_solver = solver).unwrap();
             });
@@ -331,8 +330,7 @@ mod tests {
     fn a_wide_plan_leaves_out_the_circles_beyond_reach() {
         // As in the search's own test: only C2 = (50, 72) and C5 = (50, 80) are within 30 m. The waypoint, the middle
         // of the pair, is exactly in reach.
-        let plan =
-            planner_of(settings::Strategy::UtsWide, &[[56.0, 80.0], [44.0, 80.0]], 30.0).step(1, here(), &[700, 800]);
+        let plan = planner_of("uts-wide", &[[56.0, 80.0], [44.0, 80.0]], 30.0).step(1, here(), &[700, 800]);
         assert!((Position::new(plan.x_m, plan.y_m) - Position::new(50.0, 80.0)).norm() < 1e-12);
         assert_eq!((plan.anchor, plan.partner, plan.chosen, plan.scheduled()), (0, 1, 1, &[0, 1][..]));
         assert_eq!(plan.circles_m.map(|[x_m, y_m]| x_m.is_nan() && y_m.is_nan()), [true, false, true, true, false]);
@@ -342,7 +340,7 @@ mod tests {
     #[test]
     fn an_exact_plan_names_no_anchor_and_no_circle() {
         // 40 m away, V τ + d_c: served from the one point in reach that has it in range.
-        let plan = planner_of(settings::Strategy::Exact, &[[50.0, 90.0]], 30.0).step(1, here(), &[700]);
+        let plan = planner_of("exact", &[[50.0, 90.0]], 30.0).step(1, here(), &[700]);
         assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 80.0, &[0][..]));
         assert_eq!((plan.mode, plan.solver), (Mode::Serve as u32, SolverOutcome::Solved as u32));
         assert_eq!((plan.anchor, plan.partner, plan.chosen), (NOBODY, NOBODY, NOBODY));
@@ -351,7 +349,7 @@ mod tests {
 
     #[test]
     fn an_exact_plan_without_anybody_in_range_of_reach_is_transit() {
-        let plan = planner_of(settings::Strategy::Exact, &[[50.0, 91.0]], 30.0).step(1, here(), &[700]);
+        let plan = planner_of("exact", &[[50.0, 91.0]], 30.0).step(1, here(), &[700]);
         assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 80.0, &[][..]));
         assert_eq!((plan.mode, plan.solver), (Mode::Transit as u32, SolverOutcome::Rule as u32));
     }
@@ -366,7 +364,7 @@ mod tests {
         let diagonal_m = 50f64.sqrt();
         let places = [[50.0, 40.0], at([6.0, 8.0]), at([-8.0, 6.0]), [50.0 - diagonal_m, 50.0 + diagonal_m]];
         for solver in [WaypointSolver::Geometric, WaypointSolver::Clarabel] {
-            let mut planner = changed(settings::Strategy::Exact, &places, |scenario| {
+            let mut planner = changed("exact", &places, |scenario| {
                 scenario.link.resource_blocks = 3;
                 *scenario = change(scenario.clone(), |settings| settings.waypoint_solver = solver).unwrap();
             });
@@ -380,7 +378,7 @@ mod tests {
     #[test]
     fn greedy_flight_serves_what_is_in_range_of_its_goal_and_else_is_in_transit() {
         let places = [[50.0, 70.0], [55.0, 70.0], [50.0, 59.0], [50.0, 99.0]];
-        let mut planner = planner_of(settings::Strategy::Gfs, &places, 30.0);
+        let mut planner = planner_of("gfs", &places, 30.0);
         let plan = planner.step(1, here(), &[80, 70, 60, 90]);
         assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 70.0, &[0, 1][..]));
         assert_eq!((plan.mode, plan.solver), (Mode::Serve as u32, SolverOutcome::Rule as u32));
@@ -390,15 +388,15 @@ mod tests {
 
     #[test]
     fn random_flight_serves_nobody_where_nobody_is() {
-        let plan = planner_of(settings::Strategy::Rfs, &[[99.0, 99.0]], 30.0).step(1, here(), &[80]);
+        let plan = planner_of("rfs", &[[99.0, 99.0]], 30.0).step(1, here(), &[80]);
         assert_eq!((plan.scheduled(), plan.mode), (&[][..], Mode::Serve as u32));
         assert_eq!((plan.anchor, plan.expected_bits), (NOBODY, 0));
     }
 
     /// Four slots of the letter's mission, at a top speed, without arrivals, queues emptied where they are served:
     /// waypoint [m] and schedule.
-    fn trace_of(strategy: settings::Strategy, max_speed_mps: f64) -> Vec<String> {
-        let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
+    fn trace_of(strategy: &'static str, max_speed_mps: f64) -> Vec<String> {
+        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
         let mut scenario = settings::letter(overrides).unwrap();
         scenario.uav.max_speed_mps = max_speed_mps;
         let list = SensorList::of(&scenario).unwrap();
@@ -421,7 +419,7 @@ mod tests {
             "68.056 89.593 [4, 74, 89, 174]",
             "65.173 78.760 [71, 87, 134, 151]",
         ];
-        assert_eq!(trace_of(settings::Strategy::Uts, 30.0), expected);
+        assert_eq!(trace_of("uts", 30.0), expected);
     }
 
     #[test]
@@ -432,7 +430,7 @@ mod tests {
             "53.477 75.585 [10, 24, 87, 109]",
             "61.198 85.026 [71, 74, 165, 174]",
         ];
-        assert_eq!(trace_of(settings::Strategy::UtsWide, 15.0), expected);
+        assert_eq!(trace_of("uts-wide", 15.0), expected);
     }
 
     #[test]
@@ -443,6 +441,6 @@ mod tests {
             "73.992 71.526 [74, 93, 124, 186]",
             "64.033 82.743 [24, 71, 134, 174]",
         ];
-        assert_eq!(trace_of(settings::Strategy::Exact, 15.0), expected);
+        assert_eq!(trace_of("exact", 15.0), expected);
     }
 }

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use skysink_common::scenario::{Count, Overrides, Scenario, ScenarioError};
 
 pub use crate::estimate::Rates;
-pub use crate::strategies::StrategyName as Strategy;
+use crate::strategies::{Registered, uts};
 
 /// Keys that have moved, and where to.
 const MOVED: [(&str, &str); 3] = [
@@ -23,7 +23,7 @@ const MOVED: [(&str, &str); 3] = [
 #[serde(deny_unknown_fields, default, expecting = "a table")]
 pub struct Settings {
     /// Who is served and where to fly.
-    pub strategy: Strategy,
+    pub strategy: &'static Registered,
     /// Most expansions of sP2*; the letter takes one.
     pub sca_iterations: Count<1, 1000>,
     /// What solves sP2*.
@@ -80,7 +80,7 @@ impl From<BudgetMs> for Duration {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            strategy: Strategy::Uts,
+            strategy: &uts::STRATEGY,
             sca_iterations: Count::of::<1>(),
             waypoint_solver: WaypointSolver::Geometric,
             knowledge: Knowledge::Oracle,
@@ -125,7 +125,7 @@ impl Settings {
     /// Whether the plan of a slot depends on the slots before it.
     #[must_use]
     pub fn remembers(&self) -> bool {
-        self.knowledge != Knowledge::Oracle || !self.strategy.registered().is_stateless
+        self.knowledge != Knowledge::Oracle || !self.strategy.is_stateless
     }
 }
 

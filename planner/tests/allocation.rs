@@ -7,7 +7,7 @@ use skysink_common::geometry::{Position, above};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_planner::Planner;
-use skysink_planner::settings::Strategy;
+use skysink_planner::strategies::stateless;
 
 thread_local! {
     /// Requests for memory by this thread.
@@ -49,21 +49,21 @@ fn fly(scenario: &Scenario, mut queues_bits: Vec<u32>, sampled_bits: u32) {
     }
 }
 
-fn letter(strategy: Strategy) -> Scenario {
-    Scenario::letter(Overrides { strategy: Some(strategy.name()), ..Overrides::default() }).unwrap()
+fn letter(strategy: &'static str) -> Scenario {
+    Scenario::letter(Overrides { strategy: Some(strategy), ..Overrides::default() }).unwrap()
 }
 
 /// The letter's field in dense urban surroundings, flown in three dimensions.
-fn spatial(strategy: Strategy) -> Scenario {
+fn spatial(strategy: &'static str) -> Scenario {
     let text = "name = 'a'\n[uav]\naltitude = 'free'\n[link]\nmodel = 'probabilistic-los'\n\
                 environment = 'dense-urban'\ncomm_radius_m = 25.0\nbandwidth_hz = 5e3\n";
-    let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
+    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
     Scenario::parse(text, std::path::Path::new("a.toml"), overrides).unwrap()
 }
 
 #[test]
 fn no_slot_asks_for_memory() {
-    for strategy in Strategy::stateless() {
+    for strategy in stateless() {
         for scenario in [letter(strategy), spatial(strategy)] {
             let queues_bits = SensorList::of(&scenario).unwrap().queues_bits();
             fly(&scenario, queues_bits, 100);
@@ -74,7 +74,7 @@ fn no_slot_asks_for_memory() {
 /// Ties, which have lists of ids compared.
 #[test]
 fn no_slot_of_equal_queues_asks_for_memory() {
-    for strategy in Strategy::stateless() {
+    for strategy in stateless() {
         fly(&letter(strategy), vec![0; 200], 0);
         fly(&letter(strategy), vec![30_000; 200], 30_000);
     }
@@ -83,9 +83,9 @@ fn no_slot_of_equal_queues_asks_for_memory() {
 /// A hundred times the letter's field at its density.
 #[test]
 fn no_slot_over_a_large_field_asks_for_memory() {
-    for strategy in Strategy::stateless() {
+    for strategy in stateless() {
         let text = "name = 'a'\n[area]\nside_m = 1e3\n[sensors]\ncount = 20000\n";
-        let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
+        let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
         let scenario = Scenario::parse(text, std::path::Path::new("a.toml"), overrides).unwrap();
         let queues_bits = SensorList::of(&scenario).unwrap().queues_bits();
         fly(&scenario, queues_bits, 100);

@@ -7,7 +7,9 @@ use skysink_common::geometry::{Position, above, within};
 use skysink_common::message::{Mode, NOBODY, Plan, SensorNode, SolverOutcome};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_planner::Planner;
-use skysink_planner::settings::{Strategy, WaypointSolver, change};
+use skysink_planner::settings::{WaypointSolver, change};
+use skysink_planner::strategies::names;
+use skysink_planner::strategies::stateless;
 
 /// One slot to plan.
 #[derive(Debug, Clone)]
@@ -36,9 +38,9 @@ impl Case {
     }
 
     /// The plan of slot `index` by `strategy`, and the queues [bit] that it schedules.
-    fn plan_by(&self, strategy: Strategy, index: usize) -> (Plan, u64) {
+    fn plan_by(&self, strategy: &'static str, index: usize) -> (Plan, u64) {
         let mut case = self.clone();
-        strategy.name().clone_into(&mut case.scenario.planner.strategy);
+        strategy.clone_into(&mut case.scenario.planner.strategy);
         let plan = case.fresh_plan(index);
         let queue_bits = |&id: &u32| u64::from(self.slots[index].queues_bits[id as usize]);
         let sum_bits = plan.scheduled().iter().map(queue_bits).sum();
@@ -60,17 +62,17 @@ fn queues(sensors: usize) -> impl Generator<Value = Vec<u32>> {
     prop::collection::vec(prop_oneof![0u32..4, 0u32..30_000], sensors)
 }
 
-fn scenario_of(strategy: Strategy, solver: WaypointSolver, reach_m: f64, blocks: u64, iterations: u32) -> Scenario {
+fn scenario_of(strategy: &'static str, solver: WaypointSolver, reach_m: f64, blocks: u64, iterations: u32) -> Scenario {
     let text = format!(
         "name = 'case'\n[area]\nside_m = 60.0\n[uav]\nmax_speed_mps = {reach_m}\n[link]\nbandwidth_hz = 5e3\n\
          resource_blocks = {blocks}\n[planner]\nsca_iterations = {iterations}\n"
     );
-    let overrides = Overrides { strategy: Some(strategy.name()), ..Overrides::default() };
+    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
     let scenario = Scenario::parse(&text, Path::new("case.toml"), overrides).unwrap();
     change(scenario, |settings| settings.waypoint_solver = solver).unwrap()
 }
 
-fn cases(strategies: &[Strategy]) -> impl Generator<Value = Case> {
+fn cases(strategies: &[&'static str]) -> impl Generator<Value = Case> {
     let scenario = (
         prop::sample::select(strategies.to_vec()),
         prop_oneof![Just(WaypointSolver::Geometric), Just(WaypointSolver::Clarabel)],
@@ -109,7 +111,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(3_000))]
 
     #[test]
-    fn a_plan_keeps_range_reach_area_and_resource_blocks(case in cases(&Strategy::ALL)) {
+    fn a_plan_keeps_range_reach_area_and_resource_blocks(case in cases(&names())) {
         let mut planner = Planner::new(&case.scenario, &case.sensors).unwrap();
         for (number, slot) in (1..).zip(&case.slots) {
             let plan = planner.step(number, above(&slot.position, 20.0), &slot.queues_bits);
@@ -131,7 +133,7 @@ proptest! {
     }
 
     #[test]
-    fn the_letters_plan_serves_its_anchor_and_partner_from_a_solved_waypoint(case in cases(&[Strategy::Uts])) {
+    fn the_letters_plan_serves_its_anchor_and_partner_from_a_solved_waypoint(case in cases(&["uts"])) {
         let plan = case.fresh_plan(0);
         let rule = plan.solver == SolverOutcome::Rule as u32;
         if plan.mode == Mode::Transit as u32 {
@@ -145,7 +147,7 @@ proptest! {
     }
 
     #[test]
-    fn a_wide_plan_shows_the_circles_in_reach_and_serves_from_one_of_them(case in cases(&[Strategy::UtsWide])) {
+    fn a_wide_plan_shows_the_circles_in_reach_and_serves_from_one_of_them(case in cases(&["uts-wide"])) {
         let plan = case.fresh_plan(0);
         if plan.mode == Mode::Serve as u32 {
             prop_assert!(plan.solver != SolverOutcome::Rule as u32 && plan.scheduled().contains(&plan.anchor));
@@ -161,7 +163,7 @@ proptest! {
 
     #[test]
     fn whoever_can_be_served_from_within_reach_makes_the_exact_and_the_wide_plan_serve(
-        case in cases(&[Strategy::UtsWide, Strategy::Exact]),
+        case in cases(&["uts-wide", "exact"]),
     ) {
         let in_sight_m = case.scenario.reach_m() + case.scenario.link.comm_radius_m;
         let in_sight = |id: u32| within(&place(&case, id), &case.slots[0].position, in_sight_m);
@@ -174,14 +176,14 @@ proptest! {
     /// Whatever another strategy schedules is in range of its waypoint, which is in reach: a set that the exact search
     /// compares with its own.
     #[test]
-    fn no_plan_schedules_more_than_the_exact_one(case in cases(&[Strategy::Exact])) {
+    fn no_plan_schedules_more_than_the_exact_one(case in cases(&["exact"])) {
         for index in 0..case.slots.len() {
-            let (exact, most_bits) = case.plan_by(Strategy::Exact, index);
+            let (exact, most_bits) = case.plan_by("exact", index);
             prop_assert!(exact.anchor == NOBODY && exact.partner == NOBODY && exact.chosen == NOBODY);
             prop_assert!(exact.circles_m.iter().flatten().all(|coordinate| coordinate.is_nan()));
-            for strategy in Strategy::ALL {
+            for strategy in names() {
                 let (_, sum_bits) = case.plan_by(strategy, index);
-                prop_assert!(sum_bits <= most_bits, "{} in slot {}: {}", strategy.name(), index + 1, sum_bits);
+                prop_assert!(sum_bits <= most_bits, "{} in slot {}: {}", strategy, index + 1, sum_bits);
             }
         }
     }
@@ -190,13 +192,13 @@ proptest! {
     /// does not, no such thing holds: see the search's own tests.
     #[test]
     fn with_reach_beyond_range_the_wide_plan_schedules_no_less_than_the_letters(
-        mut case in cases(&[Strategy::Uts]),
+        mut case in cases(&["uts"]),
         reach_m in prop_oneof![Just(10.5), Just(20.0), 10.5..40.0],
     ) {
         case.scenario.uav.max_speed_mps = reach_m; // slots of 1 s
         for index in 0..case.slots.len() {
-            let (letter, letter_bits) = case.plan_by(Strategy::Uts, index);
-            let (wide, wide_bits) = case.plan_by(Strategy::UtsWide, index);
+            let (letter, letter_bits) = case.plan_by("uts", index);
+            let (wide, wide_bits) = case.plan_by("uts-wide", index);
             if letter.mode == Mode::Serve as u32 {
                 prop_assert_eq!(wide.mode, letter.mode);
                 prop_assert!(wide_bits >= letter_bits, "slot {}: {} < {}", index + 1, wide_bits, letter_bits);
@@ -205,7 +207,7 @@ proptest! {
     }
 
     #[test]
-    fn a_plan_does_not_depend_on_the_slots_planned_before(case in cases(&Strategy::stateless())) {
+    fn a_plan_does_not_depend_on_the_slots_planned_before(case in cases(&stateless())) {
         let mut planner = Planner::new(&case.scenario, &case.sensors).unwrap();
         for (index, slot) in case.slots.iter().enumerate() {
             let plan = planner.step(index as u64 + 1, above(&slot.position, 20.0), &slot.queues_bits);
@@ -216,7 +218,7 @@ proptest! {
 
     #[test]
     fn with_reach_beyond_range_whatever_has_an_anchor_is_served(
-        mut case in cases(&[Strategy::Uts]),
+        mut case in cases(&["uts"]),
         reach_m in prop_oneof![Just(10.5), Just(20.0), 10.5..40.0],
     ) {
         case.scenario.uav.max_speed_mps = reach_m; // slots of 1 s

@@ -10,7 +10,7 @@ use skysink_common::geometry::{Position, above, distance_squared, within};
 use skysink_common::message::{Plan, SensorNode, SolverOutcome};
 use skysink_common::scenario::{Environment, Overrides, Scenario};
 use skysink_planner::Planner;
-use skysink_planner::settings::{Strategy, WaypointSolver};
+use skysink_planner::settings::WaypointSolver;
 
 /// Side of the area [m]; everything happens about its middle.
 const SIDE_M: f64 = 400.0;
@@ -76,7 +76,7 @@ impl Setting {
              tx_power_w = 0.1\nnoise_dbm = -109.0\ncomm_radius_m = {}\n[planner]\nwaypoint_solver = '{solver}'\n",
             self.comm_radius_m
         );
-        let overrides = Overrides { strategy: Some(Strategy::Exact.name()), ..Overrides::default() };
+        let overrides = Overrides { strategy: Some("exact"), ..Overrides::default() };
         Scenario::parse(&text, Path::new("case.toml"), overrides).unwrap()
     }
 }

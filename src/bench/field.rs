@@ -9,7 +9,6 @@ use skysink_common::message::{FlightReport, Mode};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_field_sim::Field;
-use skysink_planner::settings::Strategy;
 
 use super::{Effort, Times, counts, letter};
 use crate::error::Error;
@@ -44,7 +43,7 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<Vec<FieldRow>, Error> {
 }
 
 fn row(sensors: u32, effort: Effort) -> Result<FieldRow, Error> {
-    let scenario = letter(sensors, Strategy::Uts);
+    let scenario = letter(sensors, "uts");
     let list = SensorList::of(&scenario)?;
     let mut field = Field::new(&scenario, &list);
     let idle = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);

@@ -7,7 +7,8 @@ use serde::Serialize;
 use skysink_common::scenario::Overrides;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
-use skysink_planner::settings::{self, Strategy};
+use skysink_planner::settings;
+use skysink_planner::strategies::uts;
 
 use super::{Effort, letter_text, machine, median};
 use crate::error::Error;
@@ -50,7 +51,7 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<MissionSpeeds, Error> {
                 Path::new("bench"),
                 SweepBase { path: "bench.toml".into(), table: letter_text(200, SLOTS).parse().expect("valid TOML") },
                 toml::Table::new(),
-                vec![Strategy::Uts],
+                vec![&uts::STRATEGY],
                 (1..=missions * threads as u64).collect(),
             )?;
             let begin = Instant::now();

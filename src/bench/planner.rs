@@ -2,6 +2,7 @@
 //!
 //! The UAV flies: queues grow and are emptied between the slots, unmeasured, as the letter's are.
 
+use skysink_planner::strategies::stateless;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
@@ -15,7 +16,7 @@ use skysink_planner::Planner;
 use skysink_planner::geometry::disks::{Disk, project};
 use skysink_planner::geometry::grid::Grid;
 use skysink_planner::sensor_table::SensorTable;
-use skysink_planner::settings::{Settings, Strategy};
+use skysink_planner::settings::Settings;
 use skysink_planner::waypoint::conic::ConicSolver;
 
 use super::{Effort, Times, counts, letter};
@@ -48,7 +49,7 @@ pub struct PlanRow {
     /// Sensor nodes.
     pub sensors: u32,
     /// The strategy.
-    pub strategy: Strategy,
+    pub strategy: &'static str,
     /// With the grid.
     pub plan: Spread,
     /// The same slots without it.
@@ -95,10 +96,10 @@ impl<'a> Flight<'a> {
 pub fn measure(effort: Effort, stop: &Stop) -> Result<PlannerSpeeds, Error> {
     let mut plans = Vec::new();
     for &sensors in counts(effort) {
-        let scenario = letter(sensors, Strategy::Uts);
+        let scenario = letter(sensors, "uts");
         let list = SensorList::of(&scenario)?;
         let (nodes, initial_bits) = (list.nodes(), list.queues_bits());
-        for strategy in Strategy::stateless() {
+        for strategy in stateless() {
             stop.check()?;
             plans.push(row(&letter(sensors, strategy), &nodes, &initial_bits, effort)?);
         }
@@ -150,13 +151,13 @@ fn row(scenario: &Scenario, nodes: &[SensorNode], initial_bits: &[u32], effort: 
         flight.advance(&plan);
     }
     let (plan, undivided) = (plans.spread(), undivided.spread());
-    let (sensors, strategy) = (nodes.len() as u32, Settings::of(scenario)?.strategy);
+    let (sensors, strategy) = (nodes.len() as u32, Settings::of(scenario)?.strategy.name);
     Ok(PlanRow { sensors, strategy, plan, undivided, undivided_over_plan: undivided.p50_us / plan.p50_us })
 }
 
 /// Waypoint problems of the letter's mission: a target, and the disks that it is projected onto.
 fn problems() -> Result<Vec<(Position, Vec<Disk>)>, Error> {
-    let scenario = letter(200, Strategy::Uts);
+    let scenario = letter(200, "uts");
     let list = SensorList::of(&scenario)?;
     let (nodes, initial_bits) = (list.nodes(), list.queues_bits());
     let mut planner = Planner::new(&scenario, &nodes)?;

@@ -37,7 +37,7 @@ impl Report {
         let mut table = table(["a slot's plan", "N", "p50", "p99", "no grid p50", "p99", "ratio"]);
         for row in &measured.plans {
             table.add_row([
-                row.strategy.name().to_owned(),
+                row.strategy.to_owned(),
                 row.sensors.to_string(),
                 us(row.plan.p50_us),
                 us(row.plan.p99_us),

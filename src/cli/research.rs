@@ -1,5 +1,6 @@
 //! The research commands: sweep, merge, figures, optimize.
 
+use skysink_planner::strategies::{Registered, STRATEGIES};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -12,7 +13,7 @@ use skysink_lab::optimize::{Budget, MAX_STEPS, Optimization, optimize};
 use skysink_lab::sweep;
 use skysink_lab::sweep::plan::{Shard, Sweep};
 use skysink_mission::record::RunFolder;
-use skysink_planner::settings::{self, Strategy};
+use skysink_planner::settings;
 
 use super::Flown;
 use crate::error::Error;
@@ -149,12 +150,11 @@ impl OptimizeOptions {
     /// # Errors
     /// If the scenario is refused, something cannot be written, or on a stop.
     pub fn optimize(self, stop: &Stop) -> Result<(), Error> {
-        let by = |strategy: Strategy| {
-            let overrides =
-                Overrides { seed: self.flight.seed, strategy: Some(strategy.name()), ..Overrides::default() };
+        let by = |strategy: &Registered| {
+            let overrides = Overrides { seed: self.flight.seed, strategy: Some(strategy.name), ..Overrides::default() };
             settings::read(&self.scenario, overrides)
         };
-        let scenarios = Strategy::ALL.map(by).into_iter().collect::<Result<_, _>>()?;
+        let scenarios = STRATEGIES.map(by).into_iter().collect::<Result<_, _>>()?;
         let Self { budget, flight: Flown { out, force, .. }, record, .. } = self;
         let progress = LabBar::of_steps();
         RunFolder::check(out.as_deref(), force)?;

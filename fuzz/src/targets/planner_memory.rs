@@ -5,7 +5,7 @@ use skysink_common::message::FlightReport;
 use skysink_common::scenario::Scenario;
 use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
-use skysink_planner::settings::Strategy;
+use skysink_planner::strategies::names;
 
 use super::world::{SEEN, WORLDS, World, planned};
 use crate::cursor::Cursor;
@@ -21,7 +21,7 @@ const LIFE_SLOTS: u64 = 6;
 pub fn planner_memory(bytes: &[u8]) {
     let mut input = Cursor::new(bytes);
     let world = &WORLDS[usize::from(input.u8()) % WORLDS.len()];
-    let strategy = Strategy::ALL[usize::from(input.u8()) % Strategy::ALL.len()];
+    let strategy = names()[usize::from(input.u8()) % names().len()];
     let seen = SEEN[usize::from(input.u8()) % SEEN.len()];
     let scenario = planned(&world.scenario, strategy, seen);
     let (mut planner, here) = life(world, &scenario);

@@ -6,7 +6,8 @@ use skysink_common::path::{PathPoint, believable};
 use skysink_common::scenario::Scenario;
 use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
-use skysink_planner::settings::{Knowledge, Strategy};
+use skysink_planner::settings::Knowledge;
+use skysink_planner::strategies::names;
 
 use super::flight_message::report;
 use super::world::{SEEN, WORLDS, planned};
@@ -22,7 +23,7 @@ pub fn planner_message(bytes: &[u8]) {
     let choice = usize::from(input.u8());
     let world = &WORLDS[choice % WORLDS.len()];
     let (knowledge, rates) = SEEN[choice / WORLDS.len() % SEEN.len()];
-    let strategy = Strategy::ALL[usize::from(input.u8()) % Strategy::ALL.len()];
+    let strategy = names()[usize::from(input.u8()) % names().len()];
     let scenario = planned(&world.scenario, strategy, (knowledge, rates));
     let foreign = input.u8() % 4;
     let mut nodes = world.nodes.clone();

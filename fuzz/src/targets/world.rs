@@ -1,12 +1,13 @@
 //! The small scenarios in which messages, lists and journals are tried.
 
+use skysink_planner::strategies::Registered;
 use std::path::Path;
 use std::sync::LazyLock;
 
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::{Count, Overrides, Scenario};
 use skysink_common::sensors::SensorList;
-use skysink_planner::settings::{self, Knowledge, Rates, Settings, Strategy};
+use skysink_planner::settings::{self, Knowledge, Rates, Settings};
 
 /// The letter's channel over ten sensor nodes.
 const FREE_SPACE: &str = "name = \"free\"\nslots = 20\n[area]\nside_m = 60.0\n[sensors]\ncount = 10\n\
@@ -38,9 +39,9 @@ pub(super) const SEEN: [(Knowledge, Rates); 3] =
     [(Knowledge::Oracle, Rates::Known), (Knowledge::Estimated, Rates::Known), (Knowledge::Estimated, Rates::Learnt)];
 
 /// A scenario by `strategy`, with short searches.
-pub(super) fn planned(scenario: &Scenario, strategy: Strategy, (knowledge, rates): (Knowledge, Rates)) -> Scenario {
+pub(super) fn planned(scenario: &Scenario, strategy: &'static str, (knowledge, rates): (Knowledge, Rates)) -> Scenario {
     let change = |settings: &mut Settings| {
-        settings.strategy = strategy;
+        settings.strategy = Registered::find(strategy).expect("a registered strategy");
         settings.horizon.iterations = Count::clamped(20);
         settings.offline.steps = Count::clamped(200);
         (settings.knowledge, settings.rates) = (knowledge, rates);

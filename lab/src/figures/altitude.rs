@@ -2,7 +2,7 @@
 //! starts, in four surroundings, over the same fields.
 
 use skysink_common::scenario::Environment;
-use skysink_planner::settings::Strategy;
+use skysink_planner::strategies::{Registered, uts_wide};
 
 use super::campaign::{Campaign, Quantity, all_of, curve, numbers, plan};
 use super::chart::Chart;
@@ -20,7 +20,7 @@ const ALTITUDES_M: [i64; 4] = [20, 50, 80, 120];
 const MODES: [(&str, &str); 2] = [("fixed", "fixed altitude"), ("free", "free altitude, from there")];
 
 /// The strategy that flies, the best of those that look one slot ahead.
-const STRATEGY: Strategy = Strategy::UtsWide;
+const STRATEGY: &Registered = &uts_wide::STRATEGY;
 
 /// What is plotted.
 const QUANTITIES: [Quantity; 2] = [
@@ -41,7 +41,7 @@ pub(super) fn draw(campaign: &mut Campaign) -> Result<(), LabError> {
                 })
             });
             let chart = Chart {
-                title: format!("{} · {name}, {}", quantity.title, STRATEGY.name()),
+                title: format!("{} · {name}, {}", quantity.title, STRATEGY.name),
                 x_label: "altitude [m]".to_owned(),
                 y_label: quantity.y_label.to_owned(),
                 series: series.collect(),

@@ -8,7 +8,7 @@ use skysink_common::scenario::LETTER;
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
 use skysink_mission::record::write_whole;
-use skysink_planner::settings::Strategy;
+use skysink_planner::strategies::Registered;
 
 use super::chart::{Chart, CurvePoint, Scale, Series};
 use super::map::MapSheet;
@@ -175,7 +175,7 @@ pub(super) fn plan(
     name: &str,
     (file, text): (&str, &str),
     axes: Vec<(&str, Vec<toml::Value>)>,
-    strategies: &[Strategy],
+    strategies: &[&'static Registered],
     runs: u64,
 ) -> Result<Sweep, LabError> {
     let table = text.parse().expect("a scenario of ours is TOML");

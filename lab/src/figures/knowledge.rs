@@ -1,16 +1,15 @@
 //! What it costs not to know the queues: the same missions flown by a planner that sees every queue, by one that estimates
 //! them from its contacts, and by one that has to learn the sampling rates, too.
 
-use skysink_planner::settings::Strategy;
-
 use super::campaign::{Campaign, LETTER_BASE, all_of, curve, numbers, plan};
 use super::chart::{Chart, Scale};
 use crate::error::LabError;
 use crate::sweep::journal::missions_of;
 use crate::sweep::plan::Sweep;
+use skysink_planner::strategies::{Registered, exact, horizon};
 
 /// One strategy of each kind: of one slot, and of many.
-const STRATEGIES: [Strategy; 2] = [Strategy::Exact, Strategy::Horizon];
+const STRATEGIES: [&Registered; 2] = [&exact::STRATEGY, &horizon::STRATEGY];
 
 /// What the planner knows: the name of the sweep, `planner.knowledge`, `planner.rates`, and what the legend says.
 const KNOWLEDGE: [(&str, &str, &str, &str); 3] = [
@@ -38,7 +37,7 @@ pub(super) fn draw(campaign: &mut Campaign) -> Result<(), LabError> {
     let mut series = Vec::new();
     for (strategy, name) in STRATEGIES.iter().enumerate() {
         series.extend(flown.iter().map(|(label, rows)| {
-            curve(format!("{} {label}", name.name()), &SIDES_M, |side| {
+            curve(format!("{} {label}", name.name), &SIDES_M, |side| {
                 missions_of(rows, side, strategy).map(|row| row.loss_rate).collect()
             })
         }));

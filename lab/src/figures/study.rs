@@ -1,28 +1,29 @@
 //! Sweeps over one key of the letter's mission, by every strategy, and the charts made of them.
 
-use skysink_planner::settings::Strategy;
-
 use super::campaign::{Campaign, Choice, FigurePart, LETTER_BASE, Quantity, curve, numbers, plan};
 use super::chart::{Chart, Scale};
 use crate::error::LabError;
 use crate::sweep::journal::{MissionRow, MissionRows, missions_of};
 use crate::sweep::plan::Sweep;
 use crate::sweep::results::{BEST_KNOWN, best_known};
+use skysink_planner::strategies::{
+    Registered, exact, gfs, horizon, max_age_first, offline, rfs, round_robin, tour, uts, uts_wide,
+};
 
 /// Strategies that take microseconds a slot, in the order of legends and tables.
-pub(super) const AT_ONCE: [Strategy; 8] = [
-    Strategy::Rfs,
-    Strategy::Gfs,
-    Strategy::Uts,
-    Strategy::UtsWide,
-    Strategy::Exact,
-    Strategy::Tour,
-    Strategy::RoundRobin,
-    Strategy::MaxAgeFirst,
+pub(super) const AT_ONCE: [&Registered; 8] = [
+    &rfs::STRATEGY,
+    &gfs::STRATEGY,
+    &uts::STRATEGY,
+    &uts_wide::STRATEGY,
+    &exact::STRATEGY,
+    &tour::STRATEGY,
+    &round_robin::STRATEGY,
+    &max_age_first::STRATEGY,
 ];
 
 /// Those that take milliseconds; the last is only shown as a part of the best known.
-const AHEAD: [Strategy; 2] = [Strategy::Horizon, Strategy::Offline];
+const AHEAD: [&Registered; 2] = [&horizon::STRATEGY, &offline::STRATEGY];
 
 /// Most fields per point of those.
 const AHEAD_RUNS: u64 = 20;
@@ -172,9 +173,9 @@ impl Study {
     }
 
     /// The sweep: regime of the radio, then the key, over the letter's mission.
-    fn sweep(&self, choice: &Choice, strategies: &[Strategy], runs: u64) -> Result<Sweep, LabError> {
+    fn sweep(&self, choice: &Choice, strategies: &[&'static Registered], runs: u64) -> Result<Sweep, LabError> {
         let mut axes: Vec<_> = self.fixed.iter().map(|&(key, value)| (key, numbers(key, &[value]))).collect();
-        if strategies.contains(&Strategy::Horizon) {
+        if strategies.contains(&&horizon::STRATEGY) {
             let iterations = choice.horizon_iterations.saturating_mul(self.effort);
             let steps = i64::try_from(Choice::offline_steps(iterations)).unwrap_or(i64::MAX);
             axes.push(("planner.horizon.iterations", vec![i64::from(iterations).into()]));
@@ -193,7 +194,7 @@ impl Study {
         };
         let shown = AT_ONCE.iter().chain(&AHEAD[..1]).enumerate();
         let mut series: Vec<_> =
-            shown.map(|(strategy, name)| by_strategy(name.name(), strategy, quantity.value)).collect();
+            shown.map(|(strategy, name)| by_strategy(name.name, strategy, quantity.value)).collect();
         if quantity.is_bounded {
             let least = best_known(&flown.common);
             series.push(curve(BEST_KNOWN, self.values, |index| least[&(first + index)].clone()));

@@ -1,11 +1,12 @@
 //! Trajectory maps: the flights of the strategies over one field.
 
+use skysink_planner::strategies::{Registered, horizon, round_robin};
 use std::path::Path;
 
 use skysink_common::scenario::Overrides;
 use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
-use skysink_planner::settings::{self, Strategy};
+use skysink_planner::settings;
 
 use super::campaign::{Campaign, Choice};
 use super::map::{MapSensor, MapSheet, TrajectoryMap};
@@ -18,7 +19,7 @@ const FIELDS: [(&str, &str); 2] = [("map-letter", ""), ("map-sparse", "[area]\ns
 /// Draws a sheet for each field, with the flights of all strategies.
 pub(super) fn draw(campaign: &mut Campaign) -> Result<(), LabError> {
     // Eight maps and the key fill the sheet; round-robin crosses the field without a pattern.
-    let shown = AT_ONCE.into_iter().filter(|strategy| *strategy != Strategy::RoundRobin).chain([Strategy::Horizon]);
+    let shown = AT_ONCE.into_iter().filter(|strategy| *strategy != &round_robin::STRATEGY).chain([&horizon::STRATEGY]);
     for (name, change) in FIELDS {
         let maps = shown.clone().map(|strategy| map(change, strategy, campaign.choice));
         let maps = maps.collect::<Result<Vec<_>, _>>()?;
@@ -35,10 +36,10 @@ pub(super) fn draw(campaign: &mut Campaign) -> Result<(), LabError> {
 }
 
 /// The flight of a strategy over the letter's mission, changed.
-fn map(change: &str, strategy: Strategy, choice: &Choice) -> Result<TrajectoryMap, LabError> {
+fn map(change: &str, strategy: &'static Registered, choice: &Choice) -> Result<TrajectoryMap, LabError> {
     let steps = choice.horizon_iterations;
     let text = format!("name = \"map\"\nslots = 500\n{change}[planner]\nhorizon.iterations = {steps}\n");
-    let overrides = Overrides { strategy: Some(strategy.name()), seed: Some(1), slots: None };
+    let overrides = Overrides { strategy: Some(strategy.name), seed: Some(1), slots: None };
     let scenario = settings::parse(&text, Path::new("map (built in)"), overrides)?;
     let list = SensorList::of(&scenario)?;
     let mut mission = Mission::new(&scenario, &list)?;
@@ -51,7 +52,7 @@ fn map(change: &str, strategy: Strategy, choice: &Choice) -> Result<TrajectoryMa
         fraction: f64::from(queue_bits) / capacity_bits,
     });
     Ok(TrajectoryMap {
-        title: format!("{}: η = {loss_rate:.3}", strategy.name()),
+        title: format!("{}: η = {loss_rate:.3}", strategy.name),
         width_m: scenario.area.width_m,
         height_m: scenario.area.height_m,
         sensors: sensors.collect(),

@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_mission::error::FileContext;
-use skysink_planner::settings::{self, Strategy};
+use skysink_planner::settings;
+use skysink_planner::strategies::Registered;
 use xxhash_rust::xxh3::Xxh3;
 
 use super::error::SweepError;
@@ -18,7 +19,7 @@ use crate::error::LabError;
 #[serde(deny_unknown_fields)]
 struct File {
     scenario: PathBuf,
-    strategies: Vec<Strategy>,
+    strategies: Vec<&'static Registered>,
     seeds: Seeds,
     #[serde(default)]
     axes: toml::Table,
@@ -47,7 +48,7 @@ pub struct Definition {
     /// Their values, by point of the grid; the last key varies fastest.
     pub points: Vec<Vec<toml::Value>>,
     /// Strategies, in the order of the results.
-    pub strategies: Vec<Strategy>,
+    pub strategies: Vec<&'static Registered>,
     /// Seeds, ascending; the same for every strategy, so that all fly over the same fields.
     pub seeds: Vec<u64>,
 }
@@ -118,7 +119,7 @@ impl Sweep {
         path: &Path,
         base: SweepBase,
         axes: toml::Table,
-        strategies: Vec<Strategy>,
+        strategies: Vec<&'static Registered>,
         seeds: Vec<u64>,
     ) -> Result<Self, LabError> {
         let refuse = |key: &str, expected: &str| SweepError::Value {
@@ -126,7 +127,7 @@ impl Sweep {
             key: key.to_owned(),
             expected: expected.to_owned(),
         };
-        let distinct: BTreeSet<&str> = strategies.iter().map(|strategy| strategy.name()).collect();
+        let distinct: BTreeSet<&str> = strategies.iter().map(|strategy| strategy.name).collect();
         if distinct.is_empty() || distinct.len() < strategies.len() {
             return Err(refuse("strategies", "at least one strategy, each once").into());
         }
@@ -182,7 +183,7 @@ impl Sweep {
         }
         let text = toml::to_string(&table).expect("a table that was read can be written");
         let strategy = self.definition.strategies[mission.strategy];
-        let overrides = Overrides { seed: Some(mission.seed), strategy: Some(strategy.name()), slots: None };
+        let overrides = Overrides { seed: Some(mission.seed), strategy: Some(strategy.name), slots: None };
         Ok(settings::parse(&text, &self.base.path, overrides)?)
     }
 

@@ -10,7 +10,7 @@ use parquet::arrow::ArrowWriter;
 use parquet::basic::Compression;
 use parquet::file::properties::WriterProperties;
 use skysink_mission::record::write_whole;
-use skysink_planner::settings::Strategy;
+use skysink_planner::strategies::offline;
 
 use super::journal::{MissionRow, MissionRows, missions_of};
 use super::plan::Definition;
@@ -66,7 +66,7 @@ fn results_parquet(definition: &Definition, rows: &MissionRows) -> Vec<u8> {
         let (kind, column) = swept(definition, rows, place);
         add(key, kind, column);
     }
-    let strategies = rows.values().map(|row| definition.strategies[row.strategy].name());
+    let strategies = rows.values().map(|row| definition.strategies[row.strategy].name);
     add("strategy", DataType::Utf8, Arc::new(StringArray::from_iter_values(strategies)));
     add("seed", DataType::UInt64, Arc::new(UInt64Array::from_iter_values(rows.values().map(|row| row.seed))));
     for (name, value) in METRICS {
@@ -122,7 +122,7 @@ fn summary_csv(definition: &Definition, rows: &MissionRows) -> Vec<u8> {
     };
     let mut lines = Vec::new();
     for point in 0..definition.points.len() {
-        for (strategy, name) in definition.strategies.iter().map(|strategy| strategy.name()).enumerate() {
+        for (strategy, name) in definition.strategies.iter().map(|strategy| strategy.name).enumerate() {
             for (metric, value) in METRICS {
                 let values: Vec<f64> = missions_of(rows, point, strategy).map(value).collect();
                 if !values.is_empty() && !values.iter().any(|value| value.is_nan()) {
@@ -131,7 +131,7 @@ fn summary_csv(definition: &Definition, rows: &MissionRows) -> Vec<u8> {
             }
         }
     }
-    if definition.strategies.contains(&Strategy::Offline) {
+    if definition.strategies.contains(&&offline::STRATEGY) {
         for (point, losses) in best_known(rows) {
             lines.push(line(point, BEST_KNOWN, "loss_rate", &losses));
         }
@@ -167,7 +167,7 @@ fn header<'a>(definition: &Definition, names: impl IntoIterator<Item = &'a str>)
 
 /// Swept values, strategy and seed of a mission.
 fn mission(definition: &Definition, row: &MissionRow) -> impl Iterator<Item = String> {
-    let strategy = definition.strategies[row.strategy].name().to_owned();
+    let strategy = definition.strategies[row.strategy].name.to_owned();
     definition.points[row.point]
         .iter()
         .map(text)

@@ -23,7 +23,7 @@ pub mod uts_wide;
 use std::ops::Deref;
 
 use nalgebra::Point3;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, MAX_SERVED, SensorNode, SolverOutcome};
@@ -34,58 +34,31 @@ use crate::sensor_table::SensorTable;
 use crate::settings::Settings;
 use algorithm_1::Winner;
 
-/// Makes the registry of lines `Name = file`, in the order in which strategies are listed to people.
-macro_rules! registry {
-    ($($name:ident = $file:ident),* $(,)?) => {
-        /// Every strategy.
-        pub static STRATEGIES: [Registered; StrategyName::ALL.len()] = [$($file::STRATEGY),*];
+/// Every strategy, in the order in which they are listed to people.
+pub static STRATEGIES: [&Registered; 11] = [
+    &rfs::STRATEGY,
+    &gfs::STRATEGY,
+    &uts::STRATEGY,
+    &uts_wide::STRATEGY,
+    &exact::STRATEGY,
+    &tour::STRATEGY,
+    &round_robin::STRATEGY,
+    &max_age_first::STRATEGY,
+    &edf::STRATEGY,
+    &horizon::STRATEGY,
+    &offline::STRATEGY,
+];
 
-        /// A registered strategy by its name.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-        #[serde(rename_all = "kebab-case")]
-        pub enum StrategyName {
-            $(#[doc = concat!("See [`", stringify!($file), "`].")] $name),*
-        }
-
-        impl StrategyName {
-            /// All of them.
-            pub const ALL: [Self; [$(stringify!($name)),*].len()] = [$(Self::$name),*];
-        }
-    };
+/// The names of all strategies.
+#[must_use]
+pub fn names() -> [&'static str; STRATEGIES.len()] {
+    STRATEGIES.map(|strategy| strategy.name)
 }
 
-registry! {
-    Rfs = rfs,
-    Gfs = gfs,
-    Uts = uts,
-    UtsWide = uts_wide,
-    Exact = exact,
-    Tour = tour,
-    RoundRobin = round_robin,
-    MaxAgeFirst = max_age_first,
-    Edf = edf,
-    Horizon = horizon,
-    Offline = offline,
-}
-
-impl StrategyName {
-    /// What the registry knows of it.
-    #[must_use]
-    pub fn registered(self) -> &'static Registered {
-        &STRATEGIES[self as usize]
-    }
-
-    /// The name in scenario files, folders and tables.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        self.registered().name
-    }
-
-    /// Those that plan one slot and have no state: a slot's plan does not depend on the plans before it.
-    #[must_use]
-    pub fn stateless() -> Vec<Self> {
-        Self::ALL.into_iter().filter(|strategy| strategy.registered().is_stateless).collect()
-    }
+/// The names of those that plan one slot and have no state: a slot's plan does not depend on the plans before it.
+#[must_use]
+pub fn stateless() -> Vec<&'static str> {
+    STRATEGIES.iter().filter(|strategy| strategy.is_stateless).map(|strategy| strategy.name).collect()
 }
 
 /// A planning strategy: decides one slot from what is known at the end of the one before.
@@ -192,7 +165,7 @@ pub struct Setup<'a> {
     pub estimate: Option<&'a Estimate>,
 }
 
-/// A strategy as the registry knows it.
+/// A strategy as the registry knows it. In files and messages it is its name.
 #[derive(Debug, Clone, Copy)]
 pub struct Registered {
     /// Its name in scenario files, folders and tables.
@@ -205,6 +178,35 @@ pub struct Registered {
     pub has_path: bool,
     /// Makes it, before slot 1.
     pub make: fn(&Setup<'_>) -> Box<dyn Strategy>,
+}
+
+impl Registered {
+    /// The strategy called `name`, if there is one.
+    #[must_use]
+    pub fn find(name: &str) -> Option<&'static Self> {
+        STRATEGIES.into_iter().find(|strategy| strategy.name == name)
+    }
+}
+
+impl PartialEq for Registered {
+    fn eq(&self, other: &Self) -> bool {
+        self.name == other.name
+    }
+}
+
+impl Serialize for Registered {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name)
+    }
+}
+
+impl<'de> Deserialize<'de> for &'static Registered {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let name = String::deserialize(deserializer)?;
+        Registered::find(&name).ok_or_else(|| {
+            de::Error::custom(format!("expected one of {}", names().map(|name| format!("`{name}`")).join(", ")))
+        })
+    }
 }
 
 #[cfg(test)]
@@ -220,7 +222,7 @@ pub(crate) mod tests {
         let table = SensorTable::new(&scenario, &sensors);
         let settings = &Settings::of(&scenario).unwrap();
         let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table: &table, estimate: None };
-        let strategy = (STRATEGIES.iter().find(|strategy| strategy.name == name).unwrap().make)(&setup);
+        let strategy = (Registered::find(name).unwrap().make)(&setup);
         (table, strategy)
     }
 
@@ -232,13 +234,13 @@ pub(crate) mod tests {
 
     #[test]
     fn every_strategy_has_one_name_and_says_whether_it_has_a_state() {
-        for name in StrategyName::ALL {
-            let Registered { is_stateless, .. } = *name.registered();
-            let overrides = Overrides { strategy: Some(name.name()), ..Overrides::default() };
-            assert_eq!(Settings::of(&Scenario::letter(overrides).unwrap()).unwrap().strategy, name);
+        for strategy in STRATEGIES {
+            let name = strategy.name;
+            let overrides = Overrides { strategy: Some(name), ..Overrides::default() };
+            assert_eq!(Settings::of(&Scenario::letter(overrides).unwrap()).unwrap().strategy, strategy);
             let mut bytes = Vec::new();
-            made(name.name(), &[[50.0, 50.0]]).1.save(&mut bytes);
-            assert_eq!(bytes.is_empty(), is_stateless, "{name:?}");
+            made(name, &[[50.0, 50.0]]).1.save(&mut bytes);
+            assert_eq!(bytes.is_empty(), strategy.is_stateless, "{name}");
         }
     }
 }

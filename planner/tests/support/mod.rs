@@ -11,7 +11,6 @@ use skysink_field_sim::Field;
 use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
 use skysink_planner::estimate::Estimate;
-use skysink_planner::settings::Strategy;
 
 /// A mission under way, as the ring flies it.
 pub struct Mission {
@@ -99,7 +98,7 @@ impl Mission {
 }
 
 /// The scenario of these lines.
-pub fn scenario_of(text: &str, strategy: Strategy, seed: u64) -> Scenario {
-    let overrides = Overrides { strategy: Some(strategy.name()), seed: Some(seed), slots: None };
+pub fn scenario_of(text: &str, strategy: &'static str, seed: u64) -> Scenario {
+    let overrides = Overrides { strategy: Some(strategy), seed: Some(seed), slots: None };
     Scenario::parse(&format!("name = 'case'\n{text}"), Path::new("case.toml"), overrides).unwrap()
 }
