@@ -1,4 +1,4 @@
-//! Whom to serve: sP1 by Algorithm 1, the letter's search over circles about pairs of sensor nodes.
+//! The schedule: sP1 by Algorithm 1, the letter's search over circles about pairs of sensor nodes (SNs).
 //!
 //! It maximises `Σ B_i(t−1)` over the set (decision D6), with ties to the lowest index everywhere (decision D7). Where
 //! exactly the UAV then flies is left to [`crate::waypoint`].
@@ -10,10 +10,6 @@ use skysink_common::geometry::{Position, within};
 use crate::sensor_table::SensorTable;
 use crate::strategies::nearby::{Spot, may_share, preselect};
 use circles::{CIRCLES, circles};
-
-/// How far an SN in a circle may be from the anchor, in units of the `2 d_c` within which partners are: an anchor and its
-/// partner may be `2 d_c (1 + 1e-9)` apart (decision D5), and circles about such a pair pass them by as much.
-const SLIVER: f64 = 1.0 + 1e-6;
 
 /// Which anchors and circles Algorithm 1 takes for reachable from `L_u(t−1)`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,12 +41,8 @@ impl Reach {
 /// The search, with its working memory.
 #[derive(Debug, Clone, Default)]
 pub struct Search {
-    /// The SNs that this slot's anchors could meet, fullest first: the first n that pass a test are the n largest.
+    /// The SNs that this slot's sets can have, fullest first: the first n that pass a test are the n largest.
     nearby: Vec<Spot>,
-    /// The anchors whose partner has not come yet, fullest first.
-    waiting: Vec<Spot>,
-    /// The SNs that a circle may hold beside the partner at hand, fullest first, and what is left of earlier ones.
-    around: Vec<Spot>,
 }
 
 /// How the winning set came about.
@@ -73,18 +65,10 @@ pub struct Pair {
     pub chosen: u32,
 }
 
-/// What a slot's search starts from.
-#[derive(Clone, Copy)]
-struct Slot<'a> {
-    reach: Reach,
-    table: &'a SensorTable,
-    /// The UAV's position, `L_u(t−1)`.
-    position: &'a Position,
-}
-
-/// The best set so far, and its `Σ B_i` [bit].
+/// A candidate set: `Ω_opt(i)` of an anchor, without the SNs that its circle adds.
 #[derive(Debug, Clone, Copy)]
-struct Best {
+struct Candidate {
+    /// `Σ B_i` of the whole set [bit].
     sum_bits: u64,
     winner: Winner,
 }
@@ -93,8 +77,7 @@ impl Search {
     /// A search that never allocates for up to `sensors` SNs.
     #[must_use]
     pub fn with_room_for(sensors: usize) -> Self {
-        let room = || Vec::with_capacity(sensors);
-        Self { nearby: room(), waiting: room(), around: room() }
+        Self { nearby: Vec::with_capacity(sensors) }
     }
 
     /// Algorithm 1: the best set over all anchors that can be reached from `position`, `L_u(t−1)`.
@@ -112,54 +95,96 @@ impl Search {
         queues_bits: &[u32],
         ids: &mut Vec<u32>,
     ) -> Option<Winner> {
-        // Partners, and everything within d_c of a circle's centre, are within 2 d_c of an anchor.
+        // Step 1: the anchors. Their partners, and everything within d_c of a circle's centre, are within 2 d_c of one.
         let anchor_radius_m = reach.anchor_radius_m(table);
         preselect(&mut self.nearby, table, position, anchor_radius_m + 2.0 * table.comm_radius_m, queues_bits);
-        let is_anchor = |spot: &&Spot| within(&spot.position, position, anchor_radius_m);
-        self.waiting.clear();
-        self.waiting.extend(self.nearby.iter().filter(is_anchor));
+        let anchors = self.nearby.iter().filter(|spot| within(&spot.position, position, anchor_radius_m));
         let mut best = None;
-        if table.resource_blocks > 1 {
-            self.pair_up(&Slot { reach, table, position }, &mut best);
+        // Step 2: for each anchor.
+        for anchor in anchors {
+            // Step 3: its partner.
+            let Some(partner) = self.partner(table, anchor) else {
+                Candidate::alone(anchor).replace(&mut best);
+                continue;
+            };
+            if !self.could_win(table, anchor, partner, &best) {
+                continue;
+            }
+            // Step 4: the search region, covered by five circles.
+            let circles = circles(&anchor.position, &partner.position, table.comm_radius_m)
+                .map(|centre| reach.admits(table, position, &centre).then_some(centre));
+            // Step 5: the circle with the largest queues.
+            let set = self.fullest_circle(table, anchor, partner, circles);
+            set.unwrap_or(Candidate::alone(anchor)).replace(&mut best);
         }
-        self.waiting.iter().for_each(|anchor| Best::alone(anchor).replace(&mut best));
+        // Output: the best of these sets.
         let winner = best?.winner;
         self.collect(table, &winner, ids);
         Some(winner)
     }
 
-    /// Steps 3 to 5 for every anchor that has a partner. The others stay in `waiting`, unless they cannot win.
-    ///
-    /// An anchor's partner is the largest queue within `2 d_c` of it: of all SNs, fullest first, the first that is near
-    /// enough. So an anchor that waits meets nobody fuller than the partner at hand, and the search ends when n−1 such
-    /// queues are too little for the fullest one, unless an SN was seen in the sliver that is farther from an anchor than
-    /// its partner may be but can still be in a circle.
-    fn pair_up(&mut self, slot: &Slot, best: &mut Option<Best>) {
-        let Self { nearby, waiting, around } = self;
-        let table = slot.table;
-        around.resize(nearby.len().max(around.len()), Spot::default());
-        let (others, range_m) = (table.resource_blocks as u64 - 1, 2.0 * table.comm_radius_m);
-        let mut sliver = false;
-        for partner in nearby.iter() {
-            let Some(fullest) = waiting.first() else {
-                return;
-            };
-            let most_bits = u64::from(fullest.queue_bits) + others * u64::from(partner.queue_bits);
-            if !sliver && best.is_some_and(|best| most_bits < best.sum_bits) {
-                return waiting.clear();
+    /// The largest queue within `2 d_c` of `anchor`; none where only one SN can be served.
+    fn partner(&self, table: &SensorTable, anchor: &Spot) -> Option<&Spot> {
+        let in_range =
+            |spot: &&Spot| spot.id != anchor.id && within(&anchor.position, &spot.position, 2.0 * table.comm_radius_m);
+        self.nearby.iter().find(in_range).filter(|_| table.resource_blocks > 1)
+    }
+
+    /// Whether the set of `anchor` and `partner` could be better than the best so far. Nothing is lost without a pair that
+    /// could not: a circle has both in range, so whom it adds may share a waypoint with either of the two, it adds n−2 at
+    /// most, and none is fuller than the one that comes next here. Most pairs lose by it, and need no circles.
+    fn could_win(&self, table: &SensorTable, anchor: &Spot, partner: &Spot, best: &Option<Candidate>) -> bool {
+        let mut sum_bits = sum_bits([anchor, partner].into_iter());
+        let mut blocks = table.resource_blocks as u64 - 2;
+        for spot in self.others(anchor.id, partner.id) {
+            if blocks == 0 || !is_better(best, sum_bits + blocks * u64::from(spot.queue_bits), anchor.id) {
+                break;
             }
-            let mut gathered = None;
-            waiting.retain(|anchor| {
-                let near = |range_m| within(&anchor.position, &partner.position, range_m);
-                if anchor.id == partner.id || !near(range_m) {
-                    sliver |= anchor.id != partner.id && near(range_m * SLIVER);
-                    return true;
-                }
-                let count = *gathered.get_or_insert_with(|| gather(table, nearby, partner, around));
-                look_about(slot, anchor, partner, &around[..count], best);
-                false
-            });
+            if may_share(table, partner, spot) && may_share(table, anchor, spot) {
+                sum_bits += u64::from(spot.queue_bits);
+                blocks -= 1;
+            }
         }
+        is_better(best, sum_bits, anchor.id)
+    }
+
+    /// The set of the best of `circles`, the first of equals; `None` where no circle is left.
+    fn fullest_circle(
+        &self,
+        table: &SensorTable,
+        anchor: &Spot,
+        partner: &Spot,
+        circles: [Option<Position>; CIRCLES],
+    ) -> Option<Candidate> {
+        let mut fullest: Option<(u64, u32)> = None;
+        for (chosen, centre) in (0..).zip(&circles) {
+            let Some(centre) = centre else { continue };
+            let added_bits = sum_bits(self.in_circle(table, anchor.id, partner.id, centre));
+            if fullest.is_none_or(|(fullest_bits, _)| added_bits > fullest_bits) {
+                fullest = Some((added_bits, chosen));
+            }
+        }
+        let (added_bits, chosen) = fullest?;
+        let pair = Some(Pair { partner: partner.id, circles, chosen });
+        let sum_bits = added_bits + sum_bits([anchor, partner].into_iter());
+        Some(Candidate { sum_bits, winner: Winner { anchor: anchor.id, pair } })
+    }
+
+    /// The n−2 largest queues in the circle about `centre` beside those of anchor and partner.
+    fn in_circle(
+        &self,
+        table: &SensorTable,
+        anchor: u32,
+        partner: u32,
+        centre: &Position,
+    ) -> impl Iterator<Item = &Spot> {
+        let is_in = move |spot: &&Spot| within(&spot.position, centre, table.comm_radius_m);
+        self.others(anchor, partner).filter(is_in).take(table.resource_blocks - 2)
+    }
+
+    /// Everybody but anchor and partner, fullest first.
+    fn others(&self, anchor: u32, partner: u32) -> impl Iterator<Item = &Spot> {
+        self.nearby.iter().filter(move |spot| spot.id != anchor && spot.id != partner)
     }
 
     /// Fills `ids` with the winner's set, ascending.
@@ -169,64 +194,10 @@ impl Search {
         if let Some(pair) = &winner.pair {
             ids.push(pair.partner);
             let centre = pair.circles[pair.chosen as usize].expect("only a circle in reach can win");
-            let others = self.nearby.iter().filter(|spot| spot.id != winner.anchor && spot.id != pair.partner);
-            ids.extend(in_circle(table, others, &centre).map(|spot| spot.id));
+            ids.extend(self.in_circle(table, winner.anchor, pair.partner, &centre).map(|spot| spot.id));
         }
         ids.sort_unstable();
     }
-}
-
-/// Fills the front of `around`, which has room, with the SNs near `partner`, in the order of `nearby`, and counts them.
-///
-/// One in four or so is near, in no order that a processor could foresee: it is faster to write them all, each over the
-/// one before unless that was near, than to branch.
-fn gather(table: &SensorTable, nearby: &[Spot], partner: &Spot, around: &mut [Spot]) -> usize {
-    let mut count = 0;
-    for spot in nearby {
-        around[count] = *spot;
-        count += usize::from(spot.id != partner.id && may_share(table, partner, spot));
-    }
-    count
-}
-
-/// Steps 4 and 5 for an anchor and its partner, of which everybody in range is `around`; the anchor alone where no circle
-/// is left.
-///
-/// No circle can hold more than the n−2 fullest SNs that may share a waypoint with either of the two: most anchors need
-/// no circles to be seen to lose.
-fn look_about(slot: &Slot, anchor: &Spot, partner: &Spot, around: &[Spot], best: &mut Option<Best>) {
-    let Slot { reach, table, position } = *slot;
-    let pair_bits = sum_bits([anchor, partner].into_iter());
-    let others = || around.iter().filter(|spot| spot.id != anchor.id);
-    let sharing = others().filter(|spot| may_share(table, anchor, spot));
-    let most_bits = pair_bits + sum_bits(sharing.take(table.resource_blocks - 2));
-    if !is_better(best, most_bits, anchor.id) {
-        return;
-    }
-    let circles = circles(&anchor.position, &partner.position, table.comm_radius_m)
-        .map(|centre| reach.admits(table, position, &centre).then_some(centre));
-    let mut fullest: Option<(u64, u32)> = None;
-    for (circle, centre) in (0..).zip(&circles) {
-        let Some(centre) = centre else { continue };
-        let set_bits = pair_bits + sum_bits(in_circle(table, others(), centre));
-        if fullest.is_none_or(|(fullest_bits, _)| set_bits > fullest_bits) {
-            fullest = Some((set_bits, circle));
-        }
-    }
-    let set = fullest.map_or(Best::alone(anchor), |(sum_bits, chosen)| {
-        let pair = Some(Pair { partner: partner.id, circles, chosen });
-        Best { sum_bits, winner: Winner { anchor: anchor.id, pair } }
-    });
-    set.replace(best);
-}
-
-/// Step 5: the n−2 largest queues in the circle about `centre` of `others`, which are fullest first.
-fn in_circle<'a>(
-    table: &SensorTable,
-    others: impl Iterator<Item = &'a Spot>,
-    centre: &Position,
-) -> impl Iterator<Item = &'a Spot> {
-    others.filter(|spot| within(&spot.position, centre, table.comm_radius_m)).take(table.resource_blocks - 2)
 }
 
 /// `Σ B_i` [bit].
@@ -235,12 +206,12 @@ fn sum_bits<'a>(spots: impl Iterator<Item = &'a Spot>) -> u64 {
 }
 
 /// Whether a set of `anchor` with `sum_bits` [bit] is better than the best so far: it holds more, or as much and the
-/// anchor's index is lower (decision D7). Anchors are not looked at by index.
-fn is_better(best: &Option<Best>, sum_bits: u64, anchor: u32) -> bool {
+/// anchor's index is lower (decision D7). Anchors come fullest first, not by index.
+fn is_better(best: &Option<Candidate>, sum_bits: u64, anchor: u32) -> bool {
     best.is_none_or(|best| sum_bits > best.sum_bits || sum_bits == best.sum_bits && anchor < best.winner.anchor)
 }
 
-impl Best {
+impl Candidate {
     /// The anchor alone.
     fn alone(anchor: &Spot) -> Self {
         Self { sum_bits: u64::from(anchor.queue_bits), winner: Winner { anchor: anchor.id, pair: None } }
