@@ -232,8 +232,7 @@ fn a_ring_that_waits_in_an_unknown_way_is_refused() {
 #[test]
 fn a_node_with_another_scenario_is_refused() {
     let meeting = RingFolder::create(Pace::Max, Waiting::Event, 0.2, false).unwrap();
-    let _ring =
-        Ring::<local::Service>::join(&meeting, &smoke("uts", 1), Role::Launcher, &Stop::default()).unwrap();
+    let _ring = Ring::<local::Service>::join(&meeting, &smoke("uts", 1), Role::Launcher, &Stop::default()).unwrap();
     let folder = RingFolder::open(meeting.path()).unwrap();
     let other = smoke("uts", 2);
     let error = skysink_flight_sim::node::run::<local::Service>(&other, &folder, &Stop::default()).unwrap_err();
