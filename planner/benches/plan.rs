@@ -49,7 +49,7 @@ impl<'a> Flight<'a> {
         Self { scenario, initial_bits, queues_bits: initial_bits.to_vec(), position: scenario.start().xy(), slot: 1 }
     }
 
-    /// Lives through the slot of a plan, which empties what it serves.
+    /// Advances by the slot of a plan, which empties what it serves.
     fn live(&mut self, plan: &Plan) {
         plan.scheduled().iter().for_each(|&id| self.queues_bits[id as usize] = 0);
         let capacity_bits = self.scenario.sensors.capacity_bits;

@@ -34,10 +34,10 @@ pub struct Estimate {
     rates: Rates,
     /// Mean of the initial queues [bit].
     initial_bits: u32,
-    /// Half the width of the range in which they lie, evenly [bit].
+    /// Half-width of their uniform distribution [bit].
     initial_half_bits: f64,
-    /// Half the width of the range of the rates, as a share of their mean.
-    rate_half_share: f64,
+    /// Half the width of the range of the rates, as a fraction of their mean.
+    rate_half_fraction: f64,
     beliefs: Vec<Belief>,
     /// The last slot whose flight was observed; nobody is served before slot 1.
     observed: u64,
@@ -52,29 +52,29 @@ pub struct Estimate {
 /// How far an SN may be from what is believed of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Uncertainty {
-    /// What it would be believed to hold were its storage endless [bit].
+    /// What it would hold if its buffer had no end [bit].
     pub endless_bits: f64,
-    /// Half the width of the range in which its initial queue lies, evenly [bit]; 0 after the first contact.
+    /// Half-width of the uniform distribution of its initial queue [bit]; 0 after the first contact.
     pub initial_bits: f64,
-    /// Half the width of the range in which its rate lies, evenly, as a share of what is believed; 0 once a gap told it.
+    /// Half-width of the uniform distribution of its rate, as a fraction of what is believed; 0 once a gap told it.
     pub rate: f64,
 }
 
-/// Half the width [bit] of an even law with the variance of Poisson queues whose mean is even in a range.
+/// Half-width [bit] of the uniform distribution with the variance of a Poisson variable whose mean is uniform on a range.
 fn half_bits([lowest, highest]: [f64; 2]) -> f64 {
     let half_bits = (highest - lowest) / 2.0;
     (half_bits * half_bits + 3.0 * Interval::Range([lowest, highest]).mean()).sqrt()
 }
 
-/// Half the width of a range as a share of its mean; 0 of nothing.
-fn half_share([lowest, highest]: [f64; 2]) -> f64 {
+/// Half the width of a range as a fraction of its mean; 0 where the mean is 0.
+fn half_fraction([lowest, highest]: [f64; 2]) -> f64 {
     if highest > 0.0 { (highest - lowest) / (highest + lowest) } else { 0.0 }
 }
 
 /// What is believed of an SN.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Belief {
-    /// Storage `B` [bit].
+    /// Buffer `B` [bit].
     capacity_bits: u32,
     /// Sampled per slot, `s_i τ` [bit], as far as is known before any contact.
     prior_mean_bits: f64,
@@ -88,16 +88,16 @@ struct Belief {
 /// What the gaps between contacts tell of a rate. A gap lasts from the end of a contact to the beginning of the next.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 struct Learnt {
-    /// Sampled in the gaps that ended with room in the storage [bit].
+    /// Sampled in the gaps that ended with room in the buffer [bit].
     bits: u64,
     /// How long these were [slots].
     slots: u64,
-    /// Least mean [bit per slot] that the gaps that ended with a full storage allow.
+    /// Least mean [bit per slot] that the gaps that ended with a full buffer allow.
     least_mean_bits: f64,
 }
 
 impl Learnt {
-    /// A gap of `slots` slots that began with `left_bits` and ended with `found_bits` in a storage of `capacity_bits`.
+    /// A gap of `slots` slots that began with `left_bits` and ended with `found_bits` in a buffer of `capacity_bits`.
     fn add(&mut self, slots: u64, left_bits: u32, found_bits: u32, capacity_bits: u32) {
         if slots == 0 {
             return;
@@ -151,7 +151,7 @@ impl Estimate {
             rates,
             initial_bits,
             initial_half_bits: half_bits(scenario.sensors.initial_queue_mean_bits.ends()),
-            rate_half_share: half_share(scenario.sensors.sampling_bps.ends()),
+            rate_half_fraction: half_fraction(scenario.sensors.sampling_bps.ends()),
             beliefs: sensors.iter().map(belief).collect(),
             observed: 0,
             whole_since: 0,
@@ -182,11 +182,11 @@ impl Estimate {
         Uncertainty {
             endless_bits: came_bits as f64 + f64::from(belief.left_bits),
             initial_bits: if is_unmet { self.initial_half_bits } else { 0.0 },
-            rate: if is_unlearnt { self.rate_half_share } else { 0.0 },
+            rate: if is_unlearnt { self.rate_half_fraction } else { 0.0 },
         }
     }
 
-    /// Storage of SN `id` [bit].
+    /// Buffer of SN `id` [bit].
     #[must_use]
     pub fn capacity_bits(&self, id: u32) -> u32 {
         self.beliefs[id as usize].capacity_bits
@@ -375,7 +375,7 @@ mod tests {
         estimate.observe(6, &serving(&[3, u32::MAX]), &[9; 3]); // nobody
         assert_eq!(estimate.believe(9), before);
         estimate.announce(7, &[0], &[500, 0, 0]);
-        estimate.observe(7, &serving(&[0, 0]), &[2_000, 0, 0]); // twice, and more than the storage
+        estimate.observe(7, &serving(&[0, 0]), &[2_000, 0, 0]); // twice, and more than the buffer
         assert_eq!((estimate.believe(7)[0], estimate.mean_bits(0)), (1_000, 470.0)); // (500 − 30) / 1
     }
 }

@@ -1,4 +1,4 @@
-//! Whom to serve and where to fly: the strategies and their waypoint solvers.
+//! Schedule and waypoint of each slot: the strategies and their waypoint solvers.
 //!
 //! [`Planner::step`] turns the UAV's position and the queues into a [`Plan`](skysink_common::message::Plan). It reads
 //! no clock and moves nothing: flying, drawing the channel and keeping the queues are left to the other nodes of the

@@ -1,4 +1,4 @@
-//! Whom to serve and where to fly, as a process of the ring.
+//! The planner, schedule and waypoint of each slot, as a process of the ring.
 
 use iceoryx2::prelude::ipc;
 use skysink::worker;

@@ -1,4 +1,4 @@
-//! The books of a run, from its folder: every bit and every metre of every slot, whoever planned it.
+//! The ledger of a run, from its folder: every bit and every metre of every slot, whoever planned it.
 
 use skysink_common::channel::{Channel, Uplink};
 use skysink_common::geometry::{Position, distance_squared, within};

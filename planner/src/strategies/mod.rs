@@ -1,4 +1,4 @@
-//! The strategies: who is served in a slot, and where the UAV flies.
+//! The strategies: schedule and waypoint of a slot.
 //!
 //! A strategy is a file of this folder and a line of [`STRATEGIES`], from which everything else knows it. It decides; how
 //! a decision becomes a message, and transit where it has none, is left to [`crate::planner`].
@@ -117,7 +117,7 @@ impl View<'_> {
 pub struct Decision {
     /// Where to fly [m].
     pub waypoint: Point3<f64>,
-    /// Whom to serve from there.
+    /// The sensor nodes (SNs) to serve from there.
     pub schedule: Schedule,
     /// How the waypoint was found.
     pub outcome: SolverOutcome,

@@ -1,4 +1,4 @@
-//! From where a set of sensor nodes (SNs) is served, and whom a point serves: what most strategies end with.
+//! The waypoint of a schedule, and the schedule of a waypoint: what most strategies end with.
 
 use nalgebra::Point3;
 use skysink_common::geometry::Position;
