@@ -119,6 +119,11 @@ impl Mission {
         &self.planner
     }
 
+    /// The planner, to restore a checkpoint or to set its timing before the next slot.
+    pub fn planner_mut(&mut self) -> &mut Planner {
+        &mut self.planner
+    }
+
     /// Plans the next slot, from the flight and the queues after the last; to be done once, before [`Mission::fly`].
     pub fn plan(&mut self) -> Plan {
         let begin = Instant::now();

@@ -9,9 +9,7 @@ use std::path::Path;
 use rustix::time::{ClockId, clock_gettime};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
-use skysink_field_sim::Field;
-use skysink_flight_sim::Flight;
-use skysink_planner::Planner;
+use skysink_mission::Mission;
 use skysink_planner::horizon::bound::mission_bound;
 use skysink_planner::settings;
 use skysink_planner::strategies::names;
@@ -34,25 +32,19 @@ fn computed_ms() -> f64 {
 
 fn fly(scenario: &Scenario) -> Outcome {
     let list = SensorList::of(scenario).expect("drawn");
-    let nodes = list.nodes();
-    let mut field = Field::new(scenario, &list);
     let begin_ms = computed_ms();
-    let mut planner = Planner::new(scenario, &nodes).expect("checked as it was read");
+    let mut mission = Mission::new(scenario, &list).expect("checked as it was read");
     let setup_ms = computed_ms() - begin_ms;
-    let bound_bits = if each() { mission_bound(scenario, &nodes, field.queues_bits()) } else { 0.0 };
-    let mut flight = Flight::new(scenario, &nodes);
-    let mut report = flight.start();
+    let bound_bits = if each() { mission_bound(scenario, &list.nodes(), mission.queues_bits()) } else { 0.0 };
     let mut outcome = Outcome { loss_rate: 0.0, bound_rate: 0.0, refused: 0, setup_ms, plan_ms: Vec::new() };
-    let mut lost_bits = 0;
-    for slot in 1..=scenario.slots {
+    while mission.slot() < scenario.slots {
         let begin_ms = computed_ms();
-        planner.observe(slot - 1, &report, field.queues_bits());
-        let plan = planner.step(slot, report.position(), field.queues_bits());
+        let plan = mission.plan();
         outcome.plan_ms.push(computed_ms() - begin_ms);
-        report = flight.step(slot, Some(&plan));
-        outcome.refused += u64::from(report.refused);
-        lost_bits += field.step(slot, &report).expect("one list").lost_bits;
+        mission.fly(Some(&plan));
+        outcome.refused += u64::from(mission.last_flight().refused);
     }
+    let lost_bits = mission.field().totals().lost_bits;
     let sampled: f64 = list.sensors().iter().map(|sensor| sensor.sampling_bps).sum::<f64>();
     let sampled_bits = sampled * scenario.slot_s * scenario.slots as f64;
     (outcome.loss_rate, outcome.bound_rate) = (lost_bits as f64 / sampled_bits, bound_bits / sampled_bits);

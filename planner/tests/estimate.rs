@@ -9,7 +9,7 @@ use skysink_common::arrivals::sampled_bits;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::sensors::SensorList;
 use skysink_planner::strategies::names;
-use support::{Mission, scenario_of};
+use support::{TestMission, scenario_of};
 
 /// Links that empty queues and links that do not, gains that change, and three dimensions; storages that fill and others
 /// that do not; rates of whole bits and others.
@@ -41,11 +41,11 @@ proptest! {
         void in 1u64..60,
     ) {
         let scenario = scenario_of(&text, strategy, seed);
-        let mut mission = Mission::new(&scenario);
+        let mut mission = TestMission::new(&scenario);
         let mut contacted = vec![false; mission.nodes.len()];
         for slot in 1..=scenario.slots {
-            let plan = mission.plan(slot);
-            for (id, &queue_bits) in (0..).zip(mission.field.queues_bits()) {
+            let plan = mission.plan();
+            for (id, &queue_bits) in (0..).zip(mission.queues_bits()) {
                 let believed_bits = mission.estimate().queues_bits()[id as usize];
                 prop_assert_eq!(mission.estimate().contact(id).is_some(), contacted[id as usize]);
                 if contacted[id as usize] {
@@ -59,9 +59,9 @@ proptest! {
             let expected_bits: u64 =
                 plan.scheduled().iter().map(|&id| u64::from(mission.estimate().queues_bits()[id as usize])).sum();
             prop_assert!(plan.expected_bits <= expected_bits, "the planner expects what it believes");
-            mission.fly(slot, Some(&plan).filter(|_| slot != void)); // once the plan comes too late
-            prop_assert_eq!(mission.report.refused, 0);
-            mission.report.served_links().iter().for_each(|link| contacted[link.sensor as usize] = true);
+            mission.fly(Some(&plan).filter(|_| slot != void)); // once the plan comes too late
+            prop_assert_eq!(mission.last_flight().refused, 0);
+            mission.last_flight().served_links().iter().for_each(|link| contacted[link.sensor as usize] = true);
         }
     }
 
@@ -70,20 +70,22 @@ proptest! {
         text in texts("learnt"), strategy in prop::sample::select(names().to_vec()), seed in 1u64..10_000,
     ) {
         let scenario = scenario_of(&text, strategy, seed);
-        let mut mission = Mission::new(&scenario);
+        let mut mission = TestMission::new(&scenario);
         let prior_bits = mission.estimate().mean_bits(0);
         // The last contact of each SN, and whether a gap between two contacts told of its rate.
         let mut contacts = vec![(0, false); mission.nodes.len()];
         for slot in 1..=scenario.slots {
-            let before_bits = mission.field.queues_bits().to_vec();
-            mission.turn(slot);
-            for link in mission.report.served_links() {
+            let before_bits = mission.queues_bits().to_vec();
+            mission.advance();
+            for link in mission.last_flight().served_links() {
                 let (last, told) = &mut contacts[link.sensor as usize];
                 let room = before_bits[link.sensor as usize] < scenario.sensors.capacity_bits;
                 *told |= *last > 0 && *last + 1 < slot && room;
                 *last = slot;
             }
-            mission.planner.observe(slot, &mission.report, mission.field.queues_bits());
+            let flight = *mission.last_flight();
+            let queues_bits = mission.queues_bits().to_vec();
+            mission.planner_mut().observe(slot, &flight, &queues_bits);
             for (id, &(_, told)) in (0..).zip(&contacts) {
                 let (believed_bits, true_bits) = (mission.estimate().mean_bits(id), mission.mean_bits(id));
                 let off_bits = believed_bits - true_bits;
@@ -100,9 +102,9 @@ proptest! {
         seed in 1u64..10_000, restart in 1u64..60,
     ) {
         let scenario = scenario_of(&text, strategy, seed);
-        let (mut mission, mut restarted) = (Mission::new(&scenario), Mission::new(&scenario));
+        let (mut mission, mut restarted) = (TestMission::new(&scenario), TestMission::new(&scenario));
         for slot in 1..=scenario.slots {
-            prop_assert_eq!(format!("{:?}", mission.turn(slot)), format!("{:?}", restarted.turn(slot)), "slot {}", slot);
+            prop_assert_eq!(format!("{:?}", mission.advance()), format!("{:?}", restarted.advance()), "slot {}", slot);
             if slot == restart {
                 restarted.restart();
             }
@@ -115,14 +117,14 @@ proptest! {
 fn a_missed_contact_leaves_an_older_belief_until_the_next() {
     let text = "slots = 150\n[sensors]\nsampling_bps = [50.0, 150.0]\n[planner]\nknowledge = 'estimated'\n";
     let scenario = scenario_of(text, "gfs", 3);
-    let mut mission = Mission::new(&scenario);
+    let mut mission = TestMission::new(&scenario);
     // Whether the last contact of an SN was missed.
     let mut missed = vec![false; mission.nodes.len()];
     let (mut older, mut recovered) = (0, 0);
     let mut slot = 1;
     while slot <= scenario.slots {
-        let plan = mission.plan(slot);
-        for (id, &queue_bits) in (0..).zip(mission.field.queues_bits()) {
+        let plan = mission.plan();
+        for (id, &queue_bits) in (0..).zip(mission.queues_bits()) {
             let believed_bits = mission.estimate().queues_bits()[id as usize];
             if missed[id as usize] {
                 older += u32::from(believed_bits > queue_bits);
@@ -130,15 +132,15 @@ fn a_missed_contact_leaves_an_older_belief_until_the_next() {
                 assert_eq!(believed_bits, queue_bits, "slot {slot}, SN {id}");
             }
         }
-        mission.fly(slot, Some(&plan));
+        mission.fly(Some(&plan));
         let unseen = slot % 7 == 0;
-        for link in mission.report.served_links() {
+        for link in mission.last_flight().served_links() {
             recovered += u32::from(missed[link.sensor as usize] && !unseen);
             missed[link.sensor as usize] = unseen;
         }
         if unseen {
             slot += 1;
-            mission.fly(slot, None); // the planner lags: nobody observes this flight's slot, nor the one before it
+            mission.fly(None); // the planner lags: nobody observes this flight's slot, nor the one before it
         }
         slot += 1;
     }
@@ -155,9 +157,9 @@ fn what_is_learnt_of_equal_rates_is_what_is_known() {
             )
         };
         let [mut known, mut learnt] =
-            ["known", "learnt"].map(|rates| Mission::new(&scenario_of(&text(rates), strategy, 5)));
+            ["known", "learnt"].map(|rates| TestMission::new(&scenario_of(&text(rates), strategy, 5)));
         for slot in 1..=80 {
-            assert_eq!(format!("{:?}", known.turn(slot)), format!("{:?}", learnt.turn(slot)), "{strategy:?}, {slot}");
+            assert_eq!(format!("{:?}", known.advance()), format!("{:?}", learnt.advance()), "{strategy:?}, {slot}");
         }
     }
 }
@@ -170,10 +172,10 @@ fn the_look_ahead_flies_over_sensor_nodes_that_turn_out_not_to_sample() {
     // The scenario's rate is 0, so nobody is believed to sample before a contact; SNs 1 and 2 do.
     let list = "x_m,y_m,sampling_bps\n20,20,0\n30,20,900\n90,90,900\n50,50,0\n";
     let list = SensorList::parse(list, Path::new("list.csv"), &scenario).unwrap();
-    let mut mission = Mission::over(&scenario, &list);
+    let mut mission = TestMission::over(&scenario, &list);
     for slot in 1..=scenario.slots {
-        mission.turn(slot);
-        assert_eq!(mission.report.refused, 0, "slot {slot}");
+        mission.advance();
+        assert_eq!(mission.last_flight().refused, 0, "slot {slot}");
     }
     let believed_bits = [0, 1, 2, 3].map(|id| mission.estimate().mean_bits(id));
     assert_eq!(believed_bits, [0.0, 900.0, 900.0, 0.0]);
@@ -182,14 +184,14 @@ fn the_look_ahead_flies_over_sensor_nodes_that_turn_out_not_to_sample() {
 #[test]
 fn a_planner_that_sees_the_queues_saves_nothing_of_them() {
     let scenario = scenario_of("slots = 10\n", "uts", 1);
-    let mut mission = Mission::new(&scenario);
-    mission.turn(1);
-    assert!(mission.planner.estimate().is_none() && mission.saved().is_empty());
+    let mut mission = TestMission::new(&scenario);
+    mission.advance();
+    assert!(mission.planner().estimate().is_none() && mission.saved().is_empty());
     let text = "slots = 10\n[planner]\nknowledge = 'estimated'\n";
-    let mut believing = Mission::new(&scenario_of(text, "uts", 1));
-    believing.turn(1);
-    assert!(mission.planner.restore(&believing.saved()).is_err());
-    assert!(believing.planner.restore(&[]).is_err());
+    let mut believing = TestMission::new(&scenario_of(text, "uts", 1));
+    believing.advance();
+    assert!(mission.planner_mut().restore(&believing.saved()).is_err());
+    assert!(believing.planner_mut().restore(&[]).is_err());
 }
 
 #[test]
@@ -198,11 +200,9 @@ fn a_planner_that_is_not_sure_of_the_queues_comes_early_enough() {
                 initial_queue_mean_bits = [0.0, 20000.0]\n[planner]\nknowledge = 'estimated'\nrates = 'learnt'\n\
                 horizon.iterations = 300\n";
     for seed in 1..=3 {
-        let mut mission = Mission::new(&scenario_of(text, "horizon", seed));
-        (1..=300).for_each(|slot| {
-            mission.turn(slot);
-        });
-        let totals = mission.field.totals();
+        let mut mission = TestMission::new(&scenario_of(text, "horizon", seed));
+        mission.by_ref().take(300).for_each(drop);
+        let totals = mission.field().totals();
         let loss_rate = totals.lost_bits as f64 / totals.sampled_bits as f64;
         assert!(loss_rate < 1e-4, "seed {seed}: {loss_rate}; some fill within 70 slots");
     }

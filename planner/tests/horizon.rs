@@ -14,7 +14,7 @@ use skysink_planner::horizon::bound::mission_bound;
 use skysink_planner::strategies::Timing;
 use skysink_planner::strategies::names;
 use skysink_planner::strategies::offline::Offline;
-use support::{Mission, scenario_of};
+use support::{TestMission, scenario_of};
 
 /// The strategies that carry something from slot to slot.
 const REMEMBERING: [&str; 5] = ["tour", "round-robin", "max-age-first", "horizon", "offline"];
@@ -56,21 +56,21 @@ proptest! {
         text in texts(), strategy in prop::sample::select(&REMEMBERING[..]), seed in 1u64..1_000, restart in 1u64..40,
     ) {
         let scenario = scenario_of(&text, strategy, seed);
-        let (mut mission, mut restarted) = (Mission::new(&scenario), Mission::new(&scenario));
+        let (mut mission, mut restarted) = (TestMission::new(&scenario), TestMission::new(&scenario));
         for slot in 1..=scenario.slots {
-            let plan = mission.turn(slot);
-            prop_assert_eq!(mission.report.refused, 0, "slot {}: {:?}", slot, plan);
-            let path = mission.planner.path();
+            let plan = mission.advance();
+            prop_assert_eq!(mission.last_flight().refused, 0, "slot {}: {:?}", slot, plan);
+            let path = mission.planner().path();
             let waypoint = Point3::new(plan.x_m, plan.y_m, plan.z_m);
             prop_assert!((1..=64).contains(&path.len()) && path[0] == waypoint, "{:?}", path);
-            prop_assert_eq!(format!("{plan:?}"), format!("{:?}", restarted.turn(slot)));
+            prop_assert_eq!(format!("{plan:?}"), format!("{:?}", restarted.advance()));
             if slot == restart {
                 restarted.restart();
-                prop_assert_eq!(restarted.planner.slot(), slot);
+                prop_assert_eq!(restarted.planner().slot(), slot);
             }
             prop_assert_eq!(mission.saved(), restarted.saved());
         }
-        prop_assert!(mission.field.totals().balanced());
+        prop_assert!(mission.field().totals().balanced());
     }
 }
 
@@ -79,18 +79,18 @@ fn a_checkpoint_that_is_cut_or_of_another_strategy_is_refused_and_changes_nothin
     for strategy in REMEMBERING {
         let scenario =
             scenario_of("slots = 10\n[planner]\nhorizon.iterations = 10\noffline.steps = 400\n", strategy, 1);
-        let mut mission = Mission::new(&scenario);
-        mission.turn(1);
+        let mut mission = TestMission::new(&scenario);
+        mission.advance();
         let saved = mission.saved();
         for length in 0..saved.len() {
-            assert!(mission.planner.restore(&saved[..length]).is_err(), "{strategy:?}: cut after {length}");
+            assert!(mission.planner_mut().restore(&saved[..length]).is_err(), "{strategy:?}: cut after {length}");
         }
-        assert!(mission.planner.restore(&[&saved[..], &[0]].concat()).is_err(), "{strategy:?}: too long");
+        assert!(mission.planner_mut().restore(&[&saved[..], &[0]].concat()).is_err(), "{strategy:?}: too long");
         assert_eq!(mission.saved(), saved);
-        let mut other = Mission::new(&scenario_of("slots = 10\n", "uts", 1));
-        other.turn(1);
+        let mut other = TestMission::new(&scenario_of("slots = 10\n", "uts", 1));
+        other.advance();
         assert!(other.saved().is_empty());
-        assert!(other.planner.restore(&saved).is_err(), "{strategy:?}: another strategy");
+        assert!(other.planner_mut().restore(&saved).is_err(), "{strategy:?}: another strategy");
     }
 }
 
@@ -99,18 +99,16 @@ fn sensor_nodes_that_do_not_sample_are_served_but_not_waited_for() {
     let scenario = scenario_of("slots = 30\n[planner]\nhorizon.iterations = 50\n", "horizon", 1);
     let text = "x_m,y_m,queue_bits,sampling_bps\n20,20,20000,0\n30,20,100,900\n90,90,100,900\n50,50,7000,0\n";
     let list = SensorList::parse(text, Path::new("list.csv"), &scenario).unwrap();
-    let mut mission = Mission::over(&scenario, &list);
-    let first = mission.turn(1);
-    (2..=30).for_each(|slot| {
-        mission.turn(slot);
-    });
+    let mut mission = TestMission::over(&scenario, &list);
+    let first = mission.advance();
+    mission.by_ref().take(29).for_each(drop);
     assert_eq!(mission.lost_bits(), 0);
-    assert!(first.scheduled().contains(&3) || mission.field.queues_bits()[3] == 0, "met on the way");
+    assert!(first.scheduled().contains(&3) || mission.queues_bits()[3] == 0, "met on the way");
     // With nobody that samples, the UAV goes to the fullest queue (decision D8).
     let text = "x_m,y_m,queue_bits,sampling_bps\n20,50,20000,0\n";
     let list = SensorList::parse(text, Path::new("list.csv"), &scenario).unwrap();
-    let mut mission = Mission::over(&scenario, &list);
-    let plan = mission.turn(1);
+    let mut mission = TestMission::over(&scenario, &list);
+    let plan = mission.advance();
     assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (20.0, 50.0, &[0][..]));
 }
 
@@ -119,12 +117,12 @@ fn a_limit_in_time_ends_a_search_and_none_or_a_long_one_changes_nothing() {
     let text = "slots = 40\n[area]\nside_m = 600.0\n[sensors]\nsampling_bps = 700.0\n";
     let fly = |steps: u32, budget: &str, timing| {
         let keys = format!("{text}[planner]\nhorizon.iterations = {steps}\n{budget}\n");
-        let mut mission = Mission::new(&scenario_of(&keys, "horizon", 1));
-        mission.planner.set_timing(timing);
+        let mut mission = TestMission::new(&scenario_of(&keys, "horizon", 1));
+        mission.planner_mut().set_timing(timing);
         (1..=40)
             .map(|slot| {
-                let plan = mission.turn(slot);
-                assert_eq!(mission.report.refused, 0, "slot {slot}");
+                let plan = mission.advance();
+                assert_eq!(mission.last_flight().refused, 0, "slot {slot}");
                 format!("{:.3} {:.3} {:?}", plan.x_m, plan.y_m, plan.scheduled())
             })
             .collect::<Vec<_>>()
@@ -144,15 +142,13 @@ fn a_limit_in_time_ends_a_search_and_none_or_a_long_one_changes_nothing() {
 fn a_planner_that_starts_in_mid_mission_plans_from_what_it_finds() {
     let text = "slots = 200\n[area]\nside_m = 300.0\n[sensors]\ncount = 60\n[planner]\nhorizon.iterations = 200\n";
     let scenario = scenario_of(text, "horizon", 3);
-    let mut mission = Mission::new(&scenario);
-    (1..=100).for_each(|slot| {
-        mission.turn(slot);
-    });
+    let mut mission = TestMission::new(&scenario);
+    mission.by_ref().take(100).for_each(drop);
     let list = SensorList::of(&scenario).unwrap();
-    mission.planner = Planner::new(&scenario, &list.nodes()).unwrap();
+    *mission.planner_mut() = Planner::new(&scenario, &list.nodes()).unwrap();
     (101..=200).for_each(|slot| {
-        mission.turn(slot);
-        assert_eq!(mission.report.refused, 0, "slot {slot}");
+        mission.advance();
+        assert_eq!(mission.last_flight().refused, 0, "slot {slot}");
     });
     assert_eq!(mission.lost_bits(), 0);
 }
@@ -163,7 +159,7 @@ fn looking_ahead_loses_nothing_where_the_letters_strategy_is_trapped() {
     for seed in 1..=3 {
         let text = "slots = 500\n[area]\nside_m = 300.0\n[planner]\nhorizon.iterations = 100\n";
         let scenario = scenario_of(text, "horizon", seed);
-        assert_eq!(Mission::new(&scenario).loss_rate(), 0.0, "seed {seed}");
+        assert_eq!(TestMission::new(&scenario).loss_rate(), 0.0, "seed {seed}");
     }
 }
 
@@ -178,7 +174,7 @@ fn looking_ahead_loses_less_than_every_other_strategy() {
         let mean = |strategy| {
             let mission = |seed| {
                 let scenario = scenario_of(&format!("{setting}[planner]\nhorizon.iterations = 300\n"), strategy, seed);
-                Mission::new(&scenario).loss_rate()
+                TestMission::new(&scenario).loss_rate()
             };
             (1..=3).map(mission).sum::<f64>() / 3.0
         };
@@ -198,25 +194,23 @@ fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
         let scenario = scenario_of(text, "offline", seed);
         let list = SensorList::of(&scenario).unwrap();
         let nodes = list.nodes();
-        let mut mission = Mission::new(&scenario);
+        let mut mission = TestMission::new(&scenario);
         let mut shares = Vec::new();
         let found = Offline::search(&scenario, &nodes, &list.queues_bits(), &mut |progress| {
             shares.push(progress.share);
             ControlFlow::Continue(())
         });
         let (offline, predicted_bits) = found.unwrap().unwrap();
-        mission.planner = Planner::with_strategy(&scenario, &nodes, Box::new(offline)).unwrap();
+        *mission.planner_mut() = Planner::with_strategy(&scenario, &nodes, Box::new(offline)).unwrap();
         assert!(shares.len() > 100 && shares.is_sorted() && shares[0] == 0.0, "{shares:?}");
-        (1..=200).for_each(|slot| {
-            mission.turn(slot);
-        });
+        mission.by_ref().take(200).for_each(drop);
         let lost_bits = mission.lost_bits() as f64;
         assert!((lost_bits - predicted_bits).abs() < 1e-3, "seed {seed}: {lost_bits} against {predicted_bits}");
         let bound_bits = mission_bound(&scenario, &nodes, &list.queues_bits());
         assert!(bound_bits > 0.0 && bound_bits <= lost_bits, "seed {seed}: {lost_bits} against {bound_bits}");
-        let unprepared = Mission::new(&scenario).loss_rate();
+        let unprepared = TestMission::new(&scenario).loss_rate();
         assert_eq!(unprepared, lost_bits / (50.0 * 300.0 * 200.0), "seed {seed}: made in slot 1 instead");
-        let online = Mission::new(&scenario_of(text, "horizon", seed)).loss_rate();
+        let online = TestMission::new(&scenario_of(text, "horizon", seed)).loss_rate();
         assert!(unprepared <= online, "seed {seed}: without a search {online}");
     }
 }
@@ -240,10 +234,10 @@ fn the_missions_stay_what_they_are() {
     let text = "slots = 60\n[area]\nside_m = 400.0\n[sensors]\ncount = 40\nsampling_bps = 900.0\n\
                 [planner]\nhorizon.iterations = 200\noffline.steps = 5000\n";
     let trace = |strategy| {
-        let mut mission = Mission::new(&scenario_of(text, strategy, 1));
+        let mut mission = TestMission::new(&scenario_of(text, strategy, 1));
         (1..=3)
-            .map(|slot| {
-                let plan = mission.turn(slot);
+            .map(|_| {
+                let plan = mission.advance();
                 format!("{:.3} {:.3} {:?}", plan.x_m, plan.y_m, plan.scheduled())
             })
             .collect::<Vec<_>>()
