@@ -121,12 +121,6 @@ impl Settings {
         }
         Ok(settings)
     }
-
-    /// Whether the plan of a slot depends on the slots before it.
-    #[must_use]
-    pub fn remembers(&self) -> bool {
-        self.knowledge != Knowledge::Oracle || !self.strategy.is_stateless
-    }
 }
 
 /// Reads and checks a scenario file; a relative sensor list is relative to its folder. The scenario has every key of

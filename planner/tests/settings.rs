@@ -34,7 +34,8 @@ fn what_the_planner_knows_reads_back_and_is_part_of_what_is_flown() {
         let scenario = city(&format!("[planner]\n{keys}")).unwrap();
         let settings = Settings::of(&scenario).unwrap();
         assert_eq!((settings.knowledge, settings.rates), seen);
-        assert_eq!(settings.remembers(), seen.0 != Knowledge::Oracle, "uts remembers nothing else");
+        let has_state = Planner::new(&scenario, &[]).unwrap().has_state();
+        assert_eq!(has_state, seen.0 != Knowledge::Oracle, "uts has no other state");
         let again = parse(&scenario.to_toml(), &scenario.path, Overrides::default()).unwrap();
         assert_eq!((&again, again.hash()), (&scenario, scenario.hash()));
         scenario

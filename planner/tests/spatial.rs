@@ -10,7 +10,7 @@ use skysink_common::geometry::{Position, above, distance_squared, within};
 use skysink_common::message::{Mode, Plan, SensorNode, SolverOutcome};
 use skysink_common::scenario::{Count, Overrides, Scenario};
 use skysink_planner::Planner;
-use skysink_planner::settings::{Settings, WaypointSolver, change};
+use skysink_planner::settings::{WaypointSolver, change};
 use skysink_planner::strategies::names;
 
 const SOLVERS: [WaypointSolver; 2] = [WaypointSolver::Geometric, WaypointSolver::Clarabel];
@@ -299,7 +299,7 @@ proptest! {
                 prop_assert!(levels_m.all(|z_m| rate_bps(&case, &plan, z_m) <= best_bps), "slot {number}: altitude");
             }
             prop_assert!(plan.mode != Mode::Hold as u32);
-            if Settings::of(&case.scenario).unwrap().remembers() {
+            if planner.has_state() {
                 continue;
             }
             let fresh = Planner::new(&case.scenario, &case.sensors).unwrap().step(number, above(position, *altitude_m), queues_bits);
