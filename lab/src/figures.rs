@@ -3,12 +3,9 @@
 //!
 //! The same missions give the same bytes: no system font, no clock, no random number takes part.
 
-mod altitude;
 mod axis;
-pub mod campaign;
 pub mod chart;
-pub mod error;
-mod knowledge;
+pub mod choice;
 pub mod map;
 mod page;
 mod study;
@@ -17,31 +14,38 @@ mod style;
 mod tests;
 mod trajectories;
 
+use std::fs;
 use std::path::PathBuf;
 
 use skysink_common::stop::Stop;
+use skysink_mission::error::FileContext;
+use skysink_mission::record::write_whole;
 
 use crate::error::LabError;
 use crate::progress::OnProgress;
-use campaign::{Campaign, Choice, FigurePart};
+use choice::{Choice, FigurePart};
 
-/// Flies what is wanted and draws everything; returns the figures' paths without their extensions.
+/// Flies what is wanted and draws everything, with the tables of all charts; returns the figures' paths without their
+/// extensions.
 ///
 /// # Errors
 /// If a sweep is refused, something cannot be written, or on a stop.
 pub fn draw(choice: &Choice, stop: &Stop, on_progress: OnProgress) -> Result<Vec<PathBuf>, LabError> {
-    let mut campaign = Campaign::open(choice, stop, on_progress)?;
-    for study in study::STUDIES.iter().filter(|study| choice.wants(study.part)) {
-        study.draw(&mut campaign)?;
+    fs::create_dir_all(&choice.out).at(&choice.out)?;
+    let mut tables = format!("Made by {}; mean ± half of the 95 % CI.\n", choice.command());
+    let mut stems = Vec::new();
+    for study in study::studies().iter().filter(|study| choice.wants(study.part)) {
+        for (name, chart) in study.charts(choice, stop, on_progress)? {
+            stems.push(choice.out.join(name));
+            chart.draw(&stems[stems.len() - 1])?;
+            tables += &chart.table();
+        }
     }
-    if choice.wants(FigurePart::Knowledge) {
-        knowledge::draw(&mut campaign)?;
+    let sheets = if choice.wants(FigurePart::Maps) { trajectories::sheets(choice)? } else { Vec::new() };
+    for (name, sheet) in sheets {
+        stems.push(choice.out.join(name));
+        sheet.draw(&stems[stems.len() - 1])?;
     }
-    if choice.wants(FigurePart::Altitude) {
-        altitude::draw(&mut campaign)?;
-    }
-    if choice.wants(FigurePart::Maps) {
-        trajectories::draw(&mut campaign)?;
-    }
-    campaign.finish()
+    write_whole(&choice.out.join("tables.md"), tables.as_bytes())?;
+    Ok(stems)
 }

@@ -1,18 +1,62 @@
-//! What researchers ask of a mission besides its loss: how far it flew and at what cost, how old its data are, and how
-//! fairly it served. Definitions in `docs/metrics.md`.
+//! What a mission comes to: the columns of a sweep's results. Definitions in `docs/metrics.md`.
 
 use nalgebra::Point3;
+use serde::Deserialize;
 use skysink_common::message::FlightReport;
 use skysink_common::scenario::{Propulsion, Scenario};
+use skysink_mission::summary::Summary;
+use strum::{EnumCount, IntoStaticStr, VariantArray};
 
 use crate::propulsion::power_w;
 
+/// A column of the results, by its name there; defined in `docs/metrics.md`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, EnumCount, IntoStaticStr, VariantArray)]
+#[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
+#[allow(missing_docs)]
+pub enum Metric {
+    LossRate,
+    EtaLetter,
+    DeliveredBits,
+    BitsPerWaypoint,
+    MeanServed,
+    FlownM,
+    EnergyJ,
+    AoiMeanS,
+    #[strum(serialize = "aoi_p99_s")]
+    AoiP99S,
+    Jain,
+    /// NaN unless a plan of `offline` was flown.
+    LossBound,
+    #[strum(serialize = "plan_p50_us")]
+    PlanP50Us,
+    #[strum(serialize = "plan_p99_us")]
+    PlanP99Us,
+}
+
+/// The values of all metrics, in their order.
+pub type MetricValues = [f64; Metric::COUNT];
+
+impl Metric {
+    /// Its column.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        self.into()
+    }
+
+    /// Whether it is a time of the wall clock, and different each time.
+    #[must_use]
+    pub fn is_timing(self) -> bool {
+        matches!(self, Self::PlanP50Us | Self::PlanP99Us)
+    }
+}
+
 /// Running sums of a mission.
 #[derive(Debug, Clone)]
-pub struct Metrics {
+pub struct MissionSums {
     slot_s: f64,
     aircraft: Propulsion,
-    place: Point3<f64>,
+    position: Point3<f64>,
     flown_m: f64,
     energy_j: f64,
     slot: u64,
@@ -21,29 +65,14 @@ pub struct Metrics {
     ages: Ages,
 }
 
-/// The metrics of a mission.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MetricValues {
-    /// Distance flown [m].
-    pub flown_m: f64,
-    /// Propulsion energy [J], hovering included.
-    pub energy_j: f64,
-    /// Mean age of information over all SNs and slots [s].
-    pub aoi_mean_s: f64,
-    /// 99th percentile of the same [s].
-    pub aoi_p99_s: f64,
-    /// Jain's index of the bits delivered by each SN, 1/N to 1.
-    pub jain: f64,
-}
-
-impl Metrics {
+impl MissionSums {
     /// Nothing flown yet.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: usize) -> Self {
         Self {
             slot_s: scenario.slot_s,
             aircraft: scenario.uav.propulsion,
-            place: scenario.start(),
+            position: scenario.start(),
             flown_m: 0.0,
             energy_j: 0.0,
             slot: 0,
@@ -55,9 +84,9 @@ impl Metrics {
     /// Adds the next slot.
     pub fn add(&mut self, flight: &FlightReport) {
         self.slot += 1;
-        let place = Point3::new(flight.x_m, flight.y_m, flight.z_m);
-        let step_m = (place - self.place).norm();
-        self.place = place;
+        let position = Point3::new(flight.x_m, flight.y_m, flight.z_m);
+        let step_m = (position - self.position).norm();
+        self.position = position;
         self.flown_m += step_m;
         self.energy_j += power_w(&self.aircraft, step_m / self.slot_s) * self.slot_s;
         for link in flight.served_links() {
@@ -68,20 +97,32 @@ impl Metrics {
         }
     }
 
-    /// The metrics so far; `delivered_bits` by sensor node.
+    /// The metrics of a mission that comes to `summary`; `delivered_bits` by sensor node.
     #[must_use]
-    pub fn values(&self, delivered_bits: &[u64]) -> MetricValues {
+    pub fn values(&self, summary: &Summary, delivered_bits: &[u64], loss_bound: f64) -> MetricValues {
         let mut ages = self.ages.clone();
         for last in &self.last_service {
             ages.add_gap(self.slot - last);
         }
-        MetricValues {
-            flown_m: self.flown_m,
-            energy_j: self.energy_j,
-            aoi_mean_s: ages.mean() * self.slot_s,
-            aoi_p99_s: ages.quantile(0.99) as f64 * self.slot_s,
-            jain: jain(delivered_bits),
+        let mut values = [0.0; Metric::COUNT];
+        for (value, metric) in values.iter_mut().zip(Metric::VARIANTS) {
+            *value = match metric {
+                Metric::LossRate => summary.loss_rate,
+                Metric::EtaLetter => summary.eta_letter,
+                Metric::DeliveredBits => summary.delivered_bits as f64, // exact below 2^53
+                Metric::BitsPerWaypoint => summary.bits_per_waypoint,
+                Metric::MeanServed => summary.mean_served,
+                Metric::FlownM => self.flown_m,
+                Metric::EnergyJ => self.energy_j,
+                Metric::AoiMeanS => ages.mean() * self.slot_s,
+                Metric::AoiP99S => ages.quantile(0.99) as f64 * self.slot_s,
+                Metric::Jain => jain(delivered_bits),
+                Metric::LossBound => loss_bound,
+                Metric::PlanP50Us => summary.timing.plan_p50_us,
+                Metric::PlanP99Us => summary.timing.plan_p99_us,
+            };
         }
+        values
     }
 }
 
@@ -163,22 +204,34 @@ mod tests {
         report
     }
 
+    fn values<const N: usize>(sums: &MissionSums, metrics: [Metric; N]) -> [f64; N] {
+        let values = sums.values(&Summary::default(), &[], f64::NAN);
+        metrics.map(|metric| values[metric as usize])
+    }
+
+    #[test]
+    fn columns_have_the_names_of_the_documentation() {
+        let names: Vec<&str> = Metric::VARIANTS.iter().map(|metric| metric.name()).collect();
+        let expected = "loss_rate eta_letter delivered_bits bits_per_waypoint mean_served flown_m energy_j aoi_mean_s \
+                        aoi_p99_s jain loss_bound plan_p50_us plan_p99_us";
+        assert_eq!(names.join(" "), expected);
+    }
+
     #[test]
     fn ages_count_slots_since_the_last_service() {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
-        let mut metrics = Metrics::new(&scenario, 2);
+        let mut metrics = MissionSums::new(&scenario, 2);
         for served in [&[][..], &[0], &[], &[0, 1]] {
             metrics.add(&flight(50.0, served));
         }
         // Ages after slots 1 to 4: SN 0: 1, 0, 1, 0; SN 1: 1, 2, 3, 0. Mean 8/8; the largest of 8 is the 99th percentile.
-        let values = metrics.values(&[0, 0]);
-        assert_eq!((values.aoi_mean_s, values.aoi_p99_s), (1.0, 3.0));
+        assert_eq!(values(&metrics, [Metric::AoiMeanS, Metric::AoiP99S]), [1.0, 3.0]);
     }
 
     #[test]
     fn ages_agree_with_counting_one_by_one() {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
-        let mut metrics = Metrics::new(&scenario, 7);
+        let mut metrics = MissionSums::new(&scenario, 7);
         let (mut last, mut ages) = ([0u64; 7], Vec::new());
         for slot in 1..=300u64 {
             let served: Vec<u32> = (0..7).filter(|&sn| (slot * 31 + u64::from(sn) * 17) % 23 < 3).collect();
@@ -187,22 +240,22 @@ mod tests {
             ages.extend(last.iter().map(|last| slot - last));
         }
         ages.sort_unstable();
-        let values = metrics.values(&[0; 7]);
-        assert_eq!(values.aoi_mean_s, ages.iter().sum::<u64>() as f64 / ages.len() as f64);
-        assert_eq!(values.aoi_p99_s, ages[(ages.len() * 99).div_ceil(100) - 1] as f64);
+        let mean = ages.iter().sum::<u64>() as f64 / ages.len() as f64;
+        let p99 = ages[(ages.len() * 99).div_ceil(100) - 1] as f64;
+        assert_eq!(values(&metrics, [Metric::AoiMeanS, Metric::AoiP99S]), [mean, p99]);
     }
 
     #[test]
     fn hovering_costs_energy_and_no_distance() {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
-        let mut metrics = Metrics::new(&scenario, 1);
+        let mut metrics = MissionSums::new(&scenario, 1);
         metrics.add(&flight(50.0, &[]));
-        let hover = metrics.values(&[0]);
-        assert!((hover.energy_j - 168.49).abs() < 1e-9);
+        let [hover_m, hover_j] = values(&metrics, [Metric::FlownM, Metric::EnergyJ]);
+        assert!((hover_j - 168.49).abs() < 1e-9);
         metrics.add(&flight(60.0, &[]));
-        let flown = metrics.values(&[0]);
-        assert_eq!((hover.flown_m, flown.flown_m), (0.0, 10.0));
-        assert!((flown.energy_j - hover.energy_j - power_w(&scenario.uav.propulsion, 10.0)).abs() < 1e-9);
+        let [flown_m, flown_j] = values(&metrics, [Metric::FlownM, Metric::EnergyJ]);
+        assert_eq!((hover_m, flown_m), (0.0, 10.0));
+        assert!((flown_j - hover_j - power_w(&scenario.uav.propulsion, 10.0)).abs() < 1e-9);
     }
 
     #[test]

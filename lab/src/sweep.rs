@@ -1,6 +1,5 @@
 //! `skysink sweep` and `skysink merge`: many missions, in parallel, resumable, with the same bytes however it was done.
 
-pub mod error;
 pub mod journal;
 pub mod plan;
 pub mod results;
@@ -25,10 +24,9 @@ use skysink_mission::summary::Tally;
 use skysink_mission::{Mission, MissionError};
 
 use crate::error::LabError;
-use crate::metrics::Metrics;
+use crate::metrics::MissionSums;
 use crate::optimize::loss_bound;
 use crate::progress::{LabProgress, OnProgress};
-pub use error::SweepError;
 use journal::{MissionRow, MissionRows, SweepJournal};
 use plan::{Definition, MissionKey, Shard, Sweep};
 
@@ -51,24 +49,25 @@ impl SweepFolder {
     fn open(path: &Path, manifest: &Manifest) -> Result<Self, LabError> {
         fs::create_dir_all(path).at(path)?;
         let file = path.join("sweep.json");
-        let other = |what: &str| SweepError::Other { path: path.to_owned(), what: what.to_owned() };
+        let refuse = |message| LabError::refused("sweep folder", path, message);
         match fs::read_to_string(&file) {
             Ok(text) => {
-                let held: Manifest = serde_json::from_str(&text).map_err(|_| other("no sweep"))?;
+                let held: Manifest =
+                    serde_json::from_str(&text).map_err(|_| refuse("it holds no sweep: choose another --out"))?;
                 if held != *manifest {
-                    return Err(other("another sweep").into());
+                    return Err(refuse("it holds another sweep: choose another --out"));
                 }
             }
             Err(error) if error.kind() == ErrorKind::NotFound => {
                 if fs::read_dir(path).at(path)?.flatten().any(|entry| entry.file_name() != "lock") {
-                    return Err(other("other files").into());
+                    return Err(refuse("it holds other files: choose another --out"));
                 }
             }
             Err(source) => return Err(MissionError::File { path: file, source }.into()),
         }
         let lock_path = path.join("lock");
         let lock = File::options().write(true).create(true).truncate(false).open(&lock_path).at(&lock_path)?;
-        lock.try_lock().map_err(|_| SweepError::Busy(path.to_owned()))?;
+        lock.try_lock().map_err(|_| refuse("another process is flying this sweep"))?;
         let text = serde_json::to_string_pretty(manifest).expect("plain values") + "\n";
         write_whole(&file, text.as_bytes())?;
         Ok(Self { path: path.to_owned(), _lock: lock })
@@ -113,7 +112,7 @@ pub fn sweep(
         };
         missing.par_iter().with_max_len(1).map(fly_one).collect::<Result<Vec<_>, _>>()
     })?;
-    rows.extend(new_rows.into_iter().map(|row| (row.key(), row)));
+    rows.extend(new_rows.into_iter().map(|row| (row.key, row)));
     results::write(&folder.path, &sweep.definition, &rows)?;
     Ok(rows)
 }
@@ -125,7 +124,7 @@ pub fn sweep(
 pub fn merge(shards: &[PathBuf], out: &Path) -> Result<MissionRows, LabError> {
     let mut merged: Option<(Definition, MissionRows)> = None;
     for path in shards {
-        let refuse = |message: String| SweepError::Shard { path: path.clone(), message };
+        let refuse = |message: String| LabError::refused("shard", path, message);
         let text =
             fs::read_to_string(path.join("sweep.json")).map_err(|error| refuse(format!("sweep.json: {error}")))?;
         let manifest: Manifest =
@@ -133,7 +132,7 @@ pub fn merge(shards: &[PathBuf], out: &Path) -> Result<MissionRows, LabError> {
         let rows = journal::read(&path.join("journal.csv"))?;
         let (definition, all) = merged.get_or_insert_with(|| (manifest.definition.clone(), MissionRows::new()));
         if *definition != manifest.definition {
-            return Err(refuse("it is of another sweep than the first".to_owned()).into());
+            return Err(refuse("it is of another sweep than the first".to_owned()));
         }
         all.extend(rows);
     }
@@ -141,11 +140,11 @@ pub fn merge(shards: &[PathBuf], out: &Path) -> Result<MissionRows, LabError> {
     let expected = definition.points.len() * definition.strategies.len() * definition.seeds.len();
     if rows.len() != expected {
         let message = format!("{} of {expected} missions are there: fly the other shards first", rows.len());
-        return Err(SweepError::Shard { path: shards[0].clone(), message }.into());
+        return Err(LabError::refused("shard", &shards[0], message));
     }
     let folder = SweepFolder::open(out, &Manifest { shard: Shard::WHOLE, definition: definition.clone() })?;
     let (mut journal, there) = folder.journal()?;
-    for row in rows.values().filter(|row| !there.contains_key(&row.key())) {
+    for row in rows.values().filter(|row| !there.contains_key(&row.key)) {
         journal.add(row)?;
     }
     results::write(&folder.path, &definition, &rows)?;
@@ -153,37 +152,21 @@ pub fn merge(shards: &[PathBuf], out: &Path) -> Result<MissionRows, LabError> {
 }
 
 /// Flies one mission.
-fn fly(scenario: &Scenario, mission: MissionKey) -> Result<MissionRow, LabError> {
+fn fly(scenario: &Scenario, key: MissionKey) -> Result<MissionRow, LabError> {
     let list = SensorList::of(scenario)?;
-    let MissionKey { point, strategy, seed } = mission;
     let mut mission = Mission::new(scenario, &list)?;
     let mut tally = Tally::new(scenario, &list);
-    let mut metrics = Metrics::new(scenario, list.sensors().len());
+    let mut sums = MissionSums::new(scenario, list.sensors().len());
     tally.start(&mission.header());
     for flown in &mut mission {
         tally.add(Some(&flown.plan), &flown.flight, &flown.header);
-        metrics.add(&flown.flight);
+        sums.add(&flown.flight);
     }
     let summary = tally.summary(None, Duration::ZERO, 0);
-    let values = metrics.values(mission.delivered_bits());
-    // A loss-free mission needs no bound.
-    let bound = || if summary.lost_bits == 0 { 0.0 } else { loss_bound(scenario, &list) };
-    Ok(MissionRow {
-        point,
-        strategy,
-        seed,
-        loss_rate: summary.loss_rate,
-        eta_letter: summary.eta_letter,
-        delivered_bits: summary.delivered_bits,
-        bits_per_waypoint: summary.bits_per_waypoint,
-        mean_served: summary.mean_served,
-        flown_m: values.flown_m,
-        energy_j: values.energy_j,
-        aoi_mean_s: values.aoi_mean_s,
-        aoi_p99_s: values.aoi_p99_s,
-        jain: values.jain,
-        loss_bound: (scenario.planner.strategy == "offline").then(bound),
-        plan_p50_us: summary.timing.plan_p50_us,
-        plan_p99_us: summary.timing.plan_p99_us,
-    })
+    let loss_bound = match scenario.planner.strategy.as_str() {
+        "offline" if summary.lost_bits == 0 => 0.0, // a loss-free mission needs no bound
+        "offline" => loss_bound(scenario, &list),
+        _ => f64::NAN,
+    };
+    Ok(MissionRow { key, values: sums.values(&summary, mission.delivered_bits(), loss_bound) })
 }

@@ -8,7 +8,7 @@ use clap::{Args, Subcommand};
 use skysink_common::scenario::Overrides;
 use skysink_common::stop::Stop;
 use skysink_lab::figures;
-use skysink_lab::figures::campaign::{Choice, FigurePart, HORIZON_ITERATIONS};
+use skysink_lab::figures::choice::{Choice, FigurePart, HORIZON_ITERATIONS};
 use skysink_lab::optimize::{Budget, MAX_STEPS, Optimization, optimize};
 use skysink_lab::sweep;
 use skysink_lab::sweep::plan::{Shard, Sweep};

@@ -6,7 +6,6 @@ use svg::node::element::Group;
 
 pub use super::axis::Scale;
 use super::axis::{Axis, Panel};
-use super::error::FigureError;
 use super::page::{MARGIN, Page, SAMPLE, TOP, WIDTH, line, stroke};
 use super::style::SeriesStyle;
 use crate::error::LabError;
@@ -89,28 +88,41 @@ impl Chart {
         page.write(stem, BOTTOM, &self.footer)
     }
 
+    /// The chart as a Markdown table.
+    #[must_use]
+    pub fn table(&self) -> String {
+        let labels: Vec<&str> = self.series.iter().map(|series| series.label.as_str()).collect();
+        let mut table = format!("\n**{}**; {}\n\n", self.title, self.y_label);
+        table += &format!("| {} | {} |\n|{}\n", self.x_label, labels.join(" | "), " --- |".repeat(labels.len() + 1));
+        for (index, point) in self.series[0].points.iter().enumerate() {
+            let cells: Vec<String> = self.series.iter().map(|series| series.points[index].cell()).collect();
+            table += &format!("| {} | {} |\n", point.x, cells.join(" | "));
+        }
+        table
+    }
+
     fn points(&self) -> impl Iterator<Item = &CurvePoint> + Clone {
         self.series.iter().flat_map(|series| &series.points)
     }
 
-    fn check(&self) -> Result<(), FigureError> {
+    fn check(&self) -> Result<(), LabError> {
         if self.series.is_empty() {
-            return Err(FigureError::Nothing { place: format!("chart {:?}", self.title), what: "series" });
+            return Err(LabError::figure(format!("chart {:?}", self.title), "0 series: expected at least 1"));
         }
         for series in &self.series {
             if series.points.is_empty() {
-                return Err(FigureError::Nothing { place: self.place(series), what: "points" });
+                return Err(LabError::figure(self.place(series), "0 points: expected at least 1"));
             }
             let mut last_x = f64::NEG_INFINITY;
             for &CurvePoint { x, mean, half_width } in &series.points {
                 let place = || format!("{}, x = {x}", self.place(series));
                 let ascending = x.is_finite() && x > last_x;
-                FigureError::unless(ascending, || self.place(series), "x", x, "finite numbers in ascending order")?;
-                FigureError::unless(mean.is_finite(), place, "mean", mean, "a finite number")?;
+                LabError::unless(ascending, || self.place(series), "x", x, "finite numbers in ascending order")?;
+                LabError::unless(mean.is_finite(), place, "mean", mean, "a finite number")?;
                 let on_scale = self.y_scale == Scale::Linear || mean > 0.0;
-                FigureError::unless(on_scale, place, "mean", mean, "above 0 on a logarithmic scale")?;
+                LabError::unless(on_scale, place, "mean", mean, "above 0 on a logarithmic scale")?;
                 let width = half_width.is_nan() || half_width.is_finite() && half_width >= 0.0;
-                FigureError::unless(width, place, "half width", half_width, "at least 0, or NaN for none")?;
+                LabError::unless(width, place, "half width", half_width, "at least 0, or NaN for none")?;
                 last_x = x;
             }
         }
@@ -135,6 +147,21 @@ impl Chart {
 }
 
 impl CurvePoint {
+    /// The mean with its confidence interval, in as many digits as its size needs.
+    fn cell(&self) -> String {
+        let Self { mean, half_width, .. } = self;
+        let digits = match mean.abs() {
+            100.0.. => 0,
+            1.0.. => 1,
+            _ => 4,
+        };
+        if half_width.is_nan() {
+            format!("{mean:.digits$}")
+        } else {
+            format!("{mean:.digits$} ± {half_width:.digits$}")
+        }
+    }
+
     /// Confidence limits; NaN where there are none.
     fn limits(&self) -> [f64; 2] {
         [self.mean - self.half_width, self.mean + self.half_width]

@@ -5,7 +5,6 @@ use std::path::Path;
 use svg::node::element::{Circle, Group, Rectangle};
 
 use super::axis::{Axis, Panel};
-use super::error::FigureError;
 use super::page::{INK, MARGIN, Page, SAMPLE, TOP, WIDTH, fitting, line, stroke, text};
 use super::style::shade;
 use crate::error::LabError;
@@ -69,7 +68,7 @@ impl MapSheet {
     /// No map, a number that cannot be placed, a character that the embedded font lacks, a file that cannot be written.
     pub fn draw(&self, stem: &Path) -> Result<(), LabError> {
         if self.maps.is_empty() {
-            return Err(FigureError::Nothing { place: format!("map sheet {:?}", self.title), what: "maps" }.into());
+            return Err(LabError::figure(format!("map sheet {:?}", self.title), "0 maps: expected at least 1"));
         }
         self.maps.iter().try_for_each(TrajectoryMap::check)?;
 
@@ -126,27 +125,22 @@ impl MapSheet {
 }
 
 impl TrajectoryMap {
-    fn check(&self) -> Result<(), FigureError> {
+    fn check(&self) -> Result<(), LabError> {
         let place = || format!("map {:?}", self.title);
         for (key, extent_m) in [("width_m", self.width_m), ("height_m", self.height_m)] {
             let expected = "a finite length above 0";
-            FigureError::unless(extent_m.is_finite() && extent_m > 0.0, place, key, extent_m, expected)?;
+            LabError::unless(extent_m.is_finite() && extent_m > 0.0, place, key, extent_m, expected)?;
         }
         let sensors = self.sensors.iter().map(|sensor| sensor.position_m);
         for position_m in self.path_m.iter().copied().chain(sensors).chain([self.start_m]) {
             for (key, value) in ["x", "y"].into_iter().zip(position_m) {
-                FigureError::unless(value.is_finite(), place, key, value, "a finite position [m]")?;
+                LabError::unless(value.is_finite(), place, key, value, "a finite position [m]")?;
             }
         }
         for sensor in &self.sensors {
             let fraction = sensor.fraction;
-            FigureError::unless(
-                (0.0..=1.0).contains(&fraction),
-                place,
-                "fraction",
-                fraction,
-                "a fraction from 0 to 1",
-            )?;
+            let is_fraction = (0.0..=1.0).contains(&fraction);
+            LabError::unless(is_fraction, place, "fraction", fraction, "a fraction from 0 to 1")?;
         }
         Ok(())
     }

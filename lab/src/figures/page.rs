@@ -12,7 +12,6 @@ use skysink_mission::error::FileContext;
 use svg::node::element::{Group, Path as Stroke, Rectangle, Text};
 use svg::{Document, Node};
 
-use super::error::FigureError;
 use crate::error::LabError;
 
 /// Width of a page [units: pixels of the PNG].
@@ -87,7 +86,7 @@ impl Page {
         let lacking = |text: &str| text.chars().find(|&character| font().charmap().map(character).is_none());
         for text in svg.split(['<', '>']).map(str::trim) {
             if let Some(character) = lacking(text) {
-                return Err(FigureError::Character { text: text.to_owned(), character }.into());
+                return Err(LabError::Character { text: text.to_owned(), character });
             }
         }
         let path = stem.with_added_extension("svg");

@@ -1,215 +1,270 @@
-//! Sweeps over one key of the letter's mission, by every strategy, and the charts made of them.
+//! Sweeps over one key of a mission, and the charts made of them; which there are says `studies.toml`.
 
-use super::campaign::{Campaign, Choice, FigurePart, LETTER_BASE, Quantity, curve, numbers, plan};
-use super::chart::{Chart, Scale};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use clap::ValueEnum;
+use serde::Deserialize;
+use skysink_common::scenario::LETTER;
+use skysink_common::stop::Stop;
+use skysink_planner::strategies::{Registered, STRATEGIES};
+
+use super::chart::{Chart, CurvePoint, Scale, Series};
+use super::choice::{Choice, FigurePart};
 use crate::error::LabError;
-use crate::sweep::journal::{MissionRow, MissionRows, missions_of};
-use crate::sweep::plan::Sweep;
+use crate::metrics::Metric;
+use crate::progress::OnProgress;
+use crate::sweep::journal::{MissionRows, missions_of};
+use crate::sweep::plan::{Shard, Sweep, SweepBase};
 use crate::sweep::results::{BEST_KNOWN, best_known};
-use skysink_planner::strategies::{
-    Registered, exact, gfs, horizon, max_age_first, offline, rfs, round_robin, tour, uts, uts_wide,
-};
+use crate::sweep::statistics::MeanInterval;
+use crate::sweep::sweep;
 
-/// Strategies that take microseconds a slot, in the order of legends and tables.
-pub(super) const AT_ONCE: [&Registered; 8] = [
-    &rfs::STRATEGY,
-    &gfs::STRATEGY,
-    &uts::STRATEGY,
-    &uts_wide::STRATEGY,
-    &exact::STRATEGY,
-    &tour::STRATEGY,
-    &round_robin::STRATEGY,
-    &max_age_first::STRATEGY,
-];
+/// Search steps of an offline plan, for each step that `horizon` takes in a slot.
+const OFFLINE_PER_HORIZON_STEP: i64 = 200;
 
-/// Those that take milliseconds; the last is only shown as a part of the best known.
-const AHEAD: [&Registered; 2] = [&horizon::STRATEGY, &offline::STRATEGY];
-
-/// Most fields per point of those.
-const AHEAD_RUNS: u64 = 20;
-
-/// A regime of the radio.
-struct Regime {
-    /// Its name in files.
-    name: &'static str,
-    /// Its name for people.
-    title: &'static str,
-    bandwidth_hz: f64,
-}
-
-/// A visit that empties every queue.
-const LETTER: Regime = Regime { name: "letter", title: "W = 5 MHz, the letter's", bandwidth_hz: 5e6 };
-
-/// A visit that carries a part of a queue.
-const NARROW: Regime = Regime { name: "narrow", title: "W = 5 kHz", bandwidth_hz: 5e3 };
-
-/// A sweep over one key, and what is plotted of it.
+/// Sweeps over the same points of a mission, and what is plotted of them.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(super) struct Study {
-    /// The figures that it is.
+    /// The figures that it is; its sweeps have the same name.
     pub part: FigurePart,
-    name: &'static str,
-    key: &'static str,
-    values: &'static [i64],
-    x_label: &'static str,
-    /// Regimes of the radio, with charts of their own.
-    regimes: &'static [Regime],
-    /// What differs from the letter's mission.
-    fixed: &'static [(&'static str, i64)],
+    base: StudyBase,
+    /// Keys with their values, as in a sweep file; the last is the x axis, the one before has a value for each chart.
+    axes: toml::Table,
+    x_label: String,
+    /// The charts of each quantity: name in files, and title.
+    charts: Vec<(String, String)>,
+    quantities: Vec<Quantity>,
+    flights: Vec<Flights>,
     /// Missions at the same time; 1 where time itself is measured, 0 for as many as asked for.
+    #[serde(default)]
     threads: usize,
-    /// Times as many search steps of `horizon` as elsewhere.
-    effort: u32,
-    /// Most fields per point of strategies that take milliseconds a slot.
-    ahead_runs: u64,
-    quantities: &'static [Quantity],
+    /// Times as many search steps as elsewhere; 0 for as many.
+    #[serde(default)]
+    effort: i64,
 }
 
-/// The missions of a study.
-struct Flown {
-    all: MissionRows,
-    /// Those over the fields that every strategy has flown over.
-    common: MissionRows,
+/// The mission that a study varies.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum StudyBase {
+    Letter,
+    PlosDenseUrban,
 }
 
-/// The letter's Fig. 2 (a) to (c), the bits per waypoint that its text speaks of, and fields larger than the letter's.
-pub(super) const STUDIES: [Study; 4] = [
-    Study {
-        part: FigurePart::Area,
-        name: "area",
-        key: "area.side_m",
-        values: &[100, 150, 200, 250, 300],
-        x_label: "side of the area [m]",
-        regimes: &[LETTER, NARROW],
-        fixed: &[("slots", 500)],
-        threads: 0,
-        effort: 1,
-        ahead_runs: AHEAD_RUNS,
-        quantities: &[
-            Quantity::loss("fig2a-loss-area", "Data loss against the area"),
-            Quantity::bits("bits-area", "Bits per waypoint against the area"),
-        ],
-    },
-    Study {
-        part: FigurePart::Sparse,
-        name: "sparse",
-        key: "area.side_m",
-        values: &[300, 400, 500, 700, 1000],
-        x_label: "side of the area [m]",
-        regimes: &[LETTER],
-        fixed: &[("slots", 500)],
-        threads: 0,
-        effort: 4,
-        ahead_runs: AHEAD_RUNS,
-        quantities: &[Quantity::loss("loss-sparse", "Data loss in sparse fields")],
-    },
-    Study {
-        part: FigurePart::Rate,
-        name: "rate",
-        key: "sensors.sampling_bps",
-        values: &[100, 200, 300, 400, 500, 600, 700, 800],
-        x_label: "sampling rate s [bit/s]",
-        regimes: &[LETTER, NARROW],
-        fixed: &[("slots", 600)],
-        threads: 0,
-        effort: 1,
-        ahead_runs: AHEAD_RUNS,
-        quantities: &[Quantity::loss("fig2b-loss-rate", "Data loss against the sampling rate")],
-    },
-    Study {
-        part: FigurePart::Time,
-        name: "time",
-        key: "sensors.count",
-        values: &[50, 100, 200, 400],
-        x_label: "sensor nodes N in 100 m × 100 m",
-        regimes: &[LETTER, NARROW],
-        fixed: &[("sensors.sampling_bps", 120), ("slots", 600)],
-        threads: 1,
-        effort: 1,
-        ahead_runs: 5,
-        quantities: &[Quantity {
-            stem: "fig2c-time",
-            title: "Planning time of a slot, median of each mission",
-            y_label: "planning time [µs]",
-            y_scale: Scale::Log,
-            value: |row| row.plan_p50_us,
-            is_bounded: false,
-        }],
-    },
-];
+/// A sweep of a study.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Flights {
+    by: Flyers,
+    /// Name of a curve, in which `{}` stands for the strategy.
+    label: String,
+    /// What the name of the sweep ends with.
+    #[serde(default)]
+    suffix: String,
+    /// Keys with the values that they have in this sweep.
+    #[serde(default)]
+    axes: toml::Table,
+    /// Most fields per point.
+    most_runs: Option<u64>,
+}
+
+/// The strategies of a sweep.
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Flyers {
+    /// Those that decide without a search, in microseconds.
+    AtOnce,
+    /// Those that search, for milliseconds; `offline` is only shown as a part of the best known.
+    Ahead,
+    /// These.
+    Named(Vec<&'static Registered>),
+}
+
+/// What is plotted of the missions; of a loss the best known and the lower bound, too, where offline plans are flown.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Quantity {
+    stem: String,
+    title: String,
+    metric: Metric,
+}
+
+/// All studies.
+///
+/// # Panics
+/// Never: they are built in, and tested.
+pub(super) fn studies() -> Vec<Study> {
+    let studies = toml::from_str(include_str!("studies.toml"));
+    let mut studies: BTreeMap<String, Vec<Study>> = studies.expect("studies as described here");
+    studies.remove("study").unwrap_or_default()
+}
+
+/// Whether a strategy decides without a search. `edf` is not flown: the letter's comparison in `docs/results.md`, and with
+/// it the best known, is without it.
+pub(super) fn plans_at_once(strategy: &Registered) -> bool {
+    !strategy.has_path && strategy.name != "edf"
+}
+
+impl StudyBase {
+    /// Its file, and what that holds.
+    fn scenario(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Letter => ("letter.toml", LETTER),
+            Self::PlosDenseUrban => ("plos-dense-urban.toml", include_str!("../../../scenarios/plos-dense-urban.toml")),
+        }
+    }
+}
+
+impl Quantity {
+    /// Label and scale of its axis.
+    fn axis(&self) -> (&'static str, Scale) {
+        match self.metric {
+            Metric::LossRate => ("data loss rate η", Scale::Linear),
+            Metric::BitsPerWaypoint => ("bits delivered per waypoint [bit]", Scale::Linear),
+            Metric::PlanP50Us => ("planning time [µs]", Scale::Log),
+            other => (other.name(), Scale::Linear),
+        }
+    }
+}
+
+impl Flights {
+    fn strategies(&self) -> Vec<&'static Registered> {
+        let all = STRATEGIES.into_iter();
+        match &self.by {
+            Flyers::AtOnce => all.filter(|strategy| plans_at_once(strategy)).collect(),
+            Flyers::Ahead => all.filter(|strategy| strategy.has_path).collect(),
+            Flyers::Named(strategies) => strategies.clone(),
+        }
+    }
+
+    /// Fields per point.
+    fn runs(&self, choice: &Choice) -> u64 {
+        choice.runs.min(self.most_runs.unwrap_or(u64::MAX))
+    }
+}
 
 impl Study {
-    /// Flies the sweeps, and draws a chart per quantity and regime.
-    pub fn draw(&self, campaign: &mut Campaign) -> Result<(), LabError> {
-        let flown = self.fly(campaign)?;
-        for quantity in self.quantities {
-            for (index, regime) in self.regimes.iter().enumerate() {
-                let title = format!("{} · {}", quantity.title, regime.title);
-                let chart = self.chart(title, quantity, &flown, index * self.values.len(), campaign.choice);
-                campaign.add_chart(&format!("{}-{}", quantity.stem, regime.name), &chart)?;
+    /// Flies what is missing of its sweeps, and makes a chart of each quantity for every value of the last key but one;
+    /// each with its name.
+    pub fn charts(&self, choice: &Choice, stop: &Stop, progress: OnProgress) -> Result<Vec<(String, Chart)>, LabError> {
+        let fly = |flights: &Flights| {
+            let folder = choice.out.join("data").join(self.name() + &flights.suffix);
+            let threads = if self.threads > 0 { self.threads } else { choice.threads };
+            sweep(&self.sweep(flights, choice)?, &folder, Shard::WHOLE, threads, stop, progress)
+        };
+        let flown = self.flights.iter().map(fly).collect::<Result<Vec<_>, _>>()?;
+        let mut charts = Vec::new();
+        for quantity in &self.quantities {
+            let (y_label, y_scale) = quantity.axis();
+            for (index, (name, about)) in self.charts.iter().enumerate() {
+                let series = self.series(quantity, &flown, index, choice);
+                let chart = Chart {
+                    title: format!("{} · {about}", quantity.title),
+                    x_label: self.x_label.clone(),
+                    y_label: y_label.to_owned(),
+                    footer: self.footer(&series, choice),
+                    series,
+                    y_scale,
+                };
+                charts.push((format!("{}-{name}", quantity.stem), chart));
             }
         }
-        Ok(())
+        Ok(charts)
     }
 
-    /// Flies all strategies, those that take milliseconds over fewer fields.
-    fn fly(&self, campaign: &Campaign) -> Result<Flown, LabError> {
-        let ahead_runs = self.ahead_runs(campaign.choice);
-        let is_bounded = self.quantities.iter().any(|quantity| quantity.is_bounded);
-        let ahead = if is_bounded { &AHEAD[..] } else { &AHEAD[..1] };
-        let at_once = self.sweep(campaign.choice, &AT_ONCE, campaign.choice.runs)?;
-        let mut all = campaign.fly(self.name, &at_once, self.threads)?;
-        let ahead = self.sweep(campaign.choice, ahead, ahead_runs)?;
-        let ahead = campaign.fly(&format!("{}-ahead", self.name), &ahead, self.threads)?;
-        all.extend(ahead.into_values().map(|row| {
-            let row = MissionRow { strategy: row.strategy + AT_ONCE.len(), ..row };
-            (row.key(), row)
-        }));
-        let common = all.iter().filter(|(mission, _)| mission.seed <= ahead_runs);
-        Ok(Flown { common: common.map(|(mission, row)| (*mission, *row)).collect(), all })
+    /// Its name on the command line.
+    fn name(&self) -> String {
+        self.part.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
     }
 
-    fn ahead_runs(&self, choice: &Choice) -> u64 {
-        choice.runs.min(self.ahead_runs)
-    }
-
-    /// The sweep: regime of the radio, then the key, over the letter's mission.
-    fn sweep(&self, choice: &Choice, strategies: &[&'static Registered], runs: u64) -> Result<Sweep, LabError> {
-        let mut axes: Vec<_> = self.fixed.iter().map(|&(key, value)| (key, numbers(key, &[value]))).collect();
-        if strategies.contains(&&horizon::STRATEGY) {
-            let iterations = choice.horizon_iterations.saturating_mul(self.effort);
-            let steps = i64::try_from(Choice::offline_steps(iterations)).unwrap_or(i64::MAX);
-            axes.push(("planner.horizon.iterations", vec![i64::from(iterations).into()]));
-            axes.push(("planner.offline.steps", vec![steps.into()]));
+    /// The sweep of these flights; every strategy that searches has its number of steps.
+    fn sweep(&self, flights: &Flights, choice: &Choice) -> Result<Sweep, LabError> {
+        let (file, text) = self.base.scenario();
+        let table = text.parse().expect("a scenario of ours is TOML");
+        let base = SweepBase { path: format!("{file} (built in)").into(), table };
+        let strategies = flights.strategies();
+        let mut axes = flights.axes.clone();
+        let steps = i64::from(choice.horizon_iterations) * self.effort.max(1);
+        for (strategy, key, steps) in [
+            ("horizon", "planner.horizon.iterations", steps),
+            ("offline", "planner.offline.steps", steps * OFFLINE_PER_HORIZON_STEP),
+        ] {
+            if strategies.iter().any(|flown| flown.name == strategy) {
+                axes.insert(key.to_owned(), vec![steps].into());
+            }
         }
-        axes.push(("link.bandwidth_hz", self.regimes.iter().map(|regime| regime.bandwidth_hz.into()).collect()));
-        axes.push((self.key, numbers(self.key, self.values)));
-        plan(self.name, LETTER_BASE, axes, strategies, runs)
+        axes.extend(self.axes.clone());
+        Sweep::new(Path::new(&self.name()), base, axes, strategies, (1..=flights.runs(choice)).collect())
     }
 
-    /// One quantity in the regime whose points begin with `first`, a curve per strategy; of a loss the best known and the
-    /// bound, too.
-    fn chart(&self, title: String, quantity: &Quantity, flown: &Flown, first: usize, choice: &Choice) -> Chart {
-        let by_strategy = |label: &str, strategy: usize, value: fn(&MissionRow) -> f64| {
-            curve(label, self.values, |index| missions_of(&flown.all, first + index, strategy).map(value).collect())
+    /// One quantity in one of the charts, a curve for each strategy of each sweep; of a loss the best known and the bound,
+    /// too, over the fields that every strategy has flown over.
+    fn series(&self, quantity: &Quantity, flown: &[MissionRows], chart: usize, choice: &Choice) -> Vec<Series> {
+        let xs = self.xs();
+        let curve = |label: &str, values: &dyn Fn(usize) -> Vec<f64>| {
+            let point = |(index, &x): (usize, &f64)| {
+                let interval = MeanInterval::of(&values(chart * xs.len() + index));
+                CurvePoint { x, mean: interval.mean, half_width: interval.half_width.unwrap_or(f64::NAN) }
+            };
+            Series { label: label.to_owned(), points: xs.iter().enumerate().map(point).collect() }
         };
-        let shown = AT_ONCE.iter().chain(&AHEAD[..1]).enumerate();
-        let mut series: Vec<_> =
-            shown.map(|(strategy, name)| by_strategy(name.name, strategy, quantity.value)).collect();
-        if quantity.is_bounded {
-            let least = best_known(&flown.common);
-            series.push(curve(BEST_KNOWN, self.values, |index| least[&(first + index)].clone()));
-            let bound = |row: &MissionRow| row.loss_bound.expect("an offline plan's mission has one");
-            series.push(by_strategy("lower bound", AT_ONCE.len() + 1, bound));
+        let mut series = Vec::new();
+        for strategy in STRATEGIES {
+            for (flights, rows) in self.flights.iter().zip(flown) {
+                let Some(index) = flights.strategies().iter().position(|flown| *flown == strategy) else { continue };
+                let values = |metric: Metric| {
+                    move |point| missions_of(rows, point, index).map(|row| row[metric]).collect::<Vec<_>>()
+                };
+                if strategy.name != "offline" {
+                    series.push(curve(&flights.label.replace("{}", strategy.name), &values(quantity.metric)));
+                } else if quantity.metric == Metric::LossRate {
+                    let runs = flights.runs(choice);
+                    let common = flown.iter().flat_map(MissionRows::values).filter(|row| row.key.seed <= runs);
+                    let least = best_known(common);
+                    series.push(curve(BEST_KNOWN, &|point| least[&point].clone()));
+                    series.push(curve("lower bound", &values(Metric::LossBound)));
+                }
+            }
         }
-        let of_ahead = if quantity.is_bounded { "horizon, best-known and lower bound" } else { "horizon" };
-        let fields = format!("seeds 1 to {}, of {of_ahead} 1 to {}", choice.runs, self.ahead_runs(choice));
-        Chart {
-            title,
-            x_label: self.x_label.to_owned(),
-            y_label: quantity.y_label.to_owned(),
-            series,
-            footer: choice.footer(&fields),
-            y_scale: quantity.y_scale,
+        series
+    }
+
+    /// Values of the x axis.
+    fn xs(&self) -> Vec<f64> {
+        let values = self.axes.values().next_back().and_then(toml::Value::as_array).into_iter().flatten();
+        let number = |value: &toml::Value| value.as_float().or(value.as_integer().map(|whole| whole as f64));
+        values.filter_map(number).collect()
+    }
+
+    /// Which fields were flown over, by which command.
+    fn footer(&self, series: &[Series], choice: &Choice) -> String {
+        let mut seeds = format!("seeds 1 to {}", self.flights[0].runs(choice));
+        let fewer = self.flights[self.flights.len() - 1].runs(choice);
+        if fewer < self.flights[0].runs(choice) {
+            let labels = series.iter().skip(self.flights[0].strategies().len()).map(|series| series.label.as_str());
+            seeds += &format!(", of {} 1 to {fewer}", labels.collect::<Vec<_>>().join(", "));
+        }
+        format!("{seeds} · bands: 95 % CI of the mean, Student's t · {}", choice.command())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_study_has_a_chart_for_each_value_of_the_last_key_but_one() {
+        let choice =
+            Choice { only: Vec::new(), runs: 2, horizon_iterations: 5, threads: 0, out: std::path::PathBuf::new() };
+        let studies = studies();
+        assert_eq!(studies.len(), FigurePart::value_variants().len() - 1, "all parts but the maps");
+        for study in studies {
+            for flights in &study.flights {
+                let points = study.sweep(flights, &choice).unwrap().definition.points;
+                assert_eq!(points.len(), study.charts.len() * study.xs().len(), "{}{}", study.name(), flights.suffix);
+            }
         }
     }
 }

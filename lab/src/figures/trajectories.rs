@@ -1,42 +1,45 @@
 //! Trajectory maps: the flights of the strategies over one field.
 
-use skysink_planner::strategies::{Registered, horizon, round_robin};
 use std::path::Path;
 
 use skysink_common::scenario::Overrides;
 use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
 use skysink_planner::settings;
+use skysink_planner::strategies::{Registered, STRATEGIES};
 
-use super::campaign::{Campaign, Choice};
+use super::choice::Choice;
 use super::map::{MapSensor, MapSheet, TrajectoryMap};
-use super::study::AT_ONCE;
+use super::study::plans_at_once;
 use crate::error::LabError;
 
 /// The fields of the maps: the letter's, and one that is too large for Algorithm 1.
 const FIELDS: [(&str, &str); 2] = [("map-letter", ""), ("map-sparse", "[area]\nside_m = 300.0\n")];
 
-/// Draws a sheet for each field, with the flights of all strategies.
-pub(super) fn draw(campaign: &mut Campaign) -> Result<(), LabError> {
+/// A sheet for each field, with the flights of all strategies and its name.
+pub(super) fn sheets(choice: &Choice) -> Result<Vec<(&'static str, MapSheet)>, LabError> {
     // Eight maps and the key fill the sheet; round-robin crosses the field without a pattern.
-    let shown = AT_ONCE.into_iter().filter(|strategy| *strategy != &round_robin::STRATEGY).chain([&horizon::STRATEGY]);
-    for (name, change) in FIELDS {
-        let maps = shown.clone().map(|strategy| map(change, strategy, campaign.choice));
-        let maps = maps.collect::<Result<Vec<_>, _>>()?;
+    let is_shown = |strategy: &&Registered| match strategy.name {
+        "round-robin" => false,
+        name => name == "horizon" || plans_at_once(strategy),
+    };
+    let sheet = |(name, change)| {
+        let shown = STRATEGIES.into_iter().filter(is_shown);
+        let maps = shown.map(|strategy| map(change, strategy, choice)).collect::<Result<Vec<_>, _>>()?;
         let side_m = maps[0].width_m;
         let sheet = MapSheet {
             title: format!("Trajectories over 500 slots · {side_m} m × {side_m} m"),
             maps,
             fraction_label: "queue fill at the end".to_owned(),
-            footer: format!("seed 1, the letter's mission · {}", campaign.choice.command()),
+            footer: format!("seed 1, the letter's mission · {}", choice.command()),
         };
-        campaign.add_maps(name, &sheet)?;
-    }
-    Ok(())
+        Ok((name, sheet))
+    };
+    FIELDS.into_iter().map(sheet).collect()
 }
 
 /// The flight of a strategy over the letter's mission, changed.
-fn map(change: &str, strategy: &'static Registered, choice: &Choice) -> Result<TrajectoryMap, LabError> {
+fn map(change: &str, strategy: &Registered, choice: &Choice) -> Result<TrajectoryMap, LabError> {
     let steps = choice.horizon_iterations;
     let text = format!("name = \"map\"\nslots = 500\n{change}[planner]\nhorizon.iterations = {steps}\n");
     let overrides = Overrides { strategy: Some(strategy.name), seed: Some(1), slots: None };

@@ -3,35 +3,31 @@
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
+use std::ops::Index;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use skysink_mission::error::FileContext;
 
-use super::error::SweepError;
 use super::plan::MissionKey;
 use crate::error::LabError;
+use crate::metrics::{Metric, MetricValues};
 
 /// What a mission comes to, as in the journal.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[allow(missing_docs)] // the columns of the results, defined in docs/metrics.md
 pub struct MissionRow {
-    pub point: usize,
-    pub strategy: usize,
-    pub seed: u64,
-    pub loss_rate: f64,
-    pub eta_letter: f64,
-    pub delivered_bits: u64,
-    pub bits_per_waypoint: f64,
-    pub mean_served: f64,
-    pub flown_m: f64,
-    pub energy_j: f64,
-    pub aoi_mean_s: f64,
-    pub aoi_p99_s: f64,
-    pub jain: f64,
-    pub loss_bound: Option<f64>,
-    pub plan_p50_us: f64,
-    pub plan_p99_us: f64,
+    /// Which mission it is.
+    pub key: MissionKey,
+    /// Its metrics.
+    pub values: MetricValues,
+}
+
+impl Index<Metric> for MissionRow {
+    type Output = f64;
+
+    fn index(&self, metric: Metric) -> &f64 {
+        &self.values[metric as usize]
+    }
 }
 
 /// The missions of a sweep, in the order of the results.
@@ -41,14 +37,6 @@ pub type MissionRows = BTreeMap<MissionKey, MissionRow>;
 pub fn missions_of(rows: &MissionRows, point: usize, strategy: usize) -> impl Iterator<Item = &MissionRow> {
     let key = |seed| MissionKey { point, strategy, seed };
     rows.range(key(0)..=key(u64::MAX)).map(|(_, row)| row)
-}
-
-impl MissionRow {
-    /// Which mission it is.
-    #[must_use]
-    pub fn key(&self) -> MissionKey {
-        MissionKey { point: self.point, strategy: self.strategy, seed: self.seed }
-    }
 }
 
 /// A journal that is written.
@@ -101,12 +89,12 @@ fn whole_lines(text: &[u8]) -> &[u8] {
 fn parse(path: &Path, text: &[u8]) -> Result<MissionRows, LabError> {
     let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(text);
     let rows = reader.deserialize().enumerate().map(|(line, row)| {
-        let row: MissionRow = row.map_err(|error| SweepError::Journal {
+        let row: MissionRow = row.map_err(|error| LabError::Journal {
             path: path.to_owned(),
             line: line + 1,
             message: error.to_string().replace('\n', " "),
         })?;
-        Ok((row.key(), row))
+        Ok((row.key, row))
     });
     rows.collect()
 }

@@ -11,7 +11,6 @@ use skysink_planner::settings;
 use skysink_planner::strategies::Registered;
 use xxhash_rust::xxh3::Xxh3;
 
-use super::error::SweepError;
 use crate::error::LabError;
 
 /// A sweep file.
@@ -80,7 +79,7 @@ impl Shard {
 }
 
 /// One mission of a sweep. The order is that of the results.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct MissionKey {
     /// Point of the grid.
     pub point: usize,
@@ -96,13 +95,12 @@ impl Sweep {
     /// # Errors
     /// If the file, its scenario, or a point is refused.
     pub fn read(path: &Path) -> Result<Self, LabError> {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| SweepError::Unreadable { path: path.to_owned(), source })?;
-        let file: File = toml::from_str(&text).map_err(|error| SweepError::malformed(path, &text, &error))?;
+        let text = std::fs::read_to_string(path).map_err(|error| LabError::refused("sweep", path, error))?;
+        let file: File = toml::from_str(&text).map_err(|error| LabError::malformed(path, &text, &error))?;
         let base_path = path.parent().unwrap_or(Path::new("")).join(&file.scenario);
         settings::read(&base_path, Overrides::default())?;
         let text = std::fs::read_to_string(&base_path).at(&base_path)?;
-        let table = text.parse().map_err(|error| SweepError::malformed(&base_path, &text, &error))?;
+        let table = text.parse().map_err(|error| LabError::malformed(&base_path, &text, &error))?;
         let base = SweepBase { path: base_path, table };
         let seeds = match file.seeds {
             Seeds::Count(count) => (1..=count).collect(),
@@ -122,18 +120,15 @@ impl Sweep {
         strategies: Vec<&'static Registered>,
         seeds: Vec<u64>,
     ) -> Result<Self, LabError> {
-        let refuse = |key: &str, expected: &str| SweepError::Value {
-            path: path.to_owned(),
-            key: key.to_owned(),
-            expected: expected.to_owned(),
-        };
+        let refuse =
+            |key: &str, expected: &str| LabError::refused("sweep", path, format!("{key}: expected {expected}"));
         let distinct: BTreeSet<&str> = strategies.iter().map(|strategy| strategy.name).collect();
         if distinct.is_empty() || distinct.len() < strategies.len() {
-            return Err(refuse("strategies", "at least one strategy, each once").into());
+            return Err(refuse("strategies", "at least one strategy, each once"));
         }
         let ascending: BTreeSet<u64> = seeds.iter().copied().collect();
         if ascending.is_empty() || ascending.len() < seeds.len() {
-            return Err(refuse("seeds", "1 or more, or a list of distinct seeds").into());
+            return Err(refuse("seeds", "1 or more, or a list of distinct seeds"));
         }
         let axes = axes.into_iter().map(|(key, values)| match values {
             _ if key == "seed" => Err(refuse("axes.seed", "the seeds under `seeds`")),
@@ -144,7 +139,7 @@ impl Sweep {
         let axes: Vec<(String, Vec<toml::Value>)> = axes.collect::<Result<_, _>>()?;
         let points = grid(&axes);
         if points.len().saturating_mul(ascending.len()).saturating_mul(strategies.len()) > MAX_MISSIONS {
-            return Err(refuse("axes", "at most 100000000 missions").into());
+            return Err(refuse("axes", "at most 100000000 missions"));
         }
         let definition = Definition {
             identity: String::new(),
@@ -179,7 +174,7 @@ impl Sweep {
     pub fn scenario(&self, mission: MissionKey) -> Result<Scenario, LabError> {
         let mut table = self.base.table.clone();
         for (key, value) in self.definition.keys.iter().zip(&self.definition.points[mission.point]) {
-            set(&mut table, key, value.clone()).map_err(|()| SweepError::NoKey { key: key.clone() })?;
+            set(&mut table, key, value.clone()).map_err(|()| LabError::NoKey { key: key.clone() })?;
         }
         let text = toml::to_string(&table).expect("a table that was read can be written");
         let strategy = self.definition.strategies[mission.strategy];
@@ -194,11 +189,8 @@ impl Sweep {
         hash.update(description.as_bytes());
         for point in 0..self.definition.points.len() {
             let mission = MissionKey { point, strategy: 0, seed: self.definition.seeds[0] };
-            let scenario = self.scenario(mission).map_err(|error| SweepError::Point {
-                path: path.to_owned(),
-                point: self.name(point),
-                source: Box::new(error),
-            })?;
+            let refuse = |error| LabError::refused("sweep", path, format!("at {}: {error}", self.name(point)));
+            let scenario = self.scenario(mission).map_err(refuse)?;
             hash.update(scenario.to_toml().as_bytes());
             if scenario.sensors.file.is_some() {
                 hash.update(SensorList::of(&scenario)?.to_csv().as_bytes());
