@@ -1,11 +1,8 @@
 //! `round-robin`: to one sensor node (SN) after the other in the order of their ids.
 
-use skysink_common::checkpoint::{Checkpoint, CheckpointError};
-
-use super::serving::Serving;
+use super::Registered;
 use super::transit::toward;
-use super::turns::Turns;
-use super::{Decision, Registered, Setup, Strategy, View};
+use super::turns::InTurn;
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
@@ -13,38 +10,12 @@ pub const STRATEGY: Registered = Registered {
     about: "to one sensor node after the other in the order of their ids",
     is_stateless: false,
     has_path: false,
-    make: |setup| Box::new(RoundRobin::new(setup)),
+    make: |setup| {
+        // Straight toward the SN whose turn it is, until above it.
+        let waypoint = |table: &_, position: &_, [current, _]: [&_; 2]| toward(table, position, current);
+        Box::new(InTurn::new(setup, setup.table.ids().collect(), waypoint))
+    },
 };
-
-struct RoundRobin {
-    turns: Turns,
-    serving: Serving,
-}
-
-impl RoundRobin {
-    fn new(setup: &Setup) -> Self {
-        Self { turns: Turns::new(setup.table.ids().collect()), serving: Serving::new(setup) }
-    }
-}
-
-impl Strategy for RoundRobin {
-    /// Straight toward the SN whose turn it is, until above it.
-    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-        let ground = view.ground();
-        let waypoint = self.turns.current().map(|id| toward(view.table, &ground, view.table.position(id)));
-        Some(self.turns.serve(view, &mut self.serving, &waypoint.unwrap_or(ground)))
-    }
-}
-
-impl Checkpoint for RoundRobin {
-    fn save(&self, bytes: &mut Vec<u8>) {
-        self.turns.save(bytes);
-    }
-
-    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        self.turns.restore(bytes)
-    }
-}
 
 #[cfg(test)]
 mod tests {

@@ -1,44 +1,29 @@
 //! Sensor nodes (SNs) that are served in turn, over and over: what `tour` and `round-robin` have in common.
 
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
+use skysink_common::geometry::Position;
 
 use super::nearby::fullest_first;
 use super::serving::Serving;
-use super::{Decision, View};
-use skysink_common::geometry::Position;
+use super::{Decision, Setup, Strategy, View};
+use crate::sensor_table::SensorTable;
 
-/// SNs in a fixed order. A turn ends with the slot that serves its SN.
-#[derive(Debug, Clone)]
-pub(crate) struct Turns {
+/// The waypoint from a position toward the SN whose turn it is, `[0]`, with the one after it, `[1]`, in view.
+type Waypoint = fn(&SensorTable, &Position, [&Position; 2]) -> Position;
+
+/// A strategy that serves SNs in a fixed order. A turn ends with the slot that serves its SN.
+pub(super) struct InTurn {
     order: Vec<u32>,
     /// Whose turn it is, as an index of `order`.
     turn: usize,
+    waypoint: Waypoint,
+    serving: Serving,
 }
 
-impl Turns {
+impl InTurn {
     /// The first of `order` has the first turn.
-    pub fn new(order: Vec<u32>) -> Self {
-        Self { order, turn: 0 }
-    }
-
-    /// The SN whose turn it is; none in an empty field.
-    pub fn current(&self) -> Option<u32> {
-        self.order.get(self.turn).copied()
-    }
-
-    /// The SN whose turn it is next.
-    pub fn next(&self) -> Option<u32> {
-        self.order.get((self.turn + 1) % self.order.len().max(1)).copied()
-    }
-
-    /// Serves from `ground` the SN whose turn it is, if it is in range, and the fullest queues, n in all; ends the turns
-    /// of those that are served.
-    pub fn serve(&mut self, view: &View, serving: &mut Serving, ground: &Position) -> Decision {
-        let current = self.current();
-        let key = |id| (Some(id) != current, fullest_first(view.queues_bits[id as usize], id));
-        let decision = serving.serve_by(view, ground, key);
-        self.advance(&decision.schedule);
-        decision
+    pub fn new(setup: &Setup, order: Vec<u32>, waypoint: Waypoint) -> Self {
+        Self { order, turn: 0, waypoint, serving: Serving::new(setup) }
     }
 
     /// Ends the turns of those that a slot serves.
@@ -52,15 +37,33 @@ impl Turns {
     }
 }
 
-impl Checkpoint for Turns {
+impl Strategy for InTurn {
+    /// Serves the SN whose turn it is, if it is in range, and the fullest queues, n in all. In an empty field the UAV stays
+    /// where it is.
+    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+        let ground = view.ground();
+        let current = self.order.get(self.turn).copied();
+        let waypoint = current.map_or(ground, |current| {
+            let next = self.order[(self.turn + 1) % self.order.len()];
+            (self.waypoint)(view.table, &ground, [current, next].map(|id| view.table.position(id)))
+        });
+        let key = |id| (Some(id) != current, fullest_first(view.queues_bits[id as usize], id));
+        let decision = self.serving.serve_by(view, &waypoint, key);
+        self.advance(&decision.schedule);
+        Some(decision)
+    }
+}
+
+impl Checkpoint for InTurn {
     fn save(&self, bytes: &mut Vec<u8>) {
         encode(&self.turn, bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let turn: usize = decode(bytes)?;
-        if turn >= self.order.len().max(1) {
-            return Err(CheckpointError::unexpected("turn", turn, format!("less than {}", self.order.len().max(1))));
+        let turns = self.order.len().max(1);
+        if turn >= turns {
+            return Err(CheckpointError::unexpected("turn", turn, format!("less than {turns}")));
         }
         self.turn = turn;
         Ok(())
@@ -69,24 +72,26 @@ impl Checkpoint for Turns {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::super::tests::{made, view};
 
     #[test]
     fn a_slot_ends_the_turns_of_all_that_it_serves() {
-        let mut turns = Turns::new(vec![0, 1]);
-        turns.advance(&[1]);
-        assert_eq!(turns.current(), Some(0), "SN 1 was not at turn");
-        turns.advance(&[0, 1]);
-        assert_eq!(turns.current(), Some(0), "both turns end with one slot");
-        turns.advance(&[0]);
-        assert_eq!((turns.current(), turns.next()), (Some(1), Some(0)));
+        // SN 1 is within 10 m of (50, 80), where the slot toward SN 0 ends; SN 2 is beside SN 0.
+        let (table, mut strategy) = made("round-robin", &[[50.0, 95.0], [50.0, 75.0], [50.0, 94.0]]);
+        let mut served = |slot, ground| strategy.plan(&view(&table, slot, ground, &[9; 3])).unwrap().schedule;
+        assert_eq!(served(1, [50.0, 50.0])[..], [1], "SN 1 was not at turn");
+        assert_eq!(served(2, [50.0, 80.0])[..], [0, 2], "SN 2 was not at turn, either: it is SN 1's");
+        assert_eq!(served(3, [50.0, 90.0])[..], [1]);
+        assert_eq!(served(4, [50.0, 75.0])[..], [0, 2], "the turn of SN 2, and then of SN 0: both end with one slot");
+        assert_eq!(served(5, [50.0, 94.0])[..], [1]);
     }
 
     #[test]
     fn a_checkpoint_of_a_larger_field_is_refused() {
-        let mut turns = Turns::new(vec![0, 1]);
-        assert!(turns.restore(&[2]).is_err() && turns.restore(&[1]).is_ok());
-        assert_eq!(turns.current(), Some(1));
-        assert!(Turns::new(Vec::new()).restore(&[0]).is_ok(), "an empty field has one state");
+        let (table, mut strategy) = made("round-robin", &[[50.0, 70.0], [50.0, 30.0]]);
+        assert!(strategy.restore(&[2]).is_err() && strategy.restore(&[1]).is_ok());
+        let decision = strategy.plan(&view(&table, 1, [50.0, 50.0], &[9; 2])).unwrap();
+        assert_eq!(decision.schedule[..], [1]);
+        assert!(made("round-robin", &[]).1.restore(&[0]).is_ok(), "an empty field has one state");
     }
 }
