@@ -1,33 +1,21 @@
 //! Which samples a reader admits: those of its run, from one writer at a time, in the order of their slots.
 
-use std::rc::Rc;
-
 use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::prelude::*;
-use iceoryx2::service::port_factory::publish_subscribe;
 use skysink_common::message::{FLAG_END, SlotHeader};
 
 use crate::cleanup::remove_dead_nodes;
-use crate::refusals::{Refusal, Refusals};
+use crate::refusals::Refusal;
 use crate::sample::{Header, Payload};
+use crate::topic::Shared;
 
-/// A publish-subscribe service.
-pub(crate) type Data<S, P, H> = publish_subscribe::PortFactory<S, P, H>;
-
-/// The admission of a reader.
-#[derive(Debug)]
-pub(crate) struct Admission<S: Service + 'static, P: Payload + ?Sized, H: Header> {
-    pub(crate) name: &'static str,
-    pub(crate) mission: u64,
-    pub(crate) config: Config,
-    pub(crate) data: Rc<Data<S, P, H>>,
-    pub(crate) refusals: Refusals,
-    /// Whether a slot may have several messages.
-    pub(crate) several: bool,
+/// The writers that a reader knows.
+#[derive(Debug, Default)]
+pub(crate) struct Admission {
     /// The writer that is heard, and the last that it sent.
-    pub(crate) writer: Option<(UniquePublisherId, u64)>,
+    writer: Option<(UniquePublisherId, u64)>,
     /// The last other writer that was refused while the one that is heard was there.
-    pub(crate) second_writer: Option<UniquePublisherId>,
+    second_writer: Option<UniquePublisherId>,
 }
 
 /// What becomes of a sample.
@@ -38,14 +26,21 @@ pub(crate) enum Entry {
     Refused,
 }
 
-impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Admission<S, P, H> {
-    /// Whether the sample of `publisher` is admitted; `limit` is the last slot that can have been reached, if that is known.
-    pub(crate) fn check(&mut self, publisher: UniquePublisherId, header: &SlotHeader, limit: Option<u64>) -> Entry {
+impl Admission {
+    /// Whether the sample of `publisher` on `topic` is admitted; `limit` is the last slot that can have been reached, if that
+    /// is known.
+    pub(crate) fn check<S: Service + 'static, P: Payload + ?Sized, H: Header>(
+        &mut self,
+        topic: &Shared<S, P, H>,
+        publisher: UniquePublisherId,
+        header: &SlotHeader,
+        limit: Option<u64>,
+    ) -> Entry {
         let refuse = |refusal| {
-            self.refusals.add(self.name, header.slot, refusal, 1);
+            topic.member.refusals.add(topic.row.name, header.slot, refusal, 1);
             Entry::Refused
         };
-        if header.mission != self.mission {
+        if header.mission != topic.member.terms.mission {
             return refuse(Refusal::Mission);
         }
         if limit.is_some_and(|limit| header.slot > limit) {
@@ -54,7 +49,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Admission<S, P, H> {
         let order = order(header);
         match &mut self.writer {
             Some((writer, last)) if *writer == publisher => {
-                if order < *last || order == *last && !self.several {
+                if order < *last || order == *last && !topic.row.several {
                     return refuse(Refusal::OldSlot);
                 }
                 *last = order;
@@ -62,17 +57,17 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Admission<S, P, H> {
             }
             Some((writer, _)) => {
                 let writer = *writer;
-                if self.second_writer == Some(publisher) && self.writes(writer) {
+                if self.second_writer == Some(publisher) && writes(topic, writer) {
                     return refuse(Refusal::SecondWriter);
                 }
-                if self.writes(writer) {
-                    remove_dead_nodes::<S>(&self.config); // it may only seem to be there
+                if writes(topic, writer) {
+                    remove_dead_nodes::<S>(&topic.config); // it may only seem to be there
                 }
-                if self.writes(writer) {
+                if writes(topic, writer) {
                     self.second_writer = Some(publisher);
                     return refuse(Refusal::SecondWriter);
                 }
-                if !self.writes(publisher) {
+                if !writes(topic, publisher) {
                     return Entry::Refused; // both are dead: whoever comes next sends it again
                 }
             }
@@ -82,21 +77,19 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Admission<S, P, H> {
         self.second_writer = None;
         Entry::New
     }
+}
 
-    /// Whether any writer is attached to the topic.
-    pub(crate) fn has_writer(&self) -> bool {
-        self.data.dynamic_config().number_of_publishers() > 0
-    }
-
-    /// Whether a writer is attached to the topic.
-    fn writes(&self, writer: UniquePublisherId) -> bool {
-        let mut found = false;
-        self.data.dynamic_config().list_publishers(|details| {
-            found |= details.publisher_id == writer;
-            if found { CallbackProgression::Stop } else { CallbackProgression::Continue }
-        });
-        found
-    }
+/// Whether a writer is attached to the topic.
+fn writes<S: Service + 'static, P: Payload + ?Sized, H: Header>(
+    topic: &Shared<S, P, H>,
+    writer: UniquePublisherId,
+) -> bool {
+    let mut found = false;
+    topic.data.dynamic_config().list_publishers(|details| {
+        found |= details.publisher_id == writer;
+        if found { CallbackProgression::Stop } else { CallbackProgression::Continue }
+    });
+    found
 }
 
 /// The order in which a writer sends: slot by slot; the end comes after the last slot.

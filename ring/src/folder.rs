@@ -10,7 +10,7 @@ use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsE
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use iceoryx2::prelude::{Config, FileName, Path as IceoryxPath, SemanticString, SemanticStringError};
+use iceoryx2::prelude::{Config, FilePath, SemanticString};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
@@ -114,16 +114,9 @@ impl RingFolder {
     /// The run's own iceoryx2 domain.
     ///
     /// # Errors
-    /// If the folder's name cannot be one.
+    /// If the folder has lost its configuration.
     pub fn config(&self) -> Result<Config, RingError> {
-        let refuse = |error: SemanticStringError| {
-            RingError::folder(&self.path, format_args!("cannot be an iceoryx2 root: {error:?}"))
-        };
-        let mut config = Config::default();
-        let root = format!("{}/", self.path.display());
-        config.global.set_root_path(&IceoryxPath::new(root.as_bytes()).map_err(refuse)?);
-        config.global.prefix = FileName::new(self.prefix().as_bytes()).map_err(refuse)?;
-        Ok(config)
+        Config::from_file(&self.config_file()?).map_err(|error| self.refuse_config(&error))
     }
 
     /// Makes the run's domain that of the whole process, which iceoryx2 needs to clear up after the dead. Must be the
@@ -132,12 +125,17 @@ impl RingFolder {
     /// # Errors
     /// If the folder has lost its configuration.
     pub fn install(&self) -> Result<(), RingError> {
+        let installed = Config::setup_global_config_from_file(&self.config_file()?);
+        installed.map(drop).map_err(|error| self.refuse_config(&error))
+    }
+
+    fn config_file(&self) -> Result<FilePath, RingError> {
         let file = self.path.join("config/iceoryx2.toml");
-        let refuse = |error: &dyn Debug| RingError::folder(&self.path, format_args!("config/iceoryx2.toml: {error:?}"));
-        let file = file.to_string_lossy();
-        let path = iceoryx2::prelude::FilePath::new(file.as_bytes()).map_err(|error| refuse(&error))?;
-        Config::setup_global_config_from_file(&path).map_err(|error| refuse(&error))?;
-        Ok(())
+        FilePath::new(file.as_os_str().as_encoded_bytes()).map_err(|error| self.refuse_config(&error))
+    }
+
+    fn refuse_config(&self, error: &dyn Debug) -> RingError {
+        RingError::folder(&self.path, format_args!("config/iceoryx2.toml: {error:?}"))
     }
 
     /// The file that the launcher holds locked as long as it lives; none in the launcher itself.

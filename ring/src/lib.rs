@@ -12,8 +12,9 @@
 //! | [`health`], [`refusals`] | what becomes of processes; what they do not accept |
 //! | [`cleanup`] | what killed processes leave behind |
 //! | [`journal`] | what a process saves across its own death |
-//! | [`sample`], [`admission`], [`reader`], [`writer`] | the two ends of a topic |
-//! | [`topic`], [`topics`] | a topic; the table of topics |
+//! | [`sample`], [`topic`] | what a sample is; a topic |
+//! | [`admission`], [`reader`], [`writer`] | the two ends of a topic |
+//! | [`topics`] | the table of topics |
 
 pub mod admission;
 pub mod cleanup;

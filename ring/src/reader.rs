@@ -7,17 +7,13 @@ use iceoryx2::port::listener::Listener;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
-use iceoryx2::service::port_factory::event;
 
 use crate::admission::{Admission, Entry, order};
 use crate::error::{NodeError, RingError};
 use crate::refusals::Refusal;
-use crate::role::Role;
 use crate::sample::{Header, Payload};
+use crate::topic::{MAX_EARLY, Shared, Topic};
 use crate::wait::WaitContext;
-
-/// Samples held because they came early. With the one that is worked on they are all that a reader may hold.
-pub(crate) const MAX_EARLY: usize = 3;
 
 /// Samples received in a row before the process does something else: a flood must not keep it from ending.
 const MAX_IN_A_ROW: usize = 256;
@@ -29,17 +25,26 @@ pub(crate) const MAX_AHEAD: u64 = 2;
 /// and far samples are refused.
 #[derive(Debug)]
 pub struct Reader<S: Service + 'static, P: Payload + ?Sized, H: Header> {
-    pub(crate) name: &'static str,
-    /// Who writes the topic.
-    pub(crate) from: Role,
-    /// How far ahead the ring can be of this process; none if it may lag.
-    pub(crate) max_ahead: Option<u64>,
-    pub(crate) subscriber: Subscriber<S, P, H>,
+    topic: Rc<Shared<S, P, H>>,
+    subscriber: Subscriber<S, P, H>,
     /// The wake-ups of the topic; attached by the first wait.
-    pub(crate) listener: Option<Listener<S>>,
-    pub(crate) event: Rc<event::PortFactory<S>>,
-    pub(crate) early: VecDeque<Sample<S, P, H>>,
-    pub(crate) admission: Admission<S, P, H>,
+    listener: Option<Listener<S>>,
+    early: VecDeque<Sample<S, P, H>>,
+    admission: Admission,
+}
+
+impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
+    /// A reader with room for `buffer` samples, which gets the newest samples even if they were sent before.
+    ///
+    /// # Errors
+    /// If all readers' places are taken, or the system refuses.
+    pub fn reader(&self, buffer: usize) -> Result<Reader<S, P, H>, RingError> {
+        let topic = Rc::clone(&self.0);
+        let builder = topic.data.subscriber_builder().history_request(topic.row.history).buffer_size(buffer);
+        let subscriber = builder.create().map_err(|error| topic.refuse("read", &error))?;
+        let early = VecDeque::with_capacity(MAX_EARLY);
+        Ok(Reader { topic, subscriber, listener: None, early, admission: Admission::default() })
+    }
 }
 
 /// What a reader finds of a slot.
@@ -70,7 +75,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
     /// # Errors
     /// If the writer's memory cannot be mapped.
     pub fn of_slot(&mut self, slot: u64) -> Result<SlotSample<Sample<S, P, H>>, RingError> {
-        let limit = self.max_ahead.map(|ahead| slot.saturating_add(ahead));
+        let limit = self.topic.member.max_ahead.map(|ahead| slot.saturating_add(ahead));
         let mut received = 0;
         loop {
             let all = self.receive(limit, &mut received)?;
@@ -81,7 +86,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
                 Some(sample) if sample.user_header().head().slot == slot => {
                     return Ok(self.early.pop_front().map_or(SlotSample::NotYet, SlotSample::Here));
                 }
-                Some(_) if self.max_ahead.is_none() => return Ok(SlotSample::Passed),
+                Some(_) if self.topic.member.max_ahead.is_none() => return Ok(SlotSample::Passed),
                 Some(_) => return Ok(SlotSample::NotYet),
                 None if all || received >= MAX_IN_A_ROW => return Ok(SlotSample::NotYet),
                 None => {}
@@ -125,17 +130,14 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
         slot: u64,
         mut poll: impl FnMut(&mut Self) -> Result<Option<T>, RingError>,
     ) -> Result<T, NodeError> {
-        let awaited = wait.begin(self.name, slot, self.from)?;
+        let awaited = wait.begin(self.topic.row.name, slot, self.topic.row.from)?;
         loop {
             if let Some(found) = poll(self)? {
                 return Ok(found);
             }
             match &self.listener {
                 Some(listener) => wait.pause(listener, &awaited)?,
-                None => {
-                    let listener = self.event.listener_builder().create();
-                    self.listener = Some(listener.map_err(|error| RingError::topic(self.name, "listen", &error))?);
-                }
+                None => self.listener = Some(self.topic.listener()?),
             }
         }
     }
@@ -144,10 +146,10 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
     fn receive(&mut self, limit: Option<u64>, received: &mut usize) -> Result<bool, RingError> {
         while self.early.len() < MAX_EARLY && *received < MAX_IN_A_ROW {
             *received += 1;
-            let sample =
-                P::receive(&self.subscriber).map_err(|error| RingError::topic(self.name, "receive", &error))?;
+            let sample = P::receive(&self.subscriber).map_err(|error| self.topic.refuse("receive", &error))?;
             let Some(sample) = sample else { return Ok(true) };
-            match self.admission.check(sample.header().publisher_id(), sample.user_header().head(), limit) {
+            let publisher = sample.header().publisher_id();
+            match self.admission.check(&self.topic, publisher, sample.user_header().head(), limit) {
                 Entry::Refused => {}
                 Entry::Known => self.early.push_back(sample),
                 Entry::New => {
@@ -162,11 +164,11 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
     /// Whether a process is attached to write the topic.
     #[must_use]
     pub fn has_writer(&self) -> bool {
-        self.admission.has_writer()
+        self.topic.data.dynamic_config().number_of_publishers() > 0
     }
 
     /// Counts a sample of `slot` that was admitted and then refused for its content.
     pub fn refuse(&self, slot: u64, refusal: Refusal) {
-        self.admission.refusals.add(self.name, slot, refusal, 1);
+        self.topic.member.refusals.add(self.topic.row.name, slot, refusal, 1);
     }
 }

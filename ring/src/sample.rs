@@ -6,7 +6,7 @@ use iceoryx2::port::ReceiveError;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
-use iceoryx2::service::builder::publish_subscribe::{Builder, PublishSubscribeCreateError, PublishSubscribeOpenError};
+use iceoryx2::service::builder::publish_subscribe::Builder;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use skysink_common::message::{QueuesHeader, SlotHeader};
 
@@ -30,22 +30,14 @@ impl Header for QueuesHeader {
 
 /// One message or a list: what iceoryx2 has twice, by the same names.
 pub trait Payload: IceoryxSend + Debug + 'static {
-    /// Creates a topic's service with the attributes `terms`.
+    /// Creates a topic's service with the attributes `terms`, or opens it if there are none.
     ///
     /// # Errors
-    /// Those of iceoryx2.
-    fn create<S: Service, H: Header>(
+    /// What iceoryx2 says.
+    fn service<S: Service, H: Header>(
         builder: Builder<Self, H, S>,
-        terms: &AttributeSpecifier,
-    ) -> Result<PortFactory<S, Self, H>, PublishSubscribeCreateError>;
-
-    /// Opens a topic's service.
-    ///
-    /// # Errors
-    /// Those of iceoryx2.
-    fn open<S: Service, H: Header>(
-        builder: Builder<Self, H, S>,
-    ) -> Result<PortFactory<S, Self, H>, PublishSubscribeOpenError>;
+        terms: Option<&AttributeSpecifier>,
+    ) -> Result<PortFactory<S, Self, H>, Box<dyn Debug>>;
 
     /// The next sample that has arrived.
     ///
@@ -60,17 +52,14 @@ pub trait Payload: IceoryxSend + Debug + 'static {
 macro_rules! payload {
     ($payload:ty) => {
         impl<T: Debug + Copy + ZeroCopySend + 'static> Payload for $payload {
-            fn create<S: Service, H: Header>(
+            fn service<S: Service, H: Header>(
                 builder: Builder<Self, H, S>,
-                terms: &AttributeSpecifier,
-            ) -> Result<PortFactory<S, Self, H>, PublishSubscribeCreateError> {
-                builder.create_with_attributes(terms)
-            }
-
-            fn open<S: Service, H: Header>(
-                builder: Builder<Self, H, S>,
-            ) -> Result<PortFactory<S, Self, H>, PublishSubscribeOpenError> {
-                builder.open()
+                terms: Option<&AttributeSpecifier>,
+            ) -> Result<PortFactory<S, Self, H>, Box<dyn Debug>> {
+                match terms {
+                    Some(terms) => builder.create_with_attributes(terms).map_err(|error| Box::new(error) as _),
+                    None => builder.open().map_err(|error| Box::new(error) as _),
+                }
             }
 
             fn receive<S: Service, H: Header>(

@@ -1,28 +1,27 @@
-//! A topic: a publish-subscribe service and an event service of the same name, its readers and its writers.
+//! A topic: a publish-subscribe service and an event service of the same name. Its two ends are next door.
 
-use std::collections::VecDeque;
 use std::fmt::Debug;
 use std::rc::Rc;
 use std::time::Duration;
 
 use iceoryx2::port::listener::Listener;
+use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::{BackpressureAction, BackpressureInfo};
 use iceoryx2::prelude::*;
-use iceoryx2::service::port_factory::event;
-use iceoryx2::service::port_factory::publisher::PortFactoryPublisher;
+use iceoryx2::service::port_factory::{event, publish_subscribe};
 use skysink_common::pace::Pace;
 use skysink_common::stop::Stop;
 
-use crate::admission::{Admission, Data};
 use crate::cleanup::remove_dead_nodes;
 use crate::error::RingError;
 use crate::folder::Terms;
-use crate::reader::{MAX_EARLY, Reader};
 use crate::refusals::Refusals;
 use crate::role::Role;
 use crate::sample::{Header, Payload};
 use crate::wait::LateJoiners;
-use crate::writer::Writer;
+
+/// Samples that a reader holds because they came early. With the one that is worked on they are all that it may hold.
+pub(crate) const MAX_EARLY: usize = 3;
 
 /// Samples that a reader holds at once: one it works on, and those that came early.
 const MAX_BORROWED: usize = MAX_EARLY + 1;
@@ -35,9 +34,6 @@ const MAX_WRITERS: usize = 2;
 
 /// Processes that open a topic.
 const MAX_NODES: usize = 20;
-
-/// What is tried when a writer's place is taken.
-const WRITE: &str = "write (if all places are taken, end the other program)";
 
 /// How long a full reader is waited for before dead ones are looked for.
 const CLEAN_UP_AFTER: Duration = Duration::from_millis(20);
@@ -61,7 +57,7 @@ pub(crate) struct Row {
 pub(crate) enum Full {
     /// Waits for it in lock-step, so that nothing is lost; in paced runs nobody waits.
     WaitInLockStep,
-    /// Goes on, and the reader misses the sample.
+    /// Sends no sample, and the reader misses it.
     Miss,
 }
 
@@ -79,12 +75,16 @@ pub(crate) struct Member {
 
 /// A topic of the ring.
 #[derive(Debug)]
-pub struct Topic<S: Service + 'static, P: Payload + ?Sized, H: Header> {
-    row: Row,
-    config: Config,
-    data: Rc<Data<S, P, H>>,
-    event: Rc<event::PortFactory<S>>,
-    member: Member,
+pub struct Topic<S: Service + 'static, P: Payload + ?Sized, H: Header>(pub(crate) Rc<Shared<S, P, H>>);
+
+/// What a topic shares with its readers and writers.
+#[derive(Debug)]
+pub(crate) struct Shared<S: Service + 'static, P: Payload + ?Sized, H: Header> {
+    pub(crate) row: Row,
+    pub(crate) config: Config,
+    pub(crate) data: publish_subscribe::PortFactory<S, P, H>,
+    event: event::PortFactory<S>,
+    pub(crate) member: Member,
 }
 
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
@@ -95,65 +95,32 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
         row: Row,
         terms: Option<&AttributeSpecifier>,
     ) -> Result<Self, RingError> {
-        let refuse = |action, error: &dyn Debug| RingError::topic(row.name, action, error);
-        let name = ServiceName::new(&format!("skysink/{}", row.name)).map_err(|error| refuse("name", &error))?;
-        let builder = node.service_builder(&name).publish_subscribe::<P>().user_header::<H>();
+        let action = if terms.is_some() { "create it" } else { "open it" };
+        let refuse = |error: &dyn Debug| RingError::topic(row.name, action, error);
+        let name = ServiceName::new(&format!("skysink/{}", row.name)).map_err(|error| refuse(&error))?;
+        let mut builder = node.service_builder(&name).publish_subscribe::<P>().user_header::<H>();
         let events = node.service_builder(&name).event();
-        let (data, event) = match terms {
-            Some(terms) => {
-                let builder = builder
-                    .max_publishers(MAX_WRITERS)
-                    .max_subscribers(MAX_READERS)
-                    .max_nodes(MAX_NODES)
-                    .history_size(row.history)
-                    .subscriber_max_buffer_size(row.buffer)
-                    .subscriber_max_borrowed_samples(MAX_BORROWED)
-                    .enable_safe_overflow(false);
-                let data = P::create(builder, terms).map_err(|error| refuse("create it", &error))?;
-                let event = events.max_nodes(MAX_NODES).create();
-                (data, event.map_err(|error| refuse("create its event", &error))?)
-            }
-            None => {
-                let data = P::open(builder).map_err(|error| refuse("open it", &error))?;
-                (data, events.open().map_err(|error| refuse("open its event", &error))?)
-            }
+        if terms.is_some() {
+            builder = builder
+                .max_publishers(MAX_WRITERS)
+                .max_subscribers(MAX_READERS)
+                .max_nodes(MAX_NODES)
+                .history_size(row.history)
+                .subscriber_max_buffer_size(row.buffer)
+                .subscriber_max_borrowed_samples(MAX_BORROWED)
+                .enable_safe_overflow(false);
+        }
+        let data = P::service(builder, terms).map_err(|error| refuse(&error))?;
+        let event = match terms {
+            Some(_) => events.max_nodes(MAX_NODES).create().map_err(|error| refuse(&error))?,
+            None => events.open().map_err(|error| refuse(&error))?,
         };
-        let (config, member) = (node.config().clone(), member.clone());
-        Ok(Self { row, config, data: Rc::new(data), event: Rc::new(event), member })
+        Ok(Self(Rc::new(Shared { row, config: node.config().clone(), data, event, member: member.clone() })))
     }
 
     /// The terms under which the topic was created.
     pub(crate) fn terms(&self) -> &AttributeSet {
-        self.data.attributes()
-    }
-
-    /// A reader with room for `buffer` samples, which gets the newest samples even if they were sent before.
-    ///
-    /// # Errors
-    /// If all readers' places are taken, or the system refuses.
-    pub fn reader(&self, buffer: usize) -> Result<Reader<S, P, H>, RingError> {
-        let Row { name, from, history, .. } = self.row;
-        let subscriber = self.data.subscriber_builder().history_request(history).buffer_size(buffer).create();
-        let admission = Admission {
-            name,
-            mission: self.member.terms.mission,
-            config: self.config.clone(),
-            data: Rc::clone(&self.data),
-            refusals: self.member.refusals.clone(),
-            several: self.row.several,
-            writer: None,
-            second_writer: None,
-        };
-        Ok(Reader {
-            name,
-            from,
-            max_ahead: self.member.max_ahead,
-            subscriber: subscriber.map_err(|error| RingError::topic(name, "read", &error))?,
-            listener: None,
-            event: Rc::clone(&self.event),
-            early: VecDeque::with_capacity(MAX_EARLY),
-            admission,
-        })
+        self.0.data.attributes()
     }
 
     /// The wake-ups of the topic, without its samples. Listeners that were attached earlier are notified first.
@@ -161,20 +128,28 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
     /// # Errors
     /// If all listeners' places are taken, or the system refuses.
     pub fn listener(&self) -> Result<Listener<S>, RingError> {
-        self.event.listener_builder().create().map_err(|error| RingError::topic(self.row.name, "listen", &error))
+        self.0.listener()
+    }
+}
+
+impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Shared<S, P, H> {
+    pub(crate) fn listener(&self) -> Result<Listener<S>, RingError> {
+        self.event.listener_builder().create().map_err(|error| self.refuse("listen", &error))
     }
 
-    fn write_by(&self, builder: PortFactoryPublisher<'_, S, P, H>) -> Result<Writer<S, P, H>, RingError> {
-        let name = self.row.name;
-        let builder = builder.max_loaned_samples(1).set_backpressure_handler(self.backpressure());
-        let publisher = builder.create().map_err(|error| RingError::topic(name, WRITE, &error))?;
-        let notifier = self.event.notifier_builder().create();
-        let notifier = notifier.map_err(|error| RingError::topic(name, "notify", &error))?;
-        Ok(Writer::new(name, publisher, notifier, self.member.terms.timeout(), &self.member.late_joiners))
+    pub(crate) fn notifier(&self) -> Result<Notifier<S>, RingError> {
+        self.event.notifier_builder().create().map_err(|error| self.refuse("notify", &error))
     }
 
-    fn backpressure(&self) -> impl Fn(&BackpressureInfo) -> BackpressureAction + use<S, P, H> {
-        let (config, stop, timeout) = (self.config.clone(), self.member.stop.clone(), self.member.terms.timeout());
+    /// What iceoryx2 refuses to do.
+    pub(crate) fn refuse(&self, action: &'static str, error: &dyn Debug) -> RingError {
+        RingError::topic(self.row.name, action, error)
+    }
+
+    pub(crate) fn backpressure(&self) -> impl Fn(&BackpressureInfo) -> BackpressureAction + use<S, P, H> {
+        let config = self.config.clone();
+        let stop = self.member.stop.clone();
+        let timeout = self.member.terms.timeout();
         let waits = self.row.full == Full::WaitInLockStep && self.member.terms.pace == Pace::Max;
         move |info| {
             if !waits {
@@ -188,25 +163,5 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
             }
             BackpressureAction::Retry
         }
-    }
-}
-
-impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> Topic<S, P, H> {
-    /// A writer of single messages.
-    ///
-    /// # Errors
-    /// If all writers' places are taken, or the system refuses.
-    pub fn writer(&self) -> Result<Writer<S, P, H>, RingError> {
-        self.write_by(self.data.publisher_builder())
-    }
-}
-
-impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> Topic<S, [T], H> {
-    /// A writer of lists of at most `len` elements.
-    ///
-    /// # Errors
-    /// If all writers' places are taken, or the system refuses.
-    pub fn list_writer(&self, len: usize) -> Result<Writer<S, [T], H>, RingError> {
-        self.write_by(self.data.publisher_builder().initial_max_slice_len(len))
     }
 }

@@ -3,7 +3,6 @@
 use std::fmt::Debug;
 use std::mem::MaybeUninit;
 use std::rc::Rc;
-use std::time::Duration;
 
 use iceoryx2::port::SendError;
 use iceoryx2::port::notifier::Notifier;
@@ -11,10 +10,12 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::*;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
+use iceoryx2::service::port_factory::publisher::PortFactoryPublisher;
 
 use crate::error::RingError;
 use crate::sample::{Header, Payload};
-use crate::wait::{LateJoiners, ServeJoiners};
+use crate::topic::{Shared, Topic};
+use crate::wait::ServeJoiners;
 
 /// The writing end of a topic.
 #[derive(Debug)]
@@ -23,45 +24,64 @@ pub struct Writer<S: Service + 'static, P: Payload + ?Sized, H: Header>(Rc<Ports
 /// What iceoryx2 has of a writer.
 #[derive(Debug)]
 struct Ports<S: Service + 'static, P: Payload + ?Sized, H: Header> {
-    name: &'static str,
+    topic: Rc<Shared<S, P, H>>,
     publisher: Publisher<S, P, H>,
     notifier: Notifier<S>,
-    timeout: Duration,
 }
 
-impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Writer<S, P, H> {
+/// What is tried when a writer's place is taken.
+const WRITE: &str = "write (if all places are taken, end the other program)";
+
+impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> Topic<S, P, H> {
+    /// A writer of single messages.
+    ///
+    /// # Errors
+    /// If all writers' places are taken, or the system refuses.
+    pub fn writer(&self) -> Result<Writer<S, P, H>, RingError> {
+        self.write_by(self.0.data.publisher_builder())
+    }
+}
+
+impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> Topic<S, [T], H> {
+    /// A writer of lists of at most `len` elements.
+    ///
+    /// # Errors
+    /// If all writers' places are taken, or the system refuses.
+    pub fn list_writer(&self, len: usize) -> Result<Writer<S, [T], H>, RingError> {
+        self.write_by(self.0.data.publisher_builder().initial_max_slice_len(len))
+    }
+}
+
+impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
     /// A writer whose late joiners are served whenever the process waits.
-    pub(crate) fn new(
-        name: &'static str,
-        publisher: Publisher<S, P, H>,
-        notifier: Notifier<S>,
-        timeout: Duration,
-        late_joiners: &LateJoiners,
-    ) -> Self {
-        let ports = Rc::new(Ports { name, publisher, notifier, timeout });
-        late_joiners.add(Rc::downgrade(&ports) as _);
-        Self(ports)
+    fn write_by(&self, builder: PortFactoryPublisher<'_, S, P, H>) -> Result<Writer<S, P, H>, RingError> {
+        let topic = Rc::clone(&self.0);
+        let builder = builder.max_loaned_samples(1).set_backpressure_handler(topic.backpressure());
+        let publisher = builder.create().map_err(|error| topic.refuse(WRITE, &error))?;
+        let ports = Rc::new(Ports { notifier: topic.notifier()?, publisher, topic });
+        self.0.member.late_joiners.add(Rc::downgrade(&ports) as _);
+        Ok(Writer(ports))
     }
 }
 
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> ServeJoiners for Ports<S, P, H> {
     fn serve_joiners(&self) -> Result<(), RingError> {
-        self.publisher.update_connections().map_err(|error| RingError::topic(self.name, "connect", &error))?;
+        self.publisher.update_connections().map_err(|error| self.topic.refuse("connect", &error))?;
         self.wake()
     }
 }
 
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Ports<S, P, H> {
     fn undelivered(&self, error: SendError) -> RingError {
+        let seconds = self.topic.member.terms.timeout_s;
         match error {
-            SendError::UnableToDeliver => RingError::Full { topic: self.name, seconds: self.timeout.as_secs_f64() },
-            error => RingError::topic(self.name, "send", &error),
+            SendError::UnableToDeliver => RingError::Full { topic: self.topic.row.name, seconds },
+            error => self.topic.refuse("send", &error),
         }
     }
 
     fn wake(&self) -> Result<(), RingError> {
-        self.notifier.notify().map_err(|error| RingError::topic(self.name, "notify", &error))?;
-        Ok(())
+        self.notifier.notify().map(drop).map_err(|error| self.topic.refuse("notify", &error))
     }
 }
 
@@ -72,8 +92,8 @@ impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> 
     /// If a reader does not take it in time, or the system refuses.
     pub fn send(&self, header: H, message: P) -> Result<(), RingError> {
         let ports = &self.0;
-        let mut sample =
-            ports.publisher.loan_uninit().map_err(|error| RingError::topic(ports.name, "loan a sample", &error))?;
+        let loaned = ports.publisher.loan_uninit();
+        let mut sample = loaned.map_err(|error| ports.topic.refuse("loan a sample", &error))?;
         *sample.user_header_mut() = header;
         sample.write_payload(message).send().map_err(|error| ports.undelivered(error))?;
         ports.wake()
@@ -98,7 +118,7 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
     /// If `len` is more than the writer was made for, or the system refuses.
     pub fn loan(&self, len: usize) -> Result<LoanedList<'_, S, T, H>, RingError> {
         let sample = self.0.publisher.loan_slice_uninit(len);
-        let sample = sample.map_err(|error| RingError::topic(self.0.name, "loan a sample", &error))?;
+        let sample = sample.map_err(|error| self.0.topic.refuse("loan a sample", &error))?;
         Ok(LoanedList { writer: self, sample })
     }
 }
