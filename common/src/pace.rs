@@ -10,7 +10,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 /// Pace of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Pace {
-    /// Lock-step: each process waits for its input, nobody looks at a clock.
+    /// Lock-step: each process waits for its input, no process reads a clock.
     Max,
     /// By the clock of field-sim, this many times as fast as real time; a plan that is late is void.
     Factor(f64),

@@ -67,7 +67,7 @@ fn field(criterion: &mut Criterion) {
                 group.bench_function(format!("{rates}, {buffers}, into a message"), |bencher| {
                     bencher.iter(|| {
                         slot += 1;
-                        field.step_into(slot, &nobody, black_box(&mut message)).expect("nobody is somebody")
+                        field.step_into(slot, &nobody, Some(black_box(&mut message))).expect("nobody is somebody")
                     });
                 });
             }

@@ -5,14 +5,14 @@ const FLOATS_ONE_APART: f64 = 4_503_599_627_370_496.0;
 
 /// What the SNs of a field sample in a slot on average [bit], `s_i τ`.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Rates {
+pub enum SamplingMeans {
     /// The same at all SNs, as the scenario says.
     Alike(f64),
     /// By SN, as the list says.
     Each(Vec<f64>),
 }
 
-impl Rates {
+impl SamplingMeans {
     /// The rates of SNs that sample `mean_bits[i]` [bit] per slot, at least 0.
     #[must_use]
     pub fn new(mean_bits: Vec<f64>) -> Self {
@@ -67,8 +67,8 @@ mod tests {
 
     #[test]
     fn equal_rates_are_recognised() {
-        assert_eq!(Rates::new(vec![2.5; 3]), Rates::Alike(2.5));
-        assert_eq!(Rates::new(vec![2.5, 2.5, 2.0]), Rates::Each(vec![2.5, 2.5, 2.0]));
+        assert_eq!(SamplingMeans::new(vec![2.5; 3]), SamplingMeans::Alike(2.5));
+        assert_eq!(SamplingMeans::new(vec![2.5, 2.5, 2.0]), SamplingMeans::Each(vec![2.5, 2.5, 2.0]));
     }
 
     proptest! {

@@ -12,13 +12,13 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::wide::{BLOCK, wide};
 
-use crate::arrivals::{Rates, is_quick, quick_integer};
+use crate::arrivals::{SamplingMeans, is_quick, quick_integer};
 
 /// The sensor field and its queues after a slot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
     ledger: Ledger,
-    rates: Rates,
+    rates: SamplingMeans,
     /// The highest of the rates [bit/slot].
     most_bits: f64,
     /// Where the rates differ, the loss of each block of SNs in slots' worth of sampling.
@@ -38,19 +38,16 @@ pub struct SlotBits {
     pub lost_bits: u64,
 }
 
-/// A flight that cannot have been.
+/// A flight that cannot have been: it has a link to nobody.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum FieldError {
-    /// A link to nobody.
-    #[error("flight({slot}) serves SN {sensor}: expected ids below {count}")]
-    UnknownSensor {
-        /// The slot.
-        slot: u64,
-        /// The id.
-        sensor: u32,
-        /// Sensor nodes in the field.
-        count: usize,
-    },
+#[error("flight({slot}) serves SN {sensor}: expected ids below {count}")]
+pub struct FieldError {
+    /// The slot.
+    pub slot: u64,
+    /// The id.
+    pub sensor: u32,
+    /// Sensor nodes in the field.
+    pub count: usize,
 }
 
 impl Field {
@@ -59,13 +56,13 @@ impl Field {
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
         let mean_bits: Vec<f64> = list.sensors().iter().map(|sensor| sensor.sampling_bps * scenario.slot_s).collect();
         let most_bits = mean_bits.iter().copied().fold(0.0, f64::max);
-        let rates = Rates::new(mean_bits);
+        let rates = SamplingMeans::new(mean_bits);
         Self {
             ledger: Ledger::new(scenario.sensors.capacity_bits, list.queues_bits()),
             most_bits,
             lost_slots: match rates {
-                Rates::Alike(_) => Vec::new(),
-                Rates::Each(_) => vec![0.0; list.sensors().len().div_ceil(BLOCK)],
+                SamplingMeans::Alike(_) => Vec::new(),
+                SamplingMeans::Each(_) => vec![0.0; list.sensors().len().div_ceil(BLOCK)],
             },
             rates,
             slots: scenario.slots,
@@ -83,7 +80,7 @@ impl Field {
     /// # Panics
     /// If it is not the slot after the last.
     pub fn step(&mut self, slot: u64, flight: &FlightReport) -> Result<SlotBits, FieldError> {
-        self.advance(slot, flight, None)
+        self.step_into(slot, flight, None)
     }
 
     /// Advances by `slot` as [`Field::step`] does, and writes the new queues [bit] to `queues_bits`, too, by sensor node:
@@ -101,35 +98,26 @@ impl Field {
         &mut self,
         slot: u64,
         flight: &FlightReport,
-        queues_bits: &mut [MaybeUninit<u32>],
-    ) -> Result<SlotBits, FieldError> {
-        assert_eq!(queues_bits.len(), self.queues_bits().len(), "expected one place per sensor node");
-        self.advance(slot, flight, Some(queues_bits))
-    }
-
-    fn advance(
-        &mut self,
-        slot: u64,
-        flight: &FlightReport,
-        mut copy: Option<&mut [MaybeUninit<u32>]>,
+        mut queues_bits: Option<&mut [MaybeUninit<u32>]>,
     ) -> Result<SlotBits, FieldError> {
         assert_eq!(slot, self.slot + 1, "expected the slot after the last");
         let count = self.queues_bits().len();
+        assert!(queues_bits.as_ref().is_none_or(|copy| copy.len() == count), "expected one place per sensor node");
         if let Some(link) = flight.served_links().iter().find(|link| link.sensor as usize >= count) {
-            return Err(FieldError::UnknownSensor { slot, sensor: link.sensor, count });
+            return Err(FieldError { slot, sensor: link.sensor, count });
         }
         self.slot = slot;
         self.moved = SlotBits::default();
         for sensors in blocks(count) {
             self.moved.lost_bits += self.sample(sensors.clone());
-            if let Some(copy) = &mut copy {
+            if let Some(copy) = &mut queues_bits {
                 copy[sensors.clone()].write_copy_of_slice(&self.ledger.queues_bits()[sensors]);
             }
         }
         for link in flight.served_links() {
             let sensor = link.sensor as usize;
             self.moved.delivered_bits += self.ledger.upload(sensor, link.capacity_bits);
-            if let Some(copy) = &mut copy {
+            if let Some(copy) = &mut queues_bits {
                 copy[sensor].write(self.ledger.queues_bits()[sensor]);
             }
         }
@@ -140,11 +128,11 @@ impl Field {
     fn sample(&mut self, sensors: Range<usize>) -> u64 {
         let Self { ledger, rates, slot, .. } = self;
         let mean_bits = match rates {
-            Rates::Alike(mean_bits) => {
+            SamplingMeans::Alike(mean_bits) => {
                 let bits = bits_between(*mean_bits, *slot - 1, *slot);
                 return wide(|| ledger.sample_alike(sensors, bits));
             }
-            Rates::Each(mean_bits) => &mean_bits[sensors.clone()],
+            SamplingMeans::Each(mean_bits) => &mean_bits[sensors.clone()],
         };
         let lost_slots = &mut self.lost_slots[sensors.start / BLOCK];
         if is_quick(sampled(self.most_bits, *slot)) {
@@ -177,8 +165,8 @@ impl Field {
     pub fn totals(&self) -> Totals {
         let totals = *self.ledger.totals();
         let lost_slots = match self.rates {
-            Rates::Alike(mean_bits) => totals.lost_bits as f64 / mean_bits.max(f64::MIN_POSITIVE),
-            Rates::Each(_) => self.lost_slots.iter().sum(),
+            SamplingMeans::Alike(mean_bits) => totals.lost_bits as f64 / mean_bits.max(f64::MIN_POSITIVE),
+            SamplingMeans::Each(_) => self.lost_slots.iter().sum(),
         };
         Totals { lost_slots, ..totals }
     }
@@ -350,7 +338,7 @@ mod tests {
         assert_eq!((restored.slot(), restored.totals().delivered_bits), (1, 100));
     }
 
-    /// More SNs than a block holds, at their own rates [bit/s] or at one, with storages that some fill.
+    /// More SNs than a block holds, at their own rates [bit/s] or at one, with buffers that some fill.
     fn lists() -> impl Strategy<Value = (Scenario, SensorList)> {
         let rates = prop_oneof![
             prop::collection::vec(prop_oneof![Just(100.0), Just(2.5), 0.0..1e3, 0.0..4e9], 1..1_500),
@@ -390,7 +378,7 @@ mod tests {
                 let mut message = vec![MaybeUninit::new(u32::MAX); count];
                 let bits = in_place.step(slot, &report).unwrap();
                 prop_assert_eq!(bits, SlotBits { delivered_bits, lost_bits });
-                prop_assert_eq!(into_message.step_into(slot, &report, &mut message).unwrap(), bits);
+                prop_assert_eq!(into_message.step_into(slot, &report, Some(&mut message)).unwrap(), bits);
                 prop_assert_eq!(&in_place.ledger, &singly);
                 prop_assert_eq!(&into_message, &in_place);
                 let mut restored = Field::new(&scenario, &list);
@@ -407,6 +395,6 @@ mod tests {
     #[test]
     #[should_panic(expected = "expected one place per sensor node")]
     fn a_message_of_another_length_is_refused() {
-        let _ = field(10_000).step_into(1, &serving(0, 1), &mut [MaybeUninit::uninit(); 3]);
+        let _ = field(10_000).step_into(1, &serving(0, 1), Some(&mut [MaybeUninit::uninit(); 3]));
     }
 }

@@ -3,17 +3,15 @@
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
-use skysink_common::message::{Commit, FLAG_END, SlotHeader, Tick};
+use skysink_common::message::{FLAG_END, Tick};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
-use skysink_ring::reader::Reader;
 use skysink_ring::role::Role;
 use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
-use skysink_ring::wait::WaitContext;
 
 use crate::field::Field;
 use crate::journal::FieldJournal;
@@ -31,7 +29,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let queues = ring.queues.list_writer(count)?;
     let ticks = ring.tick.writer()?;
     let mut flights = ring.flight.reader(RING_BUFFER)?;
-    let mut record = Record { commits: ring.commit.reader(RING_BUFFER)?, last: None };
+    let mut commits = ring.commit.reader(RING_BUFFER)?;
     let mut clock = ring.terms.pace.period(scenario.slot_s).map(Clock::new);
 
     let mut field = Field::new(scenario, &list);
@@ -45,7 +43,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     for slot in field.slot() + 1..=scenario.slots {
         if let Some(clock) = clock.as_mut().filter(|_| saved.is_none()) {
             if clock.next.is_none() {
-                record.wait_for(slot - 1, &mut wait)?; // everybody is there
+                commits.wait_until(&mut wait, slot - 1)?; // everybody is there
             }
             wait.sleep_until(clock.next_slot())?;
             ticks.send(ring.header(slot, 0), Tick { period_ns: clock.period_ns() })?;
@@ -58,9 +56,9 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
             },
         };
         let mut loaned = queues.loan(count)?;
-        field.step_into(slot, &flight, loaned.elements()).map_err(|error| NodeError::Peer(error.to_string()))?;
+        field.step_into(slot, &flight, Some(loaned.elements())).map_err(|error| NodeError::Peer(error.to_string()))?;
         // Saved no earlier: started again before, it publishes the slot before the last once more, too.
-        record.wait_for(slot - 1, &mut wait)?;
+        commits.wait_until(&mut wait, slot - 1)?;
         journal.save(&flight, &field)?;
         // SAFETY: the step has not failed, so it has written every element.
         unsafe { loaned.send(header(&field)) }?;
@@ -70,23 +68,6 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         // The buffer of a reader that lags may have been full.
         Pace::Factor(_) => queues.send_list(header(&field), field.queues_bits()),
     })
-}
-
-/// What is on record.
-struct Record<S: Service + 'static> {
-    commits: Reader<S, Commit, SlotHeader>,
-    /// The last slot; none yet.
-    last: Option<u64>,
-}
-
-impl<S: Service + 'static> Record<S> {
-    /// Waits until `slot` is on record.
-    fn wait_for(&mut self, slot: u64, wait: &mut WaitContext) -> Result<(), NodeError> {
-        while self.last.is_none_or(|last| last < slot) {
-            self.last = Some(self.commits.wait_for_next(wait, slot)?.user_header().slot);
-        }
-        Ok(())
-    }
 }
 
 /// The starts of the slots on a grid of wall time.

@@ -41,14 +41,11 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         flights.send(ring.header(*slot, 0), *report)?;
     }
 
-    let mut begun = 0;
     for slot in flown.last().map_or(0, |(slot, _)| *slot) + 1..=scenario.slots {
         let plan = match ring.terms.pace {
             Pace::Max => plans.wait_for_slot(&mut wait, slot)?,
             Pace::Factor(_) => {
-                while begun < slot {
-                    begun = ticks.wait_for_next(&mut wait, slot)?.user_header().slot;
-                }
+                ticks.wait_until(&mut wait, slot)?;
                 plans.of_slot(slot)?.here()
             }
         };

@@ -15,7 +15,6 @@ use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use crate::error::RingError;
-use crate::role::{Role, Seat};
 use crate::wait::Waiting;
 use skysink_common::pace::Pace;
 
@@ -29,7 +28,7 @@ pub struct Terms {
     /// Id of the run; every sample carries it.
     #[serde(with = "hexadecimal")]
     pub mission: u64,
-    /// How fast the ring turns.
+    /// How fast its slots follow each other.
     pub pace: Pace,
     /// How its processes wait for each other.
     pub wait: Waiting,
@@ -148,14 +147,6 @@ impl RingFolder {
         }
         let refuse = |error| RingError::folder(&self.path, format_args!("lock: {error}: the run has ended"));
         File::open(lock_path(&self.path)).map(Some).map_err(refuse)
-    }
-
-    /// Takes the seat of `role` in the ring, for as long as the returned value lives.
-    ///
-    /// # Errors
-    /// If another process has it.
-    pub fn take_seat(&self, role: Role) -> Result<Seat, RingError> {
-        Seat::take(&self.path, role)
     }
 
     /// The file of the journal `name`.

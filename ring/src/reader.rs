@@ -31,6 +31,8 @@ pub struct Reader<S: Service + 'static, P: Payload + ?Sized, H: Header> {
     listener: Option<Listener<S>>,
     early: VecDeque<Sample<S, P, H>>,
     admission: Admission,
+    /// The last slot that [`Reader::wait_until`] has seen.
+    reached: Option<u64>,
 }
 
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
@@ -43,7 +45,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
         let builder = topic.data.subscriber_builder().history_request(topic.row.history).buffer_size(buffer);
         let subscriber = builder.create().map_err(|error| topic.refuse("read", &error))?;
         let early = VecDeque::with_capacity(MAX_EARLY);
-        Ok(Reader { topic, subscriber, listener: None, early, admission: Admission::default() })
+        Ok(Reader { topic, subscriber, listener: None, early, admission: Admission::default(), reached: None })
     }
 }
 
@@ -121,6 +123,17 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
     /// As [`Reader::wait_for_slot`].
     pub fn wait_for_next(&mut self, wait: &mut WaitContext, slot: u64) -> Result<Sample<S, P, H>, NodeError> {
         self.wait(wait, slot, Self::next_sample)
+    }
+
+    /// Takes in samples until one is of `slot`, or of a later one.
+    ///
+    /// # Errors
+    /// As [`Reader::wait_for_slot`].
+    pub fn wait_until(&mut self, wait: &mut WaitContext, slot: u64) -> Result<(), NodeError> {
+        while self.reached.is_none_or(|reached| reached < slot) {
+            self.reached = Some(self.wait_for_next(wait, slot)?.user_header().head().slot);
+        }
+        Ok(())
     }
 
     /// Waits until `poll` finds something. It polls before the first pause and after each: notifications may be lost.

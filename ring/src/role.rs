@@ -53,7 +53,8 @@ pub const HEARTBEAT: Duration = Duration::from_millis(100);
 #[derive(Debug)]
 pub struct Seat {
     file: File,
-    restarts: u32,
+    /// How often it was taken before: the restart count of its holder.
+    pub(crate) restarts: u32,
     last_beat: Instant,
 }
 
@@ -78,12 +79,6 @@ impl Seat {
         let restarts = read_count(&file).map_err(io)?;
         file.write_all_at(&(restarts + 1).to_le_bytes(), 0).map_err(io)?;
         Ok(Self { file, restarts, last_beat: Instant::now() })
-    }
-
-    /// How often the seat was taken before: the restart count of its holder.
-    #[must_use]
-    pub fn restarts(&self) -> u32 {
-        self.restarts
     }
 
     /// Shows that the process is alive, if it is time to.
@@ -133,10 +128,10 @@ mod tests {
         let first = Seat::take(folder.path(), Role::Planner).unwrap();
         let error = Seat::take(folder.path(), Role::Planner).unwrap_err().to_string();
         assert!(error.contains("planner") && error.contains("already"), "{error}");
-        assert_eq!(Seat::take(folder.path(), Role::FieldSim).unwrap().restarts(), 0, "another seat is free");
-        assert_eq!(first.restarts(), 0);
+        assert_eq!(Seat::take(folder.path(), Role::FieldSim).unwrap().restarts, 0, "another seat is free");
+        assert_eq!(first.restarts, 0);
         drop(first);
-        assert_eq!(Seat::take(folder.path(), Role::Planner).unwrap().restarts(), 1);
+        assert_eq!(Seat::take(folder.path(), Role::Planner).unwrap().restarts, 1);
     }
 
     #[test]

@@ -105,7 +105,7 @@ impl<S: Service + 'static> Ring<S> {
         let is_launcher = role == Role::Launcher;
         let agreed = if is_launcher { Some(attributes(&terms, scenario)?) } else { None };
         let agreed = agreed.as_ref();
-        let seat = if is_launcher { None } else { Some(folder.take_seat(role)?) };
+        let seat = if is_launcher { None } else { Some(Seat::take(folder.path(), role)?) };
         let node = node::<S>(folder, role)?;
         if is_launcher {
             folder.close_counter().map_err(|error| RingError::topic("ring", "close its counter", &error))?;
@@ -113,7 +113,7 @@ impl<S: Service + 'static> Ring<S> {
         let member = Member {
             terms,
             max_ahead: role.keeps_the_ring_waiting().then_some(MAX_AHEAD),
-            // The ring's own processes report what they refuse; the viewer only looks on, but nobody else reads paths.
+            // The ring's own processes report what they refuse; the viewer only listens, but nobody else reads paths.
             refusals: Refusals::new(Some(role).filter(|&role| role != Role::Viewer && !is_launcher)),
             late_joiners: LateJoiners::default(),
             stop: stop.clone(),
@@ -144,7 +144,7 @@ impl<S: Service + 'static> Ring<S> {
             health: Topic::new(&node, &member, HEALTH, agreed)?,
             ready: Topic::new(&node, &member, READY, agreed)?,
             refusals: member.refusals,
-            restarts: wait.seat.as_ref().map_or(0, Seat::restarts),
+            restarts: wait.seat.as_ref().map_or(0, |seat| seat.restarts),
             node,
         };
         Ok((ring, wait))

@@ -80,22 +80,9 @@ pub(crate) trait ServeJoiners: Debug {
     fn serve_joiners(&self) -> Result<(), RingError>;
 }
 
-/// The writers of a process.
+/// The writers of a process, whose late joiners are served as long as they live.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct LateJoiners(Rc<RefCell<Vec<Weak<dyn ServeJoiners>>>>);
-
-impl LateJoiners {
-    /// Serves the late joiners of `writer`, too, as long as it lives.
-    pub(crate) fn add(&self, writer: Weak<dyn ServeJoiners>) {
-        self.0.borrow_mut().push(writer);
-    }
-
-    /// The newest writer first: a reader that attaches to topics in the order of their writers, and has a sample of the
-    /// last one, then soon has those of the others.
-    fn serve(&self) -> Result<(), RingError> {
-        self.0.borrow().iter().rev().filter_map(Weak::upgrade).try_for_each(|writer| writer.serve_joiners())
-    }
-}
+pub(crate) struct LateJoiners(pub(crate) Rc<RefCell<Vec<Weak<dyn ServeJoiners>>>>);
 
 /// A wait context: ends waits on a requested stop, on the supervisor's death or after a time-out, keeps the heartbeat going,
 /// and serves late joiners.
@@ -199,7 +186,10 @@ impl WaitContext {
         }
         if now.saturating_duration_since(self.served) >= PAUSE {
             self.served = now;
-            self.late_joiners.serve()?;
+            // The newest writer first: a reader that attaches to topics in the order of their writers, and has a sample of the
+            // last one, then soon has those of the others.
+            let writers = self.late_joiners.0.borrow();
+            writers.iter().rev().filter_map(Weak::upgrade).try_for_each(|writer| writer.serve_joiners())?;
         }
         Ok(())
     }

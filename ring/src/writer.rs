@@ -59,7 +59,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
         let builder = builder.max_loaned_samples(1).set_backpressure_handler(topic.backpressure());
         let publisher = builder.create().map_err(|error| topic.refuse(WRITE, &error))?;
         let ports = Rc::new(Ports { notifier: topic.notifier()?, publisher, topic });
-        self.0.member.late_joiners.add(Rc::downgrade(&ports) as _);
+        self.0.member.late_joiners.0.borrow_mut().push(Rc::downgrade(&ports) as _);
         Ok(Writer(ports))
     }
 }

@@ -62,7 +62,9 @@ fn row(sensors: u32, effort: Effort) -> Result<FieldRow, Error> {
         let begin = Instant::now();
         for _ in 0..together {
             slot += 1;
-            black_box(field.step_into(slot, &idle, black_box(&mut message)).expect("a flight that serves nobody"));
+            black_box(
+                field.step_into(slot, &idle, Some(black_box(&mut message))).expect("a flight that serves nobody"),
+            );
         }
         steps.add(begin, together);
     }

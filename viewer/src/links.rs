@@ -76,9 +76,9 @@ impl Links {
     }
 
     fn log_circles(&self, stream: &RecordingStream, plan: Option<&Plan>) -> RecordingStreamResult<()> {
-        let centres = plan.map_or_else(Vec::new, |plan| plan.circles_m.into_iter().enumerate().collect());
-        let centres: Vec<_> = centres
+        let centres: Vec<_> = plan
             .into_iter()
+            .flat_map(|plan| plan.circles_m.into_iter().enumerate())
             .filter(|(_, centre_m)| centre_m.iter().all(|coordinate_m| coordinate_m.is_finite()))
             .map(|(place, [x_m, y_m])| (place, [x_m as f32, y_m as f32, 0.002 * self.radius_m]))
             .collect();

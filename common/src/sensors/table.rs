@@ -2,12 +2,14 @@
 //!
 //! Refusals are (line, message); the list adds the file. What a row leaves out is drawn by the parent module.
 
+use std::ops::RangeInclusive;
+
 use super::projection::Projection;
 use super::{Sensor, draw_queue_bits, draw_sampling_bps};
 use crate::channel::draw_gain_db;
 use crate::geometry::Position;
 use crate::random::Streams;
-use crate::scenario::{Area, LinkModel, MAX_FIELD_BITS, Scenario};
+use crate::scenario::{Area, LinkModel, MAX_FIELD_BITS, MAX_SAMPLED_BITS, Scenario};
 
 /// Columns in which a list is written, in this order.
 pub(super) const WRITTEN: [&str; 5] = ["x_m", "y_m", "queue_bits", "gain_db", "sampling_bps"];
@@ -28,7 +30,8 @@ pub(super) fn read(text: &str, scenario: &Scenario) -> Result<Vec<Sensor>, Refus
     let header = reader.headers().map_err(|error| (1, error.to_string()))?.clone();
     let table = Table::of(&header, scenario).map_err(|message| (1, message))?;
     let mission_s = scenario.slot_s * scenario.slots as f64;
-    let (mut sensors, mut field_bits) = (Vec::new(), 0.0);
+    let mut sensors = Vec::new();
+    let mut field_bits = 0.0;
     for row in reader.records() {
         let row = row.map_err(|error| {
             let line = error.position().map_or(0, csv::Position::line);
@@ -56,64 +59,49 @@ pub(super) fn read(text: &str, scenario: &Scenario) -> Result<Vec<Sensor>, Refus
 /// How the rows of one list are read.
 struct Table<'a> {
     scenario: &'a Scenario,
-    frame: Frame,
-    queue_bits: Option<usize>,
-    gain_db: Option<usize>,
-    sampling_bps: Option<usize>,
-}
-
-/// What the positions of a list are, and the places of their two columns.
-enum Frame {
-    /// Metres from the south-west corner of the area.
-    Area { x_m: usize, y_m: usize },
-    /// Degrees on the Earth.
-    Earth { lat_deg: usize, lon_deg: usize, projection: Projection },
+    header: &'a csv::StringRecord,
+    /// None where positions are metres from the south-west corner of the area.
+    projection: Option<Projection>,
 }
 
 impl<'a> Table<'a> {
-    fn of(header: &csv::StringRecord, scenario: &'a Scenario) -> Result<Self, String> {
-        let mut columns = [None; COLUMNS.len()];
-        for (place, name) in header.iter().enumerate() {
-            let Some(column) = COLUMNS.iter().position(|known| *known == name) else {
+    fn of(header: &'a csv::StringRecord, scenario: &'a Scenario) -> Result<Self, String> {
+        let names: Vec<&str> = header.iter().collect();
+        for (place, name) in names.iter().enumerate() {
+            if !COLUMNS.contains(name) {
                 return Err(format!("column `{name}`: expected some of {}", COLUMNS.join(",")));
-            };
-            if columns[column].replace(place).is_some() {
+            }
+            if names[..place].contains(name) {
                 return Err(format!("column `{name}` twice: expected it once"));
             }
         }
-        let [x_m, y_m, lat_deg, lon_deg, queue_bits, gain_db, sampling_bps] = columns;
-        let named = header.iter().collect::<Vec<_>>().join(",");
-        let frame = match (x_m, y_m, lat_deg, lon_deg) {
-            (Some(x_m), Some(y_m), None, None) => Frame::Area { x_m, y_m },
-            (None, None, Some(lat_deg), Some(lon_deg)) => {
+        let refuse = |expected: &str| format!("header `{}`: expected {expected}", names.join(","));
+        let projection = match ["x_m", "y_m", "lat_deg", "lon_deg"].map(|name| names.contains(&name)) {
+            [true, true, false, false] => None,
+            [false, false, true, true] => {
                 let expected = "area.origin_lat_deg and area.origin_lon_deg in the scenario";
-                let origin = scenario.area.origin.ok_or_else(|| format!("header `{named}`: expected {expected}"))?;
-                Frame::Earth { lat_deg, lon_deg, projection: Projection::about(origin) }
+                Some(Projection::about(scenario.area.origin.ok_or_else(|| refuse(expected))?))
             }
             _ => {
-                let expected = "x_m,y_m or lat_deg,lon_deg, not both, and optionally queue_bits,gain_db,sampling_bps";
-                return Err(format!("header `{named}`: expected {expected}"));
+                let columns = "x_m,y_m or lat_deg,lon_deg, not both, and optionally queue_bits,gain_db,sampling_bps";
+                return Err(refuse(columns));
             }
         };
-        Ok(Self { scenario, frame, queue_bits, gain_db, sampling_bps })
+        Ok(Self { scenario, header, projection })
     }
 
     /// One row; the error says which column, the value and what was expected.
     fn sensor(&self, row: &csv::StringRecord, id: u32) -> Result<Sensor, String> {
         let scenario = self.scenario;
-        let optional = |place: Option<usize>, name, expected: &str, holds: &dyn Fn(f64) -> bool| {
-            place.map(|place| number(&row[place], name, expected, holds)).transpose()
-        };
         let position = self.position(row)?;
         let capacity = f64::from(scenario.sensors.capacity_bits);
         let whole = |value: f64| (0.0..=capacity).contains(&value) && value.fract() == 0.0;
-        let expected = format!("whole bits, 0 to the storage's {capacity}");
-        let queue_bits = optional(self.queue_bits, "queue_bits", &expected, &whole)?;
+        let queue_bits = self.number(row, "queue_bits", &format!("whole bits, 0 to the buffer's {capacity}"), whole)?;
         let level = |value: f64| (-300.0..=0.0).contains(&value);
-        let gain_db = optional(self.gain_db, "gain_db", "a level from -300 to 0 dB", &level)?;
-        let rate = |value: f64| (0.0..=9.0e15 / (scenario.slot_s * scenario.slots as f64)).contains(&value);
+        let gain_db = self.number(row, "gain_db", "a level from -300 to 0 dB", level)?;
+        let rate = |value: f64| (0.0..=MAX_SAMPLED_BITS / (scenario.slot_s * scenario.slots as f64)).contains(&value);
         let expected = "a finite rate, 0 or above, at most 9e15 bits over the mission";
-        let sampling_bps = optional(self.sampling_bps, "sampling_bps", expected, &rate)?;
+        let sampling_bps = self.number(row, "sampling_bps", expected, rate)?;
         Ok(Sensor {
             position,
             queue_bits: queue_bits.map_or_else(|| draw_queue_bits(scenario, id), |bits| bits as u32),
@@ -127,21 +115,33 @@ impl<'a> Table<'a> {
 
     fn position(&self, row: &csv::StringRecord) -> Result<Position, String> {
         let area = self.scenario.area;
-        match &self.frame {
-            Frame::Area { x_m, y_m } => {
-                let along = |place: usize, name, extent_m: f64| {
-                    let expected = format!("a position in the area, 0 to {extent_m}");
-                    number(&row[place], name, &expected, &|value| (0.0..=extent_m).contains(&value))
-                };
-                Ok(Position::new(along(*x_m, "x_m", area.width_m)?, along(*y_m, "y_m", area.height_m)?))
-            }
-            Frame::Earth { lat_deg, lon_deg, projection } => {
-                let lat_deg = number(&row[*lat_deg], "lat_deg", "a latitude, -90 to 90", &|deg| deg.abs() <= 90.0)?;
-                let lon_deg = number(&row[*lon_deg], "lon_deg", "a longitude, -180 to 180", &|deg| deg.abs() <= 180.0)?;
-                let projected = projection.project(lat_deg, lon_deg);
-                onto(area, projected).map_err(|reason| format!("lat_deg = {lat_deg}, lon_deg = {lon_deg}: {reason}"))
-            }
-        }
+        let along = |column, expected: &str, range: RangeInclusive<f64>| {
+            let number = self.number(row, column, expected, |value| range.contains(&value))?;
+            Ok::<f64, String>(number.expect("the header has both columns"))
+        };
+        let Some(projection) = &self.projection else {
+            let within = |column, extent_m: f64| {
+                along(column, &format!("a position in the area, 0 to {extent_m}"), 0.0..=extent_m)
+            };
+            return Ok(Position::new(within("x_m", area.width_m)?, within("y_m", area.height_m)?));
+        };
+        let lat_deg = along("lat_deg", "a latitude, -90 to 90", -90.0..=90.0)?;
+        let lon_deg = along("lon_deg", "a longitude, -180 to 180", -180.0..=180.0)?;
+        let projected = projection.project(lat_deg, lon_deg);
+        onto(area, projected).map_err(|reason| format!("lat_deg = {lat_deg}, lon_deg = {lon_deg}: {reason}"))
+    }
+
+    /// What a row has in a column; none if the list does not have it.
+    fn number(
+        &self,
+        row: &csv::StringRecord,
+        column: &str,
+        expected: &str,
+        is_accepted: impl Fn(f64) -> bool,
+    ) -> Result<Option<f64>, String> {
+        let Some(place) = self.header.iter().position(|name| name == column) else { return Ok(None) };
+        let number = row[place].parse::<f64>().ok().filter(|&value| is_accepted(value));
+        number.map(Some).ok_or_else(|| format!("{column} = {}: expected {expected}", &row[place]))
     }
 }
 
@@ -156,11 +156,4 @@ fn onto(area: Area, projected: Option<Position>) -> Result<Position, String> {
         return Ok(Position::new(x_m.clamp(0.0, area.width_m), y_m.clamp(0.0, area.height_m)));
     }
     Err(format!("{x_m:.3} m east and {y_m:.3} m north of the origin: expected {expected}"))
-}
-
-fn number(text: &str, column: &str, expected: &str, holds: &dyn Fn(f64) -> bool) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(value) if holds(value) => Ok(value),
-        _ => Err(format!("{column} = {text}: expected {expected}")),
-    }
 }
