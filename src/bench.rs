@@ -4,7 +4,7 @@
 mod field;
 pub mod hop;
 mod machine;
-pub mod medium;
+mod medium;
 mod mission;
 mod planner;
 mod ring;
@@ -15,7 +15,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::time::Instant;
 
-use clap::ValueEnum;
+use clap::{Args, ValueEnum};
 use hdrhistogram::Histogram;
 use serde::Serialize;
 use skysink_common::scenario::{Overrides, Scenario};
@@ -24,6 +24,20 @@ use skysink_planner::settings;
 
 use crate::error::Error;
 use skysink_mission::latency::{Spread, histogram};
+
+/// Options of `skysink bench`.
+#[derive(Debug, Args)]
+pub struct BenchOptions {
+    /// Only whether it works, and about how fast: seconds instead of minutes.
+    #[arg(long)]
+    quick: bool,
+    /// Print the measurements for machines.
+    #[arg(long)]
+    json: bool,
+    /// Measure this only (repeatable).
+    #[arg(long, value_name = "PART")]
+    only: Vec<BenchPart>,
+}
 
 /// What can be measured by itself, in the order in which it is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -42,7 +56,7 @@ pub enum BenchPart {
 
 /// How much is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Effort {
+enum Effort {
     /// Minutes: the medians repeat within some percent on a quiet machine.
     Full,
     /// Seconds: whether it works, and about how fast.
@@ -66,7 +80,7 @@ fn counts(effort: Effort) -> &'static [u32] {
 
 /// What was measured; a part that was not asked for is none.
 #[derive(Debug, Serialize)]
-pub struct Report {
+struct Report {
     version: &'static str,
     machine: machine::Machine,
     planner: Option<planner::PlannerSpeeds>,
@@ -76,42 +90,42 @@ pub struct Report {
     transport: Option<Vec<transport::TransportRow>>,
 }
 
-impl Report {
-    /// The report for machines.
+impl BenchOptions {
+    /// Measures the parts, all if none is named, and prints what was measured.
+    ///
+    /// # Errors
+    /// If an executable is missing or fails, nothing can be written to the folder for temporary files, or on a stop.
     ///
     /// # Panics
-    /// Never: its keys and values are plain.
-    #[must_use]
-    pub fn to_json(&self) -> String {
-        serde_json::to_string_pretty(self).expect("plain keys and values")
-    }
-}
-
-/// Measures the parts; all if none is named.
-///
-/// # Errors
-/// If an executable is missing or fails, nothing can be written to the folder for temporary files, or on a stop.
-pub fn measure(parts: &[BenchPart], effort: Effort, stop: &Stop) -> Result<Report, Error> {
-    let mut report = Report {
-        version: env!("CARGO_PKG_VERSION"),
-        machine: machine::Machine::this(),
-        planner: None,
-        field: None,
-        mission: None,
-        ring: None,
-        transport: None,
-    };
-    let is_wanted = |part: &&BenchPart| parts.is_empty() || parts.contains(part);
-    for part in BenchPart::value_variants().iter().filter(is_wanted) {
-        match part {
-            BenchPart::Planner => report.planner = Some(planner::measure(effort, stop)?),
-            BenchPart::Field => report.field = Some(field::measure(effort, stop)?),
-            BenchPart::Mission => report.mission = Some(mission::measure(effort, stop)?),
-            BenchPart::Ring => report.ring = Some(ring::measure(effort, stop)?),
-            BenchPart::Transport => report.transport = Some(transport::measure(effort, stop)?),
+    /// Never: the report's keys and values are plain.
+    pub fn bench(&self, stop: &Stop) -> Result<(), Error> {
+        let effort = if self.quick { Effort::Quick } else { Effort::Full };
+        let mut report = Report {
+            version: env!("CARGO_PKG_VERSION"),
+            machine: machine::Machine::this(),
+            planner: None,
+            field: None,
+            mission: None,
+            ring: None,
+            transport: None,
+        };
+        let is_wanted = |part: &&BenchPart| self.only.is_empty() || self.only.contains(part);
+        for part in BenchPart::value_variants().iter().filter(is_wanted) {
+            match part {
+                BenchPart::Planner => report.planner = Some(planner::measure(effort, stop)?),
+                BenchPart::Field => report.field = Some(field::measure(effort, stop)?),
+                BenchPart::Mission => report.mission = Some(mission::measure(effort, stop)?),
+                BenchPart::Ring => report.ring = Some(ring::measure(effort, stop)?),
+                BenchPart::Transport => report.transport = Some(transport::measure(effort, stop)?),
+            }
         }
+        if self.json {
+            println!("{}", serde_json::to_string_pretty(&report).expect("plain keys and values"));
+        } else {
+            print!("{report}");
+        }
+        Ok(())
     }
-    Ok(report)
 }
 
 /// The letter's scenario with `count` SNs at its density, as a file's text.

@@ -1,7 +1,5 @@
 //! The command line of `skysink`.
 
-#[cfg(feature = "lab")]
-mod bench;
 mod flight;
 #[cfg(feature = "lab")]
 mod research;
@@ -18,12 +16,12 @@ use skysink_common::stop::Stop;
 use skysink_planner::settings;
 use skysink_ring::wait::stop_on_signals;
 
+#[cfg(feature = "lab")]
+use crate::bench::{BenchOptions, hop::HopProcess};
 use crate::error::Error;
 use crate::run::run;
 use crate::simulate::{Simulation, simulate};
 use crate::{report, worker};
-#[cfg(feature = "lab")]
-use bench::{BenchOptions, HopOptions};
 use flight::{RunOptions, SoakOptions};
 
 /// Plans and flies a UAV that collects data from wireless sensor nodes, slot by slot.
@@ -91,7 +89,7 @@ Examples:
     /// A process of a benchmark.
     #[cfg(feature = "lab")]
     #[command(hide = true)]
-    Hop(HopOptions),
+    Hop(HopProcess),
 }
 
 /// What every flight lets choose.
@@ -158,7 +156,7 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
         #[cfg(feature = "lab")]
         Command::Bench(options) => return options.bench(stop),
         #[cfg(feature = "lab")]
-        Command::Hop(options) => return options.hop(stop),
+        Command::Hop(process) => return process.run(stop),
     };
     report::print(&folder, &summary);
     Ok(())

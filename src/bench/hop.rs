@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use clap::Args;
+use serde::{Deserialize, Serialize};
 use skysink_common::message::{FlightReport, Plan};
 use skysink_common::pace::Pace;
 use skysink_common::stop::Stop;
@@ -20,7 +22,7 @@ use super::medium::{Ends, HOPS, Medium, SharedEnds, SocketEnds, TIMEOUT, create_
 use crate::error::Error;
 
 /// What is passed around, and how often.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct HopRounds {
     /// By what.
     pub medium: Medium,
@@ -34,13 +36,16 @@ pub struct HopRounds {
     pub period: Duration,
 }
 
-/// A process among the three.
-#[derive(Debug)]
+/// A process among the three: its arguments.
+#[derive(Debug, Args)]
 pub struct HopProcess {
     /// The folder in which they meet.
-    pub folder: PathBuf,
+    folder: PathBuf,
     /// Which one it is, from 0; the first begins the rounds.
-    pub index: usize,
+    index: usize,
+    /// What it takes part in, as JSON.
+    #[arg(value_parser = |text: &str| serde_json::from_str::<HopRounds>(text))]
+    rounds: HopRounds,
 }
 
 impl HopRounds {
@@ -63,11 +68,10 @@ impl HopRounds {
         let node = node(&folder)?;
         let services = (0..HOPS).map(|index| create_services(&node, index)).collect::<Result<Vec<_>, Error>>()?;
         let program = std::env::current_exe().at(Path::new("skysink"))?;
+        let rounds = serde_json::to_string(&self).expect("plain keys and values");
         let command = |index: usize| {
             let mut command = Command::new(&program);
-            command.arg("hop").arg(folder.path()).arg(index.to_string());
-            command.args([self.medium.name(), &self.wait.to_string(), &self.sensors.to_string()]);
-            command.args([self.rounds.to_string(), self.period.as_micros().to_string()]);
+            command.arg("hop").arg(folder.path()).args([&index.to_string(), &rounds]);
             command.stdin(Stdio::null()).stdout(Stdio::null());
             command
         };
@@ -89,29 +93,31 @@ impl HopProcess {
     ///
     /// # Errors
     /// If another one is missing.
-    pub fn run(&self, rounds: HopRounds, stop: &Stop) -> Result<(), Error> {
+    pub fn run(&self, stop: &Stop) -> Result<(), Error> {
         let folder = RingFolder::open(&self.folder)?;
+        let rounds = self.rounds;
         let message = vec![7; rounds.message_bytes(self.index)];
         let received_bytes = rounds.message_bytes((self.index + HOPS - 1) % HOPS);
         match rounds.medium {
             Medium::SharedMemory => {
                 let node = node(&folder)?;
                 let ends = SharedEnds::open(&node, self.index, message.len(), rounds.wait)?;
-                self.pass(rounds, &message, ends, stop)
+                self.pass(&message, ends, stop)
             }
             Medium::Socket => {
                 let ends = SocketEnds::open(&folder, self.index, received_bytes, rounds.wait)?;
-                self.pass(rounds, &message, ends, stop)
+                self.pass(&message, ends, stop)
             }
         }
     }
 
     /// All rounds, in the order of this process.
-    fn pass(&self, rounds: HopRounds, message: &[u8], mut ends: impl Ends, stop: &Stop) -> Result<(), Error> {
-        let warm_up = rounds.rounds / 10 + 1;
+    fn pass(&self, message: &[u8], mut ends: impl Ends, stop: &Stop) -> Result<(), Error> {
+        let HopRounds { rounds, period, .. } = self.rounds;
+        let warm_up = rounds / 10 + 1;
         let mut times = Times::new();
         let mut next = Instant::now();
-        for round in 0..rounds.rounds + warm_up {
+        for round in 0..rounds + warm_up {
             stop.check()?;
             if self.index != 0 {
                 ends.receive()?;
@@ -120,7 +126,7 @@ impl HopProcess {
             }
             std::thread::sleep(next.saturating_duration_since(Instant::now()));
             let begin = Instant::now();
-            next = next.max(begin) + rounds.period;
+            next = next.max(begin) + period;
             ends.send(message)?;
             ends.receive()?;
             if round >= warm_up {

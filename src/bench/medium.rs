@@ -2,7 +2,6 @@
 
 use std::io::{ErrorKind, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
-use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::Listener;
@@ -11,8 +10,8 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::service::builder::publish_subscribe::Builder;
+use serde::{Deserialize, Serialize};
 use skysink_mission::error::FileContext;
-use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
 use skysink_ring::wait::Waiting;
 
@@ -31,26 +30,12 @@ const RETRY: Duration = Duration::from_millis(1);
 const POLLS: u32 = 64;
 
 /// How messages are passed on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Medium {
     /// iceoryx2's shared memory, as the ring.
     SharedMemory,
     /// UNIX sockets: every message is copied into the kernel and out of it.
     Socket,
-}
-
-impl Medium {
-    /// Both.
-    pub const ALL: [Self; 2] = [Self::SharedMemory, Self::Socket];
-
-    /// As it is spelled in arguments.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::SharedMemory => "shared-memory",
-            Self::Socket => "socket",
-        }
-    }
 }
 
 /// A process's ends: it receives from the process before it and sends to the one after it.
@@ -74,59 +59,48 @@ pub struct SharedEnds {
 impl SharedEnds {
     /// Opens the services of the process `index`, whose messages have `message_bytes`, and of the one before it.
     pub fn open(node: &Node<ipc::Service>, index: usize, message_bytes: usize, wait: Waiting) -> Result<Self, Error> {
-        let event = |index| node.service_builder(&name(index)?).event().open().map_err(refused);
+        let event = |index| node.service_builder(&name(index)?).event().open().map_err(failed);
         let before = (index + HOPS - 1) % HOPS;
         // The listener first: a message that arrives has been announced.
-        let listener = event(before)?.listener_builder().create().map_err(refused)?;
-        let data = data(node, before)?.open().map_err(refused)?;
-        let subscriber = data.subscriber_builder().create().map_err(refused)?;
-        let data = self::data(node, index)?.open().map_err(refused)?;
+        let listener = event(before)?.listener_builder().create().map_err(failed)?;
+        let data = data(node, before)?.open().map_err(failed)?;
+        let subscriber = data.subscriber_builder().create().map_err(failed)?;
+        let data = self::data(node, index)?.open().map_err(failed)?;
         let publisher = data.publisher_builder().initial_max_slice_len(message_bytes).max_loaned_samples(1).create();
-        let notifier = event(index)?.notifier_builder().create().map_err(refused)?;
-        Ok(Self { publisher: publisher.map_err(refused)?, notifier, subscriber, listener, wait })
+        let notifier = event(index)?.notifier_builder().create().map_err(failed)?;
+        Ok(Self { publisher: publisher.map_err(failed)?, notifier, subscriber, listener, wait })
     }
 }
 
 impl Ends for SharedEnds {
     fn send(&mut self, message: &[u8]) -> Result<(), Error> {
-        let begin = Instant::now();
-        loop {
-            let sample = self.publisher.loan_slice_uninit(message.len()).map_err(refused)?;
-            if sample.write_from_slice(message).send().map_err(refused)? > 0 {
-                break;
-            }
-            check_timeout(begin)?;
-            std::thread::sleep(RETRY);
-        }
-        self.notifier.notify().map_err(refused)?;
-        Ok(())
+        let send = || {
+            let sample = self.publisher.loan_slice_uninit(message.len()).map_err(failed)?;
+            let receivers = sample.write_from_slice(message).send().map_err(failed)?;
+            Ok((receivers > 0).then_some(()))
+        };
+        until(send, |_| std::thread::sleep(RETRY))?;
+        self.notifier.notify().map(drop).map_err(failed)
     }
 
     fn receive(&mut self) -> Result<(), Error> {
-        let begin = Instant::now();
-        let mut polls = 0;
-        loop {
-            if let Some(sample) = self.subscriber.receive().map_err(refused)? {
-                std::hint::black_box(sample.payload().len());
-                return Ok(());
-            }
-            self.wait.pause(&self.listener, polls);
-            polls = polls.wrapping_add(1);
-            check_timeout(begin)?;
-        }
+        let receive = || self.subscriber.receive().map_err(failed);
+        let sample = until(receive, |polls| self.wait.pause(&self.listener, polls))?;
+        std::hint::black_box(sample.payload().len());
+        Ok(())
     }
 }
 
 /// A node in the ring of `folder`.
 pub fn node(folder: &RingFolder) -> Result<Node<ipc::Service>, Error> {
     let builder = NodeBuilder::new().config(&folder.config()?).signal_handling_mode(SignalHandlingMode::Disabled);
-    builder.create().map_err(refused)
+    builder.create().map_err(failed)
 }
 
 /// Creates the services of the process `index`; they exist as long as what is returned.
 pub fn create_services(node: &Node<ipc::Service>, index: usize) -> Result<impl Sized, Error> {
-    let data = data(node, index)?.max_publishers(1).max_subscribers(2).create().map_err(refused)?;
-    let event = node.service_builder(&name(index)?).event().create().map_err(refused)?;
+    let data = data(node, index)?.max_publishers(1).max_subscribers(2).create().map_err(failed)?;
+    let event = node.service_builder(&name(index)?).event().create().map_err(failed)?;
     Ok((data, event))
 }
 
@@ -135,12 +109,7 @@ fn data(node: &Node<ipc::Service>, index: usize) -> Result<Builder<[u8], (), ipc
 }
 
 fn name(index: usize) -> Result<ServiceName, Error> {
-    ServiceName::new(&format!("hop/{index}")).map_err(refused)
-}
-
-/// iceoryx2 refuses.
-fn refused(error: impl std::fmt::Debug) -> Error {
-    RingError::Topic { topic: "hop", action: "pass messages", detail: format!("{error:?}") }.into()
+    ServiceName::new(&format!("hop/{index}")).map_err(failed)
 }
 
 /// A process's ends of the sockets.
@@ -157,7 +126,8 @@ impl SocketEnds {
         let address = |index: usize| folder.path().join(format!("hop-{index}.sock"));
         let own = address(index);
         let listener = UnixListener::bind(&own).at(&own)?;
-        let to = connect(address((index + 1) % HOPS))?;
+        let next = address((index + 1) % HOPS);
+        let to = until(|| Ok(UnixStream::connect(&next).ok()), |_| std::thread::sleep(RETRY))?;
         let (from, _) = listener.accept().at(&own)?;
         from.set_nonblocking(wait == Waiting::Poll).at(&own)?;
         Ok(Self { to, from, message: vec![0; received_bytes] })
@@ -166,53 +136,46 @@ impl SocketEnds {
 
 impl Ends for SocketEnds {
     fn send(&mut self, message: &[u8]) -> Result<(), Error> {
-        self.to.write_all(message).map_err(broken)
+        self.to.write_all(message).map_err(failed)
     }
 
     fn receive(&mut self) -> Result<(), Error> {
-        let (mut taken, mut polls, begin) = (0, 0, Instant::now());
-        while taken < self.message.len() {
-            match self.from.read(&mut self.message[taken..]) {
-                Ok(0) => return Err(broken(ErrorKind::UnexpectedEof.into())),
-                Ok(bytes) => taken += bytes,
-                Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(error) if error.kind() == ErrorKind::WouldBlock => {
-                    std::hint::spin_loop();
-                    polls += 1;
-                    if polls % POLLS == 0 {
-                        check_timeout(begin)?;
-                        std::thread::yield_now();
-                    }
-                }
-                Err(error) => return Err(broken(error)),
+        let mut taken = 0;
+        let receive = || match self.from.read(&mut self.message[taken..]) {
+            Ok(0) => Err(failed(ErrorKind::UnexpectedEof)),
+            Ok(bytes) => {
+                taken += bytes;
+                Ok((taken == self.message.len()).then_some(()))
             }
-        }
+            Err(error) if matches!(error.kind(), ErrorKind::Interrupted | ErrorKind::WouldBlock) => Ok(None),
+            Err(error) => Err(failed(error)),
+        };
+        let pause = |polls: u32| match polls % POLLS {
+            0 => std::thread::yield_now(),
+            _ => std::hint::spin_loop(),
+        };
+        until(receive, pause)?;
         std::hint::black_box(&self.message);
         Ok(())
     }
 }
 
-/// Connects to the socket at `address` as soon as it is there.
-fn connect(address: PathBuf) -> Result<UnixStream, Error> {
+/// Tries until there is something, with a pause after each of the first, second ... tries.
+fn until<T>(mut attempt: impl FnMut() -> Result<Option<T>, Error>, pause: impl Fn(u32)) -> Result<T, Error> {
     let begin = Instant::now();
-    loop {
-        if let Ok(stream) = UnixStream::connect(&address) {
-            return Ok(stream);
+    for polls in 0u32.. {
+        if let Some(result) = attempt()? {
+            return Ok(result);
         }
-        check_timeout(begin)?;
-        std::thread::sleep(RETRY);
+        pause(polls);
+        if begin.elapsed() >= TIMEOUT {
+            break;
+        }
     }
+    Err(Error::Bench(format!("hop: waited {} s for another process", TIMEOUT.as_secs())))
 }
 
-fn broken(error: std::io::Error) -> Error {
-    Error::Bench(format!("hop: socket: {error}"))
-}
-
-/// Fails if a process has been waited for since `begin` for too long.
-fn check_timeout(begin: Instant) -> Result<(), Error> {
-    if begin.elapsed() < TIMEOUT {
-        return Ok(());
-    }
-    let (what, from) = ("a message".to_owned(), "skysink hop");
-    Err(NodeError::TimedOut { what, from, seconds: TIMEOUT.as_secs_f64() }.into())
+/// A medium fails.
+fn failed(error: impl std::fmt::Debug) -> Error {
+    Error::Bench(format!("hop: {error:?}"))
 }

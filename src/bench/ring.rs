@@ -48,13 +48,6 @@ pub struct RingRow {
     pub p99_over_p50: f64,
 }
 
-/// What one run of the ring says.
-struct Flown {
-    slots_per_s: f64,
-    slot: Spread,
-    plan: Spread,
-}
-
 /// Measures rings and lower bounds alternately.
 ///
 /// # Errors
@@ -79,20 +72,26 @@ fn row(sensors: u32, wait: Waiting, pace: Pace, effort: Effort, stop: &Stop) -> 
     };
     let period = pace.period(1.0).unwrap_or(Duration::ZERO);
     let bound = HopRounds { medium: Medium::SharedMemory, wait, sensors, rounds: slots, period };
-    let (mut hops, mut flown) = (Vec::new(), Vec::new());
+    let mut hops = Vec::new();
+    let mut slot = Vec::new();
+    let mut plan = Vec::new();
+    let mut slots_per_s = Vec::new();
     for _ in 0..effort.choose(3, 1) {
         hops.push(bound.time(stop)?);
-        flown.push(fly(sensors, slots, wait, pace, stop)?);
+        let timing = fly(sensors, slots, wait, pace, stop)?;
+        let number = |key: &str| timing[key].as_f64().unwrap_or(0.0);
+        let max_us = number("plan_max_us");
+        plan.push(Spread { p50_us: number("plan_p50_us"), p99_us: number("plan_p99_us"), p999_us: max_us, max_us });
+        slot.push(serde_json::from_value(timing["latency"]["slot"].clone()).map_err(unread)?);
+        slots_per_s.push(number("slots_per_s"));
     }
-    let hops = median_spread(&hops);
-    let of = |spread: fn(&Flown) -> Spread| median_spread(&flown.iter().map(spread).collect::<Vec<_>>());
-    let (slot, plan) = (of(|flown| flown.slot), of(|flown| flown.plan));
+    let [hops, slot, plan] = [hops, slot, plan].map(|spreads| median_spread(&spreads));
     let floor_us = hops.p50_us + plan.p50_us;
     Ok(RingRow {
         sensors,
         wait,
         pace,
-        slots_per_s: median(flown.iter().map(|flown| flown.slots_per_s).collect()),
+        slots_per_s: median(slots_per_s),
         slot,
         plan,
         hops,
@@ -102,8 +101,8 @@ fn row(sensors: u32, wait: Waiting, pace: Pace, effort: Effort, stop: &Stop) -> 
     })
 }
 
-/// One run of the whole ring, by `skysink run`.
-fn fly(sensors: u32, slots: u64, wait: Waiting, pace: Pace, stop: &Stop) -> Result<Flown, Error> {
+/// One run of the whole ring, by `skysink run`; returns `timing` of its summary.
+fn fly(sensors: u32, slots: u64, wait: Waiting, pace: Pace, stop: &Stop) -> Result<serde_json::Value, Error> {
     stop.check()?;
     let place = tempfile::tempdir().at(Path::new("folder for temporary files"))?;
     let (scenario, out) = (place.path().join("bench.toml"), place.path().join("run"));
@@ -123,12 +122,10 @@ fn fly(sensors: u32, slots: u64, wait: Waiting, pace: Pace, stop: &Stop) -> Resu
     }
     let summary = out.join("summary.json");
     let text = fs::read_to_string(&summary).at(&summary)?;
-    let figures = |error| Error::Bench(format!("skysink run: summary.json: {error}"));
-    let summary: serde_json::Value = serde_json::from_str(&text).map_err(figures)?;
-    let timing = &summary["timing"];
-    let number = |key: &str| timing[key].as_f64().unwrap_or(0.0);
-    let slot = serde_json::from_value(timing["latency"]["slot"].clone()).map_err(figures)?;
-    let (p50_us, p99_us, max_us) = (number("plan_p50_us"), number("plan_p99_us"), number("plan_max_us"));
-    let plan = Spread { p50_us, p99_us, p999_us: max_us, max_us };
-    Ok(Flown { slots_per_s: number("slots_per_s"), slot, plan })
+    let mut summary: serde_json::Value = serde_json::from_str(&text).map_err(unread)?;
+    Ok(summary["timing"].take())
+}
+
+fn unread(error: serde_json::Error) -> Error {
+    Error::Bench(format!("skysink run: summary.json: {error}"))
 }

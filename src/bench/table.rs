@@ -1,146 +1,67 @@
-//! The report as tables that a person can read.
+//! The report as tables that a person can read: a column for each key of a row.
 
 use std::fmt;
 
-use comfy_table::Table;
+use toml::{Table, Value};
 
 use super::Report;
-use crate::report::{self, with_numbers_right};
-use skysink_mission::latency::Spread;
+use crate::report;
 
 impl fmt::Display for Report {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let machine = &self.machine;
-        writeln!(
-            formatter,
-            "{}, {} cores, {} MiB, Linux {}, load {:.1}; skysink {} ({}, {})",
-            machine.cpu,
-            machine.cores,
-            machine.memory_mib,
-            machine.kernel,
-            machine.load_average,
-            self.version,
-            machine.build,
-            machine.rustc,
-        )?;
-        for table in [self.planner(), self.field(), self.mission(), self.ring(), self.transport()].into_iter().flatten()
-        {
-            writeln!(formatter, "\n{table}")?;
+        let report = Table::try_from(self).expect("plain keys and values");
+        for (part, value) in report {
+            match value {
+                Value::Array(rows) => show(formatter, &part, &rows)?,
+                Value::Table(mut row) => {
+                    for rows in row.values().filter_map(Value::as_array) {
+                        show(formatter, &part, rows)?;
+                    }
+                    row.retain(|_, value| !value.is_array());
+                    show(formatter, &part, &[Value::Table(row)])?;
+                }
+                value => writeln!(formatter, "skysink {part} {}", text(&part, &value))?,
+            }
         }
         Ok(())
     }
 }
 
-impl Report {
-    fn planner(&self) -> Option<Table> {
-        let measured = self.planner.as_ref()?;
-        let mut table = table(["a slot's plan", "N", "p50", "p99", "no grid p50", "p99", "ratio"]);
-        for row in &measured.plans {
-            table.add_row([
-                row.strategy.to_owned(),
-                row.sensors.to_string(),
-                us(row.plan.p50_us),
-                us(row.plan.p99_us),
-                us(row.undivided.p50_us),
-                us(row.undivided.p99_us),
-                ratio(row.undivided_over_plan),
-            ]);
+/// Writes the rows of a part as a table. The first distribution of a row is shown whole, the others, which it is compared
+/// with, by median and 99th percentile.
+fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::Result {
+    let mut table = report::table();
+    for row in rows.iter().filter_map(Value::as_table) {
+        let mut header = Vec::new();
+        let mut cells = Vec::new();
+        let mut quantiles = usize::MAX;
+        for (key, value) in row {
+            let heading = key.trim_end_matches("_us").replace('_', " ");
+            if let Value::Table(spread) = value {
+                for (key, value) in spread.iter().take(quantiles) {
+                    let quantile = key.trim_end_matches("_us");
+                    header.push(if quantile == "p50" { format!("{heading} p50") } else { quantile.to_owned() });
+                    cells.push(text(key, value));
+                }
+                quantiles = 2;
+            } else {
+                header.push(heading);
+                cells.push(text(key, value));
+            }
         }
-        for (name, spread) in
-            [("waypoint, geometric", measured.waypoint_geometric), ("waypoint, clarabel", measured.waypoint_clarabel)]
-        {
-            table.add_row([name, "4", &us(spread.p50_us), &us(spread.p99_us)]);
-        }
-        Some(with_numbers_right(table))
+        table.set_header(header).add_row(cells);
     }
-
-    fn field(&self) -> Option<Table> {
-        let mut table = table(["a slot of the field", "N", "p50", "p99", "copy p50", "p99", "ratio"]);
-        for row in self.field.as_ref()? {
-            table.add_row([
-                "into a message".to_owned(),
-                row.sensors.to_string(),
-                us(row.step.p50_us),
-                us(row.step.p99_us),
-                us(row.copy.p50_us),
-                us(row.copy.p99_us),
-                ratio(row.step_over_copy),
-            ]);
-        }
-        Some(with_numbers_right(table))
-    }
-
-    fn mission(&self) -> Option<Table> {
-        let measured = self.mission.as_ref()?;
-        let mut table = table(["missions in one process, uts, N = 200", "slots/s"]);
-        let all = format!("a sweep on {} cores", measured.cores);
-        for (name, slots_per_s) in [
-            ("one after the other", measured.slots_per_s),
-            ("a sweep on 1 core", measured.sweep_slots_per_s),
-            (&all, measured.sweep_all_slots_per_s),
-        ] {
-            table.add_row([name, &format!("{slots_per_s:.0}")]);
-        }
-        table.add_row(["speed per core, all over one", &ratio(measured.per_core)]);
-        Some(with_numbers_right(table))
-    }
-
-    fn ring(&self) -> Option<Table> {
-        let mut table = table([
-            "the ring, wait",
-            "pace",
-            "N",
-            "slots/s",
-            "p50",
-            "p99",
-            "p99.9",
-            "max",
-            "plan",
-            "hops",
-            "p50/floor",
-            "p99/p50",
-        ]);
-        for row in self.ring.as_ref()? {
-            let Spread { p50_us, p99_us, p999_us, max_us } = row.slot;
-            table.add_row([
-                row.wait.to_string(),
-                row.pace.to_string(),
-                row.sensors.to_string(),
-                format!("{:.0}", row.slots_per_s),
-                us(p50_us),
-                us(p99_us),
-                us(p999_us),
-                us(max_us),
-                us(row.plan.p50_us),
-                us(row.hops.p50_us),
-                ratio(row.p50_over_floor),
-                ratio(row.p99_over_p50),
-            ]);
-        }
-        Some(with_numbers_right(table))
-    }
-
-    fn transport(&self) -> Option<Table> {
-        let mut table = table(["three hops, wait", "N", "shared p50", "p99", "socket p50", "p99", "ratio"]);
-        for row in self.transport.as_ref()? {
-            table.add_row([
-                row.wait.to_string(),
-                row.sensors.to_string(),
-                us(row.shared_memory.p50_us),
-                us(row.shared_memory.p99_us),
-                us(row.socket.p50_us),
-                us(row.socket.p99_us),
-                ratio(row.socket_over_shared_memory),
-            ]);
-        }
-        Some(with_numbers_right(table))
-    }
+    writeln!(formatter, "\n{part}\n{}", report::with_numbers_right(table))
 }
 
-fn table<const COLUMNS: usize>(header: [&str; COLUMNS]) -> Table {
-    let mut table = report::table();
-    table.set_header(header);
-    table
+/// A single value: a time, if its key ends so, or a ratio.
+fn text(key: &str, value: &Value) -> String {
+    match value {
+        Value::Float(time_us) if key.ends_with("_us") => us(*time_us),
+        Value::Float(number) => ratio(*number),
+        Value::String(text) => text.clone(),
+        other => other.to_string(),
+    }
 }
 
 /// A time, to three digits.
