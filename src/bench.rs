@@ -23,6 +23,7 @@ use skysink_common::stop::Stop;
 use skysink_planner::settings;
 
 use crate::error::Error;
+use crate::report::print;
 use skysink_mission::latency::{Spread, histogram};
 
 /// Options of `skysink bench`.
@@ -79,7 +80,7 @@ fn counts(effort: Effort) -> &'static [u32] {
 }
 
 /// What was measured; a part that was not asked for is none.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Default, Serialize)]
 struct Report {
     version: &'static str,
     machine: machine::Machine,
@@ -100,15 +101,8 @@ impl BenchOptions {
     /// Never: the report's keys and values are plain.
     pub fn bench(&self, stop: &Stop) -> Result<(), Error> {
         let effort = if self.quick { Effort::Quick } else { Effort::Full };
-        let mut report = Report {
-            version: env!("CARGO_PKG_VERSION"),
-            machine: machine::Machine::this(),
-            planner: None,
-            field: None,
-            mission: None,
-            ring: None,
-            transport: None,
-        };
+        let machine = machine::Machine::this();
+        let mut report = Report { version: env!("CARGO_PKG_VERSION"), machine, ..Report::default() };
         let is_wanted = |part: &&BenchPart| self.only.is_empty() || self.only.contains(part);
         for part in BenchPart::value_variants().iter().filter(is_wanted) {
             match part {
@@ -120,11 +114,10 @@ impl BenchOptions {
             }
         }
         if self.json {
-            println!("{}", serde_json::to_string_pretty(&report).expect("plain keys and values"));
+            print(serde_json::to_string_pretty(&report).expect("plain keys and values"))
         } else {
-            print!("{report}");
+            print(report)
         }
-        Ok(())
     }
 }
 

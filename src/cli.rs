@@ -4,7 +4,7 @@ mod flight;
 #[cfg(feature = "lab")]
 mod research;
 
-use skysink_planner::strategies::{Registered, STRATEGIES};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -13,16 +13,19 @@ use clap::{Args, Parser, Subcommand};
 use skysink_common::scenario::Overrides;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
+use skysink_mission::Mission;
 use skysink_planner::settings;
+use skysink_planner::strategies::{Registered, STRATEGIES};
 use skysink_ring::wait::stop_on_signals;
 
 #[cfg(feature = "lab")]
 use crate::bench::{BenchOptions, hop::HopProcess};
 use crate::error::Error;
 use crate::run::run;
-use crate::simulate::{Simulation, simulate};
+use crate::run::supervise::ProcessTable;
+use crate::simulate::{NewFolder, Simulation, simulate};
 use crate::{report, worker};
-use flight::{RunOptions, SoakOptions};
+use flight::{RunArguments, SoakArguments};
 
 /// Plans and flies a UAV that collects data from wireless sensor nodes, slot by slot.
 #[derive(Debug, Parser)]
@@ -55,7 +58,7 @@ enum Command {
     #[command(after_help = "\
 Examples:
   skysink simulate scenarios/letter.toml
-  skysink simulate scenarios/sparse.toml --strategy gfs --seed 3 --record --out /tmp/sparse")]
+  skysink simulate scenarios/sparse.toml --strategy gfs --seed 3 --record")]
     Simulate {
         /// Scenario file.
         scenario: PathBuf,
@@ -69,12 +72,13 @@ Examples:
     #[command(after_help = "\
 Examples:
   skysink run                          the letter's mission, as fast as it goes
-  skysink run --pace realtime --live   then: rerun rerun+http://127.0.0.1:9876/proxy
+  skysink run --pace realtime --live   watch by
+                                       rerun rerun+http://127.0.0.1:9876/proxy
   skysink run --external planner       waits for your planner, and says where
   skysink run --resume runs/letter-uts-1")]
-    Run(RunOptions),
+    Run(RunArguments),
     /// Fly a long mission with processes that are killed at random, and check that nothing is lost and nothing grows.
-    Soak(SoakOptions),
+    Soak(SoakArguments),
     #[cfg(feature = "lab")]
     #[command(flatten)]
     Research(research::Research),
@@ -98,28 +102,21 @@ struct Choice {
     /// Strategy, instead of the scenario's.
     #[arg(long, value_parser = strategy_parser())]
     strategy: Option<&'static str>,
-    #[command(flatten)]
-    flight: Flown,
-}
-
-/// Which field is flown over, and where the run is put.
-#[derive(Debug, Args)]
-struct Flown {
     /// Seed, instead of the scenario's.
-    #[arg(long, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
+    #[arg(long, value_parser = seed_parser())]
     seed: Option<u64>,
-    /// Folder to write [default: runs/<name>-<strategy>-<seed>].
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
-    /// Replace the run in DIR if it exists.
-    #[arg(long, requires = "out")]
-    force: bool,
+    #[command(flatten)]
+    folder: NewFolder,
 }
 
 impl Choice {
     fn overrides(&self) -> Overrides {
-        Overrides { seed: self.flight.seed, strategy: self.strategy, slots: None }
+        Overrides { seed: self.seed, strategy: self.strategy, slots: None }
     }
+}
+
+fn seed_parser() -> impl TypedValueParser<Value = u64> {
+    clap::value_parser!(u64).range(..=i64::MAX as u64)
 }
 
 /// A strategy by its name in scenario files.
@@ -135,6 +132,7 @@ pub fn main() -> ExitCode {
     let stop = stop_on_signals();
     match command(Cli::parse().command, &stop) {
         Ok(()) => ExitCode::SUCCESS,
+        Err(Error::Output(error)) if error.kind() == ErrorKind::BrokenPipe => ExitCode::SUCCESS, // read as far as wanted
         Err(error) => {
             eprintln!("skysink: {error}");
             ExitCode::from(error.exit_code())
@@ -147,25 +145,25 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
         Command::Check { scenario } => return check(&scenario),
         Command::Simulate { scenario, choice, record } => {
             let scenario = settings::read(&scenario, choice.overrides())?;
-            simulate(&Simulation { scenario, out: choice.flight.out, force: choice.flight.force, record }, stop)?
+            let list = SensorList::of(&scenario)?;
+            let mission = Mission::new(&scenario, &list)?;
+            simulate(&Simulation { scenario, folder: choice.folder, record }, &list, mission, stop)?
         }
-        Command::Run(options) => run(&options.run()?, stop)?,
+        Command::Run(arguments) => run(&arguments.run()?, stop, &ProcessTable::default())?,
         #[cfg(feature = "lab")]
         Command::Research(research) => return research.run(stop),
-        Command::Soak(options) => return options.soak(stop),
+        Command::Soak(arguments) => return arguments.soak(stop),
         #[cfg(feature = "lab")]
         Command::Bench(options) => return options.bench(stop),
         #[cfg(feature = "lab")]
         Command::Hop(process) => return process.run(stop),
     };
-    report::print(&folder, &summary);
-    Ok(())
+    report::print_run(&folder, &summary)
 }
 
 fn check(path: &Path) -> Result<(), Error> {
     let scenario = settings::read(path, Overrides::default())?;
     let list = SensorList::of(&scenario)?;
-    println!("# {}: {} sensor nodes", path.display(), list.sensors().len());
-    print!("{}", scenario.to_toml());
-    Ok(())
+    report::print(format_args!("# {}: {} sensor nodes", path.display(), list.sensors().len()))?;
+    report::print(scenario.to_toml().trim_end())
 }

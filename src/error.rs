@@ -1,5 +1,6 @@
 //! What can go wrong in the program, and the exit code that says so.
 
+use std::io;
 use std::path::PathBuf;
 
 use skysink_common::scenario::ScenarioError;
@@ -32,7 +33,7 @@ pub enum Error {
     #[error("{}: not found beside skysink: build all executables with `cargo build --release`", .0.display())]
     ExecutableMissing(PathBuf),
     /// A process of the ring has ended before the mission.
-    #[error("{role} ended with {status} in slot {slot}: {whole}")]
+    #[error("{role} ended with {status} in slot {slot}")]
     WorkerEnded {
         /// Its name.
         role: &'static str,
@@ -40,18 +41,28 @@ pub enum Error {
         status: String,
         /// The slot under way.
         slot: u64,
-        /// What is left of the run.
-        whole: String,
     },
+    /// A run has ended before its mission.
+    #[error("{cause}: {left}")]
+    EndedEarly {
+        /// Why.
+        cause: Box<Error>,
+        /// What is left of it.
+        left: String,
+    },
+    /// What a command has to say cannot be written.
+    #[error("standard output: {0}")]
+    Output(io::Error),
     /// The shared memory of the machine would not do.
-    #[error("/dev/shm: {free_mib} MiB free: expected {needed_mib} MiB for this run: {remedy}")]
+    #[error(
+        "/dev/shm: {free_mib} MiB free: expected {needed_mib} MiB for this run: make it larger (docker: --shm-size), or \
+         pass --no-viewer, which needs less"
+    )]
     SharedMemory {
         /// Free [MiB].
         free_mib: u64,
         /// Needed [MiB].
         needed_mib: u64,
-        /// What to do.
-        remedy: &'static str,
     },
     /// A soak has found something.
     #[error("soak: {0}")]
@@ -88,6 +99,7 @@ impl Error {
             Self::Node(error) => error.exit_code(),
             #[cfg(feature = "lab")]
             Self::Lab(error) => error.exit_code(),
+            Self::EndedEarly { cause, .. } => cause.exit_code(),
             Self::NoViewer => 2,
             _ => 1,
         }

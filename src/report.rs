@@ -1,127 +1,112 @@
 //! What a person sees in the terminal: the progress of a run, and the table at its end.
 
-use std::io::IsTerminal;
-use std::sync::{Arc, OnceLock};
-use std::time::Instant;
+use std::fmt;
+use std::io::{IsTerminal, Write as _};
 
 use comfy_table::{CellAlignment, Table, presets};
-use indicatif::{ProgressBar, ProgressStyle};
-
+use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 use skysink_common::pace::Pace;
-
 #[cfg(feature = "lab")]
 use skysink_lab::{optimize::Optimum, progress::LabProgress};
 use skysink_mission::latency::Spread;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
 
+use crate::error::Error;
+
 /// Version of the rerun viewer whose recordings these are.
 const RERUN: &str = "0.36.3";
 
-/// The progress bar of a run; nothing at all where standard error is not a terminal.
+/// A progress bar on standard error, or several in a row; nothing at all where that is not a terminal. It is removed with
+/// its last clone.
 #[derive(Debug, Clone)]
-pub struct RunProgress {
-    bar: ProgressBar,
-    /// When and where the run was first seen under way.
-    begin: Arc<OnceLock<(Instant, u64)>>,
-}
+pub struct TerminalProgress(ProgressBar);
 
-impl RunProgress {
-    /// A bar over `slots` slots.
-    ///
-    /// # Panics
-    /// Never: the template is valid.
+impl TerminalProgress {
+    /// The bar of a run.
     #[must_use]
-    pub fn new(slots: u64) -> Self {
-        Self { bar: bar(slots, "{bar:25} slot {pos}/{len}  {msg}"), begin: Arc::default() }
+    pub fn of_slots() -> Self {
+        Self::new("{bar:25} slot {pos}/{len}  {speed} slots/s  {msg}")
     }
 
-    /// Shows how far the run is.
-    pub fn show(&self, tally: &Tally) {
-        if self.bar.is_hidden() {
+    /// Shows the progress of a sweep in a bar, which is removed with what is returned.
+    #[cfg(feature = "lab")]
+    pub fn of_missions() -> impl Fn(LabProgress) {
+        Self::new("{bar:25} mission {pos}/{len}  {eta} left").lab()
+    }
+
+    /// Shows the progress of a search in a bar, which is removed with what is returned.
+    #[cfg(feature = "lab")]
+    pub fn of_steps() -> impl Fn(LabProgress) {
+        Self::new("{bar:25} step {human_pos}/{human_len}  {msg}  {eta} left").lab()
+    }
+
+    #[cfg(feature = "lab")]
+    fn lab(self) -> impl Fn(LabProgress) {
+        move |progress| {
+            self.show(progress.done, progress.of);
+            if let Some(loss_rate) = progress.loss_rate {
+                self.0.set_message(format!("loss {loss_rate:.4}"));
+            }
+        }
+    }
+
+    fn new(template: &str) -> Self {
+        if !std::io::stderr().is_terminal() {
+            return Self(ProgressBar::hidden());
+        }
+        let speed = |state: &ProgressState, text: &mut dyn fmt::Write| {
+            let _ = write!(text, "{:.0}", state.per_sec());
+        };
+        let style = ProgressStyle::with_template(template).expect("a valid template").with_key("speed", speed);
+        Self(ProgressBar::new(0).with_style(style))
+    }
+
+    /// Shows that `done` of `of` are done.
+    fn show(&self, done: u64, of: u64) {
+        let Self(bar) = self;
+        if bar.length() != Some(of) || done < bar.position() {
+            bar.reset(); // another one begins
+            bar.set_length(of);
+            bar.set_position(done);
+            bar.reset_eta();
+        }
+        bar.set_position(done);
+    }
+
+    /// Shows how far a run over `slots` slots is.
+    pub fn show_run(&self, tally: &Tally, slots: u64) {
+        if self.0.is_hidden() {
             return;
         }
-        let slots = tally.last_slot();
-        if slots == 0 {
-            return;
-        }
-        let begin = *self.begin.get_or_init(|| (Instant::now(), slots));
-        let slots_per_s = (slots - begin.1) as f64 / begin.0.elapsed().as_secs_f64().max(f64::MIN_POSITIVE);
+        self.show(tally.last_slot(), slots);
         let missed = match tally.missed_deadlines() {
             0 => String::new(),
             missed => format!("  {missed} deadlines missed"),
         };
-        self.bar.set_message(format!("loss {:.4}  {slots_per_s:.0} slots/s{missed}", tally.loss_rate()));
-        self.bar.set_position(slots);
-    }
-
-    /// Removes the bar.
-    pub fn finish(&self) {
-        self.bar.finish_and_clear();
+        self.0.set_message(format!("loss {:.4}{missed}", tally.loss_rate()));
     }
 
     /// Writes a line to standard error without breaking the bar.
     pub fn say(&self, line: &str) {
-        self.bar.suspend(|| eprintln!("{line}"));
-    }
-
-    /// The same for another thread.
-    pub fn speaker(&self) -> impl Fn(&str) + Clone + Send + 'static {
-        let progress = self.clone();
-        move |line| progress.say(line)
+        self.0.suspend(|| eprintln!("{line}"));
     }
 }
 
-/// A progress bar on standard error; nothing at all where that is not a terminal.
-fn bar(length: u64, template: &str) -> ProgressBar {
-    if !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    ProgressBar::new(length).with_style(ProgressStyle::with_template(template).expect("a valid template"))
-}
-
-/// The progress bar of a sweep or a search, or of several in a row. It is removed with this value.
-#[cfg(feature = "lab")]
-pub struct LabBar(ProgressBar);
-
-#[cfg(feature = "lab")]
-impl LabBar {
-    /// The bar of a sweep.
-    pub fn of_missions() -> Self {
-        Self(bar(0, "{bar:25} mission {pos}/{len}  {eta} left"))
-    }
-
-    /// The bar of a search.
-    pub fn of_steps() -> Self {
-        Self(bar(0, "{bar:25} step {human_pos}/{human_len}  {msg}  {eta} left"))
-    }
-
-    /// Shows how far it is.
-    pub fn show(&self, progress: LabProgress) {
-        let Self(bar) = self;
-        if bar.length() != Some(progress.of) || progress.done < bar.position() {
-            bar.reset(); // another one begins
-            bar.set_length(progress.of);
-            bar.set_position(progress.done);
-            bar.reset_eta();
-        }
-        bar.set_position(progress.done);
-        if let Some(loss_rate) = progress.loss_rate {
-            bar.set_message(format!("loss {loss_rate:.4}"));
-        }
-    }
-}
-
-#[cfg(feature = "lab")]
-impl Drop for LabBar {
-    fn drop(&mut self) {
-        self.0.finish_and_clear();
-    }
+/// Writes a line to standard output.
+///
+/// # Errors
+/// If nobody reads it any more, or it cannot be written.
+pub fn print(line: impl fmt::Display) -> Result<(), Error> {
+    writeln!(std::io::stdout(), "{line}").map_err(Error::Output)
 }
 
 /// Prints what an optimisation came to: the bound, the best known, and what every strategy loses.
+///
+/// # Errors
+/// As [`print`].
 #[cfg(feature = "lab")]
-pub fn print_optimum(optimum: &Optimum) {
+pub fn print_optimum(optimum: &Optimum) -> Result<(), Error> {
     let best = optimum.best_known;
     let mut table = table();
     table.set_header(["", "η", "of the best known"]);
@@ -137,23 +122,27 @@ pub fn print_optimum(optimum: &Optimum) {
     for standing in &optimum.strategies {
         row(standing.strategy, standing.loss_rate);
     }
-    println!("{}", with_numbers_right(table));
-    println!("Searched {} steps; --budget {} finds the same again.", grouped(optimum.steps), optimum.steps);
+    print(with_numbers_right(table))?;
+    let steps = optimum.steps;
+    print(format_args!("Searched for up to {} steps; --budget {steps} finds the same again.", grouped(steps)))
 }
 
 /// Prints the figures of a run and what to do next.
-pub fn print(folder: &RunFolder, summary: &Summary) {
+///
+/// # Errors
+/// As [`print`].
+pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     let timing = &summary.timing;
     let pace = timing.pace.map_or_else(|| "in one process".to_owned(), |pace| format!("pace {pace}"));
     let title = format!("{} · {} · seed {}", summary.name, summary.strategy, summary.seed);
-    println!("{title}: {} slots in {:.3} s, {pace}", summary.slots, timing.wall_s);
+    print(format_args!("{title}: {} slots in {:.3} s, {pace}", summary.slots, timing.wall_s))?;
     let mut table = table();
     let mut rows = vec![
         ("data loss rate η", format!("{:.6}", summary.loss_rate)),
         ("η as in the letter", format!("{:.6}", summary.eta_letter)),
-        ("bits sampled", grouped(summary.sampled_bits)),
-        ("bits delivered", grouped(summary.delivered_bits)),
-        ("bits lost", grouped(summary.lost_bits)),
+        ("bits sampled", grouped(summary.totals.sampled_bits)),
+        ("bits delivered", grouped(summary.totals.delivered_bits)),
+        ("bits lost", grouped(summary.totals.lost_bits)),
         ("bits per waypoint", format!("{:.1}", summary.bits_per_waypoint)),
         ("SNs served per slot", format!("{:.3}", summary.mean_served)),
         ("slots in transit", grouped(summary.transit_slots)),
@@ -183,12 +172,13 @@ pub fn print(folder: &RunFolder, summary: &Summary) {
     for (name, value) in rows {
         table.add_row([name, &value]);
     }
-    println!("{}", with_numbers_right(table));
-    println!("Run folder:      {}", folder.path().display());
+    print(with_numbers_right(table))?;
+    print(format_args!("Run folder:      {}", folder.path().display()))?;
     if let Some(recording) = folder.recording_pattern() {
-        println!("Open recording:  rerun {}", recording.display());
-        println!("                 (the viewer: pip install rerun-sdk=={RERUN})");
+        print(format_args!("Open recording:  rerun {}", recording.display()))?;
+        print(format_args!("                 (the viewer: pip install rerun-sdk=={RERUN})"))?;
     }
+    Ok(())
 }
 
 /// An empty table.

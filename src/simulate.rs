@@ -3,137 +3,132 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use clap::Args;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 
+#[cfg(feature = "viewer")]
+use skysink_common::{message::Plan, path::PathPoint};
+#[cfg(feature = "viewer")]
+use skysink_mission::mission::FlownSlot;
+#[cfg(feature = "viewer")]
+use skysink_viewer::{Scene, SceneError, Sinks, SlotView, WallClock};
+
 use crate::error::Error;
-use crate::report::RunProgress;
-use skysink_mission::mission::{FlownSlot, Mission};
+use crate::report::TerminalProgress;
+use skysink_mission::MissionError;
+use skysink_mission::mission::Mission;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
 
 /// Slots after which the progress is shown again.
 const SHOW_EVERY: u64 = 1000;
 
+/// Where a new run is put on record.
+#[derive(Debug, Args)]
+pub struct NewFolder {
+    /// Folder to write [default: runs/<name>-<strategy>-<seed>].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Replace the run in DIR if it exists.
+    #[arg(long, requires = "out")]
+    pub force: bool,
+}
+
+impl NewFolder {
+    /// Makes it.
+    ///
+    /// # Errors
+    /// As [`RunFolder::create`].
+    pub fn create(&self, scenario: &Scenario, list: &SensorList) -> Result<RunFolder, MissionError> {
+        RunFolder::create(self.out.as_deref(), self.force, scenario, list)
+    }
+}
+
 /// What to simulate and where to put it.
 #[derive(Debug)]
 pub struct Simulation {
     /// The scenario.
     pub scenario: Scenario,
-    /// Folder, if not the default one.
-    pub out: Option<PathBuf>,
-    /// Whether a run in that folder may be replaced.
-    pub force: bool,
+    /// The folder of the run.
+    pub folder: NewFolder,
     /// Whether to leave a recording for rerun.
     pub record: bool,
 }
 
-/// Flies the mission, and returns its folder and its figures. A stop leaves a folder that is whole up to the last slot.
+/// Flies a mission over the sensor nodes `list`, and returns its folder and its figures. A stop leaves a folder that is
+/// whole up to the last slot.
 ///
 /// # Errors
-/// If the sensor list is refused or something cannot be written.
-pub fn simulate(simulation: &Simulation, stop: &Stop) -> Result<(RunFolder, Summary), Error> {
-    let list = SensorList::of(&simulation.scenario)?;
-    let mission = Mission::new(&simulation.scenario, &list)?;
-    simulate_mission(simulation, &list, mission, stop)
-}
-
-/// Flies a mission that was made ready, over the sensor nodes `list`, as [`simulate`] does.
-///
-/// # Errors
-/// As [`simulate`].
-pub fn simulate_mission(
+/// If something cannot be written, or on a stop.
+pub fn simulate(
     simulation: &Simulation,
     list: &SensorList,
     mut mission: Mission,
     stop: &Stop,
 ) -> Result<(RunFolder, Summary), Error> {
     let scenario = &simulation.scenario;
-    let folder = RunFolder::create(simulation.out.as_deref(), simulation.force, scenario, list)?;
-    let mut recording = Recording::open(simulation, &folder, list)?;
+    let folder = simulation.folder.create(scenario, list)?;
+    #[cfg(not(feature = "viewer"))]
+    if simulation.record {
+        return Err(Error::NoViewer);
+    }
+    #[cfg(feature = "viewer")]
+    let mut recording = simulation.record.then(|| recording(scenario, &folder, list)).transpose()?;
     let mut log = folder.slot_log()?;
     let mut tally = Tally::new(scenario, list);
-    let progress = RunProgress::new(scenario.slots);
+    let progress = TerminalProgress::of_slots();
 
     let begin = Instant::now();
     tally.start(&mission.header());
-    recording.log(&mission, None)?;
+    #[cfg(feature = "viewer")]
+    record(&mut recording, &mission, None)?;
     let mut stopped = Ok(());
     while stopped.is_ok() {
         let Some(flown) = mission.next() else { break };
         log.add(&flown.flight, &flown.header)?;
         tally.add(Some(&flown.plan), &flown.flight, &flown.header);
-        recording.log(&mission, Some(&flown))?;
+        #[cfg(feature = "viewer")]
+        record(&mut recording, &mission, Some(&flown))?;
         if tally.last_slot().is_multiple_of(SHOW_EVERY) {
-            progress.show(&tally);
+            progress.show_run(&tally, scenario.slots);
         }
         stopped = stop.check();
     }
     let wall = begin.elapsed();
-    progress.finish();
-    recording.close()?;
+    drop(progress);
+    #[cfg(feature = "viewer")]
+    recording.map_or(Ok(()), Scene::close)?;
     let summary = tally.summary(None, wall, log.hash());
-    folder.write_summary(&summary)?;
+    folder.write_json("summary.json", &summary)?;
     stopped?;
     Ok((folder, summary))
 }
 
-/// The recording of a simulation, if one is wanted. It knows no clock, so that equal missions leave equal recordings.
-struct Recording {
-    #[cfg(feature = "viewer")]
-    scene: Option<skysink_viewer::Scene>,
-}
-
+/// The recording of a simulation. It knows no clock, so that equal missions leave equal recordings.
 #[cfg(feature = "viewer")]
-impl Recording {
-    fn open(simulation: &Simulation, folder: &RunFolder, list: &SensorList) -> Result<Self, Error> {
-        use skysink_viewer::{Scene, Sinks, WallClock};
-        if !simulation.record {
-            return Ok(Self { scene: None });
-        }
-        let scenario = &simulation.scenario;
-        let sinks = Sinks { save: Some(folder.recording()), live: None };
-        let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy, scenario.seed);
-        let nodes = list.nodes();
-        Ok(Self { scene: Some(Scene::open(&sinks, scenario, &nodes, &name, WallClock::Unmeasured)?) })
-    }
-
-    fn log(&mut self, mission: &Mission, flown: Option<&FlownSlot>) -> Result<(), Error> {
-        use skysink_common::path::PathPoint;
-        let Some(scene) = &mut self.scene else { return Ok(()) };
-        let header = mission.header();
-        let plan = flown.map(|flown| skysink_common::message::Plan { plan_ns: 0, ..flown.plan });
-        let path: Vec<PathPoint> = mission.path().iter().copied().map(PathPoint::from).collect();
-        scene.log_slot(&skysink_viewer::SlotView {
-            slot: header.head.slot,
-            queues_bits: mission.queues_bits(),
-            header: &header,
-            plan: plan.as_ref(),
-            path: &path,
-            flight: mission.last_flight(),
-            slots_per_s: None,
-            plan_ms: None,
-        })?;
-        Ok(())
-    }
-
-    fn close(self) -> Result<(), Error> {
-        Ok(self.scene.map_or(Ok(()), skysink_viewer::Scene::close)?)
-    }
+fn recording(scenario: &Scenario, folder: &RunFolder, list: &SensorList) -> Result<Scene, SceneError> {
+    let sinks = Sinks { save: Some(folder.recording()), live: None };
+    let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy, scenario.seed);
+    Scene::open(&sinks, scenario, &list.nodes(), &name, WallClock::Unmeasured)
 }
 
-#[cfg(not(feature = "viewer"))]
-impl Recording {
-    fn open(simulation: &Simulation, _: &RunFolder, _: &SensorList) -> Result<Self, Error> {
-        if simulation.record { Err(Error::NoViewer) } else { Ok(Self {}) }
-    }
-
-    fn log(&mut self, _: &Mission, _: Option<&FlownSlot>) -> Result<(), Error> {
-        Ok(())
-    }
-
-    fn close(self) -> Result<(), Error> {
-        Ok(())
-    }
+/// Records the slot flown last, if there is a recording; `flown` is none before slot 1.
+#[cfg(feature = "viewer")]
+fn record(recording: &mut Option<Scene>, mission: &Mission, flown: Option<&FlownSlot>) -> Result<(), SceneError> {
+    let Some(scene) = recording else { return Ok(()) };
+    let header = mission.header();
+    let plan = flown.map(|flown| Plan { plan_ns: 0, ..flown.plan });
+    let path: Vec<PathPoint> = mission.path().iter().copied().map(PathPoint::from).collect();
+    scene.log_slot(&SlotView {
+        slot: header.head.slot,
+        queues_bits: mission.queues_bits(),
+        header: &header,
+        plan: plan.as_ref(),
+        path: &path,
+        flight: mission.last_flight(),
+        slots_per_s: None,
+        plan_ms: None,
+    })
 }

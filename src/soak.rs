@@ -4,32 +4,24 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::PoisonError;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rustix::process::{Signal, kill_process};
+use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 
 use crate::error::Error;
-use crate::report::{self, with_numbers_right};
-use crate::run::{Inside, Run, run_with};
+use crate::report::{self, print, with_numbers_right};
+use crate::run::supervise::ProcessTable;
+use crate::run::{self, Run};
 use skysink_mission::mission::Mission;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Summary;
 use skysink_mission::trace::TraceHash;
-
-/// What to fly, and how often its processes are killed.
-#[derive(Debug)]
-pub struct Soak {
-    /// The mission.
-    pub run: Run,
-    /// Mean time between two kills.
-    pub kill_every: Duration,
-}
 
 /// How often the processes are measured.
 const MEASURE_EVERY: Duration = Duration::from_millis(50);
@@ -40,6 +32,9 @@ const FD_SLACK: u64 = 2;
 /// Growth that is none: the allocator's own [MiB per 10⁶ slots].
 const MEMORY_SLACK_MIB: f64 = 4.0;
 
+/// What stands for the shared memory of the run among the processes.
+const SHARED_MEMORY: &str = "/dev/shm";
+
 /// What was seen of a process at some time of the calm half.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Sample {
@@ -48,51 +43,38 @@ struct Sample {
     descriptors: u64,
 }
 
-/// What was seen from outside.
+/// What was seen from outside, by process.
 #[derive(Debug, Default)]
 struct Seen {
     kills: BTreeMap<&'static str, u64>,
-    processes: BTreeMap<&'static str, Vec<Sample>>,
-    /// Shared memory of the run [bytes], with the slot.
-    shared: Vec<(u64, u64)>,
+    samples: BTreeMap<&'static str, Vec<Sample>>,
 }
 
-/// Flies it, and prints what became of it.
+/// Flies it, with `kill_every` as the mean time between two kills, and prints what became of it.
 ///
 /// # Errors
 /// Those of the run; [`Error::Soak`] if the trace is not that of the undisturbed mission, or something has grown.
-pub fn soak(soak: &Soak, stop: &Stop) -> Result<(), Error> {
+pub fn soak(run: &Run, kill_every: Duration, stop: &Stop) -> Result<(), Error> {
     let begin = Instant::now();
-    let expected = undisturbed(&soak.run, stop)?;
+    let expected = undisturbed(run, stop)?;
+    let seconds = begin.elapsed().as_secs_f64();
+    print(format_args!("undisturbed, in one process: {} slots in {seconds:.1} s", run.scenario.slots))?;
     let over = AtomicBool::new(false);
-    println!(
-        "undisturbed, in one process: {} slots in {:.1} s",
-        soak.run.scenario.slots,
-        begin.elapsed().as_secs_f64()
-    );
-    let (sender, receiver) = std::sync::mpsc::channel::<Inside>();
+    let table = ProcessTable::default();
     let (seen, flown) = std::thread::scope(|scope| {
-        let over = &over;
-        let watcher = scope.spawn(move || {
-            let mut seen = Seen::default();
-            if let Ok(inside) = receiver.recv() {
-                disturb(soak, &inside, over, &mut seen);
-            }
-            seen
-        });
-        let flown = run_with(&soak.run, stop, move |inside| {
-            let _ = sender.send(inside);
-        });
+        let watcher = scope.spawn(|| disturb(&run.scenario, kill_every, &table, &over));
+        let flown = run::run(run, stop, &table);
         over.store(true, Ordering::Relaxed);
         (watcher.join().unwrap_or_default(), flown)
     });
     let (folder, summary) = flown?;
-    judge(soak, &seen, &folder, &summary, expected)
+    judge(&seen, &folder, &summary, expected)
 }
 
 /// The trace of the mission, by plain calls.
 fn undisturbed(run: &Run, stop: &Stop) -> Result<u64, Error> {
     let list = SensorList::of(&run.scenario)?;
+    run.options.check(&list)?;
     let (mut mission, mut trace) = (Mission::new(&run.scenario, &list)?, TraceHash::default());
     for flown in &mut mission {
         trace.add(&flown.flight, &flown.header);
@@ -102,22 +84,23 @@ fn undisturbed(run: &Run, stop: &Stop) -> Result<u64, Error> {
 }
 
 /// Kills and measures until the run is over.
-fn disturb(soak: &Soak, inside: &Inside, over: &AtomicBool, seen: &mut Seen) {
-    let mut random = ChaCha8Rng::seed_from_u64(soak.run.scenario.seed);
-    let (calm, mut measured) = (soak.run.scenario.slots / 2, Instant::now());
+fn disturb(scenario: &Scenario, kill_every: Duration, table: &ProcessTable, over: &AtomicBool) -> Seen {
+    let mut seen = Seen::default();
+    let mut random = ChaCha8Rng::seed_from_u64(scenario.seed);
+    let (calm, mut measured) = (scenario.slots / 2, Instant::now());
     while !over.load(Ordering::Relaxed) {
-        let slot = inside.slot.load(Ordering::Relaxed);
+        let slot = table.slot.load(Ordering::Relaxed);
         if slot >= calm {
             std::thread::sleep(MEASURE_EVERY.saturating_sub(measured.elapsed()));
             measured = Instant::now();
-            if !over.load(Ordering::Relaxed) && slot < soak.run.scenario.slots {
-                measure(inside, slot, seen);
+            if !over.load(Ordering::Relaxed) && slot < scenario.slots {
+                measure(table, slot, &mut seen);
             }
             continue;
         }
-        std::thread::sleep(soak.kill_every.mul_f64(-(1.0 - random.random::<f64>()).ln())); // a Poisson process
-        let roster = inside.roster.lock().unwrap_or_else(PoisonError::into_inner);
-        let living: Vec<_> = roster.iter().collect();
+        std::thread::sleep(kill_every.mul_f64(-(1.0 - random.random::<f64>()).ln())); // a Poisson process
+        let ids = table.ids();
+        let living: Vec<_> = ids.iter().collect();
         if slot > 0 && !living.is_empty() {
             let (name, pid) = living[random.random_range(0..living.len())];
             if kill_process(*pid, Signal::KILL).is_ok() {
@@ -125,18 +108,24 @@ fn disturb(soak: &Soak, inside: &Inside, over: &AtomicBool, seen: &mut Seen) {
             }
         }
     }
+    seen
 }
 
-fn measure(inside: &Inside, slot: u64, seen: &mut Seen) {
-    let roster = inside.roster.lock().unwrap_or_else(PoisonError::into_inner).clone();
-    let pids = roster.iter().map(|(name, pid)| (*name, pid.as_raw_nonzero().to_string()));
+fn measure(table: &ProcessTable, slot: u64, seen: &mut Seen) {
+    let ids = table.ids().clone();
+    let pids = ids.iter().map(|(name, pid)| (*name, pid.as_raw_nonzero().to_string()));
+    let mut add = |name, memory_bytes, descriptors| {
+        seen.samples.entry(name).or_default().push(Sample { slot, memory_bytes, descriptors });
+    };
     for (name, pid) in pids.chain([("skysink", "self".to_owned())]) {
         let process = PathBuf::from("/proc").join(pid);
         if let (Some(memory_bytes), Some(descriptors)) = (private_bytes(&process), entries(&process.join("fd"))) {
-            seen.processes.entry(name).or_default().push(Sample { slot, memory_bytes, descriptors });
+            add(name, memory_bytes, descriptors);
         }
     }
-    seen.shared.push((slot, shared_bytes(&inside.shared_prefix)));
+    if let Some(prefix) = table.shared_prefix.get() {
+        add(SHARED_MEMORY, shared_bytes(prefix), 0);
+    }
 }
 
 /// Memory that is the process's own: resident, without what it shares (files, shared memory).
@@ -154,7 +143,7 @@ fn entries(folder: &Path) -> Option<u64> {
 fn shared_bytes(prefix: &str) -> u64 {
     use std::os::unix::fs::MetadataExt;
     let ours = |entry: &fs::DirEntry| entry.file_name().to_string_lossy().starts_with(prefix);
-    let files = fs::read_dir("/dev/shm").into_iter().flatten().flatten().filter(ours);
+    let files = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten().filter(ours);
     files.filter_map(|file| file.metadata().ok()).map(|file| file.blocks() * 512).sum()
 }
 
@@ -169,32 +158,40 @@ fn slope(points: &[(f64, f64)]) -> f64 {
 }
 
 /// Prints the table; fails if something is not as it should be.
-fn judge(soak: &Soak, seen: &Seen, folder: &RunFolder, summary: &Summary, expected: u64) -> Result<(), Error> {
+fn judge(seen: &Seen, folder: &RunFolder, summary: &Summary, expected: u64) -> Result<(), Error> {
     const MIB: f64 = (1u64 << 20) as f64;
-    let (speed, kills) = (summary.timing.slots_per_s, seen.kills.values().sum::<u64>());
-    println!("in the ring: {} slots, {speed:.0} slots/s, {kills} kills, {} restarts", summary.slots, summary.restarts);
+    let speed = summary.timing.slots_per_s;
+    let kills: u64 = seen.kills.values().sum();
+    let Summary { slots, restarts, totals, trace_hash, .. } = summary;
+    print(format_args!("in the ring: {slots} slots, {speed:.0} slots/s, {kills} kills, {restarts} restarts"))?;
+    let unaccounted = (totals.initial_bits + totals.sampled_bits)
+        .abs_diff(totals.delivered_bits + totals.lost_bits + totals.queued_bits);
+    let mut faults = Vec::new();
+    if *trace_hash != format!("{expected:016x}") {
+        faults.push("the trace is not that of the undisturbed mission".to_owned());
+    }
+    if unaccounted != 0 {
+        faults.push(format!("{unaccounted} bits are unaccounted for"));
+    }
     let mut table = report::table();
     table.set_header(["calm half", "kills", "memory [MiB]", "slope [MiB/10⁶ slots]", "descriptors"]);
-    let mut grown = Vec::new();
-    let per_million = |points: Vec<(f64, f64)>| slope(&points) / MIB * 1e6;
-    for (name, samples) in &seen.processes {
+    for (name, samples) in &seen.samples {
         let (Some(first), Some(last)) = (samples.first(), samples.last()) else { continue };
         // Skips the first quarter, in which a process that has just been started still fills its buffers.
-        let settled = &samples[samples.len() / 4..];
-        let slope =
-            per_million(settled.iter().map(|sample| (sample.slot as f64, sample.memory_bytes as f64)).collect());
-        let growth = slope * (soak.run.scenario.slots as f64 / 2e6);
-        if growth > MEMORY_SLACK_MIB {
-            grown.push(format!("memory of {name}"));
+        let settled = samples[samples.len() / 4..].iter();
+        let points: Vec<_> = settled.map(|sample| (sample.slot as f64, sample.memory_bytes as f64 / MIB)).collect();
+        let slope = slope(&points) * 1e6;
+        if slope * (*slots as f64 / 2e6) > MEMORY_SLACK_MIB {
+            faults.push(format!("grown: memory of {name}"));
         }
         // The least at the end against the most at the beginning: while a peer is started again connections to it are
         // missing, or there are some to both.
         let quarter = samples.len().div_ceil(4);
         let descriptors = |samples: &[Sample]| samples.iter().map(|sample| sample.descriptors).collect::<Vec<_>>();
-        let most = descriptors(&samples[..quarter]).into_iter().max().unwrap_or(0);
-        let least = descriptors(&samples[samples.len() - quarter..]).into_iter().min().unwrap_or(0);
-        if least > most + FD_SLACK {
-            grown.push(format!("file descriptors of {name}"));
+        let most = descriptors(&samples[..quarter]).into_iter().max();
+        let least = descriptors(&samples[samples.len() - quarter..]).into_iter().min();
+        if least > most.map(|most| most + FD_SLACK) {
+            faults.push(format!("grown: file descriptors of {name}"));
         }
         table.add_row([
             (*name).to_owned(),
@@ -204,30 +201,11 @@ fn judge(soak: &Soak, seen: &Seen, folder: &RunFolder, summary: &Summary, expect
             format!("{} → {}", first.descriptors, last.descriptors),
         ]);
     }
-    if let (Some(first), Some(last)) = (seen.shared.first(), seen.shared.last()) {
-        let slope = per_million(seen.shared.iter().map(|&(slot, bytes)| (slot as f64, bytes as f64)).collect());
-        if slope * (soak.run.scenario.slots as f64 / 2e6) > MEMORY_SLACK_MIB {
-            grown.push("shared memory".to_owned());
-        }
-        let range = format!("{:.2} → {:.2}", first.1 as f64 / MIB, last.1 as f64 / MIB);
-        table.add_row(["/dev/shm".to_owned(), String::new(), range, format!("{slope:.3}"), String::new()]);
-    }
-    println!("{}", with_numbers_right(table));
-    let unaccounted = (summary.initial_bits + summary.sampled_bits)
-        .abs_diff(summary.delivered_bits + summary.lost_bits + summary.queued_bits);
-    println!("bits unaccounted: {unaccounted}");
-    println!("trace: {} (undisturbed {expected:016x})", summary.trace_hash);
-    println!("run folder: {}", folder.path().display());
-    if summary.trace_hash != format!("{expected:016x}") {
-        return Err(Error::Soak("the trace is not that of the undisturbed mission".to_owned()));
-    }
-    if unaccounted != 0 {
-        return Err(Error::Soak(format!("{unaccounted} bits are unaccounted for")));
-    }
-    if let Some(what) = grown.first() {
-        return Err(Error::Soak(format!("grown: {what}")));
-    }
-    Ok(())
+    print(with_numbers_right(table))?;
+    print(format_args!("bits unaccounted: {unaccounted}"))?;
+    print(format_args!("trace: {trace_hash} (undisturbed {expected:016x})"))?;
+    print(format_args!("run folder: {}", folder.path().display()))?;
+    faults.into_iter().next().map_or(Ok(()), |fault| Err(Error::Soak(fault)))
 }
 
 #[cfg(test)]

@@ -13,9 +13,9 @@ use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
 use skysink_ring::wait::stop_on_signals;
 
-/// Where the run is.
+/// Where the ring of a process is: its arguments.
 #[derive(Debug, Args)]
-pub struct Place {
+pub struct RingArguments {
     /// Scenario file: the scenario.toml of the run's folder.
     #[arg(long, value_name = "FILE")]
     pub scenario: PathBuf,
@@ -29,7 +29,7 @@ pub struct Place {
 #[command(version)]
 struct Cli {
     #[command(flatten)]
-    place: Place,
+    place: RingArguments,
 }
 
 /// Runs the executable of `role`.
@@ -38,14 +38,14 @@ pub fn main(role: Role, node: impl FnOnce(&Scenario, &RingFolder, &Stop) -> Resu
     let cli = Cli::parse();
     let stop = stop_on_signals();
     let ended = join(&cli.place).and_then(|(scenario, folder)| node(&scenario, &folder, &stop));
-    exit(role, ended.as_ref().err().map(|error| (error as &dyn std::error::Error, error.exit_code())))
+    exit(role, ended, NodeError::exit_code)
 }
 
 /// Joins the run: reads its scenario and makes its iceoryx2 domain that of this process.
 ///
 /// # Errors
 /// If there is no such run, or the scenario is refused.
-pub fn join(place: &Place) -> Result<(Scenario, RingFolder), NodeError> {
+pub fn join(place: &RingArguments) -> Result<(Scenario, RingFolder), NodeError> {
     quiet_iceoryx2();
     let scenario = settings::read(&place.scenario, Overrides::default())?;
     let folder = RingFolder::open(&place.ring)?;
@@ -55,16 +55,13 @@ pub fn join(place: &Place) -> Result<(Scenario, RingFolder), NodeError> {
 
 /// The end of the executable of `role`: one line on standard error unless a signal asked for it.
 #[must_use]
-pub fn exit(role: Role, error: Option<(&dyn std::error::Error, u8)>) -> ExitCode {
-    match error {
-        None => ExitCode::SUCCESS,
-        Some((error, code)) => {
-            if code < 128 {
-                eprintln!("{}: {error}", role.name());
-            }
-            ExitCode::from(code)
-        }
+pub fn exit<E: std::error::Error>(role: Role, ended: Result<(), E>, exit_code: fn(&E) -> u8) -> ExitCode {
+    let Err(error) = ended else { return ExitCode::SUCCESS };
+    let code = exit_code(&error);
+    if code < 128 {
+        eprintln!("{}: {error}", role.name());
     }
+    ExitCode::from(code)
 }
 
 /// Leaves iceoryx2's own messages to those who ask for them by `IOX2_LOG_LEVEL`; what matters comes back as an error.

@@ -2,7 +2,7 @@
 
 mod support;
 
-use support::{Ended, Place};
+use support::{Ended, Place, end};
 
 const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
 
@@ -257,6 +257,28 @@ fn wrong_usage_is_refused() {
         &["simulate"],
     ] {
         assert_eq!(place.run(arguments).code, Some(2), "{arguments:?}");
+    }
+}
+
+#[test]
+fn a_reader_of_the_first_line_ends_a_command_quietly() {
+    let place = Place::new();
+    let commands = [&["check", SMOKE][..], &["simulate", SMOKE, "--out", "run"], &["--help"]];
+    for arguments in commands {
+        let mut child = place.skysink(arguments).spawn().unwrap();
+        drop(child.stdout.take());
+        let ended = end(child);
+        assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""), "{arguments:?}: {ended:?}");
+    }
+    assert_eq!(place.summary("run")["complete"], true);
+}
+
+#[test]
+fn help_lists_the_strategies_of_the_registry() {
+    let place = Place::new();
+    let help = place.run_well(&["simulate", "--help"]).stdout;
+    for strategy in &skysink_planner::strategies::STRATEGIES {
+        assert!(help.contains(&format!("- {}:", strategy.name)), "{}: {help}", strategy.name);
     }
 }
 

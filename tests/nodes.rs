@@ -2,13 +2,12 @@
 
 use std::fs;
 use std::path::Path;
-use std::sync::Barrier;
+use std::sync::{Arc, Barrier};
 use std::thread;
 use std::time::Duration;
 
 use iceoryx2::prelude::{Service, ipc, local};
 use skysink::run::recorder::Recorder;
-use skysink::run::watch::Alarm;
 use skysink_common::message::Plan;
 use skysink_common::pace::Pace;
 use skysink_common::path::PathPoint;
@@ -52,16 +51,16 @@ type Node = fn(&Scenario, &RingFolder, &Stop) -> Result<(), NodeError>;
 fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, order: [usize; 3]) -> String {
     let list = SensorList::of(scenario).unwrap();
     let folder = RunFolder::create(Some(out), false, scenario, &list).unwrap();
-    let meeting = RingFolder::create(Pace::Max, wait, 60.0, false).unwrap();
+    let ring_folder = RingFolder::create(Pace::Max, wait, 60.0, false).unwrap();
     let stop = Stop::default();
-    let (ring, wait) = Ring::<S>::join(&meeting, scenario, Role::Launcher, &stop).unwrap();
-    let mut recorder = Recorder::new(&ring, wait, scenario.slot_s, Alarm::default()).unwrap();
+    let (ring, wait) = Ring::<S>::join(&ring_folder, scenario, Role::Launcher, &stop).unwrap();
+    let mut recorder = Recorder::new(&ring, wait, Arc::default()).unwrap();
     let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(scenario, &list));
     let nodes: [Node; 3] =
         [skysink_field_sim::node::run::<S>, skysink_flight_sim::node::run::<S>, skysink_planner::node::run::<S>];
     thread::scope(|scope| {
         let threads = order.map(|node| {
-            let (stop, path) = (stop.clone(), meeting.path());
+            let (stop, path) = (stop.clone(), ring_folder.path());
             scope.spawn(move || nodes[node](scenario, &RingFolder::open(path)?, &stop))
         });
         recorder.record(scenario.slots, &mut log, &mut tally, &mut |_| Ok(0)).unwrap();
@@ -76,7 +75,7 @@ fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, or
     let mut mission = Mission::new(scenario, &list).unwrap();
     mission.by_ref().for_each(drop);
     let ours = tally.summary(None, Duration::ZERO, log.hash());
-    assert_eq!(ours.queued_bits, mission.header().totals.queued_bits);
+    assert_eq!(ours.totals.queued_bits, mission.header().totals.queued_bits);
     assert!(ours.complete);
     fs::read_to_string(out.join("slots.csv")).unwrap()
 }
@@ -105,17 +104,17 @@ type Seen = Vec<(Plan, Option<Vec<PathPoint>>)>;
 fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
     let list = SensorList::of(scenario).unwrap();
     let folder = RunFolder::create(Some(out), false, scenario, &list).unwrap();
-    let meeting = RingFolder::create(Pace::Max, Waiting::Event, 60.0, false).unwrap();
+    let ring_folder = RingFolder::create(Pace::Max, Waiting::Event, 60.0, false).unwrap();
     let stop = Stop::default();
-    let (ring, wait) = Ring::<S>::join(&meeting, scenario, Role::Launcher, &stop).unwrap();
-    let mut recorder = Recorder::new(&ring, wait, scenario.slot_s, Alarm::default()).unwrap();
+    let (ring, wait) = Ring::<S>::join(&ring_folder, scenario, Role::Launcher, &stop).unwrap();
+    let mut recorder = Recorder::new(&ring, wait, Arc::default()).unwrap();
     let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(scenario, &list));
     let nodes: [Node; 3] =
         [skysink_field_sim::node::run::<S>, skysink_flight_sim::node::run::<S>, skysink_planner::node::run::<S>];
     let there = Barrier::new(2);
     thread::scope(|scope| {
         let spectator = scope.spawn(|| {
-            let folder = RingFolder::open(meeting.path()).unwrap();
+            let folder = RingFolder::open(ring_folder.path()).unwrap();
             let (ring, mut wait) = Ring::<S>::join(&folder, scenario, Role::Viewer, &stop).unwrap();
             let mut paths = ring.path.reader(PATH_BUFFER).unwrap();
             let mut plans = ring.plan.reader(VIEWER_BUFFER).unwrap();
@@ -129,7 +128,7 @@ fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
         });
         there.wait();
         let threads = nodes.map(|node| {
-            let (stop, path) = (stop.clone(), meeting.path());
+            let (stop, path) = (stop.clone(), ring_folder.path());
             scope.spawn(move || node(scenario, &RingFolder::open(path)?, &stop))
         });
         recorder.record(scenario.slots, &mut log, &mut tally, &mut |_| Ok(0)).unwrap();
@@ -192,12 +191,12 @@ fn nodes_may_start_in_any_order() {
 fn a_requested_stop_ends_a_waiting_node() {
     let scenario = smoke("uts", 1);
     for wait in [Waiting::Event, Waiting::Poll] {
-        let meeting = RingFolder::create(Pace::Max, wait, 60.0, false).unwrap();
-        let _ring = Ring::<local::Service>::join(&meeting, &scenario, Role::Launcher, &Stop::default()).unwrap();
+        let ring_folder = RingFolder::create(Pace::Max, wait, 60.0, false).unwrap();
+        let _ring = Ring::<local::Service>::join(&ring_folder, &scenario, Role::Launcher, &Stop::default()).unwrap();
         let stop = Stop::default();
         thread::scope(|scope| {
             let node = scope.spawn(|| {
-                let folder = RingFolder::open(meeting.path()).unwrap();
+                let folder = RingFolder::open(ring_folder.path()).unwrap();
                 skysink_planner::node::run::<local::Service>(&scenario, &folder, &stop)
             });
             stop.request();
@@ -210,9 +209,9 @@ fn a_requested_stop_ends_a_waiting_node() {
 fn a_node_whose_peer_does_not_come_says_which() {
     let scenario = smoke("uts", 1);
     for wait in [Waiting::Event, Waiting::Poll] {
-        let meeting = RingFolder::create(Pace::Max, wait, 0.2, false).unwrap();
-        let _ring = Ring::<local::Service>::join(&meeting, &scenario, Role::Launcher, &Stop::default()).unwrap();
-        let folder = RingFolder::open(meeting.path()).unwrap();
+        let ring_folder = RingFolder::create(Pace::Max, wait, 0.2, false).unwrap();
+        let _ring = Ring::<local::Service>::join(&ring_folder, &scenario, Role::Launcher, &Stop::default()).unwrap();
+        let folder = RingFolder::open(ring_folder.path()).unwrap();
         let error = skysink_planner::node::run::<local::Service>(&scenario, &folder, &Stop::default()).unwrap_err();
         assert_eq!(error.to_string(), "waited 0.2 s for sensors(0): is field-sim running?");
     }
@@ -220,20 +219,20 @@ fn a_node_whose_peer_does_not_come_says_which() {
 
 #[test]
 fn a_ring_that_waits_in_an_unknown_way_is_refused() {
-    let meeting = RingFolder::create(Pace::Max, Waiting::Poll, 0.2, false).unwrap();
-    let file = meeting.path().join("ring.toml");
+    let ring_folder = RingFolder::create(Pace::Max, Waiting::Poll, 0.2, false).unwrap();
+    let file = ring_folder.path().join("ring.toml");
     let terms = fs::read_to_string(&file).unwrap();
     assert!(terms.contains("wait = \"poll\"\n"), "{terms}");
     fs::write(&file, terms.replace("poll", "spin")).unwrap();
-    let error = RingFolder::open(meeting.path()).unwrap_err().to_string();
+    let error = RingFolder::open(ring_folder.path()).unwrap_err().to_string();
     assert!(error.ends_with("ring.toml: unknown variant `spin`, expected `event` or `poll`"), "{error}");
 }
 
 #[test]
 fn a_node_with_another_scenario_is_refused() {
-    let meeting = RingFolder::create(Pace::Max, Waiting::Event, 0.2, false).unwrap();
-    let _ring = Ring::<local::Service>::join(&meeting, &smoke("uts", 1), Role::Launcher, &Stop::default()).unwrap();
-    let folder = RingFolder::open(meeting.path()).unwrap();
+    let ring_folder = RingFolder::create(Pace::Max, Waiting::Event, 0.2, false).unwrap();
+    let _ring = Ring::<local::Service>::join(&ring_folder, &smoke("uts", 1), Role::Launcher, &Stop::default()).unwrap();
+    let folder = RingFolder::open(ring_folder.path()).unwrap();
     let other = smoke("uts", 2);
     let error = skysink_flight_sim::node::run::<local::Service>(&other, &folder, &Stop::default()).unwrap_err();
     assert_eq!(error.exit_code(), 2);

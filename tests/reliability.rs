@@ -273,8 +273,10 @@ fn a_run_whose_launcher_was_killed_is_resumed_with_the_same_bytes() {
     }
     assert_eq!(alone, resumed);
     // Nothing is left to fly, and nothing changes.
+    let summary = place.read("run/summary.json");
     let again = place.run_well(&["run", "--resume", "run", "--no-viewer"]);
     assert!(again.stderr.is_empty(), "{again:?}");
+    assert_eq!(place.read("run/summary.json"), summary);
     assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
     place.assert_clean();
     assert_no_shared_memory(&ring);

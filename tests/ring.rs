@@ -194,6 +194,8 @@ fn signals_end_a_run_in_order() {
         let slots = assert_whole(&place);
         let summary = place.summary("run");
         assert_eq!((&summary["complete"], &summary["slots"]), (&false.into(), &slots.into()));
+        let remedy = format!("whole up to slot {slots}, and `skysink run --resume run` flies the rest");
+        assert!(ended.stderr.contains(&remedy), "{ended:?}");
         place.assert_clean();
         assert_no_shared_memory(&ring);
     }

@@ -9,10 +9,11 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "node")]
 use iceoryx2::prelude::ZeroCopySend;
+use serde::Serialize;
 
 /// Bits of the whole field since the mission's start.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable, Serialize)]
 #[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.Totals.v1"))]
 pub struct Totals {
     /// Queued before slot 1.
@@ -27,6 +28,7 @@ pub struct Totals {
     pub queued_bits: u64,
     /// `Σ_t Σ_i D_i(t) / (s_i τ)`: the loss in slots' worth of sampling, for the paper's own figure of merit. 0 in a
     /// [`Ledger`], which does not know the rates.
+    #[serde(skip)]
     pub lost_slots: f64,
 }
 

@@ -109,7 +109,7 @@ impl MissionSums {
             *value = match metric {
                 Metric::LossRate => summary.loss_rate,
                 Metric::EtaLetter => summary.eta_letter,
-                Metric::DeliveredBits => summary.delivered_bits as f64, // exact below 2^53
+                Metric::DeliveredBits => summary.totals.delivered_bits as f64, // exact below 2^53
                 Metric::BitsPerWaypoint => summary.bits_per_waypoint,
                 Metric::MeanServed => summary.mean_served,
                 Metric::FlownM => self.flown_m,

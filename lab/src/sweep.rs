@@ -164,7 +164,7 @@ fn fly(scenario: &Scenario, key: MissionKey) -> Result<MissionRow, LabError> {
     }
     let summary = tally.summary(None, Duration::ZERO, 0);
     let loss_bound = match scenario.planner.strategy.as_str() {
-        "offline" if summary.lost_bits == 0 => 0.0, // a loss-free mission needs no bound
+        "offline" if summary.totals.lost_bits == 0 => 0.0, // a loss-free mission needs no bound
         "offline" => loss_bound(scenario, &list),
         _ => f64::NAN,
     };

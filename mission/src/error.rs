@@ -29,7 +29,7 @@ pub enum MissionError {
         /// The folder.
         path: PathBuf,
         /// The file that is not there.
-        missing: String,
+        missing: &'static str,
     },
     /// A run is still writing.
     #[error("{}: a run is writing it: end that run first, or choose another folder", .0.display())]

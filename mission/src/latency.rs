@@ -4,7 +4,6 @@ use std::time::Duration;
 
 use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
-use skysink_common::message::SlotHeader;
 use skysink_common::pace::Pace;
 
 /// A histogram of times [ns] up to an hour, in three digits.
@@ -28,15 +27,6 @@ pub struct SlotTimes {
     pub flight_ns: u64,
     /// The queues after it.
     pub queues_ns: u64,
-}
-
-impl SlotTimes {
-    /// The times in the headers of a slot's samples.
-    #[must_use]
-    pub fn of(tick_ns: Option<u64>, plan: Option<&SlotHeader>, flight: &SlotHeader, queues: &SlotHeader) -> Self {
-        let plan_ns = plan.map(|head| head.sent_ns);
-        Self { tick_ns, plan_ns, flight_ns: flight.sent_ns, queues_ns: queues.sent_ns }
-    }
 }
 
 /// A distribution of times [µs].
@@ -83,6 +73,8 @@ pub struct Latency {
     /// Of a paced run.
     period: Option<Duration>,
     last: Option<SlotTimes>,
+    /// Slots that began more than one and a half periods after the one before.
+    pub(crate) late_slots: u64,
     plan: Histogram<u64>,
     flight: Histogram<u64>,
     queues: Histogram<u64>,
@@ -97,6 +89,7 @@ impl Latency {
         Self {
             period: pace.period(slot_s),
             last: None,
+            late_slots: 0,
             plan: histogram(),
             flight: histogram(),
             queues: histogram(),
@@ -118,6 +111,7 @@ impl Latency {
         record(&mut self.slot, last.tick_ns, times.plan_ns);
         if let (Some(last_ns), Some(tick_ns)) = (last.tick_ns, times.tick_ns) {
             let apart = Duration::from_nanos(tick_ns.saturating_sub(last_ns));
+            self.late_slots += u64::from(apart > period.mul_f64(1.5));
             let off_ns = u64::try_from(apart.abs_diff(period).as_nanos()).unwrap_or(u64::MAX);
             self.jitter.saturating_record(off_ns.max(1));
         }

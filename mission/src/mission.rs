@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use nalgebra::Point3;
-use skysink_common::message::{FLAG_END, FlightReport, Plan, QueuesHeader, SensorNode, SlotHeader};
+use skysink_common::message::{FLAG_END, FlightReport, Plan, QueuesHeader, SlotHeader};
 use skysink_common::scenario::{Scenario, ScenarioError};
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::Field;
@@ -38,7 +38,16 @@ impl Mission {
     /// # Errors
     /// If `[planner]` of the scenario is refused; never for one that was read by [`skysink_planner::settings`].
     pub fn new(scenario: &Scenario, list: &SensorList) -> Result<Self, ScenarioError> {
-        Self::with_planner(scenario, list, Planner::new)
+        let nodes = list.nodes();
+        let flight = Flight::new(scenario, &nodes);
+        Ok(Self {
+            field: Field::new(scenario, list),
+            planner: Planner::new(scenario, &nodes)?,
+            report: flight.start(),
+            flight,
+            slot: 0,
+            slots: scenario.slots,
+        })
     }
 
     /// The mission before slot 1, planned by `strategy`, whatever the scenario names.
@@ -50,24 +59,8 @@ impl Mission {
         list: &SensorList,
         strategy: Box<dyn Strategy>,
     ) -> Result<Self, ScenarioError> {
-        Self::with_planner(scenario, list, |scenario, nodes| Planner::with_strategy(scenario, nodes, strategy))
-    }
-
-    fn with_planner(
-        scenario: &Scenario,
-        list: &SensorList,
-        planner: impl FnOnce(&Scenario, &[SensorNode]) -> Result<Planner, ScenarioError>,
-    ) -> Result<Self, ScenarioError> {
-        let nodes = list.nodes();
-        let flight = Flight::new(scenario, &nodes);
-        Ok(Self {
-            field: Field::new(scenario, list),
-            planner: planner(scenario, &nodes)?,
-            report: flight.start(),
-            flight,
-            slot: 0,
-            slots: scenario.slots,
-        })
+        let planner = Planner::with_strategy(scenario, &list.nodes(), strategy)?;
+        Ok(Self { planner, ..Self::new(scenario, list)? })
     }
 
     /// The ledger after the last slot flown.

@@ -10,7 +10,6 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 
 use crate::error::{FileContext, MissionError};
-use crate::summary::Summary;
 use crate::trace::{SLOT_COLUMNS, TraceHash};
 
 /// The files of a run, but for its recordings.
@@ -90,11 +89,9 @@ impl RunFolder {
     /// # Errors
     /// If it cannot be written.
     pub fn slot_log(&self) -> Result<SlotLog, MissionError> {
-        let path = self.slots();
-        let mut file = File::create(&path).at(&path)?;
-        lock(&file, &path)?;
-        file.write_all(SLOT_COLUMNS.as_bytes()).at(&path)?;
-        Ok(SlotLog { length: SLOT_COLUMNS.len() as u64, path, file, trace: TraceHash::default() })
+        let (mut log, _) = self.reopen_slot_log()?;
+        log.resume()?;
+        Ok(log)
     }
 
     /// Opens the folder of a run that has ended early.
@@ -102,14 +99,11 @@ impl RunFolder {
     /// # Errors
     /// If it is none.
     pub fn reopen(path: &Path) -> Result<Self, MissionError> {
-        let folder = Self { path: path.to_owned() };
-        for file in [folder.scenario(), folder.slots()] {
-            if !file.is_file() {
-                let name = file.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-                return Err(MissionError::NotARun { path: folder.path, missing: name });
-            }
+        let path = path.to_owned();
+        match ["scenario.toml", "slots.csv"].into_iter().find(|name| !path.join(name).is_file()) {
+            Some(missing) => Err(MissionError::NotARun { path, missing }),
+            None => Ok(Self { path }),
         }
-        Ok(folder)
     }
 
     /// The trace.
@@ -121,31 +115,29 @@ impl RunFolder {
     /// Opens `slots.csv` to read what is on record and to resume it.
     ///
     /// # Errors
-    /// If a run is still writing it, or it does not begin as a trace.
+    /// If another run is writing it, or it does not begin as a trace.
     pub fn reopen_slot_log(&self) -> Result<(SlotLog, BufReader<File>), MissionError> {
         let path = self.slots();
-        let file = OpenOptions::new().read(true).write(true).open(&path).at(&path)?;
+        let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).at(&path)?;
         lock(&file, &path)?;
         let mut reader = BufReader::new(file.try_clone().at(&path)?);
         let mut header = Vec::new();
         reader.read_until(b'\n', &mut header).at(&path)?;
-        if !header.is_empty() && header != SLOT_COLUMNS.as_bytes() && SLOT_COLUMNS.as_bytes().starts_with(&header) {
-            header.clear(); // cut: nothing is on record
-        }
-        if !header.is_empty() && header != SLOT_COLUMNS.as_bytes() {
-            let (found, expected) = (String::from_utf8_lossy(&header).trim_end().to_owned(), SLOT_COLUMNS.trim_end());
-            let what = format!("header {found:?}: expected {expected}");
+        if !SLOT_COLUMNS.as_bytes().starts_with(&header) {
+            let found = String::from_utf8_lossy(&header);
+            let what = format!("header {:?}: expected {}", found.trim_end(), SLOT_COLUMNS.trim_end());
             return Err(MissionError::Trace { path, line: 1, what });
         }
-        Ok((SlotLog { length: header.len() as u64, path, file, trace: TraceHash::default() }, reader))
+        // Where the header is cut, nothing is on record.
+        let length = if header.len() == SLOT_COLUMNS.len() { header.len() as u64 } else { 0 };
+        Ok((SlotLog { length, path, file, trace: TraceHash::default() }, reader))
     }
 
-    /// Writes `summary.json`, whole or not at all.
-    ///
-    /// # Errors
-    /// If it cannot be written.
-    pub fn write_summary(&self, summary: &Summary) -> Result<(), MissionError> {
-        self.write_json("summary.json", summary)
+    /// Whether `summary.json` says that all slots were flown.
+    #[must_use]
+    pub fn is_complete(&self) -> bool {
+        let text = fs::read(self.path.join("summary.json")).unwrap_or_default();
+        serde_json::from_slice(&text).is_ok_and(|summary: serde_json::Value| summary["complete"] == true)
     }
 
     /// Writes `value` to the JSON file `name`, whole or not at all.

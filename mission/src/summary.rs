@@ -11,6 +11,9 @@ use skysink_common::sensors::SensorList;
 
 use crate::latency::{Latencies, Latency, SlotTimes, histogram};
 
+/// Events that are kept: a run that has more is beyond reading.
+const MAX_EVENTS: usize = 10_000;
+
 /// What has become of a process, as in `summary.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Event {
@@ -43,16 +46,9 @@ pub struct Summary {
     pub loss_rate: f64,
     /// `Σ_i Σ_t D_i(t) / (s_i τ T)`, the letter's figure, which grows with N (decision D3).
     pub eta_letter: f64,
-    /// Bits before slot 1.
-    pub initial_bits: u64,
-    /// Bits sampled.
-    pub sampled_bits: u64,
-    /// Bits uploaded.
-    pub delivered_bits: u64,
-    /// Bits lost.
-    pub lost_bits: u64,
-    /// Bits queued at the end.
-    pub queued_bits: u64,
+    /// Bits before slot 1, sampled, uploaded, lost, and queued at the end.
+    #[serde(flatten)]
+    pub totals: Totals,
     /// Bits uploaded per slot.
     pub bits_per_waypoint: f64,
     /// Sensor nodes served per slot.
@@ -113,7 +109,6 @@ pub struct Tally {
     /// Bits that the field samples in a slot on average, `Σ_i s_i τ`.
     mean_bits: f64,
     served: u64,
-    lost_slots: f64,
     plan_ns: Histogram<u64>,
     latency: Option<Latency>,
 }
@@ -135,7 +130,6 @@ impl Tally {
             summary,
             mean_bits: list.sensors().iter().map(|sensor| sensor.sampling_bps * scenario.slot_s).sum(),
             served: 0,
-            lost_slots: 0.0,
             plan_ns: histogram(),
             latency: None,
         }
@@ -155,12 +149,12 @@ impl Tally {
 
     /// Sets the ledger before slot 1.
     pub fn start(&mut self, header: &QueuesHeader) {
-        self.set_totals(&header.totals);
+        self.summary.totals = header.totals;
     }
 
     /// Adds a slot.
     pub fn add(&mut self, plan: Option<&Plan>, flight: &FlightReport, header: &QueuesHeader) {
-        self.set_totals(&header.totals);
+        self.summary.totals = header.totals;
         self.served += u64::from(flight.served);
         let summary = &mut self.summary;
         summary.slots += 1;
@@ -189,9 +183,12 @@ impl Tally {
         self.summary.refused_messages = refused_messages;
     }
 
-    /// Sets how many slots have begun late so far.
-    pub fn set_late_slots(&mut self, late_slots: u64) {
-        self.summary.timing.late_slots = late_slots;
+    /// Adds what has become of a process; after the first 10 000 such events only the restarts are counted.
+    pub fn add_event(&mut self, event: Event, is_restart: bool) {
+        self.summary.restarts += u64::from(is_restart);
+        if self.summary.events.len() < MAX_EVENTS {
+            self.summary.events.push(event);
+        }
     }
 
     /// The last slot on record; 0 before the first.
@@ -209,7 +206,7 @@ impl Tally {
     /// The loss rate so far, `η` (decision D3); 0 where nothing is sampled.
     #[must_use]
     pub fn loss_rate(&self) -> f64 {
-        ratio(self.summary.lost_bits as f64, self.mean_bits * self.summary.slots as f64)
+        ratio(self.summary.totals.lost_bits as f64, self.mean_bits * self.summary.slots as f64)
     }
 
     /// The figures of the run so far, after `wall` of wall time at a pace (`None` in one process).
@@ -218,8 +215,8 @@ impl Tally {
         let mut summary = self.summary.clone();
         let slots = summary.slots as f64;
         summary.loss_rate = self.loss_rate();
-        summary.eta_letter = ratio(self.lost_slots, slots);
-        summary.bits_per_waypoint = ratio(summary.delivered_bits as f64, slots);
+        summary.eta_letter = ratio(summary.totals.lost_slots, slots);
+        summary.bits_per_waypoint = ratio(summary.totals.delivered_bits as f64, slots);
         summary.mean_served = ratio(self.served as f64, slots);
         summary.trace_hash = format!("{trace_hash:016x}");
         summary.complete = summary.slots == summary.planned_slots;
@@ -231,20 +228,11 @@ impl Tally {
             plan_p50_us: plan_us(0.5),
             plan_p99_us: plan_us(0.99),
             plan_max_us: self.plan_ns.max() as f64 / 1e3,
+            late_slots: self.latency.as_ref().map_or(0, |latency| latency.late_slots),
             latency: self.latency.as_ref().and_then(Latency::spreads),
             ..summary.timing
         };
         summary
-    }
-
-    fn set_totals(&mut self, totals: &Totals) {
-        let summary = &mut self.summary;
-        summary.initial_bits = totals.initial_bits;
-        summary.sampled_bits = totals.sampled_bits;
-        summary.delivered_bits = totals.delivered_bits;
-        summary.lost_bits = totals.lost_bits;
-        summary.queued_bits = totals.queued_bits;
-        self.lost_slots = totals.lost_slots;
     }
 }
 

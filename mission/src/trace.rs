@@ -45,12 +45,8 @@ fn write_line(line: &mut String, flight: &FlightReport, header: &QueuesHeader) -
         write!(line, "{separator}{}", link.sensor)?;
     }
     let (delivered, lost, queued) = (header.delivered_bits, header.lost_bits, header.totals.queued_bits);
-    writeln!(
-        line,
-        ",{delivered},{lost},{queued},{},{}",
-        Mode::from_repr(flight.mode).unwrap_or_default(),
-        flight.refused
-    )
+    let mode = Mode::from_repr(flight.mode).unwrap_or_default();
+    writeln!(line, ",{delivered},{lost},{queued},{mode},{}", flight.refused)
 }
 
 /// What a line of the trace says of a slot.

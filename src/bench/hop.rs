@@ -20,6 +20,7 @@ use skysink_ring::wait::Waiting;
 use super::Times;
 use super::medium::{Ends, HOPS, Medium, SharedEnds, SocketEnds, TIMEOUT, create_services, node};
 use crate::error::Error;
+use crate::report::print;
 
 /// What is passed around, and how often.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
@@ -95,25 +96,14 @@ impl HopProcess {
     /// If another one is missing.
     pub fn run(&self, stop: &Stop) -> Result<(), Error> {
         let folder = RingFolder::open(&self.folder)?;
-        let rounds = self.rounds;
-        let message = vec![7; rounds.message_bytes(self.index)];
-        let received_bytes = rounds.message_bytes((self.index + HOPS - 1) % HOPS);
-        match rounds.medium {
-            Medium::SharedMemory => {
-                let node = node(&folder)?;
-                let ends = SharedEnds::open(&node, self.index, message.len(), rounds.wait)?;
-                self.pass(&message, ends, stop)
-            }
-            Medium::Socket => {
-                let ends = SocketEnds::open(&folder, self.index, received_bytes, rounds.wait)?;
-                self.pass(&message, ends, stop)
-            }
-        }
-    }
-
-    /// All rounds, in the order of this process.
-    fn pass(&self, message: &[u8], mut ends: impl Ends, stop: &Stop) -> Result<(), Error> {
-        let HopRounds { rounds, period, .. } = self.rounds;
+        let node = node(&folder)?;
+        let HopRounds { medium, wait, rounds, period, .. } = self.rounds;
+        let message = vec![7; self.rounds.message_bytes(self.index)];
+        let received_bytes = self.rounds.message_bytes((self.index + HOPS - 1) % HOPS);
+        let mut ends: Box<dyn Ends> = match medium {
+            Medium::SharedMemory => Box::new(SharedEnds::open(&node, self.index, message.len(), wait)?),
+            Medium::Socket => Box::new(SocketEnds::open(&folder, self.index, received_bytes, wait)?),
+        };
         let warm_up = rounds / 10 + 1;
         let mut times = Times::new();
         let mut next = Instant::now();
@@ -121,20 +111,20 @@ impl HopProcess {
             stop.check()?;
             if self.index != 0 {
                 ends.receive()?;
-                ends.send(message)?;
+                ends.send(&message)?;
                 continue;
             }
             std::thread::sleep(next.saturating_duration_since(Instant::now()));
             let begin = Instant::now();
             next = next.max(begin) + period;
-            ends.send(message)?;
+            ends.send(&message)?;
             ends.receive()?;
             if round >= warm_up {
                 times.add(begin, 1);
             }
         }
         if self.index == 0 {
-            println!("{}", serde_json::to_string(&times.spread()).expect("plain keys and values"));
+            print(serde_json::to_string(&times.spread()).expect("plain keys and values"))?;
         }
         Ok(())
     }

@@ -5,7 +5,7 @@ use std::fs;
 use serde::Serialize;
 
 /// What a measurement depends on besides the program.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Default, Serialize)]
 pub struct Machine {
     /// Model of the processor.
     pub cpu: String,

@@ -67,7 +67,7 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<PlannerSpeeds, Error> {
         let list = SensorList::of(&letter(sensors, "uts"))?;
         for strategy in stateless() {
             stop.check()?;
-            plans.push(row(&letter(sensors, strategy.name), &list, effort)?);
+            plans.push(row(&letter(sensors, strategy), &list, effort)?);
         }
     }
     let problems = problems()?;

@@ -20,7 +20,7 @@ impl fmt::Display for Report {
                     row.retain(|_, value| !value.is_array());
                     show(formatter, &part, &[Value::Table(row)])?;
                 }
-                value => writeln!(formatter, "skysink {part} {}", text(&part, &value))?,
+                value => write!(formatter, "skysink {part} {}", text(&part, &value))?,
             }
         }
         Ok(())
@@ -51,7 +51,7 @@ fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::
         }
         table.set_header(header).add_row(cells);
     }
-    writeln!(formatter, "\n{part}\n{}", report::with_numbers_right(table))
+    write!(formatter, "\n\n{part}\n{}", report::with_numbers_right(table))
 }
 
 /// A single value: a time, if its key ends so, or a ratio.

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use iceoryx2::prelude::ipc;
-use skysink::worker::{self, Place};
+use skysink::worker::{self, RingArguments};
 use skysink_common::stop::Stop;
 use skysink_ring::role::Role;
 use skysink_ring::wait::stop_on_signals;
@@ -18,7 +18,7 @@ use skysink_viewer::node::{ViewerError, run};
 #[group(id = "sinks", required = true, multiple = true, args = ["save", "live"])]
 struct Cli {
     #[command(flatten)]
-    place: Place,
+    place: RingArguments,
     /// Write the recording to this file, or to the next of FILE-2, FILE-3 ... if it is begun.
     #[arg(long, value_name = "FILE")]
     save: Option<PathBuf>,
@@ -36,7 +36,7 @@ fn main() -> ExitCode {
         .init();
     let stop = stop_on_signals();
     let ended = record(&cli, &stop);
-    worker::exit(Role::Viewer, ended.as_ref().err().map(|error| (error as &dyn std::error::Error, error.exit_code())))
+    worker::exit(Role::Viewer, ended, ViewerError::exit_code)
 }
 
 fn record(cli: &Cli, stop: &Stop) -> Result<(), ViewerError> {

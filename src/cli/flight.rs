@@ -1,26 +1,23 @@
-//! The options of `skysink run` and `skysink soak`.
+//! The arguments of `skysink run` and `skysink soak`.
 
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Overrides;
 use skysink_common::stop::Stop;
 use skysink_planner::settings;
-use skysink_ring::role::Role;
 use skysink_ring::wait::Waiting;
 
 use super::Choice;
 use crate::error::Error;
-use crate::run::restart::Rule;
-use crate::run::{Run, RunPlace};
-use crate::soak::{self, Soak};
+use crate::run::{Run, RunOptions, seconds};
+use crate::soak::soak;
 
-/// Options of `skysink run`.
+/// Arguments of `skysink run`.
 #[derive(Debug, Args)]
-pub struct RunOptions {
+pub struct RunArguments {
     /// Scenario file; the letter's mission if left out.
     scenario: Option<PathBuf>,
     #[command(flatten)]
@@ -28,64 +25,33 @@ pub struct RunOptions {
     /// Resume a run that has ended early, in its folder.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["scenario", "strategy", "seed", "out", "force"])]
     resume: Option<PathBuf>,
-    /// max, realtime, or a factor such as 10x.
-    #[arg(long, default_value = "max", value_name = "PACE")]
-    pace: Pace,
-    /// How the processes wait for each other: event, asleep until they are woken; or poll, which
-    /// keeps a core busy for each of them and is faster only where there are cores to spare.
-    #[arg(long, default_value = "event", value_name = "WAY")]
-    wait: Waiting,
-    /// Serve the recording live on 127.0.0.1.
-    #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "9876")]
-    live: Option<u16>,
-    /// Leave the recording out.
-    #[arg(long, conflicts_with = "live")]
-    no_viewer: bool,
-    /// Leave this process to somebody else and wait for it (repeatable).
-    #[arg(long, value_name = "ROLE", value_parser = PossibleValuesParser::new(WORKERS.map(Role::name)).map(worker))]
-    external: Vec<Role>,
-    /// What is done when a process ends too early: never, or on-failure; planner=never for one of them (repeatable)
-    /// [default: on-failure, at most 50 times in 10 s].
-    #[arg(long, value_name = "POLICY")]
-    restart: Vec<Rule>,
-    /// How long a process waits for another [s; default 30, with --external 600].
-    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
-    timeout: Option<f64>,
+    #[command(flatten)]
+    options: RunOptions,
 }
 
-impl RunOptions {
+impl RunArguments {
     /// What to run.
     ///
     /// # Errors
-    /// If the scenario is refused, or this build has no viewer.
+    /// If the scenario is refused.
     pub fn run(self) -> Result<Run, Error> {
         let scenario = match (&self.resume, &self.scenario) {
             (Some(folder), _) => settings::read(&folder.join("scenario.toml"), Overrides::default())?,
             (None, Some(path)) => settings::read(path, self.choice.overrides())?,
             (None, None) => settings::letter(self.choice.overrides())?,
         };
-        let viewer = !self.no_viewer;
-        if viewer && !cfg!(feature = "viewer") {
-            return Err(Error::NoViewer);
-        }
-        let timeout_s = self.timeout.unwrap_or(if self.external.is_empty() { 30.0 } else { 600.0 });
-        let place = match self.resume {
-            Some(folder) => RunPlace::Resume(folder),
-            None => RunPlace::New { out: self.choice.flight.out, force: self.choice.flight.force },
-        };
-        let Self { pace, wait, live, external, restart, .. } = self;
-        Ok(Run { scenario, pace, wait, place, viewer, live, external, restart, timeout_s })
+        Ok(Run { scenario, folder: self.choice.folder, resume: self.resume, options: self.options })
     }
 }
 
-/// Options of `skysink soak`.
+/// Arguments of `skysink soak`.
 #[derive(Debug, Args)]
-pub struct SoakOptions {
+pub struct SoakArguments {
     /// Scenario file; the letter's field if left out.
     scenario: Option<PathBuf>,
     #[command(flatten)]
     choice: Choice,
-    /// Slots to fly, instead of the scenario's.
+    /// Slots to fly, whatever the scenario says.
     #[arg(long, value_name = "N", default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
     slots: u64,
     /// Mean time between two kills [s] in the first half of the mission; the second half is calm.
@@ -96,7 +62,7 @@ pub struct SoakOptions {
     viewer: bool,
 }
 
-impl SoakOptions {
+impl SoakArguments {
     /// Flies it, and prints what became of it.
     ///
     /// # Errors
@@ -107,35 +73,16 @@ impl SoakOptions {
             Some(path) => settings::read(path, overrides)?,
             None => settings::letter(overrides)?,
         };
-        if self.viewer && !cfg!(feature = "viewer") {
-            return Err(Error::NoViewer);
-        }
-        let place = RunPlace::New { out: self.choice.flight.out, force: self.choice.flight.force };
-        let run = Run {
-            scenario,
+        let options = RunOptions {
             pace: Pace::Max,
             wait: Waiting::Event,
-            place,
-            viewer: self.viewer,
             live: None,
+            no_viewer: !self.viewer,
             external: Vec::new(),
             restart: Vec::new(),
-            timeout_s: 30.0,
+            timeout: None,
         };
-        soak::soak(&Soak { run, kill_every: Duration::from_secs_f64(self.kill_every) }, stop)
-    }
-}
-
-/// The processes that can be left to somebody else.
-const WORKERS: [Role; 4] = [Role::FieldSim, Role::FlightSim, Role::Planner, Role::Viewer];
-
-fn worker(name: String) -> Role {
-    WORKERS.into_iter().find(|role| role.name() == name).expect("one of the possible values")
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(seconds) if seconds > 0.0 && seconds <= 1e6 => Ok(seconds),
-        _ => Err("expected seconds, above 0".to_owned()),
+        let run = Run { scenario, folder: self.choice.folder, resume: None, options };
+        soak(&run, Duration::from_secs_f64(self.kill_every), stop)
     }
 }

@@ -1,6 +1,5 @@
 //! The research commands: sweep, merge, figures, optimize.
 
-use skysink_planner::strategies::{Registered, STRATEGIES};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -14,25 +13,27 @@ use skysink_lab::sweep;
 use skysink_lab::sweep::plan::{Shard, Sweep};
 use skysink_mission::record::RunFolder;
 use skysink_planner::settings;
+use skysink_planner::strategies::{Registered, STRATEGIES};
 
-use super::Flown;
+use super::seed_parser;
 use crate::error::Error;
-use crate::report::{self, LabBar};
-use crate::simulate::{Simulation, simulate_mission};
+use crate::report::{TerminalProgress, print, print_optimum, print_run};
+use crate::simulate::{NewFolder, Simulation, simulate};
 
 /// The research commands.
 #[derive(Debug, Subcommand)]
 pub enum Research {
-    /// Fly many missions: a grid of scenarios, by strategy and seed. Interrupted, it goes on where it was.
+    /// Fly many missions: a grid of scenarios, by strategy and seed. If interrupted, it resumes where it was.
     #[command(after_help = "\
 Examples:
   skysink sweep scenarios/sweeps/letter.toml
-  skysink sweep area.toml --out area-1 --shard 1/2     and on another machine --shard 2/2;
-  skysink merge area-1 area-2 --out area               then joins the two")]
+  skysink sweep area.toml --out area-1 --shard 1/2    on one machine,
+  skysink sweep area.toml --out area-2 --shard 2/2    on another; then
+  skysink merge area-1 area-2 --out area              joins the two")]
     Sweep {
         /// Sweep file.
         sweep: PathBuf,
-        /// Folder to write, or to go on with [default: runs/<file's name>].
+        /// Folder to write, or to resume in [default: runs/<file's name>].
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
         /// Missions flown at the same time [default: one per core].
@@ -42,7 +43,7 @@ Examples:
         #[arg(long, value_name = "K/N", value_parser = shard, default_value = "1/1")]
         shard: Shard,
     },
-    /// Draw the letter's figures, with the sweeps behind them. Interrupted, it goes on where it was.
+    /// Draw the letter's figures, with the sweeps behind them. If interrupted, it resumes where it was.
     #[command(after_help = "\
 Examples:
   skysink figures --quick             a first look, in minutes
@@ -58,7 +59,7 @@ Examples:
         /// Missions per point.
         #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
         runs: u64,
-        /// Folder to write, or to go on with [default: runs/figures-<runs>].
+        /// Folder to write, or to resume in [default: runs/figures-<runs>].
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
         /// Search steps of horizon in a slot, and 200 times as many for the best known; four times that in sparse fields.
@@ -104,24 +105,20 @@ impl Research {
                 let plan = Sweep::read(&sweep)?;
                 let name = sweep.file_stem().unwrap_or(sweep.as_os_str());
                 let out = out.unwrap_or_else(|| Path::new("runs").join(name));
-                let progress = LabBar::of_missions();
-                let rows = sweep::sweep(&plan, &out, shard, threads, stop, &|made| progress.show(made))?;
-                drop(progress);
-                println!("{} missions: {}", rows.len(), out.join("results.csv").display());
+                let rows = sweep::sweep(&plan, &out, shard, threads, stop, &TerminalProgress::of_missions())?;
+                print(format_args!("{} missions: {}", rows.len(), out.join("results.csv").display()))?;
             }
             Self::Figures { only, quick, runs, horizon_iterations, out, threads } => {
                 let runs = if quick { QUICK_RUNS } else { runs };
                 let out = out.unwrap_or_else(|| Path::new("runs").join(format!("figures-{runs}")));
                 let choice = Choice { only, runs, horizon_iterations, threads, out };
-                let progress = LabBar::of_missions();
-                let stems = figures::draw(&choice, stop, &|made| progress.show(made))?;
-                drop(progress);
-                stems.iter().for_each(|stem| println!("{}.svg, .png", stem.display()));
-                println!("Tables: {}", choice.out.join("tables.md").display());
+                let stems = figures::draw(&choice, stop, &TerminalProgress::of_missions())?;
+                stems.iter().try_for_each(|stem| print(format_args!("{}.svg, .png", stem.display())))?;
+                print(format_args!("Tables: {}", choice.out.join("tables.md").display()))?;
             }
             Self::Merge { shards, out } => {
                 let rows = sweep::merge(&shards, &out)?;
-                println!("{} missions: {}", rows.len(), out.join("results.csv").display());
+                print(format_args!("{} missions: {}", rows.len(), out.join("results.csv").display()))?;
             }
             Self::Optimize(options) => options.optimize(stop)?,
         }
@@ -137,8 +134,11 @@ pub struct OptimizeOptions {
     /// How long to search: a time such as 60s, or a number of search steps.
     #[arg(long, value_name = "BUDGET", default_value = "10s", value_parser = budget)]
     budget: Budget,
+    /// Seed, instead of the scenario's.
+    #[arg(long, value_parser = seed_parser())]
+    seed: Option<u64>,
     #[command(flatten)]
-    flight: Flown,
+    folder: NewFolder,
     /// Leave a recording for rerun, mission.rrd.
     #[arg(long)]
     record: bool,
@@ -151,33 +151,27 @@ impl OptimizeOptions {
     /// If the scenario is refused, something cannot be written, or on a stop.
     pub fn optimize(self, stop: &Stop) -> Result<(), Error> {
         let by = |strategy: &Registered| {
-            let overrides = Overrides { seed: self.flight.seed, strategy: Some(strategy.name), ..Overrides::default() };
+            let overrides = Overrides { seed: self.seed, strategy: Some(strategy.name), ..Overrides::default() };
             settings::read(&self.scenario, overrides)
         };
-        let scenarios = STRATEGIES.map(by).into_iter().collect::<Result<_, _>>()?;
-        let Self { budget, flight: Flown { out, force, .. }, record, .. } = self;
-        let progress = LabBar::of_steps();
-        RunFolder::check(out.as_deref(), force)?;
-        let found = optimize(&Optimization { scenarios, budget }, stop, &|made| progress.show(made))?;
-        drop(progress);
-        let simulation = Simulation { scenario: found.scenario.clone(), out, force, record };
-        let (folder, summary) = simulate_mission(&simulation, &found.list, found.mission()?, stop)?;
+        let scenarios = STRATEGIES.into_iter().map(by).collect::<Result<_, _>>()?;
+        let Self { budget, folder, record, .. } = self;
+        RunFolder::check(folder.out.as_deref(), folder.force)?;
+        let found = optimize(&Optimization { scenarios, budget }, stop, &TerminalProgress::of_steps())?;
+        let simulation = Simulation { scenario: found.scenario.clone(), folder, record };
+        let (folder, summary) = simulate(&simulation, &found.list, found.mission()?, stop)?;
         folder.write_json("optimum.json", &found.optimum)?;
-        report::print_optimum(&found.optimum);
-        report::print(&folder, &summary);
-        Ok(())
+        print_optimum(&found.optimum)?;
+        print_run(&folder, &summary)
     }
 }
 
 fn budget(text: &str) -> Result<Budget, String> {
     let time = text.strip_suffix('s').and_then(|seconds| seconds.parse::<f64>().ok());
     let time = time.filter(|seconds| *seconds > 0.0 && *seconds <= 1e6);
-    let steps = || text.parse().ok().filter(|steps| *steps <= MAX_STEPS);
-    match (time, steps()) {
-        (Some(seconds), _) => Ok(Budget::Time(Duration::from_secs_f64(seconds))),
-        (None, Some(steps)) => Ok(Budget::Steps(steps)),
-        (None, None) => Err("expected seconds, such as 60s, or search steps, at most 1000000000000".to_owned()),
-    }
+    let steps = text.parse().ok().filter(|steps| *steps <= MAX_STEPS);
+    let budget = time.map(|seconds| Budget::Time(Duration::from_secs_f64(seconds))).or(steps.map(Budget::Steps));
+    budget.ok_or_else(|| "expected seconds, such as 60s, or search steps, at most 1000000000000".to_owned())
 }
 
 fn shard(text: &str) -> Result<Shard, String> {

@@ -1,22 +1,27 @@
 //! `skysink run`: a mission with a process for every part of the ring.
 
-pub mod launch;
+pub mod heartbeat;
 pub mod recorder;
 pub mod restart;
 pub mod resume;
-pub mod watch;
+pub mod supervise;
 
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
+use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use iceoryx2::prelude::ipc;
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
+use skysink_mission::error::FileContext;
+use skysink_mission::record::{RunFolder, SlotLog};
+use skysink_mission::summary::{Summary, Tally};
 use skysink_ring::cleanup::Janitor;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
@@ -24,179 +29,172 @@ use skysink_ring::topics::{Ring, VIEWER_BUFFER};
 use skysink_ring::wait::Waiting;
 
 use crate::error::Error;
-use crate::report::RunProgress;
-use launch::{Crew, Job, REAP, Roster, whole};
+use crate::report::TerminalProgress;
+use crate::simulate::NewFolder;
 use recorder::Recorder;
-use restart::Rule;
-use resume::{PlansBy, Resumed, resume};
-use skysink_mission::error::FileContext;
-use skysink_mission::record::{RunFolder, SlotLog};
-use skysink_mission::summary::{Event, Summary, Tally};
-use watch::{Alarm, Watch};
+use restart::{Rule, WORKERS, worker};
+use resume::{PlansBy, resume};
+use supervise::{Process, ProcessTable, REAP, Workers};
 
-/// What to run and how.
+/// What to run, where and how.
 #[derive(Debug)]
 pub struct Run {
     /// The scenario.
     pub scenario: Scenario,
-    /// How fast.
+    /// Where a new run is put on record.
+    pub folder: NewFolder,
+    /// The folder of a run that has ended early, if it is to be resumed.
+    pub resume: Option<PathBuf>,
+    /// How.
+    pub options: RunOptions,
+}
+
+/// How the processes of a run work together.
+#[derive(Debug, Args)]
+pub struct RunOptions {
+    /// max, realtime, or a factor such as 10x.
+    #[arg(long, default_value = "max", value_name = "PACE")]
     pub pace: Pace,
-    /// How its processes wait for each other.
+    /// How the processes wait for each other: event, asleep until they are woken; or poll, which keeps a core busy for each
+    /// of them and is faster only where there are cores to spare.
+    #[arg(long, default_value = "event", value_name = "WAY")]
     pub wait: Waiting,
-    /// Where the run is put on record.
-    pub place: RunPlace,
-    /// Whether the viewer takes part.
-    pub viewer: bool,
-    /// Port on which the viewer serves the recording live.
+    /// Serve the recording live on 127.0.0.1, on port 9876 if none is given.
+    #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "9876")]
     pub live: Option<u16>,
-    /// Roles that somebody else starts.
+    /// Leave the recording out.
+    #[arg(long, conflicts_with = "live")]
+    pub no_viewer: bool,
+    /// Leave this process to somebody else and wait for it (repeatable).
+    #[arg(long, value_name = "ROLE", value_parser = PossibleValuesParser::new(WORKERS.map(Role::name))
+        .map(|name| worker(&name).expect("one of the possible values")))]
     pub external: Vec<Role>,
-    /// What is done about processes that end too early.
+    /// What is done when a process ends too early: never, or on-failure; planner=never for one of them (repeatable)
+    /// [default: on-failure, at most 50 times in 10 s].
+    #[arg(long, value_name = "POLICY")]
     pub restart: Vec<Rule>,
-    /// How long a process waits for another [s].
-    pub timeout_s: f64,
+    /// How long a process waits for another [s; default 30, with --external 600].
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    pub timeout: Option<f64>,
 }
 
-/// The folder of a run.
-#[derive(Debug)]
-pub enum RunPlace {
-    /// A new one.
-    New {
-        /// If not the default one.
-        out: Option<PathBuf>,
-        /// Whether a run in that folder may be replaced.
-        force: bool,
-    },
-    /// That of a run that has ended early, which goes on.
-    Resume(PathBuf),
-}
-
-/// A run that is set up: what it flies, and where it is put on record.
-struct Setup<'a> {
-    run: &'a Run,
-    folder: &'a RunFolder,
-    meeting: &'a RingFolder,
-    progress: &'a RunProgress,
-    stop: &'a Stop,
-}
-
-/// A run under way, for who wants to disturb it.
-#[derive(Debug)]
-pub struct Inside {
-    /// The processes that live.
-    pub roster: Roster,
-    /// The slot under way, a tenth of a second ago at most.
-    pub slot: Arc<AtomicU64>,
-    /// Beginning of the names of its shared memory.
-    pub shared_prefix: String,
-}
-
-/// What has become of the processes of a run.
-#[derive(Default)]
-struct Fates {
-    events: Vec<Event>,
-    restarts: u64,
+/// Reads a time [s] above 0 from an argument.
+///
+/// # Errors
+/// If it is none.
+pub fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(seconds) if seconds > 0.0 && seconds <= 1e6 => Ok(seconds),
+        _ => Err("expected seconds, above 0".to_owned()),
+    }
 }
 
 /// Flies the mission, and returns its folder and its figures. However it ends, the folder is whole up to the last slot
-/// and nothing is left in shared memory.
+/// and nothing is left in shared memory. `table` tells other threads of its processes.
 ///
 /// # Errors
-/// If the sensor list is refused, a process ends for good or does not answer, something cannot be written, or on a stop.
-pub fn run(run: &Run, stop: &Stop) -> Result<(RunFolder, Summary), Error> {
-    run_with(run, stop, |_| {})
-}
-
-/// The same; `started` is told of the processes.
-///
-/// # Errors
-/// As [`run`].
-pub fn run_with(run: &Run, stop: &Stop, started: impl FnOnce(Inside)) -> Result<(RunFolder, Summary), Error> {
-    let list = SensorList::of(&run.scenario)?;
-    check_shared_memory(run, &list)?;
-    let mut tally = Tally::new(&run.scenario, &list).with_latency(run.pace, run.scenario.slot_s);
-    let (folder, resumed) = match &run.place {
-        RunPlace::New { out, force } => (RunFolder::create(out.as_deref(), *force, &run.scenario, &list)?, None),
-        RunPlace::Resume(path) => {
+/// If this build has no viewer, the sensor list is refused, a process ends for good or does not answer, something cannot be
+/// written, or on a stop.
+pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, Summary), Error> {
+    let Run { scenario, options, .. } = run;
+    let list = SensorList::of(scenario)?;
+    options.check(&list)?;
+    let mut tally = Tally::new(scenario, &list).with_latency(options.pace, scenario.slot_s);
+    let (folder, resumed) = match &run.resume {
+        None => (run.folder.create(scenario, &list)?, None),
+        Some(path) => {
             let folder = RunFolder::reopen(path)?;
-            let outside = run.external.contains(&Role::Planner);
-            let plans_by = if outside { PlansBy::Outside } else { PlansBy::Planner };
-            let resumed = resume(&folder, &run.scenario, &list, plans_by, &mut tally)?;
+            let is_outside = options.external.contains(&Role::Planner);
+            let plans_by = if is_outside { PlansBy::Outside } else { PlansBy::Planner };
+            let resumed = resume(&folder, scenario, &list, plans_by, &mut tally)?;
             (folder, Some(resumed))
         }
     };
-    if tally.last_slot() == run.scenario.slots {
+    if tally.last_slot() == scenario.slots {
         let hash = resumed.map_or(0, |resumed| resumed.log.hash());
-        let summary = tally.summary(Some(run.pace), Duration::ZERO, hash); // only that was missing
-        folder.write_summary(&summary)?;
+        let summary = tally.summary(Some(options.pace), Duration::ZERO, hash);
+        if !folder.is_complete() {
+            folder.write_json("summary.json", &summary)?; // only that was missing
+        }
         return Ok((folder, summary));
     }
-    let meeting = RingFolder::create(run.pace, run.wait, run.timeout_s, run.viewer)?;
-    meeting.install()?;
-    let mut log = prepare(&folder, &meeting, resumed)?;
-    let progress = RunProgress::new(run.scenario.slots);
-    let setup = Setup { run, folder: &folder, meeting: &meeting, progress: &progress, stop };
-    let (mut fates, begin) = (Fates::default(), Instant::now());
-    let flown = fly(&setup, &mut log, &mut tally, &mut fates, started);
-    progress.finish();
+    let timeout_s = options.timeout.unwrap_or(if options.external.is_empty() { 30.0 } else { 600.0 });
+    let ring_folder = RingFolder::create(options.pace, options.wait, timeout_s, !options.no_viewer)?;
+    ring_folder.install()?;
+    let mut log = match resumed {
+        None => folder.slot_log()?,
+        Some(resumed) => resumed.hand_over(&ring_folder)?,
+    };
+    let begin = Instant::now();
+    let flown = fly(run, &folder, &ring_folder, table, stop, &mut log, &mut tally);
     let wall = *flown.as_ref().unwrap_or(&begin.elapsed());
-    let mut summary = tally.summary(Some(run.pace), wall, log.hash());
+    let mut summary = tally.summary(Some(options.pace), wall, log.hash());
     summary.complete &= flown.is_ok();
-    (summary.events, summary.restarts) = (fates.events, fates.restarts);
-    let written = folder.write_summary(&summary);
-    flown?; // what ended the run is said, not what it led to
+    let written = folder.write_json("summary.json", &summary);
+    if let Err(cause) = flown {
+        let left = match summary.slots {
+            0 => "nothing was flown".to_owned(),
+            slots => format!(
+                "the run folder is whole up to slot {slots}, and `skysink run --resume {}` flies the rest",
+                folder.path().display()
+            ),
+        };
+        return Err(Error::EndedEarly { cause: Box::new(cause), left }); // not what it led to
+    }
     written?;
     Ok((folder, summary))
 }
 
-/// The trace to write, from the beginning or from where it ended.
-fn prepare(folder: &RunFolder, meeting: &RingFolder, resumed: Option<Resumed>) -> Result<SlotLog, Error> {
-    match resumed {
-        None => Ok(folder.slot_log()?),
-        Some(mut resumed) => {
-            resumed.log.resume()?;
-            resumed.save(meeting)?;
-            Ok(resumed.log)
-        }
-    }
-}
-
 /// Starts the processes, records what they do, and ends them.
 fn fly(
-    setup: &Setup,
+    run: &Run,
+    folder: &RunFolder,
+    ring_folder: &RingFolder,
+    table: &ProcessTable,
+    stop: &Stop,
     log: &mut SlotLog,
     tally: &mut Tally,
-    fates: &mut Fates,
-    started: impl FnOnce(Inside),
 ) -> Result<Duration, Error> {
-    let Setup { run, meeting, progress, stop, .. } = *setup;
-    let (ring, wait) = Ring::<ipc::Service>::join(meeting, &run.scenario, Role::Launcher, stop)?;
-    let _janitor = Janitor::of(meeting);
-    let alarm = Alarm::on_child();
-    let mut recorder = Recorder::new(&ring, wait, run.scenario.slot_s, alarm)?;
-    let (own, others): (Vec<Job>, Vec<Job>) =
-        jobs(setup).into_iter().partition(|job| !run.external.contains(&job.role));
-    let crew = Crew::start(own, meeting.path(), ring.terms.timeout() / 2, Arc::new(progress.speaker()))?;
-    let slot = Arc::new(AtomicU64::new(0));
-    started(Inside { roster: crew.roster(), slot: Arc::clone(&slot), shared_prefix: meeting.prefix() });
-    for job in others {
-        let role = job.role.name();
-        let arguments: Vec<_> = job.arguments.iter().map(|argument| argument.to_string_lossy()).collect();
-        progress.say(&format!("waiting for {role}: {role} {}", arguments.join(" ")));
+    let Run { scenario, options, .. } = run;
+    let progress = TerminalProgress::of_slots();
+    let (ring, wait) = Ring::<ipc::Service>::join(ring_folder, scenario, Role::Launcher, stop)?;
+    let _janitor = Janitor::of(ring_folder);
+    let _ = table.shared_prefix.set(ring_folder.prefix());
+    let mut recorder = Recorder::new(&ring, wait, on_child_end())?;
+    let mut processes = Vec::new();
+    for role in WORKERS.into_iter().filter(|role| *role != Role::Viewer || !options.no_viewer) {
+        let mut arguments: Vec<OsString> =
+            vec!["--scenario".into(), folder.scenario().into(), "--ring".into(), ring_folder.path().into()];
+        if role == Role::Viewer {
+            arguments.extend(["--save".into(), folder.recording().into()]);
+            arguments.extend(options.live.map(|port| format!("--live={port}").into()));
+        }
+        if options.external.contains(&role) {
+            let arguments = arguments.join(" ".as_ref());
+            let name = role.name();
+            progress.say(&format!("waiting for {name}: {name} {}", arguments.to_string_lossy()));
+        } else {
+            processes.push(Process::new(role, arguments, Rule::policy(&options.restart, role))?);
+        }
     }
-    let mut watch = Watch::new(&ring, crew, progress, run.scenario.slots, slot)?;
-    let slots = run.scenario.slots;
-    let recorded = recorder.record(slots, log, tally, &mut |tally| watch.supervise(tally));
+    let mut workers = Workers::start(&ring, ring_folder, table, &progress, processes, scenario.slots)?;
+    let recorded = recorder.record(scenario.slots, log, tally, &mut |tally| workers.supervise(tally));
     let ended = match recorded {
-        Ok(wall) => finish(&mut recorder, &mut watch, tally, log.hash()).map(|()| wall),
-        Err(error) => Err(match watch.supervise(tally) {
+        Ok(wall) => finish(&mut recorder, &mut workers, tally, log.hash(), ring.terms.timeout()).map(|()| wall),
+        Err(error) => Err(match workers.supervise(tally) {
             Err(cause @ Error::WorkerEnded { .. }) if stop.requested().is_none() => cause,
             _ => error,
         }),
     };
-    (fates.events, fates.restarts) = (std::mem::take(&mut watch.events), watch.restarts);
-    drop(watch);
+    drop(workers);
     ring.remove_dead_nodes();
+    ended
+}
+
+/// A flag that is set whenever a child process ends.
+fn on_child_end() -> Arc<AtomicBool> {
+    let ended = Arc::default();
+    signal_hook::flag::register(signal_hook::consts::SIGCHLD, Arc::clone(&ended)).expect("a catchable signal");
     ended
 }
 
@@ -206,67 +204,56 @@ const FAREWELL: Duration = Duration::from_secs(2);
 /// Waits until all processes have ended, the viewer first: the others are there for it, and for one that is started again.
 fn finish(
     recorder: &mut Recorder<ipc::Service>,
-    watch: &mut Watch<ipc::Service>,
-    tally: &Tally,
+    workers: &mut Workers<ipc::Service>,
+    tally: &mut Tally,
     hash: u64,
+    timeout: Duration,
 ) -> Result<(), Error> {
     let slot = tally.last_slot();
-    let mut viewer = watch.supervise(tally)?;
-    let timeout = recorder.timeout();
+    let mut viewer = workers.supervise(tally)?;
     let mut deadline = Instant::now() + timeout;
-    while !watch.crew().has_ended(Role::Viewer) {
+    while !workers.have_ended(|role| role == Role::Viewer) {
         recorder.pause(REAP)?;
-        let current = watch.supervise(tally)?;
+        let current = workers.supervise(tally)?;
         if current != viewer {
             viewer = current;
             deadline = Instant::now() + timeout;
         }
         if Instant::now() > deadline {
-            let role = Role::Viewer.name();
             let status = format!("nothing: it did not end within {} s after the mission", timeout.as_secs_f64());
-            return Err(Error::WorkerEnded { role, status, slot, whole: whole(slot + 1) });
+            return Err(Error::WorkerEnded { role: Role::Viewer.name(), status, slot });
         }
     }
-    watch.release();
+    workers.release();
     recorder.release(slot, hash)?;
     let released = Instant::now();
-    while !watch.crew().have_ended() && released.elapsed() < FAREWELL {
+    while !workers.have_ended(|_| true) && released.elapsed() < FAREWELL {
         recorder.pause(REAP)?;
-        watch.supervise(tally)?;
+        workers.supervise(tally)?;
     }
     Ok(())
 }
 
-/// The processes of the run, whoever starts them.
-fn jobs(setup: &Setup) -> Vec<Job> {
-    let Setup { run, folder, meeting, .. } = *setup;
-    let common = |role| {
-        let arguments: Vec<OsString> =
-            vec!["--scenario".into(), folder.scenario().into(), "--ring".into(), meeting.path().into()];
-        Job { role, arguments, restart: Rule::policy(&run.restart, role) }
-    };
-    let mut jobs: Vec<Job> = [Role::FieldSim, Role::FlightSim, Role::Planner].into_iter().map(common).collect();
-    if run.viewer {
-        let mut job = common(Role::Viewer);
-        job.arguments.extend(["--save".into(), folder.recording().into()]);
-        job.arguments.extend(run.live.map(|port| OsString::from(format!("--live={port}"))));
-        jobs.push(job);
+impl RunOptions {
+    /// Fails early where this build has no viewer, or the shared memory would not do: writing beyond its end kills a
+    /// process.
+    ///
+    /// # Errors
+    /// [`Error::NoViewer`] or [`Error::SharedMemory`].
+    pub fn check(&self, list: &SensorList) -> Result<(), Error> {
+        const MIB: u64 = 1 << 20;
+        if !self.no_viewer && !cfg!(feature = "viewer") {
+            return Err(Error::NoViewer);
+        }
+        let path = std::path::Path::new("/dev/shm");
+        let free = rustix::fs::statvfs(path).map_err(std::io::Error::from).at(path)?;
+        let free_bytes = free.f_bavail * free.f_frsize;
+        let samples = if self.no_viewer { 8 } else { VIEWER_BUFFER as u64 + 8 };
+        let bytes_per_sensor = samples * 4 + 3 * 40; // queues in flight, the sensor list
+        let needed_bytes = 8 * MIB + bytes_per_sensor * list.sensors().len() as u64;
+        if free_bytes >= needed_bytes {
+            return Ok(());
+        }
+        Err(Error::SharedMemory { free_mib: free_bytes / MIB, needed_mib: needed_bytes.div_ceil(MIB) })
     }
-    jobs
-}
-
-/// Fails early where the shared memory would not do: writing beyond its end kills a process.
-fn check_shared_memory(run: &Run, list: &SensorList) -> Result<(), Error> {
-    const MIB: u64 = 1 << 20;
-    let path = std::path::Path::new("/dev/shm");
-    let free = rustix::fs::statvfs(path).map_err(std::io::Error::from).at(path)?;
-    let free_bytes = free.f_bavail * free.f_frsize;
-    let samples = if run.viewer { VIEWER_BUFFER as u64 + 8 } else { 8 };
-    let bytes_per_sensor = samples * 4 + 3 * 40; // queues in flight, the sensor list
-    let needed_bytes = 8 * MIB + bytes_per_sensor * list.sensors().len() as u64;
-    if free_bytes >= needed_bytes {
-        return Ok(());
-    }
-    let remedy = "make it larger (docker: --shm-size), or pass --no-viewer, which needs less";
-    Err(Error::SharedMemory { free_mib: free_bytes / MIB, needed_mib: needed_bytes.div_ceil(MIB), remedy })
 }

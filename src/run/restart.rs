@@ -4,10 +4,14 @@ use std::collections::VecDeque;
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
+use clap::ValueEnum;
 use skysink_ring::role::Role;
 
+/// The processes that `skysink run` starts.
+pub const WORKERS: [Role; 4] = [Role::FieldSim, Role::FlightSim, Role::Planner, Role::Viewer];
+
 /// What is done about a process that ends before the mission does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Restart {
     /// The run ends.
     Never,
@@ -16,10 +20,10 @@ pub enum Restart {
 }
 
 /// Restarts within [`WINDOW`] after which it is given up.
-pub const MAX_RESTARTS: usize = 50;
+const MAX_RESTARTS: usize = 50;
 
 /// See [`MAX_RESTARTS`].
-pub const WINDOW: Duration = Duration::from_secs(10);
+const WINDOW: Duration = Duration::from_secs(10);
 
 /// Shortest and longest wait before a restart; it doubles with each one in the last second.
 const BACK_OFF: [Duration; 2] = [Duration::from_millis(10), Duration::from_millis(200)];
@@ -30,19 +34,11 @@ const BACK_OFF_WINDOW: Duration = Duration::from_secs(1);
 /// The restarts of one process.
 #[derive(Debug)]
 pub struct Restarts {
-    policy: Restart,
+    /// What is done when it ends too early.
+    pub policy: Restart,
     recent: VecDeque<Instant>,
     /// How often it was started again.
     pub count: u32,
-}
-
-/// Why a process is not started again.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum GivenUp {
-    /// By its policy, or because it was refused its input.
-    AtOnce,
-    /// After too many restarts.
-    TooOften,
 }
 
 impl Restarts {
@@ -52,27 +48,29 @@ impl Restarts {
         Self { policy, recent: VecDeque::new(), count: 0 }
     }
 
-    /// When the process that has ended at `now` is to be started again. `refused` tells that it was refused its input,
-    /// which it would be again.
-    ///
-    /// # Errors
-    /// If it is given up.
-    pub fn next(&mut self, now: Instant, refused: bool) -> Result<Instant, GivenUp> {
-        if self.policy == Restart::Never || refused {
-            return Err(GivenUp::AtOnce);
-        }
+    /// When the process that has ended at `now` is to be started again; `None` if it is given up: by its policy, after too
+    /// many restarts, or because it was `refused` its input, which it would be again.
+    pub fn next(&mut self, now: Instant, refused: bool) -> Option<Instant> {
         while self.recent.front().is_some_and(|&restart| now.saturating_duration_since(restart) > WINDOW) {
             self.recent.pop_front();
         }
-        if self.recent.len() >= MAX_RESTARTS {
-            return Err(GivenUp::TooOften);
+        if self.policy == Restart::Never || refused || self.recent.len() >= MAX_RESTARTS {
+            return None;
         }
         let just_now = |restart: &&Instant| now.saturating_duration_since(**restart) <= BACK_OFF_WINDOW;
         let doublings = u32::try_from(self.recent.iter().filter(just_now).count()).unwrap_or(u32::MAX).min(16);
         let due = now + (BACK_OFF[0] * 2u32.pow(doublings)).min(BACK_OFF[1]);
         self.recent.push_back(now);
         self.count += 1;
-        Ok(due)
+        Some(due)
+    }
+
+    /// What to add to the end of a process that is given up: the limit, if it has reached it.
+    #[must_use]
+    pub fn limit(&self) -> String {
+        let is_reached = self.recent.len() >= MAX_RESTARTS;
+        let limit = || format!(", after {MAX_RESTARTS} restarts within {} s", WINDOW.as_secs());
+        if is_reached { limit() } else { String::new() }
     }
 }
 
@@ -83,23 +81,22 @@ pub struct Rule {
     policy: Restart,
 }
 
+/// The process of that name, if `skysink run` starts it.
+#[must_use]
+pub fn worker(name: &str) -> Option<Role> {
+    name.parse().ok().filter(|role| *role != Role::Launcher)
+}
+
 impl FromStr for Rule {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
         let refuse = || "expected never or on-failure, for one process as in planner=never".to_owned();
         let (role, policy) = match text.split_once('=') {
-            Some((name, policy)) => {
-                let role = name.parse().ok().filter(|role| *role != Role::Launcher);
-                (Some(role.ok_or_else(refuse)?), policy)
-            }
+            Some((name, policy)) => (Some(worker(name).ok_or_else(refuse)?), policy),
             None => (None, text),
         };
-        let policy = match policy {
-            "never" => Restart::Never,
-            "on-failure" => Restart::OnFailure,
-            _ => return Err(refuse()),
-        };
+        let policy = Restart::from_str(policy, false).map_err(|_| refuse())?;
         Ok(Self { role, policy })
     }
 }
@@ -124,7 +121,7 @@ mod tests {
         let wait = |restarts: &mut Restarts, now: Instant| restarts.next(now, false).map(|due| (due - now).as_millis());
         let waits: Vec<_> = (0..6).map(|_| wait(&mut restarts, start).unwrap()).collect();
         assert_eq!(waits, [10, 20, 40, 80, 160, 200]);
-        assert_eq!(wait(&mut restarts, start + Duration::from_secs(2)), Ok(10));
+        assert_eq!(wait(&mut restarts, start + Duration::from_secs(2)), Some(10));
         assert_eq!(restarts.count, 7);
     }
 
@@ -133,16 +130,20 @@ mod tests {
         let mut restarts = Restarts::new(Restart::OnFailure);
         let start = Instant::now();
         for i in 0..50 {
-            assert!(restarts.next(start + Duration::from_millis(i * 100), false).is_ok());
+            assert!(restarts.next(start + Duration::from_millis(i * 100), false).is_some());
         }
-        assert_eq!(restarts.next(start + Duration::from_secs(6), false), Err(GivenUp::TooOften));
-        assert!(restarts.next(start + Duration::from_secs(11), false).is_ok(), "the first ones are long ago");
+        assert_eq!(restarts.next(start + Duration::from_secs(6), false), None);
+        assert_eq!(restarts.limit(), ", after 50 restarts within 10 s");
+        assert!(restarts.next(start + Duration::from_secs(11), false).is_some(), "the first ones are long ago");
     }
 
     #[test]
     fn what_would_fail_again_is_not_tried_again() {
-        assert_eq!(Restarts::new(Restart::Never).next(Instant::now(), false), Err(GivenUp::AtOnce));
-        assert_eq!(Restarts::new(Restart::OnFailure).next(Instant::now(), true), Err(GivenUp::AtOnce));
+        for (policy, refused) in [(Restart::Never, false), (Restart::OnFailure, true)] {
+            let mut restarts = Restarts::new(policy);
+            assert_eq!(restarts.next(Instant::now(), refused), None);
+            assert_eq!(restarts.limit(), "");
+        }
     }
 
     #[test]

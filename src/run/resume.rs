@@ -91,21 +91,23 @@ pub fn resume(
 }
 
 impl Resumed {
-    /// Saves the state after the last line, from which the processes of the ring in `meeting` resume.
+    /// Saves the state after the last line, from which the processes of the ring in `ring_folder` resume, and returns the
+    /// trace, cut behind that line.
     ///
     /// # Errors
-    /// If the ring's folder cannot be written.
-    pub fn save(&self, meeting: &RingFolder) -> Result<(), Error> {
+    /// If the trace or the ring's folder cannot be written.
+    pub fn hand_over(mut self, ring_folder: &RingFolder) -> Result<SlotLog, Error> {
+        self.log.resume()?;
         let slot = self.mission.slot();
         if slot == 0 {
-            return Ok(());
+            return Ok(self.log);
         }
         let mut field = self.mission.field().clone();
         let count = field.queues_bits().len();
         let planner = self.mission.planner();
-        journal(meeting, count)?.save(slot, planner)?;
-        FieldJournal::open(meeting, &mut field)?; // an empty one begins with this state
-        FlightJournal::open(meeting)?.save(slot, self.mission.last_flight())?;
-        Ok(())
+        journal(ring_folder, count)?.save(slot, planner)?;
+        FieldJournal::open(ring_folder, &mut field)?; // an empty one begins with this state
+        FlightJournal::open(ring_folder)?.save(slot, self.mission.last_flight())?;
+        Ok(self.log)
     }
 }
