@@ -88,10 +88,15 @@ impl LabError {
 
     /// A sweep file that is not TOML, or not a sweep.
     pub(crate) fn malformed(path: &Path, text: &str, error: &toml::de::Error) -> Self {
-        let line = error.span().map_or(String::new(), |span| {
-            format!("line {}: ", text[..span.start.min(text.len())].matches('\n').count() + 1)
+        let message = error.message().trim().replace('\n', ", ");
+        let place = error.span().map_or(String::new(), |span| {
+            let line = text[..span.start.min(text.len())].matches('\n').count() + 1;
+            match text.get(span) {
+                Some(value) if !value.contains('\n') && !message.contains(value) => format!("line {line}: {value}: "),
+                _ => format!("line {line}: "),
+            }
         });
-        Self::refused("sweep", path, line + &error.message().trim().replace('\n', ", "))
+        Self::refused("sweep", path, place + &message)
     }
 }
 

@@ -38,7 +38,7 @@ struct Manifest {
     definition: Definition,
 }
 
-/// The folder of a sweep, held against other processes. The system lets go of it when the process ends, however it does.
+/// The folder of a sweep, locked against other processes. The system releases the lock when the process ends.
 struct SweepFolder {
     path: PathBuf,
     _lock: File,
