@@ -5,14 +5,17 @@
 //! on the wrong one, and no slope leads onto one, so that every SN is among the starts. Each step goes along the steepest
 //! ascent, back into the feasible set by exact projection, and is taken only if the objective rises.
 
-use nalgebra::{Point3, Vector3, center};
+use std::cmp::Ordering;
 
-use crate::waypoint::problem::Problem;
+use nalgebra::{Vector3, center};
+
+use crate::geometry::disks::project;
+use crate::waypoint::problem::{Problem, RatedPoint};
 
 /// Starts that are followed to their end.
 pub(crate) const FOLLOWED: usize = 6;
 
-/// Altitudes tried at every start, the lowest and the highest among them.
+/// Altitudes tried at every start, the lowest and the highest among them, where the UAV can climb.
 const LEVELS: u32 = 6;
 
 /// Most steps from one start.
@@ -39,86 +42,40 @@ const RISE: f64 = 1e-11;
 /// Steps in a row without a rise that end an ascent.
 const PATIENCE: u32 = 4;
 
-/// A feasible point and its objective.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Rated {
-    /// Where it is.
-    pub point: Point3<f64>,
-    /// `Σ E[r_i]` there [bit/s].
-    pub rate_bps: f64,
-}
-
-impl Rated {
-    /// Rates a feasible point.
-    #[must_use]
-    pub fn new(problem: &Problem, point: Point3<f64>) -> Self {
-        Self { point, rate_bps: problem.rate_bps(&point) }
+/// Fills `starts` with the best starts of `problem`, best first and at most six; with none if no point keeps every
+/// constraint.
+///
+/// They stand over the mean of the SNs, the UAV, each SN and half-way from the mean to it, all projected into the
+/// feasible set, each at the best of a few altitudes.
+pub fn fill_starts(problem: &Problem, starts: &mut Vec<RatedPoint>) {
+    starts.clear();
+    let mean = problem.mean();
+    let levels = if problem.altitudes_m[0] < problem.altitudes_m[1] { LEVELS - 1 } else { 0 };
+    let around = problem.disks[1..].iter().flat_map(|range| [range.centre, center(&range.centre, &mean)]);
+    for ground in [mean, problem.disks[0].centre].into_iter().chain(around) {
+        let Some(ground) = project(&ground, &problem.disks) else {
+            return starts.clear();
+        };
+        starts.push(problem.best_level(&ground, levels).1);
     }
+    starts.sort_unstable_by(|a, b| {
+        let by_position = a.point.iter().zip(b.point.iter()).map(|(a, b)| a.total_cmp(b));
+        by_position.fold(b.rate_bps.total_cmp(&a.rate_bps), Ordering::then)
+    });
+    starts.dedup();
+    starts.truncate(FOLLOWED);
 }
 
-/// The starts of a problem, best first; its memory is reused.
-#[derive(Debug, Clone)]
-pub struct Starts {
-    rated: Vec<Rated>,
-}
-
-impl Starts {
-    /// Room for the starts of up to `served` SNs.
-    #[must_use]
-    pub fn with_room_for(served: usize) -> Self {
-        Self { rated: Vec::with_capacity(2 * served + 2) }
-    }
-
-    /// The best starts of `problem`, best first and at most six; none if no point keeps every constraint.
-    ///
-    /// They stand over the mean of the SNs, the UAV, each SN and half-way from the mean to it, all projected into the
-    /// feasible set, each at the best of a few altitudes.
-    pub fn of(&mut self, problem: &Problem) -> &[Rated] {
-        self.rated.clear();
-        let mean = problem.mean();
-        let around = problem.targets.iter().flat_map(|target| [target.position, center(&target.position, &mean)]);
-        for ground in [mean, problem.disks[0].centre].into_iter().chain(around) {
-            let Some(start) = problem.project(&Point3::new(ground.x, ground.y, problem.altitudes_m[0])) else {
-                return &[];
-            };
-            self.rated.push(at_best_level(problem, start));
-        }
-        self.rated.sort_unstable_by(|a, b| {
-            let by_place =
-                || a.point.iter().zip(b.point.iter()).map(|(a, b)| a.total_cmp(b)).find(|order| order.is_ne());
-            b.rate_bps.total_cmp(&a.rate_bps).then_with(|| by_place().unwrap_or(std::cmp::Ordering::Equal))
-        });
-        self.rated.dedup();
-        self.rated.truncate(FOLLOWED);
-        &self.rated
-    }
-}
-
-/// The best of a few altitudes above `start`.
-fn at_best_level(problem: &Problem, start: Point3<f64>) -> Rated {
-    let mut best = Rated::new(problem, start);
-    if problem.altitudes_m[0] < problem.altitudes_m[1] {
-        for level in 1..LEVELS {
-            let z_m = problem.altitude_m(f64::from(level) / f64::from(LEVELS - 1));
-            let rated = Rated::new(problem, Point3::new(start.x, start.y, z_m));
-            if rated.rate_bps > best.rate_bps {
-                best = rated;
-            }
-        }
-    }
-    best
-}
-
-/// The best end of all starts; `None` if no point keeps every constraint.
-pub fn solve(problem: &Problem, starts: &mut Starts) -> Option<Rated> {
-    let ends = starts.of(problem).iter().map(|start| climb(problem, *start));
-    ends.reduce(|best, end| if end.rate_bps > best.rate_bps { end } else { best })
+/// The best end of the ascents from `starts`; `None` if there are none.
+#[must_use]
+pub fn best_end(problem: &Problem, starts: &[RatedPoint]) -> Option<RatedPoint> {
+    starts.iter().map(|start| climb(problem, *start)).reduce(RatedPoint::or_better)
 }
 
 /// Ascends from a feasible point until it settles: projected ascent with the step lengths of Barzilai and Borwein (1988),
 /// each shortened until the objective rises.
 #[must_use]
-pub fn climb(problem: &Problem, start: Rated) -> Rated {
+pub fn climb(problem: &Problem, start: RatedPoint) -> RatedPoint {
     let mut at = start;
     let mut slope = problem.ascent(&at.point);
     let mut stretch = FIRST_STEP_M / slope.norm();
@@ -143,10 +100,10 @@ pub fn climb(problem: &Problem, start: Rated) -> Rated {
 
 /// The first point of a shrinking step that rises enough, and the stretch left of it; `None` if none does, as where there
 /// is no slope, or one that is not a number.
-fn step(problem: &Problem, at: &Rated, slope: &Vector3<f64>, mut stretch: f64) -> Option<(Rated, f64)> {
+fn step(problem: &Problem, at: &RatedPoint, slope: &Vector3<f64>, mut stretch: f64) -> Option<(RatedPoint, f64)> {
     while stretch * slope.norm() >= SETTLED_M {
         let point = problem.project(&(at.point + slope * stretch))?;
-        let next = Rated::new(problem, point);
+        let next = problem.rated(point);
         let rise_bps = next.rate_bps - at.rate_bps;
         if rise_bps > 0.0 && rise_bps >= SUFFICIENT * slope.dot(&(point - at.point)) {
             return Some((next, stretch));
@@ -160,15 +117,23 @@ fn step(problem: &Problem, at: &Rated, slope: &Vector3<f64>, mut stretch: f64) -
 mod tests {
     use super::*;
     use crate::waypoint::problem::tests::{curves, dense_urban, posed};
+    use nalgebra::Point3;
     use proptest::prelude::*;
     use skysink_common::channel::LineOfSight;
     use skysink_common::geometry::Position;
+
+    /// The best end from the best starts.
+    fn solve(problem: &Problem) -> Option<RatedPoint> {
+        let mut starts = Vec::new();
+        fill_starts(problem, &mut starts);
+        best_end(problem, &starts)
+    }
 
     #[test]
     fn a_pair_is_served_from_above_its_middle() {
         // 40 m apart in dense urban surroundings at 50 m, θ = 68°: nearer to one is farther from the other.
         let problem = posed(dense_urban(), &[[-20.0, 7.0], [20.0, 7.0]], [50.0, 50.0]);
-        let end = solve(&problem, &mut Starts::with_room_for(2)).unwrap();
+        let end = solve(&problem).unwrap();
         assert!((end.point - Point3::new(0.0, 7.0, 50.0)).norm() < 1e-3, "{end:?}");
     }
 
@@ -176,7 +141,7 @@ mod tests {
     fn reach_ends_the_way_to_a_sensor_node() {
         let mut problem = posed(dense_urban(), &[[30.0, 40.0]], [20.0, 120.0]);
         problem.disks[0].radius_m = 10.0;
-        let end = solve(&problem, &mut Starts::with_room_for(1)).unwrap();
+        let end = solve(&problem).unwrap();
         assert!((end.point.xy() - Position::new(6.0, 8.0)).norm() < 1e-6, "{end:?}");
         let best_m = problem.best_altitude_m(&Position::new(6.0, 8.0));
         assert!((end.point.z - best_m).abs() < 1e-2, "{end:?}, {best_m} m");
@@ -185,13 +150,13 @@ mod tests {
     #[test]
     fn sensor_nodes_that_no_point_can_serve_together_have_no_waypoint() {
         let problem = posed(dense_urban(), &[[-60.1, 0.0], [60.1, 0.0]], [20.0, 120.0]);
-        assert_eq!(solve(&problem, &mut Starts::with_room_for(2)), None);
+        assert_eq!(solve(&problem), None);
     }
 
     #[test]
     fn links_that_carry_nothing_leave_the_ascent_where_it_starts() {
         let silent = LineOfSight { los_snr: 0.0, nlos_snr: 0.0, ..dense_urban() };
-        let end = solve(&posed(silent, &[[10.0, 0.0], [20.0, 0.0]], [20.0, 120.0]), &mut Starts::with_room_for(2));
+        let end = solve(&posed(silent, &[[10.0, 0.0], [20.0, 0.0]], [20.0, 120.0]));
         assert_eq!(end.map(|end| end.rate_bps), Some(0.0));
     }
 
@@ -204,7 +169,7 @@ mod tests {
         ) {
             let places: Vec<[f64; 2]> = places.into_iter().map(|(x_m, y_m)| [x_m, y_m]).collect();
             let problem = posed(LineOfSight { curve, ..dense_urban() }, &places, [range.0, range.0 + range.1]);
-            let end = solve(&problem, &mut Starts::with_room_for(6)).expect("the origin is in all disks");
+            let end = solve(&problem).expect("the origin is in all disks");
             prop_assert_eq!(problem.project(&end.point), Some(end.point));
             for axis in 0..3 {
                 for step_m in [-3.0, -0.1, -1e-3, 1e-3, 0.1, 3.0] {

@@ -1,7 +1,7 @@
 //! The conic waypoint solver: the projection onto an intersection of disks as a second-order cone program, by Clarabel.
 //!
-//! It solves what [`crate::geometry::disks`] solves, and is there to check it. Only this file and [`crate::waypoint::sca`], which carries
-//! what plane geometry cannot, know Clarabel.
+//! It solves what [`crate::geometry::disks`] solves, and is there to check it. Only this file and [`crate::waypoint::sca`],
+//! which solves what plane geometry cannot, know Clarabel.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
@@ -54,39 +54,30 @@ impl ConicSolver {
     }
 
     /// Minimises `½‖v‖²` subject to `‖v − v_j‖ ≤ ρ_j` for every disk, all lengths from `target` and in units of
-    /// `unit_m`.
+    /// `unit_m`, as `b − A v ∈ K`, per disk with the rows `(1, (v − v_j)/ρ_j)`.
     ///
     /// Each cone is divided by its own `ρ_j`, so that reach and range weigh the same whatever their radii.
     fn solve(&mut self, target: &Position, disks: &[Disk], unit_m: f64) -> Option<nalgebra::Vector2<f64>> {
-        self.fill(target, disks, unit_m);
-        let solver = kept_for(&mut self.kept, disks.len());
-        solver.update_A(&self.matrix).expect("presolve is off and the shape is the kept one's");
-        solver.update_b(&self.offsets).expect("presolve is off and the shape is the kept one's");
+        let Self { kept, matrix, offsets } = self;
+        matrix.clear();
+        offsets.clear();
+        for _column in 0..2 {
+            matrix.extend(disks.iter().map(|disk| -unit_m / disk.radius_m));
+        }
+        for disk in disks {
+            let from_target = (disk.centre - target) / disk.radius_m;
+            offsets.extend([1.0, -from_target.x, -from_target.y]);
+        }
+        if kept.len() <= disks.len() {
+            kept.resize_with(disks.len() + 1, || None);
+        }
+        let solver = kept[disks.len()].get_or_insert_with(|| template(disks.len()));
+        solver.update_A(matrix).expect("presolve is off and the shape is the kept one's");
+        solver.update_b(offsets).expect("presolve is off and the shape is the kept one's");
         solver.solve();
         (solver.solution.status == SolverStatus::Solved)
             .then(|| nalgebra::Vector2::new(solver.solution.x[0], solver.solution.x[1]))
     }
-
-    /// Writes `A` and `b` of `b − A v ∈ K`: per disk the rows `(1, (v − v_j)/ρ_j)`.
-    fn fill(&mut self, target: &Position, disks: &[Disk], unit_m: f64) {
-        self.matrix.clear();
-        self.offsets.clear();
-        for _column in 0..2 {
-            self.matrix.extend(disks.iter().map(|disk| -unit_m / disk.radius_m));
-        }
-        for disk in disks {
-            let from_target = (disk.centre - target) / disk.radius_m;
-            self.offsets.extend([1.0, -from_target.x, -from_target.y]);
-        }
-    }
-}
-
-/// The kept solver for `disks` disks, made at its first use.
-fn kept_for(kept: &mut Vec<Option<DefaultSolver<f64>>>, disks: usize) -> &mut DefaultSolver<f64> {
-    if kept.len() <= disks {
-        kept.resize_with(disks + 1, || None);
-    }
-    kept[disks].get_or_insert_with(|| template(disks))
 }
 
 /// A solver with the right shape and placeholder data: `P = I`, `q = 0`, one non-zero per disk in each column of `A`.

@@ -10,15 +10,14 @@ pub mod problem;
 pub mod sca;
 
 use nalgebra::Point3;
-use skysink_common::geometry::Position;
+use skysink_common::geometry::{Position, above};
 use skysink_common::message::SolverOutcome;
 use skysink_common::scenario::Scenario;
 
 use crate::sensor_table::SensorTable;
 use crate::settings::{Settings, WaypointSolver};
-use ascent::{Rated, Starts};
 use conic::ConicSolver;
-use problem::{Problem, Waypoint};
+use problem::{Problem, RatedPoint, Waypoint};
 use sca::Contribution;
 
 /// Relative difference in rate below which two ends are equally good.
@@ -28,7 +27,7 @@ const CONFIRMED: f64 = 1e-6;
 pub struct Solver {
     scenario: Scenario,
     problem: Problem,
-    starts: Starts,
+    starts: Vec<RatedPoint>,
     /// Most expansions, 1 to 1000.
     iterations: u32,
     /// None where the solver is geometric.
@@ -43,7 +42,7 @@ impl Solver {
         Self {
             scenario: scenario.clone(),
             problem: Problem::new(table),
-            starts: Starts::with_room_for(table.resource_blocks),
+            starts: Vec::with_capacity(2 * table.resource_blocks + 2),
             iterations: settings.sca_iterations.get() as u32,
             conic: is_conic.then(ConicSolver::default),
         }
@@ -56,24 +55,23 @@ impl Solver {
         if !table.channel.depends_on_elevation() {
             return plane::solve(&self.problem, self.conic.as_mut(), self.iterations);
         }
-        if self.conic.is_some() {
-            return self.approximate();
+        ascent::fill_starts(&self.problem, &mut self.starts);
+        let alone = ascent::best_end(&self.problem, &self.starts)?;
+        if self.conic.is_none() {
+            return Some(Waypoint { point: alone.point, outcome: SolverOutcome::Solved });
         }
-        let end = ascent::solve(&self.problem, &mut self.starts)?;
-        Some(Waypoint { point: end.point, outcome: SolverOutcome::Solved })
+        self.approximate(alone)
     }
 
-    /// Convex steps from the best starts, each finished by ascent; the ascent alone where that leads visibly higher, as
-    /// it may where a step leaves the tip above an SN.
-    fn approximate(&mut self) -> Option<Waypoint> {
-        let problem = &self.problem;
-        let ends = self.starts.of(problem).iter().map(|start| {
-            let (stepped, contribution) = sca::approximate(problem, *start, self.iterations);
-            let end = ascent::climb(problem, stepped);
+    /// Convex steps from the best starts, each finished by ascent; `alone`, the end of the ascent alone, where that is
+    /// visibly higher, as it may be where a step leaves the tip above an SN.
+    fn approximate(&self, alone: RatedPoint) -> Option<Waypoint> {
+        let ends = self.starts.iter().map(|start| {
+            let (stepped, contribution) = sca::approximate(&self.problem, *start, self.iterations);
+            let end = ascent::climb(&self.problem, stepped);
             (end, outcome(contribution, stepped, end))
         });
         let (end, outcome) = ends.reduce(|best, end| if end.0.rate_bps > best.0.rate_bps { end } else { best })?;
-        let alone = ascent::solve(problem, &mut self.starts)?;
         if alone.rate_bps > end.rate_bps * (1.0 + CONFIRMED) {
             return Some(Waypoint { point: alone.point, outcome: SolverOutcome::Fallback });
         }
@@ -90,17 +88,17 @@ impl Solver {
             self.problem.pose(table, ground, altitudes_m, ids);
             self.problem.best_altitude_m(ground)
         };
-        Point3::new(ground.x, ground.y, altitude_m)
+        above(ground, altitude_m)
     }
 }
 
-/// Whose the `end` of an ascent is: Clarabel's if it moved the start uphill, or called its own result, `stepped`, the end
-/// and was right.
-fn outcome(contribution: Contribution, stepped: Rated, end: Rated) -> SolverOutcome {
-    let right = end.rate_bps <= stepped.rate_bps * (1.0 + CONFIRMED);
+/// The outcome of an ascent from `stepped` to `end`: solved if Clarabel moved the start uphill, or confirmed a start from
+/// which the ascent leads no higher.
+fn outcome(contribution: Contribution, stepped: RatedPoint, end: RatedPoint) -> SolverOutcome {
+    let is_end = end.rate_bps <= stepped.rate_bps * (1.0 + CONFIRMED);
     match contribution {
         Contribution::Moved => SolverOutcome::Solved,
-        Contribution::Confirmed if right => SolverOutcome::Solved,
+        Contribution::Confirmed if is_end => SolverOutcome::Solved,
         Contribution::Confirmed | Contribution::Nothing => SolverOutcome::Fallback,
     }
 }

@@ -3,8 +3,8 @@
 //! sP2* expands the rates to first order in `d²`, which makes it the projection of a weighted centroid onto an
 //! intersection of disks: exactly by plane geometry, or as a second-order cone program.
 
-use nalgebra::{Point3, Vector2};
-use skysink_common::geometry::{Position, distance_squared};
+use nalgebra::Vector2;
+use skysink_common::geometry::{Position, above, distance_squared};
 use skysink_common::message::SolverOutcome;
 
 use crate::geometry::disks::project;
@@ -42,18 +42,18 @@ fn nearest(problem: &Problem, conic: Option<&mut ConicSolver>, target: &Position
     let by_cones = conic.and_then(|conic| conic.project(target, &problem.disks));
     let outcome = if is_exact || by_cones.is_some() { SolverOutcome::Solved } else { SolverOutcome::Fallback };
     let ground = by_cones.or_else(|| project(target, &problem.disks))?;
-    Some(Waypoint { point: Point3::new(ground.x, ground.y, problem.altitudes_m[0]), outcome })
+    Some(Waypoint { point: above(&ground, problem.altitudes_m[0]), outcome })
 }
 
 /// The point that sP2* expanded at `q0` would choose without constraints: it maximises `−Σ c_i ‖L_i − q‖²`, where
 /// `c_i = −∂r_i/∂d²` [bit/s/m²] at `q0`.
 fn centroid(problem: &Problem, q0: &Position) -> Position {
-    let at = Point3::new(q0.x, q0.y, problem.altitudes_m[0]);
+    let at = above(q0, problem.altitudes_m[0]);
     let mut sum = Vector2::zeros();
     let mut weight = 0.0;
-    for target in &problem.targets {
-        let c = -problem.channel.slopes(&target.uplink(&at)).by_distance2;
-        sum += (target.position - q0) * c;
+    for (position, uplink) in problem.uplinks(&at) {
+        let c = -problem.channel.slopes(&uplink).by_distance2;
+        sum += (position - q0) * c;
         weight += c;
     }
     // Where no link carries anything (or any carries anything, H → 0), sP2* says nothing, and q0 is as good as any.
@@ -66,7 +66,6 @@ mod tests {
     use crate::sensor_table::SensorTable;
     use crate::sensor_table::tests::table_of;
     use crate::settings::WaypointSolver;
-    use crate::waypoint::problem::Target;
     use proptest::prelude::*;
     use skysink_common::channel::{Channel, FreeSpace, Uplink};
 
@@ -167,10 +166,9 @@ mod tests {
         assert_waypoint(&problem, [56.0, 50.0]);
     }
 
-    /// How fast the rate of `target` falls with `d²` at `q0`, `c_i` [bit/s/m²].
-    fn slope(problem: &Problem, target: &Target, q0: &Position) -> f64 {
-        let at = Point3::new(q0.x, q0.y, problem.altitudes_m[0]);
-        -problem.channel.slopes(&target.uplink(&at)).by_distance2
+    /// How fast the rate of `uplink` falls with `d²`, `c_i` [bit/s/m²].
+    fn slope(problem: &Problem, uplink: &Uplink) -> f64 {
+        -problem.channel.slopes(uplink).by_distance2
     }
 
     /// An altitude [m] so low that the rates bend within range.
@@ -194,12 +192,11 @@ mod tests {
         fn the_slopes_are_the_derivatives_of_the_rates(field in clusters(), at in (40.0..60.0, 40.0..60.0)) {
             let problem = posed_at(&field, [50.0, 50.0], LOW_M);
             let q0 = Position::new(at.0, at.1);
-            for target in &problem.targets {
-                let uplink = target.uplink(&Point3::new(q0.x, q0.y, LOW_M));
+            for (_, uplink) in problem.uplinks(&above(&q0, LOW_M)) {
                 let beside = |step_m2: f64| Uplink { d2_m2: uplink.d2_m2 + step_m2, ..uplink };
                 let rate_bps = |step_m2| field.channel.expected_rate_bps(&beside(step_m2));
                 let expected = (rate_bps(-1e-3) - rate_bps(1e-3)) / 2e-3;
-                prop_assert!((slope(&problem, target, &q0) / expected - 1.0).abs() < 1e-4, "{expected}");
+                prop_assert!((slope(&problem, &uplink) / expected - 1.0).abs() < 1e-4, "{expected}");
             }
         }
 
@@ -208,8 +205,9 @@ mod tests {
             let problem = posed_at(&field, [from.0, from.1], LOW_M);
             let q0 = problem.mean();
             let expanded = |q: &Position| -> f64 {
-                let falls = |target: &Target| slope(&problem, target, &q0) * distance_squared(&target.position, q);
-                -problem.targets.iter().map(falls).sum::<f64>()
+                let at = above(&q0, LOW_M);
+                let falls = |(at, uplink): (&Position, Uplink)| slope(&problem, &uplink) * distance_squared(at, q);
+                -problem.uplinks(&at).map(falls).sum::<f64>()
             };
             let solved = solve(&problem, None, 1);
             let limit = solved.map_or(f64::NEG_INFINITY, |waypoint| expanded(&waypoint.point.xy()));

@@ -6,7 +6,7 @@
 
 use nalgebra::{Point3, Vector2, Vector3};
 use skysink_common::channel::{Channel, Uplink};
-use skysink_common::geometry::Position;
+use skysink_common::geometry::{Position, above};
 use skysink_common::message::SolverOutcome;
 
 use crate::geometry::disks::{Disk, project};
@@ -26,21 +26,12 @@ const NARROWINGS: u32 = 34;
 pub struct Problem {
     /// The channel of all uplinks.
     pub channel: Channel,
-    /// The scheduled SNs.
-    pub targets: Vec<Target>,
-    /// Reach first, then the range of each target.
+    /// Reach first, then the range of each scheduled SN, about its position `L_i`.
     pub disks: Vec<Disk>,
+    /// Reference channel gain at 1 m of each scheduled SN, `α_i`, as a linear ratio.
+    pub gains: Vec<f64>,
     /// The lowest and the highest altitude [m]; the same where the UAV cannot climb.
     pub altitudes_m: [f64; 2],
-}
-
-/// A scheduled SN.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Target {
-    /// Where it stands, `L_i`.
-    pub position: Position,
-    /// Its reference channel gain at 1 m, `α_i`, as a linear ratio.
-    pub gain: f64,
 }
 
 /// A point that keeps every constraint of sP2.
@@ -52,11 +43,20 @@ pub struct Waypoint {
     pub outcome: SolverOutcome,
 }
 
-impl Target {
-    /// Its uplink with the UAV at `uav`.
+/// A point and its objective.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RatedPoint {
+    /// Where it is.
+    pub point: Point3<f64>,
+    /// `Σ E[r_i]` there [bit/s].
+    pub rate_bps: f64,
+}
+
+impl RatedPoint {
+    /// The one of higher rate; of equals this one.
     #[must_use]
-    pub fn uplink(&self, uav: &Point3<f64>) -> Uplink {
-        Uplink::new(self.gain, &self.position, uav)
+    pub fn or_better(self, other: Self) -> Self {
+        if other.rate_bps > self.rate_bps { other } else { self }
     }
 }
 
@@ -67,8 +67,8 @@ impl Problem {
         let served = table.resource_blocks;
         Self {
             channel: table.channel,
-            targets: Vec::with_capacity(served),
             disks: Vec::with_capacity(served + 1),
+            gains: Vec::with_capacity(served),
             altitudes_m: [0.0; 2],
         }
     }
@@ -76,28 +76,37 @@ impl Problem {
     /// Poses sP2 for the SNs `ids` and the UAV above `ground`, `L_u(t−1)`: `‖q − L_u(t−1)‖ ≤ V τ` and `‖q − L_i‖ ≤ d_c`
     /// on the ground, at one of `altitudes_m` [m], the lowest and the highest.
     pub fn pose(&mut self, table: &SensorTable, ground: &Position, altitudes_m: [f64; 2], ids: &[u32]) {
-        self.targets.clear();
         self.disks.clear();
         self.disks.push(Disk { centre: *ground, radius_m: table.reach_m });
-        for &id in ids {
-            let position = *table.position(id);
-            self.targets.push(Target { position, gain: table.gains[id as usize] });
-            self.disks.push(Disk { centre: position, radius_m: table.comm_radius_m });
-        }
+        self.disks.extend(ids.iter().map(|&id| Disk { centre: *table.position(id), radius_m: table.comm_radius_m }));
+        self.gains.clear();
+        self.gains.extend(ids.iter().map(|&id| table.gains[id as usize]));
         self.altitudes_m = altitudes_m;
     }
 
-    /// Mean of the scheduled positions, the letter's expansion point.
+    /// Where each scheduled SN stands and its uplink, with the UAV at `uav`.
+    pub fn uplinks(&self, uav: &Point3<f64>) -> impl Iterator<Item = (&Position, Uplink)> {
+        let sensors = self.disks[1..].iter().zip(&self.gains);
+        sensors.map(|(range, &gain)| (&range.centre, Uplink::new(gain, &range.centre, uav)))
+    }
+
+    /// Mean of the scheduled positions, the UTS letter's expansion point.
     #[must_use]
     pub fn mean(&self) -> Position {
-        let sum = self.targets.iter().map(|target| target.position.coords).sum::<Vector2<f64>>();
-        (sum / self.targets.len() as f64).into()
+        let sum = self.disks[1..].iter().map(|range| range.centre.coords).sum::<Vector2<f64>>();
+        (sum / self.gains.len() as f64).into()
     }
 
     /// The objective, `Σ E[r_i]` [bit/s].
     #[must_use]
     pub fn rate_bps(&self, at: &Point3<f64>) -> f64 {
-        self.targets.iter().map(|target| self.channel.expected_rate_bps(&target.uplink(at))).sum()
+        self.uplinks(at).map(|(_, uplink)| self.channel.expected_rate_bps(&uplink)).sum()
+    }
+
+    /// A point with its objective.
+    #[must_use]
+    pub fn rated(&self, point: Point3<f64>) -> RatedPoint {
+        RatedPoint { point, rate_bps: self.rate_bps(&point) }
     }
 
     /// Direction and slope [bit/s/m] of the steepest ascent of the objective.
@@ -109,10 +118,10 @@ impl Problem {
         let mut pull = Vector2::zeros();
         let mut hold = 0.0;
         let mut climb = 0.0;
-        for target in &self.targets {
-            let away = at.xy() - target.position;
+        for (range, &gain) in self.disks[1..].iter().zip(&self.gains) {
+            let away = at.xy() - range.centre;
             let d_m = away.norm();
-            let slopes = self.channel.slopes(&Uplink { gain: target.gain, d2_m2: d_m * d_m, z_m: at.z });
+            let slopes = self.channel.slopes(&Uplink { gain, d2_m2: d_m * d_m, z_m: at.z });
             let by_angle = slopes.by_elevation.to_degrees() / (d_m * d_m + at.z * at.z);
             climb += 2.0 * at.z * slopes.by_distance2 + d_m * by_angle;
             if d_m > ABOVE_M {
@@ -131,41 +140,45 @@ impl Problem {
     pub fn project(&self, target: &Point3<f64>) -> Option<Point3<f64>> {
         let ground = project(&target.xy(), &self.disks)?;
         let [low_m, high_m] = self.altitudes_m;
-        Some(Point3::new(ground.x, ground.y, target.z.max(low_m).min(high_m)))
+        Some(above(&ground, target.z.max(low_m).min(high_m)))
     }
 
     /// The altitude [m] that maximises the objective above `ground`, by search along the vertical; the lowest of equals.
     #[must_use]
     pub fn best_altitude_m(&self, ground: &Position) -> f64 {
-        let rate_bps = |z_m: f64| self.rate_bps(&Point3::new(ground.x, ground.y, z_m));
         let level_m = |level: u32| self.altitude_m(f64::from(level.min(LEVELS)) / f64::from(LEVELS));
-        let mut best_m = level_m(0);
-        let mut best_bps = rate_bps(best_m);
-        let mut best_level = 0;
-        for level in 1..=LEVELS {
-            let z_m = level_m(level);
-            let level_bps = rate_bps(z_m);
-            if level_bps > best_bps {
-                (best_m, best_bps, best_level) = (z_m, level_bps, level);
-            }
-        }
-        let mut low_m = level_m(best_level.saturating_sub(1));
-        let mut high_m = level_m(best_level + 1);
+        let (level, mut best) = self.best_level(ground, LEVELS);
+        let mut low_m = level_m(level.saturating_sub(1));
+        let mut high_m = level_m(level + 1);
         let golden = (5f64.sqrt() - 1.0) / 2.0;
         for _ in 0..NARROWINGS {
             let width_m = (high_m - low_m) * golden;
-            let lower_m = high_m - width_m;
-            let upper_m = low_m + width_m;
-            let lower_bps = rate_bps(lower_m);
-            let upper_bps = rate_bps(upper_m);
-            let is_below = lower_bps >= upper_bps;
-            let (z_m, z_bps) = if is_below { (lower_m, lower_bps) } else { (upper_m, upper_bps) };
-            (low_m, high_m) = if is_below { (low_m, upper_m) } else { (lower_m, high_m) };
-            if z_bps > best_bps {
-                (best_m, best_bps) = (z_m, z_bps);
+            let lower = self.rated(above(ground, high_m - width_m));
+            let upper = self.rated(above(ground, low_m + width_m));
+            if lower.rate_bps >= upper.rate_bps {
+                high_m = upper.point.z;
+                best = best.or_better(lower);
+            } else {
+                low_m = lower.point.z;
+                best = best.or_better(upper);
             }
         }
-        best_m
+        best.point.z
+    }
+
+    /// The best of the altitudes above `ground` that divide the range into `levels` parts, the lowest of equals, and its
+    /// number from 0.
+    pub(crate) fn best_level(&self, ground: &Position, levels: u32) -> (u32, RatedPoint) {
+        let rated =
+            |level: u32| self.rated(above(ground, self.altitude_m(f64::from(level) / f64::from(levels.max(1)))));
+        let mut best = (0, rated(0));
+        for level in 1..=levels {
+            let next = rated(level);
+            if next.rate_bps > best.1.rate_bps {
+                best = (level, next);
+            }
+        }
+        best
     }
 
     /// The altitude [m] at `fraction` of the range, 0 for the lowest; at 0 and 1 its ends, to the bit.
@@ -197,11 +210,10 @@ pub(crate) mod tests {
 
     /// The problem of the SNs at `places_m` [m] for a UAV 80 m around the origin, `d_c` = 60 m.
     pub(crate) fn posed(model: LineOfSight, places_m: &[[f64; 2]], altitudes_m: [f64; 2]) -> Problem {
-        let target = |&place: &[f64; 2]| Target { position: place.into(), gain: 1.0 };
-        let targets: Vec<Target> = places_m.iter().map(target).collect();
         let mut disks = vec![Disk { centre: Position::origin(), radius_m: 80.0 }];
-        disks.extend(targets.iter().map(|target| Disk { centre: target.position, radius_m: 60.0 }));
-        Problem { channel: Channel::LineOfSight(model), targets, disks, altitudes_m }
+        disks.extend(places_m.iter().map(|&place| Disk { centre: place.into(), radius_m: 60.0 }));
+        let gains = vec![1.0; places_m.len()];
+        Problem { channel: Channel::LineOfSight(model), disks, gains, altitudes_m }
     }
 
     pub(crate) fn curves() -> impl Strategy<Value = LosCurve> {
@@ -262,8 +274,8 @@ pub(crate) mod tests {
             let at = Point3::new(at.0, at.1, at.2);
             let slope = problem.ascent(&at);
             // A logistic curve has a corner where it reaches 0, which no difference may straddle.
-            let flat = |target: &Target| link.los_probability(target.uplink(&at).d2_m2, at.z) > 1e-3;
-            prop_assume!(problem.targets.iter().all(flat));
+            let is_smooth = |uplink: Uplink| link.los_probability(uplink.d2_m2, at.z) > 1e-3;
+            prop_assume!(problem.uplinks(&at).all(|(_, uplink)| is_smooth(uplink)));
             for axis in 0..3 {
                 let mut step = Vector3::zeros();
                 step[axis] = 1e-4;

@@ -23,9 +23,8 @@ use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::scenario::LosCurve;
 
-use crate::waypoint::ascent::Rated;
 use crate::waypoint::conic;
-use crate::waypoint::problem::Problem;
+use crate::waypoint::problem::{Problem, RatedPoint};
 
 /// Largest exponent `α_L` at which the tangent is relied on as a lower bound.
 const CONVEX_UP_TO: f64 = 4.0;
@@ -60,21 +59,22 @@ pub enum Contribution {
 }
 
 /// Up to `iterations` convex steps from a feasible `start`; the true objective never falls.
+///
+/// The tangents are those of a sigmoid probability of line of sight, and a lower bound up to an exponent of 4; elsewhere
+/// the start is returned, and the rest left to the ascent, as where Clarabel solves nothing.
 #[must_use]
-pub fn approximate(problem: &Problem, start: Rated, iterations: u32) -> (Rated, Contribution) {
-    let (mut at, mut contribution) = (start, Contribution::Nothing);
-    let Channel::LineOfSight(link) = problem.channel else {
-        return (at, contribution); // the tangents are those of this model
-    };
-    let LosCurve::Sigmoid { a, b } = link.curve else {
-        return (at, contribution); // no convex form for the generalised logistic: left to the ascent
+pub fn approximate(problem: &Problem, start: RatedPoint, iterations: u32) -> (RatedPoint, Contribution) {
+    let mut at = start;
+    let mut contribution = Contribution::Nothing;
+    let Channel::LineOfSight(link @ LineOfSight { curve: LosCurve::Sigmoid { a, b }, .. }) = problem.channel else {
+        return (at, contribution);
     };
     if link.los_exponent > CONVEX_UP_TO {
-        return (at, contribution); // the lower bound ends: left to the ascent
+        return (at, contribution);
     }
     for _ in 0..iterations {
         let Some(proposal) = Program::at(problem, &link, &at.point, [a, b]).solve() else {
-            break; // not solved: what was reached before counts, the rest is left to the ascent
+            break;
         };
         let next = as_far_as_it_rises(problem, at, &proposal);
         let rises = next.rate_bps > at.rate_bps * (1.0 + SETTLED);
@@ -91,12 +91,11 @@ pub fn approximate(problem: &Problem, start: Rated, iterations: u32) -> (Rated, 
 }
 
 /// The farthest of some points between `at` and `proposal` at which the true objective is higher than at `at`, or `at`.
-fn as_far_as_it_rises(problem: &Problem, at: Rated, proposal: &Point3<f64>) -> Rated {
+fn as_far_as_it_rises(problem: &Problem, at: RatedPoint, proposal: &Point3<f64>) -> RatedPoint {
     let step = proposal - at.point;
     let fractions = std::iter::successors(Some(1.0), |fraction| Some(fraction / 2.0)).take(HALVINGS + 1);
-    let point = |fraction: f64| problem.project(&(at.point + step * fraction));
-    let mut points = fractions.filter_map(|fraction| Some(Rated::new(problem, point(fraction)?)));
-    points.find(|point| point.rate_bps > at.rate_bps).unwrap_or(at)
+    let points = fractions.filter_map(|fraction| problem.project(&(at.point + step * fraction)));
+    points.map(|point| problem.rated(point)).find(|point| point.rate_bps > at.rate_bps).unwrap_or(at)
 }
 
 /// One convex program, `min ½ uᵀ P u + cᵀ u` subject to `h − A u ∈ K`.
@@ -117,7 +116,7 @@ impl Program {
     /// The program of `problem` expanded at the feasible point `at`, for the curve `1/(1 + a e^{−b(θ−a)})` of
     /// `[a, b]`.
     fn at(problem: &Problem, link: &LineOfSight, at: &Point3<f64>, curve: [f64; 2]) -> Self {
-        let variables = POINT + 2 * problem.targets.len();
+        let variables = POINT + 2 * problem.gains.len();
         let unit_m = problem.disks.iter().map(|disk| disk.radius_m).fold(f64::INFINITY, f64::min);
         let mut program = Self {
             origin: *at,
@@ -133,8 +132,8 @@ impl Program {
             program.stay_within(&disk.centre, disk.radius_m);
         }
         let scale_bps = problem.rate_bps(at);
-        for (index, target) in problem.targets.iter().enumerate() {
-            program.serve(link, &target.position, curve, scale_bps, POINT + 2 * index);
+        for (index, range) in problem.disks[1..].iter().enumerate() {
+            program.serve(link, &range.centre, curve, scale_bps, POINT + 2 * index);
         }
         program
     }
@@ -249,8 +248,8 @@ mod tests {
         })
     }
 
-    fn start_of(problem: &Problem, share: f64) -> Rated {
-        Rated::new(problem, Point3::new(0.0, 0.0, problem.altitude_m(share)))
+    fn start_of(problem: &Problem, fraction: f64) -> RatedPoint {
+        problem.rated(Point3::new(0.0, 0.0, problem.altitude_m(fraction)))
     }
 
     proptest! {
@@ -273,8 +272,8 @@ mod tests {
         }
 
         #[test]
-        fn the_true_rate_never_falls_and_the_constraints_are_kept(problem in problems(), share in 0.0..1.0) {
-            let mut last = start_of(&problem, share);
+        fn the_true_rate_never_falls_and_the_constraints_are_kept(problem in problems(), fraction in 0.0..1.0) {
+            let mut last = start_of(&problem, fraction);
             for _ in 0..5 {
                 let (next, _) = approximate(&problem, last, 1);
                 prop_assert!(next.rate_bps >= last.rate_bps, "{} < {}", next.rate_bps, last.rate_bps);
@@ -301,7 +300,7 @@ mod tests {
     fn one_step_crosses_most_of_the_way_to_the_middle_of_a_pair() {
         // Two SNs 60 m apart, the UAV 20 m off their middle at 60 m: by symmetry the best point is above the middle.
         let problem = posed(dense_urban(), &[[-30.0, 0.0], [30.0, 0.0]], [60.0, 60.0]);
-        let start = Rated::new(&problem, Point3::new(0.0, 20.0, 60.0));
+        let start = problem.rated(Point3::new(0.0, 20.0, 60.0));
         let (end, contribution) = approximate(&problem, start, 1);
         assert_eq!((contribution, end.point.z), (Contribution::Moved, 60.0));
         assert!(end.point.y.abs() < 2.0 && end.point.x.abs() < 1e-3, "{end:?}");
