@@ -19,6 +19,9 @@ const MOST_IMPROVED: usize = 20_000;
 /// Sweeps over all points; a tour settles in far fewer.
 const MOST_SWEEPS: usize = 50;
 
+/// Place of a point that is not in the tour yet.
+const UNVISITED: usize = usize::MAX;
+
 /// Gains below this [m] are rounding.
 const LEAST_GAIN_M: f64 = 1e-9;
 
@@ -53,17 +56,14 @@ impl<'a> Tour<'a> {
         };
         let neighbours: Vec<Vec<u32>> = (0..).zip(points).map(near).collect();
         let mut order = Vec::with_capacity(points.len());
-        let mut places = vec![usize::MAX; points.len()];
-        let mut unvisited: std::collections::BTreeSet<u32> = (0..points.len() as u32).collect();
-        let mut at = 0;
-        while unvisited.remove(&at) {
+        let mut places = vec![UNVISITED; points.len()];
+        let mut next = (!points.is_empty()).then_some(0);
+        while let Some(at) = next {
             places[at as usize] = order.len();
             order.push(at);
-            let listed = neighbours[at as usize].iter().find(|&&near| places[near as usize] == usize::MAX);
-            let Some(next) = listed.copied().or_else(|| farther(&grid, &points[at as usize], &unvisited)) else {
-                break;
-            };
-            at = next;
+            let is_unvisited = |point: &u32| places[*point as usize] == UNVISITED;
+            let listed = neighbours[at as usize].iter().copied().find(is_unvisited);
+            next = listed.or_else(|| farther(&grid, points, at, is_unvisited));
         }
         Self { points, neighbours, order, places }
     }
@@ -149,9 +149,11 @@ impl<'a> Tour<'a> {
                     continue;
                 }
                 let next = self.at(place + 1);
-                let (entry, exit) = if next == point { continue } else { (other, next) };
-                let base_m = self.length_m(entry, exit);
-                let straight_m = self.length_m(entry, point) + self.length_m(last, exit);
+                if next == point {
+                    continue;
+                }
+                let base_m = self.length_m(other, next);
+                let straight_m = self.length_m(other, point) + self.length_m(last, next);
                 if freed_m - straight_m + base_m > LEAST_GAIN_M {
                     self.shift(begin, end, place);
                     return true;
@@ -183,20 +185,18 @@ impl<'a> Tour<'a> {
     }
 }
 
-/// The unvisited point nearest to `point`, where its list holds none.
-fn farther(grid: &Grid, point: &Position, unvisited: &std::collections::BTreeSet<u32>) -> Option<u32> {
+/// The unvisited point nearest to point `at`, where its list holds none; any if `at` is not a number. `None` if all are
+/// visited.
+fn farther(grid: &Grid, points: &[Position], at: u32, is_unvisited: impl Fn(&u32) -> bool) -> Option<u32> {
     let mut count = 4 * NEIGHBOURS;
-    while !unvisited.is_empty() {
-        let near = grid.nearest(point, count);
-        if let Some(&next) = near.iter().find(|near| unvisited.contains(near)) {
-            return Some(next);
-        }
-        if near.len() < count {
-            return unvisited.first().copied(); // a place that is no place is near nothing
+    loop {
+        let near = grid.nearest(&points[at as usize], count);
+        let next = near.iter().copied().find(&is_unvisited);
+        if next.is_some() || near.len() < count {
+            return next.or_else(|| (0..points.len() as u32).find(&is_unvisited));
         }
         count *= 4;
     }
-    None
 }
 
 #[cfg(test)]
