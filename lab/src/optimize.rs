@@ -174,7 +174,7 @@ fn search(
     let mut stopped = Ok(());
     let found = Offline::search(offline, &nodes, &list.queues_bits(), &mut |search| {
         let loss_rate = Some(loss_rate(search.loss_bits, offline, list));
-        on_progress(LabProgress { done: (search.share * steps as f64) as u64, of: steps, loss_rate });
+        on_progress(LabProgress { done: (search.fraction * steps as f64) as u64, of: steps, loss_rate });
         stopped = stop.check();
         if stopped.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });

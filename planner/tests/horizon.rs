@@ -195,14 +195,14 @@ fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
         let list = SensorList::of(&scenario).unwrap();
         let nodes = list.nodes();
         let mut mission = TestMission::new(&scenario);
-        let mut shares = Vec::new();
+        let mut fractions = Vec::new();
         let found = Offline::search(&scenario, &nodes, &list.queues_bits(), &mut |progress| {
-            shares.push(progress.share);
+            fractions.push(progress.fraction);
             ControlFlow::Continue(())
         });
         let (offline, predicted_bits) = found.unwrap().unwrap();
         *mission.planner_mut() = Planner::with_strategy(&scenario, &nodes, Box::new(offline)).unwrap();
-        assert!(shares.len() > 100 && shares.is_sorted() && shares[0] == 0.0, "{shares:?}");
+        assert!(fractions.len() > 100 && fractions.is_sorted() && fractions[0] == 0.0, "{fractions:?}");
         mission.by_ref().take(200).for_each(drop);
         let lost_bits = mission.lost_bits() as f64;
         assert!((lost_bits - predicted_bits).abs() < 1e-3, "seed {seed}: {lost_bits} against {predicted_bits}");
@@ -221,7 +221,7 @@ fn a_search_that_is_broken_off_finds_nothing() {
     let scenario = scenario_of(text, "offline", 1);
     let list = SensorList::of(&scenario).unwrap();
     let nodes = list.nodes();
-    let broken_off = Offline::search(&scenario, &nodes, &list.queues_bits(), &mut |progress| match progress.share {
+    let broken_off = Offline::search(&scenario, &nodes, &list.queues_bits(), &mut |progress| match progress.fraction {
         share if share > 0.5 => ControlFlow::Break(()),
         _ => ControlFlow::Continue(()),
     });

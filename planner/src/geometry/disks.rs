@@ -9,7 +9,7 @@ use skysink_common::geometry::{Position, distance_squared, within};
 pub struct Disk {
     /// Its centre.
     pub centre: Position,
-    /// Its radius [m], above 0.
+    /// Its radius [m], not negative.
     pub radius_m: f64,
 }
 
@@ -40,37 +40,42 @@ impl Disk {
     }
 }
 
+/// Slack of the number of slots to a disk, relative to one slot's reach; far below the slack of decision D5.
+const SLOT_SLACK: f64 = 1e-11;
+
+/// Slots to get from `from` into `disk` at `reach_m` [m] a slot, at least 1.
+#[inline]
+#[must_use]
+pub fn slots_between(from: &Position, disk: &Disk, reach_m: f64) -> f64 {
+    let away_m = distance_squared(from, &disk.centre).sqrt() - disk.radius_m;
+    (away_m / reach_m - SLOT_SLACK).ceil().max(1.0)
+}
+
 /// The point of all `disks` that is nearest to `target`; `None` if they have no point in common (decision D5).
 #[must_use]
 pub fn project(target: &Position, disks: &[Disk]) -> Option<Position> {
-    let mut nearest = Nearest { target, disks, best: None };
-    nearest.offer(*target);
-    if nearest.best.is_none() {
-        disks.iter().for_each(|disk| nearest.offer(disk.nearest(target)));
-    }
-    if nearest.best.is_none() {
-        for (index, a) in disks.iter().enumerate() {
-            disks[..index].iter().flat_map(|b| crossings(a, b)).for_each(|crossing| nearest.offer(crossing));
-        }
-    }
-    nearest.best.map(|(_, point)| point)
+    let pairs = || disks.iter().enumerate().flat_map(|(index, a)| disks[..index].iter().map(move |b| (a, b)));
+    nearest_in_all(target, disks, [*target])
+        .or_else(|| nearest_in_all(target, disks, disks.iter().map(|disk| disk.nearest(target))))
+        .or_else(|| nearest_in_all(target, disks, pairs().flat_map(|(a, b)| crossings(a, b))))
 }
 
-/// The candidate in all disks that is nearest to the target, so far; the first of equals.
-struct Nearest<'a> {
-    target: &'a Position,
-    disks: &'a [Disk],
-    best: Option<(f64, Position)>,
-}
-
-impl Nearest<'_> {
-    fn offer(&mut self, candidate: Position) {
-        let away_m2 = distance_squared(&candidate, self.target);
-        let nearer = self.best.is_none_or(|(best_m2, _)| away_m2 < best_m2);
-        if nearer && self.disks.iter().all(|disk| disk.contains(&candidate)) {
-            self.best = Some((away_m2, candidate));
+/// The candidate in all `disks` that is nearest to `target`; the first of equals.
+#[inline]
+fn nearest_in_all(
+    target: &Position,
+    disks: &[Disk],
+    candidates: impl IntoIterator<Item = Position>,
+) -> Option<Position> {
+    let mut best: Option<(f64, Position)> = None;
+    for candidate in candidates {
+        let away_m2 = distance_squared(&candidate, target);
+        let is_nearer = best.is_none_or(|(best_m2, _)| away_m2 < best_m2);
+        if is_nearer && disks.iter().all(|disk| disk.contains(&candidate)) {
+            best = Some((away_m2, candidate));
         }
     }
+    best.map(|(_, point)| point)
 }
 
 /// The point of both disks that is nearest to `target`, without the slack of decision D5; if they miss each other by
@@ -226,5 +231,36 @@ mod tests {
                 }
             }
         }
+    }
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(400))]
+
+        #[test]
+        fn the_point_in_reach_and_range_is_the_nearest_to_the_target(
+            centre in [0.0..100.0, 0.0..100.0], radius_m in 0.5..30.0, target in [0.0..100.0, 0.0..100.0], reach_m in 5.0..40.0,
+        ) {
+            let (from, centre, target) = (Position::new(50.0, 50.0), Position::from(centre), Position::from(target));
+            let range = Disk { centre, radius_m };
+            let reach_m = reach_m * slots_between(&from, &range, reach_m);
+            let waypoint = nearest_in_both(&target, &Disk { centre: from, radius_m: reach_m }, &range);
+            let inside = |point: &Position, slack: f64| {
+                distance_squared(point, &centre) <= (radius_m * slack).powi(2)
+                    && distance_squared(point, &from) <= (reach_m * slack).powi(2)
+            };
+            prop_assert!(inside(&waypoint, 1.0 + 1e-10), "{}", waypoint);
+            for column in 0..=100 {
+                for row in 0..=100 {
+                    let point = Position::new(f64::from(column), f64::from(row));
+                    let nearer = (point - target).norm() < (waypoint - target).norm() - 1e-9;
+                    prop_assert!(!nearer || !inside(&point, 1.0), "{} beats {}", point, waypoint);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_disk_is_reached_in_whole_slots() {
+        assert_eq!(slots_between(&Position::origin(), &disk(70.0, 0.0, 10.0), 30.0), 2.0); // 60 m
+        assert_eq!(slots_between(&Position::origin(), &disk(5.0, 0.0, 10.0), 30.0), 1.0);
     }
 }

@@ -1,191 +1,227 @@
-//! Simulated annealing of a plan: changes of a few stops, accepted by chance if they lose a little more.
+//! Simulated annealing of a plan: changes of a few stops, accepted with a probability that falls with the loss they add.
+
+use std::ops::Range;
+use std::time::Instant;
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
-use super::budget::Budget;
+use super::flight::Leg;
 use super::forecast::{FRESH, Forecast};
-use super::world::World;
+use super::model::PlanningModel;
 
 /// Longest part of a plan that moves as one.
 const LONGEST_MOVED: usize = 40;
 
-/// Longest part of a plan that is turned round.
-const LONGEST_TURNED: usize = 150;
+/// Longest part of a plan that is reversed.
+const LONGEST_REVERSED: usize = 150;
 
-/// How willing a search is to accept more loss.
+/// Slots ahead from which on a change has the full temperature.
+const FAR_SLOTS: f64 = 60.0;
+
+/// Steps between two readings of the clock: a search ends at most this many late.
+const CLOCK_STEPS: u32 = 64;
+
+/// Which loss a search accepts.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Heat {
-    /// Loss [bit] that is accepted with chance 1/e, for a change in the far future.
+pub struct Temperature {
+    /// Loss [bit] that is accepted with probability 1/e, for a change at least 60 slots ahead.
     pub far_bits: f64,
-    /// The slot from which on the future counts: changes start behind it.
+    /// The slot from which on changes start, and slots ahead are counted.
     pub now: i32,
-    /// Slots ahead of it from which on the future is far.
-    pub far_slots: f64,
-    /// The share of it for a change in the next slot.
-    pub near_share: f64,
+    /// The fraction of it for a change in the next slot.
+    pub near_fraction: f64,
 }
 
-impl Heat {
+impl Temperature {
     fn at(&self, slot: i32) -> f64 {
-        self.far_bits * (f64::from(slot - self.now) / self.far_slots).clamp(self.near_share, 1.0)
+        self.far_bits * (f64::from(slot - self.now) / FAR_SLOTS).clamp(self.near_fraction, 1.0)
     }
 }
 
 /// A number below `count`, which is at least 1 and below 2^32.
-fn below(random: &mut ChaCha8Rng, count: usize) -> usize {
+pub(super) fn below(random: &mut ChaCha8Rng, count: usize) -> usize {
     ((u64::from(random.next_u32()) * count as u64) >> 32) as usize
 }
 
-/// A share from above 0 to 1.
-fn share(random: &mut ChaCha8Rng) -> f64 {
+/// A fraction from above 0 to 1.
+pub(super) fn fraction(random: &mut ChaCha8Rng) -> f64 {
     (f64::from(random.next_u32()) + 1.0) / 4_294_967_296.0
 }
 
-/// Improves the plan of `forecast` by as many changes as `budget` allows.
-pub fn anneal(world: &World, forecast: &mut Forecast, heat: Heat, budget: Budget, random: &mut ChaCha8Rng) {
-    for _ in (0..).take_while(|step| budget.allows(*step)) {
-        let Some((from, to)) = propose(world, forecast, heat.now, random) else {
+/// The numbers of `steps` steps, of which none begins after `until`; without it no clock is read.
+fn steps_until(steps: u32, until: Option<Instant>) -> impl Iterator<Item = u32> {
+    let is_early = move |until: Instant| Instant::now() < until;
+    (0..steps).take_while(move |step| !step.is_multiple_of(CLOCK_STEPS) || until.is_none_or(is_early))
+}
+
+/// Improves the plan of `forecast` by up to `steps` changes, none of which is tried after `until`.
+pub fn anneal(
+    model: &PlanningModel,
+    forecast: &mut Forecast,
+    temperature: Temperature,
+    steps: u32,
+    until: Option<Instant>,
+    random: &mut ChaCha8Rng,
+) {
+    let mut inserted = Vec::new();
+    for _ in steps_until(steps, until) {
+        let legs = &forecast.trace.legs;
+        let first = if temperature.now > 0 { legs.partition_point(|leg| leg.end <= temperature.now) } else { 0 };
+        inserted.clear();
+        let Some(replaced) = Proposal { model, legs, random, inserted: &mut inserted }.draw(first) else {
             continue;
         };
-        let slot = forecast.trace().legs.get(from).map_or(forecast.outlook().slots, |leg| leg.end);
-        let limit_bits = forecast.loss_bits - heat.at(slot) * share(random).ln();
-        let loss_bits = forecast.attempt(world, from, to);
+        let slot = legs.get(replaced.start).map_or(forecast.window.slots, |leg| leg.end);
+        let limit_bits = forecast.loss_bits - temperature.at(slot) * fraction(random).ln();
+        let loss_bits = forecast.attempt(model, replaced.start, replaced.end, &inserted);
         if loss_bits <= limit_bits {
             forecast.accept(loss_bits);
         }
     }
 }
 
-/// Draws a change: fills the window of `forecast`, and says which stops it replaces.
-fn propose(world: &World, forecast: &mut Forecast, now: i32, random: &mut ChaCha8Rng) -> Option<(usize, usize)> {
-    let mut window = std::mem::take(&mut forecast.window);
-    window.clear();
-    let first = if now > 0 { forecast.trace().legs.partition_point(|leg| leg.end <= now) } else { 0 };
-    let replaced = Proposal { world, forecast, first, random, window: &mut window }.draw();
-    forecast.window = window;
-    replaced
-}
-
+/// A change in the making.
 struct Proposal<'a> {
-    world: &'a World,
-    forecast: &'a Forecast,
-    /// The first stop that a change may start from.
-    first: usize,
+    model: &'a PlanningModel,
+    /// The plan.
+    legs: &'a [Leg],
     random: &'a mut ChaCha8Rng,
-    window: &'a mut Vec<(u32, u32)>,
+    /// The new stops, as [`Forecast::attempt`] takes them.
+    inserted: &'a mut Vec<(u32, u32)>,
 }
 
 impl Proposal<'_> {
-    fn stops(&self) -> usize {
-        self.forecast.trace().legs.len()
+    fn below(&mut self, count: usize) -> usize {
+        below(self.random, count)
     }
 
-    fn place(&self, stop: usize) -> u32 {
-        self.forecast.trace().legs[stop].place
+    /// Any stop of the model.
+    fn any(&mut self) -> u32 {
+        self.model.stops[below(self.random, self.model.stops.len())]
     }
 
-    /// A place near the one of `stop`, or anywhere.
-    fn other(&mut self, stop: usize) -> u32 {
-        let near = &self.world.neighbours[self.place(stop) as usize];
-        if near.is_empty() || below(self.random, 16) == 0 {
-            return self.world.stops[below(self.random, self.world.stops.len())];
-        }
-        near[below(self.random, near.len())]
+    /// A stop of the model near that of leg `leg`, or any.
+    fn other(&mut self, leg: usize) -> u32 {
+        let near = &self.model.neighbours[self.legs[leg].stop as usize];
+        if near.is_empty() || self.below(16) == 0 { self.any() } else { near[self.below(near.len())] }
     }
 
-    /// The next stop at `place` after or before `stop`, at most `most` stops away.
-    fn find(&mut self, place: u32, stop: usize, most: usize) -> Option<usize> {
-        let legs = &self.forecast.trace().legs;
+    /// The next leg to a stop near that of leg `leg`, before or after it, at most `most` legs away.
+    fn near(&mut self, leg: usize, most: usize) -> Option<usize> {
+        let stop = self.other(leg);
         if self.random.next_u32() & 1 == 0 {
-            let end = legs.len().min(stop + 1 + most);
-            legs[stop + 1..end].iter().position(|leg| leg.place == place).map(|away| stop + 1 + away)
+            let end = self.legs.len().min(leg + 1 + most);
+            self.legs[leg + 1..end].iter().position(|other| other.stop == stop).map(|away| leg + 1 + away)
         } else {
-            let begin = stop.saturating_sub(most);
-            legs[begin..stop].iter().rposition(|leg| leg.place == place).map(|index| begin + index)
+            let begin = leg.saturating_sub(most);
+            self.legs[begin..leg].iter().rposition(|other| other.stop == stop).map(|index| begin + index)
         }
     }
 
-    fn old(&mut self, stops: std::ops::Range<usize>) {
-        let legs = &self.forecast.trace().legs;
-        self.window.extend(stops.map(|stop| (legs[stop].place, stop as u32)));
+    fn keep(&mut self, legs: Range<usize>) {
+        self.inserted.extend(legs.map(|leg| (self.legs[leg].stop, leg as u32)));
     }
 
-    fn turned(&mut self, stops: std::ops::Range<usize>) {
-        let legs = &self.forecast.trace().legs;
-        self.window.extend(stops.rev().map(|stop| (legs[stop].place, FRESH)));
+    fn reverse(&mut self, legs: Range<usize>) {
+        self.inserted.extend(legs.rev().map(|leg| (self.legs[leg].stop, FRESH)));
     }
 
-    fn draw(&mut self) -> Option<(usize, usize)> {
-        if self.stops() == 0 {
-            self.window.push((self.world.stops[below(self.random, self.world.stops.len())], FRESH));
-            return Some((0, 0));
+    /// Draws a change that starts from leg `first` or a later one: fills `inserted` and returns the legs that it replaces.
+    fn draw(&mut self, first: usize) -> Option<Range<usize>> {
+        if self.legs.is_empty() {
+            let stop = self.any();
+            self.inserted.push((stop, FRESH));
+            return Some(0..0);
         }
-        let first = self.first.min(self.stops() - 1);
-        let stop = first + below(self.random, self.stops() - first);
-        match below(self.random, 100) {
+        let first = first.min(self.legs.len() - 1);
+        let leg = first + self.below(self.legs.len() - first);
+        match self.below(100) {
             0..20 => {
-                let place = self.other(stop);
-                self.window.push((place, FRESH));
-                let at = stop + below(self.random, 2);
-                Some((at, at))
+                let stop = self.other(leg);
+                self.inserted.push((stop, FRESH));
+                let at = leg + self.below(2);
+                Some(at..at)
             }
-            20..35 => Some((stop, stop + 1)),
+            20..35 => Some(leg..leg + 1),
             35..50 => {
-                let place = self.other(stop);
-                self.window.push((place, FRESH));
-                Some((stop, stop + 1))
+                let stop = self.other(leg);
+                self.inserted.push((stop, FRESH));
+                Some(leg..leg + 1)
             }
-            50..75 => self.moved(stop),
-            75..90 => self.turn(stop),
-            _ => self.swap(stop),
+            50..75 => self.move_from(leg),
+            75..90 => self.reverse_from(leg),
+            _ => self.swap(leg),
         }
     }
 
-    /// Moves a few stops from `stop` on to behind another one.
-    fn moved(&mut self, stop: usize) -> Option<(usize, usize)> {
-        let longest = LONGEST_MOVED.min(self.stops() - stop);
-        let longest = if below(self.random, 2) == 0 { longest.min(3) } else { longest };
-        let end = stop + 1 + below(self.random, longest);
-        let near = self.other(stop);
-        let behind = self.find(near, stop, usize::MAX / 2)? + 1;
-        let turned = below(self.random, 2) == 0;
+    /// Moves a few stops from leg `leg` on to behind another one.
+    fn move_from(&mut self, leg: usize) -> Option<Range<usize>> {
+        let longest = LONGEST_MOVED.min(self.legs.len() - leg);
+        let longest = if self.below(2) == 0 { longest.min(3) } else { longest };
+        let end = leg + 1 + self.below(longest);
+        let behind = self.near(leg, usize::MAX / 2)? + 1;
+        let is_reversed = self.below(2) == 0;
         let carry = |proposal: &mut Self| {
-            if turned { proposal.turned(stop..end) } else { proposal.old(stop..end) }
+            if is_reversed { proposal.reverse(leg..end) } else { proposal.keep(leg..end) }
         };
         if behind > end {
-            self.old(end..behind);
+            self.keep(end..behind);
             carry(self);
-            Some((stop, behind))
-        } else if behind <= stop {
+            Some(leg..behind)
+        } else if behind <= leg {
             carry(self);
-            self.old(behind..stop);
-            Some((behind, end))
+            self.keep(behind..leg);
+            Some(behind..end)
         } else {
             None
         }
     }
 
-    /// Turns the stops round that lie between `stop` and one near it.
-    fn turn(&mut self, stop: usize) -> Option<(usize, usize)> {
-        let near = self.other(stop);
-        let other = self.find(near, stop, LONGEST_TURNED)?;
-        let (from, to) = if other > stop { (stop + 1, other + 1) } else { (other, stop) };
-        if to - from < 2 {
+    /// Reverses the stops between leg `leg` and one near it.
+    fn reverse_from(&mut self, leg: usize) -> Option<Range<usize>> {
+        let other = self.near(leg, LONGEST_REVERSED)?;
+        let reversed = if other > leg { leg + 1..other + 1 } else { other..leg };
+        if reversed.len() < 2 {
             return None;
         }
-        self.turned(from..to);
-        Some((from, to))
+        self.reverse(reversed.clone());
+        Some(reversed)
     }
 
     /// Exchanges two stops.
-    fn swap(&mut self, stop: usize) -> Option<(usize, usize)> {
-        let near = self.other(stop);
-        let other = self.find(near, stop, usize::MAX / 2)?;
-        let (a, b) = (stop.min(other), stop.max(other));
-        self.old(b..b + 1);
-        self.old(a + 1..b);
-        self.old(a..a + 1);
-        Some((a, b + 1))
+    fn swap(&mut self, leg: usize) -> Option<Range<usize>> {
+        let other = self.near(leg, usize::MAX / 2)?;
+        let first = leg.min(other);
+        let second = leg.max(other);
+        self.keep(second..second + 1);
+        self.keep(first + 1..second);
+        self.keep(first..first + 1);
+        Some(first..second + 1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    #[test]
+    fn a_search_without_an_end_in_time_is_its_number_of_steps() {
+        assert!(steps_until(3, None).eq(0..3));
+        assert_eq!(steps_until(0, None).count(), 0);
+    }
+
+    #[test]
+    fn a_search_whose_time_is_over_ends_at_the_next_reading_of_the_clock() {
+        assert_eq!(steps_until(1_000, Some(Instant::now())).count(), 0);
+        let half_a_second = Duration::from_millis(500);
+        let wait = |step: &u32| {
+            if *step == 0 {
+                std::thread::sleep(half_a_second)
+            }
+        };
+        let late = steps_until(1_000, Some(Instant::now() + half_a_second)).inspect(wait);
+        assert_eq!(late.count(), 64);
     }
 }

@@ -3,93 +3,93 @@
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
 
-use super::Horizon;
-use super::forecast::Outlook;
-use super::reach::Reachable;
-use super::world::World;
+use super::forecast::PlanningWindow;
+use super::model::PlanningModel;
+use super::path_bound::PathBound;
 
-/// Windows that are compared.
-const WINDOWS: usize = 8;
+/// Gaps between visits that are compared.
+const GAPS: usize = 8;
 
 /// A lower bound on the loss [bit] of a whole mission from the queues `queues_bits` [bit] before slot 1, by id, however it
-/// is flown: [`lower_bound_with_way`].
+/// is flown: [`lower_bound_with_paths`].
 #[must_use]
 pub fn mission_bound(scenario: &Scenario, sensors: &[SensorNode], queues_bits: &[u32]) -> f64 {
-    let horizon = Horizon::new(scenario, sensors);
-    let world = &horizon.world;
-    lower_bound_with_way(world, &horizon.outlook(1, &scenario.start().xy(), queues_bits), &Reachable::new(world))
+    let model = PlanningModel::new(scenario, sensors);
+    let window = PlanningWindow::new(&model, scenario.start().xy(), queues_bits, scenario.slots, 0);
+    lower_bound_with_paths(&model, &window, &PathBound::new(&model.table))
 }
 
-/// A lower bound on the loss [bit] of every plan over `outlook`, the larger of [`by_visits`] and [`by_throughput`].
+/// A lower bound on the loss [bit] of every plan over `window`, the larger of [`by_visits`] and [`by_throughput`].
 #[must_use]
-pub fn lower_bound(world: &World, outlook: &Outlook) -> f64 {
-    by_visits(world, outlook).max(by_throughput(world, outlook))
+pub fn lower_bound(model: &PlanningModel, window: &PlanningWindow) -> f64 {
+    by_visits(model, window).max(by_throughput(model, window))
 }
 
-/// A tighter bound, which takes longer: of [`by_visits`] with as many sources as the way between them allows, and
+/// A tighter bound, which takes longer: of [`by_visits`] with as many sensors as the paths between them allow, and
 /// [`by_throughput`].
 #[must_use]
-pub fn lower_bound_with_way(world: &World, outlook: &Outlook, reachable: &Reachable) -> f64 {
-    by_counts(world, outlook, |slots| reachable.most(slots)).max(by_throughput(world, outlook))
+pub fn lower_bound_with_paths(model: &PlanningModel, window: &PlanningWindow, paths: &PathBound) -> f64 {
+    by_counts(model, window, |slots| paths.most(slots)).max(by_throughput(model, window))
 }
 
-/// At most `n K` sources are served in K slots, and who was not served in the K slots before slot t loses in slot t at
+/// At most `n K` sensors are served in K slots, and who was not served in the K slots before slot t loses in slot t at
 /// least what it loses if it was emptied just before them, or, if these are all slots since the start, what it loses
 /// unserved. So the loss in slot t is at least the sum of these losses without the `n K` largest, for every K.
 #[must_use]
-pub fn by_visits(world: &World, outlook: &Outlook) -> f64 {
-    by_counts(world, outlook, |slots| world.blocks().saturating_mul(slots as usize))
+pub fn by_visits(model: &PlanningModel, window: &PlanningWindow) -> f64 {
+    by_counts(model, window, |slots| model.table.resource_blocks.saturating_mul(slots as usize))
 }
 
-/// The bound of [`by_visits`] if at most `most(K)` sources are served in K slots.
-fn by_counts(world: &World, outlook: &Outlook, most: impl Fn(i32) -> usize) -> f64 {
-    let mut fills: Vec<f64> = world.sources.iter().map(|source| source.fill_slots.ceil()).collect();
+/// The bound of [`by_visits`] if at most `most(K)` sensors are served in K slots.
+fn by_counts(model: &PlanningModel, window: &PlanningWindow, most: impl Fn(i32) -> usize) -> f64 {
+    let mut fills: Vec<f64> = model.sensors.iter().map(|sensor| sensor.fill_slots.ceil()).collect();
     fills.sort_unstable_by(f64::total_cmp);
     fills.dedup();
-    let mut losses = Vec::with_capacity(world.sources.len());
-    let stride = fills.len().div_ceil(WINDOWS).max(1);
-    // Loss in a slot with at least `window` slots before it, by window.
+    let mut losses = Vec::with_capacity(model.sensors.len());
+    let stride = fills.len().div_ceil(GAPS).max(1);
+    // Loss in a slot with at least `gap` slots before it, by gap.
     let mut later: Vec<(i32, f64)> = Vec::new();
-    for window in fills.iter().step_by(stride).filter(|window| **window < f64::from(outlook.slots)) {
+    for gap in fills.into_iter().step_by(stride).filter(|gap| *gap < f64::from(window.slots)) {
         losses.clear();
         losses.extend(
-            world.sources.iter().map(|source| (window + 1.0 - source.fill_slots).clamp(0.0, 1.0) * source.mean_bits),
+            model.sensors.iter().map(|sensor| (gap + 1.0 - sensor.fill_slots).clamp(0.0, 1.0) * sensor.mean_bits),
         );
-        later.push((*window as i32, without_largest(&mut losses, most(*window as i32))));
+        later.push((gap as i32, without_largest(&mut losses, most(gap as i32))));
     }
-    let widest = later.iter().map(|(window, _)| *window).max().unwrap_or(0);
+    let widest = later.last().map_or(0, |(gap, _)| *gap);
     let mut bound_bits = 0.0;
-    for slot in 1..=outlook.slots {
-        let mut least_bits =
-            later.iter().filter(|(window, _)| *window < slot).map(|(_, bits)| *bits).fold(0.0, f64::max);
+    for slot in 1..=window.slots {
+        let before = later.iter().take_while(|(gap, _)| *gap < slot);
+        let mut least_bits = before.map(|(_, bits)| *bits).fold(0.0, f64::max);
         let served = most(slot - 1);
-        if served < world.sources.len() {
+        if served < model.sensors.len() {
             losses.clear();
-            losses.extend(world.sources.iter().zip(&outlook.empty).map(|(source, empty)| {
-                (f64::from(slot) - empty - source.fill_slots).clamp(0.0, 1.0) * source.mean_bits
+            losses.extend(model.sensors.iter().zip(&window.empty).map(|(sensor, empty)| {
+                (f64::from(slot) - empty - sensor.fill_slots).clamp(0.0, 1.0) * sensor.mean_bits
             }));
             least_bits = least_bits.max(without_largest(&mut losses, served));
         } else if slot > widest {
             // From here on every slot is like this one.
-            return bound_bits + least_bits * f64::from(outlook.slots - slot + 1);
+            return bound_bits + least_bits * f64::from(window.slots - slot + 1);
         }
         bound_bits += least_bits;
     }
     bound_bits
 }
 
-/// What is there and comes in, less what fits into the storages, less what n of the best links carry in every slot.
+/// What is there and comes in, less what fits into the buffers, less what n of the best links carry in every slot.
 #[must_use]
-pub fn by_throughput(world: &World, outlook: &Outlook) -> f64 {
-    let slots = f64::from(outlook.slots);
-    let (mut excess_bits, mut best_bits) = (0.0, 0.0f64);
-    for ((source, empty), id) in world.sources.iter().zip(&outlook.empty).zip(0..) {
-        let stored_slots = (-empty).min(source.fill_slots);
-        excess_bits += (slots + stored_slots - source.fill_slots) * source.mean_bits;
-        let carried = world.capacity_slots(id, 0.0).min(source.fill_slots);
-        best_bits = best_bits.max(carried * source.mean_bits);
+pub fn by_throughput(model: &PlanningModel, window: &PlanningWindow) -> f64 {
+    let slots = f64::from(window.slots);
+    let mut excess_bits = 0.0;
+    let mut best_bits = 0.0f64;
+    for ((sensor, empty), index) in model.sensors.iter().zip(&window.empty).zip(0..) {
+        let stored_slots = (-empty).min(sensor.fill_slots);
+        excess_bits += (slots + stored_slots - sensor.fill_slots) * sensor.mean_bits;
+        let carried = model.capacity_slots(index, 0.0).min(sensor.fill_slots);
+        best_bits = best_bits.max(carried * sensor.mean_bits);
     }
-    (excess_bits - best_bits * slots * world.blocks() as f64).max(0.0)
+    (excess_bits - best_bits * slots * model.table.resource_blocks as f64).max(0.0)
 }
 
 /// The sum of `values`, which change their order, without the `count` largest.

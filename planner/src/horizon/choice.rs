@@ -3,9 +3,9 @@
 
 use std::cmp::Ordering;
 
-use super::world::World;
+use super::model::PlanningModel;
 
-/// Loss [slots of sampling] until a next visit that comes evenly within `until` slots, of a source that has `left` slots
+/// Loss [slots of sampling] until a next visit that comes evenly within `until` slots, of a sensor that has `left` slots
 /// of room: `max(0, until − left)²/(2 until)` on average.
 #[inline]
 #[must_use]
@@ -14,26 +14,26 @@ pub fn late_slots(left: f64, until: f64) -> f64 {
     late * late / (2.0 * until)
 }
 
-/// A source in range at the end of a slot.
+/// A sensor in range at the end of a slot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Candidate {
-    /// The source.
-    pub source: u32,
+    /// The sensor.
+    pub sensor: u32,
     /// The most that a visit takes [slots of sampling].
     pub capacity_slots: f64,
     /// Loss [bit] that a visit is expected to save; infinite for those that the slot stops for.
     pub saved_bits: f64,
-    /// Slots until its storage is full. How long it has been is not in it, because the next slot's planner sees a full queue
+    /// Slots until its buffer is full. How long it has been is not in it, because the next slot's planner sees a full queue
     /// as a full queue, and has to choose the same.
     left_slots: f64,
 }
 
 impl Candidate {
-    /// `source` at the squared distance `d2_m2` [m²]; nothing known yet of what a visit would save.
+    /// `sensor` at the squared distance `d2_m2` [m²]; nothing known yet of what a visit would save.
     #[inline]
     #[must_use]
-    pub fn new(world: &World, source: u32, d2_m2: f64) -> Self {
-        Self { source, capacity_slots: world.capacity_slots(source, d2_m2), saved_bits: 0.0, left_slots: 0.0 }
+    pub fn new(model: &PlanningModel, sensor: u32, d2_m2: f64) -> Self {
+        Self { sensor, capacity_slots: model.capacity_slots(sensor, d2_m2), saved_bits: 0.0, left_slots: 0.0 }
     }
 
     /// Notes that the slot stops for it.
@@ -41,40 +41,40 @@ impl Candidate {
         self.saved_bits = f64::INFINITY;
     }
 
-    /// Notes what a visit saves, `gap_slots` after the source was or would have been empty, if everybody's next visit
+    /// Notes what a visit saves, `gap_slots` after the sensor was or would have been empty, if everybody's next visit
     /// comes within a round: the difference that it makes to [`late_slots`].
     #[inline]
-    pub fn weigh(&mut self, world: &World, gap_slots: f64) {
-        let source = &world.sources[self.source as usize];
-        let stored = gap_slots.min(source.fill_slots);
+    pub fn weigh(&mut self, model: &PlanningModel, gap_slots: f64) {
+        let sensor = &model.sensors[self.sensor as usize];
+        let stored = gap_slots.min(sensor.fill_slots);
         let rest = (stored - self.capacity_slots).max(0.0);
-        let late = |stored: f64| late_slots(source.fill_slots - stored, world.round_slots);
-        self.saved_bits = (late(stored) - late(rest)) * source.mean_bits;
-        self.left_slots = source.fill_slots - stored;
+        let late = |stored: f64| late_slots(sensor.fill_slots - stored, model.round_slots);
+        self.saved_bits = (late(stored) - late(rest)) * sensor.mean_bits;
+        self.left_slots = sensor.fill_slots - stored;
     }
 
     /// Most saved first; of equals who is full first, then the lowest number.
     #[must_use]
     pub fn order(a: &Self, b: &Self) -> Ordering {
-        b.saved_bits.total_cmp(&a.saved_bits).then(a.left_slots.total_cmp(&b.left_slots)).then(a.source.cmp(&b.source))
+        b.saved_bits.total_cmp(&a.saved_bits).then(a.left_slots.total_cmp(&b.left_slots)).then(a.sensor.cmp(&b.sensor))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::horizon::tests::world_of;
+    use crate::horizon::tests::model_of;
 
     /// Two SNs at rest beside each other that fill within 30 slots; a round over them takes a slot, but `until` is set.
-    fn world(width_hz: f64, until: f64) -> World {
-        let mut world = world_of(&[([200.0, 200.0], 1_000.0), ([201.0, 200.0], 1_000.0)], 1, width_hz);
-        world.round_slots = until;
-        world
+    fn model(width_hz: f64, until: f64) -> PlanningModel {
+        let mut model = model_of(&[([200.0, 200.0], 1_000.0), ([201.0, 200.0], 1_000.0)], 1, width_hz);
+        model.round_slots = until;
+        model
     }
 
-    fn saved_bits(world: &World, gap_slots: f64) -> f64 {
-        let mut candidate = Candidate::new(world, 0, 0.0);
-        candidate.weigh(world, gap_slots);
+    fn saved_bits(model: &PlanningModel, gap_slots: f64) -> f64 {
+        let mut candidate = Candidate::new(model, 0, 0.0);
+        candidate.weigh(model, gap_slots);
         candidate.saved_bits
     }
 
@@ -82,32 +82,32 @@ mod tests {
     fn a_visit_saves_what_would_overflow_before_the_next_one() {
         // Full in 30 slots, next visit evenly within 50. With 10 slots of room 40²/100 = 16 slots are lost on average, after
         // it was emptied 20²/100 = 4.
-        let world = world(5e6, 50.0);
+        let model = model(5e6, 50.0);
         assert_eq!((late_slots(10.0, 50.0), late_slots(60.0, 50.0)), (16.0, 0.0));
-        assert!((saved_bits(&world, 20.0) - 12_000.0).abs() < 1e-9);
+        assert!((saved_bits(&model, 20.0) - 12_000.0).abs() < 1e-9);
     }
 
     #[test]
     fn a_narrow_link_saves_no_more_than_it_carries() {
-        let world = world(5e3, 50.0);
-        let carried = world.capacity_slots(0, 0.0);
+        let model = model(5e3, 50.0);
+        let carried = model.capacity_slots(0, 0.0);
         assert!((6.0..7.0).contains(&carried), "{carried} slots of 1000 bit");
-        // From a full storage: 50²/100 − (50 − c)²/100 slots.
+        // From a full buffer: 50²/100 − (50 − c)²/100 slots.
         let expected_bits = (25.0 - (50.0 - carried).powi(2) / 100.0) * 1_000.0;
-        assert!((saved_bits(&world, 30.0) - expected_bits).abs() < 1e-9 && expected_bits < carried * 1_000.0);
+        assert!((saved_bits(&model, 30.0) - expected_bits).abs() < 1e-9 && expected_bits < carried * 1_000.0);
     }
 
     #[test]
     fn a_full_queue_counts_the_same_however_long_it_has_been_full() {
-        let world = world(5e6, 50.0);
+        let model = model(5e6, 50.0);
         let weighed = |gap_slots| {
-            let mut candidate = Candidate::new(&world, 0, 0.0);
-            candidate.weigh(&world, gap_slots);
+            let mut candidate = Candidate::new(&model, 0, 0.0);
+            candidate.weigh(&model, gap_slots);
             candidate
         };
         assert_eq!(weighed(30.0), weighed(75.0));
-        let mut fuller = Candidate::new(&world, 1, 0.0);
-        fuller.weigh(&world, 29.0);
+        let mut fuller = Candidate::new(&model, 1, 0.0);
+        fuller.weigh(&model, 29.0);
         assert_eq!(Candidate::order(&weighed(30.0), &fuller), Ordering::Less);
         fuller.stop();
         assert_eq!(Candidate::order(&weighed(30.0), &fuller), Ordering::Greater);

@@ -1,22 +1,19 @@
-//! The decoder: how one stop of a plan is flown, and whom the UAV meets on the way.
+//! The decoder: how one stop of a plan is flown, and which sensors the UAV serves on the way.
 
 use skysink_common::geometry::{Position, distance_squared};
 
 use super::choice::Candidate;
-use super::world::World;
-use crate::geometry::disks::{Disk, nearest_in_both};
-
-/// Slack of the number of slots to a stop, relative to one slot's reach; far below the slack of decision D5.
-const SLOT_SLACK: f64 = 1e-11;
+use super::model::PlanningModel;
+use crate::geometry::disks::{Disk, nearest_in_both, slots_between};
 
 /// Slack of range, relative to the communication radius: half that of decision D5, which has the last word.
 const RANGE_SLACK: f64 = 0.5e-9;
 
-/// One source served in one slot.
+/// One sensor served in one slot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Visit {
-    /// The source.
-    pub source: u32,
+    /// The sensor.
+    pub sensor: u32,
     /// The slot, from 1 for the one that is being planned.
     pub slot: i32,
     /// The most that the visit takes [slots of sampling].
@@ -26,8 +23,8 @@ pub struct Visit {
 /// One stop as flown.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Leg {
-    /// The place that is served.
-    pub place: u32,
+    /// The disk of the model that is flown to.
+    pub stop: u32,
     /// Slot at whose end it is served.
     pub end: i32,
     /// Where the UAV is then.
@@ -45,42 +42,42 @@ pub struct Trace {
     pub visits: Vec<Visit>,
 }
 
-/// What the sources hold, as the slot in which each would have been empty: `e_i`, so that a queue is
-/// `s_i τ (t − e_i)` after slot t if it did not overflow.
-pub type Empty = [f64];
+impl Trace {
+    /// Index of the first visit of leg `leg`; the number of visits if there is no such leg.
+    #[inline]
+    #[must_use]
+    pub fn first_visit(&self, leg: usize) -> usize {
+        self.legs.get(leg).map_or(self.visits.len(), |leg| leg.first as usize)
+    }
+}
 
-/// Serves one visit: what has overflowed before it is lost [bit], and the rest goes up to the visit's capacity.
+/// Serves one visit, with what the sensors hold as the slots in which each would have been empty: `e_i`, so that a queue
+/// is `s_i τ (t − e_i)` after slot t if it did not overflow. What has overflowed before is lost [bit], and the rest goes up
+/// to the visit's capacity.
 #[inline]
-pub fn serve(world: &World, empty: &mut Empty, visit: &Visit) -> f64 {
-    let source = &world.sources[visit.source as usize];
+pub fn serve(model: &PlanningModel, empty: &mut [f64], visit: &Visit) -> f64 {
+    let sensor = &model.sensors[visit.sensor as usize];
     let slot = f64::from(visit.slot);
-    let empty = &mut empty[visit.source as usize];
-    let overflow_slots = source.overflow_slots(slot, *empty);
-    *empty = slot - ((slot - *empty).min(source.fill_slots) - visit.capacity_slots).max(0.0);
-    overflow_slots * source.mean_bits
+    let empty = &mut empty[visit.sensor as usize];
+    let overflow_slots = sensor.overflow_slots(slot, *empty);
+    *empty = slot - ((slot - *empty).min(sensor.fill_slots) - visit.capacity_slots).max(0.0);
+    overflow_slots * sensor.mean_bits
 }
 
-/// Slots to get from `from` to a point within `radius_m` [m] of `centre` at `reach_m` [m] a slot, at least 1.
+/// Serves `visits`, each `shift` slots later, after a loss of `lost_bits`; returns the loss until then [bit].
+#[inline]
+pub fn serve_all(model: &PlanningModel, empty: &mut [f64], visits: &[Visit], shift: i32, mut lost_bits: f64) -> f64 {
+    for visit in visits {
+        lost_bits += serve(model, empty, &Visit { slot: visit.slot + shift, ..*visit });
+    }
+    lost_bits
+}
+
+/// Slots to get from `from` to a point in range of all members of `stop`, at least 1.
 #[inline]
 #[must_use]
-pub fn slots_for(from: &Position, reach_m: f64, centre: &Position, radius_m: f64) -> f64 {
-    let away_m = distance_squared(from, centre).sqrt() - radius_m;
-    (away_m / reach_m - SLOT_SLACK).ceil().max(1.0)
-}
-
-/// Slots to get from `from` to a point in range of all members of `place`, at least 1.
-#[inline]
-#[must_use]
-pub fn slots_to(world: &World, from: &Position, place: u32) -> i32 {
-    let place = &world.places[place as usize];
-    slots_for(from, world.reach_m(), &place.centre, place.radius_m).min(1e9) as i32
-}
-
-/// The point within `reach_m` of `from` and `radius_m` of `centre` that is nearest to `target`.
-#[must_use]
-pub fn aim(from: &Position, reach_m: f64, centre: &Position, radius_m: f64, target: &Position) -> Position {
-    let reach = Disk { centre: *from, radius_m: reach_m };
-    nearest_in_both(target, &reach, &Disk { centre: *centre, radius_m })
+pub fn slots_to(model: &PlanningModel, from: &Position, stop: u32) -> i32 {
+    slots_between(from, model.disk(stop), model.table.reach_m).min(1e9) as i32
 }
 
 /// The state of a flight under decoding.
@@ -99,105 +96,94 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Puts the UAV `at` the end of `slot`, in which `served` were served and the stops `stopped` ended.
-    pub fn resume<'a>(
-        &mut self,
-        world: &World,
-        at: Position,
-        slot: i32,
-        served: impl Iterator<Item = u32>,
-        stopped: impl Iterator<Item = &'a Leg>,
-    ) {
+    /// Puts the UAV `at` the end of `slot`, after `legs` and `visits`.
+    pub fn resume(&mut self, model: &PlanningModel, at: Position, slot: i32, legs: &[Leg], visits: &[Visit]) {
         self.at = at;
         self.slot = slot;
         self.served.clear();
-        self.served.extend(served);
+        self.served.extend(visits.iter().rev().take_while(|visit| visit.slot == slot).map(|visit| visit.sensor));
         self.stopped.clear();
-        for leg in stopped {
-            self.stopped.extend_from_slice(&world.places[leg.place as usize].members);
+        for leg in legs.iter().rev().take_while(|leg| leg.end == slot) {
+            self.stopped.extend_from_slice(&model.disks[leg.stop as usize].members);
         }
     }
 
-    /// Whether the last slot serves all members of `place` although it did not stop for them.
-    pub fn meets(&self, world: &World, place: u32) -> bool {
-        let met = |source: &u32| self.served.contains(source) && !self.stopped.contains(source);
-        world.places[place as usize].members.iter().all(met)
+    /// Whether the last slot serves all members of `stop` although it did not stop for them.
+    pub fn meets(&self, model: &PlanningModel, stop: u32) -> bool {
+        let is_met = |sensor: &u32| self.served.contains(sensor) && !self.stopped.contains(sensor);
+        model.disks[stop as usize].members.iter().all(is_met)
     }
 
-    /// Flies to `place` with `next` in mind, and serves whoever is in range at the end of each slot. Returns what has
-    /// overflowed before the visits [bit]; none, and flies nowhere, if it would arrive after slot `last`.
+    /// Flies to `stop`, as near to the stop `next` as it can, and serves whoever is in range at the end of each slot.
+    /// Returns what has overflowed before the visits [bit]; none, and flies nowhere, if it would arrive after slot `last`.
     ///
     /// A stop whose members are all served in the last slot anyway takes no time, unless that slot stopped for them.
     pub fn fly(
         &mut self,
-        world: &World,
-        (place, next): (u32, Option<u32>),
+        model: &PlanningModel,
+        stop: u32,
+        next: Option<u32>,
         last: i32,
-        empty: &mut Empty,
+        empty: &mut [f64],
         visits: &mut Vec<Visit>,
     ) -> Option<f64> {
-        let members = &world.places[place as usize].members;
-        if self.meets(world, place) {
+        let members = &model.disks[stop as usize].members;
+        if self.meets(model, stop) {
             self.stopped.extend_from_slice(members);
             return Some(0.0);
         }
-        let slots = slots_to(world, &self.at, place);
+        let slots = slots_to(model, &self.at, stop);
         if slots > last - self.slot {
             return None;
         }
-        let waypoint = waypoint(world, &self.at, slots, place, next);
-        let (from, begin) = (self.at, self.slot);
+        let from = self.at;
+        let begin = self.slot;
+        let reach = Disk { centre: from, radius_m: model.table.reach_m * f64::from(slots) };
+        let waypoint = nearest_in_both(&model.disk(next.unwrap_or(stop)).centre, &reach, model.disk(stop));
         let mut lost_bits = 0.0;
         for step in 1..slots {
             self.at = from + (waypoint - from) * (f64::from(step) / f64::from(slots));
             self.slot = begin + step;
-            lost_bits += self.meet(world, &[], empty, visits);
+            lost_bits += self.meet(model, &[], empty, visits);
         }
         self.at = waypoint;
         self.slot = begin + slots;
         self.stopped.clear();
         self.stopped.extend_from_slice(members);
-        Some(lost_bits + self.meet(world, members, empty, visits))
+        Some(lost_bits + self.meet(model, members, empty, visits))
     }
 
     /// Serves `members` and then those of the others in range for whom it saves most.
-    fn meet(&mut self, world: &World, members: &[u32], empty: &mut Empty, visits: &mut Vec<Visit>) -> f64 {
-        let (slot, now) = (self.slot, f64::from(self.slot));
+    fn meet(&mut self, model: &PlanningModel, members: &[u32], empty: &mut [f64], visits: &mut Vec<Visit>) -> f64 {
+        let slot = self.slot;
+        let blocks = model.table.resource_blocks;
         let found = &mut self.found;
         found.clear();
-        if members.len() == world.blocks() {
-            let away_m2 = |&source: &u32| distance_squared(&world.positions[source as usize], &self.at);
-            found.extend(members.iter().map(|source| Candidate::new(world, *source, away_m2(source))));
+        if members.len() == blocks {
+            let away_m2 = |&sensor: &u32| distance_squared(model.table.position(sensor), &self.at);
+            found.extend(members.iter().map(|sensor| Candidate::new(model, *sensor, away_m2(sensor))));
         } else {
-            world.grid.visit(&self.at, world.radius_m() * (1.0 + RANGE_SLACK), |node, d2_m2| {
-                found.push(Candidate::new(world, node.id, d2_m2));
+            model.table.grid.visit(&self.at, model.table.comm_radius_m * (1.0 + RANGE_SLACK), |node, d2_m2| {
+                found.push(Candidate::new(model, node.id, d2_m2));
             });
         }
-        if found.len() > world.blocks() {
+        if found.len() > blocks {
             for candidate in found.iter_mut() {
-                let gap_slots = now - empty[candidate.source as usize];
-                let is_member = members.contains(&candidate.source);
-                if is_member { candidate.stop() } else { candidate.weigh(world, gap_slots) }
+                let gap_slots = f64::from(slot) - empty[candidate.sensor as usize];
+                let is_member = members.contains(&candidate.sensor);
+                if is_member { candidate.stop() } else { candidate.weigh(model, gap_slots) }
             }
-            found.select_nth_unstable_by(world.blocks() - 1, Candidate::order);
-            found.truncate(world.blocks());
+            found.select_nth_unstable_by(blocks - 1, Candidate::order);
+            found.truncate(blocks);
         }
         self.served.clear();
         let mut lost_bits = 0.0;
-        for &Candidate { source, capacity_slots, .. } in found.iter() {
-            let visit = Visit { source, slot, capacity_slots };
-            lost_bits += serve(world, empty, &visit);
+        for &Candidate { sensor, capacity_slots, .. } in found.iter() {
+            let visit = Visit { sensor, slot, capacity_slots };
+            lost_bits += serve(model, empty, &visit);
             visits.push(visit);
-            self.served.push(source);
+            self.served.push(sensor);
         }
         lost_bits
     }
-}
-
-/// Where the UAV at `from` serves `place` from, `slots` later: as near to `next` as it can.
-fn waypoint(world: &World, from: &Position, slots: i32, place: u32, next: Option<u32>) -> Position {
-    let reach_m = world.reach_m() * f64::from(slots);
-    let place = &world.places[place as usize];
-    let target = next.map_or(place.centre, |next| world.places[next as usize].centre);
-    aim(from, reach_m, &place.centre, place.radius_m, &target)
 }

@@ -1,110 +1,110 @@
 //! A plan, flown ahead: which loss it leads to, and what a change of it would lead to.
 //!
-//! Loss depends on the visits alone: between two of them a source loses what does not fit, so that a forecast goes from
+//! Loss depends on the visits alone: between two of them a sensor loses what does not fit, so that a forecast goes from
 //! visit to visit, not from slot to slot. What a change leaves as it was is not flown again.
 
 use skysink_common::geometry::Position;
 
 use super::choice::late_slots;
-use super::flight::{Decoder, Leg, Trace, Visit, serve};
+use super::flight::{Decoder, Leg, Trace, Visit, serve_all};
+use super::model::{PlanningModel, SensorModel};
 use super::states::{Change, Rejoined, States};
-use super::world::{Source, World};
 
 /// A stop of a changed plan that the old plan does not have in this order.
 pub const FRESH: u32 = u32::MAX;
 
 /// Where a forecast starts and ends.
 #[derive(Debug, Clone)]
-pub struct Outlook {
+pub struct PlanningWindow {
     /// Where the UAV is.
     pub start: Position,
-    /// When each source was or would have been empty [slot, at most 0].
+    /// When each sensor was or would have been empty [slot, at most 0].
     pub empty: Vec<f64>,
     /// Slots to look ahead.
     pub slots: i32,
     /// Slots of the mission behind them.
     pub beyond_slots: f64,
-    /// Slots until everybody can be served once, from anywhere.
-    pub revisit_slots: f64,
+}
+
+impl PlanningWindow {
+    /// A window of `slots` slots, behind which the mission goes on for `beyond_slots`, with the UAV at `start` and the
+    /// queues `queues_bits` [bit], by id.
+    ///
+    /// # Panics
+    /// If there are more slots than an `i32` holds; a mission has at most 10^9.
+    #[must_use]
+    pub fn new(model: &PlanningModel, start: Position, queues_bits: &[u32], slots: u64, beyond_slots: u64) -> Self {
+        let empty = |(sensor, &id): (&SensorModel, &u32)| {
+            -f64::from(queues_bits[id as usize]) / sensor.mean_bits - sensor.overdue_slots
+        };
+        Self {
+            start,
+            empty: model.sensors.iter().zip(&model.ids).map(empty).collect(),
+            slots: i32::try_from(slots).expect("a mission has at most 10^9 slots"),
+            beyond_slots: beyond_slots as f64,
+        }
+    }
 }
 
 /// The forecast of a plan.
 #[derive(Debug, Clone)]
 pub struct Forecast {
-    outlook: Outlook,
-    trace: Trace,
+    /// Where it starts and ends.
+    pub window: PlanningWindow,
+    /// The plan as flown.
+    pub trace: Trace,
     /// Expected loss [bit].
     pub loss_bits: f64,
     /// The part of it that is expected behind the last slot, in the plan that was loaded.
     pub beyond_bits: f64,
-    change: Change,
-    /// New stops in place of a part of the plan: place, and its index in the old plan or [`FRESH`].
-    pub window: Vec<(u32, u32)>,
-    /// What is expected to have overflowed before the first slot [bit]: it is in no plan's loss.
+    /// Expected overflow before the first slot [bit]: it is in no plan's loss.
     sunk_bits: f64,
+    change: Change,
     decoder: Decoder,
     pub(super) states: States,
     work: Vec<f64>,
-    spare: Trace,
 }
 
 impl Forecast {
     /// The forecast of an empty plan.
     #[must_use]
-    pub fn new(world: &World, outlook: Outlook) -> Self {
+    pub fn new(model: &PlanningModel, window: PlanningWindow) -> Self {
+        let sunk_bits = |(sensor, empty): (&SensorModel, &f64)| sensor.overflow_slots(0.0, *empty) * sensor.mean_bits;
         let mut forecast = Self {
-            work: outlook.empty.clone(),
-            states: States::new(&outlook.empty),
-            outlook,
             trace: Trace::default(),
             loss_bits: 0.0,
             beyond_bits: 0.0,
-            sunk_bits: 0.0,
+            sunk_bits: model.sensors.iter().zip(&window.empty).map(sunk_bits).sum(),
             change: Change::default(),
-            window: Vec::new(),
             decoder: Decoder::default(),
-            spare: Trace::default(),
+            states: States::new(&window.empty),
+            work: window.empty.clone(),
+            window,
         };
-        let sunk_bits = |(source, empty): (&Source, &f64)| source.overflow_slots(0.0, *empty) * source.mean_bits;
-        forecast.sunk_bits = world.sources.iter().zip(&forecast.outlook.empty).map(sunk_bits).sum();
-        forecast.loss_bits = forecast.final_loss(world);
+        forecast.loss_bits = forecast.final_loss(model);
         forecast
-    }
-
-    /// The plan as flown.
-    #[must_use]
-    pub fn trace(&self) -> &Trace {
-        &self.trace
     }
 
     /// The stops of the plan.
     #[must_use]
-    pub fn places(&self) -> Vec<u32> {
-        self.trace.legs.iter().map(|leg| leg.place).collect()
+    pub fn stops(&self) -> Vec<u32> {
+        self.trace.legs.iter().map(|leg| leg.stop).collect()
     }
 
-    /// Where it starts and ends.
-    #[must_use]
-    pub fn outlook(&self) -> &Outlook {
-        &self.outlook
-    }
-
-    /// When each source is empty, after the last visit.
-    pub fn levels(&mut self, world: &World) -> Vec<f64> {
-        self.restore(world, self.trace.legs.len());
+    /// When each sensor is empty, after the last visit.
+    pub fn levels(&mut self, model: &PlanningModel) -> Vec<f64> {
+        self.restore(model, self.trace.legs.len());
         self.work.clone()
     }
 
     /// Brings `work` to the state before leg `leg`; returns the loss until then [bit].
-    fn restore(&mut self, world: &World, leg: usize) -> f64 {
+    fn restore(&mut self, model: &PlanningModel, leg: usize) -> f64 {
         let state = self.states.last_known(leg);
         let mut lost_bits = self.states.load(state, 0, &mut self.work);
         let mut at = self.states.leg(state);
         for state in state + 1.. {
             let to = leg.min(self.states.leg(state));
-            for visit in &self.trace.visits[self.first_visit(at)..self.first_visit(to)] {
-                lost_bits += serve(world, &mut self.work, visit);
-            }
+            lost_bits = self.serve_legs(model, at, to, 0, lost_bits);
             at = to;
             if to != self.states.leg(state) {
                 break;
@@ -114,65 +114,80 @@ impl Forecast {
         lost_bits
     }
 
-    /// Index of the first visit of leg `leg`.
-    fn first_visit(&self, leg: usize) -> usize {
-        self.trace.legs.get(leg).map_or(self.trace.visits.len(), |leg| leg.first as usize)
+    /// Serves the visits of the legs `from..to` of the plan, `shift` slots later, in `work`, after a loss of `lost_bits`;
+    /// returns the loss until then [bit].
+    fn serve_legs(&mut self, model: &PlanningModel, from: usize, to: usize, shift: i32, lost_bits: f64) -> f64 {
+        let visits = &self.trace.visits[self.trace.first_visit(from)..self.trace.first_visit(to)];
+        serve_all(model, &mut self.work, visits, shift, lost_bits)
     }
 
     /// What is lost after the last visit [bit], from the state `work`.
-    fn final_loss(&self, world: &World) -> f64 {
-        let end = f64::from(self.outlook.slots);
+    fn final_loss(&self, model: &PlanningModel) -> f64 {
+        let end = f64::from(self.window.slots);
         let mut lost_bits = 0.0;
-        for (source, empty) in world.sources.iter().zip(&self.work) {
-            lost_bits += source.overflow_slots(end, *empty) * source.mean_bits;
+        for (sensor, empty) in model.sensors.iter().zip(&self.work) {
+            lost_bits += sensor.overflow_slots(end, *empty) * sensor.mean_bits;
         }
-        lost_bits - self.sunk_bits + self.beyond(world)
+        lost_bits - self.sunk_bits + self.beyond(model)
     }
 
     /// What is lost behind the last slot [bit], from the state `work`.
-    fn beyond(&self, world: &World) -> f64 {
-        let end = f64::from(self.outlook.slots);
+    fn beyond(&self, model: &PlanningModel) -> f64 {
+        let end = f64::from(self.window.slots);
         let mut lost_bits = 0.0;
-        if self.outlook.beyond_slots > 0.0 {
-            let (most, until) = (self.outlook.beyond_slots, self.outlook.revisit_slots);
-            for (source, empty) in world.sources.iter().zip(&self.work) {
-                let left = (source.fill_slots - (end - empty)).max(0.0);
-                lost_bits += late_slots(left, until).min(most) * source.mean_bits;
+        if self.window.beyond_slots > 0.0 {
+            for (sensor, empty) in model.sensors.iter().zip(&self.work) {
+                let left = (sensor.fill_slots - (end - empty)).max(0.0);
+                lost_bits += late_slots(left, model.round_slots).min(self.window.beyond_slots) * sensor.mean_bits;
             }
         }
         lost_bits
     }
 
-    /// Tries the plan in which `window` stands in place of the stops `from..to`; returns its loss [bit].
-    pub fn attempt(&mut self, world: &World, from: usize, to: usize) -> f64 {
+    /// Tries the plan in which `inserted` stands in place of the stops `from..to`; returns its loss [bit]. Each inserted
+    /// stop comes with its index in the old plan or [`FRESH`].
+    pub fn attempt(&mut self, model: &PlanningModel, from: usize, to: usize, inserted: &[(u32, u32)]) -> f64 {
         let start = from.saturating_sub(1); // the waypoint before a change depends on what comes next
-        let mut lost_bits = self.restore(world, start);
-        self.resume(world, start);
+        let mut lost_bits = self.restore(model, start);
+        let (at, slot) = self.begin(start);
+        let visits = &self.trace.visits[..self.trace.first_visit(start)];
+        self.decoder.resume(model, at, slot, &self.trace.legs[..start], visits);
         let mut change = std::mem::take(&mut self.change);
         change.trace.legs.clear();
         change.trace.visits.clear();
         change.from = start;
-        change.rest = None;
+        change.rest = self.trace.legs.len();
+        change.shift = 0;
         change.rejoined = None;
-        let (before, fresh) = (from - start, self.window.len());
+        let before = from - start;
+        let changed = before + inserted.len();
+        // The stop after `step` others: its index in the old plan, or `FRESH`.
+        let item = |legs: &[Leg], step: usize| {
+            if (before..changed).contains(&step) {
+                return Some(inserted[step - before]);
+            }
+            let old = if step < before { start + step } else { to + step - changed };
+            legs.get(old).map(|leg| (leg.stop, old as u32))
+        };
         let mut last = None; // index in the old plan, if flown as there
         for step in 0.. {
-            let Some((place, old)) = self.item(start, before, fresh, to, step) else {
+            let Some((stop, old)) = item(&self.trace.legs, step) else {
                 break;
             };
-            let next = self.item(start, before, fresh, to, step + 1);
+            let next = item(&self.trace.legs, step + 1);
             if last.is_some_and(|last| old == FRESH || last + 1 != old) {
-                self.resume_in(world, &change.trace);
+                self.resume_behind(model, &change.trace);
                 last = None;
             }
-            if self.as_before(world, old, next, last) {
-                let shift = self.decoder.slot - self.end_before(old as usize);
-                if step >= before + fresh {
-                    change.rest = Some((old as usize, shift));
-                    (lost_bits, change.rejoined) = self.repeat(world, old as usize, shift, lost_bits);
+            if self.is_as_before(model, old, next, last) {
+                let shift = self.decoder.slot - self.begin(old as usize).1;
+                if step >= changed {
+                    change.rest = old as usize;
+                    change.shift = shift;
+                    (lost_bits, change.rejoined) = self.repeat(model, old as usize, shift, lost_bits);
                     break;
                 }
-                let Some(bits) = self.copy_leg(world, old as usize, shift, &mut change.trace) else {
+                let Some(bits) = self.copy_leg(model, old as usize, shift, &mut change.trace) else {
                     break;
                 };
                 lost_bits += bits;
@@ -180,91 +195,78 @@ impl Forecast {
                 continue;
             }
             if last.take().is_some() {
-                self.resume_in(world, &change.trace);
+                self.resume_behind(model, &change.trace);
             }
             let first = change.trace.visits.len() as u32;
-            let stop = (place, next.map(|(next, _)| next));
+            let next = next.map(|(next, _)| next);
             let visits = &mut change.trace.visits;
-            let Some(bits) = self.decoder.fly(world, stop, self.outlook.slots, &mut self.work, visits) else {
+            let Some(bits) = self.decoder.fly(model, stop, next, self.window.slots, &mut self.work, visits) else {
                 break;
             };
             lost_bits += bits;
-            change.trace.legs.push(Leg { place, end: self.decoder.slot, at: self.decoder.at, first });
+            change.trace.legs.push(Leg { stop, end: self.decoder.slot, at: self.decoder.at, first });
         }
         self.change = change;
-        lost_bits + self.final_loss(world)
-    }
-
-    /// The stop `step` steps after `start` in the changed plan.
-    #[inline]
-    fn item(&self, start: usize, before: usize, fresh: usize, to: usize, step: usize) -> Option<(u32, u32)> {
-        if step >= before && step < before + fresh {
-            return Some(self.window[step - before]);
-        }
-        let old = if step < before { start + step } else { to + step - before - fresh };
-        self.trace.legs.get(old).map(|leg| (leg.place, old as u32))
+        lost_bits + self.final_loss(model)
     }
 
     /// Whether stop `old` of the old plan, followed by `next`, is flown from here as it was.
     #[inline]
-    fn as_before(&self, world: &World, old: u32, next: Option<(u32, u32)>, last: Option<u32>) -> bool {
+    fn is_as_before(&self, model: &PlanningModel, old: u32, next: Option<(u32, u32)>, last: Option<u32>) -> bool {
         if old == FRESH {
             return false;
         }
         let index = old as usize;
         let next_old = next.map_or(self.trace.legs.len(), |(_, next)| next as usize);
-        let (at, end) = match index.checked_sub(1) {
-            Some(before) => (self.trace.legs[before].at, self.trace.legs[before].end),
-            None => (self.outlook.start, 0),
-        };
+        let (at, slot) = self.begin(index);
         if next_old != index + 1 || at != self.decoder.at {
             return false;
         }
         let leg = &self.trace.legs[index];
-        last.is_some() || (leg.end > end && !self.decoder.meets(world, leg.place))
+        last.is_some() || (leg.end > slot && !self.decoder.meets(model, leg.stop))
     }
 
-    fn end_before(&self, leg: usize) -> i32 {
-        leg.checked_sub(1).map_or(0, |before| self.trace.legs[before].end)
+    /// Where leg `leg` of the plan begins, and the slot before it.
+    #[inline]
+    fn begin(&self, leg: usize) -> (Position, i32) {
+        leg.checked_sub(1).map_or((self.window.start, 0), |before| {
+            let before = &self.trace.legs[before];
+            (before.at, before.end)
+        })
     }
 
-    /// Takes over leg `old`, `shift` slots later; none if it ends too late.
-    fn copy_leg(&mut self, world: &World, old: usize, shift: i32, into: &mut Trace) -> Option<f64> {
+    /// Copies leg `old`, `shift` slots later; returns what is lost on it [bit], or none if it ends too late.
+    fn copy_leg(&mut self, model: &PlanningModel, old: usize, shift: i32, into: &mut Trace) -> Option<f64> {
         let leg = self.trace.legs[old];
-        if leg.end + shift > self.outlook.slots {
+        let end = leg.end + shift;
+        if end > self.window.slots {
             return None;
         }
-        let end = self.trace.legs.get(old + 1).map_or(self.trace.visits.len(), |leg| leg.first as usize);
-        let first = into.visits.len() as u32;
-        let mut lost_bits = 0.0;
-        for visit in &self.trace.visits[leg.first as usize..end] {
-            let visit = Visit { slot: visit.slot + shift, ..*visit };
-            lost_bits += serve(world, &mut self.work, &visit);
-            into.visits.push(visit);
-        }
-        into.legs.push(Leg { end: leg.end + shift, first, ..leg });
-        (self.decoder.at, self.decoder.slot) = (leg.at, leg.end + shift);
-        Some(lost_bits)
+        let visits = &self.trace.visits[self.trace.first_visit(old)..self.trace.first_visit(old + 1)];
+        into.legs.push(Leg { end, first: into.visits.len() as u32, ..leg });
+        into.visits.extend(visits.iter().map(|visit| Visit { slot: visit.slot + shift, ..*visit }));
+        self.decoder.at = leg.at;
+        self.decoder.slot = end;
+        Some(self.serve_legs(model, old, old + 1, shift, 0.0))
     }
 
     /// Flies the old plan from leg `old` on, `shift` slots later, `lost_bits` having been lost before; returns what is lost
     /// until the end of its last leg [bit].
     ///
     /// As soon as a stored state shows that all queues are as they were then, what follows is known.
-    fn repeat(&mut self, world: &World, old: usize, shift: i32, mut lost_bits: f64) -> (f64, Option<Rejoined>) {
-        let (end, _) = self.in_time(old, shift);
-        let (mut at, mut rejoined) = (old, None);
+    fn repeat(&mut self, model: &PlanningModel, old: usize, shift: i32, mut lost_bits: f64) -> (f64, Option<Rejoined>) {
+        let end = self.in_time(old, shift);
+        let mut at = old;
+        let mut rejoined = None;
         for state in self.states.after(old).. {
             let to = end.min(self.states.leg(state));
-            for visit in &self.trace.visits[self.first_visit(at)..self.first_visit(to)] {
-                lost_bits += serve(world, &mut self.work, &Visit { slot: visit.slot + shift, ..*visit });
-            }
+            lost_bits = self.serve_legs(model, at, to, shift, lost_bits);
             at = to;
             if to == end {
                 break;
             }
-            let now = self.end_before(at) + shift;
-            if let Some(overflowed_bits) = self.states.rejoin(world, state, shift, now, &self.work) {
+            let now = self.begin(at).1 + shift;
+            if let Some(overflowed_bits) = self.states.rejoin(model, state, shift, now, &self.work) {
                 let more_bits = lost_bits + overflowed_bits - self.states.lost_bits(state);
                 rejoined = Some(Rejoined { state, more_bits });
                 let last = self.states.last_known(end);
@@ -273,79 +275,57 @@ impl Forecast {
                 break;
             }
         }
-        for visit in &self.trace.visits[self.first_visit(at)..self.first_visit(end)] {
-            lost_bits += serve(world, &mut self.work, &Visit { slot: visit.slot + shift, ..*visit });
+        (self.serve_legs(model, at, end, shift, lost_bits), rejoined)
+    }
+
+    /// The end of the legs, from leg `old` on, that are in time `shift` slots later.
+    fn in_time(&self, old: usize, shift: i32) -> usize {
+        if shift <= 0 {
+            return self.trace.legs.len();
         }
-        (lost_bits, rejoined)
+        old + self.trace.legs[old..].partition_point(|leg| leg.end <= self.window.slots - shift)
     }
 
-    /// Ends of the legs, from leg `old` on, and of their visits, that are in time `shift` slots later.
-    fn in_time(&self, old: usize, shift: i32) -> (usize, usize) {
-        let last = self.outlook.slots - shift;
-        let legs = if shift <= 0 {
-            self.trace.legs.len()
-        } else {
-            old + self.trace.legs[old..].partition_point(|leg| leg.end <= last)
-        };
-        (legs, self.trace.legs.get(legs).map_or(self.trace.visits.len(), |leg| leg.first as usize))
-    }
-
-    /// Puts the decoder before leg `leg` of the plan.
-    fn resume(&mut self, world: &World, leg: usize) {
-        let slot = self.end_before(leg);
-        let at = leg.checked_sub(1).map_or(self.outlook.start, |before| self.trace.legs[before].at);
-        let visits = self.trace.legs.get(leg).map_or(self.trace.visits.len(), |leg| leg.first as usize);
-        let served = self.trace.visits[..visits].iter().rev().take_while(|visit| visit.slot == slot);
-        let stopped = self.trace.legs[..leg].iter().rev().take_while(|leg| leg.end == slot);
-        self.decoder.resume(world, at, slot, served.map(|visit| visit.source), stopped);
-    }
-
-    /// Puts the decoder behind the last leg of `trace`.
-    fn resume_in(&mut self, world: &World, trace: &Trace) {
-        let (at, slot) = (self.decoder.at, self.decoder.slot);
-        let served = trace.visits.iter().rev().take_while(|visit| visit.slot == slot);
-        let stopped = trace.legs.iter().rev().take_while(|leg| leg.end == slot);
-        self.decoder.resume(world, at, slot, served.map(|visit| visit.source), stopped);
+    /// Puts the decoder behind the last leg of `trace`, where it is already.
+    fn resume_behind(&mut self, model: &PlanningModel, trace: &Trace) {
+        self.decoder.resume(model, self.decoder.at, self.decoder.slot, &trace.legs, &trace.visits);
     }
 
     /// Makes the last attempt, which leads to a loss of `loss_bits`, the plan.
     pub fn accept(&mut self, loss_bits: f64) {
-        let change = &self.change;
-        let from = change.from;
-        let first = self.trace.legs.get(from).map_or(self.trace.visits.len(), |leg| leg.first as usize);
-        let mut spare = std::mem::take(&mut self.spare);
-        spare.legs.clear();
-        spare.visits.clear();
-        if let Some((rest, shift)) = change.rest {
-            let begin = self.trace.legs[rest].first;
-            let first = (first + change.trace.visits.len()) as u32;
-            let (legs, visits) = self.in_time(rest, shift);
-            let later = |leg: &Leg| Leg { end: leg.end + shift, first: leg.first - begin + first, ..*leg };
-            spare.legs.extend(self.trace.legs[rest..legs].iter().map(later));
-            let later = |visit: &Visit| Visit { slot: visit.slot + shift, ..*visit };
-            spare.visits.extend(self.trace.visits[begin as usize..visits].iter().map(later));
+        let end = self.in_time(self.change.rest, self.change.shift);
+        let Self { change: Change { from, trace: changed, rest, shift, .. }, trace, .. } = self;
+        let begin = trace.first_visit(*from);
+        let rest_begin = trace.first_visit(*rest);
+        trace.visits.truncate(trace.first_visit(end));
+        trace.legs.truncate(end);
+        for leg in &mut trace.legs[*rest..] {
+            leg.end += *shift;
+            leg.first = leg.first - rest_begin as u32 + (begin + changed.visits.len()) as u32;
         }
-        self.trace.legs.truncate(from);
-        self.trace.visits.truncate(first);
-        let moved = |leg: &Leg| Leg { first: leg.first + first as u32, ..*leg };
-        self.trace.legs.extend(change.trace.legs.iter().map(moved));
-        self.trace.visits.extend_from_slice(&change.trace.visits);
-        self.trace.legs.extend_from_slice(&spare.legs);
-        self.trace.visits.extend_from_slice(&spare.visits);
-        self.spare = spare;
-        self.states.change(change, self.trace.legs.len());
+        trace.visits[rest_begin..].iter_mut().for_each(|visit| visit.slot += *shift);
+        let moved = |leg: &Leg| Leg { first: leg.first + begin as u32, ..*leg };
+        trace.legs.splice(*from..*rest, changed.legs.iter().map(moved));
+        trace.visits.splice(begin..rest_begin, changed.visits.iter().copied());
+        self.states.change(&self.change, self.trace.legs.len());
         self.loss_bits = loss_bits;
     }
 
-    /// Replaces the plan by `places`, as far as they can be flown in time.
-    pub fn load(&mut self, world: &World, places: impl Iterator<Item = u32>) {
+    /// Appends `stop`; it is left out if it cannot be served in time.
+    pub fn append(&mut self, model: &PlanningModel, stop: u32) {
+        let stops = self.trace.legs.len();
+        let loss_bits = self.attempt(model, stops, stops, &[(stop, FRESH)]);
+        self.accept(loss_bits);
+    }
+
+    /// Replaces the plan by `stops`, as far as they can be flown in time.
+    pub fn load(&mut self, model: &PlanningModel, stops: impl IntoIterator<Item = u32>) {
         self.trace = Trace::default();
         self.states.forget();
-        self.window.clear();
-        self.window.extend(places.map(|place| (place, FRESH)));
-        let loss_bits = self.attempt(world, 0, 0);
+        let inserted: Vec<(u32, u32)> = stops.into_iter().map(|stop| (stop, FRESH)).collect();
+        let loss_bits = self.attempt(model, 0, 0, &inserted);
         self.accept(loss_bits);
         self.states.spread(self.trace.legs.len());
-        self.beyond_bits = self.beyond(world);
+        self.beyond_bits = self.beyond(model);
     }
 }

@@ -2,12 +2,12 @@
 //! behind it that is reached again.
 
 use super::flight::Trace;
-use super::world::{Doubt, Source, World};
+use super::model::{PlanningModel, SensorModel};
 
 /// Fewest legs between two stored states.
 const STRIDE: usize = 16;
 
-/// Stored states of a plan as it is loaded; their memory is in proportion to the sources.
+/// Stored states of a plan as it is loaded; their memory is in proportion to the sensors.
 const STATES: usize = 64;
 
 /// Slots by which two states may differ and count as the same: rounding.
@@ -22,18 +22,18 @@ pub struct Rejoined {
     pub more_bits: f64,
 }
 
-/// A change under trial: legs `from..` of the old trace are replaced by `trace`, then the old ones from `rest` on,
-/// `shift` slots later.
+/// A change under trial: `trace` in place of the legs `from..rest` of the old trace, and the rest `shift` slots later.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Change {
     pub(super) from: usize,
     pub(super) trace: Trace,
-    pub(super) rest: Option<(usize, i32)>,
+    pub(super) rest: usize,
+    pub(super) shift: i32,
     /// Where the rest is as it was.
     pub(super) rejoined: Option<Rejoined>,
 }
 
-/// When each source is empty before a leg, and what has been lost until then [bit].
+/// When each sensor is empty before a leg, and what has been lost until then [bit].
 #[derive(Debug, Clone)]
 struct State {
     is_known: bool,
@@ -46,7 +46,7 @@ struct State {
 pub struct States {
     stride: usize,
     states: Vec<State>,
-    /// The source that differed when two states were last compared; it is likely to do so again.
+    /// The sensor that differed when two states were last compared; it is likely to do so again.
     suspect: usize,
 }
 
@@ -81,15 +81,11 @@ impl States {
         leg.div_ceil(self.stride)
     }
 
-    fn is_known(&self, state: usize) -> bool {
-        self.states.get(state).is_some_and(|state| state.is_known)
-    }
-
     /// The last known state before leg `leg` or an earlier one.
     #[must_use]
     pub fn last_known(&self, leg: usize) -> usize {
-        let last = (leg / self.stride).min(self.states.len() - 1);
-        (0..=last).rev().find(|&state| self.is_known(state)).expect("the start is known")
+        let mut until = self.states.iter().take(leg / self.stride + 1);
+        until.rposition(|state| state.is_known).expect("the start is known")
     }
 
     /// What has been lost before `state` [bit].
@@ -102,9 +98,7 @@ impl States {
     pub fn load(&self, state: usize, shift: i32, work: &mut [f64]) -> f64 {
         let State { lost_bits, empty, .. } = &self.states[state];
         work.copy_from_slice(empty);
-        if shift != 0 {
-            work.iter_mut().for_each(|empty| *empty += f64::from(shift));
-        }
+        later(work, shift);
         *lost_bits
     }
 
@@ -114,55 +108,56 @@ impl States {
             self.states.push(State { is_known: false, lost_bits: 0.0, empty: work.to_vec() });
         }
         let stored = &mut self.states[state];
-        (stored.is_known, stored.lost_bits) = (true, lost_bits);
+        stored.is_known = true;
+        stored.lost_bits = lost_bits;
         stored.empty.copy_from_slice(work);
     }
 
     /// Whether all queues are at the end of slot `now`, in `work`, what they are in `state` `shift` slots before; then how
     /// much more has overflowed of the full ones that nobody has visited since [bit].
-    pub fn rejoin(&mut self, world: &World, state: usize, shift: i32, now: i32, work: &[f64]) -> Option<f64> {
-        if !self.is_known(state) {
-            return None;
-        }
-        let stored = &self.states[state].empty;
-        let (then, now) = (f64::from(now - shift), f64::from(now));
-        let differs = |source: usize| {
-            let Source { fill_slots, doubt, .. } = world.sources[source];
-            let full = if doubt == Doubt::default() { fill_slots } else { f64::INFINITY };
-            ((now - work[source]).min(full) - (then - stored[source]).min(full)).abs() > ROUNDING
-                || doubt.initial_slots > 0.0 && (work[source] <= 0.0) != (stored[source] <= 0.0)
+    pub fn rejoin(&mut self, model: &PlanningModel, state: usize, shift: i32, now: i32, work: &[f64]) -> Option<f64> {
+        let stored = &self.states.get(state).filter(|state| state.is_known)?.empty;
+        let then = f64::from(now - shift);
+        let now = f64::from(now);
+        let differs = |index: usize| {
+            let sensor = &model.sensors[index];
+            let full = if sensor.is_known() { sensor.fill_slots } else { f64::INFINITY };
+            ((now - work[index]).min(full) - (then - stored[index]).min(full)).abs() > ROUNDING
+                || sensor.initial_half_slots > 0.0 && (work[index] <= 0.0) != (stored[index] <= 0.0)
         };
         if work.get(self.suspect).is_some_and(|_| differs(self.suspect)) {
             return None;
         }
-        if let Some(source) = (0..work.len()).find(|&source| differs(source)) {
-            self.suspect = source;
+        if let Some(sensor) = (0..work.len()).find(|&sensor| differs(sensor)) {
+            self.suspect = sensor;
             return None;
         }
-        let more_bits = |(source, (work, stored)): (&Source, (&f64, &f64))| {
-            (source.overflow_slots(now, *work) - source.overflow_slots(then, *stored)) * source.mean_bits
+        let more_bits = |(sensor, (work, stored)): (&SensorModel, (&f64, &f64))| {
+            (sensor.overflow_slots(now, *work) - sensor.overflow_slots(then, *stored)) * sensor.mean_bits
         };
-        Some(world.sources.iter().zip(work.iter().zip(stored)).map(more_bits).sum())
+        Some(model.sensors.iter().zip(work.iter().zip(stored)).map(more_bits).sum())
     }
 
     /// Keeps what is still right after `change`, which has left `legs` legs.
     pub(super) fn change(&mut self, change: &Change, legs: usize) {
-        let first = change.from / self.stride + 1;
-        // States keep their places only if as many legs came as went.
-        let in_place = |rest: usize| change.from + change.trace.legs.len() == rest;
-        let rejoined = change.rejoined.zip(change.rest).filter(|(_, (rest, _))| in_place(*rest));
-        for state in first..self.states.len() {
-            let leg = self.leg(state);
-            let stored = &mut self.states[state];
+        // States keep their numbers only if as many legs came as went.
+        let rejoined = change.rejoined.filter(|_| change.from + change.trace.legs.len() == change.rest);
+        let stride = self.stride;
+        for (index, state) in self.states.iter_mut().enumerate().skip(change.from / stride + 1) {
             match rejoined {
-                Some((Rejoined { state: rejoined, more_bits }, (_, shift))) if state >= rejoined && leg <= legs => {
-                    stored.lost_bits += more_bits;
-                    if shift != 0 {
-                        stored.empty.iter_mut().for_each(|empty| *empty += f64::from(shift));
-                    }
+                Some(rejoined) if index >= rejoined.state && index * stride <= legs => {
+                    state.lost_bits += rejoined.more_bits;
+                    later(&mut state.empty, change.shift);
                 }
-                _ => stored.is_known = false,
+                _ => state.is_known = false,
             }
         }
+    }
+}
+
+/// Shifts the slots in which sensors are empty by `shift`.
+fn later(empty: &mut [f64], shift: i32) {
+    if shift != 0 {
+        empty.iter_mut().for_each(|empty| *empty += f64::from(shift));
     }
 }

@@ -4,26 +4,28 @@ use std::path::Path;
 
 use proptest::prelude::*;
 use skysink_common::channel::Uplink;
-use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, Mode, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
 
-use super::anneal::{Heat, anneal};
-use super::bound::{by_throughput, by_visits, lower_bound, lower_bound_with_way};
-use super::budget::Budget;
-use super::flight::{Visit, aim, serve, slots_for};
-use super::forecast::{FRESH, Forecast, Outlook};
-use super::reach::Reachable;
+use super::anneal::{Temperature, anneal};
+use super::bound::{by_throughput, by_visits, lower_bound, lower_bound_with_paths};
+use super::flight::{Visit, serve};
+use super::forecast::{FRESH, Forecast, PlanningWindow};
+use super::model::{PlanningModel, SensorModel};
+use super::path_bound::PathBound;
 use super::rollout::roll_out;
+use super::service_disk::ServiceDisk;
 use super::start;
-use super::world::{Doubt, Source, World};
 use super::{Estimate, Horizon};
-use crate::settings::Rates;
+use crate::sensor_table::SensorTable;
+use crate::settings::{Rates, Settings};
+use crate::strategies::{Setup, Timing, View};
 use skysink_common::random::{Purpose, Streams};
 
 /// SNs of gain −52 dB, B = 30 kbit, at `places_m` [m] with their rates [bit/s], in an area of 400 m; d_c = 10 m,
 /// V τ = 30 m.
-pub(super) fn world_of(places_m: &[([f64; 2], f64)], blocks: u32, width_hz: f64) -> World {
+pub(super) fn model_of(places_m: &[([f64; 2], f64)], blocks: u32, width_hz: f64) -> PlanningModel {
     let text = format!(
         "name = 'x'\n[area]\nside_m = 400.0\n[link]\nbandwidth_hz = {width_hz:?}\nresource_blocks = {blocks}\n"
     );
@@ -36,73 +38,72 @@ pub(super) fn world_of(places_m: &[([f64; 2], f64)], blocks: u32, width_hz: f64)
         capacity_bits: 30_000,
         ..SensorNode::default()
     };
-    World::new(&scenario, &places_m.iter().map(sensor).collect::<Vec<_>>())
+    PlanningModel::new(&scenario, &places_m.iter().map(sensor).collect::<Vec<_>>())
 }
 
 /// From (200, 200), with all queues at 10 kbit, to the mission's end after `slots`.
-fn outlook_of(world: &World, slots: i32) -> Outlook {
-    let empty = world.sources.iter().map(|source| -10_000.0 / source.mean_bits).collect();
-    Outlook { start: Position::new(200.0, 200.0), empty, slots, beyond_slots: 0.0, revisit_slots: 1.0 }
+fn window_of(model: &PlanningModel, slots: i32) -> PlanningWindow {
+    let empty = model.sensors.iter().map(|sensor| -10_000.0 / sensor.mean_bits).collect();
+    PlanningWindow { start: Position::new(200.0, 200.0), empty, slots, beyond_slots: 0.0 }
 }
 
-fn places(forecast: &Forecast) -> Vec<u32> {
-    forecast.trace().legs.iter().map(|leg| leg.place).collect()
+fn stops(forecast: &Forecast) -> Vec<u32> {
+    forecast.trace.legs.iter().map(|leg| leg.stop).collect()
 }
 
 /// Three to nine SNs, some of them close together, that fill within 8 to 150 slots.
-fn worlds() -> impl Strategy<Value = World> {
+fn models() -> impl Strategy<Value = PlanningModel> {
     let sensor = ([100.0..300.0, 100.0..300.0], prop_oneof![Just(200.0), Just(900.0), 100.0..2_500.0]);
     let near = ([190.0..215.0, 190.0..215.0], Just(700.0));
     let sensors = prop::collection::vec(prop_oneof![2 => sensor, 1 => near], 3..10);
     // With more blocks than SNs, who is met does not depend on the queues.
-    (sensors, prop_oneof![Just(5e6), Just(4e3)]).prop_map(|(sensors, width_hz)| world_of(&sensors, 12, width_hz))
+    (sensors, prop_oneof![Just(5e6), Just(4e3)]).prop_map(|(sensors, width_hz)| model_of(&sensors, 12, width_hz))
 }
 
 #[test]
 fn a_visit_loses_what_came_after_the_storage_was_full_and_takes_what_the_link_carries() {
-    let world = world_of(&[([200.0, 200.0], 1_000.0)], 4, 5e6); // full in 30 slots
+    let model = model_of(&[([200.0, 200.0], 1_000.0)], 4, 5e6); // full in 30 slots
     let mut empty = vec![-10.0];
     // 35 slots later 45 slots of data have come, of which 15 were lost; the link leaves 30 − 12 = 18.
-    let lost_bits = serve(&world, &mut empty, &Visit { source: 0, slot: 35, capacity_slots: 12.0 });
+    let lost_bits = serve(&model, &mut empty, &Visit { sensor: 0, slot: 35, capacity_slots: 12.0 });
     assert_eq!((lost_bits, empty[0]), (15_000.0, 17.0));
     // 5 slots later there are 23; the link carries more.
-    let lost_bits = serve(&world, &mut empty, &Visit { source: 0, slot: 40, capacity_slots: f64::INFINITY });
+    let lost_bits = serve(&model, &mut empty, &Visit { sensor: 0, slot: 40, capacity_slots: f64::INFINITY });
     assert_eq!((lost_bits, empty[0]), (0.0, 40.0));
 }
 
 #[test]
 fn a_stop_takes_the_slots_to_the_rim_and_the_mission_ends_as_if_it_were_a_visit() {
     // 85 m away, 75 m to the rim: 3 slots. 10 kbit + 3 · 2000 bit fit; emptied at 3, full again at 18, 22 − 18 = 4 late.
-    let world = world_of(&[([285.0, 200.0], 2_000.0)], 4, 5e6);
-    let mut forecast = Forecast::new(&world, outlook_of(&world, 22));
+    let model = model_of(&[([285.0, 200.0], 2_000.0)], 4, 5e6);
+    let mut forecast = Forecast::new(&model, window_of(&model, 22));
     assert_eq!(forecast.loss_bits, 24_000.0); // unserved: full at slot 10
-    forecast.load(&world, [0].into_iter());
-    assert_eq!((forecast.loss_bits, forecast.trace().legs[0].end), (8_000.0, 3));
-    assert_eq!(slots_for(&Position::new(0.0, 0.0), 30.0, &Position::new(70.0, 0.0), 10.0), 2.0);
+    forecast.load(&model, [0]);
+    assert_eq!((forecast.loss_bits, forecast.trace.legs[0].end), (8_000.0, 3));
 }
 
 #[test]
 fn a_stop_that_cannot_be_reached_in_time_is_left_out() {
-    let world = world_of(&[([285.0, 200.0], 2_000.0), ([200.0, 285.0], 10.0)], 4, 5e6);
-    let mut forecast = Forecast::new(&world, outlook_of(&world, 5));
-    forecast.load(&world, [0, 1].into_iter()); // from the rim of SN 0 at least 3 slots to that of SN 1
-    assert_eq!(places(&forecast), [0]);
-    start::extend(&world, &mut forecast);
-    assert!(forecast.trace().legs.iter().all(|leg| leg.end <= 5));
+    let model = model_of(&[([285.0, 200.0], 2_000.0), ([200.0, 285.0], 10.0)], 4, 5e6);
+    let mut forecast = Forecast::new(&model, window_of(&model, 5));
+    forecast.load(&model, [0, 1]); // from the rim of SN 0 at least 3 slots to that of SN 1
+    assert_eq!(stops(&forecast), [0]);
+    start::extend(&model, &mut forecast);
+    assert!(forecast.trace.legs.iter().all(|leg| leg.end <= 5));
 }
 
 #[test]
 fn sensor_nodes_too_close_together_for_the_blocks_are_grouped() {
     let cluster = |x_m: f64, rate_bps| (0..4).map(move |step| ([x_m + 3.0 * f64::from(step), 100.0], rate_bps));
     let sensors = |rate_bps| cluster(100.0, rate_bps).chain(cluster(118.0, rate_bps)).collect::<Vec<_>>();
-    assert_eq!(world_of(&sensors(500.0), 4, 5e6).places.len(), 8, "0.13 of 4 resource blocks are needed");
-    let world = world_of(&sensors(9_000.0), 4, 5e6);
-    let groups: Vec<_> = world.places[8..].iter().map(|place| place.members.clone()).collect();
+    assert_eq!(model_of(&sensors(500.0), 4, 5e6).disks.len(), 8, "0.13 of 4 resource blocks are needed");
+    let model = model_of(&sensors(9_000.0), 4, 5e6);
+    let groups: Vec<_> = model.disks[8..].iter().map(|disk| disk.members.clone()).collect();
     assert!(
         groups.len() == 2 && groups.contains(&vec![0, 1, 2, 3]) && groups.contains(&vec![4, 5, 6, 7]),
         "{groups:?}"
     );
-    assert!(world.places[8..].iter().all(|place| (place.radius_m - 5.5).abs() < 1e-9), "half of 9 m from 10 m");
+    assert!(model.disks[8..].iter().all(|stop| (stop.disk.radius_m - 5.5).abs() < 1e-9), "half of 9 m from 10 m");
 }
 
 #[test]
@@ -110,41 +111,41 @@ fn the_bounds_count_visits_and_bits() {
     // One visit a slot, three SNs that fill in 10 slots from empty, full at slot 0: unserved ones lose everything. Slot 1
     // costs 3, slot 2 two, slot 3 one, all of 3000 bit; then each can be served in time.
     let sensors = [([200.0, 200.0], 3_000.0), ([201.0, 200.0], 3_000.0), ([202.0, 200.0], 3_000.0)];
-    let world = world_of(&sensors, 1, 5e6);
-    let full = Outlook { empty: vec![-10.0; 3], ..outlook_of(&world, 8) };
-    assert_eq!(by_visits(&world, &full), 18_000.0);
+    let model = model_of(&sensors, 1, 5e6);
+    let full = PlanningWindow { empty: vec![-10.0; 3], ..window_of(&model, 8) };
+    assert_eq!(by_visits(&model, &full), 18_000.0);
     // Full in 2 slots: of three with one visit a slot, one is late in every slot from the third on, and at first all.
     let sensors = [200.0, 201.0, 202.0].map(|x_m| ([x_m, 200.0], 15_000.0));
-    let world = world_of(&sensors, 1, 5e6);
-    let empty = Outlook { empty: vec![0.0; 3], ..outlook_of(&world, 10) };
-    assert_eq!(by_visits(&world, &empty), 8.0 * 15_000.0);
+    let model = model_of(&sensors, 1, 5e6);
+    let empty = PlanningWindow { empty: vec![0.0; 3], ..window_of(&model, 10) };
+    assert_eq!(by_visits(&model, &empty), 8.0 * 15_000.0);
     // 45 kbit a slot come in and 30 kbit go out, 450 − 90 − 300 = 60 kbit in ten slots.
-    assert_eq!(by_throughput(&world, &empty), 60_000.0);
-    assert_eq!(lower_bound(&world, &empty), 120_000.0);
+    assert_eq!(by_throughput(&model, &empty), 60_000.0);
+    assert_eq!(lower_bound(&model, &empty), 120_000.0);
 }
 
 #[test]
-fn the_way_bounds_how_many_are_served() {
+fn the_paths_bound_how_many_are_served() {
     // On a line, 50 m apart: 30 m from rim to rim, one slot. The last is 90 m from rim to rim, three slots.
     let sensors = [100.0, 150.0, 200.0, 310.0].map(|x_m| ([x_m, 200.0], 500.0));
-    let reachable = Reachable::new(&world_of(&sensors, 4, 5e6));
-    assert_eq!([0, 1, 2, 3, 4, 5, 6].map(|slots| reachable.most(slots)), [0, 1, 2, 3, 3, 3, 4]);
+    let paths = PathBound::new(&model_of(&sensors, 4, 5e6).table);
+    assert_eq!([0, 1, 2, 3, 4, 5, 6].map(|slots| paths.most(slots)), [0, 1, 2, 3, 3, 3, 4]);
     // Side by side the blocks are the limit.
     let sensors = [200.0, 201.0, 202.0].map(|x_m| ([x_m, 200.0], 500.0));
-    let reachable = Reachable::new(&world_of(&sensors, 2, 5e6));
-    assert_eq!([1, 2].map(|slots| reachable.most(slots)), [2, 3]);
+    let paths = PathBound::new(&model_of(&sensors, 2, 5e6).table);
+    assert_eq!([1, 2].map(|slots| paths.most(slots)), [2, 3]);
 }
 
 /// All plans of up to `most` stops, by their least loss [bit].
-fn enumerated(world: &World, outlook: &Outlook, most: usize) -> f64 {
-    let mut forecast = Forecast::new(world, outlook.clone());
+fn enumerated(model: &PlanningModel, planning: &PlanningWindow, most: usize) -> f64 {
+    let mut forecast = Forecast::new(model, planning.clone());
     let mut least_bits = forecast.loss_bits;
     let mut plans: Vec<Vec<u32>> = vec![Vec::new()];
     while let Some(plan) = plans.pop() {
-        forecast.load(world, plan.iter().copied());
+        forecast.load(model, plan.iter().copied());
         least_bits = least_bits.min(forecast.loss_bits);
-        if plan.len() < most && forecast.trace().legs.len() == plan.len() {
-            plans.extend((0..world.places.len() as u32).map(|place| [&plan[..], &[place]].concat()));
+        if plan.len() < most && forecast.trace.legs.len() == plan.len() {
+            plans.extend((0..model.disks.len() as u32).map(|stop| [&plan[..], &[stop]].concat()));
         }
     }
     least_bits
@@ -158,17 +159,17 @@ fn annealing_loses_as_little_as_the_best_of_all_plans() {
         let mut draw = || f64::from(rand::Rng::next_u32(&mut random)) / 4_294_967_296.0;
         let sensors: Vec<_> =
             (0..4).map(|_| ([140.0 + 120.0 * draw(), 140.0 + 120.0 * draw()], 1_000.0 + 2_000.0 * draw())).collect();
-        let world = world_of(&sensors, 2, 5e6);
-        let outlook = outlook_of(&world, 16);
-        let least_bits = enumerated(&world, &outlook, 6);
-        assert!(lower_bound(&world, &outlook) <= least_bits, "seed {seed}");
-        let mut forecast = Forecast::new(&world, outlook);
-        start::begin(&world, &mut forecast);
+        let model = model_of(&sensors, 2, 5e6);
+        let planning = window_of(&model, 16);
+        let least_bits = enumerated(&model, &planning, 6);
+        assert!(lower_bound(&model, &planning) <= least_bits, "seed {seed}");
+        let mut forecast = Forecast::new(&model, planning);
+        start::begin(&model, &mut forecast);
         let mut random = Streams::new(seed).stream(Purpose::Horizon, 1, 0);
         let mut lowest_bits = forecast.loss_bits;
         for far_bits in [3_000.0, 1_000.0, 300.0, 0.0] {
-            let heat = Heat { far_bits, now: 0, far_slots: 10.0, near_share: 0.5 };
-            anneal(&world, &mut forecast, heat, Budget::from_now(2_000, None), &mut random);
+            let temperature = Temperature { far_bits, now: 0, near_fraction: 0.5 };
+            anneal(&model, &mut forecast, temperature, 2_000, None, &mut random);
             lowest_bits = lowest_bits.min(forecast.loss_bits);
         }
         // Plans of more than six stops may lose even less.
@@ -183,57 +184,55 @@ proptest! {
 
     #[test]
     fn a_change_under_trial_loses_what_the_changed_plan_loses(
-        world in worlds(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 1..150),
+        model in models(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 1..150),
         changes in prop::collection::vec((any::<[prop::sample::Index; 4]>(), any::<bool>(), 0usize..4), 1..12),
     ) {
-        let outlook = outlook_of(&world, 100_000);
-        let place = |index: &prop::sample::Index| index.index(world.places.len()) as u32;
-        let mut forecast = Forecast::new(&world, outlook.clone());
-        forecast.load(&world, drawn.iter().map(place));
+        let planning = window_of(&model, 100_000);
+        let stop = |index: &prop::sample::Index| index.index(model.disks.len()) as u32;
+        let mut forecast = Forecast::new(&model, planning.clone());
+        forecast.load(&model, drawn.iter().map(stop));
         for (indices, kept, moved) in changes {
-            let plan = places(&forecast);
+            let plan = stops(&forecast);
             let [a, b] = [indices[0].index(plan.len() + 1), indices[1].index(plan.len() + 1)];
             let (from, to) = (a.min(b), a.max(b));
-            forecast.window.clear();
-            forecast.window.extend((0..moved).map(|_| (place(&indices[2]), FRESH)));
+            let mut inserted = vec![(stop(&indices[2]), FRESH); moved];
             if kept {
-                forecast.window.extend((from..to).map(|stop| (plan[stop], stop as u32)));
-                let turn = indices[3].index(forecast.window.len() + 1);
-                forecast.window.rotate_left(turn);
+                inserted.extend((from..to).map(|leg| (plan[leg], leg as u32)));
+                let turn = indices[3].index(inserted.len() + 1);
+                inserted.rotate_left(turn);
             }
             let changed: Vec<u32> = plan[..from].iter().copied()
-                .chain(forecast.window.iter().map(|(place, _)| *place)).chain(plan[to..].iter().copied()).collect();
-            let loss_bits = forecast.attempt(&world, from, to);
-            let mut flown = Forecast::new(&world, outlook.clone());
-            flown.load(&world, changed.iter().copied());
+                .chain(inserted.iter().map(|(stop, _)| *stop)).chain(plan[to..].iter().copied()).collect();
+            let loss_bits = forecast.attempt(&model, from, to, &inserted);
+            let mut flown = Forecast::new(&model, planning.clone());
+            flown.load(&model, changed.iter().copied());
             prop_assert!((loss_bits - flown.loss_bits).abs() <= 1e-9 * flown.loss_bits.max(1.0));
             if indices[3].index(2) == 0 && !changed.is_empty() {
                 forecast.accept(loss_bits);
-                prop_assert_eq!(&forecast.trace().legs, &flown.trace().legs);
-                prop_assert_eq!(&forecast.trace().visits, &flown.trace().visits);
+                prop_assert_eq!(&forecast.trace.legs, &flown.trace.legs);
+                prop_assert_eq!(&forecast.trace.visits, &flown.trace.visits);
             }
         }
     }
 
     #[test]
     fn states_that_are_kept_change_no_loss(
-        world in worlds(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 40..200), slots in 60i32..400,
+        model in models(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 40..200), slots in 60i32..400,
         changes in prop::collection::vec((any::<[prop::sample::Index; 4]>(), 0usize..3), 1..20),
     ) {
-        let place = |index: &prop::sample::Index| index.index(world.places.len()) as u32;
-        let mut kept = Forecast::new(&world, outlook_of(&world, slots));
-        kept.load(&world, drawn.iter().map(place));
+        let stop = |index: &prop::sample::Index| index.index(model.disks.len()) as u32;
+        let mut kept = Forecast::new(&model, window_of(&model, slots));
+        kept.load(&model, drawn.iter().map(stop));
         for (indices, fresh) in changes {
-            let _ = kept.levels(&world); // all states are known from here on
-            let stops = kept.trace().legs.len();
+            let _ = kept.levels(&model); // all states are known from here on
+            let stops = kept.trace.legs.len();
             let [a, b] = [indices[0].index(stops + 1), indices[1].index(stops + 1)];
-            kept.window.clear();
-            kept.window.extend((0..fresh).map(|_| (place(&indices[2]), FRESH)));
+            let inserted = vec![(stop(&indices[2]), FRESH); fresh];
             let mut forgotten = kept.clone();
             forgotten.states.forget();
             let (from, to) = (a.min(b), a.max(b).min(a.min(b) + 2));
-            let loss_bits = kept.attempt(&world, from, to);
-            let expected_bits = forgotten.attempt(&world, from, to);
+            let loss_bits = kept.attempt(&model, from, to, &inserted);
+            let expected_bits = forgotten.attempt(&model, from, to, &inserted);
             prop_assert!((loss_bits - expected_bits).abs() <= 1e-9 * expected_bits.max(1.0));
             if indices[3].index(2) == 0 {
                 kept.accept(loss_bits);
@@ -243,53 +242,32 @@ proptest! {
 
     #[test]
     fn no_plan_loses_less_than_the_bound(
-        world in worlds(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 1..60), slots in 1i32..80,
+        model in models(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 1..60), slots in 1i32..80,
     ) {
-        let outlook = outlook_of(&world, slots);
-        let mut forecast = Forecast::new(&world, outlook.clone());
-        let bound_bits = lower_bound_with_way(&world, &outlook, &Reachable::new(&world));
-        prop_assert!(lower_bound(&world, &outlook) <= bound_bits && bound_bits <= forecast.loss_bits + 1e-6);
-        forecast.load(&world, drawn.iter().map(|index| index.index(world.places.len()) as u32));
+        let planning = window_of(&model, slots);
+        let mut forecast = Forecast::new(&model, planning.clone());
+        let bound_bits = lower_bound_with_paths(&model, &planning, &PathBound::new(&model.table));
+        prop_assert!(lower_bound(&model, &planning) <= bound_bits && bound_bits <= forecast.loss_bits + 1e-6);
+        forecast.load(&model, drawn.iter().map(|index| index.index(model.disks.len()) as u32));
         prop_assert!(bound_bits <= forecast.loss_bits + 1e-6);
-        start::extend(&world, &mut forecast);
+        start::extend(&model, &mut forecast);
         prop_assert!(bound_bits <= forecast.loss_bits + 1e-6, "{} > {}", bound_bits, forecast.loss_bits);
     }
 
     #[test]
-    fn no_plan_serves_more_than_the_way_allows(
-        world in worlds(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 1..40), window in 1i32..20,
+    fn no_plan_serves_more_than_the_paths_allow(
+        model in models(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 1..40), window in 1i32..20,
     ) {
-        let mut forecast = Forecast::new(&world, outlook_of(&world, 100));
-        forecast.load(&world, drawn.iter().map(|index| index.index(world.places.len()) as u32));
-        let most = Reachable::new(&world).most(window);
+        let mut forecast = Forecast::new(&model, window_of(&model, 100));
+        forecast.load(&model, drawn.iter().map(|index| index.index(model.disks.len()) as u32));
+        let most = PathBound::new(&model.table).most(window);
         for slot in 0..100 {
             let within = |visit: &&Visit| (slot + 1..=slot + window).contains(&visit.slot);
             let mut served: Vec<u32> =
-                forecast.trace().visits.iter().filter(within).map(|visit| visit.source).collect();
+                forecast.trace.visits.iter().filter(within).map(|visit| visit.sensor).collect();
             served.sort_unstable();
             served.dedup();
             prop_assert!(served.len() <= most, "{} of {} after slot {}", served.len(), most, slot);
-        }
-    }
-
-    #[test]
-    fn a_waypoint_is_the_point_in_reach_and_range_nearest_to_the_next_stop(
-        centre in [0.0..100.0, 0.0..100.0], radius_m in 0.5..30.0, target in [0.0..100.0, 0.0..100.0], reach_m in 5.0..40.0,
-    ) {
-        let (from, centre, target) = (Position::new(50.0, 50.0), Position::from(centre), Position::from(target));
-        let reach_m = reach_m * slots_for(&from, reach_m, &centre, radius_m);
-        let waypoint = aim(&from, reach_m, &centre, radius_m, &target);
-        let inside = |point: &Position, slack: f64| {
-            distance_squared(point, &centre) <= (radius_m * slack).powi(2)
-                && distance_squared(point, &from) <= (reach_m * slack).powi(2)
-        };
-        prop_assert!(inside(&waypoint, 1.0 + 1e-10), "{}", waypoint);
-        for column in 0..=100 {
-            for row in 0..=100 {
-                let point = Position::new(f64::from(column), f64::from(row));
-                let nearer = (point - target).norm() < (waypoint - target).norm() - 1e-9;
-                prop_assert!(!nearer || !inside(&point, 1.0), "{} beats {}", point, waypoint);
-            }
         }
     }
 }
@@ -300,24 +278,24 @@ fn a_plan_in_overload_is_flown_as_it_was_foreseen_slot_by_slot() {
     let mut random = Streams::new(7).stream(Purpose::Position, 0, 0);
     let mut draw = || 200.0 + 55.0 * f64::from(rand::Rng::next_u32(&mut random)) / 4_294_967_296.0;
     let sensors: Vec<_> = (0..60).map(|_| ([draw(), draw()], 3_000.0)).collect();
-    let world = world_of(&sensors, 4, 5e6);
-    let mut forecast = Forecast::new(&world, outlook_of(&world, 80));
-    start::begin(&world, &mut forecast);
-    let (first, foreseen_bits) = (forecast.trace().clone(), forecast.loss_bits);
+    let model = model_of(&sensors, 4, 5e6);
+    let mut forecast = Forecast::new(&model, window_of(&model, 80));
+    start::begin(&model, &mut forecast);
+    let (first, foreseen_bits) = (forecast.trace.clone(), forecast.loss_bits);
     let legs = first.legs.iter().filter(|leg| leg.end == 1).count();
     // After the first slot a queue that has overflowed is seen as a full one.
-    let mut empty = forecast.outlook().empty.clone();
+    let mut empty = forecast.window.empty.clone();
     let mut lost_bits = 0.0;
     for visit in first.visits.iter().filter(|visit| visit.slot == 1) {
-        lost_bits += serve(&world, &mut empty, visit);
+        lost_bits += serve(&model, &mut empty, visit);
     }
-    for (empty, source) in empty.iter_mut().zip(&world.sources) {
-        lost_bits += (1.0 - *empty - source.fill_slots).max(0.0) * source.mean_bits;
-        *empty = (*empty - 1.0).max(-source.fill_slots);
+    for (empty, sensor) in empty.iter_mut().zip(&model.sensors) {
+        lost_bits += (1.0 - *empty - sensor.fill_slots).max(0.0) * sensor.mean_bits;
+        *empty = (*empty - 1.0).max(-sensor.fill_slots);
     }
     let start = first.legs[legs - 1].at;
-    let mut next = Forecast::new(&world, Outlook { start, empty, ..outlook_of(&world, 79) });
-    next.load(&world, first.legs[legs..].iter().map(|leg| leg.place));
+    let mut next = Forecast::new(&model, PlanningWindow { start, empty, ..window_of(&model, 79) });
+    next.load(&model, first.legs[legs..].iter().map(|leg| leg.stop));
     assert!((lost_bits + next.loss_bits - foreseen_bits).abs() < 1e-6, "{foreseen_bits} against {}", next.loss_bits);
 }
 
@@ -327,58 +305,59 @@ fn the_best_sets_of_every_slot_are_stops_of_a_slot_each() {
     let mut random = Streams::new(8).stream(Purpose::Position, 0, 0);
     let mut draw = || 200.0 + 55.0 * f64::from(rand::Rng::next_u32(&mut random)) / 4_294_967_296.0;
     let sensors: Vec<_> = (0..60).map(|i| ([draw(), draw()], if i % 3 == 0 { 3_000.0 } else { 1_000.0 })).collect();
-    let mut world = world_of(&sensors, 4, 5e6);
-    let outlook = outlook_of(&world, 50);
-    let stops = roll_out(&world, &outlook).unwrap();
+    let mut model = model_of(&sensors, 4, 5e6);
+    let planning = window_of(&model, 50);
+    let stops = roll_out(&model, &planning, &model.table).unwrap();
     assert_eq!(stops.len(), 50);
-    let (own, mut forecast) = (world.places.len() as u32, Forecast::new(&world, outlook));
-    world.add(stops.clone());
-    forecast.load(&world, own..own + 50);
-    let legs = &forecast.trace().legs;
+    let (own, mut forecast) = (model.disks.len() as u32, Forecast::new(&model, planning));
+    model.replace_added(stops.clone());
+    forecast.load(&model, own..own + 50);
+    let legs = &forecast.trace.legs;
     assert!(legs.iter().zip(1..).all(|(leg, slot)| leg.end == slot) && legs.len() == 50, "{legs:?}");
-    assert_eq!((forecast.trace().visits.len(), world.added()), (200, &stops[..]));
-    world.forget_added();
-    assert_eq!((world.places.len() as u32, world.added().len(), world.neighbours.len() as u32), (own, 0, own));
+    assert_eq!((forecast.trace.visits.len(), model.added()), (200, &stops[..]));
+    model.replace_added(Vec::new());
+    assert_eq!((model.disks.len() as u32, model.added().len(), model.neighbours.len() as u32), (own, 0, own));
     // Nobody is in reach of a UAV in the other corner.
-    let far = Outlook { start: Position::new(0.0, 0.0), ..outlook_of(&world, 50) };
-    assert!(roll_out(&world, &far).is_none());
+    let far = PlanningWindow { start: Position::new(0.0, 0.0), ..window_of(&model, 50) };
+    assert!(roll_out(&model, &far, &model.table).is_none());
 }
 
 #[test]
-fn only_sources_in_range_of_a_point_are_served_from_there() {
-    let world = world_of(&[([200.0, 200.0], 9.0), ([212.0, 200.0], 9.0), ([230.0, 200.0], 9.0)], 2, 5e6);
+fn only_sensors_in_range_of_a_point_are_served_from_there() {
+    let model = model_of(&[([200.0, 200.0], 9.0), ([212.0, 200.0], 9.0), ([230.0, 200.0], 9.0)], 2, 5e6);
     let middle = Position::new(206.0, 200.0);
-    assert_eq!(world.place_at(middle, vec![0, 1]).map(|place| place.radius_m), Some(4.0));
+    assert_eq!(ServiceDisk::at(&model.table, middle, vec![0, 1]).map(|stop| stop.disk.radius_m), Some(4.0));
     for members in [vec![], vec![1, 0], vec![0, 0], vec![0, 2], vec![0, 3], vec![0, 1, 2]] {
-        assert_eq!(world.place_at(middle, members.clone()), None, "{members:?}");
+        assert_eq!(ServiceDisk::at(&model.table, middle, members.clone()), None, "{members:?}");
     }
 }
 
 #[test]
 fn what_is_not_known_is_lost_on_average() {
-    let world = world_of(&[([200.0, 200.0], 1_000.0)], 1, 5e6); // full in 30 slots
-    let mean = |source: &Source, slot: f64, empty: f64| {
-        let half = source.doubt.rate * (slot - empty) + if empty <= 0.0 { source.doubt.initial_slots } else { 0.0 };
+    let model = model_of(&[([200.0, 200.0], 1_000.0)], 1, 5e6); // full in 30 slots
+    let mean = |sensor: &SensorModel, slot: f64, empty: f64| {
+        let initial_half_slots = if empty <= 0.0 { sensor.initial_half_slots } else { 0.0 };
+        let half = sensor.rate_half_fraction * (slot - empty) + initial_half_slots;
         let draws = (0..10_000).map(|draw| half * ((f64::from(draw) + 0.5) / 5_000.0 - 1.0));
-        draws.map(|more| (slot - empty - source.fill_slots + more).max(0.0)).sum::<f64>() / 10_000.0
+        draws.map(|more| (slot - empty - sensor.fill_slots + more).max(0.0)).sum::<f64>() / 10_000.0
     };
-    for (initial_slots, rate) in [(0.0, 0.0), (8.0, 0.0), (0.0, 0.25), (8.0, 0.25)] {
-        let source = Source { doubt: Doubt { initial_slots, rate }, ..world.sources[0] };
+    for (initial_half_slots, rate_half_fraction) in [(0.0, 0.0), (8.0, 0.0), (0.0, 0.25), (8.0, 0.25)] {
+        let sensor = SensorModel { initial_half_slots, rate_half_fraction, ..model.sensors[0] };
         for (slot, empty) in [(5.0, -10.0), (14.0, -10.0), (20.0, -10.0), (26.0, -10.0), (60.0, -10.0), (42.0, 9.0)] {
-            let (found, expected) = (source.overflow_slots(slot, empty), mean(&source, slot, empty));
-            assert!((found - expected).abs() < 1e-3, "{source:?} from {empty} to {slot}: {found} against {expected}");
+            let (found, expected) = (sensor.overflow_slots(slot, empty), mean(&sensor, slot, empty));
+            assert!((found - expected).abs() < 1e-3, "{sensor:?} from {empty} to {slot}: {found} against {expected}");
         }
     }
 }
 
 #[test]
 fn what_has_overflowed_before_is_in_no_plans_loss() {
-    let mut world = world_of(&[([200.0, 200.0], 1_000.0)], 1, 5e6);
-    world.sources[0].doubt = Doubt { initial_slots: 8.0, rate: 0.0 };
+    let mut model = model_of(&[([200.0, 200.0], 1_000.0)], 1, 5e6);
+    model.sensors[0].initial_half_slots = 8.0;
     // 2 slots before it is full, give or take 8; 40 slots late for sure by the end.
-    let outlook = Outlook { empty: vec![-28.0], ..outlook_of(&world, 42) };
+    let planning = PlanningWindow { empty: vec![-28.0], ..window_of(&model, 42) };
     let sunk_bits = (6.0f64 * 6.0 / 32.0) * 1_000.0;
-    assert!((Forecast::new(&world, outlook).loss_bits - (40_000.0 - sunk_bits)).abs() < 1e-6);
+    assert!((Forecast::new(&model, planning).loss_bits - (40_000.0 - sunk_bits)).abs() < 1e-6);
 }
 
 #[test]
@@ -387,8 +366,8 @@ fn a_free_altitude_is_foreseen_as_one_that_the_uav_can_keep() {
                 bandwidth_hz = 5e3\ncomm_radius_m = 60.0\n";
     let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
     let sensor = SensorNode { x_m: 50.0, y_m: 50.0, sampling_bps: 1.0, capacity_bits: 30_000, ..SensorNode::default() };
-    let world = World::new(&scenario, &[sensor]);
-    let channel = world.field.channel;
+    let model = PlanningModel::new(&scenario, &[sensor]);
+    let channel = model.table.channel;
     let climb = scenario.uav.climb().unwrap();
     let range_m = climb.max_altitude_m - climb.min_altitude_m;
     let carried = |d2_m2: f64, z_m: f64| {
@@ -396,7 +375,7 @@ fn a_free_altitude_is_foreseen_as_one_that_the_uav_can_keep() {
     };
     let explains = |level: &u32| {
         let z_m = climb.min_altitude_m + range_m * f64::from(*level) / 16.0;
-        [0.0, 900.0, 3_600.0].iter().all(|&d2_m2| world.capacity_slots(0, d2_m2) == carried(d2_m2, z_m))
+        [0.0, 900.0, 3_600.0].iter().all(|&d2_m2| model.capacity_slots(0, d2_m2) == carried(d2_m2, z_m))
     };
     assert!((0..=16).any(|level| explains(&level)));
 }
@@ -408,18 +387,18 @@ proptest! {
     fn groups_hold_every_source_once_and_in_range_of_one_point(
         sensors in prop::collection::vec(([150.0..200.0, 150.0..200.0], Just(500.0)), 2..40), blocks in 2u32..6,
     ) {
-        let mut world = world_of(&sensors, blocks, 5e6);
-        world.places.truncate(sensors.len());
-        world.group(1);
-        let groups = &world.places[sensors.len()..];
+        let mut model = model_of(&sensors, blocks, 5e6);
+        model.disks.truncate(sensors.len());
+        model.group(1);
+        let groups = &model.disks[sensors.len()..];
         let mut members: Vec<u32> = groups.iter().flat_map(|group| group.members.iter().copied()).collect();
         members.sort_unstable();
         prop_assert!(members.is_empty() || (0..sensors.len() as u32).eq(members));
         for group in groups {
-            prop_assert!(group.members.len() <= blocks as usize && group.radius_m >= 0.0);
+            prop_assert!(group.members.len() <= blocks as usize && group.disk.radius_m >= 0.0);
             for &member in &group.members {
-                let away_m = (world.positions[member as usize] - group.centre).norm();
-                prop_assert!(away_m <= world.radius_m() - group.radius_m + 1e-9);
+                let away_m = (model.table.positions[member as usize] - group.disk.centre).norm();
+                prop_assert!(away_m <= model.table.comm_radius_m - group.disk.radius_m + 1e-9);
             }
         }
     }
@@ -433,12 +412,17 @@ fn rates_that_are_learnt_take_the_place_of_those_believed_before() {
     let sensor = |x_m: f64| SensorNode { x_m, y_m: 50.0, gain: 1e-5, capacity_bits: 30_000, ..SensorNode::default() };
     let sensors = [30.0, 60.0, 90.0].map(sensor); // what they sample is not looked at
     let mut estimate = Estimate::new(&scenario, Rates::Learnt, &sensors);
-    let mut horizon = Horizon::learning(&scenario, &sensors, &estimate);
-    horizon.believe(0, &estimate);
-    let sources = |horizon: &Horizon| {
-        horizon.world.sources.iter().map(|source| (source.mean_bits, source.fill_slots)).collect::<Vec<_>>()
+    let table = &SensorTable::new(&scenario, &sensors);
+    let settings = &Settings::of(&scenario).unwrap();
+    let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table, estimate: Some(&estimate) };
+    let mut horizon = Horizon::new(&setup, 600, 0, None);
+    let believed = |horizon: &mut Horizon, estimate: &Estimate, slot: u64| {
+        let position = scenario.start();
+        let estimate = Some(estimate);
+        horizon.believe(&View { slot, position, queues_bits: &[0; 3], estimate, table, timing: Timing::Free });
+        horizon.model.sensors.iter().map(|sensor| (sensor.mean_bits, sensor.fill_slots)).collect::<Vec<_>>()
     };
-    assert_eq!(sources(&horizon), [(100.0, 300.0); 3]);
+    assert_eq!(believed(&mut horizon, &estimate, 1), [(100.0, 300.0); 3]);
     // SNs 0 and 2 are served in slots 1 and 12: in the 10 slots between them come 2 500 bit, and nothing.
     let mut flight = FlightReport::at([0.0, 0.0, 20.0], Mode::Serve);
     flight.served = 2;
@@ -448,6 +432,5 @@ fn rates_that_are_learnt_take_the_place_of_those_believed_before() {
     (2..12).for_each(|slot| estimate.observe(slot, &FlightReport::at([0.0, 0.0, 20.0], Mode::Serve), &[0; 3]));
     estimate.announce(12, &[0, 2], &[3_000, 0, 7]);
     estimate.observe(12, &flight, &[0, 0, 7]);
-    horizon.believe(12, &estimate);
-    assert_eq!(sources(&horizon), [(250.0, 120.0), (100.0, 300.0), (1e-3, 3e7)]);
+    assert_eq!(believed(&mut horizon, &estimate, 13), [(250.0, 120.0), (100.0, 300.0), (1e-3, 3e7)]);
 }

@@ -6,13 +6,14 @@ use std::time::Duration;
 
 use nalgebra::Point3;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError};
-use skysink_common::geometry::Position;
+use skysink_common::geometry::{Position, above};
 use skysink_common::message::SolverOutcome;
+use skysink_common::path::MAX_POINTS;
 
 use super::nearby::fullest_first;
 use super::serving::Serving;
-use super::{Decision, Registered, Setup, Strategy, Timing, View};
-use crate::horizon::{Horizon, Next, PATH};
+use super::{Decision, Registered, Setup, Strategy, View};
+use crate::horizon::{Horizon, NextSlot};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
@@ -20,97 +21,34 @@ pub const STRATEGY: Registered = Registered {
     about: "the plan of least predicted loss over many slots, improved in every slot",
     is_stateless: false,
     has_path: true,
-    make: |setup| Box::new(Rolling::new(setup)),
-};
-
-/// Most slots that are looked ahead: the letter's whole mission.
-const MOST_SLOTS: u64 = 600;
-
-/// The look-ahead as it moves on with the mission.
-struct Rolling {
-    ahead: Ahead,
-    /// Longest that a search may take in a paced mission.
-    budget: Option<Duration>,
-}
-
-impl Rolling {
-    fn new(setup: &Setup) -> Self {
+    make: |setup| {
         let settings = setup.settings.horizon;
         let iterations = settings.iterations.get() as u32; // at most 10^9
-        Self { ahead: Ahead::new(setup, MOST_SLOTS, iterations), budget: settings.budget_ms.map(Duration::from) }
-    }
-}
+        Box::new(LookAhead::new(setup, MOST_SLOTS, iterations, settings.budget_ms.map(Duration::from)))
+    },
+};
 
-impl Strategy for Rolling {
-    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-        self.ahead.horizon.limit(self.budget.filter(|_| view.timing == Timing::Paced));
-        self.ahead.believe(view);
-        self.ahead.plan(view)
-    }
-
-    fn path(&self) -> &[Point3<f64>] {
-        self.ahead.path()
-    }
-}
-
-impl Checkpoint for Rolling {
-    fn save(&self, bytes: &mut Vec<u8>) {
-        self.ahead.horizon.save(bytes);
-    }
-
-    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        self.ahead.horizon.restore(bytes)
-    }
-}
+/// Most slots that are looked ahead: the whole mission of the UTS letter (arXiv 2103.00753).
+const MOST_SLOTS: u64 = 600;
 
 /// A plan over many slots, and how its first slot is flown.
-pub(super) struct Ahead {
+pub(super) struct LookAhead {
     pub horizon: Horizon,
     serving: Serving,
     /// The waypoints after the one decided last.
     path: Vec<Point3<f64>>,
 }
 
-impl Ahead {
-    /// Looks at most `most_slots` ahead, with `iterations` search steps in each slot.
-    pub fn new(setup: &Setup, most_slots: u64, iterations: u32) -> Self {
-        let Setup { scenario, sensors, estimate, .. } = *setup;
-        let learnt = estimate.filter(|estimate| estimate.learns());
-        let mut horizon = match learnt {
-            Some(estimate) => Horizon::learning(scenario, sensors, estimate),
-            None => Horizon::new(scenario, sensors),
-        };
-        horizon.look_ahead(most_slots, iterations);
-        Self { horizon, serving: Serving::new(setup), path: Vec::with_capacity(PATH) }
-    }
-
-    /// Takes in what is believed of the queues and of the sampling rates.
-    pub fn believe(&mut self, view: &View) {
-        if let Some(estimate) = view.estimate {
-            self.horizon.believe(view.slot.saturating_sub(1), estimate);
-        }
-    }
-
-    /// Improves the plan and decides its first slot; `None` if no SN that can lose data can be reached.
-    pub fn plan(&mut self, view: &View) -> Option<Decision> {
-        self.path.clear();
-        let next = self.horizon.step(view.slot, &view.ground(), view.queues_bits)?;
-        let (waypoint, outcome) = self.between_stops(view, &next);
-        let key = |id: u32| (!next.ids.contains(&id), fullest_first(view.queues_bits[id as usize], id));
-        let decision = Decision { outcome, ..self.serving.serve_by(view, &waypoint, key) };
-        let z_m = decision.waypoint.z;
-        self.path.extend(next.path.iter().skip(1).map(|point| Point3::new(point.x, point.y, z_m)));
-        Some(decision)
-    }
-
-    /// The waypoints after the one decided last.
-    pub fn path(&self) -> &[Point3<f64>] {
-        &self.path
+impl LookAhead {
+    /// As [`Horizon::new`].
+    pub fn new(setup: &Setup, most_slots: u64, iterations: u32, budget: Option<Duration>) -> Self {
+        let horizon = Horizon::new(setup, most_slots, iterations, budget);
+        Self { horizon, serving: Serving::new(setup), path: Vec::with_capacity(MAX_POINTS) }
     }
 
     /// The waypoint of a planned slot: where its links limit what it collects, as far toward the best point to serve
     /// from (sP2*) as the next stop stays in reach in time.
-    fn between_stops(&mut self, view: &View, next: &Next) -> (Position, SolverOutcome) {
+    fn between_stops(&mut self, view: &View, next: &NextSlot) -> (Position, SolverOutcome) {
         let above = self.serving.above(view, &next.waypoint, &next.ids);
         let queued_bits: u64 = next.ids.iter().map(|&id| u64::from(view.queues_bits[id as usize])).sum();
         let expected_bits = view.table.expected_bits(&above, &next.ids, view.queues_bits);
@@ -127,6 +65,33 @@ impl Ahead {
         let reach_m = view.table.reach_m * f64::from(slots);
         let fraction = fraction_within(&next.waypoint, &best_ground, &then, reach_m);
         (next.waypoint + (best_ground - next.waypoint) * fraction, best.outcome)
+    }
+}
+
+impl Strategy for LookAhead {
+    /// Improves the plan and decides its first slot; `None` if no SN that can lose data can be reached.
+    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+        self.path.clear();
+        let next = self.horizon.step(view)?;
+        let (waypoint, outcome) = self.between_stops(view, &next);
+        let key = |id: u32| (!next.ids.contains(&id), fullest_first(view.queues_bits[id as usize], id));
+        let decision = Decision { outcome, ..self.serving.serve_by(view, &waypoint, key) };
+        self.path.extend(next.path.iter().skip(1).map(|point| above(point, decision.waypoint.z)));
+        Some(decision)
+    }
+
+    fn path(&self) -> &[Point3<f64>] {
+        &self.path
+    }
+}
+
+impl Checkpoint for LookAhead {
+    fn save(&self, bytes: &mut Vec<u8>) {
+        self.horizon.save(bytes);
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        self.horizon.restore(bytes)
     }
 }
 

@@ -7,9 +7,9 @@ use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, enco
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::{Scenario, ScenarioError};
 
-use super::horizon::Ahead;
+use super::horizon::LookAhead;
 use super::{Decision, Registered, Setup, Strategy, Timing, View};
-use crate::horizon::optimize::Progress;
+use crate::horizon::long_search::SearchProgress;
 use crate::sensor_table::SensorTable;
 use crate::settings::Settings;
 
@@ -27,7 +27,7 @@ const MOST_SLOTS: u64 = 10_000;
 
 /// The plan of a mission.
 pub struct Offline {
-    ahead: Ahead,
+    ahead: LookAhead,
     /// Search steps for the plan.
     steps: u64,
     /// Whether the plan is made.
@@ -38,7 +38,11 @@ impl Offline {
     /// The strategy before its search.
     #[must_use]
     pub fn new(setup: &Setup) -> Self {
-        Self { ahead: Ahead::new(setup, MOST_SLOTS, 0), steps: setup.settings.offline.steps.get(), is_planned: false }
+        Self {
+            ahead: LookAhead::new(setup, MOST_SLOTS, 0, None),
+            steps: setup.settings.offline.steps.get(),
+            is_planned: false,
+        }
     }
 
     /// The strategy before its search, of a mission whose queues are known.
@@ -51,11 +55,11 @@ impl Offline {
         Ok(Self::new(&Setup { scenario, settings, sensors, table, estimate: None }))
     }
 
-    /// Makes the plan of a mission whose queues are known, `queues_bits` [bit] by id before slot 1, and returns the loss
-    /// [bit] that it leads to. Without it the first slot does so.
+    /// Runs the search for a mission whose queues are known, `queues_bits` [bit] by id before slot 1; returns the strategy
+    /// and the loss [bit] that its plan leads to. Without this call the first slot runs it.
     ///
     /// `None`, and nothing is planned, if no sensor node that can lose data can be reached, or if `watch`, which is told
-    /// now and then how far the search is, breaks it off.
+    /// now and then how far the search is, ends it.
     ///
     /// # Errors
     /// If `[planner]` of the scenario is refused.
@@ -63,21 +67,18 @@ impl Offline {
         scenario: &Scenario,
         sensors: &[SensorNode],
         queues_bits: &[u32],
-        watch: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+        watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
     ) -> Result<Option<(Self, f64)>, ScenarioError> {
         let table = &SensorTable::new(scenario, sensors);
         let mut offline = Self::of(scenario, sensors)?;
-        let start = scenario.start().xy();
-        let position = Point3::new(start.x, start.y, scenario.uav.altitude_m);
+        let position = scenario.start();
         let view = View { slot: 1, position, queues_bits, estimate: None, table, timing: Timing::Free };
         Ok(offline.prepare(&view, watch).map(|loss_bits| (offline, loss_bits)))
     }
 
-    /// Makes the plan from `view` on; returns the loss [bit] that it leads to.
-    fn prepare(&mut self, view: &View, watch: &mut dyn FnMut(Progress) -> ControlFlow<()>) -> Option<f64> {
-        self.ahead.believe(view);
-        let begin = (view.slot, self.steps);
-        let loss_bits = self.ahead.horizon.prepare(begin, &view.ground(), view.queues_bits, watch)?;
+    /// Runs the search from `view` on; returns the loss [bit] that the plan leads to.
+    fn prepare(&mut self, view: &View, watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>) -> Option<f64> {
+        let loss_bits = self.ahead.horizon.prepare(view, self.steps, watch)?;
         self.is_planned = true;
         Some(loss_bits)
     }
@@ -85,9 +86,7 @@ impl Offline {
 
 impl Strategy for Offline {
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-        if self.is_planned {
-            self.ahead.believe(view);
-        } else {
+        if !self.is_planned {
             self.prepare(view, &mut |_| ControlFlow::Continue(()))?;
         }
         self.ahead.plan(view)
@@ -101,12 +100,12 @@ impl Strategy for Offline {
 impl Checkpoint for Offline {
     fn save(&self, bytes: &mut Vec<u8>) {
         encode(&self.is_planned, bytes);
-        self.ahead.horizon.save(bytes);
+        self.ahead.save(bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let (is_planned, horizon) = decode_first(bytes)?;
-        self.ahead.horizon.restore(horizon)?;
+        let (is_planned, ahead) = decode_first(bytes)?;
+        self.ahead.restore(ahead)?;
         self.is_planned = is_planned;
         Ok(())
     }

@@ -4,8 +4,8 @@ use skysink_common::geometry::Position;
 
 use super::Registered;
 use super::turns::InTurn;
+use crate::geometry::disks::{Disk, nearest_in_both, slots_between};
 use crate::geometry::tour::closed_tour;
-use crate::horizon::flight::{aim, slots_for};
 use crate::sensor_table::SensorTable;
 
 /// The strategy in the registry.
@@ -29,8 +29,10 @@ fn order(table: &SensorTable, start: &Position) -> Vec<u32> {
 /// Where to fly from `position`: in as few slots as it takes to get in range of `current`, and to the point in range that
 /// is nearest to `next`.
 fn waypoint(table: &SensorTable, position: &Position, [current, next]: [&Position; 2]) -> Position {
-    let slots = slots_for(position, table.reach_m, current, table.comm_radius_m);
-    let end = aim(position, table.reach_m * slots, current, table.comm_radius_m, next);
+    let range = Disk { centre: *current, radius_m: table.comm_radius_m };
+    let slots = slots_between(position, &range, table.reach_m);
+    let reach = Disk { centre: *position, radius_m: table.reach_m * slots };
+    let end = nearest_in_both(next, &reach, &range);
     position + (end - position) / slots
 }
 

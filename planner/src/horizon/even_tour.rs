@@ -1,20 +1,20 @@
-//! Closed tours without legs of more than one slot, as far as exchanges of two legs find them where few are long: a leg that is too long
-//! repeats its miss in every round.
+//! 2-opt repair of closed tours in which few legs are longer than a slot: such a leg misses its slot in every round.
 
-/// Most long legs among this many: with more, no tour is one of slots, and looking takes long.
+/// Tours are repaired if at most one leg in this many is long; with more, no tour is one of slots, and the search takes
+/// long.
 const FEW: usize = 8;
 
 /// Excess below this [slots] is rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// Turns parts of `tour` round until no such exchange leaves less excess in sum; `excess` says how much longer than a slot
-/// the leg between two stops is, in slots, the same in both directions.
+/// Reverses parts of `tour` until no reversal leaves less excess in sum; `excess` says how much longer than a slot the leg
+/// between two stops is, in slots, the same in both directions.
 pub fn even_out(tour: &mut [u32], excess: impl Fn(u32, u32) -> f64) {
     let count = tour.len();
     // Each exchange leaves less; far fewer are found.
     for _ in 0..count {
-        let leg = |place: usize| excess(tour[place], tour[(place + 1) % count]);
-        let long: Vec<usize> = (0..count).filter(|&place| leg(place) > ROUNDING).collect();
+        let leg = |index: usize| excess(tour[index], tour[(index + 1) % count]);
+        let long: Vec<usize> = (0..count).filter(|&index| leg(index) > ROUNDING).collect();
         if long.len() * FEW > count {
             return;
         }
@@ -51,7 +51,7 @@ mod tests {
         // 4 to 9 and 5 to 10 are five slots each.
         let mut tour = [0, 1, 2, 3, 4, 9, 8, 7, 6, 5, 10, 11, 12, 13, 14, 15];
         even_out(&mut tour, ring);
-        let sum: f64 = (0..16).map(|place| ring(tour[place], tour[(place + 1) % 16])).sum();
+        let sum: f64 = (0..16).map(|index| ring(tour[index], tour[(index + 1) % 16])).sum();
         assert_eq!(sum, 0.0, "{tour:?}");
         tour.sort_unstable();
         assert_eq!(tour, std::array::from_fn(|stop| stop as u32));

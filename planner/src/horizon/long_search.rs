@@ -1,0 +1,115 @@
+//! The same search before the mission, with as many steps as one likes: what is the best known.
+
+use std::ops::ControlFlow;
+
+use skysink_common::random::Purpose;
+
+use super::anneal::{Temperature, anneal};
+use super::bound::lower_bound;
+use super::forecast::Forecast;
+use super::{COLDEST, COOLING, Horizon, LAST_CEILING, MOST_RISE, NEAR_FRACTION, WARMING, start};
+use crate::strategies::View;
+
+/// Parts of the search, each with its temperature.
+const ROUNDS: u64 = 400;
+
+/// Those of them that sweep over the mission; the others polish all of it.
+const SWEEPING: u64 = 360;
+
+/// Temperature of the polish, as a fraction of what the average stop loses beyond the bound.
+const POLISH: f64 = 0.01;
+
+/// How far a search is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SearchProgress {
+    /// Fraction of its steps that are done, 0 to 1.
+    pub fraction: f64,
+    /// Loss [bit] that the best plan so far leads to.
+    pub loss_bits: f64,
+}
+
+impl Horizon {
+    /// Makes the plan that is flown from the slot of `view` on, in `steps` search steps; returns the loss [bit] that it
+    /// leads to. `None`, and nothing is planned, if no sensor node that can lose data can be reached in time, or if
+    /// `watch`, which is told now and then how far the search is, ends it.
+    pub(crate) fn prepare(
+        &mut self,
+        view: &View,
+        steps: u64,
+        watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
+    ) -> Option<f64> {
+        self.believe(view);
+        if self.model.sensors.is_empty() {
+            return None;
+        }
+        let mut forecast = Forecast::new(&self.model, self.window(view));
+        self.begin(&mut forecast, view.table);
+        self.cool(&mut forecast, view.slot, steps, watch).continue_value()?;
+        self.carried = forecast.stops();
+        self.temperature = COLDEST;
+        Some(forecast.loss_bits)
+    }
+
+    /// Anneals `forecast` by `steps` search steps as a mission would, but without flying: the part that is still open
+    /// shrinks from all slots to none while it cools, and what lies before it freezes. Then all of it is polished. Keeps
+    /// the best plan found between rounds.
+    fn cool(
+        &self,
+        forecast: &mut Forecast,
+        slot: u64,
+        steps: u64,
+        watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
+    ) -> ControlFlow<()> {
+        let model = &self.model;
+        let bound_bits = lower_bound(model, &forecast.window);
+        let slots = forecast.window.slots as u64;
+        let mut best_bits = forecast.loss_bits;
+        let mut best = forecast.stops();
+        let mut random = self.streams.stream(Purpose::Horizon, slot.saturating_sub(1), 0);
+        let mut adapted: f64 = 1.0;
+        for round in 0..ROUNDS {
+            watch(SearchProgress { fraction: round as f64 / ROUNDS as f64, loss_bits: best_bits })?;
+            if best_bits <= bound_bits {
+                break; // nothing can be better
+            }
+            let begun_bits = forecast.loss_bits;
+            let begun = forecast.stops();
+            let avoidable_bits = (forecast.loss_bits - forecast.beyond_bits - bound_bits).max(0.0);
+            let stop_bits = avoidable_bits / best.len().max(1) as f64;
+            let temperature = if round < SWEEPING {
+                let far_bits = stop_bits * adapted.min(LAST_CEILING.powf(round as f64 / SWEEPING as f64));
+                let now = i32::try_from(slots * round / SWEEPING).expect("as many slots as a window has");
+                Temperature { far_bits, now, near_fraction: NEAR_FRACTION }
+            } else {
+                Temperature { far_bits: stop_bits * POLISH, now: 0, near_fraction: 1.0 }
+            };
+            if round == SWEEPING {
+                forecast.load(model, best.iter().copied());
+            }
+            anneal(model, forecast, temperature, part(steps, round), None, &mut random);
+            if forecast.loss_bits < best_bits {
+                // Flown anew, its slots may serve others; what counts is what comes of that.
+                let found = forecast.stops();
+                forecast.load(model, found.iter().copied());
+                if forecast.loss_bits < best_bits {
+                    best_bits = forecast.loss_bits;
+                    best = found;
+                }
+            }
+            let rise_bits = forecast.loss_bits - begun_bits;
+            adapted = if rise_bits > 0.0 { adapted * COOLING } else { (adapted * WARMING).min(1.0) };
+            if rise_bits > avoidable_bits * MOST_RISE {
+                forecast.load(model, begun);
+            }
+        }
+        forecast.load(model, best);
+        start::extend(model, forecast); // as a planner does that takes the plan up
+        ControlFlow::Continue(())
+    }
+}
+
+/// The steps of a round.
+fn part(steps: u64, round: u64) -> u32 {
+    let until = |round: u64| u128::from(steps) * u128::from(round) / u128::from(ROUNDS);
+    u32::try_from(until(round + 1) - until(round)).unwrap_or(u32::MAX)
+}

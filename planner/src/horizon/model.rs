@@ -1,0 +1,326 @@
+//! What the look-ahead knows that stays the same in every slot: the sensor nodes that can lose data, in slots instead
+//! of bits, and the stops that a plan is made of.
+
+use skysink_common::channel::Uplink;
+use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::message::SensorNode;
+use skysink_common::scenario::Scenario;
+
+use super::even_tour::even_out;
+use super::groups;
+use super::service_disk::ServiceDisk;
+use crate::geometry::disks::Disk;
+use crate::geometry::grid::Grid;
+use crate::geometry::tour::closed_tour;
+use crate::sensor_table::SensorTable;
+
+/// Entries of the table of a channel that is in line of sight with a probability, over `d²` from 0 to `d_c²`.
+const TABLE: usize = 64;
+
+/// Entries of it that an altitude is chosen for: the inner fifth of the disk, where most are served from.
+const NEAR_STEPS: usize = TABLE / 5;
+
+/// Steps between the altitudes that are compared.
+const LEVELS: u32 = 16;
+
+/// Stops that a change may put in another's place.
+const NEIGHBOURS: usize = 12;
+
+/// Least fraction of the sensors that a tour over groups visits.
+const MOSTLY: f64 = 0.9;
+
+/// Fraction of the resource blocks from which on they are scarce, if so many are needed.
+const SCARCE_BLOCKS: f64 = 0.4;
+
+/// Fraction of the time in which a buffer fills from which on it is scarce, if a tour takes so long.
+const SCARCE_TIME: f64 = 0.75;
+
+/// Fraction of the best rate that a stop for one sensor asks for.
+const NEAR: f64 = 0.8;
+
+/// Radii that are compared for such a stop.
+const NEAR_RADII: u32 = 32;
+
+/// A sensor node (SN) that can lose data, in slots.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SensorModel {
+    /// Slots in which its empty buffer fills, `C_i = B / (s_i τ)`.
+    pub fill_slots: f64,
+    /// What it samples and, when full, loses in a slot, `s_i τ` [bit], above 0.
+    pub mean_bits: f64,
+    /// Whether a visit from anywhere in range empties even a full queue.
+    pub is_emptied: bool,
+    /// Half-width of the uniform distribution of the queue before its first visit [slots of sampling]; 0 where known.
+    pub initial_half_slots: f64,
+    /// Half-width of the uniform distribution of what came since the queue was empty, as a fraction; 0 where known.
+    pub rate_half_fraction: f64,
+    /// What the queue is believed to hold beyond its buffer [slots of sampling]; 0 where known.
+    pub overdue_slots: f64,
+}
+
+impl SensorModel {
+    /// Whether it is known when the queue was empty.
+    #[inline]
+    #[must_use]
+    pub fn is_known(&self) -> bool {
+        self.initial_half_slots == 0.0 && self.rate_half_fraction == 0.0
+    }
+
+    /// Expected overflow [slots of sampling] at the end of `slot`, if the queue was empty in the slot `empty`, as far as is
+    /// known.
+    ///
+    /// The overflow is uniform within a half-width h of `late` slots, cut off at 0: on average `(late + h)²/4h`, between
+    /// none and `late`. The first visit, which lies behind slot 0, ends the uncertainty of the initial queue.
+    #[inline]
+    #[must_use]
+    pub fn overflow_slots(&self, slot: f64, empty: f64) -> f64 {
+        let gap = slot - empty;
+        let late = gap - self.fill_slots;
+        let half = self.rate_half_fraction * gap + if empty <= 0.0 { self.initial_half_slots } else { 0.0 };
+        if late >= half {
+            late
+        } else if late <= -half {
+            0.0
+        } else {
+            (late + half) * (late + half) / (4.0 * half)
+        }
+    }
+}
+
+/// The constants of a mission. *Sensors* are the SNs that can lose data, numbered from 0 in the order of their ids.
+#[derive(Debug, Clone)]
+pub struct PlanningModel {
+    /// Where the sensors stand, their channel and the limits of the UAV. The cells of the grid are those of the area.
+    pub table: SensorTable,
+    /// The sensors.
+    pub sensors: Vec<SensorModel>,
+    /// Their ids in the mission.
+    pub ids: Vec<u32>,
+    /// Where the UAV is when it serves [m]; where altitude matters, the altitude that is best for sensors nearby: all that
+    /// a slot serves are served from one altitude, and the next slot's is near to it.
+    altitude_m: f64,
+    /// What a visit from there takes, over `d²` [bit], where all uplinks have one gain and a rate is slow to compute.
+    capacities_bits: Option<Box<[f64; TABLE + 1]>>,
+    /// Stops of a plan: first each sensor by itself, then groups, then those that were added.
+    pub disks: Vec<ServiceDisk>,
+    /// How many of them are not added.
+    permanent: usize,
+    /// Stops in the order of short closed tours: over the single sensors, and over groups that hold most of them.
+    pub tours: Vec<Vec<u32>>,
+    /// Slots of the quickest of them, about.
+    pub round_slots: f64,
+    /// The disks that a plan may stop at: where a single sensor has more than n in range, a group says who is served.
+    pub stops: Vec<u32>,
+    /// For each disk the nearest of these.
+    pub neighbours: Vec<Vec<u32>>,
+}
+
+impl PlanningModel {
+    /// The model of a scenario with these SNs; with groups where resource blocks are scarce.
+    #[must_use]
+    pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
+        let can_lose = |(_, sensor): &(u32, SensorNode)| sensor.sampling_bps * scenario.slot_s > 0.0;
+        let (ids, sensors): (Vec<u32>, Vec<SensorNode>) = (0..).zip(sensors.iter().copied()).filter(can_lose).unzip();
+        let mut table = SensorTable::new(scenario, &sensors);
+        table.grid = Grid::over(table.area, &table.positions, table.comm_radius_m);
+        let depends_on_elevation = table.channel.depends_on_elevation();
+        let altitude_m = if depends_on_elevation { best_altitude_m(scenario, &table) } else { scenario.uav.altitude_m };
+        let mut model = Self {
+            altitude_m,
+            capacities_bits: depends_on_elevation.then(|| capacities_bits(&table, altitude_m)),
+            tours: vec![closed_tour(table.area, &table.positions)],
+            table,
+            sensors: Vec::new(),
+            ids,
+            disks: Vec::new(),
+            permanent: 0,
+            round_slots: 1.0,
+            stops: Vec::new(),
+            neighbours: Vec::new(),
+        };
+        for (index, sensor) in (0..).zip(&sensors) {
+            model.add_sensor(index, sensor.sampling_bps * scenario.slot_s, sensor.capacity_bits);
+        }
+        if model.is_scarce() {
+            model.group(scenario.seed);
+        }
+        let tours_slots = model.tours.iter().map(|tour| model.slots_of(tour));
+        model.round_slots = tours_slots.fold(f64::INFINITY, f64::min).max(1.0);
+        model.permanent = model.disks.len();
+        model.find_stops();
+        model
+    }
+
+    /// Adds the sensor `index`, and the disk from which it alone is served.
+    fn add_sensor(&mut self, index: u32, mean_bits: f64, capacity_bits: u32) {
+        let rim_m2 = self.table.comm_radius_m * self.table.comm_radius_m;
+        self.sensors.push(SensorModel {
+            fill_slots: f64::from(capacity_bits) / mean_bits,
+            mean_bits,
+            is_emptied: self.capacity_bits(index, rim_m2) >= f64::from(capacity_bits),
+            initial_half_slots: 0.0,
+            rate_half_fraction: 0.0,
+            overdue_slots: 0.0,
+        });
+        let disk = Disk { centre: *self.table.position(index), radius_m: self.near_m(index) };
+        self.disks.push(ServiceDisk { disk, members: vec![index] });
+    }
+
+    /// How far from a sensor a stop for it alone may be [m]: as far as the link carries most of what it carries from
+    /// straight above, or empties a full buffer.
+    fn near_m(&self, sensor: u32) -> f64 {
+        let enough_slots = self.capacity_slots(sensor, 0.0).min(self.sensors[sensor as usize].fill_slots) * NEAR;
+        let radius_m = |step: u32| self.table.comm_radius_m * f64::from(step) / f64::from(NEAR_RADII);
+        let is_enough = |step: &u32| self.capacity_slots(sensor, radius_m(*step).powi(2)) >= enough_slots;
+        (1..=NEAR_RADII).rev().find(is_enough).map_or(0.0, radius_m)
+    }
+
+    /// Whether loss may be hard to avoid, because most resource blocks are needed to take what is sampled, or a tour takes
+    /// most of the time in which a buffer fills. Where it is not, to make groups would only take time.
+    fn is_scarce(&self) -> bool {
+        let visits =
+            |(sensor, index): (&SensorModel, u32)| 1.0 / self.capacity_slots(index, 0.0).min(sensor.fill_slots);
+        let needed: f64 = self.sensors.iter().zip(0..).map(visits).sum();
+        let fills = self.sensors.iter().map(|sensor| sensor.fill_slots);
+        needed >= SCARCE_BLOCKS * self.table.resource_blocks as f64
+            || self.slots_of(&self.tours[0]) >= SCARCE_TIME * fills.fold(f64::INFINITY, f64::min)
+    }
+
+    /// Makes the groups of a partition of the field, with random numbers of `seed`, and tours over them.
+    pub(super) fn group(&mut self, seed: u64) {
+        let first = self.disks.len();
+        self.disks.extend(groups::cover(&self.table, seed));
+        self.add_tours(first);
+    }
+
+    /// Adds tours over the groups, which begin at disk `first`, of at least a size, for every size that leaves out few
+    /// sensors: where no partition into full groups exists, it may lose less to leave some alone.
+    fn add_tours(&mut self, first: usize) {
+        let size = |group: u32| self.disks[group as usize].members.len();
+        let groups = first as u32..self.disks.len() as u32;
+        let mut sizes: Vec<usize> = groups.clone().map(size).collect();
+        sizes.sort_unstable();
+        sizes.dedup();
+        for least in sizes {
+            let large: Vec<u32> = groups.clone().filter(|&group| size(group) >= least).collect();
+            let served: usize = large.iter().map(|&group| size(group)).sum();
+            if (served as f64) < MOSTLY * self.sensors.len() as f64 {
+                continue;
+            }
+            let centres: Vec<Position> = large.iter().map(|&group| self.disk(group).centre).collect();
+            let order = closed_tour(self.table.area, &centres);
+            let mut tour: Vec<u32> = order.into_iter().map(|index| large[index as usize]).collect();
+            even_out(&mut tour, |a, b| {
+                let (a, b) = (self.disk(a), self.disk(b));
+                let away_m = distance_squared(&a.centre, &b.centre).sqrt() - (a.radius_m + b.radius_m) / 2.0;
+                (away_m / self.table.reach_m - 1.0).max(0.0)
+            });
+            self.tours.push(tour);
+        }
+    }
+
+    /// Slots of a tour, if every leg is as short as its ends allow, and parts of slots count.
+    fn slots_of(&self, tour: &[u32]) -> f64 {
+        let leg = |(&a, &b): (&u32, &u32)| {
+            let (a, b) = (self.disk(a), self.disk(b));
+            let away_m = distance_squared(&a.centre, &b.centre).sqrt() - a.radius_m - b.radius_m;
+            (away_m / self.table.reach_m).max(1.0)
+        };
+        tour.iter().zip(tour.iter().cycle().skip(1)).map(leg).sum()
+    }
+
+    /// Where `stop` is served from.
+    #[inline]
+    #[must_use]
+    pub fn disk(&self, stop: u32) -> &Disk {
+        &self.disks[stop as usize].disk
+    }
+
+    /// The disks that were added.
+    #[must_use]
+    pub fn added(&self) -> &[ServiceDisk] {
+        &self.disks[self.permanent..]
+    }
+
+    /// Replaces those that were added by `disks`; no plan may stop at the replaced ones any more.
+    pub fn replace_added(&mut self, disks: Vec<ServiceDisk>) {
+        if self.added() != disks {
+            self.disks.truncate(self.permanent);
+            self.disks.extend(disks);
+            self.find_stops();
+        }
+    }
+
+    /// Finds out where plans may stop, and what is near to each disk.
+    fn find_stops(&mut self) {
+        self.stops = (0..self.disks.len() as u32).filter(|&stop| self.is_stop(stop)).collect();
+        let centres: Vec<Position> = self.stops.iter().map(|&stop| self.disk(stop).centre).collect();
+        let grid = Grid::new(&centres, self.table.comm_radius_m);
+        let nearest = |index: u32| {
+            let near = grid.nearest(&self.disk(index).centre, NEIGHBOURS + 1);
+            let mut others: Vec<u32> = near.into_iter().map(|stop| self.stops[stop as usize]).collect();
+            others.retain(|&other| other != index);
+            others.truncate(NEIGHBOURS);
+            others
+        };
+        self.neighbours = (0..self.disks.len() as u32).map(nearest).collect();
+    }
+
+    /// Whether plans may stop at `stop`: at a group, and at a sensor alone unless so many stand around it that it does not
+    /// say who is served, and a visit would empty it anyway.
+    fn is_stop(&self, stop: u32) -> bool {
+        let Some(sensor) = self.sensors.get(stop as usize) else {
+            return true;
+        };
+        let mut met = 0;
+        self.table.grid.visit(&self.disk(stop).centre, self.table.comm_radius_m, |_, _| met += 1);
+        !sensor.is_emptied || met <= self.table.resource_blocks || self.disks.len() == self.sensors.len()
+    }
+
+    /// What a visit at the squared distance `d2_m2` [m²] takes from `sensor` in a slot [bit].
+    fn capacity_bits(&self, sensor: u32, d2_m2: f64) -> f64 {
+        if let Some(capacities_bits) = &self.capacities_bits {
+            let fraction = d2_m2 / (self.table.comm_radius_m * self.table.comm_radius_m);
+            return capacities_bits[((fraction * TABLE as f64).round() as usize).min(TABLE)];
+        }
+        let uplink = Uplink { gain: self.table.gains[sensor as usize], d2_m2, z_m: self.altitude_m };
+        self.table.channel.capacity_bits(self.table.channel.expected_rate_bps(&uplink)) as f64
+    }
+
+    /// What a visit at the squared distance `d2_m2` [m²] takes from `sensor` [slots of sampling].
+    #[inline]
+    #[must_use]
+    pub fn capacity_slots(&self, sensor: u32, d2_m2: f64) -> f64 {
+        let model = &self.sensors[sensor as usize];
+        if model.is_emptied {
+            return f64::INFINITY;
+        }
+        self.capacity_bits(sensor, d2_m2) / model.mean_bits
+    }
+}
+
+/// The altitude [m] of some that may be flown from which a sensor nearby is expected to send most.
+fn best_altitude_m(scenario: &Scenario, table: &SensorTable) -> f64 {
+    let altitudes_m =
+        scenario.uav.climb().map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
+    let altitude_m =
+        |level: u32| altitudes_m[0] + (altitudes_m[1] - altitudes_m[0]) * f64::from(level) / f64::from(LEVELS);
+    let near_bps = |level: u32| -> f64 {
+        (0..=NEAR_STEPS).map(|step| table.channel.expected_rate_bps(&uplink_at(table, step, altitude_m(level)))).sum()
+    };
+    let better = |a: &u32, b: &u32| near_bps(*a).total_cmp(&near_bps(*b)).then(b.cmp(a));
+    altitude_m((0..=LEVELS).max_by(better).expect("at least one level"))
+}
+
+/// What a visit takes at `altitude_m` [m] [bit], over `d²`.
+fn capacities_bits(table: &SensorTable, altitude_m: f64) -> Box<[f64; TABLE + 1]> {
+    let channel = &table.channel;
+    let bits = |step| channel.capacity_bits(channel.expected_rate_bps(&uplink_at(table, step, altitude_m))) as f64;
+    Box::new(std::array::from_fn(bits))
+}
+
+/// The uplink at step `step` of the table.
+fn uplink_at(table: &SensorTable, step: usize, altitude_m: f64) -> Uplink {
+    let rim_m2 = table.comm_radius_m * table.comm_radius_m;
+    Uplink { gain: 1.0, d2_m2: rim_m2 * step as f64 / TABLE as f64, z_m: altitude_m }
+}
