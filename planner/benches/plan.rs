@@ -108,7 +108,7 @@ fn plans(criterion: &mut Criterion) {
             let mut planner = Planner::over(&scenario, &nodes, table.clone()).unwrap();
             let mut flight = Flight::new(&scenario, &initial_bits);
             group.bench_function(strategy, |bencher| fly(bencher, &mut flight, &mut planner));
-            let undivided = SensorTable { grid: Grid::undivided(&table.positions), ..table.clone() };
+            let undivided = SensorTable { grid: Grid::new(&table.positions, f64::INFINITY), ..table.clone() };
             let mut without = Planner::over(&scenario, &nodes, undivided).unwrap();
             let mut flight = Flight::new(&scenario, &initial_bits);
             group.bench_function(format!("{}, no grid", strategy), |bencher| {

@@ -33,7 +33,7 @@ impl Case {
 /// A planner that tests every SN in every look around.
 fn undivided(scenario: &Scenario, sensors: &[SensorNode]) -> Planner {
     let table = SensorTable::new(scenario, sensors);
-    Planner::over(scenario, sensors, SensorTable { grid: Grid::undivided(&table.positions), ..table }).unwrap()
+    Planner::over(scenario, sensors, SensorTable { grid: Grid::new(&table.positions, f64::INFINITY), ..table }).unwrap()
 }
 
 /// Shares of the side: anywhere, on the area's border, and on a lattice that is one of cells' borders, too.

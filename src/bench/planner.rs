@@ -94,7 +94,7 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<PlannerSpeeds, Error> {
 fn row(scenario: &Scenario, list: &SensorList, effort: Effort) -> Result<PlanRow, Error> {
     let nodes = list.nodes();
     let table = SensorTable::new(scenario, &nodes);
-    let undivided = SensorTable { grid: Grid::undivided(&table.positions), ..table };
+    let undivided = SensorTable { grid: Grid::new(&table.positions, f64::INFINITY), ..table };
     let mut without = Planner::over(scenario, &nodes, undivided)?;
     let mut mission = Mission::new(scenario, list)?;
     mission.by_ref().take(WARM_UP).for_each(drop);

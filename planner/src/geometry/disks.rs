@@ -20,14 +20,6 @@ impl Disk {
         within(point, &self.centre, self.radius_m)
     }
 
-    /// The point of the disk nearest to `target`.
-    fn nearest(&self, target: &Position) -> Position {
-        if self.contains(target) {
-            return *target;
-        }
-        self.rim_toward(target)
-    }
-
     /// The point of the rim in the direction of `target`.
     fn rim_toward(&self, target: &Position) -> Position {
         let from_centre = target - self.centre;
@@ -54,9 +46,10 @@ pub fn slots_between(from: &Position, disk: &Disk, reach_m: f64) -> f64 {
 /// The point of all `disks` that is nearest to `target`; `None` if they have no point in common (decision D5).
 #[must_use]
 pub fn project(target: &Position, disks: &[Disk]) -> Option<Position> {
+    let outside = || disks.iter().filter(|disk| !disk.contains(target));
     let pairs = || disks.iter().enumerate().flat_map(|(index, a)| disks[..index].iter().map(move |b| (a, b)));
     nearest_in_all(target, disks, [*target])
-        .or_else(|| nearest_in_all(target, disks, disks.iter().map(|disk| disk.nearest(target))))
+        .or_else(|| nearest_in_all(target, disks, outside().map(|disk| disk.rim_toward(target))))
         .or_else(|| nearest_in_all(target, disks, pairs().flat_map(|(a, b)| crossings(a, b))))
 }
 

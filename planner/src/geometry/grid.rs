@@ -46,7 +46,7 @@ pub struct Grid {
 
 impl Grid {
     /// A grid over the bounding box of `positions`, point i at entry i, in cells of the side `side_m` [m], above 0, or as
-    /// much larger as it takes to have no more than four cells for each point.
+    /// much larger as it takes to have no more than four cells for each point. With an infinite side it has a single cell.
     ///
     /// # Panics
     /// If there are more points than ids; a scenario has at most 10^7 SNs.
@@ -59,12 +59,6 @@ impl Grid {
             side_m *= 1.5;
         }
         Self::filled(corner, extents_m, side_m, positions)
-    }
-
-    /// The same points in a single cell: every search tests them all. What the cells are measured against.
-    #[must_use]
-    pub fn undivided(positions: &[Position]) -> Self {
-        Self::new(positions, f64::INFINITY)
     }
 
     /// The same over `area`: the order in which points are visited depends on it, and not on the outermost of them.
@@ -280,7 +274,7 @@ mod tests {
             let centre = positions[near % positions.len()] + to_rim;
             let area = Area::new(100.0, 100.0);
             let expected = looked_through(&positions, &centre, radius_m);
-            for grid in [Grid::new(&positions, side_m), Grid::undivided(&positions), Grid::over(area, &positions, side_m)] {
+            for grid in [Grid::new(&positions, side_m), Grid::new(&positions, f64::INFINITY), Grid::over(area, &positions, side_m)] {
                 prop_assert_eq!(&found(&grid, &centre, radius_m), &expected);
             }
         }

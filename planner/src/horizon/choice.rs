@@ -36,11 +36,6 @@ impl Candidate {
         Self { sensor, capacity_slots: model.capacity_slots(sensor, d2_m2), saved_bits: 0.0, left_slots: 0.0 }
     }
 
-    /// Notes that the slot stops for it.
-    pub fn stop(&mut self) {
-        self.saved_bits = f64::INFINITY;
-    }
-
     /// Notes what a visit saves, `gap_slots` after the sensor was or would have been empty, if everybody's next visit
     /// comes within a round: the difference that it makes to [`late_slots`].
     #[inline]
@@ -109,7 +104,7 @@ mod tests {
         let mut fuller = Candidate::new(&model, 1, 0.0);
         fuller.weigh(&model, 29.0);
         assert_eq!(Candidate::order(&weighed(30.0), &fuller), Ordering::Less);
-        fuller.stop();
+        fuller.saved_bits = f64::INFINITY;
         assert_eq!(Candidate::order(&weighed(30.0), &fuller), Ordering::Greater);
     }
 }

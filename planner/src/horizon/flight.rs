@@ -87,37 +87,13 @@ pub struct Decoder {
     pub at: Position,
     /// The last slot flown.
     pub slot: i32,
-    /// Who is served at the end of that slot.
-    served: Vec<u32>,
-    /// The members of the stops that end with that slot.
-    stopped: Vec<u32>,
     /// In range at the end of a slot.
     found: Vec<Candidate>,
 }
 
 impl Decoder {
-    /// Puts the UAV `at` the end of `slot`, after `legs` and `visits`.
-    pub fn resume(&mut self, model: &PlanningModel, at: Position, slot: i32, legs: &[Leg], visits: &[Visit]) {
-        self.at = at;
-        self.slot = slot;
-        self.served.clear();
-        self.served.extend(visits.iter().rev().take_while(|visit| visit.slot == slot).map(|visit| visit.sensor));
-        self.stopped.clear();
-        for leg in legs.iter().rev().take_while(|leg| leg.end == slot) {
-            self.stopped.extend_from_slice(&model.disks[leg.stop as usize].members);
-        }
-    }
-
-    /// Whether the last slot serves all members of `stop` although it did not stop for them.
-    pub fn meets(&self, model: &PlanningModel, stop: u32) -> bool {
-        let is_met = |sensor: &u32| self.served.contains(sensor) && !self.stopped.contains(sensor);
-        model.disks[stop as usize].members.iter().all(is_met)
-    }
-
     /// Flies to `stop`, as near to the stop `next` as it can, and serves whoever is in range at the end of each slot.
     /// Returns what has overflowed before the visits [bit]; none, and flies nowhere, if it would arrive after slot `last`.
-    ///
-    /// A stop whose members are all served in the last slot anyway takes no time, unless that slot stopped for them.
     pub fn fly(
         &mut self,
         model: &PlanningModel,
@@ -127,11 +103,6 @@ impl Decoder {
         empty: &mut [f64],
         visits: &mut Vec<Visit>,
     ) -> Option<f64> {
-        let members = &model.disks[stop as usize].members;
-        if self.meets(model, stop) {
-            self.stopped.extend_from_slice(members);
-            return Some(0.0);
-        }
         let slots = slots_to(model, &self.at, stop);
         if slots > last - self.slot {
             return None;
@@ -148,9 +119,7 @@ impl Decoder {
         }
         self.at = waypoint;
         self.slot = begin + slots;
-        self.stopped.clear();
-        self.stopped.extend_from_slice(members);
-        Some(lost_bits + self.meet(model, members, empty, visits))
+        Some(lost_bits + self.meet(model, &model.disks[stop as usize].members, empty, visits))
     }
 
     /// Serves `members` and then those of the others in range for whom it saves most.
@@ -170,19 +139,20 @@ impl Decoder {
         if found.len() > blocks {
             for candidate in found.iter_mut() {
                 let gap_slots = f64::from(slot) - empty[candidate.sensor as usize];
-                let is_member = members.contains(&candidate.sensor);
-                if is_member { candidate.stop() } else { candidate.weigh(model, gap_slots) }
+                if members.contains(&candidate.sensor) {
+                    candidate.saved_bits = f64::INFINITY;
+                } else {
+                    candidate.weigh(model, gap_slots);
+                }
             }
             found.select_nth_unstable_by(blocks - 1, Candidate::order);
             found.truncate(blocks);
         }
-        self.served.clear();
         let mut lost_bits = 0.0;
         for &Candidate { sensor, capacity_slots, .. } in found.iter() {
             let visit = Visit { sensor, slot, capacity_slots };
             lost_bits += serve(model, empty, &visit);
             visits.push(visit);
-            self.served.push(sensor);
         }
         lost_bits
     }

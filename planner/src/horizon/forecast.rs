@@ -149,9 +149,7 @@ impl Forecast {
     pub fn attempt(&mut self, model: &PlanningModel, from: usize, to: usize, inserted: &[(u32, u32)]) -> f64 {
         let start = from.saturating_sub(1); // the waypoint before a change depends on what comes next
         let mut lost_bits = self.restore(model, start);
-        let (at, slot) = self.begin(start);
-        let visits = &self.trace.visits[..self.trace.first_visit(start)];
-        self.decoder.resume(model, at, slot, &self.trace.legs[..start], visits);
+        (self.decoder.at, self.decoder.slot) = self.begin(start);
         let mut change = std::mem::take(&mut self.change);
         change.trace.legs.clear();
         change.trace.visits.clear();
@@ -169,17 +167,14 @@ impl Forecast {
             let old = if step < before { start + step } else { to + step - changed };
             legs.get(old).map(|leg| (leg.stop, old as u32))
         };
-        let mut last = None; // index in the old plan, if flown as there
+        let mut last = None; // index of the stop before in the old plan, if flown as there
         for step in 0.. {
             let Some((stop, old)) = item(&self.trace.legs, step) else {
                 break;
             };
             let next = item(&self.trace.legs, step + 1);
-            if last.is_some_and(|last| old == FRESH || last + 1 != old) {
-                self.resume_behind(model, &change.trace);
-                last = None;
-            }
-            if self.is_as_before(model, old, next, last) {
+            let follows = last.take().is_some_and(|last: u32| old != FRESH && last + 1 == old);
+            if self.is_as_before(model, &change, old, next, follows) {
                 let shift = self.decoder.slot - self.begin(old as usize).1;
                 if step >= changed {
                     change.rest = old as usize;
@@ -194,25 +189,33 @@ impl Forecast {
                 last = Some(old);
                 continue;
             }
-            if last.take().is_some() {
-                self.resume_behind(model, &change.trace);
-            }
             let first = change.trace.visits.len() as u32;
-            let next = next.map(|(next, _)| next);
-            let visits = &mut change.trace.visits;
-            let Some(bits) = self.decoder.fly(model, stop, next, self.window.slots, &mut self.work, visits) else {
-                break;
-            };
-            lost_bits += bits;
+            // A stop that the last slot serves anyway takes no time.
+            if !self.is_met(model, &change, stop) {
+                let next = next.map(|(next, _)| next);
+                let visits = &mut change.trace.visits;
+                let Some(bits) = self.decoder.fly(model, stop, next, self.window.slots, &mut self.work, visits) else {
+                    break;
+                };
+                lost_bits += bits;
+            }
             change.trace.legs.push(Leg { stop, end: self.decoder.slot, at: self.decoder.at, first });
         }
         self.change = change;
         lost_bits + self.final_loss(model)
     }
 
-    /// Whether stop `old` of the old plan, followed by `next`, is flown from here as it was.
+    /// Whether stop `old` of the old plan, followed by `next`, is flown from here as it was; `follows` says that the stop
+    /// before it was.
     #[inline]
-    fn is_as_before(&self, model: &PlanningModel, old: u32, next: Option<(u32, u32)>, last: Option<u32>) -> bool {
+    fn is_as_before(
+        &self,
+        model: &PlanningModel,
+        change: &Change,
+        old: u32,
+        next: Option<(u32, u32)>,
+        follows: bool,
+    ) -> bool {
         if old == FRESH {
             return false;
         }
@@ -223,7 +226,21 @@ impl Forecast {
             return false;
         }
         let leg = &self.trace.legs[index];
-        last.is_some() || (leg.end > slot && !self.decoder.meets(model, leg.stop))
+        follows || (leg.end > slot && !self.is_met(model, change, leg.stop))
+    }
+
+    /// Whether the last slot of `change` serves all members of `stop` although it did not stop for them.
+    fn is_met(&self, model: &PlanningModel, change: &Change, stop: u32) -> bool {
+        let slot = self.decoder.slot;
+        let Self { trace: Trace { legs, visits }, .. } = self;
+        let visits = change.trace.visits.iter().rev().chain(visits[..self.trace.first_visit(change.from)].iter().rev());
+        let legs = change.trace.legs.iter().rev().chain(legs[..change.from].iter().rev());
+        let served = visits.take_while(|visit| visit.slot == slot);
+        let stopped = legs.take_while(|leg| leg.end == slot);
+        model.disks[stop as usize].members.iter().all(|member| {
+            let is_served = served.clone().any(|visit| visit.sensor == *member);
+            is_served && !stopped.clone().any(|leg| model.disks[leg.stop as usize].members.contains(member))
+        })
     }
 
     /// Where leg `leg` of the plan begins, and the slot before it.
@@ -266,9 +283,8 @@ impl Forecast {
                 break;
             }
             let now = self.begin(at).1 + shift;
-            if let Some(overflowed_bits) = self.states.rejoin(model, state, shift, now, &self.work) {
-                let more_bits = lost_bits + overflowed_bits - self.states.lost_bits(state);
-                rejoined = Some(Rejoined { state, more_bits });
+            rejoined = self.states.rejoin(model, state, shift, now, &self.work, lost_bits);
+            if let Some(Rejoined { more_bits, .. }) = rejoined {
                 let last = self.states.last_known(end);
                 lost_bits = self.states.load(last, shift, &mut self.work) + more_bits;
                 at = self.states.leg(last);
@@ -284,11 +300,6 @@ impl Forecast {
             return self.trace.legs.len();
         }
         old + self.trace.legs[old..].partition_point(|leg| leg.end <= self.window.slots - shift)
-    }
-
-    /// Puts the decoder behind the last leg of `trace`, where it is already.
-    fn resume_behind(&mut self, model: &PlanningModel, trace: &Trace) {
-        self.decoder.resume(model, self.decoder.at, self.decoder.slot, &trace.legs, &trace.visits);
     }
 
     /// Makes the last attempt, which leads to a loss of `loss_bits`, the plan.

@@ -96,10 +96,11 @@ pub struct PlanningModel {
     pub sensors: Vec<SensorModel>,
     /// Their ids in the mission.
     pub ids: Vec<u32>,
-    /// Where the UAV is when it serves [m]; where altitude matters, the altitude that is best for sensors nearby: all that
-    /// a slot serves are served from one altitude, and the next slot's is near to it.
+    /// Where the UAV is when it serves [m], where the altitude does not matter.
     altitude_m: f64,
-    /// What a visit from there takes, over `d²` [bit], where all uplinks have one gain and a rate is slow to compute.
+    /// Elsewhere, what a visit takes over `d²` [bit], from the altitude that is best for sensors nearby: all that a slot
+    /// serves are served from one altitude, and the next slot's is near to it. All uplinks have one gain, and a rate is
+    /// slow to compute.
     capacities_bits: Option<Box<[f64; TABLE + 1]>>,
     /// Stops of a plan: first each sensor by itself, then groups, then those that were added.
     pub disks: Vec<ServiceDisk>,
@@ -123,11 +124,10 @@ impl PlanningModel {
         let (ids, sensors): (Vec<u32>, Vec<SensorNode>) = (0..).zip(sensors.iter().copied()).filter(can_lose).unzip();
         let mut table = SensorTable::new(scenario, &sensors);
         table.grid = Grid::over(table.area, &table.positions, table.comm_radius_m);
-        let depends_on_elevation = table.channel.depends_on_elevation();
-        let altitude_m = if depends_on_elevation { best_altitude_m(scenario, &table) } else { scenario.uav.altitude_m };
+        let has_one_gain = table.channel.depends_on_elevation();
         let mut model = Self {
-            altitude_m,
-            capacities_bits: depends_on_elevation.then(|| capacities_bits(&table, altitude_m)),
+            altitude_m: scenario.uav.altitude_m,
+            capacities_bits: has_one_gain.then(|| Box::new(best_capacities_bits(scenario, &table))),
             tours: vec![closed_tour(table.area, &table.positions)],
             table,
             sensors: Vec::new(),
@@ -299,28 +299,18 @@ impl PlanningModel {
     }
 }
 
-/// The altitude [m] of some that may be flown from which a sensor nearby is expected to send most.
-fn best_altitude_m(scenario: &Scenario, table: &SensorTable) -> f64 {
-    let altitudes_m =
+/// What a visit takes [bit], over `d²`, from the altitude of some that may be flown from which a sensor nearby is expected
+/// to send most; of equals the lowest.
+fn best_capacities_bits(scenario: &Scenario, table: &SensorTable) -> [f64; TABLE + 1] {
+    let [low_m, high_m] =
         scenario.uav.climb().map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
-    let altitude_m =
-        |level: u32| altitudes_m[0] + (altitudes_m[1] - altitudes_m[0]) * f64::from(level) / f64::from(LEVELS);
-    let near_bps = |level: u32| -> f64 {
-        (0..=NEAR_STEPS).map(|step| table.channel.expected_rate_bps(&uplink_at(table, step, altitude_m(level)))).sum()
-    };
-    let better = |a: &u32, b: &u32| near_bps(*a).total_cmp(&near_bps(*b)).then(b.cmp(a));
-    altitude_m((0..=LEVELS).max_by(better).expect("at least one level"))
-}
-
-/// What a visit takes at `altitude_m` [m] [bit], over `d²`.
-fn capacities_bits(table: &SensorTable, altitude_m: f64) -> Box<[f64; TABLE + 1]> {
-    let channel = &table.channel;
-    let bits = |step| channel.capacity_bits(channel.expected_rate_bps(&uplink_at(table, step, altitude_m))) as f64;
-    Box::new(std::array::from_fn(bits))
-}
-
-/// The uplink at step `step` of the table.
-fn uplink_at(table: &SensorTable, step: usize, altitude_m: f64) -> Uplink {
     let rim_m2 = table.comm_radius_m * table.comm_radius_m;
-    Uplink { gain: 1.0, d2_m2: rim_m2 * step as f64 / TABLE as f64, z_m: altitude_m }
+    let rates_bps = |level: u32| -> [f64; TABLE + 1] {
+        let z_m = low_m + (high_m - low_m) * f64::from(level) / f64::from(LEVELS);
+        let uplink = |step: usize| Uplink { gain: 1.0, d2_m2: rim_m2 * step as f64 / TABLE as f64, z_m };
+        std::array::from_fn(|step| table.channel.expected_rate_bps(&uplink(step)))
+    };
+    let near_bps = |rates_bps: &[f64; TABLE + 1]| rates_bps[..=NEAR_STEPS].iter().sum::<f64>();
+    let best = (0..=LEVELS).map(rates_bps).reduce(|a, b| if near_bps(&b) > near_bps(&a) { b } else { a });
+    best.expect("at least one level").map(|rate_bps| table.channel.capacity_bits(rate_bps) as f64)
 }

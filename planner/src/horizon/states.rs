@@ -88,12 +88,6 @@ impl States {
         until.rposition(|state| state.is_known).expect("the start is known")
     }
 
-    /// What has been lost before `state` [bit].
-    #[must_use]
-    pub fn lost_bits(&self, state: usize) -> f64 {
-        self.states[state].lost_bits
-    }
-
     /// Brings `work` to `state`, `shift` slots later; returns what has been lost until then [bit].
     pub fn load(&self, state: usize, shift: i32, work: &mut [f64]) -> f64 {
         let State { lost_bits, empty, .. } = &self.states[state];
@@ -114,9 +108,19 @@ impl States {
     }
 
     /// Whether all queues are at the end of slot `now`, in `work`, what they are in `state` `shift` slots before; then how
-    /// much more has overflowed of the full ones that nobody has visited since [bit].
-    pub fn rejoin(&mut self, model: &PlanningModel, state: usize, shift: i32, now: i32, work: &[f64]) -> Option<f64> {
-        let stored = &self.states.get(state).filter(|state| state.is_known)?.empty;
+    /// much more has been lost than the `lost_bits` of that state, counting what has overflowed of the full queues that
+    /// were not visited since.
+    pub fn rejoin(
+        &mut self,
+        model: &PlanningModel,
+        state: usize,
+        shift: i32,
+        now: i32,
+        work: &[f64],
+        lost_bits: f64,
+    ) -> Option<Rejoined> {
+        let State { lost_bits: stored_bits, empty: stored, .. } =
+            self.states.get(state).filter(|state| state.is_known)?;
         let then = f64::from(now - shift);
         let now = f64::from(now);
         let differs = |index: usize| {
@@ -135,7 +139,8 @@ impl States {
         let more_bits = |(sensor, (work, stored)): (&SensorModel, (&f64, &f64))| {
             (sensor.overflow_slots(now, *work) - sensor.overflow_slots(then, *stored)) * sensor.mean_bits
         };
-        Some(model.sensors.iter().zip(work.iter().zip(stored)).map(more_bits).sum())
+        let overflowed_bits: f64 = model.sensors.iter().zip(work.iter().zip(stored)).map(more_bits).sum();
+        Some(Rejoined { state, more_bits: lost_bits + overflowed_bits - stored_bits })
     }
 
     /// Keeps what is still right after `change`, which has left `legs` legs.
