@@ -89,6 +89,9 @@ pub fn nearest_in_both(target: &Position, reach: &Disk, range: &Disk) -> Positio
             }
         }
     }
+    if reach.centre == range.centre {
+        return range.rim_toward(target); // both are one disk, of whose rim rounding has put this point outside
+    }
     let [a, b] = crossings(reach, range);
     if distance_squared(&a, target) <= distance_squared(&b, target) { a } else { b }
 }
@@ -248,6 +251,17 @@ mod tests {
                     prop_assert!(!nearer || !inside(&point, 1.0), "{} beats {}", point, waypoint);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn the_nearest_point_in_one_disk_twice_is_on_its_rim() {
+        let both = disk(30.0, 40.0, 10.0);
+        for degrees in 0..360 {
+            let (sin, cos) = f64::from(degrees).to_radians().sin_cos();
+            let target = Position::new(30.0 + 57.0 * cos, 40.0 + 57.0 * sin);
+            let rim = Position::new(30.0 + 10.0 * cos, 40.0 + 10.0 * sin);
+            assert!((nearest_in_both(&target, &both, &both) - rim).norm() < 1e-12, "{degrees} degrees");
         }
     }
 
