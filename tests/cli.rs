@@ -130,7 +130,7 @@ fn a_sensor_node_outside_the_area_is_refused() {
 fn a_bad_row_is_refused_by_its_line() {
     list_refused("x_m,y_m\n1,2\n3,four\n", &["sensors.csv", "line 3", "y_m = four"]);
     list_refused("x_m,y_m\n1,2\n3\n", &["sensors.csv", "line 3", "1 fields", "expected 2"]);
-    list_refused("x_m,y_m,queue_bits\n1,2,30001\n", &["line 2", "queue_bits = 30001", "storage"]);
+    list_refused("x_m,y_m,queue_bits\n1,2,30001\n", &["line 2", "queue_bits = 30001", "buffer"]);
     list_refused("x_m,y_m\nNaN,2\n", &["line 2", "x_m = NaN"]);
 }
 
