@@ -6,6 +6,7 @@ use std::time::Instant;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
+use super::draw::{below, fraction};
 use super::flight::Leg;
 use super::forecast::{FRESH, Forecast};
 use super::model::PlanningModel;
@@ -37,16 +38,6 @@ impl Temperature {
     fn at(&self, slot: i32) -> f64 {
         self.far_bits * (f64::from(slot - self.now) / FAR_SLOTS).clamp(self.near_fraction, 1.0)
     }
-}
-
-/// A number below `count`, which is at least 1 and below 2^32.
-pub(super) fn below(random: &mut ChaCha8Rng, count: usize) -> usize {
-    ((u64::from(random.next_u32()) * count as u64) >> 32) as usize
-}
-
-/// A fraction from above 0 to 1.
-pub(super) fn fraction(random: &mut ChaCha8Rng) -> f64 {
-    (f64::from(random.next_u32()) + 1.0) / 4_294_967_296.0
 }
 
 /// The numbers of `steps` steps, of which none begins after `until`; without it no clock is read.

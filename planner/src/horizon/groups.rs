@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::random::{Purpose, Streams};
 
-use super::anneal::{below, fraction};
+use super::draw::{below, fraction};
 use super::service_disk::ServiceDisk;
 use crate::geometry::circle::Circle;
 use crate::sensor_table::SensorTable;

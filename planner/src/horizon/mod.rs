@@ -8,6 +8,7 @@
 pub mod anneal;
 pub mod bound;
 pub mod choice;
+pub mod draw;
 pub mod even_tour;
 pub mod flight;
 pub mod forecast;
