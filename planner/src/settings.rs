@@ -9,7 +9,8 @@ use serde::{Deserialize, Serialize};
 use skysink_common::scenario::{Count, Overrides, Scenario, ScenarioError};
 
 pub use crate::estimate::Rates;
-use crate::strategies::{Registered, uts};
+use crate::strategies::Registered;
+pub use crate::waypoint::WaypointSolver;
 
 /// Keys that have moved, and where to.
 const MOVED: [(&str, &str); 3] = [
@@ -22,7 +23,7 @@ const MOVED: [(&str, &str); 3] = [
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default, expecting = "a table")]
 pub struct Settings {
-    /// Who is served and where to fly.
+    /// What decides schedule and waypoint.
     pub strategy: &'static Registered,
     /// Most expansions of sP2*; the letter takes one.
     pub sca_iterations: Count<1, 1000>,
@@ -80,7 +81,7 @@ impl From<BudgetMs> for Duration {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            strategy: &uts::STRATEGY,
+            strategy: Registered::find("uts").expect("the letter's strategy is registered"),
             sca_iterations: Count::of::<1>(),
             waypoint_solver: WaypointSolver::Geometric,
             knowledge: Knowledge::Oracle,
@@ -163,16 +164,6 @@ pub fn change(scenario: Scenario, change: impl FnOnce(&mut Settings)) -> Result<
     let scenario = scenario.with_planner_keys(&settings)?;
     Settings::of(&scenario)?;
     Ok(scenario)
-}
-
-/// What solves the waypoint problem sP2*.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum WaypointSolver {
-    /// Exact projection onto an intersection of disks.
-    Geometric,
-    /// Interior-point conic solver, Clarabel.
-    Clarabel,
 }
 
 /// What the planner sees of the queues.

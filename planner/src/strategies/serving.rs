@@ -22,7 +22,8 @@ impl Serving {
     #[must_use]
     pub fn new(setup: &Setup) -> Self {
         let ids = Vec::with_capacity(setup.table.positions.len());
-        Self { solver: Solver::new(setup.scenario, setup.settings, setup.table), ids }
+        let iterations = setup.settings.sca_iterations.get() as u32; // at most 1000
+        Self { solver: Solver::new(setup.scenario, setup.table, setup.settings.waypoint_solver, iterations), ids }
     }
 
     /// The waypoint from which the SNs `ids` send most, by sP2; `None` if no point in reach is in range of them all.

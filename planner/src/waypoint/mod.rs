@@ -10,18 +10,28 @@ pub mod problem;
 pub mod sca;
 
 use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::SolverOutcome;
 use skysink_common::scenario::Scenario;
 
 use crate::sensor_table::SensorTable;
-use crate::settings::{Settings, WaypointSolver};
 use conic::ConicSolver;
 use problem::{Problem, RatedPoint, Waypoint};
 use sca::Contribution;
 
 /// Relative difference in rate below which two ends are equally good.
 const CONFIRMED: f64 = 1e-6;
+
+/// What solves the waypoint problem sP2*.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum WaypointSolver {
+    /// Exact projection onto an intersection of disks.
+    Geometric,
+    /// Interior-point conic solver, Clarabel.
+    Clarabel,
+}
 
 /// The solver of a mission, with its working memory.
 pub struct Solver {
@@ -35,15 +45,15 @@ pub struct Solver {
 }
 
 impl Solver {
-    /// The solver of a scenario over the SNs of `table`.
+    /// The solver `choice` of a scenario over the SNs of `table`, with at most `iterations` expansions, 1 to 1000.
     #[must_use]
-    pub fn new(scenario: &Scenario, settings: &Settings, table: &SensorTable) -> Self {
-        let is_conic = settings.waypoint_solver == WaypointSolver::Clarabel;
+    pub fn new(scenario: &Scenario, table: &SensorTable, choice: WaypointSolver, iterations: u32) -> Self {
+        let is_conic = choice == WaypointSolver::Clarabel;
         Self {
             scenario: scenario.clone(),
             problem: Problem::new(table),
             starts: Vec::with_capacity(2 * table.resource_blocks + 2),
-            iterations: settings.sca_iterations.get() as u32,
+            iterations,
             conic: is_conic.then(ConicSolver::default),
         }
     }

@@ -65,7 +65,7 @@ mod tests {
     use super::*;
     use crate::sensor_table::SensorTable;
     use crate::sensor_table::tests::table_of;
-    use crate::settings::WaypointSolver;
+    use crate::waypoint::WaypointSolver;
     use proptest::prelude::*;
     use skysink_common::channel::{Channel, FreeSpace, Uplink};
 
