@@ -28,7 +28,7 @@ const SHOW_EVERY: u64 = 1000;
 /// Where a new run is put on record.
 #[derive(Debug, Args)]
 pub struct NewFolder {
-    /// Folder to write [default: runs/<name>-<strategy>-<seed>].
+    /// Folder to write [default: runs/NAME-STRATEGY-SEED].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Replace the run in DIR if it exists.
