@@ -42,6 +42,14 @@ pub enum Error {
         /// The slot under way.
         slot: u64,
     },
+    /// The viewer does not end after the mission.
+    #[error("viewer did not end within {seconds} s after slot {slot}, the last: is its disk slow? Raise --timeout")]
+    ViewerStays {
+        /// How long it was waited for.
+        seconds: f64,
+        /// The last slot.
+        slot: u64,
+    },
     /// A run has ended before its mission.
     #[error("{cause}: {left}")]
     EndedEarly {

@@ -180,6 +180,10 @@ fn bad_sweeps_are_refused_before_anything_is_written() {
         ("scenario = \"smoke.toml\"\nstrategies = []\nseeds = 2\n".to_owned(), &["strategies"][..]),
         ("scenario = \"smoke.toml\"\nstrategies = [\"best\"]\nseeds = 2\n".to_owned(), &["line 2", "best"]),
         ("scenario = \"smoke.toml\"\nstrategies = [\"uts\"]\nseeds = 0\n".to_owned(), &["seeds"]),
+        (
+            "scenario = \"smoke.toml\"\nstrategies = [\"uts\"]\nseeds = 9000000000000000000\n".to_owned(),
+            &["seeds = 9000000000000000000: expected at most 100000000"],
+        ),
         ("scenario = \"none.toml\"\nstrategies = [\"uts\"]\nseeds = 1\n".to_owned(), &["none.toml", "No such file"]),
         (format!("{base}[axes]\n\"uav.speed\" = [1.0]\n"), &["sweep bad.toml", "uav.speed = 1.0", "max_speed_mps"]),
         (format!("{base}[axes]\n\"area.side_m\" = [50.0, -1.0]\n"), &["area.side_m = -1.0", "above 0"]),

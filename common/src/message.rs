@@ -95,7 +95,7 @@ pub enum SolverOutcome {
     Rule,
     /// By the chosen solver.
     Solved,
-    /// By the geometric solver, because the chosen one gave no usable point.
+    /// Not by the chosen solver, which gave no usable point: by the geometric one, or the centre that `exact` found.
     Fallback,
 }
 

@@ -36,7 +36,7 @@ const MAX_SEED: u64 = i64::MAX as u64;
 const MAX_SLOTS: u64 = 1_000_000_000;
 
 /// Most sensor nodes of a field.
-const MAX_SENSORS: u64 = 10_000_000;
+pub(crate) const MAX_SENSORS: u64 = 10_000_000;
 
 /// Bits that one sensor node may sample in a mission: counted through `f64`, exact up to 2^53.
 pub(crate) const MAX_SAMPLED_BITS: f64 = 9.0e15;

@@ -5,7 +5,7 @@ pub mod plan;
 pub mod results;
 pub mod statistics;
 
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -67,7 +67,10 @@ impl SweepFolder {
         }
         let lock_path = path.join("lock");
         let lock = File::options().write(true).create(true).truncate(false).open(&lock_path).at(&lock_path)?;
-        lock.try_lock().map_err(|_| refuse("another process is flying this sweep"))?;
+        lock.try_lock().map_err(|error| match error {
+            TryLockError::WouldBlock => refuse("another process is flying this sweep: end it, or choose another --out"),
+            TryLockError::Error(source) => MissionError::File { path: lock_path, source }.into(),
+        })?;
         let text = serde_json::to_string_pretty(manifest).expect("plain values") + "\n";
         write_whole(&file, text.as_bytes())?;
         Ok(Self { path: path.to_owned(), _lock: lock })

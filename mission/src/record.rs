@@ -184,10 +184,13 @@ impl SlotLog {
     /// # Errors
     /// If a bit of the ledger is unaccounted for, or the line cannot be written; then it is as if it had not been tried.
     pub fn add(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, MissionError> {
+        let hash = self.trace.value();
         self.pass(flight, header)?;
         let written = self.file.write_all(self.trace.last_line().as_bytes());
         if written.is_err() {
-            let _ = self.file.set_len(self.length); // a part of a line at best
+            self.trace.undo(hash);
+            let cut = self.file.set_len(self.length).and_then(|()| self.file.seek(SeekFrom::Start(self.length)));
+            let _ = cut; // of a part of a line at best, which a resumed run cuts, too
         }
         written.at(&self.path)?;
         self.length += self.trace.last_line().len() as u64;
@@ -300,5 +303,23 @@ fn make_default(scenario: &Scenario) -> Result<PathBuf, MissionError> {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => number += 1,
             made => return made.map(|()| path.clone()).at(&path),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use skysink_common::message::Mode;
+
+    use super::*;
+
+    #[test]
+    fn a_line_that_cannot_be_written_is_not_in_the_hash() {
+        let path = PathBuf::from("/dev/full");
+        let file = File::options().write(true).open(&path).unwrap();
+        let mut log = SlotLog { path, file, length: 0, trace: TraceHash::default() };
+        let flight = FlightReport::at([1.0, 2.0, 20.0], Mode::Hold);
+        let error = log.add(&flight, &QueuesHeader::default()).unwrap_err();
+        assert!(error.to_string().contains("/dev/full"), "{error}");
+        assert_eq!((log.hash(), log.length), (0, 0));
     }
 }

@@ -30,6 +30,12 @@ impl TraceHash {
         self.hash
     }
 
+    /// Takes the last line back: `hash` is the value before it.
+    pub(crate) fn undo(&mut self, hash: u64) {
+        self.line.clear();
+        self.hash = hash;
+    }
+
     /// The last line, with its end.
     #[must_use]
     pub fn last_line(&self) -> &str {

@@ -115,10 +115,11 @@ impl Planner {
 
     /// Plans `slot` from where the UAV is, `position`, `L_u(t−1)` [m], and the queues `B_i(t−1)` [bit], by id.
     /// Where the queues are estimated, the plan is made from what is believed of them, see [`Planner::observe`]; of
-    /// `queues_bits` is kept what those that it schedules will announce.
+    /// `queues_bits` only the entries of the scheduled SNs are kept: what these will report at contact.
     ///
-    /// It takes as long as there are SNs near the UAV, however many there are in all; only a slot of transit, an
-    /// estimate and `edf` look at every queue. `plan_ns` stays 0: a step reads no clock, unless [`Self::set_timing`] says so.
+    /// Its time depends on the SNs near the UAV, not on their number in all. Exceptions, which read every queue: transit,
+    /// an estimate, and the strategies `edf`, `max-age-first`, `horizon` and `offline`. `plan_ns` stays 0; the caller
+    /// measures. A step reads a clock only with [`Timing::Paced`].
     ///
     /// # Panics
     /// If there is not one queue per sensor node.

@@ -85,7 +85,7 @@ pub struct RunOptions {
 pub fn seconds(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(seconds) if seconds > 0.0 && seconds <= 1e6 => Ok(seconds),
-        _ => Err("expected seconds, above 0".to_owned()),
+        _ => Err("expected seconds, above 0, at most 1000000".to_owned()),
     }
 }
 
@@ -199,7 +199,7 @@ fn on_child_end() -> Arc<AtomicBool> {
 }
 
 /// How long a process may take to end by itself once it is released.
-const FAREWELL: Duration = Duration::from_secs(2);
+const END_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Waits until all processes have ended, the viewer first: the others are there for it, and for one that is started again.
 fn finish(
@@ -220,14 +220,13 @@ fn finish(
             deadline = Instant::now() + timeout;
         }
         if Instant::now() > deadline {
-            let status = format!("nothing: it did not end within {} s after the mission", timeout.as_secs_f64());
-            return Err(Error::WorkerEnded { role: Role::Viewer.name(), status, slot });
+            return Err(Error::ViewerStays { seconds: timeout.as_secs_f64(), slot });
         }
     }
     workers.release();
     recorder.release(slot, hash)?;
     let released = Instant::now();
-    while !workers.have_ended(|_| true) && released.elapsed() < FAREWELL {
+    while !workers.have_ended(|_| true) && released.elapsed() < END_TIMEOUT {
         recorder.pause(REAP)?;
         workers.supervise(tally)?;
     }

@@ -1,4 +1,4 @@
-//! viewer as a process of the ring: reads every topic, writes none, and shows each slot in the scene.
+//! viewer as a process of the ring: shows each slot in the scene, and says by `ready` that it is there.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};

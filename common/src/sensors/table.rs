@@ -9,7 +9,7 @@ use super::{Sensor, draw_queue_bits, draw_sampling_bps};
 use crate::channel::draw_gain_db;
 use crate::geometry::Position;
 use crate::random::Streams;
-use crate::scenario::{Area, LinkModel, MAX_FIELD_BITS, MAX_SAMPLED_BITS, Scenario};
+use crate::scenario::{Area, LinkModel, MAX_FIELD_BITS, MAX_SAMPLED_BITS, MAX_SENSORS, Scenario};
 
 /// Columns in which a list is written, in this order.
 pub(super) const WRITTEN: [&str; 5] = ["x_m", "y_m", "queue_bits", "gain_db", "sampling_bps"];
@@ -41,7 +41,10 @@ pub(super) fn read(text: &str, scenario: &Scenario) -> Result<Vec<Sensor>, Refus
         if row.len() != header.len() {
             return Err((line, format!("{} fields: expected {}, as in the header", row.len(), header.len())));
         }
-        let id = u32::try_from(sensors.len()).map_err(|_| (line, "expected at most 2^32 rows".to_owned()))?;
+        if sensors.len() as u64 == MAX_SENSORS {
+            return Err((line, format!("more than {MAX_SENSORS} rows: expected at most {MAX_SENSORS} sensor nodes")));
+        }
+        let id = sensors.len() as u32;
         let sensor = table.sensor(&row, id).map_err(|message| (line, message))?;
         field_bits += sensor.sampling_bps * mission_s;
         if field_bits > MAX_FIELD_BITS {

@@ -103,6 +103,10 @@ impl Sweep {
         let table = text.parse().map_err(|error| LabError::malformed(&base_path, &text, &error))?;
         let base = SweepBase { path: base_path, table };
         let seeds = match file.seeds {
+            Seeds::Count(count) if count > MAX_MISSIONS as u64 => {
+                let what = format!("seeds = {count}: expected at most {MAX_MISSIONS}");
+                return Err(LabError::refused("sweep", path, what));
+            }
             Seeds::Count(count) => (1..=count).collect(),
             Seeds::List(list) => list,
         };
@@ -137,10 +141,12 @@ impl Sweep {
             _ => Err(refuse(&format!("axes.\"{key}\""), "a list of values")),
         });
         let axes: Vec<(String, Vec<toml::Value>)> = axes.collect::<Result<_, _>>()?;
-        let points = grid(&axes);
-        if points.len().saturating_mul(ascending.len()).saturating_mul(strategies.len()) > MAX_MISSIONS {
-            return Err(refuse("axes", "at most 100000000 missions"));
+        let of_point = ascending.len().saturating_mul(strategies.len());
+        let missions = axes.iter().fold(of_point, |missions, (_, values)| missions.saturating_mul(values.len()));
+        if missions > MAX_MISSIONS {
+            return Err(refuse(&format!("axes make {missions} missions"), &format!("at most {MAX_MISSIONS}")));
         }
+        let points = grid(&axes);
         let definition = Definition {
             identity: String::new(),
             version: env!("CARGO_PKG_VERSION").to_owned(),

@@ -237,8 +237,8 @@ impl Horizon {
         let temperature = Temperature { far_bits, now: 0, near_fraction: NEAR_FRACTION };
         let mut random = self.streams.stream(Purpose::Horizon, slot, 0);
         anneal::anneal(model, forecast, temperature, self.iterations, until, &mut random);
-        // Whom a slot serves depends on the queues, and a search takes over what it does not fly again: only flown anew the
-        // plan is what the next slot goes on with.
+        // Which SNs a slot serves depends on the queues, and the search copies legs that it does not recompute. Load the
+        // plan once more, so that the next slot resumes from exactly this plan.
         forecast.load(model, forecast.stops());
         let rise_bits = forecast.loss_bits - begun_bits;
         if rise_bits > 0.0 {

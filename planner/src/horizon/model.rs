@@ -96,10 +96,10 @@ pub struct PlanningModel {
     pub sensors: Vec<SensorModel>,
     /// Their ids in the mission.
     pub ids: Vec<u32>,
-    /// Where the UAV is when it serves [m], where the altitude does not matter.
+    /// Altitude of service in free space [m].
     altitude_m: f64,
-    /// Elsewhere, what a visit takes over `d²` [bit], from the altitude that is best for sensors nearby: all that a slot
-    /// serves are served from one altitude, and the next slot's is near to it. All uplinks have one gain, and a rate is
+    /// With probabilistic line of sight: bits that a visit collects, by `d²`, from the altitude that is best for sensors
+    /// nearby. All that a slot serves are served from one altitude, and the next slot's is near to it. All uplinks have one gain, and a rate is
     /// slow to compute.
     capacities_bits: Option<Box<[f64; TABLE + 1]>>,
     /// Stops of a plan: first each sensor by itself, then groups, then those that were added.
@@ -124,10 +124,10 @@ impl PlanningModel {
         let (ids, sensors): (Vec<u32>, Vec<SensorNode>) = (0..).zip(sensors.iter().copied()).filter(can_lose).unzip();
         let mut table = SensorTable::new(scenario, &sensors);
         table.grid = Grid::over(table.area, &table.positions, table.comm_radius_m);
-        let has_one_gain = table.channel.depends_on_elevation();
+        let depends_on_elevation = table.channel.depends_on_elevation();
         let mut model = Self {
             altitude_m: scenario.uav.altitude_m,
-            capacities_bits: has_one_gain.then(|| Box::new(best_capacities_bits(scenario, &table))),
+            capacities_bits: depends_on_elevation.then(|| Box::new(best_capacities_bits(scenario, &table))),
             tours: vec![closed_tour(table.area, &table.positions)],
             table,
             sensors: Vec::new(),

@@ -8,7 +8,7 @@
 //! Two facts make the search finite and fast (up to the slack of decision D5: sensor nodes that have a point in common
 //! only thanks to it may be found or missed):
 //!
-//! 1. *It is enough to look from the points where the disks of radius `d_c` about one or two SNs come nearest to the
+//! 1. *It is enough to try the points where the disks of radius `d_c` about one or two SNs come nearest to the
 //!    UAV.* Take the best set S and, of the points that have all of S in range, the one nearest to the UAV. It is in
 //!    reach if any of them is. It is the UAV's own position, or on the rim of one disk, or on the rims of several; two
 //!    of these already keep the UAV from coming nearer, because the direction to it is a sum of at most two of their
@@ -97,7 +97,7 @@ struct Best {
 }
 
 impl ExactSearch {
-    /// A search over `field` that never allocates.
+    /// A search over the SNs of `table` that never allocates in a slot.
     #[must_use]
     pub fn new(table: &SensorTable) -> Self {
         let (sensors, blocks) = (table.positions.len(), table.resource_blocks);
@@ -125,7 +125,7 @@ impl ExactSearch {
         for index in 0..self.nearby.len() {
             let i = self.nearby[index];
             if self.could_win_with(table, &i) {
-                self.look_about(table, position, &i);
+                self.search_around(table, position, &i);
             }
         }
         ids.clear();
@@ -133,14 +133,14 @@ impl ExactSearch {
         self.best.centre
     }
 
-    /// Looks from where the disk of i, and its lenses with the disks of all less full SNs, come nearest to the UAV.
-    fn look_about(&mut self, table: &SensorTable, position: &Position, i: &Spot) {
+    /// Searches from where the disk of i, and its lenses with the disks of all less full SNs, come nearest to the UAV.
+    fn search_around(&mut self, table: &SensorTable, position: &Position, i: &Spot) {
         self.around.clear();
         self.around.extend(self.nearby.iter().filter(|other| may_share(table, i, other)));
         let reach = Disk { centre: *position, radius_m: table.reach_m };
         let disk = disk_of(i, table);
         if let Some(centre) = project(position, &[reach, disk]) {
-            self.look_from(table, &centre);
+            self.try_centre(table, &centre);
         }
         if table.resource_blocks < 2 {
             return;
@@ -156,13 +156,13 @@ impl ExactSearch {
             let a_is_nearer = distance_squared(&a, position) <= distance_squared(&b, position);
             let corner = if a_is_nearer { a } else { b };
             if reach.contains(&corner) {
-                self.look_from(table, &corner);
+                self.try_centre(table, &corner);
             }
         }
     }
 
     /// Offers the n fullest queues in range of `centre`.
-    fn look_from(&mut self, table: &SensorTable, centre: &Position) {
+    fn try_centre(&mut self, table: &SensorTable, centre: &Position) {
         let in_range = |spot: &&Spot| within(&spot.position, centre, table.comm_radius_m);
         self.trial.fill(self.around.iter().filter(in_range).take(table.resource_blocks));
         self.best.offer(&mut self.trial, centre);

@@ -16,7 +16,7 @@ use crate::settings::Settings;
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
     name: "offline",
-    about: "the same for the whole mission, made before take-off and flown as it is",
+    about: "the plan of least predicted loss over the mission, made before take-off",
     is_stateless: false,
     has_path: true,
     make: |setup| Box::new(Offline::new(setup)),

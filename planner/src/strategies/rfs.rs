@@ -45,8 +45,8 @@ fn random_waypoint(table: &SensorTable, streams: &Streams, slot: u64, position: 
     let (west_m, east_m) = bounds_m(position.x, table.area.width_m);
     let (south_m, north_m) = bounds_m(position.y, table.area.height_m);
     for _ in 0..MAX_DRAWS {
-        let [share_x, share_y] = stream.random::<[f64; 2]>();
-        let drawn = Position::new(west_m + (east_m - west_m) * share_x, south_m + (north_m - south_m) * share_y);
+        let [fraction_x, fraction_y] = stream.random::<[f64; 2]>();
+        let drawn = Position::new(west_m + (east_m - west_m) * fraction_x, south_m + (north_m - south_m) * fraction_y);
         if within(&drawn, position, table.reach_m) {
             return drawn;
         }

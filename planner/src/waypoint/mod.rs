@@ -27,7 +27,7 @@ const CONFIRMED: f64 = 1e-6;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum WaypointSolver {
-    /// Exact projection onto an intersection of disks.
+    /// In free space the exact projection onto an intersection of disks; with probabilistic line of sight, ascent.
     Geometric,
     /// Interior-point conic solver, Clarabel.
     Clarabel,
