@@ -1,5 +1,7 @@
 //! Which samples a reader admits: those of its run, from one writer at a time, in the order of their slots.
 
+use std::time::{Duration, Instant};
+
 use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::prelude::*;
 use skysink_common::message::{FLAG_END, SlotHeader};
@@ -60,10 +62,7 @@ impl Admission {
                 if self.second_writer == Some(publisher) && writes(topic, writer) {
                     return refuse(Refusal::SecondWriter);
                 }
-                if writes(topic, writer) {
-                    remove_dead_nodes::<S>(&topic.config); // it may only seem to be there
-                }
-                if writes(topic, writer) {
+                if is_alive(topic, writer) {
                     self.second_writer = Some(publisher);
                     return refuse(Refusal::SecondWriter);
                 }
@@ -77,6 +76,25 @@ impl Admission {
         self.second_writer = None;
         Entry::New
     }
+}
+
+/// How long a dead writer may stay listed while another process removes what it has left behind; that takes up to 26 ms.
+const REMOVAL: Duration = Duration::from_millis(50);
+
+/// Whether a writer is attached to the topic and no dead process's.
+fn is_alive<S: Service + 'static, P: Payload + ?Sized, H: Header>(
+    topic: &Shared<S, P, H>,
+    writer: UniquePublisherId,
+) -> bool {
+    let begin = Instant::now();
+    while writes(topic, writer) {
+        if begin.elapsed() > REMOVAL {
+            return true;
+        }
+        remove_dead_nodes::<S>(&topic.config); // in vain while another process does so
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    false
 }
 
 /// Whether a writer is attached to the topic.
