@@ -3,8 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
-use skysink_common::scenario::ScenarioError;
-use skysink_common::sensors::SensorListError;
+use skysink_common::error::InputError;
 use skysink_common::stop::Stopped;
 use skysink_mission::MissionError;
 use skysink_ring::error::{NodeError, RingError};
@@ -92,8 +91,7 @@ macro_rules! through {
 }
 
 through!(
-    ScenarioError => MissionError,
-    SensorListError => MissionError,
+    InputError => MissionError,
     Stopped => MissionError,
     RingError => NodeError
 );

@@ -4,7 +4,7 @@ use std::fmt;
 use std::io::{IsTerminal, Write as _};
 
 use comfy_table::{CellAlignment, Table, presets};
-use indicatif::{ProgressBar, ProgressState, ProgressStyle};
+use indicatif::{HumanCount, ProgressBar, ProgressState, ProgressStyle};
 use skysink_common::pace::Pace;
 #[cfg(feature = "lab")]
 use skysink_lab::{optimize::Optimum, progress::LabProgress};
@@ -124,7 +124,7 @@ pub fn print_optimum(optimum: &Optimum) -> Result<(), Error> {
     }
     print(with_numbers_right(table))?;
     let steps = optimum.steps;
-    print(format_args!("Searched for up to {} steps; --budget {steps} finds the same again.", grouped(steps)))
+    print(format_args!("Searched for up to {} steps; --budget {steps} finds the same again.", HumanCount(steps)))
 }
 
 /// Prints the figures of a run and what to do next.
@@ -140,22 +140,22 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     let mut rows = vec![
         ("data loss rate η", format!("{:.6}", summary.loss_rate)),
         ("η as in the letter", format!("{:.6}", summary.eta_letter)),
-        ("bits sampled", grouped(summary.totals.sampled_bits)),
-        ("bits delivered", grouped(summary.totals.delivered_bits)),
-        ("bits lost", grouped(summary.totals.lost_bits)),
+        ("bits sampled", HumanCount(summary.totals.sampled_bits).to_string()),
+        ("bits delivered", HumanCount(summary.totals.delivered_bits).to_string()),
+        ("bits lost", HumanCount(summary.totals.lost_bits).to_string()),
         ("bits per waypoint", format!("{:.1}", summary.bits_per_waypoint)),
         ("SNs served per slot", format!("{:.3}", summary.mean_served)),
-        ("slots in transit", grouped(summary.transit_slots)),
-        ("slots held", grouped(summary.held_slots)),
-        ("requests refused", grouped(summary.refused)),
-        ("messages refused", grouped(summary.refused_messages)),
-        ("processes restarted", grouped(summary.restarts)),
+        ("slots in transit", HumanCount(summary.transit_slots).to_string()),
+        ("slots held", HumanCount(summary.held_slots).to_string()),
+        ("requests refused", HumanCount(summary.refused).to_string()),
+        ("messages refused", HumanCount(summary.refused_messages).to_string()),
+        ("processes restarted", HumanCount(summary.restarts).to_string()),
         ("plan time p50 / p99", format!("{:.1} µs / {:.1} µs", timing.plan_p50_us, timing.plan_p99_us)),
         ("slots per second", format!("{:.0}", timing.slots_per_s)),
     ];
     if timing.pace.is_some_and(|pace| pace != Pace::Max) {
-        rows.push(("deadlines missed", grouped(timing.missed_deadlines)));
-        rows.push(("slots begun late", grouped(timing.late_slots)));
+        rows.push(("deadlines missed", HumanCount(timing.missed_deadlines).to_string()));
+        rows.push(("slots begun late", HumanCount(timing.late_slots).to_string()));
     }
     if let Some(latency) = timing.latency.filter(|_| timing.pace != Some(Pace::Max)) {
         let spread = |spread: Spread| {
@@ -198,27 +198,4 @@ pub fn with_numbers_right(mut table: Table) -> Table {
         }
     }
     table
-}
-
-/// A whole number with its thousands apart.
-fn grouped(number: u64) -> String {
-    let digits = number.to_string();
-    let mut text = String::new();
-    for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            text.push(' ');
-        }
-        text.push(digit);
-    }
-    text
-}
-
-#[cfg(test)]
-mod tests {
-    use super::grouped;
-
-    #[test]
-    fn thousands_stand_apart() {
-        assert_eq!([0, 999, 1000, 12_345_678].map(grouped), ["0", "999", "1 000", "12 345 678"]);
-    }
 }

@@ -120,7 +120,7 @@ fn record(recording: &mut Option<Scene>, mission: &Mission, flown: Option<&Flown
     let Some(scene) = recording else { return Ok(()) };
     let header = mission.header();
     let plan = flown.map(|flown| Plan { plan_ns: 0, ..flown.plan });
-    let path: Vec<PathPoint> = mission.path().iter().copied().map(PathPoint::from).collect();
+    let path: Vec<PathPoint> = mission.planner().path().iter().copied().map(PathPoint::from).collect();
     scene.log_slot(&SlotView {
         slot: header.head.slot,
         queues_bits: mission.queues_bits(),

@@ -153,7 +153,7 @@ fn a_planner_that_looks_ahead_publishes_its_path_before_its_plan_and_the_others_
         let mut mission = Mission::new(&scenario, &list).unwrap();
         let fly = || {
             let plan = mission.next()?.plan;
-            let path: Vec<_> = mission.path().iter().copied().map(PathPoint::from).collect();
+            let path: Vec<_> = mission.planner().path().iter().copied().map(PathPoint::from).collect();
             Some((plan, Some(path).filter(|path| path.len() > 1)))
         };
         let expected: Seen = std::iter::from_fn(fly).collect();

@@ -6,6 +6,7 @@
 pub mod arrivals;
 pub mod channel;
 pub mod checkpoint;
+pub mod error;
 pub mod geometry;
 pub mod ledger;
 pub mod message;

@@ -237,16 +237,7 @@ impl FlightReport {
     #[must_use]
     pub fn at(position: impl Into<Point3<f64>>, mode: Mode) -> Self {
         let position = position.into();
-        Self {
-            x_m: position.x,
-            y_m: position.y,
-            z_m: position.z,
-            mode: mode as u32,
-            hold: HoldReason::None as u32,
-            refused: 0,
-            served: 0,
-            links: [LinkReport::default(); MAX_SERVED],
-        }
+        Self { x_m: position.x, y_m: position.y, z_m: position.z, mode: mode as u32, ..Self::zeroed() }
     }
 
     /// The served links, whatever the count says.

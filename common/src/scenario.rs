@@ -5,7 +5,6 @@
 //! are read by [`crate::sensors`], `[planner]` by the planner.
 
 mod defaults;
-mod error;
 mod keys;
 mod planner;
 mod rules;
@@ -17,7 +16,6 @@ use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
-pub use error::ScenarioError;
 pub use keys::{
     AltitudeMode, Area, Climb, Environment, GainMode, LinkBudget, LinkModel, LosCurve, Origin, Propulsion, Sensors,
     UavKeys,
@@ -25,6 +23,8 @@ pub use keys::{
 pub use planner::PlannerKeys;
 pub use value::{Count, Interval};
 use value::{count, name};
+
+use crate::error::InputError;
 
 /// Most resource blocks of a UAV: messages hold this many served sensor nodes.
 pub const MAX_RESOURCE_BLOCKS: usize = 64;
@@ -93,9 +93,8 @@ impl Scenario {
     ///
     /// # Errors
     /// If the file cannot be read, is not a scenario, or holds a value out of its range.
-    pub fn read(path: &Path, overrides: Overrides) -> Result<Self, ScenarioError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| ScenarioError::Unreadable { path: path.to_owned(), source })?;
+    pub fn read(path: &Path, overrides: Overrides) -> Result<Self, InputError> {
+        let text = std::fs::read_to_string(path).map_err(|error| InputError::new("scenario", path, error))?;
         Self::parse(&text, path, overrides)
     }
 
@@ -103,7 +102,7 @@ impl Scenario {
     ///
     /// # Errors
     /// If an override is out of its range.
-    pub fn letter(overrides: Overrides) -> Result<Self, ScenarioError> {
+    pub fn letter(overrides: Overrides) -> Result<Self, InputError> {
         Self::parse(LETTER, Path::new("letter.toml (built in)"), overrides)
     }
 
@@ -111,8 +110,8 @@ impl Scenario {
     ///
     /// # Errors
     /// If the text is not a scenario or holds a value out of its range.
-    pub fn parse(text: &str, path: &Path, overrides: Overrides) -> Result<Self, ScenarioError> {
-        let mut table: Table = text.parse().map_err(|error| malformed(&error, text, path))?;
+    pub fn parse(text: &str, path: &Path, overrides: Overrides) -> Result<Self, InputError> {
+        let mut table: Table = text.parse().map_err(|error| InputError::toml("scenario", path, text, &error))?;
         for (key, number) in [("seed", overrides.seed), ("slots", overrides.slots)] {
             if let Some(number) = number {
                 // What TOML cannot write is more than either may be.
@@ -184,16 +183,4 @@ impl Scenario {
     pub fn reach_m(&self) -> f64 {
         self.uav.max_speed_mps * self.slot_s
     }
-}
-
-/// One line for what the TOML reader says: its line, the text there, its message.
-fn malformed(error: &toml::de::Error, text: &str, path: &Path) -> ScenarioError {
-    let place = error.span().map_or_else(String::new, |span| {
-        let before = &text[..span.start.min(text.len())];
-        let number = before.matches('\n').count() + 1;
-        let line = text.lines().nth(number - 1).unwrap_or_default().trim();
-        format!("line {number}: `{line}`: ")
-    });
-    let message = error.message().trim().replace('\n', ", ");
-    ScenarioError::Malformed { path: path.to_owned(), place, message }
 }

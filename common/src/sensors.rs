@@ -5,12 +5,13 @@
 mod projection;
 mod table;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use rand::RngExt;
 use rand_distr::{Distribution, Poisson};
 
 use crate::channel::draw_gain_db;
+use crate::error::InputError;
 use crate::geometry::Position;
 use crate::message::SensorNode;
 use crate::random::{Purpose, Streams};
@@ -38,42 +39,19 @@ pub struct SensorList {
     capacity_bits: u32,
 }
 
-/// Why a sensor list is refused; the display is one line that names the file, the line, the value and what was expected.
-#[derive(Debug, thiserror::Error)]
-pub enum SensorListError {
-    /// The file cannot be read.
-    #[error("sensor list {}: {source}", path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// Why not.
-        source: std::io::Error,
-    },
-    /// The file is not a list of sensor nodes.
-    #[error("sensor list {}: line {line}: {message}", path.display())]
-    Row {
-        /// The file.
-        path: PathBuf,
-        /// Line, from 1; the header is line 1.
-        line: u64,
-        /// What is wrong there and what was expected.
-        message: String,
-    },
-}
-
 impl SensorList {
     /// The sensor nodes of a scenario: drawn from its seed, or read from its file.
     ///
     /// # Errors
     /// If the file cannot be read or holds a bad row.
-    pub fn of(scenario: &Scenario) -> Result<Self, SensorListError> {
+    pub fn of(scenario: &Scenario) -> Result<Self, InputError> {
         let Some(path) = scenario.sensor_file() else {
             let count = scenario.sensors.count.map_or(0, |count| count.get() as u32);
             return Ok(Self::new((0..count).map(|id| draw(scenario, id)).collect(), scenario));
         };
         match std::fs::read_to_string(&path) {
             Ok(text) => Self::parse(&text, &path, scenario),
-            Err(source) => Err(SensorListError::Unreadable { path, source }),
+            Err(error) => Err(InputError::new("sensor list", &path, error)),
         }
     }
 
@@ -82,11 +60,8 @@ impl SensorList {
     ///
     /// # Errors
     /// If a row is bad, or there is none.
-    pub fn parse(text: &str, path: &Path, scenario: &Scenario) -> Result<Self, SensorListError> {
-        let refuse = |(line, message): (u64, String)| {
-            let message = message.replace(['\n', '\r'], " "); // what a quoted field holds
-            SensorListError::Row { path: path.to_owned(), line, message }
-        };
+    pub fn parse(text: &str, path: &Path, scenario: &Scenario) -> Result<Self, InputError> {
+        let refuse = |message| InputError::new("sensor list", path, message);
         table::read(text, scenario).map(|sensors| Self::new(sensors, scenario)).map_err(refuse)
     }
 

@@ -3,11 +3,12 @@
 use std::path::Path;
 
 use proptest::prelude::*;
+use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
-use skysink_common::scenario::{Origin, Overrides, Scenario, ScenarioError};
-use skysink_common::sensors::{SensorList, SensorListError};
+use skysink_common::scenario::{Origin, Overrides, Scenario};
+use skysink_common::sensors::SensorList;
 
-fn parse(text: &str) -> Result<Scenario, ScenarioError> {
+fn parse(text: &str) -> Result<Scenario, InputError> {
     Scenario::parse(text, Path::new("folder/city.toml"), Overrides::default())
 }
 
@@ -17,7 +18,7 @@ fn area_at(lat_deg: f64, lon_deg: f64, side_m: f64) -> Scenario {
     parse(&format!("name = \"x\"\n[area]\nside_m = {side_m:?}\n{corner}")).unwrap()
 }
 
-fn read(text: &str, scenario: &Scenario) -> Result<SensorList, SensorListError> {
+fn read(text: &str, scenario: &Scenario) -> Result<SensorList, InputError> {
     SensorList::parse(text, Path::new("l.csv"), scenario)
 }
 

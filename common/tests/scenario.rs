@@ -4,10 +4,11 @@ use std::path::Path;
 
 use proptest::prelude::*;
 use skysink_common::channel::LineOfSight;
-use skysink_common::scenario::{GainMode, LosCurve, Overrides, Scenario, ScenarioError, Sensors};
+use skysink_common::error::InputError;
+use skysink_common::scenario::{GainMode, LosCurve, Overrides, Scenario, Sensors};
 use skysink_common::sensors::{Sensor, SensorList};
 
-fn parse(text: &str) -> Result<Scenario, ScenarioError> {
+fn parse(text: &str) -> Result<Scenario, InputError> {
     Scenario::parse(text, Path::new("folder/city.toml"), Overrides::default())
 }
 

@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use skysink_common::checkpoint::Checkpoint;
-use skysink_common::scenario::{Count, Scenario, ScenarioError};
+use skysink_common::error::InputError;
+use skysink_common::scenario::{Count, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
@@ -61,7 +62,7 @@ impl BestKnown {
     ///
     /// # Errors
     /// Never for the scenario that was found.
-    pub fn mission(&self) -> Result<Mission, ScenarioError> {
+    pub fn mission(&self) -> Result<Mission, InputError> {
         mission(&self.scenario, self.plan.as_deref(), &self.list)
     }
 }
@@ -154,7 +155,7 @@ fn steps_in(time: Duration, offline: &Scenario, list: &SensorList) -> Result<u64
 }
 
 /// The mission with an offline search of `steps` steps that knows the queues.
-fn searching(offline: &Scenario, steps: u64) -> Result<Scenario, ScenarioError> {
+fn searching(offline: &Scenario, steps: u64) -> Result<Scenario, InputError> {
     change(offline.clone(), |settings| {
         settings.knowledge = Knowledge::Oracle;
         settings.rates = Rates::Known;
@@ -187,7 +188,7 @@ fn search(
 }
 
 /// The mission before slot 1, with the plan of `offline` if there is one.
-fn mission(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList) -> Result<Mission, ScenarioError> {
+fn mission(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList) -> Result<Mission, InputError> {
     let Some(plan) = plan else {
         return Mission::new(scenario, list);
     };

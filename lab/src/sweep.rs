@@ -171,5 +171,5 @@ fn fly(scenario: &Scenario, key: MissionKey) -> Result<MissionRow, LabError> {
         "offline" => loss_bound(scenario, &list),
         _ => f64::NAN,
     };
-    Ok(MissionRow { key, values: sums.values(&summary, mission.delivered_bits(), loss_bound) })
+    Ok(MissionRow { key, values: sums.values(&summary, mission.field().delivered_bits(), loss_bound) })
 }

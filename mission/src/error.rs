@@ -3,47 +3,19 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use skysink_common::error::InputError;
 use skysink_common::ledger::Totals;
-use skysink_common::scenario::ScenarioError;
-use skysink_common::sensors::SensorListError;
 use skysink_common::stop::Stopped;
 
 /// Why a mission is refused or cannot be put on record; the display is one line.
 #[derive(Debug, thiserror::Error)]
 pub enum MissionError {
-    /// The scenario is refused.
+    /// The scenario, the sensor list, or a run's folder or trace is refused.
     #[error(transparent)]
-    Scenario(#[from] ScenarioError),
-    /// The sensor list is refused.
-    #[error(transparent)]
-    Sensors(#[from] SensorListError),
+    Input(#[from] InputError),
     /// A signal asks for the end.
     #[error(transparent)]
     Stopped(#[from] Stopped),
-    /// The output folder is there already.
-    #[error("output folder {}: it exists: choose another --out, or pass --force to replace the run in it", .0.display())]
-    OutputExists(PathBuf),
-    /// There is nothing to resume.
-    #[error("run folder {}: {missing} is missing: expected the folder of a run that has ended early", path.display())]
-    NotARun {
-        /// The folder.
-        path: PathBuf,
-        /// The file that is not there.
-        missing: &'static str,
-    },
-    /// A run is still writing.
-    #[error("{}: a run is writing it: end that run first, or choose another folder", .0.display())]
-    RunUnderWay(PathBuf),
-    /// A trace is not what the scenario leads to.
-    #[error("{}:{line}: {what}", path.display())]
-    Trace {
-        /// The file.
-        path: PathBuf,
-        /// The line, from 1.
-        line: u64,
-        /// What is wrong with it.
-        what: String,
-    },
     /// A file cannot be read or written.
     #[error("{}: {source}", path.display())]
     File {
@@ -68,8 +40,8 @@ impl MissionError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Stopped(stopped) => stopped.exit_code(),
+            Self::Input(_) => 2,
             Self::File { .. } | Self::Unbalanced { .. } => 1,
-            _ => 2,
         }
     }
 }

@@ -2,9 +2,9 @@
 
 use std::time::Instant;
 
-use nalgebra::Point3;
+use skysink_common::error::InputError;
 use skysink_common::message::{FLAG_END, FlightReport, Plan, QueuesHeader, SlotHeader};
-use skysink_common::scenario::{Scenario, ScenarioError};
+use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::Field;
 use skysink_flight_sim::Flight;
@@ -37,7 +37,7 @@ impl Mission {
     ///
     /// # Errors
     /// If `[planner]` of the scenario is refused; never for one that was read by [`skysink_planner::settings`].
-    pub fn new(scenario: &Scenario, list: &SensorList) -> Result<Self, ScenarioError> {
+    pub fn new(scenario: &Scenario, list: &SensorList) -> Result<Self, InputError> {
         let nodes = list.nodes();
         let flight = Flight::new(scenario, &nodes);
         Ok(Self {
@@ -58,7 +58,7 @@ impl Mission {
         scenario: &Scenario,
         list: &SensorList,
         strategy: Box<dyn Strategy>,
-    ) -> Result<Self, ScenarioError> {
+    ) -> Result<Self, InputError> {
         let planner = Planner::with_strategy(scenario, &list.nodes(), strategy)?;
         Ok(Self { planner, ..Self::new(scenario, list)? })
     }
@@ -76,18 +76,6 @@ impl Mission {
         self.field.queues_bits()
     }
 
-    /// Bits uploaded so far, by sensor node.
-    #[must_use]
-    pub fn delivered_bits(&self) -> &[u64] {
-        self.field.delivered_bits()
-    }
-
-    /// Where the last plan leads, its own waypoint first [m]: more than one point for strategies that know.
-    #[must_use]
-    pub fn path(&self) -> &[Point3<f64>] {
-        self.planner.path()
-    }
-
     /// The last flight; before slot 1 the UAV at its start.
     #[must_use]
     pub fn last_flight(&self) -> &FlightReport {
@@ -100,13 +88,13 @@ impl Mission {
         self.slot
     }
 
-    /// The field, for a process that resumes from here.
+    /// The field after the last slot.
     #[must_use]
     pub fn field(&self) -> &Field {
         &self.field
     }
 
-    /// The planner, for a process that resumes from here.
+    /// The planner after the last slot.
     #[must_use]
     pub fn planner(&self) -> &Planner {
         &self.planner

@@ -5,6 +5,7 @@ use std::io::{self, BufRead as _, BufReader, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use skysink_common::error::InputError;
 use skysink_common::message::{FlightReport, QueuesHeader};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
@@ -49,7 +50,7 @@ impl RunFolder {
     /// If `out` exists and `force` does not allow to replace the run in it.
     pub fn check(out: Option<&Path>, force: bool) -> Result<(), MissionError> {
         match out {
-            Some(out) if !force && out.exists() => Err(MissionError::OutputExists(out.to_owned())),
+            Some(out) if !force && out.exists() => Err(exists(out)),
             _ => Ok(()),
         }
     }
@@ -101,7 +102,10 @@ impl RunFolder {
     pub fn reopen(path: &Path) -> Result<Self, MissionError> {
         let path = path.to_owned();
         match ["scenario.toml", "slots.csv"].into_iter().find(|name| !path.join(name).is_file()) {
-            Some(missing) => Err(MissionError::NotARun { path, missing }),
+            Some(missing) => {
+                let message = format_args!("{missing} is missing: expected the folder of a run that has ended early");
+                Err(InputError::new("run folder", &path, message).into())
+            }
             None => Ok(Self { path }),
         }
     }
@@ -125,8 +129,8 @@ impl RunFolder {
         reader.read_until(b'\n', &mut header).at(&path)?;
         if !SLOT_COLUMNS.as_bytes().starts_with(&header) {
             let found = String::from_utf8_lossy(&header);
-            let what = format!("header {:?}: expected {}", found.trim_end(), SLOT_COLUMNS.trim_end());
-            return Err(MissionError::Trace { path, line: 1, what });
+            let header = format_args!("line 1: header {:?}: expected {}", found.trim_end(), SLOT_COLUMNS.trim_end());
+            return Err(InputError::new("trace", &path, header).into());
         }
         // Where the header is cut, nothing is on record.
         let length = if header.len() == SLOT_COLUMNS.len() { header.len() as u64 } else { 0 };
@@ -243,9 +247,18 @@ impl SlotLog {
 fn lock(file: &File, path: &Path) -> Result<(), MissionError> {
     match file.try_lock() {
         Ok(()) => Ok(()),
-        Err(TryLockError::WouldBlock) => Err(MissionError::RunUnderWay(path.to_owned())),
+        Err(TryLockError::WouldBlock) => {
+            let message = "a run is writing it: end that run first, or choose another folder";
+            Err(InputError::new("trace", path, message).into())
+        }
         Err(TryLockError::Error(error)) => Err(error).at(path),
     }
+}
+
+/// The refusal of an output folder.
+fn exists(out: &Path) -> MissionError {
+    let message = "it exists: choose another --out, or pass --force to replace the run in it";
+    InputError::new("output folder", out, message).into()
 }
 
 /// Makes the folder that the user named.
@@ -256,7 +269,7 @@ fn make(out: &Path, force: bool) -> Result<PathBuf, MissionError> {
     }
     match fs::create_dir(out) {
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists && !force => {
-            return Err(MissionError::OutputExists(out.to_owned()));
+            return Err(exists(out));
         }
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists => replace(out)?,
         made => made.at(out)?,

@@ -5,9 +5,10 @@
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
+use skysink_common::error::InputError;
 use skysink_common::message::{FlightReport, Mode, Plan, SensorNode};
 use skysink_common::path::MAX_POINTS;
-use skysink_common::scenario::{Scenario, ScenarioError};
+use skysink_common::scenario::Scenario;
 
 use crate::estimate::{self, Estimate};
 use crate::sensor_table::SensorTable;
@@ -49,7 +50,7 @@ impl Planner {
     ///
     /// # Errors
     /// If `[planner]` of the scenario is refused; never for one that was read by [`crate::settings`].
-    pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Result<Self, ScenarioError> {
+    pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Result<Self, InputError> {
         Self::over(scenario, sensors, SensorTable::new(scenario, sensors))
     }
 
@@ -57,7 +58,7 @@ impl Planner {
     ///
     /// # Errors
     /// As [`Planner::new`].
-    pub fn over(scenario: &Scenario, sensors: &[SensorNode], table: SensorTable) -> Result<Self, ScenarioError> {
+    pub fn over(scenario: &Scenario, sensors: &[SensorNode], table: SensorTable) -> Result<Self, InputError> {
         let settings = Settings::of(scenario)?;
         Ok(Self::build(scenario, settings, sensors, table, settings.strategy.make))
     }
@@ -70,7 +71,7 @@ impl Planner {
         scenario: &Scenario,
         sensors: &[SensorNode],
         strategy: Box<dyn Strategy>,
-    ) -> Result<Self, ScenarioError> {
+    ) -> Result<Self, InputError> {
         let settings = Settings::of(scenario)?;
         Ok(Self::build(scenario, settings, sensors, SensorTable::new(scenario, sensors), |_| strategy))
     }

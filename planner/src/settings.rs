@@ -6,7 +6,8 @@ use std::path::Path;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
-use skysink_common::scenario::{Count, Overrides, Scenario, ScenarioError};
+use skysink_common::error::InputError;
+use skysink_common::scenario::{Count, Overrides, Scenario};
 
 pub use crate::estimate::Rates;
 use crate::strategies::Registered;
@@ -109,7 +110,7 @@ impl Settings {
     ///
     /// # Errors
     /// If a key is unknown or has moved, or a value is out of its range.
-    pub fn of(scenario: &Scenario) -> Result<Self, ScenarioError> {
+    pub fn of(scenario: &Scenario) -> Result<Self, InputError> {
         for (old, new) in MOVED {
             if let Some(value) = scenario.planner.others.get(old) {
                 return Err(scenario.refusal(&format!("planner.{old}"), value, &format!("{new} instead")));
@@ -129,7 +130,7 @@ impl Settings {
 ///
 /// # Errors
 /// If the file cannot be read, is not a scenario, or holds a value out of its range.
-pub fn read(path: &Path, overrides: Overrides) -> Result<Scenario, ScenarioError> {
+pub fn read(path: &Path, overrides: Overrides) -> Result<Scenario, InputError> {
     resolve(Scenario::read(path, overrides)?)
 }
 
@@ -137,7 +138,7 @@ pub fn read(path: &Path, overrides: Overrides) -> Result<Scenario, ScenarioError
 ///
 /// # Errors
 /// If an override is out of its range.
-pub fn letter(overrides: Overrides) -> Result<Scenario, ScenarioError> {
+pub fn letter(overrides: Overrides) -> Result<Scenario, InputError> {
     resolve(Scenario::letter(overrides)?)
 }
 
@@ -145,12 +146,12 @@ pub fn letter(overrides: Overrides) -> Result<Scenario, ScenarioError> {
 ///
 /// # Errors
 /// If the text is not a scenario or holds a value out of its range.
-pub fn parse(text: &str, path: &Path, overrides: Overrides) -> Result<Scenario, ScenarioError> {
+pub fn parse(text: &str, path: &Path, overrides: Overrides) -> Result<Scenario, InputError> {
     resolve(Scenario::parse(text, path, overrides)?)
 }
 
 /// Checks `[planner]` of a scenario and fills in its defaults.
-fn resolve(scenario: Scenario) -> Result<Scenario, ScenarioError> {
+fn resolve(scenario: Scenario) -> Result<Scenario, InputError> {
     change(scenario, |_| {})
 }
 
@@ -158,7 +159,7 @@ fn resolve(scenario: Scenario) -> Result<Scenario, ScenarioError> {
 ///
 /// # Errors
 /// If a key is refused, before the change or after it.
-pub fn change(scenario: Scenario, change: impl FnOnce(&mut Settings)) -> Result<Scenario, ScenarioError> {
+pub fn change(scenario: Scenario, change: impl FnOnce(&mut Settings)) -> Result<Scenario, InputError> {
     let mut settings = Settings::of(&scenario)?;
     change(&mut settings);
     let scenario = scenario.with_planner_keys(&settings)?;

@@ -2,12 +2,13 @@
 
 use std::path::Path;
 
-use skysink_common::scenario::{Count, Overrides, Scenario, ScenarioError};
+use skysink_common::error::InputError;
+use skysink_common::scenario::{Count, Overrides, Scenario};
 use skysink_planner::Planner;
 use skysink_planner::settings::{Knowledge, Rates, Settings, WaypointSolver, change, letter, parse};
 use skysink_planner::strategies::names;
 
-fn city(text: &str) -> Result<Scenario, ScenarioError> {
+fn city(text: &str) -> Result<Scenario, InputError> {
     parse(&format!("name = \"x\"\n{text}"), Path::new("folder/city.toml"), Overrides::default())
 }
 

@@ -4,21 +4,15 @@ use std::fmt::{Debug, Display};
 use std::io;
 use std::path::{Path, PathBuf};
 
-use skysink_common::scenario::ScenarioError;
-use skysink_common::sensors::SensorListError;
+use skysink_common::error::InputError;
 use skysink_common::stop::Stopped;
 
 /// Why a ring cannot be used; the display is one line that names the remedy where there is one.
 #[derive(Debug, thiserror::Error)]
 pub enum RingError {
     /// The folder is not that of a running ring, the ring flies something else, or another process has the seat.
-    #[error("ring {}: {message}", folder.display())]
-    Folder {
-        /// The folder.
-        folder: PathBuf,
-        /// What is wrong with it, and the remedy.
-        message: String,
-    },
+    #[error(transparent)]
+    Folder(#[from] InputError),
     /// A process cannot save its state, or restore it.
     #[error("journal {}: {source}", path.display())]
     Journal {
@@ -51,7 +45,7 @@ pub enum RingError {
 
 impl RingError {
     pub(crate) fn folder(folder: &Path, message: impl Display) -> Self {
-        Self::Folder { folder: folder.to_owned(), message: message.to_string() }
+        InputError::new("ring", folder, message).into()
     }
 
     pub(crate) fn topic(topic: &'static str, action: &'static str, error: &dyn Debug) -> Self {
@@ -84,12 +78,9 @@ pub enum NodeError {
     /// The ring cannot be used.
     #[error(transparent)]
     Ring(#[from] RingError),
-    /// The scenario is refused.
+    /// The scenario or the sensor list is refused.
     #[error(transparent)]
-    Scenario(#[from] ScenarioError),
-    /// The sensor list is refused.
-    #[error(transparent)]
-    Sensors(#[from] SensorListError),
+    Input(#[from] InputError),
 }
 
 impl NodeError {
@@ -98,7 +89,7 @@ impl NodeError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Stopped(stopped) => stopped.exit_code(),
-            Self::Scenario(_) | Self::Sensors(_) | Self::Peer(_) | Self::Ring(RingError::Folder { .. }) => 2,
+            Self::Input(_) | Self::Peer(_) | Self::Ring(RingError::Folder(_)) => 2,
             Self::TimedOut { .. } | Self::Orphaned | Self::Ring(_) => 1,
         }
     }

@@ -4,15 +4,16 @@
 
 use std::io::BufRead;
 
+use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::journal::FieldJournal;
 use skysink_flight_sim::journal::FlightJournal;
+use skysink_mission::Mission;
 use skysink_mission::error::FileContext;
 use skysink_mission::record::{RunFolder, SlotLog};
 use skysink_mission::summary::Tally;
 use skysink_mission::trace::RecordedSlot;
-use skysink_mission::{Mission, MissionError};
 use skysink_planner::node::journal;
 use skysink_planner::settings::Settings;
 use skysink_ring::folder::RingFolder;
@@ -64,11 +65,10 @@ pub fn resume(
             break;
         }
         let slot = mission.slot() + 1;
-        let refuse = |what: String| MissionError::Trace { path: folder.slots(), line: slot + 1, what };
-        let recorded =
-            RecordedSlot::parse(&line).ok_or_else(|| refuse("expected a slot as skysink run writes it".to_owned()))?;
+        let refuse = |what: &str| InputError::new("trace", &folder.slots(), format_args!("line {}: {what}", slot + 1));
+        let recorded = RecordedSlot::parse(&line).ok_or_else(|| refuse("expected a slot as skysink run writes it"))?;
         if recorded.slot != slot || slot > scenario.slots {
-            return Err(refuse(format!("slot {}: expected slot {slot} of {}", recorded.slot, scenario.slots)).into());
+            return Err(refuse(&format!("slot {}: expected slot {slot} of {}", recorded.slot, scenario.slots)).into());
         }
         let planned = mission.plan();
         let header = if recorded.is_missed() {
@@ -80,9 +80,7 @@ pub fn resume(
             mission.fly(Some(&recorded.plan()))
         };
         if !log.repeat(&line, mission.last_flight(), &header)? {
-            return Err(
-                refuse("the mission does not lead to this line: was a file of the folder changed?".to_owned()).into()
-            );
+            return Err(refuse("the mission does not lead to this line: was a file of the folder changed?").into());
         }
         tally.add(None, mission.last_flight(), &header);
     }

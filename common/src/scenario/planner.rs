@@ -7,8 +7,8 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
-use super::error::ScenarioError;
 use super::{Scenario, value};
+use crate::error::InputError;
 
 /// `[planner]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -27,7 +27,7 @@ impl Scenario {
     ///
     /// # Errors
     /// If `T` refuses a value or a key; the error names it.
-    pub fn planner_keys<T: DeserializeOwned>(&self, table: &str) -> Result<T, ScenarioError> {
+    pub fn planner_keys<T: DeserializeOwned>(&self, table: &str) -> Result<T, InputError> {
         let whole = Table::try_from(&self.planner).expect("it was read from TOML");
         let inner = table.split('.').skip(1).try_fold(&whole, |outer, name| outer.get(name).and_then(Value::as_table));
         value::read(inner.cloned().unwrap_or_default(), table, &self.path)
@@ -40,7 +40,7 @@ impl Scenario {
     ///
     /// # Panics
     /// If TOML cannot write them.
-    pub fn with_planner_keys(mut self, keys: &impl Serialize) -> Result<Self, ScenarioError> {
+    pub fn with_planner_keys(mut self, keys: &impl Serialize) -> Result<Self, InputError> {
         let keys = Table::try_from(keys).expect("keys are plain tables of numbers and strings");
         self.planner = value::read(keys, "planner", &self.path)?;
         Ok(self)
@@ -48,7 +48,7 @@ impl Scenario {
 
     /// The refusal of what `key` holds.
     #[must_use]
-    pub fn refusal(&self, key: &str, value: &Value, expected: &str) -> ScenarioError {
+    pub fn refusal(&self, key: &str, value: &Value, expected: &str) -> InputError {
         value::refusal(&self.path, key, value, expected)
     }
 }

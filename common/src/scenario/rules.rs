@@ -3,10 +3,10 @@
 use toml::{Table, Value};
 
 use super::defaults::{FREE_SPACE, LINE_OF_SIGHT};
-use super::error::ScenarioError;
 use super::keys::{Climb, LinkModel, LosCurve};
 use super::value::refusal;
 use super::{MAX_FIELD_BITS, MAX_SAMPLED_BITS, Scenario};
+use crate::error::InputError;
 
 /// What is accepted, whether a number is that (NaN is not), and the keys that it is expected of.
 type Range = (&'static str, fn(f64) -> bool, &'static str);
@@ -49,7 +49,7 @@ fn value<'a>(file: &'a Table, key: &str) -> Option<&'a Value> {
 }
 
 /// Refuses numbers of `scenario`, which was read from `file`, that are not in their range.
-fn check_numbers(scenario: &Scenario, file: &Table) -> Result<(), ScenarioError> {
+fn check_numbers(scenario: &Scenario, file: &Table) -> Result<(), InputError> {
     for (expected, is_accepted, keys) in RANGES {
         for key in keys.split_whitespace() {
             let Some(value) = value(file, key) else { continue };
@@ -66,7 +66,7 @@ fn check_numbers(scenario: &Scenario, file: &Table) -> Result<(), ScenarioError>
 }
 
 /// The ranges of numbers, and the rules between the keys of `scenario`, which was read from `file`.
-pub(super) fn check(scenario: &Scenario, file: &Table) -> Result<(), ScenarioError> {
+pub(super) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError> {
     check_numbers(scenario, file)?;
     let value = |key: &str| value(file, key);
     let given = |key: &str| value(key).is_some();

@@ -7,7 +7,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use serde_path_to_error::Segment;
 use toml::{Table, Value};
 
-use super::error::ScenarioError;
+use crate::error::InputError;
 
 /// A whole number from `MIN` to `MAX`, both at most TOML's largest, 2^63 − 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -95,7 +95,7 @@ pub(super) fn name<'de, D: Deserializer<'de>>(deserializer: D) -> Result<String,
 }
 
 /// Reads `table`, whose dotted name in the file `path` is `name` (empty: the file itself), as a `T`.
-pub(super) fn read<T: DeserializeOwned>(table: Table, name: &str, path: &Path) -> Result<T, ScenarioError> {
+pub(super) fn read<T: DeserializeOwned>(table: Table, name: &str, path: &Path) -> Result<T, InputError> {
     let table = Value::Table(table);
     serde_path_to_error::deserialize(table.clone()).map_err(|error| {
         let mut found = Some(&table);
@@ -122,21 +122,20 @@ pub(super) fn read<T: DeserializeOwned>(table: Table, name: &str, path: &Path) -
                 };
                 refusal(path, &key, value, plain)
             }
-            _ => ScenarioError::Malformed {
-                path: path.to_owned(),
-                place: if key.is_empty() { key } else { key + ": " },
-                message: message.replace('\n', " "),
-            },
+            _ => {
+                let place = if key.is_empty() { key } else { key + ": " };
+                InputError::new("scenario", path, place + message)
+            }
         }
     })
 }
 
 /// The refusal of what the dotted `key` of the file `path` holds.
-pub(super) fn refusal(path: &Path, key: &str, value: &Value, expected: &str) -> ScenarioError {
+pub(super) fn refusal(path: &Path, key: &str, value: &Value, expected: &str) -> InputError {
     let value = match value {
         Value::String(text) => format!("{text:?}"),
-        other => other.to_string().replace('\n', " "),
+        other => other.to_string(),
     };
     let key = if key.contains(char::is_control) { format!("{key:?}") } else { key.to_owned() };
-    ScenarioError::Value { path: path.to_owned(), key, value, expected: expected.replace('\n', " ") }
+    InputError::new("scenario", path, format_args!("{key} = {value}: expected {expected}"))
 }

@@ -1,6 +1,6 @@
 //! The rows of a sensor list: which columns it has, and one checked sensor node a row.
 //!
-//! Refusals are (line, message); the list adds the file. What a row leaves out is drawn by the parent module.
+//! The list adds the file to what is refused. What a row leaves out is drawn by the parent module.
 
 use std::ops::RangeInclusive;
 
@@ -21,40 +21,38 @@ const COLUMNS: [&str; 7] = ["x_m", "y_m", "lat_deg", "lon_deg", "queue_bits", "g
 /// not fall outside by rounding.
 const RIM_SLACK_M: f64 = 1e-6;
 
-/// Line, from 1, and what is wrong there.
-type Refusal = (u64, String);
-
-/// Reads the text of a list; sensor node i is row i.
-pub(super) fn read(text: &str, scenario: &Scenario) -> Result<Vec<Sensor>, Refusal> {
+/// Reads the text of a list; sensor node i is row i. The error says which line, what is there and what was expected.
+pub(super) fn read(text: &str, scenario: &Scenario) -> Result<Vec<Sensor>, String> {
+    let at = |line: u64, message: String| format!("line {line}: {message}");
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(text.as_bytes());
-    let header = reader.headers().map_err(|error| (1, error.to_string()))?.clone();
-    let table = Table::of(&header, scenario).map_err(|message| (1, message))?;
+    let header = reader.headers().map_err(|error| at(1, error.to_string()))?.clone();
+    let table = Table::of(&header, scenario).map_err(|message| at(1, message))?;
     let mission_s = scenario.slot_s * scenario.slots as f64;
     let mut sensors = Vec::new();
     let mut field_bits = 0.0;
     for row in reader.records() {
         let row = row.map_err(|error| {
             let line = error.position().map_or(0, csv::Position::line);
-            (line, "expected UTF-8 text".to_owned())
+            at(line, "expected UTF-8 text".to_owned())
         })?;
         let line = row.position().map_or(0, csv::Position::line);
         if row.len() != header.len() {
-            return Err((line, format!("{} fields: expected {}, as in the header", row.len(), header.len())));
+            return Err(at(line, format!("{} fields: expected {}, as in the header", row.len(), header.len())));
         }
         if sensors.len() as u64 == MAX_SENSORS {
-            return Err((line, format!("more than {MAX_SENSORS} rows: expected at most {MAX_SENSORS} sensor nodes")));
+            return Err(at(line, format!("more than {MAX_SENSORS} rows: expected at most {MAX_SENSORS} sensor nodes")));
         }
         let id = sensors.len() as u32;
-        let sensor = table.sensor(&row, id).map_err(|message| (line, message))?;
+        let sensor = table.sensor(&row, id).map_err(|message| at(line, message))?;
         field_bits += sensor.sampling_bps * mission_s;
         if field_bits > MAX_FIELD_BITS {
             let expected = "at most 9e18 bits over the mission from all sensor nodes";
-            return Err((line, format!("sampling_bps = {}: expected {expected}", sensor.sampling_bps)));
+            return Err(at(line, format!("sampling_bps = {}: expected {expected}", sensor.sampling_bps)));
         }
         sensors.push(sensor);
     }
     if sensors.is_empty() {
-        return Err((1, "no rows: expected at least one sensor node".to_owned()));
+        return Err(at(1, "no rows: expected at least one sensor node".to_owned()));
     }
     Ok(sensors)
 }

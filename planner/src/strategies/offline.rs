@@ -4,8 +4,9 @@ use std::ops::ControlFlow;
 
 use nalgebra::Point3;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
+use skysink_common::error::InputError;
 use skysink_common::message::SensorNode;
-use skysink_common::scenario::{Scenario, ScenarioError};
+use skysink_common::scenario::Scenario;
 
 use super::horizon::LookAhead;
 use super::{Decision, Registered, Setup, Strategy, Timing, View};
@@ -49,7 +50,7 @@ impl Offline {
     ///
     /// # Errors
     /// If `[planner]` of the scenario is refused.
-    pub fn of(scenario: &Scenario, sensors: &[SensorNode]) -> Result<Self, ScenarioError> {
+    pub fn of(scenario: &Scenario, sensors: &[SensorNode]) -> Result<Self, InputError> {
         let settings = &Settings::of(scenario)?;
         let table = &SensorTable::new(scenario, sensors);
         Ok(Self::new(&Setup { scenario, settings, sensors, table, estimate: None }))
@@ -68,7 +69,7 @@ impl Offline {
         sensors: &[SensorNode],
         queues_bits: &[u32],
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
-    ) -> Result<Option<(Self, f64)>, ScenarioError> {
+    ) -> Result<Option<(Self, f64)>, InputError> {
         let table = &SensorTable::new(scenario, sensors);
         let mut offline = Self::of(scenario, sensors)?;
         let position = scenario.start();
