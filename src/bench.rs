@@ -4,12 +4,10 @@
 mod field;
 pub mod hop;
 mod machine;
-mod medium;
 mod mission;
 mod planner;
 mod ring;
 mod table;
-mod transport;
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -51,8 +49,6 @@ pub enum BenchPart {
     Mission,
     /// The ring of processes, beside bare hops.
     Ring,
-    /// Bare hops by shared memory and by UNIX sockets.
-    Transport,
 }
 
 /// How much is measured.
@@ -88,7 +84,6 @@ struct Report {
     field: Option<Vec<field::FieldRow>>,
     mission: Option<mission::MissionSpeeds>,
     ring: Option<Vec<ring::RingRow>>,
-    transport: Option<Vec<transport::TransportRow>>,
 }
 
 impl BenchOptions {
@@ -110,7 +105,6 @@ impl BenchOptions {
                 BenchPart::Field => report.field = Some(field::measure(effort, stop)?),
                 BenchPart::Mission => report.mission = Some(mission::measure(effort, stop)?),
                 BenchPart::Ring => report.ring = Some(ring::measure(effort, stop)?),
-                BenchPart::Transport => report.transport = Some(transport::measure(effort, stop)?),
             }
         }
         if self.json {

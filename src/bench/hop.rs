@@ -8,6 +8,12 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use clap::Args;
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::*;
+use iceoryx2::service::builder::publish_subscribe::Builder;
 use serde::{Deserialize, Serialize};
 use skysink_common::message::{FlightReport, Plan};
 use skysink_common::pace::Pace;
@@ -18,15 +24,21 @@ use skysink_ring::folder::RingFolder;
 use skysink_ring::wait::Waiting;
 
 use super::Times;
-use super::medium::{Ends, HOPS, Medium, SharedEnds, SocketEnds, TIMEOUT, create_services, node};
 use crate::error::Error;
 use crate::report::print;
+
+/// Messages on the critical path of a slot, and the processes that pass them on.
+const HOPS: usize = 3;
+
+/// How long a message is waited for.
+const TIMEOUT: Duration = Duration::from_secs(30);
+
+/// How often it is tried to reach a process that is not there yet.
+const RETRY: Duration = Duration::from_millis(1);
 
 /// What is passed around, and how often.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct HopRounds {
-    /// By what.
-    pub medium: Medium,
     /// How the processes wait for each other.
     pub wait: Waiting,
     /// Sensor nodes, whose queues the first message holds.
@@ -97,13 +109,9 @@ impl HopProcess {
     pub fn run(&self, stop: &Stop) -> Result<(), Error> {
         let folder = RingFolder::open(&self.folder)?;
         let node = node(&folder)?;
-        let HopRounds { medium, wait, rounds, period, .. } = self.rounds;
+        let HopRounds { wait, rounds, period, .. } = self.rounds;
         let message = vec![7; self.rounds.message_bytes(self.index)];
-        let received_bytes = self.rounds.message_bytes((self.index + HOPS - 1) % HOPS);
-        let mut ends: Box<dyn Ends> = match medium {
-            Medium::SharedMemory => Box::new(SharedEnds::open(&node, self.index, message.len(), wait)?),
-            Medium::Socket => Box::new(SocketEnds::open(&folder, self.index, received_bytes, wait)?),
-        };
+        let ends = Ends::open(&node, self.index, message.len(), wait)?;
         let warm_up = rounds / 10 + 1;
         let mut times = Times::new();
         let mut next = Instant::now();
@@ -128,4 +136,89 @@ impl HopProcess {
         }
         Ok(())
     }
+}
+
+/// The ends of a process: it receives from the process before it and sends to the one after it.
+struct Ends {
+    publisher: Publisher<ipc::Service, [u8], ()>,
+    notifier: Notifier<ipc::Service>,
+    subscriber: Subscriber<ipc::Service, [u8], ()>,
+    listener: Listener<ipc::Service>,
+    wait: Waiting,
+}
+
+impl Ends {
+    /// Opens the services of the process `index`, whose messages have `message_bytes`, and of the one before it.
+    fn open(node: &Node<ipc::Service>, index: usize, message_bytes: usize, wait: Waiting) -> Result<Self, Error> {
+        let event = |index| node.service_builder(&name(index)?).event().open().map_err(failed);
+        let before = (index + HOPS - 1) % HOPS;
+        // The listener first: a message that arrives has been announced.
+        let listener = event(before)?.listener_builder().create().map_err(failed)?;
+        let data = data(node, before)?.open().map_err(failed)?;
+        let subscriber = data.subscriber_builder().create().map_err(failed)?;
+        let data = self::data(node, index)?.open().map_err(failed)?;
+        let publisher = data.publisher_builder().initial_max_slice_len(message_bytes).max_loaned_samples(1).create();
+        let notifier = event(index)?.notifier_builder().create().map_err(failed)?;
+        Ok(Self { publisher: publisher.map_err(failed)?, notifier, subscriber, listener, wait })
+    }
+
+    /// Sends a message, as soon as its receiver is there.
+    fn send(&self, message: &[u8]) -> Result<(), Error> {
+        let send = || {
+            let sample = self.publisher.loan_slice_uninit(message.len()).map_err(failed)?;
+            let receivers = sample.write_from_slice(message).send().map_err(failed)?;
+            Ok((receivers > 0).then_some(()))
+        };
+        until(send, |_| std::thread::sleep(RETRY))?;
+        self.notifier.notify().map(drop).map_err(failed)
+    }
+
+    /// Receives the next message.
+    fn receive(&self) -> Result<(), Error> {
+        let receive = || self.subscriber.receive().map_err(failed);
+        let sample = until(receive, |polls| self.wait.pause(&self.listener, polls))?;
+        std::hint::black_box(sample.payload().len());
+        Ok(())
+    }
+}
+
+/// A node in the ring of `folder`.
+fn node(folder: &RingFolder) -> Result<Node<ipc::Service>, Error> {
+    let builder = NodeBuilder::new().config(&folder.config()?).signal_handling_mode(SignalHandlingMode::Disabled);
+    builder.create().map_err(failed)
+}
+
+/// Creates the services of the process `index`; they exist as long as what is returned.
+fn create_services(node: &Node<ipc::Service>, index: usize) -> Result<impl Sized, Error> {
+    let data = data(node, index)?.max_publishers(1).max_subscribers(2).create().map_err(failed)?;
+    let event = node.service_builder(&name(index)?).event().create().map_err(failed)?;
+    Ok((data, event))
+}
+
+fn data(node: &Node<ipc::Service>, index: usize) -> Result<Builder<[u8], (), ipc::Service>, Error> {
+    Ok(node.service_builder(&name(index)?).publish_subscribe::<[u8]>())
+}
+
+fn name(index: usize) -> Result<ServiceName, Error> {
+    ServiceName::new(&format!("hop/{index}")).map_err(failed)
+}
+
+/// Tries until there is something, with a pause after each of the first, second ... tries.
+fn until<T>(mut attempt: impl FnMut() -> Result<Option<T>, Error>, pause: impl Fn(u32)) -> Result<T, Error> {
+    let begin = Instant::now();
+    for polls in 0u32.. {
+        if let Some(result) = attempt()? {
+            return Ok(result);
+        }
+        pause(polls);
+        if begin.elapsed() >= TIMEOUT {
+            break;
+        }
+    }
+    Err(Error::Bench(format!("hop: waited {} s for another process", TIMEOUT.as_secs())))
+}
+
+/// A hop fails.
+fn failed(error: impl std::fmt::Debug) -> Error {
+    Error::Bench(format!("hop: {error:?}"))
 }

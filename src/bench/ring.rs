@@ -11,7 +11,6 @@ use skysink_common::stop::Stop;
 use skysink_ring::wait::Waiting;
 
 use super::hop::HopRounds;
-use super::medium::Medium;
 use super::{Effort, counts, letter_text, median, median_spread};
 use crate::error::Error;
 use skysink_mission::error::FileContext;
@@ -71,7 +70,7 @@ fn row(sensors: u32, wait: Waiting, pace: Pace, effort: Effort, stop: &Stop) -> 
         (Pace::Max, _) => effort.choose(500, 10),
     };
     let period = pace.period(1.0).unwrap_or(Duration::ZERO);
-    let bound = HopRounds { medium: Medium::SharedMemory, wait, sensors, rounds: slots, period };
+    let bound = HopRounds { wait, sensors, rounds: slots, period };
     let mut hops = Vec::new();
     let mut slot = Vec::new();
     let mut plan = Vec::new();
