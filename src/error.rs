@@ -11,12 +11,21 @@ use skysink_ring::error::{NodeError, RingError};
 /// Why a command fails; the display is one line.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// The mission is refused, or cannot be put on record.
+    /// The scenario, the sensor list or a folder is refused.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// A signal asks for the end.
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
+    /// The mission cannot be put on record.
     #[error(transparent)]
     Mission(#[from] MissionError),
-    /// The ring fails, or a signal asks for the end.
+    /// A process of the ring cannot take part.
     #[error(transparent)]
     Node(#[from] NodeError),
+    /// The ring cannot be used.
+    #[error(transparent)]
+    Ring(#[from] RingError),
     /// A sweep, a figure or a search fails.
     #[cfg(feature = "lab")]
     #[error(transparent)]
@@ -79,34 +88,18 @@ pub enum Error {
     Bench(String),
 }
 
-/// Errors that become another on the way to the command line.
-macro_rules! through {
-    ($($from:ty => $through:ty),*) => {$(
-        impl From<$from> for Error {
-            fn from(error: $from) -> Self {
-                <$through>::from(error).into()
-            }
-        }
-    )*};
-}
-
-through!(
-    InputError => MissionError,
-    Stopped => MissionError,
-    RingError => NodeError
-);
-
 impl Error {
     /// Exit code: 1 failed while running, 2 bad input or usage, 130 and 143 after a signal.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
+            Self::Stopped(stopped) => stopped.exit_code(),
             Self::Mission(error) => error.exit_code(),
             Self::Node(error) => error.exit_code(),
             #[cfg(feature = "lab")]
             Self::Lab(error) => error.exit_code(),
             Self::EndedEarly { cause, .. } => cause.exit_code(),
-            Self::NoViewer => 2,
+            Self::Input(_) | Self::Ring(RingError::Folder(_)) | Self::NoViewer => 2,
             _ => 1,
         }
     }

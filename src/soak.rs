@@ -75,9 +75,11 @@ pub fn soak(run: &Run, kill_every: Duration, stop: &Stop) -> Result<(), Error> {
 fn undisturbed(run: &Run, stop: &Stop) -> Result<u64, Error> {
     let list = SensorList::of(&run.scenario)?;
     run.options.check(&list)?;
-    let (mut mission, mut trace) = (Mission::new(&run.scenario, &list)?, TraceHash::default());
+    let mut mission = Mission::new(&run.scenario, &list)?;
+    let mut trace = TraceHash::default();
     for flown in &mut mission {
-        trace.add(&flown.flight, &flown.header);
+        trace.write(&flown.flight, &flown.header)?;
+        trace.add();
         stop.check()?;
     }
     Ok(trace.value())

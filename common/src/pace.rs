@@ -8,9 +8,10 @@ use std::time::Duration;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// Pace of a run.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub enum Pace {
     /// Lock-step: each process waits for its input, no process reads a clock.
+    #[default]
     Max,
     /// By the clock of field-sim, this many times as fast as real time; a plan that is late is void.
     Factor(f64),

@@ -188,16 +188,15 @@ impl SlotLog {
     /// # Errors
     /// If a bit of the ledger is unaccounted for, or the line cannot be written; then it is as if it had not been tried.
     pub fn add(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, MissionError> {
-        let hash = self.trace.value();
-        self.pass(flight, header)?;
-        let written = self.file.write_all(self.trace.last_line().as_bytes());
+        let line = self.trace.write(flight, header)?;
+        let written = self.file.write_all(line.as_bytes());
         if written.is_err() {
-            self.trace.undo(hash);
             let cut = self.file.set_len(self.length).and_then(|()| self.file.seek(SeekFrom::Start(self.length)));
             let _ = cut; // of a part of a line at best, which a resumed run cuts, too
         }
         written.at(&self.path)?;
-        self.length += self.trace.last_line().len() as u64;
+        self.length += line.len() as u64;
+        self.trace.add();
         Ok(self.trace.value())
     }
 
@@ -206,9 +205,10 @@ impl SlotLog {
     /// # Errors
     /// If a bit of the ledger is unaccounted for.
     pub fn repeat(&mut self, line: &[u8], flight: &FlightReport, header: &QueuesHeader) -> Result<bool, MissionError> {
-        self.pass(flight, header)?;
+        let is_same = self.trace.write(flight, header)?.as_bytes() == line;
         self.length += line.len() as u64;
-        Ok(self.trace.last_line().as_bytes() == line)
+        self.trace.add();
+        Ok(is_same)
     }
 
     /// Cuts the trace behind the last line that was gone over, to resume it there.
@@ -232,14 +232,6 @@ impl SlotLog {
     #[must_use]
     pub fn hash(&self) -> u64 {
         self.trace.value()
-    }
-
-    fn pass(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<(), MissionError> {
-        if !header.totals.balanced() {
-            return Err(MissionError::Unbalanced { slot: header.head.slot, totals: header.totals });
-        }
-        self.trace.add(flight, header);
-        Ok(())
     }
 }
 

@@ -88,7 +88,7 @@ pub struct RunTiming {
     pub wall_s: f64,
     /// Slots per second.
     pub slots_per_s: f64,
-    /// Slots whose plan was not there when they began.
+    /// Slots whose plan was not there when they began; in a resumed run those before it, too.
     pub missed_deadlines: u64,
     /// Slots that began late, because the ring could not keep up with the clock.
     pub late_slots: u64,

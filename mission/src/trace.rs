@@ -6,6 +6,8 @@ use nalgebra::Point3;
 use skysink_common::message::{FlightReport, Mode, Plan, QueuesHeader};
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
+use crate::error::MissionError;
+
 /// Header of `slots.csv`.
 pub(crate) const SLOT_COLUMNS: &str = "slot,x_m,y_m,z_m,scheduled,delivered_bits,lost_bits,queued_bits,mode,refused\n";
 
@@ -17,10 +19,21 @@ pub struct TraceHash {
 }
 
 impl TraceHash {
-    /// Adds a slot.
-    pub fn add(&mut self, flight: &FlightReport, header: &QueuesHeader) {
+    /// Writes the line of a slot, with its end; it is not in the hash yet.
+    ///
+    /// # Errors
+    /// If a bit of the ledger is unaccounted for.
+    pub fn write(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<&str, MissionError> {
+        if !header.totals.balanced() {
+            return Err(MissionError::Unbalanced { slot: header.head.slot, totals: header.totals });
+        }
         self.line.clear();
         write_line(&mut self.line, flight, header).expect("a string takes everything");
+        Ok(&self.line)
+    }
+
+    /// Adds the line that was written last.
+    pub fn add(&mut self) {
         self.hash = xxh3_64_with_seed(self.line.as_bytes(), self.hash);
     }
 
@@ -28,18 +41,6 @@ impl TraceHash {
     #[must_use]
     pub fn value(&self) -> u64 {
         self.hash
-    }
-
-    /// Takes the last line back: `hash` is the value before it.
-    pub(crate) fn undo(&mut self, hash: u64) {
-        self.line.clear();
-        self.hash = hash;
-    }
-
-    /// The last line, with its end.
-    #[must_use]
-    pub fn last_line(&self) -> &str {
-        &self.line
     }
 }
 

@@ -4,11 +4,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use skysink_common::pace::Pace;
 use skysink_common::scenario::Overrides;
 use skysink_common::stop::Stop;
 use skysink_planner::settings;
-use skysink_ring::wait::Waiting;
 
 use super::Choice;
 use crate::error::Error;
@@ -73,15 +71,7 @@ impl SoakArguments {
             Some(path) => settings::read(path, overrides)?,
             None => settings::letter(overrides)?,
         };
-        let options = RunOptions {
-            pace: Pace::Max,
-            wait: Waiting::Event,
-            live: None,
-            no_viewer: !self.viewer,
-            external: Vec::new(),
-            restart: Vec::new(),
-            timeout: None,
-        };
+        let options = RunOptions { no_viewer: !self.viewer, ..RunOptions::default() };
         let run = Run { scenario, folder: self.choice.folder, resume: None, options };
         soak(&run, Duration::from_secs_f64(self.kill_every), stop)
     }

@@ -50,14 +50,15 @@ pub struct Run {
 }
 
 /// How the processes of a run work together.
-#[derive(Debug, Args)]
+#[derive(Debug, Default, Args)]
 pub struct RunOptions {
     /// max, realtime, or a factor such as 10x.
     #[arg(long, default_value = "max", value_name = "PACE")]
     pub pace: Pace,
     /// How the processes wait for each other: event, asleep until they are woken; or poll, which keeps a core busy for each
     /// of them and is faster only where there are cores to spare.
-    #[arg(long, default_value = "event", value_name = "WAY")]
+    #[arg(long, default_value = "event", value_name = "HOW", value_parser = PossibleValuesParser::new(["event", "poll"])
+        .map(|name| name.parse::<Waiting>().expect("one of the possible values")))]
     pub wait: Waiting,
     /// Serve the recording live on 127.0.0.1, on port 9876 if none is given.
     #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "9876")]

@@ -65,7 +65,10 @@ pub fn resume(
             break;
         }
         let slot = mission.slot() + 1;
-        let refuse = |what: &str| InputError::new("trace", &folder.slots(), format_args!("line {}: {what}", slot + 1));
+        let refuse = |what: &str| {
+            let text = String::from_utf8_lossy(&line);
+            InputError::new("trace", &folder.slots(), format_args!("line {}: `{}`: {what}", slot + 1, text.trim_end()))
+        };
         let recorded = RecordedSlot::parse(&line).ok_or_else(|| refuse("expected a slot as skysink run writes it"))?;
         if recorded.slot != slot || slot > scenario.slots {
             return Err(refuse(&format!("slot {}: expected slot {slot} of {}", recorded.slot, scenario.slots)).into());
