@@ -1,4 +1,5 @@
-//! A strategy of one's own, flown over the letter's field: to the nearest queue of at least 5 000 bit, which is served alone.
+//! A strategy of one's own, flown over the letter's field: to the nearest queue of at least 5 000 bit, which is served
+//! alone.
 
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::{above, distance_squared, within};

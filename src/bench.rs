@@ -1,5 +1,5 @@
-//! `skysink bench`: how fast planner, field, missions and ring are on this machine, beside their lower bounds, measured in
-//! the same run.
+//! `skysink bench`: how fast planner, field, missions and ring are on this machine, beside their lower bounds, measured
+//! in the same run.
 
 mod field;
 pub mod hop;

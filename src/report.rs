@@ -17,8 +17,8 @@ use crate::error::Error;
 /// Version of the rerun viewer whose recordings these are.
 const RERUN: &str = "0.36.3";
 
-/// A progress bar on standard error, or several in a row; nothing at all where that is not a terminal. It is removed with
-/// its last clone.
+/// A progress bar on standard error, or several in a row; nothing at all where that is not a terminal. It is removed
+/// with its last clone.
 #[derive(Debug, Clone)]
 pub struct TerminalProgress(ProgressBar);
 

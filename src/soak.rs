@@ -1,5 +1,5 @@
-//! `skysink soak`: a long mission through the ring of processes, which are killed at random in its first half. Its trace
-//! must be that of the undisturbed mission, and nothing may grow.
+//! `skysink soak`: a long mission through the ring of processes, which are killed at random in its first half. Its
+//! trace must be that of the undisturbed mission, and nothing may grow.
 
 use std::collections::BTreeMap;
 use std::fs;

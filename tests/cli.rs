@@ -6,7 +6,8 @@ use support::{Ended, Place, end};
 
 const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
 
-/// Simulates a scenario with this text, which must be refused with one line that holds all of `says`, and leave nothing.
+/// Simulates a scenario with this text, which must be refused with one line that holds all of `says`, and leave
+/// nothing.
 fn refused(scenario: &str, says: &[&str]) {
     let place = Place::new();
     place.write("bad.toml", scenario);

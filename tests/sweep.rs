@@ -208,8 +208,9 @@ fn bad_sweeps_are_refused_before_anything_is_written() {
     }
 }
 
-/// Mean loss rate and its standard error, and bits per slot, of 20 fields in an independent simulation with other random
-/// numbers: N = 200, s = 100 bit/s, 500 slots. `uts` at 200 m and 5 MHz is left out: a few trapped fields decide there.
+/// Mean loss rate and its standard error, and bits per slot, of 20 fields in an independent simulation with other
+/// random numbers: N = 200, s = 100 bit/s, 500 slots. `uts` at 200 m and 5 MHz is left out: a few trapped fields decide
+/// there.
 const INDEPENDENT: [(f64, f64, &str, f64, f64, f64); 17] = [
     (100.0, 5e6, "uts", 0.000, 0.0, 22_960.0),
     (100.0, 5e6, "gfs", 0.000, 0.0, 22_767.0),

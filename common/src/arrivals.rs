@@ -5,8 +5,8 @@
 /// Keeps a product such as `0.1 × 30`, which is just below its integer, from losing a bit.
 const ROUNDING_BITS: f64 = 1e-9;
 
-/// Bits sampled up to the end of `slot` at `mean_bits` [bit] per slot, `s_i τ`: `A_i(t) = floor(s_i τ t)`, a whole number
-/// below 2^53 in every mission.
+/// Bits sampled up to the end of `slot` at `mean_bits` [bit] per slot, `s_i τ`: `A_i(t) = floor(s_i τ t)`, a whole
+/// number below 2^53 in every mission.
 #[inline(always)]
 #[must_use]
 pub fn sampled(mean_bits: f64, slot: u64) -> f64 {

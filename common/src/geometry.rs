@@ -29,8 +29,8 @@ pub fn within(a: &Position, b: &Position, radius_m: f64) -> bool {
     distance_squared(a, b) <= limit_m * limit_m
 }
 
-/// Elevation angle `θ` [deg] under which a sensor node sees the UAV, at the squared horizontal distance `d2_m2` [m²] and
-/// the altitude `z_m` [m].
+/// Elevation angle `θ` [deg] under which a sensor node sees the UAV, at the squared horizontal distance `d2_m2` [m²]
+/// and the altitude `z_m` [m].
 #[must_use]
 pub fn elevation_deg(d2_m2: f64, z_m: f64) -> f64 {
     z_m.atan2(d2_m2.sqrt()).to_degrees()

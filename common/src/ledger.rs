@@ -1,7 +1,7 @@
 //! The queue ledger: every bit of every sensor node (SN), accounted for exactly.
 //!
-//! It keeps `initial + sampled = delivered + lost + queued` as an equality of integers, for each SN and for the field; what
-//! arrives and what a link carries is decided by the caller.
+//! It keeps `initial + sampled = delivered + lost + queued` as an equality of integers, for each SN and for the field;
+//! what arrives and what a link carries is decided by the caller.
 
 use std::iter::repeat;
 use std::ops::Range;
@@ -68,8 +68,8 @@ impl Ledger {
     /// Restores the queues [bit] and the bits delivered so far, by sensor node, of a ledger in which sensor node i has
     /// sampled `sampled_bits(i)`. Says whether this can have been; otherwise nothing changes.
     ///
-    /// It can have been if there is an entry for each sensor node, and none holds more than its buffer, or holds and has
-    /// delivered more than it ever had.
+    /// It can have been if there is an entry for each sensor node, and none holds more than its buffer, or holds and
+    /// has delivered more than it ever had.
     #[must_use]
     pub fn restore(
         &mut self,
@@ -109,9 +109,9 @@ impl Ledger {
         &self.delivered_bits
     }
 
-    /// Bits lost so far by each of the neighbours `sensors`, which have sampled `sampled_bits` so far: what they had and
-    /// neither delivered nor hold. They are not counted one by one: eight bytes more for each would cost a slot of 10^6 full
-    /// sensor nodes twice its time (0.57 instead of 0.28 ms).
+    /// Bits lost so far by each of the neighbours `sensors`, which have sampled `sampled_bits` so far: what they had
+    /// and neither delivered nor hold. They are not counted one by one: eight bytes more for each would cost a slot of
+    /// 10^6 full sensor nodes twice its time (0.57 instead of 0.28 ms).
     ///
     /// # Panics
     /// If `sensors` reaches beyond the field.
@@ -154,8 +154,8 @@ impl Ledger {
         }
     }
 
-    /// Adds `bits`, sampled by the neighbours `sensors` in their order, and returns the excess over their buffers, `Σ D_i`
-    /// (UTS eq. 8), which is lost.
+    /// Adds `bits`, sampled by the neighbours `sensors` in their order, and returns the excess over their buffers,
+    /// `Σ D_i` (UTS eq. 8), which is lost.
     ///
     /// One pass without a branch, to be compiled by [`wide`](crate::wide::wide).
     ///

@@ -1,7 +1,7 @@
 //! The messages of the ring, as they lie in shared memory.
 //!
-//! Plain `repr(C)` numbers without implicit padding, so that any language can read them. A number that means nothing is read
-//! as the default of its enum. The layout's version is in each type name.
+//! Plain `repr(C)` numbers without implicit padding, so that any language can read them. A number that means nothing is
+//! read as the default of its enum. The layout's version is in each type name.
 
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "node")]
@@ -86,7 +86,8 @@ pub enum Mode {
     Hold,
 }
 
-/// How the waypoint was found, by its number in messages; an unknown one, from a planner of somebody else, is its own rule.
+/// How the waypoint was found, by its number in messages; an unknown one, from a planner of somebody else, is its own
+/// rule.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, FromRepr)]
 #[repr(u32)]
 pub enum SolverOutcome {

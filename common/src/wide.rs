@@ -1,12 +1,12 @@
 //! Loops over many sensor nodes, compiled for the processor at hand.
 //!
 //! The build is for any processor of its kind, on x86-64 one from 2003. A loop handed to [`wide`] is compiled a second
-//! time, for twice as many numbers at a time, and that version is taken where the processor has it: a slot of 10^4 sensor
-//! nodes takes 1.9 instead of 5.0 µs, one of 10^6 0.29 instead of 0.55 ms, by the loop of `Ledger::sample` alone.
-//! Rust never merges or reorders operations on floats, so that the results are the same, to the last bit.
+//! time, for twice as many numbers at a time, and that version is taken where the processor has it: a slot of 10^4
+//! sensor nodes takes 1.9 instead of 5.0 µs, one of 10^6 0.29 instead of 0.55 ms, by the loop of `Ledger::sample`
+//! alone. Rust never merges or reorders operations on floats, so that the results are the same, to the last bit.
 
-/// Sensor nodes that are best processed together: enough to make up for a call, few enough to stay in the fastest cache.
-/// A power of two.
+/// Sensor nodes that are best processed together: enough to make up for a call, few enough to stay in the fastest
+/// cache. A power of two.
 pub const BLOCK: usize = 1_024;
 
 /// Calls `work`, in the widest version that the processor has.

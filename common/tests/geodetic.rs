@@ -112,16 +112,18 @@ fn a_hundredth_of_a_degree_north_is_an_arc_of_the_meridian() {
 
 #[test]
 fn a_degree_north_of_the_equator_is_the_height_above_it() {
-    // On the equator north is the Earth's axis: y = N (1 − e²) sin 1° with N = a / sqrt(1 − e² sin² 1°) = 6378143.503 m,
-    // 1 − e² = 0.99330562 and sin 1° = 0.0174524064: 110568.775 m. The arc is 110574.389 m, of which the plane loses 6 m.
+    // On the equator north is the Earth's axis: y = N (1 − e²) sin 1° with N = a / sqrt(1 − e² sin² 1°) = 6378143.503
+    // m, 1 − e² = 0.99330562 and sin 1° = 0.0174524064: 110568.775 m. The arc is 110574.389 m, of which the plane loses
+    // 6 m.
     let position = project(1.0, 0.0, &area_at(0.0, 0.0, 2e5));
     assert!((position.y - 110_568.775).abs() < 0.001 && position.x.abs() < 1e-6, "{position}");
 }
 
 #[test]
 fn a_hundredth_of_a_degree_east_at_60_degrees_is_half_of_that_at_the_equator() {
-    // East is N cos φ sin Δλ. At 60°, N = a / sqrt(1 − 0.75 e²) = 6394209.174 m, cos φ = 1/2, sin 0.01° = 1.745329243e-4:
-    // 558.000 m. Due east at the same latitude the parallel curves to the north, by x² tan φ / 2N = 0.042 m.
+    // East is N cos φ sin Δλ. At 60°, N = a / sqrt(1 − 0.75 e²) = 6394209.174 m, cos φ = 1/2, sin 0.01° =
+    // 1.745329243e-4: 558.000 m. Due east at the same latitude the parallel curves to the north, by x² tan φ / 2N =
+    // 0.042 m.
     let position = project(60.0, 10.01, &area_at(60.0, 10.0, 2000.0));
     assert!((position.x - 558.000).abs() < 0.0005 && (position.y - 0.042).abs() < 0.0005, "{position}");
     // At the equator N = a: 1113.195 m.

@@ -62,7 +62,8 @@ fn sampling_rates_and_initial_queues_are_drawn_between_their_ends() {
     let mean = |value: &dyn Fn(usize) -> f64| (0..10_000).map(value).sum::<f64>() / 10_000.0;
     let sensors = list.sensors();
     assert!(sensors.iter().all(|sensor| (50.0..150.0).contains(&sensor.sampling_bps)));
-    // Five standard errors: uniform over 100 bit/s has deviation 28.9, over 20 000 bit 5 774 (the Poisson's 100 is little).
+    // Five standard errors: uniform over 100 bit/s has deviation 28.9, over 20 000 bit 5 774 (the Poisson's 100 is
+    // little).
     let rate = |id: usize| sensors[id].sampling_bps;
     let queue = |id: usize| f64::from(sensors[id].queue_bits);
     assert!((mean(&rate) - 100.0).abs() < 1.45);

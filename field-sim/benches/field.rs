@@ -1,5 +1,5 @@
-//! A slot of the field beside a copy of its queues: all SNs sample the same or each at its own rate, into roomy buffers or
-//! into full ones.
+//! A slot of the field beside a copy of its queues: all SNs sample the same or each at its own rate, into roomy buffers
+//! or into full ones.
 
 use std::fmt::Write;
 use std::hint::black_box;

@@ -83,9 +83,9 @@ impl Field {
         self.step_into(slot, flight, None)
     }
 
-    /// Advances by `slot` as [`Field::step`] does, and writes the new queues [bit] to `queues_bits`, too, by sensor node:
-    /// into a message, block by block, while a block is in the fastest cache. A copy afterwards would make the slot 1.15
-    /// times as long at 10^4 sensor nodes, and 1.5 times at 10^6.
+    /// Advances by `slot` as [`Field::step`] does, and writes the new queues [bit] to `queues_bits`, too, by sensor
+    /// node: into a message, block by block, while a block is in the fastest cache. A copy afterwards would make the
+    /// slot 1.15 times as long at 10^4 sensor nodes, and 1.5 times at 10^6.
     ///
     /// All of `queues_bits` is written, unless an error is returned.
     ///
@@ -224,8 +224,8 @@ fn blocks(count: usize) -> impl Iterator<Item = Range<usize>> {
     (0..count).step_by(BLOCK).map(move |first| first..count.min(first + BLOCK))
 }
 
-/// The sensor nodes of a block sample at rates of their own; what they lose is returned [bit]. `lost_slots` becomes their
-/// loss so far, where there is a new one.
+/// The sensor nodes of a block sample at rates of their own; what they lose is returned [bit]. `lost_slots` becomes
+/// their loss so far, where there is a new one.
 #[inline(always)]
 fn sample_each(
     ledger: &mut Ledger,
@@ -244,8 +244,8 @@ fn sample_each(
     lost_bits
 }
 
-/// What the sensor nodes of a block have lost in slots' worth of sampling, `Σ_i lost_i / (s_i τ)`, added in pairs: for several
-/// at a time, and in the same order on every processor.
+/// What the sensor nodes of a block have lost in slots' worth of sampling, `Σ_i lost_i / (s_i τ)`, added in pairs: for
+/// several at a time, and in the same order on every processor.
 #[inline(always)]
 fn in_slots(lost_bits: impl Iterator<Item = u64>, mean_bits: impl Iterator<Item = f64>) -> f64 {
     let mut slots = [0.0; BLOCK];

@@ -29,8 +29,8 @@ pub struct FieldJournal {
 
 impl FieldJournal {
     /// Opens the journal in the ring's folder and restores `field`, before slot 1, to the last slot but one that is on
-    /// record, so that what the last two led to is published again: a peer may have died without it. Returns the flight of
-    /// the last slot.
+    /// record, so that what the last two led to is published again: a peer may have died without it. Returns the flight
+    /// of the last slot.
     ///
     /// An empty journal begins with the state that `field` is in.
     ///
@@ -67,8 +67,8 @@ impl FieldJournal {
     }
 }
 
-/// Restores the last state before the last record, or else that of the last record, and steps through the flights after it.
-/// Returns the last flight, which is left to the caller.
+/// Restores the last state before the last record, or else that of the last record, and steps through the flights after
+/// it. Returns the last flight, which is left to the caller.
 fn restore(field: &mut Field, records: &[Record]) -> Option<FlightReport> {
     let (last, before) = records.split_last()?;
     for record in before.iter().rev().chain([last]) {

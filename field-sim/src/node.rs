@@ -16,8 +16,8 @@ use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 use crate::field::Field;
 use crate::journal::FieldJournal;
 
-/// Runs the slots until the mission ends. Started again, it resumes where it was killed: it publishes the last two slots
-/// that it has saved once more, because a peer may have died without them.
+/// Runs the slots until the mission ends. Started again, it resumes where it was killed: it publishes the last two
+/// slots that it has saved once more, because a peer may have died without them.
 ///
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
@@ -86,8 +86,8 @@ impl Clock {
         u64::try_from(self.period.as_nanos()).unwrap_or(u64::MAX)
     }
 
-    /// When the next slot begins. The first begins one period from now, so that its plan has as much time as any other. A
-    /// ring that was held up does not hurry to catch up: the grid moves.
+    /// When the next slot begins. The first begins one period from now, so that its plan has as much time as any other.
+    /// A ring that was held up does not hurry to catch up: the grid moves.
     fn next_slot(&mut self) -> Instant {
         let now = Instant::now();
         let slot = self.next.unwrap_or(now + self.period).max(now);

@@ -14,8 +14,8 @@ use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 use crate::flight::Flight;
 use crate::journal::FlightJournal;
 
-/// Flies until the mission ends. Started again, it resumes where it was killed: what was flown stays flown, and the last
-/// flights are published once more, because a peer may have died without them.
+/// Flies until the mission ends. Started again, it resumes where it was killed: what was flown stays flown, and the
+/// last flights are published once more, because a peer may have died without them.
 ///
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.

@@ -60,8 +60,8 @@ pub struct Latencies {
     pub to_flight: Spread,
     /// `flight(t)` to `queues(t)`.
     pub flight_to_queues: Spread,
-    /// `queues(t−1)` to `queues(t)`; in paced runs from the slot's beginning to the plan of the next, which must be less
-    /// than the period.
+    /// `queues(t−1)` to `queues(t)`; in paced runs from the slot's beginning to the plan of the next, which must be
+    /// less than the period.
     pub slot: Spread,
     /// Distance of the slots' beginnings from their period, in paced runs.
     pub jitter: Option<Spread>,

@@ -186,7 +186,8 @@ impl SlotLog {
     /// Adds the slot, and returns the hash of all lines so far.
     ///
     /// # Errors
-    /// If a bit of the ledger is unaccounted for, or the line cannot be written; then it is as if it had not been tried.
+    /// If a bit of the ledger is unaccounted for, or the line cannot be written; then it is as if it had not been
+    /// tried.
     pub fn add(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, MissionError> {
         let line = self.trace.write(flight, header)?;
         let written = self.file.write_all(line.as_bytes());

@@ -59,7 +59,8 @@ pub struct Summary {
     pub transit_slots: u64,
     /// Requests of plans that were refused.
     pub refused: u64,
-    /// Waypoints to which the chosen solver contributed nothing: the geometric solver's, or the centre that `exact` found.
+    /// Waypoints to which the chosen solver contributed nothing: the geometric solver's, or the centre that `exact`
+    /// found.
     pub solver_fallbacks: u64,
     /// Samples of the ring that were refused: of another run, a second writer, or a slot that cannot be.
     pub refused_messages: u64,

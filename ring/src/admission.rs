@@ -29,8 +29,8 @@ pub(crate) enum Entry {
 }
 
 impl Admission {
-    /// Whether the sample of `publisher` on `topic` is admitted; `limit` is the last slot that can have been reached, if that
-    /// is known.
+    /// Whether the sample of `publisher` on `topic` is admitted; `limit` is the last slot that can have been reached,
+    /// if that is known.
     pub(crate) fn check<S: Service + 'static, P: Payload + ?Sized, H: Header>(
         &mut self,
         topic: &Shared<S, P, H>,
@@ -78,7 +78,8 @@ impl Admission {
     }
 }
 
-/// How long a dead writer may stay listed while another process removes what it has left behind; that takes up to 26 ms.
+/// How long a dead writer may stay listed while another process removes what it has left behind; that takes up to 26
+/// ms.
 const REMOVAL: Duration = Duration::from_millis(50);
 
 /// Whether a writer is attached to the topic and no dead process's.

@@ -1,8 +1,8 @@
 //! Cleans up after processes that were killed: iceoryx2 frees what they held when it is asked to, but not everything.
 //!
-//! iceoryx2 makes a piece of shared memory write-only, sets its size, fills it, and then makes it readable. A process that
-//! opens one whose maker has died before the size was set waits for ever, and a second for one that is not readable. So
-//! the janitor runs beside the launcher's own work, which may be what waits.
+//! iceoryx2 makes a piece of shared memory write-only, sets its size, fills it, and then makes it readable. A process
+//! that opens one whose maker has died before the size was set waits for ever, and a second for one that is not
+//! readable. So the janitor runs beside the launcher's own work, which may be what waits.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -27,8 +27,8 @@ pub fn remove_dead_nodes<S: Service>(config: &Config) {
     });
 }
 
-/// The same, and removes what iceoryx2 leaves of a process that was killed while it joined: a node without details, which
-/// would be looked at again by every process that joins. To be done by one process of the ring.
+/// The same, and removes what iceoryx2 leaves of a process that was killed while it joined: a node without details,
+/// which would be looked at again by every process that joins. To be done by one process of the ring.
 pub(crate) fn purge_dead_nodes<S: Service>(config: &Config) {
     let _ = Node::<S>::list(config, |state| {
         if let NodeState::Dead(node) = state {

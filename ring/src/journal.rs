@@ -41,8 +41,8 @@ const HEAD: usize = 24;
 const PAGE: u64 = 4096;
 
 impl Journal {
-    /// Opens the journal at `path`, or makes it, with `places` for records of at most `room` bytes. The record of a slot
-    /// replaces that of `places` slots before.
+    /// Opens the journal at `path`, or makes it, with `places` for records of at most `room` bytes. The record of a
+    /// slot replaces that of `places` slots before.
     ///
     /// # Errors
     /// If the file cannot be opened.

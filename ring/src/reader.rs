@@ -21,8 +21,8 @@ const MAX_IN_A_ROW: usize = 256;
 /// Slots by which its peers can be ahead of a process without which the ring cannot go on.
 pub(crate) const MAX_AHEAD: u64 = 2;
 
-/// The reading end of a topic. Samples of slots that have passed are dropped, those that came early are held; foreign, old
-/// and far samples are refused.
+/// The reading end of a topic. Samples of slots that have passed are dropped, those that came early are held; foreign,
+/// old and far samples are refused.
 #[derive(Debug)]
 pub struct Reader<S: Service + 'static, P: Payload + ?Sized, H: Header> {
     topic: Rc<Shared<S, P, H>>,
@@ -155,7 +155,8 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
         }
     }
 
-    /// Receives what has arrived, as far as there is room; true if that was all. Samples beyond slot `limit` are refused.
+    /// Receives what has arrived, as far as there is room; true if that was all. Samples beyond slot `limit` are
+    /// refused.
     fn receive(&mut self, limit: Option<u64>, received: &mut usize) -> Result<bool, RingError> {
         while self.early.len() < MAX_EARLY && *received < MAX_IN_A_ROW {
             *received += 1;

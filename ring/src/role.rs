@@ -32,8 +32,8 @@ pub enum Role {
 }
 
 impl Role {
-    /// Whether the ring cannot go on without the process, so that its peers are never far ahead. The others may lag: the
-    /// viewer, and in paced runs the planner.
+    /// Whether the ring cannot go on without the process, so that its peers are never far ahead. The others may lag:
+    /// the viewer, and in paced runs the planner.
     #[must_use]
     pub fn keeps_the_ring_waiting(self) -> bool {
         matches!(self, Self::FieldSim | Self::FlightSim | Self::Launcher)

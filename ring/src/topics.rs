@@ -1,7 +1,7 @@
 //! The table of topics, and the ring: all topics of a run.
 //!
-//! Every run has a folder and a prefix of its own, so that two runs never meet. The launcher creates the topics and holds
-//! them; a process of the ring only opens them.
+//! Every run has a folder and a prefix of its own, so that two runs never meet. The launcher creates the topics and
+//! holds them; a process of the ring only opens them.
 
 use std::fmt::Debug;
 use std::time::Instant;
@@ -26,8 +26,8 @@ use crate::wait::{LateJoiners, PAUSE, WaitContext};
 /// Version of the messages and of what they mean; processes of different versions do not meet.
 pub const SCHEMA: &str = "3";
 
-/// Samples that wait for a process of the ring: it is never more than two slots behind, but writers that are started again
-/// repeat themselves. Memory that is not used costs nothing.
+/// Samples that wait for a process of the ring: it is never more than two slots behind, but writers that are started
+/// again repeat themselves. Memory that is not used costs nothing.
 pub const RING_BUFFER: usize = 16;
 
 /// Samples that wait for the viewer or the recorder.
@@ -40,8 +40,8 @@ pub const PATH_BUFFER: usize = 2 * VIEWER_BUFFER;
 /// Samples that a late joiner still gets: slot 1 may be flown before the last process has seen the state before it.
 const HISTORY: usize = 2;
 
-/// The same of `flight`, which may be two slots ahead of the record: a planner that is started again then finds the flight
-/// before each plan that the recorder may still wait for.
+/// The same of `flight`, which may be two slots ahead of the record: a planner that is started again then finds the
+/// flight before each plan that the recorder may still wait for.
 pub const FLIGHT_HISTORY: usize = 3;
 
 /// A topic that every process of the ring needs.
@@ -90,8 +90,8 @@ pub struct Ring<S: Service + 'static> {
 }
 
 impl<S: Service + 'static> Ring<S> {
-    /// Takes the seat of `role` in the ring of the folder and opens its topics, with the process's wait context. The launcher
-    /// has no seat; it creates the topics, and holds them for the whole run.
+    /// Takes the seat of `role` in the ring of the folder and opens its topics, with the process's wait context. The
+    /// launcher has no seat; it creates the topics, and holds them for the whole run.
     ///
     /// # Errors
     /// If the seat is taken, the ring is not there or flies another scenario, or iceoryx2 cannot create its services.
@@ -161,8 +161,8 @@ impl<S: Service + 'static> Ring<S> {
         SlotHeader { mission: self.terms.mission, slot, epoch: self.restarts, flags, sent_ns: monotonic_ns() }
     }
 
-    /// Waits after the last slot until the record has what `is_awaited` (such as [`is_release`]), or the launcher has ended:
-    /// until then this process is there for those that are started again. `repeat` runs now and then.
+    /// Waits after the last slot until the record has what `is_awaited` (such as [`is_release`]), or the launcher has
+    /// ended: until then this process is there for those that are started again. `repeat` runs now and then.
     ///
     /// # Errors
     /// Those of `repeat`, a requested stop, or a broken ring.

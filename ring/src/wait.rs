@@ -36,9 +36,11 @@ pub(crate) const PAUSE: Duration = Duration::from_millis(10);
 const POLLS: u32 = 64;
 
 impl Waiting {
-    /// Pauses until `listener` is notified, for 10 ms at most; or for one of many polls, of which this is number `polls`.
+    /// Pauses until `listener` is notified, for 10 ms at most; or for one of many polls, of which this is number
+    /// `polls`.
     ///
-    /// Whoever polls leaves the listener alone: notifying one that is notified already costs its writer next to nothing.
+    /// Whoever polls leaves the listener alone: notifying one that is notified already costs its writer next to
+    /// nothing.
     pub fn pause<S: Service>(self, listener: &Listener<S>, polls: u32) {
         match self {
             Self::Event => {
@@ -74,8 +76,8 @@ pub(crate) trait ServeJoiners: Debug {
 #[derive(Debug, Clone, Default)]
 pub(crate) struct LateJoiners(pub(crate) Rc<RefCell<Vec<Weak<dyn ServeJoiners>>>>);
 
-/// A wait context: ends waits on a requested stop, on the supervisor's death or after a time-out, keeps the heartbeat going,
-/// and serves late joiners.
+/// A wait context: ends waits on a requested stop, on the supervisor's death or after a time-out, keeps the heartbeat
+/// going, and serves late joiners.
 #[derive(Debug)]
 pub struct WaitContext {
     pub(crate) stop: Stop,
@@ -176,8 +178,8 @@ impl WaitContext {
         }
         if now.saturating_duration_since(self.served) >= PAUSE {
             self.served = now;
-            // The newest writer first: a reader that attaches to topics in the order of their writers, and has a sample of the
-            // last one, then soon has those of the others.
+            // The newest writer first: a reader that attaches to topics in the order of their writers, and has a sample
+            // of the last one, then soon has those of the others.
             let writers = self.late_joiners.0.borrow();
             writers.iter().rev().filter_map(Weak::upgrade).try_for_each(|writer| writer.serve_joiners())?;
         }

@@ -28,8 +28,8 @@ impl fmt::Display for Report {
     }
 }
 
-/// Writes the rows of a part as a table. The first distribution of a row is shown whole, the others, which it is compared
-/// with, by median and 99th percentile.
+/// Writes the rows of a part as a table. The first distribution of a row is shown whole, the others, which it is
+/// compared with, by median and 99th percentile.
 fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::Result {
     let mut table = report::table();
     for row in rows.iter().filter_map(Value::as_table) {

@@ -62,7 +62,8 @@ Examples:
         /// Folder to write, or to resume in [default: runs/figures-<runs>].
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
-        /// Search steps of horizon in a slot, and 200 times as many for the best known; four times that in sparse fields.
+        /// Search steps of horizon in a slot, and 200 times as many for the best known; four times that in sparse
+        /// fields.
         #[arg(long, value_name = "N", default_value_t = HORIZON_ITERATIONS)]
         #[arg(value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
         horizon_iterations: u32,

@@ -55,8 +55,8 @@ pub struct RunOptions {
     /// max, realtime, or a factor such as 10x.
     #[arg(long, default_value = "max", value_name = "PACE")]
     pub pace: Pace,
-    /// How the processes wait for each other: event, asleep until they are woken; or poll, which keeps a core busy for each
-    /// of them and is faster only where there are cores to spare.
+    /// How the processes wait for each other: event, asleep until they are woken; or poll, which keeps a core busy for
+    /// each of them and is faster only where there are cores to spare.
     #[arg(long, default_value = "event", value_name = "HOW", value_parser = PossibleValuesParser::new(["event", "poll"])
         .map(|name| name.parse::<Waiting>().expect("one of the possible values")))]
     pub wait: Waiting,
@@ -94,8 +94,8 @@ pub fn seconds(text: &str) -> Result<f64, String> {
 /// and nothing is left in shared memory. `table` tells other threads of its processes.
 ///
 /// # Errors
-/// If this build has no viewer, the sensor list is refused, a process ends for good or does not answer, something cannot be
-/// written, or on a stop.
+/// If this build has no viewer, the sensor list is refused, a process ends for good or does not answer, something
+/// cannot be written, or on a stop.
 pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, Summary), Error> {
     let Run { scenario, options, .. } = run;
     let list = SensorList::of(scenario)?;
@@ -202,7 +202,8 @@ fn on_child_end() -> Arc<AtomicBool> {
 /// How long a process may take to end by itself once it is released.
 const END_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Waits until all processes have ended, the viewer first: the others are there for it, and for one that is started again.
+/// Waits until all processes have ended, the viewer first: the others are there for it, and for one that is started
+/// again.
 fn finish(
     recorder: &mut Recorder<ipc::Service>,
     workers: &mut Workers<ipc::Service>,

@@ -144,9 +144,9 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         Ok(self.wait.sleep_until(Instant::now() + long)?)
     }
 
-    /// Waits for the parts of `slot`, and returns its queues and its flight. In lock-step, the plan of the slot `plan_of`
-    /// must be there, too, and the viewer, which would otherwise miss what comes next; in paced runs, a plan may be late
-    /// and a viewer may lag.
+    /// Waits for the parts of `slot`, and returns its queues and its flight. In lock-step, the plan of the slot
+    /// `plan_of` must be there, too, and the viewer, which would otherwise miss what comes next; in paced runs, a plan
+    /// may be late and a viewer may lag.
     fn wait_for_parts(
         &mut self,
         slot: u64,
@@ -175,8 +175,8 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         }
     }
 
-    /// Takes what has arrived, and returns the first sample that is missing and who sends it. It reads every topic: a writer
-    /// must not wait because of what is refused here.
+    /// Takes what has arrived, and returns the first sample that is missing and who sends it. It reads every topic: a
+    /// writer must not wait because of what is refused here.
     fn poll(&mut self, slot: u64, plan_of: Option<u64>) -> Result<Option<(&'static str, u64, Role)>, RingError> {
         let Parts { queues, flight, plan } = &mut self.parts;
         if queues.is_none() {

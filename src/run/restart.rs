@@ -48,8 +48,8 @@ impl Restarts {
         Self { policy, recent: VecDeque::new(), count: 0 }
     }
 
-    /// When the process that has ended at `now` is to be started again; `None` if it is given up: by its policy, after too
-    /// many restarts, or because it was `refused` its input, which it would be again.
+    /// When the process that has ended at `now` is to be started again; `None` if it is given up: by its policy, after
+    /// too many restarts, or because it was `refused` its input, which it would be again.
     pub fn next(&mut self, now: Instant, refused: bool) -> Option<Instant> {
         while self.recent.front().is_some_and(|&restart| now.saturating_duration_since(restart) > WINDOW) {
             self.recent.pop_front();

@@ -36,12 +36,12 @@ pub struct Resumed {
     mission: Mission,
 }
 
-/// Flies what is on record in `folder` again and adds it to `tally`. A last line that is cut is dropped: its slot is flown
-/// by the ring.
+/// Flies what is on record in `folder` again and adds it to `tally`. A last line that is cut is dropped: its slot is
+/// flown by the ring.
 ///
-/// Slots without a plan in time are taken from the record, and so are plans that the record alone knows: those from outside,
-/// those of a search that was limited by the clock, and, where the planner has a state, those after a plan that came too
-/// late, because the record does not tell what the planner did meanwhile.
+/// Slots without a plan in time are taken from the record, and so are plans that the record alone knows: those from
+/// outside, those of a search that was limited by the clock, and, where the planner has a state, those after a plan
+/// that came too late, because the record does not tell what the planner did meanwhile.
 ///
 /// # Errors
 /// If a run is still writing it, or a line is not what the mission leads to.
@@ -92,8 +92,8 @@ pub fn resume(
 }
 
 impl Resumed {
-    /// Saves the state after the last line, from which the processes of the ring in `ring_folder` resume, and returns the
-    /// trace, cut behind that line.
+    /// Saves the state after the last line, from which the processes of the ring in `ring_folder` resume, and returns
+    /// the trace, cut behind that line.
     ///
     /// # Errors
     /// If the trace or the ring's folder cannot be written.

@@ -103,8 +103,8 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         Ok(workers)
     }
 
-    /// Supervises the processes. Tells the tally, the terminal and the ring what has become of whom, and returns the restart
-    /// count of the current viewer, by its seat.
+    /// Supervises the processes. Tells the tally, the terminal and the ring what has become of whom, and returns the
+    /// restart count of the current viewer, by its seat.
     ///
     /// # Errors
     /// [`Error::WorkerEnded`] if one has ended that is not started again.

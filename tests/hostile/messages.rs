@@ -18,8 +18,8 @@ fn nobody(turn: &Turn) -> Plan {
     Plan { served: 0, ..turn.good }
 }
 
-/// Flies the smoke test with good plans; before each, `disturb` may send other samples, and returns how many of them have
-/// to be refused. The trace must be that of a run without them.
+/// Flies the smoke test with good plans; before each, `disturb` may send other samples, and returns how many of them
+/// have to be refused. The trace must be that of a run without them.
 fn fly_disturbed(place: &Place, mut disturb: impl FnMut(&Rogue, &Turn) -> u64) -> Ended {
     place.run_well(&["simulate", SMOKE, "--out", "alone"]);
     let (run, mut rogue) = begin_with_rogue(place, SMOKE, LONG_S, &[]);

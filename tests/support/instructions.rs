@@ -1,8 +1,8 @@
 //! Instructions per step, counted by valgrind and held against limits: unlike time, they do not depend on what else the
 //! machine does.
 //!
-//! A test program made with this, without the usual harness, calls itself under `valgrind --tool=callgrind` once per case
-//! and counts inside [`counted`] only. Without valgrind it says so in a line, and passes.
+//! A test program made with this, without the usual harness, calls itself under `valgrind --tool=callgrind` once per
+//! case and counts inside [`counted`] only. Without valgrind it says so in a line, and passes.
 //!
 //! Limits are kept in a text file, one line per case, for both profiles: `cargo test` builds with little optimisation,
 //! which shows a step that does more work; `cargo test --release` shows code that is compiled worse. They hold for the

@@ -1,5 +1,5 @@
-//! The radio channel of an uplink: what it is expected to carry, what it carries in a slot, and how both change with the
-//! position of the UAV.
+//! The radio channel of an uplink: what it is expected to carry, what it carries in a slot, and how both change with
+//! the position of the UAV.
 //!
 //! Each model is a variant and a file. Whoever plans uses the expected rate; only flight-sim draws.
 
@@ -84,8 +84,8 @@ impl Channel {
         }
     }
 
-    /// Whether the rate depends on the elevation angle, so that there is a best altitude. Where it does not, the gain is
-    /// each sensor node's own, and the rate falls with the distance alone.
+    /// Whether the rate depends on the elevation angle, so that there is a best altitude. Where it does not, the gain
+    /// is each sensor node's own, and the rate falls with the distance alone.
     #[must_use]
     pub fn depends_on_elevation(&self) -> bool {
         matches!(self, Self::LineOfSight(_))

@@ -19,8 +19,8 @@ const FADING: &str = "[link]\nreference_gain_db = -60.0\nlos_exponent = 2.5\nnlo
 /// The same where it has no parameters `los` of its own.
 const ENVIRONMENT: &str = "[link]\nenvironment = \"urban\"";
 
-/// Fills in every key that `file` leaves out and that what it says needs; the start of the UAV is left to the caller. Where
-/// it says something twice, neither is touched.
+/// Fills in every key that `file` leaves out and that what it says needs; the start of the UAV is left to the caller.
+/// Where it says something twice, neither is touched.
 pub(super) fn fill(file: &mut Table) {
     let given = |table: &str, key: &str| file.get(table).and_then(|table| table.get(key));
     let is = |table, key, name| given(table, key).is_some_and(|value| value.as_str() == Some(name));

@@ -1,6 +1,7 @@
 //! The tables of a scenario file: each key with its unit, as read and as written.
 //!
-//! What a number may be, the defaults and the rules between keys are next door. Levels are in dB here and in the sensor list; messages and channels are linear.
+//! What a number may be, the defaults and the rules between keys are next door. Levels are in dB here and in the sensor
+//! list; messages and channels are linear.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,5 @@
-//! Counts and names, which are checked as they are read, and the reader that says which key of which file it refuses, and why.
+//! Counts and names, which are checked as they are read, and the reader that says which key of which file it refuses,
+//! and why.
 
 use std::path::Path;
 

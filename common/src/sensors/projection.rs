@@ -18,8 +18,8 @@ system!(
     struct Corner using ENU
 );
 
-/// Depth [m] below the plane from which on the ground faces away from it, where two places share one position: the centre
-/// of the Earth lies 6357 to 6378 km deep, the horizon of a place on the ellipsoid at most 22 km higher.
+/// Depth [m] below the plane from which on the ground faces away from it, where two places share one position: the
+/// centre of the Earth lies 6357 to 6378 km deep, the horizon of a place on the ellipsoid at most 22 km higher.
 const HORIZON_DEPTH_M: f64 = 6.3e6;
 
 /// The projection about one origin.
@@ -34,7 +34,8 @@ impl Projection {
         Self(unsafe { RigidBodyTransform::ecef_to_enu_at(&corner) })
     }
 
-    /// Where a place at altitude 0 meets the plane, looking straight down on it [m]; `None` on the far side of the Earth.
+    /// Where a place at altitude 0 meets the plane, looking straight down on it [m]; `None` on the far side of the
+    /// Earth.
     ///
     /// Latitude in [−90, 90]. The plane leaves the ground by `d²/2R` at the distance d (75 m at 31 km), and distances
     /// shrink by about `d³/6R²` (0.12 m there).

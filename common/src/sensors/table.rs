@@ -17,8 +17,8 @@ pub(super) const WRITTEN: [&str; 5] = ["x_m", "y_m", "queue_bits", "gain_db", "s
 /// Columns that a list may have.
 const COLUMNS: [&str; 7] = ["x_m", "y_m", "lat_deg", "lon_deg", "queue_bits", "gain_db", "sampling_bps"];
 
-/// A projected position may miss the rim of the area by this [m], and is then on the rim: the origin's own meridian must
-/// not fall outside by rounding.
+/// A projected position may miss the rim of the area by this [m], and is then on the rim: the origin's own meridian
+/// must not fall outside by rounding.
 const RIM_SLACK_M: f64 = 1e-6;
 
 /// Reads the text of a list; sensor node i is row i. The error says which line, what is there and what was expected.

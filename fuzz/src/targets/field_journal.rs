@@ -37,8 +37,8 @@ static FLOWN: LazyLock<Vec<(FlightReport, Field)>> = LazyLock::new(|| {
     flown
 });
 
-/// From the spoilt journal of a field comes a state that it has been in; from a journal that somebody else has written comes a
-/// field whose ledger balances.
+/// From the spoilt journal of a field comes a state that it has been in; from a journal that somebody else has written
+/// comes a field whose ledger balances.
 ///
 /// # Panics
 /// If not.

@@ -24,8 +24,8 @@ pub(super) fn report(input: &mut Cursor, links: usize) -> FlightReport {
     report
 }
 
-/// A flight of any numbers is refused and changes nothing, or takes from the queues that it serves what its links carry,
-/// and no bit is unaccounted for.
+/// A flight of any numbers is refused and changes nothing, or takes from the queues that it serves what its links
+/// carry, and no bit is unaccounted for.
 ///
 /// # Panics
 /// If not.

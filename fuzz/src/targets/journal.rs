@@ -13,8 +13,8 @@ const PLACES: u64 = 3;
 /// Longest record: a head and a record of one page, and one that takes two.
 const ROOMS: [usize; 2] = [200, 5000];
 
-/// Records are written and the file is spoilt: whatever is found was written, in ascending order; an unspoilt file holds
-/// the last record of each place. Afterwards the journal can be written again.
+/// Records are written and the file is spoilt: whatever is found was written, in ascending order; an unspoilt file
+/// holds the last record of each place. Afterwards the journal can be written again.
 ///
 /// # Panics
 /// If not.

@@ -13,8 +13,8 @@ use crate::cursor::Cursor;
 /// Slots of the life that a checkpoint is taken from.
 const LIFE_SLOTS: u64 = 6;
 
-/// A planner that is given any bytes refuses them and is as it was, or resumes from them and plans what the UAV can do. An
-/// unspoilt checkpoint is never refused.
+/// A planner that is given any bytes refuses them and is as it was, or resumes from them and plans what the UAV can do.
+/// An unspoilt checkpoint is never refused.
 ///
 /// # Panics
 /// If not.

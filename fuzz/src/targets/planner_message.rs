@@ -13,8 +13,8 @@ use super::flight_message::report;
 use super::world::{SEEN, WORLDS, planned};
 use crate::cursor::Cursor;
 
-/// Whatever it is told, the planner answers with at most n known sensor nodes; and if the UAV is where it can be, over the
-/// scenario's own sensor nodes, the UAV can do all that the plan says, and the path is one.
+/// Whatever it is told, the planner answers with at most n known sensor nodes; and if the UAV is where it can be, over
+/// the scenario's own sensor nodes, the UAV can do all that the plan says, and the path is one.
 ///
 /// # Panics
 /// If not.
