@@ -15,11 +15,11 @@ pub enum Fate {
     /// It has ended by itself with this exit code, and too early.
     Exited(i32),
     /// It was started again, and so often by now.
-    Restarted(u32),
+    Restarted(i32),
     /// It has given no sign of life for so long [ms].
-    Silent(u32),
+    Silent(i32),
     /// It gives signs of life again, after so long [ms].
-    Back(u32),
+    Back(i32),
 }
 
 /// Payload of `health`; the sample's slot is the one under way.
@@ -52,13 +52,12 @@ impl Health {
     /// The message that `role` has met with `fate`.
     #[must_use]
     pub fn of(role: Role, fate: Fate) -> Self {
-        let number = |value: u32| i32::try_from(value).unwrap_or(i32::MAX);
         let (fate, detail) = match fate {
             Fate::Killed(signal) => (0, signal),
             Fate::Exited(code) => (1, code),
-            Fate::Restarted(times) => (2, number(times)),
-            Fate::Silent(ms) => (3, number(ms)),
-            Fate::Back(ms) => (4, number(ms)),
+            Fate::Restarted(times) => (2, times),
+            Fate::Silent(ms) => (3, ms),
+            Fate::Back(ms) => (4, ms),
         };
         Self { process: role as u32, fate, detail, reserved: 0 }
     }
@@ -66,16 +65,9 @@ impl Health {
     /// Who has met with what; none if the numbers mean nothing.
     #[must_use]
     pub fn read(&self) -> Option<(Role, Fate)> {
-        let number = u32::try_from(self.detail).unwrap_or(0);
-        let fate = match self.fate {
-            0 => Fate::Killed(self.detail),
-            1 => Fate::Exited(self.detail),
-            2 => Fate::Restarted(number),
-            3 => Fate::Silent(number),
-            4 => Fate::Back(number),
-            _ => return None,
-        };
-        Some((Role::from_repr(self.process)?, fate))
+        let fates = [Fate::Killed, Fate::Exited, Fate::Restarted, Fate::Silent, Fate::Back];
+        let fate = fates.get(self.fate as usize)?;
+        Some((Role::from_repr(self.process)?, fate(self.detail)))
     }
 }
 
@@ -89,7 +81,7 @@ impl Fate {
 
 impl fmt::Display for Fate {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let seconds = |ms: u32| f64::from(ms) / 1e3;
+        let seconds = |ms: i32| f64::from(ms) / 1e3;
         match *self {
             Self::Killed(signal) => write!(formatter, "was ended by signal {signal}"),
             Self::Exited(code) => write!(formatter, "has ended too early, with exit code {code}"),
@@ -106,8 +98,7 @@ mod tests {
 
     #[test]
     fn a_message_says_what_was_put_into_it() {
-        let fates =
-            [Fate::Killed(9), Fate::Exited(1), Fate::Restarted(3), Fate::Silent(1_500), Fate::Back(u32::MAX / 2)];
+        let fates = [Fate::Killed(9), Fate::Exited(1), Fate::Restarted(3), Fate::Silent(1_500), Fate::Back(i32::MAX)];
         for (number, fate) in (0..).zip(fates) {
             let role = Role::from_repr(number).unwrap();
             assert_eq!(Health::of(role, fate).read(), Some((role, fate)));

@@ -33,7 +33,7 @@ impl Heartbeat {
     /// Notes the last sign of life; returns what is new.
     pub fn note(&mut self, last: Option<SystemTime>, now: Instant) -> Option<Fate> {
         let silence = now.saturating_duration_since(self.since);
-        let ms = u32::try_from(silence.as_millis()).unwrap_or(u32::MAX);
+        let ms = i32::try_from(silence.as_millis()).unwrap_or(i32::MAX);
         if self.last != last {
             let before = std::mem::replace(&mut self.state, State::Alive);
             self.last = last;

@@ -38,7 +38,7 @@ pub struct Restarts {
     pub policy: Restart,
     recent: VecDeque<Instant>,
     /// How often it was started again.
-    pub count: u32,
+    pub count: i32,
 }
 
 impl Restarts {
