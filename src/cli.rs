@@ -35,10 +35,12 @@ use flight::{RunArguments, SoakArguments};
     arg_required_else_help = true,
     after_help = "\
 Examples:
-  skysink run                                      the letter's mission
+  skysink run                                      the paper's mission
   skysink run scenarios/sparse.toml --strategy gfs --pace 10x --live
   skysink simulate scenarios/letter.toml --seed 7  the same in one process
   skysink check scenarios/letter.toml              every key with its value
+
+The paper is the UTS letter, arXiv 2103.00753.
 
 Exit codes: 0 done, 1 failed while running, 2 bad input or usage, 130 Ctrl-C, 143 SIGTERM."
 )]
@@ -71,7 +73,7 @@ Examples:
     /// Fly a mission with a process for each part of the ring, and record it.
     #[command(after_help = "\
 Examples:
-  skysink run                          the letter's mission, as fast as it goes
+  skysink run                          the paper's mission, as fast as it goes
   skysink run --pace realtime --live   watch by
                                        rerun rerun+http://127.0.0.1:9876/proxy
   skysink run --external planner       waits for your planner, and says where

@@ -139,7 +139,7 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     let mut table = table();
     let mut rows = vec![
         ("data loss rate η", format!("{:.6}", summary.loss_rate)),
-        ("η as in the letter", format!("{:.6}", summary.eta_letter)),
+        ("η as in the paper", format!("{:.6}", summary.eta_letter)),
         ("bits sampled", HumanCount(summary.totals.sampled_bits).to_string()),
         ("bits delivered", HumanCount(summary.totals.delivered_bits).to_string()),
         ("bits lost", HumanCount(summary.totals.lost_bits).to_string()),

@@ -1,4 +1,4 @@
-//! A topic: a publish-subscribe service and an event service of the same name. Its two ends are next door.
+//! A topic: a publish-subscribe service and an event service of the same name. Its two ends are `reader` and `writer`.
 
 use std::fmt::Debug;
 use std::rc::Rc;

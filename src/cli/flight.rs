@@ -16,7 +16,7 @@ use crate::soak::soak;
 /// Arguments of `skysink run`.
 #[derive(Debug, Args)]
 pub struct RunArguments {
-    /// Scenario file; the letter's mission if left out.
+    /// Scenario file; the paper's mission if left out.
     scenario: Option<PathBuf>,
     #[command(flatten)]
     choice: Choice,
@@ -45,7 +45,7 @@ impl RunArguments {
 /// Arguments of `skysink soak`.
 #[derive(Debug, Args)]
 pub struct SoakArguments {
-    /// Scenario file; the letter's field if left out.
+    /// Scenario file; the paper's field if left out.
     scenario: Option<PathBuf>,
     #[command(flatten)]
     choice: Choice,

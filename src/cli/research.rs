@@ -43,12 +43,12 @@ Examples:
         #[arg(long, value_name = "K/N", value_parser = shard, default_value = "1/1")]
         shard: Shard,
     },
-    /// Draw the letter's figures, with the sweeps behind them. If interrupted, it resumes where it was.
+    /// Draw the paper's figures, with the sweeps behind them. If interrupted, it resumes where it was.
     #[command(after_help = "\
 Examples:
   skysink figures --quick             a first look, in minutes
   skysink figures --only area,maps    some of them
-  skysink figures --runs 300          the letter's number of missions per point")]
+  skysink figures --runs 300          the paper's number of missions per point")]
     Figures {
         /// Only these figures (repeatable, or separated by commas).
         #[arg(long, value_name = "PART", value_enum, value_delimiter = ',')]

@@ -1,6 +1,6 @@
 //! The tables of a scenario file: each key with its unit, as read and as written.
 //!
-//! What a number may be, the defaults and the rules between keys are next door. Levels are in dB here and in the sensor
+//! `rules` says what a number may be, `defaults` what is left out. Levels are in dB here and in the sensor
 //! list; messages and channels are linear.
 
 use std::path::PathBuf;
@@ -26,7 +26,7 @@ pub struct Area {
 }
 
 impl Area {
-    /// An area that lies nowhere.
+    /// An area without a place on the Earth.
     #[must_use]
     pub const fn new(width_m: f64, height_m: f64) -> Self {
         Self { width_m, height_m, origin: None }
