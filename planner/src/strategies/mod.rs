@@ -20,8 +20,7 @@ pub(crate) mod turns;
 pub mod uts;
 pub mod uts_wide;
 
-use std::ops::Deref;
-
+use arrayvec::ArrayVec;
 use nalgebra::Point3;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use skysink_common::checkpoint::Checkpoint;
@@ -113,41 +112,16 @@ impl View<'_> {
 }
 
 /// What a strategy decides for a slot.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Decision {
     /// Where to fly [m].
     pub waypoint: Point3<f64>,
-    /// The sensor nodes (SNs) to serve from there.
-    pub schedule: Schedule,
+    /// The sensor nodes (SNs) to serve from there, ascending by id.
+    pub schedule: ArrayVec<u32, MAX_SERVED>,
     /// How the waypoint was found.
     pub outcome: SolverOutcome,
     /// How Algorithm 1 found the schedule, for those who watch.
     pub winner: Option<Winner>,
-}
-
-/// The SNs that a slot serves, ascending by id.
-#[derive(Debug, Clone, Copy)]
-pub struct Schedule {
-    ids: [u32; MAX_SERVED],
-    count: usize,
-}
-
-impl From<&[u32]> for Schedule {
-    /// # Panics
-    /// If there are more than [`MAX_SERVED`] ids; a scenario has at most as many resource blocks.
-    fn from(ids: &[u32]) -> Self {
-        let mut schedule = Self { ids: [0; MAX_SERVED], count: ids.len() };
-        schedule.ids[..ids.len()].copy_from_slice(ids);
-        schedule
-    }
-}
-
-impl Deref for Schedule {
-    type Target = [u32];
-
-    fn deref(&self) -> &[u32] {
-        &self.ids[..self.count]
-    }
 }
 
 /// What a strategy is made of before the first slot.
