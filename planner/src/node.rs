@@ -228,9 +228,9 @@ mod tests {
         let mut late = Planner::new(&scenario, &nodes()).unwrap();
         let hold = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
         let _ = answer(15, &hold, &mut late, &folder);
-        let contacts =
-            |planner: &Planner| (0..12).map(|id| planner.estimate().unwrap().contact(id)).collect::<Vec<_>>();
-        assert!(contacts(&planner).iter().any(Option::is_some));
-        assert_eq!(contacts(&late), contacts(&planner));
+        let beliefs =
+            |planner: &Planner| (0..12).map(|id| planner.estimate().unwrap().uncertainty(15, id)).collect::<Vec<_>>();
+        assert!(beliefs(&planner).iter().any(|belief| belief.initial_bits == 0.0), "a contact");
+        assert_eq!(beliefs(&late), beliefs(&planner));
     }
 }

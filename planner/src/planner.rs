@@ -191,7 +191,7 @@ impl Checkpoint for Planner {
     /// Appends nothing where the queues are known and the strategy has no state.
     fn save(&self, bytes: &mut Vec<u8>) {
         let begin = bytes.len();
-        let estimate = self.estimate.as_deref().map(Estimate::saved);
+        let estimate = self.estimate().map(Estimate::saved);
         let is_stateless = estimate.is_none();
         let strategy = self.strategy_name.clone();
         encode(&Head { slot: self.slot, strategy, estimate }, bytes);

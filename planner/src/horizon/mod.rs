@@ -117,7 +117,7 @@ impl Horizon {
     #[must_use]
     pub fn new(setup: &Setup, most_slots: u64, iterations: u32, budget: Option<Duration>) -> Self {
         let scenario = setup.scenario;
-        let learnt = setup.estimate.filter(|estimate| estimate.learns());
+        let learnt = setup.estimate.filter(|estimate| estimate.has_learnt_rates());
         let believed = |(id, sensor): (u32, &SensorNode)| match learnt {
             Some(estimate) => SensorNode { sampling_bps: least_mean_bits(estimate, id) / scenario.slot_s, ..*sensor },
             None => *sensor,
@@ -142,7 +142,7 @@ impl Horizon {
             return;
         };
         for (sensor, &id) in self.model.sensors.iter_mut().zip(&self.model.ids) {
-            if estimate.learns() {
+            if estimate.has_learnt_rates() {
                 sensor.mean_bits = least_mean_bits(estimate, id);
                 sensor.fill_slots = f64::from(estimate.capacity_bits(id)) / sensor.mean_bits;
             }
