@@ -18,8 +18,7 @@ use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 
 use crate::estimate::BYTES_EACH;
 use crate::planner::Planner;
-use crate::settings::Settings;
-use crate::strategies::Timing;
+use crate::strategies::{Registered, Timing};
 
 /// Slots in the journal: the three that a planner may be asked for again, and room for one that is cut.
 const SLOTS: u64 = 4;
@@ -50,10 +49,9 @@ fn resume(journal: &Journal, slot: u64, planner: &mut Planner) -> Result<(), Rin
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
-    let settings = Settings::of(scenario)?;
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Planner, stop)?;
     // Before the plans, so that whoever has a plan finds the writer of its path.
-    let has_path = settings.strategy.has_path;
+    let has_path = Registered::of(scenario)?.has_path;
     let paths = has_path.then(|| ring.path.list_writer(MAX_POINTS)).transpose()?;
     let plans = ring.plan.writer()?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
@@ -121,8 +119,9 @@ mod tests {
     use skysink_common::checkpoint::Checkpoint;
     use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, SensorNode};
     use skysink_common::pace::Pace;
-    use skysink_common::scenario::{Count, Overrides};
+    use skysink_common::scenario::Overrides;
     use skysink_ring::wait::Waiting;
+    use std::path::Path;
 
     fn nodes() -> Vec<SensorNode> {
         let node = |i: u32| SensorNode {
@@ -178,9 +177,10 @@ mod tests {
             .into_iter()
             .flat_map(move |strategy| seen.map(|knowledge| (strategy, knowledge)));
         let scenario = |(strategy, (knowledge, rates)): (&'static str, _)| {
-            let scenario = settings::letter(Overrides { strategy: Some(strategy), ..Overrides::default() }).unwrap();
+            let text = "name = 'x'\n[planner]\nhorizon.iterations = 200\n";
+            let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+            let scenario = settings::parse(text, Path::new("x.toml"), overrides).unwrap();
             change(scenario, |settings| {
-                settings.horizon.iterations = Count::clamped(200);
                 settings.knowledge = knowledge;
                 settings.rates = rates;
             })

@@ -11,10 +11,10 @@ use skysink_common::scenario::{Scenario, ScenarioError};
 
 use crate::estimate::{self, Estimate};
 use crate::sensor_table::SensorTable;
-use crate::settings::{Knowledge, Settings};
+use crate::settings::{self, Knowledge, Settings};
 use crate::strategies::serving::Serving;
 use crate::strategies::transit::transit_waypoint;
-use crate::strategies::{Decision, Setup, Strategy, Timing, View};
+use crate::strategies::{Decision, Registered, Setup, Strategy, Timing, View};
 
 /// The planner of a mission.
 ///
@@ -58,8 +58,8 @@ impl Planner {
     /// # Errors
     /// As [`Planner::new`].
     pub fn over(scenario: &Scenario, sensors: &[SensorNode], table: SensorTable) -> Result<Self, ScenarioError> {
-        let settings = Settings::of(scenario)?;
-        Ok(Self::build(scenario, settings, sensors, table, settings.strategy.make))
+        let settings = settings::check(scenario)?;
+        Ok(Self::build(scenario, settings, sensors, table, Registered::of(scenario)?.make))
     }
 
     /// The planner that decides by `strategy`, whatever the scenario names.
@@ -71,7 +71,7 @@ impl Planner {
         sensors: &[SensorNode],
         strategy: Box<dyn Strategy>,
     ) -> Result<Self, ScenarioError> {
-        let settings = Settings::of(scenario)?;
+        let settings = settings::check(scenario)?;
         Ok(Self::build(scenario, settings, sensors, SensorTable::new(scenario, sensors), |_| strategy))
     }
 
@@ -246,7 +246,7 @@ fn message(view: &View, decision: &Decision, mode: Mode) -> Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::{self, WaypointSolver, change};
+    use crate::settings::{WaypointSolver, change};
     use skysink_common::geometry::{Position, above};
     use skysink_common::message::{NOBODY, SolverOutcome};
     use skysink_common::scenario::Overrides;

@@ -13,6 +13,7 @@ pub const STRATEGY: Registered = Registered {
     about: "to the sensor node that overflows soonest, then the fullest queues in range",
     is_stateless: true,
     has_path: false,
+    keys: None,
     make: |setup| Box::new(Edf::new(setup)),
 };
 

@@ -35,6 +35,7 @@ pub const STRATEGY: Registered = Registered {
     about: "the best set of all that one point in reach can serve, then the best waypoint",
     is_stateless: true,
     has_path: false,
+    keys: None,
     make: |setup| Box::new(Exact::new(setup)),
 };
 

@@ -20,17 +20,22 @@ pub(crate) mod turns;
 pub mod uts;
 pub mod uts_wide;
 
+use std::fmt::Display;
+
 use arrayvec::ArrayVec;
 use nalgebra::Point3;
-use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+use serde::de::{self, DeserializeOwned};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, MAX_SERVED, SensorNode, SolverOutcome};
-use skysink_common::scenario::Scenario;
+use skysink_common::scenario::{Scenario, ScenarioError};
+use toml::Table;
 
 use crate::estimate::Estimate;
+use crate::keys::Settings;
 use crate::sensor_table::SensorTable;
-use crate::settings::Settings;
+
 use algorithm_1::Winner;
 
 /// Every strategy, in the order in which they are listed to people.
@@ -129,7 +134,7 @@ pub struct Decision {
 pub struct Setup<'a> {
     /// The mission.
     pub scenario: &'a Scenario,
-    /// Its `[planner]`.
+    /// The keys of its `[planner]` that concern every strategy.
     pub settings: &'a Settings,
     /// Its sensor nodes (SNs), by id.
     pub sensors: &'a [SensorNode],
@@ -150,7 +155,9 @@ pub struct Registered {
     pub is_stateless: bool,
     /// Whether it knows where it flies after a slot ([`Strategy::path`]).
     pub has_path: bool,
-    /// Makes it, before slot 1.
+    /// Checks the keys of its own in a scenario and fills in their defaults; `None` if it has no keys.
+    pub keys: Option<fn(&Self, &Scenario) -> Result<Table, ScenarioError>>,
+    /// Makes it, before slot 1, for a scenario whose keys were checked.
     pub make: fn(&Setup<'_>) -> Box<dyn Strategy>,
 }
 
@@ -159,6 +166,42 @@ impl Registered {
     #[must_use]
     pub fn find(name: &str) -> Option<&'static Self> {
         STRATEGIES.into_iter().find(|strategy| strategy.name == name)
+    }
+
+    /// The strategy of a scenario.
+    ///
+    /// # Errors
+    /// If none has the name that the scenario gives.
+    pub fn of(scenario: &Scenario) -> Result<&'static Self, ScenarioError> {
+        let name = scenario.planner.strategy.as_str();
+        Self::find(name).ok_or_else(|| scenario.refusal("planner.strategy", &name.into(), &one_of(names())))
+    }
+
+    /// The keys of its own in a scenario, `[planner.<name>]`.
+    ///
+    /// # Errors
+    /// If a key is unknown, or a value is out of its range.
+    pub fn keys_of<T: DeserializeOwned>(&self, scenario: &Scenario) -> Result<T, ScenarioError> {
+        let table = format!("planner.{}", self.name);
+        match scenario.planner.others.get(self.name) {
+            Some(value) if !value.is_table() => Err(scenario.refusal(&table, value, "a table")),
+            _ => scenario.planner_keys(&table),
+        }
+    }
+
+    /// The same, written back with every default.
+    ///
+    /// # Errors
+    /// As [`Registered::keys_of`].
+    pub fn checked_keys<T: Serialize + DeserializeOwned>(&self, scenario: &Scenario) -> Result<Table, ScenarioError> {
+        let keys: T = self.keys_of(scenario)?;
+        Ok(Table::try_from(keys).expect("keys are numbers and strings"))
+    }
+
+    /// Replaces the keys of its own in a scenario.
+    pub fn set_keys(&self, scenario: &mut Scenario, keys: impl Serialize) {
+        let keys = Table::try_from(keys).expect("keys are numbers and strings");
+        scenario.planner.others.insert(self.name.to_owned(), keys.into());
     }
 }
 
@@ -177,10 +220,14 @@ impl Serialize for Registered {
 impl<'de> Deserialize<'de> for &'static Registered {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let name = String::deserialize(deserializer)?;
-        Registered::find(&name).ok_or_else(|| {
-            de::Error::custom(format!("expected one of {}", names().map(|name| format!("`{name}`")).join(", ")))
-        })
+        Registered::find(&name).ok_or_else(|| de::Error::custom(format!("expected {}", one_of(names()))))
     }
+}
+
+/// What a name has to be instead of an unknown one.
+pub(crate) fn one_of<T: Display>(names: impl IntoIterator<Item = T>) -> String {
+    let quoted: Vec<String> = names.into_iter().map(|name| format!("`{name}`")).collect();
+    format!("one of {}", quoted.join(", "))
 }
 
 #[cfg(test)]
@@ -211,7 +258,7 @@ pub(crate) mod tests {
         for strategy in STRATEGIES {
             let name = strategy.name;
             let overrides = Overrides { strategy: Some(name), ..Overrides::default() };
-            assert_eq!(Settings::of(&Scenario::letter(overrides).unwrap()).unwrap().strategy, strategy);
+            assert_eq!(Registered::of(&Scenario::letter(overrides).unwrap()).unwrap().name, name);
             let mut bytes = Vec::new();
             made(name, &[[50.0, 50.0]]).1.save(&mut bytes);
             assert_eq!(bytes.is_empty(), strategy.is_stateless, "{name}");

@@ -3,15 +3,16 @@
 use std::ops::ControlFlow;
 
 use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::message::SensorNode;
-use skysink_common::scenario::{Scenario, ScenarioError};
+use skysink_common::scenario::{Count, Scenario, ScenarioError};
 
 use super::horizon::LookAhead;
 use super::{Decision, Registered, Setup, Strategy, Timing, View};
 use crate::horizon::long_search::SearchProgress;
+use crate::keys::Settings;
 use crate::sensor_table::SensorTable;
-use crate::settings::Settings;
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
@@ -19,8 +20,23 @@ pub const STRATEGY: Registered = Registered {
     about: "the plan of least predicted loss over the mission, made before take-off",
     is_stateless: false,
     has_path: true,
-    make: |setup| Box::new(Offline::new(setup)),
+    keys: Some(Registered::checked_keys::<OfflineKeys>),
+    make: |setup| Box::new(Offline::new(setup).expect("its keys were checked")),
 };
+
+/// `[planner.offline]`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OfflineKeys {
+    /// Search steps before the mission; the most take a month.
+    pub steps: Count<0, 1_000_000_000_000>,
+}
+
+impl Default for OfflineKeys {
+    fn default() -> Self {
+        Self { steps: Count::of::<1_000_000>() }
+    }
+}
 
 /// Most slots that are planned before take-off.
 const MOST_SLOTS: u64 = 10_000;
@@ -36,13 +52,9 @@ pub struct Offline {
 
 impl Offline {
     /// The strategy before its search.
-    #[must_use]
-    pub fn new(setup: &Setup) -> Self {
-        Self {
-            ahead: LookAhead::new(setup, MOST_SLOTS, 0, None),
-            steps: setup.settings.offline.steps.get(),
-            is_planned: false,
-        }
+    fn new(setup: &Setup) -> Result<Self, ScenarioError> {
+        let OfflineKeys { steps } = STRATEGY.keys_of(setup.scenario)?;
+        Ok(Self { ahead: LookAhead::new(setup, MOST_SLOTS, 0, None), steps: steps.get(), is_planned: false })
     }
 
     /// The strategy before its search, of a mission whose queues are known.
@@ -52,7 +64,7 @@ impl Offline {
     pub fn of(scenario: &Scenario, sensors: &[SensorNode]) -> Result<Self, ScenarioError> {
         let settings = &Settings::of(scenario)?;
         let table = &SensorTable::new(scenario, sensors);
-        Ok(Self::new(&Setup { scenario, settings, sensors, table, estimate: None }))
+        Self::new(&Setup { scenario, settings, sensors, table, estimate: None })
     }
 
     /// Runs the search for a mission whose queues are known, `queues_bits` [bit] by id before slot 1; returns the strategy

@@ -15,6 +15,7 @@ pub const STRATEGY: Registered = Registered {
     about: "random flight, the fullest queues in range",
     is_stateless: true,
     has_path: false,
+    keys: None,
     make: |setup| Box::new(Rfs { streams: Streams::new(setup.scenario.seed), serving: Serving::new(setup) }),
 };
 

@@ -14,6 +14,7 @@ pub const STRATEGY: Registered = Registered {
     about: "a short tour over all sensor nodes, flown round and round",
     is_stateless: false,
     has_path: false,
+    keys: None,
     make: |setup| Box::new(InTurn::new(setup, order(setup.table, &setup.scenario.start().xy()), waypoint)),
 };
 
