@@ -1,8 +1,8 @@
 //! What the UAV can know of the queues: what it was told on contact, and what must have come since.
 //!
 //! A contact is a slot whose flight serves the sensor node (SN). The SN then says what it holds as the slot begins,
-//! `B_i(t−1)`, and what it still holds at its end, `B_i(t)`. How contacts become a checkpoint is left to [`saved`], what
-//! is made of the believed queues to the strategies.
+//! `B_i(t−1)`, and what it still holds at its end, `B_i(t)`. How contacts become a checkpoint is left to [`saved`],
+//! what is made of the believed queues to the strategies.
 
 mod saved;
 
@@ -62,7 +62,8 @@ pub struct Uncertainty {
     pub rate: f64,
 }
 
-/// Half-width [bit] of the uniform distribution with the variance of a Poisson variable whose mean is uniform on a range.
+/// Half-width [bit] of the uniform distribution with the variance of a Poisson variable whose mean is uniform on a
+/// range.
 fn half_bits([lowest, highest]: [f64; 2]) -> f64 {
     let half_bits = (highest - lowest) / 2.0;
     (half_bits * half_bits + 3.0 * Interval::Range([lowest, highest]).mean()).sqrt()

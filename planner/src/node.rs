@@ -34,9 +34,9 @@ pub fn journal(folder: &RingFolder, count: usize) -> Result<Journal, RingError> 
     Journal::open(&folder.journal("plans"), SLOTS, ROOM + BYTES_EACH * count)
 }
 
-/// Brings a planner that is new to where its predecessor was before it planned `slot`, or after the last slot before that
-/// which is in the journal; to be done before it observes or plans anything. In paced runs slots may be skipped; it then
-/// resumes from what there is.
+/// Brings a planner that is new to where its predecessor was before it planned `slot`, or after the last slot before
+/// that which is in the journal; to be done before it observes or plans anything. In paced runs slots may be skipped;
+/// it then resumes from what there is.
 fn resume(journal: &Journal, slot: u64, planner: &mut Planner) -> Result<(), RingError> {
     if planner.slot() == 0 {
         journal.restore_before(slot, planner)?;
@@ -68,8 +68,8 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     loop {
         let mut state = queues.wait_for_next(&mut wait, next)?;
         if let Pace::Factor(_) = ring.terms.pace {
-            // Only the newest is planned for, because a plan for a slot that has begun is void; what the UAV was told in
-            // the others counts all the same.
+            // Only the newest is planned for, because a plan for a slot that has begun is void; what the UAV was told
+            // in the others counts all the same.
             while let Some(newer) = queues.next_sample()? {
                 let older = std::mem::replace(&mut state, newer);
                 let slot = older.user_header().head.slot;
@@ -92,8 +92,8 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
             ring.refusals.add("queues", slot, Refusal::Length, 1);
             continue;
         }
-        // A writer that waits for another reader's buffer may reach this one later than the queues do. A flight that has
-        // passed was sent before this process was there: others have flown on since, so its plan is not missing.
+        // A writer that waits for another reader's buffer may reach this one later than the queues do. A flight that
+        // has passed was sent before this process was there: others have flown on since, so its plan is not missing.
         let Some(flight) = flights.wait_for_slot(&mut wait, slot)? else { continue };
         next = slot + 1;
         resume(&journal, next, &mut planner)?;

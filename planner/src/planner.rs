@@ -97,15 +97,15 @@ impl Planner {
         }
     }
 
-    /// Says what paces the mission: a search may end by time in a paced one, and results then depend on time. At first no
-    /// clock is read.
+    /// Says what paces the mission: a search may end by time in a paced one, and results then depend on time. At first
+    /// no clock is read.
     pub fn set_timing(&mut self, timing: Timing) {
         self.timing = timing;
     }
 
-    /// Takes in what was flown in `slot`, and the queues after it [bit], by id; to be done for every slot before the next
-    /// one is planned. Where the queues are estimated, only those of the SNs that the flight serves are looked at, and a
-    /// slot that is left out makes the estimate older, but not wrong.
+    /// Takes in what was flown in `slot`, and the queues after it [bit], by id; to be done for every slot before the
+    /// next one is planned. Where the queues are estimated, only those of the SNs that the flight serves are looked at,
+    /// and a slot that is left out makes the estimate older, but not wrong.
     pub fn observe(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) {
         if let Some(estimate) = &mut self.estimate {
             estimate.observe(slot, flight, queues_bits);
@@ -117,9 +117,9 @@ impl Planner {
     /// Where the queues are estimated, the plan is made from what is believed of them, see [`Planner::observe`]; of
     /// `queues_bits` only the entries of the scheduled SNs are kept: what these will report at contact.
     ///
-    /// Its time depends on the SNs near the UAV, not on their number in all. Exceptions, which read every queue: transit,
-    /// an estimate, and the strategies `edf`, `max-age-first`, `horizon` and `offline`. `plan_ns` stays 0; the caller
-    /// measures. A step reads a clock only with [`Timing::Paced`].
+    /// Its time depends on the SNs near the UAV, not on their number in all. Exceptions, which read every queue:
+    /// transit, an estimate, and the strategies `edf`, `max-age-first`, `horizon` and `offline`. `plan_ns` stays 0; the
+    /// caller measures. A step reads a clock only with [`Timing::Paced`].
     ///
     /// # Panics
     /// If there is not one queue per sensor node.

@@ -11,8 +11,8 @@ use skysink_common::sensors::SensorList;
 use skysink_planner::strategies::names;
 use support::{TestMission, scenario_of};
 
-/// Links that empty queues and links that do not, gains that change, and three dimensions; storages that fill and others
-/// that do not; rates of whole bits and others.
+/// Links that empty queues and links that do not, gains that change, and three dimensions; storages that fill and
+/// others that do not; rates of whole bits and others.
 fn texts(rates: &'static str) -> impl Generator<Value = String> {
     let link = prop_oneof![
         Just("bandwidth_hz = 5e6"),

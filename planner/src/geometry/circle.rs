@@ -39,7 +39,8 @@ impl Circle {
         pairs.into_iter().max_by(|a, b| a.radius_m2.total_cmp(&b.radius_m2)).expect("three pairs")
     }
 
-    /// The smallest circle around `points` (E. Welzl's, point by point); of no points a circle of radius 0 at the origin.
+    /// The smallest circle around `points` (E. Welzl's, point by point); of no points a circle of radius 0 at the
+    /// origin.
     #[must_use]
     pub fn around(points: &[Position]) -> Self {
         let Some(first) = points.first() else {

@@ -1,4 +1,5 @@
-//! Simulated annealing of a plan: changes of a few stops, accepted with a probability that falls with the loss they add.
+//! Simulated annealing of a plan: changes of a few stops, accepted with a probability that falls with the loss they
+//! add.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -118,7 +119,8 @@ impl Proposal<'_> {
         self.inserted.extend(legs.rev().map(|leg| (self.legs[leg].stop, FRESH)));
     }
 
-    /// Draws a change that starts from leg `first` or a later one: fills `inserted` and returns the legs that it replaces.
+    /// Draws a change that starts from leg `first` or a later one: fills `inserted` and returns the legs that it
+    /// replaces.
     fn draw(&mut self, first: usize) -> Option<Range<usize>> {
         if self.legs.is_empty() {
             let stop = self.any();

@@ -10,8 +10,8 @@ use super::path_bound::PathBound;
 /// Gaps between visits that are compared.
 const GAPS: usize = 8;
 
-/// A lower bound on the loss [bit] of a whole mission from the queues `queues_bits` [bit] before slot 1, by id, however it
-/// is flown: [`lower_bound_with_paths`].
+/// A lower bound on the loss [bit] of a whole mission from the queues `queues_bits` [bit] before slot 1, by id, however
+/// it is flown: [`lower_bound_with_paths`].
 #[must_use]
 pub fn mission_bound(scenario: &Scenario, sensors: &[SensorNode], queues_bits: &[u32]) -> f64 {
     let model = PlanningModel::new(scenario, sensors);

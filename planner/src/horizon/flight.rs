@@ -51,9 +51,9 @@ impl Trace {
     }
 }
 
-/// Serves one visit, with what the sensors hold as the slots in which each would have been empty: `e_i`, so that a queue
-/// is `s_i τ (t − e_i)` after slot t if it did not overflow. What has overflowed before is lost [bit], and the rest goes up
-/// to the visit's capacity.
+/// Serves one visit, with what the sensors hold as the slots in which each would have been empty: `e_i`, so that a
+/// queue is `s_i τ (t − e_i)` after slot t if it did not overflow. What has overflowed before is lost [bit], and the
+/// rest goes up to the visit's capacity.
 #[inline]
 pub fn serve(model: &PlanningModel, empty: &mut [f64], visit: &Visit) -> f64 {
     let sensor = &model.sensors[visit.sensor as usize];
@@ -93,7 +93,8 @@ pub struct Decoder {
 
 impl Decoder {
     /// Flies to `stop`, as near to the stop `next` as it can, and serves whoever is in range at the end of each slot.
-    /// Returns what has overflowed before the visits [bit]; none, and flies nowhere, if it would arrive after slot `last`.
+    /// Returns what has overflowed before the visits [bit]; none, and flies nowhere, if it would arrive after slot
+    /// `last`.
     pub fn fly(
         &mut self,
         model: &PlanningModel,

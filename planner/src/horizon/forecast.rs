@@ -114,8 +114,8 @@ impl Forecast {
         lost_bits
     }
 
-    /// Serves the visits of the legs `from..to` of the plan, `shift` slots later, in `work`, after a loss of `lost_bits`;
-    /// returns the loss until then [bit].
+    /// Serves the visits of the legs `from..to` of the plan, `shift` slots later, in `work`, after a loss of
+    /// `lost_bits`; returns the loss until then [bit].
     fn serve_legs(&mut self, model: &PlanningModel, from: usize, to: usize, shift: i32, lost_bits: f64) -> f64 {
         let visits = &self.trace.visits[self.trace.first_visit(from)..self.trace.first_visit(to)];
         serve_all(model, &mut self.work, visits, shift, lost_bits)
@@ -144,8 +144,8 @@ impl Forecast {
         lost_bits
     }
 
-    /// Tries the plan in which `inserted` stands in place of the stops `from..to`; returns its loss [bit]. Each inserted
-    /// stop comes with its index in the old plan or [`FRESH`].
+    /// Tries the plan in which `inserted` stands in place of the stops `from..to`; returns its loss [bit]. Each
+    /// inserted stop comes with its index in the old plan or [`FRESH`].
     pub fn attempt(&mut self, model: &PlanningModel, from: usize, to: usize, inserted: &[(u32, u32)]) -> f64 {
         let start = from.saturating_sub(1); // the waypoint before a change depends on what comes next
         let mut lost_bits = self.restore(model, start);
@@ -205,8 +205,8 @@ impl Forecast {
         lost_bits + self.final_loss(model)
     }
 
-    /// Whether stop `old` of the old plan, followed by `next`, is flown from here as it was; `follows` says that the stop
-    /// before it was.
+    /// Whether stop `old` of the old plan, followed by `next`, is flown from here as it was; `follows` says that the
+    /// stop before it was.
     #[inline]
     fn is_as_before(
         &self,
@@ -267,8 +267,8 @@ impl Forecast {
         Some(self.serve_legs(model, old, old + 1, shift, 0.0))
     }
 
-    /// Flies the old plan from leg `old` on, `shift` slots later, `lost_bits` having been lost before; returns what is lost
-    /// until the end of its last leg [bit].
+    /// Flies the old plan from leg `old` on, `shift` slots later, `lost_bits` having been lost before; returns what is
+    /// lost until the end of its last leg [bit].
     ///
     /// As soon as a stored state shows that all queues are as they were then, what follows is known.
     fn repeat(&mut self, model: &PlanningModel, old: usize, shift: i32, mut lost_bits: f64) -> (f64, Option<Rejoined>) {

@@ -51,8 +51,8 @@ impl Horizon {
     }
 
     /// Anneals `forecast` by `steps` search steps as a mission would, but without flying: the part that is still open
-    /// shrinks from all slots to none while it cools, and what lies before it freezes. Then all of it is polished. Keeps
-    /// the best plan found between rounds.
+    /// shrinks from all slots to none while it cools, and what lies before it freezes. Then all of it is polished.
+    /// Keeps the best plan found between rounds.
     fn cool(
         &self,
         forecast: &mut Forecast,

@@ -1,9 +1,9 @@
 //! `horizon`: the plan of least predicted loss over many slots, improved in every slot and flown a slot at a time.
 //!
 //! A plan is a sequence of stops. [`flight`] says how it is flown, [`forecast`] what it loses, [`anneal`] how it is
-//! improved, [`start`] what it starts from. What never changes is in [`model`]: the sensor nodes in slots instead of bits,
-//! and the [`service_disk`]s to stop at, of which [`groups`] makes some. How the first slot becomes a decision is left to
-//! [`crate::strategies::horizon`].
+//! improved, [`start`] what it starts from. What never changes is in [`model`]: the sensor nodes in slots instead of
+//! bits, and the [`service_disk`]s to stop at, of which [`groups`] makes some. How the first slot becomes a decision is
+//! left to [`crate::strategies::horizon`].
 
 pub mod anneal;
 pub mod bound;
@@ -82,8 +82,8 @@ pub struct Horizon {
     budget: Option<Duration>,
     /// Stops that are still to come, as disks of the model.
     carried: Vec<u32>,
-    /// Temperature of the next search, 0 to 1: the loss accepted with probability 1/e, as a fraction of what the average
-    /// stop loses beyond the bound.
+    /// Temperature of the next search, 0 to 1: the loss accepted with probability 1/e, as a fraction of what the
+    /// average stop loses beyond the bound.
     temperature: f64,
 }
 
@@ -110,8 +110,9 @@ pub struct NextSlot {
 }
 
 impl Horizon {
-    /// The look-ahead of a mission before its first slot, over at most `most_slots` slots, with `iterations` search steps
-    /// in each slot; in a paced mission no search begins a step later than `budget` after its slot's planning began.
+    /// The look-ahead of a mission before its first slot, over at most `most_slots` slots, with `iterations` search
+    /// steps in each slot; in a paced mission no search begins a step later than `budget` after its slot's planning
+    /// began.
     ///
     /// Where sampling rates are learnt, every SN may lose data, at the rate that the estimate believes in.
     #[must_use]
@@ -135,8 +136,8 @@ impl Horizon {
         }
     }
 
-    /// Takes in what is believed as the slot of `view` begins: the rates, where they are learnt, and how sure the queues
-    /// are.
+    /// Takes in what is believed as the slot of `view` begins: the rates, where they are learnt, and how sure the
+    /// queues are.
     fn believe(&mut self, view: &View) {
         let Some(estimate) = view.estimate else {
             return;
@@ -156,8 +157,8 @@ impl Horizon {
         }
     }
 
-    /// Looks ahead from the slot of `view`: takes up the carried plan, or makes one, improves it, and takes its first slot
-    /// off. `None` if no SN that can lose data can be reached in time.
+    /// Looks ahead from the slot of `view`: takes up the carried plan, or makes one, improves it, and takes its first
+    /// slot off. `None` if no SN that can lose data can be reached in time.
     ///
     /// Without a budget the search ends after a number of steps, not after a time. It draws from the slot's own random
     /// stream: the result depends on the view and the carried plan alone.
@@ -211,9 +212,10 @@ impl Horizon {
 
     /// Anneals the plan; the one it began with stays if the search ends with far more loss.
     ///
-    /// The temperature is in proportion to what the plan loses beyond the bound, per stop, and falls with the fraction of
-    /// resource blocks that it leaves free: a cycle of full groups can only be disturbed. It cools after a slot whose
-    /// search ended higher and warms up after one whose search ended lower, below a ceiling that falls over the mission.
+    /// The temperature is in proportion to what the plan loses beyond the bound, per stop, and falls with the fraction
+    /// of resource blocks that it leaves free: a cycle of full groups can only be disturbed. It cools after a slot
+    /// whose search ended higher and warms up after one whose search ended lower, below a ceiling that falls over the
+    /// mission.
     fn improve(&mut self, slot: u64, forecast: &mut Forecast, until: Option<Instant>) {
         if self.iterations == 0 {
             return;
@@ -237,8 +239,8 @@ impl Horizon {
         let temperature = Temperature { far_bits, now: 0, near_fraction: NEAR_FRACTION };
         let mut random = self.streams.stream(Purpose::Horizon, slot, 0);
         anneal::anneal(model, forecast, temperature, self.iterations, until, &mut random);
-        // Which SNs a slot serves depends on the queues, and the search copies legs that it does not recompute. Load the
-        // plan once more, so that the next slot resumes from exactly this plan.
+        // Which SNs a slot serves depends on the queues, and the search copies legs that it does not recompute. Load
+        // the plan once more, so that the next slot resumes from exactly this plan.
         forecast.load(model, forecast.stops());
         let rise_bits = forecast.loss_bits - begun_bits;
         if rise_bits > 0.0 {

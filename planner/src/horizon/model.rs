@@ -66,11 +66,11 @@ impl SensorModel {
         self.initial_half_slots == 0.0 && self.rate_half_fraction == 0.0
     }
 
-    /// Expected overflow [slots of sampling] at the end of `slot`, if the queue was empty in the slot `empty`, as far as is
-    /// known.
+    /// Expected overflow [slots of sampling] at the end of `slot`, if the queue was empty in the slot `empty`, as far
+    /// as is known.
     ///
-    /// The overflow is uniform within a half-width h of `late` slots, cut off at 0: on average `(late + h)²/4h`, between
-    /// none and `late`. The first visit, which lies behind slot 0, ends the uncertainty of the initial queue.
+    /// The overflow is uniform within a half-width h of `late` slots, cut off at 0: on average `(late + h)²/4h`,
+    /// between none and `late`. The first visit, which lies behind slot 0, ends the uncertainty of the initial queue.
     #[inline]
     #[must_use]
     pub fn overflow_slots(&self, slot: f64, empty: f64) -> f64 {
@@ -98,9 +98,9 @@ pub struct PlanningModel {
     pub ids: Vec<u32>,
     /// Altitude of service in free space [m].
     altitude_m: f64,
-    /// With probabilistic line of sight: bits that a visit collects, by `d²`, from the altitude that is best for sensors
-    /// nearby. All that a slot serves are served from one altitude, and the next slot's is near to it. All uplinks have one gain, and a rate is
-    /// slow to compute.
+    /// With probabilistic line of sight: bits that a visit collects, by `d²`, from the altitude that is best for
+    /// sensors nearby. All that a slot serves are served from one altitude, and the next slot's is near to it. All
+    /// uplinks have one gain, and a rate is slow to compute.
     capacities_bits: Option<Box<[f64; TABLE + 1]>>,
     /// Stops of a plan: first each sensor by itself, then groups, then those that were added.
     pub disks: Vec<ServiceDisk>,
@@ -175,8 +175,8 @@ impl PlanningModel {
         (1..=NEAR_RADII).rev().find(is_enough).map_or(0.0, radius_m)
     }
 
-    /// Whether loss may be hard to avoid, because most resource blocks are needed to take what is sampled, or a tour takes
-    /// most of the time in which a buffer fills. Where it is not, to make groups would only take time.
+    /// Whether loss may be hard to avoid, because most resource blocks are needed to take what is sampled, or a tour
+    /// takes most of the time in which a buffer fills. Where it is not, to make groups would only take time.
     fn is_scarce(&self) -> bool {
         let visits =
             |(sensor, index): (&SensorModel, u32)| 1.0 / self.capacity_slots(index, 0.0).min(sensor.fill_slots);
@@ -266,8 +266,8 @@ impl PlanningModel {
         self.neighbours = (0..self.disks.len() as u32).map(nearest).collect();
     }
 
-    /// Whether plans may stop at `stop`: at a group, and at a sensor alone unless so many stand around it that it does not
-    /// say who is served, and a visit would empty it anyway.
+    /// Whether plans may stop at `stop`: at a group, and at a sensor alone unless so many stand around it that it does
+    /// not say who is served, and a visit would empty it anyway.
     fn is_stop(&self, stop: u32) -> bool {
         let Some(sensor) = self.sensors.get(stop as usize) else {
             return true;
@@ -299,8 +299,8 @@ impl PlanningModel {
     }
 }
 
-/// What a visit takes [bit], over `d²`, from the altitude of some that may be flown from which a sensor nearby is expected
-/// to send most; of equals the lowest.
+/// What a visit takes [bit], over `d²`, from the altitude of some that may be flown from which a sensor nearby is
+/// expected to send most; of equals the lowest.
 fn best_capacities_bits(scenario: &Scenario, table: &SensorTable) -> [f64; TABLE + 1] {
     let [low_m, high_m] =
         scenario.uav.climb().map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);

@@ -42,8 +42,8 @@ impl Edf {
 impl Checkpoint for Edf {}
 
 impl Strategy for Edf {
-    /// Straight toward the SN with the earliest deadline, until above it; ties go to the nearest, then to the lowest index.
-    /// `None` if no SN samples.
+    /// Straight toward the SN with the earliest deadline, until above it; ties go to the nearest, then to the lowest
+    /// index. `None` if no SN samples.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         let ground = view.ground();
         let deadline = |id| {

@@ -135,8 +135,8 @@ impl Checkpoint for LookAhead {
     }
 }
 
-/// How far from `from` toward `to`, as a fraction of the path, one stays within `radius_m` [m] of `centre`; 0 if `from` is
-/// not.
+/// How far from `from` toward `to`, as a fraction of the path, one stays within `radius_m` [m] of `centre`; 0 if `from`
+/// is not.
 fn fraction_within(from: &Position, to: &Position, centre: &Position, radius_m: f64) -> f64 {
     let path = to - from;
     let away = from - centre;

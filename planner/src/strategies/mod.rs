@@ -1,7 +1,7 @@
 //! The strategies: schedule and waypoint of a slot.
 //!
-//! A strategy is a file of this folder and a line of [`STRATEGIES`], from which everything else knows it. It decides; how
-//! a decision becomes a message, and transit where it has none, is left to [`crate::planner`].
+//! A strategy is a file of this folder and a line of [`STRATEGIES`], from which everything else knows it. It decides;
+//! how a decision becomes a message, and transit where it has none, is left to [`crate::planner`].
 
 pub mod algorithm_1;
 pub mod edf;
@@ -70,7 +70,8 @@ pub fn stateless() -> Vec<&'static str> {
 /// It depends on no clock unless its view says that one paces the mission, and on no random numbers but those of
 /// [`skysink_common::random`]; what it carries from slot to slot is its checkpoint.
 pub trait Strategy: Checkpoint {
-    /// The decision for the slot of `view`; `None` if nothing is within reach, and the transit rule (decision D8) flies.
+    /// The decision for the slot of `view`; `None` if nothing is within reach, and the transit rule (decision D8)
+    /// flies.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision>;
 
     /// Takes in what was flown, and what the UAV learned from it; `None` where the queues are known.

@@ -28,8 +28,8 @@ pub(crate) fn fullest_first(queue_bits: u32, id: u32) -> u64 {
     u64::from(u32::MAX - queue_bits) << 32 | u64::from(id)
 }
 
-/// Fills `spots` with the SNs within `radius_m` [m] of `position`, or a thousandth more, fullest first: the first n that
-/// pass a test are the n fullest that do.
+/// Fills `spots` with the SNs within `radius_m` [m] of `position`, or a thousandth more, fullest first: the first n
+/// that pass a test are the n fullest that do.
 pub(crate) fn preselect(
     spots: &mut Vec<Spot>,
     table: &SensorTable,

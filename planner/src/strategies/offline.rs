@@ -67,11 +67,11 @@ impl Offline {
         Self::new(&Setup { scenario, settings, sensors, table, estimate: None })
     }
 
-    /// Runs the search for a mission whose queues are known, `queues_bits` [bit] by id before slot 1; returns the strategy
-    /// and the loss [bit] that its plan leads to. Without this call the first slot runs it.
+    /// Runs the search for a mission whose queues are known, `queues_bits` [bit] by id before slot 1; returns the
+    /// strategy and the loss [bit] that its plan leads to. Without this call the first slot runs it.
     ///
-    /// `None`, and nothing is planned, if no sensor node that can lose data can be reached, or if `watch`, which is told
-    /// now and then how far the search is, ends it.
+    /// `None`, and nothing is planned, if no sensor node that can lose data can be reached, or if `watch`, which is
+    /// told now and then how far the search is, ends it.
     ///
     /// # Errors
     /// If `[planner]` of the scenario is refused.

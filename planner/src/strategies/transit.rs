@@ -7,9 +7,9 @@ use crate::sensor_table::SensorTable;
 /// Transit (decision D8): straight, at full speed, toward the SN with the largest queue, stopping on it if it is
 /// nearer.
 ///
-/// Ties go to the nearest, then to the lowest index. It reads all N queues in order, and the positions of those that are
-/// not below the fullest so far. At N = 10^6 that takes about a third of a millisecond, and one to two where all queues
-/// are equal.
+/// Ties go to the nearest, then to the lowest index. It reads all N queues in order, and the positions of those that
+/// are not below the fullest so far. At N = 10^6 that takes about a third of a millisecond, and one to two where all
+/// queues are equal.
 #[must_use]
 pub fn transit_waypoint(table: &SensorTable, position: &Position, queues_bits: &[u32]) -> Position {
     let mut fullest: Option<(u32, f64, &Position)> = None;

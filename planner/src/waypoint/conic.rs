@@ -1,7 +1,7 @@
 //! The conic waypoint solver: the projection onto an intersection of disks as a second-order cone program, by Clarabel.
 //!
-//! It solves what [`crate::geometry::disks`] solves, and is there to check it. Only this file and [`crate::waypoint::sca`],
-//! which solves what plane geometry cannot, know Clarabel.
+//! It solves what [`crate::geometry::disks`] solves, and is there to check it. Only this file and
+//! [`crate::waypoint::sca`], which solves what plane geometry cannot, know Clarabel.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{

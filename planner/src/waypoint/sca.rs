@@ -1,19 +1,20 @@
 //! The conic solver of the three-dimensional waypoint: successive convex approximation, one Clarabel program per step.
 //!
-//! At an expansion point `(q̂, ẑ)`, per sensor node (SN), with `y = D² = d² + z²`, `x = 1/P_L = 1 + e^{−s}`,
-//! `s = b (θ − a) − ln a`: the rate is replaced by its tangent in `(x, y)`, `−Φ (x − x̂) − Ψ (y − ŷ)` with
-//! `Φ = P̂_L² (R̂_L − R̂_N)` and `Ψ = −∂E/∂y`. Of the line-of-sight part alone, `P_L R_L`, the tangent is a lower bound, for
-//! `(1/x) log2(1 + γ y^{−α_L/2})` is jointly convex at every SNR up to `α_L = 4`, and with room to spare; beyond 4 the
-//! argument is taken to end, and no step is made. Nor is one for the generalised logistic, whose probability is not of that
-//! form. The little that comes out of line of sight is only tangent; hence, and because solvers err, a step is taken only
-//! as far as the true objective rises. Near the tip of `θ` straight above an SN the bounds are tight over a short way only:
-//! steps become small there, and the ascent has to finish.
+//! At an expansion point `(q̂, ẑ)`, per sensor node (SN), with `y = D² = d² + z²`, `x = 1/P_L = 1 + e^{−s}`, `s = b (θ
+//! − a) − ln a`: the rate is replaced by its tangent in `(x, y)`, `−Φ (x − x̂) − Ψ (y − ŷ)` with `Φ = P̂_L² (R̂_L −
+//! R̂_N)` and `Ψ = −∂E/∂y`. Of the line-of-sight part alone, `P_L R_L`, the tangent is a lower bound, for `(1/x) log2(1
+//! + γ y^{−α_L/2})` is jointly convex at every SNR up to `α_L = 4`, and with room to spare; beyond 4 the argument is
+//! taken to end, and no step is made. Nor is one for the generalised logistic, whose probability is not of that form.
+//! The little that comes out of line of sight is only tangent; hence, and because solvers err, a step is taken only as
+//! far as the true objective rises. Near the tip of `θ` straight above an SN the bounds are tight over a short way
+//! only: steps become small there, and the ascent has to finish.
 //!
 //! `θ` is bounded from below by its tangent in `v ≤ sin θ = z/D`, `θ ≥ θ̂ + (180/π)(v − v̂)/cos θ̂`, and `v D ≤ z` by
-//! `½ ((v̂/D̂) D² + (D̂/v̂) v²) ≤ z`, which with `t = v̂ z/D̂` is the ball `(v̂/D̂)² d² + (1 − t)² + v² ≤ 1`. So a step has a
-//! quadratic objective, `n + 1` second-order cones for reach and range, and one second-order and one exponential cone per SN.
-//! Bounding rates below at an expansion point in this way is the method of You and Zhang, "Hybrid Offline-Online Design for
-//! UAV-Enabled Data Harvesting in Probabilistic LoS Channels", IEEE Trans. Wireless Commun., 2020.
+//! `½ ((v̂/D̂) D² + (D̂/v̂) v²) ≤ z`, which with `t = v̂ z/D̂` is the ball `(v̂/D̂)² d² + (1 − t)² + v² ≤ 1`. So a step
+//! has a quadratic objective, `n + 1` second-order cones for reach and range, and one second-order and one exponential
+//! cone per SN. Bounding rates below at an expansion point in this way is the method of You and Zhang, "Hybrid
+//! Offline-Online Design for UAV-Enabled Data Harvesting in Probabilistic LoS Channels", IEEE Trans. Wireless Commun.,
+//! 2020.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{self, ExponentialConeT, NonnegativeConeT, SecondOrderConeT, ZeroConeT};
@@ -60,8 +61,8 @@ pub enum Contribution {
 
 /// Up to `iterations` convex steps from a feasible `start`; the true objective never falls.
 ///
-/// The tangents are those of a sigmoid probability of line of sight, and a lower bound up to an exponent of 4; elsewhere
-/// the start is returned, and the rest left to the ascent, as where Clarabel solves nothing.
+/// The tangents are those of a sigmoid probability of line of sight, and a lower bound up to an exponent of 4;
+/// elsewhere the start is returned, and the rest left to the ascent, as where Clarabel solves nothing.
 #[must_use]
 pub fn approximate(problem: &Problem, start: RatedPoint, iterations: u32) -> (RatedPoint, Contribution) {
     let mut at = start;
@@ -100,8 +101,8 @@ fn as_far_as_it_rises(problem: &Problem, at: RatedPoint, proposal: &Point3<f64>)
 
 /// One convex program, `min ½ uᵀ P u + cᵀ u` subject to `h − A u ∈ K`.
 ///
-/// `u` is the step from the expansion point in units of `unit_m`, then `v` and `w = (x − 1) e^ŝ`, which is near 1, of every
-/// SN.
+/// `u` is the step from the expansion point in units of `unit_m`, then `v` and `w = (x − 1) e^ŝ`, which is near 1, of
+/// every SN.
 struct Program {
     origin: Point3<f64>,
     unit_m: f64,
@@ -169,7 +170,8 @@ impl Program {
         self.row(from_centre.y, &[(1, -self.unit_m / radius_m)]);
     }
 
-    /// One SN's part of the objective, divided by `scale_bps`, and its two cones; its `v` is variable `v`, `w` the next.
+    /// One SN's part of the objective, divided by `scale_bps`, and its two cones; its `v` is variable `v`, `w` the
+    /// next.
     fn serve(&mut self, link: &LineOfSight, target: &Position, [a, b]: [f64; 2], scale_bps: f64, v: usize) {
         let w = v + 1;
         let (away, z_m) = (self.origin.xy() - target, self.origin.z);
