@@ -64,15 +64,6 @@ pub fn serve(model: &PlanningModel, empty: &mut [f64], visit: &Visit) -> f64 {
     overflow_slots * sensor.mean_bits
 }
 
-/// Serves `visits`, each `shift` slots later, after a loss of `lost_bits`; returns the loss until then [bit].
-#[inline]
-pub fn serve_all(model: &PlanningModel, empty: &mut [f64], visits: &[Visit], shift: i32, mut lost_bits: f64) -> f64 {
-    for visit in visits {
-        lost_bits += serve(model, empty, &Visit { slot: visit.slot + shift, ..*visit });
-    }
-    lost_bits
-}
-
 /// Slots to get from `from` to a point in range of all members of `stop`, at least 1.
 #[inline]
 #[must_use]
