@@ -49,20 +49,20 @@ const LEAST_MEAN_BITS: f64 = 1e-3;
 /// Ceiling of the temperature at the mission's end; at its beginning it is 1.
 const LAST_CEILING: f64 = 0.1;
 
-/// Fraction of free resource blocks from which on the temperature is not reduced.
+/// Fraction of free resource blocks from which on the temperature is not reduced for their sake.
 const FREE: f64 = 0.5;
 
 /// Most that a search may end higher, as a fraction of what is avoidable; otherwise it is undone.
 const MOST_RISE: f64 = 0.02;
 
-/// Lowest temperature, from which a search may still become warmer.
-const COLDEST: f64 = 1e-9;
+/// Lowest temperature; above 0, so that a factor can raise it again.
+const LEAST_TEMPERATURE: f64 = 1e-9;
 
 /// Factor of the temperature after a slot whose search ended with more loss than it began with.
 const COOLING: f64 = 0.95;
 
 /// Factor of the temperature after a slot whose search ended with less.
-const WARMING: f64 = 1.05;
+const REHEATING: f64 = 1.05;
 
 /// Temperature of a change in the next slot, as a fraction of that of one far ahead.
 const NEAR_FRACTION: f64 = 0.02;
@@ -244,9 +244,9 @@ impl Horizon {
         forecast.load(model, forecast.stops());
         let rise_bits = forecast.loss_bits - begun_bits;
         if rise_bits > 0.0 {
-            self.temperature = (self.temperature * COOLING).max(COLDEST);
+            self.temperature = (self.temperature * COOLING).max(LEAST_TEMPERATURE);
         } else if rise_bits < 0.0 {
-            self.temperature = (self.temperature * WARMING).min(1.0);
+            self.temperature = (self.temperature * REHEATING).min(1.0);
         }
         if rise_bits > avoidable_bits * MOST_RISE {
             forecast.load(model, begun);
