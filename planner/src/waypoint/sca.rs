@@ -18,7 +18,7 @@
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{self, ExponentialConeT, NonnegativeConeT, SecondOrderConeT, ZeroConeT};
-use clarabel::solver::{DefaultSolver, IPSolver, SolverStatus};
+use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus};
 use nalgebra::{Point3, Vector3};
 use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::geometry::{Position, distance_squared};
@@ -108,7 +108,10 @@ struct Program {
     unit_m: f64,
     quadratic: Vec<f64>,
     linear: Vec<f64>,
-    entries: (Vec<usize>, Vec<usize>, Vec<f64>),
+    /// The entries of `A`, by row, column and value.
+    rows: Vec<usize>,
+    columns: Vec<usize>,
+    values: Vec<f64>,
     offsets: Vec<f64>,
     cones: Vec<SupportedConeT<f64>>,
 }
@@ -124,7 +127,9 @@ impl Program {
             unit_m,
             quadratic: vec![0.0; variables],
             linear: vec![0.0; variables],
-            entries: (Vec::new(), Vec::new(), Vec::new()),
+            rows: Vec::new(),
+            columns: Vec::new(),
+            values: Vec::new(),
             offsets: Vec::new(),
             cones: Vec::new(),
         };
@@ -142,9 +147,9 @@ impl Program {
     /// A row `offset − Σ factor u_column` of the cone in the making.
     fn row(&mut self, offset: f64, factors: &[(usize, f64)]) {
         for &(column, factor) in factors {
-            self.entries.0.push(self.offsets.len());
-            self.entries.1.push(column);
-            self.entries.2.push(factor);
+            self.rows.push(self.offsets.len());
+            self.columns.push(column);
+            self.values.push(factor);
         }
         self.offsets.push(offset);
     }
@@ -174,7 +179,8 @@ impl Program {
     /// next.
     fn serve(&mut self, link: &LineOfSight, target: &Position, [a, b]: [f64; 2], scale_bps: f64, v: usize) {
         let w = v + 1;
-        let (away, z_m) = (self.origin.xy() - target, self.origin.z);
+        let away = self.origin.xy() - target;
+        let z_m = self.origin.z;
         let d2_m2 = distance_squared(&self.origin.xy(), target);
         let distance_m = (d2_m2 + z_m * z_m).sqrt();
         let sine = z_m / distance_m;
@@ -211,16 +217,18 @@ impl Program {
 
     /// The point that Clarabel finds; `None` unless it calls the program solved.
     fn solve(self) -> Option<Point3<f64>> {
-        let (rows, columns, values) = self.entries;
-        let (height, width) = (self.offsets.len(), self.linear.len());
-        let constraints = CscMatrix::new_from_triplets(height, width, rows, columns, values);
+        let height = self.offsets.len();
+        let width = self.linear.len();
+        let constraints = CscMatrix::new_from_triplets(height, width, self.rows, self.columns, self.values);
         let diagonal: Vec<usize> = (0..width).collect();
         let quadratic = CscMatrix::new_from_triplets(width, width, diagonal.clone(), diagonal, self.quadratic);
-        let mut settings = conic::settings();
-        settings.equilibrate_enable = true; // each program has a solver of its own: nothing carries over
-        settings.tol_feas = TOLERANCE;
-        settings.tol_gap_abs = TOLERANCE;
-        settings.tol_gap_rel = TOLERANCE;
+        let settings = DefaultSettings {
+            equilibrate_enable: true, // each program has a solver of its own: nothing carries over
+            tol_feas: TOLERANCE,
+            tol_gap_abs: TOLERANCE,
+            tol_gap_rel: TOLERANCE,
+            ..conic::settings()
+        };
         let mut solver =
             DefaultSolver::new(&quadratic, &self.linear, &constraints, &self.offsets, &self.cones, settings)
                 .expect("the shapes agree by construction");
