@@ -210,9 +210,10 @@ impl PlanningModel {
             let centres: Vec<Position> = large.iter().map(|&group| self.disk(group).centre).collect();
             let order = closed_tour(self.table.area, &centres);
             let mut tour: Vec<u32> = order.into_iter().map(|index| large[index as usize]).collect();
-            even_out(&mut tour, |a, b| {
-                let (a, b) = (self.disk(a), self.disk(b));
-                let away_m = distance_squared(&a.centre, &b.centre).sqrt() - (a.radius_m + b.radius_m) / 2.0;
+            even_out(&mut tour, |from, to| {
+                let from = self.disk(from);
+                let to = self.disk(to);
+                let away_m = distance_squared(&from.centre, &to.centre).sqrt() - (from.radius_m + to.radius_m) / 2.0;
                 (away_m / self.table.reach_m - 1.0).max(0.0)
             });
             self.tours.push(tour);
@@ -221,9 +222,10 @@ impl PlanningModel {
 
     /// Slots of a tour, if every leg is as short as its ends allow, and parts of slots count.
     fn slots_of(&self, tour: &[u32]) -> f64 {
-        let leg = |(&a, &b): (&u32, &u32)| {
-            let (a, b) = (self.disk(a), self.disk(b));
-            let away_m = distance_squared(&a.centre, &b.centre).sqrt() - a.radius_m - b.radius_m;
+        let leg = |(&from, &to): (&u32, &u32)| {
+            let from = self.disk(from);
+            let to = self.disk(to);
+            let away_m = distance_squared(&from.centre, &to.centre).sqrt() - from.radius_m - to.radius_m;
             (away_m / self.table.reach_m).max(1.0)
         };
         tour.iter().zip(tour.iter().cycle().skip(1)).map(leg).sum()
