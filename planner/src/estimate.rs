@@ -128,17 +128,14 @@ impl Learnt {
             self.least_mean_bits = self.least_mean_bits.max(f64::from(gained_bits) / slots as f64);
         }
     }
-
-    /// Sampled per slot [bit], if it was `prior_mean_bits` before anything was learnt.
-    fn mean_bits(&self, prior_mean_bits: f64) -> f64 {
-        let counted = if self.slots == 0 { prior_mean_bits } else { self.bits as f64 / self.slots as f64 };
-        counted.max(self.least_mean_bits)
-    }
 }
 
 impl Belief {
+    /// Sampled per slot [bit], as far as is known now.
     fn mean_bits(&self) -> f64 {
-        self.contact.learnt.unwrap_or_default().mean_bits(self.prior_mean_bits)
+        let Learnt { bits, slots, least_mean_bits } = self.contact.learnt.unwrap_or_default();
+        let counted = if slots == 0 { self.prior_mean_bits } else { bits as f64 / slots as f64 };
+        counted.max(least_mean_bits)
     }
 
     /// What the SN would hold at the end of `slot` if its buffer had no end [bit].

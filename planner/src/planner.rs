@@ -138,20 +138,18 @@ impl Planner {
             table: &self.table,
             timing: self.timing,
         };
+        let decided = self.strategy.plan(&view);
+        let mode = if decided.is_some() { Mode::Serve } else { Mode::Transit };
+        let decision = decided.unwrap_or_else(|| {
+            let waypoint = transit_waypoint(view.table, &view.ground(), view.queues_bits);
+            self.transit.serve_fullest(&view, &waypoint)
+        });
+        let plan = message(&view, &decision, mode);
         self.path.clear();
-        let plan = match self.strategy.plan(&view) {
-            Some(decision) => {
-                self.path.push(decision.waypoint);
-                self.path.extend(self.strategy.path().iter().take(MAX_POINTS - 1));
-                message(&view, &decision, Mode::Serve)
-            }
-            None => {
-                let waypoint = transit_waypoint(view.table, &view.ground(), view.queues_bits);
-                let decision = self.transit.serve_fullest(&view, &waypoint);
-                self.path.push(decision.waypoint);
-                message(&view, &decision, Mode::Transit)
-            }
-        };
+        self.path.push(decision.waypoint);
+        if mode == Mode::Serve {
+            self.path.extend(self.strategy.path().iter().take(MAX_POINTS - 1));
+        }
         if let Some(estimate) = &mut self.estimate {
             estimate.announce(slot, plan.scheduled(), queues_bits);
         }
