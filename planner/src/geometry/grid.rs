@@ -8,7 +8,7 @@ use skysink_common::scenario::Area;
 /// Margin of a preselection over every test that follows it; it changes what is tested, never what is found.
 pub(crate) const PRESELECTION_MARGIN: f64 = 1.001;
 
-/// Most cells for each point of a grid over a bounding box: beyond, they become larger, so that an empty country costs
+/// Most cells for each point of a grid over a bounding box: beyond, they become larger, so that empty ground costs
 /// no memory.
 const CELLS_PER_NODE: f64 = 4.0;
 

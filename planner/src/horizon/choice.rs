@@ -1,5 +1,4 @@
-//! Whom a slot serves of those in range, where they are more than the resource blocks: those for whom a visit saves
-//! most.
+//! The schedule of a slot with more sensors in range than resource blocks: those for which a visit saves most.
 
 use std::cmp::Ordering;
 

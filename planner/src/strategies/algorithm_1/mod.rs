@@ -5,6 +5,8 @@
 
 pub mod circles;
 
+use std::cmp::Reverse;
+
 use skysink_common::geometry::{Position, within};
 
 use crate::sensor_table::SensorTable;
@@ -156,15 +158,10 @@ impl Search {
         partner: &Spot,
         circles: [Option<Position>; CIRCLES],
     ) -> Option<Candidate> {
-        let mut fullest: Option<(u64, u32)> = None;
-        for (chosen, centre) in (0..).zip(&circles) {
-            let Some(centre) = centre else { continue };
-            let added_bits = sum_bits(self.in_circle(table, anchor.id, partner.id, centre));
-            if fullest.is_none_or(|(fullest_bits, _)| added_bits > fullest_bits) {
-                fullest = Some((added_bits, chosen));
-            }
-        }
-        let (added_bits, chosen) = fullest?;
+        let in_reach = (0..).zip(&circles).filter_map(|(chosen, centre)| Some((chosen, centre.as_ref()?)));
+        let added_bits = |centre| sum_bits(self.in_circle(table, anchor.id, partner.id, centre));
+        let sums = in_reach.map(|(chosen, centre)| (added_bits(centre), chosen));
+        let (added_bits, chosen) = sums.max_by_key(|&(added_bits, chosen)| (added_bits, Reverse(chosen)))?;
         let pair = Some(Pair { partner: partner.id, circles, chosen });
         let sum_bits = added_bits + sum_bits([anchor, partner].into_iter());
         Some(Candidate { sum_bits, winner: Winner { anchor: anchor.id, pair } })
