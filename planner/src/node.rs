@@ -50,13 +50,6 @@ impl Journaled {
         Ok(())
     }
 
-    /// Takes in what was flown in a slot that is not planned for.
-    fn observe(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) -> Result<(), RingError> {
-        self.resume(slot + 1)?;
-        self.planner.observe(slot, flight, queues_bits);
-        Ok(())
-    }
-
     /// Takes in what was flown in the slot before `slot`, plans `slot` and saves the state, before the plan is published.
     fn plan(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) -> Result<Plan, RingError> {
         self.resume(slot)?;
@@ -102,7 +95,8 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
                 if slot >= next
                     && let SlotSample::Here(flight) = flights.of_slot(slot)?
                 {
-                    journaled.observe(slot, &flight, older.payload())?;
+                    journaled.resume(slot + 1)?;
+                    journaled.planner.observe(slot, &flight, older.payload());
                 }
             }
         }

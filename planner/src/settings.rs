@@ -74,7 +74,7 @@ fn every_key(scenario: &Scenario, settings: &Settings) -> Result<Table, Scenario
     keys.extend(Table::try_from(settings).expect("keys are numbers and strings"));
     for strategy in STRATEGIES {
         if let Some(checked) = strategy.keys {
-            keys.insert(strategy.name.to_owned(), checked(strategy, scenario)?.into());
+            keys.insert(strategy.name.to_owned(), checked(scenario, &format!("planner.{}", strategy.name))?.into());
         }
     }
     for (key, value) in &scenario.planner.others {

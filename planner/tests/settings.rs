@@ -96,5 +96,5 @@ fn a_planner_is_made_of_checked_keys_only() {
     let mut longer = city("").unwrap();
     let most = HorizonKeys { iterations: Count::clamped(u64::MAX), ..HorizonKeys::default() };
     horizon::STRATEGY.set_keys(&mut longer, most);
-    assert_eq!(horizon::STRATEGY.keys_of::<HorizonKeys>(&longer).unwrap().iterations.get(), 1_000_000_000);
+    assert_eq!(longer.planner_keys::<HorizonKeys>("planner.horizon").unwrap().iterations.get(), 1_000_000_000);
 }

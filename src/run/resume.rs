@@ -14,7 +14,7 @@ use skysink_mission::summary::Tally;
 use skysink_mission::trace::RecordedSlot;
 use skysink_mission::{Mission, MissionError};
 use skysink_planner::node::journal;
-use skysink_planner::strategies::horizon::{self, HorizonKeys};
+use skysink_planner::strategies::horizon::HorizonKeys;
 use skysink_ring::folder::RingFolder;
 
 use crate::error::Error;
@@ -52,7 +52,7 @@ pub fn resume(
     tally: &mut Tally,
 ) -> Result<Resumed, Error> {
     let (mut log, mut trace) = folder.reopen_slot_log()?;
-    let HorizonKeys { budget_ms, .. } = horizon::STRATEGY.keys_of(scenario)?;
+    let HorizonKeys { budget_ms, .. } = scenario.planner_keys("planner.horizon")?;
     let mut mission = Mission::new(scenario, list)?;
     let mut repeatable = plans_by == PlansBy::Planner && budget_ms.is_none();
     tally.start(&mission.header());

@@ -186,16 +186,12 @@ impl PlanningModel {
             || self.slots_of(&self.tours[0]) >= SCARCE_TIME * fills.fold(f64::INFINITY, f64::min)
     }
 
-    /// Makes the groups of a partition of the field, with random numbers of `seed`, and tours over them.
+    /// Makes the groups of a partition of the field, with random numbers of `seed`, and tours over the groups of at
+    /// least a size, for every size that leaves out few sensors: where no partition into full groups exists, it may lose
+    /// less to leave some alone.
     pub(super) fn group(&mut self, seed: u64) {
         let first = self.disks.len();
         self.disks.extend(groups::cover(&self.table, seed));
-        self.add_tours(first);
-    }
-
-    /// Adds tours over the groups, which begin at disk `first`, of at least a size, for every size that leaves out few
-    /// sensors: where no partition into full groups exists, it may lose less to leave some alone.
-    fn add_tours(&mut self, first: usize) {
         let size = |group: u32| self.disks[group as usize].members.len();
         let groups = first as u32..self.disks.len() as u32;
         let mut sizes: Vec<usize> = groups.clone().map(size).collect();

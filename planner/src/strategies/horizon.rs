@@ -14,7 +14,7 @@ use skysink_common::scenario::Count;
 
 use super::nearby::fullest_first;
 use super::serving::Serving;
-use super::{Decision, Registered, Setup, Strategy, View};
+use super::{Decision, Registered, Setup, Strategy, View, checked};
 use crate::horizon::{Horizon, NextSlot};
 
 /// The strategy in the registry.
@@ -23,9 +23,9 @@ pub const STRATEGY: Registered = Registered {
     about: "the plan of least predicted loss over many slots, improved in every slot",
     is_stateless: false,
     has_path: true,
-    keys: Some(Registered::checked_keys::<HorizonKeys>),
+    keys: Some(checked::<HorizonKeys>),
     make: |setup| {
-        let keys: HorizonKeys = STRATEGY.keys_of(setup.scenario).expect("they were checked");
+        let keys: HorizonKeys = setup.scenario.planner_keys("planner.horizon").expect("they were checked");
         let iterations = keys.iterations.get() as u32; // at most 10^9
         Box::new(LookAhead::new(setup, MOST_SLOTS, iterations, keys.budget_ms.map(Duration::from)))
     },

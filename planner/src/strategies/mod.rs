@@ -156,8 +156,8 @@ pub struct Registered {
     pub is_stateless: bool,
     /// Whether it knows where it flies after a slot ([`Strategy::path`]).
     pub has_path: bool,
-    /// Checks the keys of its own in a scenario and fills in their defaults; `None` if it has no keys.
-    pub keys: Option<fn(&Self, &Scenario) -> Result<Table, ScenarioError>>,
+    /// Checks the keys of its own in the table of that name, and fills in their defaults; `None` if it has no keys.
+    pub keys: Option<fn(&Scenario, &str) -> Result<Table, ScenarioError>>,
     /// Makes it, before slot 1, for a scenario whose keys were checked.
     pub make: fn(&Setup<'_>) -> Box<dyn Strategy>,
 }
@@ -176,27 +176,6 @@ impl Registered {
     pub fn of(scenario: &Scenario) -> Result<&'static Self, ScenarioError> {
         let name = scenario.planner.strategy.as_str();
         Self::find(name).ok_or_else(|| scenario.refusal("planner.strategy", &name.into(), &one_of(names())))
-    }
-
-    /// The keys of its own in a scenario, `[planner.<name>]`.
-    ///
-    /// # Errors
-    /// If a key is unknown, or a value is out of its range.
-    pub fn keys_of<T: DeserializeOwned>(&self, scenario: &Scenario) -> Result<T, ScenarioError> {
-        let table = format!("planner.{}", self.name);
-        match scenario.planner.others.get(self.name) {
-            Some(value) if !value.is_table() => Err(scenario.refusal(&table, value, "a table")),
-            _ => scenario.planner_keys(&table),
-        }
-    }
-
-    /// The same, written back with every default.
-    ///
-    /// # Errors
-    /// As [`Registered::keys_of`].
-    pub fn checked_keys<T: Serialize + DeserializeOwned>(&self, scenario: &Scenario) -> Result<Table, ScenarioError> {
-        let keys: T = self.keys_of(scenario)?;
-        Ok(Table::try_from(keys).expect("keys are numbers and strings"))
     }
 
     /// Replaces the keys of its own in a scenario.
@@ -223,6 +202,12 @@ impl<'de> Deserialize<'de> for &'static Registered {
         let name = String::deserialize(deserializer)?;
         Registered::find(&name).ok_or_else(|| de::Error::custom(format!("expected {}", one_of(names()))))
     }
+}
+
+/// The table `table` of a scenario read as the keys `T` of a strategy, with every default.
+fn checked<T: Serialize + DeserializeOwned>(scenario: &Scenario, table: &str) -> Result<Table, ScenarioError> {
+    let keys: T = scenario.planner_keys(table)?;
+    Ok(Table::try_from(keys).expect("keys are numbers and strings"))
 }
 
 /// What a name has to be instead of an unknown one.

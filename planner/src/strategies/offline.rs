@@ -9,7 +9,7 @@ use skysink_common::message::SensorNode;
 use skysink_common::scenario::{Count, Scenario, ScenarioError};
 
 use super::horizon::LookAhead;
-use super::{Decision, Registered, Setup, Strategy, Timing, View};
+use super::{Decision, Registered, Setup, Strategy, Timing, View, checked};
 use crate::horizon::long_search::SearchProgress;
 use crate::keys::Settings;
 use crate::sensor_table::SensorTable;
@@ -20,7 +20,7 @@ pub const STRATEGY: Registered = Registered {
     about: "the plan of least predicted loss over the mission, made before take-off",
     is_stateless: false,
     has_path: true,
-    keys: Some(Registered::checked_keys::<OfflineKeys>),
+    keys: Some(checked::<OfflineKeys>),
     make: |setup| Box::new(Offline::new(setup).expect("its keys were checked")),
 };
 
@@ -53,7 +53,7 @@ pub struct Offline {
 impl Offline {
     /// The strategy before its search.
     fn new(setup: &Setup) -> Result<Self, ScenarioError> {
-        let OfflineKeys { steps } = STRATEGY.keys_of(setup.scenario)?;
+        let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline")?;
         Ok(Self { ahead: LookAhead::new(setup, MOST_SLOTS, 0, None), steps: steps.get(), is_planned: false })
     }
 

@@ -170,16 +170,10 @@ impl Problem {
     /// The best of the altitudes above `ground` that divide the range into `levels` parts, the lowest of equals, and
     /// its number from 0.
     pub(crate) fn best_level(&self, ground: &Position, levels: u32) -> (u32, RatedPoint) {
-        let rated =
-            |level: u32| self.rated(above(ground, self.altitude_m(f64::from(level) / f64::from(levels.max(1)))));
-        let mut best = (0, rated(0));
-        for level in 1..=levels {
-            let next = rated(level);
-            if next.rate_bps > best.1.rate_bps {
-                best = (level, next);
-            }
-        }
-        best
+        let altitude_m = |level: u32| self.altitude_m(f64::from(level) / f64::from(levels.max(1)));
+        let rated = (0..=levels).map(|level| (level, self.rated(above(ground, altitude_m(level)))));
+        let best = rated.reduce(|best, next| if next.1.rate_bps > best.1.rate_bps { next } else { best });
+        best.expect("at least one level")
     }
 
     /// The altitude [m] at `fraction` of the range, 0 for the lowest; at 0 and 1 its ends, to the bit.
