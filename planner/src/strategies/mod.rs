@@ -145,6 +145,9 @@ pub struct Setup<'a> {
     pub estimate: Option<&'a Estimate>,
 }
 
+/// Checks the table of that name in a scenario, and fills in its defaults.
+pub type CheckKeys = fn(&Scenario, &str) -> Result<Table, ScenarioError>;
+
 /// A strategy as the registry knows it. In files and messages it is its name.
 #[derive(Debug, Clone, Copy)]
 pub struct Registered {
@@ -156,8 +159,8 @@ pub struct Registered {
     pub is_stateless: bool,
     /// Whether it knows where it flies after a slot ([`Strategy::path`]).
     pub has_path: bool,
-    /// Checks the keys of its own in the table of that name, and fills in their defaults; `None` if it has no keys.
-    pub keys: Option<fn(&Scenario, &str) -> Result<Table, ScenarioError>>,
+    /// Checks the keys of its own, `[planner.<name>]`; `None` if it has none.
+    pub keys: Option<CheckKeys>,
     /// Makes it, before slot 1, for a scenario whose keys were checked.
     pub make: fn(&Setup<'_>) -> Box<dyn Strategy>,
 }

@@ -1,13 +1,13 @@
 //! The conic solver of the three-dimensional waypoint: successive convex approximation, one Clarabel program per step.
 //!
-//! At an expansion point `(q̂, ẑ)`, per sensor node (SN), with `y = D² = d² + z²`, `x = 1/P_L = 1 + e^{−s}`, `s = b (θ
-//! − a) − ln a`: the rate is replaced by its tangent in `(x, y)`, `−Φ (x − x̂) − Ψ (y − ŷ)` with `Φ = P̂_L² (R̂_L −
-//! R̂_N)` and `Ψ = −∂E/∂y`. Of the line-of-sight part alone, `P_L R_L`, the tangent is a lower bound, for `(1/x) log2(1
-//! + γ y^{−α_L/2})` is jointly convex at every SNR up to `α_L = 4`, and with room to spare; beyond 4 the argument is
-//! taken to end, and no step is made. Nor is one for the generalised logistic, whose probability is not of that form.
-//! The little that comes out of line of sight is only tangent; hence, and because solvers err, a step is taken only as
-//! far as the true objective rises. Near the tip of `θ` straight above an SN the bounds are tight over a short way
-//! only: steps become small there, and the ascent has to finish.
+//! At an expansion point `(q̂, ẑ)`, per sensor node (SN), with `y = D² = d² + z²`, `x = 1/P_L = 1 + e^{−s}`,
+//! `s = b (θ − a) − ln a`: the rate is replaced by its tangent in `(x, y)`, `−Φ (x − x̂) − Ψ (y − ŷ)` with
+//! `Φ = P̂_L² (R̂_L − R̂_N)` and `Ψ = −∂E/∂y`. Of the line-of-sight part alone, `P_L R_L`, the tangent is a lower
+//! bound, for `(1/x) log2(1 + γ y^{−α_L/2})` is jointly convex at every SNR up to `α_L = 4`, and with room to spare;
+//! beyond 4 the argument is taken to end, and no step is made. Nor is one for the generalised logistic, whose
+//! probability is not of that form. The little that comes out of line of sight is only tangent; hence, and because
+//! solvers err, a step is taken only as far as the true objective rises. Near the tip of `θ` straight above an SN the
+//! bounds are tight over short steps only: steps become small there, and the ascent has to finish.
 //!
 //! `θ` is bounded from below by its tangent in `v ≤ sin θ = z/D`, `θ ≥ θ̂ + (180/π)(v − v̂)/cos θ̂`, and `v D ≤ z` by
 //! `½ ((v̂/D̂) D² + (D̂/v̂) v²) ≤ z`, which with `t = v̂ z/D̂` is the ball `(v̂/D̂)² d² + (1 − t)² + v² ≤ 1`. So a step
