@@ -17,7 +17,9 @@ use skysink_common::stop::{Stop, Stopped};
 use skysink_mission::mission::Mission;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
-use skysink_planner::settings::{self, change};
+use skysink_planner::settings;
+use skysink_planner::strategies::horizon::{self, HorizonKeys};
+use skysink_planner::strategies::offline::{self, OfflineKeys};
 use skysink_planner::strategies::{Registered, names};
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
@@ -28,8 +30,9 @@ use skysink_ring::wait::Waiting;
 fn smoke(strategy: &'static str, seed: u64) -> Scenario {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/smoke.toml");
     let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), slots: None };
-    let scenario = settings::read(&path, overrides).unwrap();
-    change(scenario, |settings| settings.offline.steps = Count::clamped(5_000)).unwrap()
+    let mut scenario = settings::read(&path, overrides).unwrap();
+    offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: Count::clamped(5_000) });
+    scenario
 }
 
 /// The trace of a mission in one process.
@@ -147,8 +150,8 @@ fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
 fn a_planner_that_looks_ahead_publishes_its_path_before_its_plan_and_the_others_publish_none() {
     let out = tempfile::tempdir().unwrap();
     for strategy in names() {
-        let scenario =
-            change(smoke(strategy, 3), |settings| settings.horizon.iterations = Count::clamped(200)).unwrap();
+        let mut scenario = smoke(strategy, 3);
+        horizon::STRATEGY.set_keys(&mut scenario, HorizonKeys { iterations: Count::clamped(200), budget_ms: None });
         let list = SensorList::of(&scenario).unwrap();
         let mut mission = Mission::new(&scenario, &list).unwrap();
         let fly = || {

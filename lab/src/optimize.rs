@@ -14,8 +14,9 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_planner::horizon::bound::mission_bound;
-use skysink_planner::settings::{Knowledge, Rates, Settings, change};
-use skysink_planner::strategies::offline::Offline;
+use skysink_planner::settings::{Knowledge, Rates, change};
+use skysink_planner::strategies::Registered;
+use skysink_planner::strategies::offline::{self, Offline, OfflineKeys};
 
 use crate::error::LabError;
 use crate::progress::{LabProgress, OnProgress};
@@ -156,10 +157,11 @@ fn steps_in(time: Duration, offline: &Scenario, list: &SensorList) -> Result<u64
 
 /// The mission with an offline search of `steps` steps that knows the queues.
 fn searching(offline: &Scenario, steps: u64) -> Result<Scenario, InputError> {
-    change(offline.clone(), |settings| {
+    let mut scenario = offline.clone();
+    offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: Count::clamped(steps) });
+    change(scenario, |settings| {
         settings.knowledge = Knowledge::Oracle;
         settings.rates = Rates::Known;
-        settings.offline.steps = Count::clamped(steps);
     })
 }
 
@@ -199,7 +201,7 @@ fn mission(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList) -> Resul
 
 /// What the strategy of a scenario loses.
 fn standing(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList, stop: &Stop) -> Result<Standing, LabError> {
-    let strategy = Settings::of(scenario)?.strategy.name;
+    let strategy = Registered::of(scenario)?.name;
     let mission = mission(scenario, plan, list)?;
     let mut lost_bits = 0;
     for flown in mission {

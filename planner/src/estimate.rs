@@ -1,8 +1,8 @@
 //! What the UAV can know of the queues: what it was told on contact, and what must have come since.
 //!
 //! A contact is a slot whose flight serves the sensor node (SN). The SN then says what it holds as the slot begins,
-//! `B_i(t−1)`, and what it still holds at its end, `B_i(t)`. How contacts become a checkpoint is next door; what is
-//! made of the believed queues is left to the strategies.
+//! `B_i(t−1)`, and what it still holds at its end, `B_i(t)`. How contacts become a checkpoint is left to [`saved`],
+//! what is made of the believed queues to the strategies.
 
 mod saved;
 
@@ -43,8 +43,10 @@ pub struct Estimate {
     observed: u64,
     /// Of the contacts since this slot none was missed.
     whole_since: u64,
-    /// What those who are scheduled in a slot hold as it begins [bit], by id.
-    announced: (u64, Vec<(u32, u32)>),
+    /// The slot planned last.
+    announced_slot: u64,
+    /// The SNs scheduled in it, each with what it holds as that slot begins [bit].
+    announced: Vec<(u32, u32)>,
     /// What the SNs are believed to hold [bit].
     queues_bits: Vec<u32>,
 }
@@ -60,7 +62,8 @@ pub struct Uncertainty {
     pub rate: f64,
 }
 
-/// Half-width [bit] of the uniform distribution with the variance of a Poisson variable whose mean is uniform on a range.
+/// Half-width [bit] of the uniform distribution with the variance of a Poisson variable whose mean is uniform on a
+/// range.
 fn half_bits([lowest, highest]: [f64; 2]) -> f64 {
     let half_bits = (highest - lowest) / 2.0;
     (half_bits * half_bits + 3.0 * Interval::Range([lowest, highest]).mean()).sqrt()
@@ -78,11 +81,26 @@ struct Belief {
     capacity_bits: u32,
     /// Sampled per slot, `s_i τ` [bit], as far as is known before any contact.
     prior_mean_bits: f64,
-    /// Slot of the last contact; 0 before the first.
-    contact: u64,
-    /// What that contact left [bit].
+    contact: Contact,
+}
+
+/// The last contact with an SN, or its queue before slot 1.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+struct Contact {
+    id: u32,
+    /// Its slot; 0 before the first contact.
+    slot: u64,
+    /// What it left in the queue [bit].
     left_bits: u32,
-    learnt: Learnt,
+    /// What the gaps between contacts tell of the rate, where rates are learnt.
+    learnt: Option<Learnt>,
+}
+
+impl Contact {
+    /// Whether there was any.
+    fn is_past(&self) -> bool {
+        self.slot > 0
+    }
 }
 
 /// What the gaps between contacts tell of a rate. A gap lasts from the end of a contact to the beginning of the next.
@@ -110,28 +128,19 @@ impl Learnt {
             self.least_mean_bits = self.least_mean_bits.max(f64::from(gained_bits) / slots as f64);
         }
     }
-
-    /// Sampled per slot [bit], if it was `prior_mean_bits` before anything was learnt.
-    fn mean_bits(&self, prior_mean_bits: f64) -> f64 {
-        let counted = if self.slots == 0 { prior_mean_bits } else { self.bits as f64 / self.slots as f64 };
-        counted.max(self.least_mean_bits)
-    }
 }
 
 impl Belief {
-    fn before_any_contact(capacity_bits: u32, prior_mean_bits: f64, initial_bits: u32) -> Self {
-        let left_bits = initial_bits.min(capacity_bits);
-        Self { capacity_bits, prior_mean_bits, contact: 0, left_bits, learnt: Learnt::default() }
-    }
-
+    /// Sampled per slot [bit], as far as is known now.
     fn mean_bits(&self) -> f64 {
-        self.learnt.mean_bits(self.prior_mean_bits)
+        let Learnt { bits, slots, least_mean_bits } = self.contact.learnt.unwrap_or_default();
+        let counted = if slots == 0 { self.prior_mean_bits } else { bits as f64 / slots as f64 };
+        counted.max(least_mean_bits)
     }
 
-    /// What the SN is believed to hold at the end of `slot` [bit].
-    fn queue_bits(&self, slot: u64) -> u32 {
-        let held_bits = bits_between(self.mean_bits(), self.contact, slot).saturating_add(self.left_bits.into());
-        u32::try_from(held_bits).unwrap_or(u32::MAX).min(self.capacity_bits)
+    /// What the SN would hold at the end of `slot` if its buffer had no end [bit].
+    fn endless_bits(&self, slot: u64) -> u64 {
+        bits_between(self.mean_bits(), self.contact.slot, slot).saturating_add(self.contact.left_bits.into())
     }
 }
 
@@ -139,30 +148,38 @@ impl Estimate {
     /// What is believed before slot 1 of a scenario with these SNs, by a planner that knows `rates` of their sampling.
     #[must_use]
     pub fn new(scenario: &Scenario, rates: Rates, sensors: &[SensorNode]) -> Self {
-        let initial_bits = scenario.sensors.initial_queue_mean_bits.mean() as u32;
-        let mean_bps = |sensor: &SensorNode| match rates {
-            Rates::Known => sensor.sampling_bps,
-            Rates::Learnt => scenario.sensors.sampling_bps.mean(),
-        };
-        let belief = |sensor: &SensorNode| {
-            Belief::before_any_contact(sensor.capacity_bits, mean_bps(sensor) * scenario.slot_s, initial_bits)
-        };
-        Self {
+        let mut estimate = Self {
             rates,
-            initial_bits,
+            initial_bits: scenario.sensors.initial_queue_mean_bits.mean() as u32,
             initial_half_bits: half_bits(scenario.sensors.initial_queue_mean_bits.ends()),
             rate_half_fraction: half_fraction(scenario.sensors.sampling_bps.ends()),
-            beliefs: sensors.iter().map(belief).collect(),
+            beliefs: Vec::with_capacity(sensors.len()),
             observed: 0,
             whole_since: 0,
-            announced: (0, Vec::with_capacity(scenario.link.resource_blocks)),
+            announced_slot: 0,
+            announced: Vec::with_capacity(scenario.link.resource_blocks),
             queues_bits: vec![0; sensors.len()],
+        };
+        for (id, sensor) in (0..).zip(sensors) {
+            let mean_bps = match rates {
+                Rates::Known => sensor.sampling_bps,
+                Rates::Learnt => scenario.sensors.sampling_bps.mean(),
+            };
+            let capacity_bits = sensor.capacity_bits;
+            let contact = estimate.before_any_contact(id, capacity_bits);
+            estimate.beliefs.push(Belief { capacity_bits, prior_mean_bits: mean_bps * scenario.slot_s, contact });
         }
+        estimate
+    }
+
+    fn before_any_contact(&self, id: u32, capacity_bits: u32) -> Contact {
+        let learnt = self.has_learnt_rates().then(Learnt::default);
+        Contact { id, slot: 0, left_bits: self.initial_bits.min(capacity_bits), learnt }
     }
 
     /// Whether rates are learnt.
     #[must_use]
-    pub fn learns(&self) -> bool {
+    pub fn has_learnt_rates(&self) -> bool {
         self.rates == Rates::Learnt
     }
 
@@ -176,12 +193,10 @@ impl Estimate {
     #[must_use]
     pub fn uncertainty(&self, slot: u64, id: u32) -> Uncertainty {
         let belief = &self.beliefs[id as usize];
-        let came_bits = bits_between(belief.mean_bits(), belief.contact, slot);
-        let is_unmet = belief.contact == 0;
-        let is_unlearnt = self.rates == Rates::Learnt && belief.learnt.slots == 0;
+        let is_unlearnt = belief.contact.learnt.is_some_and(|learnt| learnt.slots == 0);
         Uncertainty {
-            endless_bits: came_bits as f64 + f64::from(belief.left_bits),
-            initial_bits: if is_unmet { self.initial_half_bits } else { 0.0 },
+            endless_bits: belief.endless_bits(slot) as f64,
+            initial_bits: if belief.contact.is_past() { 0.0 } else { self.initial_half_bits },
             rate: if is_unlearnt { self.rate_half_fraction } else { 0.0 },
         }
     }
@@ -192,16 +207,10 @@ impl Estimate {
         self.beliefs[id as usize].capacity_bits
     }
 
-    /// Slot of the last contact with SN `id` that was observed; `None` before the first.
-    #[must_use]
-    pub fn contact(&self, id: u32) -> Option<u64> {
-        Some(self.beliefs[id as usize].contact).filter(|&slot| slot > 0)
-    }
-
     /// What the SNs are believed to hold at the end of `slot` [bit], by id. Takes time in proportion to their number.
     pub fn believe(&mut self, slot: u64) -> &[u32] {
         for (queue_bits, belief) in self.queues_bits.iter_mut().zip(&self.beliefs) {
-            *queue_bits = belief.queue_bits(slot);
+            *queue_bits = belief.endless_bits(slot).min(belief.capacity_bits.into()) as u32;
         }
         &self.queues_bits
     }
@@ -215,10 +224,9 @@ impl Estimate {
     /// Keeps what the `scheduled` SNs will say when the contact of `slot` begins: their queues `queues_bits` [bit]
     /// before it, by id.
     pub fn announce(&mut self, slot: u64, scheduled: &[u32], queues_bits: &[u32]) {
-        let (announced_slot, announced) = &mut self.announced;
-        *announced_slot = slot;
-        announced.clear();
-        announced.extend(scheduled.iter().map(|&id| (id, queues_bits[id as usize])));
+        self.announced_slot = slot;
+        self.announced.clear();
+        self.announced.extend(scheduled.iter().map(|&id| (id, queues_bits[id as usize])));
     }
 
     /// Takes in the contacts of `slot`: its flight, and the queues after it [bit], by id, of which only those of the
@@ -236,25 +244,26 @@ impl Estimate {
         self.observed = slot;
         for link in flight.served_links() {
             let found_bits = self.found_bits(slot, link.sensor);
-            let Some(belief) = self.beliefs.get_mut(link.sensor as usize) else { continue };
-            if let Some(found_bits) = found_bits
-                && belief.contact > 0
-                && belief.contact >= self.whole_since
-                && self.rates == Rates::Learnt
+            let Some(Belief { contact, capacity_bits, .. }) = self.beliefs.get_mut(link.sensor as usize) else {
+                continue;
+            };
+            if let Some(learnt) = &mut contact.learnt
+                && let Some(found_bits) = found_bits
+                && contact.slot > 0
+                && contact.slot >= self.whole_since
             {
-                let gap = (slot - 1).saturating_sub(belief.contact);
-                belief.learnt.add(gap, belief.left_bits, found_bits.min(belief.capacity_bits), belief.capacity_bits);
+                let gap = (slot - 1).saturating_sub(contact.slot);
+                learnt.add(gap, contact.left_bits, found_bits.min(*capacity_bits), *capacity_bits);
             }
-            belief.contact = slot;
-            belief.left_bits = queues_bits[link.sensor as usize].min(belief.capacity_bits);
+            contact.slot = slot;
+            contact.left_bits = queues_bits[link.sensor as usize].min(*capacity_bits);
         }
     }
 
     /// What SN `id` held as `slot` began [bit], if it was to be served in it.
     fn found_bits(&self, slot: u64, id: u32) -> Option<u32> {
-        let (announced_slot, announced) = &self.announced;
-        let found = announced.iter().find(|(announced_id, _)| *announced_id == id)?;
-        (*announced_slot == slot).then_some(found.1)
+        let mut of_slot = self.announced.iter().filter(|_| self.announced_slot == slot);
+        of_slot.find(|(announced_id, _)| *announced_id == id).map(|(_, queue_bits)| *queue_bits)
     }
 }
 
@@ -301,7 +310,7 @@ mod tests {
         assert_eq!(estimate.believe(0), [300, 300, 300]);
         assert_eq!(estimate.believe(3), [307, 600, 300]); // floor(2.5 · 3) = 7
         assert_eq!(estimate.believe(8), [320, 1_000, 300]); // 300 + 800 is more than 1 000
-        assert_eq!(estimate.contact(1), None);
+        assert!(estimate.uncertainty(8, 1).initial_bits > 0.0, "no contact");
         assert_eq!(estimate_of(Rates::Learnt).believe(3), [600, 600, 600], "of unknown rates the mean");
     }
 
@@ -312,7 +321,11 @@ mod tests {
         // A(1) = 2, A(2) = 5, A(3) = 7, A(4) = 10: what came since slot 1 is 3, 5, 8.
         assert_eq!(estimate.believe(1), [40, 400, 60], "SN 1 was not asked");
         assert_eq!([2, 3, 4].map(|slot| estimate.believe(slot)[0]), [43, 45, 48]);
-        assert_eq!((estimate.contact(0), estimate.contact(1)), (Some(1), None));
+        assert_eq!(
+            [0, 1].map(|id| estimate.uncertainty(1, id).initial_bits == 0.0),
+            [true, false],
+            "a contact ends it"
+        );
         assert_eq!(estimate.believe(5_000), [1_000, 1_000, 60]);
     }
 

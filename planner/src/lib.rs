@@ -6,7 +6,7 @@
 //!
 //! | module | job |
 //! |---|---|
-//! | [`settings`] | `[planner]` of the scenario file |
+//! | [`settings`], [`keys`] | `[planner]` of the scenario file |
 //! | [`planner`] | one slot: schedule, then waypoint |
 //! | [`sensor_table`] | what stays the same in every slot |
 //! | [`estimate`] | what the UAV can know of the queues |
@@ -19,6 +19,7 @@
 pub mod estimate;
 pub mod geometry;
 pub mod horizon;
+pub mod keys;
 #[cfg(feature = "node")]
 pub mod node;
 pub mod planner;

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use iceoryx2::prelude::Service;
-use skysink_common::message::{FLAG_END, SlotHeader};
+use skysink_common::message::{FLAG_END, FlightReport, Plan, SlotHeader};
 use skysink_common::pace::Pace;
 use skysink_common::path::{MAX_POINTS, PathPoint};
 use skysink_common::scenario::Scenario;
@@ -18,8 +18,7 @@ use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 
 use crate::estimate::BYTES_EACH;
 use crate::planner::Planner;
-use crate::settings::Settings;
-use crate::strategies::Timing;
+use crate::strategies::{Registered, Timing};
 
 /// Slots in the journal: the three that a planner may be asked for again, and room for one that is cut.
 const SLOTS: u64 = 4;
@@ -35,14 +34,32 @@ pub fn journal(folder: &RingFolder, count: usize) -> Result<Journal, RingError> 
     Journal::open(&folder.journal("plans"), SLOTS, ROOM + BYTES_EACH * count)
 }
 
-/// Brings a planner that is new to where its predecessor was before it planned `slot`, or after the last slot before that
-/// which is in the journal; to be done before it observes or plans anything. In paced runs slots may be skipped; it then
-/// resumes from what there is.
-fn resume(journal: &Journal, slot: u64, planner: &mut Planner) -> Result<(), RingError> {
-    if planner.slot() == 0 {
-        journal.restore_before(slot, planner)?;
+/// A planner whose state is saved after each slot that it plans.
+struct Journaled {
+    planner: Planner,
+    journal: Journal,
+}
+
+impl Journaled {
+    /// Brings a planner that is new to where its predecessor was before it planned `slot`, or after the last slot before
+    /// that which is in the journal. In paced runs slots may be skipped; it then resumes from what there is.
+    fn resume(&mut self, slot: u64) -> Result<(), RingError> {
+        if self.planner.slot() == 0 {
+            self.journal.restore_before(slot, &mut self.planner)?;
+        }
+        Ok(())
     }
-    Ok(())
+
+    /// Takes in what was flown in the slot before `slot`, plans `slot` and saves the state, before the plan is published.
+    fn plan(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) -> Result<Plan, RingError> {
+        self.resume(slot)?;
+        let begin = Instant::now();
+        self.planner.observe(slot - 1, flight, queues_bits);
+        let mut plan = self.planner.step(slot, flight.position(), queues_bits);
+        plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        self.journal.save(slot, &self.planner)?;
+        Ok(plan)
+    }
 }
 
 /// Plans until the mission ends. Started again, it answers what the others still have, as it did before.
@@ -50,10 +67,9 @@ fn resume(journal: &Journal, slot: u64, planner: &mut Planner) -> Result<(), Rin
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
-    let settings = Settings::of(scenario)?;
+    let has_path = Registered::of(scenario)?.has_path;
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Planner, stop)?;
     // Before the plans, so that whoever has a plan finds the writer of its path.
-    let has_path = settings.strategy.has_path;
     let paths = has_path.then(|| ring.path.list_writer(MAX_POINTS)).transpose()?;
     let plans = ring.plan.writer()?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
@@ -62,24 +78,25 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
 
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
     let mut planner = Planner::new(scenario, nodes.payload())?;
-    if let Pace::Factor(_) = ring.terms.pace {
+    let is_paced = ring.terms.pace != Pace::Max;
+    if is_paced {
         planner.set_timing(Timing::Paced);
     }
-    let journal = journal(folder, nodes.payload().len())?;
+    let mut journaled = Journaled { planner, journal: journal(folder, nodes.payload().len())? };
     let mut next = 0;
     loop {
         let mut state = queues.wait_for_next(&mut wait, next)?;
-        if let Pace::Factor(_) = ring.terms.pace {
-            // Only the newest is planned for, because a plan for a slot that has begun is void; what the UAV was told in
-            // the others counts all the same.
+        if is_paced {
+            // Only the newest is planned for, because a plan for a slot that has begun is void; what the UAV was told
+            // in the others counts all the same.
             while let Some(newer) = queues.next_sample()? {
                 let older = std::mem::replace(&mut state, newer);
                 let slot = older.user_header().head.slot;
                 if slot >= next
                     && let SlotSample::Here(flight) = flights.of_slot(slot)?
                 {
-                    resume(&journal, slot + 1, &mut planner)?;
-                    planner.observe(slot, &flight, older.payload());
+                    journaled.resume(slot + 1)?;
+                    journaled.planner.observe(slot, &flight, older.payload());
                 }
             }
         }
@@ -94,18 +111,13 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
             ring.refusals.add("queues", slot, Refusal::Length, 1);
             continue;
         }
-        // A writer that waits for another reader's buffer may reach this one later than the queues do. A flight that has
-        // passed was sent before this process was there: others have flown on since, so its plan is not missing.
+        // A writer that waits for another reader's buffer may reach this one later than the queues do. A flight that
+        // has passed was sent before this process was there: others have flown on since, so its plan is not missing.
         let Some(flight) = flights.wait_for_slot(&mut wait, slot)? else { continue };
         next = slot + 1;
-        resume(&journal, next, &mut planner)?;
-        let begin = Instant::now();
-        planner.observe(slot, &flight, state.payload());
-        let mut plan = planner.step(next, flight.position(), state.payload());
-        plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
-        journal.save(next, &planner)?; // before the plan is published
-        if let (Some(paths), [_, _, ..]) = (&paths, planner.path()) {
-            let path: Vec<_> = planner.path().iter().copied().map(PathPoint::from).collect();
+        let plan = journaled.plan(next, &flight, state.payload())?;
+        let path: Vec<_> = journaled.planner.path().iter().copied().map(PathPoint::from).collect();
+        if let Some(paths) = paths.as_ref().filter(|_| path.len() > 1) {
             paths.send_list(ring.header(next, 0), &path)?; // whoever has the plan then has the path
         }
         plans.send(ring.header(next, 0), plan)?;
@@ -121,8 +133,9 @@ mod tests {
     use skysink_common::checkpoint::Checkpoint;
     use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, SensorNode};
     use skysink_common::pace::Pace;
-    use skysink_common::scenario::{Count, Overrides};
+    use skysink_common::scenario::Overrides;
     use skysink_ring::wait::Waiting;
+    use std::path::Path;
 
     fn nodes() -> Vec<SensorNode> {
         let node = |i: u32| SensorNode {
@@ -151,14 +164,10 @@ mod tests {
         report
     }
 
-    /// A planner process: the slot after that of `flight` is planned as the node does it.
-    fn answer(slot: u64, flight: &FlightReport, planner: &mut Planner, folder: &RingFolder) -> Plan {
-        let journal = journal(folder, 12).unwrap();
-        resume(&journal, slot, planner).unwrap();
-        planner.observe(slot - 1, flight, &queues(slot));
-        let plan = planner.step(slot, flight.position(), &queues(slot));
-        journal.save(slot, planner).unwrap();
-        plan
+    /// A planner process that joins the ring.
+    fn process(scenario: &Scenario, folder: &RingFolder) -> Journaled {
+        let planner = Planner::new(scenario, &nodes()).unwrap();
+        Journaled { planner, journal: journal(folder, 12).unwrap() }
     }
 
     fn saved(planner: &Planner) -> Vec<u8> {
@@ -178,9 +187,10 @@ mod tests {
             .into_iter()
             .flat_map(move |strategy| seen.map(|knowledge| (strategy, knowledge)));
         let scenario = |(strategy, (knowledge, rates)): (&'static str, _)| {
-            let scenario = settings::letter(Overrides { strategy: Some(strategy), ..Overrides::default() }).unwrap();
+            let text = "name = 'x'\n[planner]\nhorizon.iterations = 200\n";
+            let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+            let scenario = settings::parse(text, Path::new("x.toml"), overrides).unwrap();
             change(scenario, |settings| {
-                settings.horizon.iterations = Count::clamped(200);
                 settings.knowledge = knowledge;
                 settings.rates = rates;
             })
@@ -199,18 +209,18 @@ mod tests {
         for scenario in scenarios() {
             let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
             let mut flights = vec![FlightReport::at(scenario.start(), Mode::Hold)];
-            let mut planner = Planner::new(&scenario, &nodes()).unwrap();
+            let mut first = process(&scenario, &folder);
             for slot in 1..=9 {
-                let plan = answer(slot, &flights[slot as usize - 1], &mut planner, &folder);
+                let plan = first.plan(slot, &flights[slot as usize - 1], &queues(slot)).unwrap();
                 flights.push(flown(&plan));
             }
             for from in [7, 8, 9] {
-                let mut again = Planner::new(&scenario, &nodes()).unwrap();
+                let mut again = process(&scenario, &folder);
                 for slot in from..=9 {
-                    let plan = answer(slot, &flights[slot as usize - 1], &mut again, &folder);
+                    let plan = again.plan(slot, &flights[slot as usize - 1], &queues(slot)).unwrap();
                     assert_eq!(flown(&plan), flights[slot as usize], "{:?}, slot {slot} from {from}", scenario.planner);
                 }
-                assert_eq!(saved(&again), saved(&planner), "{:?}, from {from}", scenario.planner);
+                assert_eq!(saved(&again.planner), saved(&first.planner), "{:?}, from {from}", scenario.planner);
             }
         }
     }
@@ -220,17 +230,17 @@ mod tests {
         let letter = settings::letter(Overrides::default()).unwrap();
         let scenario = change(letter, |settings| settings.knowledge = Knowledge::Estimated).unwrap();
         let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
-        let mut planner = Planner::new(&scenario, &nodes()).unwrap();
+        let mut first = process(&scenario, &folder);
         let mut flight = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
         for slot in 1..=9 {
-            flight = flown(&answer(slot, &flight, &mut planner, &folder));
+            flight = flown(&first.plan(slot, &flight, &queues(slot)).unwrap());
         }
-        let mut late = Planner::new(&scenario, &nodes()).unwrap();
+        let mut late = process(&scenario, &folder);
         let hold = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
-        let _ = answer(15, &hold, &mut late, &folder);
-        let contacts =
-            |planner: &Planner| (0..12).map(|id| planner.estimate().unwrap().contact(id)).collect::<Vec<_>>();
-        assert!(contacts(&planner).iter().any(Option::is_some));
-        assert_eq!(contacts(&late), contacts(&planner));
+        let _ = late.plan(15, &hold, &queues(15)).unwrap();
+        let beliefs =
+            |planner: &Planner| (0..12).map(|id| planner.estimate().unwrap().uncertainty(15, id)).collect::<Vec<_>>();
+        assert!(beliefs(&first.planner).iter().any(|belief| belief.initial_bits == 0.0), "a contact");
+        assert_eq!(beliefs(&late.planner), beliefs(&first.planner));
     }
 }

@@ -12,10 +12,10 @@ use skysink_common::scenario::Scenario;
 
 use crate::estimate::{self, Estimate};
 use crate::sensor_table::SensorTable;
-use crate::settings::{Knowledge, Settings};
+use crate::settings::{self, Knowledge, Settings};
 use crate::strategies::serving::Serving;
 use crate::strategies::transit::transit_waypoint;
-use crate::strategies::{Decision, Setup, Strategy, Timing, View};
+use crate::strategies::{Decision, Registered, Setup, Strategy, Timing, View};
 
 /// The planner of a mission.
 ///
@@ -59,8 +59,8 @@ impl Planner {
     /// # Errors
     /// As [`Planner::new`].
     pub fn over(scenario: &Scenario, sensors: &[SensorNode], table: SensorTable) -> Result<Self, InputError> {
-        let settings = Settings::of(scenario)?;
-        Ok(Self::build(scenario, settings, sensors, table, settings.strategy.make))
+        let settings = settings::check(scenario)?;
+        Ok(Self::build(scenario, settings, sensors, table, Registered::of(scenario)?.make))
     }
 
     /// The planner that decides by `strategy`, whatever the scenario names.
@@ -72,7 +72,7 @@ impl Planner {
         sensors: &[SensorNode],
         strategy: Box<dyn Strategy>,
     ) -> Result<Self, InputError> {
-        let settings = Settings::of(scenario)?;
+        let settings = settings::check(scenario)?;
         Ok(Self::build(scenario, settings, sensors, SensorTable::new(scenario, sensors), |_| strategy))
     }
 
@@ -98,15 +98,15 @@ impl Planner {
         }
     }
 
-    /// Says what paces the mission: a search may end by time in a paced one, and results then depend on time. At first no
-    /// clock is read.
+    /// Says what paces the mission: a search may end by time in a paced one, and results then depend on time. At first
+    /// no clock is read.
     pub fn set_timing(&mut self, timing: Timing) {
         self.timing = timing;
     }
 
-    /// Takes in what was flown in `slot`, and the queues after it [bit], by id; to be done for every slot before the next
-    /// one is planned. Where the queues are estimated, only those of the SNs that the flight serves are looked at, and a
-    /// slot that is left out makes the estimate older, but not wrong.
+    /// Takes in what was flown in `slot`, and the queues after it [bit], by id; to be done for every slot before the
+    /// next one is planned. Where the queues are estimated, only those of the SNs that the flight serves are looked at,
+    /// and a slot that is left out makes the estimate older, but not wrong.
     pub fn observe(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) {
         if let Some(estimate) = &mut self.estimate {
             estimate.observe(slot, flight, queues_bits);
@@ -118,9 +118,9 @@ impl Planner {
     /// Where the queues are estimated, the plan is made from what is believed of them, see [`Planner::observe`]; of
     /// `queues_bits` only the entries of the scheduled SNs are kept: what these will report at contact.
     ///
-    /// Its time depends on the SNs near the UAV, not on their number in all. Exceptions, which read every queue: transit,
-    /// an estimate, and the strategies `edf`, `max-age-first`, `horizon` and `offline`. `plan_ns` stays 0; the caller
-    /// measures. A step reads a clock only with [`Timing::Paced`].
+    /// Its time depends on the SNs near the UAV, not on their number in all. Exceptions, which read every queue:
+    /// transit, an estimate, and the strategies `edf`, `max-age-first`, `horizon` and `offline`. `plan_ns` stays 0; the
+    /// caller measures. A step reads a clock only with [`Timing::Paced`].
     ///
     /// # Panics
     /// If there is not one queue per sensor node.
@@ -139,20 +139,18 @@ impl Planner {
             table: &self.table,
             timing: self.timing,
         };
+        let decided = self.strategy.plan(&view);
+        let mode = if decided.is_some() { Mode::Serve } else { Mode::Transit };
+        let decision = decided.unwrap_or_else(|| {
+            let waypoint = transit_waypoint(view.table, &view.ground(), view.queues_bits);
+            self.transit.serve_fullest(&view, &waypoint)
+        });
+        let plan = message(&view, &decision, mode);
         self.path.clear();
-        let plan = match self.strategy.plan(&view) {
-            Some(decision) => {
-                self.path.push(decision.waypoint);
-                self.path.extend(self.strategy.path().iter().take(MAX_POINTS - 1));
-                message(&view, &decision, Mode::Serve)
-            }
-            None => {
-                let waypoint = transit_waypoint(view.table, &view.ground(), view.queues_bits);
-                let decision = self.transit.serve_fullest(&view, &waypoint);
-                self.path.push(decision.waypoint);
-                message(&view, &decision, Mode::Transit)
-            }
-        };
+        self.path.push(decision.waypoint);
+        if mode == Mode::Serve {
+            self.path.extend(self.strategy.path().iter().take(MAX_POINTS - 1));
+        }
         if let Some(estimate) = &mut self.estimate {
             estimate.announce(slot, plan.scheduled(), queues_bits);
         }
@@ -192,7 +190,7 @@ impl Checkpoint for Planner {
     /// Appends nothing where the queues are known and the strategy has no state.
     fn save(&self, bytes: &mut Vec<u8>) {
         let begin = bytes.len();
-        let estimate = self.estimate.as_deref().map(Estimate::saved);
+        let estimate = self.estimate().map(Estimate::saved);
         let is_stateless = estimate.is_none();
         let strategy = self.strategy_name.clone();
         encode(&Head { slot: self.slot, strategy, estimate }, bytes);
@@ -247,7 +245,7 @@ fn message(view: &View, decision: &Decision, mode: Mode) -> Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::{self, WaypointSolver, change};
+    use crate::settings::{WaypointSolver, change};
     use skysink_common::geometry::{Position, above};
     use skysink_common::message::{NOBODY, SolverOutcome};
     use skysink_common::scenario::Overrides;

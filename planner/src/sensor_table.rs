@@ -66,17 +66,12 @@ impl SensorTable {
         &self.positions[id as usize]
     }
 
-    /// The uplink of SN `id` with the UAV at `uav`.
-    #[must_use]
-    pub fn uplink(&self, id: u32, uav: &Point3<f64>) -> Uplink {
-        Uplink::new(self.gains[id as usize], self.position(id), uav)
-    }
-
     /// Bits that a visit at `uav` is expected to collect from the SNs `ids`: `Σ min(floor(r_i τ_c), B_i(t−1))`, `r_i`
     /// the expected rate.
     #[must_use]
     pub fn expected_bits(&self, uav: &Point3<f64>, ids: &[u32], queues_bits: &[u32]) -> u64 {
-        let capacity_bits = |id: u32| self.channel.capacity_bits(self.channel.expected_rate_bps(&self.uplink(id, uav)));
+        let uplink = |id: u32| Uplink::new(self.gains[id as usize], self.position(id), uav);
+        let capacity_bits = |id: u32| self.channel.capacity_bits(self.channel.expected_rate_bps(&uplink(id)));
         ids.iter().map(|&id| capacity_bits(id).min(u64::from(queues_bits[id as usize]))).sum()
     }
 

@@ -11,8 +11,8 @@ use skysink_common::sensors::SensorList;
 use skysink_planner::strategies::names;
 use support::{TestMission, scenario_of};
 
-/// Links that empty queues and links that do not, gains that change, and three dimensions; storages that fill and others
-/// that do not; rates of whole bits and others.
+/// Links that empty queues and links that do not, gains that change, and three dimensions; storages that fill and
+/// others that do not; rates of whole bits and others.
 fn texts(rates: &'static str) -> impl Generator<Value = String> {
     let link = prop_oneof![
         Just("bandwidth_hz = 5e6"),
@@ -47,7 +47,8 @@ proptest! {
             let plan = mission.plan();
             for (id, &queue_bits) in (0..).zip(mission.queues_bits()) {
                 let believed_bits = mission.estimate().queues_bits()[id as usize];
-                prop_assert_eq!(mission.estimate().contact(id).is_some(), contacted[id as usize]);
+                let is_contacted = mission.estimate().uncertainty(slot, id).initial_bits == 0.0;
+                prop_assert_eq!(is_contacted, contacted[id as usize]);
                 if contacted[id as usize] {
                     prop_assert_eq!(believed_bits, queue_bits, "seed {}, slot {}, SN {}", seed, slot, id);
                 } else {
@@ -128,7 +129,7 @@ fn a_missed_contact_leaves_an_older_belief_until_the_next() {
             let believed_bits = mission.estimate().queues_bits()[id as usize];
             if missed[id as usize] {
                 older += u32::from(believed_bits > queue_bits);
-            } else if mission.estimate().contact(id).is_some() {
+            } else if mission.estimate().uncertainty(slot, id).initial_bits == 0.0 {
                 assert_eq!(believed_bits, queue_bits, "slot {slot}, SN {id}");
             }
         }

@@ -9,8 +9,8 @@ use skysink_common::scenario::{Count, Overrides, Scenario};
 use skysink_planner::Planner;
 use skysink_planner::geometry::grid::Grid;
 use skysink_planner::sensor_table::SensorTable;
-use skysink_planner::settings::change;
 use skysink_planner::strategies::names;
+use skysink_planner::strategies::offline::{self, OfflineKeys};
 
 /// A field over which both planners plan.
 #[derive(Debug, Clone)]
@@ -25,8 +25,9 @@ struct Case {
 impl Case {
     fn scenario(&self, strategy: &'static str) -> Scenario {
         let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-        let scenario = Scenario::parse(&self.text, Path::new("case.toml"), overrides).unwrap();
-        change(scenario, |settings| settings.offline.steps = Count::clamped(500)).unwrap()
+        let mut scenario = Scenario::parse(&self.text, Path::new("case.toml"), overrides).unwrap();
+        offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: Count::clamped(500) });
+        scenario
     }
 }
 

@@ -112,8 +112,9 @@ impl Case {
 
     /// The best expected rate [bit/s] of a coarse grid, narrowed down from its best cells.
     ///
-    /// The grid is one of polar coordinates about the feasible centre, `(angle, share of the way to the border, share of
-    /// the climb)`: the feasible set is convex, so that every point of it, its border and its corners have coordinates.
+    /// The grid is one of polar coordinates about the feasible centre: angle, fraction of the distance to the border,
+    /// fraction of the climb. The feasible set is convex, so that every point of it, its border and its corners have
+    /// coordinates.
     fn best_bps(&self) -> f64 {
         let point = |at: [f64; 3]| self.point(at);
         let levels = if self.climb_m() > 0.0 { 7 } else { 1 };

@@ -6,6 +6,7 @@ use skysink_common::error::InputError;
 use skysink_common::scenario::{Count, Overrides, Scenario};
 use skysink_planner::Planner;
 use skysink_planner::settings::{Knowledge, Rates, Settings, WaypointSolver, change, letter, parse};
+use skysink_planner::strategies::horizon::{self, HorizonKeys};
 use skysink_planner::strategies::names;
 
 fn city(text: &str) -> Result<Scenario, InputError> {
@@ -16,7 +17,7 @@ fn city(text: &str) -> Result<Scenario, InputError> {
 fn every_default_is_the_letters_value_and_visible() {
     let scenario = letter(Overrides::default()).unwrap();
     let settings = Settings::of(&scenario).unwrap();
-    assert_eq!((settings.strategy.name, settings.waypoint_solver), ("uts", WaypointSolver::Geometric));
+    assert_eq!((&scenario.planner.strategy[..], settings.waypoint_solver), ("uts", WaypointSolver::Geometric));
     assert_eq!((settings.knowledge, settings.rates), (Knowledge::Oracle, Rates::Known));
     assert_eq!(settings, Settings::of(&city("").unwrap()).unwrap());
     let keys = "[planner]\nstrategy = \"uts\"\nsca_iterations = 1\nwaypoint_solver = \"geometric\"\nknowledge = \"oracle\"\n\
@@ -63,6 +64,7 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
         ("horizon_budget_ms = 5.0", "planner.horizon_budget_ms = 5.0: expected planner.horizon.budget_ms instead"),
         ("offline_steps = 5", "planner.offline_steps = 5: expected planner.offline.steps instead"),
         ("horizon.steps = \"a\\nb\"", "planner.horizon.steps = \"a\\nb\": expected `iterations` or `budget_ms`"),
+        ("horizon = 3", "planner.horizon = 3: expected a table"),
         ("waypoint_solver = 3", "planner.waypoint_solver = 3: expected a string"),
     ];
     for (key, expected) in cases {
@@ -92,6 +94,8 @@ fn a_planner_is_made_of_checked_keys_only() {
     assert!(Planner::new(&unknown, &[]).is_err());
     let learnt = change(city("").unwrap(), |settings| settings.rates = Rates::Learnt);
     assert!(learnt.unwrap_err().to_string().contains("planner.rates"));
-    let longer = change(city("").unwrap(), |settings| settings.horizon.iterations = Count::clamped(u64::MAX)).unwrap();
-    assert_eq!(Settings::of(&longer).unwrap().horizon.iterations.get(), 1_000_000_000);
+    let mut longer = city("").unwrap();
+    let most = HorizonKeys { iterations: Count::clamped(u64::MAX), ..HorizonKeys::default() };
+    horizon::STRATEGY.set_keys(&mut longer, most);
+    assert_eq!(longer.planner_keys::<HorizonKeys>("planner.horizon").unwrap().iterations.get(), 1_000_000_000);
 }

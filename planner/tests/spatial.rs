@@ -18,8 +18,8 @@ const SOLVERS: [WaypointSolver; 2] = [WaypointSolver::Geometric, WaypointSolver:
 /// Free altitude from 20 to 120 m, starting at 60 m, 100 m in a slot: nothing but its ends limits it.
 const FREE: &str = "altitude = 'free'\nmax_climb_mps = 100.0\naltitude_m = 60.0";
 
-/// A field of 200 m in dense urban surroundings with `d_c` = 60 m, `V τ` = 30 m and slots of 1 s; `uav` and `link` are more
-/// lines of these tables.
+/// A field of 200 m in dense urban surroundings with `d_c` = 60 m, `V τ` = 30 m and slots of 1 s; `uav` and `link` are
+/// more lines of these tables.
 fn scenario(strategy: &'static str, solver: WaypointSolver, uav: &str, link: &str) -> Scenario {
     let text = format!(
         "name = 'case'\n[area]\nside_m = 200.0\n[uav]\n{uav}\n[link]\nmodel = 'probabilistic-los'\n\
@@ -165,7 +165,8 @@ fn the_baselines_choose_their_ground_by_rule_and_their_altitude_by_expected_rate
 
 #[test]
 fn a_set_that_only_the_slack_holds_together_is_served_from_where_it_was_found_and_says_so() {
-    // SNs 0, 1, 2 surround (100, 100): SN 0 is exactly 10 m away, the others 0.9e-9 farther, and SN 3's circle passes there.
+    // SNs 0, 1, 2 surround (100, 100): SN 0 is exactly 10 m away, the others 0.9e-9 farther, and SN 3's circle passes
+    // there.
     let slack = 1.0 + 0.9e-9;
     let at = |[x_m, y_m]: [f64; 2]| [100.0 + x_m * slack, 100.0 + y_m * slack];
     let diagonal_m = 50f64.sqrt();

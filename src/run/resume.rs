@@ -15,7 +15,7 @@ use skysink_mission::record::{RunFolder, SlotLog};
 use skysink_mission::summary::Tally;
 use skysink_mission::trace::RecordedSlot;
 use skysink_planner::node::journal;
-use skysink_planner::settings::Settings;
+use skysink_planner::strategies::horizon::HorizonKeys;
 use skysink_ring::folder::RingFolder;
 
 use crate::error::Error;
@@ -53,9 +53,9 @@ pub fn resume(
     tally: &mut Tally,
 ) -> Result<Resumed, Error> {
     let (mut log, mut trace) = folder.reopen_slot_log()?;
-    let settings = Settings::of(scenario)?;
+    let HorizonKeys { budget_ms, .. } = scenario.planner_keys("planner.horizon")?;
     let mut mission = Mission::new(scenario, list)?;
-    let mut repeatable = plans_by == PlansBy::Planner && settings.horizon.budget_ms.is_none();
+    let mut repeatable = plans_by == PlansBy::Planner && budget_ms.is_none();
     tally.start(&mission.header());
     let mut line = Vec::new();
     loop {

@@ -22,15 +22,19 @@ pub struct PlannerKeys {
 }
 
 impl Scenario {
-    /// Reads `[planner]` as a `T`: `table` is `"planner"`, or the dotted name of one of its tables,
-    /// `"planner.horizon"`. A table that is left out is an empty one.
+    /// Reads `[planner]` as a `T`: `table` is `"planner"`, or the dotted name of one of its tables, `"planner.horizon"`.
+    /// A table that is left out is an empty one.
     ///
     /// # Errors
     /// If `T` refuses a value or a key; the error names it.
     pub fn planner_keys<T: DeserializeOwned>(&self, table: &str) -> Result<T, InputError> {
-        let whole = Table::try_from(&self.planner).expect("it was read from TOML");
-        let inner = table.split('.').skip(1).try_fold(&whole, |outer, name| outer.get(name).and_then(Value::as_table));
-        value::read(inner.cloned().unwrap_or_default(), table, &self.path)
+        let keys = match table.strip_prefix("planner.").map(|name| self.planner.others.get(name)) {
+            Some(Some(Value::Table(keys))) => keys.clone(),
+            Some(Some(other)) => return Err(self.refusal(table, other, "a table")),
+            Some(None) => Table::new(),
+            None => Table::try_from(&self.planner).expect("it was read from TOML"),
+        };
+        value::read(keys, table, &self.path)
     }
 
     /// The same scenario with the keys `keys` for `[planner]`, such as the checked ones with every default.

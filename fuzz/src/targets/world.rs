@@ -1,6 +1,7 @@
 //! The small scenarios in which messages, lists and journals are tried.
 
-use skysink_planner::strategies::Registered;
+use skysink_planner::strategies::horizon::{self, HorizonKeys};
+use skysink_planner::strategies::offline::{self, OfflineKeys};
 use std::path::Path;
 use std::sync::LazyLock;
 
@@ -40,13 +41,12 @@ pub(super) const SEEN: [(Knowledge, Rates); 3] =
 
 /// A scenario by `strategy`, with short searches.
 pub(super) fn planned(scenario: &Scenario, strategy: &'static str, (knowledge, rates): (Knowledge, Rates)) -> Scenario {
-    let change = |settings: &mut Settings| {
-        settings.strategy = Registered::find(strategy).expect("a registered strategy");
-        settings.horizon.iterations = Count::clamped(20);
-        settings.offline.steps = Count::clamped(200);
-        (settings.knowledge, settings.rates) = (knowledge, rates);
-    };
-    settings::change(scenario.clone(), change).expect("any of these may be chosen")
+    let mut scenario = scenario.clone();
+    strategy.clone_into(&mut scenario.planner.strategy);
+    horizon::STRATEGY.set_keys(&mut scenario, HorizonKeys { iterations: Count::clamped(20), budget_ms: None });
+    offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: Count::clamped(200) });
+    let change = |settings: &mut Settings| (settings.knowledge, settings.rates) = (knowledge, rates);
+    settings::change(scenario, change).expect("any of these may be chosen")
 }
 
 fn world(text: &str) -> World {

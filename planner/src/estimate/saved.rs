@@ -1,10 +1,10 @@
-//! What is believed as a checkpoint, so that a planner that is started again believes it, too.
+//! The checkpoint of an estimate, so that a planner that is started again believes the same.
 
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::CheckpointError;
 use skysink_common::message::MAX_SERVED;
 
-use super::{Belief, Estimate, Learnt};
+use super::{Contact, Estimate};
 
 /// Most bytes of a checkpoint for an SN.
 pub const BYTES_EACH: usize = 56;
@@ -16,35 +16,19 @@ pub(crate) struct Saved {
     whole_since: u64,
     announced_slot: u64,
     announced: Vec<(u32, u32)>,
-    /// The SNs that were ever contacted, ascending.
+    /// The last contacts with the SNs that were ever contacted, ascending.
     contacted: Vec<Contact>,
-}
-
-/// What a checkpoint holds of an SN.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-struct Contact {
-    id: u32,
-    /// Slot of the last contact.
-    slot: u64,
-    left_bits: u32,
-    /// Where rates are learnt.
-    learnt: Option<Learnt>,
 }
 
 impl Estimate {
     /// What the next slot has to know.
     pub(crate) fn saved(&self) -> Saved {
-        let contact = |(id, belief): (u32, &Belief)| {
-            let learnt = self.learns().then_some(belief.learnt);
-            Contact { id, slot: belief.contact, left_bits: belief.left_bits, learnt }
-        };
-        let contacted = (0..).zip(&self.beliefs).filter(|(_, belief)| belief.contact > 0).map(contact).collect();
         Saved {
             observed: self.observed,
             whole_since: self.whole_since,
-            announced_slot: self.announced.0,
-            announced: self.announced.1.clone(),
-            contacted,
+            announced_slot: self.announced_slot,
+            announced: self.announced.clone(),
+            contacted: self.beliefs.iter().map(|belief| belief.contact).filter(Contact::is_past).collect(),
         }
     }
 
@@ -59,40 +43,40 @@ impl Estimate {
         for (id, _) in &announced {
             below("announced sensor node", *id, sensors)?;
         }
-        let before =
-            |known: &Belief| Belief::before_any_contact(known.capacity_bits, known.prior_mean_bits, self.initial_bits);
-        let mut beliefs: Vec<Belief> = self.beliefs.iter().map(before).collect();
+        let mut beliefs = self.beliefs.clone();
+        for belief in &mut beliefs {
+            belief.contact = self.before_any_contact(belief.contact.id, belief.capacity_bits);
+        }
         if !contacted.is_sorted_by(|a, b| a.id < b.id) {
             return Err(CheckpointError::unexpected("contacts", "in another order", "ascending ids"));
         }
         for contact in contacted {
             below("sensor node", contact.id, sensors)?;
-            self.restore_contact(&mut beliefs[contact.id as usize], observed, contact)?;
+            let belief = &mut beliefs[contact.id as usize];
+            self.check_contact(&contact, observed, belief.capacity_bits)?;
+            belief.contact = contact;
         }
-        let announced = (announced_slot, announced);
-        Ok(Self { observed, whole_since, announced, beliefs, queues_bits: self.queues_bits.clone(), ..*self })
+        let queues_bits = self.queues_bits.clone();
+        Ok(Self { observed, whole_since, announced_slot, announced, beliefs, queues_bits, ..*self })
     }
 
-    /// Fills a belief in, which is of the slot `observed` at the latest.
-    fn restore_contact(&self, belief: &mut Belief, observed: u64, contact: Contact) -> Result<(), CheckpointError> {
-        if contact.slot == 0 || contact.learnt.is_some() != self.learns() {
+    /// Refuses a contact that cannot have been the last, with a buffer of `capacity_bits`, up to the slot `observed`.
+    fn check_contact(&self, contact: &Contact, observed: u64, capacity_bits: u32) -> Result<(), CheckpointError> {
+        if !contact.is_past() || contact.learnt.is_some() != self.has_learnt_rates() {
             let expected = "a slot from 1, and a rate where rates are learnt";
             return Err(CheckpointError::unexpected("contact", format!("{contact:?}"), expected));
         }
         at_most("contact", contact.slot, observed)?;
-        at_most("queue left [bit]", contact.left_bits.into(), belief.capacity_bits.into())?;
+        at_most("queue left [bit]", contact.left_bits.into(), capacity_bits.into())?;
         if let Some(learnt) = contact.learnt {
             // Gaps lie before the last contact, and none brings more than the buffer holds.
             at_most("slots of gaps", learnt.slots, contact.slot - 1)?;
-            at_most("bits of gaps", learnt.bits, learnt.slots.saturating_mul(belief.capacity_bits.into()))?;
-            if !(0.0..=f64::from(belief.capacity_bits)).contains(&learnt.least_mean_bits) {
-                let expected = format!("0 to {}", belief.capacity_bits);
+            at_most("bits of gaps", learnt.bits, learnt.slots.saturating_mul(capacity_bits.into()))?;
+            if !(0.0..=f64::from(capacity_bits)).contains(&learnt.least_mean_bits) {
+                let expected = format!("0 to {capacity_bits}");
                 return Err(CheckpointError::unexpected("least mean [bit]", learnt.least_mean_bits, expected));
             }
-            belief.learnt = learnt;
         }
-        belief.contact = contact.slot;
-        belief.left_bits = contact.left_bits;
         Ok(())
     }
 }
@@ -109,7 +93,7 @@ fn below(key: &'static str, id: u32, sensors: usize) -> Result<(), CheckpointErr
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::Rates;
+    use crate::estimate::{Learnt, Rates};
     use skysink_common::checkpoint::encode;
     use skysink_common::message::{FlightReport, LinkReport, Mode, SensorNode};
     use skysink_common::scenario::{Overrides, Scenario};
@@ -164,9 +148,8 @@ mod tests {
         let mut estimate = fresh(Rates::Learnt);
         let empty = bytes_of(&estimate).len();
         for belief in &mut estimate.beliefs {
-            belief.contact = u64::MAX;
-            belief.left_bits = u32::MAX;
-            belief.learnt = Learnt { bits: u64::MAX, slots: u64::MAX, least_mean_bits: f64::MAX };
+            let learnt = Some(Learnt { bits: u64::MAX, slots: u64::MAX, least_mean_bits: f64::MAX });
+            belief.contact = Contact { id: u32::MAX, slot: u64::MAX, left_bits: u32::MAX, learnt };
         }
         assert!(bytes_of(&estimate).len() - empty <= 5 * BYTES_EACH);
     }

@@ -26,9 +26,11 @@ impl Circle {
 
     /// The circle through three points; if they are on a line, the one over the outer two.
     fn through_three(a: &Position, b: &Position, c: &Position) -> Self {
-        let (u, v) = (b - a, c - a);
+        let u = b - a;
+        let v = c - a;
         let twice_area_m2 = 2.0 * (u.x * v.y - u.y * v.x);
-        let (u2, v2) = (u.norm_squared(), v.norm_squared());
+        let u2 = u.norm_squared();
+        let v2 = v.norm_squared();
         let offset = nalgebra::Vector2::new(v.y * u2 - u.y * v2, u.x * v2 - v.x * u2) / twice_area_m2;
         let centre = a + offset;
         let radius_m2 = [a, b, c].map(|point| distance_squared(&centre, point)).into_iter().fold(0.0, f64::max);
@@ -39,7 +41,8 @@ impl Circle {
         pairs.into_iter().max_by(|a, b| a.radius_m2.total_cmp(&b.radius_m2)).expect("three pairs")
     }
 
-    /// The smallest circle around `points` (E. Welzl's, point by point); of no points a circle of radius 0 at the origin.
+    /// The smallest circle around `points` (E. Welzl's, point by point); of no points a circle of radius 0 at the
+    /// origin.
     #[must_use]
     pub fn around(points: &[Position]) -> Self {
         let Some(first) = points.first() else {

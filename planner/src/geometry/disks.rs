@@ -74,8 +74,8 @@ fn nearest_in_all(
 /// The point of both disks that is nearest to `target`, without the slack of decision D5; if they miss each other by
 /// rounding, a point between them.
 ///
-/// A plan over many slots is flown through this point. With [`project`], which takes a point for inside that is up to the
-/// slack outside, most flights would be the same, but not all of them.
+/// A plan over many slots is flown through this point. With [`project`], which takes a point for inside that is up to
+/// the slack outside, most flights would be the same, but not all of them.
 #[must_use]
 pub fn nearest_in_both(target: &Position, reach: &Disk, range: &Disk) -> Position {
     if range.contains_strictly(target) && reach.contains_strictly(target) {

@@ -8,8 +8,8 @@ use skysink_common::scenario::Area;
 /// Margin of a preselection over every test that follows it; it changes what is tested, never what is found.
 pub(crate) const PRESELECTION_MARGIN: f64 = 1.001;
 
-/// Most cells for each point of a grid over a bounding box: beyond, they become larger, so that an empty country costs no
-/// memory.
+/// Most cells for each point of a grid over a bounding box: beyond, they become larger, so that empty ground costs
+/// no memory.
 const CELLS_PER_NODE: f64 = 4.0;
 
 /// Cells that are always allowed there.
@@ -29,8 +29,8 @@ pub struct Node {
 
 /// All points in the cells of a uniform grid, made once.
 ///
-/// Cells are numbered row by row from the south-west, and the points lie in memory in the order of their cells: what is in
-/// some neighbouring columns of a row is one piece.
+/// Cells are numbered row by row from the south-west, and the points lie in memory in the order of their cells: what is
+/// in some neighbouring columns of a row is one piece.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Grid {
     /// South-west corner.
@@ -45,8 +45,9 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// A grid over the bounding box of `positions`, point i at entry i, in cells of the side `side_m` [m], above 0, or as
-    /// much larger as it takes to have no more than four cells for each point. With an infinite side it has a single cell.
+    /// A grid over the bounding box of `positions`, point i at entry i, in cells of the side `side_m` [m], above 0, or
+    /// as much larger as it takes to have no more than four cells for each point. With an infinite side it has a single
+    /// cell.
     ///
     /// # Panics
     /// If there are more points than ids; a scenario has at most 10^7 SNs.
@@ -101,8 +102,8 @@ impl Grid {
     /// Has every point at most `radius_m` [m] from `centre`, without any slack, visited once with the squared distance
     /// [m²], by cell and in each by id.
     ///
-    /// No point is missed by rounding: the borders of what is tested are a thousandth of the radius beyond the test, and
-    /// they are put into cells by the same sums as the points, each of which never decreases with the coordinate.
+    /// No point is missed by rounding: the borders of what is tested are a thousandth of the radius beyond the test,
+    /// and they are put into cells by the same sums as the points, each of which never decreases with the coordinate.
     #[inline]
     pub fn visit(&self, centre: &Position, radius_m: f64, mut visit: impl FnMut(&Node, f64)) {
         let margin_m = radius_m * PRESELECTION_MARGIN;

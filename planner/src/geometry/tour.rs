@@ -83,7 +83,7 @@ impl<'a> Tour<'a> {
         for _ in 0..MOST_SWEEPS {
             let mut improved = false;
             for point in 0..self.order.len() as u32 {
-                while self.exchange(point) || self.carry(point) {
+                while self.two_opt(point) || self.or_opt(point) {
                     improved = true;
                 }
             }
@@ -93,8 +93,8 @@ impl<'a> Tour<'a> {
         }
     }
 
-    /// 2-opt: joins `point` with one of its neighbours, and their successors with each other.
-    fn exchange(&mut self, point: u32) -> bool {
+    /// Joins `point` with one of its neighbours, and their successors with each other.
+    fn two_opt(&mut self, point: u32) -> bool {
         let place = self.places[point as usize];
         let next = self.at(place + 1);
         let own_m = self.length_m(point, next);
@@ -108,28 +108,27 @@ impl<'a> Tour<'a> {
             let after = self.at(other_place + 1);
             let gain_m = own_m + self.length_m(other, after) - joined_m - self.length_m(next, after);
             if gain_m > LEAST_GAIN_M && other != next && after != point {
-                let (low, high) = (place.min(other_place), place.max(other_place));
-                self.turn(low + 1, high);
+                self.reverse(place.min(other_place) + 1, place.max(other_place));
                 return true;
             }
         }
         false
     }
 
-    /// Turns the places `low..=high` round.
-    fn turn(&mut self, low: usize, high: usize) {
+    /// Reverses the places `low..=high`.
+    fn reverse(&mut self, low: usize, high: usize) {
         self.order[low..=high].reverse();
-        self.note(low, high);
+        self.index_places(low, high);
     }
 
-    fn note(&mut self, low: usize, high: usize) {
+    fn index_places(&mut self, low: usize, high: usize) {
         for place in low..=high {
             self.places[self.order[place] as usize] = place;
         }
     }
 
-    /// Or-opt: moves up to three points from `point` on to behind a neighbour of `point`, turned if that is shorter.
-    fn carry(&mut self, point: u32) -> bool {
+    /// Moves up to three points from `point` on to behind a neighbour of `point`, reversed if that is shorter.
+    fn or_opt(&mut self, point: u32) -> bool {
         let count = self.order.len();
         let begin = self.places[point as usize];
         for length in 1..=LONGEST_MOVED.min(count - 3) {
@@ -137,7 +136,9 @@ impl<'a> Tour<'a> {
             if begin == 0 || end >= count {
                 return false;
             }
-            let (before, after, last) = (self.at(begin - 1), self.at(end), self.at(end - 1));
+            let before = self.at(begin - 1);
+            let after = self.at(end);
+            let last = self.at(end - 1);
             let freed_m = self.length_m(before, point) + self.length_m(last, after) - self.length_m(before, after);
             for index in 0..self.neighbours[point as usize].len() {
                 let other = self.neighbours[point as usize][index];
@@ -162,9 +163,9 @@ impl<'a> Tour<'a> {
                 if previous == last {
                     continue;
                 }
-                let turned_m = self.length_m(previous, last) + self.length_m(point, other);
-                if freed_m - turned_m + self.length_m(previous, other) > LEAST_GAIN_M && place > 0 {
-                    self.turn(begin, end - 1);
+                let reversed_m = self.length_m(previous, last) + self.length_m(point, other);
+                if freed_m - reversed_m + self.length_m(previous, other) > LEAST_GAIN_M && place > 0 {
+                    self.reverse(begin, end - 1);
                     self.shift(begin, end, place - 1);
                     return true;
                 }
@@ -177,10 +178,10 @@ impl<'a> Tour<'a> {
     fn shift(&mut self, begin: usize, end: usize, place: usize) {
         if place >= end {
             self.order[begin..=place].rotate_left(end - begin);
-            self.note(begin, place);
+            self.index_places(begin, place);
         } else {
             self.order[place + 1..end].rotate_right(end - begin);
-            self.note(place + 1, end - 1);
+            self.index_places(place + 1, end - 1);
         }
     }
 }

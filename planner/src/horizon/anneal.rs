@@ -1,4 +1,5 @@
-//! Simulated annealing of a plan: changes of a few stops, accepted with a probability that falls with the loss they add.
+//! Simulated annealing of a plan: changes of a few stops, accepted with a probability that falls with the loss they
+//! add.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -83,10 +84,6 @@ struct Proposal<'a> {
 }
 
 impl Proposal<'_> {
-    fn below(&mut self, count: usize) -> usize {
-        below(self.random, count)
-    }
-
     /// Any stop of the model.
     fn any(&mut self) -> u32 {
         self.model.stops[below(self.random, self.model.stops.len())]
@@ -95,7 +92,7 @@ impl Proposal<'_> {
     /// A stop of the model near that of leg `leg`, or any.
     fn other(&mut self, leg: usize) -> u32 {
         let near = &self.model.neighbours[self.legs[leg].stop as usize];
-        if near.is_empty() || self.below(16) == 0 { self.any() } else { near[self.below(near.len())] }
+        if near.is_empty() || below(self.random, 16) == 0 { self.any() } else { near[below(self.random, near.len())] }
     }
 
     /// The next leg to a stop near that of leg `leg`, before or after it, at most `most` legs away.
@@ -118,7 +115,8 @@ impl Proposal<'_> {
         self.inserted.extend(legs.rev().map(|leg| (self.legs[leg].stop, FRESH)));
     }
 
-    /// Draws a change that starts from leg `first` or a later one: fills `inserted` and returns the legs that it replaces.
+    /// Draws a change that starts from leg `first` or a later one: fills `inserted` and returns the legs that it
+    /// replaces.
     fn draw(&mut self, first: usize) -> Option<Range<usize>> {
         if self.legs.is_empty() {
             let stop = self.any();
@@ -126,12 +124,12 @@ impl Proposal<'_> {
             return Some(0..0);
         }
         let first = first.min(self.legs.len() - 1);
-        let leg = first + self.below(self.legs.len() - first);
-        match self.below(100) {
+        let leg = first + below(self.random, self.legs.len() - first);
+        match below(self.random, 100) {
             0..20 => {
                 let stop = self.other(leg);
                 self.inserted.push((stop, FRESH));
-                let at = leg + self.below(2);
+                let at = leg + below(self.random, 2);
                 Some(at..at)
             }
             20..35 => Some(leg..leg + 1),
@@ -149,10 +147,10 @@ impl Proposal<'_> {
     /// Moves a few stops from leg `leg` on to behind another one.
     fn move_from(&mut self, leg: usize) -> Option<Range<usize>> {
         let longest = LONGEST_MOVED.min(self.legs.len() - leg);
-        let longest = if self.below(2) == 0 { longest.min(3) } else { longest };
-        let end = leg + 1 + self.below(longest);
+        let longest = if below(self.random, 2) == 0 { longest.min(3) } else { longest };
+        let end = leg + 1 + below(self.random, longest);
         let behind = self.near(leg, usize::MAX / 2)? + 1;
-        let is_reversed = self.below(2) == 0;
+        let is_reversed = below(self.random, 2) == 0;
         let carry = |proposal: &mut Self| {
             if is_reversed { proposal.reverse(leg..end) } else { proposal.keep(leg..end) }
         };

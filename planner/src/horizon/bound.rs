@@ -4,14 +4,14 @@ use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
 
 use super::forecast::PlanningWindow;
-use super::model::PlanningModel;
+use super::model::{PlanningModel, SensorModel};
 use super::path_bound::PathBound;
 
 /// Gaps between visits that are compared.
 const GAPS: usize = 8;
 
-/// A lower bound on the loss [bit] of a whole mission from the queues `queues_bits` [bit] before slot 1, by id, however it
-/// is flown: [`lower_bound_with_paths`].
+/// A lower bound on the loss [bit] of a whole mission from the queues `queues_bits` [bit] before slot 1, by id, however
+/// it is flown: [`lower_bound_with_paths`].
 #[must_use]
 pub fn mission_bound(scenario: &Scenario, sensors: &[SensorNode], queues_bits: &[u32]) -> f64 {
     let model = PlanningModel::new(scenario, sensors);
@@ -45,16 +45,13 @@ fn by_counts(model: &PlanningModel, window: &PlanningWindow, most: impl Fn(i32) 
     let mut fills: Vec<f64> = model.sensors.iter().map(|sensor| sensor.fill_slots.ceil()).collect();
     fills.sort_unstable_by(f64::total_cmp);
     fills.dedup();
-    let mut losses = Vec::with_capacity(model.sensors.len());
     let stride = fills.len().div_ceil(GAPS).max(1);
     // Loss in a slot with at least `gap` slots before it, by gap.
     let mut later: Vec<(i32, f64)> = Vec::new();
     for gap in fills.into_iter().step_by(stride).filter(|gap| *gap < f64::from(window.slots)) {
-        losses.clear();
-        losses.extend(
-            model.sensors.iter().map(|sensor| (gap + 1.0 - sensor.fill_slots).clamp(0.0, 1.0) * sensor.mean_bits),
-        );
-        later.push((gap as i32, without_largest(&mut losses, most(gap as i32))));
+        let lost_bits = |sensor: &SensorModel| (gap + 1.0 - sensor.fill_slots).clamp(0.0, 1.0) * sensor.mean_bits;
+        let losses = model.sensors.iter().map(lost_bits).collect();
+        later.push((gap as i32, without_largest(losses, most(gap as i32))));
     }
     let widest = later.last().map_or(0, |(gap, _)| *gap);
     let mut bound_bits = 0.0;
@@ -63,11 +60,11 @@ fn by_counts(model: &PlanningModel, window: &PlanningWindow, most: impl Fn(i32) 
         let mut least_bits = before.map(|(_, bits)| *bits).fold(0.0, f64::max);
         let served = most(slot - 1);
         if served < model.sensors.len() {
-            losses.clear();
-            losses.extend(model.sensors.iter().zip(&window.empty).map(|(sensor, empty)| {
+            let lost_bits = |(sensor, empty): (&SensorModel, &f64)| {
                 (f64::from(slot) - empty - sensor.fill_slots).clamp(0.0, 1.0) * sensor.mean_bits
-            }));
-            least_bits = least_bits.max(without_largest(&mut losses, served));
+            };
+            let losses = model.sensors.iter().zip(&window.empty).map(lost_bits).collect();
+            least_bits = least_bits.max(without_largest(losses, served));
         } else if slot > widest {
             // From here on every slot is like this one.
             return bound_bits + least_bits * f64::from(window.slots - slot + 1);
@@ -92,8 +89,8 @@ pub fn by_throughput(model: &PlanningModel, window: &PlanningWindow) -> f64 {
     (excess_bits - best_bits * slots * model.table.resource_blocks as f64).max(0.0)
 }
 
-/// The sum of `values`, which change their order, without the `count` largest.
-fn without_largest(values: &mut [f64], count: usize) -> f64 {
+/// The sum of `values` without the `count` largest.
+fn without_largest(mut values: Vec<f64>, count: usize) -> f64 {
     if count >= values.len() {
         return 0.0;
     }

@@ -1,12 +1,11 @@
-//! Whom a slot serves of those in range, where they are more than the resource blocks: those for whom a visit saves
-//! most.
+//! The schedule of a slot with more sensors in range than resource blocks: those for which a visit saves most.
 
 use std::cmp::Ordering;
 
 use super::model::PlanningModel;
 
-/// Loss [slots of sampling] until a next visit that comes evenly within `until` slots, of a sensor that has `left` slots
-/// of room: `max(0, until − left)²/(2 until)` on average.
+/// Loss [slots of sampling] until a next visit that comes evenly within `until` slots, of a sensor that has `left`
+/// slots of room: `max(0, until − left)²/(2 until)` on average.
 #[inline]
 #[must_use]
 pub fn late_slots(left: f64, until: f64) -> f64 {
@@ -23,8 +22,8 @@ pub struct Candidate {
     pub capacity_slots: f64,
     /// Loss [bit] that a visit is expected to save; infinite for those that the slot stops for.
     pub saved_bits: f64,
-    /// Slots until its buffer is full. How long it has been is not in it, because the next slot's planner sees a full queue
-    /// as a full queue, and has to choose the same.
+    /// Slots until its buffer is full. How long it has been is not in it, because the next slot's planner sees a full
+    /// queue as a full queue, and has to choose the same.
     left_slots: f64,
 }
 
@@ -75,8 +74,8 @@ mod tests {
 
     #[test]
     fn a_visit_saves_what_would_overflow_before_the_next_one() {
-        // Full in 30 slots, next visit evenly within 50. With 10 slots of room 40²/100 = 16 slots are lost on average, after
-        // it was emptied 20²/100 = 4.
+        // Full in 30 slots, next visit evenly within 50. With 10 slots of room 40²/100 = 16 slots are lost on average,
+        // after it was emptied 20²/100 = 4.
         let model = model(5e6, 50.0);
         assert_eq!((late_slots(10.0, 50.0), late_slots(60.0, 50.0)), (16.0, 0.0));
         assert!((saved_bits(&model, 20.0) - 12_000.0).abs() < 1e-9);

@@ -7,8 +7,8 @@ const FEW: usize = 8;
 /// Excess below this [slots] is rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// Reverses parts of `tour` until no reversal leaves less excess in sum; `excess` says how much longer than a slot the leg
-/// between two stops is, in slots, the same in both directions.
+/// Reverses parts of `tour` until no reversal leaves less excess in sum; `excess` says how much longer than a slot the
+/// leg between two stops is, in slots, the same in both directions.
 pub fn even_out(tour: &mut [u32], excess: impl Fn(u32, u32) -> f64) {
     let count = tour.len();
     // Each exchange leaves less; far fewer are found.
@@ -21,7 +21,8 @@ pub fn even_out(tour: &mut [u32], excess: impl Fn(u32, u32) -> f64) {
         let mut best: Option<(f64, usize, usize)> = None;
         for long in long {
             for other in (0..count).filter(|&other| other != long) {
-                let (low, high) = (long.min(other), long.max(other));
+                let low = long.min(other);
+                let high = long.max(other);
                 let joined = excess(tour[low], tour[high]) + excess(tour[low + 1], tour[(high + 1) % count]);
                 let gain = leg(low) + leg(high) - joined;
                 if gain > ROUNDING && best.is_none_or(|(most, ..)| gain > most) {

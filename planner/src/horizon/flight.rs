@@ -51,9 +51,9 @@ impl Trace {
     }
 }
 
-/// Serves one visit, with what the sensors hold as the slots in which each would have been empty: `e_i`, so that a queue
-/// is `s_i τ (t − e_i)` after slot t if it did not overflow. What has overflowed before is lost [bit], and the rest goes up
-/// to the visit's capacity.
+/// Serves one visit, with what the sensors hold as the slots in which each would have been empty: `e_i`, so that a
+/// queue is `s_i τ (t − e_i)` after slot t if it did not overflow. What has overflowed before is lost [bit], and the
+/// rest goes up to the visit's capacity.
 #[inline]
 pub fn serve(model: &PlanningModel, empty: &mut [f64], visit: &Visit) -> f64 {
     let sensor = &model.sensors[visit.sensor as usize];
@@ -62,15 +62,6 @@ pub fn serve(model: &PlanningModel, empty: &mut [f64], visit: &Visit) -> f64 {
     let overflow_slots = sensor.overflow_slots(slot, *empty);
     *empty = slot - ((slot - *empty).min(sensor.fill_slots) - visit.capacity_slots).max(0.0);
     overflow_slots * sensor.mean_bits
-}
-
-/// Serves `visits`, each `shift` slots later, after a loss of `lost_bits`; returns the loss until then [bit].
-#[inline]
-pub fn serve_all(model: &PlanningModel, empty: &mut [f64], visits: &[Visit], shift: i32, mut lost_bits: f64) -> f64 {
-    for visit in visits {
-        lost_bits += serve(model, empty, &Visit { slot: visit.slot + shift, ..*visit });
-    }
-    lost_bits
 }
 
 /// Slots to get from `from` to a point in range of all members of `stop`, at least 1.
@@ -93,7 +84,8 @@ pub struct Decoder {
 
 impl Decoder {
     /// Flies to `stop`, as near to the stop `next` as it can, and serves whoever is in range at the end of each slot.
-    /// Returns what has overflowed before the visits [bit]; none, and flies nowhere, if it would arrive after slot `last`.
+    /// Returns what has overflowed before the visits [bit]; none, and flies nowhere, if it would arrive after slot
+    /// `last`.
     pub fn fly(
         &mut self,
         model: &PlanningModel,

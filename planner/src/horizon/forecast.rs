@@ -6,7 +6,7 @@
 use skysink_common::geometry::Position;
 
 use super::choice::late_slots;
-use super::flight::{Decoder, Leg, Trace, Visit, serve_all};
+use super::flight::{Decoder, Leg, Trace, Visit, serve};
 use super::model::{PlanningModel, SensorModel};
 use super::states::{Change, Rejoined, States};
 
@@ -114,11 +114,13 @@ impl Forecast {
         lost_bits
     }
 
-    /// Serves the visits of the legs `from..to` of the plan, `shift` slots later, in `work`, after a loss of `lost_bits`;
-    /// returns the loss until then [bit].
-    fn serve_legs(&mut self, model: &PlanningModel, from: usize, to: usize, shift: i32, lost_bits: f64) -> f64 {
-        let visits = &self.trace.visits[self.trace.first_visit(from)..self.trace.first_visit(to)];
-        serve_all(model, &mut self.work, visits, shift, lost_bits)
+    /// Serves the visits of the legs `from..to` of the plan, `shift` slots later, in `work`, after a loss of
+    /// `lost_bits`; returns the loss until then [bit].
+    fn serve_legs(&mut self, model: &PlanningModel, from: usize, to: usize, shift: i32, mut lost_bits: f64) -> f64 {
+        for visit in &self.trace.visits[self.trace.first_visit(from)..self.trace.first_visit(to)] {
+            lost_bits += serve(model, &mut self.work, &Visit { slot: visit.slot + shift, ..*visit });
+        }
+        lost_bits
     }
 
     /// What is lost after the last visit [bit], from the state `work`.
@@ -144,19 +146,16 @@ impl Forecast {
         lost_bits
     }
 
-    /// Tries the plan in which `inserted` stands in place of the stops `from..to`; returns its loss [bit]. Each inserted
-    /// stop comes with its index in the old plan or [`FRESH`].
+    /// Tries the plan in which `inserted` stands in place of the stops `from..to`; returns its loss [bit]. Each
+    /// inserted stop comes with its index in the old plan or [`FRESH`].
     pub fn attempt(&mut self, model: &PlanningModel, from: usize, to: usize, inserted: &[(u32, u32)]) -> f64 {
         let start = from.saturating_sub(1); // the waypoint before a change depends on what comes next
         let mut lost_bits = self.restore(model, start);
         (self.decoder.at, self.decoder.slot) = self.begin(start);
-        let mut change = std::mem::take(&mut self.change);
-        change.trace.legs.clear();
-        change.trace.visits.clear();
-        change.from = start;
-        change.rest = self.trace.legs.len();
-        change.shift = 0;
-        change.rejoined = None;
+        let mut trace = std::mem::take(&mut self.change.trace);
+        trace.legs.clear();
+        trace.visits.clear();
+        let mut change = Change { from: start, trace, rest: self.trace.legs.len(), shift: 0, rejoined: None };
         let before = from - start;
         let changed = before + inserted.len();
         // The stop after `step` others: its index in the old plan, or `FRESH`.
@@ -174,7 +173,7 @@ impl Forecast {
             };
             let next = item(&self.trace.legs, step + 1);
             let follows = last.take().is_some_and(|last: u32| old != FRESH && last + 1 == old);
-            if self.is_as_before(model, &change, old, next, follows) {
+            let lost_on_leg_bits = if self.is_as_before(model, &change, old, next, follows) {
                 let shift = self.decoder.slot - self.begin(old as usize).1;
                 if step >= changed {
                     change.rest = old as usize;
@@ -182,31 +181,22 @@ impl Forecast {
                     (lost_bits, change.rejoined) = self.repeat(model, old as usize, shift, lost_bits);
                     break;
                 }
-                let Some(bits) = self.copy_leg(model, old as usize, shift, &mut change.trace) else {
-                    break;
-                };
-                lost_bits += bits;
                 last = Some(old);
-                continue;
-            }
-            let first = change.trace.visits.len() as u32;
-            // A stop that the last slot serves anyway takes no time.
-            if !self.is_met(model, &change, stop) {
-                let next = next.map(|(next, _)| next);
-                let visits = &mut change.trace.visits;
-                let Some(bits) = self.decoder.fly(model, stop, next, self.window.slots, &mut self.work, visits) else {
-                    break;
-                };
-                lost_bits += bits;
-            }
-            change.trace.legs.push(Leg { stop, end: self.decoder.slot, at: self.decoder.at, first });
+                self.copy_leg(model, old as usize, shift, &mut change.trace)
+            } else {
+                self.fly_leg(model, stop, next.map(|(next, _)| next), &mut change)
+            };
+            let Some(lost_on_leg_bits) = lost_on_leg_bits else {
+                break; // it ends too late
+            };
+            lost_bits += lost_on_leg_bits;
         }
         self.change = change;
         lost_bits + self.final_loss(model)
     }
 
-    /// Whether stop `old` of the old plan, followed by `next`, is flown from here as it was; `follows` says that the stop
-    /// before it was.
+    /// Whether stop `old` of the old plan, followed by `next`, is flown from here as it was; `follows` says that the
+    /// stop before it was.
     #[inline]
     fn is_as_before(
         &self,
@@ -267,8 +257,21 @@ impl Forecast {
         Some(self.serve_legs(model, old, old + 1, shift, 0.0))
     }
 
-    /// Flies the old plan from leg `old` on, `shift` slots later, `lost_bits` having been lost before; returns what is lost
-    /// until the end of its last leg [bit].
+    /// Flies to `stop`, as near to the stop `next` as it can; returns what is lost on it [bit], or none if it ends too
+    /// late. A stop that the last slot serves anyway takes no time.
+    fn fly_leg(&mut self, model: &PlanningModel, stop: u32, next: Option<u32>, change: &mut Change) -> Option<f64> {
+        let first = change.trace.visits.len() as u32;
+        let mut lost_bits = 0.0;
+        if !self.is_met(model, change, stop) {
+            let visits = &mut change.trace.visits;
+            lost_bits = self.decoder.fly(model, stop, next, self.window.slots, &mut self.work, visits)?;
+        }
+        change.trace.legs.push(Leg { stop, end: self.decoder.slot, at: self.decoder.at, first });
+        Some(lost_bits)
+    }
+
+    /// Flies the old plan from leg `old` on, `shift` slots later, `lost_bits` having been lost before; returns what is
+    /// lost until the end of its last leg [bit].
     ///
     /// As soon as a stored state shows that all queues are as they were then, what follows is known.
     fn repeat(&mut self, model: &PlanningModel, old: usize, shift: i32, mut lost_bits: f64) -> (f64, Option<Rejoined>) {

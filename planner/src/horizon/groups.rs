@@ -1,6 +1,7 @@
 //! Groups of sensors that are served together: a partition of the field into few of them, found by annealing.
 //!
-//! Where sensors stand so dense that the resource blocks are the bottleneck, serving full groups in a cycle loses least.
+//! Where sensors stand so dense that the resource blocks are the bottleneck, serving full groups in a cycle loses
+//! least.
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -43,7 +44,8 @@ struct Partition<'a> {
     points: Vec<Position>,
 }
 
-/// Groups of all sensors of `table`, each in one of them and within its circle; none where no two can be served together.
+/// Groups of all sensors of `table`, each in one of them and within its circle; none where no two can be served
+/// together.
 pub(super) fn cover(table: &SensorTable, seed: u64) -> Vec<ServiceDisk> {
     let neighbours: Vec<Vec<u32>> = table.ids().map(|sensor| near(table, sensor)).collect();
     if table.resource_blocks < 2 || neighbours.iter().all(Vec::is_empty) {
@@ -143,8 +145,8 @@ impl Partition<'_> {
         self.groups = best_groups;
     }
 
-    /// Splits groups that are too wide: removes the member without which the circle is smallest, until the rest fits. Each
-    /// of those removed joins the first group in which it fits, or is alone.
+    /// Splits groups that are too wide: removes the member without which the circle is smallest, until the rest fits.
+    /// Each of those removed joins the first group in which it fits, or is alone.
     fn split(&mut self) {
         let mut removed: Vec<u32> = Vec::new();
         let mut groups = std::mem::take(&mut self.groups);

@@ -1,4 +1,4 @@
-//! The same search before the mission, with as many steps as one likes: what is the best known.
+//! The search of [`super`] before the mission, with any number of steps: it finds the best plan that is known.
 
 use std::ops::ControlFlow;
 
@@ -7,7 +7,7 @@ use skysink_common::random::Purpose;
 use super::anneal::{Temperature, anneal};
 use super::bound::lower_bound;
 use super::forecast::Forecast;
-use super::{COLDEST, COOLING, Horizon, LAST_CEILING, MOST_RISE, NEAR_FRACTION, WARMING, start};
+use super::{COOLING, Horizon, LAST_CEILING, LEAST_TEMPERATURE, MOST_RISE, NEAR_FRACTION, REHEATING, start};
 use crate::strategies::View;
 
 /// Parts of the search, each with its temperature.
@@ -46,13 +46,13 @@ impl Horizon {
         self.begin(&mut forecast, view.table);
         self.cool(&mut forecast, view.slot, steps, watch).continue_value()?;
         self.carried = forecast.stops();
-        self.temperature = COLDEST;
+        self.temperature = LEAST_TEMPERATURE;
         Some(forecast.loss_bits)
     }
 
     /// Anneals `forecast` by `steps` search steps as a mission would, but without flying: the part that is still open
-    /// shrinks from all slots to none while it cools, and what lies before it freezes. Then all of it is polished. Keeps
-    /// the best plan found between rounds.
+    /// shrinks from all slots to none while it cools, and what lies before it freezes. Then all of it is polished.
+    /// Keeps the best plan found between rounds.
     fn cool(
         &self,
         forecast: &mut Forecast,
@@ -97,7 +97,7 @@ impl Horizon {
                 }
             }
             let rise_bits = forecast.loss_bits - begun_bits;
-            adapted = if rise_bits > 0.0 { adapted * COOLING } else { (adapted * WARMING).min(1.0) };
+            adapted = if rise_bits > 0.0 { adapted * COOLING } else { (adapted * REHEATING).min(1.0) };
             if rise_bits > avoidable_bits * MOST_RISE {
                 forecast.load(model, begun);
             }

@@ -1,9 +1,9 @@
 //! `horizon`: the plan of least predicted loss over many slots, improved in every slot and flown a slot at a time.
 //!
 //! A plan is a sequence of stops. [`flight`] says how it is flown, [`forecast`] what it loses, [`anneal`] how it is
-//! improved, [`start`] what it starts from. What never changes is in [`model`]: the sensor nodes in slots instead of bits,
-//! and the [`service_disk`]s to stop at, of which [`groups`] makes some. How the first slot becomes a decision is left to
-//! [`crate::strategies::horizon`].
+//! improved, [`start`] what it starts from. What never changes is in [`model`]: the sensor nodes in slots instead of
+//! bits, and the [`service_disk`]s to stop at, of which [`groups`] makes some. How the first slot becomes a decision is
+//! left to [`crate::strategies::horizon`].
 
 pub mod anneal;
 pub mod bound;
@@ -49,20 +49,20 @@ const LEAST_MEAN_BITS: f64 = 1e-3;
 /// Ceiling of the temperature at the mission's end; at its beginning it is 1.
 const LAST_CEILING: f64 = 0.1;
 
-/// Fraction of free resource blocks from which on the temperature is not reduced.
+/// Fraction of free resource blocks from which on the temperature is not reduced for their sake.
 const FREE: f64 = 0.5;
 
 /// Most that a search may end higher, as a fraction of what is avoidable; otherwise it is undone.
 const MOST_RISE: f64 = 0.02;
 
-/// Lowest temperature, from which a search may still become warmer.
-const COLDEST: f64 = 1e-9;
+/// Lowest temperature; above 0, so that a factor can raise it again.
+const LEAST_TEMPERATURE: f64 = 1e-9;
 
 /// Factor of the temperature after a slot whose search ended with more loss than it began with.
 const COOLING: f64 = 0.95;
 
 /// Factor of the temperature after a slot whose search ended with less.
-const WARMING: f64 = 1.05;
+const REHEATING: f64 = 1.05;
 
 /// Temperature of a change in the next slot, as a fraction of that of one far ahead.
 const NEAR_FRACTION: f64 = 0.02;
@@ -82,8 +82,8 @@ pub struct Horizon {
     budget: Option<Duration>,
     /// Stops that are still to come, as disks of the model.
     carried: Vec<u32>,
-    /// Temperature of the next search, 0 to 1: the loss accepted with probability 1/e, as a fraction of what the average
-    /// stop loses beyond the bound.
+    /// Temperature of the next search, 0 to 1: the loss accepted with probability 1/e, as a fraction of what the
+    /// average stop loses beyond the bound.
     temperature: f64,
 }
 
@@ -110,14 +110,15 @@ pub struct NextSlot {
 }
 
 impl Horizon {
-    /// The look-ahead of a mission before its first slot, over at most `most_slots` slots, with `iterations` search steps
-    /// in each slot; in a paced mission no search begins a step later than `budget` after its slot's planning began.
+    /// The look-ahead of a mission before its first slot, over at most `most_slots` slots, with `iterations` search
+    /// steps in each slot; in a paced mission no search begins a step later than `budget` after its slot's planning
+    /// began.
     ///
     /// Where sampling rates are learnt, every SN may lose data, at the rate that the estimate believes in.
     #[must_use]
     pub fn new(setup: &Setup, most_slots: u64, iterations: u32, budget: Option<Duration>) -> Self {
         let scenario = setup.scenario;
-        let learnt = setup.estimate.filter(|estimate| estimate.learns());
+        let learnt = setup.estimate.filter(|estimate| estimate.has_learnt_rates());
         let believed = |(id, sensor): (u32, &SensorNode)| match learnt {
             Some(estimate) => SensorNode { sampling_bps: least_mean_bits(estimate, id) / scenario.slot_s, ..*sensor },
             None => *sensor,
@@ -135,14 +136,14 @@ impl Horizon {
         }
     }
 
-    /// Takes in what is believed as the slot of `view` begins: the rates, where they are learnt, and how sure the queues
-    /// are.
+    /// Takes in what is believed as the slot of `view` begins: the rates, where they are learnt, and how sure the
+    /// queues are.
     fn believe(&mut self, view: &View) {
         let Some(estimate) = view.estimate else {
             return;
         };
         for (sensor, &id) in self.model.sensors.iter_mut().zip(&self.model.ids) {
-            if estimate.learns() {
+            if estimate.has_learnt_rates() {
                 sensor.mean_bits = least_mean_bits(estimate, id);
                 sensor.fill_slots = f64::from(estimate.capacity_bits(id)) / sensor.mean_bits;
             }
@@ -156,8 +157,8 @@ impl Horizon {
         }
     }
 
-    /// Looks ahead from the slot of `view`: takes up the carried plan, or makes one, improves it, and takes its first slot
-    /// off. `None` if no SN that can lose data can be reached in time.
+    /// Looks ahead from the slot of `view`: takes up the carried plan, or makes one, improves it, and takes its first
+    /// slot off. `None` if no SN that can lose data can be reached in time.
     ///
     /// Without a budget the search ends after a number of steps, not after a time. It draws from the slot's own random
     /// stream: the result depends on the view and the carried plan alone.
@@ -211,9 +212,10 @@ impl Horizon {
 
     /// Anneals the plan; the one it began with stays if the search ends with far more loss.
     ///
-    /// The temperature is in proportion to what the plan loses beyond the bound, per stop, and falls with the fraction of
-    /// resource blocks that it leaves free: a cycle of full groups can only be disturbed. It cools after a slot whose
-    /// search ended higher and warms up after one whose search ended lower, below a ceiling that falls over the mission.
+    /// The temperature is in proportion to what the plan loses beyond the bound, per stop, and falls with the fraction
+    /// of resource blocks that it leaves free: a cycle of full groups can only be disturbed. It cools after a slot
+    /// whose search ended higher and warms up after one whose search ended lower, below a ceiling that falls over the
+    /// mission.
     fn improve(&mut self, slot: u64, forecast: &mut Forecast, until: Option<Instant>) {
         if self.iterations == 0 {
             return;
@@ -237,14 +239,14 @@ impl Horizon {
         let temperature = Temperature { far_bits, now: 0, near_fraction: NEAR_FRACTION };
         let mut random = self.streams.stream(Purpose::Horizon, slot, 0);
         anneal::anneal(model, forecast, temperature, self.iterations, until, &mut random);
-        // Which SNs a slot serves depends on the queues, and the search copies legs that it does not recompute. Load the
-        // plan once more, so that the next slot resumes from exactly this plan.
+        // Which SNs a slot serves depends on the queues, and the search copies legs that it does not recompute. Load
+        // the plan once more, so that the next slot resumes from exactly this plan.
         forecast.load(model, forecast.stops());
         let rise_bits = forecast.loss_bits - begun_bits;
         if rise_bits > 0.0 {
-            self.temperature = (self.temperature * COOLING).max(COLDEST);
+            self.temperature = (self.temperature * COOLING).max(LEAST_TEMPERATURE);
         } else if rise_bits < 0.0 {
-            self.temperature = (self.temperature * WARMING).min(1.0);
+            self.temperature = (self.temperature * REHEATING).min(1.0);
         }
         if rise_bits > avoidable_bits * MOST_RISE {
             forecast.load(model, begun);

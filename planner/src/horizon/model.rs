@@ -66,11 +66,11 @@ impl SensorModel {
         self.initial_half_slots == 0.0 && self.rate_half_fraction == 0.0
     }
 
-    /// Expected overflow [slots of sampling] at the end of `slot`, if the queue was empty in the slot `empty`, as far as is
-    /// known.
+    /// Expected overflow [slots of sampling] at the end of `slot`, if the queue was empty in the slot `empty`, as far
+    /// as is known.
     ///
-    /// The overflow is uniform within a half-width h of `late` slots, cut off at 0: on average `(late + h)²/4h`, between
-    /// none and `late`. The first visit, which lies behind slot 0, ends the uncertainty of the initial queue.
+    /// The overflow is uniform within a half-width h of `late` slots, cut off at 0: on average `(late + h)²/4h`,
+    /// between none and `late`. The first visit, which lies behind slot 0, ends the uncertainty of the initial queue.
     #[inline]
     #[must_use]
     pub fn overflow_slots(&self, slot: f64, empty: f64) -> f64 {
@@ -98,9 +98,9 @@ pub struct PlanningModel {
     pub ids: Vec<u32>,
     /// Altitude of service in free space [m].
     altitude_m: f64,
-    /// With probabilistic line of sight: bits that a visit collects, by `d²`, from the altitude that is best for sensors
-    /// nearby. All that a slot serves are served from one altitude, and the next slot's is near to it. All uplinks have one gain, and a rate is
-    /// slow to compute.
+    /// With probabilistic line of sight: bits that a visit collects, by `d²`, from the altitude that is best for
+    /// sensors nearby. All that a slot serves are served from one altitude, and the next slot's is near to it. All
+    /// uplinks have one gain, and a rate is slow to compute.
     capacities_bits: Option<Box<[f64; TABLE + 1]>>,
     /// Stops of a plan: first each sensor by itself, then groups, then those that were added.
     pub disks: Vec<ServiceDisk>,
@@ -175,8 +175,8 @@ impl PlanningModel {
         (1..=NEAR_RADII).rev().find(is_enough).map_or(0.0, radius_m)
     }
 
-    /// Whether loss may be hard to avoid, because most resource blocks are needed to take what is sampled, or a tour takes
-    /// most of the time in which a buffer fills. Where it is not, to make groups would only take time.
+    /// Whether loss may be hard to avoid, because most resource blocks are needed to take what is sampled, or a tour
+    /// takes most of the time in which a buffer fills. Where it is not, to make groups would only take time.
     fn is_scarce(&self) -> bool {
         let visits =
             |(sensor, index): (&SensorModel, u32)| 1.0 / self.capacity_slots(index, 0.0).min(sensor.fill_slots);
@@ -186,16 +186,12 @@ impl PlanningModel {
             || self.slots_of(&self.tours[0]) >= SCARCE_TIME * fills.fold(f64::INFINITY, f64::min)
     }
 
-    /// Makes the groups of a partition of the field, with random numbers of `seed`, and tours over them.
+    /// Makes the groups of a partition of the field, with random numbers of `seed`, and tours over the groups of at
+    /// least a size, for every size that leaves out few sensors: where no partition into full groups exists, it may lose
+    /// less to leave some alone.
     pub(super) fn group(&mut self, seed: u64) {
         let first = self.disks.len();
         self.disks.extend(groups::cover(&self.table, seed));
-        self.add_tours(first);
-    }
-
-    /// Adds tours over the groups, which begin at disk `first`, of at least a size, for every size that leaves out few
-    /// sensors: where no partition into full groups exists, it may lose less to leave some alone.
-    fn add_tours(&mut self, first: usize) {
         let size = |group: u32| self.disks[group as usize].members.len();
         let groups = first as u32..self.disks.len() as u32;
         let mut sizes: Vec<usize> = groups.clone().map(size).collect();
@@ -210,9 +206,10 @@ impl PlanningModel {
             let centres: Vec<Position> = large.iter().map(|&group| self.disk(group).centre).collect();
             let order = closed_tour(self.table.area, &centres);
             let mut tour: Vec<u32> = order.into_iter().map(|index| large[index as usize]).collect();
-            even_out(&mut tour, |a, b| {
-                let (a, b) = (self.disk(a), self.disk(b));
-                let away_m = distance_squared(&a.centre, &b.centre).sqrt() - (a.radius_m + b.radius_m) / 2.0;
+            even_out(&mut tour, |from, to| {
+                let from = self.disk(from);
+                let to = self.disk(to);
+                let away_m = distance_squared(&from.centre, &to.centre).sqrt() - (from.radius_m + to.radius_m) / 2.0;
                 (away_m / self.table.reach_m - 1.0).max(0.0)
             });
             self.tours.push(tour);
@@ -221,9 +218,10 @@ impl PlanningModel {
 
     /// Slots of a tour, if every leg is as short as its ends allow, and parts of slots count.
     fn slots_of(&self, tour: &[u32]) -> f64 {
-        let leg = |(&a, &b): (&u32, &u32)| {
-            let (a, b) = (self.disk(a), self.disk(b));
-            let away_m = distance_squared(&a.centre, &b.centre).sqrt() - a.radius_m - b.radius_m;
+        let leg = |(&from, &to): (&u32, &u32)| {
+            let from = self.disk(from);
+            let to = self.disk(to);
+            let away_m = distance_squared(&from.centre, &to.centre).sqrt() - from.radius_m - to.radius_m;
             (away_m / self.table.reach_m).max(1.0)
         };
         tour.iter().zip(tour.iter().cycle().skip(1)).map(leg).sum()
@@ -266,8 +264,8 @@ impl PlanningModel {
         self.neighbours = (0..self.disks.len() as u32).map(nearest).collect();
     }
 
-    /// Whether plans may stop at `stop`: at a group, and at a sensor alone unless so many stand around it that it does not
-    /// say who is served, and a visit would empty it anyway.
+    /// Whether plans may stop at `stop`: at a group, and at a sensor alone unless so many stand around it that it does
+    /// not say who is served, and a visit would empty it anyway.
     fn is_stop(&self, stop: u32) -> bool {
         let Some(sensor) = self.sensors.get(stop as usize) else {
             return true;
@@ -299,8 +297,8 @@ impl PlanningModel {
     }
 }
 
-/// What a visit takes [bit], over `d²`, from the altitude of some that may be flown from which a sensor nearby is expected
-/// to send most; of equals the lowest.
+/// What a visit takes [bit], over `d²`, from the altitude of some that may be flown from which a sensor nearby is
+/// expected to send most; of equals the lowest.
 fn best_capacities_bits(scenario: &Scenario, table: &SensorTable) -> [f64; TABLE + 1] {
     let [low_m, high_m] =
         scenario.uav.climb().map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);

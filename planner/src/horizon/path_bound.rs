@@ -1,11 +1,11 @@
 //! A lower bound on the slots in which some sensors are served, by the paths between them; so at most how many the UAV
 //! can serve in some slots.
 //!
-//! Two sensors `d` apart are served at least `w = ceil((d − 2 d_c)/(V τ))` slots apart, 0 if `d ≤ 2 d_c`: each is within
-//! `d_c` of the UAV then. So m sensors that are all served within K slots lie on a path of m − 1 edges whose weights w
-//! sum up to at most K − 1. Every such path weighs at least, for any numbers `π_i`: the m − 1 edges of least
-//! `w − π_i − π_j` that close no circle (a path closes none), plus twice the m least `π_i` (an inner node has two edges),
-//! less the two largest (its ends have one).
+//! Two sensors `d` apart are served at least `w = ceil((d − 2 d_c)/(V τ))` slots apart, 0 if `d ≤ 2 d_c`: each is
+//! within `d_c` of the UAV then. So m sensors that are all served within K slots lie on a path of m − 1 edges whose
+//! weights w sum up to at most K − 1. Every such path weighs at least, for any numbers `π_i`: the m − 1 edges of least
+//! `w − π_i − π_j` that close no circle (a path closes none), plus twice the m least `π_i` (an inner node has two
+//! edges), less the two largest (its ends have one).
 
 use crate::sensor_table::SensorTable;
 

@@ -7,8 +7,8 @@ use super::flight::slots_to;
 use super::forecast::Forecast;
 use super::model::PlanningModel;
 
-/// The best of several first plans: by greedy steps of either kind, and tours round and round over single sensors and over
-/// groups.
+/// The best of several first plans: by greedy steps of either kind, and tours round and round over single sensors and
+/// over groups.
 pub fn begin(model: &PlanningModel, forecast: &mut Forecast) {
     let mut best: Option<(f64, Vec<u32>)> = None;
     let mut offer = |forecast: &Forecast| {
@@ -38,8 +38,8 @@ pub fn begin(model: &PlanningModel, forecast: &mut Forecast) {
     forecast.load(model, stops);
 }
 
-/// Appends stops until none fits: each time the one whose data have waited longest, per slot of flight, by the data that
-/// its members will have sampled since they were empty, counting what has overflowed.
+/// Appends stops until none fits: each time the one whose data have waited longest, per slot of flight, by the data
+/// that its members will have sampled since they were empty, counting what has overflowed.
 pub fn extend(model: &PlanningModel, forecast: &mut Forecast) {
     extend_by(model, forecast, |index, now, empty| {
         let waited_bits = |&member: &u32| (now - empty[member as usize]) * model.sensors[member as usize].mean_bits;
@@ -53,8 +53,8 @@ fn extend_by_savings(model: &PlanningModel, forecast: &mut Forecast) {
     extend_by(model, forecast, |index, now, empty| around[index].saved_bits(model, now, empty));
 }
 
-/// Appends stops until none fits: each time the one of most worth [bit] at its arrival, per slot of flight; of equals the
-/// nearest. `worth_bits` takes the index of the stop in the model's list, the slot, and when each sensor is empty.
+/// Appends stops until none fits: each time the one of most worth [bit] at its arrival, per slot of flight; of equals
+/// the nearest. `worth_bits` takes the index of the stop in the model's list, the slot, and when each sensor is empty.
 fn extend_by(model: &PlanningModel, forecast: &mut Forecast, mut worth_bits: impl FnMut(usize, f64, &[f64]) -> f64) {
     loop {
         let empty = forecast.levels(model);

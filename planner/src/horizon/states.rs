@@ -107,9 +107,9 @@ impl States {
         stored.empty.copy_from_slice(work);
     }
 
-    /// Whether all queues are at the end of slot `now`, in `work`, what they are in `state` `shift` slots before; then how
-    /// much more has been lost than the `lost_bits` of that state, counting what has overflowed of the full queues that
-    /// were not visited since.
+    /// Whether all queues are at the end of slot `now`, in `work`, what they are in `state` `shift` slots before; then
+    /// how much more has been lost than the `lost_bits` of that state, counting what has overflowed of the full queues
+    /// that were not visited since.
     pub fn rejoin(
         &mut self,
         model: &PlanningModel,

@@ -74,7 +74,8 @@ fn a_visit_loses_what_came_after_the_storage_was_full_and_takes_what_the_link_ca
 
 #[test]
 fn a_stop_takes_the_slots_to_the_rim_and_the_mission_ends_as_if_it_were_a_visit() {
-    // 85 m away, 75 m to the rim: 3 slots. 10 kbit + 3 · 2000 bit fit; emptied at 3, full again at 18, 22 − 18 = 4 late.
+    // 85 m away, 75 m to the rim: 3 slots. 10 kbit + 3 · 2000 bit fit; emptied at 3, full again at 18, 22 − 18 = 4
+    // late.
     let model = model_of(&[([285.0, 200.0], 2_000.0)], 4, 5e6);
     let mut forecast = Forecast::new(&model, window_of(&model, 22));
     assert_eq!(forecast.loss_bits, 24_000.0); // unserved: full at slot 10
@@ -108,8 +109,8 @@ fn sensor_nodes_too_close_together_for_the_blocks_are_grouped() {
 
 #[test]
 fn the_bounds_count_visits_and_bits() {
-    // One visit a slot, three SNs that fill in 10 slots from empty, full at slot 0: unserved ones lose everything. Slot 1
-    // costs 3, slot 2 two, slot 3 one, all of 3000 bit; then each can be served in time.
+    // One visit a slot, three SNs that fill in 10 slots from empty, full at slot 0: unserved ones lose everything. Slot
+    // 1 costs 3, slot 2 two, slot 3 one, all of 3000 bit; then each can be served in time.
     let sensors = [([200.0, 200.0], 3_000.0), ([201.0, 200.0], 3_000.0), ([202.0, 200.0], 3_000.0)];
     let model = model_of(&sensors, 1, 5e6);
     let full = PlanningWindow { empty: vec![-10.0; 3], ..window_of(&model, 8) };
@@ -274,7 +275,8 @@ proptest! {
 
 #[test]
 fn a_plan_in_overload_is_flown_as_it_was_foreseen_slot_by_slot() {
-    // 60 SNs in 55 m × 55 m that fill within 37.5 slots, served 4 at a time: 15 slots a round would do, but for the links.
+    // 60 SNs in 55 m × 55 m that fill within 37.5 slots, served 4 at a time: 15 slots a round would do, but for the
+    // links.
     let mut random = Streams::new(7).stream(Purpose::Position, 0, 0);
     let mut draw = || 200.0 + 55.0 * f64::from(rand::Rng::next_u32(&mut random)) / 4_294_967_296.0;
     let sensors: Vec<_> = (0..60).map(|_| ([draw(), draw()], 3_000.0)).collect();

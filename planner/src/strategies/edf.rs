@@ -2,6 +2,7 @@
 
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::distance_squared;
+use skysink_common::message::SensorNode;
 
 use super::serving::Serving;
 use super::transit::toward;
@@ -13,27 +14,27 @@ pub const STRATEGY: Registered = Registered {
     about: "to the sensor node that overflows soonest, then the fullest queues in range",
     is_stateless: true,
     has_path: false,
+    keys: None,
     make: |setup| Box::new(Edf::new(setup)),
 };
 
 struct Edf {
-    /// Of each SN, what it samples per slot [bit] and its buffer [bit].
-    samplers: Vec<(f64, f64)>,
+    /// By id.
+    sensors: Vec<SensorNode>,
+    slot_s: f64,
     serving: Serving,
 }
 
 impl Edf {
     fn new(setup: &Setup) -> Self {
-        let slot_s = setup.scenario.slot_s;
-        let samplers = setup.sensors.iter().map(|sensor| (sensor.sampling_bps * slot_s, sensor.capacity_bits.into()));
-        Self { samplers: samplers.collect(), serving: Serving::new(setup) }
+        Self { sensors: setup.sensors.to_vec(), slot_s: setup.scenario.slot_s, serving: Serving::new(setup) }
     }
 
     /// Slots until SN `id` overflows, by what is known or believed; `None` if it never samples.
     fn deadline_slots(&self, view: &View, id: u32) -> Option<f64> {
-        let (known_mean_bits, capacity_bits) = self.samplers[id as usize];
-        let mean_bits = view.estimate.map_or(known_mean_bits, |estimate| estimate.mean_bits(id));
-        let room_bits = capacity_bits - f64::from(view.queues_bits[id as usize]);
+        let sensor = &self.sensors[id as usize];
+        let mean_bits = view.estimate.map_or(sensor.sampling_bps * self.slot_s, |estimate| estimate.mean_bits(id));
+        let room_bits = f64::from(sensor.capacity_bits) - f64::from(view.queues_bits[id as usize]);
         (mean_bits > 0.0).then(|| room_bits / mean_bits)
     }
 }
@@ -41,8 +42,8 @@ impl Edf {
 impl Checkpoint for Edf {}
 
 impl Strategy for Edf {
-    /// Straight toward the SN with the earliest deadline, until above it; ties go to the nearest, then to the lowest index.
-    /// `None` if no SN samples.
+    /// Straight toward the SN with the earliest deadline, until above it; ties go to the nearest, then to the lowest
+    /// index. `None` if no SN samples.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         let ground = view.ground();
         let deadline = |id| {
@@ -62,7 +63,6 @@ mod tests {
     use crate::sensor_table::SensorTable;
     use crate::settings::{Settings, letter};
     use crate::strategies::tests::view;
-    use skysink_common::message::SensorNode;
     use skysink_common::scenario::Overrides;
 
     /// SNs at these places [m] that sample so much [bit/s] into 1 000 bit.

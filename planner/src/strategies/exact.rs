@@ -35,6 +35,7 @@ pub const STRATEGY: Registered = Registered {
     about: "the best set of all that one point in reach can serve, then the best waypoint",
     is_stateless: true,
     has_path: false,
+    keys: None,
     make: |setup| Box::new(Exact::new(setup)),
 };
 
@@ -75,7 +76,10 @@ pub struct ExactSearch {
     nearby: Vec<Spot>,
     /// Of these, in the same order, the ones that one waypoint may serve together with the SN under consideration.
     around: Vec<Spot>,
-    best: Best,
+    /// The best set so far; empty at first, which any set beats.
+    best: Schedule,
+    /// A point that has it in range.
+    centre: Option<Position>,
     /// The set under consideration.
     trial: Schedule,
 }
@@ -85,27 +89,22 @@ pub struct ExactSearch {
 struct Schedule {
     /// `Σ B_i(t−1)` [bit].
     sum_bits: u64,
-    /// Ascending, once [`Schedule::beats`] had to compare them or [`Best::offer`] took them.
+    /// Ascending in the best set, and once [`Schedule::beats`] had to compare them.
     ids: Vec<u32>,
-}
-
-/// The best set so far and a point that has it in range; empty at first, which any set beats.
-#[derive(Debug, Clone)]
-struct Best {
-    schedule: Schedule,
-    centre: Option<Position>,
 }
 
 impl ExactSearch {
     /// A search over the SNs of `table` that never allocates in a slot.
     #[must_use]
     pub fn new(table: &SensorTable) -> Self {
-        let (sensors, blocks) = (table.positions.len(), table.resource_blocks);
+        let sensors = table.positions.len();
+        let empty = || Schedule { sum_bits: 0, ids: Vec::with_capacity(table.resource_blocks) };
         Self {
             nearby: Vec::with_capacity(sensors),
             around: Vec::with_capacity(sensors),
-            best: Best { schedule: Schedule::with_room_for(blocks), centre: None },
-            trial: Schedule::with_room_for(blocks),
+            best: empty(),
+            centre: None,
+            trial: empty(),
         }
     }
 
@@ -121,16 +120,17 @@ impl ExactSearch {
         ids: &mut Vec<u32>,
     ) -> Option<Position> {
         preselect(&mut self.nearby, table, position, table.reach_m + table.comm_radius_m, queues_bits);
-        self.best.clear();
+        self.best.fill([].iter());
+        self.centre = None;
         for index in 0..self.nearby.len() {
             let i = self.nearby[index];
-            if self.could_win_with(table, &i) {
+            if self.trial.could_beat(&self.best, table, [&i], &self.nearby) {
                 self.search_around(table, position, &i);
             }
         }
         ids.clear();
-        ids.extend(&self.best.schedule.ids);
-        self.best.centre
+        ids.extend(&self.best.ids);
+        self.centre
     }
 
     /// Searches from where the disk of i, and its lenses with the disks of all less full SNs, come nearest to the UAV.
@@ -148,7 +148,7 @@ impl ExactSearch {
         let own = self.around.iter().position(|spot| spot.id == i.id).expect("an SN is where it is itself");
         for index in own + 1..self.around.len() {
             let k = self.around[index];
-            if !self.could_win_with_both(table, i, &k) {
+            if !self.trial.could_beat(&self.best, table, [i, &k], &self.around) {
                 continue;
             }
             // Where the lens comes nearer than at its corners, it does so where one of the disks does.
@@ -165,22 +165,11 @@ impl ExactSearch {
     fn try_centre(&mut self, table: &SensorTable, centre: &Position) {
         let in_range = |spot: &&Spot| within(&spot.position, centre, table.comm_radius_m);
         self.trial.fill(self.around.iter().filter(in_range).take(table.resource_blocks));
-        self.best.offer(&mut self.trial, centre);
-    }
-
-    /// Whether a set with i may beat the best so far: i and its n−1 fullest neighbours, as if all could be served.
-    fn could_win_with(&mut self, table: &SensorTable, i: &Spot) -> bool {
-        let others = self.nearby.iter().filter(|other| other.id != i.id && may_share(table, i, other));
-        self.trial.fill([i].into_iter().chain(others.take(table.resource_blocks - 1)));
-        self.trial.beats(&self.best.schedule)
-    }
-
-    /// Whether a set with i and k may beat the best so far, likewise.
-    fn could_win_with_both(&mut self, table: &SensorTable, i: &Spot, k: &Spot) -> bool {
-        let others =
-            self.around.iter().filter(|other| other.id != i.id && other.id != k.id && may_share(table, k, other));
-        self.trial.fill([i, k].into_iter().chain(others.take(table.resource_blocks - 2)));
-        self.trial.beats(&self.best.schedule)
+        if self.trial.beats(&self.best) {
+            std::mem::swap(&mut self.best, &mut self.trial);
+            self.best.ids.sort_unstable();
+            self.centre = Some(*centre);
+        }
     }
 }
 
@@ -190,10 +179,6 @@ fn disk_of(spot: &Spot, table: &SensorTable) -> Disk {
 }
 
 impl Schedule {
-    fn with_room_for(blocks: usize) -> Self {
-        Self { sum_bits: 0, ids: Vec::with_capacity(blocks) }
-    }
-
     fn fill<'a>(&mut self, spots: impl Iterator<Item = &'a Spot>) {
         self.sum_bits = 0;
         self.ids.clear();
@@ -201,6 +186,21 @@ impl Schedule {
             self.sum_bits += u64::from(spot.queue_bits);
             self.ids.push(spot.id);
         }
+    }
+
+    /// Becomes the bound of all sets with `members`, and says whether it beats `best`: `members` and the fullest of
+    /// `others` that one waypoint may serve together with the last of them, as if it could serve all.
+    fn could_beat<const M: usize>(
+        &mut self,
+        best: &Self,
+        table: &SensorTable,
+        members: [&Spot; M],
+        others: &[Spot],
+    ) -> bool {
+        let is_member = |spot: &Spot| members.iter().any(|member| member.id == spot.id);
+        let more = others.iter().filter(|other| !is_member(other) && may_share(table, members[M - 1], other));
+        self.fill(members.into_iter().chain(more.take(table.resource_blocks - M)));
+        self.beats(best)
     }
 
     /// Whether it is the better set; `other` is ascending.
@@ -213,22 +213,6 @@ impl Schedule {
         self.ids.sort_unstable();
         let first_difference = self.ids.iter().zip(&other.ids).find(|(own, others)| own != others);
         first_difference.map_or(self.ids.len() > other.ids.len(), |(own, others)| own < others)
-    }
-}
-
-impl Best {
-    fn clear(&mut self) {
-        self.schedule.fill([].into_iter());
-        self.centre = None;
-    }
-
-    /// Takes `trial` if it is better, and leaves the set it had in its place.
-    fn offer(&mut self, trial: &mut Schedule, centre: &Position) {
-        if trial.beats(&self.schedule) {
-            std::mem::swap(&mut self.schedule, trial);
-            self.schedule.ids.sort_unstable();
-            self.centre = Some(*centre);
-        }
     }
 }
 

@@ -14,6 +14,7 @@ pub const STRATEGY: Registered = Registered {
     about: "greedy flight to the fullest queue in reach, then the fullest queues in range",
     is_stateless: true,
     has_path: false,
+    keys: None,
     make: |setup| Box::new(Gfs(Serving::new(setup))),
 };
 

@@ -5,14 +5,16 @@
 use std::time::Duration;
 
 use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError};
 use skysink_common::geometry::{Position, above};
 use skysink_common::message::SolverOutcome;
 use skysink_common::path::MAX_POINTS;
+use skysink_common::scenario::Count;
 
 use super::nearby::fullest_first;
 use super::serving::Serving;
-use super::{Decision, Registered, Setup, Strategy, View};
+use super::{Decision, Registered, Setup, Strategy, View, checked};
 use crate::horizon::{Horizon, NextSlot};
 
 /// The strategy in the registry.
@@ -21,12 +23,50 @@ pub const STRATEGY: Registered = Registered {
     about: "the plan of least predicted loss over many slots, improved in every slot",
     is_stateless: false,
     has_path: true,
+    keys: Some(checked::<HorizonKeys>),
     make: |setup| {
-        let settings = setup.settings.horizon;
-        let iterations = settings.iterations.get() as u32; // at most 10^9
-        Box::new(LookAhead::new(setup, MOST_SLOTS, iterations, settings.budget_ms.map(Duration::from)))
+        let keys: HorizonKeys = setup.scenario.planner_keys("planner.horizon").expect("they were checked");
+        let iterations = keys.iterations.get() as u32; // at most 10^9
+        Box::new(LookAhead::new(setup, MOST_SLOTS, iterations, keys.budget_ms.map(Duration::from)))
     },
 };
+
+/// `[planner.horizon]`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct HorizonKeys {
+    /// Search steps in each slot.
+    pub iterations: Count<0, 1_000_000_000>,
+    /// Longest that a slot's search may take where the mission is paced by a clock; elsewhere it has no effect.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub budget_ms: Option<BudgetMs>,
+}
+
+impl Default for HorizonKeys {
+    fn default() -> Self {
+        Self { iterations: Count::of::<6_000>(), budget_ms: None }
+    }
+}
+
+/// A time [ms] above 0, at most an hour.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "f64")]
+pub struct BudgetMs(f64);
+
+impl TryFrom<f64> for BudgetMs {
+    type Error = &'static str;
+
+    fn try_from(budget_ms: f64) -> Result<Self, Self::Error> {
+        let is_allowed = budget_ms > 0.0 && budget_ms <= 3.6e6;
+        if is_allowed { Ok(Self(budget_ms)) } else { Err("expected milliseconds above 0, at most 3600000") }
+    }
+}
+
+impl From<BudgetMs> for Duration {
+    fn from(budget: BudgetMs) -> Self {
+        Self::from_secs_f64(budget.0 / 1e3)
+    }
+}
 
 /// Most slots that are looked ahead: the whole mission of the UTS letter (arXiv 2103.00753).
 const MOST_SLOTS: u64 = 600;
@@ -95,8 +135,8 @@ impl Checkpoint for LookAhead {
     }
 }
 
-/// How far from `from` toward `to`, as a fraction of the path, one stays within `radius_m` [m] of `centre`; 0 if `from` is
-/// not.
+/// How far from `from` toward `to`, as a fraction of the path, one stays within `radius_m` [m] of `centre`; 0 if `from`
+/// is not.
 fn fraction_within(from: &Position, to: &Position, centre: &Position, radius_m: f64) -> f64 {
     let path = to - from;
     let away = from - centre;

@@ -13,6 +13,7 @@ pub const STRATEGY: Registered = Registered {
     about: "to the sensor node that has waited longest for its last service",
     is_stateless: false,
     has_path: false,
+    keys: None,
     make: |setup| Box::new(MaxAgeFirst::new(setup)),
 };
 

@@ -1,7 +1,7 @@
 //! The strategies: schedule and waypoint of a slot.
 //!
-//! A strategy is a file of this folder and a line of [`STRATEGIES`], from which everything else knows it. It decides; how
-//! a decision becomes a message, and transit where it has none, is left to [`crate::planner`].
+//! A strategy is a file of this folder and a line of [`STRATEGIES`], from which everything else knows it. It decides;
+//! how a decision becomes a message, and transit where it has none, is left to [`crate::planner`].
 
 pub mod algorithm_1;
 pub mod edf;
@@ -20,18 +20,23 @@ pub(crate) mod turns;
 pub mod uts;
 pub mod uts_wide;
 
-use std::ops::Deref;
+use std::fmt::Display;
 
+use arrayvec::ArrayVec;
 use nalgebra::Point3;
-use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+use serde::de::{self, DeserializeOwned};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use skysink_common::checkpoint::Checkpoint;
+use skysink_common::error::InputError;
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, MAX_SERVED, SensorNode, SolverOutcome};
 use skysink_common::scenario::Scenario;
+use toml::Table;
 
 use crate::estimate::Estimate;
+use crate::keys::Settings;
 use crate::sensor_table::SensorTable;
-use crate::settings::Settings;
+
 use algorithm_1::Winner;
 
 /// Every strategy, in the order in which they are listed to people.
@@ -66,7 +71,8 @@ pub fn stateless() -> Vec<&'static str> {
 /// It depends on no clock unless its view says that one paces the mission, and on no random numbers but those of
 /// [`skysink_common::random`]; what it carries from slot to slot is its checkpoint.
 pub trait Strategy: Checkpoint {
-    /// The decision for the slot of `view`; `None` if nothing is within reach, and the transit rule (decision D8) flies.
+    /// The decision for the slot of `view`; `None` if nothing is within reach, and the transit rule (decision D8)
+    /// flies.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision>;
 
     /// Takes in what was flown, and what the UAV learned from it; `None` where the queues are known.
@@ -113,41 +119,16 @@ impl View<'_> {
 }
 
 /// What a strategy decides for a slot.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Decision {
     /// Where to fly [m].
     pub waypoint: Point3<f64>,
-    /// The sensor nodes (SNs) to serve from there.
-    pub schedule: Schedule,
+    /// The sensor nodes (SNs) to serve from there, ascending by id.
+    pub schedule: ArrayVec<u32, MAX_SERVED>,
     /// How the waypoint was found.
     pub outcome: SolverOutcome,
     /// How Algorithm 1 found the schedule, for those who watch.
     pub winner: Option<Winner>,
-}
-
-/// The SNs that a slot serves, ascending by id.
-#[derive(Debug, Clone, Copy)]
-pub struct Schedule {
-    ids: [u32; MAX_SERVED],
-    count: usize,
-}
-
-impl From<&[u32]> for Schedule {
-    /// # Panics
-    /// If there are more than [`MAX_SERVED`] ids; a scenario has at most as many resource blocks.
-    fn from(ids: &[u32]) -> Self {
-        let mut schedule = Self { ids: [0; MAX_SERVED], count: ids.len() };
-        schedule.ids[..ids.len()].copy_from_slice(ids);
-        schedule
-    }
-}
-
-impl Deref for Schedule {
-    type Target = [u32];
-
-    fn deref(&self) -> &[u32] {
-        &self.ids[..self.count]
-    }
 }
 
 /// What a strategy is made of before the first slot.
@@ -155,7 +136,7 @@ impl Deref for Schedule {
 pub struct Setup<'a> {
     /// The mission.
     pub scenario: &'a Scenario,
-    /// Its `[planner]`.
+    /// The keys of its `[planner]` that concern every strategy.
     pub settings: &'a Settings,
     /// Its sensor nodes (SNs), by id.
     pub sensors: &'a [SensorNode],
@@ -164,6 +145,9 @@ pub struct Setup<'a> {
     /// What is believed of the queues before any contact; `None` where they are known.
     pub estimate: Option<&'a Estimate>,
 }
+
+/// Checks the table of that name in a scenario, and fills in its defaults.
+pub type CheckKeys = fn(&Scenario, &str) -> Result<Table, InputError>;
 
 /// A strategy as the registry knows it. In files and messages it is its name.
 #[derive(Debug, Clone, Copy)]
@@ -176,7 +160,9 @@ pub struct Registered {
     pub is_stateless: bool,
     /// Whether it knows where it flies after a slot ([`Strategy::path`]).
     pub has_path: bool,
-    /// Makes it, before slot 1.
+    /// Checks the keys of its own, `[planner.<name>]`; `None` if it has none.
+    pub keys: Option<CheckKeys>,
+    /// Makes it, before slot 1, for a scenario whose keys were checked.
     pub make: fn(&Setup<'_>) -> Box<dyn Strategy>,
 }
 
@@ -185,6 +171,21 @@ impl Registered {
     #[must_use]
     pub fn find(name: &str) -> Option<&'static Self> {
         STRATEGIES.into_iter().find(|strategy| strategy.name == name)
+    }
+
+    /// The strategy of a scenario.
+    ///
+    /// # Errors
+    /// If none has the name that the scenario gives.
+    pub fn of(scenario: &Scenario) -> Result<&'static Self, InputError> {
+        let name = scenario.planner.strategy.as_str();
+        Self::find(name).ok_or_else(|| scenario.refusal("planner.strategy", &name.into(), &one_of(names())))
+    }
+
+    /// Replaces the keys of its own in a scenario.
+    pub fn set_keys(&self, scenario: &mut Scenario, keys: impl Serialize) {
+        let keys = Table::try_from(keys).expect("keys are numbers and strings");
+        scenario.planner.others.insert(self.name.to_owned(), keys.into());
     }
 }
 
@@ -203,10 +204,20 @@ impl Serialize for Registered {
 impl<'de> Deserialize<'de> for &'static Registered {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let name = String::deserialize(deserializer)?;
-        Registered::find(&name).ok_or_else(|| {
-            de::Error::custom(format!("expected one of {}", names().map(|name| format!("`{name}`")).join(", ")))
-        })
+        Registered::find(&name).ok_or_else(|| de::Error::custom(format!("expected {}", one_of(names()))))
     }
+}
+
+/// The table `table` of a scenario read as the keys `T` of a strategy, with every default.
+fn checked<T: Serialize + DeserializeOwned>(scenario: &Scenario, table: &str) -> Result<Table, InputError> {
+    let keys: T = scenario.planner_keys(table)?;
+    Ok(Table::try_from(keys).expect("keys are numbers and strings"))
+}
+
+/// What a name has to be instead of an unknown one.
+pub(crate) fn one_of<T: Display>(names: impl IntoIterator<Item = T>) -> String {
+    let quoted: Vec<String> = names.into_iter().map(|name| format!("`{name}`")).collect();
+    format!("one of {}", quoted.join(", "))
 }
 
 #[cfg(test)]
@@ -237,7 +248,7 @@ pub(crate) mod tests {
         for strategy in STRATEGIES {
             let name = strategy.name;
             let overrides = Overrides { strategy: Some(name), ..Overrides::default() };
-            assert_eq!(Settings::of(&Scenario::letter(overrides).unwrap()).unwrap().strategy, strategy);
+            assert_eq!(Registered::of(&Scenario::letter(overrides).unwrap()).unwrap().name, name);
             let mut bytes = Vec::new();
             made(name, &[[50.0, 50.0]]).1.save(&mut bytes);
             assert_eq!(bytes.is_empty(), strategy.is_stateless, "{name}");

@@ -16,20 +16,13 @@ pub(crate) struct Spot {
     pub(crate) id: u32,
 }
 
-impl Spot {
-    /// Sort key: larger queues come first, then lower indices (decision D7).
-    fn fullest_first(&self) -> u64 {
-        fullest_first(self.queue_bits, self.id)
-    }
-}
-
 /// Sort key of an SN with `queue_bits` [bit]: larger queues come first, then lower indices (decision D7).
 pub(crate) fn fullest_first(queue_bits: u32, id: u32) -> u64 {
     u64::from(u32::MAX - queue_bits) << 32 | u64::from(id)
 }
 
-/// Fills `spots` with the SNs within `radius_m` [m] of `position`, or a thousandth more, fullest first: the first n that
-/// pass a test are the n fullest that do.
+/// Fills `spots` with the SNs within `radius_m` [m] of `position`, or a thousandth more, fullest first: the first n
+/// that pass a test are the n fullest that do.
 pub(crate) fn preselect(
     spots: &mut Vec<Spot>,
     table: &SensorTable,
@@ -41,7 +34,7 @@ pub(crate) fn preselect(
     table.grid.visit_within(position, radius_m * PRESELECTION_MARGIN, |node| {
         spots.push(Spot { position: node.position, queue_bits: queues_bits[node.id as usize], id: node.id });
     });
-    spots.sort_unstable_by_key(Spot::fullest_first);
+    spots.sort_unstable_by_key(|spot| fullest_first(spot.queue_bits, spot.id));
 }
 
 /// Whether one waypoint may have both SNs in range, or a thousandth more.

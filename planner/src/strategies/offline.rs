@@ -3,16 +3,17 @@
 use std::ops::ControlFlow;
 
 use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::error::InputError;
 use skysink_common::message::SensorNode;
-use skysink_common::scenario::Scenario;
+use skysink_common::scenario::{Count, Scenario};
 
 use super::horizon::LookAhead;
-use super::{Decision, Registered, Setup, Strategy, Timing, View};
+use super::{Decision, Registered, Setup, Strategy, Timing, View, checked};
 use crate::horizon::long_search::SearchProgress;
+use crate::keys::Settings;
 use crate::sensor_table::SensorTable;
-use crate::settings::Settings;
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
@@ -20,8 +21,23 @@ pub const STRATEGY: Registered = Registered {
     about: "the plan of least predicted loss over the mission, made before take-off",
     is_stateless: false,
     has_path: true,
-    make: |setup| Box::new(Offline::new(setup)),
+    keys: Some(checked::<OfflineKeys>),
+    make: |setup| Box::new(Offline::new(setup).expect("its keys were checked")),
 };
+
+/// `[planner.offline]`.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OfflineKeys {
+    /// Search steps before the mission; the most take a month.
+    pub steps: Count<0, 1_000_000_000_000>,
+}
+
+impl Default for OfflineKeys {
+    fn default() -> Self {
+        Self { steps: Count::of::<1_000_000>() }
+    }
+}
 
 /// Most slots that are planned before take-off.
 const MOST_SLOTS: u64 = 10_000;
@@ -37,13 +53,9 @@ pub struct Offline {
 
 impl Offline {
     /// The strategy before its search.
-    #[must_use]
-    pub fn new(setup: &Setup) -> Self {
-        Self {
-            ahead: LookAhead::new(setup, MOST_SLOTS, 0, None),
-            steps: setup.settings.offline.steps.get(),
-            is_planned: false,
-        }
+    fn new(setup: &Setup) -> Result<Self, InputError> {
+        let OfflineKeys { steps } = setup.scenario.planner_keys("planner.offline")?;
+        Ok(Self { ahead: LookAhead::new(setup, MOST_SLOTS, 0, None), steps: steps.get(), is_planned: false })
     }
 
     /// The strategy before its search, of a mission whose queues are known.
@@ -53,14 +65,14 @@ impl Offline {
     pub fn of(scenario: &Scenario, sensors: &[SensorNode]) -> Result<Self, InputError> {
         let settings = &Settings::of(scenario)?;
         let table = &SensorTable::new(scenario, sensors);
-        Ok(Self::new(&Setup { scenario, settings, sensors, table, estimate: None }))
+        Self::new(&Setup { scenario, settings, sensors, table, estimate: None })
     }
 
-    /// Runs the search for a mission whose queues are known, `queues_bits` [bit] by id before slot 1; returns the strategy
-    /// and the loss [bit] that its plan leads to. Without this call the first slot runs it.
+    /// Runs the search for a mission whose queues are known, `queues_bits` [bit] by id before slot 1; returns the
+    /// strategy and the loss [bit] that its plan leads to. Without this call the first slot runs it.
     ///
-    /// `None`, and nothing is planned, if no sensor node that can lose data can be reached, or if `watch`, which is told
-    /// now and then how far the search is, ends it.
+    /// `None`, and nothing is planned, if no sensor node that can lose data can be reached, or if `watch`, which is
+    /// told now and then how far the search is, ends it.
     ///
     /// # Errors
     /// If `[planner]` of the scenario is refused.

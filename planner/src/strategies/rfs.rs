@@ -15,13 +15,14 @@ pub const STRATEGY: Registered = Registered {
     about: "random flight, the fullest queues in range",
     is_stateless: true,
     has_path: false,
+    keys: None,
     make: |setup| Box::new(Rfs { streams: Streams::new(setup.scenario.seed), serving: Serving::new(setup) }),
 };
 
 /// Draws of a random waypoint before the UAV stays where it is.
 ///
-/// Of the points drawn, at least a fraction of π/4 is in reach, unless the position is outside the area or not a number;
-/// flight-sim reports no such position, but a planner that never answers would be worse than one that stays.
+/// Of the points drawn, at least a fraction of π/4 is in reach, unless the position is outside the area or not a
+/// number; flight-sim reports no such position, but a planner that never answers would be worse than one that stays.
 const MAX_DRAWS: u32 = 1_000;
 
 struct Rfs {

@@ -10,6 +10,7 @@ pub const STRATEGY: Registered = Registered {
     about: "to one sensor node after the other in the order of their ids",
     is_stateless: false,
     has_path: false,
+    keys: None,
     make: |setup| {
         // Straight toward the SN whose turn it is, until above it.
         let waypoint = |table: &_, position: &_, [current, _]: [&_; 2]| toward(table, position, current);

@@ -47,7 +47,7 @@ impl Serving {
         let Self { solver, ids } = self;
         fill_in_range(view.table, &ground, key, ids);
         let waypoint = solver.above(view.table, &ground, &view.position, ids);
-        Decision { waypoint, schedule: ids[..].into(), outcome: SolverOutcome::Rule, winner: None }
+        Decision { waypoint, schedule: ids.iter().copied().collect(), outcome: SolverOutcome::Rule, winner: None }
     }
 }
 
@@ -57,7 +57,7 @@ impl Decision {
     pub fn serve(view: &View, waypoint: &Waypoint, ids: &[u32]) -> Self {
         let ground = view.table.into_area(&waypoint.point.xy());
         let point = Point3::new(ground.x, ground.y, waypoint.point.z);
-        Self { waypoint: point, schedule: ids.into(), outcome: waypoint.outcome, winner: None }
+        Self { waypoint: point, schedule: ids.iter().copied().collect(), outcome: waypoint.outcome, winner: None }
     }
 }
 

@@ -14,6 +14,7 @@ pub const STRATEGY: Registered = Registered {
     about: "a short tour over all sensor nodes, flown round and round",
     is_stateless: false,
     has_path: false,
+    keys: None,
     make: |setup| Box::new(InTurn::new(setup, order(setup.table, &setup.scenario.start().xy()), waypoint)),
 };
 
@@ -26,8 +27,8 @@ fn order(table: &SensorTable, start: &Position) -> Vec<u32> {
     order
 }
 
-/// Where to fly from `position`: in as few slots as it takes to get in range of `current`, and to the point in range that
-/// is nearest to `next`.
+/// Where to fly from `position`: in as few slots as it takes to get in range of `current`, and to the point in range
+/// that is nearest to `next`.
 fn waypoint(table: &SensorTable, position: &Position, [current, next]: [&Position; 2]) -> Position {
     let range = Disk { centre: *current, radius_m: table.comm_radius_m };
     let slots = slots_between(position, &range, table.reach_m);

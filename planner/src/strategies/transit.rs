@@ -1,34 +1,31 @@
 //! Straight flight: toward a sensor node (SN), and the transit rule of slots in which a strategy decides nothing.
 
 use skysink_common::geometry::{Position, distance_squared, within};
-use skysink_common::wide::{BLOCK, wide};
 
 use crate::sensor_table::SensorTable;
 
 /// Transit (decision D8): straight, at full speed, toward the SN with the largest queue, stopping on it if it is
 /// nearer.
 ///
-/// Ties go to the nearest, then to the lowest index. It looks at the whole field, in slots of
-/// transit only: it reads all N queues in order, and the positions of the fullest. At N = 10^6 that is about a tenth of a
-/// millisecond, and one to two where all queues are equal.
+/// Ties go to the nearest, then to the lowest index. It reads all N queues in order, and the positions of those that
+/// are not below the fullest so far. At N = 10^6 that takes about a third of a millisecond, and one to two where all
+/// queues are equal.
 #[must_use]
 pub fn transit_waypoint(table: &SensorTable, position: &Position, queues_bits: &[u32]) -> Position {
-    let most_bits = wide(|| most(queues_bits));
-    let mut nearest: Option<(f64, &Position)> = None;
-    for (queues_bits, positions) in queues_bits.chunks(BLOCK).zip(table.positions.chunks(BLOCK)) {
-        if wide(|| holds(queues_bits, most_bits)) {
-            for (_, goal) in queues_bits.iter().zip(positions).filter(|&(&queue_bits, _)| queue_bits == most_bits) {
-                let away_m2 = distance_squared(goal, position);
-                if nearest.is_none_or(|(nearest_m2, _)| away_m2.total_cmp(&nearest_m2).is_lt()) {
-                    nearest = Some((away_m2, goal));
-                }
-            }
+    let mut fullest: Option<(u32, f64, &Position)> = None;
+    for (&queue_bits, goal) in queues_bits.iter().zip(&table.positions) {
+        if fullest.is_some_and(|(most_bits, ..)| queue_bits < most_bits) {
+            continue;
+        }
+        let away_m2 = distance_squared(goal, position);
+        let is_first = |(most_bits, nearest_m2, _): (u32, f64, _)| {
+            queue_bits > most_bits || away_m2.total_cmp(&nearest_m2).is_lt()
+        };
+        if fullest.is_none_or(is_first) {
+            fullest = Some((queue_bits, away_m2, goal));
         }
     }
-    let Some((_, goal)) = nearest else {
-        return *position;
-    };
-    toward(table, position, goal)
+    fullest.map_or(*position, |(.., goal)| toward(table, position, goal))
 }
 
 /// Straight, at full speed, from `position` toward `goal`, stopping on it if it is nearer.
@@ -38,18 +35,6 @@ pub fn toward(table: &SensorTable, position: &Position, goal: &Position) -> Posi
         return *goal;
     }
     position + (goal - position).normalize() * table.reach_m
-}
-
-/// The largest queue [bit].
-#[inline(always)]
-fn most(queues_bits: &[u32]) -> u32 {
-    queues_bits.iter().fold(0, |most, &queue_bits| most.max(queue_bits))
-}
-
-/// Whether one of the queues holds exactly `bits`.
-#[inline(always)]
-fn holds(queues_bits: &[u32], bits: u32) -> bool {
-    queues_bits.iter().fold(false, |found, &queue_bits| found | (queue_bits == bits))
 }
 
 #[cfg(test)]

@@ -38,8 +38,8 @@ impl InTurn {
 }
 
 impl Strategy for InTurn {
-    /// Serves the SN whose turn it is, if it is in range, and the fullest queues, n in all. In an empty field the UAV stays
-    /// where it is.
+    /// Serves the SN whose turn it is, if it is in range, and the fullest queues, n in all. In an empty field the UAV
+    /// stays where it is.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         let ground = view.ground();
         let current = self.order.get(self.turn).copied();

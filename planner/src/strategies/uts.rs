@@ -12,6 +12,7 @@ pub const STRATEGY: Registered = Registered {
     about: "the UTS letter: Algorithm 1, then the best waypoint for its set",
     is_stateless: true,
     has_path: false,
+    keys: None,
     make: |setup| Box::new(Uts::new(Reach::Letter, setup)),
 };
 

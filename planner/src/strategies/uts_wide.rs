@@ -10,5 +10,6 @@ pub const STRATEGY: Registered = Registered {
     about: "Algorithm 1 with anchors as far as the UAV can serve them, then the best waypoint",
     is_stateless: true,
     has_path: false,
+    keys: None,
     make: |setup| Box::new(Uts::new(Reach::Wide, setup)),
 };

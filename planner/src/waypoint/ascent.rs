@@ -1,9 +1,9 @@
-//! The solver of the three-dimensional waypoint that needs no other: projected ascent of the true objective from several
-//! starts.
+//! The solver of the three-dimensional waypoint that needs no other: projected ascent of the true objective from
+//! several starts.
 //!
-//! Three variables and a convex feasible set, but an objective with a tip above every sensor node (SN): one start may end
-//! on the wrong one, and no slope leads onto one, so that every SN is among the starts. Each step goes along the steepest
-//! ascent, back into the feasible set by exact projection, and is taken only if the objective rises.
+//! Three variables and a convex feasible set, but an objective with a tip above every sensor node (SN): one start may
+//! end on the wrong one, and no slope leads onto one, so that every SN is among the starts. Each step goes along the
+//! steepest ascent, back into the feasible set by exact projection, and is taken only if the objective rises.
 
 use std::cmp::Ordering;
 
@@ -72,8 +72,8 @@ pub fn best_end(problem: &Problem, starts: &[RatedPoint]) -> Option<RatedPoint> 
     starts.iter().map(|start| climb(problem, *start)).reduce(RatedPoint::or_better)
 }
 
-/// Ascends from a feasible point until it settles: projected ascent with the step lengths of Barzilai and Borwein (1988),
-/// each shortened until the objective rises.
+/// Ascends from a feasible point until it settles: projected ascent with the step lengths of Barzilai and Borwein
+/// (1988), each shortened until the objective rises.
 #[must_use]
 pub fn climb(problem: &Problem, start: RatedPoint) -> RatedPoint {
     let mut at = start;
@@ -98,8 +98,8 @@ pub fn climb(problem: &Problem, start: RatedPoint) -> RatedPoint {
     at
 }
 
-/// The first point of a shrinking step that rises enough, and the stretch left of it; `None` if none does, as where there
-/// is no slope, or one that is not a number.
+/// The first point of a shrinking step that rises enough, and the stretch left of it; `None` if none does, as where
+/// there is no slope, or one that is not a number.
 fn step(problem: &Problem, at: &RatedPoint, slope: &Vector3<f64>, mut stretch: f64) -> Option<(RatedPoint, f64)> {
     while stretch * slope.norm() >= SETTLED_M {
         let point = problem.project(&(at.point + slope * stretch))?;

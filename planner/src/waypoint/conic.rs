@@ -1,12 +1,10 @@
 //! The conic waypoint solver: the projection onto an intersection of disks as a second-order cone program, by Clarabel.
 //!
-//! It solves what [`crate::geometry::disks`] solves, and is there to check it. Only this file and [`crate::waypoint::sca`],
-//! which solves what plane geometry cannot, know Clarabel.
+//! It solves what [`crate::geometry::disks`] solves, and is there to check it. Only this file and
+//! [`crate::waypoint::sca`], which solves what plane geometry cannot, know Clarabel.
 
 use clarabel::algebra::CscMatrix;
-use clarabel::solver::{
-    DefaultSettings, DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
-};
+use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
 use skysink_common::geometry::{Position, distance_squared};
 
 use crate::geometry::disks::{self, Disk};
@@ -93,18 +91,18 @@ fn template(disks: usize) -> DefaultSolver<f64> {
 
 /// Repeatable results: one thread, no time limit, nothing fitted to the first problem's data.
 pub(crate) fn settings() -> DefaultSettings<f64> {
-    DefaultSettingsBuilder::default()
-        .verbose(false)
-        .max_threads(1)
-        .direct_solve_method("qdldl".to_owned())
-        .time_limit(f64::INFINITY)
-        .presolve_enable(false)
-        .equilibrate_enable(false)
-        .tol_feas(FEASIBILITY)
-        .tol_gap_abs(GAP)
-        .tol_gap_rel(GAP)
-        .build()
-        .expect("every setting is one that Clarabel knows")
+    DefaultSettings {
+        verbose: false,
+        max_threads: 1,
+        direct_solve_method: "qdldl".to_owned(),
+        time_limit: f64::INFINITY,
+        presolve_enable: false,
+        equilibrate_enable: false,
+        tol_feas: FEASIBILITY,
+        tol_gap_abs: GAP,
+        tol_gap_rel: GAP,
+        ..DefaultSettings::default()
+    }
 }
 
 #[cfg(test)]

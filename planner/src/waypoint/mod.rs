@@ -88,8 +88,8 @@ impl Solver {
         Some(Waypoint { point: end.point, outcome })
     }
 
-    /// The point above `ground` from which the SNs `ids` are expected to send most, at an altitude that the UAV at `uav`
-    /// reaches in one slot; with nobody to serve, at its own.
+    /// The point above `ground` from which the SNs `ids` are expected to send most, at an altitude that the UAV at
+    /// `uav` reaches in one slot; with nobody to serve, at its own.
     pub fn above(&mut self, table: &SensorTable, ground: &Position, uav: &Point3<f64>, ids: &[u32]) -> Point3<f64> {
         let altitudes_m = self.scenario.altitudes_m(uav.z);
         let altitude_m = if ids.is_empty() || !table.channel.depends_on_elevation() {
@@ -102,8 +102,8 @@ impl Solver {
     }
 }
 
-/// The outcome of an ascent from `stepped` to `end`: solved if Clarabel moved the start uphill, or confirmed a start from
-/// which the ascent leads no higher.
+/// The outcome of an ascent from `stepped` to `end`: solved if Clarabel moved the start uphill, or confirmed a start
+/// from which the ascent leads no higher.
 fn outcome(contribution: Contribution, stepped: RatedPoint, end: RatedPoint) -> SolverOutcome {
     let is_end = end.rate_bps <= stepped.rate_bps * (1.0 + CONFIRMED);
     match contribution {

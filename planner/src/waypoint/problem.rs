@@ -143,7 +143,8 @@ impl Problem {
         Some(above(&ground, target.z.max(low_m).min(high_m)))
     }
 
-    /// The altitude [m] that maximises the objective above `ground`, by search along the vertical; the lowest of equals.
+    /// The altitude [m] that maximises the objective above `ground`, by search along the vertical; the lowest of
+    /// equals.
     #[must_use]
     pub fn best_altitude_m(&self, ground: &Position) -> f64 {
         let level_m = |level: u32| self.altitude_m(f64::from(level.min(LEVELS)) / f64::from(LEVELS));
@@ -166,19 +167,13 @@ impl Problem {
         best.point.z
     }
 
-    /// The best of the altitudes above `ground` that divide the range into `levels` parts, the lowest of equals, and its
-    /// number from 0.
+    /// The best of the altitudes above `ground` that divide the range into `levels` parts, the lowest of equals, and
+    /// its number from 0.
     pub(crate) fn best_level(&self, ground: &Position, levels: u32) -> (u32, RatedPoint) {
-        let rated =
-            |level: u32| self.rated(above(ground, self.altitude_m(f64::from(level) / f64::from(levels.max(1)))));
-        let mut best = (0, rated(0));
-        for level in 1..=levels {
-            let next = rated(level);
-            if next.rate_bps > best.1.rate_bps {
-                best = (level, next);
-            }
-        }
-        best
+        let altitude_m = |level: u32| self.altitude_m(f64::from(level) / f64::from(levels.max(1)));
+        let rated = (0..=levels).map(|level| (level, self.rated(above(ground, altitude_m(level)))));
+        let best = rated.reduce(|best, next| if next.1.rate_bps > best.1.rate_bps { next } else { best });
+        best.expect("at least one level")
     }
 
     /// The altitude [m] at `fraction` of the range, 0 for the lowest; at 0 and 1 its ends, to the bit.
@@ -234,7 +229,8 @@ pub(crate) mod tests {
 
     #[test]
     fn a_tip_gives_way_to_a_stronger_pull() {
-        // P_L hardly depends on the angle at 90° in dense urban surroundings: 1 − P_L = 12.08 e^{−0.11 · 77.92} = 0.0023.
+        // P_L hardly depends on the angle at 90° in dense urban surroundings: 1 − P_L = 12.08 e^{−0.11 · 77.92} =
+        // 0.0023.
         let problem = posed(dense_urban(), &[[0.0, 0.0], [50.0, 0.0], [50.0, 1.0], [50.0, -1.0]], [20.0, 120.0]);
         let at = Point3::new(0.0, 0.0, 40.0);
         let slope = problem.ascent(&at);

@@ -2,22 +2,23 @@
 //!
 //! At an expansion point `(q̂, ẑ)`, per sensor node (SN), with `y = D² = d² + z²`, `x = 1/P_L = 1 + e^{−s}`,
 //! `s = b (θ − a) − ln a`: the rate is replaced by its tangent in `(x, y)`, `−Φ (x − x̂) − Ψ (y − ŷ)` with
-//! `Φ = P̂_L² (R̂_L − R̂_N)` and `Ψ = −∂E/∂y`. Of the line-of-sight part alone, `P_L R_L`, the tangent is a lower bound, for
-//! `(1/x) log2(1 + γ y^{−α_L/2})` is jointly convex at every SNR up to `α_L = 4`, and with room to spare; beyond 4 the
-//! argument is taken to end, and no step is made. Nor is one for the generalised logistic, whose probability is not of that
-//! form. The little that comes out of line of sight is only tangent; hence, and because solvers err, a step is taken only
-//! as far as the true objective rises. Near the tip of `θ` straight above an SN the bounds are tight over a short way only:
-//! steps become small there, and the ascent has to finish.
+//! `Φ = P̂_L² (R̂_L − R̂_N)` and `Ψ = −∂E/∂y`. Of the line-of-sight part alone, `P_L R_L`, the tangent is a lower
+//! bound, for `(1/x) log2(1 + γ y^{−α_L/2})` is jointly convex at every SNR up to `α_L = 4`, and with room to spare;
+//! beyond 4 the argument is taken to end, and no step is made. Nor is one for the generalised logistic, whose
+//! probability is not of that form. The little that comes out of line of sight is only tangent; hence, and because
+//! solvers err, a step is taken only as far as the true objective rises. Near the tip of `θ` straight above an SN the
+//! bounds are tight over short steps only: steps become small there, and the ascent has to finish.
 //!
 //! `θ` is bounded from below by its tangent in `v ≤ sin θ = z/D`, `θ ≥ θ̂ + (180/π)(v − v̂)/cos θ̂`, and `v D ≤ z` by
-//! `½ ((v̂/D̂) D² + (D̂/v̂) v²) ≤ z`, which with `t = v̂ z/D̂` is the ball `(v̂/D̂)² d² + (1 − t)² + v² ≤ 1`. So a step has a
-//! quadratic objective, `n + 1` second-order cones for reach and range, and one second-order and one exponential cone per SN.
-//! Bounding rates below at an expansion point in this way is the method of You and Zhang, "Hybrid Offline-Online Design for
-//! UAV-Enabled Data Harvesting in Probabilistic LoS Channels", IEEE Trans. Wireless Commun., 2020.
+//! `½ ((v̂/D̂) D² + (D̂/v̂) v²) ≤ z`, which with `t = v̂ z/D̂` is the ball `(v̂/D̂)² d² + (1 − t)² + v² ≤ 1`. So a step
+//! has a quadratic objective, `n + 1` second-order cones for reach and range, and one second-order and one exponential
+//! cone per SN. Bounding rates below at an expansion point in this way is the method of You and Zhang, "Hybrid
+//! Offline-Online Design for UAV-Enabled Data Harvesting in Probabilistic LoS Channels", IEEE Trans. Wireless Commun.,
+//! 2020.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{self, ExponentialConeT, NonnegativeConeT, SecondOrderConeT, ZeroConeT};
-use clarabel::solver::{DefaultSolver, IPSolver, SolverStatus};
+use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus};
 use nalgebra::{Point3, Vector3};
 use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::geometry::{Position, distance_squared};
@@ -60,8 +61,8 @@ pub enum Contribution {
 
 /// Up to `iterations` convex steps from a feasible `start`; the true objective never falls.
 ///
-/// The tangents are those of a sigmoid probability of line of sight, and a lower bound up to an exponent of 4; elsewhere
-/// the start is returned, and the rest left to the ascent, as where Clarabel solves nothing.
+/// The tangents are those of a sigmoid probability of line of sight, and a lower bound up to an exponent of 4;
+/// elsewhere the start is returned, and the rest left to the ascent, as where Clarabel solves nothing.
 #[must_use]
 pub fn approximate(problem: &Problem, start: RatedPoint, iterations: u32) -> (RatedPoint, Contribution) {
     let mut at = start;
@@ -100,14 +101,17 @@ fn as_far_as_it_rises(problem: &Problem, at: RatedPoint, proposal: &Point3<f64>)
 
 /// One convex program, `min ½ uᵀ P u + cᵀ u` subject to `h − A u ∈ K`.
 ///
-/// `u` is the step from the expansion point in units of `unit_m`, then `v` and `w = (x − 1) e^ŝ`, which is near 1, of every
-/// SN.
+/// `u` is the step from the expansion point in units of `unit_m`, then `v` and `w = (x − 1) e^ŝ`, which is near 1, of
+/// every SN.
 struct Program {
     origin: Point3<f64>,
     unit_m: f64,
     quadratic: Vec<f64>,
     linear: Vec<f64>,
-    entries: (Vec<usize>, Vec<usize>, Vec<f64>),
+    /// The entries of `A`, by row, column and value.
+    rows: Vec<usize>,
+    columns: Vec<usize>,
+    values: Vec<f64>,
     offsets: Vec<f64>,
     cones: Vec<SupportedConeT<f64>>,
 }
@@ -123,7 +127,9 @@ impl Program {
             unit_m,
             quadratic: vec![0.0; variables],
             linear: vec![0.0; variables],
-            entries: (Vec::new(), Vec::new(), Vec::new()),
+            rows: Vec::new(),
+            columns: Vec::new(),
+            values: Vec::new(),
             offsets: Vec::new(),
             cones: Vec::new(),
         };
@@ -141,9 +147,9 @@ impl Program {
     /// A row `offset − Σ factor u_column` of the cone in the making.
     fn row(&mut self, offset: f64, factors: &[(usize, f64)]) {
         for &(column, factor) in factors {
-            self.entries.0.push(self.offsets.len());
-            self.entries.1.push(column);
-            self.entries.2.push(factor);
+            self.rows.push(self.offsets.len());
+            self.columns.push(column);
+            self.values.push(factor);
         }
         self.offsets.push(offset);
     }
@@ -169,10 +175,12 @@ impl Program {
         self.row(from_centre.y, &[(1, -self.unit_m / radius_m)]);
     }
 
-    /// One SN's part of the objective, divided by `scale_bps`, and its two cones; its `v` is variable `v`, `w` the next.
+    /// One SN's part of the objective, divided by `scale_bps`, and its two cones; its `v` is variable `v`, `w` the
+    /// next.
     fn serve(&mut self, link: &LineOfSight, target: &Position, [a, b]: [f64; 2], scale_bps: f64, v: usize) {
         let w = v + 1;
-        let (away, z_m) = (self.origin.xy() - target, self.origin.z);
+        let away = self.origin.xy() - target;
+        let z_m = self.origin.z;
         let d2_m2 = distance_squared(&self.origin.xy(), target);
         let distance_m = (d2_m2 + z_m * z_m).sqrt();
         let sine = z_m / distance_m;
@@ -209,16 +217,18 @@ impl Program {
 
     /// The point that Clarabel finds; `None` unless it calls the program solved.
     fn solve(self) -> Option<Point3<f64>> {
-        let (rows, columns, values) = self.entries;
-        let (height, width) = (self.offsets.len(), self.linear.len());
-        let constraints = CscMatrix::new_from_triplets(height, width, rows, columns, values);
+        let height = self.offsets.len();
+        let width = self.linear.len();
+        let constraints = CscMatrix::new_from_triplets(height, width, self.rows, self.columns, self.values);
         let diagonal: Vec<usize> = (0..width).collect();
         let quadratic = CscMatrix::new_from_triplets(width, width, diagonal.clone(), diagonal, self.quadratic);
-        let mut settings = conic::settings();
-        settings.equilibrate_enable = true; // each program has a solver of its own: nothing carries over
-        settings.tol_feas = TOLERANCE;
-        settings.tol_gap_abs = TOLERANCE;
-        settings.tol_gap_rel = TOLERANCE;
+        let settings = DefaultSettings {
+            equilibrate_enable: true, // each program has a solver of its own: nothing carries over
+            tol_feas: TOLERANCE,
+            tol_gap_abs: TOLERANCE,
+            tol_gap_rel: TOLERANCE,
+            ..conic::settings()
+        };
         let mut solver =
             DefaultSolver::new(&quadratic, &self.linear, &constraints, &self.offsets, &self.cones, settings)
                 .expect("the shapes agree by construction");

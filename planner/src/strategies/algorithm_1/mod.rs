@@ -5,6 +5,8 @@
 
 pub mod circles;
 
+use std::cmp::Reverse;
+
 use skysink_common::geometry::{Position, within};
 
 use crate::sensor_table::SensorTable;
@@ -130,9 +132,9 @@ impl Search {
         self.nearby.iter().find(in_range).filter(|_| table.resource_blocks > 1)
     }
 
-    /// Whether the set of `anchor` and `partner` could be better than the best so far. Nothing is lost without a pair that
-    /// could not: a circle has both in range, so whom it adds may share a waypoint with either of the two, it adds n−2 at
-    /// most, and none is fuller than the one that comes next here. Most pairs lose by it, and need no circles.
+    /// Whether the set of `anchor` and `partner` could be better than the best so far. Nothing is lost without a pair
+    /// that could not: a circle has both in range, so whom it adds may share a waypoint with either of the two, it adds
+    /// n−2 at most, and none is fuller than the one that comes next here. Most pairs lose by it, and need no circles.
     fn could_win(&self, table: &SensorTable, anchor: &Spot, partner: &Spot, best: &Option<Candidate>) -> bool {
         let mut sum_bits = sum_bits([anchor, partner].into_iter());
         let mut blocks = table.resource_blocks as u64 - 2;
@@ -156,15 +158,10 @@ impl Search {
         partner: &Spot,
         circles: [Option<Position>; CIRCLES],
     ) -> Option<Candidate> {
-        let mut fullest: Option<(u64, u32)> = None;
-        for (chosen, centre) in (0..).zip(&circles) {
-            let Some(centre) = centre else { continue };
-            let added_bits = sum_bits(self.in_circle(table, anchor.id, partner.id, centre));
-            if fullest.is_none_or(|(fullest_bits, _)| added_bits > fullest_bits) {
-                fullest = Some((added_bits, chosen));
-            }
-        }
-        let (added_bits, chosen) = fullest?;
+        let in_reach = (0..).zip(&circles).filter_map(|(chosen, centre)| Some((chosen, centre.as_ref()?)));
+        let added_bits = |centre| sum_bits(self.in_circle(table, anchor.id, partner.id, centre));
+        let sums = in_reach.map(|(chosen, centre)| (added_bits(centre), chosen));
+        let (added_bits, chosen) = sums.max_by_key(|&(added_bits, chosen)| (added_bits, Reverse(chosen)))?;
         let pair = Some(Pair { partner: partner.id, circles, chosen });
         let sum_bits = added_bits + sum_bits([anchor, partner].into_iter());
         Some(Candidate { sum_bits, winner: Winner { anchor: anchor.id, pair } })
@@ -297,8 +294,9 @@ mod tests {
 
     #[test]
     fn a_fuller_queue_in_the_sliver_of_decision_d5_is_not_given_up() {
-        // SNs 0 and 1 are 20 (1 + 0.9e-9) m apart: partners by the slack. C1 about them is 4.2e-4 m off their middle, by
-        // 10 (1 + 1.8e-9) m from either, and has SN 2 in range, 20 (1 + 2.7e-9) m from SN 0, whose partner it cannot be.
+        // SNs 0 and 1 are 20 (1 + 0.9e-9) m apart: partners by the slack. C1 about them is 4.2e-4 m off their middle,
+        // by 10 (1 + 1.8e-9) m from either, and has SN 2 in range, 20 (1 + 2.7e-9) m from SN 0, whose partner it cannot
+        // be.
         let apart_m = 20.0 * (1.0 + 0.9e-9);
         let offset_m = f64::sqrt(apart_m * apart_m / 4.0 - 100.0);
         let farther = 1.0 + 10.0 * (1.0 + 0.9e-9) / f64::hypot(apart_m / 2.0, offset_m);
