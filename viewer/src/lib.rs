@@ -24,7 +24,6 @@ pub mod sizes;
 mod slot;
 pub mod uav;
 
-pub use events::Level;
 pub use recording::{SceneError, Sinks};
 pub use scene::Scene;
 pub use slot::{SlotView, WallClock};

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
 use iceoryx2::sample::Sample;
+use rerun::TextLogLevel;
 use skysink_common::message::{FLAG_END, FlightReport, HoldReason, Plan, QueuesHeader, SlotHeader};
 use skysink_common::pace::Pace;
 use skysink_common::path::{PathPoint, believable};
@@ -21,7 +22,7 @@ use skysink_ring::sample::Payload;
 use skysink_ring::topics::{PATH_BUFFER, RING_BUFFER, Ring, VIEWER_BUFFER};
 use skysink_ring::wait::WaitContext;
 
-use crate::{Level, Scene, SceneError, Sinks, SlotView, WallClock};
+use crate::{Scene, SceneError, Sinks, SlotView, WallClock};
 
 /// Why the viewer ends before the mission does.
 #[derive(Debug, thiserror::Error)]
@@ -208,7 +209,7 @@ impl<S: Service + 'static> Readers<S> {
     fn log_health(&mut self, scene: &Scene) -> Result<(), ViewerError> {
         while let Some(sample) = self.health.next_sample()? {
             if let Some((role, fate)) = sample.payload().read() {
-                let level = if fate.is_recovery() { Level::Info } else { Level::Warn };
+                let level = if fate.is_recovery() { TextLogLevel::INFO } else { TextLogLevel::WARN };
                 scene.log_event(sample.user_header().slot, level, &format!("{} {fate}", role.name()))?;
             }
         }

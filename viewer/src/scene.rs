@@ -5,10 +5,11 @@
 
 use std::ops::RangeInclusive;
 
+use rerun::TextLogLevel;
 use skysink_common::message::{SensorNode, Totals};
 use skysink_common::scenario::Scenario;
 
-use crate::events::{self, Events, Level};
+use crate::events::{self, Events};
 use crate::files::Part;
 use crate::links::Links;
 use crate::los::Los;
@@ -75,7 +76,7 @@ impl Scene {
             missed_slots: 0,
         };
         if scene.recording.part == Part::First {
-            scene.log_event(0, Level::Info, &events::start(scenario, sensors.len()))?;
+            scene.log_event(0, TextLogLevel::INFO, &events::start(scenario, sensors.len()))?;
         }
         Ok(scene)
     }
@@ -130,11 +131,11 @@ impl Scene {
         Ok(self.events.log_missed(stream, first, last)?)
     }
 
-    /// Adds a line to the event log.
+    /// Adds a line to the event log; `level` is one of [`TextLogLevel`].
     ///
     /// # Errors
     /// If the recording library refuses.
-    pub fn log_event(&self, slot: u64, level: Level, text: &str) -> Result<(), SceneError> {
+    pub fn log_event(&self, slot: u64, level: &'static str, text: &str) -> Result<(), SceneError> {
         self.recording.set_slot(slot, self.scenario.slot_s);
         Ok(events::write(&self.recording.stream, level, text)?)
     }
@@ -146,7 +147,7 @@ impl Scene {
     pub fn close(self) -> Result<(), SceneError> {
         if let Some(slot) = self.last_slot {
             let text = events::end(&self.scenario, slot, self.last_totals.as_ref(), self.missed_slots);
-            self.log_event(slot, Level::Info, &text)?;
+            self.log_event(slot, TextLogLevel::INFO, &text)?;
         }
         self.recording.close()
     }
