@@ -74,39 +74,18 @@ pub fn level(queue_bits: u32, capacity_bits: u32) -> u16 {
     u16::try_from(nearest).expect("at most FULL_LEVEL, for the queue is below its buffer")
 }
 
-/// Colour of a queue fill, 0 (blue) over 0.5 (green) to 1 (red): the turbo colour map without its near-black ends.
-///
-/// Polynomial of degree 5 per channel by Mikhailov, "Turbo, an improved rainbow colormap" (2019).
+/// Colour of a queue fill, 0 (blue) over 0.5 (green) to 1 (red): Turbo (Mikhailov, 2019) without its near-black ends.
 #[must_use]
 pub fn of_fill(fill: f64) -> Rgb {
     const FIRST: f64 = 0.10;
     const LAST: f64 = 0.90;
-    const CHANNELS: [[f64; 6]; 3] = [
-        [0.135_721, 4.615_393, -42.660_323, 132.131_082, -152.942_394, 59.286_380],
-        [0.091_403, 2.194_188, 4.842_967, -14.185_033, 4.277_299, 2.829_566],
-        [0.106_673, 12.641_946, -60.582_048, 110.362_768, -89.903_109, 27.348_250],
-    ];
-    let x = FIRST + (LAST - FIRST) * fill.clamp(0.0, 1.0);
-    CHANNELS.map(|channel| polynomial(&channel, x))
+    colorous::TURBO.eval_continuous(FIRST + (LAST - FIRST) * fill).into_array()
 }
 
-/// Colour of a probability of line of sight, 0 (violet) over 0.5 (teal) to 1 (yellow): the viridis colour map.
-///
-/// Polynomial of degree 6 per channel by Zucker, "Colormaps as polynomials" (2019); it is within 3 % of the map.
+/// Colour of a probability of line of sight, 0 (violet) over 0.5 (teal) to 1 (yellow): Viridis, as in the slice.
 #[must_use]
 pub fn of_probability(probability: f64) -> Rgb {
-    const CHANNELS: [[f64; 7]; 3] = [
-        [0.277_727, 0.105_093, -0.330_862, -4.634_230, 6.228_270, 4.776_385, -5.435_456],
-        [0.005_407, 1.404_614, 0.214_848, -5.799_101, 14.179_933, -13.745_145, 4.645_853],
-        [0.334_100, 1.384_590, 0.095_095, -19.332_441, 56.690_553, -65.353_033, 26.312_435],
-    ];
-    CHANNELS.map(|channel| polynomial(&channel, probability.clamp(0.0, 1.0)))
-}
-
-/// A channel's byte at `x`, from a polynomial with ascending powers.
-fn polynomial(factors: &[f64], x: f64) -> u8 {
-    let value = factors.iter().rev().fold(0.0, |sum, factor| sum * x + factor);
-    (255.0 * value).round().clamp(0.0, 255.0) as u8
+    colorous::VIRIDIS.eval_continuous(probability).into_array()
 }
 
 /// Colour of a link rate within the range of rates that are possible: dark green for the lowest, pale green for the
