@@ -2,11 +2,8 @@
 
 use std::ops::RangeInclusive;
 
-/// Red, green, blue.
+/// Red, green, blue: what rerun takes as a colour.
 pub type Rgb = [u8; 3];
-
-/// Levels of the queue scale above empty: level 0 is 0 %, level 32 is 100 %. More look the same and compress worse.
-pub const FULL_LEVEL: u16 = 32;
 
 /// Behind the scene.
 pub const BACKGROUND: Rgb = [12, 13, 17];
@@ -57,41 +54,21 @@ pub const BLOCKED: Rgb = [255, 120, 20];
 /// What the viewer missed.
 pub const MISSED: Rgb = [130, 135, 145];
 
-/// The same as the recording library wants it.
-#[must_use]
-pub fn color([r, g, b]: Rgb) -> rerun::Color {
-    rerun::Color::from_rgb(r, g, b)
-}
-
-/// Level of a queue on the queue scale, 0 to [`FULL_LEVEL`], rounded to the nearest; a buffer of 0 bits is full.
-#[must_use]
-pub fn level(queue_bits: u32, capacity_bits: u32) -> u16 {
-    if queue_bits >= capacity_bits {
-        return FULL_LEVEL;
-    }
-    let (queue, capacity) = (u64::from(queue_bits), u64::from(capacity_bits));
-    let nearest = (2 * u64::from(FULL_LEVEL) * queue + capacity) / (2 * capacity);
-    u16::try_from(nearest).expect("at most FULL_LEVEL, for the queue is below its buffer")
-}
-
 /// Colour of a queue fill, 0 (blue) over 0.5 (green) to 1 (red): Turbo (Mikhailov, 2019) without its near-black ends.
-#[must_use]
-pub fn of_fill(fill: f64) -> Rgb {
+pub(crate) fn of_fill(fill: f64) -> Rgb {
     const FIRST: f64 = 0.10;
     const LAST: f64 = 0.90;
     colorous::TURBO.eval_continuous(FIRST + (LAST - FIRST) * fill).into_array()
 }
 
 /// Colour of a probability of line of sight, 0 (violet) over 0.5 (teal) to 1 (yellow): Viridis, as in the slice.
-#[must_use]
-pub fn of_probability(probability: f64) -> Rgb {
+pub(crate) fn of_probability(probability: f64) -> Rgb {
     colorous::VIRIDIS.eval_continuous(probability).into_array()
 }
 
 /// Colour of a link rate within the range of rates that are possible: dark green for the lowest, pale green for the
 /// highest.
-#[must_use]
-pub fn of_rate(rate_bps: f64, range_bps: &RangeInclusive<f64>) -> Rgb {
+pub(crate) fn of_rate(rate_bps: f64, range_bps: &RangeInclusive<f64>) -> Rgb {
     const LOWEST: Rgb = [16, 120, 70];
     const HIGHEST: Rgb = [205, 255, 150];
     let span_bps = range_bps.end() - range_bps.start();
@@ -100,8 +77,7 @@ pub fn of_rate(rate_bps: f64, range_bps: &RangeInclusive<f64>) -> Rgb {
 }
 
 /// The colour between two others, at a fraction from 0 to 1.
-#[must_use]
-pub fn between(from: Rgb, to: Rgb, fraction: f64) -> Rgb {
+pub(crate) fn between(from: Rgb, to: Rgb, fraction: f64) -> Rgb {
     let [from, to] = [from, to].map(|colour| colour.map(f64::from));
     std::array::from_fn(|channel| (from[channel] + (to[channel] - from[channel]) * fraction).round() as u8)
 }
@@ -109,17 +85,6 @@ pub fn between(from: Rgb, to: Rgb, fraction: f64) -> Rgb {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_queue_is_rounded_to_the_nearest_level() {
-        assert_eq!(level(0, 30_000), 0);
-        assert_eq!(level(468, 30_000), 0); // 468 · 32 / 30 000 = 0.499
-        assert_eq!(level(469, 30_000), 1); // 469 · 32 / 30 000 = 0.5003
-        assert_eq!(level(15_000, 30_000), 16);
-        assert_eq!(level(u32::MAX - 1, u32::MAX), 32);
-        assert_eq!(level(30_001, 30_000), 32);
-        assert_eq!(level(0, 0), 32);
-    }
 
     #[test]
     fn queues_turn_from_blue_over_green_to_red() {

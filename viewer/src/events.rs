@@ -22,7 +22,7 @@ const CONTINUED: &str = "recording continued in a new file: the viewer was start
 
 /// What the log and the lane have said so far.
 #[derive(Debug)]
-pub struct Events {
+pub(crate) struct Events {
     /// A line that is due with the first slot.
     due: Option<&'static str>,
     state: Option<&'static str>,
@@ -41,7 +41,7 @@ impl Events {
         ];
         let style = StateConfiguration::new()
             .with_values(states.map(|(name, _)| name))
-            .with_colors(states.map(|(_, colour)| colour::color(colour)));
+            .with_colors(states.map(|(_, colour)| colour));
         stream.log_static(LANE, &style)?;
         Ok(Self { due: (part == Part::Later).then_some(CONTINUED), state: None, is_lossy: None })
     }

@@ -10,7 +10,7 @@ use skysink_common::channel::Channel;
 use skysink_common::scenario::Scenario;
 
 use crate::blueprint::{Blueprint, Tile, class};
-use crate::colour::{self, color};
+use crate::colour;
 use crate::los::{self, profile};
 use crate::sizes::Sizes;
 use crate::slot::WallClock;
@@ -211,5 +211,5 @@ fn bound(layout: &Blueprint, view: Tile, [x, y]: [[f64; 2]; 2]) -> RecordingStre
 }
 
 fn background() -> Background {
-    Background::new(BackgroundKind::SolidColor).with_color(color(colour::BACKGROUND))
+    Background::new(BackgroundKind::SolidColor).with_color(colour::BACKGROUND)
 }

@@ -6,7 +6,7 @@ use rerun::{AnyValues, Boxes3D, Image, Points3D, Radius, RecordingStream, Record
 use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::scenario::Scenario;
 
-use crate::colour::{self, color};
+use crate::colour;
 use crate::los::field;
 use crate::shapes::{line_style, writing};
 use crate::sizes::{MAX_BARS, Sizes};
@@ -126,7 +126,7 @@ fn log_area(stream: &RecordingStream, sizes: &Sizes) -> RecordingStreamResult<()
         [[width_m / 2.0, depth_m / 2.0, -2.0 * below_m]],
         [[width_m / 2.0, depth_m / 2.0, below_m]],
     );
-    let ground = ground.with_colors([color(colour::GROUND)]).with_fill_mode(rerun::FillMode::Solid);
+    let ground = ground.with_colors([colour::GROUND]).with_fill_mode(rerun::FillMode::Solid);
     stream.log_static(format!("{AREA}/ground"), &ground)?;
     let steps = |length_m: f32| (0..).map(move |step| step as f32 * grid_m).take_while(move |&at_m| at_m < length_m);
     let z_m = -0.8 * below_m;
@@ -138,7 +138,7 @@ fn log_area(stream: &RecordingStream, sizes: &Sizes) -> RecordingStreamResult<()
         .with_labels(["0 m".to_owned(), format!("x = {width_m} m"), format!("y = {depth_m} m")])
         .with_show_labels(true)
         .with_radii([Radius::new_ui_points(1.5)])
-        .with_colors([color(colour::WRITING)]);
+        .with_colors([colour::WRITING]);
     stream.log_static(CORNERS, &corners)
 }
 

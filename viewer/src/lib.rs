@@ -20,7 +20,7 @@ pub mod queues;
 pub mod recording;
 pub mod scene;
 mod shapes;
-pub mod sizes;
+mod sizes;
 mod slot;
 pub mod uav;
 

@@ -10,7 +10,7 @@ use skysink_common::message::{FlightReport, LinkReport, Plan, SensorNode};
 use skysink_common::scenario::Scenario;
 use skysink_common::units::ratio_of_db;
 
-use crate::colour::{self, color};
+use crate::colour;
 use crate::shapes::{Point, circle, drawn, line_style};
 use crate::sizes::Sizes;
 use crate::slot::SlotView;
@@ -23,7 +23,7 @@ pub const CHOSEN: &str = "world/chosen";
 pub const LINKS: &str = "world/links";
 
 /// Links and circles of the scene.
-pub struct Links {
+pub(crate) struct Links {
     feet: Vec<Point>,
     radius_m: f32,
     /// The rates [bit/s] between which links are coloured; none where the colour says whether they are in line of sight.
@@ -44,7 +44,7 @@ impl Links {
         let candidates = Cylinders3D::update_fields()
             .with_lengths([0.001 * sizes.radius_m])
             .with_fill_mode(FillMode::MajorWireframe)
-            .with_colors([color(colour::CANDIDATE)])
+            .with_colors([colour::CANDIDATE])
             .with_line_radii([Radius::new_ui_points(0.8)]);
         stream.log_static(CANDIDATES, &candidates)?;
         stream.log_static(CHOSEN, &line_style(colour::CHOSEN, 2.2))?;
@@ -99,10 +99,10 @@ impl Links {
         let links = LineStrips3D::update_fields().with_strips(strips);
         let links = match &self.rates_bps {
             Some(rates_bps) => {
-                links.with_colors(links_drawn().map(|(_, link)| color(colour::of_rate(link.rate_bps, rates_bps))))
+                links.with_colors(links_drawn().map(|(_, link)| colour::of_rate(link.rate_bps, rates_bps)))
             }
             None => links
-                .with_colors(links_drawn().map(|(_, link)| color(of_draw(link, [colour::SIGHT, colour::BLOCKED]))))
+                .with_colors(links_drawn().map(|(_, link)| of_draw(link, [colour::SIGHT, colour::BLOCKED])))
                 .with_radii(links_drawn().map(|(_, link)| Radius::new_ui_points(of_draw(link, WIDTHS_UI)))),
         };
         stream.log(LINKS, &links)

@@ -14,7 +14,7 @@ use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, LinkReport, SensorNode};
 use skysink_common::scenario::Scenario;
 
-use crate::colour::{self, color};
+use crate::colour;
 use crate::files::Part;
 use crate::shapes::{curve_style, drawn};
 use crate::sizes::Sizes;
@@ -39,7 +39,7 @@ pub const SIGHT: &str = "sight";
 pub const BLOCKED: &str = "blocked";
 
 /// Line of sight of the scene.
-pub struct Los {
+pub(crate) struct Los {
     link: LineOfSight,
     positions: Vec<Position>,
     most_links: usize,
@@ -123,12 +123,12 @@ fn log_styles(stream: &RecordingStream) -> RecordingStreamResult<()> {
         for (name, colour) in [(SIGHT, colour::SIGHT), (BLOCKED, colour::BLOCKED)] {
             let points = SeriesPoints::new()
                 .with_names([name])
-                .with_colors([color(colour)])
+                .with_colors([colour])
                 .with_markers([MarkerShape::Circle])
                 .with_marker_sizes([1.5]);
             stream.log_static(format!("{root}/{name}"), &points)?;
         }
     }
     let mark = Points3D::update_fields().with_show_labels(true).with_radii([Radius::new_ui_points(1.0)]);
-    stream.log_static(MARK, &mark.with_colors([color(colour::WRITING)]))
+    stream.log_static(MARK, &mark.with_colors([colour::WRITING]))
 }

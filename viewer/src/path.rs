@@ -6,7 +6,7 @@
 use rerun::{LineStrips3D, Points3D, Radius, RecordingStream, RecordingStreamResult};
 use skysink_common::path::{MAX_POINTS, PathPoint};
 
-use crate::colour::{self, color};
+use crate::colour;
 use crate::files::Part;
 use crate::shapes::Point;
 use crate::sizes::Sizes;
@@ -24,7 +24,7 @@ pub const TRACK_STOPS: &str = "world/path_track/stops";
 const BANDS: [usize; 4] = [4, 8, 16, MAX_POINTS];
 
 /// The path of the scene.
-pub struct Path {
+pub(crate) struct Path {
     /// Whether a slot before had one, or may have had one in an earlier file.
     begun: bool,
     /// How much higher a band is than the one after it: a path that returns to a place shows its nearer part.
@@ -38,9 +38,9 @@ impl Path {
             (0..BANDS.len()).map(move |band| colour::between(near, far, band as f64 / (BANDS.len() - 1) as f64))
         };
         let line = LineStrips3D::update_fields()
-            .with_colors(colours(colour::PATH).map(color))
+            .with_colors(colours(colour::PATH))
             .with_radii([Radius::new_ui_points(0.7)]);
-        let each = BANDS.into_iter().zip(colours(colour::STOP)).flat_map(|(legs, colour)| vec![color(colour); legs]);
+        let each = BANDS.into_iter().zip(colours(colour::STOP)).flat_map(|(legs, colour)| vec![colour; legs]);
         let stops = Points3D::update_fields().with_colors(each).with_radii([Radius::new_ui_points(1.8)]);
         for (path, at) in [(PATH, STOPS), (TRACK, TRACK_STOPS)] {
             stream.log_static(path, &line)?;

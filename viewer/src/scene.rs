@@ -81,12 +81,6 @@ impl Scene {
         Ok(scene)
     }
 
-    /// Address to open in a viewer, if the scene is served live.
-    #[must_use]
-    pub fn live_url(&self) -> Option<String> {
-        self.recording.live_url()
-    }
-
     /// Adds a slot. Slots come in ascending order, and none that was reported as missed.
     ///
     /// # Errors

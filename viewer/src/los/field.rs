@@ -30,8 +30,7 @@ const FUNNEL_LAYERS: u16 = 15;
 const FUNNEL_FRACTION: f64 = 0.8;
 
 /// Least probability of line of sight in a funnel.
-#[must_use]
-pub fn funnel_probability(link: &LineOfSight) -> f64 {
+pub(crate) fn funnel_probability(link: &LineOfSight) -> f64 {
     FUNNEL_FRACTION * link.los_probability(0.0, 1.0)
 }
 
