@@ -37,9 +37,8 @@ impl Path {
         let colours = |[near, far]: [colour::Rgb; 2]| {
             (0..BANDS.len()).map(move |band| colour::between(near, far, band as f64 / (BANDS.len() - 1) as f64))
         };
-        let line = LineStrips3D::update_fields()
-            .with_colors(colours(colour::PATH))
-            .with_radii([Radius::new_ui_points(0.7)]);
+        let line =
+            LineStrips3D::update_fields().with_colors(colours(colour::PATH)).with_radii([Radius::new_ui_points(0.7)]);
         let each = BANDS.into_iter().zip(colours(colour::STOP)).flat_map(|(legs, colour)| vec![colour; legs]);
         let stops = Points3D::update_fields().with_colors(each).with_radii([Radius::new_ui_points(1.8)]);
         for (path, at) in [(PATH, STOPS), (TRACK, TRACK_STOPS)] {

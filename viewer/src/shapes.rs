@@ -36,9 +36,5 @@ pub(crate) fn curve_style(name: &str, colour: Rgb) -> SeriesLines {
 
 /// Writing in a picture, each text at its point.
 pub(crate) fn writing(points: [[f32; 2]; 2], texts: [String; 2]) -> Points2D {
-    Points2D::new(points)
-        .with_labels(texts)
-        .with_show_labels(true)
-        .with_radii([0.1])
-        .with_colors([colour::WRITING])
+    Points2D::new(points).with_labels(texts).with_show_labels(true).with_radii([0.1]).with_colors([colour::WRITING])
 }
