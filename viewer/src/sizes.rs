@@ -33,11 +33,13 @@ pub(crate) struct Sizes {
 impl Sizes {
     /// The sizes for `count` sensor nodes in a scenario.
     pub(crate) fn of(scenario: &Scenario, count: usize) -> Self {
-        let (width_m, depth_m) = (scenario.area.width_m as f32, scenario.area.height_m as f32);
+        let width_m = scenario.area.width_m as f32;
+        let depth_m = scenario.area.height_m as f32;
+        let radius_m = scenario.link.comm_radius_m as f32;
         let fixed_m = [scenario.uav.altitude_m; 2];
         let range_m = scenario.uav.climb().map_or(fixed_m, |climb| [climb.min_altitude_m, climb.max_altitude_m]);
         let [lowest_m, highest_m] = range_m.map(|altitude_m| altitude_m as f32);
-        let (altitude_m, radius_m) = (0.5 * (lowest_m + highest_m), scenario.link.comm_radius_m as f32);
+        let altitude_m = 0.5 * (lowest_m + highest_m);
         let spacing_m = (width_m * depth_m / count.max(1) as f32).sqrt();
         Self {
             width_m,
@@ -49,19 +51,12 @@ impl Sizes {
             bar_m: 0.5 * lowest_m,
             bar_half_m: (0.11 * spacing_m).min(0.12 * radius_m),
             arm_m: 0.18 * radius_m.min(altitude_m),
-            point_ui: if count <= MAX_BARS {
-                3.0
-            } else if count <= 50_000 {
-                2.5
-            } else {
-                1.5
+            point_ui: match count {
+                ..=MAX_BARS => 3.0,
+                ..=50_000 => 2.5,
+                _ => 1.5,
             },
         }
-    }
-
-    /// The longer side of the area [m].
-    pub(crate) fn span_m(&self) -> f32 {
-        self.width_m.max(self.depth_m)
     }
 }
 
