@@ -13,7 +13,6 @@ use skysink_common::units::ratio_of_db;
 use crate::colour;
 use crate::shapes::{Point, circle, drawn, line_style};
 use crate::sizes::Sizes;
-use crate::slot::SlotView;
 
 /// The candidate circles.
 pub const CANDIDATES: &str = "world/candidates";
@@ -63,16 +62,15 @@ impl Links {
         })
     }
 
-    /// Shows the circles and links of one slot, and none where there are none.
-    pub(crate) fn log_slot(&self, stream: &RecordingStream, view: &SlotView) -> RecordingStreamResult<()> {
-        self.log_circles(stream, view.plan)?;
-        self.log_links(stream, Some(view.flight))
-    }
-
-    /// Takes away what a missed slot would show wrongly.
-    pub(crate) fn log_missed(&self, stream: &RecordingStream) -> RecordingStreamResult<()> {
-        self.log_circles(stream, None)?;
-        self.log_links(stream, None)
+    /// Shows the circles of a plan and the links of a flight in place of those before; none of what was missed.
+    pub(crate) fn log(
+        &self,
+        stream: &RecordingStream,
+        plan: Option<&Plan>,
+        flight: Option<&FlightReport>,
+    ) -> RecordingStreamResult<()> {
+        self.log_circles(stream, plan)?;
+        self.log_links(stream, flight)
     }
 
     fn log_circles(&self, stream: &RecordingStream, plan: Option<&Plan>) -> RecordingStreamResult<()> {

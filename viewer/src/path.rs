@@ -48,18 +48,12 @@ impl Path {
         Ok(Self { begun: part == Part::Later, step_m: 0.002 * sizes.radius_m })
     }
 
-    /// Draws the path of a slot; a single point, which is the slot's own waypoint, is none.
-    pub(crate) fn log_slot(&mut self, stream: &RecordingStream, path: &[PathPoint]) -> RecordingStreamResult<()> {
+    /// Draws the path of a slot in place of that before; a single point, which is the slot's own waypoint, is none.
+    pub(crate) fn log(&mut self, stream: &RecordingStream, path: &[PathPoint]) -> RecordingStreamResult<()> {
         self.begun |= path.len() > 1;
-        if self.begun { self.log(stream, path) } else { Ok(()) }
-    }
-
-    /// Takes away what a missed slot would show wrongly.
-    pub(crate) fn log_missed(&self, stream: &RecordingStream) -> RecordingStreamResult<()> {
-        if self.begun { self.log(stream, &[]) } else { Ok(()) }
-    }
-
-    fn log(&self, stream: &RecordingStream, path: &[PathPoint]) -> RecordingStreamResult<()> {
+        if !self.begun {
+            return Ok(());
+        }
         let below_trail_m = (BANDS.len() + 1) as f32 * self.step_m;
         let above = self.strips(path.iter().map(|at| [at.x_m as f32, at.y_m as f32, at.z_m as f32 - below_trail_m]));
         let below = self.strips(path.iter().map(|at| [at.x_m as f32, at.y_m as f32, 0.0]));

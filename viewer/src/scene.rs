@@ -38,8 +38,8 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Opens the sinks and draws everything that stays. If the file continues a recording, that keeps its name instead of
-    /// `run_name`.
+    /// Opens the sinks and draws everything that stays. If the file continues a recording, that keeps its name instead
+    /// of `run_name`.
     ///
     /// # Errors
     /// If there is no sink, the file cannot be created, the port is taken, or the recording library refuses.
@@ -86,7 +86,9 @@ impl Scene {
     /// # Errors
     /// If the slot does not fit the sensor list, or the recording library refuses.
     pub fn log_slot(&mut self, view: &SlotView) -> Result<(), SceneError> {
-        let (slot, found, expected) = (view.slot, view.queues_bits.len(), self.queues.count());
+        let slot = view.slot;
+        let found = view.queues_bits.len();
+        let expected = self.queues.count();
         if found != expected {
             return Err(SceneError::Queues { slot, found, expected });
         }
@@ -96,8 +98,8 @@ impl Scene {
         let stream = &self.recording.stream;
         let fill = self.queues.log_slot(stream, view.queues_bits)?;
         self.uav.log_slot(stream, view)?;
-        self.path.log_slot(stream, view.path)?;
-        self.links.log_slot(stream, view)?;
+        self.path.log(stream, view.path)?;
+        self.links.log(stream, view.plan, Some(view.flight))?;
         if let Some(los) = &mut self.los {
             los.log_slot(stream, view.flight)?;
         }
@@ -117,8 +119,8 @@ impl Scene {
         self.recording.set_slot(first, self.scenario.slot_s);
         let stream = &self.recording.stream;
         self.uav.log_missed(stream)?;
-        self.path.log_missed(stream)?;
-        self.links.log_missed(stream)?;
+        self.path.log(stream, &[])?;
+        self.links.log(stream, None, None)?;
         if let Some(los) = &mut self.los {
             los.log_missed(stream)?;
         }
