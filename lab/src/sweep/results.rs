@@ -26,6 +26,9 @@ pub const BEST_KNOWN: &str = "best-known";
 ///
 /// # Errors
 /// If a file cannot be written.
+///
+/// # Panics
+/// If a row is of no mission of the sweep.
 pub fn write(folder: &Path, definition: &Definition, rows: &MissionRows) -> Result<(), LabError> {
     let (timings, results): (Vec<_>, Vec<_>) = Metric::VARIANTS.iter().partition(|metric| metric.is_timing());
     write_whole(&folder.join("results.csv"), &missions_csv(definition, rows, &results))?;
