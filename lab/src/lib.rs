@@ -1,4 +1,5 @@
-//! Research: sweeps, metrics, figures, and the search for the best known flight. The only crate that knows arrow and resvg.
+//! Research: sweeps, metrics, figures, and the search for the best known flight. The only crate that knows arrow and
+//! resvg.
 
 pub mod error;
 pub mod figures;

@@ -82,9 +82,12 @@ impl MissionSums {
     }
 
     /// Adds the next slot.
+    ///
+    /// # Panics
+    /// If it serves a sensor node that the mission does not have.
     pub fn add(&mut self, flight: &FlightReport) {
         self.slot += 1;
-        let position = Point3::new(flight.x_m, flight.y_m, flight.z_m);
+        let position = flight.position();
         let step_m = (position - self.position).norm();
         self.position = position;
         self.flown_m += step_m;
@@ -92,7 +95,7 @@ impl MissionSums {
         for link in flight.served_links() {
             let last = &mut self.last_service[link.sensor as usize];
             self.ages.add_gap(self.slot - *last - 1);
-            self.ages.add_zero();
+            self.ages.zeros += 1;
             *last = self.slot;
         }
     }
@@ -135,10 +138,6 @@ struct Ages {
 }
 
 impl Ages {
-    fn add_zero(&mut self) {
-        self.zeros += 1;
-    }
-
     fn add_gap(&mut self, slots: u64) {
         let slots = usize::try_from(slots).expect("a mission that fits in memory");
         if self.gaps.len() <= slots {
@@ -181,7 +180,7 @@ impl Ages {
     }
 }
 
-/// Jain's fairness index, `(Σ x)² / (N Σ x²)`; 1 where nothing was delivered to anybody's disadvantage.
+/// Jain's fairness index, `(Σ x)² / (N Σ x²)`; 1 if nothing was delivered.
 fn jain(values: &[u64]) -> f64 {
     let sum: f64 = values.iter().map(|&value| value as f64).sum();
     let squares: f64 = values.iter().map(|&value| (value as f64).powi(2)).sum();

@@ -80,7 +80,7 @@ pub struct SweepBase {
     pub table: toml::Table,
 }
 
-/// Part k of n of a sweep, k from 1.
+/// Part k of n of a sweep, k from 1 to n.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Shard(pub usize, pub usize);
 
@@ -171,6 +171,9 @@ impl Sweep {
     }
 
     /// The missions of a shard: those of every n-th point from the k-th, in the order of the results.
+    ///
+    /// # Panics
+    /// If k is 0 or n is 0.
     #[must_use]
     pub fn missions(&self, Shard(k, n): Shard) -> Vec<MissionKey> {
         let definition = &self.definition;
