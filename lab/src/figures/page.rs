@@ -54,8 +54,8 @@ impl Page {
         self.document.append(node);
     }
 
-    /// Adds samples, drawn to the right of the origin, with their labels, in as many columns as fit into `width`. Returns
-    /// the lower end.
+    /// Adds samples, drawn to the right of the origin, with their labels, in as many columns as fit into `width`.
+    /// Returns the lower end.
     pub fn add_legend(&mut self, [left, top]: [f64; 2], width: f64, em: f64, entries: &[(Group, &str)]) -> f64 {
         // Somebody else's font may be wider.
         let widest = entries.iter().map(|(_, label)| 1.1 * text_width(label, em)).fold(0.0, f64::max);

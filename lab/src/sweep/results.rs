@@ -88,8 +88,7 @@ fn swept(definition: &Definition, rows: &MissionRows, place: usize) -> ArrayRef 
     if let Some(whole) = values().map(toml::Value::as_integer).collect::<Option<Vec<_>>>() {
         return Arc::new(Int64Array::from(whole));
     }
-    let float = |value: &toml::Value| value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64));
-    match values().map(float).collect::<Option<Vec<_>>>() {
+    match values().map(number).collect::<Option<Vec<_>>>() {
         Some(floats) => Arc::new(Float64Array::from(floats)),
         None => Arc::new(StringArray::from_iter_values(values().map(text))),
     }
@@ -138,6 +137,11 @@ pub fn best_known<'a>(rows: impl Iterator<Item = &'a MissionRow>) -> BTreeMap<us
         points.entry(point).or_default().push(loss_rate);
     }
     points
+}
+
+/// A swept value that is a number.
+pub(crate) fn number(value: &toml::Value) -> Option<f64> {
+    value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64))
 }
 
 /// A swept value as text: as in the sweep file, strings without quotes.
