@@ -39,13 +39,11 @@ pub type MetricValues = [f64; Metric::COUNT];
 
 impl Metric {
     /// Its column.
-    #[must_use]
     pub fn name(self) -> &'static str {
         self.into()
     }
 
     /// Whether it is a time of the wall clock, and different each time.
-    #[must_use]
     pub fn is_timing(self) -> bool {
         matches!(self, Self::PlanP50Us | Self::PlanP99Us)
     }
@@ -67,7 +65,6 @@ pub struct MissionSums {
 
 impl MissionSums {
     /// Nothing flown yet.
-    #[must_use]
     pub fn new(scenario: &Scenario, sensors: usize) -> Self {
         Self {
             slot_s: scenario.slot_s,
@@ -101,7 +98,6 @@ impl MissionSums {
     }
 
     /// The metrics of a mission that comes to `summary`; `delivered_bits` by sensor node.
-    #[must_use]
     pub fn values(&self, summary: &Summary, delivered_bits: &[u64], loss_bound: f64) -> MetricValues {
         let mut ages = self.ages.clone();
         for last in &self.last_service {
@@ -223,7 +219,7 @@ mod tests {
         for served in [&[][..], &[0], &[], &[0, 1]] {
             metrics.add(&flight(50.0, served));
         }
-        // Ages after slots 1 to 4: SN 0: 1, 0, 1, 0; SN 1: 1, 2, 3, 0. Mean 8/8; the largest of 8 is the 99th percentile.
+        // Ages after slots 1 to 4: SN 0: 1, 0, 1, 0; SN 1: 1, 2, 3, 0. Mean 8/8; the 99th percentile is the largest.
         assert_eq!(values(&metrics, [Metric::AoiMeanS, Metric::AoiP99S]), [1.0, 3.0]);
     }
 

@@ -2,8 +2,8 @@
 
 pub mod journal;
 pub mod plan;
-pub mod results;
-pub mod statistics;
+pub(crate) mod results;
+pub(crate) mod statistics;
 
 use std::fs::{self, File, TryLockError};
 use std::io::{self, ErrorKind};
@@ -43,8 +43,8 @@ struct Manifest {
     definition: Definition,
 }
 
-/// Makes the folder of a sweep, or opens it if it holds this very sweep, and locks it against other processes: the system
-/// releases the lock when the file is dropped or the process ends.
+/// Makes the folder of a sweep, or opens it if it holds this very sweep, and locks it against other processes. The
+/// system releases the lock when the file is dropped or the process ends.
 fn lock_folder(path: &Path, manifest: &Manifest) -> Result<File, LabError> {
     fs::create_dir_all(path).at(path)?;
     let file = path.join("sweep.json");

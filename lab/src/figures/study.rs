@@ -101,8 +101,8 @@ pub(super) fn studies() -> Vec<Study> {
     studies.remove("study").unwrap_or_default()
 }
 
-/// Whether a strategy decides without a search. `edf` is not flown: the letter's comparison in `docs/results.md`, and with
-/// it the best known, is without it.
+/// Whether a strategy decides without a search. `edf` is not flown: the paper's comparison in `docs/results.md`, and
+/// with it the best known, is without it.
 pub(super) fn plans_at_once(strategy: &Registered) -> bool {
     !strategy.has_path && *strategy != edf::STRATEGY
 }
@@ -199,8 +199,8 @@ impl Study {
         Sweep::new(Path::new(&self.name()), base, axes, strategies, (1..=flights.runs(choice)).collect())
     }
 
-    /// One quantity in one of the charts, a curve for each strategy of each sweep; of a loss the best known and the bound,
-    /// too, over the fields that every strategy has flown over.
+    /// One quantity in one of the charts, a curve for each strategy of each sweep; of a loss the best known and the
+    /// bound, too, over the fields that every strategy has flown over.
     fn series(&self, quantity: &Quantity, flown: &[MissionRows], chart: usize, choice: &Choice) -> Vec<Series> {
         let xs = self.xs();
         let curve = |label: &str, values: &dyn Fn(usize) -> Vec<f64>| {

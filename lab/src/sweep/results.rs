@@ -125,7 +125,6 @@ fn summary_csv(definition: &Definition, rows: &MissionRows, metrics: &[Metric]) 
 }
 
 /// The least loss of all strategies, by point and seed.
-#[must_use]
 pub fn best_known<'a>(rows: impl Iterator<Item = &'a MissionRow>) -> BTreeMap<usize, Vec<f64>> {
     let mut least: BTreeMap<(usize, u64), f64> = BTreeMap::new();
     for row in rows {
