@@ -1,4 +1,4 @@
-//! Colours of the scene, and the scales that turn a number into one: queue fill, link rate, probability of line of sight.
+//! Colours of the scene, and the colour scales of queue fill, link rate and probability of line of sight.
 
 use std::ops::RangeInclusive;
 

@@ -1,4 +1,4 @@
-//! What happened, in words: the event log, and the lane of the UAV's state.
+//! The event log, and the lane of the UAV's state.
 
 use rerun::{RecordingStream, RecordingStreamResult, StateChange, StateConfiguration, TextLog, TextLogLevel};
 use skysink_common::message::{HoldReason, Mode, SolverOutcome, Totals};
@@ -15,15 +15,15 @@ pub const LANE: &str = "state/uav";
 /// State of the lane where the viewer missed slots.
 pub const GAP: &str = "gap";
 
-/// What the log says where a later file of the recording begins.
+/// The line with which a later file of the recording begins.
 const CONTINUED: &str = "recording continued in a new file: the viewer was started again
 \
                          Up to a second of the slots before may be missing.";
 
-/// What the log and the lane have said so far.
+/// What has been logged so far.
 #[derive(Debug)]
 pub(crate) struct Events {
-    /// A line that is due with the first slot.
+    /// A line to log with the first slot.
     due: Option<&'static str>,
     state: Option<&'static str>,
     /// Whether bits were lost up to the last slot; none before the first.
@@ -46,7 +46,7 @@ impl Events {
         Ok(Self { due: (part == Part::Later).then_some(CONTINUED), state: None, is_lossy: None })
     }
 
-    /// Logs what is worth telling of a slot, and its state where it changes.
+    /// Logs the events of a slot, and its state where it changes.
     pub(crate) fn log_slot(&mut self, stream: &RecordingStream, view: &SlotView) -> RecordingStreamResult<()> {
         let flight = view.flight;
         self.log_due(stream)?;
@@ -68,7 +68,7 @@ impl Events {
             write(stream, TextLogLevel::WARN, "waypoint by the geometric solver, as a fallback")?;
         }
         let totals = &view.header.totals;
-        // In a later file an earlier one may have told of it: it holds the losses before this slot.
+        // In a later file, a loss before this slot has been logged in an earlier one.
         let was_lossy = self.is_lossy.unwrap_or(totals.lost_bits > view.header.lost_bits);
         self.is_lossy = Some(totals.lost_bits > 0);
         if !was_lossy && totals.lost_bits > 0 {
@@ -106,7 +106,7 @@ pub(crate) fn write(stream: &RecordingStream, level: &'static str, text: &str) -
     stream.log(LOG, &TextLog::new(text).with_level(level))
 }
 
-/// What is flown.
+/// The line with which a mission begins.
 pub(crate) fn start(scenario: &Scenario, count: usize) -> String {
     let Scenario { name, seed, slots, slot_s, .. } = scenario;
     let strategy = &scenario.planner.strategy;
@@ -115,7 +115,7 @@ pub(crate) fn start(scenario: &Scenario, count: usize) -> String {
     )
 }
 
-/// What came of it; without totals if no slot brought any.
+/// The line with which it ends; without totals if there was no slot.
 pub(crate) fn end(scenario: &Scenario, last_slot: u64, totals: Option<&Totals>, missed_slots: u64) -> String {
     let missed = if missed_slots == 0 { String::new() } else { format!(", {missed_slots} slots missed by the viewer") };
     let totals = totals.map_or_else(String::new, |totals| {

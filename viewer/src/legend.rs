@@ -1,4 +1,4 @@
-//! What the picture means, for somebody who sees it for the first time: pages of text and two colour scales.
+//! What the picture means, for a first-time viewer: pages of text and two colour scales.
 
 use std::ops::RangeInclusive;
 

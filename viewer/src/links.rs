@@ -1,4 +1,4 @@
-//! What the UAV chose to do in a slot: the candidate circles of the winning anchor, and the links that it served.
+//! The candidate circles of a slot's winning anchor, and the links that were served.
 //!
 //! A link is coloured by its rate in free space, and by whether it was in line of sight where that is random.
 
@@ -25,7 +25,7 @@ pub const LINKS: &str = "world/links";
 pub(crate) struct Links {
     feet: Vec<Point>,
     radius_m: f32,
-    /// The rates [bit/s] between which links are coloured; none where the colour says whether they are in line of sight.
+    /// The rates [bit/s] between which links are coloured; none if they are coloured by line of sight.
     pub(crate) rates_bps: Option<RangeInclusive<f64>>,
 }
 
@@ -62,7 +62,7 @@ impl Links {
         })
     }
 
-    /// Shows the circles of a plan and the links of a flight in place of those before; none of what was missed.
+    /// Replaces the circles by those of a plan and the links by those of a flight; clears them if there is none.
     pub(crate) fn log(
         &self,
         stream: &RecordingStream,

@@ -1,8 +1,8 @@
-//! Line of sight, where it is random: under which angle and with which probability each served sensor node sees the UAV,
-//! and what came of it. A free-space recording has none of this.
+//! Line of sight, where it is random: the elevation and the probability of line of sight of each served link, and
+//! whether it was in line of sight. A free-space recording has none of this.
 //!
-//! The room around the UAV is drawn by [`field`], the choice of an altitude by [`profile`]. What is not there is a
-//! number that is none: it breaks a curve, where the library would draw an empty row as 0.
+//! [`field`] draws the probability around the UAV, [`profile`] the choice of an altitude. A missing value is logged as
+//! NaN, which breaks a curve; the library would draw an empty row as 0.
 
 pub mod field;
 pub mod profile;
@@ -68,7 +68,7 @@ impl Los {
         Ok(Some(Self { link, positions, most_links, mark_above_m: 1.8 * sizes.arm_m, surroundings, profile }))
     }
 
-    /// Shows one slot; where nobody is served, only the altitude.
+    /// Shows one slot; if it serves no sensor node, only the altitude.
     pub(crate) fn log_slot(&mut self, stream: &RecordingStream, flight: &FlightReport) -> RecordingStreamResult<()> {
         stream.log(ALTITUDE, &Scalars::single(flight.z_m))?;
         let [x_m, y_m, z_m] = drawn(flight.position());
@@ -104,7 +104,7 @@ impl Los {
         links: &[LinkReport],
         value: impl Fn(&LinkReport) -> f64,
     ) -> RecordingStreamResult<()> {
-        let mean = links.iter().map(&value).sum::<f64>() / links.len() as f64; // of nobody: not a number
+        let mean = links.iter().map(&value).sum::<f64>() / links.len() as f64; // NaN if there are none
         stream.log(format!("{root}/{MEAN}"), &Scalars::single(mean))?;
         for (name, line_of_sight) in [(SIGHT, 1), (BLOCKED, 0)] {
             let is_shown = |link: &LinkReport| link.line_of_sight.min(1) == line_of_sight;

@@ -128,7 +128,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
             health: ring.health.reader(VIEWER_BUFFER)?,
             paths_read: 0,
             is_ready: false,
-            // After a resume the ring begins with the last slot on record; the slots before are in earlier files, if in any.
+            // After a resume the ring begins with the last slot on record; those before are in earlier files, if in any.
             next: journal.read()?.last().map(|record| record.slot + 1),
             missed: 0,
             recent: VecDeque::new(),
@@ -149,14 +149,14 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
             self.log_health()?;
             self.show(wait, &queues)?;
             if !self.is_ready {
-                // Its readers are attached everywhere: writers that live deliver every slot from here on.
+                // Its readers are attached to every topic: running writers deliver every slot from here on.
                 self.is_ready = true;
                 let process = Role::Viewer as u32;
                 ready.send(self.ring.header(head.slot, 0), Ready { process, restarts: self.ring.restarts })?;
             }
             if is_end {
                 self.log_health()?;
-                // Until then the recorder may need to know that this viewer is ready.
+                // Until the last slot is committed, the recorder may read `ready`.
                 self.ring.wait_for_commit(wait, |commit| commit.slot >= head.slot, || Ok(()))?;
                 return Ok(());
             }

@@ -1,6 +1,6 @@
 //! The planned path: from the planned waypoint over the next ones, of planners that know them.
 //!
-//! A recording in which nobody plans ahead holds nothing of it. From the first path on every slot has its own, or an
+//! A recording of a planner without a path holds nothing of it. From the first path on every slot has its own, or an
 //! empty one, so that none is left over from a slot before.
 
 use rerun::{LineStrips3D, Points3D, Radius, RecordingStream, RecordingStreamResult};
@@ -20,14 +20,14 @@ pub const TRACK: &str = "world/path_track";
 /// Its waypoints.
 pub const TRACK_STOPS: &str = "world/path_track/stops";
 
-/// Legs of the path that are drawn alike: the farther, the likelier the plan still changes, and the fainter.
+/// Legs of each band of the path: the later a leg, the more likely the plan still changes, and the fainter it is.
 const BANDS: [usize; 4] = [4, 8, 16, MAX_POINTS];
 
 /// The path of the scene.
 pub(crate) struct Path {
-    /// Whether a slot before had one, or may have had one in an earlier file.
+    /// Whether an earlier slot had a path, or may have had one in an earlier file.
     begun: bool,
-    /// How much higher a band is than the one after it: a path that returns to a place shows its nearer part.
+    /// Height [m] of a band above the one after it: where a path crosses itself, its earlier legs are seen.
     step_m: f32,
 }
 
@@ -48,7 +48,7 @@ impl Path {
         Ok(Self { begun: part == Part::Later, step_m: 0.002 * sizes.radius_m })
     }
 
-    /// Draws the path of a slot in place of that before; a single point, which is the slot's own waypoint, is none.
+    /// Replaces the path by that of a slot; a single point, which is the slot's own waypoint, is no path.
     pub(crate) fn log(&mut self, stream: &RecordingStream, path: &[PathPoint]) -> RecordingStreamResult<()> {
         self.begun |= path.len() > 1;
         if !self.begun {

@@ -127,7 +127,7 @@ impl Recording {
         let stream = RecordingStreamBuilder::new(APPLICATION)
             .recording_id(name.as_str())
             .send_properties(false) // they would hold the wall clock
-            .enabled(true) // whatever the environment says: somebody asked for a recording
+            .enabled(true) // whatever the environment says: a recording was asked for
             .batcher_config(ChunkBatcherConfig { flush_tick, ..ChunkBatcherConfig::default() })
             .set_sinks(open)?;
         stream.set_log_time_enabled(false);

@@ -1,7 +1,6 @@
 //! A mission as a scene: opened once, given every slot, closed.
 //!
-//! Where things go is decided in the neighbouring modules, one per part of the picture; how they are arranged on the
-//! screen in [`crate::layout`].
+//! Each part of the picture is drawn by a module of its own; [`crate::layout`] arranges them on the screen.
 
 use std::ops::RangeInclusive;
 
@@ -107,8 +106,8 @@ impl Scene {
         Ok(curves::log_slot(stream, view, fill, self.missed_slots)?)
     }
 
-    /// Marks slots that the viewer did not get: an event, a gap in the lane, and nothing left of the slot before that
-    /// would look like one of theirs. The next slot's curve of missed slots counts them.
+    /// Marks slots that the viewer did not get: an event, a gap in the lane, and what the slot before had drawn is
+    /// cleared. The next slot's curve of missed slots counts them.
     ///
     /// # Errors
     /// If the recording library refuses.

@@ -13,11 +13,11 @@ use crate::shapes::{Point, circle, drawn, line_style};
 use crate::sizes::Sizes;
 use crate::slot::SlotView;
 
-/// Frame of the UAV: moves with it, turns with nobody, so that a camera may ride in it.
+/// Frame of the UAV: it moves with the UAV but does not turn, so that a camera can be placed in it.
 pub const UAV: &str = "world/uav";
 /// Frame that turns with the UAV.
 pub const BODY: &str = "world/uav/body";
-/// A dot in its place, as large from far away as from near.
+/// A dot where it is, of the same size on the screen at every distance.
 pub const DOT: &str = "world/uav/dot";
 /// The path flown in each slot, where it was flown; a view chooses how many slots of it are seen.
 pub const TRAIL: &str = "world/uav_trail";

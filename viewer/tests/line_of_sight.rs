@@ -19,8 +19,8 @@ fn link() -> LineOfSight {
     *Channel::of(&town()).line_of_sight().expect("the town has buildings")
 }
 
-/// Slot `slot` of a UAV that flies east by 1 m and climbs by 2 m, and serves two sensor nodes: that below it, in line of
-/// sight in even slots, and the next, in line of sight in odd ones.
+/// Slot `slot` of a UAV that flies east by 1 m and climbs by 2 m, and serves two sensor nodes: that below it, in line
+/// of sight in even slots, and the next, in line of sight in odd ones.
 fn climb(slot: u64) -> Slot {
     let mut climb = Slot::new(slot, SENSORS as usize);
     let flight = &mut climb.flight;

@@ -1,7 +1,8 @@
-//! Why this altitude: what the served sensor nodes would get from the UAV's place on the ground at every altitude.
+//! The choice of an altitude: probability and rates of the served links over the altitude, above the UAV's ground
+//! position.
 //!
-//! Higher up the probability of line of sight grows and the rate in line of sight falls with the distance; the expected rate
-//! has its top between.
+//! With the altitude the probability of line of sight grows and the rate in line of sight falls; the expected rate has
+//! its maximum in between.
 
 use nalgebra::Point3;
 use rerun::{Clear, LineStrips2D, Radius, RecordingStream, RecordingStreamResult};
