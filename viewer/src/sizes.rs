@@ -51,10 +51,12 @@ impl Sizes {
             bar_m: 0.5 * lowest_m,
             bar_half_m: (0.11 * spacing_m).min(0.12 * radius_m),
             arm_m: 0.18 * radius_m.min(altitude_m),
-            point_ui: match count {
-                ..=MAX_BARS => 3.0,
-                ..=50_000 => 2.5,
-                _ => 1.5,
+            point_ui: if count <= MAX_BARS {
+                3.0
+            } else if count <= 50_000 {
+                2.5
+            } else {
+                1.5
             },
         }
     }
