@@ -62,35 +62,25 @@ impl Links {
         })
     }
 
-    /// Replaces the circles by those of a plan and the links by those of a flight; clears them if there is none.
-    pub(crate) fn log(
-        &self,
-        stream: &RecordingStream,
-        plan: Option<&Plan>,
-        flight: Option<&FlightReport>,
-    ) -> RecordingStreamResult<()> {
-        self.log_circles(stream, plan)?;
-        self.log_links(stream, flight)
-    }
-
-    fn log_circles(&self, stream: &RecordingStream, plan: Option<&Plan>) -> RecordingStreamResult<()> {
-        let centres: Vec<_> = plan
-            .into_iter()
-            .flat_map(|plan| plan.circles_m.into_iter().enumerate())
-            .filter(|(_, centre_m)| centre_m.iter().all(|coordinate_m| coordinate_m.is_finite()))
-            .map(|(place, [x_m, y_m])| (place, [x_m as f32, y_m as f32, 0.002 * self.radius_m]))
-            .collect();
-        let candidates = Cylinders3D::update_fields()
-            .with_centers(centres.iter().map(|&(_, centre)| centre))
-            .with_radii(centres.iter().map(|_| self.radius_m));
-        stream.log(CANDIDATES, &candidates)?;
-        let is_chosen = |place| plan.is_some_and(|plan| u32::try_from(place) == Ok(plan.chosen));
-        let chosen = centres.iter().filter(|&&(place, _)| is_chosen(place));
-        let chosen = chosen.map(|&(_, centre)| circle(centre, self.radius_m));
+    /// Replaces the circles by those of a plan; clears them without one.
+    pub(crate) fn log_circles(&self, stream: &RecordingStream, plan: Option<&Plan>) -> RecordingStreamResult<()> {
+        let circles_m = plan.map_or(&[][..], |plan| &plan.circles_m);
+        let is_drawn = |centre_m: &&[f64; 2]| centre_m.iter().all(|coordinate_m| coordinate_m.is_finite());
+        let centre = |&[x_m, y_m]: &[f64; 2]| [x_m as f32, y_m as f32, 0.002 * self.radius_m];
+        let centres: Vec<Point> = circles_m.iter().filter(is_drawn).map(centre).collect();
+        let candidates = Cylinders3D::update_fields().with_radii(centres.iter().map(|_| self.radius_m));
+        stream.log(CANDIDATES, &candidates.with_centers(centres))?;
+        let chosen = plan.and_then(|plan| circles_m.get(plan.chosen as usize)).filter(is_drawn);
+        let chosen = chosen.map(|centre_m| circle(centre(centre_m), self.radius_m));
         stream.log(CHOSEN, &LineStrips3D::update_fields().with_strips(chosen))
     }
 
-    fn log_links(&self, stream: &RecordingStream, flight: Option<&FlightReport>) -> RecordingStreamResult<()> {
+    /// Replaces the links by those of a flight; clears them without one.
+    pub(crate) fn log_links(
+        &self,
+        stream: &RecordingStream,
+        flight: Option<&FlightReport>,
+    ) -> RecordingStreamResult<()> {
         let served = flight.map_or(&[][..], FlightReport::served_links);
         let links_drawn = || served.iter().filter_map(|link| Some((*self.feet.get(link.sensor as usize)?, link)));
         let strips = links_drawn().map(|(foot, _)| [flight.map_or(foot, |flight| drawn(flight.position())), foot]);

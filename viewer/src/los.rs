@@ -106,8 +106,8 @@ impl Los {
     ) -> RecordingStreamResult<()> {
         let mean = links.iter().map(&value).sum::<f64>() / links.len() as f64; // NaN if there are none
         stream.log(format!("{root}/{MEAN}"), &Scalars::single(mean))?;
-        for (name, line_of_sight) in [(SIGHT, 1), (BLOCKED, 0)] {
-            let is_shown = |link: &LinkReport| link.line_of_sight.min(1) == line_of_sight;
+        for (name, is_in_sight) in [(SIGHT, true), (BLOCKED, false)] {
+            let is_shown = |link: &LinkReport| (link.line_of_sight == 1) == is_in_sight;
             let points = links.iter().map(|link| if is_shown(link) { value(link) } else { f64::NAN });
             let points = points.chain(std::iter::repeat(f64::NAN)).take(self.most_links);
             stream.log(format!("{root}/{name}"), &Scalars::new(points))?;

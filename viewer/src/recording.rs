@@ -147,10 +147,9 @@ impl Recording {
     /// # Errors
     /// If something could not be written, now or earlier.
     pub(crate) fn close(self) -> Result<(), SceneError> {
-        let Self { stream, save, .. } = self;
-        let flushed = stream.flush_with_timeout(FLUSH_LIMIT);
-        drop(stream);
-        flushed.map_err(|source| SceneError::Unfinished { path: save, source })
+        let flushed = self.stream.flush_with_timeout(FLUSH_LIMIT);
+        drop(self.stream);
+        flushed.map_err(|source| SceneError::Unfinished { path: self.save, source })
     }
 }
 

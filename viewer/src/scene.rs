@@ -98,7 +98,8 @@ impl Scene {
         let fill = self.queues.log_slot(stream, view.queues_bits)?;
         self.uav.log_slot(stream, view)?;
         self.path.log(stream, view.path)?;
-        self.links.log(stream, view.plan, Some(view.flight))?;
+        self.links.log_circles(stream, view.plan)?;
+        self.links.log_links(stream, Some(view.flight))?;
         if let Some(los) = &mut self.los {
             los.log_slot(stream, view.flight)?;
         }
@@ -119,7 +120,8 @@ impl Scene {
         let stream = &self.recording.stream;
         self.uav.log_missed(stream)?;
         self.path.log(stream, &[])?;
-        self.links.log(stream, None, None)?;
+        self.links.log_circles(stream, None)?;
+        self.links.log_links(stream, None)?;
         if let Some(los) = &mut self.los {
             los.log_missed(stream)?;
         }
