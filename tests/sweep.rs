@@ -126,6 +126,24 @@ fn a_sweep_that_is_interrupted_ends_with_the_same_bytes() {
 }
 
 #[test]
+fn a_journal_with_a_mission_of_another_sweep_is_refused_by_its_line() {
+    let place = Place::new();
+    write_sweep(&place, 2);
+    place.run_well(&["sweep", "sweep.toml", "--out", "out"]);
+    let journal = place.read("out/journal.csv");
+    let (first, rest) = journal.split_once('\n').unwrap();
+    let metrics = first.splitn(4, ',').last().unwrap();
+    for mission in ["6,0,1", "0,3,1", "0,0,3"] {
+        place.write("out/journal.csv", &format!("{first}\n{mission},{metrics}\n{rest}"));
+        for arguments in [["sweep", "sweep.toml", "--out", "out"], ["merge", "out", "--out", "merged"]] {
+            let ended = place.run(&arguments);
+            assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{mission}: {ended:?}");
+            assert!(ended.stderr.contains("out/journal.csv: line 2: point "), "{mission}: {ended:?}");
+        }
+    }
+}
+
+#[test]
 fn merged_shards_are_the_whole_sweep() {
     let place = Place::new();
     write_sweep(&place, 3);

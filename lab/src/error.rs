@@ -1,56 +1,20 @@
 //! Why a piece of research fails.
 
-use std::path::{Path, PathBuf};
-
 use skysink_mission::MissionError;
 
 /// Why a sweep, a figure or a search fails; the display is one line.
 #[derive(Debug, thiserror::Error)]
 pub enum LabError {
-    /// A mission is refused, a file cannot be read or written, or a signal asks for the end.
+    /// A sweep or a mission is refused, a file cannot be read or written, or a signal asks for the end.
     #[error(transparent)]
     Mission(MissionError),
-    /// A sweep file, a point of its grid, a sweep's folder or a shard is refused.
-    #[error("{what} {}: {message}", path.display())]
-    Refused {
-        /// What it is.
-        what: &'static str,
-        /// The file or folder.
-        path: PathBuf,
-        /// What is wrong where.
-        message: String,
-    },
-    /// A swept key lies inside a value.
-    #[error("axes: {key}: expected a dotted key of the scenario")]
-    NoKey {
-        /// The key.
-        key: String,
-    },
-    /// A line of a sweep's journal is no mission.
-    #[error("{}: line {line}: {message}", path.display())]
-    Journal {
-        /// The file.
-        path: PathBuf,
-        /// The line.
-        line: usize,
-        /// What is wrong.
-        message: String,
-    },
-    /// A figure has nothing to draw, or a number without a position.
+    /// A figure has nothing to draw, a number without a position, or a character without a glyph.
     #[error("{place}: {message}")]
     Figure {
-        /// Figure, series, point.
+        /// Figure, series, point, text.
         place: String,
         /// What is wrong with it.
         message: String,
-    },
-    /// A text cannot be set in the embedded font.
-    #[error("figure text {text:?}: {character:?} is not in the embedded font: expected Latin, Greek or common symbols")]
-    Character {
-        /// The text.
-        text: String,
-        /// Its first character without a glyph.
-        character: char,
     },
 }
 
@@ -60,8 +24,7 @@ impl LabError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Mission(error) => error.exit_code(),
-            Self::Figure { .. } | Self::Character { .. } => 1,
-            _ => 2,
+            Self::Figure { .. } => 1,
         }
     }
 
@@ -79,24 +42,6 @@ impl LabError {
     /// A figure that is not drawn.
     pub(crate) fn figure(place: String, message: impl Into<String>) -> Self {
         Self::Figure { place, message: message.into() }
-    }
-
-    /// A file or folder that is refused.
-    pub(crate) fn refused(what: &'static str, path: &Path, message: impl ToString) -> Self {
-        Self::Refused { what, path: path.to_owned(), message: message.to_string() }
-    }
-
-    /// A sweep file that is not TOML, or not a sweep.
-    pub(crate) fn malformed(path: &Path, text: &str, error: &toml::de::Error) -> Self {
-        let message = error.message().trim().replace('\n', ", ");
-        let place = error.span().map_or(String::new(), |span| {
-            let line = text[..span.start.min(text.len())].matches('\n').count() + 1;
-            match text.get(span) {
-                Some(value) if !value.contains('\n') && !message.contains(value) => format!("line {line}: {value}: "),
-                _ => format!("line {line}: "),
-            }
-        });
-        Self::refused("sweep", path, place + &message)
     }
 }
 

@@ -1,12 +1,12 @@
-//! `skysink figures`: curves with confidence bands ([`chart`]) and trajectory maps ([`map`]), each drawn once and written
-//! as SVG and PNG, with the sweeps behind them.
+//! `skysink figures`: curves with confidence bands ([`chart`]) and trajectory maps ([`map`]), each drawn once and
+//! written as SVG and PNG, with the sweeps behind them.
 //!
 //! The same missions give the same bytes: no system font, no clock, no random number takes part.
 
 mod axis;
-pub mod chart;
+mod chart;
 pub mod choice;
-pub mod map;
+mod map;
 mod page;
 mod study;
 mod style;
@@ -36,15 +36,17 @@ pub fn draw(choice: &Choice, stop: &Stop, on_progress: OnProgress) -> Result<Vec
     let mut stems = Vec::new();
     for study in study::studies().iter().filter(|study| choice.wants(study.part)) {
         for (name, chart) in study.charts(choice, stop, on_progress)? {
-            stems.push(choice.out.join(name));
-            chart.draw(&stems[stems.len() - 1])?;
+            let stem = choice.out.join(name);
+            chart.draw(&stem)?;
             tables += &chart.table();
+            stems.push(stem);
         }
     }
     let sheets = if choice.wants(FigurePart::Maps) { trajectories::sheets(choice)? } else { Vec::new() };
     for (name, sheet) in sheets {
-        stems.push(choice.out.join(name));
-        sheet.draw(&stems[stems.len() - 1])?;
+        let stem = choice.out.join(name);
+        sheet.draw(&stem)?;
+        stems.push(stem);
     }
     write_whole(&choice.out.join("tables.md"), tables.as_bytes())?;
     Ok(stems)

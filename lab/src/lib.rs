@@ -1,11 +1,12 @@
-//! Research: sweeps, metrics, figures, and the search for the best known flight. The only crate that knows arrow and resvg.
+//! Research: sweeps, metrics, figures, and the search for the best known flight. The only crate that knows arrow and
+//! resvg.
 
-pub mod error;
+mod error;
 pub mod figures;
-pub mod metrics;
+mod metrics;
 pub mod optimize;
 pub mod progress;
-pub mod propulsion;
+mod propulsion;
 pub mod sweep;
 
 pub use error::LabError;

@@ -39,13 +39,11 @@ pub type MetricValues = [f64; Metric::COUNT];
 
 impl Metric {
     /// Its column.
-    #[must_use]
     pub fn name(self) -> &'static str {
         self.into()
     }
 
     /// Whether it is a time of the wall clock, and different each time.
-    #[must_use]
     pub fn is_timing(self) -> bool {
         matches!(self, Self::PlanP50Us | Self::PlanP99Us)
     }
@@ -67,7 +65,6 @@ pub struct MissionSums {
 
 impl MissionSums {
     /// Nothing flown yet.
-    #[must_use]
     pub fn new(scenario: &Scenario, sensors: usize) -> Self {
         Self {
             slot_s: scenario.slot_s,
@@ -82,9 +79,12 @@ impl MissionSums {
     }
 
     /// Adds the next slot.
+    ///
+    /// # Panics
+    /// If it serves a sensor node that the mission does not have.
     pub fn add(&mut self, flight: &FlightReport) {
         self.slot += 1;
-        let position = Point3::new(flight.x_m, flight.y_m, flight.z_m);
+        let position = flight.position();
         let step_m = (position - self.position).norm();
         self.position = position;
         self.flown_m += step_m;
@@ -92,13 +92,12 @@ impl MissionSums {
         for link in flight.served_links() {
             let last = &mut self.last_service[link.sensor as usize];
             self.ages.add_gap(self.slot - *last - 1);
-            self.ages.add_zero();
+            self.ages.zeros += 1;
             *last = self.slot;
         }
     }
 
     /// The metrics of a mission that comes to `summary`; `delivered_bits` by sensor node.
-    #[must_use]
     pub fn values(&self, summary: &Summary, delivered_bits: &[u64], loss_bound: f64) -> MetricValues {
         let mut ages = self.ages.clone();
         for last in &self.last_service {
@@ -135,10 +134,6 @@ struct Ages {
 }
 
 impl Ages {
-    fn add_zero(&mut self) {
-        self.zeros += 1;
-    }
-
     fn add_gap(&mut self, slots: u64) {
         let slots = usize::try_from(slots).expect("a mission that fits in memory");
         if self.gaps.len() <= slots {
@@ -181,7 +176,7 @@ impl Ages {
     }
 }
 
-/// Jain's fairness index, `(Σ x)² / (N Σ x²)`; 1 where nothing was delivered to anybody's disadvantage.
+/// Jain's fairness index, `(Σ x)² / (N Σ x²)`; 1 if nothing was delivered.
 fn jain(values: &[u64]) -> f64 {
     let sum: f64 = values.iter().map(|&value| value as f64).sum();
     let squares: f64 = values.iter().map(|&value| (value as f64).powi(2)).sum();
@@ -224,7 +219,7 @@ mod tests {
         for served in [&[][..], &[0], &[], &[0, 1]] {
             metrics.add(&flight(50.0, served));
         }
-        // Ages after slots 1 to 4: SN 0: 1, 0, 1, 0; SN 1: 1, 2, 3, 0. Mean 8/8; the largest of 8 is the 99th percentile.
+        // Ages after slots 1 to 4: SN 0: 1, 0, 1, 0; SN 1: 1, 2, 3, 0. Mean 8/8; the 99th percentile is the largest.
         assert_eq!(values(&metrics, [Metric::AoiMeanS, Metric::AoiP99S]), [1.0, 3.0]);
     }
 

@@ -36,15 +36,6 @@ pub enum Budget {
     Time(Duration),
 }
 
-/// What to optimise and where to put it.
-#[derive(Debug)]
-pub struct Optimization {
-    /// The mission, by every strategy; the one named `offline` is searched for.
-    pub scenarios: Vec<Scenario>,
-    /// How long to search.
-    pub budget: Budget,
-}
-
 /// What an optimisation comes to, and the flight that is the best known.
 #[derive(Debug)]
 pub struct BestKnown {
@@ -103,35 +94,44 @@ pub fn loss_bound(scenario: &Scenario, list: &SensorList) -> f64 {
     loss_rate(mission_bound(scenario, &nodes, &list.queues_bits()), scenario, list)
 }
 
-/// Searches, and flies every strategy. A stop leaves nothing.
+/// Searches for the plan of `offline`, and flies every strategy. `scenarios` are the mission by each of them. A stop
+/// leaves nothing.
 ///
 /// # Errors
 /// If the sensor list is refused, or on a stop.
-pub fn optimize(job: &Optimization, stop: &Stop, on_progress: OnProgress) -> Result<BestKnown, LabError> {
-    let is_offline = |scenario: &&Scenario| scenario.planner.strategy == "offline";
-    let offline = job.scenarios.iter().find(is_offline).expect("the mission by every strategy");
+///
+/// # Panics
+/// If no scenario is by `offline`.
+pub fn optimize(
+    scenarios: &[Scenario],
+    budget: Budget,
+    stop: &Stop,
+    on_progress: OnProgress,
+) -> Result<BestKnown, LabError> {
+    let is_offline = |scenario: &&Scenario| scenario.planner.strategy == offline::STRATEGY.name;
+    let rivals = || scenarios.iter().filter(|scenario| !is_offline(scenario));
+    let offline = scenarios.iter().find(is_offline).expect("the mission by every strategy");
     let list = SensorList::of(offline)?;
-    let steps = match job.budget {
+    let steps = match budget {
         Budget::Steps(steps) => steps,
         Budget::Time(time) => steps_in(time, offline, &list)?,
     };
     let offline = searching(offline, steps)?;
-    let (searched, rivals) = std::thread::scope(|scope| {
-        let rivals = job.scenarios.iter().filter(|scenario| !is_offline(scenario));
-        let rivals = scope.spawn(|| rivals.map(|scenario| standing(scenario, None, &list, stop)).collect());
+    let fly_rivals = || rivals().map(|scenario| standing(scenario, None, &list, stop)).collect();
+    let (searched, flown) = std::thread::scope(|scope| {
+        let flown = scope.spawn(fly_rivals);
         let searched = search(&offline, steps, &list, stop, on_progress);
-        let rivals: Result<Vec<Standing>, LabError> = rivals.join().expect("a flight does not panic");
-        (searched, rivals)
+        let flown: Result<Vec<Standing>, LabError> = flown.join().expect("a flight does not panic");
+        (searched, flown)
     });
     let plan = searched?;
     let mut standings = vec![standing(&offline, plan.as_deref(), &list, stop)?]; // the first of equals
-    standings.extend(rivals?);
+    standings.extend(flown?);
     standings.sort_by(|a, b| a.loss_rate.total_cmp(&b.loss_rate));
     let best = standings[0];
-    let flown = job.scenarios.iter().find(|scenario| scenario.planner.strategy == best.strategy);
-    let flown = flown.filter(|scenario| !is_offline(scenario)).unwrap_or(&offline);
-    let scenario = flown.clone();
-    let plan = plan.filter(|_| best.strategy == "offline");
+    let best_rival = rivals().find(|scenario| scenario.planner.strategy == best.strategy);
+    let scenario = best_rival.unwrap_or(&offline).clone();
+    let plan = plan.filter(|_| best_rival.is_none());
     let optimum = Optimum {
         name: offline.name.clone(),
         seed: offline.seed,

@@ -2,8 +2,8 @@
 
 pub mod journal;
 pub mod plan;
-pub mod results;
-pub mod statistics;
+pub(crate) mod results;
+pub(crate) mod statistics;
 
 use std::fs::{self, File, TryLockError};
 use std::io::{self, ErrorKind};
@@ -15,6 +15,7 @@ use std::time::Duration;
 use rayon::ThreadPoolBuilder;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
@@ -22,6 +23,7 @@ use skysink_mission::error::FileContext;
 use skysink_mission::record::write_whole;
 use skysink_mission::summary::Tally;
 use skysink_mission::{Mission, MissionError};
+use skysink_planner::strategies::offline;
 
 use crate::error::LabError;
 use crate::metrics::MissionSums;
@@ -29,6 +31,9 @@ use crate::optimize::loss_bound;
 use crate::progress::{LabProgress, OnProgress};
 use journal::{MissionRow, MissionRows, SweepJournal};
 use plan::{Definition, MissionKey, Shard, Sweep};
+
+/// The journal in the folder of a sweep.
+const JOURNAL: &str = "journal.csv";
 
 /// What `sweep.json` holds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -38,47 +43,38 @@ struct Manifest {
     definition: Definition,
 }
 
-/// The folder of a sweep, locked against other processes. The system releases the lock when the process ends.
-struct SweepFolder {
-    path: PathBuf,
-    _lock: File,
-}
-
-impl SweepFolder {
-    /// Makes the folder, or opens it if it holds this very sweep.
-    fn open(path: &Path, manifest: &Manifest) -> Result<Self, LabError> {
-        fs::create_dir_all(path).at(path)?;
-        let file = path.join("sweep.json");
-        let refuse = |message| LabError::refused("sweep folder", path, message);
-        match fs::read_to_string(&file) {
-            Ok(text) => {
-                let held: Manifest =
-                    serde_json::from_str(&text).map_err(|_| refuse("it holds no sweep: choose another --out"))?;
-                if held != *manifest {
-                    return Err(refuse("it holds another sweep: choose another --out"));
-                }
+/// Makes the folder of a sweep, or opens it if it holds this very sweep, and locks it against other processes. The
+/// system releases the lock when the file is dropped or the process ends.
+fn lock_folder(path: &Path, manifest: &Manifest) -> Result<File, LabError> {
+    fs::create_dir_all(path).at(path)?;
+    let file = path.join("sweep.json");
+    let refuse = |message| InputError::new("sweep folder", path, message);
+    match fs::read_to_string(&file) {
+        Ok(text) => {
+            let held: Manifest =
+                serde_json::from_str(&text).map_err(|_| refuse("it holds no sweep: choose another --out"))?;
+            if held != *manifest {
+                return Err(refuse("it holds another sweep: choose another --out").into());
             }
-            Err(error) if error.kind() == ErrorKind::NotFound => {
-                if fs::read_dir(path).at(path)?.flatten().any(|entry| entry.file_name() != "lock") {
-                    return Err(refuse("it holds other files: choose another --out"));
-                }
-            }
-            Err(source) => return Err(MissionError::File { path: file, source }.into()),
         }
-        let lock_path = path.join("lock");
-        let lock = File::options().write(true).create(true).truncate(false).open(&lock_path).at(&lock_path)?;
-        lock.try_lock().map_err(|error| match error {
-            TryLockError::WouldBlock => refuse("another process is flying this sweep: end it, or choose another --out"),
-            TryLockError::Error(source) => MissionError::File { path: lock_path, source }.into(),
-        })?;
-        let text = serde_json::to_string_pretty(manifest).expect("plain values") + "\n";
-        write_whole(&file, text.as_bytes())?;
-        Ok(Self { path: path.to_owned(), _lock: lock })
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            if fs::read_dir(path).at(path)?.flatten().any(|entry| entry.file_name() != "lock") {
+                return Err(refuse("it holds other files: choose another --out").into());
+            }
+        }
+        Err(source) => return Err(MissionError::File { path: file, source }.into()),
     }
-
-    fn journal(&self) -> Result<(SweepJournal, MissionRows), LabError> {
-        SweepJournal::open(&self.path.join("journal.csv"))
-    }
+    let lock_path = path.join("lock");
+    let lock = File::options().write(true).create(true).truncate(false).open(&lock_path).at(&lock_path)?;
+    lock.try_lock().map_err(|error| match error {
+        TryLockError::WouldBlock => {
+            MissionError::from(refuse("another process is flying this sweep: end it, or choose another --out"))
+        }
+        TryLockError::Error(source) => MissionError::File { path: lock_path, source },
+    })?;
+    let text = serde_json::to_string_pretty(manifest).expect("plain values") + "\n";
+    write_whole(&file, text.as_bytes())?;
+    Ok(lock)
 }
 
 /// Flies what is missing of a shard of the sweep, on `threads` threads (0: one per core), and writes the results into
@@ -94,8 +90,8 @@ pub fn sweep(
     stop: &Stop,
     on_progress: OnProgress,
 ) -> Result<MissionRows, LabError> {
-    let folder = SweepFolder::open(out, &Manifest { shard, definition: sweep.definition.clone() })?;
-    let (journal, mut rows) = folder.journal()?;
+    let _lock = lock_folder(out, &Manifest { shard, definition: sweep.definition.clone() })?;
+    let (journal, mut rows) = SweepJournal::open(&out.join(JOURNAL), &sweep.definition)?;
     let missions = sweep.missions(shard);
     let missing: Vec<MissionKey> = missions.iter().copied().filter(|mission| !rows.contains_key(mission)).collect();
     let flown = AtomicUsize::new(missions.len() - missing.len());
@@ -116,7 +112,7 @@ pub fn sweep(
         missing.par_iter().with_max_len(1).map(fly_one).collect::<Result<Vec<_>, _>>()
     })?;
     rows.extend(new_rows.into_iter().map(|row| (row.key, row)));
-    results::write(&folder.path, &sweep.definition, &rows)?;
+    results::write(out, &sweep.definition, &rows)?;
     Ok(rows)
 }
 
@@ -124,18 +120,21 @@ pub fn sweep(
 ///
 /// # Errors
 /// If the shards are not of one sweep, or not all missions are there.
+///
+/// # Panics
+/// Without a shard.
 pub fn merge(shards: &[PathBuf], out: &Path) -> Result<MissionRows, LabError> {
     let mut merged: Option<(Definition, MissionRows)> = None;
     for path in shards {
-        let refuse = |message: String| LabError::refused("shard", path, message);
+        let refuse = |message: String| InputError::new("shard", path, message);
         let text =
             fs::read_to_string(path.join("sweep.json")).map_err(|error| refuse(format!("sweep.json: {error}")))?;
         let manifest: Manifest =
             serde_json::from_str(&text).map_err(|_| refuse("sweep.json is of no sweep".to_owned()))?;
-        let rows = journal::read(&path.join("journal.csv"))?;
+        let rows = journal::read(&path.join(JOURNAL), &manifest.definition)?;
         let (definition, all) = merged.get_or_insert_with(|| (manifest.definition.clone(), MissionRows::new()));
         if *definition != manifest.definition {
-            return Err(refuse("it is of another sweep than the first".to_owned()));
+            return Err(refuse("it is of another sweep than the first".to_owned()).into());
         }
         all.extend(rows);
     }
@@ -143,14 +142,14 @@ pub fn merge(shards: &[PathBuf], out: &Path) -> Result<MissionRows, LabError> {
     let expected = definition.points.len() * definition.strategies.len() * definition.seeds.len();
     if rows.len() != expected {
         let message = format!("{} of {expected} missions are there: fly the other shards first", rows.len());
-        return Err(LabError::refused("shard", &shards[0], message));
+        return Err(InputError::new("shard", &shards[0], message).into());
     }
-    let folder = SweepFolder::open(out, &Manifest { shard: Shard::WHOLE, definition: definition.clone() })?;
-    let (mut journal, there) = folder.journal()?;
+    let _lock = lock_folder(out, &Manifest { shard: Shard::WHOLE, definition: definition.clone() })?;
+    let (mut journal, there) = SweepJournal::open(&out.join(JOURNAL), &definition)?;
     for row in rows.values().filter(|row| !there.contains_key(&row.key)) {
         journal.add(row)?;
     }
-    results::write(&folder.path, &definition, &rows)?;
+    results::write(out, &definition, &rows)?;
     Ok(rows)
 }
 
@@ -166,10 +165,12 @@ fn fly(scenario: &Scenario, key: MissionKey) -> Result<MissionRow, LabError> {
         sums.add(&flown.flight);
     }
     let summary = tally.summary(None, Duration::ZERO, 0);
-    let loss_bound = match scenario.planner.strategy.as_str() {
-        "offline" if summary.totals.lost_bits == 0 => 0.0, // a loss-free mission needs no bound
-        "offline" => loss_bound(scenario, &list),
-        _ => f64::NAN,
+    let loss_bound = if scenario.planner.strategy != offline::STRATEGY.name {
+        f64::NAN
+    } else if summary.totals.lost_bits == 0 {
+        0.0 // a loss-free mission needs no bound
+    } else {
+        loss_bound(scenario, &list)
     };
     Ok(MissionRow { key, values: sums.values(&summary, mission.field().delivered_bits(), loss_bound) })
 }

@@ -8,7 +8,7 @@ use skysink_common::scenario::Overrides;
 use skysink_common::stop::Stop;
 use skysink_lab::figures;
 use skysink_lab::figures::choice::{Choice, FigurePart, HORIZON_ITERATIONS};
-use skysink_lab::optimize::{Budget, MAX_STEPS, Optimization, optimize};
+use skysink_lab::optimize::{Budget, MAX_STEPS, optimize};
 use skysink_lab::sweep;
 use skysink_lab::sweep::plan::{Shard, Sweep};
 use skysink_mission::record::RunFolder;
@@ -155,10 +155,10 @@ impl OptimizeOptions {
             let overrides = Overrides { seed: self.seed, strategy: Some(strategy.name), ..Overrides::default() };
             settings::read(&self.scenario, overrides)
         };
-        let scenarios = STRATEGIES.into_iter().map(by).collect::<Result<_, _>>()?;
+        let scenarios = STRATEGIES.into_iter().map(by).collect::<Result<Vec<_>, _>>()?;
         let Self { budget, folder, record, .. } = self;
         RunFolder::check(folder.out.as_deref(), folder.force)?;
-        let found = optimize(&Optimization { scenarios, budget }, stop, &TerminalProgress::of_steps())?;
+        let found = optimize(&scenarios, budget, stop, &TerminalProgress::of_steps())?;
         let simulation = Simulation { scenario: found.scenario.clone(), folder, record };
         let (folder, summary) = simulate(&simulation, &found.list, found.mission()?, stop)?;
         folder.write_json("optimum.json", &found.optimum)?;

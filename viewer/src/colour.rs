@@ -1,12 +1,9 @@
-//! Colours of the scene, and the scales that turn a number into one: queue fill, link rate, probability of line of sight.
+//! Colours of the scene, and the colour scales of queue fill, link rate and probability of line of sight.
 
 use std::ops::RangeInclusive;
 
-/// Red, green, blue.
+/// Red, green, blue: what rerun takes as a colour.
 pub type Rgb = [u8; 3];
-
-/// Levels of the queue scale above empty: level 0 is 0 %, level 32 is 100 %. More look the same and compress worse.
-pub const FULL_LEVEL: u16 = 32;
 
 /// Behind the scene.
 pub const BACKGROUND: Rgb = [12, 13, 17];
@@ -57,62 +54,21 @@ pub const BLOCKED: Rgb = [255, 120, 20];
 /// What the viewer missed.
 pub const MISSED: Rgb = [130, 135, 145];
 
-/// The same as the recording library wants it.
-#[must_use]
-pub fn color([r, g, b]: Rgb) -> rerun::Color {
-    rerun::Color::from_rgb(r, g, b)
-}
-
-/// Level of a queue on the queue scale, 0 to [`FULL_LEVEL`], rounded to the nearest; a buffer of 0 bits is full.
-#[must_use]
-pub fn level(queue_bits: u32, capacity_bits: u32) -> u16 {
-    if queue_bits >= capacity_bits {
-        return FULL_LEVEL;
-    }
-    let (queue, capacity) = (u64::from(queue_bits), u64::from(capacity_bits));
-    let nearest = (2 * u64::from(FULL_LEVEL) * queue + capacity) / (2 * capacity);
-    u16::try_from(nearest).expect("at most FULL_LEVEL, for the queue is below its buffer")
-}
-
-/// Colour of a queue fill, 0 (blue) over 0.5 (green) to 1 (red): the turbo colour map without its near-black ends.
-///
-/// Polynomial of degree 5 per channel by Mikhailov, "Turbo, an improved rainbow colormap" (2019).
-#[must_use]
-pub fn of_fill(fill: f64) -> Rgb {
+/// Colour of a queue fill, 0 (blue) over 0.5 (green) to 1 (red): Turbo (Mikhailov, 2019) without its near-black ends.
+pub(crate) fn of_fill(fill: f64) -> Rgb {
     const FIRST: f64 = 0.10;
     const LAST: f64 = 0.90;
-    const CHANNELS: [[f64; 6]; 3] = [
-        [0.135_721, 4.615_393, -42.660_323, 132.131_082, -152.942_394, 59.286_380],
-        [0.091_403, 2.194_188, 4.842_967, -14.185_033, 4.277_299, 2.829_566],
-        [0.106_673, 12.641_946, -60.582_048, 110.362_768, -89.903_109, 27.348_250],
-    ];
-    let x = FIRST + (LAST - FIRST) * fill.clamp(0.0, 1.0);
-    CHANNELS.map(|channel| polynomial(&channel, x))
+    colorous::TURBO.eval_continuous(FIRST + (LAST - FIRST) * fill).into_array()
 }
 
-/// Colour of a probability of line of sight, 0 (violet) over 0.5 (teal) to 1 (yellow): the viridis colour map.
-///
-/// Polynomial of degree 6 per channel by Zucker, "Colormaps as polynomials" (2019); it is within 3 % of the map.
-#[must_use]
-pub fn of_probability(probability: f64) -> Rgb {
-    const CHANNELS: [[f64; 7]; 3] = [
-        [0.277_727, 0.105_093, -0.330_862, -4.634_230, 6.228_270, 4.776_385, -5.435_456],
-        [0.005_407, 1.404_614, 0.214_848, -5.799_101, 14.179_933, -13.745_145, 4.645_853],
-        [0.334_100, 1.384_590, 0.095_095, -19.332_441, 56.690_553, -65.353_033, 26.312_435],
-    ];
-    CHANNELS.map(|channel| polynomial(&channel, probability.clamp(0.0, 1.0)))
-}
-
-/// A channel's byte at `x`, from a polynomial with ascending powers.
-fn polynomial(factors: &[f64], x: f64) -> u8 {
-    let value = factors.iter().rev().fold(0.0, |sum, factor| sum * x + factor);
-    (255.0 * value).round().clamp(0.0, 255.0) as u8
+/// Colour of a probability of line of sight, 0 (violet) over 0.5 (teal) to 1 (yellow): Viridis, as in the slice.
+pub(crate) fn of_probability(probability: f64) -> Rgb {
+    colorous::VIRIDIS.eval_continuous(probability).into_array()
 }
 
 /// Colour of a link rate within the range of rates that are possible: dark green for the lowest, pale green for the
 /// highest.
-#[must_use]
-pub fn of_rate(rate_bps: f64, range_bps: &RangeInclusive<f64>) -> Rgb {
+pub(crate) fn of_rate(rate_bps: f64, range_bps: &RangeInclusive<f64>) -> Rgb {
     const LOWEST: Rgb = [16, 120, 70];
     const HIGHEST: Rgb = [205, 255, 150];
     let span_bps = range_bps.end() - range_bps.start();
@@ -121,8 +77,7 @@ pub fn of_rate(rate_bps: f64, range_bps: &RangeInclusive<f64>) -> Rgb {
 }
 
 /// The colour between two others, at a fraction from 0 to 1.
-#[must_use]
-pub fn between(from: Rgb, to: Rgb, fraction: f64) -> Rgb {
+pub(crate) fn between(from: Rgb, to: Rgb, fraction: f64) -> Rgb {
     let [from, to] = [from, to].map(|colour| colour.map(f64::from));
     std::array::from_fn(|channel| (from[channel] + (to[channel] - from[channel]) * fraction).round() as u8)
 }
@@ -130,17 +85,6 @@ pub fn between(from: Rgb, to: Rgb, fraction: f64) -> Rgb {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_queue_is_rounded_to_the_nearest_level() {
-        assert_eq!(level(0, 30_000), 0);
-        assert_eq!(level(468, 30_000), 0); // 468 · 32 / 30 000 = 0.499
-        assert_eq!(level(469, 30_000), 1); // 469 · 32 / 30 000 = 0.5003
-        assert_eq!(level(15_000, 30_000), 16);
-        assert_eq!(level(u32::MAX - 1, u32::MAX), 32);
-        assert_eq!(level(30_001, 30_000), 32);
-        assert_eq!(level(0, 0), 32);
-    }
 
     #[test]
     fn queues_turn_from_blue_over_green_to_red() {

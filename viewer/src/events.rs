@@ -1,9 +1,8 @@
-//! What happened, in words: the event log, and the lane of the UAV's state.
+//! The event log, and the lane of the UAV's state.
 
-use rerun::{RecordingStream, RecordingStreamResult, StateChange, StateConfiguration, TextLog};
+use rerun::{RecordingStream, RecordingStreamResult, StateChange, StateConfiguration, TextLog, TextLogLevel};
 use skysink_common::message::{HoldReason, Mode, SolverOutcome, Totals};
 use skysink_common::scenario::Scenario;
-use strum::IntoStaticStr;
 
 use crate::colour;
 use crate::files::Part;
@@ -16,27 +15,15 @@ pub const LANE: &str = "state/uav";
 /// State of the lane where the viewer missed slots.
 pub const GAP: &str = "gap";
 
-/// What the log says where a later file of the recording begins.
+/// The line with which a later file of the recording begins.
 const CONTINUED: &str = "recording continued in a new file: the viewer was started again
 \
                          Up to a second of the slots before may be missing.";
 
-/// How much an event matters, by the library's names.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr)]
-#[strum(serialize_all = "UPPERCASE")]
-pub enum Level {
-    /// Good to know.
-    Info,
-    /// Something did not go as planned.
-    Warn,
-    /// Something failed.
-    Error,
-}
-
-/// What the log and the lane have said so far.
+/// What has been logged so far.
 #[derive(Debug)]
-pub struct Events {
-    /// A line that is due with the first slot.
+pub(crate) struct Events {
+    /// A line to log with the first slot.
     due: Option<&'static str>,
     state: Option<&'static str>,
     /// Whether bits were lost up to the last slot; none before the first.
@@ -54,12 +41,12 @@ impl Events {
         ];
         let style = StateConfiguration::new()
             .with_values(states.map(|(name, _)| name))
-            .with_colors(states.map(|(_, colour)| colour::color(colour)));
+            .with_colors(states.map(|(_, colour)| colour));
         stream.log_static(LANE, &style)?;
         Ok(Self { due: (part == Part::Later).then_some(CONTINUED), state: None, is_lossy: None })
     }
 
-    /// Logs what is worth telling of a slot, and its state where it changes.
+    /// Logs the events of a slot, and its state where it changes.
     pub(crate) fn log_slot(&mut self, stream: &RecordingStream, view: &SlotView) -> RecordingStreamResult<()> {
         let flight = view.flight;
         self.log_due(stream)?;
@@ -68,24 +55,24 @@ impl Events {
         }
         match HoldReason::from_repr(flight.hold).unwrap_or_default() {
             HoldReason::None => {}
-            HoldReason::NoPlan => write(stream, Level::Warn, "hold: no plan in time")?,
+            HoldReason::NoPlan => write(stream, TextLogLevel::WARN, "hold: no plan in time")?,
             HoldReason::Waypoint => {
-                write(stream, Level::Warn, "hold: waypoint not finite, out of reach, or outside the area")?;
+                write(stream, TextLogLevel::WARN, "hold: waypoint not finite, out of reach, or outside the area")?;
             }
         }
         if flight.refused > 0 {
             let text = format!("{} of the plan's requests refused", flight.refused);
-            write(stream, Level::Warn, &text)?;
+            write(stream, TextLogLevel::WARN, &text)?;
         }
         if view.plan.is_some_and(|plan| plan.solver == SolverOutcome::Fallback as u32) {
-            write(stream, Level::Warn, "waypoint by the geometric solver, as a fallback")?;
+            write(stream, TextLogLevel::WARN, "waypoint by the geometric solver, as a fallback")?;
         }
         let totals = &view.header.totals;
-        // In a later file an earlier one may have told of it: it holds the losses before this slot.
+        // In a later file, a loss before this slot has been logged in an earlier one.
         let was_lossy = self.is_lossy.unwrap_or(totals.lost_bits > view.header.lost_bits);
         self.is_lossy = Some(totals.lost_bits > 0);
         if !was_lossy && totals.lost_bits > 0 {
-            write(stream, Level::Warn, &format!("first loss, {} bits: a buffer is full", totals.lost_bits))?;
+            write(stream, TextLogLevel::WARN, &format!("first loss, {} bits: a buffer is full", totals.lost_bits))?;
         }
         Ok(())
     }
@@ -98,11 +85,11 @@ impl Events {
             0 => format!("slot {first} missed by the viewer\nThe mission went on."),
             _ => format!("slots {first} to {last} missed by the viewer\nThe mission went on."),
         };
-        write(stream, Level::Warn, &text)
+        write(stream, TextLogLevel::WARN, &text)
     }
 
     fn log_due(&mut self, stream: &RecordingStream) -> RecordingStreamResult<()> {
-        self.due.take().map_or(Ok(()), |text| write(stream, Level::Warn, text))
+        self.due.take().map_or(Ok(()), |text| write(stream, TextLogLevel::WARN, text))
     }
 
     fn enter(&mut self, stream: &RecordingStream, state: &'static str) -> RecordingStreamResult<()> {
@@ -114,12 +101,12 @@ impl Events {
     }
 }
 
-/// Adds one line to the event log, at the time set before.
-pub(crate) fn write(stream: &RecordingStream, level: Level, text: &str) -> RecordingStreamResult<()> {
-    stream.log(LOG, &TextLog::new(text).with_level(<&str>::from(level)))
+/// Adds one line to the event log, at the time set before; `level` is one of [`TextLogLevel`].
+pub(crate) fn write(stream: &RecordingStream, level: &'static str, text: &str) -> RecordingStreamResult<()> {
+    stream.log(LOG, &TextLog::new(text).with_level(level))
 }
 
-/// What is flown.
+/// The line with which a mission begins.
 pub(crate) fn start(scenario: &Scenario, count: usize) -> String {
     let Scenario { name, seed, slots, slot_s, .. } = scenario;
     let strategy = &scenario.planner.strategy;
@@ -128,7 +115,7 @@ pub(crate) fn start(scenario: &Scenario, count: usize) -> String {
     )
 }
 
-/// What came of it; without totals if no slot brought any.
+/// The line with which it ends; without totals if there was no slot.
 pub(crate) fn end(scenario: &Scenario, last_slot: u64, totals: Option<&Totals>, missed_slots: u64) -> String {
     let missed = if missed_slots == 0 { String::new() } else { format!(", {missed_slots} slots missed by the viewer") };
     let totals = totals.map_or_else(String::new, |totals| {

@@ -1,7 +1,7 @@
 //! The files of a recording. Each has one writer; a viewer that is started again writes the next one.
 //!
-//! `mission.rrd`, `mission-2.rrd`, `mission-3.rrd` ... share one recording id, by which rerun opens them as one recording.
-//! Each holds the style and the layout, and can be opened alone.
+//! `mission.rrd`, `mission-2.rrd`, `mission-3.rrd` ... share one recording id, by which rerun opens them as one
+//! recording. Each holds the style and the layout, and can be opened alone.
 
 use std::fs::{self, File};
 use std::io::BufReader;
@@ -28,7 +28,8 @@ pub(crate) struct NextFile {
 }
 
 impl NextFile {
-    /// The first of `first`, `first-2`, `first-3` ... to which nothing has been written, for a recording of `application`.
+    /// The first of `first`, `first-2`, `first-3` ... to which nothing has been written, for a recording of
+    /// `application`.
     pub(crate) fn find(first: &Path, application: &str) -> Self {
         let mut recording_id = None;
         let mut number = 1;

@@ -10,7 +10,7 @@ use skysink_common::channel::Channel;
 use skysink_common::scenario::Scenario;
 
 use crate::blueprint::{Blueprint, Tile, class};
-use crate::colour::{self, color};
+use crate::colour;
 use crate::los::{self, profile};
 use crate::sizes::Sizes;
 use crate::slot::WallClock;
@@ -40,25 +40,31 @@ fn select(entity: &str) -> String {
     format!("+ /{entity}")
 }
 
+/// An entity and all below it.
+fn select_all(entity: &str) -> String {
+    format!("+ /{entity}/**")
+}
+
 fn omit(entity: &str) -> String {
     format!("- /{entity}")
 }
 
 /// Leaves out an entity and all below it.
 fn omit_all(entity: &str) -> String {
-    omit(&format!("{entity}/**"))
+    format!("- /{entity}/**")
 }
 
 /// The 3D scene, seen in three ways; in a fourth where line of sight is random.
 fn scenes(layout: &mut Blueprint, sizes: &Sizes, scenario: &Scenario) -> RecordingStreamResult<Tile> {
     let slot_s = scenario.slot_s;
-    let field = [world(), omit(uav::TRACK), omit_all(path::TRACK)];
+    let world = select_all(queues::WORLD);
+    let field = [world.clone(), omit(uav::TRACK), omit_all(path::TRACK)];
     let field = layout.view(class::SCENE, "Field (3D)", queues::WORLD, &field)?;
     layout.show_past(field, uav::TRAIL, Some(15), slot_s)?;
-    let top =
-        layout.view(class::SCENE, "Top view", queues::WORLD, &[world(), omit(uav::TRAIL), omit_all(path::PATH)])?;
+    let top = [world.clone(), omit(uav::TRAIL), omit_all(path::PATH)];
+    let top = layout.view(class::SCENE, "Top view", queues::WORLD, &top)?;
     layout.show_past(top, uav::TRACK, None, slot_s)?;
-    let chase = [world(), omit(uav::TRACK), omit(uav::DOT), omit(legend::CORNERS), omit_all(path::TRACK)];
+    let chase = [world, omit(uav::TRACK), omit(uav::DOT), omit(legend::CORNERS), omit_all(path::TRACK)];
     let chase = layout.view(class::SCENE, "Chase", uav::UAV, &chase)?;
     layout.show_past(chase, uav::TRAIL, Some(10), slot_s)?;
     for (view, camera) in [(field, overview(sizes)), (top, above(sizes)), (chase, beside_uav(sizes))] {
@@ -71,11 +77,6 @@ fn scenes(layout: &mut Blueprint, sizes: &Sizes, scenario: &Scenario) -> Recordi
     layout.container(ContainerKind::Tabs, &tabs)
 }
 
-/// The whole 3D scene.
-fn world() -> String {
-    select(&format!("{}/**", queues::WORLD))
-}
-
 /// Camera and backdrop of a 3D view.
 fn film(layout: &Blueprint, view: Tile, camera: &EyeControls3D) -> RecordingStreamResult<()> {
     layout.set(view, camera)?;
@@ -86,25 +87,22 @@ fn film(layout: &Blueprint, view: Tile, camera: &EyeControls3D) -> RecordingStre
 
 /// The room around the UAV, its legend, and the curves that say why it flies so high.
 fn line_of_sight(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> RecordingStreamResult<Tile> {
-    let space = select(&format!("{}/**", los::SPACE));
+    let shown = [select_all(queues::WORLD), select_all(los::SPACE), omit_all(path::TRACK)];
     let hidden = [uav::TRACK, uav::DOT, links::CANDIDATES, links::CHOSEN, legend::CORNERS].map(omit);
-    let contents: Vec<_> = [world(), space, omit_all(path::TRACK)].into_iter().chain(hidden).collect();
+    let contents = [&shown[..], &hidden].concat();
     let room = layout.view(class::SCENE, "Probability of sight around the UAV", uav::COVERAGE, &contents)?;
     layout.show_past(room, uav::TRAIL, Some(30), slot_s)?;
     film(layout, room, &around_uav(sizes))?;
     let page = layout.view(class::TEXT, "What it shows", legend::LOS_PAGE, &[select(legend::LOS_PAGE)])?;
     let left = layout.container(ContainerKind::Vertical, &[(1.75, room), (1.0, page)])?;
 
-    let contents = [select(&format!("{}/**", profile::PROFILE))];
-    let why = layout.view(class::PICTURE, "Expected rate (green) by altitude", profile::PROFILE, &contents)?;
-    bound(layout, why, profile::BOUNDS)?;
+    let why = picture(layout, "Expected rate (green) by altitude", profile::PROFILE, profile::BOUNDS)?;
     let altitude = plot(layout, "Altitude [m]", &[los::ALTITUDE])?;
-    layout
-        .set(altitude, &ScalarAxis::new().with_range([0.0, 1.1 * f64::from(sizes.highest_m)]).with_zoom_lock(true))?;
+    lock_axis(layout, altitude, [0.0, 1.1 * f64::from(sizes.highest_m)])?;
     let elevation = plot(layout, "Elevation of each served link [°]", &by_draw(los::ELEVATION))?;
-    layout.set(elevation, &ScalarAxis::new().with_range([0.0, 94.0]).with_zoom_lock(true))?;
+    lock_axis(layout, elevation, [0.0, 94.0])?;
     let probability = plot(layout, "Probability of sight of each served link", &by_draw(los::PROBABILITY))?;
-    layout.set(probability, &ScalarAxis::new().with_range([-0.04, 1.08]).with_zoom_lock(true))?;
+    lock_axis(layout, probability, [-0.04, 1.08])?;
     let right = [(1.3, why), (1.0, altitude), (1.0, elevation), (1.0, probability)];
     let right = layout.container(ContainerKind::Vertical, &right)?;
     let tab = layout.container(ContainerKind::Horizontal, &[(1.9, left), (1.0, right)])?;
@@ -119,7 +117,12 @@ fn by_draw(root: &str) -> [String; 3] {
 
 /// Extent [m] of what a camera must get into the picture, and stay above: the area, and the room that is flown in.
 fn seen_m(sizes: &Sizes) -> f32 {
-    sizes.span_m().max(1.8 * sizes.highest_m)
+    sizes.width_m.max(sizes.depth_m).max(1.8 * sizes.highest_m)
+}
+
+/// The middle of the area: x, y [m].
+fn middle_m(sizes: &Sizes) -> [f32; 2] {
+    [sizes.width_m / 2.0, sizes.depth_m / 2.0]
 }
 
 fn camera(eye: [f32; 3], target: [f32; 3], up: [f32; 3]) -> EyeControls3D {
@@ -128,14 +131,15 @@ fn camera(eye: [f32; 3], target: [f32; 3], up: [f32; 3]) -> EyeControls3D {
 
 /// The whole area from the south, at about 45 degrees.
 fn overview(sizes: &Sizes) -> EyeControls3D {
-    let (x_m, y_m, span_m) = (sizes.width_m / 2.0, sizes.depth_m / 2.0, seen_m(sizes));
-    let eye = [x_m, y_m - 0.5 * sizes.depth_m - 0.42 * span_m, 0.68 * span_m];
-    camera(eye, [x_m, y_m - 0.08 * span_m, 0.0], [0.0, 0.0, 1.0])
+    let [x_m, y_m] = middle_m(sizes);
+    let seen_m = seen_m(sizes);
+    let eye = [x_m, y_m - 0.5 * sizes.depth_m - 0.42 * seen_m, 0.68 * seen_m];
+    camera(eye, [x_m, y_m - 0.08 * seen_m, 0.0], [0.0, 0.0, 1.0])
 }
 
 /// The whole area as on a map: north is up.
 fn above(sizes: &Sizes) -> EyeControls3D {
-    let (x_m, y_m) = (sizes.width_m / 2.0, sizes.depth_m / 2.0);
+    let [x_m, y_m] = middle_m(sizes);
     camera([x_m, y_m, 1.16 * seen_m(sizes)], [x_m, y_m, 0.0], [0.0, 1.0, 0.0])
 }
 
@@ -157,7 +161,7 @@ fn beside(layout: &mut Blueprint, scenario: &Scenario, clock: WallClock) -> Reco
     let losses = [curves::LOSS, curves::LOSS_MARK];
     let fills = [curves::FILL_MAX, curves::FILL_MEAN];
     let fill = plot(layout, "Queue fill: fullest (violet), mean (blue)", &fills)?;
-    layout.set(fill, &ScalarAxis::new().with_range([-0.04, 1.1]).with_zoom_lock(true))?;
+    lock_axis(layout, fill, [-0.04, 1.1])?;
     let mut rows = vec![
         (1.15, plot(layout, "Loss rate so far: lost ÷ sampled (red), 1 % (grey)", &losses)?),
         (1.15, fill),
@@ -168,7 +172,11 @@ fn beside(layout: &mut Blueprint, scenario: &Scenario, clock: WallClock) -> Reco
         let pace = plot(layout, "Pace [slot/s]", &[curves::PACE])?;
         rows.push((0.9, layout.container(ContainerKind::Horizontal, &[(1.0, latency), (1.0, pace)])?));
     }
-    rows.push((0.7, scales(layout, scenario)?));
+    let colours = match Channel::of(scenario) {
+        Channel::FreeSpace(_) => "Colours: queue fill, link rate",
+        Channel::LineOfSight(_) => "Colours: queue fill, probability of sight",
+    };
+    rows.push((0.7, picture(layout, colours, legend::SCALE, legend::SCALE_BOUNDS)?));
     let page = layout.view(class::TEXT, "Legend", legend::PAGE, &[select(legend::PAGE)])?;
     let log = log(layout)?;
     let missed = plot(layout, "Missed slots", &[curves::MISSED])?;
@@ -192,24 +200,20 @@ fn log(layout: &mut Blueprint) -> RecordingStreamResult<Tile> {
     Ok(view)
 }
 
-fn scales(layout: &mut Blueprint, scenario: &Scenario) -> RecordingStreamResult<Tile> {
-    let contents = [select(&format!("{}/**", legend::SCALE))];
-    let name = match Channel::of(scenario) {
-        Channel::FreeSpace(_) => "Colours: queue fill, link rate",
-        Channel::LineOfSight(_) => "Colours: queue fill, probability of sight",
-    };
-    let view = layout.view(class::PICTURE, name, legend::SCALE, &contents)?;
-    bound(layout, view, legend::SCALE_BOUNDS)?;
+/// Shows the values of a plot in this range, whatever they are.
+fn lock_axis(layout: &Blueprint, plot: Tile, range: [f64; 2]) -> RecordingStreamResult<()> {
+    layout.set(plot, &ScalarAxis::new().with_range(range).with_zoom_lock(true))
+}
+
+/// What is drawn in the plane below `root`, between these bounds in x and y.
+fn picture(layout: &mut Blueprint, name: &str, root: &str, [x, y]: [[f64; 2]; 2]) -> RecordingStreamResult<Tile> {
+    let view = layout.view(class::PICTURE, name, root, &[select_all(root)])?;
+    let bounds = rerun::datatypes::Range2D { x_range: x.into(), y_range: y.into() };
+    layout.set(view, &VisualBounds2D::new(components::VisualBounds2D(bounds)))?;
+    layout.set(view, &background())?;
     Ok(view)
 }
 
-/// What a picture shows, and its backdrop.
-fn bound(layout: &Blueprint, view: Tile, [x, y]: [[f64; 2]; 2]) -> RecordingStreamResult<()> {
-    let bounds = rerun::datatypes::Range2D { x_range: x.into(), y_range: y.into() };
-    layout.set(view, &VisualBounds2D::new(components::VisualBounds2D(bounds)))?;
-    layout.set(view, &background())
-}
-
 fn background() -> Background {
-    Background::new(BackgroundKind::SolidColor).with_color(color(colour::BACKGROUND))
+    Background::new(BackgroundKind::SolidColor).with_color(colour::BACKGROUND)
 }

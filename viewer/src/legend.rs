@@ -1,12 +1,14 @@
-//! What the picture means, for somebody who sees it for the first time: pages of text and two colour scales.
+//! What the picture means, for a first-time viewer: pages of text and two colour scales.
 
 use std::ops::RangeInclusive;
 
-use rerun::{AnyValues, Boxes3D, Image, Points3D, Radius, RecordingStream, RecordingStreamResult, TextDocument};
+use rerun::{
+    AnyValues, Boxes3D, Image, Points3D, Radius, RecordingStream, RecordingStreamResult, TextDocument, Transform3D,
+};
 use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::scenario::Scenario;
 
-use crate::colour::{self, color};
+use crate::colour::{self, Rgb};
 use crate::los::field;
 use crate::shapes::{line_style, writing};
 use crate::sizes::{MAX_BARS, Sizes};
@@ -38,7 +40,7 @@ pub(crate) fn log(
         let page = los_page(scenario, &link);
         stream.log_static(LOS_PAGE, &TextDocument::from_markdown(page))?;
     }
-    log_scale(stream, rates_bps)?;
+    log_scales(stream, rates_bps)?;
     log_area(stream, sizes)?;
     log_facts(stream, scenario, count)
 }
@@ -81,30 +83,32 @@ fn los_page(scenario: &Scenario, link: &LineOfSight) -> String {
     format!(include_str!("los.md"), fixed = fixed, percent = 100.0 * field::funnel_probability(link))
 }
 
-/// Two bars with their ends written below: queue fill to the left; link rate, or the probability of line of sight, to the
-/// right.
-fn log_scale(stream: &RecordingStream, rates_bps: Option<&RangeInclusive<f64>>) -> RecordingStreamResult<()> {
+/// Two colour scales: queue fill to the left; link rate, or the probability of line of sight, to the right.
+fn log_scales(stream: &RecordingStream, rates_bps: Option<&RangeInclusive<f64>>) -> RecordingStreamResult<()> {
+    log_scale(stream, "queue", &colour::of_fill, ["empty", "full"].map(str::to_owned))?;
+    let right = if rates_bps.is_some() { "rate" } else { "probability" };
+    stream.log_static(format!("{SCALE}/{right}"), &Transform3D::from_translation([340.0, 0.0, 0.0]))?;
+    let Some(rates_bps) = rates_bps else {
+        return log_scale(stream, right, &colour::of_probability, ["blocked", "in sight"].map(str::to_owned));
+    };
+    let rate_bps = |fraction: f64| rates_bps.start() + fraction * (rates_bps.end() - rates_bps.start());
+    let colour = |fraction: f64| colour::of_rate(rate_bps(fraction), rates_bps);
+    log_scale(stream, right, &colour, [*rates_bps.start(), *rates_bps.end()].map(format_rate))
+}
+
+/// A bar from the colour of 0 to that of 1, with what these mean written below.
+fn log_scale(
+    stream: &RecordingStream,
+    name: &str,
+    colour: &dyn Fn(f64) -> Rgb,
+    ends: [String; 2],
+) -> RecordingStreamResult<()> {
     const WIDTH: u32 = 260;
     const HEIGHT: u32 = 20;
-    let bar = |colour: &dyn Fn(f64) -> colour::Rgb| {
-        let row: Vec<u8> = (0..WIDTH).flat_map(|x| colour(f64::from(x) / f64::from(WIDTH - 1))).collect();
-        Image::from_rgb24(row.repeat(HEIGHT as usize), [WIDTH, HEIGHT])
-    };
-    stream.log_static(format!("{SCALE}/queue/bar"), &bar(&colour::of_fill))?;
-    let writing = |texts| writing([[30.0, 24.0], [230.0, 24.0]], texts);
-    let queue = ["empty", "full"].map(str::to_owned);
-    stream.log_static(format!("{SCALE}/queue/text"), &writing(queue))?;
-    let (name, right, ends) = match rates_bps {
-        Some(rates_bps) => {
-            let (lowest_bps, highest_bps) = (*rates_bps.start(), *rates_bps.end());
-            let rate = |fraction: f64| colour::of_rate(lowest_bps + fraction * (highest_bps - lowest_bps), rates_bps);
-            ("rate", bar(&rate), [lowest_bps, highest_bps].map(format_rate))
-        }
-        None => ("chance", bar(&colour::of_probability), ["blocked", "in sight"].map(str::to_owned)),
-    };
-    stream.log_static(format!("{SCALE}/{name}"), &rerun::Transform3D::from_translation([340.0, 0.0, 0.0]))?;
-    stream.log_static(format!("{SCALE}/{name}/bar"), &right)?;
-    stream.log_static(format!("{SCALE}/{name}/text"), &writing(ends))
+    let row: Vec<u8> = (0..WIDTH).flat_map(|x| colour(f64::from(x) / f64::from(WIDTH - 1))).collect();
+    let bar = Image::from_rgb24(row.repeat(HEIGHT as usize), [WIDTH, HEIGHT]);
+    stream.log_static(format!("{SCALE}/{name}/bar"), &bar)?;
+    stream.log_static(format!("{SCALE}/{name}/text"), &writing([[30.0, 24.0], [230.0, 24.0]], ends))
 }
 
 /// A rate with three digits and its unit.
@@ -120,13 +124,13 @@ fn format_rate(rate_bps: f64) -> String {
 
 /// The ground, its frame, a grid, and the extent written at two corners.
 fn log_area(stream: &RecordingStream, sizes: &Sizes) -> RecordingStreamResult<()> {
-    let (width_m, depth_m, grid_m) = (sizes.width_m, sizes.depth_m, sizes.grid_m);
+    let Sizes { width_m, depth_m, grid_m, .. } = *sizes;
     let below_m = 0.01 * sizes.radius_m;
     let ground = Boxes3D::from_centers_and_half_sizes(
         [[width_m / 2.0, depth_m / 2.0, -2.0 * below_m]],
         [[width_m / 2.0, depth_m / 2.0, below_m]],
     );
-    let ground = ground.with_colors([color(colour::GROUND)]).with_fill_mode(rerun::FillMode::Solid);
+    let ground = ground.with_colors([colour::GROUND]).with_fill_mode(rerun::FillMode::Solid);
     stream.log_static(format!("{AREA}/ground"), &ground)?;
     let steps = |length_m: f32| (0..).map(move |step| step as f32 * grid_m).take_while(move |&at_m| at_m < length_m);
     let z_m = -0.8 * below_m;
@@ -138,7 +142,7 @@ fn log_area(stream: &RecordingStream, sizes: &Sizes) -> RecordingStreamResult<()
         .with_labels(["0 m".to_owned(), format!("x = {width_m} m"), format!("y = {depth_m} m")])
         .with_show_labels(true)
         .with_radii([Radius::new_ui_points(1.5)])
-        .with_colors([color(colour::WRITING)]);
+        .with_colors([colour::WRITING]);
     stream.log_static(CORNERS, &corners)
 }
 

@@ -20,11 +20,10 @@ pub mod queues;
 pub mod recording;
 pub mod scene;
 mod shapes;
-pub mod sizes;
+mod sizes;
 mod slot;
 pub mod uav;
 
-pub use events::Level;
 pub use recording::{SceneError, Sinks};
 pub use scene::Scene;
 pub use slot::{SlotView, WallClock};

@@ -1,4 +1,4 @@
-//! What the UAV chose to do in a slot: the candidate circles of the winning anchor, and the links that it served.
+//! The candidate circles of a slot's winning anchor, and the links that were served.
 //!
 //! A link is coloured by its rate in free space, and by whether it was in line of sight where that is random.
 
@@ -10,10 +10,9 @@ use skysink_common::message::{FlightReport, LinkReport, Plan, SensorNode};
 use skysink_common::scenario::Scenario;
 use skysink_common::units::ratio_of_db;
 
-use crate::colour::{self, color};
+use crate::colour;
 use crate::shapes::{Point, circle, drawn, line_style};
 use crate::sizes::Sizes;
-use crate::slot::SlotView;
 
 /// The candidate circles.
 pub const CANDIDATES: &str = "world/candidates";
@@ -23,10 +22,10 @@ pub const CHOSEN: &str = "world/chosen";
 pub const LINKS: &str = "world/links";
 
 /// Links and circles of the scene.
-pub struct Links {
+pub(crate) struct Links {
     feet: Vec<Point>,
     radius_m: f32,
-    /// The rates [bit/s] between which links are coloured; none where the colour says whether they are in line of sight.
+    /// The rates [bit/s] between which links are coloured; none if they are coloured by line of sight.
     pub(crate) rates_bps: Option<RangeInclusive<f64>>,
 }
 
@@ -44,7 +43,7 @@ impl Links {
         let candidates = Cylinders3D::update_fields()
             .with_lengths([0.001 * sizes.radius_m])
             .with_fill_mode(FillMode::MajorWireframe)
-            .with_colors([color(colour::CANDIDATE)])
+            .with_colors([colour::CANDIDATE])
             .with_line_radii([Radius::new_ui_points(0.8)]);
         stream.log_static(CANDIDATES, &candidates)?;
         stream.log_static(CHOSEN, &line_style(colour::CHOSEN, 2.2))?;
@@ -63,46 +62,35 @@ impl Links {
         })
     }
 
-    /// Shows the circles and links of one slot, and none where there are none.
-    pub(crate) fn log_slot(&self, stream: &RecordingStream, view: &SlotView) -> RecordingStreamResult<()> {
-        self.log_circles(stream, view.plan)?;
-        self.log_links(stream, Some(view.flight))
-    }
-
-    /// Takes away what a missed slot would show wrongly.
-    pub(crate) fn log_missed(&self, stream: &RecordingStream) -> RecordingStreamResult<()> {
-        self.log_circles(stream, None)?;
-        self.log_links(stream, None)
-    }
-
-    fn log_circles(&self, stream: &RecordingStream, plan: Option<&Plan>) -> RecordingStreamResult<()> {
-        let centres: Vec<_> = plan
-            .into_iter()
-            .flat_map(|plan| plan.circles_m.into_iter().enumerate())
-            .filter(|(_, centre_m)| centre_m.iter().all(|coordinate_m| coordinate_m.is_finite()))
-            .map(|(place, [x_m, y_m])| (place, [x_m as f32, y_m as f32, 0.002 * self.radius_m]))
-            .collect();
-        let candidates = Cylinders3D::update_fields()
-            .with_centers(centres.iter().map(|&(_, centre)| centre))
-            .with_radii(centres.iter().map(|_| self.radius_m));
-        stream.log(CANDIDATES, &candidates)?;
-        let is_chosen = |place| plan.is_some_and(|plan| u32::try_from(place) == Ok(plan.chosen));
-        let chosen = centres.iter().filter(|&&(place, _)| is_chosen(place));
-        let chosen = chosen.map(|&(_, centre)| circle(centre, self.radius_m));
+    /// Replaces the circles by those of a plan; clears them without one.
+    pub(crate) fn log_circles(&self, stream: &RecordingStream, plan: Option<&Plan>) -> RecordingStreamResult<()> {
+        let circles_m = plan.map_or(&[][..], |plan| &plan.circles_m);
+        let is_drawn = |centre_m: &&[f64; 2]| centre_m.iter().all(|coordinate_m| coordinate_m.is_finite());
+        let centre = |&[x_m, y_m]: &[f64; 2]| [x_m as f32, y_m as f32, 0.002 * self.radius_m];
+        let centres: Vec<Point> = circles_m.iter().filter(is_drawn).map(centre).collect();
+        let candidates = Cylinders3D::update_fields().with_radii(centres.iter().map(|_| self.radius_m));
+        stream.log(CANDIDATES, &candidates.with_centers(centres))?;
+        let chosen = plan.and_then(|plan| circles_m.get(plan.chosen as usize)).filter(is_drawn);
+        let chosen = chosen.map(|centre_m| circle(centre(centre_m), self.radius_m));
         stream.log(CHOSEN, &LineStrips3D::update_fields().with_strips(chosen))
     }
 
-    fn log_links(&self, stream: &RecordingStream, flight: Option<&FlightReport>) -> RecordingStreamResult<()> {
+    /// Replaces the links by those of a flight; clears them without one.
+    pub(crate) fn log_links(
+        &self,
+        stream: &RecordingStream,
+        flight: Option<&FlightReport>,
+    ) -> RecordingStreamResult<()> {
         let served = flight.map_or(&[][..], FlightReport::served_links);
         let links_drawn = || served.iter().filter_map(|link| Some((*self.feet.get(link.sensor as usize)?, link)));
         let strips = links_drawn().map(|(foot, _)| [flight.map_or(foot, |flight| drawn(flight.position())), foot]);
         let links = LineStrips3D::update_fields().with_strips(strips);
         let links = match &self.rates_bps {
             Some(rates_bps) => {
-                links.with_colors(links_drawn().map(|(_, link)| color(colour::of_rate(link.rate_bps, rates_bps))))
+                links.with_colors(links_drawn().map(|(_, link)| colour::of_rate(link.rate_bps, rates_bps)))
             }
             None => links
-                .with_colors(links_drawn().map(|(_, link)| color(of_draw(link, [colour::SIGHT, colour::BLOCKED]))))
+                .with_colors(links_drawn().map(|(_, link)| of_draw(link, [colour::SIGHT, colour::BLOCKED])))
                 .with_radii(links_drawn().map(|(_, link)| Radius::new_ui_points(of_draw(link, WIDTHS_UI)))),
         };
         stream.log(LINKS, &links)

@@ -1,8 +1,8 @@
-//! Line of sight, where it is random: under which angle and with which probability each served sensor node sees the UAV,
-//! and what came of it. A free-space recording has none of this.
+//! Line of sight, where it is random: the elevation and the probability of line of sight of each served link, and
+//! whether it was in line of sight. A free-space recording has none of this.
 //!
-//! The room around the UAV is drawn by [`field`], the choice of an altitude by [`profile`]. What is not there is a
-//! number that is none: it breaks a curve, where the library would draw an empty row as 0.
+//! [`field`] draws the probability around the UAV, [`profile`] the choice of an altitude. A missing value is logged as
+//! NaN, which breaks a curve; the library would draw an empty row as 0.
 
 pub mod field;
 pub mod profile;
@@ -14,7 +14,7 @@ use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, LinkReport, SensorNode};
 use skysink_common::scenario::Scenario;
 
-use crate::colour::{self, color};
+use crate::colour;
 use crate::files::Part;
 use crate::shapes::{curve_style, drawn};
 use crate::sizes::Sizes;
@@ -30,7 +30,7 @@ pub const ALTITUDE: &str = "metrics/los/altitude";
 /// Root of the elevation angles [deg] of the served links.
 pub const ELEVATION: &str = "metrics/los/elevation";
 /// Root of their probabilities of line of sight, 0 to 1.
-pub const PROBABILITY: &str = "metrics/los/chance";
+pub const PROBABILITY: &str = "metrics/los/probability";
 /// Below [`ELEVATION`] and [`PROBABILITY`]: the mean over the served links.
 pub const MEAN: &str = "mean";
 /// Below them: a point for each link in line of sight.
@@ -39,7 +39,7 @@ pub const SIGHT: &str = "sight";
 pub const BLOCKED: &str = "blocked";
 
 /// Line of sight of the scene.
-pub struct Los {
+pub(crate) struct Los {
     link: LineOfSight,
     positions: Vec<Position>,
     most_links: usize,
@@ -68,7 +68,7 @@ impl Los {
         Ok(Some(Self { link, positions, most_links, mark_above_m: 1.8 * sizes.arm_m, surroundings, profile }))
     }
 
-    /// Shows one slot; where nobody is served, only the altitude.
+    /// Shows one slot; if it serves no sensor node, only the altitude.
     pub(crate) fn log_slot(&mut self, stream: &RecordingStream, flight: &FlightReport) -> RecordingStreamResult<()> {
         stream.log(ALTITUDE, &Scalars::single(flight.z_m))?;
         let [x_m, y_m, z_m] = drawn(flight.position());
@@ -104,10 +104,10 @@ impl Los {
         links: &[LinkReport],
         value: impl Fn(&LinkReport) -> f64,
     ) -> RecordingStreamResult<()> {
-        let mean = links.iter().map(&value).sum::<f64>() / links.len() as f64; // of nobody: not a number
+        let mean = links.iter().map(&value).sum::<f64>() / links.len() as f64; // NaN if there are none
         stream.log(format!("{root}/{MEAN}"), &Scalars::single(mean))?;
-        for (name, line_of_sight) in [(SIGHT, 1), (BLOCKED, 0)] {
-            let is_shown = |link: &LinkReport| link.line_of_sight.min(1) == line_of_sight;
+        for (name, is_in_sight) in [(SIGHT, true), (BLOCKED, false)] {
+            let is_shown = |link: &LinkReport| (link.line_of_sight == 1) == is_in_sight;
             let points = links.iter().map(|link| if is_shown(link) { value(link) } else { f64::NAN });
             let points = points.chain(std::iter::repeat(f64::NAN)).take(self.most_links);
             stream.log(format!("{root}/{name}"), &Scalars::new(points))?;
@@ -123,12 +123,12 @@ fn log_styles(stream: &RecordingStream) -> RecordingStreamResult<()> {
         for (name, colour) in [(SIGHT, colour::SIGHT), (BLOCKED, colour::BLOCKED)] {
             let points = SeriesPoints::new()
                 .with_names([name])
-                .with_colors([color(colour)])
+                .with_colors([colour])
                 .with_markers([MarkerShape::Circle])
                 .with_marker_sizes([1.5]);
             stream.log_static(format!("{root}/{name}"), &points)?;
         }
     }
     let mark = Points3D::update_fields().with_show_labels(true).with_radii([Radius::new_ui_points(1.0)]);
-    stream.log_static(MARK, &mark.with_colors([color(colour::WRITING)]))
+    stream.log_static(MARK, &mark.with_colors([colour::WRITING]))
 }

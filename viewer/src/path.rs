@@ -1,12 +1,12 @@
 //! The planned path: from the planned waypoint over the next ones, of planners that know them.
 //!
-//! A recording in which nobody plans ahead holds nothing of it. From the first path on every slot has its own, or an
+//! A recording of a planner without a path holds nothing of it. From the first path on every slot has its own, or an
 //! empty one, so that none is left over from a slot before.
 
 use rerun::{LineStrips3D, Points3D, Radius, RecordingStream, RecordingStreamResult};
 use skysink_common::path::{MAX_POINTS, PathPoint};
 
-use crate::colour::{self, color};
+use crate::colour;
 use crate::files::Part;
 use crate::shapes::Point;
 use crate::sizes::Sizes;
@@ -20,14 +20,14 @@ pub const TRACK: &str = "world/path_track";
 /// Its waypoints.
 pub const TRACK_STOPS: &str = "world/path_track/stops";
 
-/// Legs of the path that are drawn alike: the farther, the likelier the plan still changes, and the fainter.
+/// Legs of each band of the path: the later a leg, the more likely the plan still changes, and the fainter it is.
 const BANDS: [usize; 4] = [4, 8, 16, MAX_POINTS];
 
 /// The path of the scene.
-pub struct Path {
-    /// Whether a slot before had one, or may have had one in an earlier file.
+pub(crate) struct Path {
+    /// Whether an earlier slot had a path, or may have had one in an earlier file.
     begun: bool,
-    /// How much higher a band is than the one after it: a path that returns to a place shows its nearer part.
+    /// Height [m] of a band above the one after it: where a path crosses itself, its earlier legs are seen.
     step_m: f32,
 }
 
@@ -37,10 +37,9 @@ impl Path {
         let colours = |[near, far]: [colour::Rgb; 2]| {
             (0..BANDS.len()).map(move |band| colour::between(near, far, band as f64 / (BANDS.len() - 1) as f64))
         };
-        let line = LineStrips3D::update_fields()
-            .with_colors(colours(colour::PATH).map(color))
-            .with_radii([Radius::new_ui_points(0.7)]);
-        let each = BANDS.into_iter().zip(colours(colour::STOP)).flat_map(|(legs, colour)| vec![color(colour); legs]);
+        let line =
+            LineStrips3D::update_fields().with_colors(colours(colour::PATH)).with_radii([Radius::new_ui_points(0.7)]);
+        let each = BANDS.into_iter().zip(colours(colour::STOP)).flat_map(|(legs, colour)| vec![colour; legs]);
         let stops = Points3D::update_fields().with_colors(each).with_radii([Radius::new_ui_points(1.8)]);
         for (path, at) in [(PATH, STOPS), (TRACK, TRACK_STOPS)] {
             stream.log_static(path, &line)?;
@@ -49,18 +48,12 @@ impl Path {
         Ok(Self { begun: part == Part::Later, step_m: 0.002 * sizes.radius_m })
     }
 
-    /// Draws the path of a slot; a single point, which is the slot's own waypoint, is none.
-    pub(crate) fn log_slot(&mut self, stream: &RecordingStream, path: &[PathPoint]) -> RecordingStreamResult<()> {
+    /// Replaces the path by that of a slot; a single point, which is the slot's own waypoint, is no path.
+    pub(crate) fn log(&mut self, stream: &RecordingStream, path: &[PathPoint]) -> RecordingStreamResult<()> {
         self.begun |= path.len() > 1;
-        if self.begun { self.log(stream, path) } else { Ok(()) }
-    }
-
-    /// Takes away what a missed slot would show wrongly.
-    pub(crate) fn log_missed(&self, stream: &RecordingStream) -> RecordingStreamResult<()> {
-        if self.begun { self.log(stream, &[]) } else { Ok(()) }
-    }
-
-    fn log(&self, stream: &RecordingStream, path: &[PathPoint]) -> RecordingStreamResult<()> {
+        if !self.begun {
+            return Ok(());
+        }
         let below_trail_m = (BANDS.len() + 1) as f32 * self.step_m;
         let above = self.strips(path.iter().map(|at| [at.x_m as f32, at.y_m as f32, at.z_m as f32 - below_trail_m]));
         let below = self.strips(path.iter().map(|at| [at.x_m as f32, at.y_m as f32, 0.0]));

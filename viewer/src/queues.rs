@@ -3,11 +3,10 @@
 use rerun::components::ClassId;
 use rerun::{
     AnnotationContext, AnnotationInfo, Boxes3D, FillMode, Points3D, Radius, RecordingStream, RecordingStreamResult,
-    Rgba32,
 };
 use skysink_common::message::SensorNode;
 
-use crate::colour::{self, FULL_LEVEL};
+use crate::colour;
 use crate::sizes::{MAX_BARS, Sizes};
 
 /// Root of the 3D scene; it holds the queue scale.
@@ -17,17 +16,20 @@ pub const POINTS: &str = "world/sensors";
 /// The bars.
 pub const BARS: &str = "world/queues";
 
+/// Levels of the queue scale above empty: level 0 is 0 %, level 32 is 100 %. More look the same and compress worse.
+const FULL_LEVEL: u16 = 32;
+
 /// Fraction of the buffers in use, 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Fill {
+pub(crate) struct Fill {
     /// Mean over the sensor nodes.
-    pub mean: f64,
+    pub(crate) mean: f64,
     /// Of the fullest.
-    pub max: f64,
+    pub(crate) max: f64,
 }
 
 /// The sensor nodes of the scene.
-pub struct Queues {
+pub(crate) struct Queues {
     capacities_bits: Vec<u32>,
     bars: Option<Bars>,
 }
@@ -58,16 +60,15 @@ impl Queues {
     }
 
     /// How many sensor nodes there are.
-    #[must_use]
-    pub fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         self.capacities_bits.len()
     }
 
     /// Colours the sensor nodes of one slot; one queue [bit] per sensor node.
     pub(crate) fn log_slot(&self, stream: &RecordingStream, queues_bits: &[u32]) -> RecordingStreamResult<Fill> {
-        let pairs = || queues_bits.iter().copied().zip(self.capacities_bits.iter().copied());
-        let levels: Vec<_> = pairs().map(|(queue, capacity)| ClassId::from(colour::level(queue, capacity))).collect();
-        let fills = || pairs().map(|(queue, capacity)| fill(queue, capacity));
+        let pairs = std::iter::zip(queues_bits, &self.capacities_bits);
+        let fills = || pairs.clone().map(|(&queue_bits, &capacity_bits)| fill(queue_bits, capacity_bits));
+        let levels: Vec<_> = fills().map(|fill| ClassId::from(level(fill))).collect();
         if let Some(bars) = &self.bars {
             stream.log(BARS, &bars.at(fills()).with_class_ids(levels.iter().copied()))?;
         }
@@ -87,18 +88,39 @@ impl Bars {
     }
 }
 
-/// Fraction of a buffer in use.
+/// Fraction of a buffer in use; a buffer of 0 bits is full.
 fn fill(queue_bits: u32, capacity_bits: u32) -> f64 {
     if queue_bits >= capacity_bits { 1.0 } else { f64::from(queue_bits) / f64::from(capacity_bits) }
 }
 
+/// Level of a fill on the queue scale, 0 to [`FULL_LEVEL`], rounded to the nearest.
+fn level(fill: f64) -> u16 {
+    (f64::from(FULL_LEVEL) * fill).round() as u16
+}
+
 /// Name and colour of a level, which the viewer shows on hovering.
 fn describe(level: u16) -> AnnotationInfo {
-    let fraction = f64::from(level) / f64::from(FULL_LEVEL);
-    let [r, g, b] = colour::of_fill(fraction);
+    let fill = f64::from(level) / f64::from(FULL_LEVEL);
     AnnotationInfo {
         id: level,
-        label: Some(format!("queue {:.0} % full", 100.0 * fraction).into()),
-        color: Some(Rgba32::from_unmultiplied_rgba(r, g, b, 255)),
+        label: Some(format!("queue {:.0} % full", 100.0 * fill).into()),
+        color: Some(colour::of_fill(fill).into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_queue_is_rounded_to_the_nearest_level() {
+        let level_of = |queue_bits, capacity_bits| level(fill(queue_bits, capacity_bits));
+        assert_eq!(level_of(0, 30_000), 0);
+        assert_eq!(level_of(468, 30_000), 0); // 468 · 32 / 30 000 = 0.499
+        assert_eq!(level_of(469, 30_000), 1); // 469 · 32 / 30 000 = 0.5003
+        assert_eq!(level_of(15_000, 30_000), 16);
+        assert_eq!(level_of(u32::MAX - 1, u32::MAX), 32);
+        assert_eq!(level_of(30_001, 30_000), 32);
+        assert_eq!(level_of(0, 0), 32);
     }
 }

@@ -98,7 +98,6 @@ pub(crate) struct Recording {
     /// Whether its file begins it.
     pub(crate) part: Part,
     save: Option<PathBuf>,
-    live: Option<u16>,
 }
 
 impl Recording {
@@ -121,25 +120,20 @@ impl Recording {
         if open.is_empty() {
             return Err(SceneError::Nowhere);
         }
-        let (save, begun) = next.map_or((None, None), |next| (Some(next.path), next.recording_id));
+        let begun = next.as_ref().and_then(|next| next.recording_id.as_deref());
         let part = if begun.is_some() { Part::Later } else { Part::First };
-        let name = begun.unwrap_or_else(|| name.to_owned());
+        let name = begun.unwrap_or(name).to_owned();
         let flush_tick = if live.is_some() { LIVE_TICK } else { FILE_TICK };
         let stream = RecordingStreamBuilder::new(APPLICATION)
             .recording_id(name.as_str())
             .send_properties(false) // they would hold the wall clock
-            .enabled(true) // whatever the environment says: somebody asked for a recording
+            .enabled(true) // whatever the environment says: a recording was asked for
             .batcher_config(ChunkBatcherConfig { flush_tick, ..ChunkBatcherConfig::default() })
             .set_sinks(open)?;
         stream.set_log_time_enabled(false);
         stream.set_log_tick_enabled(false);
         stream.send_recording_name(name.as_str())?;
-        Ok(Self { stream, name, part, save, live })
-    }
-
-    /// Address to open in a viewer, if there is a server.
-    pub(crate) fn live_url(&self) -> Option<String> {
-        self.live.map(|port| format!("rerun+http://127.0.0.1:{port}/proxy"))
+        Ok(Self { stream, name, part, save: next.map(|next| next.path) })
     }
 
     /// Sets the time of what is logged next.
@@ -153,10 +147,9 @@ impl Recording {
     /// # Errors
     /// If something could not be written, now or earlier.
     pub(crate) fn close(self) -> Result<(), SceneError> {
-        let Self { stream, save, .. } = self;
-        let flushed = stream.flush_with_timeout(FLUSH_LIMIT);
-        drop(stream);
-        flushed.map_err(|source| SceneError::Unfinished { path: save, source })
+        let flushed = self.stream.flush_with_timeout(FLUSH_LIMIT);
+        drop(self.stream);
+        flushed.map_err(|source| SceneError::Unfinished { path: self.save, source })
     }
 }
 

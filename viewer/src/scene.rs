@@ -1,14 +1,14 @@
 //! A mission as a scene: opened once, given every slot, closed.
 //!
-//! Where things go is decided in the neighbouring modules, one per part of the picture; how they are arranged on the
-//! screen in [`crate::layout`].
+//! Each part of the picture is drawn by a module of its own; [`crate::layout`] arranges them on the screen.
 
 use std::ops::RangeInclusive;
 
+use rerun::TextLogLevel;
 use skysink_common::message::{SensorNode, Totals};
 use skysink_common::scenario::Scenario;
 
-use crate::events::{self, Events, Level};
+use crate::events::{self, Events};
 use crate::files::Part;
 use crate::links::Links;
 use crate::los::Los;
@@ -37,8 +37,8 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Opens the sinks and draws everything that stays. If the file continues a recording, that keeps its name instead of
-    /// `run_name`.
+    /// Opens the sinks and draws everything that stays. If the file continues a recording, that keeps its name instead
+    /// of `run_name`.
     ///
     /// # Errors
     /// If there is no sink, the file cannot be created, the port is taken, or the recording library refuses.
@@ -75,15 +75,9 @@ impl Scene {
             missed_slots: 0,
         };
         if scene.recording.part == Part::First {
-            scene.log_event(0, Level::Info, &events::start(scenario, sensors.len()))?;
+            scene.log_event(0, TextLogLevel::INFO, &events::start(scenario, sensors.len()))?;
         }
         Ok(scene)
-    }
-
-    /// Address to open in a viewer, if the scene is served live.
-    #[must_use]
-    pub fn live_url(&self) -> Option<String> {
-        self.recording.live_url()
     }
 
     /// Adds a slot. Slots come in ascending order, and none that was reported as missed.
@@ -91,7 +85,9 @@ impl Scene {
     /// # Errors
     /// If the slot does not fit the sensor list, or the recording library refuses.
     pub fn log_slot(&mut self, view: &SlotView) -> Result<(), SceneError> {
-        let (slot, found, expected) = (view.slot, view.queues_bits.len(), self.queues.count());
+        let slot = view.slot;
+        let found = view.queues_bits.len();
+        let expected = self.queues.count();
         if found != expected {
             return Err(SceneError::Queues { slot, found, expected });
         }
@@ -101,8 +97,9 @@ impl Scene {
         let stream = &self.recording.stream;
         let fill = self.queues.log_slot(stream, view.queues_bits)?;
         self.uav.log_slot(stream, view)?;
-        self.path.log_slot(stream, view.path)?;
-        self.links.log_slot(stream, view)?;
+        self.path.log(stream, view.path)?;
+        self.links.log_circles(stream, view.plan)?;
+        self.links.log_links(stream, Some(view.flight))?;
         if let Some(los) = &mut self.los {
             los.log_slot(stream, view.flight)?;
         }
@@ -110,8 +107,8 @@ impl Scene {
         Ok(curves::log_slot(stream, view, fill, self.missed_slots)?)
     }
 
-    /// Marks slots that the viewer did not get: an event, a gap in the lane, and nothing left of the slot before that
-    /// would look like one of theirs. The next slot's curve of missed slots counts them.
+    /// Marks slots that the viewer did not get: an event, a gap in the lane, and what the slot before had drawn is
+    /// cleared. The next slot's curve of missed slots counts them.
     ///
     /// # Errors
     /// If the recording library refuses.
@@ -122,19 +119,20 @@ impl Scene {
         self.recording.set_slot(first, self.scenario.slot_s);
         let stream = &self.recording.stream;
         self.uav.log_missed(stream)?;
-        self.path.log_missed(stream)?;
-        self.links.log_missed(stream)?;
+        self.path.log(stream, &[])?;
+        self.links.log_circles(stream, None)?;
+        self.links.log_links(stream, None)?;
         if let Some(los) = &mut self.los {
             los.log_missed(stream)?;
         }
         Ok(self.events.log_missed(stream, first, last)?)
     }
 
-    /// Adds a line to the event log.
+    /// Adds a line to the event log; `level` is one of [`TextLogLevel`].
     ///
     /// # Errors
     /// If the recording library refuses.
-    pub fn log_event(&self, slot: u64, level: Level, text: &str) -> Result<(), SceneError> {
+    pub fn log_event(&self, slot: u64, level: &'static str, text: &str) -> Result<(), SceneError> {
         self.recording.set_slot(slot, self.scenario.slot_s);
         Ok(events::write(&self.recording.stream, level, text)?)
     }
@@ -146,7 +144,7 @@ impl Scene {
     pub fn close(self) -> Result<(), SceneError> {
         if let Some(slot) = self.last_slot {
             let text = events::end(&self.scenario, slot, self.last_totals.as_ref(), self.missed_slots);
-            self.log_event(slot, Level::Info, &text)?;
+            self.log_event(slot, TextLogLevel::INFO, &text)?;
         }
         self.recording.close()
     }

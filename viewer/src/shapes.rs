@@ -5,10 +5,10 @@ use std::f32::consts::TAU;
 use nalgebra::Point3;
 use rerun::{LineStrips3D, Points2D, Radius, SeriesLines};
 
-use crate::colour::{self, Rgb, color};
+use crate::colour::{self, Rgb};
 
 /// A position in the scene [m].
-pub type Point = [f32; 3];
+pub(crate) type Point = [f32; 3];
 
 /// The same in single precision, in which the recording library draws.
 pub(crate) fn drawn(point: Point3<f64>) -> Point {
@@ -26,19 +26,15 @@ pub(crate) fn circle([x_m, y_m, z_m]: Point, radius_m: f32) -> Vec<Point> {
 
 /// Lines of one colour and width, in points of the screen.
 pub(crate) fn line_style(colour: Rgb, width_ui: f32) -> LineStrips3D {
-    LineStrips3D::update_fields().with_colors([color(colour)]).with_radii([Radius::new_ui_points(width_ui)])
+    LineStrips3D::update_fields().with_colors([colour]).with_radii([Radius::new_ui_points(width_ui)])
 }
 
 /// A curve of one colour, under the name `name`.
 pub(crate) fn curve_style(name: &str, colour: Rgb) -> SeriesLines {
-    SeriesLines::new().with_names([name]).with_colors([color(colour)]).with_widths([1.5])
+    SeriesLines::new().with_names([name]).with_colors([colour]).with_widths([1.5])
 }
 
 /// Writing in a picture, each text at its point.
 pub(crate) fn writing(points: [[f32; 2]; 2], texts: [String; 2]) -> Points2D {
-    Points2D::new(points)
-        .with_labels(texts)
-        .with_show_labels(true)
-        .with_radii([0.1])
-        .with_colors([color(colour::WRITING)])
+    Points2D::new(points).with_labels(texts).with_show_labels(true).with_radii([0.1]).with_colors([colour::WRITING])
 }

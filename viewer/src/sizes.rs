@@ -3,42 +3,43 @@
 use skysink_common::scenario::Scenario;
 
 /// Most sensor nodes that are drawn as bars; beyond, a recording of bars takes hundreds of megabytes.
-pub const MAX_BARS: usize = 2_000;
+pub(crate) const MAX_BARS: usize = 2_000;
 
 /// Sizes [m] of what is drawn.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sizes {
+pub(crate) struct Sizes {
     /// Extent of the area in x.
-    pub width_m: f32,
+    pub(crate) width_m: f32,
     /// Extent of the area in y.
-    pub depth_m: f32,
+    pub(crate) depth_m: f32,
     /// Altitude of the UAV; the middle of its range where it is free.
-    pub altitude_m: f32,
+    pub(crate) altitude_m: f32,
     /// Highest altitude of the UAV.
-    pub highest_m: f32,
+    pub(crate) highest_m: f32,
     /// Communication radius on the ground, `d_c`.
-    pub radius_m: f32,
+    pub(crate) radius_m: f32,
     /// Distance of grid lines.
-    pub grid_m: f32,
+    pub(crate) grid_m: f32,
     /// Height of a full queue's bar: half the lowest altitude, so that no bar hides the UAV.
-    pub bar_m: f32,
+    pub(crate) bar_m: f32,
     /// Half the side of a bar.
-    pub bar_half_m: f32,
+    pub(crate) bar_half_m: f32,
     /// Arm of the UAV, from its centre to a rotor.
-    pub arm_m: f32,
+    pub(crate) arm_m: f32,
     /// Radius of a sensor node's point, in points of the screen.
-    pub point_ui: f32,
+    pub(crate) point_ui: f32,
 }
 
 impl Sizes {
     /// The sizes for `count` sensor nodes in a scenario.
-    #[must_use]
-    pub fn of(scenario: &Scenario, count: usize) -> Self {
-        let (width_m, depth_m) = (scenario.area.width_m as f32, scenario.area.height_m as f32);
+    pub(crate) fn of(scenario: &Scenario, count: usize) -> Self {
+        let width_m = scenario.area.width_m as f32;
+        let depth_m = scenario.area.height_m as f32;
+        let radius_m = scenario.link.comm_radius_m as f32;
         let fixed_m = [scenario.uav.altitude_m; 2];
         let range_m = scenario.uav.climb().map_or(fixed_m, |climb| [climb.min_altitude_m, climb.max_altitude_m]);
         let [lowest_m, highest_m] = range_m.map(|altitude_m| altitude_m as f32);
-        let (altitude_m, radius_m) = (0.5 * (lowest_m + highest_m), scenario.link.comm_radius_m as f32);
+        let altitude_m = 0.5 * (lowest_m + highest_m);
         let spacing_m = (width_m * depth_m / count.max(1) as f32).sqrt();
         Self {
             width_m,
@@ -58,12 +59,6 @@ impl Sizes {
                 1.5
             },
         }
-    }
-
-    /// The longer side of the area [m].
-    #[must_use]
-    pub fn span_m(&self) -> f32 {
-        self.width_m.max(self.depth_m)
     }
 }
 

@@ -1,9 +1,9 @@
-//! What a scene is told: everything of one slot, and whether the wall clock is measured.
+//! What a scene shows: everything of one slot, and whether the wall clock is measured.
 
 use skysink_common::message::{FlightReport, Plan, QueuesHeader};
 use skysink_common::path::PathPoint;
 
-/// Whether somebody measures the wall clock, so that its curves get a place on the screen.
+/// Whether the wall clock is measured, so that its curves are laid out on the screen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WallClock {
     /// Slots come with their plan latency and pace.

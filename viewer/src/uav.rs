@@ -8,16 +8,16 @@ use rerun::{
 };
 use skysink_common::message::Plan;
 
-use crate::colour::{self, color};
+use crate::colour;
 use crate::shapes::{Point, circle, drawn, line_style};
 use crate::sizes::Sizes;
 use crate::slot::SlotView;
 
-/// Frame of the UAV: moves with it, turns with nobody, so that a camera may ride in it.
+/// Frame of the UAV: it moves with the UAV but does not turn, so that a camera can be placed in it.
 pub const UAV: &str = "world/uav";
 /// Frame that turns with the UAV.
 pub const BODY: &str = "world/uav/body";
-/// A dot in its place, as large from far away as from near.
+/// A dot where it is, of the same size on the screen at every distance.
 pub const DOT: &str = "world/uav/dot";
 /// The path flown in each slot, where it was flown; a view chooses how many slots of it are seen.
 pub const TRAIL: &str = "world/uav_trail";
@@ -31,7 +31,7 @@ pub const COVERAGE: &str = "world/coverage";
 pub const PLUMB: &str = "world/plumb";
 
 /// The UAV of the scene.
-pub struct UavShape {
+pub(crate) struct UavShape {
     ring_m: f32,
     track_z_m: f32,
     before: Option<Point>,
@@ -92,22 +92,22 @@ fn log_body(stream: &RecordingStream, arm_m: f32) -> RecordingStreamResult<()> {
     let turns_deg = [0.0, 45.0, -45.0].map(|deg| RotationAxisAngle::new([0.0, 0.0, 1.0], Angle::from_degrees(deg)));
     let body = Boxes3D::from_half_sizes([hub, arm, arm])
         .with_rotation_axis_angles(turns_deg)
-        .with_colors([color(colour::UAV)])
+        .with_colors([colour::UAV])
         .with_fill_mode(FillMode::Solid);
     stream.log_static(BODY, &body)?;
     let reach_m = arm_m * FRAC_1_SQRT_2;
     let rotors = [[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]];
     let rotors = Cylinders3D::from_lengths_and_radii([0.04 * arm_m], [0.45 * arm_m])
         .with_centers(rotors.map(|[x, y]| [x * reach_m, y * reach_m, 0.12 * arm_m]))
-        .with_colors([color(colour::ROTOR)])
+        .with_colors([colour::ROTOR])
         .with_fill_mode(FillMode::Solid);
     stream.log_static(format!("{BODY}/rotors"), &rotors)?;
     let heading = Arrows3D::from_vectors([[1.6 * arm_m, 0.0, 0.0]])
         .with_origins([[0.4 * arm_m, 0.0, 0.0]])
         .with_radii([0.1 * arm_m])
-        .with_colors([color(colour::HEADING)]);
+        .with_colors([colour::HEADING]);
     stream.log_static(format!("{BODY}/heading"), &heading)?;
-    let dot = Points3D::new([[0.0; 3]]).with_radii([Radius::new_ui_points(5.0)]).with_colors([color(colour::UAV)]);
+    let dot = Points3D::new([[0.0; 3]]).with_radii([Radius::new_ui_points(5.0)]).with_colors([colour::UAV]);
     stream.log_static(DOT, &dot)
 }
 
@@ -115,7 +115,7 @@ fn log_body(stream: &RecordingStream, arm_m: f32) -> RecordingStreamResult<()> {
 fn log_coverage(stream: &RecordingStream, radius_m: f32) -> RecordingStreamResult<()> {
     let disc = Cylinders3D::from_lengths_and_radii([0.002 * radius_m], [radius_m])
         .with_centers([[0.0, 0.0, -0.004 * radius_m]])
-        .with_colors([color(colour::COVERED)])
+        .with_colors([colour::COVERED])
         .with_fill_mode(FillMode::Solid);
     stream.log_static(format!("{COVERAGE}/disc"), &disc)?;
     let rim = line_style(colour::COVERAGE, 1.2).with_strips([circle([0.0; 3], radius_m)]);

@@ -1,4 +1,4 @@
-//! Missions over a channel that is in line of sight by chance, written to a file and read back.
+//! Missions over a channel with probabilistic line of sight, written to a file and read back.
 
 mod support;
 
@@ -19,8 +19,8 @@ fn link() -> LineOfSight {
     *Channel::of(&town()).line_of_sight().expect("the town has buildings")
 }
 
-/// Slot `slot` of a UAV that flies east by 1 m and climbs by 2 m, and serves two sensor nodes: that below it, in line of
-/// sight in even slots, and the next, in line of sight in odd ones.
+/// Slot `slot` of a UAV that flies east by 1 m and climbs by 2 m, and serves two sensor nodes: that below it, in line
+/// of sight in even slots, and the next, in line of sight in odd ones.
 fn climb(slot: u64) -> Slot {
     let mut climb = Slot::new(slot, SENSORS as usize);
     let flight = &mut climb.flight;
@@ -93,16 +93,16 @@ fn a_link_has_the_colour_and_the_width_of_its_draw() {
 }
 
 #[test]
-fn the_curves_hold_the_chance_and_the_angle_of_every_link() {
+fn the_curves_hold_the_probability_and_the_angle_of_every_link() {
     let found = town_until(6);
-    let chances = |slot: i64| [0.0, 1.0].map(|d2_m2| link().los_probability(d2_m2, 50.0 + 2.0 * slot as f64));
+    let probabilities = |slot: i64| [0.0, 1.0].map(|d2_m2| link().los_probability(d2_m2, 50.0 + 2.0 * slot as f64));
     let means = found.curve(&below(los::PROBABILITY, los::MEAN));
     let sights = found.points(&below(los::PROBABILITY, los::SIGHT));
     let blocks = found.points(&below(los::PROBABILITY, los::BLOCKED));
     let drawn = |points: &[f64]| points.iter().copied().filter(|point| !point.is_nan()).collect::<Vec<_>>();
     assert!(means[&0].is_nan() && drawn(&sights[&0]).is_empty(), "nobody is served in slot 0");
     for slot in 1..=6 {
-        let [under, ahead] = chances(slot);
+        let [under, ahead] = probabilities(slot);
         assert_eq!(means[&slot], (under + ahead) / 2.0, "slot {slot}");
         let (sight, block) = if slot % 2 == 0 { (under, ahead) } else { (ahead, under) };
         assert_eq!((drawn(&sights[&slot]), drawn(&blocks[&slot])), (vec![sight], vec![block]), "slot {slot}");
@@ -113,7 +113,7 @@ fn the_curves_hold_the_chance_and_the_angle_of_every_link() {
 }
 
 #[test]
-fn only_a_channel_by_chance_shows_line_of_sight() {
+fn only_a_probabilistic_channel_shows_line_of_sight() {
     let roots = [los::SPACE, "metrics/los", profile::PROFILE, legend::LOS_PAGE].map(|root| format!("/{root}"));
     let is_there = |found: &Found, root: &str| {
         found.cells.keys().any(|(entity, ..)| entity == root || entity.starts_with(&format!("{root}/")))

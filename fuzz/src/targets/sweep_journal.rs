@@ -3,6 +3,8 @@
 use std::path::Path;
 
 use skysink_lab::sweep::journal::{MissionRows, SweepJournal, read};
+use skysink_lab::sweep::plan::Definition;
+use skysink_planner::strategies::STRATEGIES;
 
 use super::place::{in_folder, write};
 
@@ -15,8 +17,9 @@ pub fn sweep_journal(bytes: &[u8]) {
     in_folder(|folder| {
         let (path, copy) = (folder.join("missions.csv"), folder.join("copy.csv"));
         write(&path, bytes);
-        let found = read(&path);
-        match (found, SweepJournal::open(&path)) {
+        let sweep = sweep();
+        let found = read(&path, &sweep);
+        match (found, SweepJournal::open(&path, &sweep)) {
             (Err(error), Err(same)) => {
                 super::assert_one_line(&error);
                 assert_eq!(error.to_string(), same.to_string());
@@ -25,21 +28,33 @@ pub fn sweep_journal(bytes: &[u8]) {
                 assert_eq!(told(&found), told(&rows));
                 let left = std::fs::read(&path).expect("the journal is there");
                 assert!(bytes.starts_with(&left) && left.last().is_none_or(|&byte| byte == b'\n'));
-                write_again(&copy, &rows);
+                write_again(&copy, &sweep, &rows);
             }
             (found, opened) => panic!("read: {found:?}, opened: {opened:?}"),
         }
     });
 }
 
-fn write_again(copy: &Path, rows: &MissionRows) {
+/// The sweep of the journal: four points, all strategies, seeds 0 to 9.
+fn sweep() -> Definition {
+    Definition {
+        identity: String::new(),
+        version: String::new(),
+        keys: vec!["slots".to_owned()],
+        points: (1..=4).map(|slots| vec![slots.into()]).collect(),
+        strategies: STRATEGIES.to_vec(),
+        seeds: (0..10).collect(),
+    }
+}
+
+fn write_again(copy: &Path, sweep: &Definition, rows: &MissionRows) {
     write(copy, &[]);
-    let (mut journal, none) = SweepJournal::open(copy).expect("an empty journal opens");
+    let (mut journal, none) = SweepJournal::open(copy, sweep).expect("an empty journal opens");
     assert!(none.is_empty());
     for row in rows.values() {
         journal.add(row).expect("the row is written");
     }
-    assert_eq!(told(&read(copy).expect("what was just written is a journal")), told(rows));
+    assert_eq!(told(&read(copy, sweep).expect("what was just written is a journal")), told(rows));
 }
 
 /// The missions in words: a figure may be NaN, which equals nothing.

@@ -79,7 +79,8 @@ impl Axis {
 
     /// Powers of ten, or 1, 2 and 5 times these where there is room for them, as mantissa and exponent of ten.
     fn log_ticks(&self, most: usize) -> Vec<(i64, i32)> {
-        let (low, high) = (self.low.log10(), self.high.log10());
+        let low = self.low.log10();
+        let high = self.high.log10();
         let decades = (high.floor() - low.ceil()) as usize + 1; // at least 1: a negative float becomes 0
         let stride = decades.div_ceil(most.max(1)) as i32;
         let factors: &[i64] = if 3 * decades <= most { &[1, 2, 5] } else { &[1] };
@@ -110,13 +111,8 @@ fn label(mantissa: i64, exponent: i32) -> String {
 
 /// A whole number in raised digits.
 fn superscript(number: &str) -> String {
-    let raised = |character| match character {
-        '-' => '⁻',
-        '1' => '¹',
-        '2' => '²',
-        '3' => '³',
-        digit => char::from_u32('⁰' as u32 + digit as u32 - '0' as u32).expect("raised digits are in a row"),
-    };
+    const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+    let raised = |character: char| character.to_digit(10).map_or('⁻', |digit| DIGITS[digit as usize]);
     number.chars().map(raised).collect()
 }
 
@@ -170,7 +166,10 @@ impl Panel {
 
     /// Draws frame, ticks and labels.
     pub fn draw_axes(&self, page: &mut Page) {
-        let ([left, top], [width, height], bottom, em) = (self.corner, self.size, self.bottom(), self.em);
+        let [left, top] = self.corner;
+        let [width, height] = self.size;
+        let bottom = self.bottom();
+        let em = self.em;
         let mut lines = format!("M{left:.1},{top:.1}h{width:.1}v{height:.1}h-{width:.1}z");
         for (position, label) in self.x.ticks((width / (4.0 * em)) as usize + 1) {
             let x = left + position * width;

@@ -2,11 +2,9 @@
 
 use std::path::Path;
 
-use svg::node::element::Group;
-
 pub use super::axis::Scale;
 use super::axis::{Axis, Panel};
-use super::page::{MARGIN, Page, SAMPLE, TOP, WIDTH, line, stroke};
+use super::page::{MARGIN, Page, TOP, WIDTH, line, stroke};
 use super::style::SeriesStyle;
 use crate::error::LabError;
 
@@ -61,7 +59,8 @@ impl Chart {
     pub fn draw(&self, stem: &Path) -> Result<(), LabError> {
         self.check()?;
         let mut page = Page::new(&self.title);
-        let entries: Vec<_> = self.series.iter().zip((0..).map(SeriesStyle::of)).map(Series::legend_entry).collect();
+        let styled: Vec<_> = self.series.iter().zip((0..).map(SeriesStyle::of)).collect();
+        let entries: Vec<_> = styled.iter().map(|(series, style)| (style.sample(), series.label.as_str())).collect();
         let top = page.add_legend([MARGIN, TOP], WIDTH - 2.0 * MARGIN, EM, &entries) + 10.0;
         let xs = self.points().map(|point| point.x);
         let mut panel = Panel {
@@ -75,14 +74,13 @@ impl Chart {
         panel.size[0] = WIDTH - 2.0 * MARGIN - panel.corner[0]; // half a tick label fits in on the right
         panel.draw_grid(&mut page);
         panel.draw_axes(&mut page);
-        let styled = || self.series.iter().zip((0..).map(SeriesStyle::of));
-        for (series, style) in styled() {
-            series.draw_bands(&mut page, &panel, &style);
+        for (series, style) in &styled {
+            series.draw_bands(&mut page, &panel, style);
         }
-        for (series, style) in styled() {
+        for (series, style) in &styled {
             page.add(style.curve(&series.means(&panel)));
         }
-        for (series, style) in styled() {
+        for (series, style) in &styled {
             page.add(style.markers(&series.means(&panel)));
         }
         page.write(stem, BOTTOM, &self.footer)
@@ -169,11 +167,6 @@ impl CurvePoint {
 }
 
 impl Series {
-    fn legend_entry((series, style): (&Self, SeriesStyle)) -> (Group, &str) {
-        let sample = [[0.0, 0.0], [SAMPLE, 0.0]];
-        (Group::new().add(style.curve(&sample)).add(style.markers(&[[SAMPLE / 2.0, 0.0]])), &series.label)
-    }
-
     /// Where its means are on the page [units].
     fn means(&self, panel: &Panel) -> Vec<[f64; 2]> {
         self.points.iter().map(|point| panel.at(point.x, point.mean)).collect()

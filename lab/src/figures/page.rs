@@ -54,8 +54,8 @@ impl Page {
         self.document.append(node);
     }
 
-    /// Adds samples, drawn to the right of the origin, with their labels, in as many columns as fit into `width`. Returns
-    /// the lower end.
+    /// Adds samples, drawn to the right of the origin, with their labels, in as many columns as fit into `width`.
+    /// Returns the lower end.
     pub fn add_legend(&mut self, [left, top]: [f64; 2], width: f64, em: f64, entries: &[(Group, &str)]) -> f64 {
         // Somebody else's font may be wider.
         let widest = entries.iter().map(|(_, label)| 1.1 * text_width(label, em)).fold(0.0, f64::max);
@@ -86,7 +86,9 @@ impl Page {
         let lacking = |text: &str| text.chars().find(|&character| font().charmap().map(character).is_none());
         for text in svg.split(['<', '>']).map(str::trim) {
             if let Some(character) = lacking(text) {
-                return Err(LabError::Character { text: text.to_owned(), character });
+                let message =
+                    format!("{character:?} is not in the embedded font: expected Latin, Greek or common symbols");
+                return Err(LabError::figure(format!("figure text {text:?}"), message));
             }
         }
         let path = stem.with_added_extension("svg");

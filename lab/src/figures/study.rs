@@ -7,7 +7,7 @@ use clap::ValueEnum;
 use serde::Deserialize;
 use skysink_common::scenario::LETTER;
 use skysink_common::stop::Stop;
-use skysink_planner::strategies::{Registered, STRATEGIES};
+use skysink_planner::strategies::{Registered, STRATEGIES, edf, horizon, offline};
 
 use super::chart::{Chart, CurvePoint, Scale, Series};
 use super::choice::{Choice, FigurePart};
@@ -16,7 +16,7 @@ use crate::metrics::Metric;
 use crate::progress::OnProgress;
 use crate::sweep::journal::{MissionRows, missions_of};
 use crate::sweep::plan::{Shard, Sweep, SweepBase};
-use crate::sweep::results::{BEST_KNOWN, best_known};
+use crate::sweep::results::{BEST_KNOWN, best_known, number};
 use crate::sweep::statistics::MeanInterval;
 use crate::sweep::sweep;
 
@@ -101,10 +101,10 @@ pub(super) fn studies() -> Vec<Study> {
     studies.remove("study").unwrap_or_default()
 }
 
-/// Whether a strategy decides without a search. `edf` is not flown: the letter's comparison in `docs/results.md`, and with
-/// it the best known, is without it.
+/// Whether a strategy decides without a search. `edf` is not flown: the paper's comparison in `docs/results.md`, and
+/// with it the best known, is without it.
 pub(super) fn plans_at_once(strategy: &Registered) -> bool {
-    !strategy.has_path && strategy.name != "edf"
+    !strategy.has_path && *strategy != edf::STRATEGY
 }
 
 impl StudyBase {
@@ -188,10 +188,10 @@ impl Study {
         let mut axes = flights.axes.clone();
         let steps = i64::from(choice.horizon_iterations) * self.effort.max(1);
         for (strategy, key, steps) in [
-            ("horizon", "planner.horizon.iterations", steps),
-            ("offline", "planner.offline.steps", steps * OFFLINE_PER_HORIZON_STEP),
+            (&horizon::STRATEGY, "planner.horizon.iterations", steps),
+            (&offline::STRATEGY, "planner.offline.steps", steps * OFFLINE_PER_HORIZON_STEP),
         ] {
-            if strategies.iter().any(|flown| flown.name == strategy) {
+            if strategies.contains(&strategy) {
                 axes.insert(key.to_owned(), vec![steps].into());
             }
         }
@@ -199,8 +199,8 @@ impl Study {
         Sweep::new(Path::new(&self.name()), base, axes, strategies, (1..=flights.runs(choice)).collect())
     }
 
-    /// One quantity in one of the charts, a curve for each strategy of each sweep; of a loss the best known and the bound,
-    /// too, over the fields that every strategy has flown over.
+    /// One quantity in one of the charts, a curve for each strategy of each sweep; of a loss the best known and the
+    /// bound, too, over the fields that every strategy has flown over.
     fn series(&self, quantity: &Quantity, flown: &[MissionRows], chart: usize, choice: &Choice) -> Vec<Series> {
         let xs = self.xs();
         let curve = |label: &str, values: &dyn Fn(usize) -> Vec<f64>| {
@@ -217,7 +217,7 @@ impl Study {
                 let values = |metric: Metric| {
                     move |point| missions_of(rows, point, index).map(|row| row[metric]).collect::<Vec<_>>()
                 };
-                if strategy.name != "offline" {
+                if *strategy != offline::STRATEGY {
                     series.push(curve(&flights.label.replace("{}", strategy.name), &values(quantity.metric)));
                 } else if quantity.metric == Metric::LossRate {
                     let runs = flights.runs(choice);
@@ -234,7 +234,6 @@ impl Study {
     /// Values of the x axis.
     fn xs(&self) -> Vec<f64> {
         let values = self.axes.values().next_back().and_then(toml::Value::as_array).into_iter().flatten();
-        let number = |value: &toml::Value| value.as_float().or(value.as_integer().map(|whole| whole as f64));
         values.filter_map(number).collect()
     }
 

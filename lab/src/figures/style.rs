@@ -1,8 +1,8 @@
 //! What tells the series of a chart apart, in colour and without it.
 
-use svg::node::element::Path;
+use svg::node::element::{Group, Path};
 
-use super::page::{line, stroke};
+use super::page::{SAMPLE, line, stroke};
 
 /// What tells one series from another.
 #[derive(Debug, Clone, Copy)]
@@ -13,8 +13,8 @@ pub struct SeriesStyle {
     width: f64,
     /// Lengths [units] of dash, gap, dash, gap ..., or [`SOLID`].
     dashes: &'static str,
-    /// Sign at every point, as SVG path data from there. They are of different size and open or small, so that all are seen
-    /// where curves coincide.
+    /// Sign at every point, as SVG path data from there. They are of different size and open or small, so that all are
+    /// seen where curves coincide.
     pub marker: &'static str,
 }
 
@@ -37,7 +37,7 @@ static SERIES: [SeriesStyle; 11] = [
 /// No dashes.
 const SOLID: &str = "none";
 
-/// How many of them have a marker of their own.
+/// The first of [`SERIES`] that have a marker.
 const MARKED: usize = 9;
 
 const fn series(colour: &'static str, width: f64, dashes: &'static str, marker: &'static str) -> SeriesStyle {
@@ -45,19 +45,25 @@ const fn series(colour: &'static str, width: f64, dashes: &'static str, marker: 
 }
 
 impl SeriesStyle {
-    /// The style of the series with this index. After the last of [`SERIES`] colours and lines begin again, each time with
-    /// other markers.
+    /// The style of the series with this index. After the last of [`SERIES`] colours and lines begin again, each time
+    /// with other markers.
     pub fn of(index: usize) -> Self {
         let style = SERIES[index % SERIES.len()];
         match index / SERIES.len() {
             0 => style,
-            round => Self { marker: SERIES[(index + 2 * round) % MARKED].marker, ..style },
+            repetition => Self { marker: SERIES[(index + 2 * repetition) % MARKED].marker, ..style },
         }
     }
 
     /// The line through these points [units].
     pub fn curve(&self, points: &[[f64; 2]]) -> Path {
         stroke(line(points.iter().copied()), self.width, self.colour).set("stroke-dasharray", self.dashes)
+    }
+
+    /// A line with a sign, for the legend.
+    pub fn sample(&self) -> Group {
+        let curve = self.curve(&[[0.0, 0.0], [SAMPLE, 0.0]]);
+        Group::new().add(curve).add(self.markers(&[[SAMPLE / 2.0, 0.0]]))
     }
 
     /// The signs at these points [units].

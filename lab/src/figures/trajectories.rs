@@ -6,7 +6,7 @@ use skysink_common::scenario::Overrides;
 use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
 use skysink_planner::settings;
-use skysink_planner::strategies::{Registered, STRATEGIES};
+use skysink_planner::strategies::{Registered, STRATEGIES, horizon, round_robin};
 
 use super::choice::Choice;
 use super::map::{MapSensor, MapSheet, TrajectoryMap};
@@ -19,9 +19,8 @@ const FIELDS: [(&str, &str); 2] = [("map-letter", ""), ("map-sparse", "[area]\ns
 /// A sheet for each field, with the flights of all strategies and its name.
 pub(super) fn sheets(choice: &Choice) -> Result<Vec<(&'static str, MapSheet)>, LabError> {
     // Eight maps and the key fill the sheet; round-robin crosses the field without a pattern.
-    let is_shown = |strategy: &&Registered| match strategy.name {
-        "round-robin" => false,
-        name => name == "horizon" || plans_at_once(strategy),
+    let is_shown = |strategy: &&Registered| {
+        **strategy == horizon::STRATEGY || plans_at_once(strategy) && **strategy != round_robin::STRATEGY
     };
     let sheet = |(name, change)| {
         let shown = STRATEGIES.into_iter().filter(is_shown);

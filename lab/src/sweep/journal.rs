@@ -7,9 +7,10 @@ use std::ops::Index;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use skysink_common::error::InputError;
 use skysink_mission::error::FileContext;
 
-use super::plan::MissionKey;
+use super::plan::{Definition, MissionKey};
 use crate::error::LabError;
 use crate::metrics::{Metric, MetricValues};
 
@@ -47,17 +48,17 @@ pub struct SweepJournal {
 }
 
 impl SweepJournal {
-    /// Opens the journal, drops a line that was cut off, and returns what is in it.
+    /// Opens the journal of this sweep, drops a line that was cut off, and returns what is in it.
     ///
     /// # Errors
-    /// If it cannot be read or written, or is no journal.
-    pub fn open(path: &Path) -> Result<(Self, MissionRows), LabError> {
+    /// If it cannot be read or written, or is not the journal of this sweep.
+    pub fn open(path: &Path, definition: &Definition) -> Result<(Self, MissionRows), LabError> {
         let mut file = OpenOptions::new().read(true).append(true).create(true).open(path).at(path)?;
         let mut text = Vec::new();
         file.read_to_end(&mut text).at(path)?;
         let whole = whole_lines(&text);
         file.set_len(whole.len() as u64).at(path)?;
-        let rows = parse(path, whole)?;
+        let rows = parse(path, whole, definition)?;
         Ok((Self { path: path.to_owned(), file }, rows))
     }
 
@@ -73,12 +74,12 @@ impl SweepJournal {
     }
 }
 
-/// The missions of a journal.
+/// The missions in a journal of this sweep.
 ///
 /// # Errors
-/// If it cannot be read or is no journal.
-pub fn read(path: &Path) -> Result<MissionRows, LabError> {
-    parse(path, whole_lines(&std::fs::read(path).at(path)?))
+/// If it cannot be read, or is not the journal of this sweep.
+pub fn read(path: &Path, definition: &Definition) -> Result<MissionRows, LabError> {
+    parse(path, whole_lines(&std::fs::read(path).at(path)?), definition)
 }
 
 /// The text up to its last line end.
@@ -86,15 +87,18 @@ fn whole_lines(text: &[u8]) -> &[u8] {
     &text[..text.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1)]
 }
 
-fn parse(path: &Path, text: &[u8]) -> Result<MissionRows, LabError> {
+fn parse(path: &Path, text: &[u8], definition: &Definition) -> Result<MissionRows, LabError> {
     let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(text);
-    let rows = reader.deserialize().enumerate().map(|(line, row)| {
-        let row: MissionRow = row.map_err(|error| LabError::Journal {
-            path: path.to_owned(),
-            line: line + 1,
-            message: error.to_string().replace('\n', " "),
-        })?;
-        Ok((row.key, row))
-    });
-    rows.collect()
+    let mut rows = MissionRows::new();
+    for (index, row) in reader.deserialize::<MissionRow>().enumerate() {
+        let refuse = |message: String| InputError::new("sweep journal", path, format!("line {}: {message}", index + 1));
+        let row = row.map_err(|error| refuse(error.to_string()))?;
+        if !definition.contains(row.key) {
+            let MissionKey { point, strategy, seed } = row.key;
+            let mission = format!("point {point}, strategy {strategy}, seed {seed}");
+            return Err(refuse(format!("{mission}: expected a mission of the sweep")).into());
+        }
+        rows.insert(row.key, row);
+    }
+    Ok(rows)
 }

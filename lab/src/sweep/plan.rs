@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_mission::error::FileContext;
@@ -52,6 +53,16 @@ pub struct Definition {
     pub seeds: Vec<u64>,
 }
 
+impl Definition {
+    /// Whether it has this mission.
+    #[must_use]
+    pub fn contains(&self, mission: MissionKey) -> bool {
+        mission.point < self.points.len()
+            && mission.strategy < self.strategies.len()
+            && self.seeds.binary_search(&mission.seed).is_ok()
+    }
+}
+
 /// A sweep that can be flown.
 #[derive(Debug)]
 pub struct Sweep {
@@ -69,7 +80,7 @@ pub struct SweepBase {
     pub table: toml::Table,
 }
 
-/// Part k of n of a sweep, k from 1.
+/// Part k of n of a sweep, k from 1 to n.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Shard(pub usize, pub usize);
 
@@ -95,17 +106,17 @@ impl Sweep {
     /// # Errors
     /// If the file, its scenario, or a point is refused.
     pub fn read(path: &Path) -> Result<Self, LabError> {
-        let text = std::fs::read_to_string(path).map_err(|error| LabError::refused("sweep", path, error))?;
-        let file: File = toml::from_str(&text).map_err(|error| LabError::malformed(path, &text, &error))?;
+        let text = std::fs::read_to_string(path).map_err(|error| InputError::new("sweep", path, error))?;
+        let file: File = toml::from_str(&text).map_err(|error| InputError::toml("sweep", path, &text, &error))?;
         let base_path = path.parent().unwrap_or(Path::new("")).join(&file.scenario);
         settings::read(&base_path, Overrides::default())?;
         let text = std::fs::read_to_string(&base_path).at(&base_path)?;
-        let table = text.parse().map_err(|error| LabError::malformed(&base_path, &text, &error))?;
+        let table = text.parse().map_err(|error| InputError::toml("scenario", &base_path, &text, &error))?;
         let base = SweepBase { path: base_path, table };
         let seeds = match file.seeds {
             Seeds::Count(count) if count > MAX_MISSIONS as u64 => {
                 let what = format!("seeds = {count}: expected at most {MAX_MISSIONS}");
-                return Err(LabError::refused("sweep", path, what));
+                return Err(InputError::new("sweep", path, what).into());
             }
             Seeds::Count(count) => (1..=count).collect(),
             Seeds::List(list) => list,
@@ -124,15 +135,14 @@ impl Sweep {
         strategies: Vec<&'static Registered>,
         seeds: Vec<u64>,
     ) -> Result<Self, LabError> {
-        let refuse =
-            |key: &str, expected: &str| LabError::refused("sweep", path, format!("{key}: expected {expected}"));
+        let refuse = |key: &str, expected: &str| InputError::new("sweep", path, format!("{key}: expected {expected}"));
         let distinct: BTreeSet<&str> = strategies.iter().map(|strategy| strategy.name).collect();
         if distinct.is_empty() || distinct.len() < strategies.len() {
-            return Err(refuse("strategies", "at least one strategy, each once"));
+            return Err(refuse("strategies", "at least one strategy, each once").into());
         }
         let ascending: BTreeSet<u64> = seeds.iter().copied().collect();
         if ascending.is_empty() || ascending.len() < seeds.len() {
-            return Err(refuse("seeds", "1 or more, or a list of distinct seeds"));
+            return Err(refuse("seeds", "1 or more, or a list of distinct seeds").into());
         }
         let axes = axes.into_iter().map(|(key, values)| match values {
             _ if key == "seed" => Err(refuse("axes.seed", "the seeds under `seeds`")),
@@ -140,11 +150,11 @@ impl Sweep {
             toml::Value::Array(values) if !values.is_empty() => Ok((key, values)),
             _ => Err(refuse(&format!("axes.\"{key}\""), "a list of values")),
         });
-        let axes: Vec<(String, Vec<toml::Value>)> = axes.collect::<Result<_, _>>()?;
+        let axes: Vec<(String, Vec<toml::Value>)> = axes.collect::<Result<_, InputError>>()?;
         let of_point = ascending.len().saturating_mul(strategies.len());
         let missions = axes.iter().fold(of_point, |missions, (_, values)| missions.saturating_mul(values.len()));
         if missions > MAX_MISSIONS {
-            return Err(refuse(&format!("axes make {missions} missions"), &format!("at most {MAX_MISSIONS}")));
+            return Err(refuse(&format!("axes make {missions} missions"), &format!("at most {MAX_MISSIONS}")).into());
         }
         let points = grid(&axes);
         let definition = Definition {
@@ -161,6 +171,9 @@ impl Sweep {
     }
 
     /// The missions of a shard: those of every n-th point from the k-th, in the order of the results.
+    ///
+    /// # Panics
+    /// If k is 0 or n is 0.
     #[must_use]
     pub fn missions(&self, Shard(k, n): Shard) -> Vec<MissionKey> {
         let definition = &self.definition;
@@ -177,10 +190,16 @@ impl Sweep {
     ///
     /// # Errors
     /// If the point or the seed is refused; reading the sweep has tried every point.
+    ///
+    /// # Panics
+    /// If the mission is not of this sweep.
     pub fn scenario(&self, mission: MissionKey) -> Result<Scenario, LabError> {
         let mut table = self.base.table.clone();
         for (key, value) in self.definition.keys.iter().zip(&self.definition.points[mission.point]) {
-            set(&mut table, key, value.clone()).map_err(|()| LabError::NoKey { key: key.clone() })?;
+            set(&mut table, key, value.clone()).ok_or_else(|| {
+                let message = format!("axes: {key}: expected a dotted key of the scenario");
+                InputError::new("scenario", &self.base.path, message)
+            })?;
         }
         let text = toml::to_string(&table).expect("a table that was read can be written");
         let strategy = self.definition.strategies[mission.strategy];
@@ -195,7 +214,7 @@ impl Sweep {
         hash.update(description.as_bytes());
         for point in 0..self.definition.points.len() {
             let mission = MissionKey { point, strategy: 0, seed: self.definition.seeds[0] };
-            let refuse = |error| LabError::refused("sweep", path, format!("at {}: {error}", self.name(point)));
+            let refuse = |error| InputError::new("sweep", path, format!("at {}: {error}", self.name(point)));
             let scenario = self.scenario(mission).map_err(refuse)?;
             hash.update(scenario.to_toml().as_bytes());
             if scenario.sensors.file.is_some() {
@@ -224,12 +243,13 @@ fn grid(axes: &[(String, Vec<toml::Value>)]) -> Vec<Vec<toml::Value>> {
     points
 }
 
-/// Sets a dotted key in a table; fails where a part of it is no table.
-fn set(table: &mut toml::Table, key: &str, value: toml::Value) -> Result<(), ()> {
-    let Some((first, rest)) = key.split_once('.') else {
-        table.insert(key.to_owned(), value);
-        return Ok(());
-    };
-    let inner = table.entry(first).or_insert_with(|| toml::Value::Table(toml::Table::new()));
-    set(inner.as_table_mut().ok_or(())?, rest, value)
+/// Sets a dotted key in a table; none where a part of it is no table.
+fn set(mut table: &mut toml::Table, key: &str, value: toml::Value) -> Option<()> {
+    let mut parts = key.split('.');
+    let last = parts.next_back()?;
+    for part in parts {
+        table = table.entry(part).or_insert_with(|| toml::Table::new().into()).as_table_mut()?;
+    }
+    table.insert(last.to_owned(), value);
+    Some(())
 }

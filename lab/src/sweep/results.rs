@@ -26,6 +26,9 @@ pub const BEST_KNOWN: &str = "best-known";
 ///
 /// # Errors
 /// If a file cannot be written.
+///
+/// # Panics
+/// If a row is of no mission of the sweep.
 pub fn write(folder: &Path, definition: &Definition, rows: &MissionRows) -> Result<(), LabError> {
     let (timings, results): (Vec<_>, Vec<_>) = Metric::VARIANTS.iter().partition(|metric| metric.is_timing());
     write_whole(&folder.join("results.csv"), &missions_csv(definition, rows, &results))?;
@@ -85,8 +88,7 @@ fn swept(definition: &Definition, rows: &MissionRows, place: usize) -> ArrayRef 
     if let Some(whole) = values().map(toml::Value::as_integer).collect::<Option<Vec<_>>>() {
         return Arc::new(Int64Array::from(whole));
     }
-    let float = |value: &toml::Value| value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64));
-    match values().map(float).collect::<Option<Vec<_>>>() {
+    match values().map(number).collect::<Option<Vec<_>>>() {
         Some(floats) => Arc::new(Float64Array::from(floats)),
         None => Arc::new(StringArray::from_iter_values(values().map(text))),
     }
@@ -123,7 +125,6 @@ fn summary_csv(definition: &Definition, rows: &MissionRows, metrics: &[Metric]) 
 }
 
 /// The least loss of all strategies, by point and seed.
-#[must_use]
 pub fn best_known<'a>(rows: impl Iterator<Item = &'a MissionRow>) -> BTreeMap<usize, Vec<f64>> {
     let mut least: BTreeMap<(usize, u64), f64> = BTreeMap::new();
     for row in rows {
@@ -135,6 +136,11 @@ pub fn best_known<'a>(rows: impl Iterator<Item = &'a MissionRow>) -> BTreeMap<us
         points.entry(point).or_default().push(loss_rate);
     }
     points
+}
+
+/// A swept value that is a number.
+pub(crate) fn number(value: &toml::Value) -> Option<f64> {
+    value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64))
 }
 
 /// A swept value as text: as in the sweep file, strings without quotes.

@@ -20,7 +20,6 @@ impl MeanInterval {
     ///
     /// # Panics
     /// If there are none.
-    #[must_use]
     pub fn of(values: &[f64]) -> Self {
         assert!(!values.is_empty(), "a mean needs a value");
         let n = values.len();

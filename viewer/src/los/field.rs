@@ -1,5 +1,5 @@
-//! The probability of line of sight around the UAV: a horizontal slice at its altitude, and above each served sensor node
-//! the funnel in which the probability is high.
+//! The probability of line of sight around the UAV: a horizontal slice at its altitude, and above each served sensor
+//! node the funnel in which the probability is high.
 //!
 //! Every funnel has the same shape, so that a slot only moves it: 12 bytes instead of a thousand voxels.
 
@@ -30,8 +30,7 @@ const FUNNEL_LAYERS: u16 = 15;
 const FUNNEL_FRACTION: f64 = 0.8;
 
 /// Least probability of line of sight in a funnel.
-#[must_use]
-pub fn funnel_probability(link: &LineOfSight) -> f64 {
+pub(crate) fn funnel_probability(link: &LineOfSight) -> f64 {
     FUNNEL_FRACTION * link.los_probability(0.0, 1.0)
 }
 
@@ -132,8 +131,8 @@ fn slice(link: &LineOfSight, uav: Point3<f64>, half_m: f64, served: &[Position])
     (0..SLICE_CELLS).flat_map(row).map(|at| (255.0 * mean(at)).round() as u8).collect()
 }
 
-/// The voxels above a sensor node, within its range, at the rim of where the probability is high: a full funnel would hide
-/// what flies in it.
+/// The voxels above a sensor node, within its range, at the rim of where the probability is high: a full funnel would
+/// hide the UAV in it.
 struct Funnel {
     voxel_m: [f32; 3],
     /// From the sensor node to where the grid begins, in x and in y.

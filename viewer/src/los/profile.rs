@@ -1,7 +1,8 @@
-//! Why this altitude: what the served sensor nodes would get from the UAV's place on the ground at every altitude.
+//! The choice of an altitude: probability and rates of the served links over the altitude, above the UAV's ground
+//! position.
 //!
-//! Higher up the probability of line of sight grows and the rate in line of sight falls with the distance; the expected rate
-//! has its top between.
+//! With the altitude the probability of line of sight grows and the rate in line of sight falls; the expected rate has
+//! its maximum in between.
 
 use nalgebra::Point3;
 use rerun::{Clear, LineStrips2D, Radius, RecordingStream, RecordingStreamResult};
@@ -9,7 +10,7 @@ use skysink_common::channel::LineOfSight;
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::scenario::Scenario;
 
-use crate::colour::{self, color};
+use crate::colour;
 use crate::shapes::writing;
 
 /// Root of the picture.
@@ -38,17 +39,17 @@ impl Profile {
             vec![[0.0, 0.0], [0.0, HEIGHT as f32], [WIDTH as f32, HEIGHT as f32]],
             vec![[0.0, 0.0], [WIDTH as f32, 0.0]],
         ]);
-        let frame = frame.with_colors([color(colour::GRID)]).with_radii([Radius::new_ui_points(0.7)]);
+        let frame = frame.with_colors([colour::GRID]).with_radii([Radius::new_ui_points(0.7)]);
         stream.log_static(format!("{PROFILE}/frame"), &frame)?;
         let below = HEIGHT as f32 + 4.0;
         let altitudes = range_m.map(|altitude_m| format!("{altitude_m:.0} m"));
         let ticks = writing([[0.0, below], [WIDTH as f32, below]], altitudes);
         stream.log_static(format!("{PROFILE}/ticks"), &ticks)?;
         let curves = LineStrips2D::update_fields()
-            .with_colors([colour::SIGHT, colour::MISSED, colour::DELIVERY].map(color))
+            .with_colors([colour::SIGHT, colour::MISSED, colour::DELIVERY])
             .with_radii([1.6, 1.6, 2.4].map(Radius::new_ui_points));
         stream.log_static(CURVES, &curves)?;
-        let line = LineStrips2D::update_fields().with_colors([color(colour::UAV)]);
+        let line = LineStrips2D::update_fields().with_colors([colour::UAV]);
         stream.log_static(FLOWN, &line.with_radii([Radius::new_ui_points(1.0)]))?;
         Ok(Self { range_m })
     }

@@ -23,7 +23,7 @@ pub fn town() -> Scenario {
     Scenario::parse(text, Path::new("town.toml"), Overrides::default()).unwrap()
 }
 
-/// Sensor nodes on a line, with storages of 1 000 bits.
+/// Sensor nodes on a line, with buffers of 1 000 bits.
 pub fn sensors(count: u32) -> Vec<SensorNode> {
     let sensor = |id| SensorNode {
         x_m: f64::from(id % 100),
@@ -56,7 +56,8 @@ pub struct Slot {
 impl Slot {
     /// Slot `slot` of a UAV that flies east by 1 m and serves the sensor node below it; slot 0 has no plan.
     pub fn new(slot: u64, count: usize) -> Self {
-        let (x_m, share) = (slot as f64, slot % 10 * 100);
+        let x_m = slot as f64;
+        let queue_bits = u32::try_from(slot % 10 * 100).unwrap();
         let mut plan = Plan::fly_to([x_m, 50.0, 20.0], Mode::Serve);
         plan.circles_m = std::array::from_fn(|circle| [x_m + circle as f64, 50.0]);
         plan.chosen = 2;
@@ -68,8 +69,14 @@ impl Slot {
         }
         let totals = Totals { sampled_bits: 1_000 * slot, lost_bits: slot * slot, ..Totals::default() };
         let header = QueuesHeader { totals, delivered_bits: 10 * slot, ..QueuesHeader::default() };
-        let queues_bits = vec![u32::try_from(share).unwrap(); count];
-        Self { slot, queues_bits, header, plan: (slot > 0).then_some(plan), path: Vec::new(), flight }
+        Self {
+            slot,
+            queues_bits: vec![queue_bits; count],
+            header,
+            plan: (slot > 0).then_some(plan),
+            path: Vec::new(),
+            flight,
+        }
     }
 
     /// The same as the scene takes it, without wall-clock figures.
