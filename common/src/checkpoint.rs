@@ -21,31 +21,18 @@ pub trait Checkpoint {
     }
 }
 
-/// Why a checkpoint is refused.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum CheckpointError {
-    /// It ends early, goes on too long, or does not encode a value of the type.
-    #[error("checkpoint of {bytes} bytes: expected one that this version of the program saved")]
-    Malformed {
-        /// Bytes that were left to read.
-        bytes: usize,
-    },
-    /// It holds a value that the state cannot have.
-    #[error("checkpoint: {key} = {found}: expected {expected}")]
-    Unexpected {
-        /// What the value is of.
-        key: &'static str,
-        /// The value.
-        found: String,
-        /// What would have been right.
-        expected: String,
-    },
-}
+/// Why a checkpoint is refused: what was expected of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("checkpoint: expected {0}")]
+pub struct CheckpointError(&'static str);
 
 impl CheckpointError {
-    /// Refuses the value `found` of `key`.
-    pub fn unexpected(key: &'static str, found: impl ToString, expected: impl ToString) -> Self {
-        Self::Unexpected { key, found: found.to_string(), expected: expected.to_string() }
+    /// Refuses a state unless it is as `expected`.
+    ///
+    /// # Errors
+    /// If it is not.
+    pub fn unless(is_expected: bool, expected: &'static str) -> Result<(), Self> {
+        if is_expected { Ok(()) } else { Err(Self(expected)) }
     }
 }
 
@@ -62,10 +49,9 @@ pub fn encode(value: &impl Serialize, bytes: &mut Vec<u8>) {
 /// # Errors
 /// If they are malformed, or some are left over.
 pub fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, CheckpointError> {
-    match decode_first(bytes)? {
-        (value, []) => Ok(value),
-        (_, left) => Err(CheckpointError::Malformed { bytes: left.len() }),
-    }
+    let (value, left) = decode_first(bytes)?;
+    CheckpointError::unless(left.is_empty(), "no bytes after the state")?;
+    Ok(value)
 }
 
 /// The value that `bytes` begin with, and the bytes after it.
@@ -73,7 +59,7 @@ pub fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, CheckpointError> {
 /// # Errors
 /// If they are malformed.
 pub fn decode_first<T: DeserializeOwned>(bytes: &[u8]) -> Result<(T, &[u8]), CheckpointError> {
-    postcard::take_from_bytes(bytes).map_err(|_| CheckpointError::Malformed { bytes: bytes.len() })
+    postcard::take_from_bytes(bytes).map_err(|_| CheckpointError("what this version of the program saved"))
 }
 
 #[cfg(test)]
@@ -89,9 +75,7 @@ mod tests {
 
         fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
             let counts: Vec<u64> = decode(bytes)?;
-            if counts.len() != self.0.len() {
-                return Err(CheckpointError::unexpected("counts", counts.len(), self.0.len()));
-            }
+            CheckpointError::unless(counts.len() == self.0.len(), "as many counts")?;
             self.0 = counts;
             Ok(())
         }
@@ -121,17 +105,15 @@ mod tests {
         for length in 0..bytes.len() {
             assert!(counter.restore(&bytes[..length]).is_err(), "cut after {length}");
         }
-        assert_eq!(
-            counter.restore(&[&bytes[..], &[0, 0]].concat()).unwrap_err(),
-            CheckpointError::Malformed { bytes: 2 }
-        );
+        let error = counter.restore(&[&bytes[..], &[0, 0]].concat()).unwrap_err();
+        assert_eq!(error.to_string(), "checkpoint: expected no bytes after the state");
         assert_eq!(counter.0, [5, 6]);
     }
 
     #[test]
     fn a_state_of_another_shape_is_refused_by_name() {
         let error = Counter(vec![0]).restore(&saved(&Counter(vec![1, 2]))).unwrap_err();
-        assert_eq!(error.to_string(), "checkpoint: counts = 2: expected 1");
+        assert_eq!(error.to_string(), "checkpoint: expected as many counts");
     }
 
     #[test]

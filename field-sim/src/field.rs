@@ -205,10 +205,8 @@ impl Checkpoint for Field {
         let delivered_bits: Vec<u64> = bytemuck::pod_collect_to_vec(&delivered_bits);
         let Self { ledger, rates, .. } = self;
         let sampled_bits = |sensor| sampled_bits(rates.mean_bits(sensor), slot);
-        if slot > self.slots || !ledger.restore(&queues_bits, &delivered_bits, sampled_bits) {
-            let found = format!("{} after slot {slot}", queues_bits.len());
-            return Err(CheckpointError::unexpected("queues", found, "a state that this field can be in"));
-        }
+        let is_possible = slot <= self.slots && ledger.restore(&queues_bits, &delivered_bits, sampled_bits);
+        CheckpointError::unless(is_possible, "a state that this field can be in")?;
         self.slot = slot;
         self.moved = moved;
         for (lost_slots, sensors) in self.lost_slots.iter_mut().zip(blocks(queues_bits.len())) {

@@ -206,17 +206,10 @@ impl Checkpoint for Planner {
             return self.strategy.restore(bytes);
         }
         let (Head { slot, strategy, estimate }, state) = decode_first(bytes)?;
-        if strategy != self.strategy_name {
-            return Err(CheckpointError::unexpected("strategy", strategy, &self.strategy_name));
-        }
-        let estimate = match (&self.estimate, estimate) {
-            (None, None) => None,
-            (Some(own), Some(saved)) => Some(Box::new(own.restored(slot, saved)?)),
-            (own, saved) => {
-                let name = |is_estimated| if is_estimated { "estimated" } else { "known" };
-                return Err(CheckpointError::unexpected("queues", name(saved.is_some()), name(own.is_some())));
-            }
-        };
+        CheckpointError::unless(strategy == self.strategy_name, "this strategy")?;
+        CheckpointError::unless(estimate.is_some() == self.estimate.is_some(), "the same knowledge of the queues")?;
+        let restored = self.estimate.as_ref().zip(estimate).map(|(own, saved)| own.restored(slot, saved));
+        let estimate = restored.transpose()?.map(Box::new);
         self.strategy.restore(state)?;
         self.estimate = estimate;
         self.slot = slot;

@@ -35,59 +35,41 @@ impl Estimate {
     /// The estimate that was saved after `slot` in the mission that this one is of.
     pub(crate) fn restored(&self, slot: u64, saved: Saved) -> Result<Self, CheckpointError> {
         let Saved { observed, whole_since, announced_slot, announced, contacted } = saved;
-        let sensors = self.beliefs.len();
-        at_most("observed slot", observed, slot)?;
-        at_most("first whole slot", whole_since, observed)?;
-        at_most("announced slot", announced_slot, slot)?;
-        at_most("announced sensor nodes", announced.len() as u64, MAX_SERVED as u64)?;
-        for (id, _) in &announced {
-            below("announced sensor node", *id, sensors)?;
-        }
+        let is_known = |id: u32| (id as usize) < self.beliefs.len();
+        let is_past = whole_since <= observed && observed <= slot && announced_slot <= slot;
+        CheckpointError::unless(is_past, "slots up to that of the checkpoint")?;
+        let are_known = announced.len() <= MAX_SERVED && announced.iter().all(|(id, _)| is_known(*id));
+        CheckpointError::unless(are_known, "announced sensor nodes of this field")?;
+        let is_sorted = contacted.is_sorted_by(|a, b| a.id < b.id);
+        CheckpointError::unless(is_sorted && contacted.iter().all(|contact| is_known(contact.id)), "contacts by id")?;
         let mut beliefs = self.beliefs.clone();
         for belief in &mut beliefs {
             belief.contact = self.before_any_contact(belief.contact.id, belief.capacity_bits);
         }
-        if !contacted.is_sorted_by(|a, b| a.id < b.id) {
-            return Err(CheckpointError::unexpected("contacts", "in another order", "ascending ids"));
-        }
         for contact in contacted {
-            below("sensor node", contact.id, sensors)?;
             let belief = &mut beliefs[contact.id as usize];
-            self.check_contact(&contact, observed, belief.capacity_bits)?;
+            let is_possible = self.can_be_last(&contact, observed, belief.capacity_bits);
+            CheckpointError::unless(is_possible, "contacts that can have been the last")?;
             belief.contact = contact;
         }
         let queues_bits = self.queues_bits.clone();
         Ok(Self { observed, whole_since, announced_slot, announced, beliefs, queues_bits, ..*self })
     }
 
-    /// Refuses a contact that cannot have been the last, with a buffer of `capacity_bits`, up to the slot `observed`.
-    fn check_contact(&self, contact: &Contact, observed: u64, capacity_bits: u32) -> Result<(), CheckpointError> {
-        if !contact.is_past() || contact.learnt.is_some() != self.has_learnt_rates() {
-            let expected = "a slot from 1, and a rate where rates are learnt";
-            return Err(CheckpointError::unexpected("contact", format!("{contact:?}"), expected));
-        }
-        at_most("contact", contact.slot, observed)?;
-        at_most("queue left [bit]", contact.left_bits.into(), capacity_bits.into())?;
-        if let Some(learnt) = contact.learnt {
-            // Gaps lie before the last contact, and none brings more than the buffer holds.
-            at_most("slots of gaps", learnt.slots, contact.slot - 1)?;
-            at_most("bits of gaps", learnt.bits, learnt.slots.saturating_mul(capacity_bits.into()))?;
-            if !(0.0..=f64::from(capacity_bits)).contains(&learnt.least_mean_bits) {
-                let expected = format!("0 to {capacity_bits}");
-                return Err(CheckpointError::unexpected("least mean [bit]", learnt.least_mean_bits, expected));
-            }
-        }
-        Ok(())
+    /// Whether a contact can have been the last up to the slot `observed` with a buffer of `capacity_bits`.
+    fn can_be_last(&self, contact: &Contact, observed: u64, capacity_bits: u32) -> bool {
+        let is_in_time = contact.is_past() && contact.slot <= observed;
+        // Gaps lie before the last contact, and none brings more than the buffer holds.
+        let learnt_is_possible = contact.learnt.is_none_or(|learnt| {
+            learnt.slots < contact.slot
+                && learnt.bits <= learnt.slots.saturating_mul(capacity_bits.into())
+                && (0.0..=f64::from(capacity_bits)).contains(&learnt.least_mean_bits)
+        });
+        is_in_time
+            && contact.left_bits <= capacity_bits
+            && contact.learnt.is_some() == self.has_learnt_rates()
+            && learnt_is_possible
     }
-}
-
-fn at_most(key: &'static str, number: u64, most: u64) -> Result<(), CheckpointError> {
-    if number <= most { Ok(()) } else { Err(CheckpointError::unexpected(key, number, format!("at most {most}"))) }
-}
-
-fn below(key: &'static str, id: u32, sensors: usize) -> Result<(), CheckpointError> {
-    let is_known = (id as usize) < sensors;
-    if is_known { Ok(()) } else { Err(CheckpointError::unexpected(key, id, format!("an id below {sensors}"))) }
 }
 
 #[cfg(test)]

@@ -262,20 +262,16 @@ impl Checkpoint for Horizon {
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let Saved { temperature, added, carried } = decode(bytes)?;
-        if !(0.0..=1.0).contains(&temperature) {
-            return Err(CheckpointError::unexpected("temperature", temperature, "0 to 1"));
-        }
+        CheckpointError::unless((0.0..=1.0).contains(&temperature), "a temperature from 0 to 1")?;
         let disk = |(centre, members): ([f64; 2], Vec<u32>)| {
-            let refusal = || CheckpointError::unexpected("stop", format!("{centre:?}"), "one in range of its members");
-            let is_finite = centre.iter().all(|coordinate| coordinate.is_finite());
             let disk = ServiceDisk::at(&self.model.table, centre.into(), members);
-            disk.filter(|_| is_finite).ok_or_else(refusal)
+            disk.filter(|_| centre.iter().all(|coordinate| coordinate.is_finite()))
         };
-        let added = added.into_iter().map(disk).collect::<Result<Vec<ServiceDisk>, _>>()?;
+        let saved_disks = added.len();
+        let added: Vec<ServiceDisk> = added.into_iter().map_while(disk).collect();
+        CheckpointError::unless(added.len() == saved_disks, "service disks in range of their members")?;
         let disks = self.model.disks.len() - self.model.added().len() + added.len();
-        if let Some(stop) = carried.iter().find(|&&stop| stop as usize >= disks) {
-            return Err(CheckpointError::unexpected("stop", stop, format!("a number below {disks}")));
-        }
+        CheckpointError::unless(carried.iter().all(|&stop| (stop as usize) < disks), "stops of this field")?;
         self.model.replace_added(added);
         self.carried = carried;
         self.temperature = temperature;

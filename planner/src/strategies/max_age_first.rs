@@ -52,9 +52,7 @@ impl Checkpoint for MaxAgeFirst {
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let last: Vec<u32> = decode(bytes)?;
-        if last.len() != self.last.len() {
-            return Err(CheckpointError::unexpected("sensor nodes", last.len(), self.last.len()));
-        }
+        CheckpointError::unless(last.len() == self.last.len(), "a slot for each sensor node")?;
         self.last = last;
         Ok(())
     }
@@ -86,6 +84,9 @@ mod tests {
         let (_, mut oldest_first) = made("max-age-first", &[[50.0, 90.0], [90.0, 90.0]]);
         let mut bytes = Vec::new();
         made("max-age-first", &[[50.0, 90.0]; 3]).1.save(&mut bytes);
-        assert_eq!(oldest_first.restore(&bytes).unwrap_err().to_string(), "checkpoint: sensor nodes = 3: expected 2");
+        assert_eq!(
+            oldest_first.restore(&bytes).unwrap_err().to_string(),
+            "checkpoint: expected a slot for each sensor node"
+        );
     }
 }

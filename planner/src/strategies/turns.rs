@@ -61,10 +61,7 @@ impl Checkpoint for InTurn {
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let turn: usize = decode(bytes)?;
-        let turns = self.order.len().max(1);
-        if turn >= turns {
-            return Err(CheckpointError::unexpected("turn", turn, format!("less than {turns}")));
-        }
+        CheckpointError::unless(turn < self.order.len().max(1), "a turn of this field")?;
         self.turn = turn;
         Ok(())
     }
