@@ -38,7 +38,7 @@ pub fn main(role: Role, node: impl FnOnce(&Scenario, &RingFolder, &Stop) -> Resu
     let cli = Cli::parse();
     let stop = stop_on_signals();
     let ended = join(&cli.place).and_then(|(scenario, folder)| node(&scenario, &folder, &stop));
-    exit(role, ended, NodeError::exit_code)
+    exit(role, ended)
 }
 
 /// Joins the run: reads its scenario and makes its iceoryx2 domain that of this process.
@@ -55,9 +55,9 @@ pub fn join(place: &RingArguments) -> Result<(Scenario, RingFolder), NodeError> 
 
 /// The end of the executable of `role`: one line on standard error unless a signal asked for it.
 #[must_use]
-pub fn exit<E: std::error::Error>(role: Role, ended: Result<(), E>, exit_code: fn(&E) -> u8) -> ExitCode {
+pub fn exit(role: Role, ended: Result<(), NodeError>) -> ExitCode {
     let Err(error) = ended else { return ExitCode::SUCCESS };
-    let code = exit_code(&error);
+    let code = error.exit_code();
     if code < 128 {
         eprintln!("{}: {error}", role.name());
     }

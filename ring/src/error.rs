@@ -72,6 +72,9 @@ pub enum NodeError {
     /// Nobody supervises the ring any more.
     #[error("skysink run has ended without stopping this process")]
     Orphaned,
+    /// The viewer cannot record.
+    #[error(transparent)]
+    Recording(Box<dyn std::error::Error + Send + Sync>),
     /// A peer sent what cannot be.
     #[error("{0}")]
     Peer(String),
@@ -90,7 +93,7 @@ impl NodeError {
         match self {
             Self::Stopped(stopped) => stopped.exit_code(),
             Self::Input(_) | Self::Peer(_) | Self::Ring(RingError::Folder(_)) => 2,
-            Self::TimedOut { .. } | Self::Orphaned | Self::Ring(_) => 1,
+            Self::TimedOut { .. } | Self::Orphaned | Self::Recording(_) | Self::Ring(_) => 1,
         }
     }
 }

@@ -7,10 +7,11 @@ use clap::Parser;
 use iceoryx2::prelude::ipc;
 use skysink::worker::{self, RingArguments};
 use skysink_common::stop::Stop;
+use skysink_ring::error::NodeError;
 use skysink_ring::role::Role;
 use skysink_ring::wait::stop_on_signals;
 use skysink_viewer::Sinks;
-use skysink_viewer::node::{ViewerError, run};
+use skysink_viewer::node::run;
 
 /// Records a run that skysink run supervises.
 #[derive(Debug, Parser)]
@@ -36,10 +37,10 @@ fn main() -> ExitCode {
         .init();
     let stop = stop_on_signals();
     let ended = record(&cli, &stop);
-    worker::exit(Role::Viewer, ended, ViewerError::exit_code)
+    worker::exit(Role::Viewer, ended)
 }
 
-fn record(cli: &Cli, stop: &Stop) -> Result<(), ViewerError> {
+fn record(cli: &Cli, stop: &Stop) -> Result<(), NodeError> {
     let (scenario, folder) = worker::join(&cli.place)?;
     let sinks = Sinks { save: cli.save.clone(), live: cli.live };
     let missed = run::<ipc::Service>(&scenario, &folder, stop, &sinks)?;

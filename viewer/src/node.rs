@@ -11,7 +11,7 @@ use skysink_common::pace::Pace;
 use skysink_common::path::{PathPoint, believable};
 use skysink_common::scenario::{Area, Scenario};
 use skysink_common::stop::Stop;
-use skysink_ring::error::{NodeError, RingError};
+use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::health::{Health, Ready};
 use skysink_ring::journal::Journal;
@@ -24,31 +24,9 @@ use skysink_ring::wait::WaitContext;
 
 use crate::{Scene, SceneError, Sinks, SlotView, WallClock};
 
-/// Why the viewer ends before the mission does.
-#[derive(Debug, thiserror::Error)]
-pub enum ViewerError {
-    /// As any process of the ring.
-    #[error(transparent)]
-    Node(#[from] NodeError),
-    /// The recording cannot be made.
-    #[error(transparent)]
-    Scene(#[from] SceneError),
-}
-
-impl From<RingError> for ViewerError {
-    fn from(error: RingError) -> Self {
-        Self::Node(error.into())
-    }
-}
-
-impl ViewerError {
-    /// Exit code of a process that ends with this error.
-    #[must_use]
-    pub fn exit_code(&self) -> u8 {
-        match self {
-            Self::Node(error) => error.exit_code(),
-            Self::Scene(_) => 1,
-        }
+impl From<SceneError> for NodeError {
+    fn from(error: SceneError) -> Self {
+        Self::Recording(Box::new(error))
     }
 }
 
@@ -75,7 +53,7 @@ pub fn run<S: Service + 'static>(
     folder: &RingFolder,
     stop: &Stop,
     sinks: &Sinks,
-) -> Result<u64, ViewerError> {
+) -> Result<u64, NodeError> {
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Viewer, stop)?;
     let journal = Journal::open(&folder.journal("viewer"), 2, 0)?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
@@ -114,12 +92,7 @@ struct Follower<'a, S: Service + 'static> {
 }
 
 impl<'a, S: Service + 'static> Follower<'a, S> {
-    fn open(
-        ring: &'a Ring<S>,
-        area: &'a Area,
-        journal: &'a Journal,
-        scene: &'a mut Scene,
-    ) -> Result<Self, ViewerError> {
+    fn open(ring: &'a Ring<S>, area: &'a Area, journal: &'a Journal, scene: &'a mut Scene) -> Result<Self, NodeError> {
         Ok(Self {
             paths: ring.path.reader(PATH_BUFFER)?, // before the plans: whoever has a plan then has its path
             plans: ring.plan.reader(VIEWER_BUFFER)?,
@@ -140,7 +113,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
     }
 
     /// Shows every slot that arrives until the mission has ended, and saves to the journal which was the last.
-    fn follow(&mut self, wait: &mut WaitContext) -> Result<(), ViewerError> {
+    fn follow(&mut self, wait: &mut WaitContext) -> Result<(), NodeError> {
         let ready = self.ring.ready.writer()?;
         loop {
             let queues = self.queues.wait_for_next(wait, self.next.unwrap_or(0))?;
@@ -164,7 +137,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
     }
 
     /// Shows the slot of these queues, after those that were missed before it.
-    fn show(&mut self, wait: &mut WaitContext, queues: &Sample<S, [u32], QueuesHeader>) -> Result<(), ViewerError> {
+    fn show(&mut self, wait: &mut WaitContext, queues: &Sample<S, [u32], QueuesHeader>) -> Result<(), NodeError> {
         let header = queues.user_header();
         let slot = header.head.slot;
         let expected = *self.next.get_or_insert(slot);
@@ -234,7 +207,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
     }
 
     /// Adds what has become of the processes to the event log.
-    fn log_health(&mut self) -> Result<(), ViewerError> {
+    fn log_health(&mut self) -> Result<(), NodeError> {
         while let Some(sample) = self.health.next_sample()? {
             if let Some((role, fate)) = sample.payload().read() {
                 let level = if fate.is_recovery() { TextLogLevel::INFO } else { TextLogLevel::WARN };

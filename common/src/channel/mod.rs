@@ -75,20 +75,14 @@ impl Channel {
         LineOfSight::of(scenario).map_or_else(|| Self::FreeSpace(FreeSpace::of(scenario)), Self::LineOfSight)
     }
 
-    /// The probabilistic line-of-sight model, if that is what it is.
+    /// The probabilistic line-of-sight model, if that is what it is: then the rate depends on the elevation angle, and there
+    /// is a best altitude. Otherwise the gain is each sensor node's own, and the rate falls with the distance alone.
     #[must_use]
     pub fn line_of_sight(&self) -> Option<&LineOfSight> {
         match self {
             Self::FreeSpace(_) => None,
             Self::LineOfSight(model) => Some(model),
         }
-    }
-
-    /// Whether the rate depends on the elevation angle, so that there is a best altitude. Where it does not, the gain
-    /// is each sensor node's own, and the rate falls with the distance alone.
-    #[must_use]
-    pub fn depends_on_elevation(&self) -> bool {
-        matches!(self, Self::LineOfSight(_))
     }
 
     /// Expected rate [bit/s] of one uplink.

@@ -6,7 +6,6 @@
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
-use strum::{IntoStaticStr, VariantArray};
 
 use super::value::{Count, Interval, count};
 use super::{MAX_RESOURCE_BLOCKS, MAX_SENSORS};
@@ -297,9 +296,8 @@ pub enum AltitudeMode {
 }
 
 /// Surroundings with known parameters of line of sight, from open to built up.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, IntoStaticStr, VariantArray)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
 pub enum Environment {
     /// (a, b) = (4.88, 0.43).
     Suburban,
@@ -312,15 +310,6 @@ pub enum Environment {
 }
 
 impl Environment {
-    /// All of them.
-    pub const ALL: &'static [Self] = Self::VARIANTS;
-
-    /// The name in scenario files and figures.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        self.into()
-    }
-
     /// Its probability of line of sight.
     #[must_use]
     pub fn curve(self) -> LosCurve {

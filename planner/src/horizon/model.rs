@@ -124,7 +124,7 @@ impl PlanningModel {
         let (ids, sensors): (Vec<u32>, Vec<SensorNode>) = (0..).zip(sensors.iter().copied()).filter(can_lose).unzip();
         let mut table = SensorTable::new(scenario, &sensors);
         table.grid = Grid::over(table.area, &table.positions, table.comm_radius_m);
-        let depends_on_elevation = table.channel.depends_on_elevation();
+        let depends_on_elevation = table.channel.line_of_sight().is_some();
         let mut model = Self {
             altitude_m: scenario.uav.altitude_m,
             capacities_bits: depends_on_elevation.then(|| Box::new(best_capacities_bits(scenario, &table))),

@@ -62,7 +62,7 @@ impl Solver {
     /// point keeps every constraint.
     pub fn solve(&mut self, table: &SensorTable, uav: &Point3<f64>, ids: &[u32]) -> Option<Waypoint> {
         self.problem.pose(table, &uav.xy(), self.scenario.altitudes_m(uav.z), ids);
-        if !table.channel.depends_on_elevation() {
+        if table.channel.line_of_sight().is_none() {
             return plane::solve(&self.problem, self.conic.as_mut(), self.iterations);
         }
         ascent::fill_starts(&self.problem, &mut self.starts);
@@ -92,7 +92,7 @@ impl Solver {
     /// `uav` reaches in one slot; with nobody to serve, at its own.
     pub fn above(&mut self, table: &SensorTable, ground: &Position, uav: &Point3<f64>, ids: &[u32]) -> Point3<f64> {
         let altitudes_m = self.scenario.altitudes_m(uav.z);
-        let altitude_m = if ids.is_empty() || !table.channel.depends_on_elevation() {
+        let altitude_m = if ids.is_empty() || table.channel.line_of_sight().is_none() {
             uav.z.max(altitudes_m[0]).min(altitudes_m[1])
         } else {
             self.problem.pose(table, ground, altitudes_m, ids);
