@@ -9,7 +9,7 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 
 #[cfg(feature = "viewer")]
-use skysink_common::{message::Plan, path::PathPoint};
+use skysink_common::message::{PathPoint, Plan};
 #[cfg(feature = "viewer")]
 use skysink_mission::mission::FlownSlot;
 #[cfg(feature = "viewer")]

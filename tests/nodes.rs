@@ -8,9 +8,8 @@ use std::time::Duration;
 
 use iceoryx2::prelude::{Service, ipc, local};
 use skysink::run::recorder::Recorder;
-use skysink_common::message::Plan;
+use skysink_common::message::{PathPoint, Plan};
 use skysink_common::pace::Pace;
-use skysink_common::path::PathPoint;
 use skysink_common::scenario::{Count, Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::{Stop, Stopped};

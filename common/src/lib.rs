@@ -11,7 +11,6 @@ pub mod geometry;
 pub mod ledger;
 pub mod message;
 pub mod pace;
-pub mod path;
 pub mod random;
 pub mod scenario;
 pub mod sensors;

@@ -3,9 +3,8 @@
 use std::time::Instant;
 
 use iceoryx2::prelude::Service;
-use skysink_common::message::{FLAG_END, FlightReport, Plan, SlotHeader};
+use skysink_common::message::{FLAG_END, FlightReport, MAX_PATH_POINTS, PathPoint, Plan, SlotHeader};
 use skysink_common::pace::Pace;
-use skysink_common::path::{MAX_POINTS, PathPoint};
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
 use skysink_ring::error::{NodeError, RingError};
@@ -70,7 +69,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let has_path = Registered::of(scenario)?.has_path;
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Planner, stop)?;
     // Before the plans, so that whoever has a plan finds the writer of its path.
-    let paths = has_path.then(|| ring.path.list_writer(MAX_POINTS)).transpose()?;
+    let paths = has_path.then(|| ring.path.list_writer(MAX_PATH_POINTS)).transpose()?;
     let plans = ring.plan.writer()?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let mut queues = ring.queues.reader(RING_BUFFER)?;

@@ -6,8 +6,7 @@ use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
 use skysink_common::error::InputError;
-use skysink_common::message::{FlightReport, Mode, Plan, SensorNode};
-use skysink_common::path::MAX_POINTS;
+use skysink_common::message::{FlightReport, MAX_PATH_POINTS, Mode, Plan, SensorNode};
 use skysink_common::scenario::Scenario;
 
 use crate::estimate::{self, Estimate};
@@ -93,7 +92,7 @@ impl Planner {
             estimate,
             timing: Timing::Free,
             slot: 0,
-            path: Vec::with_capacity(MAX_POINTS),
+            path: Vec::with_capacity(MAX_PATH_POINTS),
             table,
         }
     }
@@ -149,7 +148,7 @@ impl Planner {
         self.path.clear();
         self.path.push(decision.waypoint);
         if mode == Mode::Serve {
-            self.path.extend(self.strategy.path().iter().take(MAX_POINTS - 1));
+            self.path.extend(self.strategy.path().iter().take(MAX_PATH_POINTS - 1));
         }
         if let Some(estimate) = &mut self.estimate {
             estimate.announce(slot, plan.scheduled(), queues_bits);
@@ -178,7 +177,7 @@ impl Planner {
         self.estimate.as_deref()
     }
 
-    /// Where the last plan leads [m], its own waypoint first: at most [`MAX_POINTS`], more than one for strategies that
+    /// Where the last plan leads [m], its own waypoint first: at most [`MAX_PATH_POINTS`], more than one for strategies that
     /// look ahead.
     #[must_use]
     pub fn path(&self) -> &[Point3<f64>] {

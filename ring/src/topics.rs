@@ -8,8 +8,9 @@ use std::time::Instant;
 
 use iceoryx2::prelude::*;
 use rustix::time::{ClockId, clock_gettime};
-use skysink_common::message::{Commit, FLAG_END, FlightReport, Plan, QueuesHeader, SensorNode, SlotHeader, Tick};
-use skysink_common::path::PathPoint;
+use skysink_common::message::{
+    Commit, FLAG_END, FlightReport, PathPoint, Plan, QueuesHeader, SensorNode, SlotHeader, Tick,
+};
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
 

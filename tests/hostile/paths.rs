@@ -3,8 +3,7 @@
 use std::process::Child;
 
 use iceoryx2::prelude::ipc;
-use skysink_common::message::SlotHeader;
-use skysink_common::path::{MAX_POINTS, PathPoint};
+use skysink_common::message::{MAX_PATH_POINTS, PathPoint, SlotHeader};
 use skysink_ring::writer::Writer;
 
 use crate::audit::said;
@@ -45,7 +44,7 @@ fn spoilt(turn: &Turn, number: u64) -> Vec<PathPoint> {
         2 => path[3].y_m = f64::NEG_INFINITY,
         3 => path[1].z_m = 1e300,
         4 => path[1].x_m = 60.1,
-        5 => path = vec![path[0]; MAX_POINTS + 1],
+        5 => path = vec![path[0]; MAX_PATH_POINTS + 1],
         6 => path.clear(),
         _ => path = vec![path[0]; 1_000],
     }

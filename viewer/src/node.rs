@@ -6,9 +6,10 @@ use std::time::{Duration, Instant};
 use iceoryx2::prelude::Service;
 use iceoryx2::sample::Sample;
 use rerun::TextLogLevel;
-use skysink_common::message::{FLAG_END, FlightReport, HoldReason, Plan, QueuesHeader, SlotHeader};
+use skysink_common::message::{
+    FLAG_END, FlightReport, HoldReason, PathPoint, Plan, QueuesHeader, SlotHeader, is_possible_path,
+};
 use skysink_common::pace::Pace;
-use skysink_common::path::{PathPoint, believable};
 use skysink_common::scenario::{Area, Scenario};
 use skysink_common::stop::Stop;
 use skysink_ring::error::NodeError;
@@ -188,7 +189,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         self.paths_read = self.paths_read.saturating_add(1);
         let limit = if may_be_late { LEFT_OVERS } else { Duration::ZERO };
         let path = read(&mut self.paths, wait, slot, Some(limit))?;
-        let is_good = path.as_ref().is_none_or(|path| believable(path.payload(), self.area));
+        let is_good = path.as_ref().is_none_or(|path| is_possible_path(path.payload(), self.area));
         if !is_good {
             self.paths.refuse(slot, Refusal::Path);
         }

@@ -4,7 +4,7 @@
 //! empty one, so that none is left over from a slot before.
 
 use rerun::{LineStrips3D, Points3D, Radius, RecordingStream, RecordingStreamResult};
-use skysink_common::path::{MAX_POINTS, PathPoint};
+use skysink_common::message::{MAX_PATH_POINTS, PathPoint};
 
 use crate::colour;
 use crate::files::Part;
@@ -21,7 +21,7 @@ pub const TRACK: &str = "world/path_track";
 pub const TRACK_STOPS: &str = "world/path_track/stops";
 
 /// Legs of each band of the path: the later a leg, the more likely the plan still changes, and the fainter it is.
-const BANDS: [usize; 4] = [4, 8, 16, MAX_POINTS];
+const BANDS: [usize; 4] = [4, 8, 16, MAX_PATH_POINTS];
 
 /// The path of the scene.
 pub(crate) struct Path {
@@ -92,7 +92,7 @@ mod tests {
 
     #[test]
     fn bands_cover_every_leg_once() {
-        for points in 0..=MAX_POINTS {
+        for points in 0..=MAX_PATH_POINTS {
             let path: Vec<Point> = (0..points).map(|i| [i as f32, 0.0, 0.0]).collect();
             let legs: Vec<_> = bands(&path).flat_map(|band| band.windows(2)).map(|leg| (leg[0], leg[1])).collect();
             let expected: Vec<_> = path.windows(2).map(|leg| (leg[0], leg[1])).collect();

@@ -1,7 +1,6 @@
 //! What a scene shows: everything of one slot, and whether the wall clock is measured.
 
-use skysink_common::message::{FlightReport, Plan, QueuesHeader};
-use skysink_common::path::PathPoint;
+use skysink_common::message::{FlightReport, PathPoint, Plan, QueuesHeader};
 
 /// Whether the wall clock is measured, so that its curves are laid out on the screen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

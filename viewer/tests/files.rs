@@ -8,8 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use chunks::recording;
-use skysink_common::message::LinkReport;
-use skysink_common::path::PathPoint;
+use skysink_common::message::{LinkReport, PathPoint};
 use skysink_common::scenario::Scenario;
 use skysink_viewer::los::field;
 use skysink_viewer::{Scene, Sinks, WallClock, curves, events, links, path, uav};

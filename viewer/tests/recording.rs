@@ -8,8 +8,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use skysink_common::message::{FlightReport, HoldReason, Mode};
-use skysink_common::path::PathPoint;
+use skysink_common::message::{FlightReport, HoldReason, Mode, PathPoint};
 use skysink_viewer::{Scene, SceneError, Sinks, WallClock, curves, events, legend, links, path, queues, uav};
 use support::{Found, Slot, letter, sensors};
 

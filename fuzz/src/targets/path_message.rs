@@ -1,6 +1,6 @@
 //! Paths as the viewer gets them.
 
-use skysink_common::path::{PathPoint, believable};
+use skysink_common::message::{PathPoint, is_possible_path};
 
 use super::world::WORLDS;
 use crate::cursor::Cursor;
@@ -16,7 +16,7 @@ pub fn path_message(bytes: &[u8]) {
         let count = input.u8() % 80;
         let path: Vec<_> =
             (0..count).map(|_| PathPoint { x_m: input.f64(), y_m: input.f64(), z_m: input.f64() }).collect();
-        if believable(&path, &area) {
+        if is_possible_path(&path, &area) {
             assert!((1..=64).contains(&path.len()), "{path:?}");
             for point in &path {
                 let [x_m, y_m, z_m] = [point.x_m, point.y_m, point.z_m].map(|coordinate_m| coordinate_m as f32);

@@ -1,8 +1,7 @@
 //! Flights, queues and sensor nodes as the planner gets them.
 
 use skysink_common::geometry::{Position, above};
-use skysink_common::message::{HoldReason, SensorNode};
-use skysink_common::path::{PathPoint, believable};
+use skysink_common::message::{HoldReason, PathPoint, SensorNode, is_possible_path};
 use skysink_common::scenario::Scenario;
 use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
@@ -50,7 +49,7 @@ pub fn planner_message(bytes: &[u8]) {
             let report = flight.step(slot, Some(&plan));
             assert_eq!((report.hold, report.refused), (HoldReason::None as u32, 0), "{plan:?} from {here:?}");
             let path: Vec<_> = planner.path().iter().copied().map(PathPoint::from).collect();
-            assert!(believable(&path, &scenario.area), "{path:?} from {here:?}");
+            assert!(is_possible_path(&path, &scenario.area), "{path:?} from {here:?}");
         }
     }
 }

@@ -28,8 +28,7 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::geometry::Position;
-use skysink_common::message::SensorNode;
-use skysink_common::path::MAX_POINTS;
+use skysink_common::message::{MAX_PATH_POINTS, SensorNode};
 use skysink_common::random::{Purpose, Streams};
 
 use crate::estimate::{Estimate, Uncertainty};
@@ -297,7 +296,7 @@ fn next(model: &PlanningModel, forecast: &Forecast) -> Option<NextSlot> {
     let mut path = vec![waypoint];
     path.extend(later().map(|leg| leg.at));
     path.dedup();
-    path.truncate(MAX_POINTS);
+    path.truncate(MAX_PATH_POINTS);
     let then = later().next().map(|leg| (leg.at, leg.end - 1));
     Some(NextSlot { waypoint, ids, then, path })
 }

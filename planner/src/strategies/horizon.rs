@@ -8,8 +8,7 @@ use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError};
 use skysink_common::geometry::{Position, above};
-use skysink_common::message::SolverOutcome;
-use skysink_common::path::MAX_POINTS;
+use skysink_common::message::{MAX_PATH_POINTS, SolverOutcome};
 use skysink_common::scenario::Count;
 
 use super::nearby::fullest_first;
@@ -83,7 +82,7 @@ impl LookAhead {
     /// As [`Horizon::new`].
     pub fn new(setup: &Setup, most_slots: u64, iterations: u32, budget: Option<Duration>) -> Self {
         let horizon = Horizon::new(setup, most_slots, iterations, budget);
-        Self { horizon, serving: Serving::new(setup), path: Vec::with_capacity(MAX_POINTS) }
+        Self { horizon, serving: Serving::new(setup), path: Vec::with_capacity(MAX_PATH_POINTS) }
     }
 
     /// The waypoint of a planned slot: where its links limit what it collects, as far toward the best point to serve

@@ -6,8 +6,7 @@ use std::path::{Path, PathBuf};
 
 use rerun::external::arrow::array::Array;
 use rerun::{ChunkStore, ChunkStoreConfig, TimeColumn, TimelineName};
-use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, QueuesHeader, SensorNode, Totals};
-use skysink_common::path::PathPoint;
+use skysink_common::message::{FlightReport, LinkReport, Mode, PathPoint, Plan, QueuesHeader, SensorNode, Totals};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_viewer::SlotView;
 
