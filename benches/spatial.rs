@@ -8,7 +8,7 @@ use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{ExponentialConeT, NonnegativeConeT, SecondOrderConeT};
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus};
 use criterion::{Criterion, criterion_group, criterion_main};
-use skysink_common::scenario::Overrides;
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_mission::mission::Mission;
 use skysink_planner::Planner;
@@ -22,7 +22,9 @@ fn plan(criterion: &mut Criterion) {
     for solver in ["geometric", "clarabel"] {
         let text = include_str!("../scenarios/plos-dense-urban.toml");
         let text = format!("{text}waypoint_solver = \"{solver}\"\n");
-        let scenario = settings::parse(&text, Path::new("bench.toml"), Overrides::default()).expect("a valid scenario");
+        let scenario = Scenario::parse(&text, Path::new("bench.toml"), Overrides::default())
+            .and_then(settings::resolve)
+            .expect("a valid scenario");
         let list = SensorList::of(&scenario).expect("drawn");
         let mut mission = Mission::new(&scenario, &list).unwrap();
         let mut states = Vec::new();

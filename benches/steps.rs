@@ -17,7 +17,7 @@ use skysink_planner::settings;
 fn letter(strategy: &'static str, solver: &str) -> Scenario {
     let text = format!("name = \"bench\"\n[planner]\nwaypoint_solver = \"{solver}\"\n");
     let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-    settings::parse(&text, Path::new("bench.toml"), overrides).expect("a valid scenario")
+    Scenario::parse(&text, Path::new("bench.toml"), overrides).and_then(settings::resolve).expect("a valid scenario")
 }
 
 /// The states of a mission: positions and queues before each slot.

@@ -4,10 +4,9 @@
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::{above, distance_squared, within};
 use skysink_common::message::SolverOutcome;
-use skysink_common::scenario::Overrides;
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
-use skysink_planner::settings;
 use skysink_planner::strategies::transit::toward;
 use skysink_planner::strategies::{Decision, Strategy, View};
 use skysink_planner::waypoint::problem::Waypoint;
@@ -32,7 +31,7 @@ impl Strategy for Nearest {
 
 /// Flies the mission and says what it lost.
 pub fn main() {
-    let scenario = settings::letter(Overrides::default()).expect("built in");
+    let scenario = Scenario::letter(Overrides::default()).expect("built in");
     let list = SensorList::of(&scenario).expect("drawn");
     let mission = Mission::with_strategy(&scenario, &list, Box::new(Nearest)).expect("a checked scenario");
     let totals = mission.last().expect("at least one slot").header.totals;

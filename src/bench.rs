@@ -126,7 +126,9 @@ fn letter_text(count: u32, slots: u64) -> String {
 /// The same as a scenario.
 fn letter(count: u32, strategy: &'static str) -> Scenario {
     let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-    settings::parse(&letter_text(count, 600), Path::new("bench.toml"), overrides).expect("a valid scenario")
+    Scenario::parse(&letter_text(count, 600), Path::new("bench.toml"), overrides)
+        .and_then(settings::resolve)
+        .expect("a valid scenario")
 }
 
 /// Times that are being collected, down to a nanosecond.

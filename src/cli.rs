@@ -10,7 +10,7 @@ use std::process::ExitCode;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
-use skysink_common::scenario::Overrides;
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
@@ -146,7 +146,7 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
     let (folder, summary) = match command {
         Command::Check { scenario } => return check(&scenario),
         Command::Simulate { scenario, choice, record } => {
-            let scenario = settings::read(&scenario, choice.overrides())?;
+            let scenario = Scenario::read(&scenario, choice.overrides()).and_then(settings::resolve)?;
             let list = SensorList::of(&scenario)?;
             let mission = Mission::new(&scenario, &list)?;
             simulate(&Simulation { scenario, folder: choice.folder, record }, &list, mission, stop)?
@@ -164,7 +164,7 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
 }
 
 fn check(path: &Path) -> Result<(), Error> {
-    let scenario = settings::read(path, Overrides::default())?;
+    let scenario = Scenario::read(path, Overrides::default()).and_then(settings::resolve)?;
     let list = SensorList::of(&scenario)?;
     report::print(format_args!("# {}: {} sensor nodes", path.display(), list.sensors().len()))?;
     report::print(scenario.to_toml().trim_end())

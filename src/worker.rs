@@ -47,7 +47,7 @@ pub fn main(role: Role, node: impl FnOnce(&Scenario, &RingFolder, &Stop) -> Resu
 /// If there is no such run, or the scenario is refused.
 pub fn join(place: &RingArguments) -> Result<(Scenario, RingFolder), NodeError> {
     quiet_iceoryx2();
-    let scenario = settings::read(&place.scenario, Overrides::default())?;
+    let scenario = Scenario::read(&place.scenario, Overrides::default()).and_then(settings::resolve)?;
     let folder = RingFolder::open(&place.ring)?;
     folder.install()?;
     Ok((scenario, folder))

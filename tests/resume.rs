@@ -19,7 +19,9 @@ type Substitute = fn(slot: u64, own: Plan) -> Option<Plan>;
 
 fn smoke(strategy: &'static str) -> (Scenario, SensorList) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/smoke.toml");
-    let scenario = settings::read(&path, Overrides { strategy: Some(strategy), ..Overrides::default() }).unwrap();
+    let scenario = Scenario::read(&path, Overrides { strategy: Some(strategy), ..Overrides::default() })
+        .and_then(settings::resolve)
+        .unwrap();
     let list = SensorList::of(&scenario).unwrap();
     (scenario, list)
 }

@@ -64,7 +64,9 @@ fn main() {
         let mut outcomes = Vec::new();
         for seed in seeds.clone() {
             let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), slots: None };
-            let scenario = settings::parse(&text, Path::new("arguments"), overrides).unwrap_or_else(|e| panic!("{e}"));
+            let scenario = Scenario::parse(&text, Path::new("arguments"), overrides)
+                .and_then(settings::resolve)
+                .unwrap_or_else(|e| panic!("{e}"));
             outcomes.push(fly(&scenario));
         }
         report(name, &outcomes);

@@ -188,7 +188,7 @@ mod tests {
         let scenario = |(strategy, (knowledge, rates)): (&'static str, _)| {
             let text = "name = 'x'\n[planner]\nhorizon.iterations = 200\n";
             let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-            let scenario = settings::parse(text, Path::new("x.toml"), overrides).unwrap();
+            let scenario = Scenario::parse(text, Path::new("x.toml"), overrides).and_then(settings::resolve).unwrap();
             change(scenario, |settings| {
                 settings.knowledge = knowledge;
                 settings.rates = rates;
@@ -226,7 +226,7 @@ mod tests {
 
     #[test]
     fn a_planner_that_comes_back_late_believes_what_it_believed_last() {
-        let letter = settings::letter(Overrides::default()).unwrap();
+        let letter = Scenario::letter(Overrides::default()).and_then(settings::resolve).unwrap();
         let scenario = change(letter, |settings| settings.knowledge = Knowledge::Estimated).unwrap();
         let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
         let mut first = process(&scenario, &folder);

@@ -251,7 +251,7 @@ mod tests {
     /// The same with other changes.
     fn changed(strategy: &'static str, places_m: &[[f64; 2]], adapt: impl Fn(&mut Scenario)) -> Planner {
         let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-        let mut scenario = settings::letter(overrides).unwrap();
+        let mut scenario = Scenario::letter(overrides).and_then(settings::resolve).unwrap();
         adapt(&mut scenario);
         let sensor = |&[x_m, y_m]: &[f64; 2]| SensorNode { x_m, y_m, gain: 10f64.powf(-5.2), ..SensorNode::default() };
         Planner::new(&scenario, &places_m.iter().map(sensor).collect::<Vec<_>>()).unwrap()
@@ -389,7 +389,7 @@ mod tests {
     /// waypoint [m] and schedule.
     fn trace_of(strategy: &'static str, max_speed_mps: f64) -> Vec<String> {
         let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-        let mut scenario = settings::letter(overrides).unwrap();
+        let mut scenario = Scenario::letter(overrides).and_then(settings::resolve).unwrap();
         scenario.uav.max_speed_mps = max_speed_mps;
         let list = SensorList::of(&scenario).unwrap();
         let mut planner = Planner::new(&scenario, &list.nodes()).unwrap();

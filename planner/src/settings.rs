@@ -1,12 +1,10 @@
-//! `[planner]` of a scenario: the reader of a scenario with every key of it, checked.
+//! `[planner]` of a scenario: every key of it, checked.
 //!
 //! Keys that concern every strategy are left to [`crate::keys`], those of one strategy to its file in
 //! [`crate::strategies`], the rest of the scenario to [`skysink_common::scenario`].
 
-use std::path::Path;
-
 use skysink_common::error::InputError;
-use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::scenario::Scenario;
 use toml::Table;
 
 pub use crate::estimate::Rates;
@@ -21,29 +19,12 @@ const MOVED: [(&str, &str); 3] = [
     ("offline_steps", "planner.offline.steps"),
 ];
 
-/// Reads and checks a scenario file; a relative sensor list is relative to its folder. The scenario has every key of
-/// `[planner]`.
+/// Checks `[planner]` of a scenario, and fills in every key of it.
 ///
 /// # Errors
-/// If the file cannot be read, is not a scenario, or holds a value out of its range.
-pub fn read(path: &Path, overrides: Overrides) -> Result<Scenario, InputError> {
-    change(Scenario::read(path, overrides)?, |_| {})
-}
-
-/// The letter's mission, with every key of `[planner]`.
-///
-/// # Errors
-/// If an override is out of its range.
-pub fn letter(overrides: Overrides) -> Result<Scenario, InputError> {
-    change(Scenario::letter(overrides)?, |_| {})
-}
-
-/// Checks the text of the scenario file `path`. The scenario has every key of `[planner]`.
-///
-/// # Errors
-/// If the text is not a scenario or holds a value out of its range.
-pub fn parse(text: &str, path: &Path, overrides: Overrides) -> Result<Scenario, InputError> {
-    change(Scenario::parse(text, path, overrides)?, |_| {})
+/// If a key is unknown or has moved, or a value is out of its range.
+pub fn resolve(scenario: Scenario) -> Result<Scenario, InputError> {
+    change(scenario, |_| {})
 }
 
 /// A scenario with a change of its settings, and every key of `[planner]`.

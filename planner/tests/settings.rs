@@ -5,17 +5,18 @@ use std::path::Path;
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Count, Overrides, Scenario};
 use skysink_planner::Planner;
-use skysink_planner::settings::{Knowledge, Rates, Settings, WaypointSolver, change, letter, parse};
+use skysink_planner::settings::{Knowledge, Rates, Settings, WaypointSolver, change, resolve};
 use skysink_planner::strategies::horizon::{self, HorizonKeys};
 use skysink_planner::strategies::names;
 
 fn city(text: &str) -> Result<Scenario, InputError> {
-    parse(&format!("name = \"x\"\n{text}"), Path::new("folder/city.toml"), Overrides::default())
+    let text = format!("name = \"x\"\n{text}");
+    Scenario::parse(&text, Path::new("folder/city.toml"), Overrides::default()).and_then(resolve)
 }
 
 #[test]
 fn every_default_is_the_letters_value_and_visible() {
-    let scenario = letter(Overrides::default()).unwrap();
+    let scenario = Scenario::letter(Overrides::default()).and_then(resolve).unwrap();
     let settings = Settings::of(&scenario).unwrap();
     assert_eq!((&scenario.planner.strategy[..], settings.waypoint_solver), ("uts", WaypointSolver::Geometric));
     assert_eq!((settings.knowledge, settings.rates), (Knowledge::Oracle, Rates::Known));
@@ -38,7 +39,8 @@ fn what_the_planner_knows_reads_back_and_is_part_of_what_is_flown() {
         assert_eq!((settings.knowledge, settings.rates), seen);
         let has_state = Planner::new(&scenario, &[]).unwrap().has_state();
         assert_eq!(has_state, seen.0 != Knowledge::Oracle, "uts has no other state");
-        let again = parse(&scenario.to_toml(), &scenario.path, Overrides::default()).unwrap();
+        let again =
+            Scenario::parse(&scenario.to_toml(), &scenario.path, Overrides::default()).and_then(resolve).unwrap();
         assert_eq!((&again, again.hash()), (&scenario, scenario.hash()));
         scenario
     });

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
-use skysink_common::scenario::Overrides;
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_planner::settings;
@@ -75,7 +75,8 @@ fn alone(budget: Duration, stop: &Stop) -> Result<f64, Error> {
     while begin.elapsed() < budget {
         stop.check()?;
         seed += 1;
-        let scenario = settings::letter(Overrides { seed: Some(seed), ..Overrides::default() })?;
+        let scenario =
+            Scenario::letter(Overrides { seed: Some(seed), ..Overrides::default() }).and_then(settings::resolve)?;
         let mut mission = Mission::new(&scenario, &SensorList::of(&scenario)?)?;
         for flown in &mut mission {
             std::hint::black_box(&flown);

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use skysink_common::scenario::Overrides;
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
 use skysink_planner::settings;
 
@@ -34,9 +34,11 @@ impl RunArguments {
     /// If the scenario is refused.
     pub fn run(self) -> Result<Run, Error> {
         let scenario = match (&self.resume, &self.scenario) {
-            (Some(folder), _) => settings::read(&folder.join("scenario.toml"), Overrides::default())?,
-            (None, Some(path)) => settings::read(path, self.choice.overrides())?,
-            (None, None) => settings::letter(self.choice.overrides())?,
+            (Some(folder), _) => {
+                Scenario::read(&folder.join("scenario.toml"), Overrides::default()).and_then(settings::resolve)?
+            }
+            (None, Some(path)) => Scenario::read(path, self.choice.overrides()).and_then(settings::resolve)?,
+            (None, None) => Scenario::letter(self.choice.overrides()).and_then(settings::resolve)?,
         };
         Ok(Run { scenario, folder: self.choice.folder, resume: self.resume, options: self.options })
     }
@@ -68,8 +70,8 @@ impl SoakArguments {
     pub fn soak(self, stop: &Stop) -> Result<(), Error> {
         let overrides = Overrides { slots: Some(self.slots), ..self.choice.overrides() };
         let scenario = match &self.scenario {
-            Some(path) => settings::read(path, overrides)?,
-            None => settings::letter(overrides)?,
+            Some(path) => Scenario::read(path, overrides).and_then(settings::resolve)?,
+            None => Scenario::letter(overrides).and_then(settings::resolve)?,
         };
         let options = RunOptions { no_viewer: !self.viewer, ..RunOptions::default() };
         let run = Run { scenario, folder: self.choice.folder, resume: None, options };

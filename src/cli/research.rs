@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::{Args, Subcommand};
-use skysink_common::scenario::Overrides;
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
 use skysink_lab::figures;
 use skysink_lab::figures::choice::{Choice, FigurePart, HORIZON_ITERATIONS};
@@ -153,7 +153,7 @@ impl OptimizeOptions {
     pub fn optimize(self, stop: &Stop) -> Result<(), Error> {
         let by = |strategy: &Registered| {
             let overrides = Overrides { seed: self.seed, strategy: Some(strategy.name), ..Overrides::default() };
-            settings::read(&self.scenario, overrides)
+            Scenario::read(&self.scenario, overrides).and_then(settings::resolve)
         };
         let scenarios = STRATEGIES.into_iter().map(by).collect::<Result<Vec<_>, _>>()?;
         let Self { budget, folder, record, .. } = self;

@@ -2,7 +2,7 @@
 
 use skysink_common::channel::{Channel, Uplink};
 use skysink_common::geometry::{Position, distance_squared, within};
-use skysink_common::scenario::Overrides;
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_planner::settings;
 
@@ -44,7 +44,8 @@ fn line(text: &str) -> Line {
 /// Fails unless every bit is accounted for, and the UAV flew and served as its scenario allows. All sensor nodes sample
 /// the same whole number of bits a slot. Returns the trace.
 pub fn audit(place: &Place) -> Vec<Line> {
-    let scenario = settings::read(&place.path("run/scenario.toml"), Overrides::default()).unwrap();
+    let scenario =
+        Scenario::read(&place.path("run/scenario.toml"), Overrides::default()).and_then(settings::resolve).unwrap();
     let list = SensorList::of(&scenario).unwrap();
     let nodes = list.nodes();
     let sampled_bits = nodes.iter().map(|node| (node.sampling_bps * scenario.slot_s) as u64).sum::<u64>();

@@ -3,7 +3,7 @@
 use iceoryx2::prelude::*;
 use skysink_common::message::{SensorNode, SlotHeader};
 use skysink_common::pace::Pace;
-use skysink_common::scenario::Overrides;
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_planner::settings;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::wait::Waiting;
@@ -58,7 +58,7 @@ fn ring_with_terms(terms: &[(&str, &str)]) -> (RingFolder, impl Sized) {
 #[test]
 fn a_ring_of_another_version_or_scenario_is_refused_with_the_remedy() {
     let place = Place::new();
-    let scenario = settings::read(SMOKE.as_ref(), Overrides::default()).unwrap();
+    let scenario = Scenario::read(SMOKE.as_ref(), Overrides::default()).and_then(settings::resolve).unwrap();
     let hash = format!("{:016x}", scenario.hash());
     let (version, program) = (skysink_ring::topics::SCHEMA, env!("CARGO_PKG_VERSION"));
     let build = "use the executables of one build";

@@ -77,7 +77,10 @@ pub fn open_folder(place: &Place, ring: &str) -> (Scenario, RingFolder) {
     until("scenario", || place.path("run/scenario.toml").exists().then_some(()));
     let services = || fs::read_dir(path.join("services")).is_ok_and(|entries| entries.count() == SERVICES);
     until("services", || services().then_some(()));
-    (settings::read(&place.path("run/scenario.toml"), Overrides::default()).unwrap(), folder)
+    (
+        Scenario::read(&place.path("run/scenario.toml"), Overrides::default()).and_then(settings::resolve).unwrap(),
+        folder,
+    )
 }
 
 impl Rogue {

@@ -27,7 +27,10 @@ const SLOTS: u64 = 3;
 /// If not.
 pub fn mission(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
-    let Ok(scenario) = settings::parse(text, Path::new("city.toml"), Overrides::default()) else { return };
+    let Ok(scenario) = Scenario::parse(text, Path::new("city.toml"), Overrides::default()).and_then(settings::resolve)
+    else {
+        return;
+    };
     match scenario.sensors.count.map(Count::get) {
         Some(..=MOST_FLOWN_OVER) => fly(&scenario),
         Some(..=MOST_SENSORS) => live(&scenario),

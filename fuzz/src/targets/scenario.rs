@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use skysink_common::scenario::Overrides;
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_planner::settings;
 
 /// A text is refused in one line, or is a scenario that reads back as itself.
@@ -11,7 +11,9 @@ use skysink_planner::settings;
 /// If it is neither.
 pub fn scenario(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
-    let parse = |text: &str| settings::parse(text, Path::new("folder/city.toml"), Overrides::default());
+    let parse = |text: &str| {
+        Scenario::parse(text, Path::new("folder/city.toml"), Overrides::default()).and_then(settings::resolve)
+    };
     match parse(text) {
         Err(error) => super::assert_one_line(&error),
         Ok(scenario) => {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use skysink_common::scenario::Overrides;
+use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
 use skysink_planner::settings;
@@ -42,7 +42,7 @@ fn map(change: &str, strategy: &Registered, choice: &Choice) -> Result<Trajector
     let steps = choice.horizon_iterations;
     let text = format!("name = \"map\"\nslots = 500\n{change}[planner]\nhorizon.iterations = {steps}\n");
     let overrides = Overrides { strategy: Some(strategy.name), seed: Some(1), slots: None };
-    let scenario = settings::parse(&text, Path::new("map (built in)"), overrides)?;
+    let scenario = Scenario::parse(&text, Path::new("map (built in)"), overrides).and_then(settings::resolve)?;
     let list = SensorList::of(&scenario)?;
     let mut mission = Mission::new(&scenario, &list)?;
     let path_m = mission.by_ref().map(|flown| [flown.flight.x_m, flown.flight.y_m]).collect();

@@ -109,7 +109,7 @@ impl Sweep {
         let text = std::fs::read_to_string(path).map_err(|error| InputError::new("sweep", path, error))?;
         let file: File = toml::from_str(&text).map_err(|error| InputError::toml("sweep", path, &text, &error))?;
         let base_path = path.parent().unwrap_or(Path::new("")).join(&file.scenario);
-        settings::read(&base_path, Overrides::default())?;
+        Scenario::read(&base_path, Overrides::default()).and_then(settings::resolve)?;
         let text = std::fs::read_to_string(&base_path).at(&base_path)?;
         let table = text.parse().map_err(|error| InputError::toml("scenario", &base_path, &text, &error))?;
         let base = SweepBase { path: base_path, table };
@@ -204,7 +204,7 @@ impl Sweep {
         let text = toml::to_string(&table).expect("a table that was read can be written");
         let strategy = self.definition.strategies[mission.strategy];
         let overrides = Overrides { seed: Some(mission.seed), strategy: Some(strategy.name), slots: None };
-        Ok(settings::parse(&text, &self.base.path, overrides)?)
+        Ok(Scenario::parse(&text, &self.base.path, overrides).and_then(settings::resolve)?)
     }
 
     /// Hash of everything that the results depend on; checks every point on the way.

@@ -61,13 +61,13 @@ impl Strategy for Edf {
 mod tests {
     use super::*;
     use crate::sensor_table::SensorTable;
-    use crate::settings::{Settings, letter};
+    use crate::settings::Settings;
     use crate::strategies::tests::view;
-    use skysink_common::scenario::Overrides;
+    use skysink_common::scenario::{Overrides, Scenario};
 
     /// SNs at these places [m] that sample so much [bit/s] into 1 000 bit.
     fn edf(sensors: &[([f64; 2], f64)]) -> (SensorTable, Edf) {
-        let scenario = letter(Overrides::default()).unwrap();
+        let scenario = Scenario::letter(Overrides::default()).unwrap();
         let node = |&([x_m, y_m], sampling_bps): &([f64; 2], f64)| SensorNode {
             x_m,
             y_m,
