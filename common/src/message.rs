@@ -281,7 +281,7 @@ impl From<Point3<f64>> for PathPoint {
 /// drawn, can hold.
 #[must_use]
 pub fn is_possible_path(points: &[PathPoint], area: &Area) -> bool {
-    let border_m = RANGE_SLACK * area.width_m.max(area.height_m);
+    let border_m = RANGE_SLACK * area.width_m().max(area.height_m());
     let over = |point: &PathPoint| area.contains(&Position::new(point.x_m, point.y_m), border_m);
     (1..=MAX_PATH_POINTS).contains(&points.len())
         && points.iter().all(|point| over(point) && (point.z_m as f32).is_finite())

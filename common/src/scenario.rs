@@ -127,7 +127,7 @@ impl Scenario {
         if let Some(slots) = overrides.slots {
             scenario.uav.endurance_s = scenario.uav.endurance_s.max(slots as f64 * scenario.slot_s);
         }
-        let centre_m = [scenario.area.width_m / 2.0, scenario.area.height_m / 2.0];
+        let centre_m = [scenario.area.width_m() / 2.0, scenario.area.height_m() / 2.0];
         scenario.uav.start_m.get_or_insert(centre_m);
         rules::check(&scenario, &table)?;
         Ok(scenario)

@@ -110,8 +110,8 @@ impl SensorList {
 /// Sensor node `id` of a field that is drawn from the seed.
 fn draw(scenario: &Scenario, id: u32) -> Sensor {
     let mut stream = Streams::new(scenario.seed).stream(Purpose::Position, 0, id);
-    let x_m = stream.random::<f64>() * scenario.area.width_m;
-    let y_m = stream.random::<f64>() * scenario.area.height_m;
+    let x_m = stream.random::<f64>() * scenario.area.width_m();
+    let y_m = stream.random::<f64>() * scenario.area.height_m();
     Sensor {
         position: Position::new(x_m, y_m),
         queue_bits: draw_queue_bits(scenario, id),

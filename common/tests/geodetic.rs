@@ -177,12 +177,12 @@ proptest! {
         let list = read(&format!("lon_deg,gain_db,lat_deg\n{rows}"), &scenario).unwrap();
         prop_assert_eq!(list.sensors().len(), places.len());
         for (sensor, (lat_deg, lon_deg)) in list.sensors().iter().zip(places) {
-            let expected = by_reduced_latitude(lat_deg, lon_deg, scenario.area.origin.unwrap());
+            let expected = by_reduced_latitude(lat_deg, lon_deg, scenario.area.origin().unwrap());
             prop_assert!((sensor.position - expected).norm() < 1e-6, "{} {expected}", sensor.position);
         }
         // The run's folder: the list in metres, the scenario with its origin. Flown again it is the same mission.
         let resolved = parse(&scenario.to_toml_with_list("sensors.csv")).unwrap();
-        prop_assert_eq!(resolved.area.origin, scenario.area.origin);
+        prop_assert_eq!(resolved.area.origin(), scenario.area.origin());
         prop_assert_eq!(resolved.hash(), scenario.hash());
         prop_assert_eq!(resolved.to_toml_with_list("sensors.csv"), scenario.to_toml_with_list("sensors.csv"));
         prop_assert!(list.to_csv().starts_with("x_m,y_m,queue_bits,"));

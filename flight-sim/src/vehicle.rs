@@ -27,7 +27,7 @@ impl Vehicle {
     #[must_use]
     pub fn fly_to(&mut self, waypoint: Point3<f64>) -> bool {
         let area = self.scenario.area;
-        let border_m = SLACK * area.width_m.max(area.height_m);
+        let border_m = SLACK * area.width_m().max(area.height_m());
         let ground = waypoint.xy();
         let is_over = area.contains(&ground, border_m) && within(&self.position.xy(), &ground, self.scenario.reach_m());
         let [lowest_m, highest_m] = self.scenario.altitudes_m(self.position.z);

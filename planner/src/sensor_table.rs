@@ -81,7 +81,7 @@ impl SensorTable {
     /// waypoint that rounding put outside stays in range and in reach.
     #[must_use]
     pub fn into_area(&self, position: &Position) -> Position {
-        Position::new(position.x.clamp(0.0, self.area.width_m), position.y.clamp(0.0, self.area.height_m))
+        Position::new(position.x.clamp(0.0, self.area.width_m()), position.y.clamp(0.0, self.area.height_m()))
     }
 }
 

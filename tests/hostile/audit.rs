@@ -57,7 +57,7 @@ pub fn audit(place: &Place) -> Vec<Line> {
         assert_eq!(line.slot, slot);
         assert_eq!(queued_bits + sampled_bits, line.delivered_bits + line.lost_bits + line.queued_bits, "{line:?}");
         assert!(within(&position, &line.position, scenario.reach_m()), "from {position} to {line:?}");
-        assert!(scenario.area.contains(&line.position, 1e-9 * scenario.area.width_m), "{line:?}");
+        assert!(scenario.area.contains(&line.position, 1e-9 * scenario.area.width_m()), "{line:?}");
         assert!(line.scheduled.len() <= scenario.link.resource_blocks, "{line:?}");
         assert!(line.scheduled.is_sorted_by(|a, b| a < b), "{line:?}");
         let mut most_bits = 0;

@@ -26,7 +26,7 @@ fn at(turn: &Turn, x_m: f64, y_m: f64, z_m: f64) -> Plan {
 /// A waypoint in the area, `by_m` [m] beyond the reach.
 fn beyond_reach(rogue: &Rogue, turn: &Turn, by_m: f64) -> Plan {
     let (from, far_m) = (turn.flight.position().xy(), rogue.scenario.reach_m() + by_m);
-    let toward = if from.x < rogue.scenario.area.width_m / 2.0 { far_m } else { -far_m };
+    let toward = if from.x < rogue.scenario.area.width_m() / 2.0 { far_m } else { -far_m };
     at(turn, from.x + toward, from.y, 20.0)
 }
 
@@ -57,7 +57,7 @@ const NONSENSE: [Nonsense; 21] = [
     ("west of the area", |_, turn| at(turn, -1e-3, turn.flight.y_m, 20.0), Wrong::Waypoint),
     (
         "north of the area",
-        |rogue, turn| at(turn, turn.flight.x_m, rogue.scenario.area.height_m + 1e-3, 20.0),
+        |rogue, turn| at(turn, turn.flight.x_m, rogue.scenario.area.height_m() + 1e-3, 20.0),
         Wrong::Waypoint,
     ),
     ("x is NaN", |_, turn| at(turn, f64::NAN, turn.good.y_m, 20.0), Wrong::Waypoint),

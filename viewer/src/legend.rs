@@ -71,8 +71,8 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes) -> String {
         strategy = scenario.planner.strategy,
         seed = scenario.seed,
         slots = scenario.slots,
-        width_m = scenario.area.width_m,
-        height_m = scenario.area.height_m,
+        width_m = scenario.area.width_m(),
+        height_m = scenario.area.height_m(),
         grid_m = sizes.grid_m,
     )
 }

@@ -33,8 +33,8 @@ pub(crate) struct Sizes {
 impl Sizes {
     /// The sizes for `count` sensor nodes in a scenario.
     pub(crate) fn of(scenario: &Scenario, count: usize) -> Self {
-        let width_m = scenario.area.width_m as f32;
-        let depth_m = scenario.area.height_m as f32;
+        let width_m = scenario.area.width_m() as f32;
+        let depth_m = scenario.area.height_m() as f32;
         let radius_m = scenario.link.comm_radius_m as f32;
         let fixed_m = [scenario.uav.altitude_m; 2];
         let range_m = scenario.uav.climb().map_or(fixed_m, |climb| [climb.min_altitude_m, climb.max_altitude_m]);

@@ -14,28 +14,52 @@ use crate::units::watts_of_dbm;
 
 /// `[area]`: the area `[0, width] × [0, height]`, closed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(from = "AreaKeys", into = "AreaKeys")]
+#[serde(deny_unknown_fields, expecting = "a table")]
 pub struct Area {
+    /// Side of a square [m], or else width and height.
+    pub side_m: Option<f64>,
     /// Extent in x [m].
-    pub width_m: f64,
+    pub width_m: Option<f64>,
     /// Extent in y [m].
-    pub height_m: f64,
-    /// Where it lies on the Earth, if the file says so.
-    pub origin: Option<Origin>,
+    pub height_m: Option<f64>,
+    /// Geodetic latitude of the south-west corner on the WGS84 ellipsoid [°], −90 to 90, if the area has a place there.
+    pub origin_lat_deg: Option<f64>,
+    /// Its longitude [°], −180 to 180.
+    pub origin_lon_deg: Option<f64>,
 }
 
 impl Area {
     /// An area without a place on the Earth.
     #[must_use]
     pub const fn new(width_m: f64, height_m: f64) -> Self {
-        Self { width_m, height_m, origin: None }
+        let [width_m, height_m] = [Some(width_m), Some(height_m)];
+        Self { side_m: None, width_m, height_m, origin_lat_deg: None, origin_lon_deg: None }
+    }
+
+    /// Extent in x [m].
+    #[must_use]
+    pub fn width_m(&self) -> f64 {
+        self.width_m.or(self.side_m).unwrap_or(f64::NAN)
+    }
+
+    /// Extent in y [m].
+    #[must_use]
+    pub fn height_m(&self) -> f64 {
+        self.height_m.or(self.side_m).unwrap_or(f64::NAN)
+    }
+
+    /// Where it lies on the Earth, if the file says so.
+    #[must_use]
+    pub fn origin(&self) -> Option<Origin> {
+        let [lat_deg, lon_deg] = [self.origin_lat_deg?, self.origin_lon_deg?];
+        Some(Origin { lat_deg, lon_deg })
     }
 
     /// Whether a position lies in the closed area, up to `slack_m` [m]; false for NaN.
     #[must_use]
     pub fn contains(&self, position: &Position, slack_m: f64) -> bool {
-        (-slack_m..=self.width_m + slack_m).contains(&position.x)
-            && (-slack_m..=self.height_m + slack_m).contains(&position.y)
+        (-slack_m..=self.width_m() + slack_m).contains(&position.x)
+            && (-slack_m..=self.height_m() + slack_m).contains(&position.y)
     }
 }
 
@@ -46,43 +70,6 @@ pub struct Origin {
     pub lat_deg: f64,
     /// Longitude [°], −180 to 180.
     pub lon_deg: f64,
-}
-
-/// An area as written: `side_m`, or `width_m` and `height_m`; and both coordinates of its origin, or neither.
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields, expecting = "a table")]
-struct AreaKeys {
-    side_m: Option<f64>,
-    width_m: Option<f64>,
-    height_m: Option<f64>,
-    origin_lat_deg: Option<f64>,
-    origin_lon_deg: Option<f64>,
-}
-
-impl From<AreaKeys> for Area {
-    /// The rules between the keys are checked elsewhere.
-    fn from(keys: AreaKeys) -> Self {
-        let extent_m = |extent_m: Option<f64>| extent_m.or(keys.side_m).unwrap_or(f64::NAN);
-        let origin = keys.origin_lat_deg.zip(keys.origin_lon_deg);
-        Self {
-            width_m: extent_m(keys.width_m),
-            height_m: extent_m(keys.height_m),
-            origin: origin.map(|(lat_deg, lon_deg)| Origin { lat_deg, lon_deg }),
-        }
-    }
-}
-
-impl From<Area> for AreaKeys {
-    fn from(Area { width_m, height_m, origin }: Area) -> Self {
-        let is_square = width_m == height_m;
-        Self {
-            side_m: is_square.then_some(width_m),
-            width_m: (!is_square).then_some(width_m),
-            height_m: (!is_square).then_some(height_m),
-            origin_lat_deg: origin.map(|origin| origin.lat_deg),
-            origin_lon_deg: origin.map(|origin| origin.lon_deg),
-        }
-    }
 }
 
 /// `[sensors]`: the sensor nodes, before their list is drawn or read.

@@ -97,7 +97,7 @@ pub(super) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
 
     let expected = format!("at least the flight's {flight_s} s, slots × slot_s (T τ ≤ T_e)");
     rule(flight_s <= uav.endurance_s * (1.0 + 1e-12), "uav.endurance_s", &expected)?;
-    let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m, area.height_m);
+    let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
     rule(area.contains(&scenario.start().xy(), 0.0), "uav.start_m", &expected)?;
     if let Some(Climb { min_altitude_m, max_altitude_m, .. }) = uav.climb() {
         let expected = "\"fixed\", or link.model = \"probabilistic-los\", in which altitude matters";

@@ -81,7 +81,7 @@ impl<'a> Table<'a> {
             [true, true, false, false] => None,
             [false, false, true, true] => {
                 let expected = "area.origin_lat_deg and area.origin_lon_deg in the scenario";
-                Some(Projection::about(scenario.area.origin.ok_or_else(|| refuse(expected))?))
+                Some(Projection::about(scenario.area.origin().ok_or_else(|| refuse(expected))?))
             }
             _ => {
                 let columns = "x_m,y_m or lat_deg,lon_deg, not both, and optionally queue_bits,gain_db,sampling_bps";
@@ -124,7 +124,7 @@ impl<'a> Table<'a> {
             let within = |column, extent_m: f64| {
                 along(column, &format!("a position in the area, 0 to {extent_m}"), 0.0..=extent_m)
             };
-            return Ok(Position::new(within("x_m", area.width_m)?, within("y_m", area.height_m)?));
+            return Ok(Position::new(within("x_m", area.width_m())?, within("y_m", area.height_m())?));
         };
         let lat_deg = along("lat_deg", "a latitude, -90 to 90", -90.0..=90.0)?;
         let lon_deg = along("lon_deg", "a longitude, -180 to 180", -180.0..=180.0)?;
@@ -148,13 +148,13 @@ impl<'a> Table<'a> {
 
 /// A projected position in the area, [`RIM_SLACK_M`] taken back; else where it is and what was expected.
 fn onto(area: Area, projected: Option<Position>) -> Result<Position, String> {
-    let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m, area.height_m);
+    let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
     let Some(position) = projected else {
         return Err(format!("on the far side of the Earth: expected {expected}"));
     };
     let (x_m, y_m) = (position.x, position.y);
     if area.contains(&position, RIM_SLACK_M) {
-        return Ok(Position::new(x_m.clamp(0.0, area.width_m), y_m.clamp(0.0, area.height_m)));
+        return Ok(Position::new(x_m.clamp(0.0, area.width_m()), y_m.clamp(0.0, area.height_m())));
     }
     Err(format!("{x_m:.3} m east and {y_m:.3} m north of the origin: expected {expected}"))
 }

@@ -20,8 +20,8 @@ pub fn path_message(bytes: &[u8]) {
             assert!((1..=64).contains(&path.len()), "{path:?}");
             for point in &path {
                 let [x_m, y_m, z_m] = [point.x_m, point.y_m, point.z_m].map(|coordinate_m| coordinate_m as f32);
-                assert!((-1e-3..=1.001 * area.width_m as f32).contains(&x_m), "{point:?}");
-                assert!((-1e-3..=1.001 * area.height_m as f32).contains(&y_m) && z_m.is_finite(), "{point:?}");
+                assert!((-1e-3..=1.001 * area.width_m() as f32).contains(&x_m), "{point:?}");
+                assert!((-1e-3..=1.001 * area.height_m() as f32).contains(&y_m) && z_m.is_finite(), "{point:?}");
             }
         }
     }

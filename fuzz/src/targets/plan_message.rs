@@ -50,7 +50,7 @@ pub fn plan_message(bytes: &[u8]) {
 fn moved(scenario: &Scenario, before: &FlightReport, after: &FlightReport) {
     let area = scenario.area;
     assert!(within(&before.position().xy(), &after.position().xy(), scenario.reach_m()), "{before:?}, {after:?}");
-    assert!(area.contains(&after.position().xy(), BORDER * area.width_m.max(area.height_m)), "{after:?}");
+    assert!(area.contains(&after.position().xy(), BORDER * area.width_m().max(area.height_m())), "{after:?}");
     let [lowest_m, highest_m] = scenario.altitudes_m(before.z_m);
     assert!((lowest_m..=highest_m).contains(&after.z_m), "{lowest_m} to {highest_m}: {after:?}");
 }

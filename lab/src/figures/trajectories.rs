@@ -55,8 +55,8 @@ fn map(change: &str, strategy: &Registered, choice: &Choice) -> Result<Trajector
     });
     Ok(TrajectoryMap {
         title: format!("{}: η = {loss_rate:.3}", strategy.name),
-        width_m: scenario.area.width_m,
-        height_m: scenario.area.height_m,
+        width_m: scenario.area.width_m(),
+        height_m: scenario.area.height_m(),
         sensors: sensors.collect(),
         start_m: scenario.start().xy().coords.into(),
         path_m,

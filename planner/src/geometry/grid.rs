@@ -68,8 +68,8 @@ impl Grid {
     /// As [`Self::new`].
     #[must_use]
     pub fn over(area: Area, positions: &[Position], side_m: f64) -> Self {
-        let side_m = side_m.max(area.width_m.max(area.height_m) / MOST_ALONG);
-        Self::filled(Position::origin(), [area.width_m, area.height_m], side_m, positions)
+        let side_m = side_m.max(area.width_m().max(area.height_m()) / MOST_ALONG);
+        Self::filled(Position::origin(), [area.width_m(), area.height_m()], side_m, positions)
     }
 
     /// Sorts the points into their cells, by counting, which keeps them by id in each.

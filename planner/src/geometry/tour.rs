@@ -47,7 +47,7 @@ struct Tour<'a> {
 
 impl<'a> Tour<'a> {
     fn nearest_neighbour(area: Area, points: &'a [Position]) -> Self {
-        let side_m = (area.width_m * area.height_m / points.len().max(1) as f64).sqrt();
+        let side_m = (area.width_m() * area.height_m() / points.len().max(1) as f64).sqrt();
         let grid = Grid::new(points, side_m);
         let near = |(index, point): (u32, &Position)| {
             let mut near = grid.nearest(point, NEIGHBOURS + 1);

@@ -43,8 +43,8 @@ impl Strategy for Rfs {
 fn random_waypoint(table: &SensorTable, streams: &Streams, slot: u64, position: &Position) -> Position {
     let mut stream = streams.stream(Purpose::RandomFlight, slot, 0);
     let bounds_m = |at_m: f64, extent_m: f64| ((at_m - table.reach_m).max(0.0), (at_m + table.reach_m).min(extent_m));
-    let (west_m, east_m) = bounds_m(position.x, table.area.width_m);
-    let (south_m, north_m) = bounds_m(position.y, table.area.height_m);
+    let (west_m, east_m) = bounds_m(position.x, table.area.width_m());
+    let (south_m, north_m) = bounds_m(position.y, table.area.height_m());
     for _ in 0..MAX_DRAWS {
         let [fraction_x, fraction_y] = stream.random::<[f64; 2]>();
         let drawn = Position::new(west_m + (east_m - west_m) * fraction_x, south_m + (north_m - south_m) * fraction_y);
