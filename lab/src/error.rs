@@ -8,13 +8,13 @@ pub enum LabError {
     /// A sweep or a mission is refused, a file cannot be read or written, or a signal asks for the end.
     #[error(transparent)]
     Mission(MissionError),
-    /// A figure has nothing to draw, a number without a position, or a character without a glyph.
-    #[error("{place}: {message}")]
-    Figure {
-        /// Figure, series, point, text.
-        place: String,
-        /// What is wrong with it.
-        message: String,
+    /// A text of a figure has a character that the embedded font lacks.
+    #[error("figure text {text:?}: {character:?} is not in the embedded font: expected Latin, Greek or common symbols")]
+    Character {
+        /// The text.
+        text: String,
+        /// Its first such character.
+        character: char,
     },
 }
 
@@ -24,24 +24,8 @@ impl LabError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Mission(error) => error.exit_code(),
-            Self::Figure { .. } => 1,
+            Self::Character { .. } => 1,
         }
-    }
-
-    /// Passes a number of a figure for which `holds`, refuses any other; a comparison with NaN does not hold.
-    pub(crate) fn unless(
-        holds: bool,
-        place: impl FnOnce() -> String,
-        key: &str,
-        value: f64,
-        expected: &str,
-    ) -> Result<(), Self> {
-        if holds { Ok(()) } else { Err(Self::figure(place(), format!("{key} = {value}: expected {expected}"))) }
-    }
-
-    /// A figure that is not drawn.
-    pub(crate) fn figure(place: String, message: impl Into<String>) -> Self {
-        Self::Figure { place, message: message.into() }
     }
 }
 

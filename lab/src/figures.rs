@@ -1,4 +1,4 @@
-//! `skysink figures`: curves with confidence bands ([`chart`]) and trajectory maps ([`map`]), each drawn once and
+//! `skysink figures`: curves with confidence bands (`chart`) and trajectory maps (`map`), each drawn once and
 //! written as SVG and PNG, with the sweeps behind them.
 //!
 //! The same missions give the same bytes: no system font, no clock, no random number takes part.

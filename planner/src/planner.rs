@@ -11,7 +11,7 @@ use skysink_common::scenario::Scenario;
 
 use crate::estimate::{self, Estimate};
 use crate::sensor_table::SensorTable;
-use crate::settings::{self, Knowledge, Settings};
+use crate::settings::{self, Knowledge};
 use crate::strategies::serving::Serving;
 use crate::strategies::transit::transit_waypoint;
 use crate::strategies::{Decision, Registered, Setup, Strategy, Timing, View};
@@ -58,8 +58,7 @@ impl Planner {
     /// # Errors
     /// As [`Planner::new`].
     pub fn over(scenario: &Scenario, sensors: &[SensorNode], table: SensorTable) -> Result<Self, InputError> {
-        let settings = settings::check(scenario)?;
-        Ok(Self::build(scenario, settings, sensors, table, Registered::of(scenario)?.make))
+        Self::build(scenario, sensors, table, Registered::of(scenario)?.make)
     }
 
     /// The planner that decides by `strategy`, whatever the scenario names.
@@ -71,21 +70,20 @@ impl Planner {
         sensors: &[SensorNode],
         strategy: Box<dyn Strategy>,
     ) -> Result<Self, InputError> {
-        let settings = settings::check(scenario)?;
-        Ok(Self::build(scenario, settings, sensors, SensorTable::new(scenario, sensors), |_| strategy))
+        Self::build(scenario, sensors, SensorTable::new(scenario, sensors), |_| strategy)
     }
 
     fn build(
         scenario: &Scenario,
-        settings: Settings,
         sensors: &[SensorNode],
         table: SensorTable,
         make: impl FnOnce(&Setup) -> Box<dyn Strategy>,
-    ) -> Self {
+    ) -> Result<Self, InputError> {
+        let settings = settings::check(scenario)?;
         let is_estimated = settings.knowledge == Knowledge::Estimated;
         let estimate = is_estimated.then(|| Box::new(Estimate::new(scenario, settings.rates, sensors)));
         let setup = Setup { scenario, settings: &settings, sensors, table: &table, estimate: estimate.as_deref() };
-        Self {
+        Ok(Self {
             strategy: make(&setup),
             transit: Serving::new(&setup),
             strategy_name: scenario.planner.strategy.clone(),
@@ -94,7 +92,7 @@ impl Planner {
             slot: 0,
             path: Vec::with_capacity(MAX_PATH_POINTS),
             table,
-        }
+        })
     }
 
     /// Says what paces the mission: a search may end by time in a paced one, and results then depend on time. At first
@@ -177,8 +175,8 @@ impl Planner {
         self.estimate.as_deref()
     }
 
-    /// Where the last plan leads [m], its own waypoint first: at most [`MAX_PATH_POINTS`], more than one for strategies that
-    /// look ahead.
+    /// Where the last plan leads [m], its own waypoint first: at most [`MAX_PATH_POINTS`], more than one for strategies
+    /// that look ahead.
     #[must_use]
     pub fn path(&self) -> &[Point3<f64>] {
         &self.path

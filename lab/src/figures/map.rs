@@ -53,7 +53,7 @@ pub struct TrajectoryMap {
 pub struct MapSheet {
     /// Above everything.
     pub title: String,
-    /// The maps, row by row.
+    /// The maps, row by row, at least one.
     pub maps: Vec<TrajectoryMap>,
     /// What the colours of the sensors show.
     pub fraction_label: String,
@@ -65,13 +65,8 @@ impl MapSheet {
     /// Writes `stem`.svg and `stem`.png; the same sheet gives the same bytes.
     ///
     /// # Errors
-    /// No map, a number that cannot be placed, a character that the embedded font lacks, a file that cannot be written.
+    /// A character that the embedded font lacks, a file that cannot be written.
     pub fn draw(&self, stem: &Path) -> Result<(), LabError> {
-        if self.maps.is_empty() {
-            return Err(LabError::figure(format!("map sheet {:?}", self.title), "0 maps: expected at least 1"));
-        }
-        self.maps.iter().try_for_each(TrajectoryMap::check)?;
-
         let cells = self.maps.len() + 1; // the last is for colour bar and signs
         let columns = if cells == 2 || cells == 4 { 2 } else { 3 };
         let cell_width = (WIDTH - 2.0 * MARGIN) / columns as f64;
@@ -125,26 +120,6 @@ impl MapSheet {
 }
 
 impl TrajectoryMap {
-    fn check(&self) -> Result<(), LabError> {
-        let place = || format!("map {:?}", self.title);
-        for (key, extent_m) in [("width_m", self.width_m), ("height_m", self.height_m)] {
-            let expected = "a finite length above 0";
-            LabError::unless(extent_m.is_finite() && extent_m > 0.0, place, key, extent_m, expected)?;
-        }
-        let sensors = self.sensors.iter().map(|sensor| sensor.position_m);
-        for position_m in self.path_m.iter().copied().chain(sensors).chain([self.start_m]) {
-            for (key, value) in ["x", "y"].into_iter().zip(position_m) {
-                LabError::unless(value.is_finite(), place, key, value, "a finite position [m]")?;
-            }
-        }
-        for sensor in &self.sensors {
-            let fraction = sensor.fraction;
-            let is_fraction = (0.0..=1.0).contains(&fraction);
-            LabError::unless(is_fraction, place, "fraction", fraction, "a fraction from 0 to 1")?;
-        }
-        Ok(())
-    }
-
     /// Low and high end [m] of what the map shows in x and y: the area, and all that lies outside of it.
     fn extent_m(&self) -> [[f64; 2]; 2] {
         let positions = self.sensors.iter().map(|sensor| sensor.position_m).chain(self.path_m.iter().copied());

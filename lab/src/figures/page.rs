@@ -86,9 +86,7 @@ impl Page {
         let lacking = |text: &str| text.chars().find(|&character| font().charmap().map(character).is_none());
         for text in svg.split(['<', '>']).map(str::trim) {
             if let Some(character) = lacking(text) {
-                let message =
-                    format!("{character:?} is not in the embedded font: expected Latin, Greek or common symbols");
-                return Err(LabError::figure(format!("figure text {text:?}"), message));
+                return Err(LabError::Character { text: text.to_owned(), character });
             }
         }
         let path = stem.with_added_extension("svg");

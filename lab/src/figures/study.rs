@@ -260,6 +260,7 @@ mod tests {
         let studies = studies();
         assert_eq!(studies.len(), FigurePart::value_variants().len() - 1, "all parts but the maps");
         for study in studies {
+            assert!(study.xs().windows(2).all(|pair| pair[0] < pair[1]), "{}: ascending", study.name());
             for flights in &study.flights {
                 let points = study.sweep(flights, &choice).unwrap().definition.points;
                 assert_eq!(points.len(), study.charts.len() * study.xs().len(), "{}{}", study.name(), flights.suffix);

@@ -117,47 +117,6 @@ fn a_confidence_interval_that_is_not_known_draws_no_band() {
 }
 
 #[test]
-fn a_chart_of_nothing_is_refused() {
-    assert_eq!(refusal(&chart(vec![])), "chart \"Loss against area\": 0 series: expected at least 1");
-    let message = "chart \"Loss against area\", series \"uts\": 0 points: expected at least 1";
-    assert_eq!(refusal(&chart(vec![series("uts", &[])])), message);
-}
-
-#[test]
-fn a_number_that_has_no_place_is_refused() {
-    let place = "chart \"Loss against area\", series \"uts\"";
-    let one = |x, mean, half_width| refusal(&chart(vec![series("uts", &[(0.0, 0.1, 0.0), (x, mean, half_width)])]));
-    assert_eq!(one(1.0, f64::NAN, 0.0), format!("{place}, x = 1: mean = NaN: expected a finite number"));
-    assert_eq!(one(1.0, 0.1, -1.0), format!("{place}, x = 1: half width = -1: expected at least 0, or NaN for none"));
-    assert_eq!(
-        one(1.0, 0.1, f64::INFINITY),
-        format!("{place}, x = 1: half width = inf: expected at least 0, or NaN for none")
-    );
-    for x in [f64::NAN, f64::INFINITY, 0.0, -1.0] {
-        assert_eq!(one(x, 0.1, 0.0), format!("{place}: x = {x}: expected finite numbers in ascending order"));
-    }
-    let log = Chart { y_scale: Scale::Log, ..chart(vec![series("uts", &[(1.0, 0.0, 0.0)])]) };
-    assert_eq!(refusal(&log), format!("{place}, x = 1: mean = 0: expected above 0 on a logarithmic scale"));
-}
-
-#[test]
-fn a_map_of_the_impossible_is_refused() {
-    let refusal = |change: fn(&mut TrajectoryMap)| {
-        let mut sheet = sheet();
-        change(&mut sheet.maps[1]);
-        sheet.draw(Path::new("/nowhere/at/all")).unwrap_err().to_string()
-    };
-    let fraction = refusal(|map| map.sensors[0].fraction = 1.5);
-    assert_eq!(fraction, "map \"uts-wide\": fraction = 1.5: expected a fraction from 0 to 1");
-    let width = refusal(|map| map.width_m = f64::NAN);
-    assert_eq!(width, "map \"uts-wide\": width_m = NaN: expected a finite length above 0");
-    let path = refusal(|map| map.path_m[2][1] = f64::INFINITY);
-    assert_eq!(path, "map \"uts-wide\": y = inf: expected a finite position [m]");
-    let empty = MapSheet { maps: vec![], ..sheet() }.draw(Path::new("/nowhere/at/all")).unwrap_err();
-    assert_eq!(empty.to_string(), "map sheet \"Trajectories\": 0 maps: expected at least 1");
-}
-
-#[test]
 fn a_character_without_a_glyph_is_refused() {
     let message = refusal(&chart(vec![series("城", &[(1.0, 0.1, 0.0)])]));
     let expected = "figure text \"城\": '城' is not in the embedded font: expected Latin, Greek or common symbols";
