@@ -1,7 +1,7 @@
 //! What the UAV can know of the queues: what it was told on contact, and what must have come since.
 //!
 //! A contact is a slot whose flight serves the sensor node (SN). The SN then says what it holds as the slot begins,
-//! `B_i(t−1)`, and what it still holds at its end, `B_i(t)`. How contacts become a checkpoint is left to [`saved`],
+//! `B_i(t−1)`, and what it still holds at its end, `B_i(t)`. How contacts become a checkpoint is left to `saved`,
 //! what is made of the believed queues to the strategies.
 
 mod saved;
