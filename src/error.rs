@@ -17,7 +17,7 @@ pub enum Error {
     /// A signal asks for the end.
     #[error(transparent)]
     Stopped(#[from] Stopped),
-    /// The mission cannot be put on record.
+    /// A mission is refused, stopped, or cannot be put on record.
     #[error(transparent)]
     Mission(#[from] MissionError),
     /// A process of the ring cannot take part.

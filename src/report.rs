@@ -44,10 +44,8 @@ impl TerminalProgress {
     #[cfg(feature = "lab")]
     fn lab(self) -> impl Fn(LabProgress) {
         move |progress| {
-            self.show(progress.done, progress.of);
-            if let Some(loss_rate) = progress.loss_rate {
-                self.0.set_message(format!("loss {loss_rate:.4}"));
-            }
+            let message = progress.loss_rate.map_or_else(String::new, |loss_rate| format!("loss {loss_rate:.4}"));
+            self.show(progress.done, progress.of, message);
         }
     }
 
@@ -62,8 +60,8 @@ impl TerminalProgress {
         Self(ProgressBar::new(0).with_style(style))
     }
 
-    /// Shows that `done` of `of` are done.
-    fn show(&self, done: u64, of: u64) {
+    /// Shows that `done` of `of` are done, and a message.
+    fn show(&self, done: u64, of: u64, message: String) {
         let Self(bar) = self;
         if bar.length() != Some(of) || done < bar.position() {
             bar.reset(); // another one begins
@@ -72,6 +70,7 @@ impl TerminalProgress {
             bar.reset_eta();
         }
         bar.set_position(done);
+        bar.set_message(message);
     }
 
     /// Shows how far a run over `slots` slots is.
@@ -79,12 +78,11 @@ impl TerminalProgress {
         if self.0.is_hidden() {
             return;
         }
-        self.show(tally.last_slot(), slots);
         let missed = match tally.missed_deadlines() {
             0 => String::new(),
             missed => format!("  {missed} deadlines missed"),
         };
-        self.0.set_message(format!("loss {:.4}{missed}", tally.loss_rate()));
+        self.show(tally.last_slot(), slots, format!("loss {:.4}{missed}", tally.loss_rate()));
     }
 
     /// Writes a line to standard error without breaking the bar.

@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::sync::atomic::Ordering;
 use std::sync::{Arc, Barrier};
 use std::thread;
 use std::time::Duration;
@@ -201,7 +202,7 @@ fn a_requested_stop_ends_a_waiting_node() {
                 let folder = RingFolder::open(ring_folder.path()).unwrap();
                 skysink_planner::node::run::<local::Service>(&scenario, &folder, &stop)
             });
-            stop.request();
+            stop.flag().store(15, Ordering::Relaxed); // as SIGTERM does
             assert!(matches!(node.join().unwrap(), Err(NodeError::Stopped(Stopped(15)))));
         });
     }

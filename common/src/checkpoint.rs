@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn a_state_of_another_shape_is_refused_by_name() {
+    fn a_state_of_another_shape_is_refused() {
         let error = Counter(vec![0]).restore(&saved(&Counter(vec![1, 2]))).unwrap_err();
         assert_eq!(error.to_string(), "checkpoint: expected as many counts");
     }

@@ -3,6 +3,9 @@
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
+/// Most characters of a line that are quoted.
+const MAX_QUOTED: usize = 200;
+
 /// A file or folder that is refused; the display is one line that names it, the key or line, the value, and what was
 /// expected.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -17,22 +20,26 @@ pub struct InputError {
 }
 
 impl InputError {
-    /// Refuses `path`. Line breaks in the message, which a file's text may bring in, become spaces.
+    /// Refuses `path`. Control characters in the message, which a file's text may bring in, become spaces.
     #[must_use]
     pub fn new(what: &'static str, path: &Path, message: impl Display) -> Self {
-        let message = message.to_string().replace(['\n', '\r'], " ");
+        let message = message.to_string().replace(char::is_control, " ");
         Self { what, path: path.to_owned(), message }
+    }
+
+    /// Refuses `line`, from 1, of `path`, and quotes its `text`, as far as a terminal shows it in a line or two.
+    #[must_use]
+    pub fn line(what: &'static str, path: &Path, line: usize, text: &str, message: impl Display) -> Self {
+        let quoted: String = text.trim().chars().take(MAX_QUOTED).collect();
+        Self::new(what, path, format_args!("line {line}: `{quoted}`: {message}"))
     }
 
     /// Refuses `path`, whose `text` is not the TOML that was expected: says the line, the text there, and why.
     #[must_use]
     pub fn toml(what: &'static str, path: &Path, text: &str, error: &toml::de::Error) -> Self {
-        let place = error.span().map_or_else(String::new, |span| {
-            let before = &text[..span.start.min(text.len())];
-            let number = before.matches('\n').count() + 1;
-            let line = text.lines().nth(number - 1).unwrap_or_default().trim();
-            format!("line {number}: `{line}`: ")
-        });
-        Self::new(what, path, place + &error.message().trim().replace('\n', ", "))
+        let message = error.message().trim().replace('\n', ", ");
+        let Some(span) = error.span() else { return Self::new(what, path, message) };
+        let number = text[..span.start.min(text.len())].matches('\n').count() + 1;
+        Self::line(what, path, number, text.lines().nth(number - 1).unwrap_or_default(), message)
     }
 }

@@ -277,8 +277,8 @@ impl From<Point3<f64>> for PathPoint {
     }
 }
 
-/// Whether these are 1 to [`MAX_PATH_POINTS`] points over the area, at altitudes that single precision, in which they are
-/// drawn, can hold.
+/// Whether these are 1 to [`MAX_PATH_POINTS`] points over the area, at altitudes that single precision, in which they
+/// are drawn, can hold.
 #[must_use]
 pub fn is_possible_path(points: &[PathPoint], area: &Area) -> bool {
     let border_m = RANGE_SLACK * area.width_m().max(area.height_m());

@@ -3,9 +3,6 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Number of SIGTERM.
-const SIGTERM: usize = 15;
-
 /// A request to end, shared by its clones.
 #[derive(Debug, Clone, Default)]
 pub struct Stop(Arc<AtomicUsize>);
@@ -16,12 +13,8 @@ pub struct Stop(Arc<AtomicUsize>);
 pub struct Stopped(pub i32);
 
 impl Stop {
-    /// Asks for the end as SIGTERM would.
-    pub fn request(&self) {
-        self.0.store(SIGTERM, Ordering::Relaxed);
-    }
-
-    /// The signal number, for signal handlers to store into; 0 while there is no request.
+    /// The signal number, for a signal handler, or whoever asks for the end, to store into; 0 while there is no
+    /// request.
     #[must_use]
     pub fn flag(&self) -> Arc<AtomicUsize> {
         Arc::clone(&self.0)

@@ -9,44 +9,38 @@ use skysink_ring::topics::FLIGHT_HISTORY;
 /// Flights that are saved: the last ones, and room for one that is cut.
 const FLIGHTS: u64 = FLIGHT_HISTORY as u64 + 1;
 
-/// The journal of flight-sim.
-#[derive(Debug)]
-pub struct FlightJournal(Journal);
+/// The journal of flight-sim in the ring's folder.
+///
+/// # Errors
+/// If the file cannot be opened.
+pub fn journal(folder: &RingFolder) -> Result<Journal, RingError> {
+    Journal::open(&folder.journal("flights"), FLIGHTS, size_of::<FlightReport>())
+}
 
-impl FlightJournal {
-    /// The journal in the ring's folder.
-    ///
-    /// # Errors
-    /// If the file cannot be opened.
-    pub fn open(folder: &RingFolder) -> Result<Self, RingError> {
-        Journal::open(&folder.journal("flights"), FLIGHTS, size_of::<FlightReport>()).map(Self)
-    }
+/// Saves the flight of a slot; to be done before it is published.
+///
+/// # Errors
+/// If the system refuses.
+pub fn save(journal: &Journal, slot: u64, flight: &FlightReport) -> Result<(), RingError> {
+    journal.write(slot, &[bytemuck::bytes_of(flight)])
+}
 
-    /// Saves the flight of a slot; to be done before it is published.
-    ///
-    /// # Errors
-    /// If the system refuses.
-    pub fn save(&self, slot: u64, flight: &FlightReport) -> Result<(), RingError> {
-        self.0.write(slot, &[bytemuck::bytes_of(flight)])
-    }
-
-    /// The last flights on record, as many as late joiners get, by slot, in ascending order without a gap.
-    ///
-    /// # Errors
-    /// If the file cannot be read.
-    pub fn restore(&self) -> Result<Vec<(u64, FlightReport)>, RingError> {
-        let mut flights: Vec<(u64, FlightReport)> = Vec::new();
-        for record in self.0.read()?.iter().rev() {
-            let Ok(flight) = bytemuck::try_pod_read_unaligned(&record.bytes) else { continue };
-            match flights.last() {
-                Some((later, _)) if record.slot + 1 != *later => break,
-                _ => flights.push((record.slot, flight)),
-            }
+/// The last flights on record, as many as late joiners get, by slot, in ascending order without a gap.
+///
+/// # Errors
+/// If the file cannot be read.
+pub fn restore(journal: &Journal) -> Result<Vec<(u64, FlightReport)>, RingError> {
+    let mut flights: Vec<(u64, FlightReport)> = Vec::new();
+    for record in journal.read()?.iter().rev() {
+        let Ok(flight) = bytemuck::try_pod_read_unaligned(&record.bytes) else { continue };
+        match flights.last() {
+            Some((later, _)) if record.slot + 1 != *later => break,
+            _ => flights.push((record.slot, flight)),
         }
-        flights.truncate(FLIGHT_HISTORY);
-        flights.reverse();
-        Ok(flights)
     }
+    flights.truncate(FLIGHT_HISTORY);
+    flights.reverse();
+    Ok(flights)
 }
 
 #[cfg(test)]
@@ -59,18 +53,18 @@ mod tests {
     #[test]
     fn the_last_three_flights_are_restored_in_order() {
         let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
-        let journal = FlightJournal::open(&folder).unwrap();
+        let flights = journal(&folder).unwrap();
         let flight = |slot: u64| FlightReport::at([slot as f64, 0.5, 20.0], Mode::Serve);
-        assert_eq!(journal.restore().unwrap(), []);
-        journal.save(0, &flight(0)).unwrap();
-        assert_eq!(journal.restore().unwrap(), [(0, flight(0))]);
+        assert_eq!(restore(&flights).unwrap(), []);
+        save(&flights, 0, &flight(0)).unwrap();
+        assert_eq!(restore(&flights).unwrap(), [(0, flight(0))]);
         for slot in 1..=9 {
-            journal.save(slot, &flight(slot)).unwrap();
-            let again = FlightJournal::open(&folder).unwrap();
+            save(&flights, slot, &flight(slot)).unwrap();
+            let again = journal(&folder).unwrap();
             let last: Vec<_> = (slot.saturating_sub(2)..=slot).map(|slot| (slot, flight(slot))).collect();
-            assert_eq!(again.restore().unwrap(), last);
+            assert_eq!(restore(&again).unwrap(), last);
         }
-        journal.save(14, &flight(14)).unwrap(); // 11 to 13 are cut
-        assert_eq!(journal.restore().unwrap(), [(14, flight(14))]);
+        save(&flights, 14, &flight(14)).unwrap(); // 11 to 13 are cut
+        assert_eq!(restore(&flights).unwrap(), [(14, flight(14))]);
     }
 }

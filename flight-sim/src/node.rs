@@ -12,7 +12,7 @@ use skysink_ring::role::Role;
 use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 
 use crate::flight::Flight;
-use crate::journal::FlightJournal;
+use crate::journal::{journal, restore, save};
 
 /// Flies until the mission ends. Started again, it resumes where it was killed: what was flown stays flown, and the
 /// last flights are published once more, because a peer may have died without them.
@@ -28,13 +28,13 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
 
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
     let mut flight = Flight::new(scenario, nodes.payload());
-    let journal = FlightJournal::open(folder)?;
-    let mut flown = journal.restore()?;
+    let journal = journal(folder)?;
+    let mut flown = restore(&journal)?;
     if let Some((_, report)) = flown.last() {
         flight.restore(report);
     } else {
         let start = flight.start();
-        journal.save(0, &start)?;
+        save(&journal, 0, &start)?;
         flown.push((0, start));
     }
     for (slot, report) in &flown {
@@ -52,7 +52,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         let report = flight.step(slot, plan.as_ref().map(|plan| plan.payload()));
         drop(plan);
         count_refusals(&ring.refusals, slot, &report);
-        journal.save(slot, &report)?;
+        save(&journal, slot, &report)?;
         flights.send(ring.header(slot, 0), report)?;
     }
     ring.wait_for_commit(&mut wait, is_release, || Ok(()))

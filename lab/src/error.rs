@@ -8,14 +8,9 @@ pub enum LabError {
     /// A sweep or a mission is refused, a file cannot be read or written, or a signal asks for the end.
     #[error(transparent)]
     Mission(MissionError),
-    /// A text of a figure has a character that the embedded font lacks.
-    #[error("figure text {text:?}: {character:?} is not in the embedded font: expected Latin, Greek or common symbols")]
-    Character {
-        /// The text.
-        text: String,
-        /// Its first such character.
-        character: char,
-    },
+    /// A figure cannot be drawn: a number without a place, or a character without a glyph.
+    #[error("figure {0}")]
+    Figure(String),
 }
 
 impl LabError {
@@ -24,7 +19,7 @@ impl LabError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Mission(error) => error.exit_code(),
-            Self::Character { .. } => 1,
+            Self::Figure(_) => 1,
         }
     }
 }

@@ -36,7 +36,7 @@ impl Mission {
     /// The mission before slot 1.
     ///
     /// # Errors
-    /// If `[planner]` of the scenario is refused; never for one that was read by [`skysink_planner::settings`].
+    /// If `[planner]` of the scenario is refused; never for one that [`skysink_planner::settings::resolve`] returned.
     pub fn new(scenario: &Scenario, list: &SensorList) -> Result<Self, InputError> {
         let nodes = list.nodes();
         let flight = Flight::new(scenario, &nodes);

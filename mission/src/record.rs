@@ -129,8 +129,8 @@ impl RunFolder {
         reader.read_until(b'\n', &mut header).at(&path)?;
         if !SLOT_COLUMNS.as_bytes().starts_with(&header) {
             let found = String::from_utf8_lossy(&header);
-            let header = format_args!("line 1: header {:?}: expected {}", found.trim_end(), SLOT_COLUMNS.trim_end());
-            return Err(InputError::new("trace", &path, header).into());
+            let message = format_args!("line 1: header {:?}: expected {}", found.trim_end(), SLOT_COLUMNS.trim_end());
+            return Err(InputError::new("trace", &path, message).into());
         }
         // Where the header is cut, nothing is on record.
         let length = if header.len() == SLOT_COLUMNS.len() { header.len() as u64 } else { 0 };

@@ -262,8 +262,8 @@ impl Estimate {
 
     /// What SN `id` held as `slot` began [bit], if it was to be served in it.
     fn found_bits(&self, slot: u64, id: u32) -> Option<u32> {
-        let mut of_slot = self.announced.iter().filter(|_| self.announced_slot == slot);
-        of_slot.find(|(announced_id, _)| *announced_id == id).map(|(_, queue_bits)| *queue_bits)
+        let found = self.announced.iter().find(|(announced_id, _)| *announced_id == id)?;
+        (self.announced_slot == slot).then_some(found.1)
     }
 }
 

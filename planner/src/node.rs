@@ -40,8 +40,8 @@ struct Journaled {
 }
 
 impl Journaled {
-    /// Brings a planner that is new to where its predecessor was before it planned `slot`, or after the last slot before
-    /// that which is in the journal. In paced runs slots may be skipped; it then resumes from what there is.
+    /// Brings a planner that is new to where its predecessor was before it planned `slot`, or after the last slot
+    /// before that which is in the journal. In paced runs slots may be skipped; it then resumes from what there is.
     fn resume(&mut self, slot: u64) -> Result<(), RingError> {
         if self.planner.slot() == 0 {
             self.journal.restore_before(slot, &mut self.planner)?;
@@ -49,7 +49,8 @@ impl Journaled {
         Ok(())
     }
 
-    /// Takes in what was flown in the slot before `slot`, plans `slot` and saves the state, before the plan is published.
+    /// Takes in what was flown in the slot before `slot`, plans `slot` and saves the state, before the plan is
+    /// published.
     fn plan(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) -> Result<Plan, RingError> {
         self.resume(slot)?;
         let begin = Instant::now();

@@ -48,7 +48,7 @@ impl Planner {
     /// The planner of a scenario with the sensor nodes `sensors`, SN i at entry i.
     ///
     /// # Errors
-    /// If `[planner]` of the scenario is refused; never for one that was read by [`crate::settings`].
+    /// If `[planner]` of the scenario is refused; never for one that [`settings::resolve`] returned.
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Result<Self, InputError> {
         Self::over(scenario, sensors, SensorTable::new(scenario, sensors))
     }

@@ -67,7 +67,7 @@ impl Health {
     pub fn read(&self) -> Option<(Role, Fate)> {
         let fates = [Fate::Killed, Fate::Exited, Fate::Restarted, Fate::Silent, Fate::Back];
         let fate = fates.get(self.fate as usize)?;
-        Some((Role::from_repr(self.process)?, fate(self.detail)))
+        (self.detail >= 0).then_some((Role::from_repr(self.process)?, fate(self.detail)))
     }
 }
 
@@ -110,6 +110,7 @@ mod tests {
     fn numbers_that_mean_nothing_are_nothing() {
         assert_eq!(Health { process: 5, ..Health::default() }.read(), None);
         assert_eq!(Health { fate: 5, ..Health::default() }.read(), None);
+        assert_eq!(Health { detail: -1, ..Health::default() }.read(), None);
         assert_eq!(size_of::<Health>(), 16);
     }
 }

@@ -11,13 +11,13 @@ use iceoryx2::prelude::Service;
 use serde::{Deserialize, Serialize};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use skysink_common::stop::Stop;
-use strum::{Display, EnumString};
+use strum::{Display, EnumString, VariantNames};
 
 use crate::error::{NodeError, RingError};
 use crate::role::{Role, Seat};
 
 /// How a process waits for messages.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, Display, EnumString)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames)]
 #[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum Waiting {
@@ -36,6 +36,9 @@ pub(crate) const PAUSE: Duration = Duration::from_millis(10);
 const POLLS: u32 = 64;
 
 impl Waiting {
+    /// The names of all.
+    pub const NAMES: &'static [&'static str] = <Self as VariantNames>::VARIANTS;
+
     /// Pauses until `listener` is notified, for 10 ms at most; or for one of many polls, of which this is number
     /// `polls`.
     ///

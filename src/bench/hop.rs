@@ -154,9 +154,9 @@ impl Ends {
         let before = (index + HOPS - 1) % HOPS;
         // The listener first: a message that arrives has been announced.
         let listener = event(before)?.listener_builder().create().map_err(failed)?;
-        let data = data(node, before)?.open().map_err(failed)?;
+        let data = publish_subscribe(node, before)?.open().map_err(failed)?;
         let subscriber = data.subscriber_builder().create().map_err(failed)?;
-        let data = self::data(node, index)?.open().map_err(failed)?;
+        let data = publish_subscribe(node, index)?.open().map_err(failed)?;
         let publisher = data.publisher_builder().initial_max_slice_len(message_bytes).max_loaned_samples(1).create();
         let notifier = event(index)?.notifier_builder().create().map_err(failed)?;
         Ok(Self { publisher: publisher.map_err(failed)?, notifier, subscriber, listener, wait })
@@ -190,12 +190,12 @@ fn node(folder: &RingFolder) -> Result<Node<ipc::Service>, Error> {
 
 /// Creates the services of the process `index`; they exist as long as what is returned.
 fn create_services(node: &Node<ipc::Service>, index: usize) -> Result<impl Sized, Error> {
-    let data = data(node, index)?.max_publishers(1).max_subscribers(2).create().map_err(failed)?;
+    let data = publish_subscribe(node, index)?.max_publishers(1).max_subscribers(2).create().map_err(failed)?;
     let event = node.service_builder(&name(index)?).event().create().map_err(failed)?;
     Ok((data, event))
 }
 
-fn data(node: &Node<ipc::Service>, index: usize) -> Result<Builder<[u8], (), ipc::Service>, Error> {
+fn publish_subscribe(node: &Node<ipc::Service>, index: usize) -> Result<Builder<[u8], (), ipc::Service>, Error> {
     Ok(node.service_builder(&name(index)?).publish_subscribe::<[u8]>())
 }
 

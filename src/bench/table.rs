@@ -58,7 +58,9 @@ fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::
 /// A single value: a time, if its key ends so, or a ratio.
 fn text(key: &str, value: &Value) -> String {
     match value {
-        Value::Float(time_us) if key.ends_with("_us") => format!("{:.2?}", Duration::from_secs_f64(time_us / 1e6)),
+        Value::Float(time_us) if key.ends_with("_us") => {
+            format!("{:.2?}", Duration::try_from_secs_f64(time_us / 1e6).unwrap_or_default())
+        }
         Value::Float(number) => ratio(*number),
         Value::String(text) => text.clone(),
         other => other.to_string(),

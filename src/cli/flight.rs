@@ -34,12 +34,11 @@ impl RunArguments {
     /// If the scenario is refused.
     pub fn run(self) -> Result<Run, Error> {
         let scenario = match (&self.resume, &self.scenario) {
-            (Some(folder), _) => {
-                Scenario::read(&folder.join("scenario.toml"), Overrides::default()).and_then(settings::resolve)?
-            }
-            (None, Some(path)) => Scenario::read(path, self.choice.overrides()).and_then(settings::resolve)?,
-            (None, None) => Scenario::letter(self.choice.overrides()).and_then(settings::resolve)?,
+            (Some(folder), _) => Scenario::read(&folder.join("scenario.toml"), Overrides::default()),
+            (None, Some(path)) => Scenario::read(path, self.choice.overrides()),
+            (None, None) => Scenario::letter(self.choice.overrides()),
         };
+        let scenario = settings::resolve(scenario?)?;
         Ok(Run { scenario, folder: self.choice.folder, resume: self.resume, options: self.options })
     }
 }

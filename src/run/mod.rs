@@ -57,7 +57,7 @@ pub struct RunOptions {
     pub pace: Pace,
     /// How the processes wait for each other: event, asleep until they are woken; or poll, which keeps a core busy for
     /// each of them and is faster only where there are cores to spare.
-    #[arg(long, default_value = "event", value_name = "HOW", value_parser = PossibleValuesParser::new(["event", "poll"])
+    #[arg(long, default_value = "event", value_name = "HOW", value_parser = PossibleValuesParser::new(Waiting::NAMES)
         .map(|name| name.parse::<Waiting>().expect("one of the possible values")))]
     pub wait: Waiting,
     /// Serve the recording live on 127.0.0.1, on port 9876 if none is given.

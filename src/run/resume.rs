@@ -8,7 +8,7 @@ use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::journal::FieldJournal;
-use skysink_flight_sim::journal::FlightJournal;
+use skysink_flight_sim::journal as flights;
 use skysink_mission::Mission;
 use skysink_mission::error::FileContext;
 use skysink_mission::record::{RunFolder, SlotLog};
@@ -66,8 +66,7 @@ pub fn resume(
         }
         let slot = mission.slot() + 1;
         let refuse = |what: &str| {
-            let text = String::from_utf8_lossy(&line);
-            InputError::new("trace", &folder.slots(), format_args!("line {}: `{}`: {what}", slot + 1, text.trim_end()))
+            InputError::line("trace", &folder.slots(), slot as usize + 1, &String::from_utf8_lossy(&line), what)
         };
         let recorded = RecordedSlot::parse(&line).ok_or_else(|| refuse("expected a slot as skysink run writes it"))?;
         if recorded.slot != slot || slot > scenario.slots {
@@ -108,7 +107,7 @@ impl Resumed {
         let planner = self.mission.planner();
         journal(ring_folder, count)?.save(slot, planner)?;
         FieldJournal::open(ring_folder, &mut field)?; // an empty one begins with this state
-        FlightJournal::open(ring_folder)?.save(slot, self.mission.last_flight())?;
+        flights::save(&flights::journal(ring_folder)?, slot, self.mission.last_flight())?;
         Ok(self.log)
     }
 }

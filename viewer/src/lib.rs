@@ -2,8 +2,7 @@
 //! events that the rerun viewer shows without further setting up.
 //!
 //! It decides nothing and computes no physics: positions, queues and rates are shown as the other crates report them,
-//! and probabilities of line of sight as `skysink-common` computes them.
-//! The only crate that knows rerun.
+//! and probabilities of line of sight as `skysink-common` computes them. The only crate that knows rerun.
 
 mod blueprint;
 pub mod colour;

@@ -102,7 +102,8 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
             health: ring.health.reader(VIEWER_BUFFER)?,
             paths_read: 0,
             is_ready: false,
-            // After a resume the ring begins with the last slot on record; those before are in earlier files, if in any.
+            // After a resume the ring begins with the last slot on record; those before are in earlier files, if in
+            // any.
             next: journal.read()?.last().map(|record| record.slot + 1),
             missed: 0,
             recent: VecDeque::new(),

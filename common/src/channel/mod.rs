@@ -75,8 +75,9 @@ impl Channel {
         LineOfSight::of(scenario).map_or_else(|| Self::FreeSpace(FreeSpace::of(scenario)), Self::LineOfSight)
     }
 
-    /// The probabilistic line-of-sight model, if that is what it is: then the rate depends on the elevation angle, and there
-    /// is a best altitude. Otherwise the gain is each sensor node's own, and the rate falls with the distance alone.
+    /// The probabilistic line-of-sight model, if that is what it is: then the rate depends on the elevation angle, and
+    /// there is a best altitude. Otherwise the gain is each sensor node's own, and the rate falls with the distance
+    /// alone.
     #[must_use]
     pub fn line_of_sight(&self) -> Option<&LineOfSight> {
         match self {

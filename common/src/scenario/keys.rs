@@ -1,7 +1,7 @@
 //! The tables of a scenario file: each key with its unit, as read and as written.
 //!
-//! `rules` says what a number may be, `defaults` what is left out. Levels are in dB here and in the sensor
-//! list; messages and channels are linear.
+//! `rules` says what a number may be, `defaults` fills in what a file leaves out. Levels are in dB here and in the
+//! sensor list; messages and channels are linear.
 
 use std::path::PathBuf;
 

@@ -22,8 +22,8 @@ pub struct PlannerKeys {
 }
 
 impl Scenario {
-    /// Reads `[planner]` as a `T`: `table` is `"planner"`, or the dotted name of one of its tables, `"planner.horizon"`.
-    /// A table that is left out is an empty one.
+    /// Reads `[planner]` as a `T`: `table` is `"planner"`, or the dotted name of one of its tables,
+    /// `"planner.horizon"`. A table that is left out is an empty one.
     ///
     /// # Errors
     /// If `T` refuses a value or a key; the error names it.

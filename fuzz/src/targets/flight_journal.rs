@@ -1,7 +1,7 @@
 //! What flight-sim saves.
 
 use skysink_common::message::FlightReport;
-use skysink_flight_sim::journal::FlightJournal;
+use skysink_flight_sim::journal::{journal, restore, save};
 
 use super::flight_message::report;
 use super::place::{in_ring, spoil};
@@ -15,17 +15,17 @@ use crate::cursor::Cursor;
 pub fn flight_journal(bytes: &[u8]) {
     let mut input = Cursor::new(bytes);
     in_ring(&["flights"], |ring| {
-        let journal = FlightJournal::open(ring).expect("the journal opens");
+        let flights = journal(ring).expect("the journal opens");
         let mut saved: Vec<(u64, FlightReport)> = Vec::new();
         let mut slot = input.u64();
         for _ in 0..input.u8() % 7 {
             let flight = report(&mut input, 2);
-            journal.save(slot, &flight).expect("the flight is written");
+            save(&flights, slot, &flight).expect("the flight is written");
             saved.push((slot, flight));
             slot = slot.saturating_add(u64::from(input.u8() % 4));
         }
         let spoilt = spoil(&ring.journal("flights"), &mut input);
-        let restored = FlightJournal::open(ring).and_then(|journal| journal.restore()).expect("the journal is read");
+        let restored = journal(ring).and_then(|flights| restore(&flights)).expect("the journal is read");
         assert!(restored.len() <= 3);
         assert!(restored.windows(2).all(|pair| pair[0].0 + 1 == pair[1].0), "{restored:?}");
         for (slot, flight) in &restored {

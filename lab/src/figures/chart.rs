@@ -16,9 +16,9 @@ const EM: f64 = 28.0;
 /// A mean over missions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CurvePoint {
-    /// What was varied, in the unit of the x axis; finite, as is the mean.
+    /// What was varied, in the unit of the x axis.
     pub x: f64,
-    /// Mean, in the unit of the y axis; above 0 where that is logarithmic.
+    /// Mean, in the unit of the y axis.
     pub mean: f64,
     /// Half width of its 95 % confidence interval, in the same unit; NaN if there is none (a single mission).
     pub half_width: f64,
@@ -54,8 +54,13 @@ impl Chart {
     /// Writes `stem`.svg and `stem`.png; the same chart gives the same bytes.
     ///
     /// # Errors
-    /// A character that the embedded font lacks, a file that cannot be written.
+    /// A mean that has no place, a character that the embedded font lacks, a file that cannot be written.
     pub fn draw(&self, stem: &Path) -> Result<(), LabError> {
+        let has_place = |mean: f64| mean.is_finite() && (self.y_scale == Scale::Linear || mean > 0.0);
+        if let Some(CurvePoint { x, mean, .. }) = self.points().find(|point| !has_place(point.mean)) {
+            let expected = "expected a finite number, above 0 on a logarithmic scale";
+            return Err(LabError::Figure(format!("{:?}: mean {mean} at {x}: {expected}", self.title)));
+        }
         let mut page = Page::new(&self.title);
         let styled: Vec<_> = self.series.iter().zip((0..).map(SeriesStyle::of)).collect();
         let entries: Vec<_> = styled.iter().map(|(series, style)| (style.sample(), series.label.as_str())).collect();

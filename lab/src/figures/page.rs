@@ -86,7 +86,9 @@ impl Page {
         let lacking = |text: &str| text.chars().find(|&character| font().charmap().map(character).is_none());
         for text in svg.split(['<', '>']).map(str::trim) {
             if let Some(character) = lacking(text) {
-                return Err(LabError::Character { text: text.to_owned(), character });
+                let expected = "expected Latin, Greek or common symbols";
+                let message = format!("text {text:?}: {character:?} is not in the embedded font: {expected}");
+                return Err(LabError::Figure(message));
             }
         }
         let path = stem.with_added_extension("svg");

@@ -117,6 +117,17 @@ fn a_confidence_interval_that_is_not_known_draws_no_band() {
 }
 
 #[test]
+fn a_mean_that_has_no_place_is_refused() {
+    let drawn =
+        |mean: f64, y_scale| Chart { y_scale, ..chart(vec![series("uts", &[(0.5, 0.1, 0.0), (1.0, mean, 0.0)])]) };
+    for (mean, scale) in [(f64::NAN, Scale::Linear), (f64::INFINITY, Scale::Linear), (0.0, Scale::Log)] {
+        let expected = "expected a finite number, above 0 on a logarithmic scale";
+        let message = format!("figure \"Loss against area\": mean {mean} at 1: {expected}");
+        assert_eq!(refusal(&drawn(mean, scale)), message);
+    }
+}
+
+#[test]
 fn a_character_without_a_glyph_is_refused() {
     let message = refusal(&chart(vec![series("城", &[(1.0, 0.1, 0.0)])]));
     let expected = "figure text \"城\": '城' is not in the embedded font: expected Latin, Greek or common symbols";

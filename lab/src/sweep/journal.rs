@@ -9,7 +9,6 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
 use skysink_mission::error::FileContext;
-use strum::VariantArray;
 
 use super::plan::{Definition, MissionKey};
 use crate::error::LabError;
@@ -58,8 +57,8 @@ impl SweepJournal {
         let mut text = Vec::new();
         file.read_to_end(&mut text).at(path)?;
         let whole = whole_lines(&text);
-        file.set_len(whole.len() as u64).at(path)?;
         let rows = parse(path, whole, definition)?;
+        file.set_len(whole.len() as u64).at(path)?;
         Ok((Self { path: path.to_owned(), file }, rows))
     }
 
@@ -98,10 +97,6 @@ fn parse(path: &Path, text: &[u8], definition: &Definition) -> Result<MissionRow
             let MissionKey { point, strategy, seed } = row.key;
             let mission = format!("point {point}, strategy {strategy}, seed {seed}");
             return Err(refuse(format!("{mission}: expected a mission of the sweep")).into());
-        }
-        let is_missing = |metric: Metric| row[metric].is_nan() && metric == Metric::LossBound;
-        if let Some(metric) = Metric::VARIANTS.iter().find(|&&metric| !row[metric].is_finite() && !is_missing(metric)) {
-            return Err(refuse(format!("{} = {}: expected a finite number", metric.name(), row[*metric])).into());
         }
         rows.insert(row.key, row);
     }

@@ -36,8 +36,8 @@ impl Estimate {
     pub(crate) fn restored(&self, slot: u64, saved: Saved) -> Result<Self, CheckpointError> {
         let Saved { observed, whole_since, announced_slot, announced, contacted } = saved;
         let is_known = |id: u32| (id as usize) < self.beliefs.len();
-        let is_past = whole_since <= observed && observed <= slot && announced_slot <= slot;
-        CheckpointError::unless(is_past, "slots up to that of the checkpoint")?;
+        let is_in_order = whole_since <= observed && observed <= slot && announced_slot <= slot;
+        CheckpointError::unless(is_in_order, "slots up to that of the checkpoint")?;
         let are_known = announced.len() <= MAX_SERVED && announced.iter().all(|(id, _)| is_known(*id));
         CheckpointError::unless(are_known, "announced sensor nodes of this field")?;
         let is_sorted = contacted.is_sorted_by(|a, b| a.id < b.id);

@@ -1,4 +1,4 @@
-//! The search of [`super`] before the mission, with any number of steps: it finds the best plan that is known.
+//! The search of [`super`] before the mission, with any number of steps: the best plan it finds is the best known.
 
 use std::ops::ControlFlow;
 

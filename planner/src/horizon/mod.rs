@@ -48,7 +48,7 @@ const LEAST_MEAN_BITS: f64 = 1e-3;
 /// Ceiling of the temperature at the mission's end; at its beginning it is 1.
 const LAST_CEILING: f64 = 0.1;
 
-/// Fraction of free resource blocks from which on the temperature is not reduced for their sake.
+/// From this fraction of free resource blocks on, the temperature is not reduced.
 const FREE: f64 = 0.5;
 
 /// Most that a search may end higher, as a fraction of what is avoidable; otherwise it is undone.

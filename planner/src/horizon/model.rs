@@ -187,8 +187,8 @@ impl PlanningModel {
     }
 
     /// Makes the groups of a partition of the field, with random numbers of `seed`, and tours over the groups of at
-    /// least a size, for every size that leaves out few sensors: where no partition into full groups exists, it may lose
-    /// less to leave some alone.
+    /// least a size, for every size that leaves out few sensors: where no partition into full groups exists, it may
+    /// lose less to leave some alone.
     pub(super) fn group(&mut self, seed: u64) {
         let first = self.disks.len();
         self.disks.extend(groups::cover(&self.table, seed));

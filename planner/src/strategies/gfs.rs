@@ -29,8 +29,7 @@ impl Strategy for Gfs {
     }
 }
 
-/// The SN with the largest queue within `V τ`, ties to the lowest index (decision D7); `None` if there
-/// is none.
+/// The SN with the largest queue within `V τ`, ties to the lowest index (decision D7); `None` if there is none.
 fn greedy_waypoint(table: &SensorTable, position: &Position, queues_bits: &[u32]) -> Option<Position> {
     let mut fullest: Option<(u64, Position)> = None;
     table.grid.visit_within(position, table.reach_m, |node| {

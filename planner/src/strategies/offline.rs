@@ -61,7 +61,7 @@ impl Offline {
     /// The strategy before its search, of a mission whose queues are known.
     ///
     /// # Errors
-    /// If `[planner]` of the scenario is refused.
+    /// If a value of `[planner]` is refused; never for a scenario that was resolved.
     pub fn of(scenario: &Scenario, sensors: &[SensorNode]) -> Result<Self, InputError> {
         let settings = &Settings::of(scenario)?;
         let table = &SensorTable::new(scenario, sensors);
@@ -75,7 +75,7 @@ impl Offline {
     /// told now and then how far the search is, ends it.
     ///
     /// # Errors
-    /// If `[planner]` of the scenario is refused.
+    /// If a value of `[planner]` is refused; never for a scenario that was resolved.
     pub fn search(
         scenario: &Scenario,
         sensors: &[SensorNode],

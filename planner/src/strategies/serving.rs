@@ -53,6 +53,9 @@ impl Serving {
 
 impl Decision {
     /// To serve the SNs `ids`, ascending, from a solved waypoint, or the point of the area next to it.
+    ///
+    /// # Panics
+    /// If they are more than a message holds, [`MAX_SERVED`](skysink_common::message::MAX_SERVED).
     #[must_use]
     pub fn serve(view: &View, waypoint: &Waypoint, ids: &[u32]) -> Self {
         let ground = view.table.into_area(&waypoint.point.xy());

@@ -117,8 +117,7 @@ struct Program {
 }
 
 impl Program {
-    /// The program of `problem` expanded at the feasible point `at`, for the curve `1/(1 + a e^{−b(θ−a)})` of
-    /// `[a, b]`.
+    /// The program of `problem` expanded at the feasible point `at`, for the curve `1/(1 + a e^{−b(θ−a)})` of `[a, b]`.
     fn at(problem: &Problem, link: &LineOfSight, at: &Point3<f64>, curve: [f64; 2]) -> Self {
         let variables = POINT + 2 * problem.gains.len();
         let unit_m = problem.disks.iter().map(|disk| disk.radius_m).fold(f64::INFINITY, f64::min);
