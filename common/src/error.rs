@@ -9,7 +9,7 @@ const MAX_QUOTED: usize = 200;
 /// A file or folder that is refused; the display is one line that names it, the key or line, the value, and what was
 /// expected.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{what} {}: {message}", path.display())]
+#[error("{what} {}: {message}", shown(path))]
 pub struct InputError {
     /// What it is, such as `scenario`.
     pub what: &'static str,
@@ -42,4 +42,9 @@ impl InputError {
         let number = text[..span.start.min(text.len())].matches('\n').count() + 1;
         Self::line(what, path, number, text.lines().nth(number - 1).unwrap_or_default(), message)
     }
+}
+
+/// A path on one line, whatever is in it.
+fn shown(path: &Path) -> String {
+    path.display().to_string().replace(char::is_control, " ")
 }
