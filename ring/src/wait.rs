@@ -42,8 +42,7 @@ impl Waiting {
     /// Pauses until `listener` is notified, for 10 ms at most; or for one of many polls, of which this is number
     /// `polls`.
     ///
-    /// Whoever polls leaves the listener alone: notifying one that is notified already costs its writer next to
-    /// nothing.
+    /// Whoever polls leaves the listener alone: notifying it once more costs its writer next to nothing.
     pub fn pause<S: Service>(self, listener: &Listener<S>, polls: u32) {
         match self {
             Self::Event => {
@@ -120,6 +119,7 @@ impl WaitContext {
     pub fn begin(&mut self, topic: &'static str, slot: u64, from: Role) -> Result<Awaited, RingError> {
         let since = Instant::now();
         self.stay_present(since)?; // a process that always finds its sample gets no further
+        self.polls = 0; // the first poll in vain offers the core to whoever is to send the sample
         Ok(Awaited { topic, slot, from, since })
     }
 
