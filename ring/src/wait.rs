@@ -24,7 +24,7 @@ pub enum Waiting {
     /// Asleep, until the writer wakes it.
     #[default]
     Event,
-    /// Polling, which keeps a core busy for each process: for machines with cores to spare.
+    /// Polling, which is quicker and keeps every core busy.
     Poll,
 }
 

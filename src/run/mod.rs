@@ -55,8 +55,8 @@ pub struct RunOptions {
     /// max, realtime, or a factor such as 10x.
     #[arg(long, default_value = "max", value_name = "PACE")]
     pub pace: Pace,
-    /// How the processes wait for each other: event, asleep until they are woken; or poll, which keeps a core busy for
-    /// each of them and is faster only where there are cores to spare.
+    /// How the processes wait for each other: event, asleep until they are woken; or poll, which is quicker and keeps
+    /// every core busy.
     #[arg(long, default_value = "event", value_name = "HOW", value_parser = PossibleValuesParser::new(Waiting::NAMES)
         .map(|name| name.parse::<Waiting>().expect("one of the possible values")))]
     pub wait: Waiting,
