@@ -349,6 +349,16 @@ mod tests {
     }
 
     #[test]
+    fn what_was_announced_for_another_slot_teaches_nothing() {
+        let mut estimate = estimate_of(Rates::Learnt);
+        contact(&mut estimate, 1, 0, 100);
+        pass(&mut estimate, 2..=6);
+        estimate.announce(6, &[0], &[900, 0, 0]);
+        estimate.observe(7, &serving(&[0]), &[0; 3]); // what SN 0 held as slot 7 began is not known
+        assert_eq!(estimate.mean_bits(0), 100.0);
+    }
+
+    #[test]
     fn a_gap_that_ended_full_only_raises_a_rate() {
         let mut estimate = estimate_of(Rates::Learnt);
         contact(&mut estimate, 1, 0, 100);
