@@ -99,7 +99,8 @@ impl Error {
             #[cfg(feature = "lab")]
             Self::Lab(error) => error.exit_code(),
             Self::EndedEarly { cause, .. } => cause.exit_code(),
-            Self::Input(_) | Self::Ring(RingError::Folder(_)) | Self::NoViewer => 2,
+            Self::Ring(error) => error.exit_code(),
+            Self::Input(_) | Self::NoViewer => 2,
             _ => 1,
         }
     }

@@ -2,8 +2,8 @@
 
 use std::fs;
 use std::path::Path;
+use std::sync::Barrier;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Barrier};
 use std::thread;
 use std::time::Duration;
 
@@ -57,7 +57,7 @@ fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, or
     let ring_folder = RingFolder::create(Pace::Max, wait, 60.0, false).unwrap();
     let stop = Stop::default();
     let (ring, wait) = Ring::<S>::join(&ring_folder, scenario, Role::Launcher, &stop).unwrap();
-    let mut recorder = Recorder::new(&ring, wait, Arc::default()).unwrap();
+    let mut recorder = Recorder::new(&ring, wait).unwrap();
     let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(scenario, &list));
     let nodes: [Node; 3] =
         [skysink_field_sim::node::run::<S>, skysink_flight_sim::node::run::<S>, skysink_planner::node::run::<S>];
@@ -110,7 +110,7 @@ fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
     let ring_folder = RingFolder::create(Pace::Max, Waiting::Event, 60.0, false).unwrap();
     let stop = Stop::default();
     let (ring, wait) = Ring::<S>::join(&ring_folder, scenario, Role::Launcher, &stop).unwrap();
-    let mut recorder = Recorder::new(&ring, wait, Arc::default()).unwrap();
+    let mut recorder = Recorder::new(&ring, wait).unwrap();
     let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(scenario, &list));
     let nodes: [Node; 3] =
         [skysink_field_sim::node::run::<S>, skysink_flight_sim::node::run::<S>, skysink_planner::node::run::<S>];

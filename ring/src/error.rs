@@ -13,6 +13,9 @@ pub enum RingError {
     /// The folder is not that of a running ring, the ring flies something else, or another process has the seat.
     #[error(transparent)]
     Folder(#[from] InputError),
+    /// A signal asked for the end while a full buffer was waited for.
+    #[error(transparent)]
+    Stopped(#[from] Stopped),
     /// A process cannot save its state, or restore it.
     #[error("journal {}: {source}", path.display())]
     Journal {
@@ -44,6 +47,16 @@ pub enum RingError {
 }
 
 impl RingError {
+    /// Exit code of a process that ends with this error.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Stopped(stopped) => stopped.exit_code(),
+            Self::Folder(_) => 2,
+            Self::Journal { .. } | Self::Full { .. } | Self::Topic { .. } => 1,
+        }
+    }
+
     pub(crate) fn folder(folder: &Path, message: impl Display) -> Self {
         InputError::new("ring", folder, message).into()
     }
@@ -92,8 +105,9 @@ impl NodeError {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Stopped(stopped) => stopped.exit_code(),
-            Self::Input(_) | Self::Peer(_) | Self::Ring(RingError::Folder(_)) => 2,
-            Self::TimedOut { .. } | Self::Orphaned | Self::Recording(_) | Self::Ring(_) => 1,
+            Self::Ring(error) => error.exit_code(),
+            Self::Input(_) | Self::Peer(_) => 2,
+            Self::TimedOut { .. } | Self::Orphaned | Self::Recording(_) => 1,
         }
     }
 }

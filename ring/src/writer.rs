@@ -73,6 +73,9 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> ServeJoiners for Port
 
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Ports<S, P, H> {
     fn undelivered(&self, error: SendError) -> RingError {
+        if let Err(stopped) = self.topic.member.stop.check() {
+            return stopped.into(); // the wait for a full buffer ends with an error of its own
+        }
         let seconds = self.topic.member.terms.timeout_s;
         match error {
             SendError::UnableToDeliver => RingError::Full { topic: self.topic.row.name, seconds },

@@ -8,8 +8,6 @@ pub mod supervise;
 
 use std::ffi::OsString;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use clap::Args;
@@ -161,7 +159,7 @@ fn fly(
     let (ring, wait) = Ring::<ipc::Service>::join(ring_folder, scenario, Role::Launcher, stop)?;
     let _janitor = Janitor::of(ring_folder);
     let _ = table.shared_prefix.set(ring_folder.prefix());
-    let mut recorder = Recorder::new(&ring, wait, on_child_end())?;
+    let mut recorder = Recorder::new(&ring, wait)?;
     let mut processes = Vec::new();
     for role in WORKERS.into_iter().filter(|role| *role != Role::Viewer || !options.no_viewer) {
         let mut arguments: Vec<OsString> =
@@ -189,13 +187,6 @@ fn fly(
     };
     drop(workers);
     ring.remove_dead_nodes();
-    ended
-}
-
-/// A flag that is set whenever a child process ends.
-fn on_child_end() -> Arc<AtomicBool> {
-    let ended = Arc::default();
-    signal_hook::flag::register(signal_hook::consts::SIGCHLD, Arc::clone(&ended)).expect("a catchable signal");
     ended
 }
 

@@ -1,7 +1,5 @@
 //! The recorder: waits for the parts of every slot, puts it on record, and commits it to field-sim.
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::Listener;
@@ -44,7 +42,6 @@ pub struct Recorder<'a, S: Service + 'static> {
     viewer: u32,
     /// That of the newest viewer that is ready.
     ready_viewer: Option<u32>,
-    child_ended: Arc<AtomicBool>,
     supervised: Instant,
 }
 
@@ -60,11 +57,11 @@ struct Parts {
 pub type Supervise<'a> = dyn FnMut(&mut Tally) -> Result<u32, Error> + 'a;
 
 impl<'a, S: Service + 'static> Recorder<'a, S> {
-    /// Connects to the ring; to be done before any other process is started. `child_ended` is set when one has died.
+    /// Connects to the ring; to be done before any other process is started.
     ///
     /// # Errors
     /// If a topic cannot be read or written.
-    pub fn new(ring: &'a Ring<S>, wait: WaitContext, child_ended: Arc<AtomicBool>) -> Result<Self, Error> {
+    pub fn new(ring: &'a Ring<S>, wait: WaitContext) -> Result<Self, Error> {
         Ok(Self {
             ring,
             wait,
@@ -78,13 +75,12 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             parts: Parts::default(),
             viewer: 0,
             ready_viewer: None,
-            child_ended,
             supervised: Instant::now(),
         })
     }
 
     /// Records all slots after those of the tally, up to `slots`, into the log and the tally, and returns the wall time
-    /// from the first to the last. `supervise` runs when a process has died, and now and then.
+    /// from the first to the last. `supervise` runs now and then.
     ///
     /// # Errors
     /// Those of `supervise` and of the log; a peer that is missing or wrong, a broken ring, or a requested stop.
@@ -211,10 +207,9 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         Ok(self.ready_viewer >= Some(self.viewer))
     }
 
-    /// Supervises the processes when one has died, and now and then.
+    /// Supervises the processes now and then.
     fn supervise(&mut self, tally: &mut Tally, supervise: &mut Supervise) -> Result<(), Error> {
-        let child_ended = self.child_ended.load(Ordering::Relaxed) && self.child_ended.swap(false, Ordering::Relaxed);
-        if child_ended || self.supervised.elapsed() >= SUPERVISE {
+        if self.supervised.elapsed() >= SUPERVISE {
             self.supervised = Instant::now();
             self.viewer = supervise(tally)?;
         }
