@@ -26,6 +26,9 @@ struct Cli {
     /// Serve it live on 127.0.0.1.
     #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "9876")]
     live: Option<u16>,
+    /// What the mission of an outside planner is booked as.
+    #[arg(long, value_name = "NAME")]
+    label: Option<String>,
 }
 
 fn main() -> ExitCode {
@@ -43,7 +46,7 @@ fn main() -> ExitCode {
 fn record(cli: &Cli, stop: &Stop) -> Result<(), NodeError> {
     let (scenario, folder) = worker::join(&cli.place)?;
     let sinks = Sinks { save: cli.save.clone(), live: cli.live };
-    let missed = run::<ipc::Service>(&scenario, &folder, stop, &sinks)?;
+    let missed = run::<ipc::Service>(&scenario, &folder, stop, &sinks, cli.label.as_deref())?;
     if missed > 0 {
         eprintln!("viewer: missed {missed} slots, marked in the recording");
     }

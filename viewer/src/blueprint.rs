@@ -14,11 +14,11 @@ use rerun::external::re_sdk_types::blueprint::components::{
 use rerun::external::re_types_core::datatypes::{TimeInt, TimeRange, TimeRangeBoundary, VisibleTimeRange as Range};
 use rerun::sink::MemorySinkStorage;
 use rerun::{
-    Archetype, AsComponents, EntityPath, RecordingStream, RecordingStreamBuilder, RecordingStreamResult, StoreId,
-    StoreKind,
+    ApplicationId, Archetype, AsComponents, EntityPath, RecordingStream, RecordingStreamBuilder, RecordingStreamResult,
+    StoreId, StoreKind,
 };
 
-use crate::recording::{APPLICATION, SIM_TIME, SLOT};
+use crate::recording::{SIM_TIME, SLOT};
 
 /// What a view shows, by the library's names.
 pub(crate) mod class {
@@ -56,8 +56,8 @@ pub(crate) struct Blueprint {
 
 impl Blueprint {
     /// An empty one for the recording `name`.
-    pub(crate) fn new(name: &str) -> RecordingStreamResult<Self> {
-        let store = StoreId::new(StoreKind::Blueprint, APPLICATION, format!("{name}-layout"));
+    pub(crate) fn new(application: &ApplicationId, name: &str) -> RecordingStreamResult<Self> {
+        let store = StoreId::new(StoreKind::Blueprint, application.clone(), format!("{name}-layout"));
         let builder = RecordingStreamBuilder::from_store_id(&store);
         let (recorder, messages) = builder.send_properties(false).enabled(true).memory()?;
         recorder.set_log_time_enabled(false);

@@ -40,7 +40,8 @@ const CURVES: [Curve; 8] = [
     (MISSED, "missed [slots]", colour::MISSED, |_, _, missed_slots| Some(missed_slots as f64)),
 ];
 
-fn loss_rate(totals: &Totals) -> f64 {
+/// Lost ÷ sampled bits since the start.
+pub(crate) fn loss_rate(totals: &Totals) -> f64 {
     if totals.sampled_bits == 0 { 0.0 } else { totals.lost_bits as f64 / totals.sampled_bits as f64 }
 }
 

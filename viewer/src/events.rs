@@ -1,10 +1,13 @@
-//! The event log, and the lane of the UAV's state.
+//! The event log, the lane of the UAV's state, and what has been reached so far in words.
 
-use rerun::{RecordingStream, RecordingStreamResult, StateChange, StateConfiguration, TextLog, TextLogLevel};
+use rerun::{
+    RecordingStream, RecordingStreamResult, StateChange, StateConfiguration, TextDocument, TextLog, TextLogLevel,
+};
 use skysink_common::message::{HoldReason, Mode, SolverOutcome, Totals};
 use skysink_common::scenario::Scenario;
 
 use crate::colour;
+use crate::curves;
 use crate::files::Part;
 use crate::slot::SlotView;
 
@@ -12,6 +15,8 @@ use crate::slot::SlotView;
 pub const LOG: &str = "log/events";
 /// Entity of the state lane.
 pub const LANE: &str = "state/uav";
+/// What has been reached so far, in words.
+pub const STATUS: &str = "status";
 /// State of the lane where the viewer missed slots.
 pub const GAP: &str = "gap";
 
@@ -53,6 +58,7 @@ impl Events {
         if view.slot > 0 {
             self.enter(stream, Mode::from_repr(flight.mode).unwrap_or_default().into())?;
         }
+        stream.log(STATUS, &TextDocument::from_markdown(status(view)))?;
         match HoldReason::from_repr(flight.hold).unwrap_or_default() {
             HoldReason::None => {}
             HoldReason::NoPlan => write(stream, TextLogLevel::WARN, "hold: no plan in time")?,
@@ -104,6 +110,16 @@ impl Events {
 /// Adds one line to the event log, at the time set before; `level` is one of [`TextLogLevel`].
 pub(crate) fn write(stream: &RecordingStream, level: &'static str, text: &str) -> RecordingStreamResult<()> {
     stream.log(LOG, &TextLog::new(text).with_level(level))
+}
+
+/// The loss rate so far, and what it is made of.
+fn status(view: &SlotView) -> String {
+    let Totals { sampled_bits, delivered_bits, lost_bits, .. } = view.header.totals;
+    let loss_rate = curves::loss_rate(&view.header.totals);
+    format!(
+        "slot {}: **η so far {loss_rate:.4}** ({lost_bits} of {sampled_bits} bits lost, {delivered_bits} delivered)",
+        view.slot
+    )
 }
 
 /// The line with which a mission begins.

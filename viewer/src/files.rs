@@ -1,13 +1,17 @@
-//! The files of a recording. Each has one writer; a viewer that is started again writes the next one.
+//! The files of a recording. Each has one writer; a viewer that is started again writes the next one, and gives those
+//! before it the end that a killed writer left out.
 //!
 //! `mission.rrd`, `mission-2.rrd`, `mission-3.rrd` ... share one recording id, by which rerun opens them as one
 //! recording. Each holds the style and the layout, and can be opened alone.
 
 use std::fs::{self, File};
-use std::io::BufReader;
+use std::io::{self, BufReader, BufWriter, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use rerun::external::re_log_encoding::DecoderApp;
+use rerun::ApplicationId;
+use rerun::external::re_build_info::CrateVersion;
+use rerun::external::re_log_encoding::rrd::{Decodable as _, EncodingOptions, StreamFooter};
+use rerun::external::re_log_encoding::{DecoderApp, EncodeError, Encoder};
 
 /// Whether a file begins the recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,13 +34,16 @@ pub(crate) struct NextFile {
 impl NextFile {
     /// The first of `first`, `first-2`, `first-3` ... to which nothing has been written, for a recording of
     /// `application`.
-    pub(crate) fn find(first: &Path, application: &str) -> Self {
+    pub(crate) fn find(first: &Path, application: &ApplicationId) -> Self {
         let mut recording_id = None;
         let mut number = 1;
         loop {
             let path = numbered(first, number);
             if !fs::metadata(&path).is_ok_and(|file| file.len() > 0) {
                 return Self { path, recording_id };
+            }
+            if !has_footer(&path).unwrap_or(true) {
+                let _ = complete(&path); // it can be opened all the same
             }
             recording_id = recording_id.or_else(|| recording_id_of(&path, application));
             number += 1;
@@ -58,11 +65,44 @@ fn numbered(first: &Path, number: u32) -> PathBuf {
     first.with_file_name(name)
 }
 
+/// Whether a file ends as a recording does that was closed.
+fn has_footer(path: &Path) -> io::Result<bool> {
+    let mut file = File::open(path)?;
+    let mut end = [0; StreamFooter::ENCODED_SIZE_BYTES];
+    let length = i64::try_from(end.len()).expect("a few bytes");
+    if file.seek(SeekFrom::End(-length)).is_err() {
+        return Ok(false); // it is shorter
+    }
+    file.read_exact(&mut end)?;
+    Ok(StreamFooter::from_rrd_bytes(&end).is_ok())
+}
+
+/// Writes a recording whose writer was killed once more, with everything in it that is whole and with its footer, and
+/// puts it in its place.
+fn complete(path: &Path) -> Result<(), EncodeError> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let new = path.with_file_name(format!(".{name}.new"));
+    let copy = || {
+        let messages = DecoderApp::decode_lazy(BufReader::new(File::open(path)?)).map_while(Result::ok);
+        let write = BufWriter::new(File::create(&new)?);
+        let mut encoder = Encoder::new_eager(CrateVersion::LOCAL, EncodingOptions::PROTOBUF_COMPRESSED, write)?;
+        messages.into_iter().try_for_each(|message| encoder.append(&message).map(drop))?;
+        encoder.finish()?;
+        encoder.into_inner()?.into_inner().map_err(io::IntoInnerError::into_error)?;
+        Ok(fs::rename(&new, path)?)
+    };
+    let copied = copy();
+    if copied.is_err() {
+        let _ = fs::remove_file(&new);
+    }
+    copied
+}
+
 /// Id of the recording of `application` in a file, from its first messages; none if there is no such recording.
-fn recording_id_of(path: &Path, application: &str) -> Option<String> {
+fn recording_id_of(path: &Path, application: &ApplicationId) -> Option<String> {
     let messages = DecoderApp::decode_lazy(BufReader::new(File::open(path).ok()?)).map_while(Result::ok);
     let mut stores = messages.map(|message| message.store_id().clone());
-    let store = stores.find(|store| store.is_recording() && store.application_id().as_str() == application)?;
+    let store = stores.find(|store| store.is_recording() && store.application_id() == application)?;
     Some(store.recording_id().as_str().to_owned())
 }
 

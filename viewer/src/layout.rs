@@ -1,17 +1,18 @@
 //! How the scene is arranged on the screen: views, cameras, axes and timeline.
 
+use rerun::RecordingStreamResult;
 use rerun::external::re_sdk_types::blueprint::archetypes::{
     Background, EyeControls3D, LineGrid3D, PlotLegend, ScalarAxis, SpatialInformation, TextLogColumns, VisualBounds2D,
 };
 use rerun::external::re_sdk_types::blueprint::components::{self, BackgroundKind, ContainerKind, Eye3DKind};
 use rerun::external::re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
-use rerun::{RecordingStream, RecordingStreamResult};
 use skysink_common::channel::Channel;
 use skysink_common::scenario::Scenario;
 
 use crate::blueprint::{Blueprint, Tile, class};
 use crate::colour;
 use crate::los::{self, profile};
+use crate::recording::Recording;
 use crate::sizes::Sizes;
 use crate::slot::WallClock;
 use crate::{curves, events, legend, links, path, queues, uav};
@@ -19,21 +20,20 @@ use crate::{curves, events, legend, links, path, queues, uav};
 /// Slots per second at which a viewer plays a file.
 const SLOTS_PER_S: f64 = 10.0;
 
-/// Sends the layout of the screen along with the recording `name`.
+/// Sends the layout of the screen along with a recording.
 pub(crate) fn send(
-    stream: &RecordingStream,
-    name: &str,
+    recording: &Recording,
     sizes: &Sizes,
     scenario: &Scenario,
     clock: WallClock,
 ) -> RecordingStreamResult<()> {
-    let mut layout = Blueprint::new(name)?;
+    let mut layout = Blueprint::new(&recording.application, &recording.name)?;
     let scenes = scenes(&mut layout, sizes, scenario)?;
     let lane = layout.view(class::STATES, "UAV: serve, transit, hold", "", &[select(events::LANE)])?;
     let left = layout.container(ContainerKind::Vertical, &[(6.0, scenes), (1.1, lane)])?;
     let right = beside(&mut layout, scenario, clock)?;
     let root = layout.container(ContainerKind::Horizontal, &[(2.1, left), (1.0, right)])?;
-    layout.send(stream, root, SLOTS_PER_S)
+    layout.send(&recording.stream, root, SLOTS_PER_S)
 }
 
 fn select(entity: &str) -> String {
@@ -162,7 +162,10 @@ fn beside(layout: &mut Blueprint, scenario: &Scenario, clock: WallClock) -> Reco
     let fills = [curves::FILL_MAX, curves::FILL_MEAN];
     let fill = plot(layout, "Queue fill: fullest (violet), mean (blue)", &fills)?;
     lock_axis(layout, fill, [-0.04, 1.1])?;
+    let Scenario { name, seed, planner, .. } = scenario;
+    let title = format!("{name}: {}, seed {seed}", planner.strategy);
     let mut rows = vec![
+        (0.5, layout.view(class::TEXT, &title, events::STATUS, &[select(events::STATUS)])?),
         (1.15, plot(layout, "Loss rate so far: lost ÷ sampled (red), 1 % (grey)", &losses)?),
         (1.15, fill),
         (1.0, plot(layout, "Delivered per slot [kbit]", &[curves::DELIVERED])?),

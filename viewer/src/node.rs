@@ -45,7 +45,8 @@ const PATHS_BEFORE: u32 = 2;
 const PACE_WINDOW: usize = 32;
 
 /// Records until the mission ends, and returns how many slots this process missed: none in lock-step. However it ends,
-/// the recording holds what it got. Started again, it writes the recording's next file.
+/// the recording holds what it got. Started again, it writes the recording's next file. `label` is what the mission of
+/// an outside planner is booked as.
 ///
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, `stop` is requested, or the recording cannot be made.
@@ -54,13 +55,23 @@ pub fn run<S: Service + 'static>(
     folder: &RingFolder,
     stop: &Stop,
     sinks: &Sinks,
+    label: Option<&str>,
 ) -> Result<u64, NodeError> {
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Viewer, stop)?;
     let journal = Journal::open(&folder.journal("viewer"), 2, 0)?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
-    let name = run_name(scenario, ring.terms.mission);
-    let mut scene = Scene::open(sinks, scenario, nodes.payload(), &name, WallClock::Measured)?;
+    let mut shown = scenario.clone();
+    if let Some(label) = label {
+        label.clone_into(&mut shown.planner.strategy);
+    }
+    let name = run_name(&shown, ring.terms.mission);
+    let mut scene = Scene::open(sinks, &shown, nodes.payload(), &name, WallClock::Measured)?;
+    if let Some(port) = scene.port() {
+        eprintln!(
+            "viewer: live at rerun+http://127.0.0.1:{port}/proxy (open it: rerun rerun+http://127.0.0.1:{port}/proxy)"
+        );
+    }
     let followed = Follower::open(&ring, &scenario.area, &journal, &mut scene)
         .and_then(|mut follower| follower.follow(&mut wait).map(|()| follower.missed));
     let closed = scene.close();
@@ -186,7 +197,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         slot: u64,
     ) -> Result<Option<Sample<S, [PathPoint], SlotHeader>>, NodeError> {
         let is_lockstep = self.ring.terms.pace == Pace::Max;
-        let may_be_late = slot > 0 && self.paths_read < PATHS_BEFORE && is_lockstep && self.paths.has_writer();
+        let may_be_late = slot > 0 && self.paths_read < PATHS_BEFORE && is_lockstep && self.ring.path.has_writer();
         self.paths_read = self.paths_read.saturating_add(1);
         let limit = if may_be_late { LEFT_OVERS } else { Duration::ZERO };
         let path = read(&mut self.paths, wait, slot, Some(limit))?;

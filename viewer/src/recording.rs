@@ -7,12 +7,9 @@ use std::time::Duration;
 use rerun::grpc_server::GrpcServerSink;
 use rerun::log::ChunkBatcherConfig;
 use rerun::sink::{FileSink, FileSinkError, LogSink, SinkFlushError};
-use rerun::{RecordingStream, RecordingStreamBuilder, RecordingStreamError};
+use rerun::{ApplicationId, RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 
 use crate::files::{NextFile, Part};
-
-/// Application id of every recording: the rerun viewer keeps one layout per application.
-pub const APPLICATION: &str = "skysink";
 
 /// The timeline that counts slots.
 pub const SLOT: &str = "slot";
@@ -95,6 +92,10 @@ pub(crate) struct Recording {
     pub(crate) stream: RecordingStream,
     /// Name and id.
     pub(crate) name: String,
+    /// Application id, one for each scenario and strategy: the rerun viewer keeps one layout per application.
+    pub(crate) application: ApplicationId,
+    /// Port of the live viewer.
+    pub(crate) port: Option<u16>,
     /// Whether its file begins it.
     pub(crate) part: Part,
     save: Option<PathBuf>,
@@ -106,10 +107,10 @@ impl Recording {
     ///
     /// # Errors
     /// If there is no sink, the file cannot be created, or the port is taken.
-    pub(crate) fn open(sinks: &Sinks, name: &str) -> Result<Self, SceneError> {
+    pub(crate) fn open(sinks: &Sinks, application: &ApplicationId, name: &str) -> Result<Self, SceneError> {
         let mut open: Vec<Box<dyn LogSink>> = Vec::new();
         let live = sinks.live.map(free_port).transpose()?; // before the file: a refusal must not truncate one
-        let next = sinks.save.as_deref().map(|first| NextFile::find(first, APPLICATION));
+        let next = sinks.save.as_deref().map(|first| NextFile::find(first, application));
         if let Some(NextFile { path, .. }) = &next {
             let file = FileSink::new(path).map_err(|source| SceneError::File { path: path.clone(), source })?;
             open.push(Box::new(file));
@@ -124,7 +125,7 @@ impl Recording {
         let part = if begun.is_some() { Part::Later } else { Part::First };
         let name = begun.unwrap_or(name).to_owned();
         let flush_tick = if live.is_some() { LIVE_TICK } else { FILE_TICK };
-        let stream = RecordingStreamBuilder::new(APPLICATION)
+        let stream = RecordingStreamBuilder::new(application.clone())
             .recording_id(name.as_str())
             .send_properties(false) // they would hold the wall clock
             .enabled(true) // whatever the environment says: a recording was asked for
@@ -133,7 +134,8 @@ impl Recording {
         stream.set_log_time_enabled(false);
         stream.set_log_tick_enabled(false);
         stream.send_recording_name(name.as_str())?;
-        Ok(Self { stream, name, part, save: next.map(|next| next.path) })
+        let application = application.clone();
+        Ok(Self { stream, name, application, port: live, part, save: next.map(|next| next.path) })
     }
 
     /// Sets the time of what is logged next.

@@ -4,7 +4,7 @@
 
 use std::ops::RangeInclusive;
 
-use rerun::TextLogLevel;
+use rerun::{ApplicationId, TextLogLevel};
 use skysink_common::message::{SensorNode, Totals};
 use skysink_common::scenario::Scenario;
 
@@ -19,6 +19,13 @@ use crate::sizes::Sizes;
 use crate::slot::{SlotView, WallClock};
 use crate::uav::UavShape;
 use crate::{curves, layout, legend};
+
+/// The application id of a mission's recordings.
+fn application(scenario: &Scenario) -> ApplicationId {
+    let name = format!("skysink-{}-{}", scenario.name, scenario.planner.strategy);
+    // rerun warns of other characters, and replaces them.
+    ApplicationId::new_or_unknown(name.replace(|letter: char| !letter.is_ascii_alphanumeric(), "-"))
+}
 
 /// A recording under way.
 pub struct Scene {
@@ -49,10 +56,10 @@ impl Scene {
         run_name: &str,
         clock: WallClock,
     ) -> Result<Self, SceneError> {
-        let recording = Recording::open(sinks, run_name)?;
-        let Recording { stream, name, part, .. } = &recording;
+        let recording = Recording::open(sinks, &application(scenario), run_name)?;
+        let Recording { stream, part, .. } = &recording;
         let sizes = Sizes::of(scenario, sensors.len());
-        layout::send(stream, name, &sizes, scenario, clock)?;
+        layout::send(&recording, &sizes, scenario, clock)?;
         let queues = Queues::open(stream, sensors, &sizes)?;
         let uav = UavShape::open(stream, &sizes)?;
         let path = Path::open(stream, &sizes, *part)?;
@@ -78,6 +85,12 @@ impl Scene {
             scene.log_event(0, TextLogLevel::INFO, &events::start(scenario, sensors.len()))?;
         }
         Ok(scene)
+    }
+
+    /// The port on 127.0.0.1 where a live viewer may connect.
+    #[must_use]
+    pub fn port(&self) -> Option<u16> {
+        self.recording.port
     }
 
     /// Adds a slot. Slots come in ascending order, and none that was reported as missed.
