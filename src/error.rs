@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use skysink_common::error::InputError;
 use skysink_common::stop::Stopped;
 use skysink_mission::MissionError;
+use skysink_mission::record::RunFolder;
 use skysink_ring::error::{NodeError, RingError};
 
 /// Why a command fails; the display is one line.
@@ -34,6 +35,9 @@ pub enum Error {
     #[cfg(feature = "viewer")]
     #[error(transparent)]
     Scene(#[from] skysink_viewer::SceneError),
+    /// Options contradict each other.
+    #[error("{0}")]
+    Usage(String),
     /// This build cannot record.
     #[error("this build has no viewer: build with the default features, or leave the recording out")]
     NoViewer,
@@ -89,6 +93,21 @@ pub enum Error {
 }
 
 impl Error {
+    /// The early end of a run after its first `slots`, which `skysink run --resume` with the options `by` flies on.
+    #[must_use]
+    pub fn ended_early(self, folder: &RunFolder, slots: u64, by: &str) -> Self {
+        let left = match slots {
+            0 => "nothing was flown".to_owned(),
+            slots => {
+                let folder = folder.path().display();
+                format!(
+                    "the run folder is whole up to slot {slots}, and `skysink run --resume {folder}{by}` flies the rest"
+                )
+            }
+        };
+        Self::EndedEarly { cause: Box::new(self), left }
+    }
+
     /// Exit code: 1 failed while running, 2 bad input or usage, 130 and 143 after a signal.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
@@ -100,7 +119,7 @@ impl Error {
             Self::Lab(error) => error.exit_code(),
             Self::EndedEarly { cause, .. } => cause.exit_code(),
             Self::Ring(error) => error.exit_code(),
-            Self::Input(_) | Self::NoViewer => 2,
+            Self::Input(_) | Self::Usage(_) | Self::NoViewer => 2,
             _ => 1,
         }
     }

@@ -19,6 +19,7 @@ use crate::error::Error;
 use crate::report::TerminalProgress;
 use skysink_mission::MissionError;
 use skysink_mission::mission::Mission;
+use skysink_mission::origin::Manner;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
 
@@ -41,8 +42,8 @@ impl NewFolder {
     ///
     /// # Errors
     /// As [`RunFolder::create`].
-    pub fn create(&self, scenario: &Scenario, list: &SensorList) -> Result<RunFolder, MissionError> {
-        RunFolder::create(self.out.as_deref(), self.force, scenario, list)
+    pub fn create(&self, scenario: &Scenario, list: &SensorList, manner: &Manner) -> Result<RunFolder, MissionError> {
+        RunFolder::create(self.out.as_deref(), self.force, scenario, list, manner)
     }
 }
 
@@ -69,7 +70,7 @@ pub fn simulate(
     stop: &Stop,
 ) -> Result<(RunFolder, Summary), Error> {
     let scenario = &simulation.scenario;
-    let folder = simulation.folder.create(scenario, list)?;
+    let folder = simulation.folder.create(scenario, list, &Manner::default())?;
     #[cfg(not(feature = "viewer"))]
     if simulation.record {
         return Err(Error::NoViewer);
@@ -102,8 +103,10 @@ pub fn simulate(
     recording.map_or(Ok(()), Scene::close)?;
     let summary = tally.summary(None, wall, log.hash());
     folder.write_json("summary.json", &summary)?;
-    stopped?;
-    Ok((folder, summary))
+    match stopped {
+        Err(stopped) => Err(Error::from(stopped).ended_early(&folder, summary.slots, "")),
+        Ok(()) => Ok((folder, summary)),
+    }
 }
 
 /// The recording of a simulation. It knows no clock, so that equal missions leave equal recordings.

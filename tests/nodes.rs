@@ -15,6 +15,7 @@ use skysink_common::scenario::{Count, Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::{Stop, Stopped};
 use skysink_mission::mission::Mission;
+use skysink_mission::origin::Manner;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
 use skysink_planner::settings;
@@ -38,7 +39,7 @@ fn smoke(strategy: &'static str, seed: u64) -> Scenario {
 /// The trace of a mission in one process.
 fn alone(scenario: &Scenario, out: &Path) -> String {
     let list = SensorList::of(scenario).unwrap();
-    let folder = RunFolder::create(Some(out), false, scenario, &list).unwrap();
+    let folder = RunFolder::create(Some(out), false, scenario, &list, &Manner::default()).unwrap();
     let mut log = folder.slot_log().unwrap();
     for flown in Mission::new(scenario, &list).unwrap() {
         log.add(&flown.flight, &flown.header).unwrap();
@@ -53,7 +54,7 @@ type Node = fn(&Scenario, &RingFolder, &Stop) -> Result<(), NodeError>;
 /// The same as a ring of threads, started in the given order.
 fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, order: [usize; 3]) -> String {
     let list = SensorList::of(scenario).unwrap();
-    let folder = RunFolder::create(Some(out), false, scenario, &list).unwrap();
+    let folder = RunFolder::create(Some(out), false, scenario, &list, &Manner::default()).unwrap();
     let ring_folder = RingFolder::create(Pace::Max, wait, 60.0, false).unwrap();
     let stop = Stop::default();
     let (ring, wait) = Ring::<S>::join(&ring_folder, scenario, Role::Launcher, &stop).unwrap();
@@ -66,7 +67,7 @@ fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, or
             let (stop, path) = (stop.clone(), ring_folder.path());
             scope.spawn(move || nodes[node](scenario, &RingFolder::open(path)?, &stop))
         });
-        recorder.record(scenario.slots, &mut log, &mut tally, &mut |_| Ok(0)).unwrap();
+        recorder.record(scenario.slots, &mut log, &mut tally, &mut |_, _| Ok(0)).unwrap();
         recorder.release(scenario.slots, log.hash()).unwrap();
         while threads.iter().any(|thread| !thread.is_finished()) {
             recorder.pause(Duration::from_millis(1)).unwrap(); // serves those that ask late
@@ -106,7 +107,7 @@ type Seen = Vec<(Plan, Option<Vec<PathPoint>>)>;
 /// Looks on at a ring of threads from before they start.
 fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
     let list = SensorList::of(scenario).unwrap();
-    let folder = RunFolder::create(Some(out), false, scenario, &list).unwrap();
+    let folder = RunFolder::create(Some(out), false, scenario, &list, &Manner::default()).unwrap();
     let ring_folder = RingFolder::create(Pace::Max, Waiting::Event, 60.0, false).unwrap();
     let stop = Stop::default();
     let (ring, wait) = Ring::<S>::join(&ring_folder, scenario, Role::Launcher, &stop).unwrap();
@@ -134,7 +135,7 @@ fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
             let (stop, path) = (stop.clone(), ring_folder.path());
             scope.spawn(move || node(scenario, &RingFolder::open(path)?, &stop))
         });
-        recorder.record(scenario.slots, &mut log, &mut tally, &mut |_| Ok(0)).unwrap();
+        recorder.record(scenario.slots, &mut log, &mut tally, &mut |_, _| Ok(0)).unwrap();
         recorder.release(scenario.slots, log.hash()).unwrap();
         while threads.iter().any(|thread| !thread.is_finished()) {
             recorder.pause(Duration::from_millis(1)).unwrap(); // serves those that ask late

@@ -2,17 +2,26 @@
 
 use std::path::{Path, PathBuf};
 
-use skysink::run::resume::{PlansBy, resume};
+use skysink::run::resume::resume;
 use skysink_common::message::Plan;
+use skysink_common::pace::Pace;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
+use skysink_mission::origin::Manner;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
 use skysink_planner::settings;
 
 /// Slots on record.
 const SLOTS: u64 = 30;
+
+/// Who made the plans of a record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum PlansBy {
+    Planner,
+    Outside,
+}
 
 /// The plan that is flown in a slot instead of the planner's own; `None` where it came too late.
 type Substitute = fn(slot: u64, own: Plan) -> Option<Plan>;
@@ -27,8 +36,10 @@ fn smoke(strategy: &'static str) -> (Scenario, SensorList) {
 }
 
 /// Leaves the record of the first slots in `out`, flown by the plans of `substitute`.
-fn record(scenario: &Scenario, list: &SensorList, out: &Path, substitute: Substitute) -> RunFolder {
-    let folder = RunFolder::create(Some(out), false, scenario, list).unwrap();
+fn record(scenario: &Scenario, list: &SensorList, out: &Path, plans_by: PlansBy, substitute: Substitute) -> RunFolder {
+    let outside_planner = (plans_by == PlansBy::Outside).then(|| "external".to_owned());
+    let manner = Manner { pace: Some(Pace::Max), outside_planner };
+    let folder = RunFolder::create(Some(out), false, scenario, list, &manner).unwrap();
     let mut log = folder.slot_log().unwrap();
     let mut mission = Mission::new(scenario, list).unwrap();
     for slot in 1..=SLOTS {
@@ -44,9 +55,9 @@ fn resumed(strategy: &'static str, plans_by: PlansBy, substitute: Substitute) ->
     let place = tempfile::tempdir().unwrap();
     let out: PathBuf = place.path().join("run");
     let (scenario, list) = smoke(strategy);
-    let folder = record(&scenario, &list, &out, substitute);
+    let folder = record(&scenario, &list, &out, plans_by, substitute);
     let mut tally = Tally::new(&scenario, &list);
-    let resumed = resume(&folder, &scenario, &list, plans_by, &mut tally);
+    let resumed = resume(&folder, &scenario, &list, &mut tally);
     resumed.map(|_| tally.last_slot()).map_err(|error| error.to_string())
 }
 

@@ -1,11 +1,12 @@
 //! A mission in one process and on record.
 //!
-//! [`mission`] is the round trip as plain calls, [`record`] the run folder, [`trace`] its lines, [`summary`] what a run
+//! [`mission`] is the round trip as plain calls, [`record`] the run folder, [`origin`] how a run was begun, [`trace`] its lines, [`summary`] what a run
 //! comes to, [`latency`] how its times are kept. The ring as processes is left to the product.
 
 pub mod error;
 pub mod latency;
 pub mod mission;
+pub mod origin;
 pub mod record;
 pub mod summary;
 pub mod trace;

@@ -1,7 +1,10 @@
 //! The run folder: the scenario and the sensor nodes as flown, a line per slot, and the summary.
+//!
+//! Whoever has `slots.csv` locked has the folder: the lock comes before any change of it.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, BufRead as _, BufReader, Seek as _, SeekFrom, Write as _};
+use std::os::unix::fs::{FileExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -11,47 +14,86 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 
 use crate::error::{FileContext, MissionError};
+use crate::origin::{self, Manner};
 use crate::trace::{SLOT_COLUMNS, TraceHash};
 
-/// The files of a run, but for its recordings.
-const FILES: [&str; 5] = ["scenario.toml", "sensors.csv", "slots.csv", "summary.json", "optimum.json"];
+/// The trace, by which a folder is known to hold a run.
+const TRACE: &str = "slots.csv";
 
-/// A run's folder, with what is flown.
-#[derive(Debug, Clone)]
+/// What [`Check`] writes.
+const CHECK: &str = "slots.check";
+
+/// The other files of a run, but for its recordings.
+const FILES: [&str; 6] = [origin::FILE, "scenario.toml", "sensors.csv", CHECK, "summary.json", "optimum.json"];
+
+/// A run's folder, which this process has to itself.
+#[derive(Debug)]
 pub struct RunFolder {
     path: PathBuf,
+    manner: Manner,
+    /// `slots.csv`, locked.
+    trace: File,
 }
 
 impl RunFolder {
-    /// Makes the folder `out`, or `runs/<name>-<strategy>-<seed>` with the first free suffix, and writes the scenario
-    /// and the sensor nodes into it.
+    /// Makes the folder `out`, or `runs/<name>-<strategy>-<seed>` with the first free suffix, and writes how the run is
+    /// begun, the scenario and the sensor nodes into it. `force` allows to replace a run in `out`, whole.
     ///
     /// # Errors
-    /// If `out` exists and `force` does not allow to replace the run in it, or something cannot be written.
+    /// If `out` exists and is not to be replaced, holds anything but a run, or has one under way; or something cannot be
+    /// written.
     pub fn create(
         out: Option<&Path>,
         force: bool,
         scenario: &Scenario,
         list: &SensorList,
+        manner: &Manner,
     ) -> Result<Self, MissionError> {
         let path = match out {
-            Some(out) => make(out, force)?,
-            None => make_default(scenario)?,
+            Some(out) => {
+                Self::check(Some(out), force)?;
+                out.parent().map_or(Ok(()), fs::create_dir_all).map_err(|error| refuse(out, error))?;
+                match fs::create_dir(out) {
+                    Err(error) if error.kind() == io::ErrorKind::AlreadyExists && force => {}
+                    made => made.map_err(|error| refuse(out, error))?, // or another process was quicker
+                }
+                out.to_owned()
+            }
+            None => make_default(scenario, manner)?,
         };
-        let folder = Self { path };
-        folder.write("scenario.toml", &scenario.to_toml_with_list("sensors.csv"))?;
-        folder.write("sensors.csv", &list.to_csv())?;
+        let folder = Self { trace: lock(&path, true)?, manner: manner.clone(), path };
+        for name in file_names(&folder.path).at(&folder.path)? {
+            if name != TRACE && is_of_run(&name) {
+                let file = folder.path.join(name);
+                fs::remove_file(&file).at(&file)?;
+            }
+        }
+        folder.trace.set_len(0).at(&folder.slots())?;
+        let [scenario, sensors] = [scenario.to_toml_with_list("sensors.csv"), list.to_csv()];
+        folder.write("scenario.toml", &scenario)?;
+        folder.write("sensors.csv", &sensors)?;
+        folder.write(origin::FILE, &origin::write(manner, &scenario, &sensors))?;
         Ok(folder)
     }
 
     /// Whether a run may be put into `out`: before something takes long, and without making it.
     ///
     /// # Errors
-    /// If `out` exists and `force` does not allow to replace the run in it.
+    /// If `out` exists and is not to be replaced, or holds anything but a run.
     pub fn check(out: Option<&Path>, force: bool) -> Result<(), MissionError> {
-        match out {
-            Some(out) if !force && out.exists() => Err(exists(out)),
-            _ => Ok(()),
+        let Some(out) = out.filter(|out| fs::symlink_metadata(out).is_ok()) else { return Ok(()) };
+        if !out.is_dir() {
+            return Err(refuse(out, "it is no folder: choose another --out"));
+        }
+        if !force {
+            return Err(refuse(out, "it exists: choose another --out, or pass --force to replace the run in it"));
+        }
+        let names = file_names(out).map_err(|error| refuse(out, error))?;
+        let is_run = names.iter().any(|name| name == TRACE) && !names.iter().any(|name| name == "sweep.json");
+        match names.into_iter().find(|name| is_of_run(name) && !out.join(name).is_file()) {
+            Some(name) => Err(refuse(&out.join(name), "expected a file of a run: --force replaces nothing else")),
+            None if is_run || fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_none()) => Ok(()),
+            None => Err(refuse(out, "it holds something else than a run: --force replaces nothing else")),
         }
     }
 
@@ -85,6 +127,12 @@ impl RunFolder {
         }
     }
 
+    /// How the run is flown.
+    #[must_use]
+    pub fn manner(&self) -> &Manner {
+        &self.manner
+    }
+
     /// Starts `slots.csv`.
     ///
     /// # Errors
@@ -98,43 +146,44 @@ impl RunFolder {
     /// Opens the folder of a run that has ended early.
     ///
     /// # Errors
-    /// If it is none.
+    /// If it is none, its scenario or sensor list was changed since, or the run is still under way.
     pub fn reopen(path: &Path) -> Result<Self, MissionError> {
-        let path = path.to_owned();
-        match ["scenario.toml", "slots.csv"].into_iter().find(|name| !path.join(name).is_file()) {
-            Some(missing) => {
-                let message = format_args!("{missing} is missing: expected the folder of a run that has ended early");
-                Err(InputError::new("run folder", &path, message).into())
-            }
-            None => Ok(Self { path }),
+        let files = ["scenario.toml", TRACE, origin::FILE];
+        if let Some(missing) = files.into_iter().find(|name| !path.join(name).is_file()) {
+            let found = if fs::symlink_metadata(path.join(missing)).is_ok() { "is no file" } else { "is missing" };
+            let message = format_args!("{missing} {found}: expected the folder of a run that has ended early");
+            return Err(InputError::new("run folder", path, message).into());
         }
+        let trace = lock(path, false)?;
+        Ok(Self { manner: origin::read(path)?, path: path.to_owned(), trace })
     }
 
     /// The trace.
     #[must_use]
     pub fn slots(&self) -> PathBuf {
-        self.path.join("slots.csv")
+        self.path.join(TRACE)
     }
 
     /// Opens `slots.csv` to read what is on record and to resume it.
     ///
     /// # Errors
-    /// If another run is writing it, or it does not begin as a trace.
+    /// If it does not begin as a trace.
     pub fn reopen_slot_log(&self) -> Result<(SlotLog, BufReader<File>), MissionError> {
         let path = self.slots();
-        let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).at(&path)?;
-        lock(&file, &path)?;
-        let mut reader = BufReader::new(file.try_clone().at(&path)?);
+        let file = self.trace.try_clone().at(&path)?;
+        let mut reader = BufReader::new(self.trace.try_clone().at(&path)?);
+        reader.rewind().at(&path)?;
         let mut header = Vec::new();
         reader.read_until(b'\n', &mut header).at(&path)?;
         if !SLOT_COLUMNS.as_bytes().starts_with(&header) {
             let found = String::from_utf8_lossy(&header);
-            let message = format_args!("line 1: header {:?}: expected {}", found.trim_end(), SLOT_COLUMNS.trim_end());
-            return Err(InputError::new("trace", &path, message).into());
+            let expected = SLOT_COLUMNS.trim_end();
+            return Err(InputError::line("trace", &path, 1, &found, format_args!("expected {expected}")).into());
         }
         // Where the header is cut, nothing is on record.
         let length = if header.len() == SLOT_COLUMNS.len() { header.len() as u64 } else { 0 };
-        Ok((SlotLog { length, path, file, trace: TraceHash::default() }, reader))
+        let check = self.manner.pace.map(|_| Check::open(&self.path)).transpose()?;
+        Ok((SlotLog { length, path, file, trace: TraceHash::default(), check }, reader))
     }
 
     /// Whether `summary.json` says that all slots were flown.
@@ -180,6 +229,36 @@ pub struct SlotLog {
     /// Bytes of whole lines.
     length: u64,
     trace: TraceHash,
+    /// In the ring, whose plans may be known to the trace alone.
+    check: Option<Check>,
+}
+
+/// The last slot on record and the hash of all lines up to it, in a file beside the trace: 16 bytes, written in each
+/// slot after its line.
+#[derive(Debug)]
+struct Check {
+    path: PathBuf,
+    file: File,
+    /// What was written before this process.
+    before: Option<(u64, u64)>,
+}
+
+impl Check {
+    fn open(folder: &Path) -> Result<Self, MissionError> {
+        let path = folder.join(CHECK);
+        let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).at(&path)?;
+        let mut bytes = [0; 16];
+        let before = file.read_exact_at(&mut bytes, 0).is_ok().then(|| {
+            let number = u128::from_le_bytes(bytes);
+            ((number & u128::from(u64::MAX)) as u64, (number >> 64) as u64)
+        });
+        Ok(Self { path, file, before })
+    }
+
+    fn write(&self, slot: u64, hash: u64) -> Result<(), MissionError> {
+        let number = u128::from(slot) | u128::from(hash) << 64;
+        self.file.write_all_at(&number.to_le_bytes(), 0).at(&self.path)
+    }
 }
 
 impl SlotLog {
@@ -198,10 +277,12 @@ impl SlotLog {
         written.at(&self.path)?;
         self.length += line.len() as u64;
         self.trace.add();
+        self.check.as_ref().map_or(Ok(()), |check| check.write(header.head.slot, self.trace.value()))?;
         Ok(self.trace.value())
     }
 
-    /// Goes over a line that is on record already. Says whether it is that of the slot.
+    /// Goes over a line that is on record already. Says whether it is that of the slot, and all lines so far those that
+    /// were written.
     ///
     /// # Errors
     /// If a bit of the ledger is unaccounted for.
@@ -209,7 +290,8 @@ impl SlotLog {
         let is_same = self.trace.write(flight, header)?.as_bytes() == line;
         self.length += line.len() as u64;
         self.trace.add();
-        Ok(is_same)
+        let before = self.check.as_ref().and_then(|check| check.before).filter(|(slot, _)| *slot == header.head.slot);
+        Ok(is_same && before.is_none_or(|(_, hash)| hash == self.trace.value()))
     }
 
     /// Cuts the trace behind the last line that was gone over, to resume it there.
@@ -236,52 +318,34 @@ impl SlotLog {
     }
 }
 
-/// Keeps a second run from writing the same trace.
-fn lock(file: &File, path: &Path) -> Result<(), MissionError> {
+/// Opens the trace in `folder`, or makes it if `create` allows, and keeps a second run from the folder.
+fn lock(folder: &Path, create: bool) -> Result<File, MissionError> {
+    let path = folder.join(TRACE);
+    let mut open = OpenOptions::new();
+    open.read(true)
+        .write(true)
+        .create(create)
+        .truncate(false)
+        .custom_flags(rustix::fs::OFlags::NOFOLLOW.bits().cast_signed());
+    let file = open.open(&path).at(&path)?;
     match file.try_lock() {
-        Ok(()) => Ok(()),
+        Ok(()) => Ok(file),
         Err(TryLockError::WouldBlock) => {
             let message = "a run is writing it: end that run first, or choose another folder";
-            Err(InputError::new("trace", path, message).into())
+            Err(InputError::new("trace", &path, message).into())
         }
-        Err(TryLockError::Error(error)) => Err(error).at(path),
+        Err(TryLockError::Error(error)) => Err(error).at(&path),
     }
 }
 
 /// The refusal of an output folder.
-fn exists(out: &Path) -> MissionError {
-    let message = "it exists: choose another --out, or pass --force to replace the run in it";
+fn refuse(out: &Path, message: impl std::fmt::Display) -> MissionError {
     InputError::new("output folder", out, message).into()
 }
 
-/// Makes the folder that the user named.
-fn make(out: &Path, force: bool) -> Result<PathBuf, MissionError> {
-    let parent = out.parent().unwrap_or(Path::new(""));
-    if !parent.as_os_str().is_empty() {
-        fs::create_dir_all(parent).at(parent)?;
-    }
-    match fs::create_dir(out) {
-        Err(error) if error.kind() == io::ErrorKind::AlreadyExists && !force => {
-            return Err(exists(out));
-        }
-        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => replace(out)?,
-        made => made.at(out)?,
-    }
-    Ok(out.to_owned())
-}
-
-/// Removes the run in `out`, and nothing else that may be there.
-fn replace(out: &Path) -> Result<(), MissionError> {
-    let trace = out.join("slots.csv");
-    if let Ok(file) = File::open(&trace) {
-        lock(&file, &trace)?;
-    }
-    let names = file_names(out).at(out)?;
-    for name in names.iter().filter(|name| FILES.contains(&name.as_str()) || is_recording(name)) {
-        let path = out.join(name);
-        fs::remove_file(&path).at(&path)?;
-    }
-    Ok(())
+/// Whether a run has a file of this name.
+fn is_of_run(name: &str) -> bool {
+    name == TRACE || FILES.contains(&name) || is_recording(name)
 }
 
 /// The names of the files in a folder.
@@ -298,10 +362,11 @@ fn is_recording(name: &str) -> bool {
 }
 
 /// Makes the first free of `runs/<name>-<strategy>-<seed>`, `...-2`, `...-3`.
-fn make_default(scenario: &Scenario) -> Result<PathBuf, MissionError> {
+fn make_default(scenario: &Scenario, manner: &Manner) -> Result<PathBuf, MissionError> {
     let runs = Path::new("runs");
     fs::create_dir_all(runs).at(runs)?;
-    let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy, scenario.seed);
+    let planner = manner.outside_planner.as_ref().unwrap_or(&scenario.planner.strategy);
+    let name = format!("{}-{planner}-{}", scenario.name, scenario.seed);
     let mut number = 1u64;
     loop {
         let path = runs.join(if number == 1 { name.clone() } else { format!("{name}-{number}") });
@@ -322,7 +387,7 @@ mod tests {
     fn a_line_that_cannot_be_written_is_not_in_the_hash() {
         let path = PathBuf::from("/dev/full");
         let file = File::options().write(true).open(&path).unwrap();
-        let mut log = SlotLog { path, file, length: 0, trace: TraceHash::default() };
+        let mut log = SlotLog { path, file, length: 0, trace: TraceHash::default(), check: None };
         let flight = FlightReport::at([1.0, 2.0, 20.0], Mode::Hold);
         let error = log.add(&flight, &QueuesHeader::default()).unwrap_err();
         assert!(error.to_string().contains("/dev/full"), "{error}");

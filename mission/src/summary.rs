@@ -32,7 +32,7 @@ pub struct Event {
 pub struct Summary {
     /// Name of the scenario.
     pub name: String,
-    /// Strategy flown.
+    /// Strategy flown, or the label of an outside planner.
     pub strategy: String,
     /// Seed.
     pub seed: u64,
@@ -140,6 +140,13 @@ impl Tally {
     #[must_use]
     pub fn with_latency(mut self, pace: Pace, slot_s: f64) -> Self {
         self.latency = Some(Latency::new(pace, slot_s));
+        self
+    }
+
+    /// Books the mission as that of a planner that is not Skysink's.
+    #[must_use]
+    pub fn with_planner(mut self, name: &str) -> Self {
+        name.clone_into(&mut self.summary.strategy);
         self
     }
 

@@ -26,7 +26,7 @@ pub enum RingError {
     },
     /// A reader is stuck.
     #[error(
-        "topic {topic}: a reader has not taken its samples for {seconds} s: is one stopped, or the viewer too slow?"
+        "topic {topic}: a reader has not taken its samples for {seconds:.1} s: is one stopped, or the viewer too slow?"
     )]
     Full {
         /// The topic.
@@ -72,8 +72,8 @@ pub enum NodeError {
     /// A signal asked for it.
     #[error(transparent)]
     Stopped(#[from] Stopped),
-    /// A peer did not answer in time.
-    #[error("waited {seconds} s for {what}: is {from} running?")]
+    /// A process does not send what is due; everybody else waits for it.
+    #[error("{from} has not sent {what} for {seconds} s: is it running? If it is slow, raise --timeout")]
     TimedOut {
         /// What did not come.
         what: String,

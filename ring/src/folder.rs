@@ -32,17 +32,35 @@ pub struct Terms {
     pub pace: Pace,
     /// How its processes wait for each other.
     pub wait: Waiting,
-    /// How long a process waits for another [s].
+    /// How long the launcher waits for a sample [s].
     pub timeout_s: f64,
     /// Whether a viewer takes part.
     pub viewer: bool,
 }
 
 impl Terms {
-    /// How long a process of the run waits for another.
+    /// How long the launcher waits for a sample before it ends the run.
     #[must_use]
     pub fn timeout(&self) -> Duration {
         Duration::from_secs_f64(self.timeout_s)
+    }
+
+    /// After so long without a sign of life a process is killed and started again.
+    #[must_use]
+    pub fn silence_limit(&self) -> Duration {
+        self.timeout() / 2
+    }
+
+    /// How long a writer waits for a reader that does not take its samples.
+    #[must_use]
+    pub fn full_limit(&self) -> Duration {
+        self.timeout() * 2 / 3
+    }
+
+    /// After so long without the sample that all wait for, its sender is killed and started again.
+    #[must_use]
+    pub fn overdue_limit(&self) -> Duration {
+        self.timeout() * 3 / 4
     }
 }
 

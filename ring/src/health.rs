@@ -20,6 +20,12 @@ pub enum Fate {
     Silent(i32),
     /// It gives signs of life again, after so long [ms].
     Back(i32),
+    /// It has not sent, for so long [ms], what everybody waits for.
+    Overdue(i32),
+    /// Nobody writes its topic any more; the launcher did not start it, and waits.
+    Gone,
+    /// A process that the launcher did not start writes its topic.
+    Joined,
 }
 
 /// Payload of `health`; the sample's slot is the one under way.
@@ -29,9 +35,9 @@ pub enum Fate {
 pub struct Health {
     /// The process: 0 field-sim, 1 flight-sim, 2 planner, 3 viewer, 4 the launcher.
     pub process: u32,
-    /// 0 killed, 1 exited, 2 restarted, 3 silent, 4 back.
+    /// 0 killed, 1 exited, 2 restarted, 3 silent, 4 back, 5 overdue, 6 gone, 7 joined.
     pub fate: u32,
-    /// The signal, the exit code, the number of restarts, or the time [ms].
+    /// The signal, the exit code, the number of restarts, or the time [ms]; 0 for gone and joined.
     pub detail: i32,
     /// Zero.
     pub reserved: u32,
@@ -58,6 +64,9 @@ impl Health {
             Fate::Restarted(times) => (2, times),
             Fate::Silent(ms) => (3, ms),
             Fate::Back(ms) => (4, ms),
+            Fate::Overdue(ms) => (5, ms),
+            Fate::Gone => (6, 0),
+            Fate::Joined => (7, 0),
         };
         Self { process: role as u32, fate, detail, reserved: 0 }
     }
@@ -65,9 +74,18 @@ impl Health {
     /// Who has met with what; none if the numbers mean nothing.
     #[must_use]
     pub fn read(&self) -> Option<(Role, Fate)> {
-        let fates = [Fate::Killed, Fate::Exited, Fate::Restarted, Fate::Silent, Fate::Back];
-        let fate = fates.get(self.fate as usize)?;
-        (self.detail >= 0).then_some((Role::from_repr(self.process)?, fate(self.detail)))
+        let fate = match self.fate {
+            0 => Fate::Killed(self.detail),
+            1 => Fate::Exited(self.detail),
+            2 => Fate::Restarted(self.detail),
+            3 => Fate::Silent(self.detail),
+            4 => Fate::Back(self.detail),
+            5 => Fate::Overdue(self.detail),
+            6 => Fate::Gone,
+            7 => Fate::Joined,
+            _ => return None,
+        };
+        (self.detail >= 0).then_some((Role::from_repr(self.process)?, fate))
     }
 }
 
@@ -75,7 +93,7 @@ impl Fate {
     /// Whether the process recovered.
     #[must_use]
     pub fn is_recovery(self) -> bool {
-        matches!(self, Self::Restarted(_) | Self::Back(_))
+        matches!(self, Self::Restarted(_) | Self::Back(_) | Self::Joined)
     }
 }
 
@@ -88,6 +106,9 @@ impl fmt::Display for Fate {
             Self::Restarted(times) => write!(formatter, "was started again (restart {times})"),
             Self::Silent(ms) => write!(formatter, "has given no sign of life for {:.1} s", seconds(ms)),
             Self::Back(ms) => write!(formatter, "is back after {:.1} s", seconds(ms)),
+            Self::Overdue(ms) => write!(formatter, "has not sent what is due for {:.1} s", seconds(ms)),
+            Self::Gone => write!(formatter, "has gone: the run waits for it to be started again"),
+            Self::Joined => write!(formatter, "has joined"),
         }
     }
 }
@@ -98,9 +119,18 @@ mod tests {
 
     #[test]
     fn a_message_says_what_was_put_into_it() {
-        let fates = [Fate::Killed(9), Fate::Exited(1), Fate::Restarted(3), Fate::Silent(1_500), Fate::Back(i32::MAX)];
+        let fates = [
+            Fate::Killed(9),
+            Fate::Exited(1),
+            Fate::Restarted(3),
+            Fate::Silent(1_500),
+            Fate::Back(i32::MAX),
+            Fate::Overdue(22_500),
+            Fate::Gone,
+            Fate::Joined,
+        ];
         for (number, fate) in (0..).zip(fates) {
-            let role = Role::from_repr(number).unwrap();
+            let role = Role::from_repr(number % 5).unwrap();
             assert_eq!(Health::of(role, fate).read(), Some((role, fate)));
         }
         assert_eq!(Fate::Silent(1_500).to_string(), "has given no sign of life for 1.5 s");
@@ -109,7 +139,7 @@ mod tests {
     #[test]
     fn numbers_that_mean_nothing_are_nothing() {
         assert_eq!(Health { process: 5, ..Health::default() }.read(), None);
-        assert_eq!(Health { fate: 5, ..Health::default() }.read(), None);
+        assert_eq!(Health { fate: 8, ..Health::default() }.read(), None);
         assert_eq!(Health { detail: -1, ..Health::default() }.read(), None);
         assert_eq!(size_of::<Health>(), 16);
     }

@@ -99,7 +99,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
     /// Waits for the sample of `slot`; none if it has passed, which only happens to a process that may lag.
     ///
     /// # Errors
-    /// A requested stop, the supervisor's death, the time-out, or a broken ring.
+    /// A requested stop, the supervisor's death, or a broken ring.
     pub fn wait_for_slot(&mut self, wait: &mut WaitContext, slot: u64) -> Result<Option<Sample<S, P, H>>, NodeError> {
         self.wait(wait, slot, |reader| match reader.of_slot(slot)? {
             SlotSample::Here(sample) => Ok(Some(Some(sample))),
@@ -117,7 +117,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
         Ok(self.early.pop_front())
     }
 
-    /// Waits for the next sample; the time-out says that it was that of `slot`.
+    /// Waits for the next sample, which should be that of `slot`.
     ///
     /// # Errors
     /// As [`Reader::wait_for_slot`].
@@ -143,13 +143,13 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
         slot: u64,
         mut poll: impl FnMut(&mut Self) -> Result<Option<T>, RingError>,
     ) -> Result<T, NodeError> {
-        let awaited = wait.begin(self.topic.row.name, slot, self.topic.row.from)?;
+        let mut awaited = wait.begin(self.topic.row.name, slot, self.topic.row.from)?;
         loop {
             if let Some(found) = poll(self)? {
                 return Ok(found);
             }
             match &self.listener {
-                Some(listener) => wait.pause(listener, &awaited)?,
+                Some(listener) => wait.pause(listener, &mut awaited)?,
                 None => self.listener = Some(self.topic.listener()?),
             }
         }
@@ -173,12 +173,6 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
             }
         }
         Ok(false)
-    }
-
-    /// Whether a process is attached to write the topic.
-    #[must_use]
-    pub fn has_writer(&self) -> bool {
-        self.topic.data.dynamic_config().number_of_publishers() > 0
     }
 
     /// Counts a sample of `slot` that was admitted and then refused for its content.

@@ -6,6 +6,7 @@ use std::fs::{File, OpenOptions, TryLockError};
 use std::io;
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use rustix::fs::{Timespec, Timestamps, UTIME_NOW, futimens};
@@ -55,7 +56,7 @@ pub struct Seat {
     file: File,
     /// How often it was taken before: the restart count of its holder.
     pub(crate) restarts: u32,
-    last_beat: Instant,
+    last_beat: Mutex<Instant>,
 }
 
 impl Seat {
@@ -78,13 +79,14 @@ impl Seat {
         }
         let restarts = read_count(&file).map_err(io)?;
         file.write_all_at(&(restarts + 1).to_le_bytes(), 0).map_err(io)?;
-        Ok(Self { file, restarts, last_beat: Instant::now() })
+        Ok(Self { file, restarts, last_beat: Mutex::new(Instant::now()) })
     }
 
     /// Shows that the process is alive, if it is time to.
-    pub fn beat(&mut self, now: Instant) {
-        if now.saturating_duration_since(self.last_beat) >= HEARTBEAT {
-            self.last_beat = now;
+    pub fn beat(&self, now: Instant) {
+        let mut last_beat = self.last_beat.lock().unwrap_or_else(PoisonError::into_inner);
+        if now.saturating_duration_since(*last_beat) >= HEARTBEAT {
+            *last_beat = now;
             let touch = Timespec { tv_sec: 0, tv_nsec: UTIME_NOW };
             let _ = futimens(&self.file, &Timestamps { last_access: touch, last_modification: touch }); // seen by its absence
         }
@@ -137,7 +139,7 @@ mod tests {
     #[test]
     fn a_beat_is_seen_from_outside() {
         let folder = tempfile::tempdir().unwrap();
-        let mut seat = Seat::take(folder.path(), Role::Planner).unwrap();
+        let seat = Seat::take(folder.path(), Role::Planner).unwrap();
         let long_ago = SystemTime::now() - Duration::from_secs(60);
         seat.file.set_modified(long_ago).unwrap();
         let begin = Instant::now();

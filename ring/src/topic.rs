@@ -2,7 +2,8 @@
 
 use std::fmt::Debug;
 use std::rc::Rc;
-use std::time::Duration;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
@@ -16,7 +17,7 @@ use crate::cleanup::remove_dead_nodes;
 use crate::error::RingError;
 use crate::folder::Terms;
 use crate::refusals::Refusals;
-use crate::role::Role;
+use crate::role::{Role, Seat};
 use crate::sample::{Header, Payload};
 use crate::wait::LateJoiners;
 
@@ -70,6 +71,8 @@ pub(crate) struct Member {
     /// Where it counts what it does not accept.
     pub(crate) refusals: Refusals,
     pub(crate) late_joiners: LateJoiners,
+    /// Where it shows that it is alive; none in the launcher.
+    pub(crate) seat: Option<Arc<Seat>>,
     pub(crate) stop: Stop,
 }
 
@@ -118,6 +121,12 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
         Ok(Self(Rc::new(Shared { row, config: node.config().clone(), data, event, member: member.clone() })))
     }
 
+    /// Whether a process is attached to write the topic.
+    #[must_use]
+    pub fn has_writer(&self) -> bool {
+        self.0.data.dynamic_config().number_of_publishers() > 0
+    }
+
     /// The terms under which the topic was created.
     pub(crate) fn terms(&self) -> &AttributeSet {
         self.0.data.attributes()
@@ -149,16 +158,18 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Shared<S, P, H> {
     pub(crate) fn backpressure(&self) -> impl Fn(&BackpressureInfo) -> BackpressureAction + use<S, P, H> {
         let config = self.config.clone();
         let stop = self.member.stop.clone();
-        let timeout = self.member.terms.timeout();
+        let seat = self.member.seat.clone();
+        let limit = self.member.terms.full_limit();
         let waits = self.row.full == Full::WaitInLockStep && self.member.terms.pace == Pace::Max;
         move |info| {
             if !waits {
                 return BackpressureAction::DiscardData;
             }
-            if stop.requested().is_some() || info.elapsed_time > timeout {
+            if stop.requested().is_some() || info.elapsed_time > limit {
                 return BackpressureAction::DiscardDataAndFail;
             }
             if info.elapsed_time > CLEAN_UP_AFTER {
+                seat.iter().for_each(|seat| seat.beat(Instant::now()));
                 remove_dead_nodes::<S>(&config);
             }
             BackpressureAction::Retry

@@ -4,6 +4,7 @@
 //! holds them; a process of the ring only opens them.
 
 use std::fmt::Debug;
+use std::sync::Arc;
 use std::time::Instant;
 
 use iceoryx2::prelude::*;
@@ -106,7 +107,7 @@ impl<S: Service + 'static> Ring<S> {
         let is_launcher = role == Role::Launcher;
         let agreed = if is_launcher { Some(attributes(&terms, scenario)?) } else { None };
         let agreed = agreed.as_ref();
-        let seat = if is_launcher { None } else { Some(Seat::take(folder.path(), role)?) };
+        let seat = if is_launcher { None } else { Some(Arc::new(Seat::take(folder.path(), role)?)) };
         let node = node::<S>(folder, role)?;
         if is_launcher {
             folder.close_counter().map_err(|error| RingError::topic("ring", "close its counter", &error))?;
@@ -117,6 +118,7 @@ impl<S: Service + 'static> Ring<S> {
             // The ring's own processes report what they refuse; the viewer only listens, but nobody else reads paths.
             refusals: Refusals::new(Some(role).filter(|&role| role != Role::Viewer && !is_launcher)),
             late_joiners: LateJoiners::default(),
+            seat: seat.clone(),
             stop: stop.clone(),
         };
         let only_reader = Member { refusals: Refusals::new(Some(role)), ..member.clone() };
@@ -126,7 +128,7 @@ impl<S: Service + 'static> Ring<S> {
             stop: stop.clone(),
             supervisor: folder.supervisor()?,
             late_joiners: member.late_joiners.clone(),
-            timeout: terms.timeout(),
+            timeout: is_launcher.then(|| terms.timeout()),
             waiting: terms.wait,
             supervised: Instant::now(),
             served: Instant::now(),
@@ -154,6 +156,18 @@ impl<S: Service + 'static> Ring<S> {
     /// Frees what processes that died have left behind; the launcher does. What it cannot free goes with the folder.
     pub fn remove_dead_nodes(&self) {
         purge_dead_nodes::<S>(self.node.config());
+    }
+
+    /// Whether a process is attached that writes what `role` sends in every slot; the viewer, what it sends once.
+    #[must_use]
+    pub fn has_writer(&self, role: Role) -> bool {
+        match role {
+            Role::FieldSim => self.queues.has_writer(),
+            Role::FlightSim => self.flight.has_writer(),
+            Role::Planner => self.plan.has_writer(),
+            Role::Viewer => self.ready.has_writer(),
+            Role::Launcher => self.commit.has_writer(),
+        }
     }
 
     /// A header of this run, sent now.

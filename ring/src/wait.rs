@@ -4,6 +4,7 @@ use std::cell::RefCell;
 use std::fmt::Debug;
 use std::fs::File;
 use std::rc::{Rc, Weak};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::Listener;
@@ -78,17 +79,18 @@ pub(crate) trait ServeJoiners: Debug {
 #[derive(Debug, Clone, Default)]
 pub(crate) struct LateJoiners(pub(crate) Rc<RefCell<Vec<Weak<dyn ServeJoiners>>>>);
 
-/// A wait context: ends waits on a requested stop, on the supervisor's death or after a time-out, keeps the heartbeat
-/// going, and serves late joiners.
+/// A wait context: ends waits on a requested stop, on the supervisor's death or, in the launcher, after a time-out;
+/// keeps the heartbeat going, and serves late joiners.
 #[derive(Debug)]
 pub struct WaitContext {
     pub(crate) stop: Stop,
     /// The supervisor's lock file; none in the launcher.
     pub(crate) supervisor: Option<File>,
     /// None in the launcher.
-    pub(crate) seat: Option<Seat>,
+    pub(crate) seat: Option<Arc<Seat>>,
     pub(crate) late_joiners: LateJoiners,
-    pub(crate) timeout: Duration,
+    /// How long a sample is waited for: in the launcher alone, which knows who is at the beginning of the chain.
+    pub(crate) timeout: Option<Duration>,
     pub(crate) waiting: Waiting,
     pub(crate) supervised: Instant,
     pub(crate) served: Instant,
@@ -96,7 +98,7 @@ pub struct WaitContext {
 }
 
 /// What a process waits for.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug)]
 pub struct Awaited {
     /// The topic.
     pub topic: &'static str,
@@ -104,8 +106,40 @@ pub struct Awaited {
     pub slot: u64,
     /// Who should send it.
     pub from: Role,
-    /// Since when it is waited for.
-    pub since: Instant,
+    /// How long it has been waited for.
+    pub waited: Stopwatch,
+}
+
+/// Measures time only while this process runs: a longer gap between two looks at the clock is that of a process, or a
+/// machine, that was stopped.
+#[derive(Debug, Clone, Copy)]
+pub struct Stopwatch {
+    last: Instant,
+    elapsed: Duration,
+}
+
+/// Longest time between two looks at the clock that counts.
+const MAX_GAP: Duration = Duration::from_millis(200);
+
+impl Stopwatch {
+    /// Starts at zero.
+    #[must_use]
+    pub fn start(now: Instant) -> Self {
+        Self { last: now, elapsed: Duration::ZERO }
+    }
+
+    /// Advances to `now`, and returns the time since the start.
+    pub fn advance(&mut self, now: Instant) -> Duration {
+        self.elapsed += now.saturating_duration_since(self.last).min(MAX_GAP);
+        self.last = now;
+        self.elapsed
+    }
+
+    /// The time from the start to the last advance.
+    #[must_use]
+    pub fn elapsed(&self) -> Duration {
+        self.elapsed
+    }
 }
 
 /// How often the supervisor's lock is tried.
@@ -117,17 +151,17 @@ impl WaitContext {
     /// # Errors
     /// If a late joiner cannot be served.
     pub fn begin(&mut self, topic: &'static str, slot: u64, from: Role) -> Result<Awaited, RingError> {
-        let since = Instant::now();
-        self.stay_present(since)?; // a process that always finds its sample gets no further
+        let now = Instant::now();
+        self.stay_present(now)?; // a process that always finds its sample gets no further
         self.polls = 0; // the first poll in vain offers the core to whoever is to send the sample
-        Ok(Awaited { topic, slot, from, since })
+        Ok(Awaited { topic, slot, from, waited: Stopwatch::start(now) })
     }
 
     /// Pauses until `listener` is notified, for 10 ms at most.
     ///
     /// # Errors
-    /// A requested stop, the supervisor's death, or the time-out of `awaited`.
-    pub fn pause<S: Service>(&mut self, listener: &Listener<S>, awaited: &Awaited) -> Result<(), NodeError> {
+    /// A requested stop, the supervisor's death, or, in the launcher, the time-out.
+    pub fn pause<S: Service>(&mut self, listener: &Listener<S>, awaited: &mut Awaited) -> Result<(), NodeError> {
         self.waiting.pause(listener, self.polls);
         self.polls = self.polls.wrapping_add(1);
         if self.waiting == Waiting::Poll && !self.polls.is_multiple_of(POLLS) {
@@ -135,11 +169,14 @@ impl WaitContext {
         }
         let now = Instant::now();
         self.check(now)?;
-        if now - awaited.since >= self.timeout {
-            let what = format!("{}({})", awaited.topic, awaited.slot);
-            return Err(NodeError::TimedOut { what, from: awaited.from.name(), seconds: self.timeout.as_secs_f64() });
+        let waited = awaited.waited.advance(now);
+        match self.timeout {
+            Some(timeout) if waited >= timeout => {
+                let what = format!("{}({})", awaited.topic, awaited.slot);
+                Err(NodeError::TimedOut { what, from: awaited.from.name(), seconds: timeout.as_secs_f64() })
+            }
+            _ => Ok(()),
         }
-        Ok(())
     }
 
     /// Sleeps until `deadline`.
@@ -176,7 +213,7 @@ impl WaitContext {
 
     /// Keeps the heartbeat going, and serves late joiners now and then.
     fn stay_present(&mut self, now: Instant) -> Result<(), RingError> {
-        if let Some(seat) = &mut self.seat {
+        if let Some(seat) = &self.seat {
             seat.beat(now);
         }
         if now.saturating_duration_since(self.served) >= PAUSE {

@@ -76,7 +76,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Ports<S, P, H> {
         if let Err(stopped) = self.topic.member.stop.check() {
             return stopped.into(); // the wait for a full buffer ends with an error of its own
         }
-        let seconds = self.topic.member.terms.timeout_s;
+        let seconds = self.topic.member.terms.full_limit().as_secs_f64();
         match error {
             SendError::UnableToDeliver => RingError::Full { topic: self.topic.row.name, seconds },
             error => self.topic.refuse("send", &error),

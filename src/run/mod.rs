@@ -7,17 +7,19 @@ pub mod resume;
 pub mod supervise;
 
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use iceoryx2::prelude::ipc;
+use skysink_common::error::InputError;
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
+use skysink_mission::origin::Manner;
 use skysink_mission::record::{RunFolder, SlotLog};
 use skysink_mission::summary::{Summary, Tally};
 use skysink_ring::cleanup::Janitor;
@@ -31,8 +33,8 @@ use crate::report::TerminalProgress;
 use crate::simulate::NewFolder;
 use recorder::Recorder;
 use restart::{Rule, WORKERS, worker};
-use resume::{PlansBy, resume};
-use supervise::{Process, ProcessTable, REAP, Workers};
+use resume::resume;
+use supervise::{Invocation, Process, ProcessTable, REAP, Workers};
 
 /// What to run, where and how.
 #[derive(Debug)]
@@ -50,9 +52,9 @@ pub struct Run {
 /// How the processes of a run work together.
 #[derive(Debug, Default, Args)]
 pub struct RunOptions {
-    /// max, realtime, or a factor such as 10x.
-    #[arg(long, default_value = "max", value_name = "PACE")]
-    pub pace: Pace,
+    /// max, realtime, or a factor such as 10x [default: max; with --resume that of the run].
+    #[arg(long, value_name = "PACE")]
+    pub pace: Option<Pace>,
     /// How the processes wait for each other: event, asleep until they are woken; or poll, which is quicker and keeps
     /// every core busy.
     #[arg(long, default_value = "event", value_name = "HOW", value_parser = PossibleValuesParser::new(Waiting::NAMES)
@@ -68,11 +70,18 @@ pub struct RunOptions {
     #[arg(long, value_name = "ROLE", value_parser = PossibleValuesParser::new(WORKERS.map(Role::name))
         .map(|name| worker(&name).expect("one of the possible values")))]
     pub external: Vec<Role>,
+    /// Start and supervise this command as the planner, such as "python3 mine.py"; it finds the ring's folder in
+    /// SKYSINK_RING and the scenario file in SKYSINK_SCENARIO.
+    #[arg(long, value_name = "COMMAND", value_parser = command_line)]
+    pub planner: Option<CommandLine>,
+    /// What the mission of such a planner, or of --external planner, is booked as [default: external].
+    #[arg(long, value_name = "NAME", value_parser = label)]
+    pub label: Option<String>,
     /// What is done when a process ends too early: never, or on-failure; planner=never for one of them (repeatable)
     /// [default: on-failure, at most 50 times in 10 s].
     #[arg(long, value_name = "POLICY")]
     pub restart: Vec<Rule>,
-    /// How long a process waits for another [s; default 30, with --external 600].
+    /// How long a sample is waited for [s; default 30, with --external 600].
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     pub timeout: Option<f64>,
 }
@@ -88,6 +97,29 @@ pub fn seconds(text: &str) -> Result<f64, String> {
     }
 }
 
+/// A command with its arguments.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CommandLine(pub Vec<String>);
+
+/// Splits a command as a shell does, without expanding anything.
+///
+/// # Errors
+/// If a quotation does not end, or there is nothing.
+pub fn command_line(text: &str) -> Result<CommandLine, String> {
+    let words = shlex::split(text).filter(|words| !words.is_empty());
+    words.map(CommandLine).ok_or_else(|| "expected a command such as \"python3 mine.py\"".to_owned())
+}
+
+/// Reads the name of a planner, which may become a part of the run folder's.
+///
+/// # Errors
+/// If it could not.
+pub fn label(text: &str) -> Result<String, String> {
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
+    let is_name = (1..=64).contains(&text.len()) && text.chars().all(is_plain) && !text.starts_with('.');
+    is_name.then(|| text.to_owned()).ok_or_else(|| "expected up to 64 letters, digits, - _ and .".to_owned())
+}
+
 /// Flies the mission, and returns its folder and its figures. However it ends, the folder is whole up to the last slot
 /// and nothing is left in shared memory. `table` tells other threads of its processes.
 ///
@@ -98,27 +130,34 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
     let Run { scenario, options, .. } = run;
     let list = SensorList::of(scenario)?;
     options.check(&list)?;
-    let mut tally = Tally::new(scenario, &list).with_latency(options.pace, scenario.slot_s);
     let (folder, resumed) = match &run.resume {
-        None => (run.folder.create(scenario, &list)?, None),
+        None => (run.folder.create(scenario, &list, &options.manner(None))?, None),
         Some(path) => {
             let folder = RunFolder::reopen(path)?;
-            let is_outside = options.external.contains(&Role::Planner);
-            let plans_by = if is_outside { PlansBy::Outside } else { PlansBy::Planner };
-            let resumed = resume(&folder, scenario, &list, plans_by, &mut tally)?;
-            (folder, Some(resumed))
+            options.check_resumed(&folder)?;
+            let mut tally = Tally::new(scenario, &list);
+            let resumed = resume(&folder, scenario, &list, &mut tally)?;
+            (folder, Some((resumed, tally)))
         }
     };
+    let manner = options.manner(Some(folder.manner()));
+    let pace = manner.pace.unwrap_or_default();
+    let (resumed, tally) =
+        resumed.map_or_else(|| (None, Tally::new(scenario, &list)), |(resumed, tally)| (Some(resumed), tally));
+    let mut tally = tally.with_latency(pace, scenario.slot_s);
+    if let Some(planner) = &manner.outside_planner {
+        tally = tally.with_planner(planner);
+    }
     if tally.last_slot() == scenario.slots {
         let hash = resumed.map_or(0, |resumed| resumed.log.hash());
-        let summary = tally.summary(Some(options.pace), Duration::ZERO, hash);
+        let summary = tally.summary(Some(pace), Duration::ZERO, hash);
         if !folder.is_complete() {
             folder.write_json("summary.json", &summary)?; // only that was missing
         }
         return Ok((folder, summary));
     }
     let timeout_s = options.timeout.unwrap_or(if options.external.is_empty() { 30.0 } else { 600.0 });
-    let ring_folder = RingFolder::create(options.pace, options.wait, timeout_s, !options.no_viewer)?;
+    let ring_folder = RingFolder::create(pace, options.wait, timeout_s, !options.no_viewer)?;
     ring_folder.install()?;
     let mut log = match resumed {
         None => folder.slot_log()?,
@@ -127,18 +166,11 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
     let begin = Instant::now();
     let flown = fly(run, &folder, &ring_folder, table, stop, &mut log, &mut tally);
     let wall = *flown.as_ref().unwrap_or(&begin.elapsed());
-    let mut summary = tally.summary(Some(options.pace), wall, log.hash());
+    let mut summary = tally.summary(Some(pace), wall, log.hash());
     summary.complete &= flown.is_ok();
     let written = folder.write_json("summary.json", &summary);
     if let Err(cause) = flown {
-        let left = match summary.slots {
-            0 => "nothing was flown".to_owned(),
-            slots => format!(
-                "the run folder is whole up to slot {slots}, and `skysink run --resume {}` flies the rest",
-                folder.path().display()
-            ),
-        };
-        return Err(Error::EndedEarly { cause: Box::new(cause), left }); // not what it led to
+        return Err(cause.ended_early(&folder, summary.slots, &options.resume_by())); // not what it led to
     }
     written?;
     Ok((folder, summary))
@@ -162,25 +194,24 @@ fn fly(
     let mut recorder = Recorder::new(&ring, wait)?;
     let mut processes = Vec::new();
     for role in WORKERS.into_iter().filter(|role| *role != Role::Viewer || !options.no_viewer) {
-        let mut arguments: Vec<OsString> =
-            vec!["--scenario".into(), folder.scenario().into(), "--ring".into(), ring_folder.path().into()];
-        if role == Role::Viewer {
-            arguments.extend(["--save".into(), folder.recording().into()]);
-            arguments.extend(options.live.map(|port| format!("--live={port}").into()));
-        }
+        let invocation = options.invocation(role, folder, ring_folder)?;
         if options.external.contains(&role) {
-            let arguments = arguments.join(" ".as_ref());
-            let name = role.name();
-            progress.say(&format!("waiting for {name}: {name} {}", arguments.to_string_lossy()));
+            let words = std::iter::once(invocation.program.as_os_str())
+                .chain(invocation.arguments.iter().map(OsString::as_os_str));
+            let words: Vec<_> = words.map(|word| word.to_string_lossy().into_owned()).collect();
+            let command = shlex::try_join(words.iter().map(String::as_str)).unwrap_or_else(|_| words.join(" "));
+            let seconds = ring.terms.timeout_s;
+            progress.say(&format!("waiting up to {seconds} s for {}: {command}", role.name()));
         } else {
-            processes.push(Process::new(role, arguments, Rule::policy(&options.restart, role))?);
+            processes.push(Process::new(role, invocation, Rule::policy(&options.restart, role)));
         }
     }
-    let mut workers = Workers::start(&ring, ring_folder, table, &progress, processes, scenario.slots)?;
-    let recorded = recorder.record(scenario.slots, log, tally, &mut |tally| workers.supervise(tally));
+    let mut workers =
+        Workers::start(&ring, ring_folder, table, &progress, processes, &options.external, scenario.slots)?;
+    let recorded = recorder.record(scenario.slots, log, tally, &mut |tally, overdue| workers.supervise(tally, overdue));
     let ended = match recorded {
         Ok(wall) => finish(&mut recorder, &mut workers, tally, log.hash(), ring.terms.timeout()).map(|()| wall),
-        Err(error) => Err(match workers.supervise(tally) {
+        Err(error) => Err(match workers.supervise(tally, None) {
             Err(cause @ Error::WorkerEnded { .. }) if stop.requested().is_none() => cause,
             _ => error,
         }),
@@ -203,11 +234,11 @@ fn finish(
     timeout: Duration,
 ) -> Result<(), Error> {
     let slot = tally.last_slot();
-    let mut viewer = workers.supervise(tally)?;
+    let mut viewer = workers.supervise(tally, None)?;
     let mut deadline = Instant::now() + timeout;
     while !workers.have_ended(|role| role == Role::Viewer) {
         recorder.pause(REAP)?;
-        let current = workers.supervise(tally)?;
+        let current = workers.supervise(tally, None)?;
         if current != viewer {
             viewer = current;
             deadline = Instant::now() + timeout;
@@ -221,23 +252,101 @@ fn finish(
     let released = Instant::now();
     while !workers.have_ended(|_| true) && released.elapsed() < END_TIMEOUT {
         recorder.pause(REAP)?;
-        workers.supervise(tally)?;
+        workers.supervise(tally, None)?;
     }
     Ok(())
 }
 
 impl RunOptions {
-    /// Fails early where this build has no viewer, or the shared memory would not do: writing beyond its end kills a
+    /// Whether the planner is not Skysink's.
+    fn has_outside_planner(&self) -> bool {
+        self.planner.is_some() || self.external.contains(&Role::Planner)
+    }
+
+    /// How the run is flown; one that is resumed, as it was before where the options say nothing.
+    fn manner(&self, before: Option<&Manner>) -> Manner {
+        let before = before.cloned().unwrap_or_default();
+        let name = || self.label.clone().unwrap_or_else(|| "external".to_owned());
+        Manner {
+            pace: Some(self.pace.or(before.pace).unwrap_or_default()),
+            outside_planner: before.outside_planner.or_else(|| self.has_outside_planner().then(name)),
+        }
+    }
+
+    /// Fails if the planner of the run that is to be resumed was another one.
+    fn check_resumed(&self, folder: &RunFolder) -> Result<(), Error> {
+        let refuse = |message: &str| Err(InputError::new("run folder", folder.path(), message).into());
+        match &folder.manner().outside_planner {
+            Some(name) if !self.has_outside_planner() => refuse(&format!(
+                "it was flown by an outside planner, {name}: expected --external planner, or --planner with its command"
+            )),
+            Some(name) if self.label.as_ref().is_some_and(|label| label != name) => {
+                refuse(&format!("it is booked as {name}: expected that --label, or none"))
+            }
+            None if self.has_outside_planner() => {
+                refuse("it was flown by the scenario's strategy: expected neither --external planner nor --planner")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The options by which a run of this kind is resumed.
+    fn resume_by(&self) -> String {
+        let words = self.external.iter().map(|role| format!(" --external {}", role.name()));
+        let command = self.planner.iter().filter_map(|CommandLine(words)| {
+            let command = shlex::try_join(words.iter().map(String::as_str)).ok()?;
+            Some(format!(" --planner {}", shlex::try_quote(&command).ok()?))
+        });
+        words.chain(command).collect()
+    }
+
+    /// How the process of `role` is started for the run of `folder`.
+    fn invocation(&self, role: Role, folder: &RunFolder, ring: &RingFolder) -> Result<Invocation, Error> {
+        let absolute = |path: PathBuf| std::path::absolute(&path).at(&path);
+        let scenario = absolute(folder.scenario())?;
+        if let (Role::Planner, Some(CommandLine(words))) = (role, &self.planner) {
+            let (program, arguments) = words.split_first().expect("a command has words");
+            return Ok(Invocation {
+                program: program.into(),
+                arguments: arguments.iter().map(Into::into).collect(),
+                environment: vec![("SKYSINK_RING", ring.path().into()), ("SKYSINK_SCENARIO", scenario.into())],
+            });
+        }
+        let program = std::env::current_exe().at(Path::new("skysink"))?.with_file_name(role.name());
+        if !program.is_file() {
+            return Err(Error::ExecutableMissing(program));
+        }
+        let mut arguments: Vec<OsString> =
+            vec!["--scenario".into(), scenario.into(), "--ring".into(), ring.path().into()];
+        if role == Role::Viewer {
+            arguments.extend(["--save".into(), absolute(folder.recording())?.into()]);
+            arguments.extend(self.live.map(|port| format!("--live={port}").into()));
+            arguments.extend(folder.manner().outside_planner.iter().flat_map(|name| ["--label".into(), name.into()]));
+        }
+        Ok(Invocation { program, arguments, environment: Vec::new() })
+    }
+
+    /// Fails early where this build has no viewer, options contradict each other, or the shared memory would not do: writing beyond its end kills a
     /// process.
     ///
     /// # Errors
-    /// [`Error::NoViewer`] or [`Error::SharedMemory`].
+    /// [`Error::NoViewer`], [`Error::Usage`] or [`Error::SharedMemory`].
     pub fn check(&self, list: &SensorList) -> Result<(), Error> {
         const MIB: u64 = 1 << 20;
         if !self.no_viewer && !cfg!(feature = "viewer") {
             return Err(Error::NoViewer);
         }
-        let path = std::path::Path::new("/dev/shm");
+        let refuse = |message: &str| Err(Error::Usage(message.to_owned()));
+        if self.no_viewer && self.external.contains(&Role::Viewer) {
+            return refuse("--external viewer and --no-viewer: expected one of them");
+        }
+        if self.planner.is_some() && self.external.contains(&Role::Planner) {
+            return refuse("--external planner and --planner: expected one of them");
+        }
+        if self.label.is_some() && !self.has_outside_planner() {
+            return refuse("--label: expected with --external planner or --planner");
+        }
+        let path = Path::new("/dev/shm");
         let free = rustix::fs::statvfs(path).map_err(std::io::Error::from).at(path)?;
         let free_bytes = free.f_bavail * free.f_frsize;
         let samples = if self.no_viewer { 8 } else { VIEWER_BUFFER as u64 + 8 };

@@ -51,10 +51,13 @@ struct Parts {
     queues: Option<QueuesHeader>,
     flight: Option<(SlotHeader, FlightReport)>,
     plan: Option<(SlotHeader, Plan)>,
+    /// In paced runs: when the slot began [ns].
+    tick_ns: Option<u64>,
 }
 
-/// Supervises the processes of the run; may end it. Returns the restart count of the current viewer.
-pub type Supervise<'a> = dyn FnMut(&mut Tally) -> Result<u32, Error> + 'a;
+/// Supervises the processes of the run, of which one may be overdue, for so long; may end the run. Returns the restart
+/// count of the current viewer.
+pub type Supervise<'a> = dyn FnMut(&mut Tally, Option<(Role, Duration)>) -> Result<u32, Error> + 'a;
 
 impl<'a, S: Service + 'static> Recorder<'a, S> {
     /// Connects to the ring; to be done before any other process is started.
@@ -101,13 +104,12 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         self.commit(first, log.hash())?;
         let begin = Instant::now();
         for slot in first + 1..=slots {
-            self.supervise(tally, supervise)?;
+            self.supervise(tally, None, supervise)?;
             let plan_of = (self.ring.terms.pace == Pace::Max).then_some(slot);
             let (header, (flight_head, flight)) = self.wait_for_parts(slot, plan_of, tally, supervise)?;
-            let tick = if plan_of.is_none() { self.ticks.of_slot(slot)?.here() } else { None };
             let plan = self.parts.plan.take();
             let times = SlotTimes {
-                tick_ns: tick.map(|tick| tick.user_header().sent_ns),
+                tick_ns: self.parts.tick_ns.take(),
                 plan_ns: plan.as_ref().map(|(head, _)| head.sent_ns),
                 flight_ns: flight_head.sent_ns,
                 queues_ns: header.head.sent_ns,
@@ -151,6 +153,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         supervise: &mut Supervise,
     ) -> Result<(QueuesHeader, (SlotHeader, FlightReport)), Error> {
         let mut awaited = self.wait.begin("queues", slot, Role::FieldSim)?;
+        let mut is_told = false; // whoever is overdue is killed once
         loop {
             let missing = self.poll(slot, plan_of)?;
             if let (None, Parts { queues: Some(queues), flight: Some(flight), .. }) = (missing, &mut self.parts) {
@@ -162,19 +165,23 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             let (topic, topic_slot, from) = missing.unwrap_or(("queues", slot, Role::FieldSim));
             if (topic, topic_slot) != (awaited.topic, awaited.slot) {
                 awaited = self.wait.begin(topic, topic_slot, from)?;
+                is_told = false;
             }
-            self.supervise(tally, supervise)?;
-            if awaited.since.elapsed() >= STALL {
+            let waited = awaited.waited.elapsed();
+            let is_overdue = !is_told && waited >= self.ring.terms.overdue_limit();
+            is_told |= is_overdue;
+            self.supervise(tally, is_overdue.then_some((from, waited)), supervise)?;
+            if waited >= STALL {
                 self.ring.remove_dead_nodes();
             }
-            self.wait.pause(&self.listener, &awaited)?;
+            self.wait.pause(&self.listener, &mut awaited)?;
         }
     }
 
-    /// Takes what has arrived, and returns the first sample that is missing and who sends it. It reads every topic: a
-    /// writer must not wait because of what is refused here.
+    /// Takes what has arrived, and returns the first sample of the chain that is missing and who sends it: those behind
+    /// it wait as well. It reads every topic: a writer must not wait because of what is refused here.
     fn poll(&mut self, slot: u64, plan_of: Option<u64>) -> Result<Option<(&'static str, u64, Role)>, RingError> {
-        let Parts { queues, flight, plan } = &mut self.parts;
+        let Parts { queues, flight, plan, tick_ns } = &mut self.parts;
         if queues.is_none() {
             *queues = self.queues.of_slot(slot)?.here().map(|sample| *sample.user_header());
         }
@@ -185,10 +192,21 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             let found = self.plans.of_slot(plan_of.unwrap_or(slot))?.here();
             *plan = found.map(|sample| (*sample.user_header(), *sample.payload()));
         }
+        if plan_of.is_none() && tick_ns.is_none() {
+            *tick_ns = self.ticks.of_slot(slot)?.here().map(|sample| sample.user_header().sent_ns);
+        }
+        let queues_here = queues.is_some();
+        let flight_here = flight.is_some();
+        let plan_here = plan.is_some();
+        let tick_here = tick_ns.is_some();
+        let next_plan = plan_of.filter(|&of| of > slot); // the state before a slot comes before its plan
         Ok(match plan_of {
-            _ if queues.is_none() => Some(("queues", slot, Role::FieldSim)),
-            _ if flight.is_none() => Some(("flight", slot, Role::FlightSim)),
-            Some(plan_of) if plan.is_none() => Some(("plan", plan_of, Role::Planner)),
+            Some(_) if next_plan.is_some() && !queues_here => Some(("queues", slot, Role::FieldSim)),
+            Some(of) if next_plan.is_none() && !plan_here => Some(("plan", of, Role::Planner)),
+            None if !flight_here && !tick_here => Some(("tick", slot, Role::FieldSim)),
+            _ if !flight_here => Some(("flight", slot, Role::FlightSim)),
+            _ if !queues_here => Some(("queues", slot, Role::FieldSim)),
+            Some(of) if !plan_here => Some(("plan", of, Role::Planner)),
             Some(_) if !self.viewer_is_ready()? => Some(("ready", slot, Role::Viewer)), // one time-out for all its restarts
             _ => None,
         })
@@ -207,11 +225,16 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         Ok(self.ready_viewer >= Some(self.viewer))
     }
 
-    /// Supervises the processes now and then.
-    fn supervise(&mut self, tally: &mut Tally, supervise: &mut Supervise) -> Result<(), Error> {
-        if self.supervised.elapsed() >= SUPERVISE {
+    /// Supervises the processes now and then, and when one is overdue.
+    fn supervise(
+        &mut self,
+        tally: &mut Tally,
+        overdue: Option<(Role, Duration)>,
+        supervise: &mut Supervise,
+    ) -> Result<(), Error> {
+        if overdue.is_some() || self.supervised.elapsed() >= SUPERVISE {
             self.supervised = Instant::now();
-            self.viewer = supervise(tally)?;
+            self.viewer = supervise(tally, overdue)?;
         }
         Ok(())
     }

@@ -22,6 +22,9 @@ pub enum Restart {
 /// Restarts within [`WINDOW`] after which it is given up.
 const MAX_RESTARTS: usize = 50;
 
+/// Times in a row that it may end by itself in one slot: it would again.
+const MAX_EXITS: u32 = 8;
+
 /// See [`MAX_RESTARTS`].
 const WINDOW: Duration = Duration::from_secs(10);
 
@@ -39,22 +42,41 @@ pub struct Restarts {
     recent: VecDeque<Instant>,
     /// How often it was started again.
     pub count: i32,
+    /// The slot in which it has ended by itself, and how often in a row.
+    exits: (u64, u32),
+}
+
+/// How a process has ended too early.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum End {
+    /// By a signal.
+    Killed,
+    /// By itself, in this slot.
+    Exited(u64),
+    /// It was refused its input, and would be again.
+    Refused,
 }
 
 impl Restarts {
     /// None yet.
     #[must_use]
     pub fn new(policy: Restart) -> Self {
-        Self { policy, recent: VecDeque::new(), count: 0 }
+        Self { policy, recent: VecDeque::new(), count: 0, exits: (0, 0) }
     }
 
     /// When the process that has ended at `now` is to be started again; `None` if it is given up: by its policy, after
-    /// too many restarts, or because it was `refused` its input, which it would be again.
-    pub fn next(&mut self, now: Instant, refused: bool) -> Option<Instant> {
+    /// too many restarts, or because it would end so again.
+    pub fn next(&mut self, now: Instant, end: End) -> Option<Instant> {
+        self.exits = match end {
+            End::Exited(slot) if self.exits.0 == slot => (slot, self.exits.1 + 1),
+            End::Exited(slot) => (slot, 1),
+            End::Killed | End::Refused => (0, 0),
+        };
         while self.recent.front().is_some_and(|&restart| now.saturating_duration_since(restart) > WINDOW) {
             self.recent.pop_front();
         }
-        if self.policy == Restart::Never || refused || self.recent.len() >= MAX_RESTARTS {
+        let is_useless = end == End::Refused || self.exits.1 >= MAX_EXITS;
+        if self.policy == Restart::Never || is_useless || self.recent.len() >= MAX_RESTARTS {
             return None;
         }
         let just_now = |restart: &&Instant| now.saturating_duration_since(**restart) <= BACK_OFF_WINDOW;
@@ -68,9 +90,10 @@ impl Restarts {
     /// What to add to the end of a process that is given up: the limit, if it has reached it.
     #[must_use]
     pub fn limit(&self) -> String {
-        let is_reached = self.recent.len() >= MAX_RESTARTS;
-        let limit = || format!(", after {MAX_RESTARTS} restarts within {} s", WINDOW.as_secs());
-        if is_reached { limit() } else { String::new() }
+        if self.recent.len() >= MAX_RESTARTS {
+            return format!(", after {MAX_RESTARTS} restarts within {} s", WINDOW.as_secs());
+        }
+        if self.exits.1 >= MAX_EXITS { format!(", {MAX_EXITS} times in a row") } else { String::new() }
     }
 }
 
@@ -118,7 +141,8 @@ mod tests {
     fn the_back_off_doubles_up_to_its_limit_and_is_forgotten() {
         let mut restarts = Restarts::new(Restart::OnFailure);
         let start = Instant::now();
-        let wait = |restarts: &mut Restarts, now: Instant| restarts.next(now, false).map(|due| (due - now).as_millis());
+        let wait =
+            |restarts: &mut Restarts, now: Instant| restarts.next(now, End::Killed).map(|due| (due - now).as_millis());
         let waits: Vec<_> = (0..6).map(|_| wait(&mut restarts, start).unwrap()).collect();
         assert_eq!(waits, [10, 20, 40, 80, 160, 200]);
         assert_eq!(wait(&mut restarts, start + Duration::from_secs(2)), Some(10));
@@ -130,20 +154,30 @@ mod tests {
         let mut restarts = Restarts::new(Restart::OnFailure);
         let start = Instant::now();
         for i in 0..50 {
-            assert!(restarts.next(start + Duration::from_millis(i * 100), false).is_some());
+            assert!(restarts.next(start + Duration::from_millis(i * 100), End::Killed).is_some());
         }
-        assert_eq!(restarts.next(start + Duration::from_secs(6), false), None);
+        assert_eq!(restarts.next(start + Duration::from_secs(6), End::Killed), None);
         assert_eq!(restarts.limit(), ", after 50 restarts within 10 s");
-        assert!(restarts.next(start + Duration::from_secs(11), false).is_some(), "the first ones are long ago");
+        assert!(restarts.next(start + Duration::from_secs(11), End::Killed).is_some(), "the first ones are long ago");
     }
 
     #[test]
     fn what_would_fail_again_is_not_tried_again() {
-        for (policy, refused) in [(Restart::Never, false), (Restart::OnFailure, true)] {
+        for (policy, end) in [(Restart::Never, End::Killed), (Restart::OnFailure, End::Refused)] {
             let mut restarts = Restarts::new(policy);
-            assert_eq!(restarts.next(Instant::now(), refused), None);
+            assert_eq!(restarts.next(Instant::now(), end), None);
             assert_eq!(restarts.limit(), "");
         }
+    }
+
+    #[test]
+    fn a_process_that_ends_by_itself_again_and_again_in_one_slot_is_given_up() {
+        let mut restarts = Restarts::new(Restart::OnFailure);
+        let now = Instant::now();
+        let slots = [1, 1, 1, 1, 1, 1, 1, 2, 1, 1, 1, 1, 1, 1, 1];
+        assert!(slots.iter().all(|&slot| restarts.next(now, End::Exited(slot)).is_some()));
+        assert_eq!(restarts.next(now, End::Exited(1)), None);
+        assert_eq!(restarts.limit(), ", 8 times in a row");
     }
 
     #[test]

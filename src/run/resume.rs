@@ -20,15 +20,6 @@ use skysink_ring::folder::RingFolder;
 
 use crate::error::Error;
 
-/// Who made the plans of a record.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum PlansBy {
-    /// The planner of this program: a line that it would not have led to is refused.
-    Planner,
-    /// A program from outside: its plans are taken from the record.
-    Outside,
-}
-
 /// A run as far as it is on record.
 pub struct Resumed {
     /// The trace, to be written on.
@@ -45,17 +36,11 @@ pub struct Resumed {
 ///
 /// # Errors
 /// If a run is still writing it, or a line is not what the mission leads to.
-pub fn resume(
-    folder: &RunFolder,
-    scenario: &Scenario,
-    list: &SensorList,
-    plans_by: PlansBy,
-    tally: &mut Tally,
-) -> Result<Resumed, Error> {
+pub fn resume(folder: &RunFolder, scenario: &Scenario, list: &SensorList, tally: &mut Tally) -> Result<Resumed, Error> {
     let (mut log, mut trace) = folder.reopen_slot_log()?;
     let HorizonKeys { budget_ms, .. } = scenario.planner_keys("planner.horizon")?;
     let mut mission = Mission::new(scenario, list)?;
-    let mut repeatable = plans_by == PlansBy::Planner && budget_ms.is_none();
+    let mut repeatable = folder.manner().outside_planner.is_none() && budget_ms.is_none();
     tally.start(&mission.header());
     let mut line = Vec::new();
     loop {
@@ -69,7 +54,10 @@ pub fn resume(
             InputError::line("trace", &folder.slots(), slot as usize + 1, &String::from_utf8_lossy(&line), what)
         };
         let recorded = RecordedSlot::parse(&line).ok_or_else(|| refuse("expected a slot as skysink run writes it"))?;
-        if recorded.slot != slot || slot > scenario.slots {
+        if slot > scenario.slots {
+            return Err(refuse(&format!("expected the end, after {} slots", scenario.slots)).into());
+        }
+        if recorded.slot != slot {
             return Err(refuse(&format!("slot {}: expected slot {slot} of {}", recorded.slot, scenario.slots)).into());
         }
         let planned = mission.plan();

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, pipe};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -25,7 +25,7 @@ use skysink_ring::writer::Writer;
 use crate::error::Error;
 use crate::report::TerminalProgress;
 use crate::run::heartbeat::Heartbeat;
-use crate::run::restart::{Restart, Restarts};
+use crate::run::restart::{End, Restart, Restarts};
 
 /// How long a process may take to end after SIGTERM before it gets SIGKILL.
 const GRACE: Duration = Duration::from_secs(3);
@@ -50,12 +50,32 @@ impl ProcessTable {
     }
 }
 
+/// How often a run looks for dead processes among those that the launcher did not start.
+const SWEEP: Duration = Duration::from_millis(500);
+
+/// A program with its arguments and what is added to its environment.
+#[derive(Debug)]
+pub struct Invocation {
+    /// The executable, or a name to be found in the PATH.
+    pub program: PathBuf,
+    /// Its arguments.
+    pub arguments: Vec<OsString>,
+    /// Variables by name.
+    pub environment: Vec<(&'static str, OsString)>,
+}
+
+/// A process that takes part in a run and that the launcher has not started.
+#[derive(Debug)]
+struct Outside {
+    role: Role,
+    is_there: bool,
+}
+
 /// A process of a run, which may be started several times.
 #[derive(Debug)]
 pub struct Process {
     role: Role,
-    program: PathBuf,
-    arguments: Vec<OsString>,
+    invocation: Invocation,
     /// None before it is started and once it has ended.
     child: Option<Child>,
     /// Passes on what it writes to standard error.
@@ -73,6 +93,8 @@ pub struct Workers<'a, S: Service + 'static> {
     table: &'a ProcessTable,
     progress: &'a TerminalProgress,
     processes: Vec<Process>,
+    outside: Vec<Outside>,
+    swept: Instant,
     health: Writer<S, Health, SlotHeader>,
     begin: Instant,
     last_slot: u64,
@@ -82,7 +104,7 @@ pub struct Workers<'a, S: Service + 'static> {
 }
 
 impl<'a, S: Service + 'static> Workers<'a, S> {
-    /// Starts the processes of a mission that ends with `last_slot`.
+    /// Starts the processes of a mission that ends with `last_slot`; the roles `outside` are somebody else's.
     ///
     /// # Errors
     /// If the topic `health` cannot be written, or a process cannot be started; those started already are ended.
@@ -92,27 +114,41 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         table: &'a ProcessTable,
         progress: &'a TerminalProgress,
         processes: Vec<Process>,
+        outside: &[Role],
         last_slot: u64,
     ) -> Result<Self, Error> {
         let health = ring.health.writer()?;
         let begin = Instant::now();
-        let mut workers =
-            Self { ring, folder, table, progress, processes, health, begin, last_slot, is_released: false, viewer: 0 };
+        let mut workers = Self {
+            outside: outside.iter().map(|&role| Outside { role, is_there: false }).collect(),
+            swept: begin,
+            is_released: false,
+            viewer: 0,
+            ring,
+            folder,
+            table,
+            progress,
+            processes,
+            health,
+            begin,
+            last_slot,
+        };
         let mut processes = workers.processes.iter_mut();
         processes.try_for_each(|process| process.start(folder.path(), table, progress))?;
         Ok(workers)
     }
 
-    /// Supervises the processes. Tells the tally, the terminal and the ring what has become of whom, and returns the
-    /// restart count of the current viewer, by its seat.
+    /// Supervises the processes, of which one may be overdue, for so long. Tells the tally, the terminal and the ring
+    /// what has become of whom, and returns the restart count of the current viewer, by its seat.
     ///
     /// # Errors
     /// [`Error::WorkerEnded`] if one has ended that is not started again.
-    pub fn supervise(&mut self, tally: &mut Tally) -> Result<u32, Error> {
+    pub fn supervise(&mut self, tally: &mut Tally, overdue: Option<(Role, Duration)>) -> Result<u32, Error> {
         self.progress.show_run(tally, self.last_slot);
         let slot = tally.last_slot() + 1;
         self.table.slot.store(slot, Ordering::Relaxed);
-        let fates = self.poll(slot)?;
+        let mut fates = self.poll(slot, overdue)?;
+        fates.extend(self.poll_outside(slot));
         let taken = times_taken(self.folder.path(), Role::Viewer);
         self.viewer = self.viewer.max(taken.saturating_sub(1));
         for (role, fate) in fates {
@@ -144,7 +180,7 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     }
 
     /// Notes who has ended, starts again what is due, ends what hangs, and returns what is new.
-    fn poll(&mut self, slot: u64) -> Result<Vec<(Role, Fate)>, Error> {
+    fn poll(&mut self, slot: u64, overdue: Option<(Role, Duration)>) -> Result<Vec<(Role, Fate)>, Error> {
         let mut fates = Vec::new();
         let now = Instant::now();
         let ring = self.folder.path();
@@ -162,7 +198,12 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
                 if self.is_released || status.success() && is_last_slot {
                     continue; // it has done its part
                 }
-                process.due = process.restarts.next(now, status.code() == Some(2));
+                let end = match status.code() {
+                    None => End::Killed,
+                    Some(2) => End::Refused,
+                    Some(_) => End::Exited(slot),
+                };
+                process.due = process.restarts.next(now, end);
                 if process.due.is_none() {
                     return Err(process.given_up(status, slot.min(self.last_slot)));
                 }
@@ -171,13 +212,36 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
             } else if process.child.is_some() {
                 let fate = process.heartbeat.note(last_heartbeat(ring, process.role), now);
                 fates.extend(fate.map(|fate| (process.role, fate)));
-                let hangs = process.heartbeat.is_silent_for(self.ring.terms.timeout() / 2, now) && !is_last_slot;
+                let mut hangs = process.heartbeat.is_silent_for(self.ring.terms.silence_limit()) && !is_last_slot;
+                if let Some((_, waited)) = overdue.filter(|(role, _)| *role == process.role) {
+                    hangs = true;
+                    fates.push((process.role, Fate::Overdue(i32::try_from(waited.as_millis()).unwrap_or(i32::MAX))));
+                }
                 if hangs && process.restarts.policy == Restart::OnFailure {
                     process.signal(Signal::KILL);
                 }
             }
         }
         Ok(fates)
+    }
+
+    /// Notes which process of somebody else has joined or gone.
+    fn poll_outside(&mut self, slot: u64) -> Vec<(Role, Fate)> {
+        if self.outside.is_empty() || self.is_released || slot > self.last_slot {
+            return Vec::new();
+        }
+        if self.swept.elapsed() >= SWEEP {
+            self.swept = Instant::now();
+            self.ring.remove_dead_nodes(); // a dead writer stays attached until then
+        }
+        let mut fates = Vec::new();
+        for outside in &mut self.outside {
+            let was_there = std::mem::replace(&mut outside.is_there, self.ring.has_writer(outside.role));
+            if was_there != outside.is_there {
+                fates.push((outside.role, if was_there { Fate::Gone } else { Fate::Joined }));
+            }
+        }
+        fates
     }
 }
 
@@ -202,25 +266,18 @@ impl<S: Service + 'static> Drop for Workers<'_, S> {
 }
 
 impl Process {
-    /// The process of `role`, to be started with `arguments`.
-    ///
-    /// # Errors
-    /// If its executable is not beside this one.
-    pub fn new(role: Role, arguments: Vec<OsString>, restart: Restart) -> Result<Self, Error> {
-        let program = std::env::current_exe().at(Path::new("skysink"))?.with_file_name(role.name());
-        if !program.is_file() {
-            return Err(Error::ExecutableMissing(program));
-        }
-        Ok(Self {
+    /// The process of `role`, to be started so.
+    #[must_use]
+    pub fn new(role: Role, invocation: Invocation, restart: Restart) -> Self {
+        Self {
             role,
-            program,
-            arguments,
+            invocation,
             child: None,
             messages: None,
             restarts: Restarts::new(restart),
             due: None,
             heartbeat: Heartbeat::after(None),
-        })
+        }
     }
 
     /// Starts it, for the first time or again, in the ring of the folder `ring`.
@@ -228,21 +285,25 @@ impl Process {
         self.join_messages();
         self.due = None;
         self.heartbeat = Heartbeat::after(last_heartbeat(ring, self.role));
-        let mut child = Command::new(&self.program)
-            .args(&self.arguments)
+        let Invocation { program, arguments, environment } = &self.invocation;
+        let (output, said) = pipe().at(program)?;
+        let child = Command::new(program)
+            .args(arguments)
+            .envs(environment.iter().map(|(name, value)| (name, value)))
             .stdin(Stdio::null())
-            .stderr(Stdio::piped())
+            .stdout(said.try_clone().at(program)?) // standard output is the launcher's
+            .stderr(said)
             .process_group(0) // Ctrl-C is for the launcher, which ends the others in order
             .spawn()
-            .at(&self.program)?;
+            .at(program)?;
         if let Some(pid) = pid(&child) {
             table.ids().insert(self.role.name(), pid);
         }
-        self.messages = child.stderr.take().map(|stderr| {
-            let progress = progress.clone();
-            let lines = BufReader::new(stderr).lines().map_while(Result::ok);
-            std::thread::spawn(move || lines.for_each(|line| progress.say(&line)))
-        });
+        let progress = progress.clone();
+        let lines = BufReader::new(output).split(b'\n').map_while(Result::ok);
+        self.messages = Some(std::thread::spawn(move || {
+            lines.for_each(|line| progress.say(&String::from_utf8_lossy(&line)));
+        }));
         self.child = Some(child);
         Ok(())
     }

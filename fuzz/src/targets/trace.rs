@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use skysink::Error;
-use skysink::run::resume::{PlansBy, resume};
+use skysink::run::resume::resume;
+use skysink_mission::origin::Manner;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
 use skysink_mission::trace::RecordedSlot;
@@ -38,11 +39,10 @@ pub fn trace(bytes: &[u8]) {
 
 /// Goes on with a trace, and returns the hash of its lines.
 fn go_on(folder: &Path, World { scenario, list, .. }: &World, bytes: &[u8]) -> Result<u64, Error> {
-    for (name, bytes) in [("scenario.toml", &b""[..]), ("slots.csv", bytes)] {
-        write(&folder.join(name), bytes);
-    }
+    let folder = RunFolder::create(Some(folder), true, scenario, list, &Manner::default())?;
+    write(&folder.slots(), bytes);
     let mut tally = Tally::new(scenario, list);
-    let mut resumed = resume(&RunFolder::reopen(folder)?, scenario, list, PlansBy::Planner, &mut tally)?;
+    let mut resumed = resume(&folder, scenario, list, &mut tally)?;
     resumed.log.resume()?;
     Ok(resumed.log.hash())
 }

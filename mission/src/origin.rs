@@ -1,0 +1,120 @@
+//! How a run was begun, as in `run.toml` of its folder: what resuming it needs, and hashes that show later changes.
+
+use std::fs;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use skysink_common::error::InputError;
+use skysink_common::pace::Pace;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// Name of the file.
+pub(crate) const FILE: &str = "run.toml";
+
+/// Beginning of its last line, which holds the hash of the lines before it.
+const CHECK: &str = "check = ";
+
+/// How a mission is flown.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manner {
+    /// The pace of the ring; none in one process.
+    pub pace: Option<Pace>,
+    /// What the missions of a planner that is not Skysink's are booked as; none if the scenario's strategy plans.
+    pub outside_planner: Option<String>,
+}
+
+/// How a run was begun, and the hashes of what it was begun with.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Origin {
+    version: String,
+    pace: Option<Pace>,
+    outside_planner: Option<String>,
+    /// XXH3 of the bytes of `scenario.toml`.
+    scenario: String,
+    /// XXH3 of the bytes of `sensors.csv`.
+    sensors: String,
+}
+
+/// The text of `run.toml`.
+pub(crate) fn write(manner: &Manner, scenario: &str, sensors: &str) -> String {
+    let Manner { pace, outside_planner } = manner.clone();
+    let [scenario, sensors] = [scenario, sensors].map(|text| hash(text.as_bytes()));
+    let origin = Origin { version: env!("CARGO_PKG_VERSION").to_owned(), pace, outside_planner, scenario, sensors };
+    let text = toml::to_string(&origin).expect("plain keys and values");
+    let check = hash(text.as_bytes());
+    format!("{text}{CHECK}\"{check}\"\n")
+}
+
+/// Reads `run.toml` in `folder`, and compares the scenario and the sensor list with it.
+pub(crate) fn read(folder: &Path) -> Result<Manner, InputError> {
+    let refuse = |name: &str, message: &str| InputError::new("run folder", &folder.join(name), message);
+    let bytes = |name: &str| fs::read(folder.join(name)).map_err(|error| refuse(name, &error.to_string()));
+    let changed =
+        |name: &str| refuse(name, "it was changed since the run began: put the old one back, or fly a new run");
+
+    let text = String::from_utf8(bytes(FILE)?).map_err(|_| changed(FILE))?;
+    let (origin, check) = text.rfind(CHECK).map(|at| text.split_at(at)).ok_or_else(|| changed(FILE))?;
+    if check != format!("{CHECK}\"{}\"\n", hash(origin.as_bytes())) {
+        return Err(changed(FILE));
+    }
+    let origin: Origin = toml::from_str(origin).map_err(|error| {
+        let message = format!("{}: expected the run.toml of Skysink {}", error.message(), env!("CARGO_PKG_VERSION"));
+        refuse(FILE, &message)
+    })?;
+    for (name, expected) in [("scenario.toml", origin.scenario), ("sensors.csv", origin.sensors)] {
+        if hash(&bytes(name)?) != expected {
+            return Err(changed(name));
+        }
+    }
+    Ok(Manner { pace: origin.pace, outside_planner: origin.outside_planner })
+}
+
+fn hash(bytes: &[u8]) -> String {
+    format!("{:016x}", xxh3_64(bytes))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder(manner: &Manner) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, text) in [("scenario.toml", "a"), ("sensors.csv", "b"), (FILE, &write(manner, "a", "b")[..])] {
+            fs::write(folder.path().join(name), text).unwrap();
+        }
+        folder
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let manners = [
+            Manner::default(),
+            Manner { pace: Some("10x".parse().unwrap()), outside_planner: Some("mine \"1\"".to_owned()) },
+        ];
+        for manner in manners {
+            assert_eq!(read(folder(&manner).path()).unwrap(), manner);
+        }
+    }
+
+    #[test]
+    fn a_changed_byte_of_any_file_is_refused_and_named() {
+        for name in ["scenario.toml", "sensors.csv", FILE] {
+            let folder = folder(&Manner::default());
+            let path = folder.path().join(name);
+            let whole = fs::read(&path).unwrap();
+            for at in 0..whole.len() {
+                let mut bytes = whole.clone();
+                bytes[at] ^= 1;
+                fs::write(&path, bytes).unwrap();
+                let error = read(folder.path()).unwrap_err().to_string();
+                assert!(error.contains(name) && error.contains("was changed"), "{error}");
+            }
+            fs::write(&path, &whole[..whole.len() - 1]).unwrap();
+            assert!(read(folder.path()).is_err(), "cut");
+            fs::remove_file(&path).unwrap();
+            assert!(read(folder.path()).unwrap_err().to_string().contains(name));
+        }
+    }
+}
