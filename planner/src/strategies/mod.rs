@@ -27,7 +27,7 @@ use nalgebra::Point3;
 use serde::de::{self, DeserializeOwned};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use skysink_common::checkpoint::Checkpoint;
-use skysink_common::error::InputError;
+use skysink_common::error::{InputError, did_you_mean};
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, MAX_SERVED, SensorNode, SolverOutcome};
 use skysink_common::scenario::Scenario;
@@ -179,7 +179,7 @@ impl Registered {
     /// If none has the name that the scenario gives.
     pub fn of(scenario: &Scenario) -> Result<&'static Self, InputError> {
         let name = scenario.planner.strategy.as_str();
-        Self::find(name).ok_or_else(|| scenario.refusal("planner.strategy", &name.into(), &one_of(names())))
+        Self::find(name).ok_or_else(|| scenario.refusal("planner.strategy", &name.into(), &expected(name)))
     }
 
     /// Replaces the keys of its own in a scenario.
@@ -204,7 +204,7 @@ impl Serialize for Registered {
 impl<'de> Deserialize<'de> for &'static Registered {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let name = String::deserialize(deserializer)?;
-        Registered::find(&name).ok_or_else(|| de::Error::custom(format!("expected {}", one_of(names()))))
+        Registered::find(&name).ok_or_else(|| de::Error::custom(format!("{name:?}: expected {}", expected(&name))))
     }
 }
 
@@ -212,6 +212,12 @@ impl<'de> Deserialize<'de> for &'static Registered {
 fn checked<T: Serialize + DeserializeOwned>(scenario: &Scenario, table: &str) -> Result<Table, InputError> {
     let keys: T = scenario.planner_keys(table)?;
     Ok(Table::try_from(keys).expect("keys are numbers and strings"))
+}
+
+/// What a strategy's name has to be instead of the unknown `name`.
+fn expected(name: &str) -> String {
+    let hint = did_you_mean(name, names()).map(|meant| format!("; did you mean `{meant}`?"));
+    one_of(names()) + &hint.unwrap_or_default()
 }
 
 /// What a name has to be instead of an unknown one.
