@@ -16,6 +16,7 @@ use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_planner::settings;
 use skysink_planner::strategies::{Registered, STRATEGIES};
+use skysink_ring::role::Role;
 use skysink_ring::wait::stop_on_signals;
 
 #[cfg(feature = "lab")]
@@ -132,13 +133,30 @@ fn strategy_parser() -> impl TypedValueParser<Value = &'static str> {
 pub fn main() -> ExitCode {
     worker::quiet_iceoryx2();
     let stop = stop_on_signals();
-    match command(Cli::parse().command, &stop) {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(message) => return usage(&message),
+    };
+    match command(cli.command, &stop) {
         Ok(()) => ExitCode::SUCCESS,
         Err(Error::Output(error)) if error.kind() == ErrorKind::BrokenPipe => ExitCode::SUCCESS, // read as far as wanted
         Err(error) => {
-            eprintln!("skysink: {error}");
+            Role::Launcher.say(&error);
             ExitCode::from(error.exit_code())
         }
+    }
+}
+
+/// Prints the help that was asked for, or what is wrong with the arguments.
+fn usage(message: &clap::Error) -> ExitCode {
+    let printed =
+        message.print().or_else(|error| if error.kind() == ErrorKind::BrokenPipe { Ok(()) } else { Err(error) });
+    match printed {
+        Err(error) if !message.use_stderr() => {
+            Role::Launcher.say(Error::Output(error));
+            ExitCode::FAILURE
+        }
+        _ => ExitCode::from(u8::try_from(message.exit_code()).unwrap_or(2)),
     }
 }
 

@@ -73,16 +73,17 @@ pub enum Error {
     /// What a command has to say cannot be written.
     #[error("standard output: {0}")]
     Output(io::Error),
-    /// The shared memory of the machine would not do.
-    #[error(
-        "/dev/shm: {free_mib} MiB free: expected {needed_mib} MiB for this run: make it larger (docker: --shm-size), or \
-         pass --no-viewer, which needs less"
-    )]
-    SharedMemory {
-        /// Free [MiB].
-        free_mib: u64,
-        /// Needed [MiB].
-        needed_mib: u64,
+    /// The machine has too little of something.
+    #[error("{what}: {found}: expected {expected}: {remedy}")]
+    Short {
+        /// What is short.
+        what: String,
+        /// How much of it there is.
+        found: String,
+        /// How much is needed.
+        expected: String,
+        /// What to do.
+        remedy: &'static str,
     },
     /// A soak has found something.
     #[error("soak: {0}")]

@@ -87,7 +87,7 @@ impl TerminalProgress {
 
     /// Writes a line to standard error without breaking the bar.
     pub fn say(&self, line: &str) {
-        self.0.suspend(|| eprintln!("{line}"));
+        self.0.suspend(|| drop(writeln!(std::io::stderr(), "{line}"))); // or there is nobody to tell
     }
 }
 
@@ -133,7 +133,12 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     let timing = &summary.timing;
     let pace = timing.pace.map_or_else(|| "in one process".to_owned(), |pace| format!("pace {pace}"));
     let title = format!("{} · {} · seed {}", summary.name, summary.strategy, summary.seed);
-    print(format_args!("{title}: {} slots in {:.3} s, {pace}", summary.slots, timing.wall_s))?;
+    match summary.slots {
+        slots if summary.resumed_after == Some(slots) => {
+            print(format_args!("{title}: all {slots} slots are on record, nothing was left to fly"))?;
+        }
+        slots => print(format_args!("{title}: {slots} slots in {:.3} s, {pace}", timing.wall_s))?,
+    }
     let mut table = table();
     let mut rows = vec![
         ("data loss rate η", format!("{:.6}", summary.loss_rate)),

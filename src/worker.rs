@@ -59,7 +59,7 @@ pub fn exit(role: Role, ended: Result<(), NodeError>) -> ExitCode {
     let Err(error) = ended else { return ExitCode::SUCCESS };
     let code = error.exit_code();
     if code < 128 {
-        eprintln!("{}: {error}", role.name());
+        role.say(error);
     }
     ExitCode::from(code)
 }

@@ -1,10 +1,14 @@
-//! Input that is refused.
+//! Input files: how they are read, and how they are refused.
 
 use std::fmt::Display;
+use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Most characters of a line that are quoted.
-const MAX_QUOTED: usize = 200;
+/// Most characters of a line or a value that are quoted.
+const MAX_QUOTED: usize = 80;
+
+/// Most characters of a message; what other libraries say may hold a value of any length.
+const MAX_MESSAGE: usize = 600;
 
 /// Likeness (Jaro and Winkler, 0 to 1) above which a word may be meant by another.
 const LEAST_LIKENESS: f64 = 0.8;
@@ -23,24 +27,26 @@ pub struct InputError {
 }
 
 impl InputError {
-    /// Refuses `path`. Control characters in the message, which a file's text may bring in, become spaces.
+    /// Refuses `path`. Control characters in the message, which a file's text may bring in, are escaped, and the middle
+    /// of a long one is left out.
     #[must_use]
     pub fn new(what: &'static str, path: &Path, message: impl Display) -> Self {
-        let message = message.to_string().replace(char::is_control, " ");
-        Self { what, path: path.to_owned(), message }
+        Self { what, path: path.to_owned(), message: shortened(&escaped(&message.to_string()), MAX_MESSAGE) }
     }
 
-    /// Refuses `line`, from 1, of `path`, and quotes its `text`, as far as a terminal shows it in a line or two.
+    /// Refuses `line`, from 1, of `path`, and quotes the beginning of its `text`.
     #[must_use]
     pub fn line(what: &'static str, path: &Path, line: usize, text: &str, message: impl Display) -> Self {
-        let quoted: String = text.trim().chars().take(MAX_QUOTED).collect();
-        Self::new(what, path, format_args!("line {line}: `{quoted}`: {message}"))
+        Self::new(what, path, format_args!("line {line}: `{}`: {message}", quoted(text)))
     }
 
     /// Refuses `path`, whose `text` is not the TOML that was expected: says the line, the text there, and why.
     #[must_use]
     pub fn toml(what: &'static str, path: &Path, text: &str, error: &toml::de::Error) -> Self {
-        let message = error.message().trim().replace('\n', ", ");
+        let message = match error.message().trim() {
+            large if large.contains(" as i128") => "expected a whole number below 2^63".to_owned(),
+            message => message.replace('\n', ", "),
+        };
         let Some(span) = error.span() else { return Self::new(what, path, message) };
         let number = text[..span.start.min(text.len())].matches('\n').count() + 1;
         Self::line(what, path, number, text.lines().nth(number - 1).unwrap_or_default(), message)
@@ -55,14 +61,88 @@ pub fn did_you_mean<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str
     alike.reduce(|best, next| if next.0 > best.0 { next } else { best }).map(|(_, candidate)| candidate)
 }
 
+/// Reads the text file `path`, which is `what`.
+///
+/// # Errors
+/// If it cannot be read, is no regular file (a pipe may never end), or is not UTF-8.
+pub fn read_text(what: &'static str, path: &Path) -> Result<String, InputError> {
+    let refuse = |message: &dyn Display| InputError::new(what, path, message);
+    let kind = fs::metadata(path).map_err(|error| refuse(&error))?;
+    if !kind.is_file() {
+        let found = if kind.is_dir() { "it is a folder" } else { "it is a pipe or a device" };
+        return Err(refuse(&format_args!("{found}: expected a regular file")));
+    }
+    let bytes = fs::read(path).map_err(|error| refuse(&error))?;
+    String::from_utf8(bytes).map_err(|error| {
+        let whole = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+        let line = whole.iter().filter(|&&byte| byte == b'\n').count() + 1;
+        refuse(&format_args!("line {line}: expected UTF-8 text"))
+    })
+}
+
+/// The beginning of a refused text, as far as a terminal shows it in a line.
+#[must_use]
+pub fn quoted(text: &str) -> String {
+    let text = text.trim();
+    let end = text.char_indices().nth(MAX_QUOTED).map_or(text.len(), |(end, _)| end);
+    let dots = if end < text.len() { "..." } else { "" };
+    escaped(&text[..end]) + dots
+}
+
+/// The text with its control characters escaped: a terminal would obey them.
+fn escaped(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for letter in text.chars() {
+        if letter.is_control() {
+            escaped.extend(letter.escape_default());
+        } else {
+            escaped.push(letter);
+        }
+    }
+    escaped
+}
+
+/// The text, or its beginning and its end.
+fn shortened(text: &str, most: usize) -> String {
+    let count = text.chars().count();
+    if count <= most {
+        return text.to_owned();
+    }
+    let beginning: String = text.chars().take(most / 2).collect();
+    let end: String = text.chars().skip(count - most / 2).collect();
+    format!("{beginning} ... {end}")
+}
+
 /// A path on one line, whatever is in it.
 fn shown(path: &Path) -> String {
-    path.display().to_string().replace(char::is_control, " ")
+    escaped(&path.display().to_string())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_refused_text_is_cut_and_obeyed_by_no_terminal() {
+        let error =
+            InputError::line("scenario", Path::new("a\nb"), 1, &format!("\x1b[31m{}", "x".repeat(1 << 20)), "no");
+        assert_eq!(error.to_string(), format!("scenario a\\nb: line 1: `\\u{{1b}}[31m{}...`: no", "x".repeat(75)));
+        let error =
+            InputError::new("scenario", Path::new("a"), "x".repeat(1 << 20) + ": expected a number").to_string();
+        assert!(error.len() < 700 && error.ends_with("x: expected a number"), "{error}");
+    }
+
+    #[test]
+    fn what_is_no_text_file_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        let refused = |path: &Path| read_text("scenario", path).unwrap_err().message;
+        assert!(refused(&path).contains("No such file"));
+        assert_eq!(refused(folder.path()), "it is a folder: expected a regular file");
+        assert_eq!(refused(Path::new("/dev/zero")), "it is a pipe or a device: expected a regular file");
+        fs::write(&path, b"a\nb\n\xff").unwrap();
+        assert_eq!(refused(&path), "line 3: expected UTF-8 text");
+    }
 
     #[test]
     fn a_misspelt_name_is_taken_for_the_candidate_most_like_it() {

@@ -24,7 +24,7 @@ pub use planner::PlannerKeys;
 pub use value::{Count, Interval};
 use value::{count, name};
 
-use crate::error::InputError;
+use crate::error::{InputError, read_text};
 
 /// Most resource blocks of a UAV: messages hold this many served sensor nodes.
 pub const MAX_RESOURCE_BLOCKS: usize = 64;
@@ -94,7 +94,7 @@ impl Scenario {
     /// # Errors
     /// If the file cannot be read, is not a scenario, or holds a value out of its range.
     pub fn read(path: &Path, overrides: Overrides) -> Result<Self, InputError> {
-        let text = std::fs::read_to_string(path).map_err(|error| InputError::new("scenario", path, error))?;
+        let text = read_text("scenario", path)?;
         Self::parse(&text, path, overrides)
     }
 
@@ -112,6 +112,10 @@ impl Scenario {
     /// If the text is not a scenario or holds a value out of its range.
     pub fn parse(text: &str, path: &Path, overrides: Overrides) -> Result<Self, InputError> {
         let mut table: Table = text.parse().map_err(|error| InputError::toml("scenario", path, text, &error))?;
+        if table.contains_key("axes") || table.contains_key("strategies") {
+            let message = "it is a sweep: expected a scenario (skysink sweep flies this file)";
+            return Err(InputError::new("scenario", path, message));
+        }
         for (key, number) in [("seed", overrides.seed), ("slots", overrides.slots)] {
             if let Some(number) = number {
                 // What TOML cannot write is more than either may be.

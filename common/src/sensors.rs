@@ -11,7 +11,7 @@ use rand::RngExt;
 use rand_distr::{Distribution, Poisson};
 
 use crate::channel::draw_gain_db;
-use crate::error::InputError;
+use crate::error::{InputError, read_text};
 use crate::geometry::Position;
 use crate::message::SensorNode;
 use crate::random::{Purpose, Streams};
@@ -49,10 +49,15 @@ impl SensorList {
             let count = scenario.sensors.count.map_or(0, |count| count.get() as u32);
             return Ok(Self::new((0..count).map(|id| draw(scenario, id)).collect(), scenario));
         };
-        match std::fs::read_to_string(&path) {
-            Ok(text) => Self::parse(&text, &path, scenario),
-            Err(error) => Err(InputError::new("sensor list", &path, error)),
-        }
+        let text = read_text("sensor list", &path).map_err(|error| {
+            let source = path.with_file_name("SOURCE.md");
+            let key = "the file of sensors.file in";
+            let scenario = scenario.path.display();
+            let remedy =
+                if source.is_file() { format!("; {} says how to get it", source.display()) } else { String::new() };
+            InputError::new("sensor list", &path, format_args!("{} ({key} {scenario}){remedy}", error.message))
+        })?;
+        Self::parse(&text, &path, scenario)
     }
 
     /// Checks the text of the list `path`. Columns that it leaves out are drawn, or the scenario's value; latitude and

@@ -19,7 +19,7 @@ use crate::wait::Waiting;
 use skysink_common::pace::Pace;
 
 /// Where iceoryx2 keeps its shared memory on Linux.
-pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
+pub const SHARED_MEMORY: &str = "/dev/shm";
 
 /// What all processes of a run are told, in `ring.toml`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -62,6 +62,19 @@ impl Terms {
     pub fn overdue_limit(&self) -> Duration {
         self.timeout() * 3 / 4
     }
+}
+
+/// `iceoryx2.toml`, as far as a run has its own.
+#[derive(Serialize)]
+struct Domain {
+    global: Global,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Global {
+    root_path: String,
+    prefix: String,
 }
 
 /// The folder of a ring. The launcher's is removed with everything in it when it is dropped.
@@ -197,7 +210,9 @@ impl RingFolder {
     fn furnish(&self) -> io::Result<()> {
         DirBuilder::new().mode(0o700).create(&self.path)?;
         DirBuilder::new().mode(0o700).create(self.path.join("config"))?;
-        let domain = format!("[global]\nroot-path = \"{}/\"\nprefix = \"{}\"\n", self.path.display(), self.prefix());
+        let path = self.path.to_str().ok_or(io::ErrorKind::InvalidFilename)?;
+        let global = Global { root_path: format!("{path}/"), prefix: self.prefix() };
+        let domain = toml::to_string(&Domain { global }).expect("plain keys and values");
         write_private(&self.path.join("config/iceoryx2.toml"), &domain)?;
         let terms = toml::to_string(&self.terms).expect("plain keys and values");
         write_private(&self.path.join("ring.toml"), &terms)
@@ -226,7 +241,8 @@ mod hexadecimal {
 }
 
 /// Where the rings of this user are: a short path, for the sockets in it.
-fn home() -> PathBuf {
+#[must_use]
+pub fn home() -> PathBuf {
     let user = format!("skysink-{}", rustix::process::getuid().as_raw());
     let home = std::env::temp_dir().join(&user);
     if short_enough(&home.join("12345678")) { home } else { Path::new("/tmp").join(user) }

@@ -62,7 +62,7 @@ impl Refusals {
         if let Some(line) = line(topic, slot, refusal, before, *total)
             && let Some(speaker) = state.speaker
         {
-            eprintln!("{}: {line}", speaker.name());
+            speaker.say(line);
         }
     }
 

@@ -2,8 +2,9 @@
 //!
 //! A seat counts how often it was taken; its holder shows by heartbeats that it is alive.
 
+use std::fmt::Display;
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io;
+use std::io::{self, Write as _};
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
@@ -38,6 +39,11 @@ impl Role {
     #[must_use]
     pub fn keeps_the_ring_waiting(self) -> bool {
         matches!(self, Self::FieldSim | Self::FlightSim | Self::Launcher)
+    }
+
+    /// Writes a line to standard error. Where it cannot be written there is nobody to tell.
+    pub fn say(self, line: impl Display) {
+        let _ = writeln!(io::stderr(), "{}: {line}", self.name());
     }
 
     /// The name of the executable.

@@ -5,6 +5,7 @@ use std::fmt::Debug;
 use std::fs::File;
 use std::rc::{Rc, Weak};
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::Listener;
@@ -55,16 +56,22 @@ impl Waiting {
     }
 }
 
-/// A [`Stop`] that SIGINT and SIGTERM request.
+/// A [`Stop`] that SIGINT and SIGTERM request. The second of them ends the process at once, whatever it waits for.
 ///
 /// # Panics
 /// If the operating system refuses a handler for them, which it never does.
 #[must_use]
 pub fn stop_on_signals() -> Stop {
+    use signal_hook::flag::{register, register_conditional_shutdown, register_usize};
     let stop = Stop::default();
+    let is_second = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
         let number = usize::try_from(signal).expect("signals are positive");
-        signal_hook::flag::register_usize(signal, stop.flag(), number).expect("a catchable signal");
+        // Handlers run in this order: the first signal finds that it is not the second.
+        let registered = register_conditional_shutdown(signal, 128 + signal, Arc::clone(&is_second))
+            .and_then(|_| register(signal, Arc::clone(&is_second)))
+            .and_then(|_| register_usize(signal, stop.flag(), number));
+        registered.expect("a catchable signal");
     }
     stop
 }

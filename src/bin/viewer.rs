@@ -48,7 +48,7 @@ fn record(cli: &Cli, stop: &Stop) -> Result<(), NodeError> {
     let sinks = Sinks { save: cli.save.clone(), live: cli.live };
     let missed = run::<ipc::Service>(&scenario, &folder, stop, &sinks, cli.label.as_deref())?;
     if missed > 0 {
-        eprintln!("viewer: missed {missed} slots, marked in the recording");
+        Role::Viewer.say(format_args!("missed {missed} slots, marked in the recording"));
     }
     Ok(())
 }

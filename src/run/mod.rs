@@ -1,6 +1,7 @@
 //! `skysink run`: a mission with a process for every part of the ring.
 
 pub mod heartbeat;
+pub mod limits;
 pub mod recorder;
 pub mod restart;
 pub mod resume;
@@ -25,7 +26,7 @@ use skysink_mission::summary::{Summary, Tally};
 use skysink_ring::cleanup::Janitor;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
-use skysink_ring::topics::{Ring, VIEWER_BUFFER};
+use skysink_ring::topics::Ring;
 use skysink_ring::wait::Waiting;
 
 use crate::error::Error;
@@ -108,6 +109,15 @@ pub struct CommandLine(pub Vec<String>);
 pub fn command_line(text: &str) -> Result<CommandLine, String> {
     let words = shlex::split(text).filter(|words| !words.is_empty());
     words.map(CommandLine).ok_or_else(|| "expected a command such as \"python3 mine.py\"".to_owned())
+}
+
+/// Whether there is a file to execute: of this path, or in a folder of the PATH.
+fn is_command(program: &str) -> bool {
+    if program.contains('/') {
+        return Path::new(program).is_file();
+    }
+    let folders = std::env::var_os("PATH").unwrap_or_default();
+    std::env::split_paths(&folders).any(|folder| folder.join(program).is_file())
 }
 
 /// Reads the name of a planner, which may become a part of the run folder's.
@@ -330,9 +340,8 @@ impl RunOptions {
     /// process.
     ///
     /// # Errors
-    /// [`Error::NoViewer`], [`Error::Usage`] or [`Error::SharedMemory`].
+    /// [`Error::NoViewer`], [`Error::Usage`] or [`Error::Short`].
     pub fn check(&self, list: &SensorList) -> Result<(), Error> {
-        const MIB: u64 = 1 << 20;
         if !self.no_viewer && !cfg!(feature = "viewer") {
             return Err(Error::NoViewer);
         }
@@ -343,18 +352,12 @@ impl RunOptions {
         if self.planner.is_some() && self.external.contains(&Role::Planner) {
             return refuse("--external planner and --planner: expected one of them");
         }
+        if let Some(CommandLine(words)) = self.planner.as_ref().filter(|CommandLine(words)| !is_command(&words[0])) {
+            return refuse(&format!("--planner {}: expected an executable file or a command of the PATH", words[0]));
+        }
         if self.label.is_some() && !self.has_outside_planner() {
             return refuse("--label: expected with --external planner or --planner");
         }
-        let path = Path::new("/dev/shm");
-        let free = rustix::fs::statvfs(path).map_err(std::io::Error::from).at(path)?;
-        let free_bytes = free.f_bavail * free.f_frsize;
-        let samples = if self.no_viewer { 8 } else { VIEWER_BUFFER as u64 + 8 };
-        let bytes_per_sensor = samples * 4 + 3 * 40; // queues in flight, the sensor list
-        let needed_bytes = 8 * MIB + bytes_per_sensor * list.sensors().len() as u64;
-        if free_bytes >= needed_bytes {
-            return Ok(());
-        }
-        Err(Error::SharedMemory { free_mib: free_bytes / MIB, needed_mib: needed_bytes.div_ceil(MIB) })
+        limits::check(list, !self.no_viewer)
     }
 }

@@ -68,9 +68,8 @@ pub fn run<S: Service + 'static>(
     let name = run_name(&shown, ring.terms.mission);
     let mut scene = Scene::open(sinks, &shown, nodes.payload(), &name, WallClock::Measured)?;
     if let Some(port) = scene.port() {
-        eprintln!(
-            "viewer: live at rerun+http://127.0.0.1:{port}/proxy (open it: rerun rerun+http://127.0.0.1:{port}/proxy)"
-        );
+        let address = format!("rerun+http://127.0.0.1:{port}/proxy");
+        Role::Viewer.say(format_args!("live at {address}: open it by `rerun {address}`"));
     }
     let followed = Follower::open(&ring, &scenario.area, &journal, &mut scene)
         .and_then(|mut follower| follower.follow(&mut wait).map(|()| follower.missed));

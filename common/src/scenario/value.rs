@@ -8,7 +8,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use serde_path_to_error::Segment;
 use toml::{Table, Value};
 
-use crate::error::InputError;
+use crate::error::{InputError, did_you_mean, quoted};
 
 /// A whole number from `MIN` to `MAX`, both at most TOML's largest, 2^63 − 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -108,7 +108,13 @@ pub(super) fn read<T: DeserializeOwned>(table: Table, name: &str, path: &Path) -
                     key = format!("{key}{dot}{inner}");
                     found = found.and_then(|outer| outer.get(inner));
                 }
-                Segment::Seq { index } => found = found.and_then(|outer| outer.get(*index)),
+                Segment::Seq { index } => {
+                    let inner = found.and_then(|outer| outer.get(*index));
+                    if let (Some(outer), Some(Value::Table(_))) = (found, inner) {
+                        return refusal(path, &key, outer, &format!("a table, [{key}]"));
+                    }
+                    found = inner;
+                }
                 Segment::Enum { .. } | Segment::Unknown => {}
             }
         }
@@ -119,24 +125,35 @@ pub(super) fn read<T: DeserializeOwned>(table: Table, name: &str, path: &Path) -
                     "i64" => "a whole number",
                     "f64" => "a number",
                     "string only" => "a string",
+                    "fewer elements in array" => "two numbers",
                     other => other,
                 };
-                refusal(path, &key, value, plain)
+                refusal(path, &key, value, &(plain.to_owned() + &suggestion(message)))
             }
             _ => {
                 let place = if key.is_empty() { key } else { key + ": " };
-                InputError::new("scenario", path, place + message)
+                let message = match message.strip_prefix("missing field ") {
+                    Some(name) => format!("{place}missing {name}: expected this key"),
+                    None => place + message + &suggestion(message),
+                };
+                InputError::new("scenario", path, message)
             }
         }
     })
 }
 
+/// What an unknown name probably means: the first name in the message, among those that are expected.
+fn suggestion(message: &str) -> String {
+    let mut names = message.split('`').skip(1).step_by(2);
+    let meant = names.next().filter(|_| message.starts_with("unknown")).and_then(|name| did_you_mean(name, names));
+    meant.map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"))
+}
+
 /// The refusal of what the dotted `key` of the file `path` holds.
 pub(super) fn refusal(path: &Path, key: &str, value: &Value, expected: &str) -> InputError {
     let value = match value {
-        Value::String(text) => format!("{text:?}"),
-        other => other.to_string(),
+        Value::String(text) => format!("\"{}\"", quoted(text)),
+        other => quoted(&other.to_string()),
     };
-    let key = if key.contains(char::is_control) { format!("{key:?}") } else { key.to_owned() };
-    InputError::new("scenario", path, format_args!("{key} = {value}: expected {expected}"))
+    InputError::new("scenario", path, format_args!("{} = {value}: expected {expected}", quoted(key)))
 }

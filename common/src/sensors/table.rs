@@ -7,6 +7,7 @@ use std::ops::RangeInclusive;
 use super::projection::Projection;
 use super::{Sensor, draw_queue_bits, draw_sampling_bps};
 use crate::channel::draw_gain_db;
+use crate::error::quoted;
 use crate::geometry::Position;
 use crate::random::Streams;
 use crate::scenario::{Area, LinkModel, MAX_FIELD_BITS, MAX_SAMPLED_BITS, MAX_SENSORS, Scenario};
@@ -70,13 +71,13 @@ impl<'a> Table<'a> {
         let names: Vec<&str> = header.iter().collect();
         for (place, name) in names.iter().enumerate() {
             if !COLUMNS.contains(name) {
-                return Err(format!("column `{name}`: expected some of {}", COLUMNS.join(",")));
+                return Err(format!("column `{}`: expected some of {}", quoted(name), COLUMNS.join(",")));
             }
             if names[..place].contains(name) {
-                return Err(format!("column `{name}` twice: expected it once"));
+                return Err(format!("column `{}` twice: expected it once", quoted(name)));
             }
         }
-        let refuse = |expected: &str| format!("header `{}`: expected {expected}", names.join(","));
+        let refuse = |expected: &str| format!("header `{}`: expected {expected}", quoted(&names.join(",")));
         let projection = match ["x_m", "y_m", "lat_deg", "lon_deg"].map(|name| names.contains(&name)) {
             [true, true, false, false] => None,
             [false, false, true, true] => {
@@ -142,7 +143,7 @@ impl<'a> Table<'a> {
     ) -> Result<Option<f64>, String> {
         let Some(place) = self.header.iter().position(|name| name == column) else { return Ok(None) };
         let number = row[place].parse::<f64>().ok().filter(|&value| is_accepted(value));
-        number.map(Some).ok_or_else(|| format!("{column} = {}: expected {expected}", &row[place]))
+        number.map(Some).ok_or_else(|| format!("{column} = {}: expected {expected}", quoted(&row[place])))
     }
 }
 
