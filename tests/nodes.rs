@@ -55,7 +55,7 @@ type Node = fn(&Scenario, &RingFolder, &Stop) -> Result<(), NodeError>;
 fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, order: [usize; 3]) -> String {
     let list = SensorList::of(scenario).unwrap();
     let folder = RunFolder::create(Some(out), false, scenario, &list, &Manner::default()).unwrap();
-    let ring_folder = RingFolder::create(Pace::Max, wait, 60.0, false).unwrap();
+    let ring_folder = RingFolder::create(Pace::Max, wait, 60.0, false, None).unwrap();
     let stop = Stop::default();
     let (ring, wait) = Ring::<S>::join(&ring_folder, scenario, Role::Launcher, &stop).unwrap();
     let mut recorder = Recorder::new(&ring, wait).unwrap();
@@ -108,7 +108,7 @@ type Seen = Vec<(Plan, Option<Vec<PathPoint>>)>;
 fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
     let list = SensorList::of(scenario).unwrap();
     let folder = RunFolder::create(Some(out), false, scenario, &list, &Manner::default()).unwrap();
-    let ring_folder = RingFolder::create(Pace::Max, Waiting::Event, 60.0, false).unwrap();
+    let ring_folder = RingFolder::create(Pace::Max, Waiting::Event, 60.0, false, None).unwrap();
     let stop = Stop::default();
     let (ring, wait) = Ring::<S>::join(&ring_folder, scenario, Role::Launcher, &stop).unwrap();
     let mut recorder = Recorder::new(&ring, wait).unwrap();
@@ -195,7 +195,7 @@ fn nodes_may_start_in_any_order() {
 fn a_requested_stop_ends_a_waiting_node() {
     let scenario = smoke("uts", 1);
     for wait in [Waiting::Event, Waiting::Poll] {
-        let ring_folder = RingFolder::create(Pace::Max, wait, 60.0, false).unwrap();
+        let ring_folder = RingFolder::create(Pace::Max, wait, 60.0, false, None).unwrap();
         let _ring = Ring::<local::Service>::join(&ring_folder, &scenario, Role::Launcher, &Stop::default()).unwrap();
         let stop = Stop::default();
         thread::scope(|scope| {
@@ -213,7 +213,7 @@ fn a_requested_stop_ends_a_waiting_node() {
 fn a_node_whose_peer_does_not_come_says_which() {
     let scenario = smoke("uts", 1);
     for wait in [Waiting::Event, Waiting::Poll] {
-        let ring_folder = RingFolder::create(Pace::Max, wait, 0.2, false).unwrap();
+        let ring_folder = RingFolder::create(Pace::Max, wait, 0.2, false, None).unwrap();
         let _ring = Ring::<local::Service>::join(&ring_folder, &scenario, Role::Launcher, &Stop::default()).unwrap();
         let folder = RingFolder::open(ring_folder.path()).unwrap();
         let error = skysink_planner::node::run::<local::Service>(&scenario, &folder, &Stop::default()).unwrap_err();
@@ -223,7 +223,7 @@ fn a_node_whose_peer_does_not_come_says_which() {
 
 #[test]
 fn a_ring_that_waits_in_an_unknown_way_is_refused() {
-    let ring_folder = RingFolder::create(Pace::Max, Waiting::Poll, 0.2, false).unwrap();
+    let ring_folder = RingFolder::create(Pace::Max, Waiting::Poll, 0.2, false, None).unwrap();
     let file = ring_folder.path().join("ring.toml");
     let terms = fs::read_to_string(&file).unwrap();
     assert!(terms.contains("wait = \"poll\"\n"), "{terms}");
@@ -234,7 +234,7 @@ fn a_ring_that_waits_in_an_unknown_way_is_refused() {
 
 #[test]
 fn a_node_with_another_scenario_is_refused() {
-    let ring_folder = RingFolder::create(Pace::Max, Waiting::Event, 0.2, false).unwrap();
+    let ring_folder = RingFolder::create(Pace::Max, Waiting::Event, 0.2, false, None).unwrap();
     let _ring = Ring::<local::Service>::join(&ring_folder, &smoke("uts", 1), Role::Launcher, &Stop::default()).unwrap();
     let folder = RingFolder::open(ring_folder.path()).unwrap();
     let other = smoke("uts", 2);

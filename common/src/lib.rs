@@ -7,6 +7,7 @@ pub mod arrivals;
 pub mod channel;
 pub mod checkpoint;
 pub mod error;
+pub mod estimate;
 pub mod geometry;
 pub mod ledger;
 pub mod message;

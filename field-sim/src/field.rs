@@ -6,6 +6,7 @@ use std::ops::Range;
 use serde::{Deserialize, Serialize};
 use skysink_common::arrivals::{bits_between, sampled, sampled_bits};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
+use skysink_common::estimate::{Estimate, Saved};
 use skysink_common::ledger::{Ledger, Totals};
 use skysink_common::message::{FlightReport, QueuesHeader, SlotHeader};
 use skysink_common::scenario::Scenario;
@@ -27,6 +28,8 @@ pub struct Field {
     slots: u64,
     slot: u64,
     moved: SlotBits,
+    /// What the UAV knows of the queues, where that is told.
+    told: Option<Box<Estimate>>,
 }
 
 /// What one slot moved.
@@ -68,7 +71,20 @@ impl Field {
             slots: scenario.slots,
             slot: 0,
             moved: SlotBits::default(),
+            told: None,
         }
+    }
+
+    /// Keeps account of what the UAV knows of the queues, too, from slot 1 on.
+    #[must_use]
+    pub fn telling(mut self, estimate: Estimate) -> Self {
+        self.told = Some(Box::new(estimate));
+        self
+    }
+
+    /// What the UAV knows of the queues after the slot [bit], by sensor node, if account is kept of it.
+    pub fn told_bits(&mut self) -> Option<&[u32]> {
+        self.told.as_mut().map(|told| told.believe(self.slot))
     }
 
     /// Advances by `slot`, from 1: every sensor node samples, full ones lose the excess, then the served ones upload
@@ -106,6 +122,10 @@ impl Field {
         if let Some(link) = flight.served_links().iter().find(|link| link.sensor as usize >= count) {
             return Err(FieldError { slot, sensor: link.sensor, count });
         }
+        if let Some(told) = &mut self.told {
+            let served: Vec<u32> = flight.served_links().iter().map(|link| link.sensor).collect();
+            told.announce(slot, &served, self.ledger.queues_bits());
+        }
         self.slot = slot;
         self.moved = SlotBits::default();
         for sensors in blocks(count) {
@@ -120,6 +140,9 @@ impl Field {
             if let Some(copy) = &mut queues_bits {
                 copy[sensor].write(self.ledger.queues_bits()[sensor]);
             }
+        }
+        if let Some(told) = &mut self.told {
+            told.observe(slot, flight, self.ledger.queues_bits());
         }
         Ok(self.moved)
     }
@@ -179,7 +202,7 @@ impl Field {
     }
 }
 
-/// A field after a slot, as it is saved: 12 bytes for each sensor node.
+/// A field after a slot, as it is saved: 12 bytes for each sensor node, and those of what is told.
 #[derive(Serialize, Deserialize)]
 struct State {
     slot: u64,
@@ -190,17 +213,21 @@ struct State {
     /// `u64` by sensor node.
     #[serde(with = "serde_bytes")]
     delivered_bits: Vec<u8>,
+    told: Option<Saved>,
 }
 
 impl Checkpoint for Field {
     fn save(&self, bytes: &mut Vec<u8>) {
         let queues_bits = bytemuck::cast_slice(self.queues_bits()).to_vec();
         let delivered_bits = bytemuck::cast_slice(self.delivered_bits()).to_vec();
-        encode(&State { slot: self.slot, moved: self.moved, queues_bits, delivered_bits }, bytes);
+        let told = self.told.as_ref().map(|told| told.saved());
+        encode(&State { slot: self.slot, moved: self.moved, queues_bits, delivered_bits, told }, bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let State { slot, moved, queues_bits, delivered_bits } = decode(bytes)?;
+        let State { slot, moved, queues_bits, delivered_bits, told } = decode(bytes)?;
+        CheckpointError::unless(told.is_some() == self.told.is_some(), "the same account of what is told")?;
+        let told = self.told.as_ref().zip(told).map(|(own, saved)| own.restored(slot, saved)).transpose()?;
         let queues_bits: Vec<u32> = bytemuck::pod_collect_to_vec(&queues_bits);
         let delivered_bits: Vec<u64> = bytemuck::pod_collect_to_vec(&delivered_bits);
         let Self { ledger, rates, .. } = self;
@@ -209,6 +236,7 @@ impl Checkpoint for Field {
         CheckpointError::unless(is_possible, "a state that this field can be in")?;
         self.slot = slot;
         self.moved = moved;
+        self.told = told.map(Box::new);
         for (lost_slots, sensors) in self.lost_slots.iter_mut().zip(blocks(queues_bits.len())) {
             let mean_bits = sensors.clone().map(|sensor| rates.mean_bits(sensor));
             *lost_slots = in_slots(ledger.lost_bits(sensors.clone(), sensors.map(sampled_bits)), mean_bits);
@@ -319,7 +347,7 @@ mod tests {
             let queues_bits = bytemuck::cast_slice(queues_bits).to_vec();
             let delivered_bits = bytemuck::cast_slice(delivered_bits).to_vec();
             let mut bytes = Vec::new();
-            encode(&State { slot, moved: SlotBits::default(), queues_bits, delivered_bits }, &mut bytes);
+            encode(&State { slot, moved: SlotBits::default(), queues_bits, delivered_bits, told: None }, &mut bytes);
             bytes
         };
         let mut restored = field(10_000);

@@ -4,6 +4,7 @@
 
 use bytemuck::Zeroable;
 use skysink_common::checkpoint::Checkpoint;
+use skysink_common::estimate::BYTES_EACH;
 use skysink_common::message::FlightReport;
 use skysink_ring::error::RingError;
 use skysink_ring::folder::RingFolder;
@@ -18,7 +19,7 @@ const STATE_EVERY: u64 = 64;
 const SLOTS: u64 = 2 * STATE_EVERY;
 
 /// Bytes of a state beside those of its sensor nodes, and for each of them.
-const STATE_BYTES: [usize; 2] = [64, size_of::<u32>() + size_of::<u64>()];
+const STATE_BYTES: [usize; 2] = [1024, size_of::<u32>() + size_of::<u64>() + BYTES_EACH];
 
 /// The journal of field-sim.
 #[derive(Debug)]
@@ -120,7 +121,7 @@ mod tests {
     }
 
     fn folder() -> RingFolder {
-        RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap()
+        RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).unwrap()
     }
 
     #[test]

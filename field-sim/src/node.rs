@@ -3,7 +3,8 @@
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
-use skysink_common::message::{FLAG_END, Tick};
+use skysink_common::estimate::Estimate;
+use skysink_common::message::{FLAG_END, QueuesHeader, Tick};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
@@ -26,19 +27,30 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let count = list.sensors().len();
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::FieldSim, stop)?;
     let sensors = ring.sensors.list_writer(count)?;
-    let queues = ring.queues.list_writer(count)?;
+    let truth = ring.truth.list_writer(count)?;
+    let told = ring.terms.told.map(|_| ring.queues.list_writer(count)).transpose()?;
     let ticks = ring.tick.writer()?;
     let mut flights = ring.flight.reader(RING_BUFFER)?;
     let mut commits = ring.commit.reader(RING_BUFFER)?;
     let mut clock = ring.terms.pace.period(scenario.slot_s).map(Clock::new);
 
     let mut field = Field::new(scenario, &list);
+    if let Some(rates) = ring.terms.told {
+        field = field.telling(Estimate::new(scenario, rates, &list.nodes()));
+    }
     let (mut journal, mut saved) = FieldJournal::open(folder, &mut field)?;
     let header = |field: &Field| {
         field.header(ring.header(field.slot(), if field.slot() == scenario.slots { FLAG_END } else { 0 }))
     };
     sensors.send_list(ring.header(0, 0), &list.nodes())?;
-    queues.send_list(header(&field), field.queues_bits())?;
+    // Told before the truth: where that has arrived, the planner has what it needs.
+    let tell = |field: &mut Field| {
+        let Some(told) = &told else { return Ok(()) };
+        let known = QueuesHeader { head: header(field).head, ..QueuesHeader::default() };
+        told.send_list(known, field.told_bits().unwrap_or_default())
+    };
+    tell(&mut field)?;
+    truth.send_list(header(&field), field.queues_bits())?;
 
     for slot in field.slot() + 1..=scenario.slots {
         if let Some(clock) = clock.as_mut().filter(|_| saved.is_none()) {
@@ -55,18 +67,22 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
                 None => return Err(NodeError::Peer(format!("flight({slot}): expected every slot"))),
             },
         };
-        let mut loaned = queues.loan(count)?;
+        let mut loaned = truth.loan(count)?;
         field.step_into(slot, &flight, Some(loaned.elements())).map_err(|error| NodeError::Peer(error.to_string()))?;
         // Saved no earlier: started again before, it publishes the slot before the last once more, too.
         commits.wait_until(&mut wait, slot - 1)?;
         journal.save(&flight, &field)?;
+        tell(&mut field)?;
         // SAFETY: the step has not failed, so it has written every element.
         unsafe { loaned.send(header(&field)) }?;
     }
     ring.wait_for_commit(&mut wait, is_release, || match ring.terms.pace {
         Pace::Max => Ok(()),
         // The buffer of a reader that lags may have been full.
-        Pace::Factor(_) => queues.send_list(header(&field), field.queues_bits()),
+        Pace::Factor(_) => {
+            tell(&mut field)?;
+            truth.send_list(header(&field), field.queues_bits())
+        }
     })
 }
 

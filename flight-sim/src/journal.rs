@@ -52,7 +52,7 @@ mod tests {
 
     #[test]
     fn the_last_three_flights_are_restored_in_order() {
-        let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
+        let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).unwrap();
         let flights = journal(&folder).unwrap();
         let flight = |slot: u64| FlightReport::at([slot as f64, 0.5, 20.0], Mode::Serve);
         assert_eq!(restore(&flights).unwrap(), []);

@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use skysink_common::error::InputError;
+use skysink_common::estimate::Estimate;
 use skysink_common::message::{FLAG_END, FlightReport, Plan, QueuesHeader, SlotHeader};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
@@ -61,6 +62,13 @@ impl Mission {
     ) -> Result<Self, InputError> {
         let planner = Planner::with_strategy(scenario, &list.nodes(), strategy)?;
         Ok(Self { planner, ..Self::new(scenario, list)? })
+    }
+
+    /// The mission before slot 1 with an account of what the UAV knows of the queues, for planners that are not Skysink's.
+    #[must_use]
+    pub fn telling(mut self, estimate: Estimate) -> Self {
+        self.field = self.field.telling(estimate);
+        self
     }
 
     /// The ledger after the last slot flown.

@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Count, Scenario};
 
-use crate::estimate::Rates;
 use crate::waypoint::WaypointSolver;
+use skysink_common::estimate::Rates;
 
 /// The keys of `[planner]` beside the name of the strategy and the tables of some strategies.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -9,14 +9,12 @@
 //! | [`settings`], [`keys`] | `[planner]` of the scenario file |
 //! | [`planner`] | one slot: schedule, then waypoint |
 //! | [`sensor_table`] | what stays the same in every slot |
-//! | [`estimate`] | what the UAV can know of the queues |
 //! | [`strategies`] | schedule and waypoint by each strategy |
 //! | [`waypoint`] | sP2, from where to serve them: in the plane and in three dimensions |
 //! | [`horizon`] | the look-ahead over many slots |
 //! | [`geometry`] | disks, grids and tours, which all of these use |
 //! | [`node`] | the planner as a process of the ring |
 
-pub mod estimate;
 pub mod geometry;
 pub mod horizon;
 pub mod keys;

@@ -15,9 +15,9 @@ use skysink_ring::refusals::Refusal;
 use skysink_ring::role::Role;
 use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 
-use crate::estimate::BYTES_EACH;
 use crate::planner::Planner;
 use crate::strategies::{Registered, Timing};
+use skysink_common::estimate::BYTES_EACH;
 
 /// Slots in the journal: the three that a planner may be asked for again, and room for one that is cut.
 const SLOTS: u64 = 4;
@@ -73,7 +73,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let paths = has_path.then(|| ring.path.list_writer(MAX_PATH_POINTS)).transpose()?;
     let plans = ring.plan.writer()?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
-    let mut queues = ring.queues.reader(RING_BUFFER)?;
+    let mut queues = ring.truth.reader(RING_BUFFER)?; // it keeps to the scenario's knowledge by itself
     let mut flights = ring.flight.reader(RING_BUFFER)?;
 
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
@@ -207,7 +207,7 @@ mod tests {
     #[test]
     fn a_planner_that_comes_back_plans_the_last_slots_as_before() {
         for scenario in scenarios() {
-            let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
+            let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).unwrap();
             let mut flights = vec![FlightReport::at(scenario.start(), Mode::Hold)];
             let mut first = process(&scenario, &folder);
             for slot in 1..=9 {
@@ -229,7 +229,7 @@ mod tests {
     fn a_planner_that_comes_back_late_believes_what_it_believed_last() {
         let letter = Scenario::letter(Overrides::default()).and_then(settings::resolve).unwrap();
         let scenario = change(letter, |settings| settings.knowledge = Knowledge::Estimated).unwrap();
-        let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).unwrap();
+        let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).unwrap();
         let mut first = process(&scenario, &folder);
         let mut flight = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
         for slot in 1..=9 {

@@ -1,6 +1,6 @@
 //! One slot of planning: what is known or believed of the queues, the strategy's decision, the message.
 //!
-//! The rules are left to [`crate::strategies`], what is believed to [`crate::estimate`].
+//! The rules are left to [`crate::strategies`], what is believed to [`skysink_common::estimate`].
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
@@ -9,12 +9,12 @@ use skysink_common::error::InputError;
 use skysink_common::message::{FlightReport, MAX_PATH_POINTS, Mode, Plan, SensorNode};
 use skysink_common::scenario::Scenario;
 
-use crate::estimate::{self, Estimate};
 use crate::sensor_table::SensorTable;
 use crate::settings::{self, Knowledge};
 use crate::strategies::serving::Serving;
 use crate::strategies::transit::transit_waypoint;
 use crate::strategies::{Decision, Registered, Setup, Strategy, Timing, View};
+use skysink_common::estimate::{self, Estimate};
 
 /// The planner of a mission.
 ///

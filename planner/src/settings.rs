@@ -7,10 +7,10 @@ use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
 use toml::Table;
 
-pub use crate::estimate::Rates;
 pub use crate::keys::{Knowledge, Settings};
 use crate::strategies::{Registered, STRATEGIES, one_of};
 pub use crate::waypoint::WaypointSolver;
+pub use skysink_common::estimate::Rates;
 
 /// Keys that have moved, and where to.
 const MOVED: [(&str, &str); 3] = [

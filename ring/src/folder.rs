@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::RingError;
 use crate::wait::Waiting;
+use skysink_common::estimate::Rates;
 use skysink_common::pace::Pace;
 
 /// Where iceoryx2 keeps its shared memory on Linux.
@@ -36,6 +37,9 @@ pub struct Terms {
     pub timeout_s: f64,
     /// Whether a viewer takes part.
     pub viewer: bool,
+    /// Where `queues` holds what the UAV knows of them: what it knows of the sampling rates. Else the topic holds the
+    /// queues themselves.
+    pub told: Option<Rates>,
 }
 
 impl Terms {
@@ -91,7 +95,13 @@ impl RingFolder {
     ///
     /// # Errors
     /// If the folder cannot be made.
-    pub fn create(pace: Pace, wait: Waiting, timeout_s: f64, viewer: bool) -> Result<Self, RingError> {
+    pub fn create(
+        pace: Pace,
+        wait: Waiting,
+        timeout_s: f64,
+        viewer: bool,
+        told: Option<Rates>,
+    ) -> Result<Self, RingError> {
         let home = home();
         let refuse = |error: io::Error| RingError::folder(&home, error);
         DirBuilder::new().recursive(true).mode(0o700).create(&home).map_err(refuse)?;
@@ -105,7 +115,7 @@ impl RingFolder {
             let mission: u64 = rand::rng().random();
             let path = home.join(format!("{:08x}", mission >> 32));
             let Some(lock) = lock_new(&lock_path(&path)).map_err(refuse)? else { continue };
-            let terms = Terms { mission, pace, wait, timeout_s, viewer };
+            let terms = Terms { mission, pace, wait, timeout_s, viewer, told };
             let folder = Self { path, terms, lock: Some(lock) };
             folder.furnish().map_err(|error| RingError::folder(&folder.path, error))?;
             return Ok(folder);
@@ -240,17 +250,19 @@ mod hexadecimal {
     }
 }
 
-/// Where the rings of this user are: a short path, for the sockets in it.
+/// Where the rings of this user are: in the folder for temporary files, or in `/tmp` if that has a path that iceoryx2
+/// does not take.
 #[must_use]
 pub fn home() -> PathBuf {
     let user = format!("skysink-{}", rustix::process::getuid().as_raw());
     let home = std::env::temp_dir().join(&user);
-    if short_enough(&home.join("12345678")) { home } else { Path::new("/tmp").join(user) }
+    if is_usable(&home.join("12345678")) { home } else { Path::new("/tmp").join(user) }
 }
 
-/// Whether `path` can be a ring's folder: iceoryx2 puts UNIX sockets there, whose paths end at 108 bytes.
-fn short_enough(path: &Path) -> bool {
-    path.as_os_str().len() <= 48
+/// Whether `path` can be a ring's folder: iceoryx2 takes no quotes and other special letters, and puts UNIX sockets
+/// there, whose paths end at 108 bytes.
+fn is_usable(path: &Path) -> bool {
+    path.to_str().is_some_and(|path| path.len() <= 48) && FilePath::new(path.as_os_str().as_encoded_bytes()).is_ok()
 }
 
 fn lock_path(folder: &Path) -> PathBuf {

@@ -4,6 +4,7 @@
 //! holds them; a process of the ring only opens them.
 
 use std::fmt::Debug;
+use std::rc::Rc;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -26,7 +27,7 @@ use crate::topic::{Full, Member, Row, Topic};
 use crate::wait::{LateJoiners, PAUSE, WaitContext};
 
 /// Version of the messages and of what they mean; processes of different versions do not meet.
-pub const SCHEMA: &str = "3";
+pub const SCHEMA: &str = "4";
 
 /// Samples that wait for a process of the ring: it is never more than two slots behind, but writers that are started
 /// again repeat themselves. Memory that is not used costs nothing.
@@ -53,6 +54,7 @@ const fn row(name: &'static str, from: Role, buffer: usize) -> Row {
 
 const SENSORS: Row = row("sensors", Role::FieldSim, RING_BUFFER);
 const QUEUES: Row = row("queues", Role::FieldSim, VIEWER_BUFFER);
+const TRUTH: Row = row("truth", Role::FieldSim, VIEWER_BUFFER);
 const TICK: Row = row("tick", Role::FieldSim, VIEWER_BUFFER);
 const PLAN: Row = row("plan", Role::Planner, VIEWER_BUFFER);
 const PATH: Row = Row { full: Full::Miss, ..row("path", Role::Planner, PATH_BUFFER) };
@@ -69,6 +71,9 @@ pub struct Ring<S: Service + 'static> {
     /// Every sensor node, once.
     pub sensors: Topic<S, [SensorNode], SlotHeader>,
     /// The queue of every sensor node after each slot [bit]; ledger totals in the header.
+    pub truth: Topic<S, [u32], QueuesHeader>,
+    /// The same for a planner: where the queues are estimated and the planner is not Skysink's, what the served sensor
+    /// nodes told and what is believed of the others, without totals.
     pub queues: Topic<S, [u32], QueuesHeader>,
     /// The beginning of each slot, in paced runs.
     pub tick: Topic<S, Tick, SlotHeader>,
@@ -135,10 +140,16 @@ impl<S: Service + 'static> Ring<S> {
             polls: 0,
             seat,
         };
+        let queues = Topic::new(&node, &member, QUEUES, agreed)?;
+        let truth = match terms.told {
+            Some(_) => Topic::new(&node, &member, TRUTH, agreed)?,
+            None => Topic(Rc::clone(&queues.0)),
+        };
         let ring = Self {
             terms,
             sensors,
-            queues: Topic::new(&node, &member, QUEUES, agreed)?,
+            truth,
+            queues,
             tick: Topic::new(&node, &member, TICK, agreed)?,
             plan: Topic::new(&node, &member, PLAN, agreed)?,
             path: Topic::new(&node, &only_reader, PATH, agreed)?,

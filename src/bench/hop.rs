@@ -77,7 +77,7 @@ impl HopRounds {
     /// If a process cannot be started or fails.
     pub fn time(self, stop: &Stop) -> Result<Spread, Error> {
         stop.check()?;
-        let folder = RingFolder::create(Pace::Max, self.wait, TIMEOUT.as_secs_f64(), false)?;
+        let folder = RingFolder::create(Pace::Max, self.wait, TIMEOUT.as_secs_f64(), false, None)?;
         let node = node(&folder)?;
         let services = (0..HOPS).map(|index| create_services(&node, index)).collect::<Result<Vec<_>, Error>>()?;
         let program = std::env::current_exe().at(Path::new("skysink"))?;

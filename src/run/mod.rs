@@ -167,7 +167,8 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
         return Ok((folder, summary));
     }
     let timeout_s = options.timeout.unwrap_or(if options.external.is_empty() { 30.0 } else { 600.0 });
-    let ring_folder = RingFolder::create(pace, options.wait, timeout_s, !options.no_viewer)?;
+    let ring_folder =
+        RingFolder::create(pace, options.wait, timeout_s, !options.no_viewer, resume::told(scenario, &manner)?)?;
     ring_folder.install()?;
     let mut log = match resumed {
         None => folder.slot_log()?,

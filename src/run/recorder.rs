@@ -68,8 +68,8 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         Ok(Self {
             ring,
             wait,
-            listener: ring.queues.listener()?,
-            queues: ring.queues.reader(VIEWER_BUFFER)?,
+            listener: ring.truth.listener()?,
+            queues: ring.truth.reader(VIEWER_BUFFER)?,
             plans: ring.plan.reader(VIEWER_BUFFER)?,
             flights: ring.flight.reader(VIEWER_BUFFER)?,
             ticks: ring.tick.reader(VIEWER_BUFFER)?,
@@ -97,7 +97,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         let first = tally.last_slot();
         // Every process has shown itself once the plan of the first slot is there.
         let (header, _) = self.wait_for_parts(first, Some(first + 1), tally, supervise)?;
-        self.listener = self.ring.queues.listener()?; // behind the planner's, which is in a hurry; a record is not
+        self.listener = self.ring.truth.listener()?; // behind the planner's, which is in a hurry; a record is not
         if first == 0 {
             tally.start(&header);
         }

@@ -5,16 +5,19 @@
 use std::io::BufRead;
 
 use skysink_common::error::InputError;
+use skysink_common::estimate::{Estimate, Rates};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::journal::FieldJournal;
 use skysink_flight_sim::journal as flights;
 use skysink_mission::Mission;
 use skysink_mission::error::FileContext;
+use skysink_mission::origin::Manner;
 use skysink_mission::record::{RunFolder, SlotLog};
 use skysink_mission::summary::Tally;
 use skysink_mission::trace::RecordedSlot;
 use skysink_planner::node::journal;
+use skysink_planner::settings::{self, Knowledge};
 use skysink_planner::strategies::horizon::HorizonKeys;
 use skysink_ring::folder::RingFolder;
 
@@ -40,6 +43,9 @@ pub fn resume(folder: &RunFolder, scenario: &Scenario, list: &SensorList, tally:
     let (mut log, mut trace) = folder.reopen_slot_log()?;
     let HorizonKeys { budget_ms, .. } = scenario.planner_keys("planner.horizon")?;
     let mut mission = Mission::new(scenario, list)?;
+    if let Some(rates) = told(scenario, folder.manner())? {
+        mission = mission.telling(Estimate::new(scenario, rates, &list.nodes()));
+    }
     let mut repeatable = folder.manner().outside_planner.is_none() && budget_ms.is_none();
     tally.start(&mission.header());
     let mut line = Vec::new();
@@ -76,6 +82,16 @@ pub fn resume(folder: &RunFolder, scenario: &Scenario, list: &SensorList, tally:
     }
     tally.resume();
     Ok(Resumed { log, mission })
+}
+
+/// What the field tells a planner that is not Skysink's: by what it knows of the rates, if the queues are estimated.
+///
+/// # Errors
+/// If `[planner]` of the scenario is refused.
+pub fn told(scenario: &Scenario, manner: &Manner) -> Result<Option<Rates>, InputError> {
+    let settings = settings::check(scenario)?;
+    let is_told = manner.outside_planner.is_some() && settings.knowledge == Knowledge::Estimated;
+    Ok(is_told.then_some(settings.rates))
 }
 
 impl Resumed {

@@ -108,7 +108,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
             paths: ring.path.reader(PATH_BUFFER)?, // before the plans: whoever has a plan then has its path
             plans: ring.plan.reader(VIEWER_BUFFER)?,
             flights: ring.flight.reader(VIEWER_BUFFER)?,
-            queues: ring.queues.reader(VIEWER_BUFFER)?,
+            queues: ring.truth.reader(VIEWER_BUFFER)?,
             health: ring.health.reader(VIEWER_BUFFER)?,
             paths_read: 0,
             is_ready: false,

@@ -13,7 +13,7 @@ use crate::cursor::Cursor;
 
 thread_local! {
     static FOLDER: tempfile::TempDir = tempfile::tempdir().expect("a temporary folder can be made");
-    static RING: RingFolder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false).expect("a ring's folder can be made");
+    static RING: RingFolder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).expect("a ring's folder can be made");
 }
 
 /// Does something in a folder of this thread. What an input before has left there is there.

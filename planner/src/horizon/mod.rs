@@ -31,7 +31,6 @@ use skysink_common::geometry::Position;
 use skysink_common::message::{MAX_PATH_POINTS, SensorNode};
 use skysink_common::random::{Purpose, Streams};
 
-use crate::estimate::{Estimate, Uncertainty};
 use crate::sensor_table::SensorTable;
 use crate::strategies::{Setup, Timing, View};
 use anneal::Temperature;
@@ -40,6 +39,7 @@ use forecast::{Forecast, PlanningWindow};
 use model::PlanningModel;
 use rollout::roll_out;
 use service_disk::ServiceDisk;
+use skysink_common::estimate::{Estimate, Uncertainty};
 
 /// Least that an SN of unknown rate is taken to sample per slot [bit]: one that does not sample cannot be told from one
 /// that samples hardly ever.

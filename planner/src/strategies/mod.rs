@@ -33,9 +33,9 @@ use skysink_common::message::{FlightReport, MAX_SERVED, SensorNode, SolverOutcom
 use skysink_common::scenario::Scenario;
 use toml::Table;
 
-use crate::estimate::Estimate;
 use crate::keys::Settings;
 use crate::sensor_table::SensorTable;
+use skysink_common::estimate::Estimate;
 
 use algorithm_1::Winner;
 

@@ -5,12 +5,12 @@ use std::ops::{Deref, DerefMut};
 use std::path::Path;
 
 use skysink_common::checkpoint::Checkpoint;
+use skysink_common::estimate::Estimate;
 use skysink_common::message::{Plan, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
 use skysink_planner::Planner;
-use skysink_planner::estimate::Estimate;
 
 /// A mission under way, and what its tests ask of it.
 pub struct TestMission {

@@ -1,8 +1,8 @@
 //! The checkpoint of an estimate, so that a planner that is started again believes the same.
 
+use crate::checkpoint::CheckpointError;
+use crate::message::MAX_SERVED;
 use serde::{Deserialize, Serialize};
-use skysink_common::checkpoint::CheckpointError;
-use skysink_common::message::MAX_SERVED;
 
 use super::{Contact, Estimate};
 
@@ -11,7 +11,7 @@ pub const BYTES_EACH: usize = 56;
 
 /// What a checkpoint holds of an estimate.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(crate) struct Saved {
+pub struct Saved {
     observed: u64,
     whole_since: u64,
     announced_slot: u64,
@@ -22,7 +22,8 @@ pub(crate) struct Saved {
 
 impl Estimate {
     /// What the next slot has to know.
-    pub(crate) fn saved(&self) -> Saved {
+    #[must_use]
+    pub fn saved(&self) -> Saved {
         Saved {
             observed: self.observed,
             whole_since: self.whole_since,
@@ -33,7 +34,10 @@ impl Estimate {
     }
 
     /// The estimate that was saved after `slot` in the mission that this one is of.
-    pub(crate) fn restored(&self, slot: u64, saved: Saved) -> Result<Self, CheckpointError> {
+    ///
+    /// # Errors
+    /// If it cannot have been.
+    pub fn restored(&self, slot: u64, saved: Saved) -> Result<Self, CheckpointError> {
         let Saved { observed, whole_since, announced_slot, announced, contacted } = saved;
         let is_known = |id: u32| (id as usize) < self.beliefs.len();
         let is_in_order = whole_since <= observed && observed <= slot && announced_slot <= slot;
@@ -75,10 +79,10 @@ impl Estimate {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::checkpoint::encode;
     use crate::estimate::{Learnt, Rates};
-    use skysink_common::checkpoint::encode;
-    use skysink_common::message::{FlightReport, LinkReport, Mode, SensorNode};
-    use skysink_common::scenario::{Overrides, Scenario};
+    use crate::message::{FlightReport, LinkReport, Mode, SensorNode};
+    use crate::scenario::{Overrides, Scenario};
 
     const ALL: [Rates; 2] = [Rates::Known, Rates::Learnt];
 

@@ -6,13 +6,12 @@
 
 mod saved;
 
-pub use saved::BYTES_EACH;
-pub(crate) use saved::Saved;
+pub use saved::{BYTES_EACH, Saved};
 
+use crate::arrivals::bits_between;
+use crate::message::{FlightReport, SensorNode};
+use crate::scenario::{Interval, Scenario};
 use serde::{Deserialize, Serialize};
-use skysink_common::arrivals::bits_between;
-use skysink_common::message::{FlightReport, SensorNode};
-use skysink_common::scenario::{Interval, Scenario};
 
 /// What the planner knows of the sampling rates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -29,7 +28,7 @@ pub enum Rates {
 /// At the end of slot t it takes SN i, told of last in slot t0, to hold `min(B, B_i(t0) + A_i(t) − A_i(t0))`, where A
 /// counts whole bits as the SN does (decision D2): where the rate is known that is what it holds. Before the first
 /// contact t0 is 0, and `B_i(0)` the mean of the scenario's initial queues.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Estimate {
     rates: Rates,
     /// Mean of the initial queues [bit].
@@ -270,8 +269,8 @@ impl Estimate {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use skysink_common::message::{LinkReport, Mode};
-    use skysink_common::scenario::Overrides;
+    use crate::message::{LinkReport, Mode};
+    use crate::scenario::Overrides;
     use std::path::Path;
 
     /// Three SNs that sample 2.5, 100 and 0 bit/s into 1 000 bit, with initial queues of 300 bit and rates of 100 bit/s
