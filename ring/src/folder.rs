@@ -4,18 +4,18 @@
 //! the next launcher clears what it left.
 
 use std::fmt::Debug;
-use std::fs::{self, DirBuilder, File, OpenOptions};
+use std::fs::{self, DirBuilder, File, OpenOptions, TryLockError};
 use std::io::{self, Write as _};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::{Config, FilePath, SemanticString};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use crate::error::RingError;
-use crate::wait::Waiting;
+use crate::wait::{PAUSE, Waiting};
 use skysink_common::estimate::Rates;
 use skysink_common::pace::Pace;
 
@@ -110,7 +110,7 @@ impl RingFolder {
             let message = format_args!("belongs to user {owner}: remove it, or set TMPDIR to another folder");
             return Err(RingError::folder(&home, message));
         }
-        clear_abandoned(&home);
+        clear_abandoned(Duration::ZERO);
         loop {
             let mission: u64 = rand::rng().random();
             let path = home.join(format!("{:08x}", mission >> 32));
@@ -293,15 +293,32 @@ fn lock_new(path: &Path) -> io::Result<Option<File>> {
     Ok(same.then_some(lock))
 }
 
-/// Removes every ring of this user whose launcher does not live any more.
-fn clear_abandoned(home: &Path) {
-    let Ok(entries) = fs::read_dir(home) else { return };
+/// Removes every ring of this user whose launcher does not live any more, once its other processes have ended, too;
+/// waits for them for so long.
+pub fn clear_abandoned(patience: Duration) {
+    let begin = Instant::now();
+    let Ok(entries) = fs::read_dir(home()) else { return };
     for path in entries.flatten().map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|e| e == "lock"))
     {
-        if File::open(&path).is_ok_and(|lock| lock.try_lock().is_ok()) {
-            remove(&path.with_extension(""));
+        let Ok(lock) = File::open(&path) else { continue };
+        if lock.try_lock_shared().is_err() {
+            continue; // shared: the processes of the ring must find it free, too
+        }
+        let folder = path.with_extension("");
+        while has_processes(&folder) && begin.elapsed() < patience {
+            std::thread::sleep(PAUSE);
+        }
+        if !has_processes(&folder) {
+            remove(&folder);
         }
     }
+}
+
+/// Whether a process has a seat of the ring.
+fn has_processes(folder: &Path) -> bool {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let mut seats = entries.filter(|path| path.extension().is_some_and(|extension| extension == "seat"));
+    seats.any(|seat| File::open(seat).is_ok_and(|seat| matches!(seat.try_lock(), Err(TryLockError::WouldBlock))))
 }
 
 /// Removes a ring: its shared memory, its folder, its lock. What is gone already is no matter.

@@ -24,7 +24,7 @@ use skysink_mission::origin::Manner;
 use skysink_mission::record::{RunFolder, SlotLog};
 use skysink_mission::summary::{Summary, Tally};
 use skysink_ring::cleanup::Janitor;
-use skysink_ring::folder::RingFolder;
+use skysink_ring::folder::{RingFolder, clear_abandoned};
 use skysink_ring::role::Role;
 use skysink_ring::topics::Ring;
 use skysink_ring::wait::Waiting;
@@ -164,6 +164,7 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
         if !folder.is_complete() {
             folder.write_json("summary.json", &summary)?; // only that was missing
         }
+        tidy(&folder);
         return Ok((folder, summary));
     }
     let timeout_s = options.timeout.unwrap_or(if options.external.is_empty() { 30.0 } else { 600.0 });
@@ -179,12 +180,26 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
     let wall = *flown.as_ref().unwrap_or(&begin.elapsed());
     let mut summary = tally.summary(Some(pace), wall, log.hash());
     summary.complete &= flown.is_ok();
+    tidy(&folder);
     let written = folder.write_json("summary.json", &summary);
     if let Err(cause) = flown {
         return Err(cause.ended_early(&folder, summary.slots, &options.resume_by())); // not what it led to
     }
     written?;
     Ok((folder, summary))
+}
+
+/// How long the processes of a killed launcher may take to notice.
+const ORPHANS_END: Duration = Duration::from_secs(2);
+
+/// Removes what a killed launcher has left of its ring, and ends the files of viewers that were killed. Where that fails
+/// they can be opened all the same.
+fn tidy(folder: &RunFolder) {
+    clear_abandoned(ORPHANS_END);
+    #[cfg(feature = "viewer")]
+    let _ = skysink_viewer::complete(&folder.recording());
+    #[cfg(not(feature = "viewer"))]
+    let _ = folder;
 }
 
 /// Starts the processes, records what they do, and ends them.

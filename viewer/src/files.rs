@@ -1,5 +1,4 @@
-//! The files of a recording. Each has one writer; a viewer that is started again writes the next one, and gives those
-//! before it the end that a killed writer left out.
+//! The files of a recording. Each has one writer; a viewer that is started again writes the next one.
 //!
 //! `mission.rrd`, `mission-2.rrd`, `mission-3.rrd` ... share one recording id, by which rerun opens them as one
 //! recording. Each holds the style and the layout, and can be opened alone.
@@ -32,18 +31,16 @@ pub(crate) struct NextFile {
 }
 
 impl NextFile {
-    /// The first of `first`, `first-2`, `first-3` ... to which nothing has been written, for a recording of
+    /// The first of `first`, `first-2`, `first-3` ... to which nobody has written or is about to write, for a recording of
     /// `application`.
     pub(crate) fn find(first: &Path, application: &ApplicationId) -> Self {
         let mut recording_id = None;
         let mut number = 1;
         loop {
             let path = numbered(first, number);
-            if !fs::metadata(&path).is_ok_and(|file| file.len() > 0) {
+            let is_begun = fs::metadata(&path).is_ok_and(|file| file.len() > 0);
+            if !is_begun && (!path.exists() || lock(&path).is_ok()) {
                 return Self { path, recording_id };
-            }
-            if !has_footer(&path).unwrap_or(true) {
-                let _ = complete(&path); // it can be opened all the same
             }
             recording_id = recording_id.or_else(|| recording_id_of(&path, application));
             number += 1;
@@ -66,7 +63,10 @@ fn numbered(first: &Path, number: u32) -> PathBuf {
 }
 
 /// Whether a file ends as a recording does that was closed.
-fn has_footer(path: &Path) -> io::Result<bool> {
+///
+/// # Errors
+/// If it cannot be read.
+pub fn has_footer(path: &Path) -> io::Result<bool> {
     let mut file = File::open(path)?;
     let mut end = [0; StreamFooter::ENCODED_SIZE_BYTES];
     let length = i64::try_from(end.len()).expect("a few bytes");
@@ -77,9 +77,33 @@ fn has_footer(path: &Path) -> io::Result<bool> {
     Ok(StreamFooter::from_rrd_bytes(&end).is_ok())
 }
 
-/// Writes a recording whose writer was killed once more, with everything in it that is whole and with its footer, and
-/// puts it in its place.
-fn complete(path: &Path) -> Result<(), EncodeError> {
+/// Locks the file of a recording, which its writer does as long as it lives.
+///
+/// # Errors
+/// If another process has it, or it cannot be opened.
+pub(crate) fn lock(path: &Path) -> io::Result<File> {
+    let file = File::open(path)?;
+    file.try_lock()?;
+    Ok(file)
+}
+
+/// Gives all files of the recording that begins with `first` the footer that a killed writer left out. A file that a
+/// viewer still writes is left to that one.
+///
+/// # Errors
+/// If one cannot be written once more; it can be opened all the same.
+pub fn complete(first: &Path) -> Result<(), EncodeError> {
+    let files = (1..).map(|number| numbered(first, number)).take_while(|path| path.exists());
+    for path in files {
+        if fs::metadata(&path)?.len() > 0 && !has_footer(&path)? && lock(&path).is_ok() {
+            rewrite(&path)?;
+        }
+    }
+    Ok(())
+}
+
+/// Writes a recording once more, with everything in it that is whole and with its footer, and puts it in its place.
+fn rewrite(path: &Path) -> Result<(), EncodeError> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let new = path.with_file_name(format!(".{name}.new"));
     let copy = || {

@@ -23,6 +23,7 @@ mod sizes;
 mod slot;
 pub mod uav;
 
+pub use files::{complete, has_footer};
 pub use recording::{SceneError, Sinks};
 pub use scene::Scene;
 pub use slot::{SlotView, WallClock};

@@ -1,5 +1,6 @@
 //! The stream that a scene is written to: a file, a server for a live viewer, or both.
 
+use std::fs::File;
 use std::net::TcpListener;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -9,7 +10,7 @@ use rerun::log::ChunkBatcherConfig;
 use rerun::sink::{FileSink, FileSinkError, LogSink, SinkFlushError};
 use rerun::{ApplicationId, RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 
-use crate::files::{NextFile, Part};
+use crate::files::{self, NextFile, Part};
 
 /// The timeline that counts slots.
 pub const SLOT: &str = "slot";
@@ -99,6 +100,8 @@ pub(crate) struct Recording {
     /// Whether its file begins it.
     pub(crate) part: Part,
     save: Option<PathBuf>,
+    /// Held locked.
+    _lock: Option<File>,
 }
 
 impl Recording {
@@ -110,10 +113,12 @@ impl Recording {
     pub(crate) fn open(sinks: &Sinks, application: &ApplicationId, name: &str) -> Result<Self, SceneError> {
         let mut open: Vec<Box<dyn LogSink>> = Vec::new();
         let live = sinks.live.map(free_port).transpose()?; // before the file: a refusal must not truncate one
+        let mut lock = None;
         let next = sinks.save.as_deref().map(|first| NextFile::find(first, application));
         if let Some(NextFile { path, .. }) = &next {
             let file = FileSink::new(path).map_err(|source| SceneError::File { path: path.clone(), source })?;
             open.push(Box::new(file));
+            lock = files::lock(path).ok(); // where the file system has no locks, nobody else is there either
         }
         if let Some(port) = live {
             open.push(Box::new(server(port)?));
@@ -135,7 +140,7 @@ impl Recording {
         stream.set_log_tick_enabled(false);
         stream.send_recording_name(name.as_str())?;
         let application = application.clone();
-        Ok(Self { stream, name, application, port: live, part, save: next.map(|next| next.path) })
+        Ok(Self { stream, name, application, port: live, part, save: next.map(|next| next.path), _lock: lock })
     }
 
     /// Sets the time of what is logged next.

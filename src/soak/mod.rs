@@ -1,6 +1,8 @@
 //! `skysink soak`: a long mission through the ring of processes, which are killed at random in its first half. Its
 //! trace must be that of the undisturbed mission, and nothing may grow.
 
+pub mod anywhere;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
