@@ -305,3 +305,126 @@ fn a_simulation_can_be_recorded_and_equal_simulations_leave_equal_recordings() {
     let sizes = ["one", "two"].map(|folder| std::fs::metadata(place.path(folder).join("mission.rrd")).unwrap().len());
     assert!(sizes[0] > 10_000, "{sizes:?}");
 }
+
+#[test]
+fn a_full_standard_output_is_said_and_a_closed_one_is_not() {
+    let place = Place::new();
+    for arguments in
+        [&["check", SMOKE][..], &["--help"], &["run", "--help"], &["simulate", SMOKE, "--out", "run", "--force"]]
+    {
+        let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+        let ended = end(place.skysink(arguments).stdout(full).spawn().unwrap());
+        assert_eq!(ended.code, Some(1), "{arguments:?}: {ended:?}");
+        assert_one_line(&ended, &["standard output", "No space left"]);
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let ended = end(place.skysink(arguments).stdout(writer).spawn().unwrap());
+        assert_eq!((ended.code, &ended.stderr[..]), (Some(0), ""), "{arguments:?}");
+        let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
+        let ended = end(place.skysink(&[arguments, &["no-such-file"]].concat()).stderr(full).spawn().unwrap());
+        assert!(ended.code == Some(2) || ended.code == Some(0), "{arguments:?}: {ended:?}");
+    }
+}
+
+#[test]
+fn what_is_no_file_is_refused_at_once() {
+    let place = Place::new();
+    let pipe = place.path("pipe");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    for path in [pipe.to_str().unwrap(), "/dev/zero", "."] {
+        let ended = place.run(&["check", path]);
+        assert_eq!(ended.code, Some(2), "{ended:?}");
+        assert_one_line(&ended, &[path, "expected a regular file"]);
+    }
+    refused(
+        "name = \"x\"\n[sensors]\nfile = \"/dev/zero\"\n",
+        &["/dev/zero", "expected a regular file", "sensors.file"],
+    );
+}
+
+#[test]
+fn a_second_signal_ends_a_command_at_once() {
+    let place = Place::new();
+    place.write("slow.toml", "name = \"slow\"\n[planner]\nstrategy = \"horizon\"\nhorizon.iterations = 1000000000\n[area]\nside_m = 1000.0\n");
+    let child = place.skysink(&["simulate", "slow.toml", "--out", "run"]).spawn().unwrap();
+    support::until("folder", || place.path("run/run.toml").exists().then_some(()));
+    let pid = rustix::process::Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap();
+    for _ in 0..2 {
+        std::thread::sleep(std::time::Duration::from_millis(300)); // two signals, not one
+        let _ = rustix::process::kill_process(pid, rustix::process::Signal::INT);
+    }
+    assert_eq!(end(child).code, Some(130));
+}
+
+#[test]
+fn a_refused_value_is_cut_and_obeyed_by_no_terminal() {
+    let place = Place::new();
+    let long = "x".repeat(2_000_000);
+    for text in [
+        format!("name = \"{long}\"\n"),
+        format!("name = \"x\"\n[link]\nmodel = \"{long}\"\n"),
+        format!("name = \"x\"\n{long} = 3\n"),
+        format!("{long}\n"),
+        format!("name = \"x\"\n[planner]\nstrategy = \"{long}\"\n"),
+        format!("name = \"x\"\n[planner]\nknowledge = \"{long}\"\n"),
+    ] {
+        place.write("long.toml", &text);
+        let ended = place.run(&["check", "long.toml"]);
+        assert_eq!(ended.code, Some(2), "{:?}", &ended.stderr[..200]);
+        assert_one_line(&ended, &["expected"]);
+        assert!(ended.stderr.len() < 1_000, "{} bytes: {:?}", ended.stderr.len(), &ended.stderr[..200]);
+    }
+    place.write("sensors.csv", "x_m,y_m\n1,\x1b[31m\x07red\n");
+    place.write("red.toml", "name = \"x\"\n[sensors]\nfile = \"sensors.csv\"\n");
+    let ended = place.run(&["check", "red.toml"]);
+    assert_one_line(&ended, &["line 2: y_m = \\u{1b}[31m\\u{7}red: expected a position"]);
+}
+
+#[test]
+fn a_refusal_says_what_was_probably_meant() {
+    refused("name = \"x\"\nslotz = 3\n", &["slotz = 3", "did you mean `slots`?"]);
+    refused("name = \"x\"\n[area]\nsid_m = 3\n", &["area.sid_m = 3", "did you mean `side_m`?"]);
+    refused("name = \"x\"\n[link]\nmodel = \"freespace\"\n", &["link.model", "did you mean `free-space`?"]);
+    refused("name = \"x\"\n[planner]\nstrategy = \"utz\"\n", &["planner.strategy = \"utz\"", "`uts`"]);
+    refused("scenario = \"a.toml\"\nstrategies = [\"uts\"]\n", &["it is a sweep", "skysink sweep"]);
+    refused("name = \"x\"\n[[area]]\nside_m = 3\n", &["area = [{", "expected a table, [area]"]);
+    refused("seed = 1\n", &["missing `name`"]);
+    refused("name = \"x\"\nseed = 99999999999999999999\n", &["line 2", "below 2^63"]);
+    refused("name = \"x\"\n[uav]\nstart_m = [1, 2, 3]\n", &["uav.start_m = [1, 2, 3]", "two numbers"]);
+    let place = Place::new();
+    let ended = place.run(&["check", concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/meuse/meuse.toml")]);
+    assert_one_line(&ended, &["sensors.csv", "sensors.file", "SOURCE.md says how to get it"]);
+}
+
+#[test]
+fn too_low_limits_are_named_before_the_start_and_a_quote_in_a_path_is_none() {
+    let place = Place::new();
+    let limited = format!("ulimit -n 64; exec {} run {SMOKE} --no-viewer --out run", env!("CARGO_BIN_EXE_skysink"));
+    let ended = end(place.command("sh", &["-c", &limited]).spawn().unwrap());
+    assert_eq!(ended.code, Some(1), "{ended:?}");
+    assert_one_line(&ended, &["open files: at most 64: expected 256: raise ulimit -n"]);
+    assert!(!place.path("run").exists());
+    for name in ["a'b", "a\"b", "a\\b"] {
+        let folder = place.path(name);
+        std::fs::create_dir(&folder).unwrap();
+        let ended = end(place
+            .skysink(&["run", SMOKE, "--no-viewer", "--out", "run", "--force"])
+            .env("TMPDIR", &folder)
+            .spawn()
+            .unwrap());
+        assert_eq!(ended.code, Some(0), "{name}: {ended:?}");
+    }
+}
+
+#[test]
+fn a_simulation_that_is_interrupted_says_how_to_go_on() {
+    let place = Place::new();
+    place.write("long.toml", "name = \"long\"\nslots = 2000000\n[uav]\nendurance_s = 1e7\n");
+    let child = place.skysink(&["simulate", "long.toml", "--out", "run"]).spawn().unwrap();
+    support::until("flight", || (support::lines(&place.path("run/slots.csv")) > 100).then_some(()));
+    let pid = rustix::process::Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap();
+    rustix::process::kill_process(pid, rustix::process::Signal::INT).unwrap();
+    let ended = end(child);
+    assert_eq!(ended.code, Some(130), "{ended:?}");
+    assert_one_line(&ended, &["stopped by signal 2", "whole up to slot", "`skysink run --resume run` flies the rest"]);
+}

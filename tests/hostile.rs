@@ -21,4 +21,5 @@ mod readers;
 mod rogue;
 mod support;
 #[path = "hostile/writers.rs"]
+mod told;
 mod writers;

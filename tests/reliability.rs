@@ -457,3 +457,86 @@ fn a_soak_finds_nothing() {
     }
     place.assert_clean();
 }
+
+#[test]
+fn a_soak_of_kills_at_any_instant_finds_nothing() {
+    let place = Place::new();
+    let viewer: &[&str] = if cfg!(feature = "viewer") { &["--viewer"] } else { &[] };
+    let soak = ["soak", "--anywhere", "--missions", "6", "--kills", "12", "--out", "alone"];
+    let ended = place.run(&[&soak, viewer].concat());
+    well(&ended, "soak");
+    assert!(ended.stdout.contains("6 missions with "), "{ended:?}");
+    assert!(ended.stdout.contains("the same traces, whole recordings, nothing left"), "{ended:?}");
+    place.assert_clean();
+}
+
+#[cfg(feature = "viewer")]
+#[test]
+fn flight_sim_and_planner_may_die_before_the_viewer_is_there() {
+    let place = Place::new();
+    place.write("long.toml", &LONG.replace("9000", "300"));
+    place.run_well(&["simulate", "long.toml", "--out", "alone"]);
+    let (run, ring) = begin(&place, &["--external", "viewer", "--timeout", "20"]);
+    for role in ["flight-sim", "planner"] {
+        let worker = place.worker(role, &ring);
+        std::thread::sleep(std::time::Duration::from_millis(300)); // it has started to wait for the viewer
+        kill_process(worker, Signal::KILL).unwrap();
+        until("restart", || place.worker_now(role, &ring).filter(|&pid| pid != worker));
+    }
+    let folder = place.ring_file(&ring).parent().unwrap().to_owned();
+    let arguments =
+        ["--scenario", "run/scenario.toml", "--ring", folder.to_str().unwrap(), "--save", "run/mission.rrd"];
+    well(&end(place.command(env!("CARGO_BIN_EXE_viewer"), &arguments).spawn().unwrap()), "viewer");
+    well(&end(run), "run");
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    place.assert_clean();
+}
+
+#[cfg(feature = "viewer")]
+#[test]
+fn a_stopped_viewer_costs_nobody_else_a_restart() {
+    let place = Place::new();
+    place.write("long.toml", LONG);
+    place.run_well(&["simulate", "long.toml", "--out", "alone"]);
+    let (run, ring) = begin(&place, &["--timeout", "6"]);
+    until("flight", || (flown(&place) > 100).then_some(()));
+    kill_process(place.worker("viewer", &ring), Signal::STOP).unwrap();
+    well(&end(run), "run");
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    let events = events(&place);
+    assert!(events.iter().any(|(_, event)| event == "was ended by signal 9"), "{events:?}");
+    assert!(events.iter().all(|(process, _)| process == "viewer"), "{events:?}");
+    place.assert_clean();
+}
+
+#[test]
+fn a_machine_that_sleeps_wakes_up_to_a_whole_mission() {
+    let place = Place::new();
+    place.write("long.toml", LONG);
+    place.run_well(&["simulate", "long.toml", "--out", "alone"]);
+    let (run, ring) = begin(&place, &["--no-viewer", "--timeout", "3"]);
+    until("flight", || (flown(&place) > 100).then_some(()));
+    let processes: Vec<_> = RING.map(|role| place.worker(role, &ring)).into_iter().chain([pid(&run)]).collect();
+    for signal in [Signal::STOP, Signal::CONT] {
+        processes.iter().for_each(|&process| kill_process(process, signal).unwrap());
+        std::thread::sleep(std::time::Duration::from_secs(4)); // longer than the time-out
+    }
+    well(&end(run), "run");
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    assert_eq!(place.summary("run")["restarts"], 0);
+    place.assert_clean();
+}
+
+#[test]
+fn a_resumed_run_keeps_its_pace() {
+    let place = Place::new();
+    place.write("long.toml", PACED);
+    let (run, _) = begin(&place, &["--pace", "40x", "--no-viewer"]);
+    until("flight", || (flown(&place) > 20).then_some(()));
+    kill_process(pid(&run), Signal::INT).unwrap();
+    let ended = end(run);
+    assert_eq!(ended.code, Some(130), "{ended:?}");
+    assert!(ended.stderr.contains("`skysink run --resume run` flies the rest"), "{ended:?}");
+    place.run_well(&["run", "--resume", "run", "--no-viewer"]);
+    assert_eq!(place.summary("run")["timing"]["pace"], "40x");
+}

@@ -327,7 +327,8 @@ fn a_role_can_be_left_to_a_process_started_by_hand() {
         let ended = end(run);
         assert_eq!(ended.code, Some(0), "{role}: {ended:?}");
         let folder = folder.display();
-        let hint = format!("waiting for {role}: {role} --scenario run/scenario.toml --ring {folder}\n");
+        let scenario = place.path("run/scenario.toml").display().to_string();
+        let hint = format!("waiting up to 600 s for {role}: {executable} --scenario {scenario} --ring {folder}\n");
         assert!(ended.stderr.contains(&hint), "{ended:?}");
         assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"), "{role}");
         place.assert_clean();

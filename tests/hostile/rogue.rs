@@ -43,6 +43,8 @@ pub struct Turn {
     pub good: Plan,
     /// Where the UAV is.
     pub flight: FlightReport,
+    /// What the topic `queues` said.
+    pub queues_bits: Vec<u32>,
 }
 
 /// Starts `skysink run` of `scenario` into `run`; returns its ring, too.
@@ -75,7 +77,7 @@ pub fn open_folder(place: &Place, ring: &str) -> (Scenario, RingFolder) {
     let path = place.ring_file(ring).parent().unwrap().to_owned();
     let folder = until("terms of the ring", || RingFolder::open(&path).ok());
     until("scenario", || place.path("run/scenario.toml").exists().then_some(()));
-    let services = || fs::read_dir(path.join("services")).is_ok_and(|entries| entries.count() == SERVICES);
+    let services = || fs::read_dir(path.join("services")).is_ok_and(|entries| entries.count() >= SERVICES);
     until("services", || services().then_some(()));
     (
         Scenario::read(&place.path("run/scenario.toml"), Overrides::default()).and_then(settings::resolve).unwrap(),
@@ -118,7 +120,8 @@ impl Rogue {
             let Some(flight) = self.flights.wait_for_slot(&mut self.wait, slot)? else { continue };
             let flight = *flight.payload();
             let good = self.planner.step(slot + 1, flight.position(), state.payload());
-            return Ok(Some(Turn { slot: slot + 1, good, flight }));
+            let queues_bits = state.payload().to_vec();
+            return Ok(Some(Turn { slot: slot + 1, good, flight, queues_bits }));
         }
     }
 
