@@ -45,9 +45,8 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// A grid over the bounding box of `positions`, point i at entry i, in cells of the side `side_m` [m], above 0, or
-    /// as much larger as it takes to have no more than four cells for each point. With an infinite side it has a single
-    /// cell.
+    /// A grid over the bounding box of `positions`, point i at entry i, in cells of the side `side_m` [m], or as much
+    /// larger as it takes to have no more than four cells for each point. With an infinite side it has a single cell.
     ///
     /// # Panics
     /// If there are more points than ids; a scenario has at most 10^7 SNs.
@@ -55,7 +54,7 @@ impl Grid {
     pub fn new(positions: &[Position], side_m: f64) -> Self {
         let (corner, extents_m) = bounding_box(positions);
         let most_cells = (CELLS_PER_NODE * positions.len() as f64).max(FEW_CELLS);
-        let mut side_m = side_m;
+        let mut side_m = side_m.max(f64::MIN_POSITIVE); // 0 would never grow; the root of a tiny area is 0
         while cells(extents_m[0], side_m) * cells(extents_m[1], side_m) > most_cells {
             side_m *= 1.5;
         }
@@ -208,6 +207,16 @@ mod tests {
         let grid = Grid::new(&[Position::origin(), Position::new(f64::NAN, 0.0)], 10.0);
         for x_m in [f64::NAN, f64::INFINITY, f64::MAX] {
             assert!(grid.nearest(&Position::new(x_m, 0.0), 2).len() < 2, "{x_m}");
+        }
+    }
+
+    #[test]
+    fn cells_without_a_side_grow_until_they_are_few() {
+        for extent_m in [5e-324, 1e-300, 1e-150, 1.0] {
+            let positions = [Position::origin(), Position::new(extent_m, extent_m)];
+            let grid = Grid::new(&positions, 0.0);
+            assert!(grid.columns * grid.rows <= 64, "{extent_m}: {} by {}", grid.columns, grid.rows);
+            assert_eq!(grid.nearest(&positions[1], 2).len(), 2, "{extent_m}");
         }
     }
 

@@ -231,6 +231,10 @@ mod tests {
         assert_eq!(closed_tour(AREA, &[]), [0; 0]);
         assert_eq!(closed_tour(AREA, &[point]), [0]);
         assert_eq!(closed_tour(AREA, &[point; 30]).len(), 30);
+        for side_m in [5e-324, 1e-300] {
+            let corners = [Position::origin(), Position::new(side_m, side_m)].repeat(15);
+            assert_eq!(closed_tour(Area::new(side_m, side_m), &corners).len(), 30, "an area of 0 m², rounded");
+        }
     }
 
     proptest! {
