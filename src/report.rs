@@ -4,10 +4,13 @@ use std::fmt;
 use std::io::{IsTerminal, Write as _};
 
 use comfy_table::{CellAlignment, Table, presets};
-use indicatif::{HumanCount, ProgressBar, ProgressState, ProgressStyle};
+use indicatif::{HumanCount, HumanDuration, ProgressBar, ProgressState, ProgressStyle};
 use skysink_common::pace::Pace;
 #[cfg(feature = "lab")]
-use skysink_lab::{optimize::Optimum, progress::LabProgress};
+use skysink_lab::{
+    optimize::{BestKnown, SearchEnd},
+    progress::LabProgress,
+};
 use skysink_mission::latency::Spread;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
@@ -32,7 +35,7 @@ impl TerminalProgress {
     /// Shows the progress of a sweep in a bar, which is removed with what is returned.
     #[cfg(feature = "lab")]
     pub fn of_missions() -> impl Fn(LabProgress) {
-        Self::new("{bar:25} mission {pos}/{len}  {eta} left").lab()
+        Self::new("{bar:25} mission {pos}/{len}  {msg}").lab()
     }
 
     /// Shows the progress of a search in a bar, which is removed with what is returned.
@@ -44,8 +47,9 @@ impl TerminalProgress {
     #[cfg(feature = "lab")]
     fn lab(self) -> impl Fn(LabProgress) {
         move |progress| {
-            let message = progress.loss_rate.map_or_else(String::new, |loss_rate| format!("loss {loss_rate:.4}"));
-            self.show(progress.done, progress.of, message);
+            let loss = progress.loss_rate.map(|loss_rate| format!("loss {loss_rate:.4}"));
+            let left = progress.left.map(|left| format!("{} left", HumanDuration(left)));
+            self.show(progress.done, progress.of, loss.or(left).unwrap_or_default());
         }
     }
 
@@ -104,7 +108,8 @@ pub fn print(line: impl fmt::Display) -> Result<(), Error> {
 /// # Errors
 /// As [`print`].
 #[cfg(feature = "lab")]
-pub fn print_optimum(optimum: &Optimum) -> Result<(), Error> {
+pub fn print_optimum(found: &BestKnown) -> Result<(), Error> {
+    let optimum = &found.optimum;
     let best = optimum.best_known;
     let mut table = table();
     table.set_header(["", "η", "of the best known"]);
@@ -121,8 +126,23 @@ pub fn print_optimum(optimum: &Optimum) -> Result<(), Error> {
         row(standing.strategy, standing.loss_rate);
     }
     print(with_numbers_right(table))?;
-    let steps = optimum.steps;
-    print(format_args!("Searched for up to {} steps; --budget {steps} finds the same again.", HumanCount(steps)))
+    let done = HumanCount(optimum.steps_done);
+    let took = format!("{:.2} s", found.took.as_secs_f64());
+    let searched = match optimum.search_end {
+        SearchEnd::AllSteps => format!("Searched {done} steps in {took}, the whole budget."),
+        SearchEnd::Optimal => {
+            let reason = match optimum.loss_bound {
+                0.0 => "its plan loses nothing",
+                _ => "its plan loses no more than the lower bound",
+            };
+            let most = HumanCount(optimum.steps);
+            format!("Searched {done} of up to {most} steps in {took}: {reason}, so none can be better.")
+        }
+        SearchEnd::NothingInReach => {
+            "Nothing to search: no sensor node that can lose data can be reached in time.".to_owned()
+        }
+    };
+    print(format_args!("{searched} --steps {} finds the same again.", optimum.steps))
 }
 
 /// Prints the figures of a run and what to do next.

@@ -85,9 +85,8 @@ pub fn simulate(
     tally.start(&mission.header());
     #[cfg(feature = "viewer")]
     record(&mut recording, &mission, None)?;
-    let mut stopped = Ok(());
-    while stopped.is_ok() {
-        let Some(flown) = mission.next() else { break };
+    mission.set_stop(stop);
+    while let Some(flown) = mission.next() {
         log.add(&flown.flight, &flown.header)?;
         tally.add(Some(&flown.plan), &flown.flight, &flown.header);
         #[cfg(feature = "viewer")]
@@ -95,7 +94,6 @@ pub fn simulate(
         if tally.last_slot().is_multiple_of(SHOW_EVERY) {
             progress.show_run(&tally, scenario.slots);
         }
-        stopped = stop.check();
     }
     let wall = begin.elapsed();
     drop(progress);
@@ -103,7 +101,7 @@ pub fn simulate(
     recording.map_or(Ok(()), Scene::close)?;
     let summary = tally.summary(None, wall, log.hash());
     folder.write_json("summary.json", &summary)?;
-    match stopped {
+    match stop.check() {
         Err(stopped) => Err(Error::from(stopped).ended_early(&folder, summary.slots, "")),
         Ok(()) => Ok((folder, summary)),
     }

@@ -126,24 +126,141 @@ fn a_sweep_that_is_interrupted_ends_with_the_same_bytes() {
 }
 
 #[test]
-fn a_journal_with_a_mission_of_another_sweep_is_refused_by_its_line() {
+fn a_journal_with_a_changed_digit_is_refused_by_its_line() {
     let place = Place::new();
     write_sweep(&place, 2);
     place.run_well(&["sweep", "sweep.toml", "--out", "out"]);
     let journal = place.read("out/journal.csv");
-    let (first, rest) = journal.split_once('\n').unwrap();
-    let metrics = first.splitn(4, ',').last().unwrap();
-    for mission in ["6,0,1", "0,3,1", "0,0,3"] {
-        let damaged = format!("{first}\n{mission},{metrics}\n{rest}");
-        place.write("out/journal.csv", &damaged);
-        for arguments in [["sweep", "sweep.toml", "--out", "out"], ["merge", "out", "--out", "merged"]] {
+    let second = journal.lines().nth(1).unwrap();
+    let mut changed = second.as_bytes().to_vec();
+    changed[second.find('.').unwrap() + 1] ^= 1; // 0 becomes 1, 1 becomes 0 ...
+    let damaged = journal.replacen(second, std::str::from_utf8(&changed).unwrap(), 1);
+    place.write("out/journal.csv", &damaged);
+    for arguments in [["sweep", "sweep.toml", "--out", "out"], ["merge", "out", "--out", "merged"]] {
+        let ended = place.run(&arguments);
+        assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
+        for word in ["out/journal.csv: line 2: ", ": expected the check ", "delete the line, and `skysink sweep` flies"]
+        {
+            assert!(ended.stderr.contains(word), "{word}: {ended:?}");
+        }
+        assert_eq!(place.read("out/journal.csv"), damaged, "nothing is cut");
+    }
+}
+
+/// Draws from 0 to below `most`, with a state that begins with a seed: xorshift.
+fn below(state: &mut u64, most: usize) -> usize {
+    *state ^= *state << 13;
+    *state ^= *state >> 7;
+    *state ^= *state << 17;
+    (*state % most as u64) as usize
+}
+
+/// Spoils bytes: a bit, a cut, a byte that is missing, another digit, a line twice, a line that is missing, nothing
+/// left.
+fn spoil(bytes: &mut Vec<u8>, state: &mut u64) {
+    let at = below(state, bytes.len());
+    let mut lines: Vec<Vec<u8>> = bytes.split_inclusive(|&byte| byte == b'\n').map(<[u8]>::to_vec).collect();
+    let line = below(state, lines.len());
+    match below(state, 7) {
+        0 => bytes[at] ^= 1 << below(state, 8),
+        1 => bytes.truncate(at),
+        2 => drop(bytes.remove(at)),
+        3 => {
+            let digits: Vec<usize> = (0..bytes.len()).filter(|&at| bytes[at].is_ascii_digit()).collect();
+            if let Some(&at) = digits.get(below(state, digits.len().max(1))) {
+                bytes[at] = b'0' + (bytes[at] - b'0' + 1 + below(state, 9) as u8) % 10;
+            }
+        }
+        4 => {
+            let other = below(state, lines.len());
+            lines.insert(other, lines[line].clone());
+            *bytes = lines.concat();
+        }
+        5 => {
+            lines.remove(line);
+            *bytes = lines.concat();
+        }
+        _ => bytes.clear(),
+    }
+}
+
+#[test]
+fn a_spoilt_folder_is_refused_or_ends_with_the_same_bytes() {
+    let place = Place::new();
+    write_sweep(&place, 2);
+    place.run_well(&["sweep", "sweep.toml", "--out", "whole"]);
+    let copy = |from: &str, to: &str| {
+        let _ = fs::remove_dir_all(place.path(to));
+        fs::create_dir(place.path(to)).unwrap();
+        for entry in fs::read_dir(place.path(from)).unwrap().flatten() {
+            fs::copy(entry.path(), place.path(to).join(entry.file_name())).unwrap();
+        }
+    };
+    // One that was killed has no results, and a part of the journal.
+    copy("whole", "part");
+    for name in ["results.csv", "results.parquet", "summary.csv", "timings.csv"] {
+        fs::remove_file(place.path("part").join(name)).unwrap();
+    }
+    let journal = fs::read(place.path("whole/journal.csv")).unwrap();
+    fs::write(place.path("part/journal.csv"), &journal[..journal.len() * 2 / 3]).unwrap();
+    let mut refused = 0;
+    for seed in 1..=60_u64 {
+        let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        copy(["part", "whole"][below(&mut state, 2)], "spoilt");
+        let mut names: Vec<_> =
+            fs::read_dir(place.path("spoilt")).unwrap().flatten().map(|entry| entry.path()).collect();
+        names.sort();
+        // Half of them the journal, in which the results are.
+        let journal = place.path("spoilt/journal.csv");
+        let file = if below(&mut state, 2) == 0 { &journal } else { &names[below(&mut state, names.len())] };
+        let mut bytes = fs::read(file).unwrap();
+        if bytes.is_empty() {
+            bytes.push(b'1'); // the lock
+        } else {
+            spoil(&mut bytes, &mut state);
+        }
+        fs::write(file, &bytes).unwrap();
+        let _ = fs::remove_dir_all(place.path("merged"));
+        for (arguments, out) in
+            [(["merge", "spoilt", "--out", "merged"], "merged"), (["sweep", "sweep.toml", "--out", "spoilt"], "spoilt")]
+        {
             let ended = place.run(&arguments);
-            assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{mission}: {ended:?}");
-            assert!(ended.stderr.contains("out/journal.csv: line 2: point "), "{mission}: {ended:?}");
-            assert!(ended.stderr.ends_with(": expected a mission of the sweep\n"), "{mission}: {ended:?}");
-            assert_eq!(place.read("out/journal.csv"), damaged, "nothing is cut");
+            if ended.code == Some(0) {
+                assert_equal(&place, "whole", out);
+            } else {
+                assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "seed {seed}: {ended:?}");
+                refused += 1;
+            }
         }
     }
+    assert!((20..110).contains(&refused), "{refused} of 120");
+}
+
+#[test]
+fn the_first_mission_of_each_strategy_is_flown_first() {
+    let place = Place::new();
+    write_sweep(&place, 4);
+    place.run_well(&["sweep", "sweep.toml", "--out", "out", "--threads", "1"]);
+    let strategies: Vec<_> =
+        place.read("out/journal.csv").lines().map(|line| line.split(',').nth(1).unwrap().to_owned()).collect();
+    assert_eq!(strategies[..5], ["0", "1", "2", "0", "0"]);
+}
+
+#[test]
+fn a_stopped_sweep_leaves_its_mission_at_once_and_says_how_to_go_on() {
+    let place = Place::new();
+    // Hours for a mission.
+    place.write("far.toml", "name = \"far\"\nslots = 500\n[area]\nside_m = 400.0\n[sensors]\nsampling_bps = 500.0\n");
+    let axes = "\"planner.horizon.iterations\" = [1000000000]\n\"planner.offline.steps\" = [1000000000000]\n";
+    let head = "scenario = \"far.toml\"\nstrategies = [\"uts\", \"horizon\", \"offline\"]\nseeds = 2\n[axes]\n";
+    place.write("sweep.toml", &format!("{head}{axes}"));
+    let sweep = place.skysink(&["sweep", "sweep.toml", "--out", "out", "--threads", "3"]).spawn().unwrap();
+    until("mission", || (lines(&place.path("out/journal.csv")) > 0).then_some(()));
+    kill_process(Pid::from_raw(i32::try_from(sweep.id()).unwrap()).unwrap(), Signal::TERM).unwrap();
+    let ended = end(sweep);
+    let says = "skysink: stopped by signal 15: the missions flown are in out: the same command flies the rest\n";
+    assert_eq!((ended.code, ended.stderr.as_str()), (Some(143), says));
+    assert!(place.read("out/journal.csv").lines().all(|line| line.split(',').nth(1) == Some("0")), "half a mission");
 }
 
 #[test]
@@ -158,6 +275,18 @@ fn merged_shards_are_the_whole_sweep() {
     place.run_well(&["sweep", "sweep.toml", "--out", "b", "--shard", "2/2"]);
     place.run_well(&["merge", "b", "a", "--out", "merged"]);
     assert_equal(&place, "whole", "merged");
+    for (arguments, says) in [
+        (&["merge", "a", "b", "./a", "--out", "twice"][..], "shard ./a: it is named twice: expected each shard once\n"),
+        (&["merge", "sweep.toml", "--out", "file"], "shard sweep.toml: it is a file: expected the folder of a sweep\n"),
+        (&["merge", ".", "--out", "file"], ": expected the folder of a sweep\n"),
+        (&["merge", "none", "--out", "file"], ": expected the folder of a sweep\n"),
+        (&["sweep", "a"], "sweep a: it is a folder: expected a sweep file, and the folder as --out\n"),
+        (&["sweep", "sweep.toml", "--out", "smoke.toml"], "smoke.toml: it is a file: choose another --out\n"),
+    ] {
+        let ended = place.run(arguments);
+        assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
+        assert!(ended.stderr.ends_with(says), "{ended:?}");
+    }
 }
 
 #[test]
@@ -198,9 +327,38 @@ fn a_folder_that_another_process_flies_is_refused_until_that_process_ends() {
 fn bad_sweeps_are_refused_before_anything_is_written() {
     let base = "scenario = \"smoke.toml\"\nstrategies = [\"uts\"]\nseeds = 2\n";
     for (text, says) in [
-        ("scenario = \"smoke.toml\"\nstrategies = []\nseeds = 2\n".to_owned(), &["strategies"][..]),
-        ("scenario = \"smoke.toml\"\nstrategies = [\"best\"]\nseeds = 2\n".to_owned(), &["line 2", "best"]),
-        ("scenario = \"smoke.toml\"\nstrategies = [\"uts\"]\nseeds = 0\n".to_owned(), &["seeds"]),
+        (
+            "scenario = \"smoke.toml\"\nstrategies = []\nseeds = 2\n".to_owned(),
+            &["bad.toml: strategies = []: expected one or more"][..],
+        ),
+        (
+            "scenario = \"smoke.toml\"\nstrategies = [\"uts_wide\"]\nseeds = 2\n".to_owned(),
+            &["line 2: `strategies = [\"uts_wide\"]`: ", "expected one of `rfs`", "did you mean `uts-wide`?"],
+        ),
+        (
+            "scenario = \"smoke.toml\"\nstrategies = [\"uts\", \"gfs\", \"uts\"]\nseeds = 2\n".to_owned(),
+            &["bad.toml: strategies = [\"uts\", \"gfs\", \"uts\"]: expected each once"],
+        ),
+        (
+            "scenario = \"smoke.toml\"\nstrategies = [\"uts\"]\nseeds = 0\n".to_owned(),
+            &["bad.toml: seeds = 0: expected 1 or more, or a list of seeds"],
+        ),
+        (
+            "scenario = \"smoke.toml\"\nstrategies = [\"uts\"]\nseeds = []\n".to_owned(),
+            &["bad.toml: seeds = []: expected one or more"],
+        ),
+        (
+            "scenario = \"smoke.toml\"\nstrategies = [\"uts\"]\nseeds = [4, 7, 4]\n".to_owned(),
+            &["bad.toml: seeds = [4, 7, 4]: expected each once"],
+        ),
+        (
+            format!("{base}[axes]\n\"area.side_m\" = []\n"),
+            &["bad.toml: axes.\"area.side_m\" = []: expected a list of one or more values"],
+        ),
+        (
+            format!("{base}[axes]\narea.side_m = [50.0]\n"),
+            &["bad.toml: axes.area.side_m = [50.0]: expected the key in quotes: \"area.side_m\" = [50.0]"],
+        ),
         (
             "scenario = \"smoke.toml\"\nstrategies = [\"uts\"]\nseeds = 9000000000000000000\n".to_owned(),
             &["seeds = 9000000000000000000: expected at most 100000000"],
@@ -208,7 +366,10 @@ fn bad_sweeps_are_refused_before_anything_is_written() {
         ("scenario = \"none.toml\"\nstrategies = [\"uts\"]\nseeds = 1\n".to_owned(), &["none.toml", "No such file"]),
         (format!("{base}[axes]\n\"uav.speed\" = [1.0]\n"), &["sweep bad.toml", "uav.speed = 1.0", "max_speed_mps"]),
         (format!("{base}[axes]\n\"area.side_m\" = [50.0, -1.0]\n"), &["area.side_m = -1.0", "above 0"]),
-        (format!("{base}[axes]\n\"area.side_m\" = 50.0\n"), &["axes.\"area.side_m\"", "a list of values"]),
+        (
+            format!("{base}[axes]\n\"area.side_m\" = 50.0\n"),
+            &["axes.\"area.side_m\" = 50.0: expected a list of one or more values"],
+        ),
         (format!("{base}[axes]\nseed = [1, 2]\n"), &["axes.seed"]),
         (format!("{base}threads = 3\n"), &["line 4", "threads"]),
     ] {

@@ -42,7 +42,7 @@ pub fn draw(choice: &Choice, stop: &Stop, on_progress: OnProgress) -> Result<Vec
             stems.push(stem);
         }
     }
-    let sheets = if choice.wants(FigurePart::Maps) { trajectories::sheets(choice)? } else { Vec::new() };
+    let sheets = if choice.wants(FigurePart::Maps) { trajectories::sheets(choice, stop)? } else { Vec::new() };
     for (name, sheet) in sheets {
         let stem = choice.out.join(name);
         sheet.draw(&stem)?;

@@ -45,6 +45,8 @@ pub struct BestKnown {
     pub scenario: Scenario,
     /// The sensor nodes.
     pub list: SensorList,
+    /// How long the search took.
+    pub took: Duration,
     /// The plan of `offline`, if it is the best.
     plan: Option<Vec<u8>>,
 }
@@ -68,6 +70,18 @@ pub struct Standing {
     pub loss_rate: f64,
 }
 
+/// Why a search ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SearchEnd {
+    /// All steps are done.
+    AllSteps,
+    /// Its plan loses no more than the bound: none can be better.
+    Optimal,
+    /// No sensor node that can lose data can be reached in time: there is nothing to search.
+    NothingInReach,
+}
+
 /// What an optimisation comes to, as in `optimum.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Optimum {
@@ -75,8 +89,12 @@ pub struct Optimum {
     pub name: String,
     /// Seed.
     pub seed: u64,
-    /// Search steps of `offline`.
+    /// Most search steps of `offline`.
     pub steps: u64,
+    /// Those of them that were done.
+    pub steps_done: u64,
+    /// Why the search ended.
+    pub search_end: SearchEnd,
     /// Loss rate η that no flight avoids.
     pub loss_bound: f64,
     /// The least loss rate of all strategies.
@@ -114,17 +132,19 @@ pub fn optimize(
     let list = SensorList::of(offline)?;
     let steps = match budget {
         Budget::Steps(steps) => steps,
-        Budget::Time(time) => steps_in(time, offline, &list)?,
+        Budget::Time(time) => steps_in(time, offline, &list, stop)?,
     };
     let offline = searching(offline, steps)?;
     let fly_rivals = || rivals().map(|scenario| standing(scenario, None, &list, stop)).collect();
-    let (searched, flown) = std::thread::scope(|scope| {
+    let (searched, took, flown) = std::thread::scope(|scope| {
         let flown = scope.spawn(fly_rivals);
+        let begin = Instant::now();
         let searched = search(&offline, steps, &list, stop, on_progress);
+        let took = begin.elapsed();
         let flown: Result<Vec<Standing>, LabError> = flown.join().expect("a flight does not panic");
-        (searched, flown)
+        (searched, took, flown)
     });
-    let plan = searched?;
+    let Searched { plan, steps_done, end } = searched?;
     let mut standings = vec![standing(&offline, plan.as_deref(), &list, stop)?]; // the first of equals
     standings.extend(flown?);
     standings.sort_by(|a, b| a.loss_rate.total_cmp(&b.loss_rate));
@@ -136,20 +156,21 @@ pub fn optimize(
         name: offline.name.clone(),
         seed: offline.seed,
         steps,
+        steps_done,
+        search_end: end,
         loss_bound: loss_bound(&offline, &list),
         best_known: best,
         strategies: standings,
         version: env!("CARGO_PKG_VERSION"),
     };
-    Ok(BestKnown { optimum, scenario, list, plan })
+    Ok(BestKnown { optimum, scenario, list, took, plan })
 }
 
 /// About as many steps as this machine takes in `time`, by a trial, which is part of it.
-fn steps_in(time: Duration, offline: &Scenario, list: &SensorList) -> Result<u64, LabError> {
+fn steps_in(time: Duration, offline: &Scenario, list: &SensorList, stop: &Stop) -> Result<u64, LabError> {
     let trial = searching(offline, TRIAL_STEPS)?;
     let begin = Instant::now();
-    let nodes = list.nodes();
-    Offline::search(&trial, &nodes, &list.queues_bits(), &mut |_| ControlFlow::Continue(()))?;
+    search(&trial, TRIAL_STEPS, list, stop, &|_| ())?;
     let took = begin.elapsed();
     let trials = time.saturating_sub(took).as_secs_f64() / took.as_secs_f64();
     Ok(((TRIAL_STEPS as f64 * trials) as u64).clamp(TRIAL_STEPS, MAX_STEPS))
@@ -165,28 +186,38 @@ fn searching(offline: &Scenario, steps: u64) -> Result<Scenario, InputError> {
     })
 }
 
-/// The plan of `offline`, as the checkpoint of the strategy before slot 1; none if no sensor node can be reached.
+/// What a search comes to.
+struct Searched {
+    /// The plan of `offline`, as the checkpoint of the strategy before slot 1; none if no sensor node can be reached.
+    plan: Option<Vec<u8>>,
+    steps_done: u64,
+    end: SearchEnd,
+}
+
+/// Searches for the plan of `offline`.
 fn search(
     offline: &Scenario,
     steps: u64,
     list: &SensorList,
     stop: &Stop,
     on_progress: OnProgress,
-) -> Result<Option<Vec<u8>>, LabError> {
+) -> Result<Searched, LabError> {
     let nodes = list.nodes();
     let mut stopped = Ok(());
     let found = Offline::search(offline, &nodes, &list.queues_bits(), &mut |search| {
         let loss_rate = Some(loss_rate(search.loss_bits, offline, list));
-        on_progress(LabProgress { done: (search.fraction * steps as f64) as u64, of: steps, loss_rate });
+        on_progress(LabProgress { done: search.steps, of: steps, loss_rate, left: None });
         stopped = stop.check();
         if stopped.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });
     stopped?;
-    Ok(found?.map(|(planned, _)| {
-        let mut plan = Vec::new();
-        planned.save(&mut plan);
-        plan
-    }))
+    let Some((planned, found)) = found? else {
+        return Ok(Searched { plan: None, steps_done: 0, end: SearchEnd::NothingInReach });
+    };
+    let mut plan = Vec::new();
+    planned.save(&mut plan);
+    let end = if found.is_optimal && found.steps < steps { SearchEnd::Optimal } else { SearchEnd::AllSteps };
+    Ok(Searched { plan: Some(plan), steps_done: found.steps, end })
 }
 
 /// The mission before slot 1, with the plan of `offline` if there is one.
@@ -202,12 +233,10 @@ fn mission(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList) -> Resul
 /// What the strategy of a scenario loses.
 fn standing(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList, stop: &Stop) -> Result<Standing, LabError> {
     let strategy = Registered::of(scenario)?.name;
-    let mission = mission(scenario, plan, list)?;
-    let mut lost_bits = 0;
-    for flown in mission {
-        lost_bits = flown.header.totals.lost_bits;
-        stop.check()?;
-    }
+    let mut mission = mission(scenario, plan, list)?;
+    mission.set_stop(stop);
+    let lost_bits = mission.by_ref().last().map_or(0, |flown| flown.header.totals.lost_bits);
+    stop.check()?;
     Ok(Standing { strategy, loss_rate: loss_rate(lost_bits as f64, scenario, list) })
 }
 

@@ -5,12 +5,12 @@ pub mod plan;
 pub(crate) mod results;
 pub(crate) mod statistics;
 
+use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rayon::ThreadPoolBuilder;
 use rayon::prelude::*;
@@ -28,12 +28,15 @@ use skysink_planner::strategies::offline;
 use crate::error::LabError;
 use crate::metrics::MissionSums;
 use crate::optimize::loss_bound;
-use crate::progress::{LabProgress, OnProgress};
+use crate::progress::{LabProgress, OnProgress, Workload};
 use journal::{MissionRow, MissionRows, SweepJournal};
 use plan::{Definition, MissionKey, Shard, Sweep};
 
 /// The journal in the folder of a sweep.
 const JOURNAL: &str = "journal.csv";
+
+/// What says there which sweep it is.
+const MANIFEST: &str = "sweep.json";
 
 /// What `sweep.json` holds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -46,19 +49,25 @@ struct Manifest {
 /// Makes the folder of a sweep, or opens it if it holds this very sweep, and locks it against other processes. The
 /// system releases the lock when the file is dropped or the process ends.
 fn lock_folder(path: &Path, manifest: &Manifest) -> Result<File, LabError> {
-    fs::create_dir_all(path).at(path)?;
-    let file = path.join("sweep.json");
     let refuse = |message| InputError::new("sweep folder", path, message);
-    match fs::read_to_string(&file) {
+    if path.exists() && !path.is_dir() {
+        return Err(refuse("it is a file: choose another --out").into());
+    }
+    fs::create_dir_all(path).at(path)?;
+    let file = path.join(MANIFEST);
+    match fs::read(&file) {
         Ok(text) => {
-            let held: Manifest =
-                serde_json::from_str(&text).map_err(|_| refuse("it holds no sweep: choose another --out"))?;
+            let held: Manifest = serde_json::from_slice(&text)
+                .map_err(|_| refuse("its sweep.json is of no sweep: choose another --out"))?;
             if held != *manifest {
-                return Err(refuse("it holds another sweep: choose another --out").into());
+                return Err(refuse("its sweep.json is of another sweep: choose another --out").into());
             }
         }
         Err(error) if error.kind() == ErrorKind::NotFound => {
-            if fs::read_dir(path).at(path)?.flatten().any(|entry| entry.file_name() != "lock") {
+            // Without sweep.json nothing was flown: a process was killed at most while it wrote that.
+            let is_foreign =
+                |entry: fs::DirEntry| entry.file_name() != "lock" && entry.file_name() != ".sweep.json.new";
+            if fs::read_dir(path).at(path)?.flatten().any(is_foreign) {
                 return Err(refuse("it holds other files: choose another --out").into());
             }
         }
@@ -94,26 +103,41 @@ pub fn sweep(
     let (journal, mut rows) = SweepJournal::open(&out.join(JOURNAL), &sweep.definition)?;
     let missions = sweep.missions(shard);
     let missing: Vec<MissionKey> = missions.iter().copied().filter(|mission| !rows.contains_key(mission)).collect();
-    let flown = AtomicUsize::new(missions.len() - missing.len());
-    let report = |done: usize| {
-        on_progress(LabProgress { done: done as u64, of: missions.len() as u64, loss_rate: None });
-    };
-    report(flown.load(Ordering::Relaxed));
-    let journal = Mutex::new(journal);
     let pool = ThreadPoolBuilder::new().num_threads(threads).build().map_err(io::Error::other);
-    let new_rows = pool.at(Path::new("threads"))?.install(|| {
-        let fly_one = |&mission: &MissionKey| -> Result<MissionRow, LabError> {
+    let pool = pool.at(Path::new("threads"))?;
+    let report = |work: &Workload| {
+        let done = (missions.len() - work.missing()) as u64;
+        let left = work.left(pool.current_num_threads());
+        on_progress(LabProgress { done, of: missions.len() as u64, loss_rate: None, left });
+    };
+    let work = Workload::new(missing.iter().map(|mission| mission.strategy));
+    report(&work);
+    let record = Mutex::new((journal, work));
+    let new_rows = pool.install(|| {
+        let fly_one = |mission: MissionKey| -> Result<MissionRow, LabError> {
             stop.check()?;
-            let row = fly(&sweep.scenario(mission)?, mission)?;
-            journal.lock().unwrap_or_else(PoisonError::into_inner).add(&row)?;
-            report(flown.fetch_add(1, Ordering::Relaxed) + 1);
+            let begin = Instant::now();
+            let row = fly(&sweep.scenario(mission)?, mission, stop)?;
+            let (journal, work) = &mut *record.lock().unwrap_or_else(PoisonError::into_inner);
+            journal.add(&row)?;
+            work.add(mission.strategy, begin.elapsed());
+            report(work);
             Ok(row)
         };
-        missing.par_iter().with_max_len(1).map(fly_one).collect::<Result<Vec<_>, _>>()
+        strategies_first(missing).into_iter().par_bridge().map(fly_one).collect::<Result<Vec<_>, _>>()
     })?;
     rows.extend(new_rows.into_iter().map(|row| (row.key, row)));
     results::write(out, &sweep.definition, &rows)?;
     Ok(rows)
+}
+
+/// The same missions, the first of each strategy before all others: what the rest takes is then soon known.
+fn strategies_first(missions: Vec<MissionKey>) -> Vec<MissionKey> {
+    let mut seen = BTreeSet::new();
+    let (mut firsts, others): (Vec<_>, Vec<_>) =
+        missions.into_iter().partition(|mission| seen.insert(mission.strategy));
+    firsts.extend(others);
+    firsts
 }
 
 /// Joins the shards of a sweep into `out`, which then is as if the sweep had been flown at once.
@@ -125,12 +149,19 @@ pub fn sweep(
 /// Without a shard.
 pub fn merge(shards: &[PathBuf], out: &Path) -> Result<MissionRows, LabError> {
     let mut merged: Option<(Definition, MissionRows)> = None;
+    let mut folders = BTreeSet::new();
     for path in shards {
         let refuse = |message: String| InputError::new("shard", path, message);
-        let text =
-            fs::read_to_string(path.join("sweep.json")).map_err(|error| refuse(format!("sweep.json: {error}")))?;
-        let manifest: Manifest =
-            serde_json::from_str(&text).map_err(|_| refuse("sweep.json is of no sweep".to_owned()))?;
+        if path.is_file() {
+            return Err(refuse("it is a file: expected the folder of a sweep".to_owned()).into());
+        }
+        let text = fs::read(path.join(MANIFEST));
+        let text = text.map_err(|error| refuse(format!("{MANIFEST}: {error}: expected the folder of a sweep")))?;
+        if !folders.insert(fs::canonicalize(path).at(path)?) {
+            return Err(refuse("it is named twice: expected each shard once".to_owned()).into());
+        }
+        let manifest: Manifest = serde_json::from_slice(&text)
+            .map_err(|error| refuse(format!("{MANIFEST}: {error}: expected that of a sweep, fly the shard again")))?;
         let rows = journal::read(&path.join(JOURNAL), &manifest.definition)?;
         let (definition, all) = merged.get_or_insert_with(|| (manifest.definition.clone(), MissionRows::new()));
         if *definition != manifest.definition {
@@ -154,9 +185,10 @@ pub fn merge(shards: &[PathBuf], out: &Path) -> Result<MissionRows, LabError> {
 }
 
 /// Flies one mission.
-fn fly(scenario: &Scenario, key: MissionKey) -> Result<MissionRow, LabError> {
+fn fly(scenario: &Scenario, key: MissionKey, stop: &Stop) -> Result<MissionRow, LabError> {
     let list = SensorList::of(scenario)?;
     let mut mission = Mission::new(scenario, &list)?;
+    mission.set_stop(stop);
     let mut tally = Tally::new(scenario, &list);
     let mut sums = MissionSums::new(scenario, list.sensors().len());
     tally.start(&mission.header());
@@ -164,6 +196,7 @@ fn fly(scenario: &Scenario, key: MissionKey) -> Result<MissionRow, LabError> {
         tally.add(Some(&flown.plan), &flown.flight, &flown.header);
         sums.add(&flown.flight);
     }
+    stop.check()?;
     let summary = tally.summary(None, Duration::ZERO, 0);
     let loss_bound = if scenario.planner.strategy != offline::STRATEGY.name {
         f64::NAN

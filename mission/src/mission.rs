@@ -7,6 +7,7 @@ use skysink_common::estimate::Estimate;
 use skysink_common::message::{FLAG_END, FlightReport, Plan, QueuesHeader, SlotHeader};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
 use skysink_field_sim::Field;
 use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
@@ -113,6 +114,11 @@ impl Mission {
         &mut self.planner
     }
 
+    /// Has the mission end early, between two slots or in a search before one, once `stop` is requested.
+    pub fn set_stop(&mut self, stop: &Stop) {
+        self.planner.set_stop(stop);
+    }
+
     /// Plans the next slot, from the flight and the queues after the last; to be done once, before [`Mission::fly`].
     pub fn plan(&mut self) -> Plan {
         let begin = Instant::now();
@@ -134,12 +140,15 @@ impl Mission {
 impl Iterator for Mission {
     type Item = FlownSlot;
 
-    /// Flies the next slot: plan, fly, account. `None` after the last.
+    /// Flies the next slot: plan, fly, account. `None` after the last, and once a stop is requested.
     fn next(&mut self) -> Option<FlownSlot> {
         if self.slot == self.slots {
             return None;
         }
         let plan = self.plan();
+        if self.planner.stop().requested().is_some() {
+            return None; // the plan may be cut short
+        }
         let header = self.fly(Some(&plan));
         Some(FlownSlot { plan, flight: self.report, header })
     }

@@ -50,13 +50,14 @@ impl Journaled {
     }
 
     /// Takes in what was flown in the slot before `slot`, plans `slot` and saves the state, before the plan is
-    /// published.
+    /// published. A plan that a stop has cut short is neither saved nor published.
     fn plan(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) -> Result<Plan, RingError> {
         self.resume(slot)?;
         let begin = Instant::now();
         self.planner.observe(slot - 1, flight, queues_bits);
         let mut plan = self.planner.step(slot, flight.position(), queues_bits);
         plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        self.planner.stop().check()?;
         self.journal.save(slot, &self.planner)?;
         Ok(plan)
     }
@@ -78,6 +79,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
 
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
     let mut planner = Planner::new(scenario, nodes.payload())?;
+    planner.set_stop(stop);
     let is_paced = ring.terms.pace != Pace::Max;
     if is_paced {
         planner.set_timing(Timing::Paced);

@@ -8,6 +8,7 @@ use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, enco
 use skysink_common::error::InputError;
 use skysink_common::message::{FlightReport, MAX_PATH_POINTS, Mode, Plan, SensorNode};
 use skysink_common::scenario::Scenario;
+use skysink_common::stop::Stop;
 
 use crate::sensor_table::SensorTable;
 use crate::settings::{self, Knowledge};
@@ -30,6 +31,7 @@ pub struct Planner {
     /// What is believed of the queues; none where they are known.
     estimate: Option<Box<Estimate>>,
     timing: Timing,
+    stop: Stop,
     /// The slot planned last, 0 before the first.
     slot: u64,
     /// Where the last plan leads.
@@ -89,6 +91,7 @@ impl Planner {
             strategy_name: scenario.planner.strategy.clone(),
             estimate,
             timing: Timing::Free,
+            stop: Stop::default(),
             slot: 0,
             path: Vec::with_capacity(MAX_PATH_POINTS),
             table,
@@ -99,6 +102,17 @@ impl Planner {
     /// no clock is read.
     pub fn set_timing(&mut self, timing: Timing) {
         self.timing = timing;
+    }
+
+    /// Lets `stop` end a search that takes long. A plan that was made while it was requested is not to be flown.
+    pub fn set_stop(&mut self, stop: &Stop) {
+        self.stop = stop.clone();
+    }
+
+    /// What ends a search that takes long.
+    #[must_use]
+    pub fn stop(&self) -> &Stop {
+        &self.stop
     }
 
     /// Takes in what was flown in `slot`, and the queues after it [bit], by id; to be done for every slot before the
@@ -135,6 +149,7 @@ impl Planner {
             estimate,
             table: &self.table,
             timing: self.timing,
+            stop: &self.stop,
         };
         let decided = self.strategy.plan(&view);
         let mode = if decided.is_some() { Mode::Serve } else { Mode::Transit };

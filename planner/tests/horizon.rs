@@ -11,6 +11,7 @@ use skysink_common::checkpoint::Checkpoint;
 use skysink_common::sensors::SensorList;
 use skysink_planner::Planner;
 use skysink_planner::horizon::bound::mission_bound;
+use skysink_planner::horizon::long_search::Found;
 use skysink_planner::strategies::Timing;
 use skysink_planner::strategies::names;
 use skysink_planner::strategies::offline::Offline;
@@ -195,14 +196,15 @@ fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
         let list = SensorList::of(&scenario).unwrap();
         let nodes = list.nodes();
         let mut mission = TestMission::new(&scenario);
-        let mut fractions = Vec::new();
+        let mut steps = Vec::new();
         let found = Offline::search(&scenario, &nodes, &list.queues_bits(), &mut |progress| {
-            fractions.push(progress.fraction);
+            steps.push(progress.steps);
             ControlFlow::Continue(())
         });
-        let (offline, predicted_bits) = found.unwrap().unwrap();
+        let (offline, Found { loss_bits: predicted_bits, steps: done, is_optimal }) = found.unwrap().unwrap();
+        assert_eq!((done, is_optimal), (20_000, false), "seed {seed}");
         *mission.planner_mut() = Planner::with_strategy(&scenario, &nodes, Box::new(offline)).unwrap();
-        assert!(fractions.len() > 100 && fractions.is_sorted() && fractions[0] == 0.0, "{fractions:?}");
+        assert!(steps.len() > 100 && steps.is_sorted() && steps[0] == 0, "{steps:?}");
         mission.by_ref().take(200).for_each(drop);
         let lost_bits = mission.lost_bits() as f64;
         assert!((lost_bits - predicted_bits).abs() < 1e-3, "seed {seed}: {lost_bits} against {predicted_bits}");
@@ -221,8 +223,8 @@ fn a_search_that_is_broken_off_finds_nothing() {
     let scenario = scenario_of(text, "offline", 1);
     let list = SensorList::of(&scenario).unwrap();
     let nodes = list.nodes();
-    let broken_off = Offline::search(&scenario, &nodes, &list.queues_bits(), &mut |progress| match progress.fraction {
-        share if share > 0.5 => ControlFlow::Break(()),
+    let broken_off = Offline::search(&scenario, &nodes, &list.queues_bits(), &mut |progress| match progress.steps {
+        1_001.. => ControlFlow::Break(()),
         _ => ControlFlow::Continue(()),
     });
     assert!(broken_off.unwrap().is_none());

@@ -6,11 +6,13 @@ use std::time::Duration;
 use clap::{Args, Subcommand};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
+use skysink_lab::LabError;
 use skysink_lab::figures;
 use skysink_lab::figures::choice::{Choice, FigurePart, HORIZON_ITERATIONS};
 use skysink_lab::optimize::{Budget, MAX_STEPS, optimize};
 use skysink_lab::sweep;
 use skysink_lab::sweep::plan::{Shard, Sweep};
+use skysink_mission::MissionError;
 use skysink_mission::record::RunFolder;
 use skysink_planner::settings;
 use skysink_planner::strategies::{Registered, STRATEGIES};
@@ -75,7 +77,7 @@ Examples:
     #[command(after_help = "\
 Examples:
   skysink optimize scenarios/sparse.toml --budget 60s
-  skysink optimize scenarios/letter.toml --seed 3 --budget 5000000 --record
+  skysink optimize scenarios/letter.toml --seed 3 --steps 5000000 --record
 
 The result is the best known, not a proven optimum; what no flight avoids is
 shown beside it. The same number of steps finds the same flight on every
@@ -106,14 +108,16 @@ impl Research {
                 let plan = Sweep::read(&sweep)?;
                 let name = sweep.file_stem().unwrap_or(sweep.as_os_str());
                 let out = out.unwrap_or_else(|| Path::new("runs").join(name));
-                let rows = sweep::sweep(&plan, &out, shard, threads, stop, &TerminalProgress::of_missions())?;
+                let rows = sweep::sweep(&plan, &out, shard, threads, stop, &TerminalProgress::of_missions());
+                let rows = rows.map_err(|error| ended_early(error, &flown_in(&out)))?;
                 print(format_args!("{} missions: {}", rows.len(), out.join("results.csv").display()))?;
             }
             Self::Figures { only, quick, runs, horizon_iterations, out, threads } => {
                 let runs = if quick { QUICK_RUNS } else { runs };
                 let out = out.unwrap_or_else(|| Path::new("runs").join(format!("figures-{runs}")));
                 let choice = Choice { only, runs, horizon_iterations, threads, out };
-                let stems = figures::draw(&choice, stop, &TerminalProgress::of_missions())?;
+                let stems = figures::draw(&choice, stop, &TerminalProgress::of_missions());
+                let stems = stems.map_err(|error| ended_early(error, &flown_in(&choice.out)))?;
                 stems.iter().try_for_each(|stem| print(format_args!("{}.svg, .png", stem.display())))?;
                 print(format_args!("Tables: {}", choice.out.join("tables.md").display()))?;
             }
@@ -127,14 +131,29 @@ impl Research {
     }
 }
 
+/// What is left in the folder of a stopped sweep.
+fn flown_in(out: &Path) -> String {
+    format!("the missions flown are in {}: the same command flies the rest", out.display())
+}
+
+/// A stop with what is `left`; any other error as it is.
+fn ended_early(error: LabError, left: &str) -> Error {
+    let is_stop = matches!(error, LabError::Mission(MissionError::Stopped(_)));
+    let cause = Error::from(error);
+    if is_stop { Error::EndedEarly { cause: Box::new(cause), left: left.to_owned() } } else { cause }
+}
+
 /// Options of `skysink optimize`.
 #[derive(Debug, Args)]
 pub struct OptimizeOptions {
     /// Scenario file.
     scenario: PathBuf,
-    /// How long to search: a time such as 60s, or a number of search steps.
-    #[arg(long, value_name = "BUDGET", default_value = "10s", value_parser = budget)]
-    budget: Budget,
+    /// How long to search: seconds, or a time such as 500ms, 60s, 5m or 1h.
+    #[arg(long, value_name = "TIME", default_value = "10s", value_parser = time)]
+    budget: Duration,
+    /// How many steps to search, instead of a time.
+    #[arg(long, value_name = "N", conflicts_with = "budget", value_parser = clap::value_parser!(u64).range(..=MAX_STEPS))]
+    steps: Option<u64>,
     /// Seed, instead of the scenario's.
     #[arg(long, value_parser = seed_parser())]
     seed: Option<u64>,
@@ -156,23 +175,37 @@ impl OptimizeOptions {
             Scenario::read(&self.scenario, overrides).and_then(settings::resolve)
         };
         let scenarios = STRATEGIES.into_iter().map(by).collect::<Result<Vec<_>, _>>()?;
-        let Self { budget, folder, record, .. } = self;
+        let Self { budget, steps, folder, record, .. } = self;
         RunFolder::check(folder.out.as_deref(), folder.force)?;
-        let found = optimize(&scenarios, budget, stop, &TerminalProgress::of_steps())?;
+        let budget = steps.map_or(Budget::Time(budget), Budget::Steps);
+        let found = optimize(&scenarios, budget, stop, &TerminalProgress::of_steps());
+        let left = "nothing was written: the same command starts again, with a smaller --budget it ends earlier";
+        let found = found.map_err(|error| ended_early(error, left))?;
         let simulation = Simulation { scenario: found.scenario.clone(), folder, record };
         let (folder, summary) = simulate(&simulation, &found.list, found.mission()?, stop)?;
         folder.write_json("optimum.json", &found.optimum)?;
-        print_optimum(&found.optimum)?;
+        print_optimum(&found)?;
         print_run(&folder, &summary)
     }
 }
 
-fn budget(text: &str) -> Result<Budget, String> {
-    let time = text.strip_suffix('s').and_then(|seconds| seconds.parse::<f64>().ok());
-    let time = time.filter(|seconds| *seconds > 0.0 && *seconds <= 1e6);
-    let steps = text.parse().ok().filter(|steps| *steps <= MAX_STEPS);
-    let budget = time.map(|seconds| Budget::Time(Duration::from_secs_f64(seconds))).or(steps.map(Budget::Steps));
-    budget.ok_or_else(|| "expected seconds, such as 60s, or search steps, at most 1000000000000".to_owned())
+/// Longest that a search may be asked to take [s].
+const MOST_S: f64 = 1e6;
+
+/// A time with its unit; without one, in seconds.
+fn time(text: &str) -> Result<Duration, String> {
+    let digits = text.trim_end_matches(|character: char| character.is_ascii_alphabetic());
+    let unit_s = match &text[digits.len()..] {
+        "ms" => 1e-3,
+        "" | "s" => 1.0,
+        "m" => 60.0,
+        "h" => 3600.0,
+        _ => f64::NAN,
+    };
+    let seconds = digits.parse().map_or(f64::NAN, |number: f64| number * unit_s);
+    let is_allowed = seconds > 0.0 && seconds <= MOST_S;
+    let expected = "expected a time above 0, such as 500ms, 60s, 5m or 1h, at most 1000000s; steps are --steps N";
+    if is_allowed { Ok(Duration::from_secs_f64(seconds)) } else { Err(expected.to_owned()) }
 }
 
 fn shard(text: &str) -> Result<Shard, String> {

@@ -2,13 +2,12 @@
 //!
 //! Everything is drawn as SVG, in which text stays text; the PNG is the same document, rendered by resvg.
 
-use std::fs;
 use std::path::Path;
 
 use resvg::{tiny_skia, usvg};
 use skrifa::instance::{LocationRef, Size};
 use skrifa::{FontRef, MetadataProvider};
-use skysink_mission::error::FileContext;
+use skysink_mission::record::write_whole;
 use svg::node::element::{Group, Path as Stroke, Rectangle, Text};
 use svg::{Document, Node};
 
@@ -92,9 +91,8 @@ impl Page {
             }
         }
         let path = stem.with_added_extension("svg");
-        fs::write(&path, &svg).at(&path)?;
-        let path = stem.with_added_extension("png");
-        Ok(fs::write(&path, png(&svg)).at(&path)?)
+        write_whole(&path, svg.as_bytes())?;
+        Ok(write_whole(&stem.with_added_extension("png"), &png(&svg))?)
     }
 }
 

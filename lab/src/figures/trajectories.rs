@@ -4,6 +4,7 @@ use std::path::Path;
 
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_planner::settings;
 use skysink_planner::strategies::{Registered, STRATEGIES, horizon, round_robin};
@@ -17,14 +18,14 @@ use crate::error::LabError;
 const FIELDS: [(&str, &str); 2] = [("map-letter", ""), ("map-sparse", "[area]\nside_m = 300.0\n")];
 
 /// A sheet for each field, with the flights of all strategies and its name.
-pub(super) fn sheets(choice: &Choice) -> Result<Vec<(&'static str, MapSheet)>, LabError> {
+pub(super) fn sheets(choice: &Choice, stop: &Stop) -> Result<Vec<(&'static str, MapSheet)>, LabError> {
     // Eight maps and the key fill the sheet; round-robin crosses the field without a pattern.
     let is_shown = |strategy: &&Registered| {
         **strategy == horizon::STRATEGY || plans_at_once(strategy) && **strategy != round_robin::STRATEGY
     };
     let sheet = |(name, change)| {
         let shown = STRATEGIES.into_iter().filter(is_shown);
-        let maps = shown.map(|strategy| map(change, strategy, choice)).collect::<Result<Vec<_>, _>>()?;
+        let maps = shown.map(|strategy| map(change, strategy, choice, stop)).collect::<Result<Vec<_>, _>>()?;
         let side_m = maps[0].width_m;
         let sheet = MapSheet {
             title: format!("Trajectories over 500 slots · {side_m} m × {side_m} m"),
@@ -38,14 +39,16 @@ pub(super) fn sheets(choice: &Choice) -> Result<Vec<(&'static str, MapSheet)>, L
 }
 
 /// The flight of a strategy over the letter's mission, changed.
-fn map(change: &str, strategy: &Registered, choice: &Choice) -> Result<TrajectoryMap, LabError> {
+fn map(change: &str, strategy: &Registered, choice: &Choice, stop: &Stop) -> Result<TrajectoryMap, LabError> {
     let steps = choice.horizon_iterations;
     let text = format!("name = \"map\"\nslots = 500\n{change}[planner]\nhorizon.iterations = {steps}\n");
     let overrides = Overrides { strategy: Some(strategy.name), seed: Some(1), slots: None };
     let scenario = Scenario::parse(&text, Path::new("map (built in)"), overrides).and_then(settings::resolve)?;
     let list = SensorList::of(&scenario)?;
     let mut mission = Mission::new(&scenario, &list)?;
+    mission.set_stop(stop);
     let path_m = mission.by_ref().map(|flown| [flown.flight.x_m, flown.flight.y_m]).collect();
+    stop.check()?;
     let totals = mission.header().totals;
     let loss_rate = totals.lost_bits as f64 / totals.sampled_bits as f64;
     let capacity_bits = f64::from(scenario.sensors.capacity_bits);

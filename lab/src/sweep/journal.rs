@@ -1,4 +1,7 @@
 //! The journal of a sweep: a line for each mission that is flown, so that an interrupted sweep can be resumed.
+//!
+//! Each line ends with a check of its bytes, seeded by the sweep: neither a changed line nor one of another sweep is
+//! taken over.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -9,6 +12,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
 use skysink_mission::error::FileContext;
+use xxhash_rust::xxh3::{xxh3_64, xxh3_64_with_seed};
 
 use super::plan::{Definition, MissionKey};
 use crate::error::LabError;
@@ -45,6 +49,7 @@ pub fn missions_of(rows: &MissionRows, point: usize, strategy: usize) -> impl It
 pub struct SweepJournal {
     path: PathBuf,
     file: File,
+    seed: u64,
 }
 
 impl SweepJournal {
@@ -59,7 +64,7 @@ impl SweepJournal {
         let whole = whole_lines(&text);
         let rows = parse(path, whole, definition)?;
         file.set_len(whole.len() as u64).at(path)?;
-        Ok((Self { path: path.to_owned(), file }, rows))
+        Ok((Self { path: path.to_owned(), file, seed: check_seed(definition) }, rows))
     }
 
     /// Adds a mission; it is on record when this returns, whatever happens to the process.
@@ -69,7 +74,9 @@ impl SweepJournal {
     pub fn add(&mut self, row: &MissionRow) -> Result<(), LabError> {
         let mut writer = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
         writer.serialize(row).expect("plain numbers");
-        let line = writer.into_inner().expect("memory takes everything");
+        let text = writer.into_inner().expect("memory takes everything");
+        let text = text.trim_ascii_end();
+        let line = [text, b",", check(text, self.seed).as_bytes(), b"\n"].concat();
         Ok(self.file.write_all(&line).at(&self.path)?)
     }
 }
@@ -87,18 +94,109 @@ fn whole_lines(text: &[u8]) -> &[u8] {
     &text[..text.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1)]
 }
 
+/// The seed of the checks in a sweep's journal.
+fn check_seed(definition: &Definition) -> u64 {
+    xxh3_64(serde_json::to_string(definition).expect("plain values").as_bytes())
+}
+
+/// What the line that holds `text` ends with.
+fn check(text: &[u8], seed: u64) -> String {
+    format!("{:016x}", xxh3_64_with_seed(text, seed))
+}
+
 fn parse(path: &Path, text: &[u8], definition: &Definition) -> Result<MissionRows, LabError> {
-    let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(text);
+    let seed = check_seed(definition);
     let mut rows = MissionRows::new();
-    for (index, row) in reader.deserialize::<MissionRow>().enumerate() {
-        let refuse = |message: String| InputError::new("sweep journal", path, format!("line {}: {message}", index + 1));
-        let row = row.map_err(|error| refuse(error.to_string()))?;
-        if !definition.contains(row.key) {
-            let MissionKey { point, strategy, seed } = row.key;
-            let mission = format!("point {point}, strategy {strategy}, seed {seed}");
-            return Err(refuse(format!("{mission}: expected a mission of the sweep")).into());
-        }
+    for (number, line) in (1..).zip(text.split_inclusive(|&byte| byte == b'\n')) {
+        let row = mission(line.trim_ascii_end(), seed).and_then(|row| match definition.contains(row.key) {
+            true => Ok(row),
+            false => Err("expected a mission of the sweep".to_owned()),
+        });
+        let quoted = String::from_utf8_lossy(line);
+        let row = row.map_err(|message| InputError::line("sweep journal", path, number, &quoted, message))?;
         rows.insert(row.key, row);
     }
     Ok(rows)
+}
+
+/// The mission in a line, or what is wrong with it.
+fn mission(line: &[u8], seed: u64) -> Result<MissionRow, String> {
+    let (text, found) = line.split_at(line.iter().rposition(|&byte| byte == b',').unwrap_or(0));
+    let expected = check(text, seed);
+    if found.strip_prefix(b",") != Some(expected.as_bytes()) {
+        let remedy = "delete the line, and `skysink sweep` flies its mission again";
+        return Err(format!("expected the check {expected}: the line, or sweep.json beside it, was changed: {remedy}"));
+    }
+    let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(text);
+    let row = reader.deserialize().next().ok_or("expected a mission")?;
+    row.map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skysink_mission::record::write_whole;
+    use skysink_planner::strategies::STRATEGIES;
+
+    fn definition(identity: &str) -> Definition {
+        Definition {
+            identity: identity.to_owned(),
+            version: "1".to_owned(),
+            keys: Vec::new(),
+            points: vec![Vec::new()],
+            strategies: vec![STRATEGIES[0]],
+            seeds: vec![1, 2],
+        }
+    }
+
+    fn row(point: usize, strategy: usize, seed: u64) -> MissionRow {
+        let values = std::array::from_fn(|metric| if metric == 3 { f64::NAN } else { 0.1 * metric as f64 });
+        MissionRow { key: MissionKey { point, strategy, seed }, values }
+    }
+
+    /// The journal of a sweep in a folder of its own, with these rows.
+    fn journal(rows: &[MissionRow]) -> (tempfile::TempDir, PathBuf) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("journal.csv");
+        let (mut journal, there) = SweepJournal::open(&path, &definition("a")).unwrap();
+        assert!(there.is_empty());
+        rows.iter().for_each(|row| journal.add(row).unwrap());
+        (folder, path)
+    }
+
+    #[test]
+    fn no_changed_byte_is_taken_over() {
+        let (_folder, path) = journal(&[row(0, 0, 1), row(0, 0, 2)]);
+        let text = std::fs::read(&path).unwrap();
+        let whole = read(&path, &definition("a")).unwrap();
+        assert_eq!(whole.len(), 2);
+        let lines = [0, text.iter().position(|&byte| byte == b'\n').unwrap() + 1];
+        for at in 0..text.len() - 1 {
+            for bit in 0..8 {
+                let mut changed = text.clone();
+                changed[at] ^= 1 << bit;
+                write_whole(&path, &changed).unwrap();
+                let refusal = read(&path, &definition("a")).unwrap_err().to_string();
+                let line = if at < lines[1] { 1 } else { 2 };
+                assert!(refusal.contains(&format!("line {line}: ")) && !refusal.contains('\n'), "{at}: {refusal}");
+                assert!(refusal.contains("expected the check "), "{at}: {refusal}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_line_of_another_sweep_is_refused() {
+        let (_folder, path) = journal(&[row(0, 0, 1)]);
+        let refusal = read(&path, &definition("b")).unwrap_err().to_string();
+        assert!(refusal.contains("line 1: ") && refusal.contains("sweep.json beside it, was changed"), "{refusal}");
+    }
+
+    #[test]
+    fn a_mission_that_the_sweep_has_not_is_refused() {
+        for (point, strategy, seed) in [(1, 0, 1), (0, 1, 1), (0, 0, 3), (usize::MAX, usize::MAX, 1)] {
+            let (_folder, path) = journal(&[row(0, 0, 1), row(point, strategy, seed)]);
+            let refusal = read(&path, &definition("a")).unwrap_err().to_string();
+            assert!(refusal.contains("line 2: ") && refusal.ends_with("expected a mission of the sweep"), "{refusal}");
+        }
+    }
 }

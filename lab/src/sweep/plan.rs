@@ -106,6 +106,10 @@ impl Sweep {
     /// # Errors
     /// If the file, its scenario, or a point is refused.
     pub fn read(path: &Path) -> Result<Self, LabError> {
+        if path.is_dir() {
+            let what = "it is a folder: expected a sweep file, and the folder as --out";
+            return Err(InputError::new("sweep", path, what).into());
+        }
         let text = std::fs::read_to_string(path).map_err(|error| InputError::new("sweep", path, error))?;
         let file: File = toml::from_str(&text).map_err(|error| InputError::toml("sweep", path, &text, &error))?;
         let base_path = path.parent().unwrap_or(Path::new("")).join(&file.scenario);
@@ -116,6 +120,10 @@ impl Sweep {
         let seeds = match file.seeds {
             Seeds::Count(count) if count > MAX_MISSIONS as u64 => {
                 let what = format!("seeds = {count}: expected at most {MAX_MISSIONS}");
+                return Err(InputError::new("sweep", path, what).into());
+            }
+            Seeds::Count(0) => {
+                let what = "seeds = 0: expected 1 or more, or a list of seeds";
                 return Err(InputError::new("sweep", path, what).into());
             }
             Seeds::Count(count) => (1..=count).collect(),
@@ -136,19 +144,18 @@ impl Sweep {
         seeds: Vec<u64>,
     ) -> Result<Self, LabError> {
         let refuse = |key: &str, expected: &str| InputError::new("sweep", path, format!("{key}: expected {expected}"));
-        let distinct: BTreeSet<&str> = strategies.iter().map(|strategy| strategy.name).collect();
-        if distinct.is_empty() || distinct.len() < strategies.len() {
-            return Err(refuse("strategies", "at least one strategy, each once").into());
-        }
-        let ascending: BTreeSet<u64> = seeds.iter().copied().collect();
-        if ascending.is_empty() || ascending.len() < seeds.len() {
-            return Err(refuse("seeds", "1 or more, or a list of distinct seeds").into());
-        }
+        let names: Vec<&str> = strategies.iter().map(|strategy| strategy.name).collect();
+        distinct(&names).map_err(|expected| refuse(&format!("strategies = {names:?}"), expected))?;
+        let ascending = distinct(&seeds).map_err(|expected| refuse(&format!("seeds = {seeds:?}"), expected))?;
         let axes = axes.into_iter().map(|(key, values)| match values {
             _ if key == "seed" => Err(refuse("axes.seed", "the seeds under `seeds`")),
             _ if key == "planner.strategy" => Err(refuse("axes.\"planner.strategy\"", "them under `strategies`")),
             toml::Value::Array(values) if !values.is_empty() => Ok((key, values)),
-            _ => Err(refuse(&format!("axes.\"{key}\""), "a list of values")),
+            toml::Value::Table(_) => {
+                let (key, value) = innermost(key, &values);
+                Err(refuse(&format!("axes.{key} = {value}"), &format!("the key in quotes: \"{key}\" = {value}")))
+            }
+            _ => Err(refuse(&format!("axes.\"{key}\" = {values}"), "a list of one or more values")),
         });
         let axes: Vec<(String, Vec<toml::Value>)> = axes.collect::<Result<_, InputError>>()?;
         let of_point = ascending.len().saturating_mul(strategies.len());
@@ -228,6 +235,24 @@ impl Sweep {
     fn name(&self, point: usize) -> String {
         let values = self.definition.keys.iter().zip(&self.definition.points[point]);
         values.map(|(key, value)| format!("{key} = {value}")).collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// The values, ascending; what was expected instead if there is none, or one twice.
+fn distinct<T: Ord + Copy>(values: &[T]) -> Result<BTreeSet<T>, &'static str> {
+    let distinct: BTreeSet<T> = values.iter().copied().collect();
+    match distinct.len() {
+        0 => Err("one or more"),
+        count if count < values.len() => Err("each once"),
+        _ => Ok(distinct),
+    }
+}
+
+/// The first value in tables of tables, under its dotted key.
+fn innermost(key: String, value: &toml::Value) -> (String, &toml::Value) {
+    match value.as_table().and_then(|table| table.iter().next()) {
+        Some((inner, value)) => innermost(format!("{key}.{inner}"), value),
+        None => (key, value),
     }
 }
 

@@ -2,7 +2,6 @@
 //! add.
 
 use std::ops::Range;
-use std::time::Instant;
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -21,8 +20,8 @@ const LONGEST_REVERSED: usize = 150;
 /// Slots ahead from which on a change has the full temperature.
 const FAR_SLOTS: f64 = 60.0;
 
-/// Steps between two readings of the clock: a search ends at most this many late.
-const CLOCK_STEPS: u32 = 64;
+/// Steps between two questions whether a search is over: it ends at most this many late.
+const ASKING_STEPS: u32 = 64;
 
 /// Which loss a search accepts.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,23 +40,22 @@ impl Temperature {
     }
 }
 
-/// The numbers of `steps` steps, of which none begins after `until`; without it no clock is read.
-fn steps_until(steps: u32, until: Option<Instant>) -> impl Iterator<Item = u32> {
-    let is_early = move |until: Instant| Instant::now() < until;
-    (0..steps).take_while(move |step| !step.is_multiple_of(CLOCK_STEPS) || until.is_none_or(is_early))
+/// The numbers of `steps` steps, or of fewer if the search `is_over` before.
+fn steps_until(steps: u32, is_over: impl Fn() -> bool) -> impl Iterator<Item = u32> {
+    (0..steps).take_while(move |step| !step.is_multiple_of(ASKING_STEPS) || !is_over())
 }
 
-/// Improves the plan of `forecast` by up to `steps` changes, none of which is tried after `until`.
+/// Improves the plan of `forecast` by `steps` changes, or by fewer if the search `is_over` before.
 pub fn anneal(
     model: &PlanningModel,
     forecast: &mut Forecast,
     temperature: Temperature,
     steps: u32,
-    until: Option<Instant>,
+    is_over: impl Fn() -> bool,
     random: &mut ChaCha8Rng,
 ) {
     let mut inserted = Vec::new();
-    for _ in steps_until(steps, until) {
+    for _ in steps_until(steps, is_over) {
         let legs = &forecast.trace.legs;
         let first = if temperature.now > 0 { legs.partition_point(|leg| leg.end <= temperature.now) } else { 0 };
         inserted.clear();
@@ -193,24 +191,19 @@ impl Proposal<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::time::Duration;
+    use std::cell::Cell;
 
     #[test]
-    fn a_search_without_an_end_in_time_is_its_number_of_steps() {
-        assert!(steps_until(3, None).eq(0..3));
-        assert_eq!(steps_until(0, None).count(), 0);
+    fn a_search_that_is_never_over_is_its_number_of_steps() {
+        assert!(steps_until(3, || false).eq(0..3));
+        assert_eq!(steps_until(0, || false).count(), 0);
     }
 
     #[test]
-    fn a_search_whose_time_is_over_ends_at_the_next_reading_of_the_clock() {
-        assert_eq!(steps_until(1_000, Some(Instant::now())).count(), 0);
-        let half_a_second = Duration::from_millis(500);
-        let wait = |step: &u32| {
-            if *step == 0 {
-                std::thread::sleep(half_a_second)
-            }
-        };
-        let late = steps_until(1_000, Some(Instant::now() + half_a_second)).inspect(wait);
+    fn a_search_that_is_over_ends_at_the_next_question() {
+        assert_eq!(steps_until(1_000, || true).count(), 0);
+        let done = Cell::new(0);
+        let late = steps_until(1_000, || done.get() > 0).inspect(|_| done.set(done.get() + 1));
         assert_eq!(late.count(), 64);
     }
 }

@@ -16,50 +16,63 @@ const ROUNDS: u64 = 400;
 /// Those of them that sweep over the mission; the others polish all of it.
 const SWEEPING: u64 = 360;
 
+/// Most steps between two calls of the watch: some milliseconds.
+const WATCHED: u64 = 1 << 14;
+
 /// Temperature of the polish, as a fraction of what the average stop loses beyond the bound.
 const POLISH: f64 = 0.01;
 
 /// How far a search is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SearchProgress {
-    /// Fraction of its steps that are done, 0 to 1.
-    pub fraction: f64,
+    /// Steps done.
+    pub steps: u64,
     /// Loss [bit] that the best plan so far leads to.
     pub loss_bits: f64,
 }
 
+/// What a search has found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// Loss [bit] that the plan leads to.
+    pub loss_bits: f64,
+    /// Steps done.
+    pub steps: u64,
+    /// Whether the plan loses what no plan avoids, which ends the search early.
+    pub is_optimal: bool,
+}
+
 impl Horizon {
-    /// Makes the plan that is flown from the slot of `view` on, in `steps` search steps; returns the loss [bit] that it
-    /// leads to. `None`, and nothing is planned, if no sensor node that can lose data can be reached in time, or if
+    /// Makes the plan that is flown from the slot of `view` on, in up to `steps` search steps. `None`, and nothing is planned, if no sensor node that can lose data can be reached in time, or if
     /// `watch`, which is told now and then how far the search is, ends it.
     pub(crate) fn prepare(
         &mut self,
         view: &View,
         steps: u64,
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
-    ) -> Option<f64> {
+    ) -> Option<Found> {
         self.believe(view);
         if self.model.sensors.is_empty() {
             return None;
         }
         let mut forecast = Forecast::new(&self.model, self.window(view));
         self.begin(&mut forecast, view.table);
-        self.cool(&mut forecast, view.slot, steps, watch).continue_value()?;
+        let (steps, is_optimal) = self.cool(&mut forecast, view.slot, steps, watch).continue_value()?;
         self.carried = forecast.stops();
         self.temperature = LEAST_TEMPERATURE;
-        Some(forecast.loss_bits)
+        Some(Found { loss_bits: forecast.loss_bits, steps, is_optimal })
     }
 
     /// Anneals `forecast` by `steps` search steps as a mission would, but without flying: the part that is still open
     /// shrinks from all slots to none while it cools, and what lies before it freezes. Then all of it is polished.
-    /// Keeps the best plan found between rounds.
+    /// Keeps the best plan found between rounds. Returns the steps done, and whether the bound ended the search.
     fn cool(
         &self,
         forecast: &mut Forecast,
         slot: u64,
         steps: u64,
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
-    ) -> ControlFlow<()> {
+    ) -> ControlFlow<(), (u64, bool)> {
         let model = &self.model;
         let bound_bits = lower_bound(model, &forecast.window);
         let slots = forecast.window.slots as u64;
@@ -67,10 +80,11 @@ impl Horizon {
         let mut best = forecast.stops();
         let mut random = self.streams.stream(Purpose::Horizon, slot.saturating_sub(1), 0);
         let mut adapted: f64 = 1.0;
+        let mut done = 0;
         for round in 0..ROUNDS {
-            watch(SearchProgress { fraction: round as f64 / ROUNDS as f64, loss_bits: best_bits })?;
+            watch(SearchProgress { steps: done, loss_bits: best_bits })?;
             if best_bits <= bound_bits {
-                break; // nothing can be better
+                break;
             }
             let begun_bits = forecast.loss_bits;
             let begun = forecast.stops();
@@ -86,7 +100,13 @@ impl Horizon {
             if round == SWEEPING {
                 forecast.load(model, best.iter().copied());
             }
-            anneal(model, forecast, temperature, part(steps, round), None, &mut random);
+            let end = steps_before(steps, round + 1);
+            while done < end {
+                let next = WATCHED.min(end - done);
+                anneal(model, forecast, temperature, next as u32, || false, &mut random);
+                done += next;
+                watch(SearchProgress { steps: done, loss_bits: best_bits })?;
+            }
             if forecast.loss_bits < best_bits {
                 // Flown anew, its slots may serve others; what counts is what comes of that.
                 let found = forecast.stops();
@@ -104,12 +124,12 @@ impl Horizon {
         }
         forecast.load(model, best);
         start::extend(model, forecast); // as a planner does that takes the plan up
-        ControlFlow::Continue(())
+        ControlFlow::Continue((done, best_bits <= bound_bits))
     }
 }
 
-/// The steps of a round.
-fn part(steps: u64, round: u64) -> u32 {
-    let until = |round: u64| u128::from(steps) * u128::from(round) / u128::from(ROUNDS);
-    u32::try_from(until(round + 1) - until(round)).unwrap_or(u32::MAX)
+/// The steps of a search of `steps` that are done when a round begins.
+fn steps_before(steps: u64, round: u64) -> u64 {
+    let before = u128::from(steps) * u128::from(round) / u128::from(ROUNDS);
+    u64::try_from(before).expect("no more than all steps")
 }

@@ -165,6 +165,7 @@ impl Horizon {
     pub fn step(&mut self, view: &View) -> Option<NextSlot> {
         let budget = self.budget.filter(|_| view.timing == Timing::Paced);
         let until = budget.and_then(|budget| Instant::now().checked_add(budget));
+        let is_over = || view.stop.requested().is_some() || until.is_some_and(|until| Instant::now() >= until);
         self.believe(view);
         if self.model.sensors.is_empty() {
             return None;
@@ -176,7 +177,7 @@ impl Horizon {
             forecast.load(&self.model, self.carried.iter().copied());
             start::extend(&self.model, &mut forecast);
         }
-        self.improve(view.slot, &mut forecast, until);
+        self.improve(view.slot, &mut forecast, is_over);
         self.carried.clear();
         self.carried.extend(forecast.trace.legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.stop));
         next(&self.model, &forecast)
@@ -215,7 +216,7 @@ impl Horizon {
     /// of resource blocks that it leaves free: a cycle of full groups can only be disturbed. It cools after a slot
     /// whose search ended higher and warms up after one whose search ended lower, below a ceiling that falls over the
     /// mission.
-    fn improve(&mut self, slot: u64, forecast: &mut Forecast, until: Option<Instant>) {
+    fn improve(&mut self, slot: u64, forecast: &mut Forecast, is_over: impl Fn() -> bool) {
         if self.iterations == 0 {
             return;
         }
@@ -237,7 +238,7 @@ impl Horizon {
         let far_bits = avoidable_bits / begun.len().max(1) as f64 * self.temperature.min(ceiling);
         let temperature = Temperature { far_bits, now: 0, near_fraction: NEAR_FRACTION };
         let mut random = self.streams.stream(Purpose::Horizon, slot, 0);
-        anneal::anneal(model, forecast, temperature, self.iterations, until, &mut random);
+        anneal::anneal(model, forecast, temperature, self.iterations, is_over, &mut random);
         // Which SNs a slot serves depends on the queues, and the search copies legs that it does not recompute. Load
         // the plan once more, so that the next slot resumes from exactly this plan.
         forecast.load(model, forecast.stops());

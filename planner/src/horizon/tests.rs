@@ -22,6 +22,7 @@ use crate::sensor_table::SensorTable;
 use crate::settings::{Rates, Settings};
 use crate::strategies::{Setup, Timing, View};
 use skysink_common::random::{Purpose, Streams};
+use skysink_common::stop::Stop;
 
 /// SNs of gain −52 dB, B = 30 kbit, at `places_m` [m] with their rates [bit/s], in an area of 400 m; d_c = 10 m,
 /// V τ = 30 m.
@@ -170,7 +171,7 @@ fn annealing_loses_as_little_as_the_best_of_all_plans() {
         let mut lowest_bits = forecast.loss_bits;
         for far_bits in [3_000.0, 1_000.0, 300.0, 0.0] {
             let temperature = Temperature { far_bits, now: 0, near_fraction: 0.5 };
-            anneal(&model, &mut forecast, temperature, 2_000, None, &mut random);
+            anneal(&model, &mut forecast, temperature, 2_000, || false, &mut random);
             lowest_bits = lowest_bits.min(forecast.loss_bits);
         }
         // Plans of more than six stops may lose even less.
@@ -421,7 +422,8 @@ fn rates_that_are_learnt_take_the_place_of_those_believed_before() {
     let believed = |horizon: &mut Horizon, estimate: &Estimate, slot: u64| {
         let position = scenario.start();
         let estimate = Some(estimate);
-        horizon.believe(&View { slot, position, queues_bits: &[0; 3], estimate, table, timing: Timing::Free });
+        let stop = &Stop::default();
+        horizon.believe(&View { slot, position, queues_bits: &[0; 3], estimate, table, timing: Timing::Free, stop });
         horizon.model.sensors.iter().map(|sensor| (sensor.mean_bits, sensor.fill_slots)).collect::<Vec<_>>()
     };
     assert_eq!(believed(&mut horizon, &estimate, 1), [(100.0, 300.0); 3]);

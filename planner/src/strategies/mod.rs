@@ -31,6 +31,7 @@ use skysink_common::error::{InputError, did_you_mean};
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, MAX_SERVED, SensorNode, SolverOutcome};
 use skysink_common::scenario::Scenario;
+use skysink_common::stop::Stop;
 use toml::Table;
 
 use crate::keys::Settings;
@@ -99,6 +100,8 @@ pub struct View<'a> {
     pub table: &'a SensorTable,
     /// Whether a search may look at a clock.
     pub timing: Timing,
+    /// Ends a search that takes long; what is decided then is not flown.
+    pub stop: &'a Stop,
 }
 
 /// What paces a mission.
@@ -230,6 +233,7 @@ pub(crate) fn one_of<T: Display>(names: impl IntoIterator<Item = T>) -> String {
 pub(crate) mod tests {
     use super::*;
     use skysink_common::scenario::Overrides;
+    use std::sync::LazyLock;
 
     /// The strategy of that name over SNs at `places_m` [m], in the letter's scenario.
     pub(crate) fn made(name: &str, places_m: &[[f64; 2]]) -> (SensorTable, Box<dyn Strategy>) {
@@ -246,7 +250,8 @@ pub(crate) mod tests {
     /// What it sees from 20 m above `ground` [m].
     pub(crate) fn view<'a>(table: &'a SensorTable, slot: u64, ground: [f64; 2], queues_bits: &'a [u32]) -> View<'a> {
         let position = Point3::new(ground[0], ground[1], 20.0);
-        View { slot, position, queues_bits, estimate: None, table, timing: Timing::Free }
+        static STOP: LazyLock<Stop> = LazyLock::new(Stop::default);
+        View { slot, position, queues_bits, estimate: None, table, timing: Timing::Free, stop: &STOP }
     }
 
     #[test]

@@ -8,10 +8,11 @@ use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, enco
 use skysink_common::error::InputError;
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::{Count, Scenario};
+use skysink_common::stop::Stop;
 
 use super::horizon::LookAhead;
 use super::{Decision, Registered, Setup, Strategy, Timing, View, checked};
-use crate::horizon::long_search::SearchProgress;
+use crate::horizon::long_search::{Found, SearchProgress};
 use crate::keys::Settings;
 use crate::sensor_table::SensorTable;
 
@@ -69,7 +70,7 @@ impl Offline {
     }
 
     /// Runs the search for a mission whose queues are known, `queues_bits` [bit] by id before slot 1; returns the
-    /// strategy and the loss [bit] that its plan leads to. Without this call the first slot runs it.
+    /// strategy and what was found. Without this call the first slot runs it.
     ///
     /// `None`, and nothing is planned, if no sensor node that can lose data can be reached, or if `watch`, which is
     /// told now and then how far the search is, ends it.
@@ -81,26 +82,30 @@ impl Offline {
         sensors: &[SensorNode],
         queues_bits: &[u32],
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
-    ) -> Result<Option<(Self, f64)>, InputError> {
+    ) -> Result<Option<(Self, Found)>, InputError> {
         let table = &SensorTable::new(scenario, sensors);
         let mut offline = Self::of(scenario, sensors)?;
         let position = scenario.start();
-        let view = View { slot: 1, position, queues_bits, estimate: None, table, timing: Timing::Free };
-        Ok(offline.prepare(&view, watch).map(|loss_bits| (offline, loss_bits)))
+        let stop = &Stop::default();
+        let view = View { slot: 1, position, queues_bits, estimate: None, table, timing: Timing::Free, stop };
+        Ok(offline.prepare(&view, watch).map(|found| (offline, found)))
     }
 
-    /// Runs the search from `view` on; returns the loss [bit] that the plan leads to.
-    fn prepare(&mut self, view: &View, watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>) -> Option<f64> {
-        let loss_bits = self.ahead.horizon.prepare(view, self.steps, watch)?;
+    /// Runs the search from `view` on.
+    fn prepare(&mut self, view: &View, watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>) -> Option<Found> {
+        let found = self.ahead.horizon.prepare(view, self.steps, watch)?;
         self.is_planned = true;
-        Some(loss_bits)
+        Some(found)
     }
 }
 
 impl Strategy for Offline {
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         if !self.is_planned {
-            self.prepare(view, &mut |_| ControlFlow::Continue(()))?;
+            self.prepare(view, &mut |_| match view.stop.requested() {
+                Some(_) => ControlFlow::Break(()),
+                None => ControlFlow::Continue(()),
+            })?;
         }
         self.ahead.plan(view)
     }
