@@ -2,9 +2,12 @@
 
 mod support;
 
+use std::collections::BTreeMap;
 use std::fs;
+use std::path::{Path, PathBuf};
 
-use support::Place;
+use rustix::process::{Pid, Signal, kill_process};
+use support::{Place, end, lines, until};
 
 /// Draws some figures from a few missions, with a short search so that it does not take long.
 fn draw(place: &Place, parts: &str, runs: &str) -> String {
@@ -88,6 +91,58 @@ fn altitudes_and_trajectories_have_figures() {
         let svg = place.read(&format!("maps/{map}.svg"));
         assert!(svg.contains("queue fill at the end") && svg.contains("horizon: η = "), "{map}");
     }
+}
+
+/// What depends on the missions alone in a folder of figures, by its path there.
+fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut files = BTreeMap::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(inner) = folders.pop() {
+        for entry in fs::read_dir(inner).into_iter().flatten().flatten() {
+            let name = entry.file_name().into_string().unwrap();
+            // A journal is in the order of the flights; a file with a dot is under way.
+            let is_result = !["journal.csv", "timings.csv"].contains(&name.as_str()) && !name.starts_with('.');
+            if entry.file_type().unwrap().is_dir() {
+                folders.push(entry.path());
+            } else if is_result && let Ok(bytes) = fs::read(entry.path()) {
+                files.insert(entry.path().strip_prefix(folder).unwrap().to_owned(), bytes);
+            }
+        }
+    }
+    files
+}
+
+#[test]
+fn figures_that_are_interrupted_end_with_the_same_bytes_and_never_show_half_a_file() {
+    let place = Place::new();
+    let figures = ["figures", "--only", "altitude", "--runs", "1", "--horizon-iterations", "5", "--out"];
+    let whole = place.run_well(&[&figures[..], &["whole"]].concat());
+    assert!(whole.stdout.contains("whole/tables.md"), "{whole:?}");
+    let expected = files(&place.path("whole"));
+    let studies = ["altitude-fixed", "altitude-free"];
+    let flown = |folder: &str| -> usize {
+        studies.iter().map(|study| lines(&place.path(&format!("{folder}/data/{study}/journal.csv")))).sum()
+    };
+    let missions = flown("whole");
+    let drawn = |part: usize| place.path("cut").join(format!("altitude-loss-{}.svg", ["suburban", "urban"][part]));
+    for interruption in 0..6 {
+        let cut = place.skysink(&[&figures[..], &["cut"]].concat()).spawn().unwrap();
+        until("moment", || match interruption {
+            0..4 => (flown("cut") > missions * interruption / 4).then_some(()),
+            _ => drawn(interruption - 4).exists().then_some(()),
+        });
+        let signal = if interruption % 2 == 0 { Signal::INT } else { Signal::KILL };
+        kill_process(Pid::from_raw(i32::try_from(cut.id()).unwrap()).unwrap(), signal).unwrap();
+        let ended = end(cut);
+        assert!(ended.signal == Some(9) || ended.code == Some(130), "{ended:?}");
+        let says = "stopped by signal 2: the missions flown are in cut: the same command flies the rest";
+        assert!(ended.signal == Some(9) || ended.stderr.contains(says), "{ended:?}");
+        for (name, bytes) in files(&place.path("cut")) {
+            assert!(expected[&name] == bytes, "{} after interruption {interruption}", name.display());
+        }
+    }
+    place.run_well(&[&figures[..], &["cut"]].concat());
+    assert!(files(&place.path("cut")) == expected);
 }
 
 #[test]

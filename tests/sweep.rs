@@ -269,6 +269,10 @@ fn merged_shards_are_the_whole_sweep() {
     write_sweep(&place, 3);
     place.run_well(&["sweep", "sweep.toml", "--out", "whole"]);
     place.run_well(&["sweep", "sweep.toml", "--out", "a", "--shard", "1/2"]);
+    fs::create_dir(place.path("empty")).unwrap();
+    fs::copy(place.path("a/sweep.json"), place.path("empty/sweep.json")).unwrap();
+    let early = place.run(&["merge", "empty", "--out", "early"]);
+    assert_eq!((early.code, early.stderr.contains("it has no journal.csv: fly the shard first")), (Some(2), true));
     let early = place.run(&["merge", "a", "--out", "early"]);
     assert_eq!(early.code, Some(2), "{early:?}");
     assert!(early.stderr.contains("27 of 54 missions"), "{early:?}");

@@ -36,6 +36,7 @@ pub fn draw(choice: &Choice, stop: &Stop, on_progress: OnProgress) -> Result<Vec
     let mut stems = Vec::new();
     for study in study::studies().iter().filter(|study| choice.wants(study.part)) {
         for (name, chart) in study.charts(choice, stop, on_progress)? {
+            stop.check()?;
             let stem = choice.out.join(name);
             chart.draw(&stem)?;
             tables += &chart.table();
@@ -44,6 +45,7 @@ pub fn draw(choice: &Choice, stop: &Stop, on_progress: OnProgress) -> Result<Vec
     }
     let sheets = if choice.wants(FigurePart::Maps) { trajectories::sheets(choice, stop)? } else { Vec::new() };
     for (name, sheet) in sheets {
+        stop.check()?;
         let stem = choice.out.join(name);
         sheet.draw(&stem)?;
         stems.push(stem);

@@ -162,7 +162,11 @@ pub fn merge(shards: &[PathBuf], out: &Path) -> Result<MissionRows, LabError> {
         }
         let manifest: Manifest = serde_json::from_slice(&text)
             .map_err(|error| refuse(format!("{MANIFEST}: {error}: expected that of a sweep, fly the shard again")))?;
-        let rows = journal::read(&path.join(JOURNAL), &manifest.definition)?;
+        let journal = path.join(JOURNAL);
+        if !journal.is_file() {
+            return Err(refuse(format!("it has no {JOURNAL}: fly the shard first")).into());
+        }
+        let rows = journal::read(&journal, &manifest.definition)?;
         let (definition, all) = merged.get_or_insert_with(|| (manifest.definition.clone(), MissionRows::new()));
         if *definition != manifest.definition {
             return Err(refuse("it is of another sweep than the first".to_owned()).into());
