@@ -2,18 +2,26 @@
 
 use std::path::Path;
 
-use skysink_lab::sweep::journal::{MissionRows, SweepJournal, read};
+use skysink_lab::sweep::journal::{MissionRows, SweepJournal, check_seed, checked_line, read};
 use skysink_lab::sweep::plan::Definition;
 use skysink_planner::strategies::STRATEGIES;
 
 use super::place::{in_folder, write};
 
 /// A journal is refused in one line, or its missions are the same however they are read, and written again they read
-/// back as themselves; opened, it ends with a whole line.
+/// back as themselves; opened, it ends with a whole line. The same holds when each line is given the check that it needs
+/// to be taken for one of the sweep.
 ///
 /// # Panics
 /// If not.
 pub fn sweep_journal(bytes: &[u8]) {
+    let seed = check_seed(&sweep());
+    let lines = bytes.split(|&byte| byte == b'\n').map(|line| checked_line(line, seed));
+    read_and_opened(bytes);
+    read_and_opened(&lines.collect::<Vec<_>>().concat());
+}
+
+fn read_and_opened(bytes: &[u8]) {
     in_folder(|folder| {
         let (path, copy) = (folder.join("missions.csv"), folder.join("copy.csv"));
         write(&path, bytes);

@@ -75,8 +75,7 @@ impl SweepJournal {
         let mut writer = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
         writer.serialize(row).expect("plain numbers");
         let text = writer.into_inner().expect("memory takes everything");
-        let text = text.trim_ascii_end();
-        let line = [text, b",", check(text, self.seed).as_bytes(), b"\n"].concat();
+        let line = checked_line(text.trim_ascii_end(), self.seed);
         Ok(self.file.write_all(&line).at(&self.path)?)
     }
 }
@@ -95,8 +94,18 @@ fn whole_lines(text: &[u8]) -> &[u8] {
 }
 
 /// The seed of the checks in a sweep's journal.
-fn check_seed(definition: &Definition) -> u64 {
+///
+/// # Panics
+/// Never: a definition is plain values.
+#[must_use]
+pub fn check_seed(definition: &Definition) -> u64 {
     xxh3_64(serde_json::to_string(definition).expect("plain values").as_bytes())
+}
+
+/// The line of a mission whose numbers are `text`.
+#[must_use]
+pub fn checked_line(text: &[u8], seed: u64) -> Vec<u8> {
+    [text, b",", check(text, seed).as_bytes(), b"\n"].concat()
 }
 
 /// What the line that holds `text` ends with.
