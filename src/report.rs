@@ -2,14 +2,20 @@
 
 use std::fmt;
 use std::io::{IsTerminal, Write as _};
+#[cfg(feature = "lab")]
+use std::sync::{Arc, Mutex, PoisonError};
+#[cfg(feature = "lab")]
+use std::time::{Duration, Instant};
 
 use comfy_table::{CellAlignment, Table, presets};
-use indicatif::{HumanCount, HumanDuration, ProgressBar, ProgressState, ProgressStyle};
+#[cfg(feature = "lab")]
+use indicatif::HumanDuration;
+use indicatif::{HumanCount, ProgressBar, ProgressState, ProgressStyle};
 use skysink_common::pace::Pace;
 #[cfg(feature = "lab")]
 use skysink_lab::{
     optimize::{BestKnown, SearchEnd},
-    progress::LabProgress,
+    progress::{LabProgress, SweepNumber},
 };
 use skysink_mission::latency::Spread;
 use skysink_mission::record::RunFolder;
@@ -29,39 +35,48 @@ impl TerminalProgress {
     /// The bar of a run.
     #[must_use]
     pub fn of_slots() -> Self {
-        Self::new("{bar:25} slot {pos}/{len}  {speed} slots/s  {msg}")
+        let speed = |state: &ProgressState, text: &mut dyn fmt::Write| {
+            let _ = write!(text, "{:.0}", state.per_sec());
+        };
+        Self::new(style("{bar:25} slot {pos}/{len}  {speed} slots/s  {msg}").with_key("speed", speed))
     }
 
     /// Shows the progress of a sweep in a bar, which is removed with what is returned.
     #[cfg(feature = "lab")]
     pub fn of_missions() -> impl Fn(LabProgress) {
-        Self::new("{bar:25} mission {pos}/{len}  {msg}").lab()
+        let end = Arc::new(Mutex::new(None::<Instant>));
+        let shown = Arc::clone(&end);
+        let left = move |_: &ProgressState, text: &mut dyn fmt::Write| {
+            let end = *shown.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some(left) = end.and_then(|end| end.checked_duration_since(Instant::now())) {
+                let _ = write!(text, "{} left", HumanDuration(left));
+            }
+        };
+        let bar = Self::new(style("{bar:25} {msg}mission {pos}/{len}  {left}").with_key("left", left));
+        bar.0.enable_steady_tick(Duration::from_secs(1)); // the time counts down between two missions
+        move |progress| {
+            let now = Instant::now();
+            let ends = progress.left.and_then(|left| now.checked_add(left));
+            *end.lock().unwrap_or_else(PoisonError::into_inner) = ends;
+            let SweepNumber { number, of } = progress.sweep;
+            let sweep = if of > 1 { format!("sweep {number}/{of}, ") } else { String::new() };
+            bar.show(progress.done, progress.of, sweep);
+        }
     }
 
     /// Shows the progress of a search in a bar, which is removed with what is returned.
     #[cfg(feature = "lab")]
     pub fn of_steps() -> impl Fn(LabProgress) {
-        Self::new("{bar:25} step {human_pos}/{human_len}  {msg}  {eta} left").lab()
-    }
-
-    #[cfg(feature = "lab")]
-    fn lab(self) -> impl Fn(LabProgress) {
+        let bar = Self::new(style("{bar:25} step {human_pos}/{human_len}  {msg}  {eta} left"));
         move |progress| {
-            let loss = progress.loss_rate.map(|loss_rate| format!("loss {loss_rate:.4}"));
-            let left = progress.left.map(|left| format!("{} left", HumanDuration(left)));
-            self.show(progress.done, progress.of, loss.or(left).unwrap_or_default());
+            let message = progress.loss_rate.map_or_else(String::new, |loss_rate| format!("loss {loss_rate:.4}"));
+            bar.show(progress.done, progress.of, message);
         }
     }
 
-    fn new(template: &str) -> Self {
-        if !std::io::stderr().is_terminal() {
-            return Self(ProgressBar::hidden());
-        }
-        let speed = |state: &ProgressState, text: &mut dyn fmt::Write| {
-            let _ = write!(text, "{:.0}", state.per_sec());
-        };
-        let style = ProgressStyle::with_template(template).expect("a valid template").with_key("speed", speed);
-        Self(ProgressBar::new(0).with_style(style))
+    fn new(style: ProgressStyle) -> Self {
+        let is_seen = std::io::stderr().is_terminal();
+        Self(if is_seen { ProgressBar::new(0).with_style(style) } else { ProgressBar::hidden() })
     }
 
     /// Shows that `done` of `of` are done, and a message.
@@ -93,6 +108,11 @@ impl TerminalProgress {
     pub fn say(&self, line: &str) {
         self.0.suspend(|| drop(writeln!(std::io::stderr(), "{line}"))); // or there is nobody to tell
     }
+}
+
+/// The look of a bar.
+fn style(template: &str) -> ProgressStyle {
+    ProgressStyle::with_template(template).expect("a valid template")
 }
 
 /// Writes a line to standard output.

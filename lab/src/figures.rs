@@ -22,8 +22,9 @@ use skysink_mission::error::FileContext;
 use skysink_mission::record::write_whole;
 
 use crate::error::LabError;
-use crate::progress::OnProgress;
+use crate::progress::{OnProgress, SweepNumber};
 use choice::{Choice, FigurePart};
+use study::Study;
 
 /// Flies what is wanted and draws everything, with the tables of all charts; returns the figures' paths without their
 /// extensions.
@@ -34,8 +35,13 @@ pub fn draw(choice: &Choice, stop: &Stop, on_progress: OnProgress) -> Result<Vec
     fs::create_dir_all(&choice.out).at(&choice.out)?;
     let mut tables = format!("Made by {}; mean ± half of the 95 % CI.\n", choice.command());
     let mut stems = Vec::new();
-    for study in study::studies().iter().filter(|study| choice.wants(study.part)) {
-        for (name, chart) in study.charts(choice, stop, on_progress)? {
+    let mut studies = study::studies();
+    studies.retain(|study| choice.wants(study.part));
+    let mut next = SweepNumber { number: 1, of: studies.iter().map(Study::sweeps).sum() };
+    for study in &studies {
+        let charts = study.charts(choice, next, stop, on_progress)?;
+        next.number += study.sweeps();
+        for (name, chart) in charts {
             stop.check()?;
             let stem = choice.out.join(name);
             chart.draw(&stem)?;

@@ -19,7 +19,7 @@ use skysink_planner::strategies::Registered;
 use skysink_planner::strategies::offline::{self, Offline, OfflineKeys};
 
 use crate::error::LabError;
-use crate::progress::{LabProgress, OnProgress};
+use crate::progress::{LabProgress, OnProgress, SweepNumber};
 
 /// Steps by which the speed of the search is measured.
 const TRIAL_STEPS: u64 = 100_000;
@@ -206,7 +206,7 @@ fn search(
     let mut stopped = Ok(());
     let found = Offline::search(offline, &nodes, &list.queues_bits(), &mut |search| {
         let loss_rate = Some(loss_rate(search.loss_bits, offline, list));
-        on_progress(LabProgress { done: search.steps, of: steps, loss_rate, left: None });
+        on_progress(LabProgress { done: search.steps, of: steps, loss_rate, left: None, sweep: SweepNumber::ONLY });
         stopped = stop.check();
         if stopped.is_ok() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });

@@ -13,6 +13,22 @@ pub struct LabProgress {
     pub loss_rate: Option<f64>,
     /// The time that is left of a sweep; none until it can be told.
     pub left: Option<Duration>,
+    /// Which of several sweeps it is.
+    pub sweep: SweepNumber,
+}
+
+/// A sweep as one of several that are flown one after the other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SweepNumber {
+    /// Its number, from 1.
+    pub number: usize,
+    /// All of them.
+    pub of: usize,
+}
+
+impl SweepNumber {
+    /// The only one.
+    pub const ONLY: Self = Self { number: 1, of: 1 };
 }
 
 /// Hears of progress, from any thread: once at the beginning, and then as it is made.

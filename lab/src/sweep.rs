@@ -28,7 +28,7 @@ use skysink_planner::strategies::offline;
 use crate::error::LabError;
 use crate::metrics::MissionSums;
 use crate::optimize::loss_bound;
-use crate::progress::{LabProgress, OnProgress, Workload};
+use crate::progress::{LabProgress, OnProgress, SweepNumber, Workload};
 use journal::{MissionRow, MissionRows, SweepJournal};
 use plan::{Definition, MissionKey, Shard, Sweep};
 
@@ -108,7 +108,7 @@ pub fn sweep(
     let report = |work: &Workload| {
         let done = (missions.len() - work.missing()) as u64;
         let left = work.left(pool.current_num_threads());
-        on_progress(LabProgress { done, of: missions.len() as u64, loss_rate: None, left });
+        on_progress(LabProgress { done, of: missions.len() as u64, loss_rate: None, left, sweep: SweepNumber::ONLY });
     };
     let work = Workload::new(missing.iter().map(|mission| mission.strategy));
     report(&work);

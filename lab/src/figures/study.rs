@@ -13,7 +13,7 @@ use super::chart::{Chart, CurvePoint, Scale, Series};
 use super::choice::{Choice, FigurePart};
 use crate::error::LabError;
 use crate::metrics::Metric;
-use crate::progress::OnProgress;
+use crate::progress::{LabProgress, OnProgress, SweepNumber};
 use crate::sweep::journal::{MissionRows, missions_of};
 use crate::sweep::plan::{Shard, Sweep, SweepBase};
 use crate::sweep::results::{BEST_KNOWN, best_known, number};
@@ -147,14 +147,22 @@ impl Flights {
 
 impl Study {
     /// Flies what is missing of its sweeps, and makes a chart of each quantity for every value of the last key but one;
-    /// each with its name.
-    pub fn charts(&self, choice: &Choice, stop: &Stop, progress: OnProgress) -> Result<Vec<(String, Chart)>, LabError> {
-        let fly = |flights: &Flights| {
+    /// each with its name. `first` is the number of its first sweep.
+    pub fn charts(
+        &self,
+        choice: &Choice,
+        first: SweepNumber,
+        stop: &Stop,
+        on_progress: OnProgress,
+    ) -> Result<Vec<(String, Chart)>, LabError> {
+        let fly = |(index, flights): (usize, &Flights)| {
+            let number = SweepNumber { number: first.number + index, ..first };
+            let progress = |progress| on_progress(LabProgress { sweep: number, ..progress });
             let folder = choice.out.join("data").join(self.name() + &flights.suffix);
             let threads = if self.threads > 0 { self.threads } else { choice.threads };
-            sweep(&self.sweep(flights, choice)?, &folder, Shard::WHOLE, threads, stop, progress)
+            sweep(&self.sweep(flights, choice)?, &folder, Shard::WHOLE, threads, stop, &progress)
         };
-        let flown = self.flights.iter().map(fly).collect::<Result<Vec<_>, _>>()?;
+        let flown = self.flights.iter().enumerate().map(fly).collect::<Result<Vec<_>, _>>()?;
         let mut charts = Vec::new();
         for quantity in &self.quantities {
             let (y_label, y_scale) = quantity.axis();
@@ -172,6 +180,11 @@ impl Study {
             }
         }
         Ok(charts)
+    }
+
+    /// How many sweeps it has.
+    pub fn sweeps(&self) -> usize {
+        self.flights.len()
     }
 
     /// Its name on the command line.
