@@ -102,8 +102,8 @@ pub fn simulate(
     let summary = tally.summary(None, wall, log.hash());
     folder.write_json("summary.json", &summary)?;
     match stop.check() {
-        Err(stopped) => Err(Error::from(stopped).ended_early(&folder, summary.slots, "")),
-        Ok(()) => Ok((folder, summary)),
+        Err(stopped) if !summary.complete => Err(Error::from(stopped).ended_early(&folder, summary.slots, "")),
+        _ => Ok((folder, summary)),
     }
 }
 

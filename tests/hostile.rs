@@ -20,6 +20,7 @@ mod readers;
 #[path = "hostile/rogue.rs"]
 mod rogue;
 mod support;
-#[path = "hostile/writers.rs"]
+#[path = "hostile/told.rs"]
 mod told;
+#[path = "hostile/writers.rs"]
 mod writers;

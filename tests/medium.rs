@@ -69,7 +69,7 @@ fn a_folder_that_cannot_be_written_is_named() {
     let script = format!("TMPDIR=$PWD/medium {SKYSINK} run smoke.toml --no-viewer --out run");
     let Some(ended) = on_medium(&place, "ro", &script) else { return };
     assert!(matches!(ended.code, Some(1 | 2)), "{ended:?}");
-    assert!(ended.stderr.contains("medium/skysink-0") && ended.stderr.contains("Read-only file system"), "{ended:?}");
+    assert!(ended.stderr.contains("/medium: ") && ended.stderr.contains("Read-only file system"), "{ended:?}");
     place.assert_clean();
 }
 

@@ -210,14 +210,26 @@ fn a_requested_stop_ends_a_waiting_node() {
 }
 
 #[test]
-fn a_node_whose_peer_does_not_come_says_which() {
+fn a_recorder_whose_ring_does_not_come_says_who_should_have_begun() {
     let scenario = smoke("uts", 1);
+    let place = tempfile::tempdir().unwrap();
+    let list = SensorList::of(&scenario).unwrap();
     for wait in [Waiting::Event, Waiting::Poll] {
+        let out = place.path().join(wait.to_string());
+        let folder = RunFolder::create(Some(&out), false, &scenario, &list, &Manner::default()).unwrap();
         let ring_folder = RingFolder::create(Pace::Max, wait, 0.2, false, None).unwrap();
-        let _ring = Ring::<local::Service>::join(&ring_folder, &scenario, Role::Launcher, &Stop::default()).unwrap();
-        let folder = RingFolder::open(ring_folder.path()).unwrap();
-        let error = skysink_planner::node::run::<local::Service>(&scenario, &folder, &Stop::default()).unwrap_err();
-        assert_eq!(error.to_string(), "waited 0.2 s for sensors(0): is field-sim running?");
+        let stop = Stop::default();
+        let (ring, wait) = Ring::<local::Service>::join(&ring_folder, &scenario, Role::Launcher, &stop).unwrap();
+        let mut recorder = Recorder::new(&ring, wait).unwrap();
+        let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(&scenario, &list));
+        let mut overdue = Vec::new();
+        let recorded = recorder.record(scenario.slots, &mut log, &mut tally, &mut |_, late| {
+            overdue.extend(late.map(|(role, _)| role));
+            Ok(0)
+        });
+        let error = recorded.unwrap_err().to_string();
+        assert!(error.starts_with("field-sim has not sent queues(0) for 0.2 s"), "{error}");
+        assert_eq!(overdue, [Role::FieldSim], "once, before the time-out");
     }
 }
 

@@ -52,10 +52,10 @@ impl RunFolder {
         let path = match out {
             Some(out) => {
                 Self::check(Some(out), force)?;
-                out.parent().map_or(Ok(()), fs::create_dir_all).map_err(|error| refuse(out, error))?;
+                out.parent().map_or(Ok(()), fs::create_dir_all).map_err(|error| cannot_make(out, error))?;
                 match fs::create_dir(out) {
                     Err(error) if error.kind() == io::ErrorKind::AlreadyExists && force => {}
-                    made => made.map_err(|error| refuse(out, error))?, // or another process was quicker
+                    made => made.map_err(|error| cannot_make(out, error))?, // or another process was quicker
                 }
                 out.to_owned()
             }
@@ -341,6 +341,15 @@ fn lock(folder: &Path, create: bool) -> Result<File, MissionError> {
 /// The refusal of an output folder.
 fn refuse(out: &Path, message: impl std::fmt::Display) -> MissionError {
     InputError::new("output folder", out, message).into()
+}
+
+/// Why the folder `out` cannot be made: because of its name, or of what it lies on.
+fn cannot_make(out: &Path, error: io::Error) -> MissionError {
+    use io::ErrorKind::{AlreadyExists, InvalidFilename, NotADirectory, NotFound};
+    match error.kind() {
+        AlreadyExists | InvalidFilename | NotADirectory | NotFound => refuse(out, error),
+        _ => MissionError::File { path: out.to_owned(), source: error },
+    }
 }
 
 /// Whether a run has a file of this name.

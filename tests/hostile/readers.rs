@@ -10,7 +10,7 @@ use crate::rogue::{LONG_S, Rogue, SHORT_S, SMOKE, begin_with_rogue};
 use crate::support::{Ended, Place, end};
 
 fn full(topic: &str) -> String {
-    format!("topic {topic}: a reader has not taken its samples for 5 s: is one stopped, or the viewer too slow?")
+    format!("topic {topic}: a reader has not taken its samples for 3.3 s: is one stopped, or the viewer too slow?")
 }
 
 /// Flies the smoke test; in slot 20 `intrude` makes a reader that is never heard of again.

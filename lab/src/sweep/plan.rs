@@ -4,10 +4,9 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
-use skysink_common::error::InputError;
+use skysink_common::error::{InputError, read_text};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
-use skysink_mission::error::FileContext;
 use skysink_planner::settings;
 use skysink_planner::strategies::Registered;
 use xxhash_rust::xxh3::Xxh3;
@@ -110,11 +109,11 @@ impl Sweep {
             let what = "it is a folder: expected a sweep file, and the folder as --out";
             return Err(InputError::new("sweep", path, what).into());
         }
-        let text = std::fs::read_to_string(path).map_err(|error| InputError::new("sweep", path, error))?;
+        let text = read_text("sweep", path)?;
         let file: File = toml::from_str(&text).map_err(|error| InputError::toml("sweep", path, &text, &error))?;
         let base_path = path.parent().unwrap_or(Path::new("")).join(&file.scenario);
         Scenario::read(&base_path, Overrides::default()).and_then(settings::resolve)?;
-        let text = std::fs::read_to_string(&base_path).at(&base_path)?;
+        let text = read_text("scenario", &base_path)?;
         let table = text.parse().map_err(|error| InputError::toml("scenario", &base_path, &text, &error))?;
         let base = SweepBase { path: base_path, table };
         let seeds = match file.seeds {
