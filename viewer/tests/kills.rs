@@ -9,7 +9,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use chunks::{Chunks, recording};
-use skysink_viewer::{Scene, Sinks, WallClock};
+use skysink_viewer::{Scene, Sinks, WallClock, complete, has_footer};
 use support::{Slot, files, letter, sensors};
 
 const WATCHDOG: Duration = Duration::from_secs(120);
@@ -46,7 +46,7 @@ impl Killed {
     }
 
     /// Kills it as soon as `moment` is there.
-    fn at(mut self, moment: impl Fn() -> bool) {
+    fn at(mut self, mut moment: impl FnMut() -> bool) {
         let start = Instant::now();
         while !moment() {
             assert!(start.elapsed() < WATCHDOG && self.0.try_wait().unwrap().is_none(), "not to be killed yet");
@@ -91,4 +91,36 @@ fn nothing_written_is_lost_however_often_a_viewer_is_killed() {
     assert_eq!(recording(files.last().unwrap()), "from 0");
     let ids: Vec<_> = files.iter().filter_map(|path| Chunks::of(path).recording_id).collect();
     assert!(ids.len() > 4 && ids.iter().all(|id| id == "from 0"), "{ids:?}");
+
+    let timed: Vec<_> = files.iter().map(|path| Chunks::of(path).timed).collect();
+    complete(&first).unwrap();
+    for (path, timed) in files.iter().zip(timed) {
+        assert_eq!(Chunks::of(path).timed, timed, "{}: nothing is lost", path.display());
+        assert!(has_footer(path).unwrap(), "{}", path.display());
+        if !Chunks::of(path).timed.is_empty() {
+            assert_eq!(recording(path), "from 0", "a footer that knows all chunks");
+        }
+    }
+    let bytes: Vec<_> = files.iter().map(|path| fs::read(path).unwrap()).collect();
+    complete(&first).unwrap();
+    assert!(
+        files.iter().zip(bytes).all(|(path, bytes)| fs::read(path).unwrap() == bytes),
+        "what is whole is left alone"
+    );
+}
+
+#[test]
+fn a_file_that_is_still_written_is_left_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mission.rrd");
+    let viewer = Killed::start(&path, 0);
+    viewer.at(|| {
+        let bytes = fs::read(&path).unwrap_or_default();
+        let is_begun = bytes.len() > 1000;
+        if is_begun {
+            complete(&path).unwrap();
+            assert!(!has_footer(&path).unwrap() && fs::read(&path).unwrap().starts_with(&bytes));
+        }
+        is_begun
+    });
 }
