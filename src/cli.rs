@@ -17,7 +17,7 @@ use skysink_mission::Mission;
 use skysink_planner::settings;
 use skysink_planner::strategies::{Registered, STRATEGIES};
 use skysink_ring::role::Role;
-use skysink_ring::wait::stop_on_signals;
+use skysink_ring::wait::{exit_on_second_signal, stop_on_signals};
 
 #[cfg(feature = "lab")]
 use crate::bench::{BenchOptions, hop::HopProcess};
@@ -132,6 +132,7 @@ fn strategy_parser() -> impl TypedValueParser<Value = &'static str> {
 #[must_use]
 pub fn main() -> ExitCode {
     worker::quiet_iceoryx2();
+    exit_on_second_signal(); // the processes of a ring are ended by their launcher
     let stop = stop_on_signals();
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,

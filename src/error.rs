@@ -1,5 +1,6 @@
 //! What can go wrong in the program, and the exit code that says so.
 
+use std::borrow::Cow;
 use std::io;
 use std::path::PathBuf;
 
@@ -100,7 +101,8 @@ impl Error {
         let left = match slots {
             0 => "nothing was flown".to_owned(),
             slots => {
-                let folder = folder.path().display();
+                let folder = folder.path().to_string_lossy();
+                let folder = shlex::try_quote(&folder).unwrap_or(Cow::Borrowed(&folder));
                 format!(
                     "the run folder is whole up to slot {slots}, and `skysink run --resume {folder}{by}` flies the rest"
                 )

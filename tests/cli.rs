@@ -385,7 +385,7 @@ fn a_refusal_says_what_was_probably_meant() {
     refused("name = \"x\"\nslotz = 3\n", &["slotz = 3", "did you mean `slots`?"]);
     refused("name = \"x\"\n[area]\nsid_m = 3\n", &["area.sid_m = 3", "did you mean `side_m`?"]);
     refused("name = \"x\"\n[link]\nmodel = \"freespace\"\n", &["link.model", "did you mean `free-space`?"]);
-    refused("name = \"x\"\n[planner]\nstrategy = \"utz\"\n", &["planner.strategy = \"utz\"", "`uts`"]);
+    refused("name = \"x\"\n[planner]\nstrategy = \"utz\"\n", &["planner.strategy = \"utz\"", "did you mean `uts`?"]);
     refused("scenario = \"a.toml\"\nstrategies = [\"uts\"]\n", &["it is a sweep", "skysink sweep"]);
     refused("name = \"x\"\n[[area]]\nside_m = 3\n", &["area = [{", "expected a table, [area]"]);
     refused("seed = 1\n", &["missing `name`"]);

@@ -67,6 +67,24 @@ fn a_command_is_started_as_the_planner_and_started_again_when_it_dies() {
 }
 
 #[test]
+fn what_a_command_has_started_ends_with_it() {
+    let place = Place::new();
+    place.write("long.toml", LONG);
+    let script = command(&place);
+    let forking = format!("#!/bin/sh\n{script}\n"); // a shell that waits for its child
+    let path = place.write("fork.sh", &forking);
+    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+    let run = begin(&place, &["run", "long.toml", "--no-viewer", "--out", "run", "--planner", path.to_str().unwrap()]);
+    let ring = until("ring", || place.rings().into_iter().find(|ring| place.ring_file(ring).exists()));
+    until("flight", || (flown(&place) > 100).then_some(()));
+    let planner = place.worker("planner", &ring);
+    signal(&run, Signal::TERM);
+    assert_eq!(end(run).code, Some(143));
+    until("end of the planner", || (!fs::exists(format!("/proc/{}", planner.as_raw_nonzero())).unwrap()).then_some(()));
+    place.assert_clean();
+}
+
+#[test]
 fn a_command_that_ends_again_and_again_ends_the_run_soon() {
     let place = Place::new();
     let ended = place.run(&["run", SMOKE, "--no-viewer", "--out", "run", "--planner", "false"]);

@@ -465,7 +465,9 @@ fn a_soak_of_kills_at_any_instant_finds_nothing() {
     let soak = ["soak", "--anywhere", "--missions", "6", "--kills", "12", "--out", "alone"];
     let ended = place.run(&[&soak, viewer].concat());
     well(&ended, "soak");
-    assert!(ended.stdout.contains("6 missions with "), "{ended:?}");
+    let (_, kills) = ended.stdout.split_once("6 missions with ").expect("the outcome");
+    let kills: u32 = kills.split_once(" kills").unwrap().0.parse().unwrap();
+    assert!(kills >= 24, "{kills} kills"); // of 72, some of which come when the mission is over
     assert!(ended.stdout.contains("the same traces, whole recordings, nothing left"), "{ended:?}");
     place.assert_clean();
 }

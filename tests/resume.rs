@@ -7,6 +7,7 @@ use skysink_common::message::Plan;
 use skysink_common::pace::Pace;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_mission::origin::Manner;
 use skysink_mission::record::RunFolder;
@@ -57,7 +58,7 @@ fn resumed(strategy: &'static str, plans_by: PlansBy, substitute: Substitute) ->
     let (scenario, list) = smoke(strategy);
     let folder = record(&scenario, &list, &out, plans_by, substitute);
     let mut tally = Tally::new(&scenario, &list);
-    let resumed = resume(&folder, &scenario, &list, &mut tally);
+    let resumed = resume(&folder, &scenario, &list, &mut tally, &Stop::default());
     resumed.map(|_| tally.last_slot()).map_err(|error| error.to_string())
 }
 

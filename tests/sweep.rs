@@ -186,6 +186,18 @@ fn spoil(bytes: &mut Vec<u8>, state: &mut u64) {
 
 #[test]
 fn a_spoilt_folder_is_refused_or_ends_with_the_same_bytes() {
+    assert_never_silent(1..=60);
+}
+
+#[test]
+#[ignore = "takes a minute"]
+fn hundreds_of_spoilt_folders_are_refused_or_end_with_the_same_bytes() {
+    assert_never_silent(61..=360);
+}
+
+/// A sweep folder that is spoilt in the way of each of the seeds is refused by `sweep` and by `merge`, or ends with the
+/// bytes of the undisturbed one.
+fn assert_never_silent(seeds: std::ops::RangeInclusive<u64>) {
     let place = Place::new();
     write_sweep(&place, 2);
     place.run_well(&["sweep", "sweep.toml", "--out", "whole"]);
@@ -204,7 +216,7 @@ fn a_spoilt_folder_is_refused_or_ends_with_the_same_bytes() {
     let journal = fs::read(place.path("whole/journal.csv")).unwrap();
     fs::write(place.path("part/journal.csv"), &journal[..journal.len() * 2 / 3]).unwrap();
     let mut refused = 0;
-    for seed in 1..=60_u64 {
+    for seed in seeds {
         let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
         copy(["part", "whole"][below(&mut state, 2)], "spoilt");
         let mut names: Vec<_> =

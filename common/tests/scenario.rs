@@ -288,7 +288,7 @@ fn a_list_that_samples_more_than_can_be_counted_is_refused() {
 fn a_list_is_refused_in_one_line_whatever_it_quotes() {
     let scenario = parse("name = \"x\"\n").unwrap();
     let error = SensorList::parse("x_m,y_m\n\"1\n2\",3\n", Path::new("l.csv"), &scenario).unwrap_err();
-    assert_eq!(error.to_string(), "sensor list l.csv: line 2: x_m = 1 2: expected a position in the area, 0 to 100");
+    assert_eq!(error.to_string(), "sensor list l.csv: line 2: x_m = 1\\n2: expected a position in the area, 0 to 100");
 }
 
 proptest! {

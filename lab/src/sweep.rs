@@ -54,25 +54,7 @@ fn lock_folder(path: &Path, manifest: &Manifest) -> Result<File, LabError> {
         return Err(refuse("it is a file: choose another --out").into());
     }
     fs::create_dir_all(path).at(path)?;
-    let file = path.join(MANIFEST);
-    match fs::read(&file) {
-        Ok(text) => {
-            let held: Manifest = serde_json::from_slice(&text)
-                .map_err(|_| refuse("its sweep.json is of no sweep: choose another --out"))?;
-            if held != *manifest {
-                return Err(refuse("its sweep.json is of another sweep: choose another --out").into());
-            }
-        }
-        Err(error) if error.kind() == ErrorKind::NotFound => {
-            // Without sweep.json nothing was flown: a process was killed at most while it wrote that.
-            let is_foreign =
-                |entry: fs::DirEntry| entry.file_name() != "lock" && entry.file_name() != ".sweep.json.new";
-            if fs::read_dir(path).at(path)?.flatten().any(is_foreign) {
-                return Err(refuse("it holds other files: choose another --out").into());
-            }
-        }
-        Err(source) => return Err(MissionError::File { path: file, source }.into()),
-    }
+    holds(path, manifest)?; // before a lock file is made
     let lock_path = path.join("lock");
     let lock = File::options().write(true).create(true).truncate(false).open(&lock_path).at(&lock_path)?;
     lock.try_lock().map_err(|error| match error {
@@ -81,9 +63,37 @@ fn lock_folder(path: &Path, manifest: &Manifest) -> Result<File, LabError> {
         }
         TryLockError::Error(source) => MissionError::File { path: lock_path, source },
     })?;
-    let text = serde_json::to_string_pretty(manifest).expect("plain values") + "\n";
-    write_whole(&file, text.as_bytes())?;
+    if !holds(path, manifest)? {
+        let text = serde_json::to_string_pretty(manifest).expect("plain values") + "\n";
+        write_whole(&path.join(MANIFEST), text.as_bytes())?;
+    }
     Ok(lock)
+}
+
+/// Whether the folder holds the sweep; an error if it holds something else.
+fn holds(path: &Path, manifest: &Manifest) -> Result<bool, LabError> {
+    let refuse = |message| InputError::new("sweep folder", path, message);
+    let file = path.join(MANIFEST);
+    match fs::read(&file) {
+        Ok(text) => {
+            let held: Manifest = serde_json::from_slice(&text)
+                .map_err(|_| refuse("its sweep.json is of no sweep: choose another --out"))?;
+            if held != *manifest {
+                return Err(refuse("its sweep.json is of another sweep: choose another --out").into());
+            }
+            Ok(true)
+        }
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            // Without sweep.json nothing was flown: a process was killed at most while it wrote that.
+            let is_foreign =
+                |entry: fs::DirEntry| entry.file_name() != "lock" && entry.file_name() != ".sweep.json.new";
+            if fs::read_dir(path).at(path)?.flatten().any(is_foreign) {
+                return Err(refuse("it holds other files: choose another --out").into());
+            }
+            Ok(false)
+        }
+        Err(source) => Err(MissionError::File { path: file, source }.into()),
+    }
 }
 
 /// Flies what is missing of a shard of the sweep, on `threads` threads (0: one per core), and writes the results into

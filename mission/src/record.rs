@@ -33,6 +33,8 @@ pub struct RunFolder {
     manner: Manner,
     /// `slots.csv`, locked.
     trace: File,
+    /// Whether slots are flown in a ring, where plans may be known to the trace alone: then each is checked.
+    in_a_ring: bool,
 }
 
 impl RunFolder {
@@ -61,7 +63,8 @@ impl RunFolder {
             }
             None => make_default(scenario, manner)?,
         };
-        let folder = Self { trace: lock(&path, true)?, manner: manner.clone(), path };
+        let in_a_ring = manner.pace.is_some();
+        let folder = Self { trace: lock(&path, true)?, manner: manner.clone(), path, in_a_ring };
         for name in file_names(&folder.path).at(&folder.path)? {
             if name != TRACE && is_of_run(&name) {
                 let file = folder.path.join(name);
@@ -154,8 +157,12 @@ impl RunFolder {
             let message = format_args!("{missing} {found}: expected the folder of a run that has ended early");
             return Err(InputError::new("run folder", path, message).into());
         }
+        let names = file_names(path).at(path)?;
+        if let Some(name) = names.iter().find(|name| is_of_run(name) && !path.join(name).is_file()) {
+            return Err(InputError::new("run folder", path, format_args!("{name} is no file")).into());
+        }
         let trace = lock(path, false)?;
-        Ok(Self { manner: origin::read(path)?, path: path.to_owned(), trace })
+        Ok(Self { manner: origin::read(path)?, path: path.to_owned(), trace, in_a_ring: true })
     }
 
     /// The trace.
@@ -182,7 +189,7 @@ impl RunFolder {
         }
         // Where the header is cut, nothing is on record.
         let length = if header.len() == SLOT_COLUMNS.len() { header.len() as u64 } else { 0 };
-        let check = self.manner.pace.map(|_| Check::open(&self.path)).transpose()?;
+        let check = self.in_a_ring.then(|| Check::open(&self.path)).transpose()?;
         Ok((SlotLog { length, path, file, trace: TraceHash::default(), check }, reader))
     }
 
@@ -229,7 +236,7 @@ pub struct SlotLog {
     /// Bytes of whole lines.
     length: u64,
     trace: TraceHash,
-    /// In the ring, whose plans may be known to the trace alone.
+    /// Where slots are flown in a ring, see [`RunFolder`].
     check: Option<Check>,
 }
 
@@ -238,26 +245,35 @@ pub struct SlotLog {
 #[derive(Debug)]
 struct Check {
     path: PathBuf,
-    file: File,
-    /// What was written before this process.
+    /// None before the first slot.
+    file: Option<File>,
+    /// Slot and hash that were written before this process.
     before: Option<(u64, u64)>,
+    /// The last slot that was gone over.
+    repeated: u64,
 }
 
 impl Check {
     fn open(folder: &Path) -> Result<Self, MissionError> {
         let path = folder.join(CHECK);
-        let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).at(&path)?;
+        let file = match OpenOptions::new().read(true).write(true).open(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+            file => Some(file.at(&path)?),
+        };
         let mut bytes = [0; 16];
-        let before = file.read_exact_at(&mut bytes, 0).is_ok().then(|| {
-            let number = u128::from_le_bytes(bytes);
-            ((number & u128::from(u64::MAX)) as u64, (number >> 64) as u64)
-        });
-        Ok(Self { path, file, before })
+        let is_whole = file.as_ref().is_some_and(|file| file.read_exact_at(&mut bytes, 0).is_ok());
+        let number = u128::from_le_bytes(bytes);
+        let before = is_whole.then_some(((number & u128::from(u64::MAX)) as u64, (number >> 64) as u64));
+        Ok(Self { path, file, before, repeated: 0 })
     }
 
-    fn write(&self, slot: u64, hash: u64) -> Result<(), MissionError> {
+    fn write(&mut self, slot: u64, hash: u64) -> Result<(), MissionError> {
+        let file = match &self.file {
+            Some(file) => file,
+            None => self.file.insert(File::create(&self.path).at(&self.path)?),
+        };
         let number = u128::from(slot) | u128::from(hash) << 64;
-        self.file.write_all_at(&number.to_le_bytes(), 0).at(&self.path)
+        file.write_all_at(&number.to_le_bytes(), 0).at(&self.path)
     }
 }
 
@@ -277,7 +293,7 @@ impl SlotLog {
         written.at(&self.path)?;
         self.length += line.len() as u64;
         self.trace.add();
-        self.check.as_ref().map_or(Ok(()), |check| check.write(header.head.slot, self.trace.value()))?;
+        self.check.as_mut().map_or(Ok(()), |check| check.write(header.head.slot, self.trace.value()))?;
         Ok(self.trace.value())
     }
 
@@ -290,8 +306,24 @@ impl SlotLog {
         let is_same = self.trace.write(flight, header)?.as_bytes() == line;
         self.length += line.len() as u64;
         self.trace.add();
-        let before = self.check.as_ref().and_then(|check| check.before).filter(|(slot, _)| *slot == header.head.slot);
+        let Some(check) = &mut self.check else { return Ok(is_same) };
+        check.repeated = header.head.slot;
+        let before = check.before.filter(|(slot, _)| *slot == header.head.slot);
         Ok(is_same && before.is_none_or(|(_, hash)| hash == self.trace.value()))
+    }
+
+    /// Whether slots of the trace were flown in a ring.
+    #[must_use]
+    pub fn was_in_a_ring(&self) -> bool {
+        self.check.as_ref().is_some_and(|check| check.before.is_some())
+    }
+
+    /// Whether the lines that were gone over are those that were written: but for the last, which may have come after
+    /// the check.
+    #[must_use]
+    pub fn was_checked(&self) -> bool {
+        let check = self.check.as_ref();
+        check.is_some_and(|check| check.before.is_some_and(|(slot, _)| slot + 1 >= check.repeated))
     }
 
     /// Cuts the trace behind the last line that was gone over, to resume it there.

@@ -318,7 +318,7 @@ pub fn clear_abandoned(patience: Duration) {
 fn has_processes(folder: &Path) -> bool {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let mut seats = entries.filter(|path| path.extension().is_some_and(|extension| extension == "seat"));
-    seats.any(|seat| File::open(seat).is_ok_and(|seat| matches!(seat.try_lock(), Err(TryLockError::WouldBlock))))
+    seats.any(|seat| File::open(seat).is_ok_and(|seat| matches!(seat.try_lock_shared(), Err(TryLockError::WouldBlock))))
 }
 
 /// Removes a ring: its shared memory, its folder, its lock. What is gone already is no matter.
@@ -329,6 +329,8 @@ fn remove(folder: &Path) {
             let _ = fs::remove_file(entry.path());
         }
     }
-    let _ = fs::remove_dir_all(folder);
-    let _ = fs::remove_file(lock_path(folder));
+    let removed = fs::remove_dir_all(folder);
+    if !removed.is_err_and(|error| error.kind() != io::ErrorKind::NotFound) {
+        let _ = fs::remove_file(lock_path(folder)); // else the next launcher tries again
+    }
 }

@@ -56,24 +56,32 @@ impl Waiting {
     }
 }
 
-/// A [`Stop`] that SIGINT and SIGTERM request. The second of them ends the process at once, whatever it waits for.
+/// A [`Stop`] that SIGINT and SIGTERM request.
 ///
 /// # Panics
 /// If the operating system refuses a handler for them, which it never does.
 #[must_use]
 pub fn stop_on_signals() -> Stop {
-    use signal_hook::flag::{register, register_conditional_shutdown, register_usize};
     let stop = Stop::default();
-    let is_second = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM] {
         let number = usize::try_from(signal).expect("signals are positive");
-        // Handlers run in this order: the first signal finds that it is not the second.
-        let registered = register_conditional_shutdown(signal, 128 + signal, Arc::clone(&is_second))
-            .and_then(|_| register(signal, Arc::clone(&is_second)))
-            .and_then(|_| register_usize(signal, stop.flag(), number));
-        registered.expect("a catchable signal");
+        signal_hook::flag::register_usize(signal, stop.flag(), number).expect("a catchable signal");
     }
     stop
+}
+
+/// Ends the process at once with the second SIGINT or SIGTERM, whatever it waits for.
+///
+/// # Panics
+/// As [`stop_on_signals`].
+pub fn exit_on_second_signal() {
+    let is_second = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        // Handlers run in this order: the first signal finds that it is not the second.
+        let exit = signal_hook::flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&is_second));
+        exit.expect("a catchable signal");
+        signal_hook::flag::register(signal, Arc::clone(&is_second)).expect("a catchable signal");
+    }
 }
 
 /// A writer with readers that may join late.
@@ -115,6 +123,8 @@ pub struct Awaited {
     pub from: Role,
     /// How long it has been waited for.
     pub waited: Stopwatch,
+    /// How long it is waited for; none in the processes of the ring, which leave that to the launcher.
+    pub timeout: Option<Duration>,
 }
 
 /// Measures time only while this process runs: a longer gap between two looks at the clock is that of a process, or a
@@ -161,7 +171,7 @@ impl WaitContext {
         let now = Instant::now();
         self.stay_present(now)?; // a process that always finds its sample gets no further
         self.polls = 0; // the first poll in vain offers the core to whoever is to send the sample
-        Ok(Awaited { topic, slot, from, waited: Stopwatch::start(now) })
+        Ok(Awaited { topic, slot, from, waited: Stopwatch::start(now), timeout: self.timeout })
     }
 
     /// Pauses until `listener` is notified, for 10 ms at most.
@@ -177,7 +187,7 @@ impl WaitContext {
         let now = Instant::now();
         self.check(now)?;
         let waited = awaited.waited.advance(now);
-        match self.timeout {
+        match awaited.timeout {
             Some(timeout) if waited >= timeout => {
                 let what = format!("{}({})", awaited.topic, awaited.slot);
                 Err(NodeError::TimedOut { what, from: awaited.from.name(), seconds: timeout.as_secs_f64() })

@@ -82,7 +82,7 @@ pub struct RunOptions {
     /// [default: on-failure, at most 50 times in 10 s].
     #[arg(long, value_name = "POLICY")]
     pub restart: Vec<Rule>,
-    /// How long a sample is waited for [s; default 30, with --external 600].
+    /// How long a sample is waited for [s; default 30, those of --external 600].
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     pub timeout: Option<f64>,
 }
@@ -114,10 +114,14 @@ pub fn command_line(text: &str) -> Result<CommandLine, String> {
 /// Whether there is a file to execute: of this path, or in a folder of the PATH.
 fn is_command(program: &str) -> bool {
     if program.contains('/') {
-        return Path::new(program).is_file();
+        return is_executable(Path::new(program));
     }
     let folders = std::env::var_os("PATH").unwrap_or_default();
-    std::env::split_paths(&folders).any(|folder| folder.join(program).is_file())
+    std::env::split_paths(&folders).any(|folder| is_executable(&folder.join(program)))
+}
+
+fn is_executable(path: &Path) -> bool {
+    path.is_file() && rustix::fs::access(path, rustix::fs::Access::EXEC_OK).is_ok()
 }
 
 /// Reads the name of a planner, which may become a part of the run folder's.
@@ -146,7 +150,7 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
             let folder = RunFolder::reopen(path)?;
             options.check_resumed(&folder)?;
             let mut tally = Tally::new(scenario, &list);
-            let resumed = resume(&folder, scenario, &list, &mut tally)?;
+            let resumed = resume(&folder, scenario, &list, &mut tally, stop)?;
             (folder, Some((resumed, tally)))
         }
     };
@@ -167,7 +171,7 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
         tidy(&folder);
         return Ok((folder, summary));
     }
-    let timeout_s = options.timeout.unwrap_or(if options.external.is_empty() { 30.0 } else { 600.0 });
+    let timeout_s = options.timeout_s(30.0, pace, scenario.slot_s);
     let ring_folder =
         RingFolder::create(pace, options.wait, timeout_s, !options.no_viewer, resume::told(scenario, &manner)?)?;
     ring_folder.install()?;
@@ -217,7 +221,8 @@ fn fly(
     let (ring, wait) = Ring::<ipc::Service>::join(ring_folder, scenario, Role::Launcher, stop)?;
     let _janitor = Janitor::of(ring_folder);
     let _ = table.shared_prefix.set(ring_folder.prefix());
-    let mut recorder = Recorder::new(&ring, wait)?;
+    let outside_timeout = Duration::from_secs_f64(options.timeout_s(600.0, ring.terms.pace, scenario.slot_s));
+    let mut recorder = Recorder::new(&ring, wait)?.with_outside(&options.external, outside_timeout);
     let mut processes = Vec::new();
     for role in WORKERS.into_iter().filter(|role| *role != Role::Viewer || !options.no_viewer) {
         let invocation = options.invocation(role, folder, ring_folder)?;
@@ -226,7 +231,7 @@ fn fly(
                 .chain(invocation.arguments.iter().map(OsString::as_os_str));
             let words: Vec<_> = words.map(|word| word.to_string_lossy().into_owned()).collect();
             let command = shlex::try_join(words.iter().map(String::as_str)).unwrap_or_else(|_| words.join(" "));
-            let seconds = ring.terms.timeout_s;
+            let seconds = outside_timeout.as_secs_f64();
             progress.say(&format!("waiting up to {seconds} s for {}: {command}", role.name()));
         } else {
             processes.push(Process::new(role, invocation, Rule::policy(&options.restart, role)));
@@ -284,6 +289,11 @@ fn finish(
 }
 
 impl RunOptions {
+    /// How long a sample is waited for [s]: as the user says or else `default_s`, and while a slot lasts by the clock.
+    fn timeout_s(&self, default_s: f64, pace: Pace, slot_s: f64) -> f64 {
+        self.timeout.unwrap_or(default_s) + pace.period(slot_s).map_or(0.0, |period| period.as_secs_f64())
+    }
+
     /// Whether the planner is not Skysink's.
     fn has_outside_planner(&self) -> bool {
         self.planner.is_some() || self.external.contains(&Role::Planner)

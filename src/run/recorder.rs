@@ -14,7 +14,7 @@ use skysink_ring::health::Ready;
 use skysink_ring::reader::Reader;
 use skysink_ring::role::Role;
 use skysink_ring::topics::{RING_BUFFER, Ring, VIEWER_BUFFER};
-use skysink_ring::wait::WaitContext;
+use skysink_ring::wait::{Awaited, WaitContext};
 use skysink_ring::writer::Writer;
 
 use crate::error::Error;
@@ -37,6 +37,9 @@ pub struct Recorder<'a, S: Service + 'static> {
     ticks: Reader<S, Tick, SlotHeader>,
     ready: Reader<S, Ready, SlotHeader>,
     commits: Writer<S, Commit, SlotHeader>,
+    /// Roles of processes that the launcher did not start, and how long it waits for their samples.
+    outside: Vec<Role>,
+    outside_timeout: Duration,
     parts: Parts,
     /// Restart count of the viewer that is there, or will be started next.
     viewer: u32,
@@ -75,11 +78,21 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             ticks: ring.tick.reader(VIEWER_BUFFER)?,
             ready: ring.ready.reader(RING_BUFFER)?,
             commits: ring.commit.writer()?,
+            outside: Vec::new(),
+            outside_timeout: Duration::ZERO,
             parts: Parts::default(),
             viewer: 0,
             ready_viewer: None,
             supervised: Instant::now(),
         })
+    }
+
+    /// Waits so long for the samples of these roles, whose processes the launcher did not start.
+    #[must_use]
+    pub fn with_outside(mut self, roles: &[Role], timeout: Duration) -> Self {
+        self.outside = roles.to_vec();
+        self.outside_timeout = timeout;
+        self
     }
 
     /// Records all slots after those of the tally, up to `slots`, into the log and the tally, and returns the wall time
@@ -152,7 +165,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         tally: &mut Tally,
         supervise: &mut Supervise,
     ) -> Result<(QueuesHeader, (SlotHeader, FlightReport)), Error> {
-        let mut awaited = self.wait.begin("queues", slot, Role::FieldSim)?;
+        let mut awaited = self.begin("queues", slot, Role::FieldSim)?;
         let mut is_told = false; // whoever is overdue is killed once
         loop {
             let missing = self.poll(slot, plan_of)?;
@@ -164,7 +177,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             }
             let (topic, topic_slot, from) = missing.unwrap_or(("queues", slot, Role::FieldSim));
             if (topic, topic_slot) != (awaited.topic, awaited.slot) {
-                awaited = self.wait.begin(topic, topic_slot, from)?;
+                awaited = self.begin(topic, topic_slot, from)?;
                 is_told = false;
             }
             let waited = awaited.waited.elapsed();
@@ -176,6 +189,15 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             }
             self.wait.pause(&self.listener, &mut awaited)?;
         }
+    }
+
+    /// Begins to wait for a sample.
+    fn begin(&mut self, topic: &'static str, slot: u64, from: Role) -> Result<Awaited, RingError> {
+        let mut awaited = self.wait.begin(topic, slot, from)?;
+        if self.outside.contains(&from) {
+            awaited.timeout = Some(self.outside_timeout);
+        }
+        Ok(awaited)
     }
 
     /// Takes what has arrived, and returns the first sample of the chain that is missing and who sends it: those behind

@@ -8,6 +8,7 @@ use skysink_common::error::InputError;
 use skysink_common::estimate::{Estimate, Rates};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
 use skysink_field_sim::journal::FieldJournal;
 use skysink_flight_sim::journal as flights;
 use skysink_mission::Mission;
@@ -39,17 +40,25 @@ pub struct Resumed {
 ///
 /// # Errors
 /// If a run is still writing it, or a line is not what the mission leads to.
-pub fn resume(folder: &RunFolder, scenario: &Scenario, list: &SensorList, tally: &mut Tally) -> Result<Resumed, Error> {
+pub fn resume(
+    folder: &RunFolder,
+    scenario: &Scenario,
+    list: &SensorList,
+    tally: &mut Tally,
+    stop: &Stop,
+) -> Result<Resumed, Error> {
     let (mut log, mut trace) = folder.reopen_slot_log()?;
     let HorizonKeys { budget_ms, .. } = scenario.planner_keys("planner.horizon")?;
     let mut mission = Mission::new(scenario, list)?;
     if let Some(rates) = told(scenario, folder.manner())? {
         mission = mission.telling(Estimate::new(scenario, rates, &list.nodes()));
     }
-    let mut repeatable = folder.manner().outside_planner.is_none() && budget_ms.is_none();
+    mission.set_stop(stop);
+    let mut repeatable = folder.manner().outside_planner.is_none() && (budget_ms.is_none() || !log.was_in_a_ring());
     tally.start(&mission.header());
     let mut line = Vec::new();
     loop {
+        stop.check()?;
         line.clear();
         trace.read_until(b'\n', &mut line).at(&folder.slots())?;
         if line.last() != Some(&b'\n') {
@@ -67,6 +76,7 @@ pub fn resume(folder: &RunFolder, scenario: &Scenario, list: &SensorList, tally:
             return Err(refuse(&format!("slot {}: expected slot {slot} of {}", recorded.slot, scenario.slots)).into());
         }
         let planned = mission.plan();
+        stop.check()?;
         let header = if recorded.is_missed() {
             repeatable &= !mission.planner().has_state();
             mission.fly(None)
@@ -76,9 +86,16 @@ pub fn resume(folder: &RunFolder, scenario: &Scenario, list: &SensorList, tally:
             mission.fly(Some(&recorded.plan()))
         };
         if !log.repeat(&line, mission.last_flight(), &header)? {
-            return Err(refuse("the mission does not lead to this line: was a file of the folder changed?").into());
+            return Err(refuse(
+                "the mission does not lead to this line, or one before it was changed since it was written",
+            )
+            .into());
         }
         tally.add(None, mission.last_flight(), &header);
+    }
+    if folder.manner().pace.is_some() && tally.last_slot() > 1 && !log.was_checked() {
+        let message = "slots.check is missing, or not that of this trace: expected the one that was written with it";
+        return Err(InputError::new("run folder", folder.path(), message).into());
     }
     tally.resume();
     Ok(Resumed { log, mission })

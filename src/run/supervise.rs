@@ -12,7 +12,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::{Pid, Signal, kill_process_group};
 use skysink_common::message::SlotHeader;
 use skysink_mission::error::FileContext;
 use skysink_mission::summary::{Event, Tally};
@@ -50,8 +50,11 @@ impl ProcessTable {
     }
 }
 
+/// How long the last lines of a process that has ended are waited for.
+const LAST_LINES: Duration = Duration::from_millis(200);
+
 /// How often a run looks for dead processes among those that the launcher did not start.
-const SWEEP: Duration = Duration::from_millis(500);
+const CLEAN_UP_EVERY: Duration = Duration::from_millis(500);
 
 /// A program with its arguments and what is added to its environment.
 #[derive(Debug)]
@@ -148,7 +151,7 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         let slot = tally.last_slot() + 1;
         self.table.slot.store(slot, Ordering::Relaxed);
         let mut fates = self.poll(slot, overdue)?;
-        fates.extend(self.poll_outside(slot));
+        fates.extend(self.poll_outside(slot, overdue));
         let taken = times_taken(self.folder.path(), Role::Viewer);
         self.viewer = self.viewer.max(taken.saturating_sub(1));
         for (role, fate) in fates {
@@ -215,7 +218,7 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
                 let mut hangs = process.heartbeat.is_silent_for(self.ring.terms.silence_limit()) && !is_last_slot;
                 if let Some((_, waited)) = overdue.filter(|(role, _)| *role == process.role) {
                     hangs = true;
-                    fates.push((process.role, Fate::Overdue(i32::try_from(waited.as_millis()).unwrap_or(i32::MAX))));
+                    fates.push((process.role, overdue_for(waited)));
                 }
                 if hangs && process.restarts.policy == Restart::OnFailure {
                     process.signal(Signal::KILL);
@@ -225,12 +228,12 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         Ok(fates)
     }
 
-    /// Notes which process of somebody else has joined or gone.
-    fn poll_outside(&mut self, slot: u64) -> Vec<(Role, Fate)> {
-        if self.outside.is_empty() || self.is_released || slot > self.last_slot {
+    /// Notes which process of somebody else has joined, has gone, or is overdue.
+    fn poll_outside(&mut self, slot: u64, overdue: Option<(Role, Duration)>) -> Vec<(Role, Fate)> {
+        if self.outside.is_empty() || self.is_released || slot >= self.last_slot {
             return Vec::new();
         }
-        if self.swept.elapsed() >= SWEEP {
+        if self.swept.elapsed() >= CLEAN_UP_EVERY {
             self.swept = Instant::now();
             self.ring.remove_dead_nodes(); // a dead writer stays attached until then
         }
@@ -239,6 +242,9 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
             let was_there = std::mem::replace(&mut outside.is_there, self.ring.has_writer(outside.role));
             if was_there != outside.is_there {
                 fates.push((outside.role, if was_there { Fate::Gone } else { Fate::Joined }));
+            }
+            if let Some((_, waited)) = overdue.filter(|(role, _)| *role == outside.role && outside.is_there) {
+                fates.push((outside.role, overdue_for(waited)));
             }
         }
         fates
@@ -322,15 +328,21 @@ impl Process {
         Some(status)
     }
 
-    /// Sends it a signal, if it lives.
+    /// Sends it, and what it has started, a signal, if it lives.
     fn signal(&self, signal: Signal) {
         if let Some(pid) = self.child.as_ref().and_then(pid) {
-            let _ = kill_process(pid, signal); // it may have ended at this moment
+            let _ = kill_process_group(pid, signal); // it may have ended at this moment
         }
     }
 
+    /// Waits for its last lines; not for long: what it has started may have inherited its output, and live on.
     fn join_messages(&mut self) {
-        if let Some(messages) = self.messages.take() {
+        let Some(messages) = self.messages.take() else { return };
+        let begin = Instant::now();
+        while !messages.is_finished() && begin.elapsed() < LAST_LINES {
+            std::thread::sleep(REAP);
+        }
+        if messages.is_finished() {
             let _ = messages.join();
         }
     }
@@ -342,6 +354,10 @@ impl Process {
         };
         Error::WorkerEnded { role: self.role.name(), status: status + &self.restarts.limit(), slot }
     }
+}
+
+fn overdue_for(waited: Duration) -> Fate {
+    Fate::Overdue(i32::try_from(waited.as_millis()).unwrap_or(i32::MAX))
 }
 
 fn pid(child: &Child) -> Option<Pid> {

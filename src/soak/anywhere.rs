@@ -115,7 +115,8 @@ impl Anywhere {
     fn launch(&self, place: &Path, out: &Path) -> std::io::Result<Child> {
         let mut command = Command::new(std::env::current_exe()?);
         command.arg("run");
-        if RunFolder::reopen(out).is_ok() {
+        let is_begun = fs::read_to_string(out.join("slots.csv")).is_ok_and(|trace| trace.lines().count() > 1);
+        if is_begun {
             command.arg("--resume").arg(out);
         } else {
             let _ = fs::remove_dir_all(out); // it was killed before anything was flown

@@ -3,13 +3,13 @@
 //! `mission.rrd`, `mission-2.rrd`, `mission-3.rrd` ... share one recording id, by which rerun opens them as one
 //! recording. Each holds the style and the layout, and can be opened alone.
 
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io::{self, BufReader, BufWriter, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use rerun::ApplicationId;
 use rerun::external::re_build_info::CrateVersion;
-use rerun::external::re_log_encoding::rrd::{Decodable as _, EncodingOptions, StreamFooter};
+use rerun::external::re_log_encoding::rrd::{Decodable as _, EncodingOptions, RRD_FOURCC, StreamFooter};
 use rerun::external::re_log_encoding::{DecoderApp, EncodeError, Encoder};
 
 /// Whether a file begins the recording.
@@ -22,10 +22,12 @@ pub(crate) enum Part {
 }
 
 /// The next file to write.
-#[derive(Debug, PartialEq, Eq)]
+#[derive(Debug)]
 pub(crate) struct NextFile {
     /// Its path.
     pub(crate) path: PathBuf,
+    /// Held locked as long as it is written; none where the file system has no locks, or it cannot be made.
+    pub(crate) _lock: Option<File>,
     /// Id of the recording that the files before it have begun; none if they hold none.
     pub(crate) recording_id: Option<String>,
 }
@@ -39,8 +41,15 @@ impl NextFile {
         loop {
             let path = numbered(first, number);
             let is_begun = fs::metadata(&path).is_ok_and(|file| file.len() > 0);
-            if !is_begun && (!path.exists() || lock(&path).is_ok()) {
-                return Self { path, recording_id };
+            let file = File::options().append(true).create(true).open(&path);
+            let lock = file.map(|file| (file.try_lock(), file));
+            match lock {
+                Ok((Err(TryLockError::WouldBlock), _)) => {} // another viewer is about to write it
+                Ok((Ok(()), file)) if !is_begun && file.metadata().is_ok_and(|file| file.len() == 0) => {
+                    return Self { path, _lock: Some(file), recording_id };
+                }
+                _ if !is_begun => return Self { path, _lock: None, recording_id },
+                _ => {}
             }
             recording_id = recording_id.or_else(|| recording_id_of(&path, application));
             number += 1;
@@ -77,11 +86,14 @@ pub fn has_footer(path: &Path) -> io::Result<bool> {
     Ok(StreamFooter::from_rrd_bytes(&end).is_ok())
 }
 
+/// Whether a file begins as a recording does; another one is not ours to touch.
+fn is_recording(path: &Path) -> bool {
+    let mut begin = [0; 4];
+    File::open(path).and_then(|mut file| file.read_exact(&mut begin)).is_ok() && begin == RRD_FOURCC
+}
+
 /// Locks the file of a recording, which its writer does as long as it lives.
-///
-/// # Errors
-/// If another process has it, or it cannot be opened.
-pub(crate) fn lock(path: &Path) -> io::Result<File> {
+fn lock(path: &Path) -> io::Result<File> {
     let file = File::open(path)?;
     file.try_lock()?;
     Ok(file)
@@ -95,7 +107,10 @@ pub(crate) fn lock(path: &Path) -> io::Result<File> {
 pub fn complete(first: &Path) -> Result<(), EncodeError> {
     let files = (1..).map(|number| numbered(first, number)).take_while(|path| path.exists());
     for path in files {
-        if fs::metadata(&path)?.len() > 0 && !has_footer(&path)? && lock(&path).is_ok() {
+        if is_recording(&path)
+            && !has_footer(&path)?
+            && let Ok(_lock) = lock(&path)
+        {
             rewrite(&path)?;
         }
     }

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use iceoryx2::prelude::Service;
 use iceoryx2::sample::Sample;
 use rerun::TextLogLevel;
+use skysink_common::error::InputError;
 use skysink_common::message::{
     FLAG_END, FlightReport, HoldReason, PathPoint, Plan, QueuesHeader, SlotHeader, is_possible_path,
 };
@@ -26,8 +27,15 @@ use skysink_ring::wait::WaitContext;
 use crate::{Scene, SceneError, Sinks, SlotView, WallClock};
 
 impl From<SceneError> for NodeError {
+    /// A file that cannot be created is refused input: it could not be created the next time either.
     fn from(error: SceneError) -> Self {
-        Self::Recording(Box::new(error))
+        match error {
+            SceneError::File { path, source } => {
+                let message = format_args!("{source}: expected a place where a file can be created");
+                Self::Input(InputError::new("recording", &path, message))
+            }
+            error => Self::Recording(Box::new(error)),
+        }
     }
 }
 

@@ -1,6 +1,5 @@
 //! The stream that a scene is written to: a file, a server for a live viewer, or both.
 
-use std::fs::File;
 use std::net::TcpListener;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -10,7 +9,7 @@ use rerun::log::ChunkBatcherConfig;
 use rerun::sink::{FileSink, FileSinkError, LogSink, SinkFlushError};
 use rerun::{ApplicationId, RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 
-use crate::files::{self, NextFile, Part};
+use crate::files::{NextFile, Part};
 
 /// The timeline that counts slots.
 pub const SLOT: &str = "slot";
@@ -99,9 +98,8 @@ pub(crate) struct Recording {
     pub(crate) port: Option<u16>,
     /// Whether its file begins it.
     pub(crate) part: Part,
-    save: Option<PathBuf>,
-    /// Held locked.
-    _lock: Option<File>,
+    /// Its file, held locked.
+    file: Option<NextFile>,
 }
 
 impl Recording {
@@ -113,12 +111,10 @@ impl Recording {
     pub(crate) fn open(sinks: &Sinks, application: &ApplicationId, name: &str) -> Result<Self, SceneError> {
         let mut open: Vec<Box<dyn LogSink>> = Vec::new();
         let live = sinks.live.map(free_port).transpose()?; // before the file: a refusal must not truncate one
-        let mut lock = None;
         let next = sinks.save.as_deref().map(|first| NextFile::find(first, application));
         if let Some(NextFile { path, .. }) = &next {
             let file = FileSink::new(path).map_err(|source| SceneError::File { path: path.clone(), source })?;
             open.push(Box::new(file));
-            lock = files::lock(path).ok(); // where the file system has no locks, nobody else is there either
         }
         if let Some(port) = live {
             open.push(Box::new(server(port)?));
@@ -140,7 +136,7 @@ impl Recording {
         stream.set_log_tick_enabled(false);
         stream.send_recording_name(name.as_str())?;
         let application = application.clone();
-        Ok(Self { stream, name, application, port: live, part, save: next.map(|next| next.path), _lock: lock })
+        Ok(Self { stream, name, application, port: live, part, file: next })
     }
 
     /// Sets the time of what is logged next.
@@ -156,7 +152,7 @@ impl Recording {
     pub(crate) fn close(self) -> Result<(), SceneError> {
         let flushed = self.stream.flush_with_timeout(FLUSH_LIMIT);
         drop(self.stream);
-        flushed.map_err(|source| SceneError::Unfinished { path: self.save, source })
+        flushed.map_err(|source| SceneError::Unfinished { path: self.file.map(|file| file.path), source })
     }
 }
 

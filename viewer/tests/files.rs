@@ -5,9 +5,11 @@ mod support;
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use chunks::recording;
+use rerun::external::re_log_encoding::DecoderApp;
 use skysink_common::message::{LinkReport, PathPoint};
 use skysink_common::scenario::Scenario;
 use skysink_viewer::los::field;
@@ -210,4 +212,21 @@ fn a_live_viewer_continues_a_recording_in_the_next_file() {
     let second = first.with_file_name("mission-2.rrd");
     assert_eq!(recording(&second), "first name");
     assert_eq!(Found::read(&second).slots_of(uav::UAV), BTreeSet::from([9]));
+}
+
+#[test]
+fn each_scenario_and_strategy_is_an_application_of_its_own() {
+    let (_folder, first) = place();
+    let application = |name: &str, strategy: &str| {
+        let mut scenario = letter();
+        name.clone_into(&mut scenario.name);
+        strategy.clone_into(&mut scenario.planner.strategy);
+        let _ = fs::remove_file(&first);
+        record(&first, &scenario, "the recording", 0..=1);
+        let mut messages = DecoderApp::decode_lazy(BufReader::new(fs::File::open(&first).unwrap()));
+        messages.next().unwrap().unwrap().store_id().application_id().as_str().to_owned()
+    };
+    assert_eq!(application("letter", "uts"), "skysink-letter-uts");
+    assert_eq!(application("letter", "gfs"), "skysink-letter-gfs");
+    assert_eq!(application("a.b", "mine_2"), "skysink-a-b-mine-2");
 }

@@ -4,13 +4,14 @@ use std::path::Path;
 
 use skysink::Error;
 use skysink::run::resume::resume;
+use skysink_common::stop::Stop;
 use skysink_mission::origin::Manner;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
 use skysink_mission::trace::RecordedSlot;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
-use super::place::{in_folder, write};
+use super::place::in_folder;
 use super::world::{WORLDS, World};
 
 /// A trace is refused in one line, or every whole line of it is what the scenario leads to: its hash is that of the
@@ -40,9 +41,9 @@ pub fn trace(bytes: &[u8]) {
 /// Goes on with a trace, and returns the hash of its lines.
 fn go_on(folder: &Path, World { scenario, list, .. }: &World, bytes: &[u8]) -> Result<u64, Error> {
     let folder = RunFolder::create(Some(folder), true, scenario, list, &Manner::default())?;
-    write(&folder.slots(), bytes);
+    std::fs::write(folder.slots(), bytes).expect("a file can be written"); // the same file: it is locked
     let mut tally = Tally::new(scenario, list);
-    let mut resumed = resume(&folder, scenario, list, &mut tally)?;
+    let mut resumed = resume(&folder, scenario, list, &mut tally, &Stop::default())?;
     resumed.log.resume()?;
     Ok(resumed.log.hash())
 }
