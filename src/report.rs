@@ -177,7 +177,10 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
         slots if summary.resumed_after == Some(slots) => {
             print(format_args!("{title}: all {slots} slots are on record, nothing was left to fly"))?;
         }
-        slots => print(format_args!("{title}: {slots} slots in {:.3} s, {pace}", timing.wall_s))?,
+        slots => {
+            let flown = summary.resumed_after.map_or_else(String::new, |last| format!(", the last {}", slots - last));
+            print(format_args!("{title}: {slots} slots{flown} in {:.3} s, {pace}", timing.wall_s))?;
+        }
     }
     let mut table = table();
     let mut rows = vec![

@@ -71,6 +71,8 @@ fn only_a_run_is_replaced() {
     }
     refused(&place, &["simulate", SMOKE, "--out", "file"], "it is no folder");
     refused(&place, &["simulate", SMOKE, "--out", "mine"], "it exists");
+    fs::create_dir(place.path("new")).unwrap();
+    place.run_well(&["simulate", SMOKE, "--out", "new"]);
     assert_eq!(place.read("mine/scenario.toml"), "name = \"mine\"\n");
     fs::create_dir(place.path("empty")).unwrap();
     place.run_well(&["simulate", SMOKE, "--out", "empty", "--force"]);
@@ -173,4 +175,28 @@ fn a_spoilt_run_of_an_outside_planner_is_refused_or_ends_with_the_same_bytes() {
     end(run);
     assert_never_silent(&place, &place.read("alone/slots.csv"), &["--planner", planner], 25, 2);
     place.assert_clean();
+}
+
+#[test]
+fn a_paced_record_that_was_cut_is_not_flown_otherwise() {
+    let place = Place::new();
+    let paced = place.write("paced.toml", "name = \"paced\"\nslots = 400\nslot_s = 0.5\n");
+    let arguments = ["run", paced.to_str().unwrap(), "--out", "run", "--no-viewer", "--pace", "50x"];
+    let run = place.skysink(&arguments).spawn().unwrap();
+    until("flight", || (lines(&place.path("run/slots.csv")) > 60).then_some(()));
+    kill_process(Pid::from_raw(i32::try_from(run.id()).unwrap()).unwrap(), Signal::KILL).unwrap();
+    end(run);
+    let trace = place.read("run/slots.csv");
+    let cut: String = trace.split_inclusive('\n').take(41).collect();
+    fs::write(place.path("run/slots.csv"), &cut).unwrap();
+    refused(&place, &["run", "--resume", "run", "--no-viewer"], "slots.csv: it ends before slot ");
+    assert_eq!(place.read("run/slots.csv"), cut);
+    fs::write(place.path("run/slots.csv"), &trace).unwrap();
+    let check = fs::read(place.path("run/slots.check")).unwrap();
+    fs::remove_file(place.path("run/slots.check")).unwrap();
+    refused(&place, &["run", "--resume", "run", "--no-viewer"], "slots.check is missing");
+    assert!(!place.path("run/slots.check").exists());
+    fs::write(place.path("run/slots.check"), check).unwrap();
+    place.run_well(&["run", "--resume", "run", "--no-viewer"]);
+    assert!(place.read("run/slots.csv").starts_with(trace.rsplit_once('\n').unwrap().0));
 }

@@ -1,5 +1,5 @@
-//! Planners that are not Skysink's: started by hand or by a command, supervised, named when they are missing, and booked
-//! under their own name.
+//! Planners that are not Skysink's: started by hand or by a command, supervised, named when they are missing, and
+//! booked under their own name.
 
 mod support;
 
@@ -66,21 +66,44 @@ fn a_command_is_started_as_the_planner_and_started_again_when_it_dies() {
     place.assert_clean();
 }
 
+/// A command whose process is a shell that waits for the planner, beside another child that holds its output open.
+fn forking_command(place: &Place) -> String {
+    let path = place.write("fork.sh", &format!("#!/bin/sh\nsleep 1000 &\n{}\n:\n", command(place)));
+    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+    path.display().to_string()
+}
+
 #[test]
 fn what_a_command_has_started_ends_with_it() {
     let place = Place::new();
     place.write("long.toml", LONG);
-    let script = command(&place);
-    let forking = format!("#!/bin/sh\n{script}\n"); // a shell that waits for its child
-    let path = place.write("fork.sh", &forking);
-    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
-    let run = begin(&place, &["run", "long.toml", "--no-viewer", "--out", "run", "--planner", path.to_str().unwrap()]);
+    place.run_well(&["simulate", "long.toml", "--out", "alone"]);
+    let command = forking_command(&place);
+    let run = begin(&place, &["run", "long.toml", "--no-viewer", "--out", "run", "--planner", &command]);
+    until("flight", || (flown(&place) > 100).then_some(()));
+    let children = || fs::read_to_string(format!("/proc/{0}/task/{0}/children", run.id())).unwrap_or_default();
+    let is_shell =
+        |id: &str| fs::read_to_string(format!("/proc/{id}/cmdline")).is_ok_and(|line| line.contains("fork.sh"));
+    let shell = until("shell", || children().split_ascii_whitespace().find(|id| is_shell(id)).map(str::to_owned));
+    kill_process(Pid::from_raw(shell.parse().unwrap()).unwrap(), Signal::KILL).unwrap();
+    assert_eq!(end(run).code, Some(0), "{}", place.read("said"));
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    assert_eq!(place.summary("run")["restarts"], 1);
+    place.assert_clean();
+}
+
+#[test]
+fn a_command_that_has_started_others_ends_with_the_run() {
+    let place = Place::new();
+    place.write("long.toml", LONG);
+    let command = forking_command(&place);
+    let run = begin(&place, &["run", "long.toml", "--no-viewer", "--out", "run", "--planner", &command]);
     let ring = until("ring", || place.rings().into_iter().find(|ring| place.ring_file(ring).exists()));
     until("flight", || (flown(&place) > 100).then_some(()));
     let planner = place.worker("planner", &ring);
     signal(&run, Signal::TERM);
     assert_eq!(end(run).code, Some(143));
-    until("end of the planner", || (!fs::exists(format!("/proc/{}", planner.as_raw_nonzero())).unwrap()).then_some(()));
+    until("its end", || (!fs::exists(format!("/proc/{}", planner.as_raw_nonzero())).unwrap()).then_some(()));
     place.assert_clean();
 }
 

@@ -149,7 +149,7 @@ fn a_live_port_that_is_taken_ends_the_run_with_one_clear_line() {
     let port = taken.local_addr().unwrap().port();
     let place = Place::new();
     let ended = place.run(&["run", SMOKE, "--out", "run", &format!("--live={port}")]);
-    assert_eq!(ended.code, Some(1), "{ended:?}");
+    assert_eq!(ended.code, Some(2), "{ended:?}");
     assert!(ended.stderr.contains(&format!("port {port}")), "{ended:?}");
     place.assert_clean();
 }

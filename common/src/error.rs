@@ -7,6 +7,9 @@ use std::path::{Path, PathBuf};
 /// Most characters of a line or a value that are quoted.
 const MAX_QUOTED: usize = 80;
 
+/// Most characters of a path.
+const MAX_PATH: usize = 400;
+
 /// Most characters of a message; what other libraries say may hold a value of any length.
 const MAX_MESSAGE: usize = 600;
 
@@ -45,7 +48,7 @@ impl InputError {
     pub fn toml(what: &'static str, path: &Path, text: &str, error: &toml::de::Error) -> Self {
         let message = match error.message().trim() {
             large if large.contains(" as i128") => "expected a whole number below 2^63".to_owned(),
-            message => message.replace('\n', ", "),
+            message => message.replace('\n', ", ") + &suggestion(message),
         };
         let Some(span) = error.span() else { return Self::new(what, path, message) };
         let number = text[..span.start.min(text.len())].matches('\n').count() + 1;
@@ -113,9 +116,17 @@ fn shortened(text: &str, most: usize) -> String {
     format!("{beginning} ... {end}")
 }
 
+/// What an unknown name probably means, from a message of serde: the first name in it, among those that are expected.
+#[must_use]
+pub fn suggestion(message: &str) -> String {
+    let mut names = message.split('`').skip(1).step_by(2);
+    let meant = names.next().filter(|_| message.starts_with("unknown")).and_then(|name| did_you_mean(name, names));
+    meant.map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"))
+}
+
 /// A path on one line, whatever is in it.
 fn shown(path: &Path) -> String {
-    escaped(&path.display().to_string())
+    shortened(&escaped(&path.display().to_string()), MAX_PATH)
 }
 
 #[cfg(test)]

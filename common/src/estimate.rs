@@ -304,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn before_the_first_contact_the_mean_queue_grows_at_the_rate_up_to_the_storage() {
+    fn before_the_first_contact_the_mean_queue_grows_at_the_rate_up_to_the_buffer() {
         let mut estimate = estimate_of(Rates::Known);
         assert_eq!(estimate.believe(0), [300, 300, 300]);
         assert_eq!(estimate.believe(3), [307, 600, 300]); // floor(2.5 · 3) = 7

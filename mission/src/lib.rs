@@ -1,7 +1,8 @@
 //! A mission in one process and on record.
 //!
-//! [`mission`] is the round trip as plain calls, [`record`] the run folder, [`origin`] how a run was begun, [`trace`] its lines, [`summary`] what a run
-//! comes to, [`latency`] how its times are kept. The ring as processes is left to the product.
+//! [`mission`] is the round trip as plain calls, [`record`] the run folder, [`origin`] how a run was begun, [`trace`]
+//! its lines, [`summary`] what a run comes to, [`latency`] how its times are kept. The ring as processes is left to the
+//! product.
 
 pub mod error;
 pub mod latency;

@@ -65,7 +65,8 @@ impl Mission {
         Ok(Self { planner, ..Self::new(scenario, list)? })
     }
 
-    /// The mission before slot 1 with an account of what the UAV knows of the queues, for planners that are not Skysink's.
+    /// The mission before slot 1 with an account of what the UAV knows of the queues, for planners that are not
+    /// Skysink's.
     #[must_use]
     pub fn telling(mut self, estimate: Estimate) -> Self {
         self.field = self.field.telling(estimate);

@@ -42,8 +42,8 @@ impl RunFolder {
     /// begun, the scenario and the sensor nodes into it. `force` allows to replace a run in `out`, whole.
     ///
     /// # Errors
-    /// If `out` exists and is not to be replaced, holds anything but a run, or has one under way; or something cannot be
-    /// written.
+    /// If `out` is not empty and not to be replaced, holds anything but a run, or has one under way; or something
+    /// cannot be written.
     pub fn create(
         out: Option<&Path>,
         force: bool,
@@ -56,7 +56,7 @@ impl RunFolder {
                 Self::check(Some(out), force)?;
                 out.parent().map_or(Ok(()), fs::create_dir_all).map_err(|error| cannot_make(out, error))?;
                 match fs::create_dir(out) {
-                    Err(error) if error.kind() == io::ErrorKind::AlreadyExists && force => {}
+                    Err(error) if error.kind() == io::ErrorKind::AlreadyExists && (force || is_empty(out)) => {}
                     made => made.map_err(|error| cannot_make(out, error))?, // or another process was quicker
                 }
                 out.to_owned()
@@ -88,14 +88,17 @@ impl RunFolder {
         if !out.is_dir() {
             return Err(refuse(out, "it is no folder: choose another --out"));
         }
+        if is_empty(out) {
+            return Ok(());
+        }
         if !force {
             return Err(refuse(out, "it exists: choose another --out, or pass --force to replace the run in it"));
         }
         let names = file_names(out).map_err(|error| refuse(out, error))?;
         let is_run = names.iter().any(|name| name == TRACE) && !names.iter().any(|name| name == "sweep.json");
-        match names.into_iter().find(|name| is_of_run(name) && !out.join(name).is_file()) {
+        match names.into_iter().find(|name| is_of_run(name) && !is_plain_file(&out.join(name))) {
             Some(name) => Err(refuse(&out.join(name), "expected a file of a run: --force replaces nothing else")),
-            None if is_run || fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_none()) => Ok(()),
+            None if is_run => Ok(()),
             None => Err(refuse(out, "it holds something else than a run: --force replaces nothing else")),
         }
     }
@@ -158,7 +161,7 @@ impl RunFolder {
             return Err(InputError::new("run folder", path, message).into());
         }
         let names = file_names(path).at(path)?;
-        if let Some(name) = names.iter().find(|name| is_of_run(name) && !path.join(name).is_file()) {
+        if let Some(name) = names.iter().find(|name| is_of_run(name) && !is_plain_file(&path.join(name))) {
             return Err(InputError::new("run folder", path, format_args!("{name} is no file")).into());
         }
         let trace = lock(path, false)?;
@@ -318,6 +321,12 @@ impl SlotLog {
         self.check.as_ref().is_some_and(|check| check.before.is_some())
     }
 
+    /// The last slot that was on record before this process, as far as was checked.
+    #[must_use]
+    pub fn last_checked(&self) -> Option<u64> {
+        self.check.as_ref().and_then(|check| check.before).map(|(slot, _)| slot)
+    }
+
     /// Whether the lines that were gone over are those that were written: but for the last, which may have come after
     /// the check.
     #[must_use]
@@ -382,6 +391,15 @@ fn cannot_make(out: &Path, error: io::Error) -> MissionError {
         AlreadyExists | InvalidFilename | NotADirectory | NotFound => refuse(out, error),
         _ => MissionError::File { path: out.to_owned(), source: error },
     }
+}
+
+/// Whether it is a file, and no link to one.
+fn is_plain_file(path: &Path) -> bool {
+    fs::symlink_metadata(path).is_ok_and(|file| file.is_file())
+}
+
+fn is_empty(folder: &Path) -> bool {
+    fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none())
 }
 
 /// Whether a run has a file of this name.

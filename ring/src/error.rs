@@ -83,7 +83,7 @@ pub enum NodeError {
         seconds: f64,
     },
     /// Nobody supervises the ring any more.
-    #[error("skysink run has ended without stopping this process")]
+    #[error("skysink run has ended")]
     Orphaned,
     /// The viewer cannot record.
     #[error(transparent)]

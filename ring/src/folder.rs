@@ -256,13 +256,15 @@ mod hexadecimal {
 pub fn home() -> PathBuf {
     let user = format!("skysink-{}", rustix::process::getuid().as_raw());
     let home = std::env::temp_dir().join(&user);
-    if is_usable(&home.join("12345678")) { home } else { Path::new("/tmp").join(user) }
+    if std::env::temp_dir().is_dir() && is_usable(&home.join("12345678")) { home } else { Path::new("/tmp").join(user) }
 }
 
 /// Whether `path` can be a ring's folder: iceoryx2 takes no quotes and other special letters, and puts UNIX sockets
 /// there, whose paths end at 108 bytes.
 fn is_usable(path: &Path) -> bool {
-    path.to_str().is_some_and(|path| path.len() <= 48) && FilePath::new(path.as_os_str().as_encoded_bytes()).is_ok()
+    path.is_absolute()
+        && path.to_str().is_some_and(|path| path.len() <= 48)
+        && FilePath::new(path.as_os_str().as_encoded_bytes()).is_ok()
 }
 
 fn lock_path(folder: &Path) -> PathBuf {

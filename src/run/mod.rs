@@ -71,8 +71,8 @@ pub struct RunOptions {
     #[arg(long, value_name = "ROLE", value_parser = PossibleValuesParser::new(WORKERS.map(Role::name))
         .map(|name| worker(&name).expect("one of the possible values")))]
     pub external: Vec<Role>,
-    /// Start and supervise this command as the planner, such as "python3 mine.py"; it finds the ring's folder in
-    /// SKYSINK_RING and the scenario file in SKYSINK_SCENARIO.
+    /// Start and supervise this command as the planner, such as "python3 mine.py", without a shell; it finds the ring's
+    /// folder in SKYSINK_RING and the scenario file in SKYSINK_SCENARIO.
     #[arg(long, value_name = "COMMAND", value_parser = command_line)]
     pub planner: Option<CommandLine>,
     /// What the mission of such a planner, or of --external planner, is booked as [default: external].
@@ -196,8 +196,8 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
 /// How long the processes of a killed launcher may take to notice.
 const ORPHANS_END: Duration = Duration::from_secs(2);
 
-/// Removes what a killed launcher has left of its ring, and ends the files of viewers that were killed. Where that fails
-/// they can be opened all the same.
+/// Removes what a killed launcher has left of its ring, and ends the files of viewers that were killed. Where that
+/// fails they can be opened all the same.
 fn tidy(folder: &RunFolder) {
     clear_abandoned(ORPHANS_END);
     #[cfg(feature = "viewer")]
@@ -362,8 +362,8 @@ impl RunOptions {
         Ok(Invocation { program, arguments, environment: Vec::new() })
     }
 
-    /// Fails early where this build has no viewer, options contradict each other, or the shared memory would not do: writing beyond its end kills a
-    /// process.
+    /// Fails early where this build has no viewer, options contradict each other or the machine, or the shared memory
+    /// would not do: writing beyond its end kills a process.
     ///
     /// # Errors
     /// [`Error::NoViewer`], [`Error::Usage`] or [`Error::Short`].
@@ -380,6 +380,12 @@ impl RunOptions {
         }
         if let Some(CommandLine(words)) = self.planner.as_ref().filter(|CommandLine(words)| !is_command(&words[0])) {
             return refuse(&format!("--planner {}: expected an executable file or a command of the PATH", words[0]));
+        }
+        if let Some(port @ 1..) = self.live {
+            let probe = std::net::TcpListener::bind(("127.0.0.1", port));
+            if let Err(error) = probe {
+                return refuse(&format!("--live={port}: port {port} of 127.0.0.1: {error}: expected a free port"));
+            }
         }
         if self.label.is_some() && !self.has_outside_planner() {
             return refuse("--label: expected with --external planner or --planner");

@@ -6,6 +6,7 @@ use std::io::BufRead;
 
 use skysink_common::error::InputError;
 use skysink_common::estimate::{Estimate, Rates};
+use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
@@ -92,6 +93,12 @@ pub fn resume(
             .into());
         }
         tally.add(None, mission.last_flight(), &header);
+    }
+    let is_lockstep = folder.manner().pace.is_none_or(|pace| pace == Pace::Max);
+    let is_flown_again = is_lockstep && folder.manner().outside_planner.is_none();
+    if let Some(last) = log.last_checked().filter(|last| *last > tally.last_slot() && !is_flown_again) {
+        let message = format_args!("it ends before slot {last}, which was on record and would be flown otherwise");
+        return Err(InputError::new("trace", &folder.slots(), message).into());
     }
     if folder.manner().pace.is_some() && tally.last_slot() > 1 && !log.was_checked() {
         let message = "slots.check is missing, or not that of this trace: expected the one that was written with it";

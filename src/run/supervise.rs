@@ -201,10 +201,10 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
                 if self.is_released || status.success() && is_last_slot {
                     continue; // it has done its part
                 }
-                let end = match status.code() {
-                    None => End::Killed,
-                    Some(2) => End::Refused,
-                    Some(_) => End::Exited(slot),
+                let end = match (status.code(), status.signal()) {
+                    (Some(2), _) => End::Refused,
+                    (None, Some(9 | 15)) => End::Killed, // SIGKILL, SIGTERM: by somebody else
+                    _ => End::Exited(slot),
                 };
                 process.due = process.restarts.next(now, end);
                 if process.due.is_none() {
@@ -323,6 +323,7 @@ impl Process {
     fn poll(&mut self, table: &ProcessTable) -> Option<ExitStatus> {
         let mut ids = table.ids();
         let status = self.child.as_mut()?.try_wait().ok().flatten()?;
+        self.signal(Signal::KILL); // what it had started: the next one takes its place
         ids.remove(self.role.name());
         self.child = None;
         Some(status)

@@ -22,7 +22,8 @@ use crate::report::print;
 /// How often a mission is looked at.
 const POLL: Duration = Duration::from_millis(1);
 
-/// Longest delay of a kill after its part of the mission is flown; and of one while it starts, which takes about as long.
+/// Longest delay of a kill after its part of the mission is flown; and of one while it starts, which takes about as
+/// long.
 const MAX_DELAY: Duration = Duration::from_millis(10);
 const MAX_START: Duration = Duration::from_millis(150);
 

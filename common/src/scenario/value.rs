@@ -8,7 +8,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use serde_path_to_error::Segment;
 use toml::{Table, Value};
 
-use crate::error::{InputError, did_you_mean, quoted};
+use crate::error::{InputError, quoted, suggestion};
 
 /// A whole number from `MIN` to `MAX`, both at most TOML's largest, 2^63 − 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -140,13 +140,6 @@ pub(super) fn read<T: DeserializeOwned>(table: Table, name: &str, path: &Path) -
             }
         }
     })
-}
-
-/// What an unknown name probably means: the first name in the message, among those that are expected.
-fn suggestion(message: &str) -> String {
-    let mut names = message.split('`').skip(1).step_by(2);
-    let meant = names.next().filter(|_| message.starts_with("unknown")).and_then(|name| did_you_mean(name, names));
-    meant.map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"))
 }
 
 /// The refusal of what the dotted `key` of the file `path` holds.

@@ -9,8 +9,8 @@ use skysink_planner::strategies::STRATEGIES;
 use super::place::{in_folder, write};
 
 /// A journal is refused in one line, or its missions are the same however they are read, and written again they read
-/// back as themselves; opened, it ends with a whole line. The same holds when each line is given the check that it needs
-/// to be taken for one of the sweep.
+/// back as themselves; opened, it ends with a whole line. The same holds when each line is given the check that it
+/// needs to be taken for one of the sweep.
 ///
 /// # Panics
 /// If not.

@@ -1,7 +1,7 @@
 //! The journal of a sweep: a line for each mission that is flown, so that an interrupted sweep can be resumed.
 //!
 //! Each line ends with a check of its bytes, seeded by the sweep: neither a changed line nor one of another sweep is
-//! taken over.
+//! used.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};

@@ -110,6 +110,11 @@ impl Sweep {
             return Err(InputError::new("sweep", path, what).into());
         }
         let text = read_text("sweep", path)?;
+        let is_scenario = text.parse::<toml::Table>().is_ok_and(|table| table.contains_key("name"));
+        if is_scenario {
+            let what = "it is a scenario: expected a sweep (skysink simulate flies this file)";
+            return Err(InputError::new("sweep", path, what).into());
+        }
         let file: File = toml::from_str(&text).map_err(|error| InputError::toml("sweep", path, &text, &error))?;
         let base_path = path.parent().unwrap_or(Path::new("")).join(&file.scenario);
         Scenario::read(&base_path, Overrides::default()).and_then(settings::resolve)?;

@@ -43,8 +43,9 @@ pub struct Found {
 }
 
 impl Horizon {
-    /// Makes the plan that is flown from the slot of `view` on, in up to `steps` search steps. `None`, and nothing is planned, if no sensor node that can lose data can be reached in time, or if
-    /// `watch`, which is told now and then how far the search is, ends it.
+    /// Makes the plan that is flown from the slot of `view` on, in up to `steps` search steps. `None`, and nothing is
+    /// planned, if no sensor node that can lose data can be reached in time, or if `watch`, which is told now and then
+    /// how far the search is, ends it.
     pub(crate) fn prepare(
         &mut self,
         view: &View,
