@@ -216,6 +216,7 @@ fn assert_never_silent(seeds: std::ops::RangeInclusive<u64>) {
     let journal = fs::read(place.path("whole/journal.csv")).unwrap();
     fs::write(place.path("part/journal.csv"), &journal[..journal.len() * 2 / 3]).unwrap();
     let mut refused = 0;
+    let mut tries = 0;
     for seed in seeds {
         let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
         copy(["part", "whole"][below(&mut state, 2)], "spoilt");
@@ -236,6 +237,7 @@ fn assert_never_silent(seeds: std::ops::RangeInclusive<u64>) {
         for (arguments, out) in
             [(["merge", "spoilt", "--out", "merged"], "merged"), (["sweep", "sweep.toml", "--out", "spoilt"], "spoilt")]
         {
+            tries += 1;
             let ended = place.run(&arguments);
             if ended.code == Some(0) {
                 assert_equal(&place, "whole", out);
@@ -245,7 +247,8 @@ fn assert_never_silent(seeds: std::ops::RangeInclusive<u64>) {
             }
         }
     }
-    assert!((20..110).contains(&refused), "{refused} of 120");
+    assert!(refused * 6 > tries && refused < tries, "{refused} of {tries}");
+    println!("{refused} of {tries} refused, the others with the same bytes");
 }
 
 #[test]
