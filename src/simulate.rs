@@ -86,6 +86,10 @@ pub fn simulate(
     #[cfg(feature = "viewer")]
     record(&mut recording, &mission, None)?;
     mission.set_stop(stop);
+    #[cfg_attr(
+        not(feature = "viewer"),
+        expect(clippy::while_let_on_iterator, reason = "the viewer looks at the mission")
+    )]
     while let Some(flown) = mission.next() {
         log.add(&flown.flight, &flown.header)?;
         tally.add(Some(&flown.plan), &flown.flight, &flown.header);

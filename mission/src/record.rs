@@ -3,25 +3,21 @@
 //! Whoever has `slots.csv` locked has the folder: the lock comes before any change of it.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, BufRead as _, BufReader, Seek as _, SeekFrom, Write as _};
-use std::os::unix::fs::{FileExt as _, OpenOptionsExt as _};
+use std::io::{self, BufReader};
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use skysink_common::error::InputError;
-use skysink_common::message::{FlightReport, QueuesHeader};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 
 use crate::error::{FileContext, MissionError};
 use crate::origin::{self, Manner};
-use crate::trace::{SLOT_COLUMNS, TraceHash};
+use crate::slot_log::{CHECK, SlotLog};
 
 /// The trace, by which a folder is known to hold a run.
 const TRACE: &str = "slots.csv";
-
-/// What [`Check`] writes.
-const CHECK: &str = "slots.check";
 
 /// The other files of a run, but for its recordings.
 const FILES: [&str; 6] = [origin::FILE, "scenario.toml", "sensors.csv", CHECK, "summary.json", "optimum.json"];
@@ -179,21 +175,8 @@ impl RunFolder {
     /// # Errors
     /// If it does not begin as a trace.
     pub fn reopen_slot_log(&self) -> Result<(SlotLog, BufReader<File>), MissionError> {
-        let path = self.slots();
-        let file = self.trace.try_clone().at(&path)?;
-        let mut reader = BufReader::new(self.trace.try_clone().at(&path)?);
-        reader.rewind().at(&path)?;
-        let mut header = Vec::new();
-        reader.read_until(b'\n', &mut header).at(&path)?;
-        if !SLOT_COLUMNS.as_bytes().starts_with(&header) {
-            let found = String::from_utf8_lossy(&header);
-            let expected = SLOT_COLUMNS.trim_end();
-            return Err(InputError::line("trace", &path, 1, &found, format_args!("expected {expected}")).into());
-        }
-        // Where the header is cut, nothing is on record.
-        let length = if header.len() == SLOT_COLUMNS.len() { header.len() as u64 } else { 0 };
-        let check = self.in_a_ring.then(|| Check::open(&self.path)).transpose()?;
-        Ok((SlotLog { length, path, file, trace: TraceHash::default(), check }, reader))
+        let file = self.trace.try_clone().at(&self.slots())?;
+        SlotLog::open(&self.path, self.slots(), file, self.in_a_ring)
     }
 
     /// Whether `summary.json` says that all slots were flown.
@@ -229,134 +212,6 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), MissionError> {
         let _ = fs::remove_file(&new); // half-written at best
     }
     written.at(path)
-}
-
-/// `slots.csv` under way. Each line reaches the system when its slot is recorded, so that nothing recorded is lost.
-#[derive(Debug)]
-pub struct SlotLog {
-    path: PathBuf,
-    file: File,
-    /// Bytes of whole lines.
-    length: u64,
-    trace: TraceHash,
-    /// Where slots are flown in a ring, see [`RunFolder`].
-    check: Option<Check>,
-}
-
-/// The last slot on record and the hash of all lines up to it, in a file beside the trace: 16 bytes, written in each
-/// slot after its line.
-#[derive(Debug)]
-struct Check {
-    path: PathBuf,
-    /// None before the first slot.
-    file: Option<File>,
-    /// Slot and hash that were written before this process.
-    before: Option<(u64, u64)>,
-    /// The last slot that was gone over.
-    repeated: u64,
-}
-
-impl Check {
-    fn open(folder: &Path) -> Result<Self, MissionError> {
-        let path = folder.join(CHECK);
-        let file = match OpenOptions::new().read(true).write(true).open(&path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
-            file => Some(file.at(&path)?),
-        };
-        let mut bytes = [0; 16];
-        let is_whole = file.as_ref().is_some_and(|file| file.read_exact_at(&mut bytes, 0).is_ok());
-        let number = u128::from_le_bytes(bytes);
-        let before = is_whole.then_some(((number & u128::from(u64::MAX)) as u64, (number >> 64) as u64));
-        Ok(Self { path, file, before, repeated: 0 })
-    }
-
-    fn write(&mut self, slot: u64, hash: u64) -> Result<(), MissionError> {
-        let file = match &self.file {
-            Some(file) => file,
-            None => self.file.insert(File::create(&self.path).at(&self.path)?),
-        };
-        let number = u128::from(slot) | u128::from(hash) << 64;
-        file.write_all_at(&number.to_le_bytes(), 0).at(&self.path)
-    }
-}
-
-impl SlotLog {
-    /// Adds the slot, and returns the hash of all lines so far.
-    ///
-    /// # Errors
-    /// If a bit of the ledger is unaccounted for, or the line cannot be written; then it is as if it had not been
-    /// tried.
-    pub fn add(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, MissionError> {
-        let line = self.trace.write(flight, header)?;
-        let written = self.file.write_all(line.as_bytes());
-        if written.is_err() {
-            let cut = self.file.set_len(self.length).and_then(|()| self.file.seek(SeekFrom::Start(self.length)));
-            let _ = cut; // of a part of a line at best, which a resumed run cuts, too
-        }
-        written.at(&self.path)?;
-        self.length += line.len() as u64;
-        self.trace.add();
-        self.check.as_mut().map_or(Ok(()), |check| check.write(header.head.slot, self.trace.value()))?;
-        Ok(self.trace.value())
-    }
-
-    /// Goes over a line that is on record already. Says whether it is that of the slot, and all lines so far those that
-    /// were written.
-    ///
-    /// # Errors
-    /// If a bit of the ledger is unaccounted for.
-    pub fn repeat(&mut self, line: &[u8], flight: &FlightReport, header: &QueuesHeader) -> Result<bool, MissionError> {
-        let is_same = self.trace.write(flight, header)?.as_bytes() == line;
-        self.length += line.len() as u64;
-        self.trace.add();
-        let Some(check) = &mut self.check else { return Ok(is_same) };
-        check.repeated = header.head.slot;
-        let before = check.before.filter(|(slot, _)| *slot == header.head.slot);
-        Ok(is_same && before.is_none_or(|(_, hash)| hash == self.trace.value()))
-    }
-
-    /// Whether slots of the trace were flown in a ring.
-    #[must_use]
-    pub fn was_in_a_ring(&self) -> bool {
-        self.check.as_ref().is_some_and(|check| check.before.is_some())
-    }
-
-    /// The last slot that was on record before this process, as far as was checked.
-    #[must_use]
-    pub fn last_checked(&self) -> Option<u64> {
-        self.check.as_ref().and_then(|check| check.before).map(|(slot, _)| slot)
-    }
-
-    /// Whether the lines that were gone over are those that were written: but for the last, which may have come after
-    /// the check.
-    #[must_use]
-    pub fn was_checked(&self) -> bool {
-        let check = self.check.as_ref();
-        check.is_some_and(|check| check.before.is_some_and(|(slot, _)| slot + 1 >= check.repeated))
-    }
-
-    /// Cuts the trace behind the last line that was gone over, to resume it there.
-    ///
-    /// # Errors
-    /// If the file cannot be changed.
-    pub fn resume(&mut self) -> Result<(), MissionError> {
-        let mut cut = || {
-            self.file.set_len(self.length)?;
-            self.file.seek(SeekFrom::End(0))?;
-            if self.length == 0 {
-                self.file.write_all(SLOT_COLUMNS.as_bytes())?;
-                self.length = SLOT_COLUMNS.len() as u64;
-            }
-            Ok(())
-        };
-        cut().at(&self.path)
-    }
-
-    /// Hash of all lines so far, chained.
-    #[must_use]
-    pub fn hash(&self) -> u64 {
-        self.trace.value()
-    }
 }
 
 /// Opens the trace in `folder`, or makes it if `create` allows, and keeps a second run from the folder.
@@ -433,23 +288,5 @@ fn make_default(scenario: &Scenario, manner: &Manner) -> Result<PathBuf, Mission
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => number += 1,
             made => return made.map(|()| path.clone()).at(&path),
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use skysink_common::message::Mode;
-
-    use super::*;
-
-    #[test]
-    fn a_line_that_cannot_be_written_is_not_in_the_hash() {
-        let path = PathBuf::from("/dev/full");
-        let file = File::options().write(true).open(&path).unwrap();
-        let mut log = SlotLog { path, file, length: 0, trace: TraceHash::default(), check: None };
-        let flight = FlightReport::at([1.0, 2.0, 20.0], Mode::Hold);
-        let error = log.add(&flight, &QueuesHeader::default()).unwrap_err();
-        assert!(error.to_string().contains("/dev/full"), "{error}");
-        assert_eq!((log.hash(), log.length), (0, 0));
     }
 }

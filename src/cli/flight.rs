@@ -12,7 +12,8 @@ use skysink_planner::settings;
 
 use super::Choice;
 use crate::error::Error;
-use crate::run::{Run, RunOptions, seconds};
+use crate::run::Run;
+use crate::run::options::{RunOptions, seconds};
 use crate::simulate::{Simulation, simulate};
 use crate::soak::anywhere::Anywhere;
 use crate::soak::soak;

@@ -7,7 +7,7 @@ use iceoryx2::prelude::Service;
 use skysink_common::message::{Commit, FLAG_END, FlightReport, HoldReason, Plan, QueuesHeader, SlotHeader, Tick};
 use skysink_common::pace::Pace;
 use skysink_mission::latency::SlotTimes;
-use skysink_mission::record::SlotLog;
+use skysink_mission::slot_log::SlotLog;
 use skysink_mission::summary::Tally;
 use skysink_ring::error::RingError;
 use skysink_ring::health::Ready;

@@ -1,0 +1,211 @@
+//! The options of `skysink run`: how its processes work together, what contradicts itself, and how each is started.
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser as _};
+use skysink_common::error::InputError;
+use skysink_common::pace::Pace;
+use skysink_common::sensors::SensorList;
+use skysink_mission::error::FileContext;
+use skysink_mission::origin::Manner;
+use skysink_mission::record::RunFolder;
+use skysink_ring::folder::RingFolder;
+use skysink_ring::role::Role;
+use skysink_ring::wait::Waiting;
+
+use crate::error::Error;
+use crate::run::limits;
+use crate::run::restart::{Rule, WORKERS, worker};
+use crate::run::supervise::Invocation;
+
+/// How the processes of a run work together.
+#[derive(Debug, Default, Args)]
+pub struct RunOptions {
+    /// max, realtime, or a factor such as 10x [default: max; with --resume that of the run].
+    #[arg(long, value_name = "PACE")]
+    pub pace: Option<Pace>,
+    /// How the processes wait for each other: event, asleep until they are woken; or poll, which is quicker and keeps
+    /// every core busy.
+    #[arg(long, default_value = "event", value_name = "HOW", value_parser = PossibleValuesParser::new(Waiting::NAMES)
+        .map(|name| name.parse::<Waiting>().expect("one of the possible values")))]
+    pub wait: Waiting,
+    /// Serve the recording live on 127.0.0.1, on port 9876 if none is given.
+    #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "9876")]
+    pub live: Option<u16>,
+    /// Leave the recording out.
+    #[arg(long, conflicts_with = "live")]
+    pub no_viewer: bool,
+    /// Leave this process to somebody else and wait for it (repeatable).
+    #[arg(long, value_name = "ROLE", value_parser = PossibleValuesParser::new(WORKERS.map(Role::name))
+        .map(|name| worker(&name).expect("one of the possible values")))]
+    pub external: Vec<Role>,
+    /// Start and supervise this command as the planner, such as "python3 mine.py", without a shell; it finds the ring's
+    /// folder in SKYSINK_RING and the scenario file in SKYSINK_SCENARIO.
+    #[arg(long, value_name = "COMMAND", value_parser = command_line)]
+    pub planner: Option<CommandLine>,
+    /// What the mission of such a planner, or of --external planner, is booked as [default: external].
+    #[arg(long, value_name = "NAME", value_parser = label)]
+    pub label: Option<String>,
+    /// What is done when a process ends too early: never, or on-failure; planner=never for one of them (repeatable)
+    /// [default: on-failure, at most 50 times in 10 s].
+    #[arg(long, value_name = "POLICY")]
+    pub restart: Vec<Rule>,
+    /// How long a sample is waited for [s; default 30, those of --external 600].
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    pub timeout: Option<f64>,
+}
+
+/// Reads a time [s] above 0 from an argument.
+///
+/// # Errors
+/// If it is none.
+pub fn seconds(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(seconds) if seconds > 0.0 && seconds <= 1e6 => Ok(seconds),
+        _ => Err("expected seconds, above 0, at most 1000000".to_owned()),
+    }
+}
+
+/// A command with its arguments.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CommandLine(pub Vec<String>);
+
+/// Splits a command as a shell does, without expanding anything.
+///
+/// # Errors
+/// If a quotation does not end, or there is nothing.
+pub fn command_line(text: &str) -> Result<CommandLine, String> {
+    let words = shlex::split(text).filter(|words| !words.is_empty());
+    words.map(CommandLine).ok_or_else(|| "expected a command such as \"python3 mine.py\"".to_owned())
+}
+
+/// Whether there is a file to execute: of this path, or in a folder of the PATH.
+fn is_command(program: &str) -> bool {
+    if program.contains('/') {
+        return is_executable(Path::new(program));
+    }
+    let folders = std::env::var_os("PATH").unwrap_or_default();
+    std::env::split_paths(&folders).any(|folder| is_executable(&folder.join(program)))
+}
+
+fn is_executable(path: &Path) -> bool {
+    path.is_file() && rustix::fs::access(path, rustix::fs::Access::EXEC_OK).is_ok()
+}
+
+/// Reads the name of a planner, which may become a part of the run folder's.
+///
+/// # Errors
+/// If it could not.
+pub fn label(text: &str) -> Result<String, String> {
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-_.".contains(letter);
+    let is_name = (1..=64).contains(&text.len()) && text.chars().all(is_plain) && !text.starts_with('.');
+    is_name.then(|| text.to_owned()).ok_or_else(|| "expected up to 64 letters, digits, - _ and .".to_owned())
+}
+
+impl RunOptions {
+    /// How long a sample is waited for [s]: as the user says or else `default_s`, and while a slot lasts by the clock.
+    pub(super) fn timeout_s(&self, default_s: f64, pace: Pace, slot_s: f64) -> f64 {
+        self.timeout.unwrap_or(default_s) + pace.period(slot_s).map_or(0.0, |period| period.as_secs_f64())
+    }
+
+    /// Whether the planner is not Skysink's.
+    pub(super) fn has_outside_planner(&self) -> bool {
+        self.planner.is_some() || self.external.contains(&Role::Planner)
+    }
+
+    /// How the run is flown; one that is resumed, as it was before where the options say nothing.
+    pub(super) fn manner(&self, before: Option<&Manner>) -> Manner {
+        let before = before.cloned().unwrap_or_default();
+        let name = || self.label.clone().unwrap_or_else(|| "external".to_owned());
+        Manner {
+            pace: Some(self.pace.or(before.pace).unwrap_or_default()),
+            outside_planner: before.outside_planner.or_else(|| self.has_outside_planner().then(name)),
+        }
+    }
+
+    /// Fails if the planner of the run that is to be resumed was another one.
+    pub(super) fn check_resumed(&self, folder: &RunFolder) -> Result<(), Error> {
+        let refuse = |message: &str| Err(InputError::new("run folder", folder.path(), message).into());
+        match &folder.manner().outside_planner {
+            Some(name) if !self.has_outside_planner() => refuse(&format!(
+                "it was flown by an outside planner, {name}: expected --external planner, or --planner with its command"
+            )),
+            Some(name) if self.label.as_ref().is_some_and(|label| label != name) => {
+                refuse(&format!("it is booked as {name}: expected that --label, or none"))
+            }
+            None if self.has_outside_planner() => {
+                refuse("it was flown by the scenario's strategy: expected neither --external planner nor --planner")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The options by which a run of this kind is resumed.
+    pub(super) fn resume_by(&self) -> String {
+        let words = self.external.iter().map(|role| format!(" --external {}", role.name()));
+        let command = self.planner.iter().filter_map(|CommandLine(words)| {
+            let command = shlex::try_join(words.iter().map(String::as_str)).ok()?;
+            Some(format!(" --planner {}", shlex::try_quote(&command).ok()?))
+        });
+        words.chain(command).collect()
+    }
+
+    /// How the process of `role` is started for the run of `folder`.
+    pub(super) fn invocation(&self, role: Role, folder: &RunFolder, ring: &RingFolder) -> Result<Invocation, Error> {
+        let absolute = |path: PathBuf| std::path::absolute(&path).at(&path);
+        let scenario = absolute(folder.scenario())?;
+        if let (Role::Planner, Some(CommandLine(words))) = (role, &self.planner) {
+            let (program, arguments) = words.split_first().expect("a command has words");
+            return Ok(Invocation {
+                program: program.into(),
+                arguments: arguments.iter().map(Into::into).collect(),
+                environment: vec![("SKYSINK_RING", ring.path().into()), ("SKYSINK_SCENARIO", scenario.into())],
+            });
+        }
+        let program = std::env::current_exe().at(Path::new("skysink"))?.with_file_name(role.name());
+        if !program.is_file() {
+            return Err(Error::ExecutableMissing(program));
+        }
+        let mut arguments: Vec<OsString> =
+            vec!["--scenario".into(), scenario.into(), "--ring".into(), ring.path().into()];
+        if role == Role::Viewer {
+            arguments.extend(["--save".into(), absolute(folder.recording())?.into()]);
+            arguments.extend(self.live.map(|port| format!("--live={port}").into()));
+            arguments.extend(folder.manner().outside_planner.iter().flat_map(|name| ["--label".into(), name.into()]));
+        }
+        Ok(Invocation { program, arguments, environment: Vec::new() })
+    }
+
+    /// Fails early where this build has no viewer, options contradict each other or the machine, or the shared memory
+    /// would not do: writing beyond its end kills a process.
+    ///
+    /// # Errors
+    /// [`Error::NoViewer`], [`Error::Usage`] or [`Error::Short`].
+    pub fn check(&self, list: &SensorList) -> Result<(), Error> {
+        if !self.no_viewer && !cfg!(feature = "viewer") {
+            return Err(Error::NoViewer);
+        }
+        let refuse = |message: &str| Err(Error::Usage(message.to_owned()));
+        if self.no_viewer && self.external.contains(&Role::Viewer) {
+            return refuse("--external viewer and --no-viewer: expected one of them");
+        }
+        if self.planner.is_some() && self.external.contains(&Role::Planner) {
+            return refuse("--external planner and --planner: expected one of them");
+        }
+        if let Some(CommandLine(words)) = self.planner.as_ref().filter(|CommandLine(words)| !is_command(&words[0])) {
+            return refuse(&format!("--planner {}: expected an executable file or a command of the PATH", words[0]));
+        }
+        if let Some(port @ 1..) = self.live {
+            let probe = std::net::TcpListener::bind(("127.0.0.1", port));
+            if let Err(error) = probe {
+                return refuse(&format!("--live={port}: port {port} of 127.0.0.1: {error}: expected a free port"));
+            }
+        }
+        if self.label.is_some() && !self.has_outside_planner() {
+            return refuse("--label: expected with --external planner or --planner");
+        }
+        limits::check(list, !self.no_viewer)
+    }
+}
