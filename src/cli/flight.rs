@@ -71,7 +71,7 @@ pub struct SoakArguments {
     /// Missions.
     #[arg(long, value_name = "N", default_value_t = 100, requires = "anywhere")]
     missions: u64,
-    /// Kills in each mission.
+    /// Kills in each mission; those that would come after its end are left out.
     #[arg(long, value_name = "N", default_value_t = 10, requires = "anywhere")]
     kills: u32,
 }

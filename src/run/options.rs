@@ -49,7 +49,8 @@ pub struct RunOptions {
     #[arg(long, value_name = "NAME", value_parser = label)]
     pub label: Option<String>,
     /// What is done when a process ends too early: never, or on-failure; planner=never for one of them (repeatable)
-    /// [default: on-failure, at most 50 times in 10 s].
+    /// [default: on-failure, at most 50 times in 10 s,
+    /// and 8 times in a row in one slot].
     #[arg(long, value_name = "POLICY")]
     pub restart: Vec<Rule>,
     /// How long a sample is waited for [s; default 30, those of --external 600].
