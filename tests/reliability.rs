@@ -516,12 +516,12 @@ fn a_machine_that_sleeps_wakes_up_to_a_whole_mission() {
     let place = Place::new();
     place.write("long.toml", LONG);
     place.run_well(&["simulate", "long.toml", "--out", "alone"]);
-    let (run, ring) = begin(&place, &["--no-viewer", "--timeout", "3"]);
+    let (run, ring) = begin(&place, &["--no-viewer", "--timeout", "6"]);
     until("flight", || (flown(&place) > 100).then_some(()));
     let processes: Vec<_> = RING.map(|role| place.worker(role, &ring)).into_iter().chain([pid(&run)]).collect();
     for signal in [Signal::STOP, Signal::CONT] {
         processes.iter().for_each(|&process| kill_process(process, signal).unwrap());
-        std::thread::sleep(std::time::Duration::from_secs(4)); // longer than the time-out
+        std::thread::sleep(std::time::Duration::from_secs(7)); // longer than the time-out
     }
     well(&end(run), "run");
     assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
