@@ -2,7 +2,7 @@
 
 use std::fmt::Debug;
 use std::rc::Rc;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::Listener;
@@ -19,7 +19,7 @@ use crate::folder::Terms;
 use crate::refusals::Refusals;
 use crate::role::{Role, Seat};
 use crate::sample::{Header, Payload};
-use crate::wait::LateJoiners;
+use crate::wait::{LateJoiners, Stopwatch};
 
 /// Samples that a reader holds because they came early. With the one that is worked on they are all that it may hold.
 pub(crate) const MAX_EARLY: usize = 3;
@@ -160,16 +160,22 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Shared<S, P, H> {
         let stop = self.member.stop.clone();
         let seat = self.member.seat.clone();
         let limit = self.member.terms.full_limit();
+        let waited = Mutex::new(Stopwatch::start(Instant::now()));
         let waits = self.row.full == Full::WaitInLockStep && self.member.terms.pace == Pace::Max;
         move |info| {
             if !waits {
                 return BackpressureAction::DiscardData;
             }
-            if stop.requested().is_some() || info.elapsed_time > limit {
+            let now = Instant::now();
+            let mut waited = waited.lock().unwrap_or_else(PoisonError::into_inner);
+            if info.retries == 0 {
+                *waited = Stopwatch::start(now); // another buffer is full
+            }
+            if stop.requested().is_some() || waited.advance(now) > limit {
                 return BackpressureAction::DiscardDataAndFail;
             }
             if info.elapsed_time > CLEAN_UP_AFTER {
-                seat.iter().for_each(|seat| seat.beat(Instant::now()));
+                seat.iter().for_each(|seat| seat.beat(now));
                 remove_dead_nodes::<S>(&config);
             }
             BackpressureAction::Retry
