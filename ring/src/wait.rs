@@ -5,13 +5,13 @@ use std::fmt::Debug;
 use std::fs::File;
 use std::rc::{Rc, Weak};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::Service;
 use serde::{Deserialize, Serialize};
 use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
 use skysink_common::stop::Stop;
 use strum::{Display, EnumString, VariantNames};
 
@@ -70,18 +70,23 @@ pub fn stop_on_signals() -> Stop {
     stop
 }
 
+/// Signals that follow each other so closely are one: `timeout` sends a process two.
+const ONE_SIGNAL: Duration = Duration::from_millis(200);
+
 /// Ends the process at once with the second SIGINT or SIGTERM, whatever it waits for.
 ///
 /// # Panics
 /// As [`stop_on_signals`].
 pub fn exit_on_second_signal() {
-    let is_second = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        // Handlers run in this order: the first signal finds that it is not the second.
-        let exit = signal_hook::flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&is_second));
-        exit.expect("a catchable signal");
-        signal_hook::flag::register(signal, Arc::clone(&is_second)).expect("a catchable signal");
-    }
+    let mut signals = Signals::new([SIGINT, SIGTERM]).expect("catchable signals");
+    std::thread::spawn(move || {
+        let mut first: Option<Instant> = None;
+        for signal in signals.forever() {
+            if first.get_or_insert_with(Instant::now).elapsed() >= ONE_SIGNAL {
+                signal_hook::low_level::exit(128 + signal);
+            }
+        }
+    });
 }
 
 /// A writer with readers that may join late.
