@@ -112,11 +112,14 @@ fn assert_never_silent(place: &Place, whole: &str, resume: &[&str], rounds: u32,
         .map(|entry| entry.unwrap().file_name().into_string().unwrap())
         .map(|name| (fs::read(place.path(&format!("begun/{name}"))).unwrap(), name))
         .collect();
-    let mut refused = 0;
-    for round in 0..rounds {
+    let begin = || {
         let _ = fs::remove_dir_all(place.path("run"));
         fs::create_dir(place.path("run")).unwrap();
         begun.iter().for_each(|(bytes, name)| fs::write(place.path(&format!("run/{name}")), bytes).unwrap());
+    };
+    let mut refused = 0;
+    for round in 0..rounds {
+        begin();
         let name = names[random.random_range(0..names.len())];
         let Some((bytes, _)) = begun.iter().find(|(_, begun)| begun == name) else { continue };
         let spoilt = spoil(bytes, &mut random);
@@ -135,6 +138,9 @@ fn assert_never_silent(place: &Place, whole: &str, resume: &[&str], rounds: u32,
             assert!(fs::read(place.path(&format!("run/{begun}"))).unwrap() == *expected, "{begun} was changed: {case}");
         }
     }
+    begin();
+    place.run_well(&[&["run", "--no-viewer", "--resume", "run"], resume].concat());
+    assert_eq!(place.read("run/slots.csv"), whole, "what was not spoilt");
     assert!(refused > rounds / 3, "{refused} of {rounds}");
     println!("{refused} of {rounds} refused, the others with the same bytes");
 }
