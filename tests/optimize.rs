@@ -112,6 +112,7 @@ fn bad_budgets_and_folders_that_are_taken_are_refused_before_anything_is_done() 
     }
     assert_eq!(place.run(&["optimize", "far.toml", "--steps", "1", "--budget", "1s"]).code, Some(2));
     fs::create_dir(place.path("taken")).unwrap();
+    place.write("taken/notes.md", "");
     let ended = place.run(&["optimize", "far.toml", "--steps", "1000000000000", "--out", "taken"]);
     assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
     assert!(!place.path("runs").exists());
