@@ -57,8 +57,11 @@ pub struct Uncertainty {
     pub endless_bits: f64,
     /// Half-width of the uniform distribution of its initial queue [bit]; 0 after the first contact.
     pub initial_bits: f64,
-    /// Half-width of the uniform distribution of its rate, as a fraction of what is believed; 0 once a gap told it.
+    /// Half-width of the uniform distribution of its rate, as a fraction of what is believed; 0 once contacts told it.
     pub rate: f64,
+    /// What it is believed to have sampled since the last contact, or since the mission's start [bit]: the part of
+    /// `endless_bits` that depends on the rate.
+    pub since_bits: f64,
 }
 
 /// Half-width [bit] of the uniform distribution with the variance of a Poisson variable whose mean is uniform on a
@@ -193,8 +196,10 @@ impl Estimate {
     pub fn uncertainty(&self, slot: u64, id: u32) -> Uncertainty {
         let belief = &self.beliefs[id as usize];
         let is_unlearnt = belief.contact.learnt.is_some_and(|learnt| learnt.slots == 0);
+        let endless_bits = belief.endless_bits(slot) as f64;
         Uncertainty {
-            endless_bits: belief.endless_bits(slot) as f64,
+            endless_bits,
+            since_bits: endless_bits - f64::from(belief.contact.left_bits),
             initial_bits: if belief.contact.is_past() { 0.0 } else { self.initial_half_bits },
             rate: if is_unlearnt { self.rate_half_fraction } else { 0.0 },
         }

@@ -28,6 +28,8 @@ pub enum Purpose {
     SamplingRate = 8,
     /// Mean of the initial queue of a sensor node.
     InitialQueueMean = 9,
+    /// Future channel draws that the look-ahead imagines in a slot.
+    Rollout = 10,
 }
 
 /// The family of streams of one mission.

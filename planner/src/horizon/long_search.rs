@@ -43,22 +43,16 @@ pub struct Found {
 }
 
 impl Horizon {
-    /// Makes the plan that is flown from the slot of `view` on, in up to `steps` search steps. `None`, and nothing is
-    /// planned, if no sensor node that can lose data can be reached in time, or if `watch`, which is told now and then
-    /// how far the search is, ends it.
+    /// Improves the plan of `forecast` by up to `steps` search steps, and carries all of it. `None`, and nothing is
+    /// carried, if `watch`, which is told now and then how far the search is, ends it.
     pub(crate) fn prepare(
         &mut self,
         view: &View,
+        forecast: &mut Forecast,
         steps: u64,
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
     ) -> Option<Found> {
-        self.believe(view);
-        if self.model.sensors.is_empty() {
-            return None;
-        }
-        let mut forecast = Forecast::new(&self.model, self.window(view));
-        self.begin(&mut forecast, view.table);
-        let (steps, is_optimal) = self.cool(&mut forecast, view.slot, steps, watch).continue_value()?;
+        let (steps, is_optimal) = self.cool(forecast, view.slot, steps, watch).continue_value()?;
         self.carried = forecast.stops();
         self.temperature = LEAST_TEMPERATURE;
         Some(Found { loss_bits: forecast.loss_bits, steps, is_optimal })

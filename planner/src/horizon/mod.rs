@@ -16,7 +16,6 @@ pub mod groups;
 pub mod long_search;
 pub mod model;
 pub mod path_bound;
-pub mod rollout;
 pub mod service_disk;
 pub mod start;
 pub mod states;
@@ -31,13 +30,12 @@ use skysink_common::geometry::Position;
 use skysink_common::message::{MAX_PATH_POINTS, SensorNode};
 use skysink_common::random::{Purpose, Streams};
 
-use crate::sensor_table::SensorTable;
 use crate::strategies::{Setup, Timing, View};
 use anneal::Temperature;
 use bound::lower_bound;
+use flight::Trace;
 use forecast::{Forecast, PlanningWindow};
 use model::PlanningModel;
-use rollout::roll_out;
 use service_disk::ServiceDisk;
 use skysink_common::estimate::{Estimate, Uncertainty};
 
@@ -95,17 +93,15 @@ struct Saved {
     carried: Vec<u32>,
 }
 
-/// The next slot of a plan.
+/// A slot of a plan.
 #[derive(Debug, Clone, PartialEq)]
-pub struct NextSlot {
+pub struct PlannedSlot {
     /// Where it ends.
     pub waypoint: Position,
     /// Who is served there, ascending.
     pub ids: Vec<u32>,
     /// The waypoint of the next stop after it, and the slots from here to there.
     pub then: Option<(Position, i32)>,
-    /// The planned stops, this slot's first [m], at most 64.
-    pub path: Vec<Position>,
 }
 
 impl Horizon {
@@ -146,7 +142,7 @@ impl Horizon {
                 sensor.mean_bits = least_mean_bits(estimate, id);
                 sensor.fill_slots = f64::from(estimate.capacity_bits(id)) / sensor.mean_bits;
             }
-            let Uncertainty { endless_bits, initial_bits, rate } =
+            let Uncertainty { endless_bits, initial_bits, rate, .. } =
                 estimate.uncertainty(view.slot.saturating_sub(1), id);
             sensor.initial_half_slots = initial_bits / sensor.mean_bits;
             sensor.rate_half_fraction = rate;
@@ -156,51 +152,83 @@ impl Horizon {
         }
     }
 
-    /// Looks ahead from the slot of `view`: takes up the carried plan, or makes one, improves it, and takes its first
-    /// slot off. `None` if no SN that can lose data can be reached in time.
-    ///
-    /// Without a budget the search ends after a number of steps, not after a time. It draws from the slot's own random
-    /// stream: the result depends on the view and the carried plan alone.
+    /// Takes up the carried plan at the slot of `view`, or makes one; `None` if no SN can lose data.
     #[must_use]
-    pub fn step(&mut self, view: &View) -> Option<NextSlot> {
-        let budget = self.budget.filter(|_| view.timing == Timing::Paced);
-        let until = budget.and_then(|budget| Instant::now().checked_add(budget));
-        let is_over = || view.stop.requested().is_some() || until.is_some_and(|until| Instant::now() >= until);
+    pub fn forecast(&mut self, view: &View) -> Option<Forecast> {
         self.believe(view);
         if self.model.sensors.is_empty() {
             return None;
         }
         let mut forecast = Forecast::new(&self.model, self.window(view));
         if self.carried.is_empty() {
-            self.begin(&mut forecast, view.table);
+            self.model.replace_added(Vec::new());
+            start::begin(&self.model, &mut forecast);
         } else {
             forecast.load(&self.model, self.carried.iter().copied());
             start::extend(&self.model, &mut forecast);
         }
-        self.improve(view.slot, &mut forecast, is_over);
-        self.carried.clear();
-        self.carried.extend(forecast.trace.legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.stop));
-        next(&self.model, &forecast)
+        Some(forecast)
     }
 
-    /// Makes a first plan: the best of several, where it loses more than it must also of the best sets of every slot.
-    fn begin(&mut self, forecast: &mut Forecast, table: &SensorTable) {
-        self.model.replace_added(Vec::new());
-        start::begin(&self.model, forecast);
-        if forecast.loss_bits <= lower_bound(&self.model, &forecast.window) {
-            return;
+    /// Whether no plan is carried from the slot before.
+    #[must_use]
+    pub fn is_new(&self) -> bool {
+        self.carried.is_empty()
+    }
+
+    /// Whether the plan of `forecast` is known to lose no more than it must.
+    #[must_use]
+    pub fn is_optimal(&self, forecast: &Forecast) -> bool {
+        forecast.loss_bits <= lower_bound(&self.model, &forecast.window)
+    }
+
+    /// Replaces the plan by the stops of a `flight`, where each slot ends and whom it serves, if that loses less. These
+    /// stops become disks of the model.
+    pub fn offer(&mut self, forecast: &mut Forecast, flight: &[(Position, Vec<u32>)]) {
+        let begun_bits = forecast.loss_bits;
+        let begun = forecast.stops();
+        let kept = self.model.added().to_vec();
+        let sensor = |id: &u32| self.model.ids.binary_search(id).ok().map(|sensor| sensor as u32);
+        let disk = |(centre, ids): &(Position, Vec<u32>)| {
+            ServiceDisk::at(&self.model.table, *centre, ids.iter().filter_map(sensor).collect())
+        };
+        let disks = flight.iter().filter_map(disk).collect();
+        let first = (self.model.disks.len() - kept.len()) as u32;
+        self.model.replace_added(disks);
+        forecast.load(&self.model, first..self.model.disks.len() as u32);
+        start::extend(&self.model, forecast);
+        if begun_bits <= forecast.loss_bits {
+            self.model.replace_added(kept);
+            forecast.load(&self.model, begun);
         }
-        if let Some(disks) = roll_out(&self.model, &forecast.window, table) {
-            let begun_bits = forecast.loss_bits;
-            let begun = forecast.stops();
-            let first = self.model.disks.len() as u32;
-            self.model.replace_added(disks);
-            forecast.load(&self.model, first..self.model.disks.len() as u32);
-            if begun_bits <= forecast.loss_bits {
-                self.model.replace_added(Vec::new());
-                forecast.load(&self.model, begun);
-            }
-        }
+    }
+
+    /// Improves the plan of `forecast`, and carries what follows the slot of `view`.
+    ///
+    /// Without a budget the search ends after a number of steps, not after a time. It draws from the slot's own random
+    /// stream: the result depends on the view and the carried plan alone.
+    pub fn search(&mut self, view: &View, forecast: &mut Forecast, is_over: impl Fn() -> bool) {
+        self.improve(view.slot, forecast, is_over);
+        self.carried.clear();
+        self.carried.extend(forecast.trace.legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.stop));
+    }
+
+    /// Carries all of the plan, because another flies the next slot.
+    pub fn carry_all(&mut self, forecast: &Forecast) {
+        self.carried = forecast.stops();
+    }
+
+    /// When a search of the slot of `view` that begins now is to end.
+    #[must_use]
+    pub fn deadline(&self, view: &View) -> Option<Instant> {
+        let budget = self.budget.filter(|_| view.timing == Timing::Paced)?;
+        Instant::now().checked_add(budget)
+    }
+
+    /// The sensors and their stops.
+    #[must_use]
+    pub fn model(&self) -> &PlanningModel {
+        &self.model
     }
 
     /// The planning window that starts at the slot of `view`.
@@ -284,20 +312,26 @@ fn least_mean_bits(estimate: &Estimate, id: u32) -> f64 {
     estimate.mean_bits(id).max(LEAST_MEAN_BITS)
 }
 
-/// The first slot of a plan; none if it has no stop.
-fn next(model: &PlanningModel, forecast: &Forecast) -> Option<NextSlot> {
-    let Forecast { trace, window, .. } = forecast;
-    let first = trace.legs.first()?;
+/// Slot `slot`, from 1, of a plan, from where the UAV is as it begins; none behind the last stop.
+#[must_use]
+pub fn planned_slot(model: &PlanningModel, forecast: &Forecast, slot: i32, from: &Position) -> Option<PlannedSlot> {
+    let Trace { legs, visits } = &forecast.trace;
+    let leg = legs.get(legs.partition_point(|leg| leg.end < slot))?;
     // A leg of several slots is flown in equal steps.
-    let waypoint = window.start + (first.at - window.start) / f64::from(first.end);
-    let visits = trace.visits.iter().take_while(|visit| visit.slot == 1);
+    let waypoint = from + (leg.at - from) / f64::from(leg.end - slot + 1);
+    let visits = visits[visits.partition_point(|visit| visit.slot < slot)..].iter();
+    let visits = visits.take_while(|visit| visit.slot == slot);
     let mut ids: Vec<u32> = visits.map(|visit| model.ids[visit.sensor as usize]).collect();
     ids.sort_unstable();
-    let later = || trace.legs.iter().filter(|leg| leg.end > 1);
-    let mut path = vec![waypoint];
-    path.extend(later().map(|leg| leg.at));
+    let then = legs.get(legs.partition_point(|leg| leg.end <= slot)).map(|leg| (leg.at, leg.end - slot));
+    Some(PlannedSlot { waypoint, ids, then })
+}
+
+/// The planned stops [m] of a plan, after where its first slot ends, at most 63.
+#[must_use]
+pub fn planned_path(forecast: &Forecast) -> Vec<Position> {
+    let mut path: Vec<Position> = forecast.trace.legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.at).collect();
     path.dedup();
-    path.truncate(MAX_PATH_POINTS);
-    let then = later().next().map(|leg| (leg.at, leg.end - 1));
-    Some(NextSlot { waypoint, ids, then, path })
+    path.truncate(MAX_PATH_POINTS - 1);
+    path
 }

@@ -2,19 +2,24 @@
 //!
 //! How it is improved is left to [`crate::horizon`]; here its first slot becomes a decision.
 
-use std::time::Duration;
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
-use skysink_common::checkpoint::{Checkpoint, CheckpointError};
-use skysink_common::geometry::{Position, above};
-use skysink_common::message::{MAX_PATH_POINTS, SolverOutcome};
+use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode_first, encode};
+use skysink_common::geometry::above;
+use skysink_common::message::MAX_PATH_POINTS;
 use skysink_common::scenario::Count;
 
-use super::nearby::fullest_first;
+use super::planned_flight::PlannedFlight;
+use super::rivals::{Rivals, Surveyed};
+use super::rollout::{Ahead, is_random};
 use super::serving::Serving;
 use super::{Decision, Registered, Setup, Strategy, View, checked};
-use crate::horizon::{Horizon, NextSlot};
+use crate::horizon::forecast::{Forecast, PlanningWindow};
+use crate::horizon::long_search::{Found, SearchProgress};
+use crate::horizon::{Horizon, planned_path};
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
@@ -70,9 +75,10 @@ impl From<BudgetMs> for Duration {
 /// Most slots that are looked ahead: the whole mission of the UTS letter (arXiv 2103.00753).
 const MOST_SLOTS: u64 = 600;
 
-/// A plan over many slots, and how its first slot is flown.
+/// A plan over many slots and the other strategies, and who of them flies the next slot.
 pub(super) struct LookAhead {
-    pub horizon: Horizon,
+    horizon: Horizon,
+    rivals: Rivals,
     serving: Serving,
     /// The waypoints after the one decided last.
     path: Vec<Point3<f64>>,
@@ -81,41 +87,78 @@ pub(super) struct LookAhead {
 impl LookAhead {
     /// As [`Horizon::new`].
     pub fn new(setup: &Setup, most_slots: u64, iterations: u32, budget: Option<Duration>) -> Self {
-        let horizon = Horizon::new(setup, most_slots, iterations, budget);
-        Self { horizon, serving: Serving::new(setup), path: Vec::with_capacity(MAX_PATH_POINTS) }
+        Self {
+            horizon: Horizon::new(setup, most_slots, iterations, budget),
+            rivals: Rivals::new(setup),
+            serving: Serving::new(setup),
+            path: Vec::with_capacity(MAX_PATH_POINTS),
+        }
     }
 
-    /// The waypoint of a planned slot: where its links limit what it collects, as far toward the best point to serve
-    /// from (sP2*) as the next stop stays in reach in time.
-    fn between_stops(&mut self, view: &View, next: &NextSlot) -> (Position, SolverOutcome) {
-        let above = self.serving.above(view, &next.waypoint, &next.ids);
-        let queued_bits: u64 = next.ids.iter().map(|&id| u64::from(view.queues_bits[id as usize])).sum();
-        let expected_bits = view.table.expected_bits(&above, &next.ids, view.queues_bits);
-        if expected_bits == queued_bits {
-            return (next.waypoint, SolverOutcome::Rule);
+    /// Runs the search of `offline` from `view` on, with up to `steps` steps; see [`Horizon::prepare`].
+    pub fn prepare(
+        &mut self,
+        view: &View,
+        steps: u64,
+        watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
+    ) -> Option<Found> {
+        let mut forecast = self.horizon.forecast(view)?;
+        if !self.is_settled(view, &forecast) {
+            self.survey(view, &mut forecast, &|| view.stop.requested().is_some());
         }
-        let Some(best) = self.serving.waypoint(view, &next.ids) else {
-            return (next.waypoint, SolverOutcome::Rule);
-        };
-        let best_ground = best.point.xy();
-        let Some((then, slots)) = next.then else {
-            return (best_ground, best.outcome);
-        };
-        let reach_m = view.table.reach_m * f64::from(slots);
-        let fraction = fraction_within(&next.waypoint, &best_ground, &then, reach_m);
-        (next.waypoint + (best_ground - next.waypoint) * fraction, best.outcome)
+        self.horizon.prepare(view, &mut forecast, steps, watch)
+    }
+
+    /// Whether a plan is known to lose no more than it must, whatever the links and the queues do.
+    fn is_settled(&self, view: &View, forecast: &Forecast) -> bool {
+        view.estimate.is_none() && !is_random(&view.table.channel) && self.horizon.is_optimal(forecast)
+    }
+
+    fn ahead(&self, forecast: &Forecast) -> Ahead {
+        let PlanningWindow { slots, beyond_slots, .. } = forecast.window;
+        Ahead { slots: slots as u64, beyond_slots, round_slots: self.horizon.model().round_slots }
+    }
+
+    /// Rolls out the other strategies, and offers the best flights as plans to start from; returns the best of them.
+    fn survey(&mut self, view: &View, forecast: &mut Forecast, is_over: &dyn Fn() -> bool) -> Option<Surveyed> {
+        let surveyed = self.rivals.survey(view, &self.ahead(forecast), is_over);
+        for rival in &surveyed {
+            self.horizon.offer(forecast, &rival.flight);
+        }
+        surveyed.into_iter().next()
     }
 }
 
 impl Strategy for LookAhead {
-    /// Improves the plan and decides its first slot; `None` if no SN that can lose data can be reached.
+    /// Improves the plan, and decides its first slot, or that of the strategy that is predicted to lose less; `None` if
+    /// no SN that can lose data can be reached.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         self.path.clear();
-        let next = self.horizon.step(view)?;
-        let (waypoint, outcome) = self.between_stops(view, &next);
-        let key = |id: u32| (!next.ids.contains(&id), fullest_first(view.queues_bits[id as usize], id));
-        let decision = Decision { outcome, ..self.serving.serve_by(view, &waypoint, key) };
-        self.path.extend(next.path.iter().skip(1).map(|point| above(point, decision.waypoint.z)));
+        let deadline = self.horizon.deadline(view);
+        let is_over = || view.stop.requested().is_some() || deadline.is_some_and(|deadline| Instant::now() >= deadline);
+        let is_new = self.horizon.is_new();
+        let mut forecast = self.horizon.forecast(view)?;
+        let mut surveyed = None;
+        if is_new && !self.is_settled(view, &forecast) {
+            surveyed = self.survey(view, &mut forecast, &is_over);
+        }
+        self.horizon.search(view, &mut forecast, is_over);
+        if self.is_settled(view, &forecast) {
+            self.rivals.leave();
+        } else if is_new || self.rivals.is_due(view, &self.ahead(&forecast)) {
+            let ahead = self.ahead(&forecast);
+            let Self { horizon, rivals, serving, .. } = self;
+            let mut own = PlannedFlight { model: horizon.model(), forecast: &forecast, first: view.slot, serving };
+            rivals.choose(view, &ahead, &mut own, surveyed.as_ref(), &is_over);
+        }
+        if self.rivals.is_following() {
+            self.horizon.carry_all(&forecast);
+            return self.rivals.plan(view);
+        }
+        let Self { horizon, serving, .. } = self;
+        let mut own = PlannedFlight { model: horizon.model(), forecast: &forecast, first: view.slot, serving };
+        let decision = own.plan(view)?;
+        self.path.extend(planned_path(&forecast).iter().map(|point| above(point, decision.waypoint.z)));
         Some(decision)
     }
 
@@ -126,45 +169,16 @@ impl Strategy for LookAhead {
 
 impl Checkpoint for LookAhead {
     fn save(&self, bytes: &mut Vec<u8>) {
+        encode(self.rivals.choice(), bytes);
         self.horizon.save(bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        self.horizon.restore(bytes)
-    }
-}
-
-/// How far from `from` toward `to`, as a fraction of the path, one stays within `radius_m` [m] of `centre`; 0 if `from`
-/// is not.
-fn fraction_within(from: &Position, to: &Position, centre: &Position, radius_m: f64) -> f64 {
-    let path = to - from;
-    let away = from - centre;
-    let a = path.norm_squared();
-    let b = path.dot(&away);
-    let c = away.norm_squared() - radius_m * radius_m;
-    if c > 0.0 {
-        return 0.0;
-    }
-    // The larger root of a t² + 2 b t + c = 0, c ≤ 0.
-    let root = (b * b - a * c).max(0.0).sqrt();
-    let fraction = if b > 0.0 { -c / (b + root) } else { (root - b) / a };
-    if fraction.is_finite() { fraction.clamp(0.0, 1.0) } else { 0.0 }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_path_within_a_circle_ends_on_it() {
-        let at = Position::new;
-        // From 4 m west of the centre of a circle of 10 m eastward: 14 m of 28 m.
-        let fraction = fraction_within(&at(46.0, 50.0), &at(74.0, 50.0), &at(50.0, 50.0), 10.0);
-        assert!((fraction - 0.5).abs() < 1e-12, "{fraction}");
-        let fraction = fraction_within(&at(54.0, 50.0), &at(26.0, 50.0), &at(50.0, 50.0), 10.0);
-        assert!((fraction - 0.5).abs() < 1e-12, "{fraction}");
-        assert_eq!(fraction_within(&at(46.0, 50.0), &at(48.0, 50.0), &at(50.0, 50.0), 10.0), 1.0, "never leaves it");
-        assert_eq!(fraction_within(&at(30.0, 50.0), &at(50.0, 50.0), &at(50.0, 50.0), 10.0), 0.0, "starts outside");
-        assert_eq!(fraction_within(&at(46.0, 50.0), &at(46.0, 50.0), &at(50.0, 50.0), 10.0), 0.0, "nowhere to go");
+        let (choice, horizon) = decode_first(bytes)?;
+        let mut restored = self.horizon.clone();
+        restored.restore(horizon)?;
+        self.rivals.restore(choice)?;
+        self.horizon = restored;
+        Ok(())
     }
 }

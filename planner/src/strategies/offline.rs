@@ -93,7 +93,7 @@ impl Offline {
 
     /// Runs the search from `view` on.
     fn prepare(&mut self, view: &View, watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>) -> Option<Found> {
-        let found = self.ahead.horizon.prepare(view, self.steps, watch)?;
+        let found = self.ahead.prepare(view, self.steps, watch)?;
         self.is_planned = true;
         Some(found)
     }

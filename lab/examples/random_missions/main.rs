@@ -1,0 +1,103 @@
+//! `horizon` against every other strategy over random missions.
+//!
+//! `cargo run --release -p skysink-lab --example random_missions -- 1-2000`
+//!
+//! A mission is drawn from its number. Over a random channel each strategy flies it with several draws of the links,
+//! and the means are compared, so that no strategy wins by its luck. A second argument is the number of these draws, a
+//! third the search steps of `horizon` in a slot, a fourth a folder for the missions that it loses.
+
+mod generator;
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use rayon::prelude::*;
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::sensors::SensorList;
+use skysink_mission::Mission;
+use skysink_planner::settings;
+use skysink_planner::strategies::{STRATEGIES, horizon, offline};
+
+use generator::{Generator, RandomMission};
+
+/// Loss rate that counts as the same: below it nothing is lost or won.
+const TIE: f64 = 1e-4;
+
+/// A mission is lost clearly if `horizon` loses this much more, and this fraction more.
+const CLEARLY: [f64; 2] = [0.005, 0.05];
+
+/// The mean loss rates of a mission, by strategy.
+struct Outcome {
+    number: u64,
+    horizon: f64,
+    /// The best of the others.
+    best: (f64, &'static str),
+    seconds: f64,
+}
+
+impl Outcome {
+    fn is_clearly_lost(&self) -> bool {
+        self.horizon > self.best.0 + CLEARLY[0] && self.horizon > self.best.0 * (1.0 + CLEARLY[1])
+    }
+}
+
+fn mission(number: u64, draw: u64) -> RandomMission {
+    Generator::new(number).mission(number * 1_000 + draw)
+}
+
+/// Loss rate of a flight by `strategy`.
+fn fly(files: &RandomMission, strategy: &'static str, steps: u64) -> f64 {
+    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+    let text = format!("{}horizon.iterations = {steps}\n", files.scenario);
+    let scenario =
+        Scenario::parse(&text, Path::new("random.toml"), overrides).and_then(settings::resolve).expect("a scenario");
+    let list = SensorList::parse(&files.sensors, Path::new("sensors.csv"), &scenario).expect("a sensor list");
+    let mission = Mission::new(&scenario, &list).expect("it was resolved");
+    let lost_bits = mission.last().map_or(0, |flown| flown.header.totals.lost_bits);
+    let sampled_bps: f64 = list.sensors().iter().map(|sensor| sensor.sampling_bps).sum();
+    lost_bits as f64 / (sampled_bps * scenario.slot_s * scenario.slots as f64)
+}
+
+fn compare(number: u64, draws: u64, steps: u64) -> Outcome {
+    let draws = if mission(number, 0).is_random_channel { draws } else { 1 };
+    let mean =
+        |strategy| (0..draws).map(|draw| fly(&mission(number, draw), strategy, steps)).sum::<f64>() / draws as f64;
+    let rivals = STRATEGIES.iter().filter(|other| ***other != horizon::STRATEGY && ***other != offline::STRATEGY);
+    let best = rivals.map(|other| (mean(other.name), other.name)).min_by(|a, b| a.0.total_cmp(&b.0));
+    let begin = Instant::now();
+    let horizon = mean(horizon::STRATEGY.name);
+    Outcome { number, horizon, best: best.expect("other strategies"), seconds: begin.elapsed().as_secs_f64() }
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let number = |index: usize, default| arguments.get(index).map_or(default, |text| text.parse().expect("a number"));
+    let range = arguments.first().map_or("1-2000", String::as_str);
+    let (first, last) = range.split_once('-').expect("missions as 1-2000");
+    let (first, last): (u64, u64) = (first.parse().expect("a number"), last.parse().expect("a number"));
+    let (draws, steps) = (number(1, 6), number(2, 1_000));
+    let lost_folder = arguments.get(3).map(PathBuf::from);
+    let mut outcomes: Vec<Outcome> =
+        (first..=last).into_par_iter().map(|number| compare(number, draws, steps)).collect();
+    outcomes.sort_by(|a, b| (b.horizon - b.best.0).total_cmp(&(a.horizon - a.best.0)));
+    for outcome in outcomes.iter().filter(|outcome| outcome.horizon > outcome.best.0 + TIE) {
+        let Outcome { number, horizon, best: (loss_rate, name), seconds } = outcome;
+        let mark = if outcome.is_clearly_lost() { "clearly" } else { "" };
+        println!("{number:6}  horizon {horizon:.5}  {name:18} {loss_rate:.5}  {seconds:6.2} s  {mark}");
+        if let Some(folder) = lost_folder.as_ref().filter(|_| outcome.is_clearly_lost()) {
+            mission(*number, 0).write(&folder.join(number.to_string())).expect("a folder to write to");
+        }
+    }
+    let count = |is: &dyn Fn(&Outcome) -> bool| outcomes.iter().filter(|outcome| is(outcome)).count();
+    println!(
+        "{} missions: won {}, tied {}, lost {} by more than {TIE}, of these {} clearly ({} and {} %); horizon {:.0} s",
+        outcomes.len(),
+        count(&|outcome| outcome.horizon < outcome.best.0 - TIE),
+        count(&|outcome| (outcome.horizon - outcome.best.0).abs() <= TIE),
+        count(&|outcome| outcome.horizon > outcome.best.0 + TIE),
+        count(&Outcome::is_clearly_lost),
+        CLEARLY[0],
+        CLEARLY[1] * 100.0,
+        outcomes.iter().map(|outcome| outcome.seconds).sum::<f64>(),
+    );
+}

@@ -1,0 +1,89 @@
+//! The flight of a plan of the look-ahead, slot by slot, as it was made.
+
+use skysink_common::checkpoint::Checkpoint;
+use skysink_common::geometry::Position;
+use skysink_common::message::SolverOutcome;
+
+use super::nearby::fullest_first;
+use super::serving::Serving;
+use super::{Decision, Strategy, View};
+use crate::horizon::forecast::Forecast;
+use crate::horizon::model::PlanningModel;
+use crate::horizon::{PlannedSlot, planned_slot};
+
+/// A plan that is flown from the slot `first` on.
+pub(super) struct PlannedFlight<'a> {
+    pub model: &'a PlanningModel,
+    pub forecast: &'a Forecast,
+    pub first: u64,
+    pub serving: &'a mut Serving,
+}
+
+impl Checkpoint for PlannedFlight<'_> {}
+
+impl Strategy for PlannedFlight<'_> {
+    /// `None` behind the last stop.
+    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+        let slot = i32::try_from(view.slot - self.first + 1).ok()?;
+        let next = planned_slot(self.model, self.forecast, slot, &view.ground())?;
+        let (waypoint, outcome) = between_stops(self.serving, view, &next);
+        let key = |id: u32| (!next.ids.contains(&id), fullest_first(view.queues_bits[id as usize], id));
+        Some(Decision { outcome, ..self.serving.serve_by(view, &waypoint, key) })
+    }
+}
+
+/// The waypoint of a planned slot: where its links limit what it collects, as far toward the best point to serve from
+/// (sP2*) as the next stop stays in reach in time.
+fn between_stops(serving: &mut Serving, view: &View, next: &PlannedSlot) -> (Position, SolverOutcome) {
+    let above = serving.above(view, &next.waypoint, &next.ids);
+    let queued_bits: u64 = next.ids.iter().map(|&id| u64::from(view.queues_bits[id as usize])).sum();
+    let expected_bits = view.table.expected_bits(&above, &next.ids, view.queues_bits);
+    if expected_bits == queued_bits {
+        return (next.waypoint, SolverOutcome::Rule);
+    }
+    let Some(best) = serving.waypoint(view, &next.ids) else {
+        return (next.waypoint, SolverOutcome::Rule);
+    };
+    let best_ground = best.point.xy();
+    let Some((then, slots)) = next.then else {
+        return (best_ground, best.outcome);
+    };
+    let reach_m = view.table.reach_m * f64::from(slots);
+    let fraction = fraction_within(&next.waypoint, &best_ground, &then, reach_m);
+    (next.waypoint + (best_ground - next.waypoint) * fraction, best.outcome)
+}
+
+/// How far from `from` toward `to`, as a fraction of the path, one stays within `radius_m` [m] of `centre`; 0 if `from`
+/// is not.
+fn fraction_within(from: &Position, to: &Position, centre: &Position, radius_m: f64) -> f64 {
+    let path = to - from;
+    let away = from - centre;
+    let a = path.norm_squared();
+    let b = path.dot(&away);
+    let c = away.norm_squared() - radius_m * radius_m;
+    if c > 0.0 {
+        return 0.0;
+    }
+    // The larger root of a t² + 2 b t + c = 0, c ≤ 0.
+    let root = (b * b - a * c).max(0.0).sqrt();
+    let fraction = if b > 0.0 { -c / (b + root) } else { (root - b) / a };
+    if fraction.is_finite() { fraction.clamp(0.0, 1.0) } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_path_within_a_circle_ends_on_it() {
+        let at = Position::new;
+        // From 4 m west of the centre of a circle of 10 m eastward: 14 m of 28 m.
+        let fraction = fraction_within(&at(46.0, 50.0), &at(74.0, 50.0), &at(50.0, 50.0), 10.0);
+        assert!((fraction - 0.5).abs() < 1e-12, "{fraction}");
+        let fraction = fraction_within(&at(54.0, 50.0), &at(26.0, 50.0), &at(50.0, 50.0), 10.0);
+        assert!((fraction - 0.5).abs() < 1e-12, "{fraction}");
+        assert_eq!(fraction_within(&at(46.0, 50.0), &at(48.0, 50.0), &at(50.0, 50.0), 10.0), 1.0, "never leaves it");
+        assert_eq!(fraction_within(&at(30.0, 50.0), &at(50.0, 50.0), &at(50.0, 50.0), 10.0), 0.0, "starts outside");
+        assert_eq!(fraction_within(&at(46.0, 50.0), &at(46.0, 50.0), &at(50.0, 50.0), 10.0), 0.0, "nowhere to go");
+    }
+}
