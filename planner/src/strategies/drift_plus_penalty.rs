@@ -39,7 +39,7 @@ pub struct DriftPlusPenaltyKeys {
 
 impl Default for DriftPlusPenaltyKeys {
     fn default() -> Self {
-        Self { price_bits2_per_j: Price(1e6) }
+        Self { price_bits2_per_j: Price(3e5) }
     }
 }
 

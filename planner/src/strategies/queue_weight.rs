@@ -234,19 +234,19 @@ mod tests {
 
     #[test]
     fn a_price_on_energy_keeps_it_from_flying_fast() {
-        // 25 m/s cost P = 79.86 (1 + 3·625/14400) + 88.63 · 0.160866 + 9.242625e-3 · 15625 = 90.258 + 14.258 + 144.416 =
-        // 248.93 W, 15 m/s (to where it is in range) 83.603 + 23.737 + 31.194 = 138.53 W, and to hover 168.49 W.
+        // 25 m/s cost P = 90.258 + 14.282 + 144.416 = 248.96 W (profile, induced and drag power), 15 m/s, to where it is
+        // in range, 83.603 + 23.750 + 31.194 = 138.55 W, and to hover 168.49 W.
         let field = field_of(&[[50.0, 75.0]], 5e6);
         let waypoint = |price, queue_bits| decided(&field, price, &[queue_bits]).unwrap().waypoint.y;
         assert_eq!(waypoint(0.0, 1_000), 75.0, "of equals the first: above it");
         assert!((waypoint(1.0, 1_000) - 65.0).abs() < 1e-9, "in range it is worth the same, for 110 J less");
         assert!((waypoint(1e9, 1_000) - 65.0).abs() < 1e-9, "and less than to hover");
-        // With an SN in range at 50 m and one 35 m away: 28 m/s cost more than 25 m/s above.
+        // SN 0 below, SN 1 40 m away: 30 m/s to it cost 94.834 + 11.904 + 249.551 = 356.29 W, 187.80 J more than to
+        // hover, for 1 000² − 500² = 750 000 bit² more: worth it up to V = 750 000 / 187.80 = 3 993.6.
         let field = field_of(&[[50.0, 50.0], [50.0, 90.0]], 5e6);
-        // To SN 1 at 30 m/s: 94.833 + 11.898 + 249.551 = 356.28 W, 187.79 J more than to hover; 1 000² − 500² = 750 000.
         let schedule = |price| decided(&field, price, &[500, 1_000]).unwrap().schedule.to_vec();
-        assert_eq!(schedule(3_900.0), [1], "750 000 / 187.79 = 3 993.8");
-        assert_eq!(schedule(4_100.0), [0]);
+        assert_eq!(schedule(3_993.0), [1]);
+        assert_eq!(schedule(3_994.0), [0]);
     }
 
     #[test]
@@ -282,8 +282,8 @@ mod tests {
     }
 
     proptest! {
-        /// Against every set at every candidate, and at a grid of points: no candidate is better, and where links empty
-        /// queues and energy is free, no point of the grid is by more than a set that only a point between has in range.
+        /// Against every set of SNs in range of every SN in reach and of where the UAV is; and, where a slot serves one
+        /// SN whose queue it empties, against the fullest queue that can be served.
         #[test]
         fn no_candidate_and_no_set_is_better(
             sensors in prop::collection::vec(([20.0..80.0, 20.0..80.0], 0u32..9_000), 1..8),
