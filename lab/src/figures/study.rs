@@ -103,8 +103,8 @@ pub(super) fn studies() -> Vec<Study> {
     studies.remove("study").unwrap_or_default()
 }
 
-/// The strategies of the figures that decide without a search. The other baselines are not flown: the paper's comparison
-/// in `docs/results.md`, and with it the best known, is among these.
+/// The strategies of the figures that decide without a search. The other baselines are not flown: the paper's
+/// comparison in `docs/results.md`, and with it the best known, is among these.
 pub(super) const AT_ONCE: [&Registered; 8] = [
     &rfs::STRATEGY,
     &gfs::STRATEGY,

@@ -1,14 +1,14 @@
 //! `drift-plus-penalty`: the waypoint and schedule of the largest queue-weighted service, less the price of the
 //! propulsion energy for it.
 //!
-//! Source: M. J. Neely, "Stochastic Network Optimization with Application to Communication and Queueing Systems", Morgan &
-//! Claypool, 2010: in every slot minimise a bound on the drift of `½ Σ Q_i²` plus V times a penalty, which for service
-//! `b_i` and penalty p is to maximise `Σ Q_i b_i − V p`. The penalty's average comes within O(1/V) of the least, and queues
-//! grow with V. (Known from summaries of the method; the book was not read for this.)
+//! Source: M. J. Neely, "Stochastic Network Optimization with Application to Communication and Queueing Systems",
+//! Morgan & Claypool, 2010: in every slot minimise a bound on the drift of `½ Σ Q_i²` plus V times a penalty, which for
+//! service `b_i` and penalty p is to maximise `Σ Q_i b_i − V p`. The penalty's average comes within O(1/V) of the
+//! least, and queues grow with V. (Known from summaries of the method; the book was not read for this.)
 //!
-//! Adapted to a UAV as [`max-weight`](super::max_weight), which it is with V = 0: `b_i = min(Q_i, r_i τ_c)`; the penalty is
-//! the slot's propulsion energy. The bounds do not carry over, for the same reasons. A rotary wing needs least power in
-//! slow flight, so a high price makes the UAV fly slowly, not hover.
+//! Adapted to a UAV as [`max-weight`](super::max_weight), which it is with V = 0: `b_i = min(Q_i, r_i τ_c)`; the
+//! penalty is the slot's propulsion energy. The bounds do not carry over, for the same reasons. A rotary wing needs
+//! least power in slow flight, so a high price makes the UAV fly slowly, not hover.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,14 +1,15 @@
 //! `edf`, earliest deadline first: to the sensor node (SN) that overflows soonest, then the fullest queues in range.
 //!
-//! Source: A. A. Somasundara, A. Ramamoorthy, M. B. Srivastava, "Mobile Element Scheduling for Efficient Data Collection
-//! in Wireless Sensor Networks with Dynamic Deadlines", RTSS 2004; "Mobile Element Scheduling with Dynamic Deadlines",
-//! IEEE Transactions on Mobile Computing 6(4), 2007. A mobile element visits nodes before their buffers overflow; a
-//! visit takes no time, empties the buffer, and sets the node's next deadline. Under EDF the next node is the one with
-//! the earliest deadline. (The abstracts and a summary of the problem were read, not the full texts.)
+//! Source: A. A. Somasundara, A. Ramamoorthy, M. B. Srivastava, "Mobile Element Scheduling for Efficient Data
+//! Collection in Wireless Sensor Networks with Dynamic Deadlines", RTSS 2004; "Mobile Element Scheduling with Dynamic
+//! Deadlines", IEEE Transactions on Mobile Computing 6(4), 2007. A mobile element visits nodes before their buffers
+//! overflow; a visit takes no time, empties the buffer, and sets the node's next deadline. Under EDF the next node is
+//! the one with the earliest deadline. (The abstract of the first and a published summary of the problem were read, not
+//! the full texts.)
 //!
 //! Adapted to slots: the choice is made anew in every slot, with the deadlines as they are then. All deadlines come
-//! nearer by a slot in a slot, so this is another choice only where a nearer SN has become full as well, or where the SN
-//! was served from a distance. Their element serves the node that it visits; the UAV serves n − 1 more.
+//! nearer by a slot in a slot, so this is another choice only where a nearer SN has become full as well, or where the
+//! SN was served from a distance. Their element serves the node that it visits; the UAV serves n − 1 more.
 
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::distance_squared;

@@ -1,18 +1,18 @@
 //! `mes`, mobile element scheduling by minimum weighted sum first: to the sensor node (SN) with the least weighted sum
 //! of deadline and flight time, then the fullest queues in range.
 //!
-//! Source: A. A. Somasundara, A. Ramamoorthy, M. B. Srivastava, "Mobile Element Scheduling for Efficient Data Collection
-//! in Wireless Sensor Networks with Dynamic Deadlines", RTSS 2004; "Mobile Element Scheduling with Dynamic Deadlines",
-//! IEEE Transactions on Mobile Computing 6(4), 2007. They compare three heuristics: earliest deadline first ([`edf`]),
-//! EDF with k-lookahead (the order of the k earliest deadlines by enumeration; not here), and Minimum Weighted Sum
-//! First, MWSF, which goes to the node of least `w · deadline + (1 − w) · cost`, where the cost is the travel time. Of
-//! both papers only the abstracts and a published summary of the problem were at hand, in which the costs are travel
-//! times and a data transfer takes no time; that MWSF weighs deadline and cost like this is known from how it is
-//! referred to, and which weight they recommend is not known here.
+//! Source: A. A. Somasundara, A. Ramamoorthy, M. B. Srivastava, "Mobile Element Scheduling for Efficient Data
+//! Collection in Wireless Sensor Networks with Dynamic Deadlines", RTSS 2004; "Mobile Element Scheduling with Dynamic
+//! Deadlines", IEEE Transactions on Mobile Computing 6(4), 2007. Of these the abstract of the first and a published
+//! summary of the second's problem were read, in which the costs are travel times and a data transfer takes no time.
+//! Their heuristics are known here only from how they are referred to: earliest deadline first ([`edf`]); EDF with
+//! k-lookahead, the best order of the k earliest deadlines (not here); and Minimum Weighted Sum First, MWSF, which goes
+//! to the node of least `w · deadline + (1 − w) · cost`. Which weight they recommend is not known here.
 //!
 //! Adapted to slots: deadline and flight time are in slots from now (an absolute deadline would add the same to every
-//! sum), the flight time is the distance to the SN over `V τ`, not rounded up, and the choice is made anew in every slot.
-//! The default weight, 0.1, is this project's: about the least loss at the settings of `docs/look-ahead.md`. As in [`edf`], the UAV serves n − 1 SNs beside the one that it flies to.
+//! sum), the flight time is the distance to the SN over `V τ`, not rounded up, and the choice is made anew in every
+//! slot. The default weight, 0.1, is this project's: about the least loss at the settings of `docs/look-ahead.md`. As
+//! in [`edf`], the UAV serves n − 1 SNs beside the one that it flies to.
 //!
 //! [`edf`]: super::edf
 

@@ -2,15 +2,15 @@
 //! `max-weight` and `drift-plus-penalty` have in common.
 //!
 //! It maximises `Σ Q_i min(Q_i, floor(r_i τ_c)) − V E` over the waypoints below and all sets of at most n sensor nodes
-//! (SNs) in range of them. `Q_i = B_i(t−1)` is the queue [bit], known or believed, `r_i` the (expected) rate from there,
-//! and `E = P(v) τ` the propulsion energy [J] of flying there in a slot at the speed v, `P` of
+//! (SNs) in range of them. `Q_i = B_i(t−1)` is the queue [bit], known or believed, `r_i` the (expected) rate from
+//! there, and `E = P(v) τ` the propulsion energy [J] of flying there in a slot at the speed v, `P` of
 //! [`skysink_common::propulsion`]. For a given waypoint the set is exact, the n largest terms.
 //!
 //! The waypoints: where the UAV is; for every SN that can be served from within reach, the point in reach nearest to it
 //! (above it, if that is in reach) and the point in range of it nearest to the UAV; and the centre of the set of
 //! [`exact`](super::exact). Where more than [`MOST_NEARBY`] SNs can be served from within reach, the fullest of them
-//! count. With a free altitude these are compared at the UAV's altitude, and the best has the altitude that serves its set
-//! best, as that of `gfs`. The solution of sP2 for that set is taken instead if the objective is higher there.
+//! count. With a free altitude these are compared at the UAV's altitude, and the best has the altitude that serves its
+//! set best, as that of `gfs`. The solution of sP2 for that set is taken instead if the objective is higher there.
 
 use std::cmp::Reverse;
 
@@ -220,9 +220,9 @@ mod tests {
 
     #[test]
     fn where_links_limit_it_the_queue_weighs_what_the_link_carries() {
-        // From straight above a link of 5 kHz carries 6 472 bit (see `sensor_table`), so that SN 0 is worth
-        // 20 000 · 6 472 = 1.29e8, and each of the pair, in range of one point and 10 m from it, at most 8 000 · 6 472 =
-        // 5.2e7, both 1.04e8.
+        // From straight above a link of 5 kHz carries 6 472 bit (see `sensor_table`), so that SN 0 is worth 20 000 · 6
+        // 472 = 1.29e8, and each of the pair, in range of one point and 10 m from it, at most 8 000 · 6 472 = 5.2e7,
+        // both 1.04e8.
         let field = field_of(&[[50.0, 75.0], [25.0, 45.0], [25.0, 55.0]], 5e3);
         let decision = decided(&field, 0.0, &[20_000, 8_000, 8_000]).unwrap();
         assert_eq!((decision.waypoint.xy(), &decision.schedule[..]), (field.table.positions[0], &[0][..]));
@@ -234,8 +234,8 @@ mod tests {
 
     #[test]
     fn a_price_on_energy_keeps_it_from_flying_fast() {
-        // 25 m/s cost P = 90.258 + 14.282 + 144.416 = 248.96 W (profile, induced and drag power), 15 m/s, to where it is
-        // in range, 83.603 + 23.750 + 31.194 = 138.55 W, and to hover 168.49 W.
+        // 25 m/s cost P = 90.258 + 14.282 + 144.416 = 248.96 W (profile, induced and drag power), 15 m/s, to where it
+        // is in range, 83.603 + 23.750 + 31.194 = 138.55 W, and to hover 168.49 W.
         let field = field_of(&[[50.0, 75.0]], 5e6);
         let waypoint = |price, queue_bits| decided(&field, price, &[queue_bits]).unwrap().waypoint.y;
         assert_eq!(waypoint(0.0, 1_000), 75.0, "of equals the first: above it");

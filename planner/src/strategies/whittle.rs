@@ -1,24 +1,26 @@
 //! `whittle`: to the sensor node (SN) with the largest Whittle index of the age of its data per slot of flight.
 //!
 //! Source of the index: V. Tripathi, E. Modiano, "A Whittle Index Approach to Minimizing Functions of Age of
-//! Information", Allerton 2019, arXiv 1908.10438, after P. Whittle, "Restless Bandits: Activity Allocation in a Changing
-//! World", Journal of Applied Probability 25A, 1988. One server, which serves one source per slot; a source of age h
-//! costs f(h) in a slot, with f not decreasing; its next age is 1 if it is served and h + 1 if not. (Of the first paper
-//! the abstract was read, not the full text; so the index is derived here, and the tests check it against the definition.)
+//! Information", Allerton 2019, arXiv 1908.10438, after P. Whittle, "Restless Bandits: Activity Allocation in a
+//! Changing World", Journal of Applied Probability 25A, 1988. One server, which serves one source per slot; a source of
+//! age h costs f(h) in a slot, with f not decreasing; its next age is 1 if it is served and h + 1 if not. (Of the first
+//! paper the abstract was read, not the full text: the index below is derived here for this setting, and the tests
+//! check it against the definition. Whether the paper counts ages in the same way was not checked.)
 //!
 //! The index `W(h)` is the price of a service at which serving at age h and waiting one slot more are equally good. Who
-//! is served at every age H pays the price and `f(1) + ... + f(H)` in H slots; equal averages for H = h and H = h + 1 give
-//! `W(h) = h f(h + 1) − (f(1) + ... + f(h))`.
+//! is served at every age H pays the price and `f(1) + ... + f(H)` in H slots; equal averages for H = h and H = h + 1
+//! give `W(h) = h f(h + 1) − (f(1) + ... + f(h))`.
 //!
-//! Theirs is the index, for any such f. This project's adaptations to a mobile server with overflowing buffers are:
+//! The index of any such f is theirs. This project's adaptations to a mobile server with overflowing buffers are:
 //! - *The age* is the time since the SN was, or would have been, empty [slots]. With room in the buffer that is
 //!   `B_i(t−1)/(s_i τ)`; a full buffer does not tell it, and slots are counted since it was first seen full. It is the
 //!   time since the SN was emptied, and right for partial visits and initial queues, too.
-//! - *The cost* is what the SN has lost at that age: `f(h) = s_i τ max(0, h − C_i)` [bit], `C_i = B/(s_i τ)` the slots to
-//!   fill. It is charged in every slot, so that who has overflowed for long is more urgent than who has just begun (with
-//!   the loss of a single slot as cost the index would be the same ever after).
-//! - *The flight*: SN i can be served at the end of the d-th slot from now at the earliest, at age h = age + d. It takes
-//!   d slots of the server, so the SN of largest `W_i(h)/d` is flown to. A proof of optimality does not carry over.
+//! - *The cost* is what the SN has lost at that age: `f(h) = s_i τ max(0, h − C_i)` [bit], `C_i = B/(s_i τ)` the slots
+//!   to fill. It is charged in every slot, so that who has overflowed for long is more urgent than who has just begun
+//!   (with the loss of a single slot as cost the index would be the same ever after).
+//! - *The flight*: SN i can be served at the end of the d-th slot from now at the earliest, at age h = age + d. It
+//!   takes d slots of the server, so the SN of largest `W_i(h)/d` is flown to. Their optimality for two sources does
+//!   not carry over.
 //!
 //! Where no index is above 0, nobody overflows before the UAV could be there, and the earliest deadline decides.
 
@@ -80,7 +82,8 @@ impl Ages {
         }
     }
 
-    /// Slots since SN `id` was or would have been empty, as the slot of `view` begins, if it samples `mean_bits` a slot.
+    /// Slots since SN `id` was or would have been empty, as the slot of `view` begins, if it samples `mean_bits` a
+    /// slot.
     fn age_slots(&self, view: &View, id: u32, mean_bits: f64) -> f64 {
         let since = self.full_since[id as usize];
         let full_slots = if since == 0 { 0 } else { view.slot.saturating_sub(since.into()) };
@@ -172,8 +175,8 @@ mod tests {
 
     #[test]
     fn the_index_of_an_overflow_follows_the_sum() {
-        // 10 bit a slot into 30 bit: f = 0, 0, 0, 10, 20, 30. W(2) = 2 · 0 = 0, W(3) = 3 · 10 = 30, W(4) = 4 · 20 − 10 =
-        // 70, W(5) = 5 · 30 − 30 = 120.
+        // 10 bit a slot into 30 bit: f = 0, 0, 0, 10, 20, 30. W(2) = 2 · 0 = 0, W(3) = 3 · 10 = 30, W(4) = 4 · 20 − 10
+        // = 70, W(5) = 5 · 30 − 30 = 120.
         assert_eq!(
             [0.0, 1.0, 2.0, 3.0, 4.0, 5.0].map(|age| overflow_index(10.0, 30.0, age)),
             [0.0, 0.0, 0.0, 30.0, 70.0, 120.0]
@@ -220,8 +223,8 @@ mod tests {
 
     #[test]
     fn the_largest_index_per_slot_of_flight_is_flown_to() {
-        // 100 bit a slot, C = 10; both full, age 10. SN 0 is 30 m away, in range after 1 slot: h = 11, f(11) = 100,
-        // W = 11 · 200 − 100 = 2100. SN 1 is 48 m away, in range after 2: h = 12, W = 12 · 300 − 300 = 3300, 1650 a slot.
+        // 100 bit a slot, C = 10; both full, age 10. SN 0 is 30 m away, in range after 1 slot: h = 11, f(11) = 100, W =
+        // 11 · 200 − 100 = 2100. SN 1 is 48 m away, in range after 2: h = 12, W = 12 · 300 − 300 = 3300, 1650 a slot.
         let sensors = [[50.0, 80.0, 100.0], [98.0, 50.0, 100.0]];
         assert_eq!(waypoint(&sensors, &[1_000, 1_000]), Some([50.0, 80.0]));
         // SN 0 with room for 1 slot, age 9: h = 10, W = 10 · 100 = 1000, less than 1650.
@@ -252,8 +255,8 @@ mod tests {
 
     #[test]
     fn of_those_in_range_the_largest_indices_are_served() {
-        // All above 50 m; SN 5 samples slowly and is full: C = 1000, W = 1001 · 2 − 1 = 2001. The others sample 100: with
-        // 1000, 950, 900 and 800 bit W(11) = 2100, W(10) = 1000, W(10) = 1000, W(9) = 0.
+        // All above 50 m; SN 5 samples slowly and is full: C = 1000, W = 1001 · 2 − 1 = 2001. The others sample 100:
+        // with 1000, 950, 900 and 800 bit W(11) = 2100, W(10) = 1000, W(10) = 1000, W(9) = 0.
         let sensors = [0.0, 1.0, 2.0, 3.0, 4.0].map(|step| [50.0 + step, 50.0, 100.0]);
         let field = field_of(&[&sensors[..], &[[50.0, 51.0, 1.0]]].concat());
         let mut whittle = Whittle::new(&field.setup());
