@@ -18,7 +18,7 @@ use super::{Registered, checked};
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
     name: "drift-plus-penalty",
-    about: "the same less the price of the propulsion energy",
+    about: "the largest queue-weighted service in the slot less the price of the propulsion energy",
     is_stateless: true,
     has_path: false,
     keys: Some(checked::<DriftPlusPenaltyKeys>),

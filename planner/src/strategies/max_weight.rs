@@ -7,9 +7,9 @@
 //!
 //! Adapted to a UAV: what may be active together depends on where it flies, so that a choice is a waypoint in reach and
 //! at most n sensor nodes (SNs) in range of it; and an SN sends no more than it holds, `Σ Q_i min(Q_i, r_i τ_c)`. Which
-//! waypoints are compared says the file `queue_weight.rs`. The theorem does not carry over: the sets to choose from depend on the
-//! slots before, and buffers are finite. Like every rule of one slot it does not leave the SNs in its reach for fuller
-//! ones beyond.
+//! waypoints are compared says the file `queue_weight.rs`. The theorem does not carry over: the sets to choose from
+//! depend on the slots before, and buffers are finite. Like every rule of one slot it does not leave the SNs in its
+//! reach for fuller ones beyond.
 
 use super::Registered;
 use super::queue_weight::QueueWeight;
