@@ -12,6 +12,7 @@ pub mod geometry;
 pub mod ledger;
 pub mod message;
 pub mod pace;
+pub mod propulsion;
 pub mod random;
 pub mod scenario;
 pub mod sensors;

@@ -6,7 +6,6 @@ pub mod figures;
 mod metrics;
 pub mod optimize;
 pub mod progress;
-mod propulsion;
 pub mod sweep;
 
 pub use error::LabError;

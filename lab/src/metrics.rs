@@ -3,11 +3,10 @@
 use nalgebra::Point3;
 use serde::Deserialize;
 use skysink_common::message::FlightReport;
+use skysink_common::propulsion::power_w;
 use skysink_common::scenario::{Propulsion, Scenario};
 use skysink_mission::summary::Summary;
 use strum::{EnumCount, IntoStaticStr, VariantArray};
-
-use crate::propulsion::power_w;
 
 /// A column of the results, by its name there; defined in `docs/metrics.md`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, EnumCount, IntoStaticStr, VariantArray)]

@@ -1,4 +1,5 @@
-//! Loss of whole missions over seeded fields, by strategy, with the time that planning takes.
+//! Loss of whole missions over seeded fields, by strategy, with the mean propulsion power and the time that planning
+//! takes.
 //!
 //! `cargo run --release -p skysink-planner --example losses -- 1-20 horizon,uts 'slots = 500' '[area]' 'side_m = 1000.0'`
 //!
@@ -7,6 +8,7 @@
 use std::path::Path;
 
 use rustix::time::{ClockId, clock_gettime};
+use skysink_common::propulsion::power_w;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
@@ -20,6 +22,8 @@ struct Outcome {
     /// What no plan avoids; 0 if nobody asked.
     bound_rate: f64,
     refused: u64,
+    /// Mean propulsion power [W].
+    power_w: f64,
     setup_ms: f64,
     plan_ms: Vec<f64>,
 }
@@ -36,13 +40,18 @@ fn fly(scenario: &Scenario) -> Outcome {
     let mut mission = Mission::new(scenario, &list).expect("checked as it was read");
     let setup_ms = computed_ms() - begin_ms;
     let bound_bits = if each() { mission_bound(scenario, &list.nodes(), mission.queues_bits()) } else { 0.0 };
-    let mut outcome = Outcome { loss_rate: 0.0, bound_rate: 0.0, refused: 0, setup_ms, plan_ms: Vec::new() };
+    let mut outcome =
+        Outcome { loss_rate: 0.0, bound_rate: 0.0, refused: 0, power_w: 0.0, setup_ms, plan_ms: Vec::new() };
+    let mut position = scenario.start();
     while mission.slot() < scenario.slots {
         let begin_ms = computed_ms();
         let plan = mission.plan();
         outcome.plan_ms.push(computed_ms() - begin_ms);
         mission.fly(Some(&plan));
         outcome.refused += u64::from(mission.last_flight().refused);
+        let flown_m = (mission.last_flight().position() - position).norm();
+        outcome.power_w += power_w(&scenario.uav.propulsion, flown_m / scenario.slot_s) / scenario.slots as f64;
+        position = mission.last_flight().position();
     }
     let lost_bits = mission.field().totals().lost_bits;
     let sampled: f64 = list.sensors().iter().map(|sensor| sensor.sampling_bps).sum::<f64>();
@@ -83,9 +92,10 @@ fn report(name: &str, outcomes: &[Outcome]) {
     let first_ms = outcomes.iter().map(|outcome| outcome.plan_ms[0]).fold(0.0, f64::max);
     let setup_ms = outcomes.iter().map(|outcome| outcome.setup_ms).fold(0.0, f64::max);
     let refused: u64 = outcomes.iter().map(|outcome| outcome.refused).sum();
+    let power_w = outcomes.iter().map(|outcome| outcome.power_w).sum::<f64>() / count;
     let quantile = |share: f64| plan_ms[((plan_ms.len() - 1) as f64 * share) as usize];
     println!(
-        "{name:14} η {mean:.5} ± {error:.5}  refused {refused}  plan p50 {:.3} p99 {:.3} max {:.3} first {first_ms:.3} \
+        "{name:14} η {mean:.5} ± {error:.5}  power {power_w:.1} W  refused {refused}  plan p50 {:.3} p99 {:.3} max {:.3} first {first_ms:.3} \
          setup {setup_ms:.1} ms",
         quantile(0.5),
         quantile(0.99),

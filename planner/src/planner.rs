@@ -130,8 +130,8 @@ impl Planner {
     /// `queues_bits` only the entries of the scheduled SNs are kept: what these will report at contact.
     ///
     /// Its time depends on the SNs near the UAV, not on their number in all. Exceptions, which read every queue:
-    /// transit, an estimate, and the strategies `edf`, `max-age-first`, `horizon` and `offline`. `plan_ns` stays 0; the
-    /// caller measures. A step reads a clock only with [`Timing::Paced`].
+    /// transit, an estimate, and the strategies `edf`, `mes`, `whittle`, `max-age-first`, `horizon` and `offline`.
+    /// `plan_ns` stays 0; the caller measures. A step reads a clock only with [`Timing::Paced`].
     ///
     /// # Panics
     /// If there is not one queue per sensor node.

@@ -18,7 +18,7 @@ use skysink_planner::strategies::offline::Offline;
 use support::{TestMission, scenario_of};
 
 /// The strategies that carry something from slot to slot.
-const REMEMBERING: [&str; 5] = ["tour", "round-robin", "max-age-first", "horizon", "offline"];
+const REMEMBERING: [&str; 6] = ["tour", "round-robin", "max-age-first", "whittle", "horizon", "offline"];
 
 /// Channels and vehicles at the edges: narrow and fading links, reach below range, range beyond the area, one SN, and
 /// three dimensions.
@@ -247,6 +247,7 @@ fn the_missions_stay_what_they_are() {
     let expected = [
         ["224.316 182.430 [31]", "237.269 167.032 []", "250.221 151.634 [18]"],
         ["181.229 223.402 []", "162.458 246.804 []", "143.687 270.206 []"],
+        ["174.976 216.546 []", "149.951 233.092 []", "124.927 249.638 []"],
         ["174.976 216.546 []", "149.951 233.092 []", "124.927 249.638 []"],
         ["227.270 187.496 [31]", "228.404 217.475 []", "229.539 247.453 []"],
         ["227.270 187.496 [31]", "227.070 217.495 []", "226.871 247.495 []"],

@@ -22,7 +22,8 @@ fn every_default_is_the_letters_value_and_visible() {
     assert_eq!((settings.knowledge, settings.rates), (Knowledge::Oracle, Rates::Known));
     assert_eq!(settings, Settings::of(&city("").unwrap()).unwrap());
     let keys = "[planner]\nstrategy = \"uts\"\nsca_iterations = 1\nwaypoint_solver = \"geometric\"\nknowledge = \"oracle\"\n\
-                rates = \"known\"\n\n[planner.horizon]\niterations = 6000\n\n[planner.offline]\nsteps = 1000000\n";
+                rates = \"known\"\n\n[planner.mes]\ndeadline_weight = 0.1\n\n[planner.drift-plus-penalty]\n\
+                price_bits2_per_j = 300000.0\n\n[planner.horizon]\niterations = 6000\n\n[planner.offline]\nsteps = 1000000\n";
     assert!(scenario.to_toml().ends_with(keys), "{}", scenario.to_toml());
 }
 
@@ -67,6 +68,14 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
         ("offline_steps = 5", "planner.offline_steps = 5: expected planner.offline.steps instead"),
         ("horizon.steps = \"a\\nb\"", "planner.horizon.steps = \"a\\nb\": expected `iterations` or `budget_ms`"),
         ("horizon = 3", "planner.horizon = 3: expected a table"),
+        ("mes.deadline_weight = 1.5", "planner.mes.deadline_weight = 1.5: expected a weight from 0 to 1"),
+        ("mes.deadline_weight = \"0\"", "planner.mes.deadline_weight = \"0\": expected a number"),
+        ("mes.weight = 1.0", "planner.mes.weight = 1.0: expected `deadline_weight`"),
+        (
+            "drift-plus-penalty.price_bits2_per_j = -1.0",
+            "planner.drift-plus-penalty.price_bits2_per_j = -1.0: expected bit²/J, 0 to 1e18",
+        ),
+        ("drift-plus-penalty = 1", "planner.drift-plus-penalty = 1: expected a table"),
         ("waypoint_solver = 3", "planner.waypoint_solver = 3: expected a string"),
     ];
     for (key, expected) in cases {

@@ -7,7 +7,9 @@ use clap::ValueEnum;
 use serde::Deserialize;
 use skysink_common::scenario::LETTER;
 use skysink_common::stop::Stop;
-use skysink_planner::strategies::{Registered, STRATEGIES, edf, horizon, offline};
+use skysink_planner::strategies::{
+    Registered, STRATEGIES, exact, gfs, horizon, max_age_first, offline, rfs, round_robin, tour, uts, uts_wide,
+};
 
 use super::chart::{Chart, CurvePoint, Scale, Series};
 use super::choice::{Choice, FigurePart};
@@ -74,7 +76,7 @@ struct Flights {
 #[derive(Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Flyers {
-    /// Those that decide without a search, in microseconds.
+    /// [`AT_ONCE`], which decide in microseconds.
     AtOnce,
     /// Those that search, for milliseconds; `offline` is only shown as a part of the best known.
     Ahead,
@@ -101,11 +103,18 @@ pub(super) fn studies() -> Vec<Study> {
     studies.remove("study").unwrap_or_default()
 }
 
-/// Whether a strategy decides without a search. `edf` is not flown: the paper's comparison in `docs/results.md`, and
-/// with it the best known, is without it.
-pub(super) fn plans_at_once(strategy: &Registered) -> bool {
-    !strategy.has_path && *strategy != edf::STRATEGY
-}
+/// The strategies of the figures that decide without a search. The other baselines are not flown: the paper's
+/// comparison in `docs/results.md`, and with it the best known, is among these.
+pub(super) const AT_ONCE: [&Registered; 8] = [
+    &rfs::STRATEGY,
+    &gfs::STRATEGY,
+    &uts::STRATEGY,
+    &uts_wide::STRATEGY,
+    &exact::STRATEGY,
+    &tour::STRATEGY,
+    &round_robin::STRATEGY,
+    &max_age_first::STRATEGY,
+];
 
 impl StudyBase {
     /// Its file, and what that holds.
@@ -131,10 +140,9 @@ impl Quantity {
 
 impl Flights {
     fn strategies(&self) -> Vec<&'static Registered> {
-        let all = STRATEGIES.into_iter();
         match &self.by {
-            Flyers::AtOnce => all.filter(|strategy| plans_at_once(strategy)).collect(),
-            Flyers::Ahead => all.filter(|strategy| strategy.has_path).collect(),
+            Flyers::AtOnce => AT_ONCE.to_vec(),
+            Flyers::Ahead => STRATEGIES.into_iter().filter(|strategy| strategy.has_path).collect(),
             Flyers::Named(strategies) => strategies.clone(),
         }
     }

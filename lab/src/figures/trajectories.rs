@@ -11,7 +11,7 @@ use skysink_planner::strategies::{Registered, STRATEGIES, horizon, round_robin};
 
 use super::choice::Choice;
 use super::map::{MapSensor, MapSheet, TrajectoryMap};
-use super::study::plans_at_once;
+use super::study::AT_ONCE;
 use crate::error::LabError;
 
 /// The fields of the maps: the letter's, and one that is too large for Algorithm 1.
@@ -21,7 +21,7 @@ const FIELDS: [(&str, &str); 2] = [("map-letter", ""), ("map-sparse", "[area]\ns
 pub(super) fn sheets(choice: &Choice, stop: &Stop) -> Result<Vec<(&'static str, MapSheet)>, LabError> {
     // Eight maps and the key fill the sheet; round-robin crosses the field without a pattern.
     let is_shown = |strategy: &&Registered| {
-        **strategy == horizon::STRATEGY || plans_at_once(strategy) && **strategy != round_robin::STRATEGY
+        **strategy == horizon::STRATEGY || AT_ONCE.contains(strategy) && **strategy != round_robin::STRATEGY
     };
     let sheet = |(name, change)| {
         let shown = STRATEGIES.into_iter().filter(is_shown);

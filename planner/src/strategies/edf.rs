@@ -1,9 +1,20 @@
 //! `edf`, earliest deadline first: to the sensor node (SN) that overflows soonest, then the fullest queues in range.
+//!
+//! Source: A. A. Somasundara, A. Ramamoorthy, M. B. Srivastava, "Mobile Element Scheduling for Efficient Data
+//! Collection in Wireless Sensor Networks with Dynamic Deadlines", RTSS 2004; "Mobile Element Scheduling with Dynamic
+//! Deadlines", IEEE Transactions on Mobile Computing 6(4), 2007. A mobile element visits nodes before their buffers
+//! overflow; a visit takes no time, empties the buffer, and sets the node's next deadline. Under EDF the next node is
+//! the one with the earliest deadline. (The abstract of the first and a published summary of the problem were read, not
+//! the full texts.)
+//!
+//! Adapted to slots: the choice is made anew in every slot, with the deadlines as they are then. All deadlines come
+//! nearer by a slot in a slot, so this is another choice only where a nearer SN has become full as well, or where the
+//! SN was served from a distance. Their element serves the node that it visits; the UAV serves n − 1 more.
 
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::distance_squared;
-use skysink_common::message::SensorNode;
 
+use super::sampling::Sampling;
 use super::serving::Serving;
 use super::transit::toward;
 use super::{Decision, Registered, Setup, Strategy, View};
@@ -19,23 +30,13 @@ pub const STRATEGY: Registered = Registered {
 };
 
 struct Edf {
-    /// By id.
-    sensors: Vec<SensorNode>,
-    slot_s: f64,
+    sampling: Sampling,
     serving: Serving,
 }
 
 impl Edf {
     fn new(setup: &Setup) -> Self {
-        Self { sensors: setup.sensors.to_vec(), slot_s: setup.scenario.slot_s, serving: Serving::new(setup) }
-    }
-
-    /// Slots until SN `id` overflows, by what is known or believed; `None` if it never samples.
-    fn deadline_slots(&self, view: &View, id: u32) -> Option<f64> {
-        let sensor = &self.sensors[id as usize];
-        let mean_bits = view.estimate.map_or(sensor.sampling_bps * self.slot_s, |estimate| estimate.mean_bits(id));
-        let room_bits = f64::from(sensor.capacity_bits) - f64::from(view.queues_bits[id as usize]);
-        (mean_bits > 0.0).then(|| room_bits / mean_bits)
+        Self { sampling: Sampling::new(setup), serving: Serving::new(setup) }
     }
 }
 
@@ -43,18 +44,20 @@ impl Checkpoint for Edf {}
 
 impl Strategy for Edf {
     /// Straight toward the SN with the earliest deadline, until above it; ties go to the nearest, then to the lowest
-    /// index. `None` if no SN samples.
+    /// index. It is served as soon as it is in range, with the fullest of the others. `None` if no SN samples.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-        let ground = view.ground();
-        let deadline = |id| {
-            let away_m2 = distance_squared(view.table.position(id), &ground);
-            self.deadline_slots(view, id).map(|slots| (slots, away_m2, id))
-        };
-        let sooner = |a: &(f64, f64, u32), b: &(f64, f64, u32)| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1));
-        let (_, _, first) = view.table.ids().filter_map(deadline).min_by(sooner)?;
-        let waypoint = toward(view.table, &ground, view.table.position(first));
-        Some(self.serving.serve_fullest(view, &waypoint))
+        let first = least(view, |id| self.sampling.deadline_slots(view, id))?;
+        let waypoint = toward(view.table, &view.ground(), view.table.position(first));
+        Some(self.serving.serve_first(view, &waypoint, first))
     }
+}
+
+/// The SN of least `cost`, ties to the nearest and then to the lowest index; `None` if none has a cost.
+pub(super) fn least(view: &View, cost: impl Fn(u32) -> Option<f64>) -> Option<u32> {
+    let ground = view.ground();
+    let rated = |id| cost(id).map(|cost| (cost, distance_squared(view.table.position(id), &ground), id));
+    let cheaper = |a: &(f64, f64, u32), b: &(f64, f64, u32)| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1));
+    view.table.ids().filter_map(rated).min_by(cheaper).map(|(_, _, id)| id)
 }
 
 #[cfg(test)]
@@ -63,6 +66,7 @@ mod tests {
     use crate::sensor_table::SensorTable;
     use crate::settings::Settings;
     use crate::strategies::tests::view;
+    use skysink_common::message::SensorNode;
     use skysink_common::scenario::{Overrides, Scenario};
 
     /// SNs at these places [m] that sample so much [bit/s] into 1 000 bit.
@@ -115,5 +119,15 @@ mod tests {
         let (table, mut edf) = edf(&[place(50.0), place(51.0), place(52.0), place(53.0), place(54.0), place(90.0)]);
         let decision = edf.plan(&view(&table, 1, [50.0, 50.0], &[1, 5, 6, 7, 8, 2])).unwrap();
         assert_eq!(decision.schedule[..], [1, 2, 3, 4]);
+    }
+
+    #[test]
+    fn who_is_flown_to_is_served_before_fuller_queues() {
+        // SN 0 has 2 slots of room, the others 10 and more.
+        let place = |x_m, sampling_bps| ([x_m, 50.0], sampling_bps);
+        let sensors = [place(50.0, 400.0), place(51.0, 1.0), place(52.0, 1.0), place(53.0, 1.0), place(54.0, 1.0)];
+        let (table, mut edf) = edf(&sensors);
+        let decision = edf.plan(&view(&table, 1, [45.0, 50.0], &[200, 990, 980, 970, 960])).unwrap();
+        assert_eq!((decision.waypoint.x, &decision.schedule[..]), (50.0, &[0, 1, 2, 3][..]));
     }
 }

@@ -4,24 +4,30 @@
 //! how a decision becomes a message, and transit where it has none, is left to [`crate::planner`].
 
 pub mod algorithm_1;
+pub mod drift_plus_penalty;
 pub mod edf;
 pub mod exact;
 pub mod gfs;
 pub mod horizon;
 pub mod max_age_first;
+pub mod max_weight;
+pub mod mes;
 pub(crate) mod nearby;
 pub mod offline;
 mod planned_flight;
+pub(crate) mod queue_weight;
 pub mod rfs;
 mod rivals;
 mod rollout;
 pub mod round_robin;
+pub(crate) mod sampling;
 pub mod serving;
 pub mod tour;
 pub mod transit;
 pub(crate) mod turns;
 pub mod uts;
 pub mod uts_wide;
+pub mod whittle;
 
 use std::fmt::Display;
 
@@ -44,7 +50,7 @@ use skysink_common::estimate::Estimate;
 use algorithm_1::Winner;
 
 /// Every strategy, in the order in which they are listed to people.
-pub static STRATEGIES: [&Registered; 11] = [
+pub static STRATEGIES: [&Registered; 15] = [
     &rfs::STRATEGY,
     &gfs::STRATEGY,
     &uts::STRATEGY,
@@ -54,6 +60,10 @@ pub static STRATEGIES: [&Registered; 11] = [
     &round_robin::STRATEGY,
     &max_age_first::STRATEGY,
     &edf::STRATEGY,
+    &mes::STRATEGY,
+    &max_weight::STRATEGY,
+    &drift_plus_penalty::STRATEGY,
+    &whittle::STRATEGY,
     &horizon::STRATEGY,
     &offline::STRATEGY,
 ];
@@ -248,6 +258,40 @@ pub(crate) mod tests {
         let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table: &table, estimate: None };
         let strategy = (Registered::find(name).unwrap().make)(&setup);
         (table, strategy)
+    }
+
+    /// Some SNs, and what a strategy is made of before it flies over them.
+    pub(crate) struct Field {
+        pub scenario: Scenario,
+        settings: Settings,
+        pub sensors: Vec<SensorNode>,
+        pub table: SensorTable,
+    }
+
+    impl Field {
+        pub(crate) fn over(scenario: Scenario, sensors: Vec<SensorNode>) -> Self {
+            let settings = Settings::of(&scenario).unwrap();
+            let table = SensorTable::new(&scenario, &sensors);
+            Self { scenario, settings, sensors, table }
+        }
+
+        pub(crate) fn setup(&self) -> Setup<'_> {
+            let Self { scenario, settings, sensors, table } = self;
+            Setup { scenario, settings, sensors, table, estimate: None }
+        }
+    }
+
+    /// SNs by place [m], rate [bit/s] and buffer [bit] in the letter's scenario.
+    pub(crate) fn field(sensors: impl Iterator<Item = ([f64; 2], f64, u32)>) -> Field {
+        let node = |([x_m, y_m], sampling_bps, capacity_bits): ([f64; 2], f64, u32)| SensorNode {
+            x_m,
+            y_m,
+            sampling_bps,
+            capacity_bits,
+            gain: 10f64.powf(-5.2),
+            ..SensorNode::default()
+        };
+        Field::over(Scenario::letter(Overrides::default()).unwrap(), sensors.map(node).collect())
     }
 
     /// What it sees from 20 m above `ground` [m].

@@ -41,6 +41,11 @@ impl Serving {
         self.serve_by(view, ground, |id| fullest_first(view.queues_bits[id as usize], id))
     }
 
+    /// The same, with SN `first` before all others, if it is in range.
+    pub fn serve_first(&mut self, view: &View, ground: &Position, first: u32) -> Decision {
+        self.serve_by(view, ground, |id| (id != first, fullest_first(view.queues_bits[id as usize], id)))
+    }
+
     /// The same, for the n SNs in range with the smallest `key`, which differs from SN to SN.
     pub fn serve_by<K: Ord>(&mut self, view: &View, ground: &Position, key: impl Fn(u32) -> K) -> Decision {
         let ground = view.table.into_area(ground);

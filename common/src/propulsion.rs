@@ -3,11 +3,12 @@
 //! Model and default values: Y. Zeng, J. Xu, R. Zhang, "Energy Minimization for Wireless Communication With Rotary-Wing
 //! UAV", IEEE Transactions on Wireless Communications 18(4), 2019, with the values of its table I.
 
-use skysink_common::scenario::Propulsion;
+use crate::scenario::Propulsion;
 
 /// Propulsion power [W] at the speed `V` [m/s]; at 0 it is the power of hovering.
 ///
 /// `P = P_0 (1 + 3 V²/U_tip²) + P_i (sqrt(1 + V⁴/(4 v_0⁴)) − V²/(2 v_0²))^½ + ½ d_0 ρ s A V³`.
+#[must_use]
 pub fn power_w(aircraft: &Propulsion, speed_mps: f64) -> f64 {
     let v2 = speed_mps * speed_mps;
     let blade_w = aircraft.blade_profile_w * (1.0 + 3.0 * v2 / aircraft.tip_speed_mps.powi(2));
