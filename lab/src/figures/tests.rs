@@ -82,7 +82,7 @@ fn a_chart_says_what_it_shows() {
     for text in ["Loss against area", "side of the area [m]", "data loss rate η [−]", "uts", "exact"] {
         assert!(svg.contains(&format!(">\n{text}\n</text>")), "{text}");
     }
-    assert!(svg.contains("<desc>\nseeds 1 to 50, 95 % CI · skysink\n</desc>"), "in the file, but not drawn");
+    assert!(svg.contains("<desc>seeds 1 to 50, 95 % CI · skysink</desc>"), "in the file, but not drawn");
     assert!(svg.contains(r#"viewBox="0 0 1600 1000" width="1600""#), "{}", &svg[..200]);
     assert!(svg.contains("font-family=\"DejaVu Sans, Verdana, Arial, sans-serif\""));
     let side = |at: usize| u32::from_be_bytes(png[at..at + 4].try_into().unwrap());
@@ -96,7 +96,7 @@ fn a_sheet_of_maps_says_what_it_shows() {
     for text in texts {
         assert!(svg.contains(&format!(">\n{text}\n</text>")), "{text}");
     }
-    assert!(svg.contains("<desc>\nseed 1 · skysink\n</desc>"));
+    assert!(svg.contains("<desc>seed 1 · skysink</desc>"));
 }
 
 #[test]
