@@ -51,7 +51,10 @@ fn a_study_draws_its_figures_and_writes_their_tables() {
     };
     let tables_of = |title: &str| -> Vec<&str> {
         let of_title = tables.split("\n**").filter(|table| table.starts_with(title));
-        of_title.flat_map(str::lines).filter(|line| line.starts_with("| ") && line.contains('[')).collect()
+        of_title
+            .flat_map(str::lines)
+            .filter(|line| line.starts_with("| ") && line[2..].starts_with(|first: char| first.is_ascii_digit()))
+            .collect()
     };
     let rows = tables_of("Data loss against the area ·");
     assert_eq!(rows.len(), 10);

@@ -33,9 +33,12 @@ pub fn bits_between(mean_bits: f64, from: u64, to: u64) -> u64 {
 /// If it is not sampled up to slot `last`.
 #[must_use]
 pub fn slot_of_bit(mean_bits: f64, bit: u64, last: u64) -> u64 {
-    assert!(sampled_bits(mean_bits, last) >= bit, "expected a bit that is sampled up to slot {last}");
+    if last == 0 || sampled_bits(mean_bits, last - 1) < bit {
+        assert!(sampled_bits(mean_bits, last) >= bit, "expected a bit that is sampled up to slot {last}");
+        return last;
+    }
     let mut slot = ((bit as f64 / mean_bits).ceil() as u64).min(last); // off by rounding only
-    while slot < last && sampled_bits(mean_bits, slot) < bit {
+    while sampled_bits(mean_bits, slot) < bit {
         slot += 1;
     }
     while slot > 0 && sampled_bits(mean_bits, slot - 1) >= bit {

@@ -117,15 +117,17 @@ struct Backlog {
     /// Bits that it samples in a slot, `s_i τ`.
     mean_bits: f64,
     delivered_bits: u64,
-    /// Ascending; the first holds the next bit to be delivered, or a bit before it.
-    batches: VecDeque<Batch>,
+    /// The batch of the last bit delivered, or of the next.
+    batch: Batch,
+    /// The batches after it, ascending; none of an SN whose buffer was emptied.
+    later: VecDeque<Batch>,
 }
 
 /// The bits stored from one upload to the next.
 #[derive(Debug, Clone, Copy)]
 struct Batch {
-    /// The slot of the upload before, 0 before the first.
-    after_slot: u64,
+    /// Bits sampled up to the upload before, `A_i`; those lost, too.
+    after_sampled_bits: u64,
     /// Bits stored before, from those of the initial queue on.
     after_bits: u64,
 }
@@ -157,21 +159,27 @@ impl DeliveredData {
 
 impl Backlog {
     fn new(mean_bits: f64, queue_bits: u32) -> Self {
-        let batches = VecDeque::from([Batch { after_slot: 0, after_bits: queue_bits.into() }]);
-        Self { mean_bits, delivered_bits: 0, batches }
+        let batch = Batch { after_sampled_bits: 0, after_bits: queue_bits.into() };
+        Self { mean_bits, delivered_bits: 0, batch, later: VecDeque::new() }
     }
 
     /// Takes in an upload, and returns the slot in which the last bit of it was sampled; none of the initial queue.
     fn deliver(&mut self, slot: u64, delivered_bits: u64, queue_bits: u64) -> Option<u64> {
-        while self.batches.get(1).is_some_and(|next| next.after_bits < delivered_bits) {
-            self.batches.pop_front();
+        while let Some(next) = self.later.pop_front_if(|next| next.after_bits < delivered_bits) {
+            self.batch = next;
         }
-        let batch = self.batches[0];
+        let place = delivered_bits.saturating_sub(self.batch.after_bits);
+        let bit = self.batch.after_sampled_bits + place;
+        let next =
+            Batch { after_sampled_bits: sampled_bits(self.mean_bits, slot), after_bits: delivered_bits + queue_bits };
         self.delivered_bits = delivered_bits;
-        self.batches.push_back(Batch { after_slot: slot, after_bits: delivered_bits + queue_bits });
-        let place = delivered_bits.checked_sub(batch.after_bits).filter(|&place| place > 0)?;
-        let bit = sampled_bits(self.mean_bits, batch.after_slot) + place;
-        Some(slot_of_bit(self.mean_bits, bit, slot))
+        if queue_bits == 0 {
+            self.batch = next;
+            self.later.clear();
+        } else {
+            self.later.push_back(next);
+        }
+        (place > 0).then(|| slot_of_bit(self.mean_bits, bit, slot))
     }
 }
 

@@ -217,8 +217,11 @@ mod tests {
         // The standard error of a coverage of 95 % over 2 000 samples is 0.5 %.
         for (name, draw, mean) in POPULATIONS {
             for (n, least) in [(20, 0.835), (50, 0.91), (300, 0.935)] {
-                let covered = coverage(draw, mean, n, Support::Fraction);
-                assert!((least..=0.992).contains(&covered), "{name}, n = {n}: {covered}");
+                let [logit, student] =
+                    [Support::Fraction, Support::Real].map(|support| coverage(draw, mean, n, support));
+                println!("{name}, n = {n}: {:.1} %, Student's t {:.1} %", 100.0 * logit, 100.0 * student);
+                assert!((least..=0.992).contains(&logit), "{name}, n = {n}: {logit}");
+                assert!(logit > student - 0.03, "{name}, n = {n}: {logit} against {student} by Student's t");
             }
         }
     }
