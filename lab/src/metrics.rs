@@ -59,7 +59,11 @@ impl Metric {
         match self {
             Self::LossRate | Self::LossBound | Self::Jain => Support::Fraction,
             Self::EtaLetter => Support::NonNegative,
-            _ => Support::Real,
+            Self::DeliveredBits | Self::BitsPerWaypoint | Self::MeanServed | Self::FlownM | Self::EnergyJ => {
+                Support::Real
+            }
+            Self::AoiMeanS | Self::AoiP99S | Self::DataAgeMeanS | Self::DataAgeP99S => Support::Real,
+            Self::PlanP50Us | Self::PlanP99Us => Support::Real,
         }
     }
 }

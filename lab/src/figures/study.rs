@@ -321,4 +321,22 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn every_strategy_has_the_curve_that_it_is_compared_with() {
+        for study in studies() {
+            let curves = study.flights.iter().flat_map(|flights| {
+                let label = |strategy: &Registered| (strategy.name, flights.label.replace("{}", strategy.name));
+                flights.strategies().into_iter().map(label).collect::<Vec<_>>()
+            });
+            let curves: Vec<(&str, String)> = curves.collect();
+            for reference in &study.reference {
+                for (strategy, label) in &curves {
+                    let compared_with = reference.replace("{}", strategy);
+                    let is_there = curves.iter().any(|(_, label)| *label == compared_with);
+                    assert!(is_there, "{}: {label} is compared with {compared_with}", study.name());
+                }
+            }
+        }
+    }
 }
