@@ -330,7 +330,7 @@ mod tests {
                 flights.strategies().into_iter().map(label).collect::<Vec<_>>()
             });
             let curves: Vec<(&str, String)> = curves.collect();
-            for reference in &study.reference {
+            if let Some(reference) = &study.reference {
                 for (strategy, label) in &curves {
                     let compared_with = reference.replace("{}", strategy);
                     let is_there = curves.iter().any(|(_, label)| *label == compared_with);
