@@ -26,10 +26,11 @@ fn a_study_draws_its_figures_and_writes_their_tables() {
             let svg = place.read(&format!("{stem}.svg"));
             let strategies =
                 ["rfs", "gfs", "uts", "uts-wide", "exact", "tour", "round-robin", "max-age-first", "horizon"];
-            for word in strategies.into_iter().chain(["seeds 1 to 2", env!("CARGO_PKG_VERSION")]) {
+            for word in strategies.into_iter().chain(["<desc>seeds 1 to 2 ", env!("CARGO_PKG_VERSION")]) {
                 assert!(svg.contains(word), "{stem}: {word}");
             }
             let is_loss = quantity.contains("loss");
+            assert_eq!(place.path(&format!("{stem}-difference.svg")).exists(), is_loss, "{stem}");
             assert_eq!([svg.contains("best-known"), svg.contains("lower bound")], [is_loss; 2], "{stem}");
             assert!(fs::metadata(place.path(&format!("{stem}.png"))).unwrap().len() > 10_000, "{stem}");
         }
@@ -41,21 +42,34 @@ fn a_study_draws_its_figures_and_writes_their_tables() {
     let mean: f64 = line("500,5000000,300,uts,loss_rate,").split(',').nth(6).unwrap().parse().unwrap();
     let row = tables.lines().find(|line| line.starts_with("| 300 |")).unwrap();
     let cell = row.split(" | ").nth(3).unwrap();
-    assert!(cell.starts_with(&format!("{mean:.4} ±")), "{cell} against {mean}");
+    assert!(cell.starts_with(&format!("{mean:.4} [")), "{cell} against {mean}");
+    assert_eq!(tables.matches("seeds 1 to 2").count(), 1, "said once of the same seeds");
     // Nobody is better than the best known, and the bound is below it.
     let losses = |row: &str| -> Vec<f64> {
         let cells = row.trim_matches(['|', ' ']).split(" | ").skip(1);
-        cells.map(|cell| cell.split(" ± ").next().unwrap().parse().unwrap()).collect()
+        cells.map(|cell| cell.split(' ').next().unwrap().parse().unwrap()).collect()
     };
-    let rows: Vec<_> = tables
-        .lines()
-        .take_while(|line| !line.contains("Bits"))
-        .filter(|line| line.starts_with("| ") && line.contains("±"))
-        .collect();
+    let tables_of = |title: &str| -> Vec<&str> {
+        let of_title = tables.split("\n**").filter(|table| table.starts_with(title));
+        of_title
+            .flat_map(str::lines)
+            .filter(|line| line.starts_with("| ") && line[2..].starts_with(|first: char| first.is_ascii_digit()))
+            .collect()
+    };
+    let rows = tables_of("Data loss against the area ·");
     assert_eq!(rows.len(), 10);
-    for row in rows {
+    for row in &rows {
         let [strategies @ .., best, bound] = &losses(row)[..] else { panic!("{row}") };
         assert!(strategies.len() == 9 && strategies.iter().all(|loss| best <= loss) && bound <= best, "{row}");
+    }
+    // The difference of two means over the same fields is the mean difference, within the rounding of three numbers.
+    let differences = tables_of("Data loss against the area, difference by field ·");
+    assert_eq!(differences.len(), 10);
+    for (row, difference) in rows.iter().zip(differences) {
+        let (means, differences) = (losses(row), losses(difference));
+        assert_eq!((means.len(), differences.len(), differences[2]), (11, 10, 0.0), "all but the bound, from uts");
+        let is_near = |(mean, difference): (&f64, &f64)| (mean - means[2] - difference).abs() < 1.6e-4;
+        assert!(means.iter().zip(&differences).all(is_near), "{row}: {difference}");
     }
     // Drawn again from the same missions, the same bytes.
     let before = fs::read(place.path("area/fig2a-loss-area-narrow.png")).unwrap();
@@ -73,6 +87,26 @@ fn what_the_queues_are_known_by_has_a_figure() {
     {
         assert!(svg.contains(words), "{words}");
     }
+}
+
+#[test]
+fn the_loss_grows_with_the_time_of_the_mission() {
+    let place = Place::new();
+    draw(&place, "mission-time", "1");
+    assert!(place.read("mission-time/fig2c-loss-time-letter.svg").contains("mission time [slots of 1 s]"));
+    // A mission of t slots is the first t slots of a longer one, as long as the strategy does not know when it ends: no
+    // bit that is lost in the shorter one is saved in the longer one.
+    let results = place.read("mission-time/data/mission-time/results.csv");
+    let lost: Vec<f64> = results
+        .lines()
+        .filter(|line| line.starts_with("120,5000,") && line.split(',').nth(3) == Some("rfs"))
+        .map(|line| {
+            let field = |place: usize| line.split(',').nth(place).unwrap().parse::<f64>().unwrap();
+            field(2) * field(5) // slots · η
+        })
+        .collect();
+    assert_eq!(lost.len(), 6);
+    assert!(lost.is_sorted() && lost[0] == 0.0 && lost[5] > 0.0, "{lost:?}");
 }
 
 #[test]
@@ -150,5 +184,5 @@ fn a_part_that_is_none_is_refused() {
     let place = Place::new();
     let ended = place.run(&["figures", "--only", "speed"]);
     assert_eq!(ended.code, Some(2), "{ended:?}");
-    assert!(ended.stderr.contains("area, sparse, rate, time, knowledge, altitude, maps"), "{ended:?}");
+    assert!(ended.stderr.contains("area, sparse, rate, time, mission-time, knowledge, altitude, maps"), "{ended:?}");
 }

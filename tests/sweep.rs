@@ -72,6 +72,30 @@ fn a_row_is_the_mission_that_simulate_flies() {
 }
 
 #[test]
+fn intervals_of_fractions_stay_fractions_and_data_is_no_younger_than_its_service() {
+    let place = Place::new();
+    write_sweep(&place, 3);
+    place.run_well(&["sweep", "sweep.toml", "--out", "out"]);
+    let mut bounded = 0;
+    for row in rows(&place.read("out/summary.csv")) {
+        let number = |key: &str| row[key].parse::<f64>().unwrap();
+        let (low, mean, high) = (number("ci95_low"), number("mean"), number("ci95_high"));
+        assert!(low <= mean && mean <= high, "{row:?}");
+        if ["loss_rate", "jain"].contains(&row["metric"].as_str()) {
+            bounded += 1;
+            assert!(0.0 <= low && high <= 1.0 && (low < high || number("standard_deviation") == 0.0), "{row:?}");
+        }
+    }
+    assert_eq!(bounded, 3 * 2 * 3 * 2);
+    for row in rows(&place.read("out/results.csv")) {
+        let number = |key: &str| row[key].parse::<f64>().unwrap();
+        let older =
+            number("data_age_mean_s") >= number("aoi_mean_s") && number("data_age_p99_s") >= number("aoi_p99_s");
+        assert!(older && number("aoi_mean_s") > 0.0, "{row:?}");
+    }
+}
+
+#[test]
 fn a_sweep_with_offline_plans_shows_the_bound_and_the_best_known() {
     let place = Place::new();
     place.write("far.toml", "name = \"far\"\nslots = 80\n[area]\nside_m = 400.0\n[sensors]\ncount = 30\n");

@@ -27,6 +27,26 @@ pub fn bits_between(mean_bits: f64, from: u64, to: u64) -> u64 {
     sampled_bits(mean_bits, to).saturating_sub(sampled_bits(mean_bits, from))
 }
 
+/// The slot in which bit number `bit` (from 1) is sampled: the first with `A_i(slot) ≥ bit`.
+///
+/// # Panics
+/// If it is not sampled up to slot `last`.
+#[must_use]
+pub fn slot_of_bit(mean_bits: f64, bit: u64, last: u64) -> u64 {
+    if last == 0 || sampled_bits(mean_bits, last - 1) < bit {
+        assert!(sampled_bits(mean_bits, last) >= bit, "expected a bit that is sampled up to slot {last}");
+        return last;
+    }
+    let mut slot = ((bit as f64 / mean_bits).ceil() as u64).min(last); // off by rounding only
+    while sampled_bits(mean_bits, slot) < bit {
+        slot += 1;
+    }
+    while slot > 0 && sampled_bits(mean_bits, slot - 1) >= bit {
+        slot -= 1;
+    }
+    slot
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -37,5 +57,26 @@ mod tests {
         assert_eq!([0, 1, 2, 3, 4].map(|slot| sampled_bits(2.5, slot)), [0, 2, 5, 7, 10]);
         assert_eq!((bits_between(2.5, 1, 4), bits_between(2.5, 0, 3), bits_between(2.5, 3, 3)), (8, 7, 0));
         assert_eq!(bits_between(2.5, 4, 1), 0);
+    }
+
+    #[test]
+    fn a_bit_is_of_the_first_slot_up_to_which_it_is_sampled() {
+        assert_eq!([1, 2, 3, 5, 6].map(|bit| slot_of_bit(2.5, bit, 9)), [1, 1, 2, 2, 3]);
+        for mean_bits in [0.1, 0.3, 1.0 / 3.0, 0.9999999999, 1.0, 2.5, 7.7, 100.0, 4e9] {
+            for last in [1, 2, 30, 1_000] {
+                let most = sampled_bits(mean_bits, last);
+                for bit in (1..=most.min(2_000)).chain(most.saturating_sub(9).max(1)..=most) {
+                    let slot = slot_of_bit(mean_bits, bit, last);
+                    let is_first = sampled_bits(mean_bits, slot) >= bit && sampled_bits(mean_bits, slot - 1) < bit;
+                    assert!(is_first, "{mean_bits} bits per slot: bit {bit} in slot {slot} of {last}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "sampled up to slot 3")]
+    fn a_bit_that_is_not_sampled_has_no_slot() {
+        let _ = slot_of_bit(2.5, 8, 3);
     }
 }

@@ -6,6 +6,7 @@
 mod axis;
 mod chart;
 pub mod choice;
+mod curves;
 mod map;
 mod page;
 mod study;
@@ -33,7 +34,8 @@ use study::Study;
 /// If a sweep is refused, something cannot be written, or on a stop.
 pub fn draw(choice: &Choice, stop: &Stop, on_progress: OnProgress) -> Result<Vec<PathBuf>, LabError> {
     fs::create_dir_all(&choice.out).at(&choice.out)?;
-    let mut tables = format!("Made by {}; mean ± half of the 95 % CI.\n", choice.command());
+    let mut tables = head(choice);
+    let mut seeds = String::new();
     let mut stems = Vec::new();
     let mut studies = study::studies();
     studies.retain(|study| choice.wants(study.part));
@@ -45,6 +47,10 @@ pub fn draw(choice: &Choice, stop: &Stop, on_progress: OnProgress) -> Result<Vec
             stop.check()?;
             let stem = choice.out.join(name);
             chart.draw(&stem)?;
+            if chart.seeds != seeds {
+                seeds.clone_from(&chart.seeds);
+                tables += &format!("\nBelow: {seeds}.\n");
+            }
             tables += &chart.table();
             stems.push(stem);
         }
@@ -58,4 +64,11 @@ pub fn draw(choice: &Choice, stop: &Stop, on_progress: OnProgress) -> Result<Vec
     }
     write_whole(&choice.out.join("tables.md"), tables.as_bytes())?;
     Ok(stems)
+}
+
+/// What is said of all tables.
+fn head(choice: &Choice) -> String {
+    let intervals = "Means over fields with 95 % confidence intervals, by Student's t; those of fractions and of their \
+                     differences on the logit scale of their range (docs/metrics.md). A difference is of the same field.";
+    format!("Made by {}.\n\n{intervals}\n", choice.command())
 }

@@ -1,6 +1,7 @@
 //! Research: sweeps, metrics, figures, and the search for the best known flight. The only crate that knows arrow and
 //! resvg.
 
+mod ages;
 mod error;
 pub mod figures;
 mod metrics;

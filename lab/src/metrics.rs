@@ -5,8 +5,12 @@ use serde::Deserialize;
 use skysink_common::message::FlightReport;
 use skysink_common::propulsion::power_w;
 use skysink_common::scenario::{Propulsion, Scenario};
+use skysink_common::sensors::SensorList;
 use skysink_mission::summary::Summary;
 use strum::{EnumCount, IntoStaticStr, VariantArray};
+
+use crate::ages::{Ages, DeliveredData};
+use crate::sweep::statistics::Support;
 
 /// A column of the results, by its name there; defined in `docs/metrics.md`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, EnumCount, IntoStaticStr, VariantArray)]
@@ -24,6 +28,9 @@ pub enum Metric {
     AoiMeanS,
     #[strum(serialize = "aoi_p99_s")]
     AoiP99S,
+    DataAgeMeanS,
+    #[strum(serialize = "data_age_p99_s")]
+    DataAgeP99S,
     Jain,
     /// NaN unless a plan of `offline` was flown.
     LossBound,
@@ -46,6 +53,19 @@ impl Metric {
     pub fn is_timing(self) -> bool {
         matches!(self, Self::PlanP50Us | Self::PlanP99Us)
     }
+
+    /// Which values it can have, as far as its confidence interval respects that.
+    pub fn support(self) -> Support {
+        match self {
+            Self::LossRate | Self::LossBound | Self::Jain => Support::Fraction,
+            Self::EtaLetter => Support::NonNegative,
+            Self::DeliveredBits | Self::BitsPerWaypoint | Self::MeanServed | Self::FlownM | Self::EnergyJ => {
+                Support::Real
+            }
+            Self::AoiMeanS | Self::AoiP99S | Self::DataAgeMeanS | Self::DataAgeP99S => Support::Real,
+            Self::PlanP50Us | Self::PlanP99Us => Support::Real,
+        }
+    }
 }
 
 /// Running sums of a mission.
@@ -57,14 +77,13 @@ pub struct MissionSums {
     flown_m: f64,
     energy_j: f64,
     slot: u64,
-    /// Slot of each SN's last service, 0 before the first.
-    last_service: Vec<u64>,
-    ages: Ages,
+    service_ages: Ages,
+    data: DeliveredData,
 }
 
 impl MissionSums {
     /// Nothing flown yet.
-    pub fn new(scenario: &Scenario, sensors: usize) -> Self {
+    pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
         Self {
             slot_s: scenario.slot_s,
             aircraft: scenario.uav.propulsion,
@@ -72,16 +91,17 @@ impl MissionSums {
             flown_m: 0.0,
             energy_j: 0.0,
             slot: 0,
-            last_service: vec![0; sensors],
-            ages: Ages::default(),
+            service_ages: Ages::new(list.sensors().len()),
+            data: DeliveredData::new(scenario, list),
         }
     }
 
-    /// Adds the next slot.
+    /// Adds the next slot, after which the sensor nodes hold `queues_bits` and have delivered `delivered_bits` since the
+    /// mission's start.
     ///
     /// # Panics
     /// If it serves a sensor node that the mission does not have.
-    pub fn add(&mut self, flight: &FlightReport) {
+    pub fn add(&mut self, flight: &FlightReport, queues_bits: &[u32], delivered_bits: &[u64]) {
         self.slot += 1;
         let position = flight.position();
         let step_m = (position - self.position).norm();
@@ -89,19 +109,16 @@ impl MissionSums {
         self.flown_m += step_m;
         self.energy_j += power_w(&self.aircraft, step_m / self.slot_s) * self.slot_s;
         for link in flight.served_links() {
-            let last = &mut self.last_service[link.sensor as usize];
-            self.ages.add_gap(self.slot - *last - 1);
-            self.ages.zeros += 1;
-            *last = self.slot;
+            let sensor = link.sensor as usize;
+            self.service_ages.refresh(sensor, self.slot, self.slot);
+            self.data.add(sensor, self.slot, delivered_bits[sensor], queues_bits[sensor].into());
         }
     }
 
     /// The metrics of a mission that comes to `summary`; `delivered_bits` by sensor node.
     pub fn values(&self, summary: &Summary, delivered_bits: &[u64], loss_bound: f64) -> MetricValues {
-        let mut ages = self.ages.clone();
-        for last in &self.last_service {
-            ages.add_gap(self.slot - last);
-        }
+        let service_ages = self.service_ages.counts(self.slot, |_| true);
+        let data_ages = self.data.counts(self.slot);
         let mut values = [0.0; Metric::COUNT];
         for (value, metric) in values.iter_mut().zip(Metric::VARIANTS) {
             *value = match metric {
@@ -112,8 +129,10 @@ impl MissionSums {
                 Metric::MeanServed => summary.mean_served,
                 Metric::FlownM => self.flown_m,
                 Metric::EnergyJ => self.energy_j,
-                Metric::AoiMeanS => ages.mean() * self.slot_s,
-                Metric::AoiP99S => ages.quantile(0.99) as f64 * self.slot_s,
+                Metric::AoiMeanS => service_ages.mean() * self.slot_s,
+                Metric::AoiP99S => service_ages.quantile(0.99) as f64 * self.slot_s,
+                Metric::DataAgeMeanS => data_ages.mean() * self.slot_s,
+                Metric::DataAgeP99S => data_ages.quantile(0.99) as f64 * self.slot_s,
                 Metric::Jain => jain(delivered_bits),
                 Metric::LossBound => loss_bound,
                 Metric::PlanP50Us => summary.timing.plan_p50_us,
@@ -124,62 +143,11 @@ impl MissionSums {
     }
 }
 
-/// Ages in slots, counted: a gap of g slots without service holds the ages 1, 2, ..., g.
-#[derive(Debug, Clone, Default)]
-struct Ages {
-    zeros: u64,
-    /// By g: how many gaps of g slots.
-    gaps: Vec<u64>,
-}
-
-impl Ages {
-    fn add_gap(&mut self, slots: u64) {
-        let slots = usize::try_from(slots).expect("a mission that fits in memory");
-        if self.gaps.len() <= slots {
-            self.gaps.resize(slots + 1, 0);
-        }
-        self.gaps[slots] += 1;
-    }
-
-    /// How many samples have each age: age a occurs once in every gap of at least a slots.
-    fn counts(&self) -> Vec<u64> {
-        let mut counts = vec![0; self.gaps.len().max(1)];
-        let mut longer = 0;
-        for age in (1..self.gaps.len()).rev() {
-            longer += self.gaps[age];
-            counts[age] = longer;
-        }
-        counts[0] = self.zeros;
-        counts
-    }
-
-    fn mean(&self) -> f64 {
-        let counts = self.counts();
-        let samples: u64 = counts.iter().sum();
-        let sum: u64 = (0..).zip(&counts).map(|(age, count): (u64, _)| age * count).sum();
-        if samples == 0 { 0.0 } else { sum as f64 / samples as f64 }
-    }
-
-    /// The least age that is not exceeded by a fraction `q` of the samples (nearest rank).
-    fn quantile(&self, q: f64) -> u64 {
-        let counts = self.counts();
-        let rank = (q * counts.iter().sum::<u64>() as f64).ceil() as u64;
-        let mut seen = 0;
-        for (age, count) in (0..).zip(&counts) {
-            seen += count;
-            if seen >= rank {
-                return age;
-            }
-        }
-        0
-    }
-}
-
-/// Jain's fairness index, `(Σ x)² / (N Σ x²)`; 1 if nothing was delivered.
+/// Jain's fairness index, `(Σ x)² / (N Σ x²)`, at most 1 whatever the rounding; 1 if nothing was delivered.
 fn jain(values: &[u64]) -> f64 {
     let sum: f64 = values.iter().map(|&value| value as f64).sum();
     let squares: f64 = values.iter().map(|&value| (value as f64).powi(2)).sum();
-    if squares > 0.0 { sum * sum / (values.len() as f64 * squares) } else { 1.0 }
+    if squares > 0.0 { (sum * sum / (values.len() as f64 * squares)).min(1.0) } else { 1.0 }
 }
 
 #[cfg(test)]
@@ -187,6 +155,7 @@ mod tests {
     use super::*;
     use skysink_common::message::{LinkReport, Mode};
     use skysink_common::scenario::Overrides;
+    use std::path::Path;
 
     /// A flight to x [m] on the line y = 50 m that serves these SNs.
     fn flight(x_m: f64, served: &[u32]) -> FlightReport {
@@ -207,46 +176,37 @@ mod tests {
     fn columns_have_the_names_of_the_documentation() {
         let names: Vec<&str> = Metric::VARIANTS.iter().map(|metric| metric.name()).collect();
         let expected = "loss_rate eta_letter delivered_bits bits_per_waypoint mean_served flown_m energy_j aoi_mean_s \
-                        aoi_p99_s jain loss_bound plan_p50_us plan_p99_us";
+                        aoi_p99_s data_age_mean_s data_age_p99_s jain loss_bound plan_p50_us plan_p99_us";
         assert_eq!(names.join(" "), expected);
     }
 
     #[test]
-    fn ages_count_slots_since_the_last_service() {
-        let scenario = Scenario::letter(Overrides::default()).unwrap();
-        let mut metrics = MissionSums::new(&scenario, 2);
-        for served in [&[][..], &[0], &[], &[0, 1]] {
-            metrics.add(&flight(50.0, served));
+    fn a_service_without_a_bit_refreshes_no_data() {
+        let text = "name = \"a\"\nslots = 4\n";
+        let scenario = Scenario::parse(text, Path::new("a.toml"), Overrides::default()).unwrap();
+        let list = "x_m,y_m,queue_bits,sampling_bps\n10,10,100,100\n";
+        let list = SensorList::parse(list, Path::new("list.csv"), &scenario).unwrap();
+        let mut metrics = MissionSums::new(&scenario, &list);
+        // 200, 300, 400, 500 bits are there in slots 1 to 4; in slot 2 no bit is delivered, in slot 3 the initial 100
+        // and the first 150 of those sampled, the last of them in slot 2.
+        for (served, queue_bits, delivered_bits) in
+            [(&[][..], 200, 0), (&[0], 300, 0), (&[0], 150, 250), (&[], 250, 250)]
+        {
+            metrics.add(&flight(50.0, served), &[queue_bits], &[delivered_bits]);
         }
-        // Ages after slots 1 to 4: SN 0: 1, 0, 1, 0; SN 1: 1, 2, 3, 0. Mean 8/8; the 99th percentile is the largest.
-        assert_eq!(values(&metrics, [Metric::AoiMeanS, Metric::AoiP99S]), [1.0, 3.0]);
-    }
-
-    #[test]
-    fn ages_agree_with_counting_one_by_one() {
-        let scenario = Scenario::letter(Overrides::default()).unwrap();
-        let mut metrics = MissionSums::new(&scenario, 7);
-        let (mut last, mut ages) = ([0u64; 7], Vec::new());
-        for slot in 1..=300u64 {
-            let served: Vec<u32> = (0..7).filter(|&sn| (slot * 31 + u64::from(sn) * 17) % 23 < 3).collect();
-            metrics.add(&flight(50.0, &served));
-            served.iter().for_each(|&sn| last[sn as usize] = slot);
-            ages.extend(last.iter().map(|last| slot - last));
-        }
-        ages.sort_unstable();
-        let mean = ages.iter().sum::<u64>() as f64 / ages.len() as f64;
-        let p99 = ages[(ages.len() * 99).div_ceil(100) - 1] as f64;
-        assert_eq!(values(&metrics, [Metric::AoiMeanS, Metric::AoiP99S]), [mean, p99]);
+        let ages = [Metric::AoiMeanS, Metric::AoiP99S, Metric::DataAgeMeanS, Metric::DataAgeP99S];
+        // Since the service 1, 0, 0, 1; of the data 1, 2, 1, 2.
+        assert_eq!(values(&metrics, ages), [0.5, 1.0, 1.5, 2.0]);
     }
 
     #[test]
     fn hovering_costs_energy_and_no_distance() {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
-        let mut metrics = MissionSums::new(&scenario, 1);
-        metrics.add(&flight(50.0, &[]));
+        let mut metrics = MissionSums::new(&scenario, &SensorList::of(&scenario).unwrap());
+        metrics.add(&flight(50.0, &[]), &[], &[]);
         let [hover_m, hover_j] = values(&metrics, [Metric::FlownM, Metric::EnergyJ]);
         assert!((hover_j - 168.49).abs() < 1e-9);
-        metrics.add(&flight(60.0, &[]));
+        metrics.add(&flight(60.0, &[]), &[], &[]);
         let [flown_m, flown_j] = values(&metrics, [Metric::FlownM, Metric::EnergyJ]);
         assert_eq!((hover_m, flown_m), (0.0, 10.0));
         assert!((flown_j - hover_j - power_w(&scenario.uav.propulsion, 10.0)).abs() < 1e-9);

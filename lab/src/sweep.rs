@@ -204,11 +204,11 @@ fn fly(scenario: &Scenario, key: MissionKey, stop: &Stop) -> Result<MissionRow, 
     let mut mission = Mission::new(scenario, &list)?;
     mission.set_stop(stop);
     let mut tally = Tally::new(scenario, &list);
-    let mut sums = MissionSums::new(scenario, list.sensors().len());
+    let mut sums = MissionSums::new(scenario, &list);
     tally.start(&mission.header());
-    for flown in &mut mission {
+    while let Some(flown) = mission.next() {
         tally.add(Some(&flown.plan), &flown.flight, &flown.header);
-        sums.add(&flown.flight);
+        sums.add(&flown.flight, mission.field().queues_bits(), mission.field().delivered_bits());
     }
     stop.check()?;
     let summary = tally.summary(None, Duration::ZERO, 0);

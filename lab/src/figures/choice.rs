@@ -18,8 +18,10 @@ pub enum FigurePart {
     Sparse,
     /// Against the sampling rate, Fig. 2 (b).
     Rate,
-    /// Planning time, Fig. 2 (c).
+    /// Planning time of a slot.
     Time,
+    /// Against the mission's time, Fig. 2 (c).
+    MissionTime,
     /// What it costs not to know the queues.
     Knowledge,
     /// What the third dimension is worth.
@@ -49,7 +51,7 @@ impl Choice {
         self.only.is_empty() || self.only.contains(&part)
     }
 
-    /// Version and command, for footers.
+    /// Version and command, for descriptions and tables.
     pub(super) fn command(&self) -> String {
         let steps = match self.horizon_iterations {
             HORIZON_ITERATIONS => String::new(),

@@ -9,7 +9,7 @@ use super::page::{INK, MARGIN, Page, SAMPLE, TOP, WIDTH, fitting, line, stroke, 
 use super::style::shade;
 use crate::error::LabError;
 
-/// Em of everything but title and footer [units].
+/// Em of everything but the title [units].
 const EM: f64 = 24.0;
 /// Space [units] left of a panel (tick and axis labels) and right of it.
 const BESIDE: [f64; 2] = [110.0, 20.0];
@@ -57,8 +57,8 @@ pub struct MapSheet {
     pub maps: Vec<TrajectoryMap>,
     /// What the colours of the sensors show.
     pub fraction_label: String,
-    /// Mission, seed, version, command.
-    pub footer: String,
+    /// Mission, seed, version, command: not drawn, but in the file.
+    pub description: String,
 }
 
 impl MapSheet {
@@ -78,13 +78,13 @@ impl MapSheet {
             let (row, column) = (cell / columns, cell % columns);
             [MARGIN + cell_width * column as f64 + BESIDE[0], TOP + cell_height * row as f64 + AROUND[0]]
         };
-        let mut page = Page::new(&self.title);
+        let mut page = Page::new(&self.title, &self.description);
         let highest = self.highest();
         for (i, map) in self.maps.iter().enumerate() {
             map.draw(&mut page, corner(i), room, highest);
         }
         self.draw_key(&mut page, corner(self.maps.len()), room[0], highest);
-        page.write(stem, TOP + cell_height * cells.div_ceil(columns) as f64, &self.footer)
+        page.write(stem, TOP + cell_height * cells.div_ceil(columns) as f64 - 0.5 * MARGIN)
     }
 
     /// Upper end of the colour bar: the first of 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1 that no fraction exceeds.

@@ -1,4 +1,4 @@
-//! The page of a figure: title, legend, footer, the embedded font, and the two files it becomes.
+//! The page of a figure: title, legend, description, the embedded font, and the two files it becomes.
 //!
 //! Everything is drawn as SVG, in which text stays text; the PNG is the same document, rendered by resvg.
 
@@ -8,7 +8,7 @@ use resvg::{tiny_skia, usvg};
 use skrifa::instance::{LocationRef, Size};
 use skrifa::{FontRef, MetadataProvider};
 use skysink_mission::record::write_whole;
-use svg::node::element::{Group, Path as Stroke, Rectangle, Text};
+use svg::node::element::{Description, Group, Path as Stroke, Rectangle, Text};
 use svg::{Document, Node};
 
 use crate::error::LabError;
@@ -25,8 +25,6 @@ pub const SAMPLE: f64 = 100.0;
 pub const INK: &str = "#202020";
 /// Em of the title [units].
 const TITLE_EM: f64 = 34.0;
-/// Em of the footer [units].
-const FOOTER_EM: f64 = 20.0;
 
 /// The font families that the SVG names; the first is the embedded one, by which text is measured.
 const FAMILIES: &str = "DejaVu Sans, Verdana, Arial, sans-serif";
@@ -39,13 +37,14 @@ pub struct Page {
 }
 
 impl Page {
-    /// A page with a title.
-    pub fn new(title: &str) -> Self {
+    /// A page with a title, and with a description that is in the SVG but not drawn.
+    pub fn new(title: &str, description: &str) -> Self {
+        let description = Description::new().add(svg::node::Text::new(description));
         let white = Rectangle::new().set("width", "100%").set("height", "100%").set("fill", "white");
         let at = [MARGIN, MARGIN + 0.8 * TITLE_EM];
         let title = text(title, at, fitting(title, TITLE_EM, WIDTH - 2.0 * MARGIN), "start");
         let document = Document::new().set("font-family", FAMILIES).set("stroke-linejoin", "round").set("fill", INK);
-        Self { document: document.add(white).add(title) }
+        Self { document: document.add(description).add(white).add(title) }
     }
 
     /// Adds something on top of the rest.
@@ -69,17 +68,12 @@ impl Page {
         top + 1.6 * em * entries.len().div_ceil(columns) as f64
     }
 
-    /// Writes `stem`.svg and `stem`.png, with a footer below `bottom` [units].
+    /// Writes `stem`.svg and `stem`.png of a page that ends a margin below `bottom` [units].
     ///
     /// # Errors
     /// A text that the embedded font cannot set, a file that cannot be written.
-    pub fn write(mut self, stem: &Path, bottom: f64, footer: &str) -> Result<(), LabError> {
-        let lines = broken(footer, WIDTH - 2.0 * MARGIN);
-        let base = |line: usize| bottom + 12.0 + 1.35 * FOOTER_EM * line as f64 + FOOTER_EM;
-        let height = (base(lines.len().max(2)) - 3.0).round();
-        for (i, line) in lines.iter().enumerate() {
-            self.add(text(line, [MARGIN, base(i)], FOOTER_EM, "start").set("fill", "#666666"));
-        }
+    pub fn write(self, stem: &Path, bottom: f64) -> Result<(), LabError> {
+        let height = (bottom + MARGIN).round();
         let document = self.document.set("width", WIDTH).set("height", height);
         let svg = document.set("viewBox", (0.0, 0.0, WIDTH, height)).to_string();
         let lacking = |text: &str| text.chars().find(|&character| font().charmap().map(character).is_none());
@@ -139,19 +133,4 @@ pub fn text_width(text: &str, em: f64) -> f64 {
 
 fn font() -> FontRef<'static> {
     FontRef::new(DEJAVU_SANS).expect("the embedded font is valid")
-}
-
-/// The lines of a text within `width` [units], broken at spaces.
-fn broken(text: &str, width: f64) -> Vec<String> {
-    let mut lines: Vec<String> = Vec::new();
-    for word in text.split_whitespace() {
-        match lines.last_mut() {
-            Some(line) if 1.06 * text_width(&format!("{line} {word}"), FOOTER_EM) < width => {
-                line.push(' ');
-                line.push_str(word);
-            }
-            _ => lines.push(word.to_owned()),
-        }
-    }
-    lines
 }

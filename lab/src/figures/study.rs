@@ -11,15 +11,16 @@ use skysink_planner::strategies::{
     Registered, STRATEGIES, exact, gfs, horizon, max_age_first, offline, rfs, round_robin, tour, uts, uts_wide,
 };
 
-use super::chart::{Chart, CurvePoint, Scale, Series};
+use super::chart::{Chart, Scale, Series};
 use super::choice::{Choice, FigurePart};
+use super::curves::{self, CurveValues};
 use crate::error::LabError;
 use crate::metrics::Metric;
 use crate::progress::{LabProgress, OnProgress, SweepNumber};
 use crate::sweep::journal::{MissionRows, missions_of};
 use crate::sweep::plan::{Shard, Sweep, SweepBase};
 use crate::sweep::results::{BEST_KNOWN, best_known, number};
-use crate::sweep::statistics::MeanInterval;
+use crate::sweep::statistics::Support;
 use crate::sweep::sweep;
 
 /// Search steps of an offline plan, for each step that `horizon` takes in a slot.
@@ -38,6 +39,9 @@ pub(super) struct Study {
     /// The charts of each quantity: name in files, and title.
     charts: Vec<(String, String)>,
     quantities: Vec<Quantity>,
+    /// Label of the curve from which the differences of the others are shown, where the quantity is a fraction; `{}`
+    /// stands for the strategy of the other.
+    reference: Option<String>,
     flights: Vec<Flights>,
     /// Missions at the same time; 1 where time itself is measured, 0 for as many as asked for.
     #[serde(default)]
@@ -91,6 +95,15 @@ struct Quantity {
     stem: String,
     title: String,
     metric: Metric,
+}
+
+/// The curves of a chart and of that of their differences.
+struct ShownCurves<'a> {
+    curves: &'a [CurveValues],
+    /// Mission, for the title.
+    about: &'a str,
+    /// In files.
+    name: String,
 }
 
 /// All studies.
@@ -173,21 +186,61 @@ impl Study {
         let flown = self.flights.iter().enumerate().map(fly).collect::<Result<Vec<_>, _>>()?;
         let mut charts = Vec::new();
         for quantity in &self.quantities {
-            let (y_label, y_scale) = quantity.axis();
             for (index, (name, about)) in self.charts.iter().enumerate() {
-                let series = self.series(quantity, &flown, index, choice);
-                let chart = Chart {
-                    title: format!("{} · {about}", quantity.title),
-                    x_label: self.x_label.clone(),
-                    y_label: y_label.to_owned(),
-                    footer: self.footer(&series, choice),
-                    series,
-                    y_scale,
-                };
-                charts.push((format!("{}-{name}", quantity.stem), chart));
+                let curves = self.curves(quantity, &flown, index, choice);
+                let shown = ShownCurves { curves: &curves, about, name: format!("{}-{name}", quantity.stem) };
+                charts.push(self.chart_of_means(quantity, &shown, choice));
+                charts.extend(self.chart_of_differences(quantity, &shown, choice));
             }
         }
         Ok(charts)
+    }
+
+    /// The chart of a quantity, with its name.
+    fn chart_of_means(&self, quantity: &Quantity, shown: &ShownCurves, choice: &Choice) -> (String, Chart) {
+        let (y_label, y_scale) = quantity.axis();
+        let support = quantity.metric.support();
+        let series = shown.curves.iter().map(|curve| curve.means(&self.xs(), support)).collect();
+        let chart = Chart { y_scale, ..self.chart(&quantity.title, y_label, series, support, shown, choice) };
+        (shown.name.clone(), chart)
+    }
+
+    /// The chart of its differences from the reference, by field, if there is one.
+    fn chart_of_differences(
+        &self,
+        quantity: &Quantity,
+        shown: &ShownCurves,
+        choice: &Choice,
+    ) -> Option<(String, Chart)> {
+        let reference = self.reference.as_ref().filter(|_| quantity.metric.support() == Support::Fraction)?;
+        let of = reference.replace("{} ", "");
+        let series = curves::differences(shown.curves, &self.xs(), Support::Fraction);
+        let title = format!("{}, difference by field", quantity.title);
+        let y_label = format!("{} − that of “{of}”", quantity.axis().0);
+        let chart = self.chart(&title, &y_label, series, Support::FractionDifference, shown, choice);
+        Some((format!("{}-difference", shown.name), chart))
+    }
+
+    fn chart(
+        &self,
+        title: &str,
+        y_label: &str,
+        series: Vec<Series>,
+        support: Support,
+        shown: &ShownCurves,
+        choice: &Choice,
+    ) -> Chart {
+        let seeds = curves::seeds(shown.curves);
+        Chart {
+            title: format!("{title} · {}", shown.about),
+            x_label: self.x_label.clone(),
+            y_label: y_label.to_owned(),
+            series,
+            description: format!("{seeds} · bands: 95 % CI of the mean · {}", choice.command()),
+            seeds,
+            support,
+            y_scale: Scale::Linear,
+        }
     }
 
     /// How many sweeps it has.
@@ -222,51 +275,39 @@ impl Study {
 
     /// One quantity in one of the charts, a curve for each strategy of each sweep; of a loss the best known and the
     /// bound, too, over the fields that every strategy has flown over.
-    fn series(&self, quantity: &Quantity, flown: &[MissionRows], chart: usize, choice: &Choice) -> Vec<Series> {
-        let xs = self.xs();
-        let curve = |label: &str, values: &dyn Fn(usize) -> Vec<f64>| {
-            let point = |(index, &x): (usize, &f64)| {
-                let interval = MeanInterval::of(&values(chart * xs.len() + index));
-                CurvePoint { x, mean: interval.mean, half_width: interval.half_width.unwrap_or(f64::NAN) }
-            };
-            Series { label: label.to_owned(), points: xs.iter().enumerate().map(point).collect() }
+    fn curves(&self, quantity: &Quantity, flown: &[MissionRows], chart: usize, choice: &Choice) -> Vec<CurveValues> {
+        let count = self.xs().len();
+        let curve = |label: &str, reference: Option<String>, values: &dyn Fn(usize) -> BTreeMap<u64, f64>| {
+            let points = (0..count).map(|index| values(chart * count + index)).collect();
+            CurveValues { label: label.to_owned(), reference, points }
         };
-        let mut series = Vec::new();
+        let mut curves = Vec::new();
         for strategy in STRATEGIES {
+            let reference = self.reference.as_ref().map(|reference| reference.replace("{}", strategy.name));
             for (flights, rows) in self.flights.iter().zip(flown) {
                 let Some(index) = flights.strategies().iter().position(|flown| *flown == strategy) else { continue };
                 let values = |metric: Metric| {
-                    move |point| missions_of(rows, point, index).map(|row| row[metric]).collect::<Vec<_>>()
+                    move |point| missions_of(rows, point, index).map(|row| (row.key.seed, row[metric])).collect()
                 };
                 if *strategy != offline::STRATEGY {
-                    series.push(curve(&flights.label.replace("{}", strategy.name), &values(quantity.metric)));
+                    let label = flights.label.replace("{}", strategy.name);
+                    curves.push(curve(&label, reference.clone(), &values(quantity.metric)));
                 } else if quantity.metric == Metric::LossRate {
                     let runs = flights.runs(choice);
                     let common = flown.iter().flat_map(MissionRows::values).filter(|row| row.key.seed <= runs);
                     let least = best_known(common);
-                    series.push(curve(BEST_KNOWN, &|point| least[&point].clone()));
-                    series.push(curve("lower bound", &values(Metric::LossBound)));
+                    curves.push(curve(BEST_KNOWN, reference.clone(), &|point| least[&point].clone()));
+                    curves.push(curve("lower bound", None, &values(Metric::LossBound)));
                 }
             }
         }
-        series
+        curves
     }
 
     /// Values of the x axis.
     fn xs(&self) -> Vec<f64> {
         let values = self.axes.values().next_back().and_then(toml::Value::as_array).into_iter().flatten();
         values.filter_map(number).collect()
-    }
-
-    /// Which fields were flown over, by which command.
-    fn footer(&self, series: &[Series], choice: &Choice) -> String {
-        let mut seeds = format!("seeds 1 to {}", self.flights[0].runs(choice));
-        let fewer = self.flights[self.flights.len() - 1].runs(choice);
-        if fewer < self.flights[0].runs(choice) {
-            let labels = series.iter().skip(self.flights[0].strategies().len()).map(|series| series.label.as_str());
-            seeds += &format!(", of {} 1 to {fewer}", labels.collect::<Vec<_>>().join(", "));
-        }
-        format!("{seeds} · bands: 95 % CI of the mean, Student's t · {}", choice.command())
     }
 }
 
@@ -285,6 +326,24 @@ mod tests {
             for flights in &study.flights {
                 let points = study.sweep(flights, &choice).unwrap().definition.points;
                 assert_eq!(points.len(), study.charts.len() * study.xs().len(), "{}{}", study.name(), flights.suffix);
+            }
+        }
+    }
+
+    #[test]
+    fn every_strategy_has_the_curve_that_it_is_compared_with() {
+        for study in studies() {
+            let curves = study.flights.iter().flat_map(|flights| {
+                let label = |strategy: &Registered| (strategy.name, flights.label.replace("{}", strategy.name));
+                flights.strategies().into_iter().map(label).collect::<Vec<_>>()
+            });
+            let curves: Vec<(&str, String)> = curves.collect();
+            if let Some(reference) = &study.reference {
+                for (strategy, label) in &curves {
+                    let compared_with = reference.replace("{}", strategy);
+                    let is_there = curves.iter().any(|(_, label)| *label == compared_with);
+                    assert!(is_there, "{}: {label} is compared with {compared_with}", study.name());
+                }
             }
         }
     }

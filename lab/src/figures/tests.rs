@@ -8,9 +8,13 @@ use super::map::{MapSensor, MapSheet, TrajectoryMap};
 use super::page;
 use super::style;
 use crate::error::LabError;
+use crate::sweep::statistics::Support;
 
 fn series(label: &str, points: &[(f64, f64, f64)]) -> Series {
-    let points = points.iter().map(|&(x, mean, half_width)| CurvePoint { x, mean, half_width }).collect();
+    let points = points
+        .iter()
+        .map(|&(x, mean, half_width)| CurvePoint { x, mean, limits: Some([mean - half_width, mean + half_width]) })
+        .collect();
     Series { label: label.to_owned(), points }
 }
 
@@ -20,7 +24,9 @@ fn chart(series: Vec<Series>) -> Chart {
         x_label: "side of the area [m]".to_owned(),
         y_label: "data loss rate η [−]".to_owned(),
         series,
-        footer: "50 missions per point, 95 % CI · skysink".to_owned(),
+        seeds: "seeds 1 to 50".to_owned(),
+        description: "seeds 1 to 50, 95 % CI · skysink".to_owned(),
+        support: Support::Fraction,
         y_scale: Scale::Linear,
     }
 }
@@ -41,7 +47,7 @@ fn sheet() -> MapSheet {
         title: "Trajectories".to_owned(),
         maps: vec![map("rfs"), map("uts-wide")],
         fraction_label: "bits lost / bits sampled [−]".to_owned(),
-        footer: "seed 1 · skysink".to_owned(),
+        description: "seed 1 · skysink".to_owned(),
     }
 }
 
@@ -73,16 +79,10 @@ fn a_chart_says_what_it_shows() {
     let (svg, png) = files(|stem| {
         chart(vec![series("uts", &[(1.0, 0.1, 0.0), (2.0, 0.2, 0.0)]), series("exact", &[(1.0, 0.0, 0.0)])]).draw(stem)
     });
-    for text in [
-        "Loss against area",
-        "side of the area [m]",
-        "data loss rate η [−]",
-        "uts",
-        "exact",
-        "50 missions per point, 95 % CI · skysink",
-    ] {
+    for text in ["Loss against area", "side of the area [m]", "data loss rate η [−]", "uts", "exact"] {
         assert!(svg.contains(&format!(">\n{text}\n</text>")), "{text}");
     }
+    assert!(svg.contains("<desc>seeds 1 to 50, 95 % CI · skysink</desc>"), "in the file, but not drawn");
     assert!(svg.contains(r#"viewBox="0 0 1600 1000" width="1600""#), "{}", &svg[..200]);
     assert!(svg.contains("font-family=\"DejaVu Sans, Verdana, Arial, sans-serif\""));
     let side = |at: usize| u32::from_be_bytes(png[at..at + 4].try_into().unwrap());
@@ -92,28 +92,36 @@ fn a_chart_says_what_it_shows() {
 #[test]
 fn a_sheet_of_maps_says_what_it_shows() {
     let (svg, _) = files(|stem| sheet().draw(stem));
-    let texts = [
-        "Trajectories",
-        "rfs",
-        "uts-wide",
-        "bits lost / bits sampled [−]",
-        "x [m]",
-        "y [m]",
-        "start",
-        "seed 1 · skysink",
-    ];
+    let texts = ["Trajectories", "rfs", "uts-wide", "bits lost / bits sampled [−]", "x [m]", "y [m]", "start"];
     for text in texts {
         assert!(svg.contains(&format!(">\n{text}\n</text>")), "{text}");
     }
+    assert!(svg.contains("<desc>seed 1 · skysink</desc>"));
+}
+
+#[test]
+fn a_table_shows_symmetric_and_bounded_intervals() {
+    let mut curve = series("uts", &[(1.0, 0.25, 0.0), (2.0, -0.00001, 0.001), (3.0, 0.5, 0.0)]);
+    curve.points[0].limits = Some([0.125, 0.5]);
+    curve.points[2].limits = None;
+    let fractions = chart(vec![curve.clone()]).table();
+    let head = "**Loss against area**; data loss rate η [−], mean [95 % CI]\n\n| side of the area [m] | uts |";
+    assert!(fractions.contains(head), "{fractions}");
+    assert!(fractions.ends_with("| 1 | 0.2500 [0.1250, 0.5000] |\n| 2 | 0.0000 [-0.0010, 0.0010] |\n| 3 | 0.5000 |\n"));
+    let bits = Chart { support: Support::Real, ..chart(vec![series("uts", &[(1.0, 21_076.4, 55.2)])]) }.table();
+    assert!(bits.contains("mean ± half of the 95 % CI\n") && bits.ends_with("| 1 | 21076 ± 55 |\n"), "{bits}");
 }
 
 #[test]
 fn a_confidence_interval_that_is_not_known_draws_no_band() {
-    let bands = |half_width: f64| {
-        let curve = series("uts", &[(1.0, 0.1, half_width), (2.0, 0.2, half_width)]);
+    let bands = |is_known: bool| {
+        let mut curve = series("uts", &[(1.0, 0.1, 0.05), (2.0, 0.2, 0.05)]);
+        if !is_known {
+            curve.points.iter_mut().for_each(|point| point.limits = None);
+        }
         files(|stem| chart(vec![curve.clone()]).draw(stem)).0.matches("fill-opacity").count()
     };
-    assert_eq!((bands(f64::NAN), bands(0.05)), (0, 1));
+    assert_eq!((bands(false), bands(true)), (0, 1));
 }
 
 #[test]

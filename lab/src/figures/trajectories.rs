@@ -31,7 +31,7 @@ pub(super) fn sheets(choice: &Choice, stop: &Stop) -> Result<Vec<(&'static str, 
             title: format!("Trajectories over 500 slots · {side_m} m × {side_m} m"),
             maps,
             fraction_label: "queue fill at the end".to_owned(),
-            footer: format!("seed 1, the letter's mission · {}", choice.command()),
+            description: format!("seed 1, the paper's mission · {}", choice.command()),
         };
         Ok((name, sheet))
     };

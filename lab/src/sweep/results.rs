@@ -99,8 +99,8 @@ fn swept(definition: &Definition, rows: &MissionRows, place: usize) -> ArrayRef 
 fn summary_csv(definition: &Definition, rows: &MissionRows, metrics: &[Metric]) -> Vec<u8> {
     let names = ["strategy", "metric", "n", "mean", "standard_deviation", "ci95_low", "ci95_high"];
     let line = |point: usize, strategy: &str, metric: Metric, values: &[f64]| {
-        let MeanInterval { n, mean, deviation, half_width } = MeanInterval::of(values);
-        let figures = [Some(mean), deviation, half_width.map(|half| mean - half), half_width.map(|half| mean + half)];
+        let MeanInterval { n, mean, deviation, limits } = MeanInterval::of(values, metric.support());
+        let figures = [Some(mean), deviation, limits.map(|[low, _]| low), limits.map(|[_, high]| high)];
         let figures = figures.map(|figure| figure.map_or_else(String::new, |value| value.to_string()));
         let words = [strategy.to_owned(), metric.name().to_owned(), n.to_string()];
         definition.points[point].iter().map(text).chain(words).chain(figures).collect::<Vec<_>>()
@@ -118,22 +118,18 @@ fn summary_csv(definition: &Definition, rows: &MissionRows, metrics: &[Metric]) 
     }
     if definition.strategies.contains(&&offline::STRATEGY) {
         for (point, losses) in best_known(rows.values()) {
-            lines.push(line(point, BEST_KNOWN, Metric::LossRate, &losses));
+            lines.push(line(point, BEST_KNOWN, Metric::LossRate, &losses.into_values().collect::<Vec<_>>()));
         }
     }
     table(definition, names, lines)
 }
 
 /// The least loss of all strategies, by point and seed.
-pub fn best_known<'a>(rows: impl Iterator<Item = &'a MissionRow>) -> BTreeMap<usize, Vec<f64>> {
-    let mut least: BTreeMap<(usize, u64), f64> = BTreeMap::new();
+pub fn best_known<'a>(rows: impl Iterator<Item = &'a MissionRow>) -> BTreeMap<usize, BTreeMap<u64, f64>> {
+    let mut points: BTreeMap<usize, BTreeMap<u64, f64>> = BTreeMap::new();
     for row in rows {
-        let known = least.entry((row.key.point, row.key.seed)).or_insert(f64::INFINITY);
+        let known = points.entry(row.key.point).or_default().entry(row.key.seed).or_insert(f64::INFINITY);
         *known = known.min(row[Metric::LossRate]);
-    }
-    let mut points: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
-    for ((point, _), loss_rate) in least {
-        points.entry(point).or_default().push(loss_rate);
     }
     points
 }

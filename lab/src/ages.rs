@@ -1,0 +1,288 @@
+//! Ages of information: of the last service of each sensor node (SN), and of the data delivered.
+//!
+//! Definitions in `docs/metrics.md`. Ages are counted in whole slots, so that their mean and quantiles are exact.
+
+use std::collections::VecDeque;
+use std::ops::Range;
+
+use skysink_common::arrivals::{sampled_bits, slot_of_bit};
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::{Sensor, SensorList};
+
+/// The age of one SN after each slot: `slot − stamp` from slot `from` on.
+#[derive(Debug, Clone, Copy)]
+struct AgeRun {
+    from: u64,
+    stamp: u64,
+}
+
+impl AgeRun {
+    /// The ages after the slots before `end`.
+    fn ages(self, end: u64) -> Range<u64> {
+        self.from - self.stamp..end - self.stamp
+    }
+}
+
+/// The ages of all SNs after each slot.
+#[derive(Debug, Clone)]
+pub struct Ages {
+    runs: Vec<AgeRun>,
+    counts: AgeCounts,
+}
+
+impl Ages {
+    /// Ages that begin with the mission.
+    pub fn new(sensors: usize) -> Self {
+        Self { runs: vec![AgeRun { from: 1, stamp: 0 }; sensors], counts: AgeCounts::default() }
+    }
+
+    /// From `slot` on the age of the SN counts from slot `stamp`.
+    pub fn refresh(&mut self, sensor: usize, slot: u64, stamp: u64) {
+        self.counts.add(self.runs[sensor].ages(slot));
+        self.runs[sensor] = AgeRun { from: slot, stamp };
+    }
+
+    /// How often each age occurs up to the end of `slot`, over the SNs that count; only SNs that count were refreshed.
+    pub fn counts(&self, slot: u64, is_counted: impl Fn(usize) -> bool) -> AgeCounts {
+        let mut counts = self.counts.clone();
+        let counted = self.runs.iter().enumerate().filter(|(sensor, _)| is_counted(*sensor));
+        counted.for_each(|(_, run)| counts.add(run.ages(slot + 1)));
+        counts
+    }
+}
+
+/// How often each age [slots] occurs, as differences from age to age.
+#[derive(Debug, Clone, Default)]
+pub struct AgeCounts(Vec<i64>);
+
+impl AgeCounts {
+    /// Counts each of these ages once.
+    fn add(&mut self, ages: Range<u64>) {
+        let [first, end] =
+            [ages.start, ages.end].map(|age| usize::try_from(age).expect("a mission that fits in memory"));
+        if self.0.len() <= end {
+            self.0.resize(end + 1, 0);
+        }
+        self.0[first] += 1;
+        self.0[end] -= 1;
+    }
+
+    /// Every age with how often it occurs, by ascending age.
+    fn by_age(&self) -> impl Iterator<Item = (u64, u64)> {
+        let count = |count: &mut i64, change: &i64| {
+            *count += change;
+            Some(u64::try_from(*count).expect("a run ends after it begins"))
+        };
+        (0..).zip(self.0.iter().scan(0, count))
+    }
+
+    fn samples(&self) -> u64 {
+        self.by_age().map(|(_, count)| count).sum()
+    }
+
+    /// Mean age [slots]; 0 where none is counted.
+    pub fn mean(&self) -> f64 {
+        let sum: u64 = self.by_age().map(|(age, count)| age * count).sum();
+        let samples = self.samples();
+        if samples == 0 { 0.0 } else { sum as f64 / samples as f64 }
+    }
+
+    /// The least age [slots] that is not exceeded by a fraction `q` of the samples (nearest rank).
+    pub fn quantile(&self, q: f64) -> u64 {
+        let rank = (q * self.samples() as f64).ceil() as u64;
+        let mut seen = 0;
+        for (age, count) in self.by_age() {
+            seen += count;
+            if seen >= rank {
+                return age;
+            }
+        }
+        0
+    }
+}
+
+/// What tells the age of the data delivered: which of an SN's bits were stored when.
+///
+/// A buffer is a queue, and a full one refuses the newest bits (decision D1). So the bits that an SN has stored between
+/// two uploads are the first of those that it sampled then, and the freshest bit delivered is the last one uploaded.
+#[derive(Debug, Clone)]
+pub struct DeliveredData {
+    backlogs: Vec<Backlog>,
+    ages: Ages,
+}
+
+/// The stored bits of one SN, by when they were sampled.
+#[derive(Debug, Clone)]
+struct Backlog {
+    /// Bits that it samples in a slot, `s_i τ`.
+    mean_bits: f64,
+    delivered_bits: u64,
+    /// The batch of the last bit delivered, or of the next.
+    batch: Batch,
+    /// The batches after it, ascending; none of an SN whose buffer was emptied.
+    later: VecDeque<Batch>,
+}
+
+/// The bits stored from one upload to the next.
+#[derive(Debug, Clone, Copy)]
+struct Batch {
+    /// Bits sampled up to the upload before, `A_i`; those lost, too.
+    after_sampled_bits: u64,
+    /// Bits stored before, from those of the initial queue on.
+    after_bits: u64,
+}
+
+impl DeliveredData {
+    /// Nothing delivered yet.
+    pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
+        let backlog = |sensor: &Sensor| Backlog::new(sensor.sampling_bps * scenario.slot_s, sensor.queue_bits);
+        let backlogs: Vec<Backlog> = list.sensors().iter().map(backlog).collect();
+        Self { ages: Ages::new(backlogs.len()), backlogs }
+    }
+
+    /// Adds a service of an SN in `slot`, after which it has delivered `delivered_bits` since the mission's start and
+    /// holds `queue_bits`. Without a bit delivered it changes nothing, and with bits of the initial queue alone no age.
+    pub fn add(&mut self, sensor: usize, slot: u64, delivered_bits: u64, queue_bits: u64) {
+        let backlog = &mut self.backlogs[sensor];
+        if delivered_bits > backlog.delivered_bits
+            && let Some(stamp) = backlog.deliver(slot, delivered_bits, queue_bits)
+        {
+            self.ages.refresh(sensor, slot, stamp);
+        }
+    }
+
+    /// How often each age occurs up to the end of `slot`, over the SNs that sample.
+    pub fn counts(&self, slot: u64) -> AgeCounts {
+        self.ages.counts(slot, |sensor| self.backlogs[sensor].mean_bits > 0.0)
+    }
+}
+
+impl Backlog {
+    fn new(mean_bits: f64, queue_bits: u32) -> Self {
+        let batch = Batch { after_sampled_bits: 0, after_bits: queue_bits.into() };
+        Self { mean_bits, delivered_bits: 0, batch, later: VecDeque::new() }
+    }
+
+    /// Takes in an upload, and returns the slot in which the last bit of it was sampled; none of the initial queue.
+    fn deliver(&mut self, slot: u64, delivered_bits: u64, queue_bits: u64) -> Option<u64> {
+        while let Some(next) = self.later.pop_front_if(|next| next.after_bits < delivered_bits) {
+            self.batch = next;
+        }
+        let place = delivered_bits.saturating_sub(self.batch.after_bits);
+        let bit = self.batch.after_sampled_bits + place;
+        let next =
+            Batch { after_sampled_bits: sampled_bits(self.mean_bits, slot), after_bits: delivered_bits + queue_bits };
+        self.delivered_bits = delivered_bits;
+        if queue_bits == 0 {
+            self.batch = next;
+            self.later.clear();
+        } else {
+            self.later.push_back(next);
+        }
+        (place > 0).then(|| slot_of_bit(self.mean_bits, bit, slot))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use skysink_common::arrivals::bits_between;
+    use skysink_common::ledger::Ledger;
+    use std::iter::once;
+
+    #[test]
+    fn ages_count_slots_since_the_last_service() {
+        let mut ages = Ages::new(2);
+        for (slot, sensor) in [(2, 0), (4, 0), (4, 1)] {
+            ages.refresh(sensor, slot, slot);
+        }
+        // Ages after slots 1 to 4: SN 0: 1, 0, 1, 0; SN 1: 1, 2, 3, 0.
+        let counts = ages.counts(4, |_| true);
+        assert_eq!(counts.by_age().map(|(_, count)| count).collect::<Vec<_>>(), [3, 3, 1, 1, 0]);
+        assert_eq!((counts.mean(), counts.quantile(0.99), counts.quantile(0.75)), (1.0, 3, 1));
+    }
+
+    #[test]
+    fn nobody_has_no_age() {
+        let counts = Ages::new(2).counts(9, |_| false);
+        assert_eq!((counts.mean(), counts.quantile(0.99)), (0.0, 0));
+    }
+
+    /// Mean and 99th percentile of ages [slots], one by one.
+    fn by_hand(mut ages: Vec<u64>) -> (f64, u64) {
+        ages.sort_unstable();
+        let mean = ages.iter().sum::<u64>() as f64 / ages.len().max(1) as f64;
+        (mean, if ages.is_empty() { 0 } else { ages[(ages.len() * 99).div_ceil(100) - 1] })
+    }
+
+    /// A sensor node bit by bit: a queue of the slots in which its bits were sampled.
+    struct BitQueue {
+        slots: VecDeque<u64>,
+        freshest: u64,
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(500))]
+
+        #[test]
+        fn ages_agree_with_counting_one_by_one(services in prop::collection::vec((0usize..7, 1u64..40), 0..60)) {
+            let mut ages = Ages::new(7);
+            let (mut last, mut seen, mut slot) = ([0; 7], Vec::new(), 0);
+            for (sensor, wait) in services {
+                for _ in 0..wait {
+                    slot += 1;
+                    if slot % wait == 0 && last[sensor] < slot {
+                        last[sensor] = slot;
+                        ages.refresh(sensor, slot, slot);
+                    }
+                    seen.extend(last.iter().map(|last| slot - last));
+                }
+            }
+            let counts = ages.counts(slot, |_| true);
+            prop_assert_eq!((counts.mean(), counts.quantile(0.99)), by_hand(seen));
+        }
+
+        #[test]
+        fn the_age_of_the_data_agrees_with_a_queue_of_single_bits(
+            means in prop::collection::vec(
+                prop_oneof![Just(0.0), Just(0.1), Just(1.0 / 3.0), Just(1.0), Just(2.5), 0.0..9.0f64], 1..4),
+            capacity_bits in 1u32..30,
+            initial_bits in 0u32..30,
+            uploads in prop::collection::vec((0usize..6, 0u64..20), 1..80),
+        ) {
+            let initial_bits = initial_bits.min(capacity_bits);
+            let mut ledger = Ledger::new(capacity_bits, vec![initial_bits; means.len()]);
+            let mut queues: Vec<BitQueue> = means.iter()
+                .map(|_| BitQueue { slots: VecDeque::from(vec![0; initial_bits as usize]), freshest: 0 }).collect();
+            let backlogs: Vec<Backlog> = means.iter().map(|&mean| Backlog::new(mean, initial_bits)).collect();
+            let mut data = DeliveredData { ages: Ages::new(means.len()), backlogs };
+            let mut ages = Vec::new();
+            for (slot, &(served, link_bits)) in (1u64..).zip(&uploads) {
+                for (sensor, &mean) in means.iter().enumerate() {
+                    let sampled_bits = bits_between(mean, slot - 1, slot);
+                    let _ = ledger.sample(sensor..sensor + 1, once(sampled_bits));
+                    for _ in 0..sampled_bits {
+                        if queues[sensor].slots.len() < capacity_bits as usize {
+                            queues[sensor].slots.push_back(slot);
+                        }
+                    }
+                }
+                if served < means.len() {
+                    let _ = ledger.upload(served, link_bits);
+                    data.add(served, slot, ledger.delivered_bits()[served], ledger.queues_bits()[served].into());
+                    for _ in 0..link_bits {
+                        if let Some(sampled) = queues[served].slots.pop_front() {
+                            queues[served].freshest = sampled;
+                        }
+                    }
+                }
+                for (queue, &mean) in queues.iter().zip(&means) {
+                    ages.extend((mean > 0.0).then_some(slot - queue.freshest));
+                }
+            }
+            let counts = data.counts(uploads.len() as u64);
+            prop_assert_eq!((counts.mean(), counts.quantile(0.99)), by_hand(ages));
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! What the curves of a chart are made of: a value of each mission, by seed, of which the chart shows the means or the
+//! means of paired differences.
+
+use std::collections::BTreeMap;
+
+use super::chart::{CurvePoint, Series};
+use crate::sweep::statistics::{MeanInterval, Support, paired_differences};
+
+/// The values of a curve.
+#[derive(Debug, Clone)]
+pub struct CurveValues {
+    /// Name in the legend.
+    pub label: String,
+    /// Name of the curve that it is compared with; none if it is not compared.
+    pub reference: Option<String>,
+    /// The missions' values by seed, for each point of the x axis.
+    pub points: Vec<BTreeMap<u64, f64>>,
+}
+
+impl CurveValues {
+    /// The curve of their means over the points `xs`.
+    pub fn means(&self, xs: &[f64], support: Support) -> Series {
+        let values = self.points.iter().map(|values| values.values().copied().collect());
+        self.curve(xs, values.collect(), support)
+    }
+
+    /// The curve of the mean differences from `reference` over the fields that both have flown over; that of the
+    /// reference itself is 0 and has no interval.
+    fn differences(&self, reference: &Self, xs: &[f64], support: Support) -> Series {
+        let pairs = self.points.iter().zip(&reference.points);
+        let differences = pairs.map(|(values, reference)| paired_differences(values, reference)).collect();
+        let mut series = self.curve(xs, differences, support.of_difference());
+        if self.label == reference.label {
+            series.points.iter_mut().for_each(|point| point.limits = None);
+        }
+        series
+    }
+
+    fn curve(&self, xs: &[f64], values: Vec<Vec<f64>>, support: Support) -> Series {
+        let point = |(&x, values): (&f64, Vec<f64>)| {
+            let MeanInterval { mean, limits, .. } = MeanInterval::of(&values, support);
+            CurvePoint { x, mean, limits }
+        };
+        Series { label: self.label.clone(), points: xs.iter().zip(values).map(point).collect() }
+    }
+
+    /// Fields per point.
+    fn runs(&self) -> usize {
+        self.points.iter().map(BTreeMap::len).min().unwrap_or(0)
+    }
+}
+
+/// The curves of paired differences of all `curves` that are compared with one of them, in their order.
+pub fn differences(curves: &[CurveValues], xs: &[f64], support: Support) -> Vec<Series> {
+    let compared = curves.iter().filter_map(|curve| {
+        let reference = curves.iter().find(|other| Some(&other.label) == curve.reference.as_ref())?;
+        Some(curve.differences(reference, xs, support))
+    });
+    compared.collect()
+}
+
+/// Over which fields the curves were flown: seeds from 1 on, of some fewer than of others.
+pub fn seeds(curves: &[CurveValues]) -> String {
+    let most = curves.iter().map(CurveValues::runs).max().unwrap_or(0);
+    let least = curves.iter().map(CurveValues::runs).min().unwrap_or(0);
+    let fewer: Vec<&str> =
+        curves.iter().filter(|curve| curve.runs() < most).map(|curve| curve.label.as_str()).collect();
+    let of_fewer = if fewer.is_empty() { String::new() } else { format!(", of {} 1 to {least}", fewer.join(", ")) };
+    format!("seeds 1 to {most}{of_fewer}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn curve(label: &str, values: &[(u64, f64)]) -> CurveValues {
+        let points = vec![values.iter().copied().collect()];
+        CurveValues { label: label.to_owned(), reference: Some("uts".to_owned()), points }
+    }
+
+    #[test]
+    fn differences_are_of_the_same_fields_and_in_the_order_of_the_curves() {
+        let lone = CurveValues { reference: None, ..curve("lower bound", &[(1, 0.0)]) };
+        let rfs = curve("rfs", &[(1, 0.25), (2, 0.5), (3, 1.0)]);
+        let curves = [rfs, curve("uts", &[(1, 0.125), (2, 0.25), (3, 0.5)]), curve("horizon", &[(2, 0.125)]), lone];
+        let shown = differences(&curves, &[100.0], Support::Fraction);
+        let means: Vec<_> = shown.iter().map(|series| (series.label.as_str(), series.points[0].mean)).collect();
+        // (0.125 + 0.25 + 0.5)/3, and 0.125 − 0.25
+        assert_eq!(means, [("rfs", 0.875 / 3.0), ("uts", 0.0), ("horizon", -0.125)]);
+        let has_limits = shown.iter().map(|series| series.points[0].limits.is_some());
+        assert_eq!(
+            has_limits.collect::<Vec<_>>(),
+            [true, false, false],
+            "the reference, and a single field, have none"
+        );
+        assert_eq!(seeds(&curves[..2]), "seeds 1 to 3");
+        assert_eq!(seeds(&curves), "seeds 1 to 3, of horizon, lower bound 1 to 1");
+    }
+
+    #[test]
+    fn a_difference_is_surer_than_the_values_where_fields_differ() {
+        // Fields differ by up to 0.4, the strategies over each of them by 0.01 or 0.02.
+        let uts: Vec<_> = (1..=20).map(|seed| (seed, 0.02 * seed as f64)).collect();
+        let gfs: Vec<_> = uts.iter().map(|&(seed, loss)| (seed, loss + 0.01 * (1 + seed % 2) as f64)).collect();
+        let curves = [curve("uts", &uts), curve("gfs", &gfs)];
+        let width = |series: &Series| series.points[0].limits.map_or(f64::NAN, |[low, high]| high - low);
+        let [apart, paired] =
+            [curves[1].means(&[1.0], Support::Fraction), differences(&curves, &[1.0], Support::Fraction).remove(1)];
+        assert!((paired.points[0].mean - 0.015).abs() < 1e-12);
+        assert!(width(&paired) < width(&apart) / 10.0, "{} against {}", width(&paired), width(&apart));
+    }
+}
