@@ -251,16 +251,22 @@ impl Estimate {
             let Some(Belief { contact, capacity_bits, .. }) = self.beliefs.get_mut(link.sensor as usize) else {
                 continue;
             };
+            let left_bits = queues_bits[link.sensor as usize].min(*capacity_bits);
             if let Some(learnt) = &mut contact.learnt
-                && let Some(found_bits) = found_bits
-                && contact.slot > 0
-                && contact.slot >= self.whole_since
+                && let Some(found_bits) = found_bits.map(|found_bits| found_bits.min(*capacity_bits))
             {
-                let gap = (slot - 1).saturating_sub(contact.slot);
-                learnt.add(gap, contact.left_bits, found_bits.min(*capacity_bits), *capacity_bits);
+                if contact.slot > 0 && contact.slot >= self.whole_since {
+                    let gap = (slot - 1).saturating_sub(contact.slot);
+                    learnt.add(gap, contact.left_bits, found_bits, *capacity_bits);
+                }
+                // A link that leaves something has carried all that it can, so what the slot brought is known, too.
+                let held_bits = link.capacity_bits.saturating_add(left_bits.into()).min((*capacity_bits).into()) as u32;
+                if left_bits > 0 && held_bits >= found_bits {
+                    learnt.add(1, found_bits, held_bits, *capacity_bits);
+                }
             }
             contact.slot = slot;
-            contact.left_bits = queues_bits[link.sensor as usize].min(*capacity_bits);
+            contact.left_bits = left_bits;
         }
     }
 
@@ -297,7 +303,8 @@ mod tests {
         report
     }
 
-    /// Slot `slot` serves SN 0, which holds `found` [bit] before it and `left` after it.
+    /// Slot `slot` serves SN 0, which holds `found` [bit] before it and `left` after it, over a link of 0 bit: where less
+    /// is left than was found, that cannot have been, and tells nothing of the slot itself.
     fn contact(estimate: &mut Estimate, slot: u64, found: u32, left: u32) {
         estimate.announce(slot, &[0], &[found, 0, 0]);
         estimate.observe(slot, &serving(&[0]), &[left, 0, 0]);
@@ -341,7 +348,7 @@ mod tests {
         pass(&mut estimate, 2..=10);
         contact(&mut estimate, 11, 280, 0); // 9 slots, 180 bit
         assert_eq!(estimate.mean_bits(0), 20.0);
-        contact(&mut estimate, 12, 0, 20); // right after a contact: no slot between them, nothing learnt
+        contact(&mut estimate, 12, 40, 20); // right after a contact: no slot between them, nothing learnt
         assert_eq!(estimate.mean_bits(0), 20.0);
         contact(&mut estimate, 14, 50, 0); // 1 slot, 30 bit
         assert_eq!(estimate.mean_bits(0), 20.0, "slot 13 was left out, so it may have seen a contact");
@@ -353,9 +360,28 @@ mod tests {
     }
 
     #[test]
+    fn a_contact_that_leaves_something_tells_what_its_slot_brought() {
+        let mut estimate = estimate_of(Rates::Learnt);
+        let contact = |estimate: &mut Estimate, slot: u64, found: u32, left: u32| {
+            let mut flight = serving(&[0]);
+            flight.links[0].capacity_bits = 60;
+            estimate.announce(slot, &[0], &[found, 0, 0]);
+            estimate.observe(slot, &flight, &[left, 0, 0]);
+        };
+        contact(&mut estimate, 1, 500, 470); // 500 + 30 − 60: the first contact tells the rate
+        assert_eq!((estimate.mean_bits(0), estimate.uncertainty(1, 0).rate), (30.0, 0.0));
+        contact(&mut estimate, 2, 470, 460); // right after it, 50 more
+        assert_eq!(estimate.mean_bits(0), 40.0);
+        contact(&mut estimate, 3, 40, 0); // all is taken: how much that was is not told
+        assert_eq!(estimate.mean_bits(0), 40.0);
+        contact(&mut estimate, 4, 900, 940); // full before the upload: at least 100 came
+        assert_eq!(estimate.mean_bits(0), 100.0);
+    }
+
+    #[test]
     fn what_was_announced_for_another_slot_teaches_nothing() {
         let mut estimate = estimate_of(Rates::Learnt);
-        contact(&mut estimate, 1, 0, 100);
+        contact(&mut estimate, 1, 500, 100);
         pass(&mut estimate, 2..=6);
         estimate.announce(6, &[0], &[900, 0, 0]);
         estimate.observe(7, &serving(&[0]), &[0; 3]); // what SN 0 held as slot 7 began is not known
@@ -365,7 +391,7 @@ mod tests {
     #[test]
     fn a_gap_that_ended_full_only_raises_a_rate() {
         let mut estimate = estimate_of(Rates::Learnt);
-        contact(&mut estimate, 1, 0, 100);
+        contact(&mut estimate, 1, 500, 100);
         pass(&mut estimate, 2..=6);
         contact(&mut estimate, 7, 1_000, 0); // at least 900 bit in 5 slots
         assert_eq!(estimate.mean_bits(0), 180.0);
@@ -385,7 +411,7 @@ mod tests {
     #[test]
     fn one_that_does_not_sample_is_believed_not_to() {
         let mut estimate = estimate_of(Rates::Learnt);
-        contact(&mut estimate, 1, 0, 30);
+        contact(&mut estimate, 1, 500, 30);
         pass(&mut estimate, 2..=9);
         contact(&mut estimate, 10, 30, 30);
         assert_eq!((estimate.mean_bits(0), estimate.believe(1_000)[0]), (0.0, 30));
@@ -394,7 +420,7 @@ mod tests {
     #[test]
     fn what_does_not_belong_here_changes_nothing() {
         let mut estimate = estimate_of(Rates::Learnt);
-        contact(&mut estimate, 5, 0, 30);
+        contact(&mut estimate, 5, 500, 30);
         let before = estimate.believe(9).to_vec();
         estimate.observe(5, &serving(&[1]), &[9; 3]); // a slot that is known
         estimate.observe(4, &serving(&[1]), &[9; 3]);
@@ -403,6 +429,7 @@ mod tests {
         assert_eq!(estimate.believe(9), before);
         estimate.announce(7, &[0], &[500, 0, 0]);
         estimate.observe(7, &serving(&[0, 0]), &[2_000, 0, 0]); // twice, and more than the buffer
-        assert_eq!((estimate.believe(7)[0], estimate.mean_bits(0)), (1_000, 470.0)); // (500 − 30) / 1
+        // (500 − 30)/1 before slot 7, and at least 1 000 − 500 in it
+        assert_eq!((estimate.believe(7)[0], estimate.mean_bits(0)), (1_000, 500.0));
     }
 }

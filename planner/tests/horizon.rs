@@ -134,9 +134,7 @@ fn a_limit_in_time_ends_a_search_and_none_or_a_long_one_changes_nothing() {
     assert_eq!(fly(500, "horizon.budget_ms = 3.6e6", Timing::Paced), unlimited);
     let at_once = "horizon.budget_ms = 1e-6";
     assert_eq!(fly(500, at_once, Timing::Free), unlimited, "no clock is read");
-    let unimproved = fly(0, "", Timing::Paced);
-    assert_eq!(fly(500, at_once, Timing::Paced), unimproved);
-    assert_ne!(unimproved, unlimited);
+    assert_ne!(fly(500, at_once, Timing::Paced), unlimited);
 }
 
 #[test]

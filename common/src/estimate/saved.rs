@@ -63,9 +63,9 @@ impl Estimate {
     /// Whether a contact can have been the last up to the slot `observed` with a buffer of `capacity_bits`.
     fn can_be_last(&self, contact: &Contact, observed: u64, capacity_bits: u32) -> bool {
         let is_in_time = contact.is_past() && contact.slot <= observed;
-        // Gaps lie before the last contact, and none brings more than the buffer holds.
+        // Gaps and contacts lie up to the last contact, and none brings more than the buffer holds.
         let learnt_is_possible = contact.learnt.is_none_or(|learnt| {
-            learnt.slots < contact.slot
+            learnt.slots <= contact.slot
                 && learnt.bits <= learnt.slots.saturating_mul(capacity_bits.into())
                 && (0.0..=f64::from(capacity_bits)).contains(&learnt.least_mean_bits)
         });
@@ -167,7 +167,7 @@ mod tests {
             }),
         ];
         let of_rates: [(&str, Spoil); 4] = [
-            ("39 slots of gaps before slot 39", |saved| learnt(saved).slots = 39),
+            ("40 slots up to slot 39", |saved| learnt(saved).slots = 40),
             ("more bits than the buffer holds", |saved| learnt(saved).bits = u64::MAX),
             ("a rate that is no number", |saved| learnt(saved).least_mean_bits = f64::NAN),
             ("a rate below 0", |saved| learnt(saved).least_mean_bits = -1.0),

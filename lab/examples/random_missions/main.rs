@@ -84,7 +84,7 @@ fn main() {
         let Outcome { number, horizon, best: (loss_rate, name), seconds } = outcome;
         let mark = if outcome.is_clearly_lost() { "clearly" } else { "" };
         println!("{number:6}  horizon {horizon:.5}  {name:18} {loss_rate:.5}  {seconds:6.2} s  {mark}");
-        if let Some(folder) = lost_folder.as_ref().filter(|_| outcome.is_clearly_lost()) {
+        if let Some(folder) = &lost_folder {
             mission(*number, 0).write(&folder.join(number.to_string())).expect("a folder to write to");
         }
     }

@@ -14,7 +14,6 @@ use super::flight::{Visit, serve};
 use super::forecast::{FRESH, Forecast, PlanningWindow};
 use super::model::{PlanningModel, SensorModel};
 use super::path_bound::PathBound;
-use super::rollout::roll_out;
 use super::service_disk::ServiceDisk;
 use super::start;
 use super::{Estimate, Horizon};
@@ -303,26 +302,49 @@ fn a_plan_in_overload_is_flown_as_it_was_foreseen_slot_by_slot() {
 }
 
 #[test]
-fn the_best_sets_of_every_slot_are_stops_of_a_slot_each() {
-    // 60 SNs in 55 m × 55 m, of which every third fills three times as fast, served 4 at a time.
-    let mut random = Streams::new(8).stream(Purpose::Position, 0, 0);
-    let mut draw = || 200.0 + 55.0 * f64::from(rand::Rng::next_u32(&mut random)) / 4_294_967_296.0;
-    let sensors: Vec<_> = (0..60).map(|i| ([draw(), draw()], if i % 3 == 0 { 3_000.0 } else { 1_000.0 })).collect();
-    let mut model = model_of(&sensors, 4, 5e6);
-    let planning = window_of(&model, 50);
-    let stops = roll_out(&model, &planning, &model.table).unwrap();
-    assert_eq!(stops.len(), 50);
-    let (own, mut forecast) = (model.disks.len() as u32, Forecast::new(&model, planning));
-    model.replace_added(stops.clone());
-    forecast.load(&model, own..own + 50);
-    let legs = &forecast.trace.legs;
-    assert!(legs.iter().zip(1..).all(|(leg, slot)| leg.end == slot) && legs.len() == 50, "{legs:?}");
-    assert_eq!((forecast.trace.visits.len(), model.added()), (200, &stops[..]));
-    model.replace_added(Vec::new());
-    assert_eq!((model.disks.len() as u32, model.added().len(), model.neighbours.len() as u32), (own, 0, own));
-    // Nobody is in reach of a UAV in the other corner.
-    let far = PlanningWindow { start: Position::new(0.0, 0.0), ..window_of(&model, 50) };
-    assert!(roll_out(&model, &far, &model.table).is_none());
+fn a_flight_that_loses_less_becomes_the_plan_and_its_slots_become_stops() {
+    // Two pairs 35 m apart that fill in 3 slots, with blocks for a pair: each pair has to be served in every other slot.
+    let places_m = [[200.0, 200.0], [203.0, 200.0], [235.0, 200.0], [238.0, 200.0]];
+    let text = "name = 'x'\nslots = 40\n[area]\nside_m = 400.0\n[link]\nresource_blocks = 2\n";
+    let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
+    let sensor = |[x_m, y_m]: [f64; 2]| SensorNode {
+        x_m,
+        y_m,
+        gain: 10f64.powf(-5.2),
+        sampling_bps: 10_000.0,
+        capacity_bits: 30_000,
+        ..SensorNode::default()
+    };
+    let sensors = places_m.map(sensor);
+    let table = &SensorTable::new(&scenario, &sensors);
+    let settings = &Settings::of(&scenario).unwrap();
+    let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table, estimate: None };
+    let mut horizon = Horizon::new(&setup, 600, 0, None);
+    let (position, stop) = (scenario.start(), &Stop::default());
+    let view = View { slot: 1, position, queues_bits: &[0; 4], estimate: None, table, timing: Timing::Free, stop };
+    let mut forecast = horizon.forecast(&view).unwrap();
+    let permanent = horizon.model.disks.len();
+    let between = |slot: usize| {
+        let x_m = [202.0, 232.0][slot % 2];
+        (Position::new(x_m, 200.0), [vec![0, 1], vec![2, 3]][slot % 2].clone())
+    };
+    // A flight that hovers over one pair loses more than any plan to start from: nothing changes.
+    let begun = (stops(&forecast), forecast.loss_bits);
+    horizon.offer(&mut forecast, &vec![between(0); 40]);
+    assert_eq!((stops(&forecast), forecast.loss_bits), begun);
+    assert!(horizon.model.added().is_empty());
+    // From an empty plan, the flight to and fro is better. A slot that serves nobody is no stop.
+    forecast.load(&horizon.model, []);
+    let mut flight: Vec<_> = (0..40).map(between).collect();
+    flight.push((Position::new(200.0, 200.0), Vec::new()));
+    horizon.offer(&mut forecast, &flight);
+    assert_eq!(horizon.model.added().len(), 40);
+    assert_eq!(forecast.trace.legs[0].stop as usize, permanent);
+    assert!(forecast.loss_bits <= begun.1, "{} against {}", forecast.loss_bits, begun.1);
+    // Another that is worse leaves these stops as they are.
+    let taken = (stops(&forecast), forecast.loss_bits);
+    horizon.offer(&mut forecast, &vec![between(1); 40]);
+    assert_eq!((stops(&forecast), forecast.loss_bits, horizon.model.added().len()), (taken.0, taken.1, 40));
 }
 
 #[test]

@@ -95,18 +95,28 @@ impl LookAhead {
         }
     }
 
-    /// Runs the search of `offline` from `view` on, with up to `steps` steps; see [`Horizon::prepare`].
+    /// Makes the plan that [`LookAhead::follow`] flies from the slot of `view` on, in up to `steps` search steps, or
+    /// chooses another strategy for the mission. `None`, and nothing is planned, if no SN can lose data, or if `watch`,
+    /// which is told now and then how far the search is, ends it.
     pub fn prepare(
         &mut self,
         view: &View,
         steps: u64,
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
     ) -> Option<Found> {
+        let is_over = || view.stop.requested().is_some();
         let mut forecast = self.horizon.forecast(view)?;
-        if !self.is_settled(view, &forecast) {
-            self.survey(view, &mut forecast, &|| view.stop.requested().is_some());
-        }
-        self.horizon.prepare(view, &mut forecast, steps, watch)
+        let surveyed = self.survey(view, &mut forecast, &is_over);
+        let found = self.horizon.prepare(view, &mut forecast, steps, watch)?;
+        self.compare(view, &forecast, surveyed.as_ref(), &is_over);
+        Some(found)
+    }
+
+    /// Decides the slot of `view` by the plan, or the strategy, that is carried.
+    pub fn follow(&mut self, view: &View) -> Option<Decision> {
+        let mut forecast = self.horizon.forecast(view)?;
+        self.horizon.search(view, &mut forecast, || true);
+        self.decide(view, &forecast)
     }
 
     /// Whether a plan is known to lose no more than it must, whatever the links and the queues do.
@@ -121,11 +131,42 @@ impl LookAhead {
 
     /// Rolls out the other strategies, and offers the best flights as plans to start from; returns the best of them.
     fn survey(&mut self, view: &View, forecast: &mut Forecast, is_over: &dyn Fn() -> bool) -> Option<Surveyed> {
+        if self.is_settled(view, forecast) {
+            return None;
+        }
         let surveyed = self.rivals.survey(view, &self.ahead(forecast), is_over);
         for rival in &surveyed {
             self.horizon.offer(forecast, &rival.flight);
         }
         surveyed.into_iter().next()
+    }
+
+    /// Chooses between the plan and the other strategies, the best of them `surveyed` or not.
+    fn compare(&mut self, view: &View, forecast: &Forecast, surveyed: Option<&Surveyed>, is_over: &dyn Fn() -> bool) {
+        if self.is_settled(view, forecast) {
+            self.rivals.leave();
+            return;
+        }
+        let ahead = self.ahead(forecast);
+        if surveyed.is_some() || self.rivals.is_due(view, &ahead) {
+            let Self { horizon, rivals, serving, .. } = self;
+            let mut own = PlannedFlight { model: horizon.model(), forecast, first: view.slot, serving };
+            rivals.choose(view, &ahead, &mut own, surveyed, is_over);
+        }
+    }
+
+    /// The first slot of the plan, or the decision of the strategy that is followed.
+    fn decide(&mut self, view: &View, forecast: &Forecast) -> Option<Decision> {
+        self.path.clear();
+        if self.rivals.is_following() {
+            self.horizon.carry_all(forecast);
+            return self.rivals.plan(view);
+        }
+        let Self { horizon, serving, .. } = self;
+        let mut own = PlannedFlight { model: horizon.model(), forecast, first: view.slot, serving };
+        let decision = own.plan(view)?;
+        self.path.extend(planned_path(forecast).iter().map(|point| above(point, decision.waypoint.z)));
+        Some(decision)
     }
 }
 
@@ -133,33 +174,14 @@ impl Strategy for LookAhead {
     /// Improves the plan, and decides its first slot, or that of the strategy that is predicted to lose less; `None` if
     /// no SN that can lose data can be reached.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-        self.path.clear();
         let deadline = self.horizon.deadline(view);
         let is_over = || view.stop.requested().is_some() || deadline.is_some_and(|deadline| Instant::now() >= deadline);
         let is_new = self.horizon.is_new();
         let mut forecast = self.horizon.forecast(view)?;
-        let mut surveyed = None;
-        if is_new && !self.is_settled(view, &forecast) {
-            surveyed = self.survey(view, &mut forecast, &is_over);
-        }
+        let surveyed = if is_new { self.survey(view, &mut forecast, &is_over) } else { None };
         self.horizon.search(view, &mut forecast, is_over);
-        if self.is_settled(view, &forecast) {
-            self.rivals.leave();
-        } else if is_new || self.rivals.is_due(view, &self.ahead(&forecast)) {
-            let ahead = self.ahead(&forecast);
-            let Self { horizon, rivals, serving, .. } = self;
-            let mut own = PlannedFlight { model: horizon.model(), forecast: &forecast, first: view.slot, serving };
-            rivals.choose(view, &ahead, &mut own, surveyed.as_ref(), &is_over);
-        }
-        if self.rivals.is_following() {
-            self.horizon.carry_all(&forecast);
-            return self.rivals.plan(view);
-        }
-        let Self { horizon, serving, .. } = self;
-        let mut own = PlannedFlight { model: horizon.model(), forecast: &forecast, first: view.slot, serving };
-        let decision = own.plan(view)?;
-        self.path.extend(planned_path(&forecast).iter().map(|point| above(point, decision.waypoint.z)));
-        Some(decision)
+        self.compare(view, &forecast, surveyed.as_ref(), &is_over);
+        self.decide(view, &forecast)
     }
 
     fn path(&self) -> &[Point3<f64>] {

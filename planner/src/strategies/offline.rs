@@ -107,7 +107,7 @@ impl Strategy for Offline {
                 None => ControlFlow::Continue(()),
             })?;
         }
-        self.ahead.plan(view)
+        self.ahead.follow(view)
     }
 
     fn path(&self) -> &[Point3<f64>] {

@@ -29,7 +29,7 @@ use super::{Decision, Setup, Strategy, View};
 use crate::geometry::disks::{Disk, project};
 
 /// Most SNs whose waypoints are compared: a slot takes time in proportion to the SNs near the UAV, not to their square.
-pub(super) const MOST_NEARBY: usize = 256;
+pub(super) const MOST_NEARBY: usize = 64;
 
 /// The strategy of a price for energy.
 pub(super) struct QueueWeight {

@@ -10,7 +10,7 @@ use skysink_common::geometry::Position;
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
 
-use super::rollout::{Ahead, FlownSlot, Rollout, futures};
+use super::rollout::{Ahead, Effort, FlownSlot, Rollout};
 use super::serving::Serving;
 use super::{Decision, STRATEGIES, Setup, Strategy, View};
 use crate::keys::Settings;
@@ -19,11 +19,14 @@ use crate::sensor_table::SensorTable;
 /// Flights that are offered to the search as plans to start from.
 const OFFERED: usize = 3;
 
-/// Slots of flight that are rolled out in a slot to compare others than the one that is followed.
-const COMPARED_SLOTS: u64 = 2_000;
+/// Most that the futures of a rollout take together before the first slot [µs], about, where there are several.
+const SURVEYED_US: f64 = 10_000.0;
 
-/// What a slot of a rollout in three dimensions costs, as slots in the plane.
-const SPATIAL_COST: u64 = 20;
+/// What rollouts may take in a slot on average [µs], about.
+const COMPARED_US: f64 = 10_000.0;
+
+/// Rollouts in a slot at least: of the plan, of the strategy that is followed, and of another.
+const COMPARED: f64 = 3.0;
 
 /// The candidates of a mission.
 pub(super) struct Rivals {
@@ -109,7 +112,8 @@ impl Rivals {
     pub fn survey(&mut self, view: &View, ahead: &Ahead, is_over: &dyn Fn() -> bool) -> Vec<Surveyed> {
         self.make();
         let Self { scenario, sensors, made, transit, .. } = self;
-        let rollout = Rollout::new(view, scenario, sensors, ahead);
+        let futures = Effort::of(view, ahead.slots, SURVEYED_US).futures;
+        let rollout = Rollout::new(view, scenario, sensors, ahead, futures);
         let transit = transit.as_mut().expect("it was made");
         let mut surveyed = Vec::new();
         for (rival, Rival { strategy, fresh }) in made.iter_mut().enumerate() {
@@ -142,7 +146,9 @@ impl Rivals {
     ) {
         self.make();
         let Self { scenario, sensors, made, transit, choice } = self;
-        let rollout = Rollout::new(view, scenario, sensors, ahead);
+        let most_us = if surveyed.is_some() { SURVEYED_US } else { COMPARED_US / COMPARED };
+        let effort = Effort::of(view, ahead.slots, most_us);
+        let rollout = Rollout::new(view, scenario, sensors, ahead, effort.futures);
         let transit = transit.as_mut().expect("it was made");
         let Some(mut least_bits) = rollout.mean_loss_bits(own, |_| (), transit, f64::INFINITY, is_over) else {
             return;
@@ -164,8 +170,7 @@ impl Rivals {
                     best = Some((*rival, made[*rival].fresh.clone()));
                 }
             } else {
-                let each = ahead.slots * u64::from(rollout.futures) * cost_of_slot(view);
-                let compared = (COMPARED_SLOTS / each).saturating_sub(2).clamp(1, made.len() as u64);
+                let compared = (COMPARED_US / effort.cost_us - 2.0).clamp(1.0, made.len() as f64) as usize;
                 for _ in 0..compared {
                     choice.turn = (choice.turn + 1) % made.len();
                     let Rival { strategy, fresh } = &mut made[choice.turn];
@@ -185,8 +190,9 @@ impl Rivals {
 
     /// Whether candidates are compared in the slot of `view`: so seldom that rollouts cost about as much in every slot.
     pub fn is_due(&self, view: &View, ahead: &Ahead) -> bool {
-        let each = ahead.slots * u64::from(futures(view, ahead.slots)) * cost_of_slot(view);
-        view.slot.is_multiple_of((3 * each).div_ceil(COMPARED_SLOTS).max(1))
+        let cost_us = COMPARED * Effort::of(view, ahead.slots, COMPARED_US / COMPARED).cost_us;
+        let period_slots = (cost_us / COMPARED_US).ceil();
+        view.slot.is_multiple_of(period_slots as u64)
     }
 
     /// Whether one of them flies the next slot.
@@ -212,9 +218,4 @@ pub(super) struct Surveyed {
     loss_bits: f64,
     /// Where its slots end, and whom they serve.
     pub flight: Vec<(Position, Vec<u32>)>,
-}
-
-/// What a slot of a rollout costs, as slots in the plane: waypoints may have to be searched for in three dimensions.
-fn cost_of_slot(view: &View) -> u64 {
-    if view.table.channel.line_of_sight().is_some() { SPATIAL_COST } else { 1 }
 }

@@ -47,16 +47,35 @@ pub(super) struct Ahead {
     pub round_slots: f64,
 }
 
-/// Slots that all futures of a rollout have together, about: short missions have many futures.
-const FUTURE_SLOTS: u64 = 600;
-
 /// Most futures.
-const MOST_FUTURES: u64 = 16;
+const MOST_FUTURES: f64 = 32.0;
 
-/// Futures of a rollout over `slots` slots; one where the links are known.
-pub(super) fn futures(view: &View, slots: u64) -> u32 {
-    let is_certain = view.estimate.is_none() && !is_random(&view.table.channel);
-    if !is_certain { (FUTURE_SLOTS / slots).clamp(1, MOST_FUTURES) as u32 } else { 1 }
+/// How a rollout goes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Effort {
+    /// Futures of links, queues and rates that are flown through: as many as time allows, one where all are known.
+    pub futures: u32,
+    /// What all of them take together [µs], by the SNs in sight; an estimate that reads no clock.
+    pub cost_us: f64,
+}
+
+impl Effort {
+    /// Of a rollout over `slots` slots that may take `most_us` [µs] where there are several futures.
+    pub fn of(view: &View, slots: u64, most_us: f64) -> Self {
+        let table = view.table;
+        let count = table.positions.len() as f64;
+        let sight_m = table.reach_m + table.comm_radius_m;
+        let sight =
+            (std::f64::consts::PI * sight_m * sight_m / (table.area.width_m() * table.area.height_m())).min(1.0);
+        let in_sight = count * sight;
+        let searching_us =
+            if table.channel.line_of_sight().is_some() { 60.0 * in_sight.min(1.0) } else { 0.1 * in_sight };
+        let slot_us = 1.0 + count / 100.0 + searching_us;
+        let future_us = slot_us * slots as f64;
+        let is_certain = view.estimate.is_none() && !is_random(&table.channel);
+        let futures = if is_certain { 1.0 } else { (most_us / future_us).clamp(1.0, MOST_FUTURES).floor() };
+        Self { futures: futures as u32, cost_us: future_us * futures }
+    }
 }
 
 /// A slot of a flight.
@@ -70,7 +89,13 @@ pub(super) struct FlownSlot {
 
 impl<'a> Rollout<'a> {
     /// From the slot of `view` on.
-    pub fn new(view: &'a View<'a>, scenario: &Scenario, sensors: &'a [SensorNode], ahead: &Ahead) -> Self {
+    pub fn new(
+        view: &'a View<'a>,
+        scenario: &Scenario,
+        sensors: &'a [SensorNode],
+        ahead: &Ahead,
+        futures: u32,
+    ) -> Self {
         let mean_bits = |(id, sensor): (u32, &SensorNode)| {
             view.estimate.map_or(sensor.sampling_bps * scenario.slot_s, |estimate| estimate.mean_bits(id))
         };
@@ -82,7 +107,7 @@ impl<'a> Rollout<'a> {
             beyond_slots: ahead.beyond_slots,
             round_slots: ahead.round_slots,
             streams: Streams::new(scenario.seed),
-            futures: futures(view, ahead.slots),
+            futures,
         }
     }
 
@@ -117,7 +142,7 @@ impl<'a> Rollout<'a> {
         mut watch: impl FnMut(FlownSlot),
     ) -> Option<f64> {
         let table = self.view.table;
-        let mut random = self.streams.stream(Purpose::Rollout, self.view.slot, future);
+        let mut random = self.streams.stream(Purpose::Rollout, 0, future);
         let streams = Streams::new(random.next_u64());
         let mut world = self.draw_world(&mut random);
         let mut estimate = self.view.estimate.cloned();
@@ -221,5 +246,117 @@ pub(super) fn is_random(channel: &Channel) -> bool {
     match channel {
         Channel::FreeSpace(model) => model.redrawn_db.is_some(),
         Channel::LineOfSight(_) => true,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    use skysink_common::estimate::Rates;
+    use skysink_common::scenario::Overrides;
+    use skysink_common::stop::Stop;
+
+    use crate::sensor_table::SensorTable;
+    use crate::settings::Settings;
+    use crate::strategies::{Registered, Setup, Timing};
+
+    const NEVER: &dyn Fn() -> bool = &|| false;
+
+    /// Rolls out `gfs` over `slots` slots of a scenario with one SN at (50, 50), where the UAV is, that holds
+    /// `queue_bits`; returns the mean loss over `futures` futures.
+    fn hovering(keys: &str, sampling_bps: f64, queue_bits: u32, [slots, beyond]: [u64; 2], futures: u32) -> f64 {
+        let text = format!("name = 'x'\n{keys}");
+        let scenario = Scenario::parse(&text, Path::new("x.toml"), Overrides::default()).unwrap();
+        let sensors = [SensorNode {
+            x_m: 50.0,
+            y_m: 50.0,
+            gain: 1e-5,
+            sampling_bps,
+            capacity_bits: 1_000,
+            ..SensorNode::default()
+        }];
+        let table = &SensorTable::new(&scenario, &sensors);
+        let settings = &Settings::of(&scenario).unwrap();
+        let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table, estimate: None };
+        let is_learnt = keys.contains("learnt");
+        let estimate = is_learnt.then(|| Estimate::new(&scenario, Rates::Learnt, &sensors));
+        let (position, stop) = (scenario.start(), &Stop::default());
+        let estimate = estimate.as_ref();
+        let queues_bits = &[queue_bits];
+        let view = View { slot: 1, position, queues_bits, estimate, table, timing: Timing::Free, stop };
+        let ahead = Ahead { slots, beyond_slots: beyond as f64, round_slots: 10.0 };
+        let rollout = Rollout::new(&view, &scenario, &sensors, &ahead, futures);
+        let mut gfs = (Registered::find("gfs").unwrap().make)(&setup);
+        rollout.mean_loss_bits(gfs.as_mut(), |_| (), &mut Serving::new(&setup), f64::INFINITY, NEVER).unwrap()
+    }
+
+    #[test]
+    fn what_does_not_fit_is_lost_before_the_upload() {
+        // 950 bit and 100 a slot into 1 000: 50 are lost in slot 1, which then empties the queue; later none.
+        assert_eq!(hovering("", 100.0, 950, [5, 0], 1), 50.0);
+        // 2.5 bit a slot: A = 2, 5, 7, 10 (decision D2); 999 + 2 is 1 too many, and slot 1 empties it.
+        assert_eq!(hovering("", 2.5, 999, [4, 0], 1), 1.0);
+    }
+
+    #[test]
+    fn a_narrow_link_takes_whole_bits() {
+        // γ = 10^−5 · 0.05/10^−13 = 5e6, x = 400: log2(12 501) = 13.6098; W τ_c = 10 · 0.1: 13 bit a slot. 1 000 full
+        // and 100 more a slot: slot 1 loses 100, then 87 in each.
+        assert_eq!(hovering("[link]\nbandwidth_hz = 10.0\n", 100.0, 1_000, [4, 0], 1), 100.0 + 3.0 * 87.0);
+    }
+
+    #[test]
+    fn what_is_stored_at_the_end_counts_where_the_mission_goes_on() {
+        // Emptied in slot 1, 5 slots of room of 200 bit are left; next visits within 10 slots: (10 − 5)²/20 slots.
+        assert_eq!(hovering("", 200.0, 0, [1, 600], 1), 1.25 * 200.0);
+        assert_eq!(hovering("", 200.0, 0, [1, 1], 1), 200.0, "at most what the rest of the mission samples");
+    }
+
+    #[test]
+    fn drawn_links_lose_on_average_what_their_gain_loses() {
+        // Gains of −70 to −50 dB: about 10 or 14 bit a slot. The mean over many futures lies between the ends.
+        let keys = "[link]\nbandwidth_hz = 10.0\ngain = 'per-slot'\ngain_db = [-70.0, -50.0]\n";
+        let lost_bits = hovering(keys, 100.0, 1_000, [40, 0], 32);
+        let [least, most] = [100.0 + 39.0 * 86.0, 100.0 + 39.0 * 93.0];
+        assert!(least < lost_bits && lost_bits < most, "{lost_bits} of {least} to {most}");
+        assert_ne!(hovering(keys, 100.0, 1_000, [40, 0], 1), lost_bits, "each future has links of its own");
+    }
+
+    #[test]
+    fn rates_that_are_not_known_are_drawn_from_what_is_believed() {
+        // Rates of 0 to 200 bit/s, whatever the SN's own; 13 bit a slot go up. From a full queue at the mean rate
+        // slots 2 to 40 lose 87 bit each; at the ends 0 or 187.
+        let keys = "[sensors]\nsampling_bps = [0.0, 200.0]\ninitial_queue_mean_bits = 1000.0\n                    [link]\nbandwidth_hz = 10.0\n[planner]\nknowledge = 'estimated'\nrates = 'learnt'\n";
+        let one = hovering(keys, 77.0, 1_000, [40, 0], 1);
+        let lost_bits = hovering(keys, 77.0, 1_000, [40, 0], 32);
+        assert_ne!(one, lost_bits);
+        assert!((lost_bits / 39.0 - 87.0).abs() < 25.0, "{lost_bits}: a mean of 32 draws with a deviation of 58");
+    }
+
+    #[test]
+    fn a_rollout_ends_as_soon_as_it_has_lost_too_much() {
+        let scenario = Scenario::letter(Overrides::default()).unwrap();
+        let sensors =
+            [SensorNode { x_m: 0.0, y_m: 0.0, sampling_bps: 100.0, capacity_bits: 500, ..SensorNode::default() }];
+        let table = &SensorTable::new(&scenario, &sensors);
+        let settings = &Settings::of(&scenario).unwrap();
+        let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table, estimate: None };
+        let (position, stop) = (scenario.start(), &Stop::default());
+        let view = View { slot: 1, position, queues_bits: &[500], estimate: None, table, timing: Timing::Free, stop };
+        let ahead = Ahead { slots: 2, beyond_slots: 0.0, round_slots: 1.0 };
+        let rollout = Rollout::new(&view, &scenario, &sensors, &ahead, 1);
+        let mut gfs = (Registered::find("gfs").unwrap().make)(&setup);
+        let mut lost = |most_bits, is_over: &dyn Fn() -> bool| {
+            let mut watched = 0;
+            let transit = &mut Serving::new(&setup);
+            let lost_bits = rollout.fly(0, gfs.as_mut(), transit, most_bits, is_over, |_| watched += 1);
+            (lost_bits, watched)
+        };
+        // Two slots from the SN, 70 m away: both lose 100 bit.
+        assert_eq!(lost(200.0, NEVER), (Some(200.0), 2));
+        assert_eq!(lost(199.0, NEVER), (None, 1));
+        assert_eq!(lost(f64::INFINITY, &|| true), (None, 0));
     }
 }
