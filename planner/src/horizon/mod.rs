@@ -142,10 +142,12 @@ impl Horizon {
                 sensor.mean_bits = least_mean_bits(estimate, id);
                 sensor.fill_slots = f64::from(estimate.capacity_bits(id)) / sensor.mean_bits;
             }
-            let Uncertainty { endless_bits, initial_bits, rate, .. } =
+            let Uncertainty { endless_bits, initial_bits, rate, since_bits } =
                 estimate.uncertainty(view.slot.saturating_sub(1), id);
             sensor.initial_half_slots = initial_bits / sensor.mean_bits;
             sensor.rate_half_fraction = rate;
+            // Before the first contact this is only believed, but its doubt is in `initial_half_slots`.
+            sensor.left_slots = if rate > 0.0 { (endless_bits - since_bits) / sensor.mean_bits } else { 0.0 };
             let capacity_bits = sensor.fill_slots * sensor.mean_bits;
             let overdue_bits = if sensor.is_known() { 0.0 } else { (endless_bits - capacity_bits).max(0.0) };
             sensor.overdue_slots = overdue_bits / sensor.mean_bits;

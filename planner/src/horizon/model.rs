@@ -52,8 +52,10 @@ pub struct SensorModel {
     pub is_emptied: bool,
     /// Half-width of the uniform distribution of the queue before its first visit [slots of sampling]; 0 where known.
     pub initial_half_slots: f64,
-    /// Half-width of the uniform distribution of what came since the queue was empty, as a fraction; 0 where known.
+    /// Half-width of the uniform distribution of what came since the last contact, as a fraction; 0 where known.
     pub rate_half_fraction: f64,
+    /// What the last contact before the window left in the queue [slots of sampling]: it is known, whatever the rate.
+    pub left_slots: f64,
     /// What the queue is believed to hold beyond its buffer [slots of sampling]; 0 where known.
     pub overdue_slots: f64,
 }
@@ -71,12 +73,17 @@ impl SensorModel {
     ///
     /// The overflow is uniform within a half-width h of `late` slots, cut off at 0: on average `(late + h)²/4h`,
     /// between none and `late`. The first visit, which lies behind slot 0, ends the uncertainty of the initial queue.
+    /// Until then what the last contact left is not in doubt.
     #[inline]
     #[must_use]
     pub fn overflow_slots(&self, slot: f64, empty: f64) -> f64 {
         let gap = slot - empty;
         let late = gap - self.fill_slots;
-        let half = self.rate_half_fraction * gap + if empty <= 0.0 { self.initial_half_slots } else { 0.0 };
+        let half = if empty <= 0.0 {
+            self.rate_half_fraction * (gap - self.left_slots).max(0.0) + self.initial_half_slots
+        } else {
+            self.rate_half_fraction * gap
+        };
         if late >= half {
             late
         } else if late <= -half {
@@ -160,6 +167,7 @@ impl PlanningModel {
             is_emptied: self.capacity_bits(index, rim_m2) >= f64::from(capacity_bits),
             initial_half_slots: 0.0,
             rate_half_fraction: 0.0,
+            left_slots: 0.0,
             overdue_slots: 0.0,
         });
         let disk = Disk { centre: *self.table.position(index), radius_m: self.near_m(index) };

@@ -362,12 +362,15 @@ fn what_is_not_known_is_lost_on_average() {
     let model = model_of(&[([200.0, 200.0], 1_000.0)], 1, 5e6); // full in 30 slots
     let mean = |sensor: &SensorModel, slot: f64, empty: f64| {
         let initial_half_slots = if empty <= 0.0 { sensor.initial_half_slots } else { 0.0 };
-        let half = sensor.rate_half_fraction * (slot - empty) + initial_half_slots;
+        let left_slots = if empty <= 0.0 { sensor.left_slots } else { 0.0 };
+        let half = sensor.rate_half_fraction * (slot - empty - left_slots) + initial_half_slots;
         let draws = (0..10_000).map(|draw| half * ((f64::from(draw) + 0.5) / 5_000.0 - 1.0));
         draws.map(|more| (slot - empty - sensor.fill_slots + more).max(0.0)).sum::<f64>() / 10_000.0
     };
-    for (initial_half_slots, rate_half_fraction) in [(0.0, 0.0), (8.0, 0.0), (0.0, 0.25), (8.0, 0.25)] {
-        let sensor = SensorModel { initial_half_slots, rate_half_fraction, ..model.sensors[0] };
+    for (initial_half_slots, rate_half_fraction, left_slots) in
+        [(0.0, 0.0, 0.0), (8.0, 0.0, 0.0), (0.0, 0.25, 0.0), (0.0, 0.25, 6.0), (8.0, 0.25, 6.0)]
+    {
+        let sensor = SensorModel { initial_half_slots, rate_half_fraction, left_slots, ..model.sensors[0] };
         for (slot, empty) in [(5.0, -10.0), (14.0, -10.0), (20.0, -10.0), (26.0, -10.0), (60.0, -10.0), (42.0, 9.0)] {
             let (found, expected) = (sensor.overflow_slots(slot, empty), mean(&sensor, slot, empty));
             assert!((found - expected).abs() < 1e-3, "{sensor:?} from {empty} to {slot}: {found} against {expected}");

@@ -23,7 +23,7 @@ const OFFERED: usize = 3;
 const SURVEYED_US: f64 = 10_000.0;
 
 /// What rollouts may take in a slot on average [µs], about.
-const COMPARED_US: f64 = 10_000.0;
+const COMPARED_US: f64 = 30_000.0;
 
 /// Rollouts in a slot at least: of the plan, of the strategy that is followed, and of another.
 const COMPARED: f64 = 3.0;

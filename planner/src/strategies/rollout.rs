@@ -50,6 +50,9 @@ pub(super) struct Ahead {
 /// Most futures.
 const MOST_FUTURES: f64 = 32.0;
 
+/// Least number of futures where not all is known.
+const LEAST_FUTURES: f64 = 8.0;
+
 /// How a rollout goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Effort {
@@ -73,7 +76,7 @@ impl Effort {
         let slot_us = 1.0 + count / 100.0 + searching_us;
         let future_us = slot_us * slots as f64;
         let is_certain = view.estimate.is_none() && !is_random(&table.channel);
-        let futures = if is_certain { 1.0 } else { (most_us / future_us).clamp(1.0, MOST_FUTURES).floor() };
+        let futures = if is_certain { 1.0 } else { (most_us / future_us).clamp(LEAST_FUTURES, MOST_FUTURES).floor() };
         Self { futures: futures as u32, cost_us: future_us * futures }
     }
 }
