@@ -9,7 +9,7 @@ use skysink_common::message::{FlightReport, Mode, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
 
 use super::anneal::{Temperature, anneal};
-use super::bound::{by_throughput, by_visits, lower_bound, lower_bound_with_paths};
+use super::bound::{by_throughput, by_visits, lower_bound};
 use super::flight::{Visit, serve};
 use super::forecast::{FRESH, Forecast, PlanningWindow};
 use super::model::{PlanningModel, SensorModel};
@@ -248,8 +248,8 @@ proptest! {
     ) {
         let planning = window_of(&model, slots);
         let mut forecast = Forecast::new(&model, planning.clone());
-        let bound_bits = lower_bound_with_paths(&model, &planning, &PathBound::new(&model.table));
-        prop_assert!(lower_bound(&model, &planning) <= bound_bits && bound_bits <= forecast.loss_bits + 1e-6);
+        let bound_bits = lower_bound(&model, &planning);
+        prop_assert!(bound_bits <= forecast.loss_bits + 1e-6);
         forecast.load(&model, drawn.iter().map(|index| index.index(model.disks.len()) as u32));
         prop_assert!(bound_bits <= forecast.loss_bits + 1e-6);
         start::extend(&model, &mut forecast);
@@ -262,7 +262,7 @@ proptest! {
     ) {
         let mut forecast = Forecast::new(&model, window_of(&model, 100));
         forecast.load(&model, drawn.iter().map(|index| index.index(model.disks.len()) as u32));
-        let most = PathBound::new(&model.table).most(window);
+        let most = PathBound::new(&model.table).most(window as u64);
         for slot in 0..100 {
             let within = |visit: &&Visit| (slot + 1..=slot + window).contains(&visit.slot);
             let mut served: Vec<u32> =
