@@ -82,7 +82,7 @@ enum Flyers {
     Named(Vec<&'static Registered>),
 }
 
-/// What is plotted of the missions; of a loss the best known and the lower bound, too, where offline plans are flown.
+/// What is plotted of the missions; of a loss the best known and the lower bounds, too, where offline plans are flown.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Quantity {
@@ -238,6 +238,10 @@ impl Study {
                     let least = best_known(common);
                     series.push(curve(BEST_KNOWN, &|point| least[&point].clone()));
                     series.push(curve("lower bound", &values(Metric::LossBound)));
+                    let expected = missions_of(rows, 0, index).next().map(|row| row[Metric::ExpectedLossBound]);
+                    if expected.is_some_and(|bound| !bound.is_nan()) {
+                        series.push(curve("expected lower bound", &values(Metric::ExpectedLossBound)));
+                    }
                 }
             }
         }
