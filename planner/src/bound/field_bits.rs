@@ -56,11 +56,7 @@ pub struct FieldBits {
 impl FieldBits {
     /// The field of a scenario with these SNs and queues [bit], by id; and the SNs that sample, with their ids.
     #[must_use]
-    pub fn new(
-        scenario: &Scenario,
-        sensors: &[SensorNode],
-        queues_bits: &[u32],
-    ) -> (Self, Vec<(u32, SensorNode)>) {
+    pub fn new(scenario: &Scenario, sensors: &[SensorNode], queues_bits: &[u32]) -> (Self, Vec<(u32, SensorNode)>) {
         let table = SensorTable::new(scenario, &[]);
         let start = scenario.start().xy();
         let samples = |(_, node): &(u32, SensorNode)| node.sampling_bps * scenario.slot_s > 0.0;

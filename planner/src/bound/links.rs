@@ -90,9 +90,9 @@ impl BestLinks {
             |rate_bps: f64| self.channel.capacity_bits(rate_bps * (1.0 + ROUNDING)).min(queue_bits) as f64;
         match &self.channel {
             Channel::FreeSpace(model) => match model.redrawn_db {
-                Some(range_db) => mean_over_gains(range_db, |gain_db| {
-                    carried_bits(best_gain_bps(model, &uplink, gain_db))
-                }),
+                Some(range_db) => {
+                    mean_over_gains(range_db, |gain_db| carried_bits(best_gain_bps(model, &uplink, gain_db)))
+                }
                 None => carried_bits(model.rate_bps(&uplink)),
             },
             Channel::LineOfSight(model) => expected_bits(model, uplink.z_m, carried_bits),

@@ -57,9 +57,8 @@ pub fn mission_bound(
 
 /// The loss [bit] by visits: by the resource blocks, and unless this meets `known_bits`, by paths.
 fn by_visits(scenario: &Scenario, field: &FieldBits, sampling: &[(u32, SensorNode)], known_bits: u64) -> u64 {
-    let by_blocks = visits::by_visits(field, |slots| {
-        usize::try_from(slots).unwrap_or(usize::MAX).saturating_mul(field.blocks)
-    });
+    let by_blocks =
+        visits::by_visits(field, |slots| usize::try_from(slots).unwrap_or(usize::MAX).saturating_mul(field.blocks));
     if by_blocks >= known_bits {
         return by_blocks;
     }

@@ -13,8 +13,11 @@ use crate::sensor_table::SensorTable;
 use legs::{Leg, Legs};
 use merge_tree::{BestSet, MergeTree};
 
-/// Rounds of subgradient ascent, for each of [`FRACTIONS`].
-const ROUNDS: u32 = 200;
+/// Most rounds of subgradient ascent, for each of [`FRACTIONS`].
+const ROUNDS: u32 = 400;
+
+/// Rounds without a higher weight after which the ascent ends.
+const PATIENCE: u32 = 50;
 
 /// Fractions of the sensors for which prices are chosen; every choice bounds every number of sensors.
 const FRACTIONS: [f64; 6] = [1.0, 0.95, 0.85, 0.75, 0.6, 0.45];
@@ -53,16 +56,25 @@ impl PathBound {
         }
         let mut legs = Legs::new(table);
         bound.tighten(&legs, &vec![0.0; count], count);
-        let weight = bound.weights[count - 1];
-        if weight <= (count / bound.blocks) as f64 {
+        let longest = bound.weights[count - 1];
+        if longest <= (count / bound.blocks) as f64 {
             return bound; // so near to each other that the resource blocks tell more
         }
-        let mean_leg = (weight / (count - 1) as f64).max(1.0);
+        let mean_leg = (longest / (count - 1) as f64).max(1.0);
         for fraction in FRACTIONS {
             let target = ((count as f64 * fraction) as usize).max(2);
             let mut prices = vec![0.0; count];
+            let mut weight: f64 = bound.weights.iter().sum();
+            let mut raised = 0;
             for round in 0..ROUNDS {
                 let (slope, used) = bound.tighten(&legs, &prices, target);
+                let sum: f64 = bound.weights.iter().sum();
+                if sum > weight {
+                    weight = sum;
+                    raised = round;
+                } else if round > raised + PATIENCE {
+                    break;
+                }
                 let step = mean_leg * (1.0 - f64::from(round) / f64::from(ROUNDS));
                 prices.iter_mut().zip(slope).for_each(|(price, slope)| *price += PRICE_STEP * step * slope);
                 legs.adjust(&used, SURCHARGE_STEP * step);

@@ -128,10 +128,11 @@ fn the_bounds_count_visits_and_bits() {
 
 #[test]
 fn the_paths_bound_how_many_are_served() {
-    // On a line, 50 m apart: 30 m from rim to rim, one slot. The last is 90 m from rim to rim, three slots.
+    // On a line, 50 m apart: 30 m from rim to rim, one slot. From the first to the third rim are 80 m, three slots, as
+    // each has to be met on the way; to the last 190 m, seven slots, of which cells of 5 m leave six.
     let sensors = [100.0, 150.0, 200.0, 310.0].map(|x_m| ([x_m, 200.0], 500.0));
     let paths = PathBound::new(&model_of(&sensors, 4, 5e6).table);
-    assert_eq!([0, 1, 2, 3, 4, 5, 6].map(|slots| paths.most(slots)), [0, 1, 2, 3, 3, 3, 4]);
+    assert_eq!([0, 1, 2, 3, 4, 5, 6, 7, 8].map(|slots| paths.most(slots)), [0, 1, 2, 2, 3, 3, 3, 4, 4]);
     // Side by side the blocks are the limit.
     let sensors = [200.0, 201.0, 202.0].map(|x_m| ([x_m, 200.0], 500.0));
     let paths = PathBound::new(&model_of(&sensors, 2, 5e6).table);

@@ -31,7 +31,9 @@ pub fn random_mission(seed: u64) -> String {
         _ => los("los = { b1 = -0.4568, b2 = 0.047, b3 = -0.63, b4 = 1.63 }"),
     };
     let altitude = match one_of(&[0.0, 1.0]) {
-        1.0 if channel > 2 => format!("altitude = 'free'\nmin_altitude_m = 5.0\nmax_climb_mps = {}", one_of(&[1.0, 9.0])),
+        1.0 if channel > 2 => {
+            format!("altitude = 'free'\nmin_altitude_m = 5.0\nmax_climb_mps = {}", one_of(&[1.0, 9.0]))
+        }
         _ => "altitude = 'fixed'".to_owned(),
     };
     let knowledge = match one_of(&[0.0, 1.0, 2.0]) {

@@ -193,3 +193,43 @@ fn cell_legs(table: &SensorTable, first: u32, second: u32) -> CellLegs {
         })
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sensor_table::tests::table_of;
+
+    #[test]
+    fn a_leg_takes_the_slots_from_rim_to_rim() {
+        // d_c = 10 m, V τ = 30 m: 50 m apart are 30 m from rim to rim, one slot; a millimetre more takes two.
+        let table = table_of(&[[0.0, 0.0], [50.0, 0.0], [100.001, 0.0], [10.0, 0.0]]);
+        assert_eq!([[1, 0], [2, 1], [2, 0], [3, 0]].map(|[a, b]| rim_slots(&table, a, b)), [1.0, 2.0, 3.0, 0.0]);
+    }
+
+    #[test]
+    fn a_leg_from_the_far_side_of_a_disk_takes_longer() {
+        // Cells are 5 m wide: from the westernmost of one disk to the easternmost of the other 50 + 20 − 10 = 60 m.
+        let legs = cell_legs(&table_of(&[[0.0, 0.0], [50.0, 0.0]]), 0, 1);
+        assert_eq!([legs[0][0], legs[0][3], legs[3][0]], [2.0, 1.0, 2.0]); // 45 m, 30 m, 60 m
+    }
+
+    #[test]
+    fn surcharges_of_two_legs_at_a_sensor_add_up_to_no_more_than_nothing() {
+        let table = table_of(&[[0.0, 0.0], [50.0, 0.0], [100.0, 0.0], [50.0, 45.0]]);
+        let mut legs = Legs::new(&table);
+        for round in 0..50 {
+            let prices = [0.3, 0.1 * f64::from(round % 7), -0.2, 0.4];
+            let used: Vec<Leg> = legs.near(&prices).take(3 + round as usize % 4).collect();
+            legs.adjust(&used, 0.1);
+            for sensor in table.ids() {
+                let toward = table.ids().filter(|other| *other != sensor).map(|other| legs.toward(sensor, other));
+                for cell in 0..CELLS {
+                    let mut surcharges: Vec<f64> = toward.clone().map(|surcharges| surcharges[cell]).collect();
+                    surcharges.sort_by(|a, b| b.total_cmp(a));
+                    assert!(surcharges[0] + surcharges[1] <= 0.0 && surcharges[0] <= legs.end_slots(sensor));
+                }
+            }
+        }
+        assert!(table.ids().any(|sensor| legs.end_slots(sensor) > 0.0));
+    }
+}

@@ -122,3 +122,64 @@ fn root(parents: &mut [u32], mut node: u32) -> u32 {
     }
     node
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const SENSORS: usize = 6;
+
+    fn tree_of(prices: &[f64]) -> (Vec<Leg>, MergeTree) {
+        let pairs = (0..SENSORS as u32).flat_map(|first| (0..first).map(move |second| [first, second]));
+        let leg = |(ends, &priced): ([u32; 2], &f64)| Leg { priced, ends, cells: None };
+        let mut legs: Vec<Leg> = pairs.zip(prices).map(leg).collect();
+        legs.sort_by(|a, b| a.priced.total_cmp(&b.priced));
+        let tree = MergeTree::new(SENSORS, &legs).unwrap();
+        (legs, tree)
+    }
+
+    /// Weight of the cheapest tree over a set of sensors, by Kruskal's algorithm on the legs within it.
+    fn cheapest(legs: &[Leg], set: u32) -> f64 {
+        let mut parents: Vec<u32> = (0..SENSORS as u32).collect();
+        let mut weight = 0.0;
+        for leg in legs.iter().filter(|leg| leg.ends.iter().all(|end| set >> end & 1 == 1)) {
+            let [a, b] = leg.ends.map(|end| root(&mut parents, end));
+            if a != b {
+                parents[a as usize] = b;
+                weight += leg.priced;
+            }
+        }
+        weight
+    }
+
+    proptest! {
+        #[test]
+        fn no_set_is_worth_more_than_the_best_set(
+            prices in prop::collection::vec(-2.0..5.0, SENSORS * (SENSORS - 1) / 2),
+            rewards in prop::collection::vec(-3.0..4.0, SENSORS),
+        ) {
+            let (legs, tree) = tree_of(&prices);
+            let best = tree.best_set(|sensor| rewards[sensor]);
+            let worth = |set: u32| {
+                let rewards: f64 = (0..SENSORS).filter(|sensor| set >> sensor & 1 == 1).map(|sensor| rewards[sensor]).sum();
+                rewards - cheapest(&legs, set)
+            };
+            for set in 1u32..1 << SENSORS {
+                prop_assert!(worth(set) <= best.value + 1e-9, "{:b}: {} above {}", set, worth(set), best.value);
+            }
+            let (members, used) = tree.members(&best);
+            prop_assert_eq!((members.len(), used.len()), (best.size, best.size - 1));
+        }
+
+        #[test]
+        fn high_rewards_make_all_sensors_the_best_set(
+            prices in prop::collection::vec(-2.0..5.0, SENSORS * (SENSORS - 1) / 2),
+        ) {
+            let (legs, tree) = tree_of(&prices);
+            let best = tree.best_set(|_| 100.0);
+            prop_assert_eq!(best.size, SENSORS);
+            prop_assert!((best.value - (600.0 - cheapest(&legs, (1 << SENSORS) - 1))).abs() < 1e-9);
+        }
+    }
+}
