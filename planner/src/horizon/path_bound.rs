@@ -20,13 +20,13 @@ const ROUNDS: u32 = 400;
 const PATIENCE: u32 = 50;
 
 /// Fractions of the sensors for which prices are chosen; every choice bounds every number of sensors.
-const FRACTIONS: [f64; 6] = [1.0, 0.95, 0.85, 0.75, 0.6, 0.45];
+const FRACTIONS: [f64; 10] = [1.0, 0.97, 0.95, 0.92, 0.88, 0.84, 0.8, 0.75, 0.65, 0.5];
 
 /// First step of prices, as a fraction of the mean leg; it falls to none.
 const PRICE_STEP: f64 = 0.1;
 
 /// The same of surcharges.
-const SURCHARGE_STEP: f64 = 0.06;
+const SURCHARGE_STEP: f64 = 0.04;
 
 /// Halvings of the range of rewards per sensor, in the search for the one that a number of sensors is best for.
 const HALVINGS: u32 = 14;
