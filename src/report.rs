@@ -162,7 +162,7 @@ pub fn print_optimum(found: &BestKnown) -> Result<(), Error> {
             format!("Searched {done} of up to {most} steps in {took}: {reason}, so none can be better.")
         }
         SearchEnd::ModelOptimal => {
-            let reason = "with links at their expected rates no plan loses less than its";
+            let reason = "in its model, with parts of bits and expected rates, no plan loses less";
             format!("Searched {done} of up to {most} steps in {took}: {reason}.")
         }
         SearchEnd::NothingInReach => {
