@@ -136,15 +136,17 @@ fn a_free_altitude_is_bounded_at_the_lowest_one() {
                22.842,28.599,17,-54.515,72.4\n10.674,16.343,300,-54.421,72.4\n6.461,9.224,300,-51.451,72.4\n\
                29.95,8.538,0,-51.708,72.4\n";
     let path = Path::new("b.toml");
-    for strategy in FLOWN {
+    let flown = FLOWN.map(|strategy| {
         let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
         let scenario = Scenario::parse(text, path, overrides).unwrap();
         let list = SensorList::parse(csv, Path::new("s.csv"), &scenario).unwrap();
-        let bound = bound_of(&scenario, &list);
-        let lost_bits = flown_bits(&scenario, &list);
-        assert!(bound.loss_bits <= lost_bits, "{strategy}: {lost_bits} against {bound:?}");
-        assert!(bound.expected_loss_bits.unwrap() >= bound.loss_bits as f64 || bound.loss_bits > 0, "{bound:?}");
-    }
+        (flown_bits(&scenario, &list), bound_of(&scenario, &list))
+    });
+    let (least_bits, MissionBound { loss_bits, expected_loss_bits }) =
+        flown.into_iter().min_by_key(|(lost_bits, _)| *lost_bits).unwrap();
+    assert!(0 < loss_bits && loss_bits <= least_bits, "{least_bits} against {loss_bits}");
+    // With luck a single flight loses less than anybody can expect to.
+    assert!((least_bits as f64) < expected_loss_bits.unwrap(), "{least_bits} against {expected_loss_bits:?}");
 }
 
 #[test]

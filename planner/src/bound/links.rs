@@ -81,21 +81,25 @@ impl BestLinks {
         self.channel.capacity_bits(rate_bps * (1.0 + ROUNDING))
     }
 
-    /// Bits that any link is expected to carry in `slot` at most, of no more than `queue_bits` [bit], before the draw.
-    #[must_use]
-    pub fn expected_bits(&self, slot: u64, queue_bits: u64) -> f64 {
-        let highest_gain = self.sensors.iter().map(|(_, gain)| *gain).fold(0.0, f64::max);
-        let uplink = self.above(slot, highest_gain);
+    /// By slot: bits that any link is expected to carry in it at most, of no more than `queue_bits` [bit], before the
+    /// draw.
+    pub fn expected_bits(&self, queue_bits: u64) -> impl Fn(u64) -> f64 {
         let carried_bits =
-            |rate_bps: f64| self.channel.capacity_bits(rate_bps * (1.0 + ROUNDING)).min(queue_bits) as f64;
-        match &self.channel {
-            Channel::FreeSpace(model) => match model.redrawn_db {
-                Some(range_db) => {
-                    mean_over_gains(range_db, |gain_db| carried_bits(best_gain_bps(model, &uplink, gain_db)))
-                }
-                None => carried_bits(model.rate_bps(&uplink)),
-            },
-            Channel::LineOfSight(model) => expected_bits(model, uplink.z_m, carried_bits),
+            move |rate_bps: f64| self.channel.capacity_bits(rate_bps * (1.0 + ROUNDING)).min(queue_bits) as f64;
+        let highest_gain = self.sensors.iter().map(|(_, gain)| *gain).fold(0.0, f64::max);
+        let redrawn_bits = match &self.channel {
+            Channel::FreeSpace(model) => model.redrawn_db.map(|range_db| {
+                let uplink = self.above(0, highest_gain); // in free space the altitude is fixed
+                mean_over_gains(range_db, |gain_db| carried_bits(best_gain_bps(model, &uplink, gain_db)))
+            }),
+            Channel::LineOfSight(_) => None,
+        };
+        move |slot| {
+            let uplink = self.above(slot, highest_gain);
+            match &self.channel {
+                Channel::FreeSpace(model) => redrawn_bits.unwrap_or_else(|| carried_bits(model.rate_bps(&uplink))),
+                Channel::LineOfSight(model) => expected_bits(model, uplink.z_m, carried_bits),
+            }
         }
     }
 

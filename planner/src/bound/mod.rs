@@ -45,7 +45,7 @@ pub fn mission_bound(
     let carried_bits = throughput::by_throughput(&field, |slot, sensor| links.best_bits(slot, sensor));
     let expected_bits = links
         .are_random()
-        .then(|| throughput::by_expected_throughput(&field, |slot| links.expected_bits(slot, field.capacity_bits())));
+        .then(|| throughput::by_expected_throughput(&field, links.expected_bits(field.capacity_bits())));
     // What counting visits gives is no more than what is known to be lost, so it raises neither from there on.
     let lower_bits = expected_bits.map_or(carried_bits, |bits| carried_bits.min(bits as u64));
     let visits_bits = if lower_bits < known_bits { by_visits(scenario, &field, &sampling, known_bits) } else { 0 };
