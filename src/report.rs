@@ -141,12 +141,16 @@ pub fn print_optimum(found: &BestKnown) -> Result<(), Error> {
         table.add_row([name.to_owned(), format!("{loss_rate:.6}"), ratio(loss_rate)]);
     };
     row("lower bound", optimum.loss_bound);
+    if let Some(expected) = optimum.expected_loss_bound {
+        row("expected lower bound", expected);
+    }
     row("best known", best.loss_rate);
     for standing in &optimum.strategies {
         row(standing.strategy, standing.loss_rate);
     }
     print(with_numbers_right(table))?;
     let done = HumanCount(optimum.steps_done);
+    let most = HumanCount(optimum.steps);
     let took = format!("{:.2} s", found.took.as_secs_f64());
     let searched = match optimum.search_end {
         SearchEnd::AllSteps => format!("Searched {done} steps in {took}, the whole budget."),
@@ -155,8 +159,11 @@ pub fn print_optimum(found: &BestKnown) -> Result<(), Error> {
                 0.0 => "its plan loses nothing",
                 _ => "its plan loses no more than the lower bound",
             };
-            let most = HumanCount(optimum.steps);
             format!("Searched {done} of up to {most} steps in {took}: {reason}, so none can be better.")
+        }
+        SearchEnd::ModelOptimal => {
+            let reason = "in its model, with parts of bits and expected rates, no plan loses less";
+            format!("Searched {done} of up to {most} steps in {took}: {reason}.")
         }
         SearchEnd::NothingInReach => {
             "Nothing to search: no sensor node that can lose data can be reached in time.".to_owned()

@@ -39,6 +39,7 @@ fn the_best_known_is_above_the_bound_below_every_strategy_and_flies_again() {
     assert_eq!((best["strategy"].as_str(), optimum["steps"].as_u64()), (Some("offline"), Some(200_000)));
     assert_eq!((optimum["steps_done"].as_u64(), optimum["search_end"].as_str()), (Some(200_000), Some("all-steps")));
     assert!(0.0 < bound && bound <= least && least < 1.0, "{optimum}");
+    assert!(optimum["expected_loss_bound"].is_null() && !printed.contains("expected"), "the channel is not random");
     let standings = optimum["strategies"].as_array().unwrap();
     let losses: Vec<f64> = standings.iter().map(|standing| standing["loss_rate"].as_f64().unwrap()).collect();
     assert!(losses.is_sorted() && losses[0] == least && losses[losses.len() - 1] > least, "{optimum}");
@@ -55,6 +56,25 @@ fn the_best_known_is_above_the_bound_below_every_strategy_and_flies_again() {
         assert!(place.read("best/slots.csv") == place.read(&format!("{again}/slots.csv")), "{again}");
     }
     place.assert_clean();
+}
+
+#[test]
+fn over_a_random_channel_the_bound_holds_for_the_flight_and_the_expected_bound_has_its_own_name() {
+    let place = Place::new();
+    // Two sensor nodes in range of everywhere, whose links are too narrow for what they sample. By the gains of the list
+    // nobody would lose less than 0.40; the gains of the slots are better.
+    let text = "name = \"fading\"\nseed = 55\nslots = 100\n[area]\nside_m = 20.0\n[sensors]\ncount = 2\n\
+                sampling_bps = 3000.0\n[link]\ngain = \"per-slot\"\ngain_db = [-70.0, -50.0]\nbandwidth_hz = 2000.0\n\
+                resource_blocks = 2\ncomm_radius_m = 50.0\n[planner]\nhorizon.iterations = 50\n";
+    place.write("fading.toml", text);
+    let printed = place.run_well(&["optimize", "fading.toml", "--steps", "1000", "--out", "best"]).stdout;
+    assert!(printed.contains("expected lower bound"), "{printed}");
+    let optimum = optimum(&place, "best");
+    let [bound, expected] =
+        ["loss_bound", "expected_loss_bound"].map(|name| optimum[name].as_f64().unwrap_or(f64::NAN));
+    let least = optimum["best_known"]["loss_rate"].as_f64().unwrap();
+    assert!(0.9 * least < bound && bound <= least && (0.1..0.4).contains(&expected), "{optimum}");
+    assert_ne!(optimum["search_end"], "optimal", "it only is in the model of the search: {optimum}");
 }
 
 #[test]

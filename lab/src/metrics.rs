@@ -10,6 +10,7 @@ use skysink_mission::summary::Summary;
 use strum::{EnumCount, IntoStaticStr, VariantArray};
 
 use crate::ages::{Ages, DeliveredData};
+use crate::optimize::LossBounds;
 use crate::sweep::statistics::Support;
 
 /// A column of the results, by its name there; defined in `docs/metrics.md`.
@@ -34,6 +35,8 @@ pub enum Metric {
     Jain,
     /// NaN unless a plan of `offline` was flown.
     LossBound,
+    /// NaN unless a plan of `offline` was flown over a random channel.
+    ExpectedLossBound,
     #[strum(serialize = "plan_p50_us")]
     PlanP50Us,
     #[strum(serialize = "plan_p99_us")]
@@ -57,7 +60,7 @@ impl Metric {
     /// Which values it can have, as far as its confidence interval respects that.
     pub fn support(self) -> Support {
         match self {
-            Self::LossRate | Self::LossBound | Self::Jain => Support::Fraction,
+            Self::LossRate | Self::LossBound | Self::ExpectedLossBound | Self::Jain => Support::Fraction,
             Self::EtaLetter => Support::NonNegative,
             Self::DeliveredBits | Self::BitsPerWaypoint | Self::MeanServed | Self::FlownM | Self::EnergyJ => {
                 Support::Real
@@ -116,7 +119,7 @@ impl MissionSums {
     }
 
     /// The metrics of a mission that comes to `summary`; `delivered_bits` by sensor node.
-    pub fn values(&self, summary: &Summary, delivered_bits: &[u64], loss_bound: f64) -> MetricValues {
+    pub fn values(&self, summary: &Summary, delivered_bits: &[u64], bounds: Option<LossBounds>) -> MetricValues {
         let service_ages = self.service_ages.counts(self.slot, |_| true);
         let data_ages = self.data.counts(self.slot);
         let mut values = [0.0; Metric::COUNT];
@@ -134,7 +137,8 @@ impl MissionSums {
                 Metric::DataAgeMeanS => data_ages.mean() * self.slot_s,
                 Metric::DataAgeP99S => data_ages.quantile(0.99) as f64 * self.slot_s,
                 Metric::Jain => jain(delivered_bits),
-                Metric::LossBound => loss_bound,
+                Metric::LossBound => bounds.map_or(f64::NAN, |bounds| bounds.loss_bound),
+                Metric::ExpectedLossBound => bounds.and_then(|bounds| bounds.expected_loss_bound).unwrap_or(f64::NAN),
                 Metric::PlanP50Us => summary.timing.plan_p50_us,
                 Metric::PlanP99Us => summary.timing.plan_p99_us,
             };
@@ -168,7 +172,7 @@ mod tests {
     }
 
     fn values<const N: usize>(sums: &MissionSums, metrics: [Metric; N]) -> [f64; N] {
-        let values = sums.values(&Summary::default(), &[], f64::NAN);
+        let values = sums.values(&Summary::default(), &[], None);
         metrics.map(|metric| values[metric as usize])
     }
 
@@ -176,7 +180,8 @@ mod tests {
     fn columns_have_the_names_of_the_documentation() {
         let names: Vec<&str> = Metric::VARIANTS.iter().map(|metric| metric.name()).collect();
         let expected = "loss_rate eta_letter delivered_bits bits_per_waypoint mean_served flown_m energy_j aoi_mean_s \
-                        aoi_p99_s data_age_mean_s data_age_p99_s jain loss_bound plan_p50_us plan_p99_us";
+                        aoi_p99_s data_age_mean_s data_age_p99_s jain loss_bound expected_loss_bound plan_p50_us \
+                        plan_p99_us";
         assert_eq!(names.join(" "), expected);
     }
 

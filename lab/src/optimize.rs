@@ -13,7 +13,7 @@ use skysink_common::scenario::{Count, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
-use skysink_planner::horizon::bound::mission_bound;
+use skysink_planner::bound::{MissionBound, mission_bound};
 use skysink_planner::settings::{Knowledge, Rates, change};
 use skysink_planner::strategies::Registered;
 use skysink_planner::strategies::offline::{self, Offline, OfflineKeys};
@@ -76,8 +76,11 @@ pub struct Standing {
 pub enum SearchEnd {
     /// All steps are done.
     AllSteps,
-    /// Its plan loses no more than the bound: none can be better.
+    /// The best known flight loses no more than the bound: none can be better.
     Optimal,
+    /// Its plan loses no more than any plan in the search's own model of the mission, which has links at their expected
+    /// rates.
+    ModelOptimal,
     /// No sensor node that can lose data can be reached in time: there is nothing to search.
     NothingInReach,
 }
@@ -95,8 +98,10 @@ pub struct Optimum {
     pub steps_done: u64,
     /// Why the search ended.
     pub search_end: SearchEnd,
-    /// Loss rate η that no flight avoids.
+    /// Loss rate η that no flight avoids, even of somebody who knows every draw of the channel.
     pub loss_bound: f64,
+    /// Where the channel is random: the mean of η over its draws that nobody avoids who does not know them in advance.
+    pub expected_loss_bound: Option<f64>,
     /// The least loss rate of all strategies.
     pub best_known: Standing,
     /// All strategies, the least loss first.
@@ -105,11 +110,24 @@ pub struct Optimum {
     pub version: &'static str,
 }
 
-/// The loss rate η that no flight of a mission avoids (`docs/look-ahead.md`); 0 where nothing is sampled.
+/// Lower bounds on the loss rate η of a mission (`docs/look-ahead.md`); 0 where nothing is sampled.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LossBounds {
+    /// Of every flight.
+    pub loss_bound: f64,
+    /// Of the mean over the draws of the channel, where it is random.
+    pub expected_loss_bound: Option<f64>,
+}
+
+/// The bounds of a mission of which some flight loses `known_bits` [bit].
 #[must_use]
-pub fn loss_bound(scenario: &Scenario, list: &SensorList) -> f64 {
-    let nodes = list.nodes();
-    loss_rate(mission_bound(scenario, &nodes, &list.queues_bits()), scenario, list)
+pub fn loss_bounds(scenario: &Scenario, list: &SensorList, known_bits: u64) -> LossBounds {
+    let MissionBound { loss_bits, expected_loss_bits } =
+        mission_bound(scenario, &list.nodes(), &list.queues_bits(), known_bits);
+    LossBounds {
+        loss_bound: loss_rate(loss_bits as f64, scenario, list),
+        expected_loss_bound: expected_loss_bits.map(|bits| loss_rate(bits, scenario, list)),
+    }
 }
 
 /// Searches for the plan of `offline`, and flies every strategy. `scenarios` are the mission by each of them. A stop
@@ -141,14 +159,16 @@ pub fn optimize(
         let begin = Instant::now();
         let searched = search(&offline, steps, &list, stop, on_progress);
         let took = begin.elapsed();
-        let flown: Result<Vec<Standing>, LabError> = flown.join().expect("a flight does not panic");
+        let flown: Result<Vec<(Standing, u64)>, LabError> = flown.join().expect("a flight does not panic");
         (searched, took, flown)
     });
     let Searched { plan, steps_done, end } = searched?;
-    let mut standings = vec![standing(&offline, plan.as_deref(), &list, stop)?]; // the first of equals
-    standings.extend(flown?);
-    standings.sort_by(|a, b| a.loss_rate.total_cmp(&b.loss_rate));
-    let best = standings[0];
+    let mut flown = flown?;
+    flown.insert(0, standing(&offline, plan.as_deref(), &list, stop)?); // the first of equals
+    flown.sort_by_key(|(_, lost_bits)| *lost_bits);
+    let (best, known_bits) = flown[0];
+    let standings = flown.into_iter().map(|(standing, _)| standing).collect();
+    let LossBounds { loss_bound, expected_loss_bound } = loss_bounds(&offline, &list, known_bits);
     let best_rival = rivals().find(|scenario| scenario.planner.strategy == best.strategy);
     let scenario = best_rival.unwrap_or(&offline).clone();
     let plan = plan.filter(|_| best_rival.is_none());
@@ -157,8 +177,12 @@ pub fn optimize(
         seed: offline.seed,
         steps,
         steps_done,
-        search_end: end,
-        loss_bound: loss_bound(&offline, &list),
+        search_end: match end {
+            SearchEnd::ModelOptimal if best.loss_rate <= loss_bound => SearchEnd::Optimal,
+            end => end,
+        },
+        loss_bound,
+        expected_loss_bound,
         best_known: best,
         strategies: standings,
         version: env!("CARGO_PKG_VERSION"),
@@ -216,7 +240,7 @@ fn search(
     };
     let mut plan = Vec::new();
     planned.save(&mut plan);
-    let end = if found.is_optimal && found.steps < steps { SearchEnd::Optimal } else { SearchEnd::AllSteps };
+    let end = if found.is_optimal && found.steps < steps { SearchEnd::ModelOptimal } else { SearchEnd::AllSteps };
     Ok(Searched { plan: Some(plan), steps_done: found.steps, end })
 }
 
@@ -230,14 +254,19 @@ fn mission(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList) -> Resul
     Mission::with_strategy(scenario, list, Box::new(planned))
 }
 
-/// What the strategy of a scenario loses.
-fn standing(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList, stop: &Stop) -> Result<Standing, LabError> {
+/// What the strategy of a scenario loses, as a loss rate and in bits.
+fn standing(
+    scenario: &Scenario,
+    plan: Option<&[u8]>,
+    list: &SensorList,
+    stop: &Stop,
+) -> Result<(Standing, u64), LabError> {
     let strategy = Registered::of(scenario)?.name;
     let mut mission = mission(scenario, plan, list)?;
     mission.set_stop(stop);
     let lost_bits = mission.by_ref().last().map_or(0, |flown| flown.header.totals.lost_bits);
     stop.check()?;
-    Ok(Standing { strategy, loss_rate: loss_rate(lost_bits as f64, scenario, list) })
+    Ok((Standing { strategy, loss_rate: loss_rate(lost_bits as f64, scenario, list) }, lost_bits))
 }
 
 /// A loss [bit] as the fraction of what the mission samples (decision D3); 0 where nothing is sampled.

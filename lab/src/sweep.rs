@@ -27,7 +27,7 @@ use skysink_planner::strategies::offline;
 
 use crate::error::LabError;
 use crate::metrics::MissionSums;
-use crate::optimize::loss_bound;
+use crate::optimize::loss_bounds;
 use crate::progress::{LabProgress, OnProgress, SweepNumber, Workload};
 use journal::{MissionRow, MissionRows, SweepJournal};
 use plan::{Definition, MissionKey, Shard, Sweep};
@@ -212,12 +212,7 @@ fn fly(scenario: &Scenario, key: MissionKey, stop: &Stop) -> Result<MissionRow, 
     }
     stop.check()?;
     let summary = tally.summary(None, Duration::ZERO, 0);
-    let loss_bound = if scenario.planner.strategy != offline::STRATEGY.name {
-        f64::NAN
-    } else if summary.totals.lost_bits == 0 {
-        0.0 // a loss-free mission needs no bound
-    } else {
-        loss_bound(scenario, &list)
-    };
-    Ok(MissionRow { key, values: sums.values(&summary, mission.field().delivered_bits(), loss_bound) })
+    let is_bounded = scenario.planner.strategy == offline::STRATEGY.name;
+    let bounds = is_bounded.then(|| loss_bounds(scenario, &list, summary.totals.lost_bits));
+    Ok(MissionRow { key, values: sums.values(&summary, mission.field().delivered_bits(), bounds) })
 }

@@ -12,7 +12,7 @@ use skysink_common::propulsion::power_w;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
-use skysink_planner::horizon::bound::mission_bound;
+use skysink_planner::bound::mission_bound;
 use skysink_planner::settings;
 use skysink_planner::strategies::names;
 
@@ -39,7 +39,7 @@ fn fly(scenario: &Scenario) -> Outcome {
     let begin_ms = computed_ms();
     let mut mission = Mission::new(scenario, &list).expect("checked as it was read");
     let setup_ms = computed_ms() - begin_ms;
-    let bound_bits = if each() { mission_bound(scenario, &list.nodes(), mission.queues_bits()) } else { 0.0 };
+    let queues_bits = list.queues_bits();
     let mut outcome =
         Outcome { loss_rate: 0.0, bound_rate: 0.0, refused: 0, power_w: 0.0, setup_ms, plan_ms: Vec::new() };
     let mut position = scenario.start();
@@ -56,7 +56,11 @@ fn fly(scenario: &Scenario) -> Outcome {
     let lost_bits = mission.field().totals().lost_bits;
     let sampled: f64 = list.sensors().iter().map(|sensor| sensor.sampling_bps).sum::<f64>();
     let sampled_bits = sampled * scenario.slot_s * scenario.slots as f64;
-    (outcome.loss_rate, outcome.bound_rate) = (lost_bits as f64 / sampled_bits, bound_bits / sampled_bits);
+    outcome.loss_rate = lost_bits as f64 / sampled_bits;
+    if each() {
+        let bound_bits = mission_bound(scenario, &list.nodes(), &queues_bits, lost_bits).loss_bits;
+        outcome.bound_rate = bound_bits as f64 / sampled_bits;
+    }
     outcome
 }
 

@@ -12,9 +12,11 @@
 //! | [`strategies`] | schedule and waypoint by each strategy |
 //! | [`waypoint`] | sP2, from where to serve them: in the plane and in three dimensions |
 //! | [`horizon`] | the look-ahead over many slots |
+//! | [`bound`] | the loss that no flight of a mission avoids |
 //! | [`geometry`] | disks, grids and tours, which all of these use |
 //! | [`node`] | the planner as a process of the ring |
 
+pub mod bound;
 pub mod geometry;
 pub mod horizon;
 pub mod keys;

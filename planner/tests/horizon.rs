@@ -10,7 +10,7 @@ use proptest::prelude::{Strategy as Generator, *};
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::sensors::SensorList;
 use skysink_planner::Planner;
-use skysink_planner::horizon::bound::mission_bound;
+use skysink_planner::bound::mission_bound;
 use skysink_planner::horizon::long_search::Found;
 use skysink_planner::strategies::Timing;
 use skysink_planner::strategies::names;
@@ -206,7 +206,7 @@ fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
         mission.by_ref().take(200).for_each(drop);
         let lost_bits = mission.lost_bits() as f64;
         assert!((lost_bits - predicted_bits).abs() < 1e-3, "seed {seed}: {lost_bits} against {predicted_bits}");
-        let bound_bits = mission_bound(&scenario, &nodes, &list.queues_bits());
+        let bound_bits = mission_bound(&scenario, &nodes, &list.queues_bits(), u64::MAX).loss_bits as f64;
         assert!(bound_bits > 0.0 && bound_bits <= lost_bits, "seed {seed}: {lost_bits} against {bound_bits}");
         let unprepared = TestMission::new(&scenario).loss_rate();
         assert_eq!(unprepared, lost_bits / (50.0 * 300.0 * 200.0), "seed {seed}: made in slot 1 instead");

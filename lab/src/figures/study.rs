@@ -88,7 +88,7 @@ enum Flyers {
     Named(Vec<&'static Registered>),
 }
 
-/// What is plotted of the missions; of a loss the best known and the lower bound, too, where offline plans are flown.
+/// What is plotted of the missions; of a loss the best known and the lower bounds, too, where offline plans are flown.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Quantity {
@@ -298,6 +298,10 @@ impl Study {
                     let least = best_known(common);
                     curves.push(curve(BEST_KNOWN, reference.clone(), &|point| least[&point].clone()));
                     curves.push(curve("lower bound", None, &values(Metric::LossBound)));
+                    let expected = missions_of(rows, 0, index).next().map(|row| row[Metric::ExpectedLossBound]);
+                    if expected.is_some_and(|bound| !bound.is_nan()) {
+                        curves.push(curve("expected lower bound", None, &values(Metric::ExpectedLossBound)));
+                    }
                 }
             }
         }

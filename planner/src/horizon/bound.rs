@@ -1,23 +1,13 @@
-//! Loss that no plan can avoid, by counting visits alone: n in a slot, wherever the UAV is.
-
-use skysink_common::message::SensorNode;
-use skysink_common::scenario::Scenario;
+//! Loss that no plan over a planning window can avoid, as the look-ahead foresees loss: with queues and links in parts of
+//! bits, and random channels at their expected rates. It is computed in every slot.
+//!
+//! What no flight of a mission avoids, in whole bits and over every draw of the channel, is [`crate::bound`].
 
 use super::forecast::PlanningWindow;
 use super::model::{PlanningModel, SensorModel};
-use super::path_bound::PathBound;
 
 /// Gaps between visits that are compared.
 const GAPS: usize = 8;
-
-/// A lower bound on the loss [bit] of a whole mission from the queues `queues_bits` [bit] before slot 1, by id, however
-/// it is flown: [`lower_bound_with_paths`].
-#[must_use]
-pub fn mission_bound(scenario: &Scenario, sensors: &[SensorNode], queues_bits: &[u32]) -> f64 {
-    let model = PlanningModel::new(scenario, sensors);
-    let window = PlanningWindow::new(&model, scenario.start().xy(), queues_bits, scenario.slots, 0);
-    lower_bound_with_paths(&model, &window, &PathBound::new(&model.table))
-}
 
 /// A lower bound on the loss [bit] of every plan over `window`, the larger of [`by_visits`] and [`by_throughput`].
 #[must_use]
@@ -25,23 +15,12 @@ pub fn lower_bound(model: &PlanningModel, window: &PlanningWindow) -> f64 {
     by_visits(model, window).max(by_throughput(model, window))
 }
 
-/// A tighter bound, which takes longer: of [`by_visits`] with as many sensors as the paths between them allow, and
-/// [`by_throughput`].
-#[must_use]
-pub fn lower_bound_with_paths(model: &PlanningModel, window: &PlanningWindow, paths: &PathBound) -> f64 {
-    by_counts(model, window, |slots| paths.most(slots)).max(by_throughput(model, window))
-}
-
 /// At most `n K` sensors are served in K slots, and who was not served in the K slots before slot t loses in slot t at
 /// least what it loses if it was emptied just before them, or, if these are all slots since the start, what it loses
 /// unserved. So the loss in slot t is at least the sum of these losses without the `n K` largest, for every K.
 #[must_use]
 pub fn by_visits(model: &PlanningModel, window: &PlanningWindow) -> f64 {
-    by_counts(model, window, |slots| model.table.resource_blocks.saturating_mul(slots as usize))
-}
-
-/// The bound of [`by_visits`] if at most `most(K)` sensors are served in K slots.
-fn by_counts(model: &PlanningModel, window: &PlanningWindow, most: impl Fn(i32) -> usize) -> f64 {
+    let most = |slots: i32| model.table.resource_blocks.saturating_mul(slots as usize);
     let mut fills: Vec<f64> = model.sensors.iter().map(|sensor| sensor.fill_slots.ceil()).collect();
     fills.sort_unstable_by(f64::total_cmp);
     fills.dedup();

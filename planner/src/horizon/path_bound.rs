@@ -1,27 +1,40 @@
-//! A lower bound on the slots in which some sensors are served, by the paths between them; so at most how many the UAV
-//! can serve in some slots.
+//! At most how many sensors the UAV can serve in some slots, by the paths between them.
 //!
-//! Two sensors `d` apart are served at least `w = ceil((d − 2 d_c)/(V τ))` slots apart, 0 if `d ≤ 2 d_c`: each is
-//! within `d_c` of the UAV then. So m sensors that are all served within K slots lie on a path of m − 1 edges whose
-//! weights w sum up to at most K − 1. Every such path weighs at least, for any numbers `π_i`: the m − 1 edges of least
-//! `w − π_i − π_j` that close no circle (a path closes none), plus twice the m least `π_i` (an inner node has two
-//! edges), less the two largest (its ends have one).
+//! The sensors that are served within K slots lie on a path whose [`legs`] take at most K − 1 slots together. For any
+//! prices `π_i` of the sensors a path weighs what its legs weigh less the prices of their ends, plus `2 π_i` for each of
+//! its sensors, less `π_i` at its two ends. Its legs are a spanning tree, which [`merge_tree`] bounds from below for
+//! every set of sensors at once. Prices, and the surcharges of the legs, are improved by subgradient steps: any of them
+//! give a bound.
+
+pub mod legs;
+pub mod merge_tree;
 
 use crate::sensor_table::SensorTable;
+use legs::{Leg, Legs};
+use merge_tree::{BestSet, MergeTree};
 
-/// Rounds of subgradient ascent over `π`, for each of [`FRACTIONS`].
-const ROUNDS: u32 = 40;
+/// Most rounds of subgradient ascent, for each of [`FRACTIONS`].
+const ROUNDS: u32 = 400;
 
-/// Fractions of the sensors for which `π` is chosen; every choice bounds every number of sensors.
-const FRACTIONS: [f64; 5] = [1.0, 0.9, 0.8, 0.65, 0.5];
+/// Rounds without a higher weight after which the ascent ends.
+const PATIENCE: u32 = 50;
 
-/// First step of the ascent [slots]; it falls to none.
-const STEP: f64 = 0.5;
+/// Fractions of the sensors for which prices are chosen; every choice bounds every number of sensors.
+const FRACTIONS: [f64; 10] = [1.0, 0.97, 0.95, 0.92, 0.88, 0.84, 0.8, 0.75, 0.65, 0.5];
 
-/// Most sensors whose paths are bounded: edges grow with their square.
-const MOST_SENSORS: usize = 600;
+/// First step of prices, as a fraction of the mean leg; it falls to none.
+const PRICE_STEP: f64 = 0.1;
 
-/// Keeps rounding from raising a weight or a bound to the next slot.
+/// The same of surcharges.
+const SURCHARGE_STEP: f64 = 0.04;
+
+/// Halvings of the range of rewards per sensor, in the search for the one that a number of sensors is best for.
+const HALVINGS: u32 = 14;
+
+/// Most sensors whose paths are bounded: legs grow with their square.
+const MOST_SENSORS: usize = 1_000;
+
+/// Keeps rounding from raising a bound to the next slot.
 const ROUNDING: f64 = 1e-6;
 
 /// Most sensors served in some slots.
@@ -32,95 +45,113 @@ pub struct PathBound {
     blocks: usize,
 }
 
-struct Edge {
-    weight: f64,
-    priced: f64,
-    ends: [u32; 2],
-}
-
 impl PathBound {
-    /// The bound over the sensors of `table`; above 600 of them by the resource blocks alone.
+    /// The bound over the sensors of `table`; above 1 000 of them by the resource blocks alone.
     #[must_use]
     pub fn new(table: &SensorTable) -> Self {
         let count = table.positions.len();
         let mut bound = Self { weights: vec![0.0; count], blocks: table.resource_blocks };
-        if (2..=MOST_SENSORS).contains(&count) {
-            let mut edges = edges(table);
+        if !(2..=MOST_SENSORS).contains(&count) {
+            return bound;
+        }
+        let mut legs = Legs::new(table);
+        bound.tighten(&legs, &vec![0.0; count], count);
+        let longest = bound.weights[count - 1];
+        if longest <= (count / bound.blocks) as f64 {
+            return bound; // so near to each other that the resource blocks tell more
+        }
+        let mean_leg = (longest / (count - 1) as f64).max(1.0);
+        for fraction in FRACTIONS {
+            let target = ((count as f64 * fraction) as usize).max(2);
             let mut prices = vec![0.0; count];
-            bound.tighten(&mut edges, &prices, count);
-            if bound.weights[count - 1] <= (count / bound.blocks) as f64 {
-                return bound; // so near to each other that the resource blocks tell more
-            }
-            for fraction in FRACTIONS {
-                let target = ((count as f64 * fraction) as usize).max(2);
-                for round in 0..ROUNDS {
-                    let slope = bound.tighten(&mut edges, &prices, target);
-                    let step = STEP * (1.0 - f64::from(round) / f64::from(ROUNDS));
-                    prices.iter_mut().zip(slope).for_each(|(price, slope)| *price += step * slope);
+            let mut weight: f64 = bound.weights.iter().sum();
+            let mut raised = 0;
+            for round in 0..ROUNDS {
+                let (slope, used) = bound.tighten(&legs, &prices, target);
+                let sum: f64 = bound.weights.iter().sum();
+                if sum > weight {
+                    weight = sum;
+                    raised = round;
+                } else if round > raised + PATIENCE {
+                    break;
                 }
+                let step = mean_leg * (1.0 - f64::from(round) / f64::from(ROUNDS));
+                prices.iter_mut().zip(slope).for_each(|(price, slope)| *price += PRICE_STEP * step * slope);
+                legs.adjust(&used, SURCHARGE_STEP * step);
             }
         }
         bound
     }
 
-    /// The bound by one set of prices `π`, for every m; returns its slope over `π` at `target` sensors.
-    fn tighten(&mut self, edges: &mut [Edge], prices: &[f64], target: usize) -> Vec<f64> {
-        for edge in edges.iter_mut() {
-            edge.priced = edge.weight - prices[edge.ends[0] as usize] - prices[edge.ends[1] as usize];
-        }
-        edges.sort_unstable_by(|a, b| a.priced.total_cmp(&b.priced).then(a.ends.cmp(&b.ends)));
+    /// Raises the weights to what `prices` and the surcharges of `legs` give. Returns the slope over the prices at
+    /// about `target` sensors, and the legs that connect these.
+    fn tighten(&mut self, legs: &Legs, prices: &[f64], target: usize) -> (Vec<f64>, Vec<Leg>) {
         let count = prices.len();
-        let mut sorted: Vec<u32> = (0..count as u32).collect();
-        sorted.sort_unstable_by(|&a, &b| prices[a as usize].total_cmp(&prices[b as usize]).then(a.cmp(&b)));
-        let price = |rank: usize| prices[sorted[rank] as usize];
-        let largest = price(count - 1) + price(count - 2);
-        let mut slope = vec![0.0; count];
-        sorted[..target].iter().for_each(|&node| slope[node as usize] += 2.0);
-        sorted[count - 2..].iter().for_each(|&node| slope[node as usize] -= 1.0);
-        let mut parents: Vec<u32> = (0..count as u32).collect();
-        let mut joined = 1;
-        let mut weight = 0.0;
-        let mut twice_least = 2.0 * price(0);
-        for edge in edges.iter() {
-            let [a, b] = edge.ends.map(|end| root(&mut parents, end));
-            if a == b {
-                continue;
+        let tree = cheapest_tree(legs, prices);
+        // A path has one leg, not two, at its first and last sensor.
+        let ends: Vec<f64> = (0..).zip(prices).map(|(id, price)| price + legs.end_slots(id)).collect();
+        let mut by_end: Vec<usize> = (0..count).collect();
+        by_end.sort_unstable_by(|&a, &b| ends[b].total_cmp(&ends[a]).then(a.cmp(&b)));
+        let ends_slots = ends[by_end[0]] + ends[by_end[1]];
+        let highest_price = prices.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        // For this reward the best set is all sensors.
+        let mut high = (tree.last() + 2.0 * highest_price).max(0.0) + 1.0;
+        let mut low = 0.0;
+        let best_set = |reward: f64| tree.best_set(|sensor| reward - 2.0 * prices[sensor]);
+        let mut best = best_set(high);
+        self.raise(high, &best, ends_slots);
+        for _ in 0..HALVINGS {
+            let reward = (low + high) / 2.0;
+            let set = best_set(reward);
+            self.raise(reward, &set, ends_slots);
+            if set.size < target {
+                low = reward;
+            } else {
+                high = reward;
+                best = set;
             }
-            parents[a as usize] = b;
-            if joined < target {
-                edge.ends.iter().for_each(|&end| slope[end as usize] -= 1.0);
-            }
-            weight += edge.priced;
-            twice_least += 2.0 * price(joined);
-            let bound = (weight + twice_least - largest - ROUNDING).ceil();
-            self.weights[joined] = self.weights[joined].max(bound);
-            joined += 1;
         }
-        slope
+        let (sensors, used) = tree.members(&best);
+        let mut slope = vec![0.0; count];
+        sensors.iter().for_each(|&sensor| slope[sensor as usize] += 2.0);
+        used.iter().flat_map(|leg| leg.ends).for_each(|end| slope[end as usize] -= 1.0);
+        by_end[..2].iter().for_each(|&end| slope[end] -= 1.0);
+        (slope, used)
+    }
+
+    /// Takes in that no set of m sensors is worth more than `best`, if each is worth `reward` [slots]: a path over it
+    /// weighs at least `reward m − value`, and less `ends_slots` at its ends.
+    fn raise(&mut self, reward: f64, best: &BestSet, ends_slots: f64) {
+        for (index, weight) in self.weights.iter_mut().enumerate().skip(1) {
+            let bound = reward * (index + 1) as f64 - best.value - ends_slots;
+            *weight = weight.max((bound - ROUNDING).ceil());
+        }
     }
 
     /// Most sensors that can be served in `slots` slots in a row.
     #[must_use]
-    pub fn most(&self, slots: i32) -> usize {
+    pub fn most(&self, slots: u64) -> usize {
         // A path over more sensors weighs no less than one over some of them.
-        let in_time = self.weights.iter().take_while(|weight| **weight <= f64::from(slots - 1));
-        in_time.count().min(self.blocks.saturating_mul(slots.max(0) as usize))
+        let in_time = self.weights.iter().take_while(|weight| **weight + 1.0 <= slots as f64);
+        in_time.count().min(self.blocks.saturating_mul(usize::try_from(slots).unwrap_or(usize::MAX)))
     }
 }
 
-fn edges(table: &SensorTable) -> Vec<Edge> {
-    let weight = |a: u32, b: u32| {
-        let between_m = (table.position(a) - table.position(b)).norm() - 2.0 * table.comm_radius_m;
-        (between_m / table.reach_m - ROUNDING).ceil().max(0.0)
-    };
-    let edge = |a: u32, b: u32| Edge { weight: weight(a, b), priced: 0.0, ends: [a, b] };
-    table.ids().flat_map(|a| (0..a).map(move |b| edge(a, b))).collect()
+/// The merge tree of all legs. Few of the many long ones can be in it: those that are cheaper than a leg of the tree
+/// over the short ones.
+fn cheapest_tree(legs: &Legs, prices: &[f64]) -> MergeTree {
+    let mut cheap: Vec<Leg> = legs.near(prices).collect();
+    let tree = merged(prices.len(), &mut cheap);
+    let highest = tree.as_ref().map_or(f64::INFINITY, MergeTree::last);
+    let near = cheap.len();
+    cheap.extend(legs.far(prices, highest));
+    match tree {
+        Some(tree) if cheap.len() == near => tree,
+        _ => merged(prices.len(), &mut cheap).expect("there is a leg between any two sensors"),
+    }
 }
 
-fn root(parents: &mut [u32], mut node: u32) -> u32 {
-    while parents[node as usize] != node {
-        parents[node as usize] = parents[parents[node as usize] as usize];
-        node = parents[node as usize];
-    }
-    node
+fn merged(sensors: usize, legs: &mut [Leg]) -> Option<MergeTree> {
+    legs.sort_unstable_by(|a, b| a.priced.total_cmp(&b.priced).then(a.ends.cmp(&b.ends)));
+    MergeTree::new(sensors, legs)
 }

@@ -1,0 +1,132 @@
+//! The most that the link of a sensor node can carry in a slot, from wherever the UAV is.
+//!
+//! Every link is best from straight above at the lowest altitude: rates fall with the distance, and line of sight is
+//! likeliest there. Over a random channel the draw of a slot depends on the seed, the slot and the sensor node alone, so
+//! that what the best position would have got is known.
+
+use skysink_common::channel::{Channel, FreeSpace, LineOfSight, Uplink};
+use skysink_common::message::SensorNode;
+use skysink_common::random::Streams;
+use skysink_common::scenario::Scenario;
+use skysink_common::units::ratio_of_db;
+
+/// Keeps rounding from making a link worse than one that was flown, relative to its rate or altitude.
+const ROUNDING: f64 = 1e-9;
+
+/// Most draws that are looked at; where there are more, every draw is taken for the best.
+const MOST_DRAWS: u64 = 20_000_000;
+
+/// Steps of the range of gains [dB] over which an expectation is summed up.
+const GAIN_STEPS: u32 = 1 << 14;
+
+/// The best links of a mission.
+#[derive(Debug, Clone)]
+pub struct BestLinks {
+    channel: Channel,
+    streams: Streams,
+    /// Sensor nodes (SNs) by their ids, with their gains.
+    sensors: Vec<(u32, f64)>,
+    altitude_m: f64,
+    /// How far the UAV descends in a slot [m]; none at a fixed altitude.
+    descent_m: f64,
+    lowest_m: f64,
+    are_drawn: bool,
+}
+
+impl BestLinks {
+    /// The links of these SNs, with their ids.
+    #[must_use]
+    pub fn new(scenario: &Scenario, sensors: &[(u32, SensorNode)]) -> Self {
+        let climb = scenario.uav.climb();
+        let draws = (sensors.len() as u64).saturating_mul(scenario.slots);
+        Self {
+            channel: Channel::of(scenario),
+            streams: Streams::new(scenario.seed),
+            sensors: sensors.iter().map(|(id, node)| (*id, node.gain)).collect(),
+            altitude_m: scenario.uav.altitude_m,
+            descent_m: climb.map_or(0.0, |climb| climb.max_climb_mps * scenario.slot_s),
+            lowest_m: climb.map_or(scenario.uav.altitude_m, |climb| climb.min_altitude_m),
+            are_drawn: draws <= MOST_DRAWS,
+        }
+    }
+
+    /// Whether the channel changes by random draws.
+    #[must_use]
+    pub fn are_random(&self) -> bool {
+        match &self.channel {
+            Channel::FreeSpace(model) => model.redrawn_db.is_some(),
+            Channel::LineOfSight(_) => true,
+        }
+    }
+
+    /// Whole bits that the link of the SN at `index` carries in `slot` at most.
+    #[must_use]
+    pub fn best_bits(&self, slot: u64, index: usize) -> u64 {
+        let (id, gain) = self.sensors[index];
+        let uplink = self.above(slot, gain);
+        let rate_bps = match &self.channel {
+            Channel::FreeSpace(model) => match model.redrawn_db {
+                Some([_, highest_db]) if !self.are_drawn => best_gain_bps(model, &uplink, highest_db),
+                _ => model.draw(&uplink, &self.streams, slot, id).rate_bps,
+            },
+            Channel::LineOfSight(model) => {
+                let nlos_bps = model.nlos_rate_bps(0.0, uplink.z_m);
+                if !self.are_drawn || model.draw(&uplink, &self.streams, slot, id).line_of_sight {
+                    model.los_rate_bps(0.0, uplink.z_m).max(nlos_bps)
+                } else {
+                    nlos_bps
+                }
+            }
+        };
+        self.channel.capacity_bits(rate_bps * (1.0 + ROUNDING))
+    }
+
+    /// By slot: bits that any link is expected to carry in it at most, of no more than `queue_bits` [bit], before the
+    /// draw.
+    pub fn expected_bits(&self, queue_bits: u64) -> impl Fn(u64) -> f64 {
+        let carried_bits =
+            move |rate_bps: f64| self.channel.capacity_bits(rate_bps * (1.0 + ROUNDING)).min(queue_bits) as f64;
+        let highest_gain = self.sensors.iter().map(|(_, gain)| *gain).fold(0.0, f64::max);
+        let redrawn_bits = match &self.channel {
+            Channel::FreeSpace(model) => model.redrawn_db.map(|range_db| {
+                let uplink = self.above(0, highest_gain); // in free space the altitude is fixed
+                mean_over_gains(range_db, |gain_db| carried_bits(best_gain_bps(model, &uplink, gain_db)))
+            }),
+            Channel::LineOfSight(_) => None,
+        };
+        move |slot| {
+            let uplink = self.above(slot, highest_gain);
+            match &self.channel {
+                Channel::FreeSpace(model) => redrawn_bits.unwrap_or_else(|| carried_bits(model.rate_bps(&uplink))),
+                Channel::LineOfSight(model) => expected_bits(model, uplink.z_m, carried_bits),
+            }
+        }
+    }
+
+    /// The uplink from straight above at the lowest altitude that can be reached by the end of `slot`.
+    fn above(&self, slot: u64, gain: f64) -> Uplink {
+        let reached_m = self.altitude_m - self.descent_m * slot as f64;
+        Uplink { gain, d2_m2: 0.0, z_m: reached_m.max(self.lowest_m) * (1.0 - ROUNDING) }
+    }
+}
+
+/// The rate [bit/s] with a gain of `gain_db` [dB].
+fn best_gain_bps(model: &FreeSpace, uplink: &Uplink, gain_db: f64) -> f64 {
+    model.rate_bps(&Uplink { gain: ratio_of_db(gain_db), ..*uplink })
+}
+
+/// The mean of a rising function of a gain that is uniform between two levels [dB], at least: in every step of the range
+/// the function is taken at the upper end.
+fn mean_over_gains([lowest_db, highest_db]: [f64; 2], value: impl Fn(f64) -> f64) -> f64 {
+    let step_db = (highest_db - lowest_db) / f64::from(GAIN_STEPS);
+    let sum: f64 = (1..=GAIN_STEPS).map(|step| value(lowest_db + step_db * f64::from(step))).sum();
+    sum / f64::from(GAIN_STEPS)
+}
+
+/// What a link is expected to carry at most [bit]: nowhere is line of sight likelier, and no rate higher, than straight
+/// below the altitude `z_m` [m]. Where being in line of sight is the worse, it is never taken to be.
+fn expected_bits(model: &LineOfSight, z_m: f64, carried_bits: impl Fn(f64) -> f64) -> f64 {
+    let los_bits = carried_bits(model.los_rate_bps(0.0, z_m));
+    let nlos_bits = carried_bits(model.nlos_rate_bps(0.0, z_m));
+    nlos_bits + model.los_probability(0.0, z_m) * (los_bits - nlos_bits).max(0.0)
+}

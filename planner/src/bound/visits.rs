@@ -1,0 +1,74 @@
+//! Loss that no flight avoids, because only so many sensor nodes can be served in so many slots.
+//!
+//! What links carry is left out: a visit is taken to empty the queue.
+
+use super::field_bits::FieldBits;
+
+/// Most gaps between visits that are compared.
+const GAPS: u64 = 8;
+
+/// About the most losses that are computed: of every sensor node in every slot after every gap. Fewer gaps are compared
+/// where it would be more.
+const MOST_LOSSES: u64 = 400_000_000;
+
+/// A lower bound on the loss [bit] of every flight, if at most `most(K)` sensor nodes (SNs) are served in any K slots in
+/// a row.
+///
+/// An SN that is not served in the K slots before slot t loses in slot t at least what it loses if the slot before these
+/// left it empty, or, if it cannot have been reached by then, what it loses unserved. So the loss in slot t is at least
+/// the sum of these losses without the `most(K)` largest of the SNs that can have been served. That holds for every K,
+/// and the largest of these sums is taken.
+#[must_use]
+pub fn by_visits(field: &FieldBits, most: impl Fn(u64) -> usize) -> u64 {
+    let gaps: Vec<(u64, usize)> = gaps(field).into_iter().map(|gap| (gap, most(gap))).collect();
+    let mut losses = Vec::with_capacity(field.sensors.len());
+    let mut bound_bits = 0;
+    for slot in 1..=field.slots {
+        let shorter = gaps.iter().copied().take_while(|(gap, _)| gap + 1 < slot);
+        let all = (slot - 1, most(slot - 1));
+        let least_bits = shorter.chain([all]).map(|(gap, served)| lost_after(field, slot, gap, served, &mut losses));
+        bound_bits += least_bits.max().unwrap_or(0);
+    }
+    bound_bits
+}
+
+/// What is lost in `slot` at least [bit], if at most `served` SNs were served in the `gap` slots before it. `losses` is
+/// working memory.
+fn lost_after(field: &FieldBits, slot: u64, gap: u64, served: usize, losses: &mut Vec<u64>) -> u64 {
+    let before = slot - 1 - gap;
+    losses.clear();
+    let mut unreached_bits = 0;
+    for sensor in &field.sensors {
+        let lost_bits = sensor.lost_bits(Some(before).filter(|before| *before >= sensor.first_slot), slot);
+        if sensor.first_slot < slot {
+            losses.push(lost_bits);
+        } else {
+            unreached_bits += lost_bits;
+        }
+    }
+    unreached_bits + without_largest(losses, served)
+}
+
+/// The gaps that are compared [slots]: some of those after which a queue that was empty overflows.
+fn gaps(field: &FieldBits) -> Vec<u64> {
+    let fill_slots = |mean_bits: f64, capacity_bits: u64| (capacity_bits as f64 / mean_bits).ceil();
+    let fills = field.sensors.iter().map(|sensor| fill_slots(sensor.mean_bits, sensor.capacity_bits));
+    let mut gaps: Vec<u64> = fills.filter(|fill| *fill < field.slots as f64).map(|fill| fill as u64).collect();
+    gaps.sort_unstable();
+    gaps.dedup();
+    let losses = (field.sensors.len() as u64).saturating_mul(field.slots).max(1);
+    let most = (MOST_LOSSES / losses).clamp(1, GAPS);
+    let stride = gaps.len().div_ceil(most as usize).max(1);
+    gaps.into_iter().step_by(stride).collect()
+}
+
+/// The sum of `values` without the `count` largest.
+fn without_largest(values: &mut [u64], count: usize) -> u64 {
+    if count >= values.len() {
+        return 0;
+    }
+    if count > 0 {
+        values.select_nth_unstable_by(count - 1, |a, b| b.cmp(a));
+    }
+    values[count..].iter().sum()
+}

@@ -1,0 +1,56 @@
+//! Small random missions over every channel, altitude, gain and knowledge setting.
+
+use rand::{Rng, RngExt};
+use skysink_common::random::{Purpose, Streams};
+
+/// The lines of a mission with 1 to 8 sensor nodes and 5 to 60 slots, as seed `seed` draws it.
+pub fn random_mission(seed: u64) -> String {
+    let mut random = Streams::new(seed).stream(Purpose::Position, 1, 0);
+    let mut one_of = |choices: &[f64]| choices[(random.next_u32() as usize) % choices.len()];
+    let slot_s = one_of(&[1.0, 0.5, 0.37, 2.0]);
+    let capacity_bits = one_of(&[3.0, 17.0, 100.0, 1_000.0, 30_000.0]);
+    // Rates with which a buffer fills within some slots; s τ is a fraction.
+    let lowest_bps = capacity_bits / (slot_s * one_of(&[2.0, 5.0, 11.0, 30.0, 200.0]));
+    let highest_bps = lowest_bps * one_of(&[1.0, 1.0, 1.7, 10.0]);
+    let queue_bits = [0.0, capacity_bits * one_of(&[0.0, 0.5, 2.0])];
+    let side_m = one_of(&[20.0, 60.0, 150.0, 400.0]);
+    let altitude_m = one_of(&[10.0, 20.0, 40.0]);
+    let comm_s = slot_s * one_of(&[0.1, 0.5, 1.0]);
+    // Links that carry from a hundredth of a buffer to many buffers, at about 10 bit/s/Hz.
+    let bandwidth_hz = capacity_bits / (comm_s * 10.0) * one_of(&[0.01, 0.1, 0.3, 1.0, 3.0, 100.0]);
+    let channel = one_of(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]) as usize;
+    let los = |curve: &str| format!("model = 'probabilistic-los'\ntx_power_w = 0.1\nnoise_dbm = -109.0\n{curve}");
+    let link = match channel {
+        0 => "gain_db = [-60.0, -50.0]".to_owned(),
+        1 => "gain = 'per-slot'\ngain_db = [-90.0, -50.0]".to_owned(),
+        2 => "gain = 'per-slot'".to_owned(),
+        3 => los("environment = 'suburban'"),
+        4 => los("environment = 'urban'"),
+        5 => los("environment = 'dense-urban'"),
+        6 => los("environment = 'high-rise'"),
+        _ => los("los = { b1 = -0.4568, b2 = 0.047, b3 = -0.63, b4 = 1.63 }"),
+    };
+    let altitude = match one_of(&[0.0, 1.0]) {
+        1.0 if channel > 2 => {
+            format!("altitude = 'free'\nmin_altitude_m = 5.0\nmax_climb_mps = {}", one_of(&[1.0, 9.0]))
+        }
+        _ => "altitude = 'fixed'".to_owned(),
+    };
+    let knowledge = match one_of(&[0.0, 1.0, 2.0]) {
+        0.0 => "knowledge = 'oracle'",
+        1.0 => "knowledge = 'estimated'",
+        _ => "knowledge = 'estimated'\nrates = 'learnt'",
+    };
+    let [count, slots, blocks] = [(1, 8), (5, 60), (1, 4)].map(|(least, most)| random.random_range(least..=most));
+    let [start_x_m, start_y_m] = [(); 2].map(|()| random.random::<f64>() * side_m);
+    let speed_mps = [3.0, 12.0, 30.0, 60.0][random.random_range(0..4)] / slot_s;
+    let radius_m = [2.0, 10.0, 30.0, 70.0][random.random_range(0..4)];
+    format!(
+        "slots = {slots}\nslot_s = {slot_s}\n[area]\nside_m = {side_m}\n[sensors]\ncount = {count}\n\
+         capacity_bits = {capacity_bits}\nsampling_bps = [{lowest_bps:?}, {highest_bps:?}]\n\
+         initial_queue_mean_bits = {queue_bits:?}\n[uav]\nmax_speed_mps = {speed_mps:?}\naltitude_m = {altitude_m:?}\n\
+         start_m = [{start_x_m:?}, {start_y_m:?}]\n{altitude}\n[link]\ncomm_radius_m = {radius_m:?}\n\
+         comm_s = {comm_s:?}\nbandwidth_hz = {bandwidth_hz:?}\nresource_blocks = {blocks}\n{link}\n[planner]\n{knowledge}\n\
+         horizon.iterations = 40\noffline.steps = 2000\n"
+    )
+}
