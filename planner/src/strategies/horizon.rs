@@ -14,7 +14,7 @@ use skysink_common::scenario::Count;
 
 use super::planned_flight::PlannedFlight;
 use super::rivals::{Rivals, Surveyed};
-use super::rollout::{Ahead, is_random};
+use super::rollout::{Ahead, is_certain};
 use super::serving::Serving;
 use super::{Decision, Registered, Setup, Strategy, View, checked};
 use crate::horizon::forecast::{Forecast, PlanningWindow};
@@ -121,7 +121,7 @@ impl LookAhead {
 
     /// Whether a plan is known to lose no more than it must, whatever the links and the queues do.
     fn is_settled(&self, view: &View, forecast: &Forecast) -> bool {
-        view.estimate.is_none() && !is_random(&view.table.channel) && self.horizon.is_optimal(forecast)
+        is_certain(view) && self.horizon.is_optimal(forecast)
     }
 
     fn ahead(&self, forecast: &Forecast) -> Ahead {

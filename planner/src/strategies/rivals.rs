@@ -10,7 +10,7 @@ use skysink_common::geometry::Position;
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
 
-use super::rollout::{Ahead, Effort, FlownSlot, Rollout};
+use super::rollout::{Ahead, Effort, FlownSlot, Rollout, is_certain};
 use super::serving::Serving;
 use super::{Decision, STRATEGIES, Setup, Strategy, View};
 use crate::keys::Settings;
@@ -22,8 +22,8 @@ const OFFERED: usize = 3;
 /// Most that the futures of a rollout take together before the first slot [µs], about, where there are several.
 const SURVEYED_US: f64 = 10_000.0;
 
-/// What rollouts may take in a slot on average [µs], about.
-const COMPARED_US: f64 = 30_000.0;
+/// What rollouts may take in a slot on average [µs], about: where all is known, and else.
+const COMPARED_US: [f64; 2] = [6_000.0, 30_000.0];
 
 /// Rollouts in a slot at least: of the plan, of the strategy that is followed, and of another.
 const COMPARED: f64 = 3.0;
@@ -108,29 +108,27 @@ impl Rivals {
         self.choice.followed = None;
     }
 
-    /// Rolls out all of them over `ahead`; the best comes first, with their flights, in one future, to start plans from.
+    /// Rolls out all of them over `ahead`; the best few, the best first, with their flights in one future, to start
+    /// plans from.
     pub fn survey(&mut self, view: &View, ahead: &Ahead, is_over: &dyn Fn() -> bool) -> Vec<Surveyed> {
         self.make();
         let Self { scenario, sensors, made, transit, .. } = self;
         let futures = Effort::of(view, ahead.slots, SURVEYED_US).futures;
         let rollout = Rollout::new(view, scenario, sensors, ahead, futures);
         let transit = transit.as_mut().expect("it was made");
-        let mut surveyed = Vec::new();
+        let mut surveyed: Vec<Surveyed> = Vec::new();
         for (rival, Rival { strategy, fresh }) in made.iter_mut().enumerate() {
             let reset = |strategy: &mut dyn Strategy| strategy.restore(fresh).expect("a state of its own");
+            let mut flight = Vec::new();
+            let watch = |slot: FlownSlot| flight.push((slot.waypoint.xy(), slot.ids.to_vec()));
+            let most_bits = surveyed.get(OFFERED - 1).map_or(f64::INFINITY, |last| last.loss_bits);
             let strategy = strategy.as_mut();
-            if let Some(loss_bits) = rollout.mean_loss_bits(strategy, reset, transit, f64::INFINITY, is_over) {
-                surveyed.push(Surveyed { rival, loss_bits, flight: Vec::new() });
+            if let Some(loss_bits) = rollout.mean_loss_bits(strategy, reset, transit, most_bits, is_over, watch) {
+                surveyed.push(Surveyed { rival, loss_bits, flight });
+                surveyed.sort_by(|a, b| a.loss_bits.total_cmp(&b.loss_bits));
+                surveyed.truncate(OFFERED);
             }
         }
-        surveyed.sort_by(|a, b| a.loss_bits.total_cmp(&b.loss_bits));
-        for Surveyed { rival, flight, .. } in surveyed.iter_mut().take(OFFERED) {
-            let Rival { strategy, fresh } = &mut made[*rival];
-            strategy.restore(fresh).expect("a state of its own");
-            let watch = |slot: FlownSlot| flight.push((slot.waypoint.xy(), slot.ids.to_vec()));
-            rollout.fly(0, strategy.as_mut(), transit, f64::INFINITY, is_over, watch);
-        }
-        surveyed.truncate(OFFERED);
         surveyed
     }
 
@@ -146,11 +144,12 @@ impl Rivals {
     ) {
         self.make();
         let Self { scenario, sensors, made, transit, choice } = self;
-        let most_us = if surveyed.is_some() { SURVEYED_US } else { COMPARED_US / COMPARED };
+        let compared_us = compared_us(view);
+        let most_us = if surveyed.is_some() { SURVEYED_US } else { compared_us / COMPARED };
         let effort = Effort::of(view, ahead.slots, most_us);
         let rollout = Rollout::new(view, scenario, sensors, ahead, effort.futures);
         let transit = transit.as_mut().expect("it was made");
-        let Some(mut least_bits) = rollout.mean_loss_bits(own, |_| (), transit, f64::INFINITY, is_over) else {
+        let Some(mut least_bits) = rollout.mean_loss_bits(own, |_| (), transit, f64::INFINITY, is_over, |_| ()) else {
             return;
         };
         let mut best = None;
@@ -158,7 +157,7 @@ impl Rivals {
             if let Some((rival, state)) = choice.followed.take() {
                 let reset = |strategy: &mut dyn Strategy| strategy.restore(&state).expect("a state of its own");
                 let strategy = made[rival].strategy.as_mut();
-                if let Some(loss_bits) = rollout.mean_loss_bits(strategy, reset, transit, least_bits, is_over)
+                if let Some(loss_bits) = rollout.mean_loss_bits(strategy, reset, transit, least_bits, is_over, |_| ())
                     && loss_bits < least_bits
                 {
                     least_bits = loss_bits;
@@ -170,13 +169,14 @@ impl Rivals {
                     best = Some((*rival, made[*rival].fresh.clone()));
                 }
             } else {
-                let compared = (COMPARED_US / effort.cost_us - 2.0).clamp(1.0, made.len() as f64) as usize;
+                let compared = (compared_us / effort.cost_us - 2.0).clamp(1.0, made.len() as f64) as usize;
                 for _ in 0..compared {
                     choice.turn = (choice.turn + 1) % made.len();
                     let Rival { strategy, fresh } = &mut made[choice.turn];
                     let reset = |strategy: &mut dyn Strategy| strategy.restore(fresh).expect("a state of its own");
                     let strategy = strategy.as_mut();
-                    if let Some(loss_bits) = rollout.mean_loss_bits(strategy, reset, transit, least_bits, is_over)
+                    if let Some(loss_bits) =
+                        rollout.mean_loss_bits(strategy, reset, transit, least_bits, is_over, |_| ())
                         && loss_bits < least_bits
                     {
                         least_bits = loss_bits;
@@ -190,8 +190,9 @@ impl Rivals {
 
     /// Whether candidates are compared in the slot of `view`: so seldom that rollouts cost about as much in every slot.
     pub fn is_due(&self, view: &View, ahead: &Ahead) -> bool {
-        let cost_us = COMPARED * Effort::of(view, ahead.slots, COMPARED_US / COMPARED).cost_us;
-        let period_slots = (cost_us / COMPARED_US).ceil();
+        let compared_us = compared_us(view);
+        let cost_us = COMPARED * Effort::of(view, ahead.slots, compared_us / COMPARED).cost_us;
+        let period_slots = (cost_us / compared_us).ceil();
         view.slot.is_multiple_of(period_slots as u64)
     }
 
@@ -210,6 +211,11 @@ impl Rivals {
         strategy.save(state);
         decision
     }
+}
+
+/// What rollouts may take in a slot on average [µs].
+fn compared_us(view: &View) -> f64 {
+    COMPARED_US[usize::from(!is_certain(view))]
 }
 
 /// A strategy rolled out.

@@ -75,8 +75,8 @@ impl Effort {
             if table.channel.line_of_sight().is_some() { 60.0 * in_sight.min(1.0) } else { 0.1 * in_sight };
         let slot_us = 1.0 + count / 100.0 + searching_us;
         let future_us = slot_us * slots as f64;
-        let is_certain = view.estimate.is_none() && !is_random(&table.channel);
-        let futures = if is_certain { 1.0 } else { (most_us / future_us).clamp(LEAST_FUTURES, MOST_FUTURES).floor() };
+        let futures =
+            if is_certain(view) { 1.0 } else { (most_us / future_us).clamp(LEAST_FUTURES, MOST_FUTURES).floor() };
         Self { futures: futures as u32, cost_us: future_us * futures }
     }
 }
@@ -115,7 +115,8 @@ impl<'a> Rollout<'a> {
     }
 
     /// Mean loss [bit] over all futures if `strategy` flies from here on, which `reset` brings to its present state
-    /// before each; `None` as soon as that is more than `most_bits`, or once `is_over`.
+    /// before each; `None` as soon as that is more than `most_bits`, or once `is_over`. Every slot of the first future is
+    /// shown to `watch`.
     pub fn mean_loss_bits(
         &self,
         strategy: &mut dyn Strategy,
@@ -123,12 +124,18 @@ impl<'a> Rollout<'a> {
         transit: &mut Serving,
         most_bits: f64,
         is_over: &dyn Fn() -> bool,
+        mut watch: impl FnMut(FlownSlot),
     ) -> Option<f64> {
         let most_bits = most_bits * f64::from(self.futures);
         let mut lost_bits = 0.0;
         for future in 0..self.futures {
             reset(strategy);
-            lost_bits += self.fly(future, strategy, transit, most_bits - lost_bits, is_over, |_| ())?;
+            let watch = |slot| {
+                if future == 0 {
+                    watch(slot);
+                }
+            };
+            lost_bits += self.fly(future, strategy, transit, most_bits - lost_bits, is_over, watch)?;
         }
         Some(lost_bits / f64::from(self.futures))
     }
@@ -244,8 +251,13 @@ impl World {
     }
 }
 
+/// Whether links, queues and rates are known.
+pub(super) fn is_certain(view: &View) -> bool {
+    view.estimate.is_none() && !is_random(&view.table.channel)
+}
+
 /// Whether what a link carries is drawn in every slot.
-pub(super) fn is_random(channel: &Channel) -> bool {
+fn is_random(channel: &Channel) -> bool {
     match channel {
         Channel::FreeSpace(model) => model.redrawn_db.is_some(),
         Channel::LineOfSight(_) => true,
@@ -292,7 +304,7 @@ mod tests {
         let ahead = Ahead { slots, beyond_slots: beyond as f64, round_slots: 10.0 };
         let rollout = Rollout::new(&view, &scenario, &sensors, &ahead, futures);
         let mut gfs = (Registered::find("gfs").unwrap().make)(&setup);
-        rollout.mean_loss_bits(gfs.as_mut(), |_| (), &mut Serving::new(&setup), f64::INFINITY, NEVER).unwrap()
+        rollout.mean_loss_bits(gfs.as_mut(), |_| (), &mut Serving::new(&setup), f64::INFINITY, NEVER, |_| ()).unwrap()
     }
 
     #[test]
