@@ -1,7 +1,7 @@
 //! What the look-ahead knows that stays the same in every slot: the sensor nodes that can lose data, in slots instead
 //! of bits, and the stops that a plan is made of.
 
-use skysink_common::channel::Uplink;
+use skysink_common::channel::{Channel, LineOfSight, Uplink};
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
@@ -131,10 +131,11 @@ impl PlanningModel {
         let (ids, sensors): (Vec<u32>, Vec<SensorNode>) = (0..).zip(sensors.iter().copied()).filter(can_lose).unzip();
         let mut table = SensorTable::new(scenario, &sensors);
         table.grid = Grid::over(table.area, &table.positions, table.comm_radius_m);
-        let depends_on_elevation = table.channel.line_of_sight().is_some();
+        let capacities_bits =
+            table.channel.line_of_sight().map(|model| Box::new(best_capacities_bits(scenario, &table.channel, model)));
         let mut model = Self {
             altitude_m: scenario.uav.altitude_m,
-            capacities_bits: depends_on_elevation.then(|| Box::new(best_capacities_bits(scenario, &table))),
+            capacities_bits,
             tours: vec![closed_tour(table.area, &table.positions)],
             table,
             sensors: Vec::new(),
@@ -305,18 +306,27 @@ impl PlanningModel {
     }
 }
 
-/// What a visit takes [bit], over `d²`, from the altitude of some that may be flown from which a sensor nearby is
-/// expected to send most; of equals the lowest.
-fn best_capacities_bits(scenario: &Scenario, table: &SensorTable) -> [f64; TABLE + 1] {
+/// What a visit is expected to take of a full buffer [bit], over `d²`, from the altitude of some that may be flown from
+/// which a sensor nearby is expected to send most; of equals the lowest.
+///
+/// In line of sight a link may carry more than a buffer holds, and no more than that counts: what one slot cannot use
+/// does not make up for a slot out of sight.
+fn best_capacities_bits(scenario: &Scenario, channel: &Channel, model: &LineOfSight) -> [f64; TABLE + 1] {
     let [low_m, high_m] =
         scenario.uav.climb().map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
-    let rim_m2 = table.comm_radius_m * table.comm_radius_m;
-    let rates_bps = |level: u32| -> [f64; TABLE + 1] {
-        let z_m = low_m + (high_m - low_m) * f64::from(level) / f64::from(LEVELS);
-        let uplink = |step: usize| Uplink { gain: 1.0, d2_m2: rim_m2 * step as f64 / TABLE as f64, z_m };
-        std::array::from_fn(|step| table.channel.expected_rate_bps(&uplink(step)))
+    let rim_m2 = scenario.link.comm_radius_m * scenario.link.comm_radius_m;
+    let buffer_bits = u64::from(scenario.sensors.capacity_bits);
+    let taken_bits = |rate_bps: f64| channel.capacity_bits(rate_bps).min(buffer_bits) as f64;
+    let expected_bits = |d2_m2: f64, z_m: f64| {
+        let probability = model.los_probability(d2_m2, z_m);
+        probability * taken_bits(model.los_rate_bps(d2_m2, z_m))
+            + (1.0 - probability) * taken_bits(model.nlos_rate_bps(d2_m2, z_m))
     };
-    let near_bps = |rates_bps: &[f64; TABLE + 1]| rates_bps[..=NEAR_STEPS].iter().sum::<f64>();
-    let best = (0..=LEVELS).map(rates_bps).reduce(|a, b| if near_bps(&b) > near_bps(&a) { b } else { a });
-    best.expect("at least one level").map(|rate_bps| table.channel.capacity_bits(rate_bps) as f64)
+    let level_bits = |level: u32| -> [f64; TABLE + 1] {
+        let z_m = low_m + (high_m - low_m) * f64::from(level) / f64::from(LEVELS);
+        std::array::from_fn(|step| expected_bits(rim_m2 * step as f64 / TABLE as f64, z_m))
+    };
+    let near_bits = |bits: &[f64; TABLE + 1]| bits[..=NEAR_STEPS].iter().sum::<f64>();
+    let best = (0..=LEVELS).map(level_bits).reduce(|a, b| if near_bits(&b) > near_bits(&a) { b } else { a });
+    best.expect("at least one level")
 }

@@ -399,8 +399,13 @@ fn a_free_altitude_is_foreseen_as_one_that_the_uav_can_keep() {
     let channel = model.table.channel;
     let climb = scenario.uav.climb().unwrap();
     let range_m = climb.max_altitude_m - climb.min_altitude_m;
+    let los = channel.line_of_sight().unwrap();
+    // No more than the buffer of 30 kbit counts, in line of sight or not.
     let carried = |d2_m2: f64, z_m: f64| {
-        channel.capacity_bits(channel.expected_rate_bps(&Uplink { gain: 1.0, d2_m2, z_m })) as f64
+        let rates_bps = [los.los_rate_bps(d2_m2, z_m), los.nlos_rate_bps(d2_m2, z_m)];
+        let [seen, hidden] = rates_bps.map(|rate_bps| channel.capacity_bits(rate_bps).min(30_000) as f64);
+        let probability = los.los_probability(d2_m2, z_m);
+        probability * seen + (1.0 - probability) * hidden
     };
     let explains = |level: &u32| {
         let z_m = climb.min_altitude_m + range_m * f64::from(*level) / 16.0;

@@ -32,13 +32,13 @@ impl Strategy for PlannedFlight<'_> {
     }
 }
 
-/// The waypoint of a planned slot: where its links limit what it collects, as far toward the best point to serve from
-/// (sP2*) as the next stop stays in reach in time.
+/// The waypoint of a planned slot: where its links limit what it collects, or may be out of sight, as far toward the best
+/// point to serve from (sP2*) as the next stop stays in reach in time.
 fn between_stops(serving: &mut Serving, view: &View, next: &PlannedSlot) -> (Position, SolverOutcome) {
     let above = serving.above(view, &next.waypoint, &next.ids);
     let queued_bits: u64 = next.ids.iter().map(|&id| u64::from(view.queues_bits[id as usize])).sum();
     let expected_bits = view.table.expected_bits(&above, &next.ids, view.queues_bits);
-    if expected_bits == queued_bits {
+    if expected_bits == queued_bits && view.table.channel.line_of_sight().is_none() {
         return (next.waypoint, SolverOutcome::Rule);
     }
     let Some(best) = serving.waypoint(view, &next.ids) else {

@@ -50,8 +50,11 @@ pub(super) struct Ahead {
 /// Most futures.
 const MOST_FUTURES: f64 = 32.0;
 
+/// Slots that all futures together have at least: in a long mission links and queues are many draws by themselves.
+const LEAST_SLOTS: f64 = 960.0;
+
 /// Least number of futures where not all is known.
-const LEAST_FUTURES: f64 = 8.0;
+const LEAST_FUTURES: f64 = 3.0;
 
 /// How a rollout goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,11 +75,14 @@ impl Effort {
             (std::f64::consts::PI * sight_m * sight_m / (table.area.width_m() * table.area.height_m())).min(1.0);
         let in_sight = count * sight;
         let searching_us =
-            if table.channel.line_of_sight().is_some() { 60.0 * in_sight.min(1.0) } else { 0.1 * in_sight };
+            if table.channel.line_of_sight().is_some() { 40.0 * in_sight.min(1.0) } else { 0.1 * in_sight };
         let slot_us = 1.0 + count / 100.0 + searching_us;
         let future_us = slot_us * slots as f64;
-        let futures =
-            if is_certain(view) { 1.0 } else { (most_us / future_us).clamp(LEAST_FUTURES, MOST_FUTURES).floor() };
+        let futures = if is_certain(view) {
+            1.0
+        } else {
+            (most_us / future_us).max(LEAST_SLOTS / slots as f64).clamp(LEAST_FUTURES, MOST_FUTURES).floor()
+        };
         Self { futures: futures as u32, cost_us: future_us * futures }
     }
 }
