@@ -132,8 +132,8 @@ fn strategy_parser() -> impl TypedValueParser<Value = &'static str> {
 #[must_use]
 pub fn main() -> ExitCode {
     worker::quiet_iceoryx2();
-    exit_on_second_signal(); // the processes of a ring are ended by their launcher
     let stop = stop_on_signals();
+    exit_on_second_signal(); // after the handler that asks for the end: no first signal is lost; the processes of a ring are ended by their launcher
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(message) => return usage(&message),
