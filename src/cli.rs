@@ -133,7 +133,9 @@ fn strategy_parser() -> impl TypedValueParser<Value = &'static str> {
 pub fn main() -> ExitCode {
     worker::quiet_iceoryx2();
     let stop = stop_on_signals();
-    exit_on_second_signal(); // after the handler that asks for the end: no first signal is lost; the processes of a ring are ended by their launcher
+    // Behind the handler that asks for the end, so that no first signal is lost. The processes of a ring are ended by
+    // their launcher.
+    exit_on_second_signal();
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(message) => return usage(&message),
