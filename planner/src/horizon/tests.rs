@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use proptest::prelude::*;
-use skysink_common::channel::Uplink;
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, Mode, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
