@@ -157,7 +157,7 @@ pub fn print_optimum(found: &BestKnown) -> Result<(), Error> {
         SearchEnd::Optimal => {
             let reason = match optimum.loss_bound {
                 0.0 => "its plan loses nothing",
-                _ => "its plan loses no more than the lower bound",
+                _ => "the best known flight loses no more than the lower bound",
             };
             format!("Searched {done} of up to {most} steps in {took}: {reason}, so none can be better.")
         }

@@ -3,6 +3,7 @@
 mod support;
 
 use serde_json::Value;
+use skysink_planner::strategies::stateless;
 use support::Place;
 
 /// Fails unless the value holds a time or a ratio that was measured.
@@ -39,7 +40,7 @@ fn a_quick_benchmark_measures_everything() {
         assert!(report["machine"][key].is_string(), "{key}: {report}");
     }
     assert!(report["machine"]["load_average"].is_number());
-    assert_rows(&report["planner"]["plans"], 2 * 6, &["plan", "undivided"], &["undivided_over_plan"]);
+    assert_rows(&report["planner"]["plans"], 2 * stateless().len(), &["plan", "undivided"], &["undivided_over_plan"]);
     assert_spread(&report["planner"]["waypoint_geometric"], "geometric");
     assert_spread(&report["planner"]["waypoint_clarabel"], "clarabel");
     assert_rows(&report["field"], 2, &["step", "copy"], &["step_over_copy"]);

@@ -28,7 +28,7 @@ pub enum Purpose {
     SamplingRate = 8,
     /// Mean of the initial queue of a sensor node.
     InitialQueueMean = 9,
-    /// Future channel draws that the look-ahead imagines in a slot.
+    /// A future of the look-ahead's rollouts: channel draws, queues and rates.
     Rollout = 10,
 }
 

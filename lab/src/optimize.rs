@@ -4,6 +4,7 @@
 //! strategy flies; the best is left as a run folder.
 
 use std::ops::ControlFlow;
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
@@ -23,6 +24,9 @@ use crate::progress::{LabProgress, OnProgress, SweepNumber};
 
 /// Steps by which the speed of the search is measured.
 const TRIAL_STEPS: u64 = 100_000;
+
+/// Least time that a trial counts for: one that ends at once tells nothing of the speed.
+const LEAST_TRIAL: Duration = Duration::from_millis(1);
 
 /// Most search steps, as in scenarios.
 pub const MAX_STEPS: u64 = 1_000_000_000_000;
@@ -194,9 +198,12 @@ pub fn optimize(
 fn steps_in(time: Duration, offline: &Scenario, list: &SensorList, stop: &Stop) -> Result<u64, LabError> {
     let trial = searching(offline, TRIAL_STEPS)?;
     let begin = Instant::now();
-    search(&trial, TRIAL_STEPS, list, stop, &|_| ())?;
-    let took = begin.elapsed();
-    let trials = time.saturating_sub(took).as_secs_f64() / took.as_secs_f64();
+    let searching = OnceLock::new(); // before that the plans to start from are made
+    search(&trial, TRIAL_STEPS, list, stop, &|_| {
+        searching.get_or_init(Instant::now);
+    })?;
+    let took = searching.get().map_or(Duration::ZERO, Instant::elapsed).max(LEAST_TRIAL);
+    let trials = time.saturating_sub(begin.elapsed()).as_secs_f64() / took.as_secs_f64();
     Ok(((TRIAL_STEPS as f64 * trials) as u64).clamp(TRIAL_STEPS, MAX_STEPS))
 }
 
@@ -228,7 +235,7 @@ fn search(
 ) -> Result<Searched, LabError> {
     let nodes = list.nodes();
     let mut stopped = Ok(());
-    let found = Offline::search(offline, &nodes, &list.queues_bits(), &mut |search| {
+    let found = Offline::search(offline, &nodes, &list.queues_bits(), stop, &mut |search| {
         let loss_rate = Some(loss_rate(search.loss_bits, offline, list));
         on_progress(LabProgress { done: search.steps, of: steps, loss_rate, left: None, sweep: SweepNumber::ONLY });
         stopped = stop.check();

@@ -9,6 +9,7 @@ use nalgebra::Point3;
 use proptest::prelude::{Strategy as Generator, *};
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
 use skysink_planner::Planner;
 use skysink_planner::bound::mission_bound;
 use skysink_planner::horizon::long_search::Found;
@@ -40,7 +41,7 @@ fn texts() -> impl Generator<Value = String> {
         |((count, side_m, rate_bps), (speed, altitude), (link, radius_m, width_hz, n))| {
             let altitude = if link.starts_with("model") { altitude } else { "fixed" };
             format!(
-                "slots = 40\n[area]\nside_m = {side_m:?}\n[sensors]\ncount = {count}\nsampling_bps = {rate_bps:?}\n\
+                "slots = 20\n[area]\nside_m = {side_m:?}\n[sensors]\ncount = {count}\nsampling_bps = {rate_bps:?}\n\
              initial_queue_mean_bits = 20000.0\n[uav]\nmax_speed_mps = {speed:?}\naltitude = '{altitude}'\n\
              [link]\ncomm_radius_m = {radius_m:?}\nbandwidth_hz = {width_hz:?}\nresource_blocks = {n}\n{link}\n\
              [planner]\nhorizon.iterations = 60\noffline.steps = 2000\n"
@@ -50,11 +51,11 @@ fn texts() -> impl Generator<Value = String> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(80))]
+    #![proptest_config(ProptestConfig::with_cases(60))]
 
     #[test]
     fn flight_sim_refuses_nothing_and_a_restarted_planner_flies_the_same(
-        text in texts(), strategy in prop::sample::select(&REMEMBERING[..]), seed in 1u64..1_000, restart in 1u64..40,
+        text in texts(), strategy in prop::sample::select(&REMEMBERING[..]), seed in 1u64..1_000, restart in 1u64..20,
     ) {
         let scenario = scenario_of(&text, strategy, seed);
         let (mut mission, mut restarted) = (TestMission::new(&scenario), TestMission::new(&scenario));
@@ -185,6 +186,81 @@ fn looking_ahead_loses_less_than_every_other_strategy() {
     }
 }
 
+/// Links of line of sight as the cases below have them.
+const SIGHT: &str = "comm_s = 0.2\nmodel = 'probabilistic-los'\ntx_power_w = 0.1\nnoise_dbm = -109.0\n";
+
+/// Short missions of few SNs in which looking ahead once lost 0.79, 0.19 and 0.48 where a strategy of one slot loses
+/// 0.53, 0.06 and 0.43: hovering low and right above an SN, or staying with the one that samples most, was not valued.
+#[test]
+fn looking_ahead_is_no_worse_than_strategies_of_one_slot_that_hover() {
+    let free = "altitude = 'free'\nstart_m = [0.0, 0.0]\nendurance_s = 1e6\n";
+    let cases = [
+        (
+            format!(
+                "slots = 20\nslot_s = 2.0\n[area]\nside_m = 48.0\n[sensors]\nfile = 'list.csv'\ncapacity_bits = 300000\n\
+                 sampling_bps = [7092.1986, 70921.9858]\ninitial_queue_mean_bits = [0.0, 300000]\n[uav]\n\
+                 altitude_m = 20.0\nmax_speed_mps = 6.0\n{free}[link]\nbandwidth_hz = 43781.5\ncomm_radius_m = 22.0\n\
+                 {SIGHT}environment = 'dense-urban'\n[planner]\nknowledge = 'estimated'\nrates = 'learnt'\n"
+            ),
+            "x_m,y_m,queue_bits,gain_db,sampling_bps\n\
+             10.22,46.494,300000,-50.013,7092.1986\n\
+             35.253,35.231,68213,-53.64,7092.1986\n\
+             42.712,14.449,300000,-53.78,70921.9858\n\
+             8.132,14.154,300000,-51.822,7092.1986\n\
+             4.937,5.791,148589,-50.176,7092.1986\n",
+        ),
+        (
+            format!(
+                "slots = 20\nslot_s = 2.0\n[area]\nside_m = 334.0\n[sensors]\nfile = 'list.csv'\ncapacity_bits = 30000\n\
+                 sampling_bps = 71.09\ninitial_queue_mean_bits = [0.0, 30000]\n[uav]\naltitude_m = 20.0\n\
+                 max_speed_mps = 40.65\n{free}[link]\nbandwidth_hz = 7465.16\ncomm_radius_m = 56.0\nresource_blocks = 6\n\
+                 {SIGHT}environment = 'high-rise'\n[planner]\n"
+            ),
+            "x_m,y_m,queue_bits,gain_db,sampling_bps\n\
+             318.371,324.385,16093,-51.258,71.09\n\
+             44.304,63.633,30000,-50.515,71.09\n\
+             42.784,30.675,30000,-51.229,71.09\n\
+             38.749,33.3,30000,-53.733,71.09\n\
+             15.084,68.43,30000,-54.084,71.09\n",
+        ),
+        (
+            "slots = 120\nslot_s = 0.5\n[area]\nside_m = 978.0\n[sensors]\nfile = 'list.csv'\n\
+             sampling_bps = [963.8554, 9638.5542]\ninitial_queue_mean_bits = 9900.0\n[uav]\naltitude_m = 50.0\n\
+             max_speed_mps = 41.8\nendurance_s = 1e6\n[link]\ncomm_radius_m = 7.8\ncomm_s = 0.05\n[planner]\n\
+             knowledge = 'estimated'\n"
+                .to_owned(),
+            "x_m,y_m,queue_bits,gain_db,sampling_bps\n\
+             349.753,680.629,9900,-50.728,963.8554\n\
+             894.765,43.631,9900,-54.252,963.8554\n\
+             975.117,301.22,9900,-51.773,9638.5542\n\
+             122.606,309.232,9900,-52.309,963.8554\n\
+             310.364,125.898,9900,-51.386,963.8554\n\
+             690.032,757.382,9900,-52.32,963.8554\n\
+             22.328,867.093,9900,-53.019,963.8554\n\
+             529.589,819.13,9900,-50.228,963.8554\n\
+             871.248,108.863,9900,-52.468,963.8554\n\
+             479.037,571.463,9900,-53.118,963.8554\n\
+             890.642,239.509,9900,-50.567,963.8554\n\
+             224.439,377.74,9900,-52.555,963.8554\n",
+        ),
+    ];
+    for (text, list) in cases {
+        let mean = |strategy| {
+            let mission = |seed| {
+                let scenario = scenario_of(&format!("{text}horizon.iterations = 200\n"), strategy, seed);
+                let list = SensorList::parse(list, Path::new("list.csv"), &scenario).unwrap();
+                TestMission::over(&scenario, &list).loss_rate()
+            };
+            (2001..=2006).map(mission).sum::<f64>() / 6.0
+        };
+        let horizon = mean("horizon");
+        for strategy in ["gfs", "uts", "exact", "edf"] {
+            let other = mean(strategy);
+            assert!(horizon <= other + 0.005, "{horizon} against {other} of {strategy}: {text}");
+        }
+    }
+}
+
 #[test]
 fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
     for seed in 1..=4 {
@@ -195,7 +271,7 @@ fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
         let nodes = list.nodes();
         let mut mission = TestMission::new(&scenario);
         let mut steps = Vec::new();
-        let found = Offline::search(&scenario, &nodes, &list.queues_bits(), &mut |progress| {
+        let found = Offline::search(&scenario, &nodes, &list.queues_bits(), &Stop::default(), &mut |progress| {
             steps.push(progress.steps);
             ControlFlow::Continue(())
         });
@@ -221,10 +297,17 @@ fn a_search_that_is_broken_off_finds_nothing() {
     let scenario = scenario_of(text, "offline", 1);
     let list = SensorList::of(&scenario).unwrap();
     let nodes = list.nodes();
-    let broken_off = Offline::search(&scenario, &nodes, &list.queues_bits(), &mut |progress| match progress.steps {
-        1_001.. => ControlFlow::Break(()),
-        _ => ControlFlow::Continue(()),
-    });
+    let broken_off =
+        Offline::search(
+            &scenario,
+            &nodes,
+            &list.queues_bits(),
+            &Stop::default(),
+            &mut |progress| match progress.steps {
+                1_001.. => ControlFlow::Break(()),
+                _ => ControlFlow::Continue(()),
+            },
+        );
     assert!(broken_off.unwrap().is_none());
 }
 

@@ -298,8 +298,10 @@ impl Study {
                     let least = best_known(common);
                     curves.push(curve(BEST_KNOWN, reference.clone(), &|point| least[&point].clone()));
                     curves.push(curve("lower bound", None, &values(Metric::LossBound)));
-                    let expected = missions_of(rows, 0, index).next().map(|row| row[Metric::ExpectedLossBound]);
-                    if expected.is_some_and(|bound| !bound.is_nan()) {
+                    let has_expected = |point: usize| {
+                        missions_of(rows, point, index).all(|row| !row[Metric::ExpectedLossBound].is_nan())
+                    };
+                    if (0..self.charts.len() * self.xs().len()).all(has_expected) {
                         curves.push(curve("expected lower bound", None, &values(Metric::ExpectedLossBound)));
                     }
                 }

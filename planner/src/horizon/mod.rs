@@ -1,8 +1,7 @@
 //! `horizon`: the plan of least predicted loss over many slots, improved in every slot and flown a slot at a time.
 //!
 //! A plan is a sequence of stops. [`flight`] says how it is flown, [`forecast`] what it loses, [`anneal`] how it is
-//! improved, [`start`] what it starts from. What never changes is in [`model`]: the sensor nodes in slots instead of
-//! bits, and the [`service_disk`]s to stop at, of which [`groups`] makes some. How the first slot becomes a decision is
+//! improved, [`start`] what it starts from. The sensor nodes in slots instead of bits are in [`model`], and the [`service_disk`]s to stop at, of which [`groups`] makes some. How the first slot becomes a decision is
 //! left to [`crate::strategies::horizon`].
 
 pub mod anneal;
@@ -22,7 +21,7 @@ pub mod states;
 #[cfg(test)]
 mod tests;
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
@@ -154,7 +153,7 @@ impl Horizon {
         }
     }
 
-    /// Takes up the carried plan at the slot of `view`, or makes one; `None` if no SN can lose data.
+    /// Resumes the carried plan at the slot of `view`, or makes one; `None` if no SN can lose data.
     #[must_use]
     pub fn forecast(&mut self, view: &View) -> Option<Forecast> {
         self.believe(view);
@@ -172,19 +171,13 @@ impl Horizon {
         Some(forecast)
     }
 
-    /// Whether no plan is carried from the slot before.
-    #[must_use]
-    pub fn is_new(&self) -> bool {
-        self.carried.is_empty()
-    }
-
     /// Whether the plan of `forecast` is known to lose no more than it must.
     #[must_use]
     pub fn is_optimal(&self, forecast: &Forecast) -> bool {
         forecast.loss_bits <= lower_bound(&self.model, &forecast.window)
     }
 
-    /// Replaces the plan by the stops of a `flight`, where each slot ends and whom it serves, if that loses less. These
+    /// Replaces the plan by the stops of a `flight`, where each slot ends and its schedule, if that loses less. These
     /// stops become disks of the model.
     pub fn offer(&mut self, forecast: &mut Forecast, flight: &[(Position, Vec<u32>)]) {
         let begun_bits = forecast.loss_bits;
@@ -220,11 +213,10 @@ impl Horizon {
         self.carried = forecast.stops();
     }
 
-    /// When a search of the slot of `view` that begins now is to end.
+    /// Longest that the planning of the slot of `view` may take; none where no clock paces the mission.
     #[must_use]
-    pub fn deadline(&self, view: &View) -> Option<Instant> {
-        let budget = self.budget.filter(|_| view.timing == Timing::Paced)?;
-        Instant::now().checked_add(budget)
+    pub fn budget(&self, view: &View) -> Option<Duration> {
+        self.budget.filter(|_| view.timing == Timing::Paced)
     }
 
     /// The sensors and their stops.

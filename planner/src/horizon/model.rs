@@ -319,8 +319,9 @@ fn best_capacities_bits(scenario: &Scenario, channel: &Channel, model: &LineOfSi
     let taken_bits = |rate_bps: f64| channel.capacity_bits(rate_bps).min(buffer_bits) as f64;
     let expected_bits = |d2_m2: f64, z_m: f64| {
         let probability = model.los_probability(d2_m2, z_m);
-        probability * taken_bits(model.los_rate_bps(d2_m2, z_m))
-            + (1.0 - probability) * taken_bits(model.nlos_rate_bps(d2_m2, z_m))
+        let hidden_bits = taken_bits(model.nlos_rate_bps(d2_m2, z_m));
+        // In this form the mean of two equal numbers is that number.
+        hidden_bits + probability * (taken_bits(model.los_rate_bps(d2_m2, z_m)) - hidden_bits)
     };
     let level_bits = |level: u32| -> [f64; TABLE + 1] {
         let z_m = low_m + (high_m - low_m) * f64::from(level) / f64::from(LEVELS);

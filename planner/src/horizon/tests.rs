@@ -404,7 +404,7 @@ fn a_free_altitude_is_foreseen_as_one_that_the_uav_can_keep() {
         let rates_bps = [los.los_rate_bps(d2_m2, z_m), los.nlos_rate_bps(d2_m2, z_m)];
         let [seen, hidden] = rates_bps.map(|rate_bps| channel.capacity_bits(rate_bps).min(30_000) as f64);
         let probability = los.los_probability(d2_m2, z_m);
-        probability * seen + (1.0 - probability) * hidden
+        hidden + probability * (seen - hidden)
     };
     let explains = |level: &u32| {
         let z_m = climb.min_altitude_m + range_m * f64::from(*level) / 16.0;

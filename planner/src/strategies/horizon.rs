@@ -14,7 +14,7 @@ use skysink_common::scenario::Count;
 
 use super::planned_flight::PlannedFlight;
 use super::rivals::{Rivals, Surveyed};
-use super::rollout::{Ahead, is_certain};
+use super::rollout::{Ahead, Effort, is_certain};
 use super::serving::Serving;
 use super::{Decision, Registered, Setup, Strategy, View, checked};
 use crate::horizon::forecast::{Forecast, PlanningWindow};
@@ -75,6 +75,12 @@ impl From<BudgetMs> for Duration {
 /// Most slots that are looked ahead: the whole mission of the UTS letter (arXiv 2103.00753).
 const MOST_SLOTS: u64 = 600;
 
+/// When the rollouts before the first search end, as a fraction of the budget.
+const SURVEY_END: f64 = 0.3;
+
+/// When the search ends, as a fraction of the budget; the rest is for the comparison.
+const SEARCH_END: f64 = 0.7;
+
 /// A plan over many slots and the other strategies, and who of them flies the next slot.
 pub(super) struct LookAhead {
     horizon: Horizon,
@@ -124,6 +130,11 @@ impl LookAhead {
         is_certain(view) && self.horizon.is_optimal(forecast)
     }
 
+    /// Whether others can be rolled out; not in missions of too many SNs and slots.
+    fn is_affordable(&self, view: &View, forecast: &Forecast) -> bool {
+        Effort::of(view, self.ahead(forecast).slots, 0.0).is_affordable
+    }
+
     fn ahead(&self, forecast: &Forecast) -> Ahead {
         let PlanningWindow { slots, beyond_slots, .. } = forecast.window;
         Ahead { slots: slots as u64, beyond_slots, round_slots: self.horizon.model().round_slots }
@@ -131,7 +142,7 @@ impl LookAhead {
 
     /// Rolls out the other strategies, and offers the best flights as plans to start from; returns the best of them.
     fn survey(&mut self, view: &View, forecast: &mut Forecast, is_over: &dyn Fn() -> bool) -> Option<Surveyed> {
-        if self.is_settled(view, forecast) {
+        if self.is_settled(view, forecast) || !self.is_affordable(view, forecast) {
             return None;
         }
         let surveyed = self.rivals.survey(view, &self.ahead(forecast), is_over);
@@ -143,7 +154,7 @@ impl LookAhead {
 
     /// Chooses between the plan and the other strategies, the best of them `surveyed` or not.
     fn compare(&mut self, view: &View, forecast: &Forecast, surveyed: Option<&Surveyed>, is_over: &dyn Fn() -> bool) {
-        if self.is_settled(view, forecast) {
+        if self.is_settled(view, forecast) || !self.is_affordable(view, forecast) {
             self.rivals.leave();
             return;
         }
@@ -174,13 +185,17 @@ impl Strategy for LookAhead {
     /// Improves the plan, and decides its first slot, or that of the strategy that is predicted to lose less; `None` if
     /// no SN that can lose data can be reached.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-        let deadline = self.horizon.deadline(view);
-        let is_over = || view.stop.requested().is_some() || deadline.is_some_and(|deadline| Instant::now() >= deadline);
-        let is_new = self.horizon.is_new();
+        // What a budget leaves is divided: rollouts of all before the search, the search, and the comparison.
+        let budget = self.horizon.budget(view).map(|budget| (Instant::now(), budget));
+        let is_over_at = |fraction: f64| {
+            let is_late = move |(begin, budget): (Instant, Duration)| begin.elapsed() >= budget.mul_f64(fraction);
+            move || view.stop.requested().is_some() || budget.is_some_and(is_late)
+        };
         let mut forecast = self.horizon.forecast(view)?;
-        let surveyed = if is_new { self.survey(view, &mut forecast, &is_over) } else { None };
-        self.horizon.search(view, &mut forecast, is_over);
-        self.compare(view, &forecast, surveyed.as_ref(), &is_over);
+        let surveyed =
+            if self.rivals.is_surveyed() { None } else { self.survey(view, &mut forecast, &is_over_at(SURVEY_END)) };
+        self.horizon.search(view, &mut forecast, is_over_at(SEARCH_END));
+        self.compare(view, &forecast, surveyed.as_ref(), &is_over_at(1.0));
         self.decide(view, &forecast)
     }
 

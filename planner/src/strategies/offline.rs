@@ -73,7 +73,7 @@ impl Offline {
     /// strategy and what was found. Without this call the first slot runs it.
     ///
     /// `None`, and nothing is planned, if no sensor node that can lose data can be reached, or if `watch`, which is
-    /// told now and then how far the search is, ends it.
+    /// told now and then how far the search is, ends it. `stop` ends what comes before and after the search.
     ///
     /// # Errors
     /// If a value of `[planner]` is refused; never for a scenario that was resolved.
@@ -81,12 +81,12 @@ impl Offline {
         scenario: &Scenario,
         sensors: &[SensorNode],
         queues_bits: &[u32],
+        stop: &Stop,
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
     ) -> Result<Option<(Self, Found)>, InputError> {
         let table = &SensorTable::new(scenario, sensors);
         let mut offline = Self::of(scenario, sensors)?;
         let position = scenario.start();
-        let stop = &Stop::default();
         let view = View { slot: 1, position, queues_bits, estimate: None, table, timing: Timing::Free, stop };
         Ok(offline.prepare(&view, watch).map(|found| (offline, found)))
     }

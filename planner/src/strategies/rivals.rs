@@ -12,7 +12,7 @@ use skysink_common::scenario::Scenario;
 
 use super::rollout::{Ahead, Effort, FlownSlot, Rollout, is_certain};
 use super::serving::Serving;
-use super::{Decision, STRATEGIES, Setup, Strategy, View};
+use super::{Decision, Registered, STRATEGIES, Setup, Strategy, View};
 use crate::keys::Settings;
 use crate::sensor_table::SensorTable;
 
@@ -41,14 +41,17 @@ pub(super) struct Rivals {
 /// What is carried from slot to slot.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct RivalChoice {
+    /// Whether all were rolled out once.
+    is_surveyed: bool,
     /// Which one is followed, and its state; none while the look-ahead's own plan is flown.
-    followed: Option<(usize, Vec<u8>)>,
-    /// Which one is rolled out next.
+    followed: Option<(&'static Registered, Vec<u8>)>,
+    /// Which one was rolled out last, as an index below the number of strategies.
     turn: usize,
 }
 
 /// A strategy, and its state before it has planned anything.
 struct Rival {
+    registered: &'static Registered,
     strategy: Box<dyn Strategy>,
     fresh: Vec<u8>,
 }
@@ -73,13 +76,13 @@ impl Rivals {
         let table = SensorTable::new(&self.scenario, &self.sensors);
         let Self { scenario, sensors, .. } = self;
         let setup = Setup { scenario, settings: &settings, sensors, table: &table, estimate: None };
-        let rival = |make: fn(&Setup<'_>) -> Box<dyn Strategy>| {
-            let strategy = make(&setup);
+        let rival = |registered: &'static Registered| {
+            let strategy = (registered.make)(&setup);
             let mut fresh = Vec::new();
             strategy.save(&mut fresh);
-            Rival { strategy, fresh }
+            Rival { registered, strategy, fresh }
         };
-        self.made = STRATEGIES.iter().filter(|other| !other.has_path).map(|other| rival(other.make)).collect();
+        self.made = STRATEGIES.into_iter().filter(|other| !other.has_path).map(rival).collect();
         self.transit = Some(Serving::new(&setup));
     }
 
@@ -91,12 +94,13 @@ impl Rivals {
     /// Restores what was saved.
     ///
     /// # Errors
-    /// If it follows nobody known, or in a state that cannot be.
+    /// If it follows a strategy that is no candidate, or in a state that cannot be.
     pub fn restore(&mut self, choice: RivalChoice) -> Result<(), CheckpointError> {
-        if let Some((index, state)) = &choice.followed {
+        CheckpointError::unless(choice.turn < STRATEGIES.len(), "the turn of a strategy")?;
+        if let Some((followed, state)) = &choice.followed {
             self.make();
-            let rival = self.made.get_mut(*index);
-            CheckpointError::unless(rival.is_some(), "a strategy of the registry")?;
+            let rival = self.made.iter_mut().find(|rival| rival.registered == *followed);
+            CheckpointError::unless(rival.is_some(), "a strategy that does not look ahead")?;
             rival.map_or(Ok(()), |rival| rival.strategy.restore(state))?;
         }
         self.choice = choice;
@@ -108,16 +112,22 @@ impl Rivals {
         self.choice.followed = None;
     }
 
+    /// Whether all were rolled out once, so that those in turn are enough.
+    pub fn is_surveyed(&self) -> bool {
+        self.choice.is_surveyed
+    }
+
     /// Rolls out all of them over `ahead`; the best few, the best first, with their flights in one future, to start
     /// plans from.
     pub fn survey(&mut self, view: &View, ahead: &Ahead, is_over: &dyn Fn() -> bool) -> Vec<Surveyed> {
         self.make();
+        self.choice.is_surveyed = true;
         let Self { scenario, sensors, made, transit, .. } = self;
         let futures = Effort::of(view, ahead.slots, SURVEYED_US).futures;
         let rollout = Rollout::new(view, scenario, sensors, ahead, futures);
         let transit = transit.as_mut().expect("it was made");
         let mut surveyed: Vec<Surveyed> = Vec::new();
-        for (rival, Rival { strategy, fresh }) in made.iter_mut().enumerate() {
+        for (rival, Rival { strategy, fresh, .. }) in made.iter_mut().enumerate() {
             let reset = |strategy: &mut dyn Strategy| strategy.restore(fresh).expect("a state of its own");
             let mut flight = Vec::new();
             let watch = |slot: FlownSlot| flight.push((slot.waypoint.xy(), slot.ids.to_vec()));
@@ -132,8 +142,9 @@ impl Rivals {
         surveyed
     }
 
-    /// Chooses who flies the slot of `view`: the look-ahead's `own` plan, who was followed before, the best of those
-    /// `surveyed`, or whose turn it is to be compared. Where the plan loses nothing, that is flown.
+    /// Chooses who flies the slot of `view`: the look-ahead's `own` plan, who was followed before, or the best of those
+    /// just `surveyed`, else whose turn it is to be compared. Where the plan loses nothing, that is flown. Once `is_over`,
+    /// whoever was followed still is.
     pub fn choose(
         &mut self,
         view: &View,
@@ -143,49 +154,49 @@ impl Rivals {
         is_over: &dyn Fn() -> bool,
     ) {
         self.make();
-        let Self { scenario, sensors, made, transit, choice } = self;
         let compared_us = compared_us(view);
         let most_us = if surveyed.is_some() { SURVEYED_US } else { compared_us / COMPARED };
         let effort = Effort::of(view, ahead.slots, most_us);
+        let candidates = match surveyed {
+            Some(best) => vec![(best.rival, self.made[best.rival].fresh.clone())],
+            None => self.candidates((compared_us / effort.cost_us - (COMPARED - 1.0)).max(1.0) as usize),
+        };
+        let Self { scenario, sensors, made, transit, choice } = self;
         let rollout = Rollout::new(view, scenario, sensors, ahead, effort.futures);
         let transit = transit.as_mut().expect("it was made");
         let Some(mut least_bits) = rollout.mean_loss_bits(own, |_| (), transit, f64::INFINITY, is_over, |_| ()) else {
             return;
         };
         let mut best = None;
-        if least_bits > 0.0 {
-            if let Some((rival, state)) = choice.followed.take() {
-                let reset = |strategy: &mut dyn Strategy| strategy.restore(&state).expect("a state of its own");
-                let strategy = made[rival].strategy.as_mut();
-                if let Some(loss_bits) = rollout.mean_loss_bits(strategy, reset, transit, least_bits, is_over, |_| ())
-                    && loss_bits < least_bits
-                {
-                    least_bits = loss_bits;
-                    best = Some((rival, state));
-                }
+        for (rival, state) in candidates {
+            if least_bits == 0.0 {
+                break;
             }
-            if let Some(Surveyed { rival, loss_bits, .. }) = surveyed {
-                if *loss_bits < least_bits {
-                    best = Some((*rival, made[*rival].fresh.clone()));
-                }
-            } else {
-                let compared = (compared_us / effort.cost_us - 2.0).clamp(1.0, made.len() as f64) as usize;
-                for _ in 0..compared {
-                    choice.turn = (choice.turn + 1) % made.len();
-                    let Rival { strategy, fresh } = &mut made[choice.turn];
-                    let reset = |strategy: &mut dyn Strategy| strategy.restore(fresh).expect("a state of its own");
-                    let strategy = strategy.as_mut();
-                    if let Some(loss_bits) =
-                        rollout.mean_loss_bits(strategy, reset, transit, least_bits, is_over, |_| ())
-                        && loss_bits < least_bits
-                    {
-                        least_bits = loss_bits;
-                        best = Some((choice.turn, fresh.clone()));
-                    }
-                }
+            let reset = |strategy: &mut dyn Strategy| strategy.restore(&state).expect("a state of its own");
+            let strategy = made[rival].strategy.as_mut();
+            if let Some(loss_bits) = rollout.mean_loss_bits(strategy, reset, transit, least_bits, is_over, |_| ())
+                && loss_bits < least_bits
+            {
+                least_bits = loss_bits;
+                best = Some((made[rival].registered, state));
             }
         }
-        choice.followed = best;
+        if !is_over() {
+            choice.followed = best;
+        }
+    }
+
+    /// Who is followed, with its state, and the next `turns` of the others, before they have planned anything.
+    fn candidates(&mut self, turns: usize) -> Vec<(usize, Vec<u8>)> {
+        let Self { made, choice, .. } = self;
+        let index = |followed| made.iter().position(|rival| rival.registered == followed).expect("it was made");
+        let followed = choice.followed.iter().map(|(followed, state)| (index(*followed), state.clone()));
+        let mut candidates: Vec<(usize, Vec<u8>)> = followed.collect();
+        for _ in 0..turns.min(made.len()) {
+            choice.turn = (choice.turn + 1) % made.len();
+            candidates.push((choice.turn, made[choice.turn].fresh.clone()));
+        }
+        candidates
     }
 
     /// Whether candidates are compared in the slot of `view`: so seldom that rollouts cost about as much in every slot.
@@ -203,8 +214,8 @@ impl Rivals {
 
     /// The decision of the one that is followed.
     pub fn plan(&mut self, view: &View) -> Option<Decision> {
-        let (rival, state) = self.choice.followed.as_mut()?;
-        let strategy = &mut self.made[*rival].strategy;
+        let (followed, state) = self.choice.followed.as_mut()?;
+        let strategy = &mut self.made.iter_mut().find(|rival| rival.registered == *followed)?.strategy;
         strategy.restore(state).expect("a state of its own");
         let decision = strategy.plan(view);
         state.clear();
@@ -222,6 +233,43 @@ fn compared_us(view: &View) -> f64 {
 pub(super) struct Surveyed {
     rival: usize,
     loss_bits: f64,
-    /// Where its slots end, and whom they serve.
+    /// Where its slots end, and their schedules.
     pub flight: Vec<(Position, Vec<u32>)>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::strategies::{horizon, max_age_first};
+    use skysink_common::checkpoint::encode;
+    use skysink_common::scenario::Overrides;
+
+    #[test]
+    fn a_choice_of_another_mission_is_refused() {
+        let scenario = Scenario::letter(Overrides::default()).unwrap();
+        let sensors = [SensorNode { x_m: 50.0, y_m: 50.0, gain: 1e-5, ..SensorNode::default() }; 2];
+        let table = &SensorTable::new(&scenario, &sensors);
+        let settings = &Settings::of(&scenario).unwrap();
+        let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table, estimate: None };
+        let ages = |count: usize| {
+            let mut state = Vec::new();
+            encode(&vec![7u32; count], &mut state);
+            state
+        };
+        let follow = |followed, state| RivalChoice { followed: Some((followed, state)), ..RivalChoice::default() };
+        for choice in [
+            follow(&max_age_first::STRATEGY, ages(3)), // of three SNs
+            follow(&horizon::STRATEGY, Vec::new()),    // looks ahead itself
+            RivalChoice { turn: usize::MAX, ..RivalChoice::default() },
+        ] {
+            let mut rivals = Rivals::new(&setup);
+            assert!(rivals.restore(choice).is_err());
+            assert_eq!(*rivals.choice(), RivalChoice::default());
+        }
+        let mut rivals = Rivals::new(&setup);
+        rivals.restore(follow(&max_age_first::STRATEGY, ages(2))).unwrap();
+        assert!(rivals.is_following());
+        rivals.leave();
+        assert_eq!(*rivals.choice(), RivalChoice::default());
+    }
 }

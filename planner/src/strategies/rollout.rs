@@ -56,6 +56,9 @@ const LEAST_SLOTS: f64 = 960.0;
 /// Least number of futures where not all is known.
 const LEAST_FUTURES: f64 = 3.0;
 
+/// Longest that one future may take [µs], about: some 10^7 SNs times slots. Longer missions are not rolled out.
+const MOST_US: f64 = 200_000.0;
+
 /// How a rollout goes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Effort {
@@ -63,6 +66,8 @@ pub(super) struct Effort {
     pub futures: u32,
     /// What all of them take together [µs], by the SNs in sight; an estimate that reads no clock.
     pub cost_us: f64,
+    /// Whether a rollout is worth its time.
+    pub is_affordable: bool,
 }
 
 impl Effort {
@@ -83,7 +88,7 @@ impl Effort {
         } else {
             (most_us / future_us).max(LEAST_SLOTS / slots as f64).clamp(LEAST_FUTURES, MOST_FUTURES).floor()
         };
-        Self { futures: futures as u32, cost_us: future_us * futures }
+        Self { futures: futures as u32, cost_us: future_us * futures, is_affordable: future_us <= MOST_US }
     }
 }
 
