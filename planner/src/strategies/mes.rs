@@ -179,8 +179,8 @@ mod tests {
             let [x_m, y_m] = waypoint(weight, &sensors, &queues_bits).unwrap();
             let away = [sensors[best][0] - 50.0, sensors[best][1] - 50.0];
             let flown = [x_m - 50.0, y_m - 50.0];
-            let share = (30.0 / away[0].hypot(away[1])).min(1.0);
-            prop_assert!((flown[0] - share * away[0]).abs() < 1e-9 && (flown[1] - share * away[1]).abs() < 1e-9);
+            let fraction = (30.0 / away[0].hypot(away[1])).min(1.0);
+            prop_assert!((flown[0] - fraction * away[0]).abs() < 1e-9 && (flown[1] - fraction * away[1]).abs() < 1e-9);
         }
     }
 }
