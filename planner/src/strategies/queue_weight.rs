@@ -136,7 +136,8 @@ impl Objective {
     /// The objective [bit²] at `uav`, with the SNs that contribute `terms_bits2`.
     fn value(&self, view: &View, uav: &Point3<f64>, terms_bits2: impl Iterator<Item = u64>) -> f64 {
         let sum_bits2: u128 = terms_bits2.map(u128::from).sum();
-        sum_bits2 as f64 - self.price_bits2_per_j * self.energy_j(view, uav)
+        let price = if self.price_bits2_per_j > 0.0 { self.price_bits2_per_j * self.energy_j(view, uav) } else { 0.0 };
+        sum_bits2 as f64 - price
     }
 
     /// The same with the SNs `ids`.

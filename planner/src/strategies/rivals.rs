@@ -28,6 +28,9 @@ const COMPARED_US: [f64; 2] = [6_000.0, 30_000.0];
 /// Rollouts in a slot at least: of the plan, of the strategy that is followed, and of another.
 const COMPARED: f64 = 3.0;
 
+/// How many times as seldom a plan is compared that lost nothing.
+const LOSSLESS_PERIOD: f64 = 3.0;
+
 /// The candidates of a mission.
 pub(super) struct Rivals {
     scenario: Scenario,
@@ -45,6 +48,8 @@ pub(super) struct RivalChoice {
     is_surveyed: bool,
     /// Which one is followed, and its state; none while the look-ahead's own plan is flown.
     followed: Option<(&'static Registered, Vec<u8>)>,
+    /// Whether the plan lost nothing when it was last compared.
+    is_lossless: bool,
     /// Which one was rolled out last, as an index below the number of strategies.
     turn: usize,
 }
@@ -168,6 +173,7 @@ impl Rivals {
             return;
         };
         let mut best = None;
+        choice.is_lossless = least_bits == 0.0;
         for (rival, state) in candidates {
             if least_bits == 0.0 {
                 break;
@@ -203,7 +209,8 @@ impl Rivals {
     pub fn is_due(&self, view: &View, ahead: &Ahead) -> bool {
         let compared_us = compared_us(view);
         let cost_us = COMPARED * Effort::of(view, ahead.slots, compared_us / COMPARED).cost_us;
-        let period_slots = (cost_us / compared_us).ceil();
+        let seldom = if self.choice.is_lossless { LOSSLESS_PERIOD } else { 1.0 };
+        let period_slots = (cost_us / compared_us).ceil() * seldom;
         view.slot.is_multiple_of(period_slots as u64)
     }
 
