@@ -247,7 +247,7 @@ fn looking_ahead_is_no_worse_than_strategies_of_one_slot_that_hover() {
     for (text, list) in cases {
         let mean = |strategy| {
             let mission = |seed| {
-                let scenario = scenario_of(&format!("{text}horizon.iterations = 200\n"), strategy, seed);
+                let scenario = scenario_of(&text, strategy, seed);
                 let list = SensorList::parse(list, Path::new("list.csv"), &scenario).unwrap();
                 TestMission::over(&scenario, &list).loss_rate()
             };

@@ -117,7 +117,7 @@ impl<'a> Rollout<'a> {
             view,
             sensors,
             mean_bits: (0..).zip(sensors).map(mean_bits).collect(),
-            last_slot: view.slot + ahead.slots - 1,
+            last_slot: view.slot.saturating_add(ahead.slots - 1),
             beyond_slots: ahead.beyond_slots,
             round_slots: ahead.round_slots,
             streams: Streams::new(scenario.seed),
@@ -171,7 +171,7 @@ impl<'a> Rollout<'a> {
         let mut lost_bits = 0.0;
         for slot in self.view.slot..=self.last_slot {
             if let Some(estimate) = &mut estimate {
-                estimate.believe(slot - 1);
+                estimate.believe(slot.saturating_sub(1));
             }
             let estimated = estimate.as_ref();
             let queues_bits = estimated.map_or(&world.queues_bits[..], Estimate::queues_bits);
@@ -214,7 +214,7 @@ impl<'a> Rollout<'a> {
             return world;
         };
         for ((id, queue_bits), mean_bits) in (0..).zip(&mut world.queues_bits).zip(&mut world.mean_bits) {
-            let uncertain = estimate.uncertainty(self.view.slot - 1, id);
+            let uncertain = estimate.uncertainty(self.view.slot.saturating_sub(1), id);
             let [rate, initial] = random.random::<[f64; 2]>().map(|fraction| 2.0 * fraction - 1.0);
             if uncertain.rate == 0.0 && uncertain.initial_bits == 0.0 {
                 continue;
@@ -253,7 +253,7 @@ impl World {
     fn sample(&mut self, slot: u64, sensors: &[SensorNode]) -> u64 {
         let mut lost_bits = 0;
         for ((queue_bits, mean_bits), sensor) in self.queues_bits.iter_mut().zip(&self.mean_bits).zip(sensors) {
-            let all_bits = u64::from(*queue_bits) + bits_between(*mean_bits, slot - 1, slot);
+            let all_bits = u64::from(*queue_bits) + bits_between(*mean_bits, slot.saturating_sub(1), slot);
             let stored_bits = all_bits.min(u64::from(sensor.capacity_bits));
             lost_bits += all_bits - stored_bits;
             *queue_bits = stored_bits as u32;
