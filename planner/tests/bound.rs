@@ -33,7 +33,7 @@ fn bound_of(scenario: &Scenario, list: &SensorList) -> MissionBound {
 }
 
 /// Flies random missions by all of [`FLOWN`], and counts those in which the bound says something.
-fn fly_random_missions(seeds: std::ops::RangeInclusive<u64>) -> [u64; 3] {
+fn fly_random_missions(seeds: std::ops::RangeInclusive<u64>, horizon_every: u64) -> [u64; 3] {
     let mut above_zero = 0;
     let mut met = 0;
     let mut violated = 0;
@@ -42,7 +42,8 @@ fn fly_random_missions(seeds: std::ops::RangeInclusive<u64>) -> [u64; 3] {
         let mut least_bits = u64::MAX;
         let list = SensorList::of(&scenario_of(&text, "gfs", seed)).unwrap();
         let bound = bound_of(&scenario_of(&text, "gfs", seed), &list);
-        for strategy in FLOWN {
+        let is_flown = |strategy: &&str| *strategy != "horizon" || seed.is_multiple_of(horizon_every);
+        for strategy in FLOWN.into_iter().filter(is_flown) {
             let lost_bits = flown_bits(&scenario_of(&text, strategy, seed), &list);
             least_bits = least_bits.min(lost_bits);
             if lost_bits < bound.loss_bits {
@@ -61,7 +62,7 @@ fn fly_random_missions(seeds: std::ops::RangeInclusive<u64>) -> [u64; 3] {
 
 #[test]
 fn no_flight_of_a_random_mission_loses_less_than_the_bound() {
-    let [above_zero, met, violated] = fly_random_missions(1..=200);
+    let [above_zero, met, violated] = fly_random_missions(1..=200, 5);
     assert_eq!(violated, 0, "see above");
     assert!(above_zero >= 80 && met >= 10, "the bound is above 0 in {above_zero}, and met in {met}");
 }
@@ -70,7 +71,7 @@ fn no_flight_of_a_random_mission_loses_less_than_the_bound() {
 #[test]
 #[ignore = "takes a minute"]
 fn no_flight_of_another_thousand_random_missions_does() {
-    let [above_zero, met, violated] = fly_random_missions(1_001..=2_000);
+    let [above_zero, met, violated] = fly_random_missions(1_001..=2_000, 1);
     eprintln!("bound above 0 in {above_zero} of 1 000, met by a flight in {met}, {violated} violations");
     assert_eq!(violated, 0, "see above");
 }

@@ -1,8 +1,9 @@
 //! `horizon`: the plan of least predicted loss over many slots, improved in every slot and flown a slot at a time.
 //!
 //! A plan is a sequence of stops. [`flight`] says how it is flown, [`forecast`] what it loses, [`anneal`] how it is
-//! improved, [`start`] what it starts from. The sensor nodes in slots instead of bits are in [`model`], and the [`service_disk`]s to stop at, of which [`groups`] makes some. How the first slot becomes a decision is
-//! left to [`crate::strategies::horizon`].
+//! improved, [`start`] what it starts from. The sensor nodes in slots instead of bits are in [`model`], and the
+//! [`service_disk`]s to stop at, of which [`groups`] makes some. How a slot of it becomes a decision, and when another
+//! strategy decides, is left to [`crate::strategies::horizon`].
 
 pub mod anneal;
 pub mod bound;

@@ -32,8 +32,8 @@ impl Strategy for PlannedFlight<'_> {
     }
 }
 
-/// The waypoint of a planned slot: where its links limit what it collects, or may be out of sight, as far toward the best
-/// point to serve from (sP2*) as the next stop stays in reach in time.
+/// The waypoint of a planned slot: where its links limit what it collects, or may be out of sight, as far toward the
+/// best point to serve from (sP2*) as the next stop stays in reach in time.
 fn between_stops(serving: &mut Serving, view: &View, next: &PlannedSlot) -> (Position, SolverOutcome) {
     let above = serving.above(view, &next.waypoint, &next.ids);
     let queued_bits: u64 = next.ids.iter().map(|&id| u64::from(view.queues_bits[id as usize])).sum();

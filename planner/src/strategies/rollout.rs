@@ -1,8 +1,8 @@
 //! Rollout: what a strategy is predicted to lose from a slot to the mission's end, by flying it ahead.
 //!
-//! Queues grow as is known or believed, links carry what their channel is drawn to in futures of the rollout's own: the
-//! planner knows the channel, never its draws. Sampling, overflow and upload are in whole bits, in the order of decision
-//! D1. So where channel, queues and rates are known, the prediction is what the mission will be.
+//! Queues grow as is known or believed, links carry what their channel is drawn to in futures of the rollout's own:
+//! the planner knows the channel, never its draws. Sampling, overflow and upload are in whole bits, in the order of
+//! decision D1. So where channel, queues and rates are known, the prediction is what the mission will be.
 
 use arrayvec::ArrayVec;
 use nalgebra::Point3;
@@ -354,7 +354,8 @@ mod tests {
     fn rates_that_are_not_known_are_drawn_from_what_is_believed() {
         // Rates of 0 to 200 bit/s, whatever the SN's own; 13 bit a slot go up. From a full queue at the mean rate
         // slots 2 to 40 lose 87 bit each; at the ends 0 or 187.
-        let keys = "[sensors]\nsampling_bps = [0.0, 200.0]\ninitial_queue_mean_bits = 1000.0\n                    [link]\nbandwidth_hz = 10.0\n[planner]\nknowledge = 'estimated'\nrates = 'learnt'\n";
+        let keys = "[sensors]\nsampling_bps = [0.0, 200.0]\ninitial_queue_mean_bits = 1000.0\n\
+                    [link]\nbandwidth_hz = 10.0\n[planner]\nknowledge = 'estimated'\nrates = 'learnt'\n";
         let one = hovering(keys, 77.0, 1_000, [40, 0], 1);
         let lost_bits = hovering(keys, 77.0, 1_000, [40, 0], 32);
         assert_ne!(one, lost_bits);
