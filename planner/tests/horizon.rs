@@ -51,7 +51,7 @@ fn texts() -> impl Generator<Value = String> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(60))]
+    #![proptest_config(ProptestConfig::with_cases(24))]
 
     #[test]
     fn flight_sim_refuses_nothing_and_a_restarted_planner_flies_the_same(
