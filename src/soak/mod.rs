@@ -25,8 +25,8 @@ use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Summary;
 use skysink_mission::trace::TraceHash;
 
-/// How often the processes are measured.
-const MEASURE_EVERY: Duration = Duration::from_millis(50);
+/// How often it is looked whether a kill is due or, in the calm half, how large the processes are.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
 
 /// File descriptors by which a process may differ from itself.
 const FD_SLACK: u64 = 2;
@@ -91,18 +91,20 @@ fn undisturbed(run: &Run, stop: &Stop) -> Result<u64, Error> {
 fn disturb(scenario: &Scenario, kill_every: Duration, table: &ProcessTable, over: &AtomicBool) -> Seen {
     let mut seen = Seen::default();
     let mut random = ChaCha8Rng::seed_from_u64(scenario.seed);
-    let (calm, mut measured) = (scenario.slots / 2, Instant::now());
+    let mut kill_at = Instant::now();
     while !over.load(Ordering::Relaxed) {
+        std::thread::sleep(LOOK_EVERY);
         let slot = table.slot.load(Ordering::Relaxed);
-        if slot >= calm {
-            std::thread::sleep(MEASURE_EVERY.saturating_sub(measured.elapsed()));
-            measured = Instant::now();
-            if !over.load(Ordering::Relaxed) && slot < scenario.slots {
+        if slot >= scenario.slots / 2 {
+            if slot < scenario.slots {
                 measure(table, slot, &mut seen);
             }
             continue;
         }
-        std::thread::sleep(kill_every.mul_f64(-(1.0 - random.random::<f64>()).ln())); // a Poisson process
+        if Instant::now() < kill_at {
+            continue;
+        }
+        kill_at += kill_every.mul_f64(-(1.0 - random.random::<f64>()).ln()); // a Poisson process
         let ids = table.ids();
         let living: Vec<_> = ids.iter().collect();
         if slot > 0 && !living.is_empty() {
