@@ -86,6 +86,15 @@ impl Channel {
         }
     }
 
+    /// Whether what a link carries is drawn in every slot.
+    #[must_use]
+    pub fn is_random(&self) -> bool {
+        match self {
+            Self::FreeSpace(model) => model.redrawn_db.is_some(),
+            Self::LineOfSight(_) => true,
+        }
+    }
+
     /// Expected rate [bit/s] of one uplink.
     #[must_use]
     #[inline]

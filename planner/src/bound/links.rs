@@ -53,10 +53,7 @@ impl BestLinks {
     /// Whether the channel changes by random draws.
     #[must_use]
     pub fn are_random(&self) -> bool {
-        match &self.channel {
-            Channel::FreeSpace(model) => model.redrawn_db.is_some(),
-            Channel::LineOfSight(_) => true,
-        }
+        self.channel.is_random()
     }
 
     /// Whole bits that the link of the SN at `index` carries in `slot` at most.

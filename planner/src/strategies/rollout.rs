@@ -264,15 +264,7 @@ impl World {
 
 /// Whether links, queues and rates are known.
 pub(super) fn is_certain(view: &View) -> bool {
-    view.estimate.is_none() && !is_random(&view.table.channel)
-}
-
-/// Whether what a link carries is drawn in every slot.
-fn is_random(channel: &Channel) -> bool {
-    match channel {
-        Channel::FreeSpace(model) => model.redrawn_db.is_some(),
-        Channel::LineOfSight(_) => true,
-    }
+    view.estimate.is_none() && !view.table.channel.is_random()
 }
 
 #[cfg(test)]
