@@ -10,7 +10,7 @@ use std::process::ExitCode;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
-use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::scenario::{Overrides, Scenario, Setting};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
@@ -56,12 +56,15 @@ enum Command {
     Check {
         /// Scenario file.
         scenario: PathBuf,
+        #[command(flatten)]
+        changes: Changes,
     },
     /// Fly a mission in one process.
     #[command(after_help = "\
 Examples:
   skysink simulate scenarios/letter.toml
-  skysink simulate scenarios/sparse.toml --strategy gfs --seed 3 --record")]
+  skysink simulate scenarios/sparse.toml --strategy gfs --seed 3 --record
+  skysink simulate scenarios/letter.toml --set link.bandwidth_hz=5e3")]
     Simulate {
         /// Scenario file.
         scenario: PathBuf,
@@ -105,16 +108,32 @@ struct Choice {
     /// Strategy, instead of the scenario's.
     #[arg(long, value_parser = strategy_parser())]
     strategy: Option<&'static str>,
-    /// Seed, instead of the scenario's.
-    #[arg(long, value_parser = seed_parser())]
-    seed: Option<u64>,
+    #[command(flatten)]
+    changes: Changes,
     #[command(flatten)]
     folder: NewFolder,
 }
 
 impl Choice {
     fn overrides(&self) -> Overrides {
-        Overrides { seed: self.seed, strategy: self.strategy, slots: None }
+        Overrides { strategy: self.strategy, ..self.changes.overrides() }
+    }
+}
+
+/// What every command that takes a scenario lets change in it.
+#[derive(Debug, Clone, Args)]
+struct Changes {
+    /// Seed, instead of the scenario's.
+    #[arg(long, value_parser = seed_parser())]
+    seed: Option<u64>,
+    /// Any key of the scenario, such as link.bandwidth_hz=5e3 (repeatable).
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    keys: Vec<Setting>,
+}
+
+impl Changes {
+    fn overrides(&self) -> Overrides {
+        Overrides { seed: self.seed, keys: self.keys.clone(), ..Overrides::default() }
     }
 }
 
@@ -165,7 +184,7 @@ fn usage(message: &clap::Error) -> ExitCode {
 
 fn command(command: Command, stop: &Stop) -> Result<(), Error> {
     let (folder, summary) = match command {
-        Command::Check { scenario } => return check(&scenario),
+        Command::Check { scenario, changes } => return check(&scenario, changes.overrides()),
         Command::Simulate { scenario, choice, record } => {
             let scenario = Scenario::read(&scenario, choice.overrides()).and_then(settings::resolve)?;
             let list = SensorList::of(&scenario)?;
@@ -184,8 +203,8 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
     report::print_run(&folder, &summary)
 }
 
-fn check(path: &Path) -> Result<(), Error> {
-    let scenario = Scenario::read(path, Overrides::default()).and_then(settings::resolve)?;
+fn check(path: &Path, overrides: Overrides) -> Result<(), Error> {
+    let scenario = Scenario::read(path, overrides).and_then(settings::resolve)?;
     let list = SensorList::of(&scenario)?;
     report::print(format_args!("# {}: {} sensor nodes", path.display(), list.sensors().len()))?;
     report::print(scenario.to_toml().trim_end())

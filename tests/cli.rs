@@ -198,6 +198,28 @@ fn check_prints_every_default_and_its_output_is_a_scenario() {
 }
 
 #[test]
+fn any_key_can_be_set_from_the_command_line() {
+    let place = Place::new();
+    place.write("a.toml", "name = \"a\"\nslots = 30\n");
+    place.write("b.toml", "name = \"b\"\nslots = 40\n[link]\nbandwidth_hz = 5e3\n[planner]\nstrategy = \"gfs\"\n");
+    let set = ["--set", "name=b", "--set", "slots = 40", "--set", "link.bandwidth_hz=5e3"];
+    let strategy = ["--set", "planner.strategy=\"gfs\""];
+    place.run_well(&[&["simulate", "a.toml", "--out", "set"], &set[..], &strategy].concat());
+    place.run_well(&["simulate", "b.toml", "--out", "written"]);
+    for file in ["scenario.toml", "slots.csv"] {
+        assert_eq!(place.read(&format!("set/{file}")), place.read(&format!("written/{file}")), "{file}");
+    }
+    for (set, says) in
+        [("slots=0", "slots = 0"), ("slot=9", "slot = 9"), ("slots.x=1", "slots.x"), ("slots", "key=value")]
+    {
+        let ended = place.run(&["simulate", "a.toml", "--out", "refused", "--set", set]);
+        assert_eq!(ended.code, Some(2), "{set}: {ended:?}");
+        assert!(ended.stderr.contains(says), "{set}: {ended:?}");
+        assert!(!place.path("refused").exists(), "{set}");
+    }
+}
+
+#[test]
 fn a_summary_holds_what_outside_programs_rely_on() {
     let place = Place::new();
     place.run_well(&["simulate", SMOKE, "--out", "run"]);

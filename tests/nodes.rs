@@ -30,7 +30,7 @@ use skysink_ring::wait::Waiting;
 
 fn smoke(strategy: &'static str, seed: u64) -> Scenario {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/smoke.toml");
-    let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), slots: None };
+    let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), ..Overrides::default() };
     let mut scenario = Scenario::read(&path, overrides).and_then(settings::resolve).unwrap();
     offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: Count::clamped(5_000) });
     scenario

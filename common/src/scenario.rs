@@ -8,6 +8,7 @@ mod defaults;
 mod keys;
 mod planner;
 mod rules;
+mod setting;
 mod value;
 
 use std::path::{Path, PathBuf};
@@ -21,6 +22,7 @@ pub use keys::{
     UavKeys,
 };
 pub use planner::PlannerKeys;
+pub use setting::Setting;
 pub use value::{Count, Interval};
 use value::{count, name};
 
@@ -78,7 +80,7 @@ pub struct Scenario {
 }
 
 /// What the command line changes in a scenario before it is checked.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Overrides {
     /// Instead of `seed`.
     pub seed: Option<u64>,
@@ -86,6 +88,8 @@ pub struct Overrides {
     pub strategy: Option<&'static str>,
     /// Instead of `slots`; `uav.endurance_s` becomes at least as long as they last.
     pub slots: Option<u64>,
+    /// Any keys; those above come after them.
+    pub keys: Vec<Setting>,
 }
 
 impl Scenario {
@@ -115,6 +119,12 @@ impl Scenario {
         if table.contains_key("axes") || table.contains_key("strategies") {
             let message = "it is a sweep: expected a scenario (skysink sweep flies this file)";
             return Err(InputError::new("scenario", path, message));
+        }
+        for setting in &overrides.keys {
+            setting.apply(&mut table).ok_or_else(|| {
+                let message = format!("{}: expected a dotted key of the scenario", setting.key);
+                InputError::new("scenario", path, message)
+            })?;
         }
         for (key, number) in [("seed", overrides.seed), ("slots", overrides.slots)] {
             if let Some(number) = number {

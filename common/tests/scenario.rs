@@ -115,7 +115,7 @@ fn a_list_is_relative_to_the_scenario() {
 
 #[test]
 fn overrides_take_part_in_the_resolved_scenario_and_its_hash() {
-    let overrides = Overrides { seed: Some(9), strategy: Some("rfs"), slots: None };
+    let overrides = Overrides { seed: Some(9), strategy: Some("rfs"), ..Overrides::default() };
     let (plain, other) = (Scenario::letter(Overrides::default()).unwrap(), Scenario::letter(overrides).unwrap());
     assert!(other.to_toml().contains("seed = 9") && other.to_toml().contains("strategy = \"rfs\""));
     assert_ne!(plain.hash(), other.hash());

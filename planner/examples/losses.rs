@@ -76,7 +76,7 @@ fn main() {
         let strategy = names().into_iter().find(|strategy| *strategy == name).expect("a strategy");
         let mut outcomes = Vec::new();
         for seed in seeds.clone() {
-            let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), slots: None };
+            let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), ..Overrides::default() };
             let scenario = Scenario::parse(&text, Path::new("arguments"), overrides)
                 .and_then(settings::resolve)
                 .unwrap_or_else(|e| panic!("{e}"));

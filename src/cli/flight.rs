@@ -26,7 +26,7 @@ pub struct RunArguments {
     #[command(flatten)]
     choice: Choice,
     /// Resume a run that has ended early, in its folder.
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["scenario", "strategy", "seed", "out", "force"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["scenario", "strategy", "seed", "keys", "out", "force"])]
     resume: Option<PathBuf>,
     #[command(flatten)]
     options: RunOptions,

@@ -17,7 +17,7 @@ use skysink_mission::record::RunFolder;
 use skysink_planner::settings;
 use skysink_planner::strategies::{Registered, STRATEGIES};
 
-use super::seed_parser;
+use super::Changes;
 use crate::error::Error;
 use crate::report::{TerminalProgress, print, print_optimum, print_run};
 use crate::simulate::{NewFolder, Simulation, simulate};
@@ -154,9 +154,8 @@ pub struct OptimizeOptions {
     /// How many steps to search, instead of a time.
     #[arg(long, value_name = "N", conflicts_with = "budget", value_parser = clap::value_parser!(u64).range(..=MAX_STEPS))]
     steps: Option<u64>,
-    /// Seed, instead of the scenario's.
-    #[arg(long, value_parser = seed_parser())]
-    seed: Option<u64>,
+    #[command(flatten)]
+    changes: Changes,
     #[command(flatten)]
     folder: NewFolder,
     /// Leave a recording for rerun, mission.rrd.
@@ -171,7 +170,7 @@ impl OptimizeOptions {
     /// If the scenario is refused, something cannot be written, or on a stop.
     pub fn optimize(self, stop: &Stop) -> Result<(), Error> {
         let by = |strategy: &Registered| {
-            let overrides = Overrides { seed: self.seed, strategy: Some(strategy.name), ..Overrides::default() };
+            let overrides = Overrides { strategy: Some(strategy.name), ..self.changes.overrides() };
             Scenario::read(&self.scenario, overrides).and_then(settings::resolve)
         };
         let scenarios = STRATEGIES.into_iter().map(by).collect::<Result<Vec<_>, _>>()?;

@@ -42,7 +42,7 @@ pub(super) fn sheets(choice: &Choice, stop: &Stop) -> Result<Vec<(&'static str, 
 fn map(change: &str, strategy: &Registered, choice: &Choice, stop: &Stop) -> Result<TrajectoryMap, LabError> {
     let steps = choice.horizon_iterations;
     let text = format!("name = \"map\"\nslots = 500\n{change}[planner]\nhorizon.iterations = {steps}\n");
-    let overrides = Overrides { strategy: Some(strategy.name), seed: Some(1), slots: None };
+    let overrides = Overrides { strategy: Some(strategy.name), seed: Some(1), ..Overrides::default() };
     let scenario = Scenario::parse(&text, Path::new("map (built in)"), overrides).and_then(settings::resolve)?;
     let list = SensorList::of(&scenario)?;
     let mut mission = Mission::new(&scenario, &list)?;

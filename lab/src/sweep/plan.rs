@@ -1,11 +1,12 @@
 //! What a sweep flies: a grid of scenarios, by strategy and seed.
 
 use std::collections::BTreeSet;
+use std::iter::zip;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use skysink_common::error::{InputError, read_text};
-use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::scenario::{Overrides, Scenario, Setting};
 use skysink_common::sensors::SensorList;
 use skysink_planner::settings;
 use skysink_planner::strategies::Registered;
@@ -205,16 +206,13 @@ impl Sweep {
     /// # Panics
     /// If the mission is not of this sweep.
     pub fn scenario(&self, mission: MissionKey) -> Result<Scenario, LabError> {
-        let mut table = self.base.table.clone();
-        for (key, value) in self.definition.keys.iter().zip(&self.definition.points[mission.point]) {
-            set(&mut table, key, value.clone()).ok_or_else(|| {
-                let message = format!("axes: {key}: expected a dotted key of the scenario");
-                InputError::new("scenario", &self.base.path, message)
-            })?;
-        }
-        let text = toml::to_string(&table).expect("a table that was read can be written");
-        let strategy = self.definition.strategies[mission.strategy];
-        let overrides = Overrides { seed: Some(mission.seed), strategy: Some(strategy.name), slots: None };
+        let text = toml::to_string(&self.base.table).expect("a table that was read can be written");
+        let overrides = Overrides {
+            seed: Some(mission.seed),
+            strategy: Some(self.definition.strategies[mission.strategy].name),
+            slots: None,
+            keys: zip(&self.definition.keys, &self.definition.points[mission.point]).map(setting).collect(),
+        };
         Ok(Scenario::parse(&text, &self.base.path, overrides).and_then(settings::resolve)?)
     }
 
@@ -240,6 +238,11 @@ impl Sweep {
         let values = self.definition.keys.iter().zip(&self.definition.points[point]);
         values.map(|(key, value)| format!("{key} = {value}")).collect::<Vec<_>>().join(", ")
     }
+}
+
+/// What a point of the grid sets one key to.
+fn setting((key, value): (&String, &toml::Value)) -> Setting {
+    Setting { key: key.clone(), value: value.clone() }
 }
 
 /// The values, ascending; what was expected instead if there is none, or one twice.
@@ -270,15 +273,4 @@ fn grid(axes: &[(String, Vec<toml::Value>)]) -> Vec<Vec<toml::Value>> {
         points = points.iter().flat_map(extend).collect();
     }
     points
-}
-
-/// Sets a dotted key in a table; none where a part of it is no table.
-fn set(mut table: &mut toml::Table, key: &str, value: toml::Value) -> Option<()> {
-    let mut parts = key.split('.');
-    let last = parts.next_back()?;
-    for part in parts {
-        table = table.entry(part).or_insert_with(|| toml::Table::new().into()).as_table_mut()?;
-    }
-    table.insert(last.to_owned(), value);
-    Some(())
 }

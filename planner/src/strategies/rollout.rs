@@ -8,7 +8,7 @@ use arrayvec::ArrayVec;
 use nalgebra::Point3;
 use rand::{Rng, RngExt};
 use skysink_common::arrivals::bits_between;
-use skysink_common::channel::{Channel, Uplink};
+use skysink_common::channel::Uplink;
 use skysink_common::estimate::Estimate;
 use skysink_common::message::{FlightReport, LinkReport, MAX_SERVED, Mode, SensorNode};
 use skysink_common::random::{Purpose, Streams};

@@ -93,6 +93,6 @@ impl TestMission {
 
 /// The scenario of these lines.
 pub fn scenario_of(text: &str, strategy: &'static str, seed: u64) -> Scenario {
-    let overrides = Overrides { strategy: Some(strategy), seed: Some(seed), slots: None };
+    let overrides = Overrides { strategy: Some(strategy), seed: Some(seed), ..Overrides::default() };
     Scenario::parse(&format!("name = 'case'\n{text}"), Path::new("case.toml"), overrides).unwrap()
 }
