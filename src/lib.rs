@@ -5,6 +5,8 @@
 #[cfg(feature = "lab")]
 pub mod bench;
 pub mod cli;
+#[cfg(feature = "lab")]
+pub mod compare;
 pub mod error;
 pub mod report;
 pub mod run;

@@ -2,9 +2,10 @@
 //! resvg.
 
 mod ages;
+pub mod compare;
 mod error;
 pub mod figures;
-mod metrics;
+pub mod metrics;
 pub mod optimize;
 pub mod progress;
 pub mod sweep;

@@ -1,17 +1,19 @@
 //! A mission in one process and on record.
 //!
-//! [`mission`] is the round trip as plain calls, [`record`] the run folder, [`origin`] how a run was begun, [`slot_log`] the trace under way, [`trace`]
-//! its lines, [`summary`] what a run comes to, [`latency`] how its times are kept. The ring as processes is left to the
-//! product.
+//! [`mission`] is the round trip as plain calls, [`record`] the run folder, [`origin`] how a run was begun, [`slot_log`]
+//! the trace under way, [`trace`] its lines, [`replay`] a mission on record flown again, [`summary`] what a run comes to,
+//! [`latency`] how its times are kept. The ring as processes is left to the product.
 
 pub mod error;
 pub mod latency;
 pub mod mission;
 pub mod origin;
 pub mod record;
+pub mod replay;
 pub mod slot_log;
 pub mod summary;
 pub mod trace;
 
 pub use error::MissionError;
 pub use mission::Mission;
+pub use replay::Replay;

@@ -15,9 +15,10 @@ use skysink_lab::sweep::plan::{Shard, Sweep};
 use skysink_mission::MissionError;
 use skysink_mission::record::RunFolder;
 use skysink_planner::settings;
-use skysink_planner::strategies::{Registered, STRATEGIES};
+use skysink_planner::strategies::{Registered, STRATEGIES, names};
 
 use super::Changes;
+use crate::compare::{Compare, Compared, compare};
 use crate::error::Error;
 use crate::report::{TerminalProgress, print, print_optimum, print_run};
 use crate::simulate::{NewFolder, Simulation, simulate};
@@ -83,6 +84,13 @@ The result is the best known, not a proven optimum; what no flight avoids is
 shown beside it. The same number of steps finds the same flight on every
 machine; a time is turned into steps by a trial.")]
     Optimize(OptimizeOptions),
+    /// Compare strategies over the same fields, or runs on record: a table, and one recording with all side by side.
+    #[command(after_help = "\
+Examples:
+  skysink compare scenarios/sparse.toml uts horizon
+  skysink compare scenarios/letter.toml gfs uts exact --seeds 100 --no-record
+  skysink compare runs/letter-uts-1 runs/letter-gfs-1")]
+    Compare(CompareOptions),
     /// Join the shards of a sweep.
     Merge {
         /// Folders of the shards.
@@ -126,9 +134,58 @@ impl Research {
                 print(format_args!("{} missions: {}", rows.len(), out.join("results.csv").display()))?;
             }
             Self::Optimize(options) => options.optimize(stop)?,
+            Self::Compare(options) => options.compare(stop)?,
         }
         Ok(())
     }
+}
+
+/// Options of `skysink compare`.
+#[derive(Debug, Args)]
+pub struct CompareOptions {
+    /// A scenario file with two strategies or more, or the folders of two runs or more.
+    #[arg(required = true, num_args = 2.., value_name = "SCENARIO STRATEGY | RUN")]
+    what: Vec<PathBuf>,
+    /// Missions of each strategy, from the scenario's seed on.
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    seeds: u64,
+    #[command(flatten)]
+    changes: Changes,
+    /// Folder to write [default: runs/compare-<name>].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Leave no recording.
+    #[arg(long)]
+    no_record: bool,
+    /// Print all metrics as JSON instead of the table.
+    #[arg(long)]
+    json: bool,
+}
+
+impl CompareOptions {
+    /// Compares, and prints how all stand.
+    ///
+    /// # Errors
+    /// If an input is refused, something cannot be written, or on a stop.
+    pub fn compare(self, stop: &Stop) -> Result<(), Error> {
+        let what = if self.what[0].is_dir() {
+            Compared::Runs(self.what)
+        } else {
+            let strategies = self.what[1..].iter().map(|name| strategy(name)).collect::<Result<_, _>>()?;
+            let overrides = self.changes.overrides();
+            Compared::Strategies { scenario: self.what[0].clone(), overrides, strategies, seeds: self.seeds }
+        };
+        let record = !self.no_record && cfg!(feature = "viewer");
+        compare(&Compare { what, out: self.out, record, json: self.json }, stop)
+    }
+}
+
+/// The strategy of this name.
+fn strategy(name: &Path) -> Result<&'static Registered, Error> {
+    let name = name.to_string_lossy();
+    Registered::find(&name).ok_or_else(|| {
+        Error::Usage(format!("strategy {name}: expected one of {} (or the folders of runs alone)", names().join(", ")))
+    })
 }
 
 /// What is left in the folder of a stopped sweep.

@@ -2,8 +2,6 @@
 //!
 //! The state after the last line becomes the checkpoints from which the processes of a new ring resume.
 
-use std::io::BufRead;
-
 use skysink_common::error::InputError;
 use skysink_common::estimate::{Estimate, Rates};
 use skysink_common::pace::Pace;
@@ -13,12 +11,11 @@ use skysink_common::stop::Stop;
 use skysink_field_sim::journal::FieldJournal;
 use skysink_flight_sim::journal as flights;
 use skysink_mission::Mission;
-use skysink_mission::error::FileContext;
 use skysink_mission::origin::Manner;
 use skysink_mission::record::RunFolder;
+use skysink_mission::replay::RecordedLines;
 use skysink_mission::slot_log::SlotLog;
 use skysink_mission::summary::Tally;
-use skysink_mission::trace::RecordedSlot;
 use skysink_planner::node::journal;
 use skysink_planner::settings::{self, Knowledge};
 use skysink_planner::strategies::horizon::HorizonKeys;
@@ -49,7 +46,8 @@ pub fn resume(
     tally: &mut Tally,
     stop: &Stop,
 ) -> Result<Resumed, Error> {
-    let (mut log, mut trace) = folder.reopen_slot_log()?;
+    let (mut log, trace) = folder.reopen_slot_log()?;
+    let mut lines = RecordedLines::new(folder, trace, scenario.slots);
     let HorizonKeys { budget_ms, .. } = scenario.planner_keys("planner.horizon")?;
     let mut mission = Mission::new(scenario, list)?;
     if let Some(rates) = told(scenario, folder.manner())? {
@@ -58,25 +56,8 @@ pub fn resume(
     mission.set_stop(stop);
     let mut repeatable = folder.manner().outside_planner.is_none() && (budget_ms.is_none() || !log.was_in_a_ring());
     tally.start(&mission.header());
-    let mut line = Vec::new();
-    loop {
+    while let Some(recorded) = lines.next_slot()? {
         stop.check()?;
-        line.clear();
-        trace.read_until(b'\n', &mut line).at(&folder.slots())?;
-        if line.last() != Some(&b'\n') {
-            break;
-        }
-        let slot = mission.slot() + 1;
-        let refuse = |what: &str| {
-            InputError::line("trace", &folder.slots(), slot as usize + 1, &String::from_utf8_lossy(&line), what)
-        };
-        let recorded = RecordedSlot::parse(&line).ok_or_else(|| refuse("expected a slot as skysink run writes it"))?;
-        if slot > scenario.slots {
-            return Err(refuse(&format!("expected the end, after {} slots", scenario.slots)).into());
-        }
-        if recorded.slot != slot {
-            return Err(refuse(&format!("slot {}: expected slot {slot} of {}", recorded.slot, scenario.slots)).into());
-        }
         let planned = mission.plan();
         stop.check()?;
         let header = if recorded.is_missed() {
@@ -87,11 +68,8 @@ pub fn resume(
         } else {
             mission.fly(Some(&recorded.plan()))
         };
-        if !log.repeat(&line, mission.last_flight(), &header)? {
-            return Err(refuse(
-                "the mission does not lead to this line, or one before it was changed since it was written",
-            )
-            .into());
+        if !log.repeat(lines.line(), mission.last_flight(), &header)? {
+            return Err(lines.changed().into());
         }
         tally.add(None, mission.last_flight(), &header);
     }

@@ -1,8 +1,9 @@
 //! The curves beside the scene: what the mission achieves and how fast it is computed.
 
-use rerun::{RecordingStream, RecordingStreamResult, Scalars};
+use rerun::{RecordingStreamResult, Scalars};
 use skysink_common::message::Totals;
 
+use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
 use crate::queues::Fill;
 use crate::shapes::curve_style;
@@ -46,20 +47,15 @@ pub(crate) fn loss_rate(totals: &Totals) -> f64 {
 }
 
 /// Names and colours, once.
-pub(crate) fn open(stream: &RecordingStream) -> RecordingStreamResult<()> {
-    CURVES.iter().try_for_each(|(entity, name, colour, _)| stream.log_static(*entity, &curve_style(name, *colour)))
+pub(crate) fn open(canvas: &Canvas) -> RecordingStreamResult<()> {
+    CURVES.iter().try_for_each(|(entity, name, colour, _)| canvas.log_static(*entity, &curve_style(name, *colour)))
 }
 
 /// One point per curve.
-pub(crate) fn log_slot(
-    stream: &RecordingStream,
-    view: &SlotView,
-    fill: Fill,
-    missed_slots: u64,
-) -> RecordingStreamResult<()> {
+pub(crate) fn log_slot(canvas: &Canvas, view: &SlotView, fill: Fill, missed_slots: u64) -> RecordingStreamResult<()> {
     for (entity, _, _, number) in CURVES {
         if let Some(number) = number(view, fill, missed_slots) {
-            stream.log(entity, &Scalars::single(number))?;
+            canvas.log(entity, &Scalars::single(number))?;
         }
     }
     Ok(())

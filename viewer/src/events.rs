@@ -1,11 +1,10 @@
 //! The event log, the lane of the UAV's state, and what has been reached so far in words.
 
-use rerun::{
-    RecordingStream, RecordingStreamResult, StateChange, StateConfiguration, TextDocument, TextLog, TextLogLevel,
-};
+use rerun::{RecordingStreamResult, StateChange, StateConfiguration, TextDocument, TextLog, TextLogLevel};
 use skysink_common::message::{HoldReason, Mode, SolverOutcome, Totals};
 use skysink_common::scenario::Scenario;
 
+use crate::canvas::Canvas;
 use crate::colour;
 use crate::curves;
 use crate::files::Part;
@@ -37,7 +36,7 @@ pub(crate) struct Events {
 
 impl Events {
     /// Styles the lane.
-    pub(crate) fn open(stream: &RecordingStream, part: Part) -> RecordingStreamResult<Self> {
+    pub(crate) fn open(canvas: &Canvas, part: Part) -> RecordingStreamResult<Self> {
         let states = [
             (Mode::Serve.into(), colour::DELIVERY),
             (Mode::Transit.into(), colour::CLOCK),
@@ -47,69 +46,69 @@ impl Events {
         let style = StateConfiguration::new()
             .with_values(states.map(|(name, _)| name))
             .with_colors(states.map(|(_, colour)| colour));
-        stream.log_static(LANE, &style)?;
+        canvas.log_static(LANE, &style)?;
         Ok(Self { due: (part == Part::Later).then_some(CONTINUED), state: None, is_lossy: None })
     }
 
     /// Logs the events of a slot, and its state where it changes.
-    pub(crate) fn log_slot(&mut self, stream: &RecordingStream, view: &SlotView) -> RecordingStreamResult<()> {
+    pub(crate) fn log_slot(&mut self, canvas: &Canvas, view: &SlotView) -> RecordingStreamResult<()> {
         let flight = view.flight;
-        self.log_due(stream)?;
+        self.log_due(canvas)?;
         if view.slot > 0 {
-            self.enter(stream, Mode::from_repr(flight.mode).unwrap_or_default().into())?;
+            self.enter(canvas, Mode::from_repr(flight.mode).unwrap_or_default().into())?;
         }
-        stream.log(STATUS, &TextDocument::from_markdown(status(view)))?;
+        canvas.log(STATUS, &TextDocument::from_markdown(status(view)))?;
         match HoldReason::from_repr(flight.hold).unwrap_or_default() {
             HoldReason::None => {}
-            HoldReason::NoPlan => write(stream, TextLogLevel::WARN, "hold: no plan in time")?,
+            HoldReason::NoPlan => write(canvas, TextLogLevel::WARN, "hold: no plan in time")?,
             HoldReason::Waypoint => {
-                write(stream, TextLogLevel::WARN, "hold: waypoint not finite, out of reach, or outside the area")?;
+                write(canvas, TextLogLevel::WARN, "hold: waypoint not finite, out of reach, or outside the area")?;
             }
         }
         if flight.refused > 0 {
             let text = format!("{} of the plan's requests refused", flight.refused);
-            write(stream, TextLogLevel::WARN, &text)?;
+            write(canvas, TextLogLevel::WARN, &text)?;
         }
         if view.plan.is_some_and(|plan| plan.solver == SolverOutcome::Fallback as u32) {
-            write(stream, TextLogLevel::WARN, "waypoint by the geometric solver, as a fallback")?;
+            write(canvas, TextLogLevel::WARN, "waypoint by the geometric solver, as a fallback")?;
         }
         let totals = &view.header.totals;
         // In a later file, a loss before this slot has been logged in an earlier one.
         let was_lossy = self.is_lossy.unwrap_or(totals.lost_bits > view.header.lost_bits);
         self.is_lossy = Some(totals.lost_bits > 0);
         if !was_lossy && totals.lost_bits > 0 {
-            write(stream, TextLogLevel::WARN, &format!("first loss, {} bits: a buffer is full", totals.lost_bits))?;
+            write(canvas, TextLogLevel::WARN, &format!("first loss, {} bits: a buffer is full", totals.lost_bits))?;
         }
         Ok(())
     }
 
     /// Marks slots that the viewer did not get.
-    pub(crate) fn log_missed(&mut self, stream: &RecordingStream, first: u64, last: u64) -> RecordingStreamResult<()> {
-        self.log_due(stream)?;
-        self.enter(stream, GAP)?;
+    pub(crate) fn log_missed(&mut self, canvas: &Canvas, first: u64, last: u64) -> RecordingStreamResult<()> {
+        self.log_due(canvas)?;
+        self.enter(canvas, GAP)?;
         let text = match last - first {
             0 => format!("slot {first} missed by the viewer\nThe mission went on."),
             _ => format!("slots {first} to {last} missed by the viewer\nThe mission went on."),
         };
-        write(stream, TextLogLevel::WARN, &text)
+        write(canvas, TextLogLevel::WARN, &text)
     }
 
-    fn log_due(&mut self, stream: &RecordingStream) -> RecordingStreamResult<()> {
-        self.due.take().map_or(Ok(()), |text| write(stream, TextLogLevel::WARN, text))
+    fn log_due(&mut self, canvas: &Canvas) -> RecordingStreamResult<()> {
+        self.due.take().map_or(Ok(()), |text| write(canvas, TextLogLevel::WARN, text))
     }
 
-    fn enter(&mut self, stream: &RecordingStream, state: &'static str) -> RecordingStreamResult<()> {
+    fn enter(&mut self, canvas: &Canvas, state: &'static str) -> RecordingStreamResult<()> {
         if self.state == Some(state) {
             return Ok(());
         }
         self.state = Some(state);
-        stream.log(LANE, &StateChange::single(state))
+        canvas.log(LANE, &StateChange::single(state))
     }
 }
 
 /// Adds one line to the event log, at the time set before; `level` is one of [`TextLogLevel`].
-pub(crate) fn write(stream: &RecordingStream, level: &'static str, text: &str) -> RecordingStreamResult<()> {
-    stream.log(LOG, &TextLog::new(text).with_level(level))
+pub(crate) fn write(canvas: &Canvas, level: &'static str, text: &str) -> RecordingStreamResult<()> {
+    canvas.log(LOG, &TextLog::new(text).with_level(level))
 }
 
 /// The loss rate so far, and what it is made of.

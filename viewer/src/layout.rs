@@ -18,7 +18,7 @@ use crate::slot::WallClock;
 use crate::{curves, events, legend, links, path, queues, uav};
 
 /// Slots per second at which a viewer plays a file.
-const SLOTS_PER_S: f64 = 10.0;
+pub(crate) const SLOTS_PER_S: f64 = 10.0;
 
 /// Sends the layout of the screen along with a recording.
 pub(crate) fn send(
@@ -36,12 +36,12 @@ pub(crate) fn send(
     layout.send(&recording.stream, root, SLOTS_PER_S)
 }
 
-fn select(entity: &str) -> String {
+pub(crate) fn select(entity: &str) -> String {
     format!("+ /{entity}")
 }
 
 /// An entity and all below it.
-fn select_all(entity: &str) -> String {
+pub(crate) fn select_all(entity: &str) -> String {
     format!("+ /{entity}/**")
 }
 
@@ -78,7 +78,7 @@ fn scenes(layout: &mut Blueprint, sizes: &Sizes, scenario: &Scenario) -> Recordi
 }
 
 /// Camera and backdrop of a 3D view.
-fn film(layout: &Blueprint, view: Tile, camera: &EyeControls3D) -> RecordingStreamResult<()> {
+pub(crate) fn film(layout: &Blueprint, view: Tile, camera: &EyeControls3D) -> RecordingStreamResult<()> {
     layout.set(view, camera)?;
     layout.set(view, &background())?;
     layout.set(view, &LineGrid3D::new().with_visible(false))?; // the area has its own
@@ -130,7 +130,7 @@ fn camera(eye: [f32; 3], target: [f32; 3], up: [f32; 3]) -> EyeControls3D {
 }
 
 /// The whole area from the south, at about 45 degrees.
-fn overview(sizes: &Sizes) -> EyeControls3D {
+pub(crate) fn overview(sizes: &Sizes) -> EyeControls3D {
     let [x_m, y_m] = middle_m(sizes);
     let seen_m = seen_m(sizes);
     let eye = [x_m, y_m - 0.5 * sizes.depth_m - 0.42 * seen_m, 0.68 * seen_m];
@@ -138,7 +138,7 @@ fn overview(sizes: &Sizes) -> EyeControls3D {
 }
 
 /// The whole area as on a map: north is up.
-fn above(sizes: &Sizes) -> EyeControls3D {
+pub(crate) fn above(sizes: &Sizes) -> EyeControls3D {
     let [x_m, y_m] = middle_m(sizes);
     camera([x_m, y_m, 1.16 * seen_m(sizes)], [x_m, y_m, 0.0], [0.0, 1.0, 0.0])
 }
@@ -204,7 +204,7 @@ fn log(layout: &mut Blueprint) -> RecordingStreamResult<Tile> {
 }
 
 /// Shows the values of a plot in this range, whatever they are.
-fn lock_axis(layout: &Blueprint, plot: Tile, range: [f64; 2]) -> RecordingStreamResult<()> {
+pub(crate) fn lock_axis(layout: &Blueprint, plot: Tile, range: [f64; 2]) -> RecordingStreamResult<()> {
     layout.set(plot, &ScalarAxis::new().with_range(range).with_zoom_lock(true))
 }
 

@@ -8,6 +8,7 @@ use rerun::{
 use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::scenario::Scenario;
 
+use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
 use crate::los::field;
 use crate::shapes::{line_style, writing};
@@ -29,20 +30,19 @@ pub const SCALE_BOUNDS: [[f64; 2]; 2] = [[-20.0, 620.0], [-12.0, 58.0]];
 
 /// Draws everything that explains and never changes.
 pub(crate) fn log(
-    stream: &RecordingStream,
+    canvas: &Canvas,
     scenario: &Scenario,
     count: usize,
     sizes: &Sizes,
     rates_bps: Option<&RangeInclusive<f64>>,
 ) -> RecordingStreamResult<()> {
-    stream.log_static(PAGE, &TextDocument::from_markdown(page(scenario, count, sizes)))?;
+    canvas.log_static(PAGE, &TextDocument::from_markdown(page(scenario, count, sizes)))?;
     if let Channel::LineOfSight(link) = Channel::of(scenario) {
         let page = los_page(scenario, &link);
-        stream.log_static(LOS_PAGE, &TextDocument::from_markdown(page))?;
+        canvas.log_static(LOS_PAGE, &TextDocument::from_markdown(page))?;
     }
-    log_scales(stream, rates_bps)?;
-    log_area(stream, sizes)?;
-    log_facts(stream, scenario, count)
+    log_scales(canvas, rates_bps)?;
+    log_area(canvas, sizes)
 }
 
 fn page(scenario: &Scenario, count: usize, sizes: &Sizes) -> String {
@@ -84,31 +84,26 @@ fn los_page(scenario: &Scenario, link: &LineOfSight) -> String {
 }
 
 /// Two colour scales: queue fill to the left; link rate, or the probability of line of sight, to the right.
-fn log_scales(stream: &RecordingStream, rates_bps: Option<&RangeInclusive<f64>>) -> RecordingStreamResult<()> {
-    log_scale(stream, "queue", &colour::of_fill, ["empty", "full"].map(str::to_owned))?;
+fn log_scales(canvas: &Canvas, rates_bps: Option<&RangeInclusive<f64>>) -> RecordingStreamResult<()> {
+    log_scale(canvas, "queue", &colour::of_fill, ["empty", "full"].map(str::to_owned))?;
     let right = if rates_bps.is_some() { "rate" } else { "probability" };
-    stream.log_static(format!("{SCALE}/{right}"), &Transform3D::from_translation([340.0, 0.0, 0.0]))?;
+    canvas.log_static(format!("{SCALE}/{right}"), &Transform3D::from_translation([340.0, 0.0, 0.0]))?;
     let Some(rates_bps) = rates_bps else {
-        return log_scale(stream, right, &colour::of_probability, ["blocked", "in sight"].map(str::to_owned));
+        return log_scale(canvas, right, &colour::of_probability, ["blocked", "in sight"].map(str::to_owned));
     };
     let rate_bps = |fraction: f64| rates_bps.start() + fraction * (rates_bps.end() - rates_bps.start());
     let colour = |fraction: f64| colour::of_rate(rate_bps(fraction), rates_bps);
-    log_scale(stream, right, &colour, [*rates_bps.start(), *rates_bps.end()].map(format_rate))
+    log_scale(canvas, right, &colour, [*rates_bps.start(), *rates_bps.end()].map(format_rate))
 }
 
 /// A bar from the colour of 0 to that of 1, with what these mean written below.
-fn log_scale(
-    stream: &RecordingStream,
-    name: &str,
-    colour: &dyn Fn(f64) -> Rgb,
-    ends: [String; 2],
-) -> RecordingStreamResult<()> {
+fn log_scale(canvas: &Canvas, name: &str, colour: &dyn Fn(f64) -> Rgb, ends: [String; 2]) -> RecordingStreamResult<()> {
     const WIDTH: u32 = 260;
     const HEIGHT: u32 = 20;
     let row: Vec<u8> = (0..WIDTH).flat_map(|x| colour(f64::from(x) / f64::from(WIDTH - 1))).collect();
     let bar = Image::from_rgb24(row.repeat(HEIGHT as usize), [WIDTH, HEIGHT]);
-    stream.log_static(format!("{SCALE}/{name}/bar"), &bar)?;
-    stream.log_static(format!("{SCALE}/{name}/text"), &writing([[30.0, 24.0], [230.0, 24.0]], ends))
+    canvas.log_static(format!("{SCALE}/{name}/bar"), &bar)?;
+    canvas.log_static(format!("{SCALE}/{name}/text"), &writing([[30.0, 24.0], [230.0, 24.0]], ends))
 }
 
 /// A rate with three digits and its unit.
@@ -123,7 +118,7 @@ fn format_rate(rate_bps: f64) -> String {
 }
 
 /// The ground, its frame, a grid, and the extent written at two corners.
-fn log_area(stream: &RecordingStream, sizes: &Sizes) -> RecordingStreamResult<()> {
+fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
     let Sizes { width_m, depth_m, grid_m, .. } = *sizes;
     let below_m = 0.01 * sizes.radius_m;
     let ground = Boxes3D::from_centers_and_half_sizes(
@@ -131,23 +126,23 @@ fn log_area(stream: &RecordingStream, sizes: &Sizes) -> RecordingStreamResult<()
         [[width_m / 2.0, depth_m / 2.0, below_m]],
     );
     let ground = ground.with_colors([colour::GROUND]).with_fill_mode(rerun::FillMode::Solid);
-    stream.log_static(format!("{AREA}/ground"), &ground)?;
+    canvas.log_static(format!("{AREA}/ground"), &ground)?;
     let steps = |length_m: f32| (0..).map(move |step| step as f32 * grid_m).take_while(move |&at_m| at_m < length_m);
     let z_m = -0.8 * below_m;
     let north = steps(width_m).chain([width_m]).map(|x_m| [[x_m, 0.0, z_m], [x_m, depth_m, z_m]]);
     let east = steps(depth_m).chain([depth_m]).map(|y_m| [[0.0, y_m, z_m], [width_m, y_m, z_m]]);
     let grid = line_style(colour::GRID, 0.5).with_strips(north.chain(east));
-    stream.log_static(format!("{AREA}/grid"), &grid)?;
+    canvas.log_static(format!("{AREA}/grid"), &grid)?;
     let corners = Points3D::new([[0.0, 0.0, 0.0], [width_m, 0.0, 0.0], [0.0, depth_m, 0.0]])
         .with_labels(["0 m".to_owned(), format!("x = {width_m} m"), format!("y = {depth_m} m")])
         .with_show_labels(true)
         .with_radii([Radius::new_ui_points(1.5)])
         .with_colors([colour::WRITING]);
-    stream.log_static(CORNERS, &corners)
+    canvas.log_static(CORNERS, &corners)
 }
 
 /// The run's facts, which the viewer lists as properties of the recording.
-fn log_facts(stream: &RecordingStream, scenario: &Scenario, count: usize) -> RecordingStreamResult<()> {
+pub(crate) fn log_facts(stream: &RecordingStream, scenario: &Scenario, count: usize) -> RecordingStreamResult<()> {
     use rerun::components::{Scalar, Text};
     let facts = AnyValues::default()
         .with_component::<Text>("scenario", [scenario.name.as_str()])

@@ -5,7 +5,9 @@
 //! and probabilities of line of sight as `skysink-common` computes them. The only crate that knows rerun.
 
 mod blueprint;
+mod canvas;
 pub mod colour;
+pub mod comparison;
 pub mod curves;
 pub mod events;
 mod files;
@@ -15,6 +17,7 @@ pub mod links;
 pub mod los;
 pub mod node;
 pub mod path;
+mod picture;
 pub mod queues;
 pub mod recording;
 pub mod scene;
@@ -23,6 +26,7 @@ mod sizes;
 mod slot;
 pub mod uav;
 
+pub use comparison::{Compared, Comparison};
 pub use files::{complete, has_footer};
 pub use recording::{SceneError, Sinks};
 pub use scene::Scene;

@@ -4,12 +4,13 @@
 
 use std::ops::RangeInclusive;
 
-use rerun::{Cylinders3D, FillMode, LineStrips3D, Radius, RecordingStream, RecordingStreamResult};
+use rerun::{Cylinders3D, FillMode, LineStrips3D, Radius, RecordingStreamResult};
 use skysink_common::channel::{Channel, FreeSpace, Uplink};
 use skysink_common::message::{FlightReport, LinkReport, Plan, SensorNode};
 use skysink_common::scenario::Scenario;
 use skysink_common::units::ratio_of_db;
 
+use crate::canvas::Canvas;
 use crate::colour;
 use crate::shapes::{Point, circle, drawn, line_style};
 use crate::sizes::Sizes;
@@ -35,7 +36,7 @@ const WIDTHS_UI: [f32; 2] = [3.0, 1.4];
 impl Links {
     /// Styles links and circles.
     pub(crate) fn open(
-        stream: &RecordingStream,
+        canvas: &Canvas,
         scenario: &Scenario,
         sensors: &[SensorNode],
         sizes: &Sizes,
@@ -45,13 +46,13 @@ impl Links {
             .with_fill_mode(FillMode::MajorWireframe)
             .with_colors([colour::CANDIDATE])
             .with_line_radii([Radius::new_ui_points(0.8)]);
-        stream.log_static(CANDIDATES, &candidates)?;
-        stream.log_static(CHOSEN, &line_style(colour::CHOSEN, 2.2))?;
+        canvas.log_static(CANDIDATES, &candidates)?;
+        canvas.log_static(CHOSEN, &line_style(colour::CHOSEN, 2.2))?;
         let rates_bps = match Channel::of(scenario) {
             Channel::LineOfSight(_) => None,
             Channel::FreeSpace(model) => {
                 let links = LineStrips3D::update_fields().with_radii([Radius::new_ui_points(1.6)]);
-                stream.log_static(LINKS, &links)?;
+                canvas.log_static(LINKS, &links)?;
                 Some(possible_rates_bps(&model, scenario, sensors))
             }
         };
@@ -63,24 +64,20 @@ impl Links {
     }
 
     /// Replaces the circles by those of a plan; clears them without one.
-    pub(crate) fn log_circles(&self, stream: &RecordingStream, plan: Option<&Plan>) -> RecordingStreamResult<()> {
+    pub(crate) fn log_circles(&self, canvas: &Canvas, plan: Option<&Plan>) -> RecordingStreamResult<()> {
         let circles_m = plan.map_or(&[][..], |plan| &plan.circles_m);
         let is_drawn = |centre_m: &&[f64; 2]| centre_m.iter().all(|coordinate_m| coordinate_m.is_finite());
         let centre = |&[x_m, y_m]: &[f64; 2]| [x_m as f32, y_m as f32, 0.002 * self.radius_m];
         let centres: Vec<Point> = circles_m.iter().filter(is_drawn).map(centre).collect();
         let candidates = Cylinders3D::update_fields().with_radii(centres.iter().map(|_| self.radius_m));
-        stream.log(CANDIDATES, &candidates.with_centers(centres))?;
+        canvas.log(CANDIDATES, &candidates.with_centers(centres))?;
         let chosen = plan.and_then(|plan| circles_m.get(plan.chosen as usize)).filter(is_drawn);
         let chosen = chosen.map(|centre_m| circle(centre(centre_m), self.radius_m));
-        stream.log(CHOSEN, &LineStrips3D::update_fields().with_strips(chosen))
+        canvas.log(CHOSEN, &LineStrips3D::update_fields().with_strips(chosen))
     }
 
     /// Replaces the links by those of a flight; clears them without one.
-    pub(crate) fn log_links(
-        &self,
-        stream: &RecordingStream,
-        flight: Option<&FlightReport>,
-    ) -> RecordingStreamResult<()> {
+    pub(crate) fn log_links(&self, canvas: &Canvas, flight: Option<&FlightReport>) -> RecordingStreamResult<()> {
         let served = flight.map_or(&[][..], FlightReport::served_links);
         let links_drawn = || served.iter().filter_map(|link| Some((*self.feet.get(link.sensor as usize)?, link)));
         let strips = links_drawn().map(|(foot, _)| [flight.map_or(foot, |flight| drawn(flight.position())), foot]);
@@ -93,7 +90,7 @@ impl Links {
                 .with_colors(links_drawn().map(|(_, link)| of_draw(link, [colour::SIGHT, colour::BLOCKED])))
                 .with_radii(links_drawn().map(|(_, link)| Radius::new_ui_points(of_draw(link, WIDTHS_UI)))),
         };
-        stream.log(LINKS, &links)
+        canvas.log(LINKS, &links)
     }
 }
 

@@ -8,12 +8,13 @@ pub mod field;
 pub mod profile;
 
 use rerun::components::MarkerShape;
-use rerun::{Points3D, Radius, RecordingStream, RecordingStreamResult, Scalars, SeriesPoints};
+use rerun::{Points3D, Radius, RecordingStreamResult, Scalars, SeriesPoints};
 use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, LinkReport, SensorNode};
 use skysink_common::scenario::Scenario;
 
+use crate::canvas::Canvas;
 use crate::colour;
 use crate::files::Part;
 use crate::shapes::{curve_style, drawn};
@@ -51,7 +52,7 @@ pub(crate) struct Los {
 impl Los {
     /// Styles the curves and what is drawn in space; nothing in free space.
     pub(crate) fn open(
-        stream: &RecordingStream,
+        canvas: &Canvas,
         scenario: &Scenario,
         sensors: &[SensorNode],
         sizes: &Sizes,
@@ -60,75 +61,75 @@ impl Los {
         let Channel::LineOfSight(link) = Channel::of(scenario) else {
             return Ok(None);
         };
-        log_styles(stream)?;
+        log_styles(canvas)?;
         let most_links = scenario.link.resource_blocks;
         let positions = sensors.iter().map(|sensor| Position::new(sensor.x_m, sensor.y_m)).collect();
-        let surroundings = Surroundings::open(stream, &link, most_links, sizes, part)?;
-        let profile = Profile::open(stream, scenario)?;
+        let surroundings = Surroundings::open(canvas, &link, most_links, sizes, part)?;
+        let profile = Profile::open(canvas, scenario)?;
         Ok(Some(Self { link, positions, most_links, mark_above_m: 1.8 * sizes.arm_m, surroundings, profile }))
     }
 
     /// Shows one slot; if it serves no sensor node, only the altitude.
-    pub(crate) fn log_slot(&mut self, stream: &RecordingStream, flight: &FlightReport) -> RecordingStreamResult<()> {
-        stream.log(ALTITUDE, &Scalars::single(flight.z_m))?;
+    pub(crate) fn log_slot(&mut self, canvas: &Canvas, flight: &FlightReport) -> RecordingStreamResult<()> {
+        canvas.log(ALTITUDE, &Scalars::single(flight.z_m))?;
         let [x_m, y_m, z_m] = drawn(flight.position());
         let mark = Points3D::update_fields().with_positions([[x_m, y_m, z_m + self.mark_above_m]]);
-        stream.log(MARK, &mark.with_labels([format!("{:.0} m", flight.z_m)]))?;
-        self.log_links(stream, flight.z_m, flight.served_links())?;
+        canvas.log(MARK, &mark.with_labels([format!("{:.0} m", flight.z_m)]))?;
+        self.log_links(canvas, flight.z_m, flight.served_links())?;
         let position = |link: &LinkReport| self.positions.get(link.sensor as usize).copied();
         let served: Vec<_> = flight.served_links().iter().filter_map(position).collect();
-        self.surroundings.log(stream, &self.link, flight.position(), &served)?;
-        self.profile.log(stream, &self.link, flight.position(), &served)
+        self.surroundings.log(canvas, &self.link, flight.position(), &served)?;
+        self.profile.log(canvas, &self.link, flight.position(), &served)
     }
 
     /// Takes away what a missed slot would show wrongly.
-    pub(crate) fn log_missed(&mut self, stream: &RecordingStream) -> RecordingStreamResult<()> {
-        stream.log(ALTITUDE, &Scalars::single(f64::NAN))?;
-        self.log_links(stream, 0.0, &[])?;
-        self.surroundings.clear(stream)?;
-        self.profile.clear(stream)
+    pub(crate) fn log_missed(&mut self, canvas: &Canvas) -> RecordingStreamResult<()> {
+        canvas.log(ALTITUDE, &Scalars::single(f64::NAN))?;
+        self.log_links(canvas, 0.0, &[])?;
+        self.surroundings.clear(canvas)?;
+        self.profile.clear(canvas)
     }
 
     /// A point per link, and the mean.
-    fn log_links(&self, stream: &RecordingStream, z_m: f64, links: &[LinkReport]) -> RecordingStreamResult<()> {
-        self.log_curve(stream, ELEVATION, links, |link| link.elevation_deg)?;
+    fn log_links(&self, canvas: &Canvas, z_m: f64, links: &[LinkReport]) -> RecordingStreamResult<()> {
+        self.log_curve(canvas, ELEVATION, links, |link| link.elevation_deg)?;
         let probability = |link: &LinkReport| self.link.los_probability(link.distance_m * link.distance_m, z_m);
-        self.log_curve(stream, PROBABILITY, links, probability)
+        self.log_curve(canvas, PROBABILITY, links, probability)
     }
 
     /// One curve's points, as many numbers in every slot.
     fn log_curve(
         &self,
-        stream: &RecordingStream,
+        canvas: &Canvas,
         root: &str,
         links: &[LinkReport],
         value: impl Fn(&LinkReport) -> f64,
     ) -> RecordingStreamResult<()> {
         let mean = links.iter().map(&value).sum::<f64>() / links.len() as f64; // NaN if there are none
-        stream.log(format!("{root}/{MEAN}"), &Scalars::single(mean))?;
+        canvas.log(format!("{root}/{MEAN}"), &Scalars::single(mean))?;
         for (name, is_in_sight) in [(SIGHT, true), (BLOCKED, false)] {
             let is_shown = |link: &LinkReport| (link.line_of_sight == 1) == is_in_sight;
             let points = links.iter().map(|link| if is_shown(link) { value(link) } else { f64::NAN });
             let points = points.chain(std::iter::repeat(f64::NAN)).take(self.most_links);
-            stream.log(format!("{root}/{name}"), &Scalars::new(points))?;
+            canvas.log(format!("{root}/{name}"), &Scalars::new(points))?;
         }
         Ok(())
     }
 }
 
-fn log_styles(stream: &RecordingStream) -> RecordingStreamResult<()> {
-    stream.log_static(ALTITUDE, &curve_style("altitude [m]", colour::UAV))?;
+fn log_styles(canvas: &Canvas) -> RecordingStreamResult<()> {
+    canvas.log_static(ALTITUDE, &curve_style("altitude [m]", colour::UAV))?;
     for (root, mean) in [(ELEVATION, "mean elevation [°]"), (PROBABILITY, "mean probability of line of sight")] {
-        stream.log_static(format!("{root}/{MEAN}"), &curve_style(mean, colour::UAV))?;
+        canvas.log_static(format!("{root}/{MEAN}"), &curve_style(mean, colour::UAV))?;
         for (name, colour) in [(SIGHT, colour::SIGHT), (BLOCKED, colour::BLOCKED)] {
             let points = SeriesPoints::new()
                 .with_names([name])
                 .with_colors([colour])
                 .with_markers([MarkerShape::Circle])
                 .with_marker_sizes([1.5]);
-            stream.log_static(format!("{root}/{name}"), &points)?;
+            canvas.log_static(format!("{root}/{name}"), &points)?;
         }
     }
     let mark = Points3D::update_fields().with_show_labels(true).with_radii([Radius::new_ui_points(1.0)]);
-    stream.log_static(MARK, &mark.with_colors([colour::WRITING]))
+    canvas.log_static(MARK, &mark.with_colors([colour::WRITING]))
 }

@@ -3,9 +3,10 @@
 //! A recording of a planner without a path holds nothing of it. From the first path on every slot has its own, or an
 //! empty one, so that none is left over from a slot before.
 
-use rerun::{LineStrips3D, Points3D, Radius, RecordingStream, RecordingStreamResult};
+use rerun::{LineStrips3D, Points3D, Radius, RecordingStreamResult};
 use skysink_common::message::{MAX_PATH_POINTS, PathPoint};
 
+use crate::canvas::Canvas;
 use crate::colour;
 use crate::files::Part;
 use crate::shapes::Point;
@@ -33,7 +34,7 @@ pub(crate) struct Path {
 
 impl Path {
     /// Styles the path.
-    pub(crate) fn open(stream: &RecordingStream, sizes: &Sizes, part: Part) -> RecordingStreamResult<Self> {
+    pub(crate) fn open(canvas: &Canvas, sizes: &Sizes, part: Part) -> RecordingStreamResult<Self> {
         let colours = |[near, far]: [colour::Rgb; 2]| {
             (0..BANDS.len()).map(move |band| colour::between(near, far, band as f64 / (BANDS.len() - 1) as f64))
         };
@@ -42,14 +43,14 @@ impl Path {
         let each = BANDS.into_iter().zip(colours(colour::STOP)).flat_map(|(legs, colour)| vec![colour; legs]);
         let stops = Points3D::update_fields().with_colors(each).with_radii([Radius::new_ui_points(1.8)]);
         for (path, at) in [(PATH, STOPS), (TRACK, TRACK_STOPS)] {
-            stream.log_static(path, &line)?;
-            stream.log_static(at, &stops)?;
+            canvas.log_static(path, &line)?;
+            canvas.log_static(at, &stops)?;
         }
         Ok(Self { begun: part == Part::Later, step_m: 0.002 * sizes.radius_m })
     }
 
     /// Replaces the path by that of a slot; a single point, which is the slot's own waypoint, is no path.
-    pub(crate) fn log(&mut self, stream: &RecordingStream, path: &[PathPoint]) -> RecordingStreamResult<()> {
+    pub(crate) fn log(&mut self, canvas: &Canvas, path: &[PathPoint]) -> RecordingStreamResult<()> {
         self.begun |= path.len() > 1;
         if !self.begun {
             return Ok(());
@@ -59,8 +60,8 @@ impl Path {
         let below = self.strips(path.iter().map(|at| [at.x_m as f32, at.y_m as f32, 0.0]));
         for (entity, at, strips) in [(PATH, STOPS, above), (TRACK, TRACK_STOPS, below)] {
             let stops: Vec<_> = strips.iter().flat_map(|strip| &strip[1..]).copied().collect();
-            stream.log(entity, &LineStrips3D::update_fields().with_strips(strips))?;
-            stream.log(at, &Points3D::update_fields().with_positions(stops))?;
+            canvas.log(entity, &LineStrips3D::update_fields().with_strips(strips))?;
+            canvas.log(at, &Points3D::update_fields().with_positions(stops))?;
         }
         Ok(())
     }

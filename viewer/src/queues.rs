@@ -1,11 +1,10 @@
 //! The sensor nodes, coloured by how full their queues are: a point each, and a bar each where they are few enough.
 
 use rerun::components::ClassId;
-use rerun::{
-    AnnotationContext, AnnotationInfo, Boxes3D, FillMode, Points3D, Radius, RecordingStream, RecordingStreamResult,
-};
+use rerun::{AnnotationContext, AnnotationInfo, Boxes3D, FillMode, Points3D, Radius, RecordingStreamResult};
 use skysink_common::message::SensorNode;
 
+use crate::canvas::Canvas;
 use crate::colour;
 use crate::sizes::{MAX_BARS, Sizes};
 
@@ -43,18 +42,18 @@ struct Bars {
 
 impl Queues {
     /// Places the sensor nodes and names the levels of the queue scale.
-    pub(crate) fn open(stream: &RecordingStream, sensors: &[SensorNode], sizes: &Sizes) -> RecordingStreamResult<Self> {
-        stream.log_static(WORLD, &AnnotationContext::new((0..=FULL_LEVEL).map(describe)))?;
+    pub(crate) fn open(canvas: &Canvas, sensors: &[SensorNode], sizes: &Sizes) -> RecordingStreamResult<Self> {
+        canvas.log_static(WORLD, &AnnotationContext::new((0..=FULL_LEVEL).map(describe)))?;
         let feet_m: Vec<_> = sensors.iter().map(|sensor| [sensor.x_m as f32, sensor.y_m as f32]).collect();
         let points = Points3D::new(feet_m.iter().map(|&[x_m, y_m]| [x_m, y_m, 0.0]))
             .with_radii([Radius::new_ui_points(sizes.point_ui)])
             .with_show_labels(false);
-        stream.log_static(POINTS, &points)?;
+        canvas.log_static(POINTS, &points)?;
         let bars =
             (sensors.len() <= MAX_BARS).then_some(Bars { feet_m, half_side_m: sizes.bar_half_m, full_m: sizes.bar_m });
         if bars.is_some() {
             let style = Boxes3D::update_fields().with_fill_mode(FillMode::Solid).with_show_labels(false);
-            stream.log_static(BARS, &style)?;
+            canvas.log_static(BARS, &style)?;
         }
         Ok(Self { capacities_bits: sensors.iter().map(|sensor| sensor.capacity_bits).collect(), bars })
     }
@@ -65,14 +64,14 @@ impl Queues {
     }
 
     /// Colours the sensor nodes of one slot; one queue [bit] per sensor node.
-    pub(crate) fn log_slot(&self, stream: &RecordingStream, queues_bits: &[u32]) -> RecordingStreamResult<Fill> {
+    pub(crate) fn log_slot(&self, canvas: &Canvas, queues_bits: &[u32]) -> RecordingStreamResult<Fill> {
         let pairs = std::iter::zip(queues_bits, &self.capacities_bits);
         let fills = || pairs.clone().map(|(&queue_bits, &capacity_bits)| fill(queue_bits, capacity_bits));
         let levels: Vec<_> = fills().map(|fill| ClassId::from(level(fill))).collect();
         if let Some(bars) = &self.bars {
-            stream.log(BARS, &bars.at(fills()).with_class_ids(levels.iter().copied()))?;
+            canvas.log(BARS, &bars.at(fills()).with_class_ids(levels.iter().copied()))?;
         }
-        stream.log(POINTS, &Points3D::update_fields().with_class_ids(levels))?;
+        canvas.log(POINTS, &Points3D::update_fields().with_class_ids(levels))?;
         Ok(Fill { mean: fills().sum::<f64>() / self.count().max(1) as f64, max: fills().fold(0.0, f64::max) })
     }
 }

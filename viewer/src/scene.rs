@@ -8,17 +8,13 @@ use rerun::{ApplicationId, TextLogLevel};
 use skysink_common::message::{SensorNode, Totals};
 use skysink_common::scenario::Scenario;
 
-use crate::events::{self, Events};
+use crate::canvas::Canvas;
 use crate::files::Part;
-use crate::links::Links;
-use crate::los::Los;
-use crate::path::Path;
-use crate::queues::Queues;
+use crate::picture::Picture;
 use crate::recording::{Recording, SceneError, Sinks};
 use crate::sizes::Sizes;
 use crate::slot::{SlotView, WallClock};
-use crate::uav::UavShape;
-use crate::{curves, layout, legend};
+use crate::{events, layout, legend};
 
 /// The application id of a mission's recordings.
 fn application(scenario: &Scenario) -> ApplicationId {
@@ -30,13 +26,9 @@ fn application(scenario: &Scenario) -> ApplicationId {
 /// A recording under way.
 pub struct Scene {
     recording: Recording,
+    canvas: Canvas,
     scenario: Scenario,
-    queues: Queues,
-    uav: UavShape,
-    path: Path,
-    links: Links,
-    los: Option<Los>,
-    events: Events,
+    picture: Picture,
     last_slot: Option<u64>,
     last_totals: Option<Totals>,
     /// Slots missed since the file began.
@@ -57,32 +49,15 @@ impl Scene {
         clock: WallClock,
     ) -> Result<Self, SceneError> {
         let recording = Recording::open(sinks, &application(scenario), run_name)?;
-        let Recording { stream, part, .. } = &recording;
+        let canvas = Canvas::whole(&recording.stream);
         let sizes = Sizes::of(scenario, sensors.len());
         layout::send(&recording, &sizes, scenario, clock)?;
-        let queues = Queues::open(stream, sensors, &sizes)?;
-        let uav = UavShape::open(stream, &sizes)?;
-        let path = Path::open(stream, &sizes, *part)?;
-        let links = Links::open(stream, scenario, sensors, &sizes)?;
-        let los = Los::open(stream, scenario, sensors, &sizes, *part)?;
-        let events = Events::open(stream, *part)?;
-        curves::open(stream)?;
-        legend::log(stream, scenario, sensors.len(), &sizes, links.rates_bps.as_ref())?;
-        let scene = Self {
-            recording,
-            scenario: scenario.clone(),
-            queues,
-            uav,
-            path,
-            links,
-            los,
-            events,
-            last_slot: None,
-            last_totals: None,
-            missed_slots: 0,
-        };
+        let picture = Picture::open(canvas.clone(), scenario, sensors, &sizes, recording.part)?;
+        legend::log_facts(&recording.stream, scenario, sensors.len())?;
+        let scenario = scenario.clone();
+        let scene = Self { recording, canvas, scenario, picture, last_slot: None, last_totals: None, missed_slots: 0 };
         if scene.recording.part == Part::First {
-            scene.log_event(0, TextLogLevel::INFO, &events::start(scenario, sensors.len()))?;
+            scene.log_event(0, TextLogLevel::INFO, &events::start(&scene.scenario, sensors.len()))?;
         }
         Ok(scene)
     }
@@ -98,26 +73,11 @@ impl Scene {
     /// # Errors
     /// If the slot does not fit the sensor list, or the recording library refuses.
     pub fn log_slot(&mut self, view: &SlotView) -> Result<(), SceneError> {
-        let slot = view.slot;
-        let found = view.queues_bits.len();
-        let expected = self.queues.count();
-        if found != expected {
-            return Err(SceneError::Queues { slot, found, expected });
-        }
-        self.last_slot = Some(slot);
+        self.last_slot = Some(view.slot);
         self.last_totals = Some(view.header.totals);
-        self.recording.set_slot(slot, self.scenario.slot_s);
-        let stream = &self.recording.stream;
-        let fill = self.queues.log_slot(stream, view.queues_bits)?;
-        self.uav.log_slot(stream, view)?;
-        self.path.log(stream, view.path)?;
-        self.links.log_circles(stream, view.plan)?;
-        self.links.log_links(stream, Some(view.flight))?;
-        if let Some(los) = &mut self.los {
-            los.log_slot(stream, view.flight)?;
-        }
-        self.events.log_slot(stream, view)?;
-        Ok(curves::log_slot(stream, view, fill, self.missed_slots)?)
+        self.recording.set_slot(view.slot, self.scenario.slot_s);
+        self.picture.log_slot(view, self.missed_slots)?;
+        Ok(())
     }
 
     /// Marks slots that the viewer did not get: an event, a gap in the lane, and what the slot before had drawn is
@@ -130,15 +90,7 @@ impl Scene {
         self.missed_slots += last - first + 1;
         self.last_slot = Some(last);
         self.recording.set_slot(first, self.scenario.slot_s);
-        let stream = &self.recording.stream;
-        self.uav.log_missed(stream)?;
-        self.path.log(stream, &[])?;
-        self.links.log_circles(stream, None)?;
-        self.links.log_links(stream, None)?;
-        if let Some(los) = &mut self.los {
-            los.log_missed(stream)?;
-        }
-        Ok(self.events.log_missed(stream, first, last)?)
+        self.picture.log_missed(first, last)
     }
 
     /// Adds a line to the event log; `level` is one of [`TextLogLevel`].
@@ -147,7 +99,7 @@ impl Scene {
     /// If the recording library refuses.
     pub fn log_event(&self, slot: u64, level: &'static str, text: &str) -> Result<(), SceneError> {
         self.recording.set_slot(slot, self.scenario.slot_s);
-        Ok(events::write(&self.recording.stream, level, text)?)
+        Ok(events::write(&self.canvas, level, text)?)
     }
 
     /// Adds the mission's totals to the event log and ends the recording.

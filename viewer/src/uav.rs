@@ -3,11 +3,12 @@
 use std::f32::consts::FRAC_1_SQRT_2;
 
 use rerun::{
-    Angle, Arrows3D, Boxes3D, Cylinders3D, FillMode, LineStrips3D, Points3D, Radius, RecordingStream,
-    RecordingStreamResult, RotationAxisAngle, Transform3D,
+    Angle, Arrows3D, Boxes3D, Cylinders3D, FillMode, LineStrips3D, Points3D, Radius, RecordingStreamResult,
+    RotationAxisAngle, Transform3D,
 };
 use skysink_common::message::Plan;
 
+use crate::canvas::Canvas;
 use crate::colour;
 use crate::shapes::{Point, circle, drawn, line_style};
 use crate::sizes::Sizes;
@@ -39,54 +40,54 @@ pub(crate) struct UavShape {
 
 impl UavShape {
     /// Builds the UAV and styles what moves with it.
-    pub(crate) fn open(stream: &RecordingStream, sizes: &Sizes) -> RecordingStreamResult<Self> {
-        log_body(stream, sizes.arm_m)?;
-        log_coverage(stream, sizes.radius_m)?;
-        stream.log_static(TRAIL, &line_style(colour::TRAIL, 1.2))?;
-        stream.log_static(TRACK, &line_style(colour::TRACK, 0.7))?;
-        stream.log_static(PLAN, &line_style(colour::PLAN, 1.5))?;
-        stream.log_static(PLUMB, &line_style(colour::COVERAGE, 0.7))?;
+    pub(crate) fn open(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<Self> {
+        log_body(canvas, sizes.arm_m)?;
+        log_coverage(canvas, sizes.radius_m)?;
+        canvas.log_static(TRAIL, &line_style(colour::TRAIL, 1.2))?;
+        canvas.log_static(TRACK, &line_style(colour::TRACK, 0.7))?;
+        canvas.log_static(PLAN, &line_style(colour::PLAN, 1.5))?;
+        canvas.log_static(PLUMB, &line_style(colour::COVERAGE, 0.7))?;
         Ok(Self { ring_m: 1.8 * sizes.arm_m, track_z_m: -0.006 * sizes.radius_m, before: None })
     }
 
     /// Moves the UAV to where it is after a slot.
-    pub(crate) fn log_slot(&mut self, stream: &RecordingStream, view: &SlotView) -> RecordingStreamResult<()> {
+    pub(crate) fn log_slot(&mut self, canvas: &Canvas, view: &SlotView) -> RecordingStreamResult<()> {
         let here = drawn(view.flight.position());
         let [x_m, y_m, _] = here;
-        stream.log(UAV, &Transform3D::update_fields().with_translation(here))?;
-        stream.log(COVERAGE, &Transform3D::update_fields().with_translation([x_m, y_m, 0.0]))?;
-        stream.log(PLUMB, &LineStrips3D::update_fields().with_strips([[here, [x_m, y_m, 0.0]]]))?;
+        canvas.log(UAV, &Transform3D::update_fields().with_translation(here))?;
+        canvas.log(COVERAGE, &Transform3D::update_fields().with_translation([x_m, y_m, 0.0]))?;
+        canvas.log(PLUMB, &LineStrips3D::update_fields().with_strips([[here, [x_m, y_m, 0.0]]]))?;
         if let Some([from_x_m, from_y_m, _]) = self.before.filter(|before| before[..2] != here[..2]) {
             let heading = Angle::from_radians((y_m - from_y_m).atan2(x_m - from_x_m));
             let turn = RotationAxisAngle::new([0.0, 0.0, 1.0], heading);
-            stream.log(BODY, &Transform3D::update_fields().with_rotation_axis_angle(turn))?;
+            canvas.log(BODY, &Transform3D::update_fields().with_rotation_axis_angle(turn))?;
         }
         let flown: Vec<_> = self.before.map(|before| [before, here]).into_iter().collect();
         let track: Vec<_> = flown.iter().map(|leg| leg.map(|[x_m, y_m, _]| [x_m, y_m, self.track_z_m])).collect();
-        stream.log(TRAIL, &LineStrips3D::update_fields().with_strips(flown))?;
-        stream.log(TRACK, &LineStrips3D::update_fields().with_strips(track))?;
-        self.log_plan(stream, view.plan, self.before.unwrap_or(here))?;
+        canvas.log(TRAIL, &LineStrips3D::update_fields().with_strips(flown))?;
+        canvas.log(TRACK, &LineStrips3D::update_fields().with_strips(track))?;
+        self.log_plan(canvas, view.plan, self.before.unwrap_or(here))?;
         self.before = Some(here);
         Ok(())
     }
 
     /// Takes away what a missed slot would show wrongly, and breaks the path.
-    pub(crate) fn log_missed(&mut self, stream: &RecordingStream) -> RecordingStreamResult<()> {
+    pub(crate) fn log_missed(&mut self, canvas: &Canvas) -> RecordingStreamResult<()> {
         self.before = None;
-        self.log_plan(stream, None, [0.0; 3])
+        self.log_plan(canvas, None, [0.0; 3])
     }
 
-    fn log_plan(&self, stream: &RecordingStream, plan: Option<&Plan>, from: Point) -> RecordingStreamResult<()> {
+    fn log_plan(&self, canvas: &Canvas, plan: Option<&Plan>, from: Point) -> RecordingStreamResult<()> {
         let waypoint = plan.map(|plan| drawn(plan.waypoint()));
         let waypoint = waypoint.filter(|waypoint| waypoint.iter().all(|coordinate| coordinate.is_finite()));
         let strips =
             waypoint.map_or_else(Vec::new, |waypoint| vec![circle(waypoint, self.ring_m), vec![from, waypoint]]);
-        stream.log(PLAN, &LineStrips3D::update_fields().with_strips(strips))
+        canvas.log(PLAN, &LineStrips3D::update_fields().with_strips(strips))
     }
 }
 
 /// A quadrotor with arms of `arm_m` [m] that looks along x, and its dot.
-fn log_body(stream: &RecordingStream, arm_m: f32) -> RecordingStreamResult<()> {
+fn log_body(canvas: &Canvas, arm_m: f32) -> RecordingStreamResult<()> {
     let hub = [0.38 * arm_m, 0.3 * arm_m, 0.13 * arm_m];
     let arm = [arm_m, 0.07 * arm_m, 0.05 * arm_m];
     let turns_deg = [0.0, 45.0, -45.0].map(|deg| RotationAxisAngle::new([0.0, 0.0, 1.0], Angle::from_degrees(deg)));
@@ -94,30 +95,30 @@ fn log_body(stream: &RecordingStream, arm_m: f32) -> RecordingStreamResult<()> {
         .with_rotation_axis_angles(turns_deg)
         .with_colors([colour::UAV])
         .with_fill_mode(FillMode::Solid);
-    stream.log_static(BODY, &body)?;
+    canvas.log_static(BODY, &body)?;
     let reach_m = arm_m * FRAC_1_SQRT_2;
     let rotors = [[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]];
     let rotors = Cylinders3D::from_lengths_and_radii([0.04 * arm_m], [0.45 * arm_m])
         .with_centers(rotors.map(|[x, y]| [x * reach_m, y * reach_m, 0.12 * arm_m]))
         .with_colors([colour::ROTOR])
         .with_fill_mode(FillMode::Solid);
-    stream.log_static(format!("{BODY}/rotors"), &rotors)?;
+    canvas.log_static(format!("{BODY}/rotors"), &rotors)?;
     let heading = Arrows3D::from_vectors([[1.6 * arm_m, 0.0, 0.0]])
         .with_origins([[0.4 * arm_m, 0.0, 0.0]])
         .with_radii([0.1 * arm_m])
         .with_colors([colour::HEADING]);
-    stream.log_static(format!("{BODY}/heading"), &heading)?;
+    canvas.log_static(format!("{BODY}/heading"), &heading)?;
     let dot = Points3D::new([[0.0; 3]]).with_radii([Radius::new_ui_points(5.0)]).with_colors([colour::UAV]);
-    stream.log_static(DOT, &dot)
+    canvas.log_static(DOT, &dot)
 }
 
 /// A disc just below the ground's sensor nodes, and its rim.
-fn log_coverage(stream: &RecordingStream, radius_m: f32) -> RecordingStreamResult<()> {
+fn log_coverage(canvas: &Canvas, radius_m: f32) -> RecordingStreamResult<()> {
     let disc = Cylinders3D::from_lengths_and_radii([0.002 * radius_m], [radius_m])
         .with_centers([[0.0, 0.0, -0.004 * radius_m]])
         .with_colors([colour::COVERED])
         .with_fill_mode(FillMode::Solid);
-    stream.log_static(format!("{COVERAGE}/disc"), &disc)?;
+    canvas.log_static(format!("{COVERAGE}/disc"), &disc)?;
     let rim = line_style(colour::COVERAGE, 1.2).with_strips([circle([0.0; 3], radius_m)]);
-    stream.log_static(format!("{COVERAGE}/rim"), &rim)
+    canvas.log_static(format!("{COVERAGE}/rim"), &rim)
 }

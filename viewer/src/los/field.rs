@@ -5,10 +5,11 @@
 
 use nalgebra::{Point3, Vector2};
 use rerun::components::{Colormap, ImageFormat};
-use rerun::{ChannelDatatype, Clear, ColorModel, GridMap, RecordingStream, RecordingStreamResult, VoxelGridMap};
+use rerun::{ChannelDatatype, Clear, ColorModel, GridMap, RecordingStreamResult, VoxelGridMap};
 use skysink_common::channel::LineOfSight;
 use skysink_common::geometry::{Position, distance_squared};
 
+use crate::canvas::Canvas;
 use crate::files::Part;
 use crate::shapes::drawn;
 use crate::sizes::Sizes;
@@ -47,7 +48,7 @@ pub(super) struct Surroundings {
 
 impl Surroundings {
     pub(super) fn open(
-        stream: &RecordingStream,
+        canvas: &Canvas,
         link: &LineOfSight,
         most_funnels: usize,
         sizes: &Sizes,
@@ -60,7 +61,7 @@ impl Surroundings {
             .with_cell_size(2.0 * slice_half_m / f32::from(SLICE_CELLS))
             .with_colormap(Colormap::Viridis)
             .with_opacity(0.3);
-        stream.log_static(SLICE, &slice)?;
+        canvas.log_static(SLICE, &slice)?;
         let shape = Funnel::of(link, sizes.radius_m, sizes.highest_m);
         for place in 0..most_funnels {
             let style = VoxelGridMap::update_fields()
@@ -68,7 +69,7 @@ impl Surroundings {
                 .with_value_range([0.0, 1.0])
                 .with_colormap(Colormap::Viridis)
                 .with_opacity(0.13);
-            stream.log_static(format!("{FUNNELS}/{place}"), &style)?;
+            canvas.log_static(format!("{FUNNELS}/{place}"), &style)?;
         }
         let visible = if part == Part::Later { most_funnels } else { 0 };
         Ok(Self { slice_half_m, shape, most_funnels, funnels: 0, visible })
@@ -77,29 +78,29 @@ impl Surroundings {
     /// Shows the slice around the UAV and a funnel above each of the served sensor nodes.
     pub(super) fn log(
         &mut self,
-        stream: &RecordingStream,
+        canvas: &Canvas,
         link: &LineOfSight,
         uav: Point3<f64>,
         served: &[Position],
     ) -> RecordingStreamResult<()> {
         if served.is_empty() {
-            return self.clear(stream);
+            return self.clear(canvas);
         }
         let [x_m, y_m, z_m] = drawn(uav);
         let slice = GridMap::update_fields()
             .with_data(slice(link, uav, f64::from(self.slice_half_m), served))
             .with_translation([x_m - self.slice_half_m, y_m - self.slice_half_m, z_m]);
-        stream.log(SLICE, &slice)?;
-        self.log_funnels(stream, served)
+        canvas.log(SLICE, &slice)?;
+        self.log_funnels(canvas, served)
     }
 
     /// Takes slice and funnels away.
-    pub(super) fn clear(&mut self, stream: &RecordingStream) -> RecordingStreamResult<()> {
-        stream.log(SLICE, &Clear::flat())?;
-        self.log_funnels(stream, &[])
+    pub(super) fn clear(&mut self, canvas: &Canvas) -> RecordingStreamResult<()> {
+        canvas.log(SLICE, &Clear::flat())?;
+        self.log_funnels(canvas, &[])
     }
 
-    fn log_funnels(&mut self, stream: &RecordingStream, served: &[Position]) -> RecordingStreamResult<()> {
+    fn log_funnels(&mut self, canvas: &Canvas, served: &[Position]) -> RecordingStreamResult<()> {
         let served = &served[..served.len().min(self.most_funnels)];
         for (place, sensor) in served.iter().enumerate() {
             let corner_m = [sensor.x as f32 - self.shape.radius_m, sensor.y as f32 - self.shape.radius_m, 0.0];
@@ -109,10 +110,10 @@ impl Surroundings {
                     .with_voxel_indices(self.shape.voxels.iter().copied())
                     .with_values(self.shape.probabilities.iter().copied());
             }
-            stream.log(format!("{FUNNELS}/{place}"), &funnel)?;
+            canvas.log(format!("{FUNNELS}/{place}"), &funnel)?;
         }
         for place in served.len()..self.visible {
-            stream.log(format!("{FUNNELS}/{place}"), &Clear::flat())?;
+            canvas.log(format!("{FUNNELS}/{place}"), &Clear::flat())?;
         }
         self.funnels = served.len();
         self.visible = self.funnels;

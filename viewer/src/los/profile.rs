@@ -5,11 +5,12 @@
 //! its maximum in between.
 
 use nalgebra::Point3;
-use rerun::{Clear, LineStrips2D, Radius, RecordingStream, RecordingStreamResult};
+use rerun::{Clear, LineStrips2D, Radius, RecordingStreamResult};
 use skysink_common::channel::LineOfSight;
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::scenario::Scenario;
 
+use crate::canvas::Canvas;
 use crate::colour;
 use crate::shapes::writing;
 
@@ -33,36 +34,36 @@ pub(super) struct Profile {
 }
 
 impl Profile {
-    pub(super) fn open(stream: &RecordingStream, scenario: &Scenario) -> RecordingStreamResult<Self> {
+    pub(super) fn open(canvas: &Canvas, scenario: &Scenario) -> RecordingStreamResult<Self> {
         let range_m = range_m(scenario);
         let frame = LineStrips2D::new([
             vec![[0.0, 0.0], [0.0, HEIGHT as f32], [WIDTH as f32, HEIGHT as f32]],
             vec![[0.0, 0.0], [WIDTH as f32, 0.0]],
         ]);
         let frame = frame.with_colors([colour::GRID]).with_radii([Radius::new_ui_points(0.7)]);
-        stream.log_static(format!("{PROFILE}/frame"), &frame)?;
+        canvas.log_static(format!("{PROFILE}/frame"), &frame)?;
         let below = HEIGHT as f32 + 4.0;
         let altitudes = range_m.map(|altitude_m| format!("{altitude_m:.0} m"));
         let ticks = writing([[0.0, below], [WIDTH as f32, below]], altitudes);
-        stream.log_static(format!("{PROFILE}/ticks"), &ticks)?;
+        canvas.log_static(format!("{PROFILE}/ticks"), &ticks)?;
         let curves = LineStrips2D::update_fields()
             .with_colors([colour::SIGHT, colour::MISSED, colour::DELIVERY])
             .with_radii([1.6, 1.6, 2.4].map(Radius::new_ui_points));
-        stream.log_static(CURVES, &curves)?;
+        canvas.log_static(CURVES, &curves)?;
         let line = LineStrips2D::update_fields().with_colors([colour::UAV]);
-        stream.log_static(FLOWN, &line.with_radii([Radius::new_ui_points(1.0)]))?;
+        canvas.log_static(FLOWN, &line.with_radii([Radius::new_ui_points(1.0)]))?;
         Ok(Self { range_m })
     }
 
     pub(super) fn log(
         &self,
-        stream: &RecordingStream,
+        canvas: &Canvas,
         link: &LineOfSight,
         uav: Point3<f64>,
         served: &[Position],
     ) -> RecordingStreamResult<()> {
         if served.is_empty() {
-            return self.clear(stream);
+            return self.clear(canvas);
         }
         let distances2_m2: Vec<_> = served.iter().map(|sensor| distance_squared(&uav.xy(), sensor)).collect();
         let mean = |value: &dyn Fn(f64) -> f64| {
@@ -82,15 +83,15 @@ impl Profile {
             curve(&|z_m| mean(&|d2_m2| link.los_rate_bps(d2_m2, z_m)) / unit_bps),
             curve(&|z_m| mean(&|d2_m2| link.expected_rate_bps(d2_m2, z_m)) / unit_bps),
         ];
-        stream.log(CURVES, &LineStrips2D::update_fields().with_strips(curves))?;
+        canvas.log(CURVES, &LineStrips2D::update_fields().with_strips(curves))?;
         let at = (WIDTH * (uav.z - lowest_m) / (highest_m - lowest_m)) as f32;
-        stream.log(FLOWN, &LineStrips2D::update_fields().with_strips([[[at, 0.0], [at, HEIGHT as f32]]]))
+        canvas.log(FLOWN, &LineStrips2D::update_fields().with_strips([[[at, 0.0], [at, HEIGHT as f32]]]))
     }
 
     /// Takes the curves away.
-    pub(super) fn clear(&self, stream: &RecordingStream) -> RecordingStreamResult<()> {
-        stream.log(CURVES, &Clear::flat())?;
-        stream.log(FLOWN, &Clear::flat())
+    pub(super) fn clear(&self, canvas: &Canvas) -> RecordingStreamResult<()> {
+        canvas.log(CURVES, &Clear::flat())?;
+        canvas.log(FLOWN, &Clear::flat())
     }
 }
 

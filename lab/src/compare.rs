@@ -1,0 +1,172 @@
+//! Missions side by side: what strategies come to over the same fields, or runs on record.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+
+use serde::Serialize;
+use skysink_common::error::InputError;
+use skysink_common::stop::Stop;
+use skysink_mission::Replay;
+use skysink_mission::summary::Tally;
+use strum::VariantArray;
+
+use crate::error::LabError;
+use crate::metrics::{Metric, MetricValues, MissionSums};
+use crate::sweep::journal::{MissionRows, missions_of};
+use crate::sweep::plan::Definition;
+use crate::sweep::statistics::{MeanInterval, paired_differences};
+
+/// What is compared: a strategy over several fields, or a run.
+#[derive(Debug, Clone)]
+pub struct Contender {
+    /// The strategy, or the run's folder.
+    pub label: String,
+    missions: BTreeMap<u64, MetricValues>,
+}
+
+/// A metric of a contender.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Standing {
+    /// The contender.
+    pub label: String,
+    /// The metric, as in `docs/metrics.md`.
+    pub metric: &'static str,
+    /// Missions.
+    pub n: usize,
+    /// Mean over the missions.
+    pub mean: f64,
+    /// Limits of its 95 % confidence interval; none of a single mission.
+    pub ci95: Option<[f64; 2]>,
+    /// Mean of the differences from the first contender, by mission; none of the first, or where no seed is shared.
+    pub difference: Option<f64>,
+    /// Limits of its 95 % confidence interval.
+    pub difference_ci95: Option<[f64; 2]>,
+}
+
+impl Contender {
+    /// The strategies of a sweep with one point.
+    #[must_use]
+    pub fn of_sweep(definition: &Definition, rows: &MissionRows) -> Vec<Self> {
+        let missions = |index| missions_of(rows, 0, index).map(|row| (row.key.seed, row.values)).collect();
+        let strategies = definition.strategies.iter().enumerate();
+        strategies
+            .map(|(index, strategy)| Self { label: strategy.name.to_owned(), missions: missions(index) })
+            .collect()
+    }
+
+    /// A run on record, from its trace. Its plan times are those of its summary.
+    ///
+    /// # Errors
+    /// If the folder is none of a run, was changed, holds no slot, or on a stop.
+    pub fn of_run(folder: &Path, label: &str, stop: &Stop) -> Result<Self, LabError> {
+        let mut replay = Replay::open(folder)?;
+        let mut tally = Tally::new(replay.scenario(), replay.list());
+        let mut sums = MissionSums::new(replay.scenario(), replay.list());
+        tally.start(&replay.mission().header());
+        while let Some(flown) = replay.next_slot()? {
+            stop.check()?;
+            tally.add(None, &flown.flight, &flown.header);
+            let field = replay.mission().field();
+            sums.add(&flown.flight, field.queues_bits(), field.delivered_bits());
+        }
+        if tally.last_slot() == 0 {
+            return Err(InputError::new("run folder", folder, "no slot is on record: nothing to compare").into());
+        }
+        let mut summary = tally.summary(None, Duration::ZERO, 0);
+        let [p50_us, p99_us] = plan_times_us(folder);
+        summary.timing.plan_p50_us = p50_us;
+        summary.timing.plan_p99_us = p99_us;
+        let values = sums.values(&summary, replay.mission().field().delivered_bits(), None);
+        Ok(Self { label: label.to_owned(), missions: BTreeMap::from([(replay.scenario().seed, values)]) })
+    }
+
+    /// A metric of the mission with this seed.
+    #[must_use]
+    pub fn value(&self, seed: u64, metric: Metric) -> Option<f64> {
+        self.missions.get(&seed).map(|values| values[metric as usize])
+    }
+
+    fn values(&self, metric: Metric) -> BTreeMap<u64, f64> {
+        let value = |(seed, values): (&u64, &MetricValues)| Some((*seed, values[metric as usize]));
+        self.missions.iter().filter_map(value).filter(|(_, value)| !value.is_nan()).collect()
+    }
+
+    /// How it stands by a metric, beside `reference`; none if it has no such value.
+    #[must_use]
+    pub fn standing(&self, metric: Metric, reference: Option<&Self>) -> Option<Standing> {
+        let values = self.values(metric);
+        let numbers: Vec<f64> = values.values().copied().collect();
+        let mean = (!numbers.is_empty()).then(|| MeanInterval::of(&numbers, metric.support()))?;
+        let differences = reference.map(|other| paired_differences(&values, &other.values(metric)));
+        let differences = differences.filter(|differences| !differences.is_empty());
+        let difference =
+            differences.map(|differences| MeanInterval::of(&differences, metric.support().of_difference()));
+        Some(Standing {
+            label: self.label.clone(),
+            metric: metric.name(),
+            n: mean.n,
+            mean: mean.mean,
+            ci95: mean.limits,
+            difference: difference.map(|difference| difference.mean),
+            difference_ci95: difference.and_then(|difference| difference.limits),
+        })
+    }
+}
+
+/// How all stand by all metrics, each beside the first.
+#[must_use]
+pub fn standings(contenders: &[Contender]) -> Vec<Standing> {
+    let beside_first = |(index, contender): (usize, &Contender)| {
+        let reference = contenders.first().filter(|_| index > 0);
+        Metric::VARIANTS.iter().filter_map(|&metric| contender.standing(metric, reference)).collect::<Vec<_>>()
+    };
+    contenders.iter().enumerate().flat_map(beside_first).collect()
+}
+
+/// Median and 99th percentile of the planning times [µs] in the summary of a run; no numbers if it has none.
+fn plan_times_us(folder: &Path) -> [f64; 2] {
+    let text = fs::read(folder.join("summary.json")).unwrap_or_default();
+    let summary: serde_json::Value = serde_json::from_slice(&text).unwrap_or_default();
+    ["plan_p50_us", "plan_p99_us"].map(|key| summary["timing"][key].as_f64().unwrap_or(f64::NAN))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn contender(label: &str, losses: &[(u64, f64)]) -> Contender {
+        let values = |loss_rate| {
+            let mut values = MetricValues::default();
+            values[Metric::LossRate as usize] = loss_rate;
+            values[Metric::LossBound as usize] = f64::NAN;
+            values
+        };
+        let missions = losses.iter().map(|&(seed, loss_rate)| (seed, values(loss_rate))).collect();
+        Contender { label: label.to_owned(), missions }
+    }
+
+    #[test]
+    fn differences_are_taken_by_seed() {
+        let first = contender("uts", &[(1, 0.5), (2, 0.7), (3, 0.9)]);
+        let second = contender("gfs", &[(2, 0.6), (3, 0.7), (4, 0.0)]);
+        let standing = second.standing(Metric::LossRate, Some(&first)).unwrap();
+        assert_eq!((standing.n, standing.metric), (3, "loss_rate"));
+        assert!((standing.difference.unwrap() + 0.15).abs() < 1e-12); // (−0.1 − 0.2) / 2
+        assert!(standing.difference_ci95.is_some());
+    }
+
+    #[test]
+    fn the_first_differs_from_nobody_and_what_nobody_has_is_left_out() {
+        let all = standings(&[contender("uts", &[(1, 0.5)]), contender("gfs", &[(9, 0.5)])]);
+        assert!(all.iter().all(|standing| standing.difference.is_none() && standing.ci95.is_none()));
+        assert!(all.iter().all(|standing| standing.metric != "loss_bound"));
+        assert_eq!(all.iter().filter(|standing| standing.label == "gfs").count(), Metric::VARIANTS.len() - 1);
+    }
+
+    #[test]
+    fn a_run_without_a_summary_has_no_plan_times() {
+        assert!(plan_times_us(Path::new("/nowhere")).iter().all(|time_us| time_us.is_nan()));
+    }
+}

@@ -1,0 +1,148 @@
+//! A mission on record, read line by line and flown again by the recorded plans: what the trace does not hold, such as
+//! the queues of every slot, comes back, and every line is compared.
+
+use std::fs::File;
+use std::io::{BufRead as _, BufReader};
+use std::path::{Path, PathBuf};
+
+use skysink_common::error::InputError;
+use skysink_common::message::{Mode, Plan};
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::sensors::SensorList;
+use skysink_planner::settings;
+use skysink_planner::strategies::rfs;
+
+use crate::error::{FileContext, MissionError};
+use crate::mission::{FlownSlot, Mission};
+use crate::record::RunFolder;
+use crate::slot_log::SlotLog;
+use crate::trace::RecordedSlot;
+
+/// The lines of a trace, one after the other.
+pub struct RecordedLines {
+    path: PathBuf,
+    reader: BufReader<File>,
+    slots: u64,
+    slot: u64,
+    line: Vec<u8>,
+}
+
+impl RecordedLines {
+    /// The lines behind the header of the trace in `folder`, of a mission of `slots` slots.
+    #[must_use]
+    pub fn new(folder: &RunFolder, reader: BufReader<File>, slots: u64) -> Self {
+        Self { path: folder.slots(), reader, slots, slot: 0, line: Vec::new() }
+    }
+
+    /// The next slot on record; `None` after the last whole line.
+    ///
+    /// # Errors
+    /// If the line is not that of the next slot, or cannot be read.
+    pub fn next_slot(&mut self) -> Result<Option<RecordedSlot>, MissionError> {
+        self.line.clear();
+        self.reader.read_until(b'\n', &mut self.line).at(&self.path)?;
+        if self.line.last() != Some(&b'\n') {
+            return Ok(None);
+        }
+        self.slot += 1;
+        let Self { slot, slots, .. } = *self;
+        let recorded = RecordedSlot::parse(&self.line);
+        let recorded = recorded.ok_or_else(|| self.refuse("expected a slot as skysink run writes it"))?;
+        if slot > slots {
+            return Err(self.refuse(&format!("expected the end, after {slots} slots")));
+        }
+        if recorded.slot != slot {
+            return Err(self.refuse(&format!("slot {}: expected slot {slot} of {slots}", recorded.slot)));
+        }
+        Ok(Some(recorded))
+    }
+
+    /// The last line, with its end.
+    #[must_use]
+    pub fn line(&self) -> &[u8] {
+        &self.line
+    }
+
+    /// The refusal of the last line.
+    #[must_use]
+    pub fn refuse(&self, what: &str) -> MissionError {
+        let line = String::from_utf8_lossy(&self.line);
+        InputError::line("trace", &self.path, self.slot as usize + 1, &line, what).into()
+    }
+
+    /// The refusal of a line to which the mission does not lead.
+    #[must_use]
+    pub fn changed(&self) -> MissionError {
+        self.refuse("the mission does not lead to this line, or one before it was changed since it was written")
+    }
+}
+
+/// A mission on record under way again.
+pub struct Replay {
+    scenario: Scenario,
+    list: SensorList,
+    label: String,
+    mission: Mission,
+    lines: RecordedLines,
+    log: SlotLog,
+}
+
+impl Replay {
+    /// Opens the folder of a run.
+    ///
+    /// # Errors
+    /// If it is none, its scenario, sensor list or trace was changed since, or the run is still under way.
+    pub fn open(path: &Path) -> Result<Self, MissionError> {
+        let folder = RunFolder::reopen(path)?;
+        let scenario = Scenario::read(&folder.scenario(), Overrides::default()).and_then(settings::resolve)?;
+        let list = SensorList::of(&scenario)?;
+        let (log, reader) = folder.reopen_slot_log()?;
+        let lines = RecordedLines::new(&folder, reader, scenario.slots);
+        let label = folder.manner().outside_planner.as_ref().unwrap_or(&scenario.planner.strategy).clone();
+        // The plans are on record: the planner is the one that takes least to set up.
+        let mut flown = scenario.clone();
+        rfs::STRATEGY.name.clone_into(&mut flown.planner.strategy);
+        let mission = Mission::new(&flown, &list)?;
+        Ok(Self { scenario, list, label, mission, lines, log })
+    }
+
+    /// The scenario as flown.
+    #[must_use]
+    pub fn scenario(&self) -> &Scenario {
+        &self.scenario
+    }
+
+    /// Its sensor nodes.
+    #[must_use]
+    pub fn list(&self) -> &SensorList {
+        &self.list
+    }
+
+    /// The strategy that planned it, or the label of an outside planner.
+    #[must_use]
+    pub fn label(&self) -> &str {
+        &self.label
+    }
+
+    /// The mission after the last slot.
+    #[must_use]
+    pub fn mission(&self) -> &Mission {
+        &self.mission
+    }
+
+    /// The next slot; `None` after the last on record. In a slot that had no plan in time the plan is to hold.
+    ///
+    /// # Errors
+    /// If the trace cannot be read, or the mission does not lead to its next line.
+    pub fn next_slot(&mut self) -> Result<Option<FlownSlot>, MissionError> {
+        let Some(recorded) = self.lines.next_slot()? else { return Ok(None) };
+        let plan = (!recorded.is_missed()).then(|| recorded.plan());
+        let header = self.mission.fly(plan.as_ref());
+        let flight = *self.mission.last_flight();
+        if !self.log.repeat(self.lines.line(), &flight, &header)? {
+            return Err(self.lines.changed());
+        }
+        let plan = plan.unwrap_or_else(|| Plan::fly_to(recorded.position, Mode::Hold));
+        Ok(Some(FlownSlot { plan, flight, header }))
+    }
+}

@@ -1,0 +1,121 @@
+//! `skysink compare`: strategies over the same fields, and runs on record.
+
+#![cfg(feature = "lab")]
+
+mod support;
+
+use serde_json::Value;
+use support::Place;
+#[cfg(feature = "viewer")]
+use support::slots;
+
+const SMALL: &str = "name = \"small\"\nseed = 3\nslots = 250\n[area]\nside_m = 200.0\n[sensors]\ncount = 60\n";
+
+/// The standing of `label` by `metric`.
+fn standing<'a>(all: &'a Value, label: &str, metric: &str) -> &'a Value {
+    let is_it = |one: &&Value| one["label"] == label && one["metric"] == metric;
+    all.as_array().unwrap().iter().find(is_it).unwrap_or_else(|| panic!("{label}, {metric}: {all}"))
+}
+
+fn compared(place: &Place, arguments: &[&str]) -> Value {
+    let ended = place.run_well(&[&["compare"], arguments, &["--json", "--no-record"]].concat());
+    serde_json::from_str(&ended.stdout).unwrap()
+}
+
+#[test]
+fn strategies_are_compared_over_the_same_seeds() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    let all = compared(&place, &["small.toml", "uts", "gfs", "--seeds", "3", "--out", "both"]);
+    let loss = |seed: &str, strategy: &str| {
+        let out = format!("{strategy}-{seed}");
+        place.run_well(&["simulate", "small.toml", "--seed", seed, "--strategy", strategy, "--out", &out]);
+        let summary: Value = serde_json::from_str(&place.read(&format!("{out}/summary.json"))).unwrap();
+        summary["loss_rate"].as_f64().unwrap()
+    };
+    let losses: Vec<[f64; 2]> = ["3", "4", "5"].map(|seed| [loss(seed, "uts"), loss(seed, "gfs")]).to_vec();
+    let mean = |of: &dyn Fn(&[f64; 2]) -> f64| losses.iter().map(of).sum::<f64>() / 3.0;
+    let is_near = |value: &Value, expected: f64| (value.as_f64().unwrap() - expected).abs() < 1e-12;
+    let gfs = standing(&all, "gfs", "loss_rate");
+    assert!(is_near(&standing(&all, "uts", "loss_rate")["mean"], mean(&|[uts, _]| *uts)), "{all}");
+    assert!(is_near(&gfs["mean"], mean(&|[_, gfs]| *gfs)), "{all}");
+    assert!(is_near(&gfs["difference"], mean(&|[uts, gfs]| gfs - uts)), "{all}");
+    assert_eq!(gfs["n"], 3);
+    assert!(standing(&all, "uts", "loss_rate")["difference"].is_null(), "{all}");
+    let again = compared(&place, &["small.toml", "uts", "gfs", "--seeds", "3", "--out", "both"]);
+    assert_eq!(standing(&again, "gfs", "loss_rate"), gfs);
+}
+
+#[test]
+fn runs_on_record_stand_as_their_summaries_say_and_keys_that_differ_come_first() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    for (strategy, bandwidth) in [("uts", "5e6"), ("gfs", "5e3")] {
+        let set = format!("link.bandwidth_hz={bandwidth}");
+        place.run_well(&["simulate", "small.toml", "--strategy", strategy, "--set", &set, "--out", strategy]);
+    }
+    let all = compared(&place, &["uts", "gfs", "--out", "both"]);
+    for strategy in ["uts", "gfs"] {
+        let summary: Value = serde_json::from_str(&place.read(&format!("{strategy}/summary.json"))).unwrap();
+        for metric in ["loss_rate", "bits_per_waypoint", "mean_served", "eta_letter"] {
+            assert_eq!(standing(&all, strategy, metric)["mean"], summary[metric], "{strategy}: {metric}");
+        }
+        let timing = &standing(&all, strategy, "plan_p50_us")["mean"];
+        assert_eq!(*timing, summary["timing"]["plan_p50_us"], "{strategy}");
+    }
+    let ended = place.run_well(&["compare", "uts", "gfs", "--out", "both", "--no-record"]);
+    assert!(ended.stdout.starts_with("link.bandwidth_hz: 5000000.0 | 5000.0\nplanner.strategy: "), "{ended:?}");
+}
+
+#[test]
+fn a_trace_that_was_changed_is_refused_by_its_line() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    place.run_well(&["simulate", "small.toml", "--out", "a"]);
+    place.run_well(&["simulate", "small.toml", "--strategy", "gfs", "--out", "b"]);
+    let trace = place.read("b/slots.csv");
+    let line = trace.lines().nth(100).unwrap();
+    let queued = line.split(',').nth(7).unwrap();
+    place.write("b/slots.csv", &trace.replacen(line, &line.replace(queued, "1"), 1));
+    let ended = place.run(&["compare", "a", "b", "--out", "both"]);
+    assert_eq!(ended.code, Some(2), "{ended:?}");
+    assert!(ended.stderr.contains("b/slots.csv: line 101"), "{ended:?}");
+    assert!(!place.path("both").exists());
+}
+
+#[test]
+fn what_cannot_be_compared_is_refused() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    place.run_well(&["simulate", "small.toml", "--out", "a"]);
+    std::fs::create_dir(place.path("taken")).unwrap();
+    place.write("taken/file", "");
+    for (arguments, says) in [
+        (["small.toml", "uts", "magic"], "strategy magic: expected one of rfs"),
+        (["small.toml", "uts", "uts"], "each once"),
+        (["a", "nowhere", "--no-record"], "nowhere"),
+        (["missing.toml", "uts", "gfs"], "missing.toml"),
+        (["a", "a", "--out=taken"], "taken"),
+    ] {
+        let ended = place.run(&[&["compare"], &arguments[..]].concat());
+        assert_eq!(ended.code, Some(2), "{arguments:?}: {ended:?}");
+        assert!(ended.stderr.contains(says) && ended.stderr.lines().count() == 1, "{arguments:?}: {ended:?}");
+    }
+}
+
+#[cfg(feature = "viewer")]
+#[test]
+fn one_recording_holds_every_slot_of_every_mission() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    let compare = ["compare", "small.toml", "uts", "gfs", "--seeds", "1", "--out", "both"];
+    place.run_well(&compare);
+    let recording = place.path("both/comparison.rrd");
+    assert!(skysink_viewer::has_footer(&recording).unwrap());
+    for entity in ["/compare/loss_rate/1-uts", "/1-uts/world/queues", "/compare/delivered/2-gfs", "/2-gfs/world/uav"] {
+        assert_eq!(slots(&recording, entity), (0..=250).collect(), "{entity}");
+    }
+    place.run_well(&compare); // replaces it
+    assert_eq!(slots(&recording, "/compare/loss_rate/1-uts"), (0..=250).collect());
+    assert!(!place.path("both/comparison-2.rrd").exists());
+}

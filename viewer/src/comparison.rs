@@ -1,0 +1,207 @@
+//! Several missions in one recording, side by side: a scene of each, on one timeline, and their curves in one plot.
+
+use rerun::external::re_sdk_types::blueprint::archetypes::PlotLegend;
+use rerun::external::re_sdk_types::blueprint::components::{ContainerKind, Corner2D};
+use rerun::{ApplicationId, RecordingStreamResult, Scalars, TextDocument};
+use skysink_common::message::SensorNode;
+use skysink_common::scenario::Scenario;
+
+use crate::blueprint::{Blueprint, Tile, class};
+use crate::canvas::Canvas;
+use crate::colour::{self, Rgb};
+use crate::files::Part;
+use crate::layout::{SLOTS_PER_S, above, film, lock_axis, overview, select, select_all};
+use crate::picture::Picture;
+use crate::queues::Fill;
+use crate::recording::{Recording, SceneError, Sinks};
+use crate::shapes::curve_style;
+use crate::sizes::Sizes;
+use crate::slot::SlotView;
+use crate::{curves, path, queues, uav};
+
+/// What is compared, as a table in words.
+const PAGE: &str = "comparison";
+
+/// A curve of every mission: its root, its title, its value in a slot, and what the axis shows.
+struct Plot {
+    root: &'static str,
+    title: &'static str,
+    value: fn(&SlotView, Fill) -> f64,
+    range: Option<[f64; 2]>,
+}
+
+const PLOTS: [Plot; 3] = [
+    Plot {
+        root: "compare/loss_rate",
+        title: "Loss rate so far: lost ÷ sampled",
+        value: |view, _| curves::loss_rate(&view.header.totals),
+        range: None,
+    },
+    Plot {
+        root: "compare/queue_fill",
+        title: "Mean queue fill",
+        value: |_, fill| fill.mean,
+        range: Some([-0.04, 1.1]),
+    },
+    Plot {
+        root: "compare/delivered",
+        title: "Delivered so far [Mbit]",
+        value: |view, _| view.header.totals.delivered_bits as f64 / 1e6,
+        range: None,
+    },
+];
+
+/// A mission that is compared.
+#[derive(Debug, Clone, Copy)]
+pub struct Compared<'a> {
+    /// Who flies, such as a strategy; it names the curves.
+    pub label: &'a str,
+    /// Written over its scene.
+    pub title: &'a str,
+    /// What is flown.
+    pub scenario: &'a Scenario,
+    /// Its sensor nodes.
+    pub sensors: &'a [SensorNode],
+}
+
+/// A recording of several missions under way.
+pub struct Comparison {
+    recording: Recording,
+    missions: Vec<Drawn>,
+}
+
+/// A mission as drawn.
+struct Drawn {
+    root: String,
+    picture: Picture,
+    slot_s: f64,
+}
+
+impl Comparison {
+    /// Opens the sinks and draws everything that stays. `page` is shown beside the scenes, as Markdown.
+    ///
+    /// # Errors
+    /// If there is no sink, the file cannot be created, the port is taken, or the recording library refuses.
+    pub fn open(sinks: &Sinks, name: &str, missions: &[Compared], page: &str) -> Result<Self, SceneError> {
+        let recording = Recording::open(sinks, &ApplicationId::new_or_unknown("skysink-compare"), name)?;
+        let canvas = Canvas::whole(&recording.stream);
+        canvas.log_static(PAGE, &TextDocument::from_markdown(page))?;
+        let mut drawn = Vec::new();
+        for (number, mission) in missions.iter().enumerate() {
+            let root = root(number, mission.label);
+            for plot in &PLOTS {
+                canvas.log_static(curve(plot, &root), &curve_style(mission.label, colour(number)))?;
+            }
+            let sizes = Sizes::of(mission.scenario, mission.sensors.len());
+            let below = Canvas::below(&recording.stream, &root);
+            let picture = Picture::open(below, mission.scenario, mission.sensors, &sizes, Part::First)?;
+            drawn.push(Drawn { root, picture, slot_s: mission.scenario.slot_s });
+        }
+        let comparison = Self { recording, missions: drawn };
+        comparison.arrange(missions)?;
+        Ok(comparison)
+    }
+
+    /// Adds a slot of the mission with this index. The slots of a mission come in ascending order.
+    ///
+    /// # Errors
+    /// If the slot does not fit the sensor list, or the recording library refuses.
+    ///
+    /// # Panics
+    /// If there is no such mission.
+    pub fn log_slot(&mut self, mission: usize, view: &SlotView) -> Result<(), SceneError> {
+        let Drawn { root, picture, slot_s } = &mut self.missions[mission];
+        self.recording.set_slot(view.slot, *slot_s);
+        let fill = picture.log_slot(view, 0)?;
+        let canvas = Canvas::whole(&self.recording.stream);
+        for plot in &PLOTS {
+            canvas.log(curve(plot, root), &Scalars::single((plot.value)(view, fill)))?;
+        }
+        Ok(())
+    }
+
+    /// Ends the recording.
+    ///
+    /// # Errors
+    /// If something could not be written, now or earlier.
+    pub fn close(self) -> Result<(), SceneError> {
+        self.recording.close()
+    }
+
+    /// Sends the layout of the screen: the scenes beside each other, beside them the curves.
+    fn arrange(&self, missions: &[Compared]) -> RecordingStreamResult<()> {
+        let mut layout = Blueprint::new(&self.recording.application, &self.recording.name)?;
+        let mut fields = Vec::new();
+        let mut tops = Vec::new();
+        for (drawn, mission) in self.missions.iter().zip(missions) {
+            fields.push((1.0, field(&mut layout, drawn, mission)?));
+            tops.push((1.0, top(&mut layout, drawn, mission)?));
+        }
+        let fields = layout.container(ContainerKind::Grid, &fields)?;
+        layout.name(fields, "Fields (3D)")?;
+        let tops = layout.container(ContainerKind::Grid, &tops)?;
+        layout.name(tops, "Top views")?;
+        let scenes = layout.container(ContainerKind::Tabs, &[(1.0, fields), (1.0, tops)])?;
+        let mut rows = vec![(1.0, layout.view(class::TEXT, "Comparison", PAGE, &[select(PAGE)])?)];
+        for plot in &PLOTS {
+            let view = layout.view(class::CURVES, plot.title, "", &[select_all(plot.root)])?;
+            layout.set(view, &PlotLegend::new().with_visible(true).with_corner(Corner2D::LeftTop))?;
+            if let Some(range) = plot.range {
+                lock_axis(&layout, view, range)?;
+            }
+            rows.push((1.0, view));
+        }
+        let beside = layout.container(ContainerKind::Vertical, &rows)?;
+        let all = layout.container(ContainerKind::Horizontal, &[(2.1, scenes), (1.0, beside)])?;
+        layout.send(&self.recording.stream, all, SLOTS_PER_S)
+    }
+}
+
+/// The scene of a mission, seen from the south.
+fn field(layout: &mut Blueprint, drawn: &Drawn, mission: &Compared) -> RecordingStreamResult<Tile> {
+    let below = |entity: &str| format!("{}/{entity}", drawn.root);
+    let hidden = [below(uav::TRACK), below(path::TRACK)].map(|entity| format!("- /{entity}/**"));
+    let contents = [&[select_all(&below(queues::WORLD))][..], &hidden].concat();
+    let view = layout.view(class::SCENE, mission.title, &below(queues::WORLD), &contents)?;
+    layout.show_past(view, &below(uav::TRAIL), Some(15), drawn.slot_s)?;
+    film(layout, view, &overview(&Sizes::of(mission.scenario, mission.sensors.len())))?;
+    Ok(view)
+}
+
+/// The scene of a mission, seen from above.
+fn top(layout: &mut Blueprint, drawn: &Drawn, mission: &Compared) -> RecordingStreamResult<Tile> {
+    let below = |entity: &str| format!("{}/{entity}", drawn.root);
+    let hidden = [below(uav::TRAIL), below(path::PATH)].map(|entity| format!("- /{entity}/**"));
+    let contents = [&[select_all(&below(queues::WORLD))][..], &hidden].concat();
+    let view = layout.view(class::SCENE, mission.title, &below(queues::WORLD), &contents)?;
+    layout.show_past(view, &below(uav::TRACK), None, drawn.slot_s)?;
+    film(layout, view, &above(&Sizes::of(mission.scenario, mission.sensors.len())))?;
+    Ok(view)
+}
+
+/// Entity below which a mission is drawn: unique, and made of letters that need no escape.
+fn root(number: usize, label: &str) -> String {
+    let label = label.replace(|letter: char| !letter.is_ascii_alphanumeric(), "-");
+    format!("{}-{label}", number + 1)
+}
+
+/// The curve of a mission in a plot.
+fn curve(plot: &Plot, root: &str) -> String {
+    format!("{}/{root}", plot.root)
+}
+
+/// The colour of a mission's curves.
+fn colour(number: usize) -> Rgb {
+    colour::COMPARED[number % colour::COMPARED.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn roots_differ_although_labels_do_not() {
+        assert_eq!(root(0, "uts wide/é"), "1-uts-wide--");
+        assert_ne!(root(0, "uts"), root(1, "uts"));
+    }
+}
