@@ -13,7 +13,8 @@ use clap::{Args, Parser, Subcommand};
 use skysink_common::scenario::{Overrides, Scenario, Setting};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
-use skysink_mission::Mission;
+use skysink_mission::record::RunFolder;
+use skysink_mission::{Mission, sensor_results};
 use skysink_planner::settings;
 use skysink_planner::strategies::{Registered, STRATEGIES};
 use skysink_ring::role::Role;
@@ -83,6 +84,22 @@ Examples:
   skysink run --external planner       waits for your planner, and says where
   skysink run --resume runs/letter-uts-1")]
     Run(RunArguments),
+    /// Print the figures of a run again.
+    #[command(after_help = "\
+Examples:
+  skysink report runs/letter-uts-1
+  skysink report runs/letter-uts-1 --sensors   what each sensor node lost, too")]
+    Report {
+        /// Folder of a run.
+        #[arg(value_name = "RUN")]
+        folder: PathBuf,
+        /// Write sensors_out.csv beside the trace: what was lost, delivered and waited for at each sensor node.
+        #[arg(long)]
+        sensors: bool,
+        /// Print summary.json instead of the table.
+        #[arg(long)]
+        json: bool,
+    },
     /// Fly a long mission with processes that are killed at random, and check that nothing is lost and nothing grows.
     Soak(SoakArguments),
     #[cfg(feature = "lab")]
@@ -191,6 +208,7 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
             let mission = Mission::new(&scenario, &list)?;
             simulate(&Simulation { scenario, folder: choice.folder, record }, &list, mission, stop)?
         }
+        Command::Report { folder, sensors, json } => return report(&folder, sensors, json, stop),
         Command::Run(arguments) => run(&arguments.run()?, stop, &ProcessTable::default())?,
         #[cfg(feature = "lab")]
         Command::Research(research) => return research.run(stop),
@@ -201,6 +219,24 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
         Command::Hop(process) => return process.run(stop),
     };
     report::print_run(&folder, &summary)
+}
+
+fn report(path: &Path, sensors: bool, json: bool, stop: &Stop) -> Result<(), Error> {
+    let folder = RunFolder::reopen(path)?;
+    let summary = folder.summary()?;
+    if json {
+        report::print(serde_json::to_string_pretty(&summary).expect("plain numbers and strings"))?;
+    } else {
+        report::print_run(&folder, &summary)?;
+    }
+    drop(folder); // what follows takes it anew
+    if sensors {
+        let file = sensor_results::write(path, stop)?;
+        if !json {
+            report::print(format_args!("Sensor nodes:    {}", file.display()))?;
+        }
+    }
+    Ok(())
 }
 
 fn check(path: &Path, overrides: Overrides) -> Result<(), Error> {

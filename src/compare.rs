@@ -60,6 +60,7 @@ pub enum Compared {
 }
 
 /// One that is compared, as far as it is shown.
+#[cfg_attr(not(feature = "viewer"), expect(dead_code, reason = "only recordings fly it again"))]
 struct Shown {
     contender: Contender,
     /// The seed of the mission that the recording shows.

@@ -9,11 +9,11 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "node")]
 use iceoryx2::prelude::ZeroCopySend;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Bits of the whole field since the mission's start.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable, Serialize, Deserialize)]
 #[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.Totals.v1"))]
 pub struct Totals {
     /// Queued before slot 1.

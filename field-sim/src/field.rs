@@ -183,6 +183,21 @@ impl Field {
         self.ledger.delivered_bits()
     }
 
+    /// Bits that the sensor node `sensor` has sampled so far.
+    ///
+    /// # Panics
+    /// If there is no such sensor node.
+    #[must_use]
+    pub fn sampled_bits(&self, sensor: usize) -> u64 {
+        sampled_bits(self.rates.mean_bits(sensor), self.slot)
+    }
+
+    /// Bits lost so far, by sensor node.
+    pub fn lost_bits(&self) -> impl Iterator<Item = u64> {
+        let sensors = 0..self.queues_bits().len();
+        self.ledger.lost_bits(sensors.clone(), sensors.map(|sensor| self.sampled_bits(sensor)))
+    }
+
     /// Every bit since the mission's start.
     #[must_use]
     pub fn totals(&self) -> Totals {

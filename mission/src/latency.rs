@@ -52,7 +52,7 @@ impl Spread {
 }
 
 /// The latencies of a run, from sample to sample.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Latencies {
     /// `queues(t−1)` to `plan(t)`.
     pub queues_to_plan: Spread,

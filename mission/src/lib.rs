@@ -2,7 +2,7 @@
 //!
 //! [`mission`] is the round trip as plain calls, [`record`] the run folder, [`origin`] how a run was begun, [`slot_log`]
 //! the trace under way, [`trace`] its lines, [`replay`] a mission on record flown again, [`summary`] what a run comes to,
-//! [`latency`] how its times are kept. The ring as processes is left to the product.
+//! [`sensor_results`] what it comes to for each sensor node, [`latency`] how its times are kept. The ring as processes is left to the product.
 
 pub mod error;
 pub mod latency;
@@ -10,6 +10,7 @@ pub mod mission;
 pub mod origin;
 pub mod record;
 pub mod replay;
+pub mod sensor_results;
 pub mod slot_log;
 pub mod summary;
 pub mod trace;

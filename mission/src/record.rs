@@ -14,13 +14,16 @@ use skysink_common::sensors::SensorList;
 
 use crate::error::{FileContext, MissionError};
 use crate::origin::{self, Manner};
+use crate::sensor_results;
 use crate::slot_log::{CHECK, SlotLog};
+use crate::summary::Summary;
 
 /// The trace, by which a folder is known to hold a run.
 const TRACE: &str = "slots.csv";
 
 /// The other files of a run, but for its recordings.
-const FILES: [&str; 6] = [origin::FILE, "scenario.toml", "sensors.csv", CHECK, "summary.json", "optimum.json"];
+const FILES: [&str; 7] =
+    [origin::FILE, "scenario.toml", "sensors.csv", CHECK, "summary.json", "optimum.json", sensor_results::FILE];
 
 /// A run's folder, which this process has to itself.
 #[derive(Debug)]
@@ -184,6 +187,19 @@ impl RunFolder {
     pub fn is_complete(&self) -> bool {
         let text = fs::read(self.path.join("summary.json")).unwrap_or_default();
         serde_json::from_slice(&text).is_ok_and(|summary: serde_json::Value| summary["complete"] == true)
+    }
+
+    /// The figures of the run, as it ended.
+    ///
+    /// # Errors
+    /// If it has not ended, or they were written by another version.
+    pub fn summary(&self) -> Result<Summary, MissionError> {
+        let path = self.path.join("summary.json");
+        let refuse = |message: String| InputError::new("summary", &path, message);
+        let text =
+            fs::read(&path).map_err(|error| refuse(format!("{error}: expected the folder of a run that has ended")))?;
+        let summary = serde_json::from_slice(&text);
+        Ok(summary.map_err(|error| refuse(format!("{error}: expected what this version writes")))?)
     }
 
     /// Writes `value` to the JSON file `name`, whole or not at all.

@@ -1,9 +1,10 @@
 //! What a run comes to: tallied slot by slot, written as `summary.json`.
 
+use std::borrow::Cow;
 use std::time::Duration;
 
 use hdrhistogram::Histogram;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use skysink_common::message::{FlightReport, HoldReason, Mode, Plan, QueuesHeader, SolverOutcome, Totals};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
@@ -15,20 +16,20 @@ use crate::latency::{Latencies, Latency, SlotTimes, histogram};
 const MAX_EVENTS: usize = 10_000;
 
 /// What has become of a process, as in `summary.json`.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Event {
     /// The slot under way.
     pub slot: u64,
     /// Wall time since the run began [s].
     pub at_s: f64,
     /// The process.
-    pub process: &'static str,
+    pub process: Cow<'static, str>,
     /// What has become of it.
     pub event: String,
 }
 
 /// The figures of a run, as in `summary.json`.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Name of the scenario.
     pub name: String,
@@ -75,13 +76,13 @@ pub struct Summary {
     /// Whether all slots were flown.
     pub complete: bool,
     /// Version of Skysink.
-    pub version: &'static str,
+    pub version: Cow<'static, str>,
     /// By the wall clock; different each time.
     pub timing: RunTiming,
 }
 
 /// The wall-clock figures of a run.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunTiming {
     /// Pace, or none in one process.
     pub pace: Option<Pace>,
@@ -124,7 +125,7 @@ impl Tally {
             seed: scenario.seed,
             planned_slots: scenario.slots,
             sensors: list.sensors().len(),
-            version: env!("CARGO_PKG_VERSION"),
+            version: env!("CARGO_PKG_VERSION").into(),
             ..Summary::default()
         };
         Self {

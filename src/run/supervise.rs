@@ -165,7 +165,7 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
             self.progress.say(&format!("slot {slot}: {process} {fate}"));
             let at_s = self.begin.elapsed().as_secs_f64();
             let is_restart = matches!(fate, Fate::Restarted(_));
-            tally.add_event(Event { slot, at_s, process, event: fate.to_string() }, is_restart);
+            tally.add_event(Event { slot, at_s, process: process.into(), event: fate.to_string() }, is_restart);
             self.health.send(self.ring.header(slot, 0), Health::of(role, fate))?;
         }
         Ok(self.viewer)

@@ -137,7 +137,9 @@ impl Comparison {
             fields.push((1.0, field(&mut layout, drawn, mission)?));
             tops.push((1.0, top(&mut layout, drawn, mission)?));
         }
-        let fields = layout.container(ContainerKind::Grid, &fields)?;
+        // Two beside each other would be too narrow for a field seen at an angle.
+        let fields_kind = if missions.len() == 2 { ContainerKind::Vertical } else { ContainerKind::Grid };
+        let fields = layout.container(fields_kind, &fields)?;
         layout.name(fields, "Fields (3D)")?;
         let tops = layout.container(ContainerKind::Grid, &tops)?;
         layout.name(tops, "Top views")?;
