@@ -17,7 +17,7 @@ use crate::origin::{self, Manner};
 use crate::slot_log::{CHECK, SlotLog};
 
 /// The trace, by which a folder is known to hold a run.
-const TRACE: &str = "slots.csv";
+pub(crate) const TRACE: &str = "slots.csv";
 
 /// The other files of a run, but for its recordings.
 const FILES: [&str; 6] = [origin::FILE, "scenario.toml", "sensors.csv", CHECK, "summary.json", "optimum.json"];
@@ -150,16 +150,7 @@ impl RunFolder {
     /// # Errors
     /// If it is none, its scenario or sensor list was changed since, or the run is still under way.
     pub fn reopen(path: &Path) -> Result<Self, MissionError> {
-        let files = ["scenario.toml", TRACE, origin::FILE];
-        if let Some(missing) = files.into_iter().find(|name| !path.join(name).is_file()) {
-            let found = if fs::symlink_metadata(path.join(missing)).is_ok() { "is no file" } else { "is missing" };
-            let message = format_args!("{missing} {found}: expected the folder of a run that has ended early");
-            return Err(InputError::new("run folder", path, message).into());
-        }
-        let names = file_names(path).at(path)?;
-        if let Some(name) = names.iter().find(|name| is_of_run(name) && !is_plain_file(&path.join(name))) {
-            return Err(InputError::new("run folder", path, format_args!("{name} is no file")).into());
-        }
+        require(path, &["scenario.toml", TRACE, origin::FILE], "the folder of a run that has ended early")?;
         let trace = lock(path, false)?;
         Ok(Self { manner: origin::read(path)?, path: path.to_owned(), trace, in_a_ring: true })
     }
@@ -214,6 +205,20 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), MissionError> {
     written.at(path)
 }
 
+/// Refuses a folder without one of the files `names`, or in which something else has the name of a file of a run.
+pub(crate) fn require(path: &Path, names: &[&str], expected: &str) -> Result<(), MissionError> {
+    if let Some(missing) = names.iter().find(|name| !path.join(name).is_file()) {
+        let found = if fs::symlink_metadata(path.join(missing)).is_ok() { "is no file" } else { "is missing" };
+        let message = format_args!("{missing} {found}: expected {expected}");
+        return Err(InputError::new("run folder", path, message).into());
+    }
+    let names = file_names(path).at(path)?;
+    match names.iter().find(|name| is_of_run(name) && !is_plain_file(&path.join(name))) {
+        Some(name) => Err(InputError::new("run folder", path, format_args!("{name} is no file")).into()),
+        None => Ok(()),
+    }
+}
+
 /// Opens the trace in `folder`, or makes it if `create` allows, and keeps a second run from the folder.
 fn lock(folder: &Path, create: bool) -> Result<File, MissionError> {
     let path = folder.join(TRACE);
@@ -224,13 +229,19 @@ fn lock(folder: &Path, create: bool) -> Result<File, MissionError> {
         .truncate(false)
         .custom_flags(rustix::fs::OFlags::NOFOLLOW.bits().cast_signed());
     let file = open.open(&path).at(&path)?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
+    held(file.try_lock(), &path)?;
+    Ok(file)
+}
+
+/// Says which run has the trace `path`, if another one has.
+pub(crate) fn held(locked: Result<(), TryLockError>, path: &Path) -> Result<(), MissionError> {
+    match locked {
+        Ok(()) => Ok(()),
         Err(TryLockError::WouldBlock) => {
             let message = "a run is writing it: end that run first, or choose another folder";
-            Err(InputError::new("trace", &path, message).into())
+            Err(InputError::new("trace", path, message).into())
         }
-        Err(TryLockError::Error(error)) => Err(error).at(&path),
+        Err(TryLockError::Error(error)) => Err(error).at(path),
     }
 }
 
