@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::path::Path;
 
-use serde_json::Value;
+use serde::Deserialize;
 use skysink_common::error::{InputError, read_text};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
@@ -20,6 +20,8 @@ pub struct RecordedRun {
     pub scenario: Scenario,
     /// The sensor nodes as flown.
     pub list: SensorList,
+    /// The strategy flown, or the label of an outside planner.
+    pub strategy: String,
     /// Slot t is entry t − 1.
     pub slots: Vec<RecordedSlot>,
 }
@@ -37,26 +39,32 @@ impl RecordedRun {
         let trace = File::open(&path).at(&path)?;
         held(trace.try_lock_shared(), &path)?;
         origin::read(folder)?;
-        let hash = hash_of_finished(folder)?;
+        let FinishedRun { strategy, trace_hash, .. } = read_summary(folder)?;
         let scenario = Scenario::read(&folder.join("scenario.toml"), Overrides::default())?;
         let list = SensorList::of(&scenario)?;
-        let slots = read_slots(&path, &hash, &scenario, list.sensors().len())?;
-        Ok(Self { scenario, list, slots })
+        let slots = read_slots(&path, &trace_hash, &scenario, list.sensors().len())?;
+        Ok(Self { scenario, list, strategy, slots })
     }
 }
 
-/// The hash of the trace, from the summary of a run that has flown all its slots.
-fn hash_of_finished(folder: &Path) -> Result<String, InputError> {
+/// What `summary.json` says that is needed here.
+#[derive(Deserialize)]
+struct FinishedRun {
+    strategy: String,
+    trace_hash: String,
+    complete: bool,
+}
+
+fn read_summary(folder: &Path) -> Result<FinishedRun, InputError> {
     let path = folder.join("summary.json");
     let refuse = |message: String| InputError::new("summary", &path, message);
-    let summary: Value =
-        serde_json::from_str(&read_text("summary", &path)?).map_err(|error| refuse(error.to_string()))?;
-    if summary["complete"] != true {
-        let expected = "expected true, of a run that has flown all its slots";
-        return Err(refuse(format!("complete = {}: {expected}", summary["complete"])));
+    let text = read_text("summary", &path)?;
+    let summary: FinishedRun =
+        serde_json::from_str(&text).map_err(|error| refuse(format!("{error}: expected a run's summary")))?;
+    if !summary.complete {
+        return Err(refuse("complete = false: expected true, of a run that has flown all its slots".to_owned()));
     }
-    let hash = summary["trace_hash"].as_str().ok_or_else(|| refuse("trace_hash: expected the trace's hash".into()))?;
-    Ok(hash.to_owned())
+    Ok(summary)
 }
 
 /// The slots of the trace `path`, all of them, as they were written.

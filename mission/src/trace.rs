@@ -88,7 +88,9 @@ impl RecordedSlot {
     pub fn parse(line: &[u8]) -> Option<Self> {
         let line = std::str::from_utf8(line).ok()?.strip_suffix('\n')?;
         let columns: Vec<&str> = line.split(',').collect();
-        let &[slot, x_m, y_m, z_m, scheduled, delivered, lost, queued, mode, refused] = &columns[..] else { return None };
+        let &[slot, x_m, y_m, z_m, scheduled, delivered, lost, queued, mode, refused] = &columns[..] else {
+            return None;
+        };
         let number = |text: &str| text.parse::<f64>().ok().filter(|number| number.is_finite());
         Some(Self {
             slot: slot.parse().ok()?,
