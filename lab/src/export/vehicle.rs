@@ -214,17 +214,17 @@ mod tests {
 
     #[test]
     fn straight_legs_and_holds_are_merged() {
-        // On the equator x is a sin λ: 60 m are 60/6378137 rad = 0.000538987°.
+        // On the equator x is a sin λ: 60 m are 60/6378137 · 180°/π = 0.000538989°.
         let run = run(&[(30.0, false), (30.0, false), (0.0, true), (10.0, true), (0.0, true), (9.0, false)]);
         let mission = plan(&track(&run), 100);
         let at = |lon_deg: f64| GeodeticPosition { lat_deg: 0.0, lon_deg };
         let expected = [
             VehicleItem::TakeOff(at(0.0), 20.0),
             VehicleItem::Speed(30.0),
-            VehicleItem::Waypoint(at(0.000538987), 20.0, 1.0), // two legs in one, and a slot of hovering
+            VehicleItem::Waypoint(at(0.000538989), 20.0, 1.0), // two legs in one, and a slot of hovering
             VehicleItem::Speed(10.0),
-            VehicleItem::Waypoint(at(0.000628818), 20.0, 1.25), // τ_c at the end of the leg, and a slot
-            VehicleItem::Waypoint(at(0.000709666), 20.0, 0.0),  // 9 m/s are within a tenth of 30 m/s
+            VehicleItem::Waypoint(at(0.000628821), 20.0, 1.25), // τ_c at the end of the leg, and a slot
+            VehicleItem::Waypoint(at(0.000709669), 20.0, 0.0),  // 9 m/s are within a tenth of 30 m/s
             VehicleItem::Return,
         ];
         assert_eq!(mission.parts, [expected]);
