@@ -42,13 +42,14 @@ fn write(track: &GeodeticTrack<'_>, items: &[VehicleItem]) -> Vec<u8> {
             "globalPlanAltitudeMode": RELATIVE,
             // The vehicle replaces the altitude above the sea when it is armed.
             "plannedHomePosition": [home.lat_deg, home.lon_deg, 0.0],
-            "items": items.iter().zip(1..).map(item).collect::<Vec<_>>(),
+            "items": items.iter().zip(1..).map(|(item, number)| simple_item(item, number)).collect::<Vec<_>>(),
         },
     });
     (serde_json::to_string_pretty(&plan).expect("plain numbers and strings") + "\n").into_bytes()
 }
 
-fn item((item, number): (&VehicleItem, u32)) -> Value {
+/// An item as the plan has it, by its number from 1.
+fn simple_item(item: &VehicleItem, number: u32) -> Value {
     let mavlink = item.mavlink();
     let mut value = json!({
         "type": "SimpleItem",
@@ -58,7 +59,7 @@ fn item((item, number): (&VehicleItem, u32)) -> Value {
         "frame": mavlink.frame,
         "params": mavlink.params, // NaN is null
     });
-    if let VehicleItem::TakeOff(_, altitude_m) | VehicleItem::Waypoint(_, altitude_m, _) = item {
+    if let VehicleItem::TakeOff { altitude_m, .. } | VehicleItem::Waypoint { altitude_m, .. } = item {
         value["Altitude"] = json!(altitude_m);
         value["AltitudeMode"] = json!(RELATIVE);
         value["AMSLAltAboveTerrain"] = Value::Null;

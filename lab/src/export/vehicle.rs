@@ -17,15 +17,16 @@ const MERGE_M: f64 = 0.05;
 /// A speed is kept as long as the next ones are within this fraction of the highest.
 const SPEED_STEP: f64 = 0.1;
 
-/// An item of a mission; the numbers are those of MAVLink, messages `common`.
+/// An item of a mission.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[expect(missing_docs, reason = "the names of the fields say it")]
 pub enum VehicleItem {
-    /// `MAV_CMD_NAV_TAKEOFF` above home.
-    TakeOff(GeodeticPosition, f64),
-    /// `MAV_CMD_DO_CHANGE_SPEED`, over ground [m/s].
-    Speed(f64),
-    /// `MAV_CMD_NAV_WAYPOINT`: place, altitude above home [m], hold [s].
-    Waypoint(GeodeticPosition, f64, f64),
+    /// `MAV_CMD_NAV_TAKEOFF`: above home [m].
+    TakeOff { home: GeodeticPosition, altitude_m: f64 },
+    /// `MAV_CMD_DO_CHANGE_SPEED`: over ground [m/s].
+    Speed { speed_mps: f64 },
+    /// `MAV_CMD_NAV_WAYPOINT`: above home [m], held for a time [s].
+    Waypoint { place: GeodeticPosition, altitude_m: f64, hold_s: f64 },
     /// `MAV_CMD_NAV_RETURN_TO_LAUNCH`.
     Return,
 }
@@ -51,9 +52,9 @@ impl VehicleItem {
             params: [hold_s, 0.0, 0.0, f64::NAN, place.lat_deg, place.lon_deg, altitude_m],
         };
         match *self {
-            Self::TakeOff(place, altitude_m) => at(22, 0.0, place, altitude_m),
-            Self::Waypoint(place, altitude_m, hold_s) => at(16, hold_s, place, altitude_m),
-            Self::Speed(speed_mps) => {
+            Self::TakeOff { home, altitude_m } => at(22, 0.0, home, altitude_m),
+            Self::Waypoint { place, altitude_m, hold_s } => at(16, hold_s, place, altitude_m),
+            Self::Speed { speed_mps } => {
                 MavlinkItem { command: 178, frame: 2, params: [1.0, speed_mps, -1.0, 0.0, 0.0, 0.0, 0.0] }
             }
             Self::Return => MavlinkItem { command: 20, frame: 2, params: [0.0; 7] },
@@ -79,7 +80,7 @@ pub fn plan(track: &GeodeticTrack<'_>, most_items: usize) -> VehicleMission {
     let stops = merge(track);
     let step_mps = SPEED_STEP * track.run.scenario.uav.max_speed_mps;
     let home = &track.points[0];
-    let take_off = VehicleItem::TakeOff(home.place, home.position.z);
+    let take_off = VehicleItem::TakeOff { home: home.place, altitude_m: home.position.z };
     let mut parts = Vec::new();
     let mut part = vec![take_off];
     let mut set_mps = None;
@@ -93,10 +94,11 @@ pub fn plan(track: &GeodeticTrack<'_>, most_items: usize) -> VehicleMission {
             set_mps = None;
         }
         if let Some(speed_mps) = is_new(set_mps) {
-            part.push(VehicleItem::Speed(speed_mps));
+            part.push(VehicleItem::Speed { speed_mps });
             set_mps = Some(speed_mps);
         }
-        part.push(VehicleItem::Waypoint(stop.point.place, stop.point.position.z, stop.hold_s));
+        let TrackPoint { place, position, .. } = stop.point;
+        part.push(VehicleItem::Waypoint { place, altitude_m: position.z, hold_s: stop.hold_s });
     }
     part.push(VehicleItem::Return);
     parts.push(part);
@@ -109,7 +111,7 @@ fn summary(track: &GeodeticTrack<'_>, stops: &[VehicleStop<'_>], parts: &[Vec<Ve
     let waypoints = stops.len();
     let services = track.services().count();
     let serving = stops.iter().filter(|stop| stop.is_service).count();
-    let speeds = parts.iter().flatten().filter(|item| matches!(item, VehicleItem::Speed(_))).count();
+    let speeds = parts.iter().flatten().filter(|item| matches!(item, VehicleItem::Speed { .. })).count();
     let items: usize = parts.iter().map(|part| part.len() + 1).sum(); // and home
     let files = if parts.len() == 1 { "1 file".to_owned() } else { format!("{} files", parts.len()) };
     format!(
@@ -217,14 +219,17 @@ mod tests {
         // On the equator x is a sin λ: 60 m are 60/6378137 · 180°/π = 0.000538989°.
         let run = run(&[(30.0, false), (30.0, false), (0.0, true), (10.0, true), (0.0, true), (9.0, false)]);
         let mission = plan(&track(&run), 100);
-        let at = |lon_deg: f64| GeodeticPosition { lat_deg: 0.0, lon_deg };
+        let waypoint = |lon_deg: f64, hold_s| {
+            let place = GeodeticPosition { lat_deg: 0.0, lon_deg };
+            VehicleItem::Waypoint { place, altitude_m: 20.0, hold_s }
+        };
         let expected = [
-            VehicleItem::TakeOff(at(0.0), 20.0),
-            VehicleItem::Speed(30.0),
-            VehicleItem::Waypoint(at(0.000538989), 20.0, 1.0), // two legs in one, and a slot of hovering
-            VehicleItem::Speed(10.0),
-            VehicleItem::Waypoint(at(0.000628821), 20.0, 1.25), // τ_c at the end of the leg, and a slot
-            VehicleItem::Waypoint(at(0.000709669), 20.0, 0.0),  // 9 m/s are within a tenth of 30 m/s
+            VehicleItem::TakeOff { home: GeodeticPosition { lat_deg: 0.0, lon_deg: 0.0 }, altitude_m: 20.0 },
+            VehicleItem::Speed { speed_mps: 30.0 },
+            waypoint(0.000538989, 1.0), // two legs in one, and a slot of hovering
+            VehicleItem::Speed { speed_mps: 10.0 },
+            waypoint(0.000628821, 1.25), // τ_c at the end of the leg, and a slot
+            waypoint(0.000709669, 0.0),  // 9 m/s are within a tenth of 30 m/s
             VehicleItem::Return,
         ];
         assert_eq!(mission.parts, [expected]);
@@ -246,9 +251,10 @@ mod tests {
             let mut waypoints = Vec::new();
             for part in &mission.parts {
                 prop_assert!(part.len() < most_items, "{part:?}"); // and home
-                prop_assert!(matches!(part[..], [VehicleItem::TakeOff(..), .., VehicleItem::Return]));
+                let is_whole = matches!(part[..], [VehicleItem::TakeOff { .. }, .., VehicleItem::Return]);
+                prop_assert!(is_whole, "{part:?}");
                 let place = |item: &VehicleItem| match item {
-                    VehicleItem::Waypoint(place, ..) => Some(*place),
+                    VehicleItem::Waypoint { place, .. } => Some(*place),
                     _ => None,
                 };
                 waypoints.extend(part.iter().filter_map(place));
