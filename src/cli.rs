@@ -1,5 +1,7 @@
 //! The command line of `skysink`.
 
+#[cfg(feature = "lab")]
+mod export;
 mod flight;
 #[cfg(feature = "lab")]
 mod research;
@@ -105,6 +107,10 @@ Examples:
     #[cfg(feature = "lab")]
     #[command(flatten)]
     Research(research::Research),
+    #[cfg(feature = "lab")]
+    /// Turn a finished run into a file that other programs open.
+    #[command(after_help = export::EXAMPLES)]
+    Export(export::ExportOptions),
     #[cfg(feature = "lab")]
     /// Benchmark planner, field, missions and ring against their lower bounds.
     #[command(after_help = "\
@@ -213,6 +219,8 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
         #[cfg(feature = "lab")]
         Command::Research(research) => return research.run(stop),
         Command::Soak(arguments) => return arguments.soak(stop),
+        #[cfg(feature = "lab")]
+        Command::Export(options) => return options.export(),
         #[cfg(feature = "lab")]
         Command::Bench(options) => return options.bench(stop),
         #[cfg(feature = "lab")]

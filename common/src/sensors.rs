@@ -1,8 +1,8 @@
 //! The sensor nodes as flown: drawn from the seed or read from a CSV list, and written back with every column.
 //!
-//! `table` reads the rows of a list, `projection` brings latitude and longitude onto the area.
+//! `table` reads the rows of a list, [`projection`] brings latitude and longitude onto the area, and back.
 
-mod projection;
+pub mod projection;
 mod table;
 
 use std::path::Path;

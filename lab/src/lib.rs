@@ -1,9 +1,10 @@
-//! Research: sweeps, metrics, figures, and the search for the best known flight. The only crate that knows arrow and
-//! resvg.
+//! Research: sweeps, metrics, figures, the search for the best known flight, and the export of runs. The only crate that
+//! knows arrow, resvg and the formats of maps and vehicles.
 
 mod ages;
 pub mod compare;
 mod error;
+pub mod export;
 pub mod figures;
 pub mod metrics;
 pub mod optimize;

@@ -156,7 +156,7 @@ impl RunFolder {
         let files = ["scenario.toml", TRACE, origin::FILE];
         if let Some(missing) = files.into_iter().find(|name| !path.join(name).is_file()) {
             let found = if fs::symlink_metadata(path.join(missing)).is_ok() { "is no file" } else { "is missing" };
-            let message = format_args!("{missing} {found}: expected the folder of a run that has ended early");
+            let message = format_args!("{missing} {found}: expected the folder of a run");
             return Err(InputError::new("run folder", path, message).into());
         }
         let names = file_names(path).at(path)?;

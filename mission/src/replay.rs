@@ -85,6 +85,9 @@ pub struct Replay {
     mission: Mission,
     lines: RecordedLines,
     log: SlotLog,
+    recorded: Option<RecordedSlot>,
+    /// How many slots the run's summary counts, and the hash of their lines.
+    summary: Option<(u64, String)>,
 }
 
 impl Replay {
@@ -99,11 +102,12 @@ impl Replay {
         let (log, reader) = folder.reopen_slot_log()?;
         let lines = RecordedLines::new(&folder, reader, scenario.slots);
         let label = folder.manner().outside_planner.as_ref().unwrap_or(&scenario.planner.strategy).clone();
+        let summary = folder.summary().ok().map(|summary| (summary.slots, summary.trace_hash));
         // The plans are on record: the planner is the one that takes least to set up.
         let mut flown = scenario.clone();
         rfs::STRATEGY.name.clone_into(&mut flown.planner.strategy);
         let mission = Mission::new(&flown, &list)?;
-        Ok(Self { scenario, list, label, mission, lines, log })
+        Ok(Self { scenario, list, label, mission, lines, log, recorded: None, summary })
     }
 
     /// The scenario as flown.
@@ -130,12 +134,18 @@ impl Replay {
         &self.mission
     }
 
+    /// What the trace says of the last slot.
+    #[must_use]
+    pub fn last_recorded(&self) -> Option<&RecordedSlot> {
+        self.recorded.as_ref()
+    }
+
     /// The next slot; `None` after the last on record. In a slot that had no plan in time the plan is to hold.
     ///
     /// # Errors
     /// If the trace cannot be read, or the mission does not lead to its next line.
     pub fn next_slot(&mut self) -> Result<Option<FlownSlot>, MissionError> {
-        let Some(recorded) = self.lines.next_slot()? else { return Ok(None) };
+        let Some(recorded) = self.lines.next_slot()? else { return self.check_end().map(|()| None) };
         let plan = (!recorded.is_missed()).then(|| recorded.plan());
         let header = self.mission.fly(plan.as_ref());
         let flight = *self.mission.last_flight();
@@ -143,6 +153,20 @@ impl Replay {
             return Err(self.lines.changed());
         }
         let plan = plan.unwrap_or_else(|| Plan::fly_to(recorded.position, Mode::Hold));
+        self.recorded = Some(recorded);
         Ok(Some(FlownSlot { plan, flight, header }))
+    }
+
+    /// Refuses a trace whose end is not that of the run's summary.
+    fn check_end(&self) -> Result<(), MissionError> {
+        let found = (self.mission.slot(), format!("{:016x}", self.log.hash()));
+        match &self.summary {
+            Some(summary) if *summary != found => {
+                let [found, expected] = [&found, summary].map(|(slots, hash)| format!("{slots} slots of hash {hash}"));
+                let message = format_args!("{found}: expected {expected}, as in summary.json");
+                Err(InputError::new("trace", &self.lines.path, message).into())
+            }
+            _ => Ok(()),
+        }
     }
 }

@@ -65,6 +65,12 @@ pub struct RecordedSlot {
     pub position: Point3<f64>,
     /// The served sensor nodes, ascending.
     pub scheduled: Vec<u32>,
+    /// Uploaded in the slot [bit].
+    pub delivered_bits: u64,
+    /// Lost in the slot [bit].
+    pub lost_bits: u64,
+    /// The sum of all queues after it [bit].
+    pub queued_bits: u64,
     /// What the UAV did.
     pub mode: Mode,
     /// Requests of the plan that were refused.
@@ -77,12 +83,17 @@ impl RecordedSlot {
     pub fn parse(line: &[u8]) -> Option<Self> {
         let line = std::str::from_utf8(line).ok()?.strip_suffix('\n')?;
         let columns: Vec<&str> = line.split(',').collect();
-        let &[slot, x_m, y_m, z_m, scheduled, _, _, _, mode, refused] = &columns[..] else { return None };
+        let &[slot, x_m, y_m, z_m, scheduled, delivered, lost, queued, mode, refused] = &columns[..] else {
+            return None;
+        };
         let number = |text: &str| text.parse::<f64>().ok().filter(|number| number.is_finite());
         Some(Self {
             slot: slot.parse().ok()?,
             position: Point3::new(number(x_m)?, number(y_m)?, number(z_m)?),
             scheduled: scheduled.split_ascii_whitespace().map(|id| id.parse().ok()).collect::<Option<_>>()?,
+            delivered_bits: delivered.parse().ok()?,
+            lost_bits: lost.parse().ok()?,
+            queued_bits: queued.parse().ok()?,
             mode: mode.parse().ok()?,
             refused: refused.parse().ok()?,
         })

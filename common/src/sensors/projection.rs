@@ -1,7 +1,8 @@
-//! Latitude and longitude onto the plane of the area: metres east and north of its south-west corner.
+//! Latitude and longitude onto the plane of the area, metres east and north of its south-west corner, and back.
 //!
 //! The plane touches the WGS84 ellipsoid at the corner. Whether a position lies in the area is left to the reader.
 
+use nalgebra::Vector3;
 use sguaba::math::RigidBodyTransform;
 use sguaba::systems::{Ecef, Wgs84};
 use sguaba::{Coordinate, system};
@@ -22,8 +23,21 @@ system!(
 /// centre of the Earth lies 6357 to 6378 km deep, the horizon of a place on the ellipsoid at most 22 km higher.
 const HORIZON_DEPTH_M: f64 = 6.3e6;
 
+/// Semi-axes of the WGS84 ellipsoid [m], equatorial and polar: `a`, and `b = a (1 − f)` with `1/f = 298.257223563`.
+const SEMI_AXES_M: [f64; 2] = [6_378_137.0, 6_378_137.0 * (1.0 - 1.0 / 298.257_223_563)];
+
+/// A place on the WGS84 ellipsoid, at altitude 0.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GeodeticPosition {
+    /// Geodetic latitude [°], −90 to 90.
+    pub lat_deg: f64,
+    /// Longitude [°], −180 to 180.
+    pub lon_deg: f64,
+}
+
 /// The projection about one origin.
-pub(super) struct Projection(RigidBodyTransform<Ecef, Corner>);
+#[derive(Debug, Clone, Copy)]
+pub struct Projection(RigidBodyTransform<Ecef, Corner>);
 
 impl Projection {
     /// The plane that touches the ellipsoid at `origin`, x east and y north.
@@ -44,6 +58,38 @@ impl Projection {
         let [east_m, north_m, up_m] = self.0.transform(place).to_cartesian().map(|length| length.get::<meter>());
         (up_m > -HORIZON_DEPTH_M).then(|| Position::new(east_m, north_m))
     }
+
+    /// The place that [`Self::project`] brings to `position`; `None` where the plane has no ground below it.
+    ///
+    /// It is `P = F + u n`, with F the point of the plane, n its unit normal, both Earth-centred, and u the root nearest
+    /// 0 of `|S(F + u n)|² = 1`, `S = diag(1/a, 1/a, 1/b)`; on the ellipsoid `tan φ = (a/b)² z/√(x² + y²)` and
+    /// `tan λ = y/x` (Torge and Müller, "Geodesy", 4th ed., 2012, chapter 4, with `1 − e² = (b/a)²`).
+    #[must_use]
+    pub fn unproject(&self, position: &Position) -> Option<GeodeticPosition> {
+        let [a_m, b_m] = SEMI_AXES_M;
+        let scaled = |vector: Vector3<f64>| vector.component_div(&Vector3::new(a_m, a_m, b_m));
+        let foot = self.earth_centred([position.x, position.y, 0.0]);
+        let normal = (self.earth_centred([0.0, 0.0, a_m]) - self.earth_centred([0.0; 3])) / a_m;
+        let outside = scaled(foot).norm_squared() - 1.0;
+        let slope = scaled(foot).dot(&scaled(normal));
+        let discriminant = slope * slope - scaled(normal).norm_squared() * outside;
+        // NaN and what lies beyond the Earth's rim have no root; the quotient does not cancel where u is small.
+        let root = (discriminant >= 0.0).then(|| -outside / (slope + discriminant.sqrt()))?;
+        let place = foot + normal * root;
+        let lat_deg = ((a_m / b_m).powi(2) * place.z).atan2(place.x.hypot(place.y)).to_degrees();
+        Some(GeodeticPosition { lat_deg, lon_deg: place.y.atan2(place.x).to_degrees() })
+    }
+
+    /// A point of the frame of the plane [m], from the centre of the Earth [m].
+    fn earth_centred(&self, [east_m, north_m, up_m]: [f64; 3]) -> Vector3<f64> {
+        let point = Coordinate::<Corner>::builder()
+            .enu_east(Length::new::<meter>(east_m))
+            .enu_north(Length::new::<meter>(north_m))
+            .enu_up(Length::new::<meter>(up_m))
+            .build();
+        let cartesian = self.0.inverse_transform(point).to_cartesian().map(|length| length.get::<meter>());
+        Vector3::from(cartesian)
+    }
 }
 
 fn place(lat_deg: f64, lon_deg: f64) -> Wgs84 {
@@ -53,4 +99,35 @@ fn place(lat_deg: f64, lon_deg: f64) -> Wgs84 {
         .longitude(Angle::new::<degree>(lon_deg))
         .altitude(Length::ZERO)
         .build()
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn what_lies_due_east_of_an_equatorial_origin_is_the_arc_sine_away() {
+        // On the equator, a circle of radius a: x = a sin λ, so x = a/2 is at 30°. Past the rim there is no ground.
+        let projection = Projection::about(Origin { lat_deg: 0.0, lon_deg: 10.0 });
+        let place = projection.unproject(&Position::new(SEMI_AXES_M[0] / 2.0, 0.0)).unwrap();
+        assert!(place.lat_deg.abs() < 1e-12 && (place.lon_deg - 40.0).abs() < 1e-12, "{place:?}");
+        assert_eq!(projection.unproject(&Position::new(SEMI_AXES_M[0] * 1.001, 0.0)), None);
+        assert_eq!(projection.unproject(&Position::new(f64::NAN, 0.0)), None);
+    }
+
+    proptest! {
+        #[test]
+        fn a_position_comes_back_from_latitude_and_longitude(
+            lat_deg in -90.0..90.0f64,
+            lon_deg in -180.0..180.0f64,
+            [x_m, y_m] in prop::array::uniform2(-100e3..100e3f64),
+        ) {
+            let projection = Projection::about(Origin { lat_deg, lon_deg });
+            let place = projection.unproject(&Position::new(x_m, y_m)).unwrap();
+            let back = projection.project(place.lat_deg, place.lon_deg).unwrap();
+            prop_assert!((back - Position::new(x_m, y_m)).norm() < 1e-7, "{place:?} is at {back}");
+        }
+    }
 }

@@ -1,0 +1,31 @@
+//! The flight as a table: a row per slot, from the start in row 0.
+
+use super::track::GeodeticTrack;
+use super::{ExportFormat, WriteFormat};
+
+/// The table.
+pub static FORMAT: ExportFormat = ExportFormat {
+    name: "csv",
+    about: "table: latitude, longitude, altitude, time and served sensor nodes of each slot",
+    extension: "csv",
+    write: WriteFormat::Flight(write),
+};
+
+fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
+    let mut text =
+        "slot,time_s,lat_deg,lon_deg,altitude_m,scheduled,delivered_bits,lost_bits,queued_bits,mode\n".to_owned();
+    for point in &track.points {
+        let place = point.place;
+        let [slot, time_s] = [point.slot.map_or(0, |slot| slot.slot) as f64, point.time_s];
+        let figures = point.slot.map_or_else(
+            || ",,,,".to_owned(), // before slot 1 nothing is on record
+            |slot| {
+                let (delivered, lost, queued) = (slot.delivered_bits, slot.lost_bits, slot.queued_bits);
+                format!("{},{delivered},{lost},{queued},{}", point.served_text(), slot.mode)
+            },
+        );
+        let altitude_m = point.position.z;
+        text += &format!("{slot},{time_s},{},{},{altitude_m},{figures}\n", place.lat_deg, place.lon_deg);
+    }
+    text.into_bytes()
+}

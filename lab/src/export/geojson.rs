@@ -1,0 +1,52 @@
+//! GeoJSON (RFC 7946): the area, the flight, the service points and the sensor nodes as features.
+
+use geojson::{Feature, FeatureCollection, Geometry};
+use serde_json::{Value, json};
+use skysink_common::sensors::projection::GeodeticPosition;
+
+use super::track::{GeodeticTrack, TrackPoint};
+use super::{ExportFormat, WriteFormat};
+
+/// The features.
+pub static FORMAT: ExportFormat = ExportFormat {
+    name: "geojson",
+    about: "GeoJSON, for QGIS and web maps: area, flight, service points, sensor nodes",
+    extension: "geojson",
+    write: WriteFormat::Flight(|track| collection(track).into_bytes()),
+};
+
+/// The features as text.
+pub(super) fn collection(track: &GeodeticTrack<'_>) -> String {
+    let rim = || track.rim.iter().chain(&track.rim[..1]).map(ground);
+    let area = feature(Geometry::new_polygon([rim()]), json!({ "kind": "area", "name": track.name() }));
+    let flight = feature(
+        Geometry::new_line_string(track.points.iter().map(in_the_air)),
+        json!({ "kind": "flight", "slot_s": track.run.scenario.slot_s }),
+    );
+    let services = track.services().map(|(point, slot)| {
+        let properties =
+            json!({ "kind": "service", "slot": slot, "time_s": point.time_s, "scheduled": point.served() });
+        feature(Geometry::new_point(in_the_air(point)), properties)
+    });
+    let sensors = track
+        .sensors
+        .iter()
+        .enumerate()
+        .map(|(id, place)| feature(Geometry::new_point(ground(place)), json!({ "kind": "sensor node", "id": id })));
+    let features = [area, flight].into_iter().chain(services).chain(sensors).collect();
+    FeatureCollection { bbox: None, features, foreign_members: None }.to_string() + "\n"
+}
+
+fn ground(place: &GeodeticPosition) -> [f64; 2] {
+    [place.lon_deg, place.lat_deg]
+}
+
+/// Longitude, latitude, and the altitude above the ground.
+fn in_the_air(point: &TrackPoint<'_>) -> [f64; 3] {
+    [point.place.lon_deg, point.place.lat_deg, point.position.z]
+}
+
+fn feature(geometry: Geometry, properties: Value) -> Feature {
+    let properties = properties.as_object().cloned();
+    Feature { geometry: Some(geometry), properties, ..Feature::default() }
+}

@@ -1,0 +1,52 @@
+//! GPX 1.1: the sensor nodes as waypoints, the flight as a track.
+//!
+//! A mission has no date: its time counts from 1970-01-01T00:00:00Z.
+
+use gpx::{Gpx, GpxVersion, Metadata, Track, TrackSegment, Waypoint};
+use skysink_common::sensors::projection::GeodeticPosition;
+use time::{Duration, OffsetDateTime};
+
+use super::track::{GeodeticTrack, TrackPoint};
+use super::{ExportFormat, WriteFormat};
+
+/// The track.
+pub static FORMAT: ExportFormat = ExportFormat {
+    name: "gpx",
+    about: "GPX, for GIS and map programs: flight with time, sensor nodes",
+    extension: "gpx",
+    write: WriteFormat::Flight(write),
+};
+
+fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
+    let sensor = |(id, place): (usize, &GeodeticPosition)| {
+        let mut sensor = at(place);
+        sensor.name = Some(format!("SN {id}"));
+        sensor
+    };
+    let segment = TrackSegment { points: track.points.iter().map(point).collect() };
+    let gpx = Gpx {
+        version: GpxVersion::Gpx11,
+        creator: Some(format!("skysink {}", env!("CARGO_PKG_VERSION"))),
+        metadata: Some(Metadata { name: Some(track.name()), ..Metadata::default() }),
+        waypoints: track.sensors.iter().enumerate().map(sensor).collect(),
+        tracks: vec![Track { name: Some("flight".to_owned()), segments: vec![segment], ..Track::default() }],
+        ..Gpx::default()
+    };
+    let mut text = Vec::new();
+    gpx::write(&gpx, &mut text).expect("a vector takes everything");
+    text
+}
+
+fn point(point: &TrackPoint<'_>) -> Waypoint {
+    let mut waypoint = at(&point.place);
+    waypoint.elevation = Some(point.position.z);
+    // Past the year 9999 there is no date to write.
+    let since = Duration::checked_seconds_f64(point.time_s);
+    waypoint.time = since.and_then(|since| OffsetDateTime::UNIX_EPOCH.checked_add(since)).map(Into::into);
+    waypoint.comment = Some(point.served_text()).filter(|text| !text.is_empty()).map(|text| format!("SN {text}"));
+    waypoint
+}
+
+fn at(place: &GeodeticPosition) -> Waypoint {
+    Waypoint::new(geo_types::Point::new(place.lon_deg, place.lat_deg))
+}

@@ -1,0 +1,65 @@
+//! KML 2.2, for Google Earth: the area, the flight above the ground, the service points and the sensor nodes.
+
+use std::collections::HashMap;
+
+use kml::types::{AltitudeMode, Coord, Folder, Geometry, LineString, LinearRing, Placemark, Point, Polygon};
+use kml::{Kml, KmlDocument, KmlVersion, KmlWriter};
+use skysink_common::sensors::projection::GeodeticPosition;
+
+use super::track::{GeodeticTrack, TrackPoint};
+use super::{ExportFormat, WriteFormat};
+
+/// The document.
+pub static FORMAT: ExportFormat = ExportFormat {
+    name: "kml",
+    about: "KML, for Google Earth: area, flight, service points, sensor nodes",
+    extension: "kml",
+    write: WriteFormat::Flight(write),
+};
+
+fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
+    let rim = track.rim.iter().chain(&track.rim[..1]).map(ground).collect::<Vec<_>>();
+    let area = Geometry::Polygon(Polygon { tessellate: true, ..Polygon::new(LinearRing::from(rim), vec![]) });
+    let flight = Geometry::LineString(LineString {
+        altitude_mode: AltitudeMode::RelativeToGround,
+        ..LineString::from(track.points.iter().map(in_the_air).collect::<Vec<_>>())
+    });
+    let services = track.services().map(|(point, slot)| {
+        let altitude_mode = AltitudeMode::RelativeToGround;
+        let geometry = Geometry::Point(Point { altitude_mode, ..Point::from(in_the_air(point)) });
+        placemark(format!("slot {slot}"), format!("SN {}, {} s", point.served_text(), point.time_s), geometry)
+    });
+    let sensors =
+        track.sensors.iter().enumerate().map(|(id, place)| {
+            placemark(format!("SN {id}"), String::new(), Geometry::Point(Point::from(ground(place))))
+        });
+    let elements = vec![
+        placemark("area".to_owned(), String::new(), area),
+        placemark("flight".to_owned(), track.name(), flight),
+        folder("service points", services.collect()),
+        folder("sensor nodes", sensors.collect()),
+    ];
+    let attrs = HashMap::from([("xmlns".to_owned(), "http://www.opengis.net/kml/2.2".to_owned())]);
+    let document = Kml::Document { attrs: HashMap::new(), elements };
+    let document = Kml::KmlDocument(KmlDocument { version: KmlVersion::V22, attrs, elements: vec![document] });
+    let mut text = b"<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n".to_vec();
+    KmlWriter::from_writer(&mut text).write(&document).expect("a vector takes everything");
+    text
+}
+
+fn folder(name: &str, elements: Vec<Kml>) -> Kml {
+    Kml::Folder(Folder { name: Some(name.to_owned()), elements, ..Folder::default() })
+}
+
+fn placemark(name: String, description: String, geometry: Geometry) -> Kml {
+    let description = Some(description).filter(|text| !text.is_empty());
+    Kml::Placemark(Placemark { name: Some(name), description, geometry: Some(geometry), ..Placemark::default() })
+}
+
+fn ground(place: &GeodeticPosition) -> Coord {
+    Coord::new(place.lon_deg, place.lat_deg, None)
+}
+
+fn in_the_air(point: &TrackPoint<'_>) -> Coord {
+    Coord::new(point.place.lon_deg, point.place.lat_deg, Some(point.position.z))
+}

@@ -1,0 +1,35 @@
+//! The waypoint file of ArduPilot's ground stations, `QGC WPL 110`: a line per item, tab-separated.
+//!
+//! Format: MAVLink's developer guide, "Plain-Text File Format".
+
+use super::track::GeodeticTrack;
+use super::vehicle::{MavlinkItem, VehicleItem};
+use super::{ExportFormat, WriteFormat};
+
+/// The waypoint file.
+pub static FORMAT: ExportFormat = ExportFormat {
+    name: "waypoints",
+    about: "QGC WPL 110, for Mission Planner and MAVProxy: a vehicle's mission, no geofence",
+    extension: "waypoints",
+    write: WriteFormat::Mission(write, "\nNo geofence: QGC WPL has no item for it, qgc-plan has"),
+};
+
+fn write(track: &GeodeticTrack<'_>, items: &[VehicleItem]) -> Vec<u8> {
+    let home = track.points[0].place;
+    let params = [0.0, 0.0, 0.0, 0.0, home.lat_deg, home.lon_deg, 0.0];
+    let home = MavlinkItem { command: 16, frame: 0, params };
+    let mut text = "QGC WPL 110\n".to_owned();
+    for (index, item) in std::iter::once(home).chain(items.iter().map(VehicleItem::mavlink)).enumerate() {
+        let MavlinkItem { command, frame, params } = item;
+        // No reader takes NaN for a heading; vehicles of ArduPilot ignore it.
+        let [hold, radius, orbit, heading, lat_deg, lon_deg, altitude_m] =
+            params.map(|value| if value.is_nan() { 0.0 } else { value });
+        let is_current = u8::from(index == 0);
+        let line = format!(
+            "{index}\t{is_current}\t{frame}\t{command}\t{hold:.3}\t{radius:.3}\t{orbit:.3}\t{heading:.3}\t\
+             {lat_deg:.9}\t{lon_deg:.9}\t{altitude_m:.3}\t1\n"
+        );
+        text.push_str(&line);
+    }
+    text.into_bytes()
+}

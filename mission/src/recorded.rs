@@ -1,0 +1,46 @@
+//! All slots of a run that has ended, read from its folder.
+
+use std::path::Path;
+
+use skysink_common::error::InputError;
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::SensorList;
+
+use crate::error::MissionError;
+use crate::replay::Replay;
+use crate::trace::RecordedSlot;
+
+/// A run that has flown all its slots.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordedRun {
+    /// The scenario as flown.
+    pub scenario: Scenario,
+    /// The sensor nodes as flown.
+    pub list: SensorList,
+    /// The strategy flown, or the label of an outside planner.
+    pub strategy: String,
+    /// Slot t is entry t − 1.
+    pub slots: Vec<RecordedSlot>,
+}
+
+impl RecordedRun {
+    /// Reads the run in `folder`, and flies it again to check it.
+    ///
+    /// # Errors
+    /// If it is no such folder, a run is writing it, the run has ended early, or the scenario, the sensor list or the
+    /// trace was changed since.
+    pub fn read(folder: &Path) -> Result<Self, MissionError> {
+        let mut replay = Replay::open(folder)?;
+        let mut slots = Vec::new();
+        while replay.next_slot()?.is_some() {
+            slots.extend(replay.last_recorded().cloned());
+        }
+        let expected = replay.scenario().slots;
+        if slots.len() as u64 != expected {
+            let message = format_args!("it ends after slot {}: expected {expected} slots", slots.len());
+            return Err(InputError::new("trace", &folder.join("slots.csv"), message).into());
+        }
+        let strategy = replay.label().to_owned();
+        Ok(Self { scenario: replay.scenario().clone(), list: replay.list().clone(), strategy, slots })
+    }
+}

@@ -1,0 +1,73 @@
+//! The command export.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use skysink_common::scenario::Origin;
+use skysink_lab::export::vehicle::MIN_ITEMS;
+use skysink_lab::export::{Export, ExportFormat, FORMATS, export};
+
+use crate::error::Error;
+use crate::report::print;
+
+/// Shown under the help.
+pub const EXAMPLES: &str = "\
+Examples:
+  skysink export runs/chicago-uts-1 --format kml
+  skysink export runs/letter-uts-1 --format qgc-plan --origin 47.3977,8.5456
+
+A mission is planned for the model's UAV, in still air over flat ground. The
+pilot in command is responsible.";
+
+/// Options of `skysink export`.
+#[derive(Debug, Args)]
+pub struct ExportOptions {
+    /// Folder of a finished run.
+    run: PathBuf,
+    /// Format of the file.
+    #[arg(long, value_parser = format_parser())]
+    format: &'static ExportFormat,
+    /// Where the south-west corner of the area is [°], for scenarios without area.origin_lat_deg, area.origin_lon_deg.
+    #[arg(long, value_name = "LAT,LON", value_parser = origin, allow_hyphen_values = true)]
+    origin: Option<Origin>,
+    /// File to write [default: RUN and the format's ending].
+    #[arg(long, value_name = "PATH")]
+    out: Option<PathBuf>,
+    /// Replace the file, if there is one.
+    #[arg(long)]
+    force: bool,
+    /// Most items of a vehicle's mission, home among them; longer ones become several files [default: 500].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(MIN_ITEMS as i64..))]
+    most_items: Option<u32>,
+}
+
+impl ExportOptions {
+    /// Writes the files, and says what is in them.
+    ///
+    /// # Errors
+    /// As [`export`].
+    pub fn export(self) -> Result<(), Error> {
+        let Self { run, format, origin, out, force, most_items } = self;
+        let most_items = most_items.map(|items| items as usize);
+        let exported = export(&Export { run, format, origin, out, force, most_items })?;
+        print(&exported.summary)?;
+        exported.files.iter().try_for_each(|file| print(file.display()))
+    }
+}
+
+/// A format by its name.
+fn format_parser() -> impl TypedValueParser<Value = &'static ExportFormat> {
+    PossibleValuesParser::new(FORMATS.map(|format| PossibleValue::new(format.name).help(format.about)))
+        .map(|name| FORMATS.into_iter().find(|format| format.name == name).expect("one of the possible values"))
+}
+
+fn origin(text: &str) -> Result<Origin, String> {
+    let parts = text.split_once(',').and_then(|(lat, lon)| Some((lat.trim().parse().ok()?, lon.trim().parse().ok()?)));
+    parts
+        .map(|(lat_deg, lon_deg)| Origin { lat_deg, lon_deg })
+        .filter(|origin| (-90.0..=90.0).contains(&origin.lat_deg) && (-180.0..=180.0).contains(&origin.lon_deg))
+        .ok_or_else(|| {
+            "expected a latitude, -90 to 90, and a longitude, -180 to 180, such as 47.3977,8.5456".to_owned()
+        })
+}
