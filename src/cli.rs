@@ -5,7 +5,7 @@ mod flight;
 mod research;
 
 use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
@@ -21,6 +21,7 @@ use skysink_ring::wait::{exit_on_second_signal, stop_on_signals};
 
 #[cfg(feature = "lab")]
 use crate::bench::{BenchOptions, hop::HopProcess};
+use crate::check::check;
 use crate::error::Error;
 use crate::run::run;
 use crate::run::supervise::ProcessTable;
@@ -52,10 +53,20 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Print the scenario with every default, or what is wrong with it.
+    /// Print the scenario with every default and what follows from it, or what is wrong with it.
+    #[command(after_help = "\
+Examples:
+  skysink check scenarios/letter.toml
+  skysink check city.toml > whole.toml     the output is a scenario, too
+  skysink check city.toml --json | jq .load
+
+Warnings go to standard error, and the exit code stays 0.")]
     Check {
         /// Scenario file.
         scenario: PathBuf,
+        /// Print the derived figures and the warnings alone, as JSON.
+        #[arg(long)]
+        json: bool,
     },
     /// Fly a mission in one process.
     #[command(after_help = "\
@@ -165,7 +176,7 @@ fn usage(message: &clap::Error) -> ExitCode {
 
 fn command(command: Command, stop: &Stop) -> Result<(), Error> {
     let (folder, summary) = match command {
-        Command::Check { scenario } => return check(&scenario),
+        Command::Check { scenario, json } => return check(&scenario, json),
         Command::Simulate { scenario, choice, record } => {
             let scenario = Scenario::read(&scenario, choice.overrides()).and_then(settings::resolve)?;
             let list = SensorList::of(&scenario)?;
@@ -182,11 +193,4 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
         Command::Hop(process) => return process.run(stop),
     };
     report::print_run(&folder, &summary)
-}
-
-fn check(path: &Path) -> Result<(), Error> {
-    let scenario = Scenario::read(path, Overrides::default()).and_then(settings::resolve)?;
-    let list = SensorList::of(&scenario)?;
-    report::print(format_args!("# {}: {} sensor nodes", path.display(), list.sensors().len()))?;
-    report::print(scenario.to_toml().trim_end())
 }

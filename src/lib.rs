@@ -4,6 +4,7 @@
 
 #[cfg(feature = "lab")]
 pub mod bench;
+pub mod check;
 pub mod cli;
 pub mod error;
 pub mod report;
