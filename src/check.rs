@@ -102,13 +102,13 @@ fn anchors(figures: &Figures) -> String {
 /// What is known of flights without loss, in a few words.
 fn loss_free(known: &LossFree) -> String {
     match known {
-        LossFree::Unserved => "yes: no buffer overflows, even if nobody is served".to_owned(),
+        LossFree::Unserved => "yes: no buffer overflows in the mission".to_owned(),
         LossFree::Flown { strategy } => format!("yes: {strategy} loses nothing"),
         LossFree::Impossible { lost_bits } => {
             format!("no: every flight loses at least {}", scaled(*lost_bits as f64, "bit"))
         }
         LossFree::Open { strategy, loss_rate } => format!("open: {strategy} loses {}", percent(*loss_rate)),
-        LossFree::NotFlown => "open: the field is too large to fly it here".to_owned(),
+        LossFree::NotFlown => "open: not flown, the field is large".to_owned(),
     }
 }
 

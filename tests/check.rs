@@ -20,15 +20,17 @@ fn loss_rate(place: &Place, strategy: &str) -> f64 {
 fn check_shows_what_follows_from_the_letter() {
     let place = Place::new();
     let printed = checked(&place, "");
+    let lines: Vec<String> =
+        printed.stdout.lines().map(|line| line.split_whitespace().collect::<Vec<_>>().join(" ")).collect();
     for line in [
-        "#   reach in a slot, V τ              30 m",
-        "#   anchor radius of uts, V τ − d_c   20 m, connects 200 of 200",
-        "#   visits to empty a full buffer     1 (at d_c 1)",
-        "#   slots to fill an empty buffer     300",
-        "#   offered load, N s τ               20 kbit a slot, 16.7 % of the 120 kbit that 4 visits carry",
-        "#   flight without loss               yes: tour loses nothing",
+        "# reach in a slot, V τ 30 m",
+        "# anchor radius of uts, V τ − d_c 20 m, connects 200 of 200",
+        "# visits to empty a full buffer 1 (at d_c 1)",
+        "# slots to fill an empty buffer 300",
+        "# offered load, N s τ 20 kbit a slot, 16.7 % of 4 visits",
+        "# flight without loss yes: tour loses nothing",
     ] {
-        assert!(printed.stdout.contains(&format!("{line}\n")), "{line:?} is missing in {}", printed.stdout);
+        assert!(lines.iter().any(|found| found == line), "{line:?} is missing in {}", printed.stdout);
     }
     assert_eq!(printed.stderr, "");
     assert_eq!(loss_rate(&place, "tour"), 0.0);
@@ -114,5 +116,5 @@ fn a_mission_that_is_too_short_for_loss_or_for_the_field_is_said() {
 fn a_million_sensor_nodes_are_checked() {
     let place = Place::new();
     let ended = checked(&place, "[area]\nside_m = 10000.0\n[sensors]\ncount = 1000000\n");
-    assert!(ended.stdout.contains("slots to serve every SN           at least 250000 (N / n)\n"), "{}", ended.stderr);
+    assert!(ended.stdout.contains("at least 250000 (N / n)\n"), "{}", ended.stderr);
 }

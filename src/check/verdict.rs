@@ -68,8 +68,8 @@ impl fmt::Display for Round {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let because = match self.because {
             Because::Blocks => "N / n",
-            Because::Farthest => "the farthest",
-            Because::Paths => "paths between SNs",
+            Because::Farthest => "the farthest SN",
+            Because::Paths => "by paths",
         };
         write!(formatter, "at least {} ({because})", self.least_slots)?;
         self.tour_slots.map_or(Ok(()), |slots| write!(formatter, "; tour takes {slots}"))
