@@ -23,6 +23,7 @@ use skysink_ring::wait::{exit_on_second_signal, stop_on_signals};
 use crate::bench::{BenchOptions, hop::HopProcess};
 use crate::check::check;
 use crate::error::Error;
+use crate::new::NewScenario;
 use crate::run::run;
 use crate::run::supervise::ProcessTable;
 use crate::simulate::{NewFolder, Simulation, simulate};
@@ -40,7 +41,8 @@ Examples:
   skysink run                                      the paper's mission
   skysink run scenarios/sparse.toml --strategy gfs --pace 10x --live
   skysink simulate scenarios/letter.toml --seed 7  the same in one process
-  skysink check scenarios/letter.toml              every key with its value
+  skysink check scenarios/letter.toml              every key, what follows from it
+  skysink new city --sensors nodes.csv             a scenario of your own
 
 The paper is the UTS letter, arXiv 2103.00753.
 
@@ -68,6 +70,9 @@ Warnings go to standard error, and the exit code stays 0.")]
         #[arg(long)]
         json: bool,
     },
+    /// Write a scenario to begin with, with the paper's values and a comment on each key.
+    #[command(after_help = NEW_HELP)]
+    New(NewScenario),
     /// Fly a mission in one process.
     #[command(after_help = "\
 Examples:
@@ -109,6 +114,22 @@ Examples:
     #[command(hide = true)]
     Hop(HopProcess),
 }
+
+/// Examples of `skysink new`.
+#[cfg(feature = "lab")]
+const NEW_HELP: &str = "\
+Examples:
+  skysink new city                       writes city/city.toml
+  skysink new city --sensors nodes.geojson
+  skysink new city --sensors nodes.csv --out scenarios/city
+
+With --sensors it writes sensors.csv beside the scenario, and an area around
+them. CSV columns are found by name, in any order: x, y [m] or lat, lon [°],
+and sampling_bps, gain_db, queue_bits.";
+
+/// The same without imports.
+#[cfg(not(feature = "lab"))]
+const NEW_HELP: &str = "Example:\n  skysink new city    writes city/city.toml";
 
 /// What every flight lets choose.
 #[derive(Debug, Args)]
@@ -177,6 +198,7 @@ fn usage(message: &clap::Error) -> ExitCode {
 fn command(command: Command, stop: &Stop) -> Result<(), Error> {
     let (folder, summary) = match command {
         Command::Check { scenario, json } => return check(&scenario, json),
+        Command::New(new) => return new.write(),
         Command::Simulate { scenario, choice, record } => {
             let scenario = Scenario::read(&scenario, choice.overrides()).and_then(settings::resolve)?;
             let list = SensorList::of(&scenario)?;

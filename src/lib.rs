@@ -7,6 +7,7 @@ pub mod bench;
 pub mod check;
 pub mod cli;
 pub mod error;
+pub mod new;
 pub mod report;
 pub mod run;
 pub mod simulate;

@@ -4,6 +4,7 @@
 mod ages;
 mod error;
 pub mod figures;
+pub mod import;
 mod metrics;
 pub mod optimize;
 pub mod progress;
