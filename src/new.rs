@@ -55,8 +55,8 @@ struct Field {
     area: String,
     /// Keys of `[sensors]`.
     sensors: String,
-    /// The text of the sensor list, if there is one.
-    list: Option<String>,
+    /// The text of the sensor list, if there is one, and the file that its positions are from.
+    list: Option<(String, PathBuf)>,
     /// What to tell about it.
     notes: Vec<String>,
 }
@@ -73,13 +73,12 @@ impl NewScenario {
         let field = self.field()?;
         let text = text(&self.name, &field);
         let checked = scenario(&self.name, &field, &path)?;
-        let list = field.list.as_deref();
-        let sensors = match list {
-            Some(list) => SensorList::parse(list, &folder.join(LIST), &checked)?,
+        let list = field.list.as_ref().map(|(list, _)| (folder.join(LIST), &list[..]));
+        let sensors = match &field.list {
+            Some((list, source)) => SensorList::parse(list, source, &checked)?,
             None => SensorList::of(&checked)?,
         };
-        let files: Vec<(PathBuf, &str)> =
-            list.map(|list| (folder.join(LIST), list)).into_iter().chain([(path.clone(), &text[..])]).collect();
+        let files: Vec<(PathBuf, &str)> = list.into_iter().chain([(path.clone(), &text[..])]).collect();
         write_all(&folder, &files, self.force)?;
         field.notes.iter().try_for_each(print)?;
         let [width_m, height_m] = [checked.area.width_m(), checked.area.height_m()];

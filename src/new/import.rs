@@ -31,7 +31,7 @@ pub(super) fn field(path: &Path) -> Result<Field, InputError> {
     };
     let sensors = format!("file = \"{LIST}\"              # a row for each; metres, or degrees about the origin");
     let notes = imported.ignored.iter().map(|what| format!("left out: {what}")).collect();
-    Ok(Field { area, sensors, list: Some(list), notes })
+    Ok(Field { area, sensors, list: Some((list, path.to_owned())), notes })
 }
 
 /// The area from the origin to beyond the last position; moved there if some are negative, or if all are farther away
@@ -49,7 +49,7 @@ fn plane(imported: &Imported) -> (String, String) {
         format!("\n# Positions are those of the source plus {} m and {} m.", shift[0], shift[1])
     };
     (
-        format!("width_m = {width_m:?} # of the sensor nodes, with a margin\nheight_m = {height_m:?}{moved}"),
+        format!("width_m = {width_m:?} # around the sensor nodes [m]\nheight_m = {height_m:?}{moved}"),
         imported.to_csv(shift),
     )
 }
@@ -73,8 +73,7 @@ fn geodetic(imported: &Imported, path: &Path) -> Result<(String, String), InputE
                     (found.sensors().iter().map(axis).fold(0.0, f64::max) + MARGIN_M).ceil()
                 };
                 let [width_m, height_m] = [last(|sensor| sensor.position.x), last(|sensor| sensor.position.y)];
-                let sides =
-                    format!("width_m = {width_m:?} # of the sensor nodes, with a margin\nheight_m = {height_m:?}");
+                let sides = format!("width_m = {width_m:?} # around the sensor nodes [m]\nheight_m = {height_m:?}");
                 return Ok((format!("{sides}\n{origin}"), list));
             }
             Err(error) => refused = Some(error),
