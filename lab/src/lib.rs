@@ -1,4 +1,4 @@
-//! Research: sweeps, metrics, figures, and the search for the best known flight. The only crate that knows arrow and
+//! Research: sweeps, metrics, figures, the search for the best known flight, imports. The only crate that knows arrow and
 //! resvg.
 
 mod ages;
