@@ -1,5 +1,5 @@
-//! Research: sweeps, metrics, figures, the search for the best known flight, imports. The only crate that knows arrow and
-//! resvg.
+//! Research: sweeps, metrics, figures, the search for the best known flight, imports. The only crate that knows arrow
+//! and resvg.
 
 mod ages;
 mod error;

@@ -113,9 +113,9 @@ impl Bounds<'_> {
         if lost_bits > 0 { LossFree::Impossible { lost_bits } } else { LossFree::Open { strategy, loss_rate } }
     }
 
-    /// A lower bound on the loss [bit] of every flight that costs no more than a sum over the SNs: what overflows if nobody
-    /// is served, less what the strongest link carries n times in every slot but the last, whose overflow comes before its
-    /// upload (decision D1). With probabilistic line of sight, where a draw may beat the expected rate, 0.
+    /// A lower bound on the loss [bit] of every flight that costs no more than a sum over the SNs: what overflows if
+    /// nobody is served, less what the strongest link carries n times in every slot but the last, whose overflow comes
+    /// before its upload (decision D1). With probabilistic line of sight, where a draw may beat the expected rate, 0.
     fn by_load(&self) -> u64 {
         let field = self.field;
         if self.scenario.link.model == LinkModel::ProbabilisticLos {
