@@ -43,8 +43,8 @@ fn in_transit(figures: &Figures) -> Option<String> {
         let reach = scaled(reach_m, "m");
         let radius = scaled(comm_radius_m, "m");
         format!(
-            "uts will mostly fly in transit: its anchor radius V τ − d_c is not above 0 (V τ = {reach}, d_c = {radius}): \
-             try uts-wide or horizon, or longer slots"
+            "uts will mostly fly in transit: its anchor radius V τ − d_c is not above 0 (V τ = {reach}, \
+             d_c = {radius}): try uts-wide or horizon, or longer slots"
         )
     })
 }
