@@ -24,7 +24,9 @@ use skysink_ring::wait::{exit_on_second_signal, stop_on_signals};
 
 #[cfg(feature = "lab")]
 use crate::bench::{BenchOptions, hop::HopProcess};
+use crate::check::check;
 use crate::error::Error;
+use crate::new::NewScenario;
 use crate::run::run;
 use crate::run::supervise::ProcessTable;
 use crate::simulate::{NewFolder, Simulation, simulate};
@@ -42,7 +44,8 @@ Examples:
   skysink run                                      the paper's mission
   skysink run scenarios/sparse.toml --strategy gfs --pace 10x --live
   skysink simulate scenarios/letter.toml --seed 7  the same in one process
-  skysink check scenarios/letter.toml              every key with its value
+  skysink check scenarios/letter.toml              every key, what follows from it
+  skysink new city --sensors nodes.csv             a scenario of your own
 
 The paper is the UTS letter, arXiv 2103.00753.
 
@@ -55,13 +58,26 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Print the scenario with every default, or what is wrong with it.
+    /// Print the scenario with every default and what follows from it, or what is wrong with it.
+    #[command(after_help = "\
+Examples:
+  skysink check scenarios/letter.toml
+  skysink check city.toml > whole.toml     the output is a scenario, too
+  skysink check city.toml --json | jq .load
+
+Warnings go to standard error, and the exit code stays 0.")]
     Check {
         /// Scenario file.
         scenario: PathBuf,
         #[command(flatten)]
         changes: Changes,
+        /// Print the derived figures and the warnings alone, as JSON.
+        #[arg(long)]
+        json: bool,
     },
+    /// Write a scenario to begin with, with the paper's values and a comment on each key.
+    #[command(after_help = NEW_HELP)]
+    New(NewScenario),
     /// Fly a mission in one process.
     #[command(after_help = "\
 Examples:
@@ -124,6 +140,22 @@ Examples:
     #[command(hide = true)]
     Hop(HopProcess),
 }
+
+/// Examples of `skysink new`.
+#[cfg(feature = "lab")]
+const NEW_HELP: &str = "\
+Examples:
+  skysink new city                       writes city/city.toml
+  skysink new city --sensors nodes.geojson
+  skysink new city --sensors nodes.csv --out scenarios/city
+
+With --sensors it writes sensors.csv beside the scenario, and an area around
+them. CSV columns are found by name, in any order: x, y [m] or lat, lon [°],
+and sampling_bps, gain_db, queue_bits.";
+
+/// The same without imports.
+#[cfg(not(feature = "lab"))]
+const NEW_HELP: &str = "Example:\n  skysink new city    writes city/city.toml";
 
 /// What every flight lets choose.
 #[derive(Debug, Args)]
@@ -207,7 +239,8 @@ fn usage(message: &clap::Error) -> ExitCode {
 
 fn command(command: Command, stop: &Stop) -> Result<(), Error> {
     let (folder, summary) = match command {
-        Command::Check { scenario, changes } => return check(&scenario, changes.overrides()),
+        Command::Check { scenario, changes, json } => return check(&scenario, changes.overrides(), json),
+        Command::New(new) => return new.write(),
         Command::Simulate { scenario, choice, record } => {
             let scenario = Scenario::read(&scenario, choice.overrides()).and_then(settings::resolve)?;
             let list = SensorList::of(&scenario)?;
@@ -245,11 +278,4 @@ fn report(path: &Path, sensors: bool, json: bool, stop: &Stop) -> Result<(), Err
         }
     }
     Ok(())
-}
-
-fn check(path: &Path, overrides: Overrides) -> Result<(), Error> {
-    let scenario = Scenario::read(path, overrides).and_then(settings::resolve)?;
-    let list = SensorList::of(&scenario)?;
-    report::print(format_args!("# {}: {} sensor nodes", path.display(), list.sensors().len()))?;
-    report::print(scenario.to_toml().trim_end())
 }

@@ -4,10 +4,12 @@
 
 #[cfg(feature = "lab")]
 pub mod bench;
+pub mod check;
 pub mod cli;
 #[cfg(feature = "lab")]
 pub mod compare;
 pub mod error;
+pub mod new;
 pub mod report;
 pub mod run;
 pub mod simulate;

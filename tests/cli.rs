@@ -286,7 +286,8 @@ fn wrong_usage_is_refused() {
 #[test]
 fn a_reader_of_the_first_line_ends_a_command_quietly() {
     let place = Place::new();
-    let commands = [&["check", SMOKE][..], &["simulate", SMOKE, "--out", "run"], &["--help"]];
+    place.write("short.toml", "name = \"short\"\n");
+    let commands = [&["check", "short.toml"][..], &["simulate", SMOKE, "--out", "run"], &["--help"]];
     for arguments in commands {
         let mut child = place.skysink(arguments).spawn().unwrap();
         drop(child.stdout.take());

@@ -1,11 +1,12 @@
-//! Research: sweeps, metrics, figures, the search for the best known flight, and the export of runs. The only crate that
-//! knows arrow, resvg and the formats of maps and vehicles.
+//! Research: sweeps, metrics, figures, comparisons, the search for the best known flight, positions from and runs to the
+//! formats of maps and vehicles. The only crate that knows arrow, resvg and those formats.
 
 mod ages;
 pub mod compare;
 mod error;
 pub mod export;
 pub mod figures;
+pub mod import;
 pub mod metrics;
 pub mod optimize;
 pub mod progress;

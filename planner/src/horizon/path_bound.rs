@@ -49,13 +49,9 @@ impl PathBound {
     /// The bound over the sensors of `table`; above 1 000 of them by the resource blocks alone.
     #[must_use]
     pub fn new(table: &SensorTable) -> Self {
+        let (mut bound, legs) = Self::with_legs(table);
+        let Some(mut legs) = legs else { return bound };
         let count = table.positions.len();
-        let mut bound = Self { weights: vec![0.0; count], blocks: table.resource_blocks };
-        if !(2..=MOST_SENSORS).contains(&count) {
-            return bound;
-        }
-        let mut legs = Legs::new(table);
-        bound.tighten(&legs, &vec![0.0; count], count);
         let longest = bound.weights[count - 1];
         if longest <= (count / bound.blocks) as f64 {
             return bound; // so near to each other that the resource blocks tell more
@@ -81,6 +77,24 @@ impl PathBound {
             }
         }
         bound
+    }
+
+    /// A weaker bound in a small part of the time: by a spanning tree of the legs, without prices and surcharges.
+    #[must_use]
+    pub fn by_legs(table: &SensorTable) -> Self {
+        Self::with_legs(table).0
+    }
+
+    /// The bound by the legs alone, and the legs; none where the resource blocks alone bound.
+    fn with_legs(table: &SensorTable) -> (Self, Option<Legs>) {
+        let count = table.positions.len();
+        let mut bound = Self { weights: vec![0.0; count], blocks: table.resource_blocks };
+        if !(2..=MOST_SENSORS).contains(&count) {
+            return (bound, None);
+        }
+        let legs = Legs::new(table);
+        bound.tighten(&legs, &vec![0.0; count], count);
+        (bound, Some(legs))
     }
 
     /// Raises the weights to what `prices` and the surcharges of `legs` give. Returns the slope over the prices at

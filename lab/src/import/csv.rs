@@ -1,0 +1,127 @@
+//! CSV: columns by their names, in any order, separated by commas, semicolons or tabs.
+
+use ::csv::{Position, ReaderBuilder, StringRecord, Trim};
+use skysink_common::error::quoted;
+
+use super::{Frame, Imported, ImportedSensor, on_earth};
+
+/// What a column may be called, in small letters, after the name that it has in a sensor list.
+const COLUMNS: [&[&str]; 7] = [
+    &["x_m", "x", "east", "easting"],
+    &["y_m", "y", "north", "northing"],
+    &["lat_deg", "lat", "latitude"],
+    &["lon_deg", "lon", "lng", "long", "longitude"],
+    &["queue_bits", "queue"],
+    &["gain_db", "gain"],
+    &["sampling_bps", "sampling_rate", "sampling", "rate_bps", "rate"],
+];
+
+/// How many of them are coordinates.
+const COORDINATES: usize = 4;
+
+/// Reads the text of a file.
+pub(super) fn read(text: &str) -> Result<Imported, String> {
+    let first = text.lines().next().unwrap_or_default();
+    let separator =
+        [b',', b';', b'\t'].into_iter().max_by_key(|&byte| (first.matches(byte as char).count(), byte == b','));
+    let mut reader = ReaderBuilder::new()
+        .trim(Trim::All)
+        .delimiter(separator.expect("three to choose from"))
+        .flexible(true)
+        .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
+    let header = reader.headers().map_err(|error| error.to_string())?.clone();
+    let table = Columns::of(&header).map_err(|message| format!("line 1: {message}"))?;
+    let mut sensors = Vec::new();
+    for row in reader.records() {
+        let row = row.map_err(|error| error.to_string())?;
+        let line = row.position().map_or(0, Position::line);
+        sensors.push(table.sensor(&row).map_err(|message| format!("line {line}: {message}"))?);
+    }
+    Ok(Imported {
+        frame: table.frame,
+        sensors,
+        others: table.others.iter().map(|(name, _)| *name).collect(),
+        ignored: table.ignored,
+    })
+}
+
+/// Where the columns of a file are.
+struct Columns {
+    frame: Frame,
+    position: [(String, usize); 2],
+    others: Vec<(&'static str, usize)>,
+    ignored: Vec<String>,
+}
+
+impl Columns {
+    fn of(header: &StringRecord) -> Result<Self, String> {
+        let mut places: [Option<usize>; COLUMNS.len()] = [None; COLUMNS.len()];
+        let mut ignored = Vec::new();
+        for (place, name) in header.iter().enumerate() {
+            let lower = name.to_lowercase();
+            match COLUMNS.iter().position(|names| names.contains(&lower.as_str())) {
+                Some(column) if places[column].is_some() => {
+                    return Err(format!("column `{}`: expected {} once", quoted(name), COLUMNS[column][0]));
+                }
+                Some(column) => places[column] = Some(place),
+                None => ignored.push(format!("column {}", quoted(name))),
+            }
+        }
+        let (frame, first, second) = match places[..COORDINATES] {
+            [Some(x), Some(y), _, _] => (Frame::Plane, x, y),
+            [_, _, Some(lat), Some(lon)] => (Frame::Geodetic, lat, lon),
+            _ => {
+                let header = quoted(&header.iter().collect::<Vec<_>>().join(","));
+                return Err(format!("header `{header}`: expected columns x and y [m], or lat and lon [°]"));
+            }
+        };
+        let named = |place: usize| (header[place].to_owned(), place);
+        let others = COLUMNS.iter().zip(places).skip(COORDINATES);
+        let others = others.filter_map(|(names, place)| Some((names[0], place?))).collect();
+        Ok(Self { frame, position: [named(first), named(second)], others, ignored })
+    }
+
+    /// One row.
+    fn sensor(&self, row: &StringRecord) -> Result<ImportedSensor, String> {
+        let [first, second] = &self.position;
+        let position = [number(row, first)?, number(row, second)?];
+        if self.frame == Frame::Geodetic {
+            on_earth(position)?;
+        }
+        let other =
+            |&(name, place): &(&str, usize)| number(row, &(name.to_owned(), place)).map(|value| value.to_string());
+        let others = self.others.iter().map(other).collect::<Result<_, _>>()?;
+        Ok(ImportedSensor { position, others })
+    }
+}
+
+/// The finite number in a column.
+fn number(row: &StringRecord, (name, place): &(String, usize)) -> Result<f64, String> {
+    let text = row.get(*place).unwrap_or_default();
+    let value = text.parse().ok().filter(|value: &f64| value.is_finite());
+    value.ok_or_else(|| format!("{} = {}: expected a number", quoted(name), quoted(text)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_are_found_by_name_in_any_order() {
+        let imported = read("Name,Longitude,LAT,rate,colour\na,-87.6,41.9,50,red\nb,-87.5,41.8,60,\n").unwrap();
+        assert_eq!((imported.frame, imported.others), (Frame::Geodetic, vec!["sampling_bps"]));
+        assert_eq!(imported.sensors[1], ImportedSensor { position: [41.8, -87.5], others: vec!["60".to_owned()] });
+        assert_eq!(imported.ignored, ["column Name", "column colour"]);
+        let plane = read("\u{feff}y;x\n1;2\n").unwrap();
+        assert_eq!((plane.frame, plane.sensors[0].position), (Frame::Plane, [2.0, 1.0]));
+    }
+
+    #[test]
+    fn a_bad_file_is_refused_by_its_line() {
+        assert!(read("x,y\n1,2\n3,four\n").unwrap_err().starts_with("line 3: y = four: expected a number"));
+        assert!(read("x,y\n1\n").unwrap_err().starts_with("line 2: y = : expected a number"));
+        assert!(read("lat,lon\n95,2\n").unwrap_err().starts_with("line 2: latitude 95: expected -90 to 90"));
+        assert!(read("x,z\n1,2\n").unwrap_err().contains("expected columns x and y [m], or lat and lon [°]"));
+        assert!(read("x,x_m,y\n1,2,3\n").unwrap_err().contains("column `x_m`: expected x_m once"));
+    }
+}

@@ -1,0 +1,71 @@
+//! GeoJSON: points and multi-points, in features, collections or alone; longitude first.
+
+use ::geojson::{GeoJson, Geometry, GeometryValue};
+
+use super::{Imported, with_causes};
+
+/// Reads the text of a file.
+pub(super) fn read(text: &str) -> Result<Imported, String> {
+    let file: GeoJson = text.parse().map_err(|error| format!("{}: expected GeoJSON", with_causes(&error)))?;
+    let mut found = Found::default();
+    match &file {
+        GeoJson::Geometry(geometry) => found.add(geometry),
+        GeoJson::Feature(feature) => feature.geometry.iter().for_each(|geometry| found.add(geometry)),
+        GeoJson::FeatureCollection(collection) => {
+            collection
+                .features
+                .iter()
+                .filter_map(|feature| feature.geometry.as_ref())
+                .for_each(|geometry| found.add(geometry));
+        }
+    }
+    Imported::geodetic(found.points, found.ignored)
+}
+
+/// The points of a file.
+#[derive(Default)]
+struct Found {
+    points: Vec<[f64; 2]>,
+    ignored: usize,
+}
+
+impl Found {
+    fn add(&mut self, geometry: &Geometry) {
+        let place = |coordinates: &::geojson::Position| {
+            let at = |index| coordinates.as_slice().get(index).copied().unwrap_or(f64::NAN);
+            [at(1), at(0)]
+        };
+        match &geometry.value {
+            GeometryValue::Point { coordinates } => self.points.push(place(coordinates)),
+            GeometryValue::MultiPoint { coordinates } => self.points.extend(coordinates.iter().map(place)),
+            GeometryValue::GeometryCollection { geometries } => {
+                geometries.iter().for_each(|geometry| self.add(geometry));
+            }
+            _ => self.ignored += 1,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_of_features_and_collections_are_found() {
+        let feature = |geometry: &str| format!("{{\"type\":\"Feature\",\"properties\":{{}},\"geometry\":{geometry}}}");
+        let point = "{\"type\":\"Point\",\"coordinates\":[13.4,52.5,30]}";
+        let line = "{\"type\":\"LineString\",\"coordinates\":[[0,1],[2,3]]}";
+        let text = format!("{{\"type\":\"FeatureCollection\",\"features\":[{},{}]}}", feature(point), feature(line));
+        let imported = read(&text).unwrap();
+        assert_eq!((imported.sensors[0].position, imported.ignored.len()), ([52.5, 13.4], 1));
+        let several = "{\"type\":\"MultiPoint\",\"coordinates\":[[1,2],[3,4]]}";
+        assert_eq!(read(several).unwrap().sensors[1].position, [4.0, 3.0]);
+    }
+
+    #[test]
+    fn what_is_no_geojson_is_refused() {
+        assert!(read("{\"a\": 1}").unwrap_err().ends_with("expected GeoJSON"));
+        assert!(read("{\"type\":\"Point\",\"coordinates\":[200,2]}").unwrap_err().contains("longitude 200"));
+        assert!(read("{\"type\":\"Point\",\"coordinates\":[1]}").is_err());
+    }
+}

@@ -1,0 +1,34 @@
+//! GPX: the waypoints; tracks and routes are where somebody went.
+
+use super::{Imported, with_causes};
+
+/// Reads the text of a file.
+pub(super) fn read(text: &str) -> Result<Imported, String> {
+    let file = ::gpx::read(text.as_bytes()).map_err(|error| format!("{}: expected a GPX file", with_causes(&error)))?;
+    let points = file.waypoints.iter().map(|waypoint| [waypoint.point().y(), waypoint.point().x()]).collect();
+    Imported::geodetic(points, file.tracks.len() + file.routes.len())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FILE: &str = "<?xml version=\"1.0\"?><gpx version=\"1.1\" creator=\"a\" \
+                        xmlns=\"http://www.topografix.com/GPX/1/1\"><wpt lat=\"51.5\" lon=\"-0.1\"><name>a</name></wpt>\
+                        <wpt lat=\"51.6\" lon=\"0.2\"/><trk><name>t</name></trk></gpx>";
+
+    #[test]
+    fn waypoints_are_points() {
+        let imported = read(FILE).unwrap();
+        let points: Vec<[f64; 2]> = imported.sensors.iter().map(|sensor| sensor.position).collect();
+        assert_eq!(points, [[51.5, -0.1], [51.6, 0.2]]);
+        assert_eq!(imported.ignored.len(), 1, "a track");
+    }
+
+    #[test]
+    fn what_is_no_gpx_is_refused() {
+        assert!(read("<kml/>").unwrap_err().ends_with("expected a GPX file"));
+        assert!(read(&FILE.replace("51.5", "north")).is_err());
+        assert!(read(&FILE.replace("51.5", "95")).is_err());
+    }
+}

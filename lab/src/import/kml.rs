@@ -1,0 +1,65 @@
+//! KML: the points of placemarks, in any depth of folders.
+
+use ::kml::types::Geometry;
+use ::kml::{Kml, KmlReader};
+
+use super::{Imported, with_causes};
+
+/// Reads the text of a file.
+pub(super) fn read(text: &str) -> Result<Imported, String> {
+    let refuse = |error: ::kml::Error| format!("{}: expected a KML file", with_causes(&error));
+    let file: Kml<f64> = KmlReader::from_string(text).read().map_err(refuse)?;
+    let mut found = Found::default();
+    found.add(&file);
+    Imported::geodetic(found.points, found.ignored)
+}
+
+/// The points of a file.
+#[derive(Default)]
+struct Found {
+    points: Vec<[f64; 2]>,
+    ignored: usize,
+}
+
+impl Found {
+    fn add(&mut self, element: &Kml<f64>) {
+        match element {
+            Kml::KmlDocument(document) => document.elements.iter().for_each(|inner| self.add(inner)),
+            Kml::Document { elements, .. } => elements.iter().for_each(|inner| self.add(inner)),
+            Kml::Folder(folder) => folder.elements.iter().for_each(|inner| self.add(inner)),
+            Kml::Placemark(placemark) => placemark.geometry.iter().for_each(|geometry| self.add_geometry(geometry)),
+            _ => {}
+        }
+    }
+
+    fn add_geometry(&mut self, geometry: &Geometry<f64>) {
+        match geometry {
+            Geometry::Point(point) => self.points.push([point.coord.y, point.coord.x]),
+            Geometry::MultiGeometry(several) => several.geometries.iter().for_each(|inner| self.add_geometry(inner)),
+            _ => self.ignored += 1,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FILE: &str = "<kml xmlns=\"http://www.opengis.net/kml/2.2\"><Document><Folder><Placemark><name>a</name><Point>\
+                        <coordinates>13.4,52.5,30</coordinates></Point></Placemark></Folder><Placemark><LineString>\
+                        <coordinates>1,2 3,4</coordinates></LineString></Placemark></Document></kml>";
+
+    #[test]
+    fn placemarks_are_points() {
+        let imported = read(FILE).unwrap();
+        assert_eq!((imported.sensors.len(), imported.ignored.len()), (1, 1));
+        assert_eq!(imported.sensors[0].position, [52.5, 13.4]);
+    }
+
+    #[test]
+    fn what_is_no_kml_is_refused() {
+        assert!(read("<gpx>").is_err() || read("<gpx>").unwrap().sensors.is_empty());
+        assert!(read(&FILE.replace("13.4", "east")).unwrap_err().ends_with("expected a KML file"));
+        assert!(read(&FILE.replace("13.4", "200")).unwrap_err().contains("longitude 200"));
+    }
+}

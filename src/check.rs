@@ -1,0 +1,130 @@
+//! `skysink check`: the scenario with every default, and what follows from it before anything is flown.
+//!
+//! [`figures`] computes, [`warnings`] judges; here both are put into words.
+
+pub mod clusters;
+pub mod figures;
+pub mod flights;
+pub mod links;
+pub mod quantity;
+pub mod verdict;
+pub mod warnings;
+
+use std::path::Path;
+
+use serde::Serialize;
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::sensors::SensorList;
+use skysink_planner::settings;
+use skysink_ring::role::Role;
+
+use crate::error::Error;
+use crate::report::print;
+use figures::Figures;
+use quantity::{joined, percent, scaled};
+use verdict::LossFree;
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    scenario: &'a str,
+    #[serde(flatten)]
+    figures: &'a Figures,
+    warnings: &'a [String],
+}
+
+/// Checks the scenario `path`: prints its figures as comments and every key of it, or the figures alone as JSON, and
+/// says on standard error what is probably not meant.
+///
+/// # Errors
+/// If the scenario or its sensor list is refused, or nothing can be printed.
+pub fn check(path: &Path, overrides: Overrides, as_json: bool) -> Result<(), Error> {
+    let scenario = Scenario::read(path, overrides).and_then(settings::resolve)?;
+    let list = SensorList::of(&scenario)?;
+    let figures = Figures::of(&scenario, &list)?;
+    let warnings = warnings::of(&figures);
+    if as_json {
+        let report = Report { scenario: &scenario.name, figures: &figures, warnings: &warnings };
+        print(serde_json::to_string_pretty(&report).expect("plain keys and numbers"))?;
+    } else {
+        print(format_args!("# {}: {} sensor nodes", path.display(), list.sensors().len()))?;
+        print(commented(&figures).trim_end())?;
+        print(scenario.to_toml().trim_end())?;
+    }
+    warnings.iter().for_each(|warning| Role::Launcher.say(format_args!("warning: {warning}")));
+    Ok(())
+}
+
+/// The figures as comment lines of a scenario file, aligned.
+fn commented(figures: &Figures) -> String {
+    let rows = rows(figures);
+    let width = rows.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
+    let line = |(name, value): &(&str, String)| format!("#   {name:width$}  {value}\n");
+    rows.iter().map(line).collect()
+}
+
+/// Name and value of each figure.
+fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
+    let metres = |length_m: f64| scaled(length_m, "m");
+    let none = || "none".to_owned();
+    let bits = |bits: u64| scaled(bits as f64, "bit");
+    let rates = |rates_bps: [f64; 2]| joined(rates_bps.map(|rate_bps| scaled(rate_bps, "bit/s")));
+    let visits = |visits: [Option<u64>; 2]| {
+        joined(visits.map(|visits| visits.map_or_else(|| "endless".to_owned(), |visits| visits.to_string())))
+    };
+    let Figures { above, rim, round, .. } = figures;
+    vec![
+        ("reach in a slot, V τ", metres(figures.reach_m)),
+        ("communication radius, d_c", metres(figures.comm_radius_m)),
+        ("anchor radius of uts, V τ − d_c", anchors(figures)),
+        ("nearest other SN, mean distance", figures.neighbour_m.map_or_else(none, metres)),
+        ("rate straight below the UAV", rates(above.rates_bps)),
+        ("rate at distance d_c", rates(rim.rates_bps)),
+        ("bits per visit straight below", joined(above.visit_bits.map(bits))),
+        ("bits per visit at distance d_c", joined(rim.visit_bits.map(bits))),
+        ("visits to empty a full buffer", format!("{} (at d_c {})", visits(above.visits), visits(rim.visits))),
+        ("slots to fill an empty buffer", figures.fill_slots.map_or_else(none, |fill| fill.to_string())),
+        ("slots to serve every SN", round.to_string()),
+        ("offered load, N s τ", figures.load.to_string()),
+        ("flight without loss", loss_free(&figures.loss_free)),
+    ]
+}
+
+/// The anchor radius of `uts`, and how many SNs steps of that length connect.
+fn anchors(figures: &Figures) -> String {
+    let radius = scaled(figures.anchor_radius_m, "m");
+    match figures.uts_group {
+        Some(group) if figures.anchor_radius_m > 0.0 => format!("{radius}, connects {group} of {}", figures.sensors),
+        _ => radius,
+    }
+}
+
+/// What is known of flights without loss, in a few words.
+fn loss_free(known: &LossFree) -> String {
+    match known {
+        LossFree::Unserved => "yes: no buffer overflows in the mission".to_owned(),
+        LossFree::Flown { strategy } => format!("yes: {strategy} loses nothing"),
+        LossFree::Impossible { lost_bits } => {
+            format!("no: every flight loses at least {}", scaled(*lost_bits as f64, "bit"))
+        }
+        LossFree::Open { strategy, loss_rate } => format!("open: {strategy} loses {}", percent(*loss_rate)),
+        LossFree::NotFlown => "open: not flown, the field is large".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_figures_of_every_field_fit_into_a_terminal_and_are_comments() {
+        for text in ["name = 'a'\n", "name = 'a'\n[area]\nside_m = 30000.0\n[link]\nbandwidth_hz = 3.0\n"] {
+            let scenario = Scenario::parse(text, Path::new("a.toml"), Overrides::default()).unwrap();
+            let list = SensorList::of(&scenario).unwrap();
+            let lines = commented(&Figures::of(&scenario, &list).unwrap());
+            for line in lines.lines() {
+                assert!(line.starts_with("# ") && line.chars().count() <= 80, "{line}");
+            }
+        }
+    }
+}

@@ -1,0 +1,209 @@
+//! What can be told of all flights of a mission without a search: the length of a round, and whether loss is avoidable.
+
+use std::fmt;
+
+use serde::Serialize;
+use skysink_common::scenario::{LinkModel, Scenario};
+use skysink_planner::bound::field_bits::FieldBits;
+use skysink_planner::bound::links::BestLinks;
+use skysink_planner::bound::throughput::by_throughput;
+use skysink_planner::bound::visits::by_visits;
+use skysink_planner::horizon::path_bound::PathBound;
+use skysink_planner::sensor_table::SensorTable;
+
+use super::flights::Flight;
+use super::links::LinkFigures;
+
+/// Whether a mission can be flown without loss, as far as can be told quickly.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "answer", rename_all = "kebab-case")]
+pub enum LossFree {
+    /// No buffer overflows, even if nobody is served.
+    Unserved,
+    /// A strategy was flown, and lost nothing.
+    Flown {
+        /// Which.
+        strategy: &'static str,
+    },
+    /// Every flight loses data.
+    Impossible {
+        /// At least this much [bit].
+        lost_bits: u64,
+    },
+    /// Strategies were flown, and all of them lost data.
+    Open {
+        /// The one that lost least.
+        strategy: &'static str,
+        /// What it lost, as a fraction of what was sampled.
+        loss_rate: f64,
+    },
+    /// The field is too large to fly it quickly.
+    NotFlown,
+}
+
+/// Slots from the start of the mission until every SN was served once.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Round {
+    /// No flight takes fewer.
+    pub least_slots: u64,
+    /// Why.
+    pub because: Because,
+    /// What the strategy `tour` takes, if it was flown and the mission is long enough.
+    pub tour_slots: Option<u64>,
+}
+
+/// What a lower bound on a round comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Because {
+    /// At most n SNs are served in a slot: `⌈N / n⌉`.
+    Blocks,
+    /// The UAV has to get from the start to the SN farthest away.
+    Farthest,
+    /// The UAV has to get from SN to SN: [`PathBound`].
+    Paths,
+}
+
+impl fmt::Display for Round {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let because = match self.because {
+            Because::Blocks => "N / n",
+            Because::Farthest => "the farthest SN",
+            Because::Paths => "by paths",
+        };
+        write!(formatter, "at least {} ({because})", self.least_slots)?;
+        self.tour_slots.map_or(Ok(()), |slots| write!(formatter, "; tour takes {slots}"))
+    }
+}
+
+/// What the bounds of a mission are computed from; SNs are its sensor nodes.
+pub struct Bounds<'a> {
+    /// The scenario.
+    pub scenario: &'a Scenario,
+    /// All SNs.
+    pub table: &'a SensorTable,
+    /// Those that sample.
+    pub field: &'a FieldBits,
+    /// Their links.
+    pub links: BestLinks,
+    /// The links straight below the UAV.
+    pub above: LinkFigures,
+    /// Between all SNs.
+    pub paths: PathBound,
+}
+
+impl Bounds<'_> {
+    /// What is known of the loss after these flights.
+    #[must_use]
+    pub fn loss_free(&self, flights: &[Flight]) -> LossFree {
+        let field = self.field;
+        if field.sensors.iter().all(|sensor| sensor.overflow_bits(None, field.slots) == 0) {
+            return LossFree::Unserved;
+        }
+        let Some(best) = flights.iter().min_by_key(|flight| flight.lost_bits) else {
+            let lost_bits = self.by_load();
+            return if lost_bits > 0 { LossFree::Impossible { lost_bits } } else { LossFree::NotFlown };
+        };
+        let Flight { strategy, loss_rate, .. } = *best;
+        if best.lost_bits == 0 {
+            return LossFree::Flown { strategy };
+        }
+        let by_throughput = by_throughput(field, |slot, sensor| self.links.best_bits(slot, sensor));
+        let lost_bits = by_throughput.max(by_visits(field, |slots| self.paths.most(slots)));
+        if lost_bits > 0 { LossFree::Impossible { lost_bits } } else { LossFree::Open { strategy, loss_rate } }
+    }
+
+    /// A lower bound on the loss [bit] of every flight that costs no more than a sum over the SNs: what overflows if
+    /// nobody is served, less what the strongest link carries n times in every slot but the last, whose overflow comes
+    /// before its upload (decision D1). With probabilistic line of sight, where a draw may beat the expected rate, 0.
+    fn by_load(&self) -> u64 {
+        let field = self.field;
+        if self.scenario.link.model == LinkModel::ProbabilisticLos {
+            return 0;
+        }
+        let excess_bits: u64 = field.sensors.iter().map(|sensor| sensor.overflow_bits(None, field.slots)).sum();
+        let visit_bits = self.above.visit_bits[1].saturating_add(1).min(field.capacity_bits()); // 1: rounding
+        let visits = (field.slots - 1).saturating_mul(field.blocks as u64);
+        excess_bits.saturating_sub(visits.saturating_mul(visit_bits))
+    }
+
+    /// A lower bound on the slots of a round, beside what `tour` takes.
+    #[must_use]
+    pub fn round(&self, tour_slots: Option<u64>) -> Round {
+        let sensors = self.table.positions.len();
+        let blocks = sensors.div_ceil(self.table.resource_blocks) as u64;
+        let farthest = self.field.sensors.iter().map(|sensor| sensor.first_slot).max().unwrap_or(1);
+        let paths = least_slots(&self.paths, sensors);
+        let bounds = [(blocks, Because::Blocks), (farthest, Because::Farthest), (paths, Because::Paths)];
+        let best = bounds.into_iter().reduce(|best, next| if next.0 > best.0 { next } else { best });
+        let (least_slots, because) = best.expect("three bounds");
+        Round { least_slots, because, tour_slots }
+    }
+}
+
+/// The fewest slots in which `sensors` SNs may be served, by bisection.
+fn least_slots(paths: &PathBound, sensors: usize) -> u64 {
+    let mut high = 1u64;
+    while paths.most(high) < sensors && high < 1 << 53 {
+        high *= 2;
+    }
+    let mut low = high / 2; // too few
+    while high - low > 1 {
+        let middle = low + (high - low) / 2;
+        if paths.most(middle) < sensors { low = middle } else { high = middle }
+    }
+    high
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::check::figures::Figures;
+    use skysink_common::scenario::Overrides;
+    use skysink_common::sensors::SensorList;
+
+    /// What is known of a scenario with these keys and the SNs of `list`.
+    fn known(keys: &str, list: &str) -> (Round, LossFree) {
+        let path = Path::new("a.toml");
+        let text = format!("name = 'a'\n{keys}");
+        let scenario = Scenario::parse(&text, path, Overrides::default()).unwrap();
+        let scenario = skysink_planner::settings::resolve(scenario).unwrap();
+        let figures = Figures::of(&scenario, &SensorList::parse(list, path, &scenario).unwrap()).unwrap();
+        (figures.round, figures.loss_free)
+    }
+
+    #[test]
+    fn a_round_is_bounded_by_blocks_paths_and_the_farthest() {
+        // Five SNs in one spot below the UAV, n = 4: two slots, and `tour` takes as many.
+        let (round, _) = known("", &format!("x_m,y_m\n{}", "50,50\n".repeat(5)));
+        assert_eq!((round.least_slots, round.because, round.tour_slots), (2, Because::Blocks, Some(2)));
+        // 200 m from the start: 190 m to the rim, 6.33 slots of 30 m, so 7.
+        let (round, _) = known("[area]\nside_m = 400.0\n", "x_m,y_m\n200,400\n");
+        assert_eq!((round.least_slots, round.because, round.tour_slots), (7, Because::Farthest, Some(7)));
+        // Two SNs 200 m apart, the UAV between them: 90 m to the first rim, 3 slots; then 180 m from rim to rim, 6. A
+        // path alone takes 1 + 6.
+        let (round, _) = known("[area]\nside_m = 200.0\n", "x_m,y_m\n0,100\n200,100\n");
+        assert_eq!((round.least_slots, round.because, round.tour_slots), (7, Because::Paths, Some(9)));
+    }
+
+    #[test]
+    fn the_verdict_is_what_bounds_and_flights_say() {
+        let near = "x_m,y_m,queue_bits\n50,50,0\n";
+        assert_eq!(known("slots = 300\n", near).1, LossFree::Unserved, "300 slots of 100 bit fit into 30 000 bit");
+        assert_eq!(known("slots = 400\n", near).1, LossFree::Flown { strategy: "tour" });
+        // 100 bit a slot, 10 bit a visit: W τ_c log2(1 + γ/400), about 13 W/10 bit with W = 8 Hz. 400 slots overflow by
+        // 10 000 bit; 399 visits of 10 or 11 bit save less than 4 800.
+        let (_, verdict) = known("slots = 400\n[link]\nbandwidth_hz = 8.0\n", near);
+        assert!(matches!(verdict, LossFree::Impossible { lost_bits: 5_200..10_000 }), "{verdict:?}");
+    }
+
+    #[test]
+    fn a_field_that_is_too_large_is_not_flown() {
+        let list = "x_m,y_m,queue_bits\n".to_owned() + &"50,50,0\n".repeat(super::super::flights::MOST_FLOWN + 1);
+        let (round, verdict) = known("slots = 301\n", &list);
+        // 5 001 SNs that sample 100 bit overflow by 100 bit each in slot 301; 300 · 4 visits can take more than that.
+        assert_eq!((round.least_slots, round.tour_slots, verdict), (1_251, None, LossFree::NotFlown));
+    }
+}

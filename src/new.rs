@@ -1,0 +1,167 @@
+//! `skysink new`: a scenario to begin with, and the sensor list beside it.
+
+#[cfg(feature = "lab")]
+mod import;
+
+use std::fs::{self, Permissions};
+use std::io::Write as _;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use skysink_common::error::InputError;
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::sensors::SensorList;
+use skysink_planner::settings;
+
+use crate::error::Error;
+use crate::report::print;
+
+/// The scenario, with places for what depends on the field.
+const TEMPLATE: &str = include_str!("new/template.toml");
+
+/// Keys of `[area]` without a list.
+const AREA: &str = "side_m = 100.0                    # a square [m]; or width_m and height_m";
+
+/// Keys of `[sensors]` without a list.
+const SENSORS: &str = "count = 200                       # drawn uniformly from the seed; or file = \"sensors.csv\"";
+
+/// The sensor list, beside the scenario.
+const LIST: &str = "sensors.csv";
+
+/// What is refused.
+const WHAT: &str = "scenario";
+
+/// Arguments of `skysink new`.
+#[derive(Debug, Args)]
+pub struct NewScenario {
+    /// Name of the mission.
+    name: String,
+    /// Positions of the sensor nodes: CSV with columns x and y [m] or lat and lon, KML, GPX or GeoJSON.
+    #[cfg(feature = "lab")]
+    #[arg(long, value_name = "FILE")]
+    sensors: Option<PathBuf>,
+    /// Folder to write into [default: ./NAME].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Replace the files of an earlier one.
+    #[arg(long)]
+    force: bool,
+}
+
+/// What a scenario is made of besides the template.
+struct Field {
+    /// Keys of `[area]`.
+    area: String,
+    /// Keys of `[sensors]`.
+    sensors: String,
+    /// The text of the sensor list, if there is one, and the file that its positions are from.
+    list: Option<(String, PathBuf)>,
+    /// What to tell about it.
+    notes: Vec<String>,
+}
+
+impl NewScenario {
+    /// Writes the scenario and its sensor list, both or none.
+    ///
+    /// # Errors
+    /// If the name or the positions are refused, a file is there already, or one cannot be written.
+    pub fn write(&self) -> Result<(), Error> {
+        let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(&self.name));
+        let path = folder.join(format!("{}.toml", self.name));
+        scenario(&self.name, &Field::drawn(), &path)?; // the name, before anything is read
+        let field = self.field()?;
+        let text = text(&self.name, &field);
+        let checked = scenario(&self.name, &field, &path)?;
+        let list = field.list.as_ref().map(|(list, _)| (folder.join(LIST), &list[..]));
+        let sensors = match &field.list {
+            Some((list, source)) => SensorList::parse(list, source, &checked)?,
+            None => SensorList::of(&checked)?,
+        };
+        let files: Vec<(PathBuf, &str)> = list.into_iter().chain([(path.clone(), &text[..])]).collect();
+        write_all(&folder, &files, self.force)?;
+        field.notes.iter().try_for_each(print)?;
+        let [width_m, height_m] = [checked.area.width_m(), checked.area.height_m()];
+        let count = sensors.sensors().len();
+        print(format_args!("{}: {count} sensor nodes in {width_m} m × {height_m} m", path.display()))?;
+        print(format_args!("Next:  skysink check {}", shlex::try_quote(&path.to_string_lossy()).unwrap_or_default()))
+    }
+
+    #[cfg(feature = "lab")]
+    fn field(&self) -> Result<Field, Error> {
+        self.sensors.as_deref().map_or_else(|| Ok(Field::drawn()), |path| Ok(import::field(path)?))
+    }
+
+    #[cfg(not(feature = "lab"))]
+    fn field(&self) -> Result<Field, Error> {
+        Ok(Field::drawn())
+    }
+}
+
+impl Field {
+    /// The paper's field.
+    fn drawn() -> Self {
+        Self { area: AREA.to_owned(), sensors: SENSORS.to_owned(), list: None, notes: Vec::new() }
+    }
+}
+
+/// The text of the scenario.
+fn text(name: &str, field: &Field) -> String {
+    let name = toml::Value::String(name.to_owned()).to_string();
+    TEMPLATE.replace("{name}", &name).replace("{area}", &field.area).replace("{sensors}", &field.sensors)
+}
+
+/// The scenario that `path` will hold, checked.
+fn scenario(name: &str, field: &Field, path: &Path) -> Result<Scenario, InputError> {
+    Scenario::parse(&text(name, field), path, Overrides::default()).and_then(settings::resolve)
+}
+
+/// Writes files into `folder`: each under another name first, so that none is half-written.
+fn write_all(folder: &Path, files: &[(PathBuf, &str)], force: bool) -> Result<(), InputError> {
+    for (path, _) in files {
+        if !force && fs::symlink_metadata(path).is_ok() {
+            let message = "it exists: choose another --out, or pass --force to replace it";
+            return Err(InputError::new(WHAT, path, message));
+        }
+    }
+    fs::create_dir_all(folder).map_err(|error| InputError::new(WHAT, folder, error))?;
+    let mut written = Vec::new();
+    for (path, text) in files {
+        let refuse = |error: std::io::Error| InputError::new(WHAT, path, error);
+        let mut builder = tempfile::Builder::new();
+        let mut file = builder.permissions(Permissions::from_mode(0o666)).tempfile_in(folder).map_err(refuse)?;
+        file.write_all(text.as_bytes()).map_err(refuse)?;
+        written.push((path, file));
+    }
+    for (path, file) in written {
+        file.persist(path).map_err(|error| InputError::new(WHAT, path, error.error))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_new_scenario_is_the_letter_under_another_name() {
+        let path = Path::new("letter (built in)");
+        let mut new = scenario("letter", &Field::drawn(), path).unwrap();
+        let letter = Scenario::letter(Overrides::default()).and_then(settings::resolve).unwrap();
+        new.path.clone_from(&letter.path);
+        assert_eq!(new, letter);
+    }
+
+    #[test]
+    fn a_name_is_a_string_whatever_is_in_it() {
+        let refused = scenario("a\"\nseed = 7", &Field::drawn(), Path::new("a.toml")).unwrap_err();
+        assert!(refused.to_string().contains("expected 1 to 100 of"), "{refused}");
+    }
+
+    #[test]
+    fn the_template_fits_into_a_terminal() {
+        for line in text("a", &Field::drawn()).lines() {
+            assert!(line.chars().count() <= 90, "{line}");
+        }
+    }
+}

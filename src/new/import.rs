@@ -1,0 +1,83 @@
+//! The field of imported positions: an area around them, with a place on the Earth if they have one.
+
+use std::path::Path;
+
+use skysink_common::error::InputError;
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::sensors::SensorList;
+use skysink_lab::import::{self, Frame, Imported};
+
+use super::{Field, LIST};
+
+/// Ground around the sensor nodes [m].
+const MARGIN_M: f64 = 10.0;
+
+/// Length of a degree of latitude [m], about.
+const DEGREE_M: f64 = 111_000.0;
+
+/// Side of an area that holds all places that a plane about a corner is good for [m].
+const VAST_M: f64 = 1e6;
+
+/// How far the corner of the area is moved away from the sensor nodes, one after the other [m]: the plane leaves the
+/// ground, and far to the east of its corner what lies due east has a y below 0 on the southern hemisphere.
+const CORNERS_M: [f64; 4] = [MARGIN_M, 100.0, 1e3, 1e4];
+
+/// The field of the positions in the file `path`.
+pub(super) fn field(path: &Path) -> Result<Field, InputError> {
+    let imported = import::read(path)?;
+    let (area, list) = match imported.frame {
+        Frame::Plane => plane(&imported),
+        Frame::Geodetic => geodetic(&imported, path)?,
+    };
+    let sensors = format!("file = \"{LIST}\"              # a row for each; metres, or degrees about the origin");
+    let notes = imported.ignored.iter().map(|what| format!("left out: {what}")).collect();
+    Ok(Field { area, sensors, list: Some((list, path.to_owned())), notes })
+}
+
+/// The area from the origin to beyond the last position; moved there if some are negative, or if all are farther away
+/// from it than the area would be wide.
+fn plane(imported: &Imported) -> (String, String) {
+    let [low, high] = imported.bounds();
+    let shift = [0, 1].map(|axis| {
+        let is_far = low[axis] < 0.0 || low[axis] > (high[axis] - low[axis]).max(MARGIN_M);
+        if is_far { MARGIN_M - low[axis] } else { 0.0 }
+    });
+    let [width_m, height_m] = [0, 1].map(|axis| (high[axis] + shift[axis] + MARGIN_M).ceil());
+    let moved = if shift == [0.0; 2] {
+        String::new()
+    } else {
+        format!("\n# Positions are those of the source plus {} m and {} m.", shift[0], shift[1])
+    };
+    (
+        format!("width_m = {width_m:?} # around the sensor nodes [m]\nheight_m = {height_m:?}{moved}"),
+        imported.to_csv(shift),
+    )
+}
+
+/// The area north and east of a corner, in whose plane all positions have coordinates above 0.
+fn geodetic(imported: &Imported, path: &Path) -> Result<(String, String), InputError> {
+    let [[low_lat_deg, low_lon_deg], _] = imported.bounds();
+    let list = imported.to_csv([0.0; 2]);
+    let mut refused = None;
+    for corner_m in CORNERS_M {
+        let lat_deg = low_lat_deg - corner_m / DEGREE_M;
+        let lon_deg = low_lon_deg - corner_m / DEGREE_M / low_lat_deg.to_radians().cos().max(0.01);
+        let origin =
+            format!("origin_lat_deg = {lat_deg:.7} # of its south-west corner, WGS84\norigin_lon_deg = {lon_deg:.7}");
+        let vast = format!("name = \"vast\"\n[area]\nside_m = {VAST_M:?}\n{origin}\n[sensors]\nfile = \"{LIST}\"\n");
+        let found = Scenario::parse(&vast, path, Overrides::default())
+            .and_then(|scenario| SensorList::parse(&list, path, &scenario));
+        match found {
+            Ok(found) => {
+                let last = |axis: fn(&skysink_common::sensors::Sensor) -> f64| {
+                    (found.sensors().iter().map(axis).fold(0.0, f64::max) + MARGIN_M).ceil()
+                };
+                let [width_m, height_m] = [last(|sensor| sensor.position.x), last(|sensor| sensor.position.y)];
+                let sides = format!("width_m = {width_m:?} # around the sensor nodes [m]\nheight_m = {height_m:?}");
+                return Ok((format!("{sides}\n{origin}"), list));
+            }
+            Err(error) => refused = Some(error),
+        }
+    }
+    Err(refused.expect("four corners were tried"))
+}
