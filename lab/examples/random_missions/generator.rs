@@ -13,8 +13,8 @@ pub struct RandomMission {
     pub scenario: String,
     /// The sensor list, `sensors.csv`.
     pub sensors: String,
-    /// Whether links are drawn in every slot.
-    pub is_random_channel: bool,
+    /// Whether links are drawn in every slot, or queues or rates are not told.
+    pub is_hidden: bool,
 }
 
 /// Channel of a mission.
@@ -25,14 +25,23 @@ enum Channel {
     LineOfSight { is_free: bool },
 }
 
-/// Missions are drawn by their number alone.
+/// Missions are drawn by their number; what the planner is not told, by their draw, too.
 pub struct Generator {
+    number: u64,
     random: ChaCha8Rng,
+}
+
+/// What the planner is told.
+#[derive(Clone, Copy, PartialEq)]
+enum Knowledge {
+    All,
+    RatesOnly,
+    Neither,
 }
 
 impl Generator {
     pub fn new(number: u64) -> Self {
-        Self { random: ChaCha8Rng::seed_from_u64(number) }
+        Self { number, random: ChaCha8Rng::seed_from_u64(number) }
     }
 
     fn uniform(&mut self, low: f64, high: f64) -> f64 {
@@ -47,8 +56,9 @@ impl Generator {
         choices[self.random.random_range(0..choices.len())]
     }
 
-    /// A mission of 5 to 400 SNs over 30 to 2 000 m; `seed` draws its channel.
-    pub fn mission(&mut self, seed: u64) -> RandomMission {
+    /// A mission of 5 to 400 SNs over 30 to 2 000 m.
+    pub fn mission(&mut self, draw: u64) -> RandomMission {
+        let seed = self.number * 1_000 + draw;
         let count = self.log_uniform(5.0, 400.0) as usize;
         let side_m = self.log_uniform(30.0, 2_000.0).round();
         let slots = self.one_of(&[20, 40, 80, 120, 200]);
@@ -75,7 +85,7 @@ impl Generator {
         let comm_s = slot_s * 0.1;
         let bandwidth_hz = carried * f64::from(capacity_bits) / (efficiency * comm_s);
         let start_m = self.one_of(&[[0.5, 0.5], [0.0, 0.0], [0.9, 0.2]]).map(|fraction| fraction * side_m);
-        let knowledge = self.one_of(&["oracle", "oracle", "estimated", "learnt"]);
+        let knowledge = self.one_of(&[Knowledge::All, Knowledge::All, Knowledge::RatesOnly, Knowledge::Neither]);
         let mut text = format!(
             "name = \"random\"\nseed = {seed}\nslots = {slots}\nslot_s = {slot_s:?}\n[area]\nside_m = {side_m:?}\n\
              [sensors]\nfile = \"sensors.csv\"\ncapacity_bits = {capacity_bits}\nsampling_bps = [{least_bps:?}, \
@@ -106,17 +116,26 @@ impl Generator {
             }
         }
         text += match knowledge {
-            "oracle" => "[planner]\n",
-            "estimated" => "[planner]\nknowledge = \"estimated\"\n",
-            _ => "[planner]\nknowledge = \"estimated\"\nrates = \"learnt\"\n",
+            Knowledge::All => "[planner]\n",
+            Knowledge::RatesOnly => "[planner]\nknowledge = \"estimated\"\n",
+            Knowledge::Neither => "[planner]\nknowledge = \"estimated\"\nrates = \"learnt\"\n",
         };
         let rates_bps = [least_bps, most_bps];
-        let sensors = self.sensors(count, side_m, rates_bps, initial_bits.map(|bits| bits.min(capacity_bits.into())));
-        RandomMission { scenario: text, sensors, is_random_channel: channel != Channel::Static }
+        let queues_bits = initial_bits.map(|bits| bits.min(capacity_bits.into()));
+        let hidden = (draw > 0).then(|| (knowledge, ChaCha8Rng::seed_from_u64(seed)));
+        let sensors = self.sensors(count, side_m, rates_bps, queues_bits, hidden);
+        RandomMission { scenario: text, sensors, is_hidden: channel != Channel::Static || knowledge != Knowledge::All }
     }
 
-    /// The list: uniform over the area, in clusters, or along a line.
-    fn sensors(&mut self, count: usize, side_m: f64, rates_bps: [f64; 2], queues_bits: [f64; 2]) -> String {
+    /// The list: uniform over the area, in clusters, or along a line. What is hidden from the planner is drawn anew.
+    fn sensors(
+        &mut self,
+        count: usize,
+        side_m: f64,
+        rates_bps: [f64; 2],
+        queues_bits: [f64; 2],
+        mut hidden: Option<(Knowledge, ChaCha8Rng)>,
+    ) -> String {
         let layout = self.random.random_range(0..3);
         let clusters: Vec<[f64; 2]> =
             (0..=count / 20).map(|_| [self.uniform(0.0, side_m), self.uniform(0.0, side_m)]).collect();
@@ -135,18 +154,33 @@ impl Generator {
                     [along_m, along_m + spread.sample(&mut self.random) / 4.0]
                 }
             };
-            let queue_bits = self.uniform(queues_bits[0], queues_bits[1]) as u32;
+            let mut queue_bits = queue(&mut self.random, queues_bits);
             let gain_db = self.uniform(-55.0, -50.0);
-            let rate_bps = if two_rates {
-                if self.random.random_range(0..8) == 0 { rates_bps[1] } else { rates_bps[0] }
-            } else {
-                self.uniform(rates_bps[0], rates_bps[1].max(rates_bps[0].next_up()))
-            };
+            let mut rate_bps = rate(&mut self.random, rates_bps, two_rates);
+            if let Some((knowledge, random)) = &mut hidden {
+                if *knowledge != Knowledge::All {
+                    queue_bits = queue(random, queues_bits);
+                }
+                if *knowledge == Knowledge::Neither {
+                    rate_bps = rate(random, rates_bps, two_rates);
+                }
+            }
             let [x_m, y_m] = [x_m, y_m].map(|coordinate: f64| coordinate.clamp(0.0, side_m));
             writeln!(csv, "{x_m},{y_m},{queue_bits},{gain_db},{rate_bps}").expect("memory takes everything");
         }
         csv
     }
+}
+
+fn queue(random: &mut ChaCha8Rng, [low_bits, high_bits]: [f64; 2]) -> u32 {
+    (low_bits + (high_bits - low_bits) * random.random::<f64>()) as u32
+}
+
+fn rate(random: &mut ChaCha8Rng, [low_bps, high_bps]: [f64; 2], two_rates: bool) -> f64 {
+    if two_rates {
+        return if random.random_range(0..8) == 0 { high_bps } else { low_bps };
+    }
+    low_bps + (high_bps.max(low_bps.next_up()) - low_bps) * random.random::<f64>()
 }
 
 impl RandomMission {

@@ -2,8 +2,9 @@
 //!
 //! `cargo run --release -p skysink-lab --example random_missions -- 1-2000`
 //!
-//! A mission is drawn from its number. Over a random channel each strategy flies it with several draws of the links,
-//! and the means are compared, so that no strategy wins by its luck. A second argument is the number of these draws, a
+//! A mission is drawn from its number. Where links are random, or the planner is not told the queues or the rates, each
+//! strategy flies it with several draws of these, and the means are compared, so that no strategy wins by its luck. A
+//! second argument is the number of these draws, a
 //! third the search steps of `horizon` in a slot, a fourth a folder for the missions that it loses.
 
 mod generator;
@@ -42,7 +43,7 @@ impl Outcome {
 }
 
 fn mission(number: u64, draw: u64) -> RandomMission {
-    Generator::new(number).mission(number * 1_000 + draw)
+    Generator::new(number).mission(draw)
 }
 
 /// Loss rate of a flight by `strategy`.
@@ -59,7 +60,7 @@ fn fly(files: &RandomMission, strategy: &'static str, steps: u64) -> f64 {
 }
 
 fn compare(number: u64, draws: u64, steps: u64) -> Outcome {
-    let draws = if mission(number, 0).is_random_channel { draws } else { 1 };
+    let draws = if mission(number, 0).is_hidden { draws } else { 1 };
     let mean =
         |strategy| (0..draws).map(|draw| fly(&mission(number, draw), strategy, steps)).sum::<f64>() / draws as f64;
     let rivals = STRATEGIES.iter().filter(|other| ***other != horizon::STRATEGY && ***other != offline::STRATEGY);
