@@ -51,7 +51,9 @@ pub fn check(path: &Path, overrides: Overrides, as_json: bool) -> Result<(), Err
         print(commented(&figures).trim_end())?;
         print(scenario.to_toml().trim_end())?;
     }
-    warnings.iter().for_each(|warning| Role::Launcher.say(format_args!("warning: {warning}")));
+    if !as_json {
+        warnings.iter().for_each(|warning| Role::Launcher.say(format_args!("warning: {warning}")));
+    }
     Ok(())
 }
 

@@ -3,8 +3,9 @@
 #[cfg(feature = "lab")]
 mod export;
 mod flight;
+mod manual;
 #[cfg(feature = "lab")]
-mod research;
+pub(crate) mod research;
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -135,6 +136,8 @@ Examples:
   skysink bench --only ring           slot latency of the ring, beside bare hops
   skysink bench --json > bench.json   everything, for machines: minutes")]
     Bench(BenchOptions),
+    #[command(flatten)]
+    Manual(manual::Manual),
     /// A process of a benchmark.
     #[cfg(feature = "lab")]
     #[command(hide = true)]
@@ -251,9 +254,10 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
         Command::Run(arguments) => run(&arguments.run()?, stop, &ProcessTable::default())?,
         #[cfg(feature = "lab")]
         Command::Research(research) => return research.run(stop),
+        Command::Manual(manual) => return manual.write(),
         Command::Soak(arguments) => return arguments.soak(stop),
         #[cfg(feature = "lab")]
-        Command::Export(options) => return options.export(),
+        Command::Export(options) => return options.export(stop),
         #[cfg(feature = "lab")]
         Command::Bench(options) => return options.bench(stop),
         #[cfg(feature = "lab")]
@@ -263,14 +267,13 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
 }
 
 fn report(path: &Path, sensors: bool, json: bool, stop: &Stop) -> Result<(), Error> {
-    let folder = RunFolder::reopen(path)?;
+    let folder = RunFolder::open_to_read(path)?;
     let summary = folder.summary()?;
     if json {
         report::print(serde_json::to_string_pretty(&summary).expect("plain numbers and strings"))?;
     } else {
         report::print_run(&folder, &summary)?;
     }
-    drop(folder); // what follows takes it anew
     if sensors {
         let file = sensor_results::write(path, stop)?;
         if !json {

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
-use skysink_lab::compare::{Contender, Standing, standings};
+use skysink_lab::compare::{Contender, MetricStanding, standings};
 use skysink_lab::metrics::Metric;
 use skysink_lab::sweep::plan::{Shard, Sweep, SweepBase};
 use skysink_lab::sweep::sweep;
@@ -18,12 +18,17 @@ use skysink_mission::record::write_whole;
 use skysink_planner::settings;
 use skysink_planner::strategies::Registered;
 use toml::Table;
+use xxhash_rust::xxh3::xxh3_64;
 
+use crate::cli::research::{ended_early, flown_in};
 use crate::error::Error;
 use crate::report::{TerminalProgress, print, table, with_numbers_right};
 
 /// The standings, beside the recording.
 const STANDINGS: &str = "comparison.json";
+
+/// Most letters of a folder's name that are those of what is compared.
+const MOST_LETTERS: usize = 120;
 
 /// The recording.
 const RECORDING: &str = "comparison.rrd";
@@ -89,13 +94,13 @@ pub fn compare(compare: &Compare, stop: &Stop) -> Result<(), Error> {
     let (out, shown, differing) = match &compare.what {
         Compared::Strategies { scenario, overrides, strategies, seeds } => {
             let sweep = one_point(scenario, overrides, strategies, *seeds)?;
-            let out = compare.out.clone().unwrap_or_else(|| default_folder(&[name_of(scenario)]));
+            let out = compare.out.clone().unwrap_or_else(|| folder_of_strategies(&sweep, scenario, overrides, *seeds));
             (out.clone(), fly(&sweep, strategies, scenario, overrides, &out, stop)?, Vec::new())
         }
         Compared::Runs(folders) => {
             let shown = on_record(folders, stop)?;
             let names: Vec<String> = shown.iter().map(|shown| shown.contender.label.clone()).collect();
-            let out = compare.out.clone().unwrap_or_else(|| default_folder(&names));
+            let out = compare.out.clone().unwrap_or_else(|| default_folder(&names.join("-")));
             make_folder(&out)?;
             (out, shown, differing_keys(folders)?)
         }
@@ -145,7 +150,8 @@ fn fly(
     out: &Path,
     stop: &Stop,
 ) -> Result<Vec<Shown>, Error> {
-    let rows = sweep(plan, out, Shard::WHOLE, 0, stop, &TerminalProgress::of_missions())?;
+    let rows = sweep(plan, out, Shard::WHOLE, 0, stop, &TerminalProgress::of_missions());
+    let rows = rows.map_err(|error| ended_early(error, &flown_in(out)))?;
     let contenders = Contender::of_sweep(&plan.definition, &rows);
     let shown = |(contender, strategy): (Contender, &&'static Registered)| {
         let overrides = Overrides { strategy: Some(strategy.name), ..overrides.clone() };
@@ -155,8 +161,14 @@ fn fly(
     contenders.into_iter().zip(strategies).map(shown).collect()
 }
 
-/// The runs in these folders, each under the shortest end of its path that no other has.
+/// The runs in these folders.
 fn on_record(folders: &[PathBuf], stop: &Stop) -> Result<Vec<Shown>, Error> {
+    for (index, folder) in folders.iter().enumerate() {
+        let same = |other: &PathBuf| fs::canonicalize(other).ok() == fs::canonicalize(folder).ok();
+        if folder.is_dir() && folders[..index].iter().any(same) {
+            return Err(InputError::new("run folder", folder, "it is named twice: expected each once").into());
+        }
+    }
     let shown = |folder: &PathBuf| -> Result<Shown, Error> {
         let contender = Contender::of_run(folder, &label(folder, folders), stop)?;
         let scenario = Scenario::read(&folder.join("scenario.toml"), Overrides::default())?;
@@ -177,9 +189,24 @@ fn name_of(path: &Path) -> String {
     name.map_or_else(|| "run".to_owned(), |name| name.to_string_lossy().into_owned())
 }
 
-fn default_folder(names: &[String]) -> PathBuf {
-    let names: Vec<String> = names.iter().map(|name| name.replace('/', "-")).collect();
-    Path::new("runs").join(format!("compare-{}", names.join("-")))
+/// The usual folder of these strategies over a scenario: another one for other seeds and other keys.
+fn folder_of_strategies(sweep: &Sweep, scenario: &Path, overrides: &Overrides, seeds: u64) -> PathBuf {
+    let definition = &sweep.definition;
+    let mut name = name_of(scenario);
+    definition.strategies.iter().for_each(|strategy| name += &format!("-{}", strategy.name));
+    name += &format!("-{seeds}");
+    if *overrides != Overrides::default() {
+        name += &format!("-{:.8}", definition.identity);
+    }
+    default_folder(&name)
+}
+
+/// The usual folder of a comparison of this name, which is cut where a file system would.
+fn default_folder(name: &str) -> PathBuf {
+    let name = name.replace('/', "-");
+    let short: String = name.chars().take(MOST_LETTERS).collect();
+    let name = if short == name { name } else { format!("{short}-{:08x}", xxh3_64(name.as_bytes()) as u32) };
+    Path::new("runs").join(format!("compare-{name}"))
 }
 
 /// Makes the folder of a comparison of runs, or takes one that holds nothing else.
@@ -234,15 +261,15 @@ const LINES: [Line; 8] = [
     ("data loss rate η", Metric::LossRate, 1.0, 4),
     ("delivered [Mbit]", Metric::DeliveredBits, 1e-6, 3),
     ("SNs served per slot", Metric::MeanServed, 1.0, 3),
-    ("distance flown [km]", Metric::FlownM, 1e-3, 2),
-    ("propulsion energy [kJ]", Metric::EnergyJ, 1e-3, 1),
-    ("time since service [s]", Metric::AoiMeanS, 1.0, 1),
-    ("age of delivered data [s]", Metric::DataAgeMeanS, 1.0, 1),
-    ("plan time, median [µs]", Metric::PlanP50Us, 1.0, 1),
+    ("flown [km]", Metric::FlownM, 1e-3, 2),
+    ("energy [kJ]", Metric::EnergyJ, 1e-3, 1),
+    ("service age [s]", Metric::AoiMeanS, 1.0, 1),
+    ("data age [s]", Metric::DataAgeMeanS, 1.0, 1),
+    ("plan p50 [µs]", Metric::PlanP50Us, 1.0, 1),
 ];
 
 /// The lines of η with a 95 % confidence interval and the differences from the first, then those of other metrics.
-fn print_standings(contenders: &[Contender], standings: &[Standing]) -> Result<(), Error> {
+fn print_standings(contenders: &[Contender], standings: &[MetricStanding]) -> Result<(), Error> {
     let find = |contender: &Contender, metric: Metric| {
         standings.iter().find(|standing| standing.label == contender.label && standing.metric == metric.name())
     };

@@ -186,7 +186,9 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
         }
         slots => {
             let flown = summary.resumed_after.map_or_else(String::new, |last| format!(", the last {}", slots - last));
-            print(format_args!("{title}: {slots} slots{flown} in {:.3} s, {pace}", timing.wall_s))?;
+            let planned = summary.planned_slots;
+            let of = if summary.complete { String::new() } else { format!(" of {planned}, ended early") };
+            print(format_args!("{title}: {slots} slots{of}{flown} in {:.3} s, {pace}", timing.wall_s))?;
         }
     }
     let mut table = table();

@@ -52,7 +52,7 @@ fn the_figures_are_json_too() {
 #[test]
 fn who_is_said_to_be_trapped_is_and_who_is_not_is_not() {
     let place = Place::new();
-    let trapped = "will be trapped";
+    let trapped = "is likely to be trapped";
     for (keys, strategy, is_trapped) in [
         ("[area]\nside_m = 100.0\n", "uts", false),
         ("[area]\nside_m = 150.0\n", "uts", false),

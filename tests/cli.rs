@@ -307,6 +307,27 @@ fn help_lists_the_strategies_of_the_registry() {
 }
 
 #[test]
+fn completions_and_man_pages_name_every_command() {
+    let place = Place::new();
+    let help = place.run_well(&["--help"]).stdout;
+    let listed = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
+    let commands: Vec<&str> = listed.filter_map(|line| line.strip_prefix("  ")?.split(' ').next()).collect();
+    assert!(commands.contains(&"simulate") && commands.len() >= 6, "{commands:?}");
+    for shell in ["bash", "zsh", "fish"] {
+        let completions = place.run_well(&["completions", shell]).stdout;
+        for command in &commands {
+            assert!(completions.contains(command), "{shell}: {command}");
+        }
+        assert!(completions.contains("drift-plus-penalty"), "{shell}: strategies");
+    }
+    place.run_well(&["man", "pages"]);
+    for command in commands.iter().filter(|command| **command != "help" && !command.is_empty()) {
+        let page = place.read(&format!("pages/skysink-{command}.1"));
+        assert!(page.contains(".SH OPTIONS"), "{command}");
+    }
+}
+
+#[test]
 fn help_shows_examples_and_no_colour_when_piped() {
     let place = Place::new();
     for arguments in [&["--help"][..], &["run", "--help"], &["simulate", "--help"]] {

@@ -122,7 +122,7 @@ impl Scenario {
         }
         for setting in &overrides.keys {
             setting.apply(&mut table).ok_or_else(|| {
-                let message = format!("{}: expected a dotted key of the scenario", setting.key);
+                let message = format!("{}: expected a key of the scenario: a part of it is no table", setting.key);
                 InputError::new("scenario", path, message)
             })?;
         }

@@ -1,7 +1,6 @@
 //! Missions side by side: what strategies come to over the same fields, or runs on record.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
@@ -28,7 +27,7 @@ pub struct Contender {
 
 /// A metric of a contender.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Standing {
+pub struct MetricStanding {
     /// The contender.
     pub label: String,
     /// The metric, as in `docs/metrics.md`.
@@ -59,7 +58,7 @@ impl Contender {
     /// A run on record, from its trace. Its plan times are those of its summary.
     ///
     /// # Errors
-    /// If the folder is none of a run, was changed, holds no slot, or on a stop.
+    /// If the folder is none of a run, was changed, the run ended early, or on a stop.
     pub fn of_run(folder: &Path, label: &str, stop: &Stop) -> Result<Self, LabError> {
         let mut replay = Replay::open(folder)?;
         let mut tally = Tally::new(replay.scenario(), replay.list());
@@ -71,13 +70,14 @@ impl Contender {
             let field = replay.mission().field();
             sums.add(&flown.flight, field.queues_bits(), field.delivered_bits());
         }
-        if tally.last_slot() == 0 {
-            return Err(InputError::new("run folder", folder, "no slot is on record: nothing to compare").into());
+        let planned = replay.scenario().slots;
+        if tally.last_slot() != planned {
+            let flown = tally.last_slot();
+            let message = format_args!("it ended early, after slot {flown} of {planned}: expected a whole run");
+            return Err(InputError::new("run folder", folder, message).into());
         }
         let mut summary = tally.summary(None, Duration::ZERO, 0);
-        let [p50_us, p99_us] = plan_times_us(folder);
-        summary.timing.plan_p50_us = p50_us;
-        summary.timing.plan_p99_us = p99_us;
+        summary.timing = replay.summary().timing.clone();
         let values = sums.values(&summary, replay.mission().field().delivered_bits(), None);
         Ok(Self { label: label.to_owned(), missions: BTreeMap::from([(replay.scenario().seed, values)]) })
     }
@@ -95,7 +95,7 @@ impl Contender {
 
     /// How it stands by a metric, beside `reference`; none if it has no such value.
     #[must_use]
-    pub fn standing(&self, metric: Metric, reference: Option<&Self>) -> Option<Standing> {
+    pub fn standing(&self, metric: Metric, reference: Option<&Self>) -> Option<MetricStanding> {
         let values = self.values(metric);
         let numbers: Vec<f64> = values.values().copied().collect();
         let mean = (!numbers.is_empty()).then(|| MeanInterval::of(&numbers, metric.support()))?;
@@ -103,7 +103,7 @@ impl Contender {
         let differences = differences.filter(|differences| !differences.is_empty());
         let difference =
             differences.map(|differences| MeanInterval::of(&differences, metric.support().of_difference()));
-        Some(Standing {
+        Some(MetricStanding {
             label: self.label.clone(),
             metric: metric.name(),
             n: mean.n,
@@ -117,19 +117,12 @@ impl Contender {
 
 /// How all stand by all metrics, each beside the first.
 #[must_use]
-pub fn standings(contenders: &[Contender]) -> Vec<Standing> {
+pub fn standings(contenders: &[Contender]) -> Vec<MetricStanding> {
     let beside_first = |(index, contender): (usize, &Contender)| {
         let reference = contenders.first().filter(|_| index > 0);
         Metric::VARIANTS.iter().filter_map(|&metric| contender.standing(metric, reference)).collect::<Vec<_>>()
     };
     contenders.iter().enumerate().flat_map(beside_first).collect()
-}
-
-/// Median and 99th percentile of the planning times [µs] in the summary of a run; no numbers if it has none.
-fn plan_times_us(folder: &Path) -> [f64; 2] {
-    let text = fs::read(folder.join("summary.json")).unwrap_or_default();
-    let summary: serde_json::Value = serde_json::from_slice(&text).unwrap_or_default();
-    ["plan_p50_us", "plan_p99_us"].map(|key| summary["timing"][key].as_f64().unwrap_or(f64::NAN))
 }
 
 #[cfg(test)]
@@ -163,10 +156,5 @@ mod tests {
         assert!(all.iter().all(|standing| standing.difference.is_none() && standing.ci95.is_none()));
         assert!(all.iter().all(|standing| standing.metric != "loss_bound"));
         assert_eq!(all.iter().filter(|standing| standing.label == "gfs").count(), Metric::VARIANTS.len() - 1);
-    }
-
-    #[test]
-    fn a_run_without_a_summary_has_no_plan_times() {
-        assert!(plan_times_us(Path::new("/nowhere")).iter().all(|time_us| time_us.is_nan()));
     }
 }

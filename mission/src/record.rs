@@ -153,18 +153,21 @@ impl RunFolder {
     /// # Errors
     /// If it is none, its scenario or sensor list was changed since, or the run is still under way.
     pub fn reopen(path: &Path) -> Result<Self, MissionError> {
-        let files = ["scenario.toml", TRACE, origin::FILE];
-        if let Some(missing) = files.into_iter().find(|name| !path.join(name).is_file()) {
-            let found = if fs::symlink_metadata(path.join(missing)).is_ok() { "is no file" } else { "is missing" };
-            let message = format_args!("{missing} {found}: expected the folder of a run");
-            return Err(InputError::new("run folder", path, message).into());
-        }
-        let names = file_names(path).at(path)?;
-        if let Some(name) = names.iter().find(|name| is_of_run(name) && !is_plain_file(&path.join(name))) {
-            return Err(InputError::new("run folder", path, format_args!("{name} is no file")).into());
-        }
+        require(path)?;
         let trace = lock(path, false)?;
         Ok(Self { manner: origin::read(path)?, path: path.to_owned(), trace, in_a_ring: true })
+    }
+
+    /// Opens the folder of a run to read it: others may read it, too, but nobody may write it meanwhile.
+    ///
+    /// # Errors
+    /// If it is none, its scenario or sensor list was changed since, or the run is still under way.
+    pub fn open_to_read(path: &Path) -> Result<Self, MissionError> {
+        require(path)?;
+        let slots = path.join(TRACE);
+        let trace = File::open(&slots).at(&slots)?;
+        held(trace.try_lock_shared(), &slots)?;
+        Ok(Self { manner: origin::read(path)?, path: path.to_owned(), trace, in_a_ring: false })
     }
 
     /// The trace.
@@ -230,6 +233,33 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), MissionError> {
     written.at(path)
 }
 
+/// Refuses what is no folder of a run, or has something else under the name of a file of a run.
+fn require(path: &Path) -> Result<(), MissionError> {
+    let files = ["scenario.toml", TRACE, origin::FILE];
+    if let Some(missing) = files.into_iter().find(|name| !path.join(name).is_file()) {
+        let found = if fs::symlink_metadata(path.join(missing)).is_ok() { "is no file" } else { "is missing" };
+        let message = format_args!("{missing} {found}: expected the folder of a run");
+        return Err(InputError::new("run folder", path, message).into());
+    }
+    let names = file_names(path).at(path)?;
+    match names.iter().find(|name| is_of_run(name) && !is_plain_file(&path.join(name))) {
+        Some(name) => Err(InputError::new("run folder", path, format_args!("{name} is no file")).into()),
+        None => Ok(()),
+    }
+}
+
+/// Says that a run has the trace `path`, if one has.
+fn held(locked: Result<(), TryLockError>, path: &Path) -> Result<(), MissionError> {
+    match locked {
+        Ok(()) => Ok(()),
+        Err(TryLockError::WouldBlock) => {
+            let message = "a run is writing it: end that run first, or choose another folder";
+            Err(InputError::new("trace", path, message).into())
+        }
+        Err(TryLockError::Error(error)) => Err(error).at(path),
+    }
+}
+
 /// Opens the trace in `folder`, or makes it if `create` allows, and keeps a second run from the folder.
 fn lock(folder: &Path, create: bool) -> Result<File, MissionError> {
     let path = folder.join(TRACE);
@@ -240,14 +270,8 @@ fn lock(folder: &Path, create: bool) -> Result<File, MissionError> {
         .truncate(false)
         .custom_flags(rustix::fs::OFlags::NOFOLLOW.bits().cast_signed());
     let file = open.open(&path).at(&path)?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => {
-            let message = "a run is writing it: end that run first, or choose another folder";
-            Err(InputError::new("trace", &path, message).into())
-        }
-        Err(TryLockError::Error(error)) => Err(error).at(&path),
-    }
+    held(file.try_lock(), &path)?;
+    Ok(file)
 }
 
 /// The refusal of an output folder.

@@ -5,6 +5,7 @@ use std::path::Path;
 use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
 
 use crate::error::MissionError;
 use crate::replay::Replay;
@@ -28,11 +29,12 @@ impl RecordedRun {
     ///
     /// # Errors
     /// If it is no such folder, a run is writing it, the run has ended early, or the scenario, the sensor list or the
-    /// trace was changed since.
-    pub fn read(folder: &Path) -> Result<Self, MissionError> {
+    /// trace was changed since; or on a stop.
+    pub fn read(folder: &Path, stop: &Stop) -> Result<Self, MissionError> {
         let mut replay = Replay::open(folder)?;
         let mut slots = Vec::new();
         while replay.next_slot()?.is_some() {
+            stop.check()?;
             slots.extend(replay.last_recorded().cloned());
         }
         let expected = replay.scenario().slots;

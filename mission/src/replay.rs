@@ -16,6 +16,7 @@ use crate::error::{FileContext, MissionError};
 use crate::mission::{FlownSlot, Mission};
 use crate::record::RunFolder;
 use crate::slot_log::SlotLog;
+use crate::summary::Summary;
 use crate::trace::RecordedSlot;
 
 /// The lines of a trace, one after the other.
@@ -77,7 +78,7 @@ impl RecordedLines {
     }
 }
 
-/// A mission on record under way again.
+/// A mission on record that is flown again.
 pub struct Replay {
     scenario: Scenario,
     list: SensorList,
@@ -86,23 +87,22 @@ pub struct Replay {
     lines: RecordedLines,
     log: SlotLog,
     recorded: Option<RecordedSlot>,
-    /// How many slots the run's summary counts, and the hash of their lines.
-    summary: Option<(u64, String)>,
+    summary: Summary,
 }
 
 impl Replay {
-    /// Opens the folder of a run.
+    /// Opens the folder of a run that has ended, early or not.
     ///
     /// # Errors
-    /// If it is none, its scenario, sensor list or trace was changed since, or the run is still under way.
+    /// If it is none, its scenario or sensor list was changed since, it has no summary, or is still under way.
     pub fn open(path: &Path) -> Result<Self, MissionError> {
-        let folder = RunFolder::reopen(path)?;
+        let folder = RunFolder::open_to_read(path)?;
+        let summary = folder.summary()?;
         let scenario = Scenario::read(&folder.scenario(), Overrides::default()).and_then(settings::resolve)?;
         let list = SensorList::of(&scenario)?;
         let (log, reader) = folder.reopen_slot_log()?;
         let lines = RecordedLines::new(&folder, reader, scenario.slots);
         let label = folder.manner().outside_planner.as_ref().unwrap_or(&scenario.planner.strategy).clone();
-        let summary = folder.summary().ok().map(|summary| (summary.slots, summary.trace_hash));
         // The plans are on record: the planner is the one that takes least to set up.
         let mut flown = scenario.clone();
         rfs::STRATEGY.name.clone_into(&mut flown.planner.strategy);
@@ -126,6 +126,12 @@ impl Replay {
     #[must_use]
     pub fn label(&self) -> &str {
         &self.label
+    }
+
+    /// The figures of the run, as it ended.
+    #[must_use]
+    pub fn summary(&self) -> &Summary {
+        &self.summary
     }
 
     /// The mission after the last slot.
@@ -159,14 +165,12 @@ impl Replay {
 
     /// Refuses a trace whose end is not that of the run's summary.
     fn check_end(&self) -> Result<(), MissionError> {
-        let found = (self.mission.slot(), format!("{:016x}", self.log.hash()));
-        match &self.summary {
-            Some(summary) if *summary != found => {
-                let [found, expected] = [&found, summary].map(|(slots, hash)| format!("{slots} slots of hash {hash}"));
-                let message = format_args!("{found}: expected {expected}, as in summary.json");
-                Err(InputError::new("trace", &self.lines.path, message).into())
-            }
-            _ => Ok(()),
+        let found = format!("{} slots of hash {:016x}", self.mission.slot(), self.log.hash());
+        let expected = format!("{} slots of hash {}", self.summary.slots, self.summary.trace_hash);
+        if found == expected {
+            return Ok(());
         }
+        let message = format_args!("{found}: expected {expected}, as in summary.json");
+        Err(InputError::new("trace", &self.lines.path, message).into())
     }
 }

@@ -6,7 +6,7 @@ use skysink_planner::geometry::grid::Grid;
 /// SNs whose nearest neighbour is looked for, about; of more, every second, third and so on.
 const MOST_ASKED: usize = 50_000;
 
-/// Pairs that are joined at most; above, nobody doubts that there is one group.
+/// Pairs that are joined at most; of a denser field it is not known how many groups there are.
 const MOST_PAIRS: u64 = 10_000_000;
 
 /// Mean distance [m] of an SN to the SN nearest to it; `None` for a lone one.

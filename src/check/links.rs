@@ -6,7 +6,7 @@ use skysink_common::message::SensorNode;
 use skysink_common::scenario::{GainMode, Scenario};
 use skysink_common::units::ratio_of_db;
 
-/// Altitudes that are compared where the UAV may choose.
+/// Steps between the altitudes that are compared where the UAV may choose.
 const LEVELS: u32 = 16;
 
 /// Uplinks at one horizontal distance, of the weakest SN and of the strongest; expected rates over a random channel,

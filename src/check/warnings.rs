@@ -30,7 +30,7 @@ fn trapped(figures: &Figures) -> Option<String> {
         let strategy = &figures.strategy;
         let step = scaled(step_m, "m");
         format!(
-            "{strategy} will be trapped: it looks for anchors within {step} ({formula}), and steps of that length \
+            "{strategy} is likely to be trapped: it looks for anchors within {step} ({formula}), and steps of that length \
              connect no more than {group} of the {sensors} sensor nodes: try horizon or tour"
         )
     })
@@ -67,9 +67,12 @@ fn overloaded(figures: &Figures) -> Option<String> {
     let fraction = load.fraction.filter(|&fraction| fraction > 1.0)?;
     let [offered, carried] = [load.offered_bits, load.carried_bits].map(|bits| scaled(bits, "bit"));
     let percent = percent(fraction);
+    let is_by_buffers = load.carried_bits < load.visits as f64 * figures.above.visit_bits[1] as f64;
+    let limit = if is_by_buffers { "a full buffer" } else { "what the radio carries" };
     Some(format!(
-        "the load is {percent} of what the radio takes ({offered} a slot, {carried} at best): once buffers are full, \
-         every strategy loses data"
+        "the load is {percent} of what {} visits collect ({offered} a slot, {carried} at best, {limit} each): once \
+         buffers are full, every strategy loses data",
+        load.visits
     ))
 }
 

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use skysink_common::scenario::Origin;
+use skysink_common::stop::Stop;
 use skysink_lab::export::vehicle::MIN_ITEMS;
 use skysink_lab::export::{Export, ExportFormat, FORMATS, export};
 
@@ -47,10 +48,10 @@ impl ExportOptions {
     ///
     /// # Errors
     /// As [`export`].
-    pub fn export(self) -> Result<(), Error> {
+    pub fn export(self, stop: &Stop) -> Result<(), Error> {
         let Self { run, format, origin, out, force, most_items } = self;
         let most_items = most_items.map(|items| items as usize);
-        let exported = export(&Export { run, format, origin, out, force, most_items })?;
+        let exported = export(&Export { run, format, origin, out, force, most_items }, stop)?;
         print(&exported.summary)?;
         exported.files.iter().try_for_each(|file| print(file.display()))
     }

@@ -140,6 +140,9 @@ impl Research {
     }
 }
 
+/// Missions of each strategy that are compared, if not told otherwise.
+const SEEDS: u64 = 20;
+
 /// Options of `skysink compare`.
 #[derive(Debug, Args)]
 pub struct CompareOptions {
@@ -147,11 +150,12 @@ pub struct CompareOptions {
     #[arg(required = true, num_args = 2.., value_name = "SCENARIO STRATEGY | RUN")]
     what: Vec<PathBuf>,
     /// Missions of each strategy, from the scenario's seed on.
-    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
-    seeds: u64,
+    /// [default: 20]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    seeds: Option<u64>,
     #[command(flatten)]
     changes: Changes,
-    /// Folder to write [default: runs/compare-<name>].
+    /// Folder to write [default: runs/compare-<what is compared>].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Leave no recording.
@@ -168,12 +172,22 @@ impl CompareOptions {
     /// # Errors
     /// If an input is refused, something cannot be written, or on a stop.
     pub fn compare(self, stop: &Stop) -> Result<(), Error> {
+        let overrides = self.changes.overrides();
         let what = if self.what[0].is_dir() {
+            if self.seeds.is_some() || overrides != Overrides::default() {
+                let message =
+                    "--seeds, --seed, --set: expected none with folders of runs, which are as they were flown";
+                return Err(Error::Usage(message.to_owned()));
+            }
             Compared::Runs(self.what)
         } else {
-            let strategies = self.what[1..].iter().map(|name| strategy(name)).collect::<Result<_, _>>()?;
-            let overrides = self.changes.overrides();
-            Compared::Strategies { scenario: self.what[0].clone(), overrides, strategies, seeds: self.seeds }
+            let strategies = self.what[1..].iter().map(|name| strategy(name)).collect::<Result<Vec<_>, _>>()?;
+            if strategies.len() < 2 {
+                let message = format!("{}: expected two strategies or more", self.what[1].display());
+                return Err(Error::Usage(message));
+            }
+            let seeds = self.seeds.unwrap_or(SEEDS);
+            Compared::Strategies { scenario: self.what[0].clone(), overrides, strategies, seeds }
         };
         let record = !self.no_record && cfg!(feature = "viewer");
         compare(&Compare { what, out: self.out, record, json: self.json }, stop)
@@ -189,12 +203,12 @@ fn strategy(name: &Path) -> Result<&'static Registered, Error> {
 }
 
 /// What is left in the folder of a stopped sweep.
-fn flown_in(out: &Path) -> String {
+pub(crate) fn flown_in(out: &Path) -> String {
     format!("the missions flown are in {}: the same command flies the rest", out.display())
 }
 
 /// A stop with what is `left`; any other error as it is.
-fn ended_early(error: LabError, left: &str) -> Error {
+pub(crate) fn ended_early(error: LabError, left: &str) -> Error {
     let is_stop = matches!(error, LabError::Mission(MissionError::Stopped(_)));
     let cause = Error::from(error);
     if is_stop { Error::EndedEarly { cause: Box::new(cause), left: left.to_owned() } } else { cause }

@@ -7,7 +7,7 @@ use skysink_viewer::{self as viewer, Comparison, Sinks, SlotView};
 
 use super::{Error, FileContext as _, Flight, Metric, Path, Shown, Stop, fs};
 
-/// A mission under way again.
+/// A mission that is flown again.
 enum Again {
     Planned(Box<Mission>),
     OnRecord(Box<Replay>),
@@ -41,7 +41,8 @@ pub(super) fn record(shown: &[Shown], path: &Path, stop: &Stop) -> Result<(), Er
         let (scenario, list, again) = match &one.flight {
             Flight::Planned(scenario) => {
                 let list = SensorList::of(scenario)?;
-                let mission = Mission::new(scenario, &list)?;
+                let mut mission = Mission::new(scenario, &list)?;
+                mission.set_stop(stop);
                 (scenario.as_ref().clone(), list, Again::Planned(Box::new(mission)))
             }
             Flight::OnRecord(folder) => {

@@ -25,8 +25,8 @@ use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Summary;
 use skysink_mission::trace::TraceHash;
 
-/// How often it is looked whether a kill is due or, in the calm half, how large the processes are.
-const LOOK_EVERY: Duration = Duration::from_millis(50);
+/// Time between two looks at the processes: whether a kill is due or, in the calm half, how large they are.
+const POLL_EVERY: Duration = Duration::from_millis(50);
 
 /// File descriptors by which a process may differ from itself.
 const FD_SLACK: u64 = 2;
@@ -93,7 +93,7 @@ fn disturb(scenario: &Scenario, kill_every: Duration, table: &ProcessTable, over
     let mut random = ChaCha8Rng::seed_from_u64(scenario.seed);
     let mut kill_at = Instant::now();
     while !over.load(Ordering::Relaxed) {
-        std::thread::sleep(LOOK_EVERY);
+        std::thread::sleep(POLL_EVERY);
         let slot = table.slot.load(Ordering::Relaxed);
         if slot >= scenario.slots / 2 {
             if slot < scenario.slots {
@@ -104,7 +104,7 @@ fn disturb(scenario: &Scenario, kill_every: Duration, table: &ProcessTable, over
         if Instant::now() < kill_at {
             continue;
         }
-        kill_at += kill_every.mul_f64(-(1.0 - random.random::<f64>()).ln()); // a Poisson process
+        kill_at += kill_every.mul_f64(-(1.0 - random.random::<f64>()).ln()); // Poisson
         let ids = table.ids();
         let living: Vec<_> = ids.iter().collect();
         if slot > 0 && !living.is_empty() {

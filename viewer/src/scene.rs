@@ -73,10 +73,10 @@ impl Scene {
     /// # Errors
     /// If the slot does not fit the sensor list, or the recording library refuses.
     pub fn log_slot(&mut self, view: &SlotView) -> Result<(), SceneError> {
-        self.last_slot = Some(view.slot);
-        self.last_totals = Some(view.header.totals);
         self.recording.set_slot(view.slot, self.scenario.slot_s);
         self.picture.log_slot(view, self.missed_slots)?;
+        self.last_slot = Some(view.slot);
+        self.last_totals = Some(view.header.totals);
         Ok(())
     }
 

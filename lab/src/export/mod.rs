@@ -19,6 +19,8 @@ use std::path::{Path, PathBuf};
 
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Origin, Scenario};
+use skysink_common::stop::Stop;
+use skysink_mission::error::FileContext;
 use skysink_mission::record::write_whole;
 use skysink_mission::recorded::RecordedRun;
 
@@ -84,9 +86,9 @@ pub struct Exported {
 /// Exports a run. Each file is written whole or not at all.
 ///
 /// # Errors
-/// If the folder, the origin, the output file or an option is refused, or a file cannot be written.
-pub fn export(export: &Export) -> Result<Exported, LabError> {
-    let run = RecordedRun::read(&export.run)?;
+/// If the folder, the origin, the output file or an option is refused, a file cannot be written, or on a stop.
+pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
+    let run = RecordedRun::read(&export.run, stop)?;
     let track = GeodeticTrack::new(&run, origin(&run.scenario, export.origin)?)?;
     let (summary, texts) = match export.format.write {
         WriteFormat::Flight(_) if export.most_items.is_some() => {
@@ -102,8 +104,18 @@ pub fn export(export: &Export) -> Result<Exported, LabError> {
             (mission.summary + note, mission.parts.iter().map(|part| write(&track, part)).collect())
         }
     };
-    let files = part_names(&out_file(export)?, texts.len());
+    let out = out_file(export)?;
+    let files = part_names(&out, texts.len());
     files.iter().try_for_each(|file| check_out(file, export.force))?;
+    let other_parts = parts_of(&out).into_iter().filter(|part| !files.contains(part));
+    for part in other_parts {
+        if !export.force {
+            let message =
+                "it is a part of an export in other parts: choose another --out, or pass --force to remove it";
+            return Err(InputError::new("output file", &part, message).into());
+        }
+        fs::remove_file(&part).at(&part)?;
+    }
     for (file, text) in files.iter().zip(&texts) {
         write_whole(file, text)?;
     }
@@ -154,6 +166,21 @@ fn part_names(file: &Path, count: usize) -> Vec<PathBuf> {
         file.with_file_name(name)
     };
     (1..=count).map(name).collect()
+}
+
+/// The parts of the file `out` that are there, of whatever number.
+fn parts_of(out: &Path) -> Vec<PathBuf> {
+    let parent = out.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let begin = format!("{}-part-", out.file_stem().unwrap_or_default().to_string_lossy());
+    let entries =
+        fs::read_dir(parent).into_iter().flatten().flatten().map(|entry| out.with_file_name(entry.file_name()));
+    let is_part = |path: &PathBuf| {
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        let numbers = stem.strip_prefix(&begin).and_then(|rest| rest.split_once("-of-"));
+        let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+        path.extension() == out.extension() && numbers.is_some_and(|(part, of)| is_number(part) && is_number(of))
+    };
+    entries.filter(is_part).collect()
 }
 
 /// Refuses a file that cannot be, or exists and is not to be replaced.

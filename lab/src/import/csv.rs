@@ -35,6 +35,10 @@ pub(super) fn read(text: &str) -> Result<Imported, String> {
     for row in reader.records() {
         let row = row.map_err(|error| error.to_string())?;
         let line = row.position().map_or(0, Position::line);
+        if row.len() != header.len() {
+            let [found, expected] = [row.len(), header.len()];
+            return Err(format!("line {line}: {found} fields: expected {expected}, as in the header (decimal points)"));
+        }
         sensors.push(table.sensor(&row).map_err(|message| format!("line {line}: {message}"))?);
     }
     Ok(Imported {

@@ -28,7 +28,8 @@ impl Found {
             Kml::Document { elements, .. } => elements.iter().for_each(|inner| self.add(inner)),
             Kml::Folder(folder) => folder.elements.iter().for_each(|inner| self.add(inner)),
             Kml::Placemark(placemark) => placemark.geometry.iter().for_each(|geometry| self.add_geometry(geometry)),
-            _ => {}
+            Kml::Point(_) | Kml::LineString(_) | Kml::LinearRing(_) | Kml::Polygon(_) => self.ignored += 1,
+            _ => {} // styles, schemas and the like are no places
         }
     }
 

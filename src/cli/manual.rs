@@ -1,0 +1,59 @@
+//! Completions for shells, and man pages: both made of the command line itself.
+
+use std::fs;
+use std::io;
+use std::path::PathBuf;
+
+use clap::{CommandFactory, Subcommand};
+use clap_complete::Shell;
+use skysink_mission::error::FileContext;
+
+use super::Cli;
+use crate::error::Error;
+use crate::report::print;
+
+/// What helps to use the command line.
+#[derive(Debug, Subcommand)]
+pub enum Manual {
+    /// Print what completes commands, options and strategies in a shell.
+    #[command(after_help = "\
+Examples:
+  skysink completions bash > ~/.local/share/bash-completion/completions/skysink
+  skysink completions zsh > ~/.zfunc/_skysink    a folder of $fpath
+  skysink completions fish > ~/.config/fish/completions/skysink.fish")]
+    Completions {
+        /// The shell.
+        shell: Shell,
+    },
+    /// Write a man page for every command.
+    #[command(after_help = "\
+Examples:
+  skysink man ~/.local/share/man/man1    then: man skysink-run")]
+    Man {
+        /// Folder to write; it is made if it is missing.
+        #[arg(value_name = "DIR")]
+        folder: PathBuf,
+    },
+}
+
+impl Manual {
+    /// Writes it.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn write(self) -> Result<(), Error> {
+        let mut command = Cli::command();
+        match self {
+            Self::Completions { shell } => {
+                let mut text = Vec::new(); // clap_complete would panic where nobody reads
+                clap_complete::generate(shell, &mut command, "skysink", &mut text);
+                io::Write::write_all(&mut io::stdout(), &text).map_err(Error::Output)
+            }
+            Self::Man { folder } => {
+                fs::create_dir_all(&folder).at(&folder)?;
+                clap_mangen::generate_to(command, &folder).at(&folder)?;
+                print(format_args!("Man pages: {}", folder.join("skysink.1").display()))
+            }
+        }
+    }
+}
