@@ -84,10 +84,46 @@ fn a_trace_that_was_changed_is_refused_by_its_line() {
 }
 
 #[test]
+fn other_strategies_and_seeds_have_folders_of_their_own() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    let folder = |more: &[&str]| {
+        let ended = place.run_well(&[&["compare", "small.toml", "gfs", "--no-record", "--seeds"], more].concat());
+        let (_, rest) = ended.stdout.split_once("All metrics:     ").unwrap();
+        rest.trim().to_owned()
+    };
+    let folders =
+        [folder(&["2", "uts"]), folder(&["2", "rfs"]), folder(&["3", "uts"]), folder(&["2", "uts", "--seed=9"])];
+    for (index, name) in folders.iter().enumerate() {
+        assert!(!folders[..index].contains(name), "{folders:?}");
+    }
+    assert_eq!(folder(&["2", "uts"]), folders[0]);
+}
+
+#[test]
+fn a_run_that_ended_early_is_not_compared_but_reported_as_such() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    place.run_well(&["simulate", "small.toml", "--out", "a"]);
+    place.run_well(&["simulate", "small.toml", "--strategy", "gfs", "--out", "b"]);
+    let trace = place.read("b/slots.csv");
+    let cut: String = trace.split_inclusive('\n').take(101).collect();
+    place.write("b/slots.csv", &cut);
+    let refused = place.run(&["compare", "a", "b", "--no-record"]);
+    assert!(refused.code == Some(2) && refused.stderr.contains("100 slots of hash"), "{refused:?}");
+    let summary = place.read("b/summary.json").replace("\"complete\": true", "\"complete\": false");
+    let summary = summary.replacen("\"slots\": 250", "\"slots\": 100", 1);
+    place.write("b/summary.json", &summary);
+    let report = place.run_well(&["report", "b"]);
+    assert!(report.stdout.contains("100 slots of 250, ended early"), "{report:?}");
+}
+
+#[test]
 fn what_cannot_be_compared_is_refused() {
     let place = Place::new();
     place.write("small.toml", SMALL);
     place.run_well(&["simulate", "small.toml", "--out", "a"]);
+    place.run_well(&["simulate", "small.toml", "--strategy", "gfs", "--out", "b"]);
     std::fs::create_dir(place.path("taken")).unwrap();
     place.write("taken/file", "");
     for (arguments, says) in [
@@ -95,7 +131,13 @@ fn what_cannot_be_compared_is_refused() {
         (["small.toml", "uts", "uts"], "each once"),
         (["a", "nowhere", "--no-record"], "nowhere"),
         (["missing.toml", "uts", "gfs"], "missing.toml"),
-        (["a", "a", "--out=taken"], "taken"),
+        (["a", "b", "--out=taken"], "taken"),
+        (["a", "a", "--no-record"], "named twice"),
+        (["a", "b", "--set=slots=5"], "--set: expected none with folders of runs"),
+        (["a", "b", "--seeds=5"], "--seeds"),
+        (["small.toml", "uts", "--no-record"], "expected two strategies or more"),
+        (["small.toml", "--seeds=2", "--no-record"], "expected two strategies or more"),
+        (["a", "--json", "--no-record"], "expected the folders of two runs or more"),
     ] {
         let ended = place.run(&[&["compare"], &arguments[..]].concat());
         assert_eq!(ended.code, Some(2), "{arguments:?}: {ended:?}");

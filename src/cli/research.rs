@@ -147,7 +147,7 @@ const SEEDS: u64 = 20;
 #[derive(Debug, Args)]
 pub struct CompareOptions {
     /// A scenario file with two strategies or more, or the folders of two runs or more.
-    #[arg(required = true, num_args = 2.., value_name = "SCENARIO STRATEGY | RUN")]
+    #[arg(required = true, num_args = 1.., value_name = "SCENARIO STRATEGY | RUN")]
     what: Vec<PathBuf>,
     /// Missions of each strategy, from the scenario's seed on.
     /// [default: 20]
@@ -179,11 +179,15 @@ impl CompareOptions {
                     "--seeds, --seed, --set: expected none with folders of runs, which are as they were flown";
                 return Err(Error::Usage(message.to_owned()));
             }
+            if self.what.len() < 2 {
+                let message = format!("{}: expected the folders of two runs or more", self.what[0].display());
+                return Err(Error::Usage(message));
+            }
             Compared::Runs(self.what)
         } else {
             let strategies = self.what[1..].iter().map(|name| strategy(name)).collect::<Result<Vec<_>, _>>()?;
             if strategies.len() < 2 {
-                let message = format!("{}: expected two strategies or more", self.what[1].display());
+                let message = format!("{}: expected two strategies or more behind it", self.what[0].display());
                 return Err(Error::Usage(message));
             }
             let seeds = self.seeds.unwrap_or(SEEDS);
