@@ -123,7 +123,9 @@ mod tests {
     #[test]
     fn a_bad_file_is_refused_by_its_line() {
         assert!(read("x,y\n1,2\n3,four\n").unwrap_err().starts_with("line 3: y = four: expected a number"));
-        assert!(read("x,y\n1\n").unwrap_err().starts_with("line 2: y = : expected a number"));
+        assert!(read("x,y\n1\n").unwrap_err().starts_with("line 2: 1 fields: expected 2, as in the header"));
+        assert!(read("x,y\n1,5,2,5\n").unwrap_err().contains("line 2: 4 fields: expected 2"), "decimal commas");
+        assert!(read("x,y\n1,\n").unwrap_err().starts_with("line 2: y = : expected a number"));
         assert!(read("lat,lon\n95,2\n").unwrap_err().starts_with("line 2: latitude 95: expected -90 to 90"));
         assert!(read("x,z\n1,2\n").unwrap_err().contains("expected columns x and y [m], or lat and lon [°]"));
         assert!(read("x,x_m,y\n1,2,3\n").unwrap_err().contains("column `x_m`: expected x_m once"));

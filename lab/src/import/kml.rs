@@ -2,16 +2,34 @@
 
 use ::kml::types::Geometry;
 use ::kml::{Kml, KmlReader};
+use quick_xml::Reader;
+use quick_xml::events::Event;
 
 use super::{Imported, with_causes};
 
 /// Reads the text of a file.
 pub(super) fn read(text: &str) -> Result<Imported, String> {
     let refuse = |error: ::kml::Error| format!("{}: expected a KML file", with_causes(&error));
+    check_whole(text)?;
     let file: Kml<f64> = KmlReader::from_string(text).read().map_err(refuse)?;
     let mut found = Found::default();
     found.add(&file);
     Imported::geodetic(found.points, found.ignored)
+}
+
+/// Refuses a file that is cut: the reader of placemarks would wait for their end for ever, or take what is there.
+fn check_whole(text: &str) -> Result<(), String> {
+    let mut reader = Reader::from_str(text);
+    let mut open = 0u64;
+    loop {
+        match reader.read_event().map_err(|error| format!("{error}: expected a KML file"))? {
+            Event::Start(_) => open += 1,
+            Event::End(_) => open -= 1, // the reader refuses an end without a beginning
+            Event::Eof if open > 0 => return Err("it ends within an element: expected a whole KML file".to_owned()),
+            Event::Eof => return Ok(()),
+            _ => {}
+        }
+    }
 }
 
 /// The points of a file.
@@ -58,8 +76,17 @@ mod tests {
     }
 
     #[test]
+    fn a_file_that_is_cut_anywhere_is_refused() {
+        let end = FILE.find("<Document>").unwrap();
+        for cut in end..FILE.len() - 1 {
+            assert!(read(&FILE[..cut]).is_err(), "{}", &FILE[..cut]);
+        }
+    }
+
+    #[test]
     fn what_is_no_kml_is_refused() {
-        assert!(read("<gpx>").is_err() || read("<gpx>").unwrap().sensors.is_empty());
+        assert!(read("<gpx>").unwrap_err().contains("ends within an element"));
+        assert!(read("<gpx></gpx></gpx>").is_err());
         assert!(read(&FILE.replace("13.4", "east")).unwrap_err().ends_with("expected a KML file"));
         assert!(read(&FILE.replace("13.4", "200")).unwrap_err().contains("longitude 200"));
     }
