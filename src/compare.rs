@@ -213,7 +213,8 @@ fn default_folder(name: &str) -> PathBuf {
 fn make_folder(out: &Path) -> Result<(), Error> {
     fs::create_dir_all(out).at(out)?;
     for entry in fs::read_dir(out).at(out)?.flatten() {
-        if entry.file_name() != STANDINGS && entry.file_name() != RECORDING {
+        let ours = [STANDINGS, RECORDING, ".comparison.json.new", ".comparison.new.rrd"];
+        if !ours.iter().any(|name| entry.file_name() == *name) {
             let message = "it holds something else than a comparison: choose another --out";
             return Err(InputError::new("output folder", out, message).into());
         }

@@ -6,6 +6,7 @@ mod csv;
 mod geojson;
 mod gpx;
 mod kml;
+mod xml;
 
 use std::path::Path;
 

@@ -192,6 +192,18 @@ impl RunFolder {
         serde_json::from_slice(&text).is_ok_and(|summary: serde_json::Value| summary["complete"] == true)
     }
 
+    /// Removes what the run came to for each SN, if that was written.
+    ///
+    /// # Errors
+    /// If it cannot be removed.
+    pub fn remove_sensor_results(&self) -> Result<(), MissionError> {
+        let path = self.path.join(sensor_results::FILE);
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+            removed => removed.at(&path),
+        }
+    }
+
     /// The figures of the run, as it ended.
     ///
     /// # Errors

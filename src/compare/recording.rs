@@ -7,6 +7,9 @@ use skysink_viewer::{self as viewer, Comparison, Sinks, SlotView};
 
 use super::{Error, FileContext as _, Flight, Metric, Path, Shown, Stop, fs};
 
+/// The recording under way.
+const BEGUN: &str = ".comparison.new.rrd";
+
 /// A mission that is flown again.
 enum Again {
     Planned(Box<Mission>),
@@ -32,8 +35,10 @@ impl Again {
 
 /// Flies the missions again, slot by slot beside each other, into the recording `path`.
 pub(super) fn record(shown: &[Shown], path: &Path, stop: &Stop) -> Result<(), Error> {
-    if path.exists() {
-        fs::remove_file(path).at(path)?; // or the recording library would begin another beside it
+    // Under another name until it is whole.
+    let begun = path.with_file_name(BEGUN);
+    if begun.exists() {
+        fs::remove_file(&begun).at(&begun)?; // or the recording library would begin another beside it
     }
     let mut missions = Vec::new();
     let mut scenarios = Vec::new();
@@ -65,7 +70,7 @@ pub(super) fn record(shown: &[Shown], path: &Path, stop: &Stop) -> Result<(), Er
             sensors,
         })
         .collect();
-    let sinks = Sinks { save: Some(path.to_owned()), live: None };
+    let sinks = Sinks { save: Some(begun.clone()), live: None };
     let name = shown.iter().map(|one| one.contender.label.as_str()).collect::<Vec<_>>().join(" beside ");
     let mut comparison = Comparison::open(&sinks, &name, &compared, &page(shown))?;
     let mut plans: Vec<Option<Plan>> = vec![None; missions.len()];
@@ -84,7 +89,9 @@ pub(super) fn record(shown: &[Shown], path: &Path, stop: &Stop) -> Result<(), Er
         }
         under_way = next;
     }
-    Ok(comparison.close()?)
+    comparison.close()?;
+    fs::rename(&begun, path).at(path)?;
+    Ok(())
 }
 
 fn log(comparison: &mut Comparison, index: usize, mission: &Mission, plan: Option<&Plan>) -> Result<(), Error> {

@@ -90,7 +90,10 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
     ring_folder.install()?;
     let mut log = match resumed {
         None => folder.slot_log()?,
-        Some(resumed) => resumed.hand_over(&ring_folder)?,
+        Some(resumed) => {
+            folder.remove_sensor_results()?; // they were of the slots so far
+            resumed.hand_over(&ring_folder)?
+        }
     };
     let begin = Instant::now();
     let flown = fly(run, &folder, &ring_folder, table, stop, &mut log, &mut tally);

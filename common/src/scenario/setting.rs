@@ -4,6 +4,9 @@ use std::str::FromStr;
 
 use toml::{Table, Value};
 
+/// Letters of a key, at most: more than any has.
+const MOST_LETTERS: usize = 200;
+
 /// A dotted key with its value, such as `link.bandwidth_hz=5e3`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Setting {
@@ -32,7 +35,10 @@ impl FromStr for Setting {
 
     /// From `key=value`. The value is written as in a scenario file; text needs no quotes.
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let is_key = |key: &str| key.split('.').all(|part| !part.is_empty() && !part.contains(char::is_whitespace));
+        let is_key = |key: &str| {
+            key.len() <= MOST_LETTERS
+                && key.split('.').all(|part| !part.is_empty() && !part.contains(char::is_whitespace))
+        };
         let (key, value) = text.split_once('=').ok_or("expected key=value, such as link.bandwidth_hz=5e3")?;
         let key = key.trim();
         if !is_key(key) {

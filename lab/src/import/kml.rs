@@ -2,34 +2,17 @@
 
 use ::kml::types::Geometry;
 use ::kml::{Kml, KmlReader};
-use quick_xml::Reader;
-use quick_xml::events::Event;
 
-use super::{Imported, with_causes};
+use super::{Imported, with_causes, xml};
 
 /// Reads the text of a file.
 pub(super) fn read(text: &str) -> Result<Imported, String> {
     let refuse = |error: ::kml::Error| format!("{}: expected a KML file", with_causes(&error));
-    check_whole(text)?;
+    xml::check(text, Some("Point"))?;
     let file: Kml<f64> = KmlReader::from_string(text).read().map_err(refuse)?;
     let mut found = Found::default();
     found.add(&file);
     Imported::geodetic(found.points, found.ignored)
-}
-
-/// Refuses a file that is cut: the reader of placemarks would wait for their end for ever, or take what is there.
-fn check_whole(text: &str) -> Result<(), String> {
-    let mut reader = Reader::from_str(text);
-    let mut open = 0u64;
-    loop {
-        match reader.read_event().map_err(|error| format!("{error}: expected a KML file"))? {
-            Event::Start(_) => open += 1,
-            Event::End(_) => open -= 1, // the reader refuses an end without a beginning
-            Event::Eof if open > 0 => return Err("it ends within an element: expected a whole KML file".to_owned()),
-            Event::Eof => return Ok(()),
-            _ => {}
-        }
-    }
 }
 
 /// The points of a file.
@@ -87,6 +70,12 @@ mod tests {
     fn what_is_no_kml_is_refused() {
         assert!(read("<gpx>").unwrap_err().contains("ends within an element"));
         assert!(read("<gpx></gpx></gpx>").is_err());
+        for empty in ["<coordinates></coordinates>", "<coordinates/>", ""] {
+            let file = format!("<kml><Placemark><Point>{empty}</Point></Placemark></kml>");
+            assert!(read(&file).unwrap_err().contains("Point without coordinates"), "{empty}");
+        }
+        let deep = format!("<kml>{}{}</kml>", "<Folder>".repeat(100_000), "</Folder>".repeat(100_000));
+        assert!(read(&deep).unwrap_err().contains("nested"));
         assert!(read(&FILE.replace("13.4", "east")).unwrap_err().ends_with("expected a KML file"));
         assert!(read(&FILE.replace("13.4", "200")).unwrap_err().contains("longitude 200"));
     }
