@@ -8,7 +8,7 @@ use super::{Imported, with_causes, xml};
 /// Reads the text of a file.
 pub(super) fn read(text: &str) -> Result<Imported, String> {
     let refuse = |error: ::kml::Error| format!("{}: expected a KML file", with_causes(&error));
-    xml::check(text, Some("Point"))?;
+    xml::check(text, "KML", Some("Point"))?;
     let file: Kml<f64> = KmlReader::from_string(text).read().map_err(refuse)?;
     let mut found = Found::default();
     found.add(&file);
