@@ -136,7 +136,13 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
     fn follow(&mut self, wait: &mut WaitContext) -> Result<(), NodeError> {
         let ready = self.ring.ready.writer()?;
         loop {
-            let queues = self.queues.wait_for_next(wait, self.next.unwrap_or(0))?;
+            let queues = match self.queues.wait_for_next(wait, self.next.unwrap_or(0)) {
+                Err(NodeError::Stopped(stopped)) => {
+                    self.show_left_overs(wait)?;
+                    return Err(stopped.into());
+                }
+                queues => queues?,
+            };
             let head = queues.user_header().head;
             let is_end = head.flags & FLAG_END != 0;
             self.log_health()?;
@@ -154,6 +160,18 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
                 return Ok(());
             }
         }
+    }
+
+    /// Shows the slots that were flown before a stop, but arrive with it or a little later.
+    fn show_left_overs(&mut self, wait: &mut WaitContext) -> Result<(), NodeError> {
+        let deadline = Instant::now() + LEFT_OVERS;
+        while Instant::now() < deadline {
+            match self.queues.next_sample()? {
+                Some(queues) => self.show(wait, &queues)?,
+                None => std::thread::sleep(POLL),
+            }
+        }
+        Ok(())
     }
 
     /// Shows the slot of these queues, after those that were missed before it.
