@@ -53,9 +53,16 @@ pub struct Imported {
     pub ignored: Vec<String>,
 }
 
+/// The points of a file, by latitude and longitude [°], and how many other things it holds.
+#[derive(Default)]
+struct Found {
+    points: Vec<[f64; 2]>,
+    ignored: usize,
+}
+
 impl Imported {
-    /// Points by latitude and longitude [°] and nothing else; `ignored` things are no points.
-    fn geodetic(points: Vec<[f64; 2]>, ignored: usize) -> Result<Self, String> {
+    /// Points by latitude and longitude [°] and nothing else.
+    fn geodetic(Found { points, ignored }: Found) -> Result<Self, String> {
         let sensors: Vec<ImportedSensor> =
             points.into_iter().map(|position| ImportedSensor { position, others: Vec::new() }).collect();
         for (index, sensor) in sensors.iter().enumerate() {
@@ -150,10 +157,14 @@ mod tests {
     #[test]
     fn a_point_that_is_not_on_earth_is_refused_by_its_number() {
         assert_eq!(
-            Imported::geodetic(vec![[1.0, 2.0], [91.0, 0.0]], 0).unwrap_err(),
+            Imported::geodetic(Found { points: vec![[1.0, 2.0], [91.0, 0.0]], ignored: 0 }).unwrap_err(),
             "point 2: latitude 91: expected -90 to 90"
         );
-        assert!(Imported::geodetic(vec![[0.0, f64::NAN]], 0).unwrap_err().contains("longitude NaN"));
+        assert!(
+            Imported::geodetic(Found { points: vec![[0.0, f64::NAN]], ignored: 0 })
+                .unwrap_err()
+                .contains("longitude NaN")
+        );
         assert!(read(Path::new("a.shp")).unwrap_err().to_string().contains("`.shp`: expected a file named .csv, .kml"));
     }
 }

@@ -2,35 +2,28 @@
 
 use ::geojson::{GeoJson, Geometry, GeometryValue};
 
-use super::{Imported, with_causes};
+use super::{Found, Imported, with_causes};
 
 /// Reads the text of a file.
 pub(super) fn read(text: &str) -> Result<Imported, String> {
     let file: GeoJson = text.parse().map_err(|error| format!("{}: expected GeoJSON", with_causes(&error)))?;
     let mut found = Found::default();
     match &file {
-        GeoJson::Geometry(geometry) => found.add(geometry),
-        GeoJson::Feature(feature) => feature.geometry.iter().for_each(|geometry| found.add(geometry)),
+        GeoJson::Geometry(geometry) => found.add_geojson(geometry),
+        GeoJson::Feature(feature) => feature.geometry.iter().for_each(|geometry| found.add_geojson(geometry)),
         GeoJson::FeatureCollection(collection) => {
             collection
                 .features
                 .iter()
                 .filter_map(|feature| feature.geometry.as_ref())
-                .for_each(|geometry| found.add(geometry));
+                .for_each(|geometry| found.add_geojson(geometry));
         }
     }
-    Imported::geodetic(found.points, found.ignored)
-}
-
-/// The points of a file.
-#[derive(Default)]
-struct Found {
-    points: Vec<[f64; 2]>,
-    ignored: usize,
+    Imported::geodetic(found)
 }
 
 impl Found {
-    fn add(&mut self, geometry: &Geometry) {
+    fn add_geojson(&mut self, geometry: &Geometry) {
         let place = |coordinates: &::geojson::Position| {
             let at = |index| coordinates.as_slice().get(index).copied().unwrap_or(f64::NAN);
             [at(1), at(0)]
@@ -39,7 +32,7 @@ impl Found {
             GeometryValue::Point { coordinates } => self.points.push(place(coordinates)),
             GeometryValue::MultiPoint { coordinates } => self.points.extend(coordinates.iter().map(place)),
             GeometryValue::GeometryCollection { geometries } => {
-                geometries.iter().for_each(|geometry| self.add(geometry));
+                geometries.iter().for_each(|geometry| self.add_geojson(geometry));
             }
             _ => self.ignored += 1,
         }

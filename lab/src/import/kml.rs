@@ -3,7 +3,7 @@
 use ::kml::types::Geometry;
 use ::kml::{Kml, KmlReader};
 
-use super::{Imported, with_causes, xml};
+use super::{Found, Imported, with_causes, xml};
 
 /// Reads the text of a file.
 pub(super) fn read(text: &str) -> Result<Imported, String> {
@@ -11,33 +11,26 @@ pub(super) fn read(text: &str) -> Result<Imported, String> {
     xml::check(text, "KML", Some("Point"))?;
     let file: Kml<f64> = KmlReader::from_string(text).read().map_err(refuse)?;
     let mut found = Found::default();
-    found.add(&file);
-    Imported::geodetic(found.points, found.ignored)
-}
-
-/// The points of a file.
-#[derive(Default)]
-struct Found {
-    points: Vec<[f64; 2]>,
-    ignored: usize,
+    found.add_element(&file);
+    Imported::geodetic(found)
 }
 
 impl Found {
-    fn add(&mut self, element: &Kml<f64>) {
+    fn add_element(&mut self, element: &Kml<f64>) {
         match element {
-            Kml::KmlDocument(document) => document.elements.iter().for_each(|inner| self.add(inner)),
-            Kml::Document { elements, .. } => elements.iter().for_each(|inner| self.add(inner)),
-            Kml::Folder(folder) => folder.elements.iter().for_each(|inner| self.add(inner)),
-            Kml::Placemark(placemark) => placemark.geometry.iter().for_each(|geometry| self.add_geometry(geometry)),
+            Kml::KmlDocument(document) => document.elements.iter().for_each(|inner| self.add_element(inner)),
+            Kml::Document { elements, .. } => elements.iter().for_each(|inner| self.add_element(inner)),
+            Kml::Folder(folder) => folder.elements.iter().for_each(|inner| self.add_element(inner)),
+            Kml::Placemark(placemark) => placemark.geometry.iter().for_each(|geometry| self.add_kml(geometry)),
             Kml::Point(_) | Kml::LineString(_) | Kml::LinearRing(_) | Kml::Polygon(_) => self.ignored += 1,
             _ => {} // styles, schemas and the like are no places
         }
     }
 
-    fn add_geometry(&mut self, geometry: &Geometry<f64>) {
+    fn add_kml(&mut self, geometry: &Geometry<f64>) {
         match geometry {
             Geometry::Point(point) => self.points.push([point.coord.y, point.coord.x]),
-            Geometry::MultiGeometry(several) => several.geometries.iter().for_each(|inner| self.add_geometry(inner)),
+            Geometry::MultiGeometry(several) => several.geometries.iter().for_each(|inner| self.add_kml(inner)),
             _ => self.ignored += 1,
         }
     }
