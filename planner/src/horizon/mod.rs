@@ -15,6 +15,7 @@ pub mod forecast;
 pub mod groups;
 pub mod long_search;
 pub mod model;
+pub mod offered;
 pub mod path_bound;
 pub mod service_disk;
 pub mod start;
@@ -91,6 +92,15 @@ struct Saved {
     /// Disks that were added: centre [m] and members.
     added: Vec<([f64; 2], Vec<u32>)>,
     carried: Vec<u32>,
+}
+
+/// A search in a slot.
+#[derive(Debug, Clone, Copy)]
+struct Search {
+    slot: u64,
+    /// Which of the searches of the slot.
+    round: u32,
+    steps: u32,
 }
 
 /// A slot of a plan.
@@ -178,33 +188,12 @@ impl Horizon {
         forecast.loss_bits <= lower_bound(&self.model, &forecast.window)
     }
 
-    /// Replaces the plan by the stops of a `flight`, where each slot ends and its schedule, if that loses less. These
-    /// stops become disks of the model.
-    pub fn offer(&mut self, forecast: &mut Forecast, flight: &[(Position, Vec<u32>)]) {
-        let begun_bits = forecast.loss_bits;
-        let begun = forecast.stops();
-        let kept = self.model.added().to_vec();
-        let sensor = |id: &u32| self.model.ids.binary_search(id).ok().map(|sensor| sensor as u32);
-        let disk = |(centre, ids): &(Position, Vec<u32>)| {
-            ServiceDisk::at(&self.model.table, *centre, ids.iter().filter_map(sensor).collect())
-        };
-        let disks = flight.iter().filter_map(disk).collect();
-        let first = (self.model.disks.len() - kept.len()) as u32;
-        self.model.replace_added(disks);
-        forecast.load(&self.model, first..self.model.disks.len() as u32);
-        start::extend(&self.model, forecast);
-        if begun_bits <= forecast.loss_bits {
-            self.model.replace_added(kept);
-            forecast.load(&self.model, begun);
-        }
-    }
-
     /// Improves the plan of `forecast`, and carries what follows the slot of `view`.
     ///
     /// Without a budget the search ends after a number of steps, not after a time. It draws from the slot's own random
     /// stream: the result depends on the view and the carried plan alone.
     pub fn search(&mut self, view: &View, forecast: &mut Forecast, is_over: impl Fn() -> bool) {
-        self.improve(view.slot, forecast, is_over);
+        self.improve(Search { slot: view.slot, round: 0, steps: self.iterations }, forecast, is_over);
         self.carried.clear();
         self.carried.extend(forecast.trace.legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.stop));
     }
@@ -212,6 +201,12 @@ impl Horizon {
     /// Carries all of the plan, because another flies the next slot.
     pub fn carry_all(&mut self, forecast: &Forecast) {
         self.carried = forecast.stops();
+    }
+
+    /// Search steps in each slot.
+    #[must_use]
+    pub fn iterations(&self) -> u32 {
+        self.iterations
     }
 
     /// Longest that the planning of the slot of `view` may take; none where no clock paces the mission.
@@ -239,8 +234,9 @@ impl Horizon {
     /// of resource blocks that it leaves free: a cycle of full groups can only be disturbed. It cools after a slot
     /// whose search ended higher and warms up after one whose search ended lower, below a ceiling that falls over the
     /// mission.
-    fn improve(&mut self, slot: u64, forecast: &mut Forecast, is_over: impl Fn() -> bool) {
-        if self.iterations == 0 {
+    fn improve(&mut self, search: Search, forecast: &mut Forecast, is_over: impl Fn() -> bool) {
+        let Search { slot, round, steps } = search;
+        if steps == 0 {
             return;
         }
         let model = &self.model;
@@ -260,8 +256,8 @@ impl Horizon {
         let ceiling = LAST_CEILING.powf(progress);
         let far_bits = avoidable_bits / begun.len().max(1) as f64 * self.temperature.min(ceiling);
         let temperature = Temperature { far_bits, now: 0, near_fraction: NEAR_FRACTION };
-        let mut random = self.streams.stream(Purpose::Horizon, slot, 0);
-        anneal::anneal(model, forecast, temperature, self.iterations, is_over, &mut random);
+        let mut random = self.streams.stream(Purpose::Horizon, slot, round);
+        anneal::anneal(model, forecast, temperature, steps, is_over, &mut random);
         // Which SNs a slot serves depends on the queues, and the search copies legs that it does not recompute. Load
         // the plan once more, so that the next slot resumes from exactly this plan.
         forecast.load(model, forecast.stops());

@@ -73,7 +73,10 @@ impl From<BudgetMs> for Duration {
 }
 
 /// Most slots that are looked ahead: the whole mission of the UTS letter (arXiv 2103.00753).
-const MOST_SLOTS: u64 = 600;
+const MOST_SLOTS: u64 = 2_400;
+
+/// How many times the steps of a search before the mission are those of each search that compares plans to start from.
+const COMPARED_STEPS: u64 = 100;
 
 /// When the rollouts before the first search end, as a fraction of the budget.
 const SURVEY_END: f64 = 0.3;
@@ -112,7 +115,7 @@ impl LookAhead {
     ) -> Option<Found> {
         let is_over = || view.stop.requested().is_some();
         let mut forecast = self.horizon.forecast(view)?;
-        let surveyed = self.survey(view, &mut forecast, &is_over);
+        let surveyed = self.survey(view, &mut forecast, (steps / COMPARED_STEPS) as u32, &is_over);
         let found = self.horizon.prepare(view, &mut forecast, steps, watch)?;
         self.compare(view, &forecast, surveyed.as_ref(), &is_over);
         Some(found)
@@ -140,15 +143,21 @@ impl LookAhead {
         Ahead { slots: slots as u64, beyond_slots, round_slots: self.horizon.model().round_slots }
     }
 
-    /// Rolls out the other strategies, and offers the best flights as plans to start from; returns the best of them.
-    fn survey(&mut self, view: &View, forecast: &mut Forecast, is_over: &dyn Fn() -> bool) -> Option<Surveyed> {
+    /// Rolls out the other strategies, and offers the best flights as plans to start from, which are compared after
+    /// searches of `steps` steps; returns the best of the strategies.
+    fn survey(
+        &mut self,
+        view: &View,
+        forecast: &mut Forecast,
+        steps: u32,
+        is_over: &dyn Fn() -> bool,
+    ) -> Option<Surveyed> {
         if self.is_settled(view, forecast) || !self.is_affordable(view, forecast) {
             return None;
         }
         let surveyed = self.rivals.survey(view, &self.ahead(forecast), is_over);
-        for rival in &surveyed {
-            self.horizon.offer(forecast, &rival.flight);
-        }
+        let flights = surveyed.iter().map(|rival| &rival.flight[..]);
+        self.horizon.offer(view, forecast, flights, steps, is_over);
         surveyed.into_iter().next()
     }
 
@@ -192,8 +201,12 @@ impl Strategy for LookAhead {
             move || view.stop.requested().is_some() || budget.is_some_and(is_late)
         };
         let mut forecast = self.horizon.forecast(view)?;
-        let surveyed =
-            if self.rivals.is_surveyed() { None } else { self.survey(view, &mut forecast, &is_over_at(SURVEY_END)) };
+        let steps = self.horizon.iterations();
+        let surveyed = if self.rivals.is_surveyed() {
+            None
+        } else {
+            self.survey(view, &mut forecast, steps, &is_over_at(SURVEY_END))
+        };
         self.horizon.search(view, &mut forecast, is_over_at(SEARCH_END));
         self.compare(view, &forecast, surveyed.as_ref(), &is_over_at(1.0));
         self.decide(view, &forecast)
