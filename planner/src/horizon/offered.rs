@@ -99,3 +99,132 @@ impl Horizon {
         self.temperature = plan.temperature;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    use std::path::Path;
+
+    use skysink_common::message::SensorNode;
+    use skysink_common::random::{Purpose, Streams};
+    use skysink_common::scenario::{Overrides, Scenario};
+    use skysink_common::sensors::SensorList;
+    use skysink_common::stop::Stop;
+
+    use crate::horizon::anneal::{Temperature, anneal};
+    use crate::horizon::{PlannedSlot, planned_slot};
+    use crate::sensor_table::SensorTable;
+    use crate::settings::Settings;
+    use crate::strategies::{Setup, Timing};
+
+    #[test]
+    fn a_flight_that_loses_less_becomes_the_plan_and_its_slots_become_stops() {
+        // Two pairs 35 m apart that fill in 3 slots, with blocks for a pair: each pair has to be served in every other slot.
+        let places_m = [[200.0, 200.0], [203.0, 200.0], [235.0, 200.0], [238.0, 200.0]];
+        let text = "name = 'x'\nslots = 40\n[area]\nside_m = 400.0\n[link]\nresource_blocks = 2\n";
+        let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
+        let sensor = |[x_m, y_m]: [f64; 2]| SensorNode {
+            x_m,
+            y_m,
+            gain: 10f64.powf(-5.2),
+            sampling_bps: 10_000.0,
+            capacity_bits: 30_000,
+            ..SensorNode::default()
+        };
+        let sensors = places_m.map(sensor);
+        let table = &SensorTable::new(&scenario, &sensors);
+        let settings = &Settings::of(&scenario).unwrap();
+        let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table, estimate: None };
+        let mut horizon = Horizon::new(&setup, 600, 0, None);
+        let (position, stop) = (scenario.start(), &Stop::default());
+        let view = View { slot: 1, position, queues_bits: &[0; 4], estimate: None, table, timing: Timing::Free, stop };
+        let mut forecast = horizon.forecast(&view).unwrap();
+        let permanent = horizon.model.disks.len();
+        let between = |slot: usize| {
+            let x_m = [202.0, 232.0][slot % 2];
+            (Position::new(x_m, 200.0), [vec![0, 1], vec![2, 3]][slot % 2].clone())
+        };
+        // A flight that hovers over one pair loses more than any plan to start from: nothing changes.
+        let begun = (forecast.stops(), forecast.loss_bits);
+        horizon.offer(&view, &mut forecast, [&vec![between(0); 40][..]].into_iter(), 0, || false);
+        assert_eq!((forecast.stops(), forecast.loss_bits), begun);
+        assert!(horizon.model.added().is_empty());
+        // From an empty plan, the flight to and fro is better. A slot that serves nobody is no stop.
+        forecast.load(&horizon.model, []);
+        let mut flight: Vec<_> = (0..40).map(between).collect();
+        flight.push((Position::new(200.0, 200.0), Vec::new()));
+        horizon.offer(&view, &mut forecast, [&flight[..]].into_iter(), 0, || false);
+        assert_eq!(horizon.model.added().len(), 40);
+        assert_eq!(forecast.trace.legs[0].stop as usize, permanent);
+        assert!(forecast.loss_bits <= begun.1, "{} against {}", forecast.loss_bits, begun.1);
+        // Another that is worse leaves these stops as they are.
+        let taken = (forecast.stops(), forecast.loss_bits);
+        horizon.offer(&view, &mut forecast, [&vec![between(1); 40][..]].into_iter(), 0, || false);
+        assert_eq!((forecast.stops(), forecast.loss_bits, horizon.model.added().len()), (taken.0, taken.1, 40));
+    }
+
+    #[test]
+    fn of_a_flight_and_the_plan_the_one_is_taken_that_loses_less_after_a_search() {
+        // In fields where the flight loses less before any search.
+        let taken = (1..=24).filter_map(offered_in);
+        let [flights, plans] = taken.fold([0, 0], |[flights, plans], is_flight| match is_flight {
+            true => [flights + 1, plans],
+            false => [flights, plans + 1],
+        });
+        assert!(flights > 0 && plans > 0, "{flights} flights, {plans} plans");
+    }
+
+    /// Offers a flight, and checks that what is taken loses least after a search; whether that is the flight. `None` if it
+    /// loses no less before.
+    fn offered_in(seed: u64) -> Option<bool> {
+        let text = "name = 'x'\nslots = 80\n[area]\nside_m = 250.0\n[sensors]\ncount = 40\nsampling_bps = 600.0\n\
+                    [link]\nbandwidth_hz = 8e3\n";
+        let overrides = Overrides { seed: Some(seed), ..Overrides::default() };
+        let scenario = Scenario::parse(text, Path::new("x.toml"), overrides).unwrap();
+        let list = SensorList::of(&scenario).unwrap();
+        let table = &SensorTable::new(&scenario, &list.nodes());
+        let settings = &Settings::of(&scenario).unwrap();
+        let setup = Setup { scenario: &scenario, settings, sensors: &list.nodes(), table, estimate: None };
+        let mut horizon = Horizon::new(&setup, 600, 0, None);
+        let (position, queues_bits, stop) = (scenario.start(), &list.queues_bits()[..], &Stop::default());
+        let view = View { slot: 1, position, queues_bits, estimate: None, table, timing: Timing::Free, stop };
+        let mut forecast = horizon.forecast(&view).unwrap();
+        let begun = forecast.stops();
+        let begun_bits = forecast.loss_bits;
+        // The plan after a short search, slot by slot, each with all that it serves: as a flight of another strategy is.
+        let mut random = Streams::new(1).stream(Purpose::Horizon, 0, 0);
+        let temperature = Temperature { far_bits: 0.0, now: 0, near_fraction: 1.0 };
+        anneal(&horizon.model, &mut forecast, temperature, 40, || false, &mut random);
+        let slots = (1..=80).scan(position.xy(), |at, slot| {
+            let PlannedSlot { waypoint, ids, .. } = planned_slot(&horizon.model, &forecast, slot, at)?;
+            *at = waypoint;
+            Some((waypoint, ids))
+        });
+        let flight: Vec<_> = slots.collect();
+        let begin = |horizon: &mut Horizon, forecast: &mut Forecast| {
+            horizon.model.replace_added(Vec::new());
+            horizon.temperature = 1.0;
+            forecast.load(&horizon.model, begun.iter().copied());
+        };
+        begin(&mut horizon, &mut forecast);
+        horizon.offer(&view, &mut forecast, [&flight[..]].into_iter(), 0, || false);
+        let is_better = forecast.loss_bits < begun_bits;
+        assert_eq!(
+            is_better,
+            !horizon.model.added().is_empty(),
+            "seed {seed}: without a search the better one is taken"
+        );
+        begin(&mut horizon, &mut forecast);
+        horizon.offer(&view, &mut forecast, [&flight[..]].into_iter(), 300, || false);
+        let taken_bits = forecast.loss_bits;
+        let is_flight = !horizon.model.added().is_empty();
+        begin(&mut horizon, &mut forecast);
+        (1..=8).for_each(|round| horizon.improve(Search { slot: 1, round, steps: 300 }, &mut forecast, || false));
+        let alone_bits = forecast.loss_bits;
+        is_better.then(|| {
+            assert!(if is_flight { taken_bits < alone_bits } else { taken_bits == alone_bits }, "seed {seed}");
+            is_flight
+        })
+    }
+}

@@ -6,7 +6,6 @@ use proptest::prelude::*;
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, Mode, SensorNode};
 use skysink_common::scenario::{Overrides, Scenario};
-use skysink_common::sensors::SensorList;
 
 use super::anneal::{Temperature, anneal};
 use super::bound::{by_throughput, by_visits, lower_bound};
@@ -16,7 +15,7 @@ use super::model::{PlanningModel, SensorModel};
 use super::path_bound::PathBound;
 use super::service_disk::ServiceDisk;
 use super::start;
-use super::{Estimate, Horizon, PlannedSlot, planned_slot};
+use super::{Estimate, Horizon};
 use crate::sensor_table::SensorTable;
 use crate::settings::{Rates, Settings};
 use crate::strategies::{Setup, Timing, View};
@@ -300,91 +299,6 @@ fn a_plan_in_overload_is_flown_as_it_was_foreseen_slot_by_slot() {
     let mut next = Forecast::new(&model, PlanningWindow { start, empty, ..window_of(&model, 79) });
     next.load(&model, first.legs[legs..].iter().map(|leg| leg.stop));
     assert!((lost_bits + next.loss_bits - foreseen_bits).abs() < 1e-6, "{foreseen_bits} against {}", next.loss_bits);
-}
-
-#[test]
-fn a_flight_that_loses_less_becomes_the_plan_and_its_slots_become_stops() {
-    // Two pairs 35 m apart that fill in 3 slots, with blocks for a pair: each pair has to be served in every other slot.
-    let places_m = [[200.0, 200.0], [203.0, 200.0], [235.0, 200.0], [238.0, 200.0]];
-    let text = "name = 'x'\nslots = 40\n[area]\nside_m = 400.0\n[link]\nresource_blocks = 2\n";
-    let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
-    let sensor = |[x_m, y_m]: [f64; 2]| SensorNode {
-        x_m,
-        y_m,
-        gain: 10f64.powf(-5.2),
-        sampling_bps: 10_000.0,
-        capacity_bits: 30_000,
-        ..SensorNode::default()
-    };
-    let sensors = places_m.map(sensor);
-    let table = &SensorTable::new(&scenario, &sensors);
-    let settings = &Settings::of(&scenario).unwrap();
-    let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table, estimate: None };
-    let mut horizon = Horizon::new(&setup, 600, 0, None);
-    let (position, stop) = (scenario.start(), &Stop::default());
-    let view = View { slot: 1, position, queues_bits: &[0; 4], estimate: None, table, timing: Timing::Free, stop };
-    let mut forecast = horizon.forecast(&view).unwrap();
-    let permanent = horizon.model.disks.len();
-    let between = |slot: usize| {
-        let x_m = [202.0, 232.0][slot % 2];
-        (Position::new(x_m, 200.0), [vec![0, 1], vec![2, 3]][slot % 2].clone())
-    };
-    // A flight that hovers over one pair loses more than any plan to start from: nothing changes.
-    let begun = (stops(&forecast), forecast.loss_bits);
-    horizon.offer(&view, &mut forecast, [&vec![between(0); 40][..]].into_iter(), 0, || false);
-    assert_eq!((stops(&forecast), forecast.loss_bits), begun);
-    assert!(horizon.model.added().is_empty());
-    // From an empty plan, the flight to and fro is better. A slot that serves nobody is no stop.
-    forecast.load(&horizon.model, []);
-    let mut flight: Vec<_> = (0..40).map(between).collect();
-    flight.push((Position::new(200.0, 200.0), Vec::new()));
-    horizon.offer(&view, &mut forecast, [&flight[..]].into_iter(), 0, || false);
-    assert_eq!(horizon.model.added().len(), 40);
-    assert_eq!(forecast.trace.legs[0].stop as usize, permanent);
-    assert!(forecast.loss_bits <= begun.1, "{} against {}", forecast.loss_bits, begun.1);
-    // Another that is worse leaves these stops as they are.
-    let taken = (stops(&forecast), forecast.loss_bits);
-    horizon.offer(&view, &mut forecast, [&vec![between(1); 40][..]].into_iter(), 0, || false);
-    assert_eq!((stops(&forecast), forecast.loss_bits, horizon.model.added().len()), (taken.0, taken.1, 40));
-}
-
-#[test]
-fn a_flight_that_loses_less_at_first_gives_way_to_the_plan_that_a_search_makes_better() {
-    let text = "name = 'x'\nslots = 200\n[area]\nside_m = 300.0\n[sensors]\ncount = 80\nsampling_bps = 300.0\n\
-                [link]\nbandwidth_hz = 5e3\n";
-    let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
-    let list = SensorList::of(&scenario).unwrap();
-    let table = &SensorTable::new(&scenario, &list.nodes());
-    let settings = &Settings::of(&scenario).unwrap();
-    let setup = Setup { scenario: &scenario, settings, sensors: &list.nodes(), table, estimate: None };
-    let mut horizon = Horizon::new(&setup, 600, 0, None);
-    let (position, queues_bits, stop) = (scenario.start(), &list.queues_bits()[..], &Stop::default());
-    let view = View { slot: 1, position, queues_bits, estimate: None, table, timing: Timing::Free, stop };
-    let mut forecast = horizon.forecast(&view).unwrap();
-    let begun = forecast.stops();
-    let begun_bits = forecast.loss_bits;
-    // The plan after a short search, slot by slot, each with all that it serves: as a flight of another strategy is.
-    let mut random = Streams::new(1).stream(Purpose::Horizon, 0, 0);
-    let temperature = Temperature { far_bits: 0.0, now: 0, near_fraction: 1.0 };
-    anneal(&horizon.model, &mut forecast, temperature, 300, || false, &mut random);
-    let mut at = position.xy();
-    let mut flight = Vec::new();
-    for slot in 1..=200 {
-        let Some(PlannedSlot { waypoint, ids, .. }) = planned_slot(&horizon.model, &forecast, slot, &at) else { break };
-        flight.push((waypoint, ids));
-        at = waypoint;
-    }
-    horizon.load_flight(&mut forecast, &flight);
-    assert!(forecast.loss_bits < begun_bits, "{} against {begun_bits}", forecast.loss_bits);
-    horizon.model.replace_added(Vec::new());
-    forecast.load(&horizon.model, begun.iter().copied());
-    horizon.offer(&view, &mut forecast, [&flight[..]].into_iter(), 2_000, || false);
-    assert!(horizon.model.added().is_empty(), "the flight's slots became stops");
-    let kept_bits = forecast.loss_bits;
-    // Without a search the flight is taken.
-    forecast.load(&horizon.model, begun);
-    horizon.offer(&view, &mut forecast, [&flight[..]].into_iter(), 0, || false);
-    assert!(!horizon.model.added().is_empty() && kept_bits < forecast.loss_bits, "{kept_bits}");
 }
 
 #[test]
