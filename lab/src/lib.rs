@@ -9,6 +9,8 @@ pub mod figures;
 pub mod import;
 pub mod metrics;
 pub mod optimize;
+mod parquet_file;
+pub mod plot;
 pub mod progress;
 pub mod sweep;
 
