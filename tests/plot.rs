@@ -133,7 +133,7 @@ fn a_page_for_print_has_its_width_and_the_text_of_print() {
     assert_eq!(u32::from_be_bytes(png[16..20].try_into().unwrap()), 1600);
     let pdf = fs::read(place.path(&format!("{stem}.pdf"))).unwrap();
     let pdf = String::from_utf8_lossy(&pdf);
-    assert!(pdf.contains("/MediaBox [0 0 249.4"), "{pdf}");
+    assert!(pdf.contains("/MediaBox[0 0 249.4"));
     assert!(pdf.contains("/ToUnicode") && pdf.contains("DejaVuSans"), "text with its font");
     let without = place.run_well(&[&["plot", "flown"], &request[..]].concat());
     assert!(without.stdout.contains("data loss rate η, mean [95 % CI]"), "{without:?}");

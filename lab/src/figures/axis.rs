@@ -48,7 +48,7 @@ impl Axis {
     }
 
     /// A logarithmic axis that has room for 0 at its low end.
-    pub fn from_zero(self) -> Self {
+    pub fn with_zero(self) -> Self {
         Self { low: self.low / (self.high / self.low).powf(0.15), naming: Naming::RoundAndZero, ..self }
     }
 
@@ -213,10 +213,12 @@ impl Panel {
             Naming::Words(words) => width / words.len() as f64,
             Naming::Round | Naming::RoundAndZero => f64::INFINITY,
         };
-        for (position, label) in self.x.ticks((width / (4.0 * em)) as usize + 1) {
+        let ticks = self.x.ticks((width / (4.0 * em)) as usize + 1);
+        let tick_em = ticks.iter().map(|(_, label)| fitting(label, em, room)).fold(em, f64::min);
+        for (position, label) in ticks {
             let x = left + position * width;
             lines += &format!("M{x:.1},{bottom:.1}v{}", GAP / 2.0);
-            page.add(text(&label, [x, bottom + GAP + 0.76 * em], fitting(&label, em, room), "middle"));
+            page.add(text(&label, [x, bottom + GAP + 0.76 * em], tick_em, "middle"));
         }
         for (position, label) in self.y_ticks() {
             let y = bottom - position * height;

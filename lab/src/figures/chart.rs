@@ -143,7 +143,7 @@ impl Chart {
         let zero = near_zero.then_some(0.0);
         let values = limits.filter(shown).chain([lowest, highest]).chain(zero);
         let axis = Axis::around(&self.y_label, values, self.y_scale);
-        if self.points().any(|point| is_at_end(&point.mean)) { axis.from_zero() } else { axis }
+        if self.points().any(|point| is_at_end(&point.mean)) { axis.with_zero() } else { axis }
     }
 }
 

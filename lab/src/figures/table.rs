@@ -101,6 +101,7 @@ impl Table {
 fn latex_cell(text: &str) -> String {
     let character = |character: char| match character {
         '#' | '$' | '%' | '&' | '_' | '{' | '}' => format!("\\{character}"),
+        '[' => "{[}".to_owned(), // at the beginning of a row it would belong to the line break before
         '\\' => "\\textbackslash{}".to_owned(),
         '~' => "\\textasciitilde{}".to_owned(),
         '^' => "\\textasciicircum{}".to_owned(),
@@ -126,10 +127,10 @@ mod tests {
             title: "Loss & more".to_owned(),
             about: "η, mean ± half".to_owned(),
             head: cells(["area.side_m", "uts|{a}"]),
-            rows: vec![cells(["100", "-0.5 ± 0.1"]), cells(["dense-urban", "50 %"])],
+            rows: vec![cells(["[50, 150]", "-0.5 ± 0.1"]), cells(["dense-urban", "50 %"])],
         };
         let markdown = "\n**Loss & more**; η, mean ± half\n\n| area.side_m | uts\\|{a} |\n| --- | --- |\n";
-        assert_eq!(table.markdown(), format!("{markdown}| 100 | -0.5 ± 0.1 |\n| dense-urban | 50 % |\n"));
+        assert_eq!(table.markdown(), format!("{markdown}| [50, 150] | -0.5 ± 0.1 |\n| dense-urban | 50 % |\n"));
         let expected = r"% Loss & more
 % η, mean ± half
 % seeds 1 to 3
@@ -137,7 +138,7 @@ mod tests {
   \toprule
   area.side\_m & uts|\{a\} \\
   \midrule
-  100 & $-$0.5 $\pm$ 0.1 \\
+  {[}50, 150] & $-$0.5 $\pm$ 0.1 \\
   dense-urban & 50 \% \\
   \bottomrule
 \end{tabular}
