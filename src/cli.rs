@@ -5,6 +5,8 @@ mod export;
 mod flight;
 mod manual;
 #[cfg(feature = "lab")]
+mod plot;
+#[cfg(feature = "lab")]
 pub(crate) mod research;
 
 use std::io::ErrorKind;

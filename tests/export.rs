@@ -2,6 +2,9 @@
 
 mod support;
 
+use arrow_array::cast::AsArray;
+use arrow_array::types::{Float64Type, UInt32Type, UInt64Type};
+use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Origin;
 use skysink_common::sensors::projection::Projection;
@@ -158,4 +161,45 @@ fn every_format_is_in_the_help_which_fits_a_terminal() {
     }
     let examples = help.split("Examples:").nth(1).unwrap();
     assert!(examples.lines().all(|line| line.chars().count() <= 80), "{help}");
+}
+
+#[test]
+fn parquet_holds_the_slots_with_the_bits_of_each_sensor_node_and_needs_no_origin() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--strategy", "gfs", "--out", "run"]);
+    refused(
+        &place,
+        &["export", "run", "--format", "parquet", "--origin", ORIGIN],
+        "parquet has no places on the Earth",
+    );
+    place.run_well(&["export", "run", "--format", "parquet"]);
+    let file = std::fs::File::open(place.path("run.parquet")).unwrap();
+    let reader = ParquetRecordBatchReaderBuilder::try_new(file).unwrap().build().unwrap();
+    let batches: Vec<_> = reader.map(Result::unwrap).collect();
+    let [batch] = &batches[..] else { panic!("{} batches", batches.len()) };
+    let column = |name: &str| batch.column_by_name(name).unwrap().clone();
+    let [scheduled, uploads] = ["scheduled", "uploads_bits"].map(|name| column(name).as_list::<i32>().clone());
+    let [slot, delivered] = ["slot", "delivered_bits"].map(|name| column(name).as_primitive::<UInt64Type>().clone());
+    let x_m = column("x_m").as_primitive::<Float64Type>().clone();
+    let mode = column("mode").as_string::<i32>().clone();
+    let text = place.read("run/slots.csv");
+    assert_eq!(batch.num_rows(), text.lines().count() - 1);
+    let mut served = 0;
+    for (row, line) in text.lines().skip(1).enumerate() {
+        let cells: Vec<&str> = line.split(',').collect();
+        let ids = scheduled.value(row).as_primitive::<UInt32Type>().values().to_vec();
+        let bits = uploads.value(row).as_primitive::<UInt64Type>().values().to_vec();
+        let written: Vec<u32> = cells[4].split_whitespace().map(|id| id.parse().unwrap()).collect();
+        assert_eq!(
+            (slot.value(row).to_string(), x_m.value(row).to_string(), ids),
+            (cells[0].into(), cells[1].into(), written)
+        );
+        assert_eq!(
+            (bits.iter().sum::<u64>(), delivered.value(row).to_string()),
+            (delivered.value(row), cells[5].into())
+        );
+        assert_eq!((bits.len(), mode.value(row)), (scheduled.value_length(row) as usize, cells[8]));
+        served += bits.iter().filter(|&&bits| bits > 0).count();
+    }
+    assert!(served > 60, "{served}");
 }

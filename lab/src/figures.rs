@@ -1,16 +1,17 @@
 //! `skysink figures`: curves with confidence bands (`chart`) and trajectory maps (`map`), each drawn once and
-//! written as SVG and PNG, with the sweeps behind them.
+//! written as SVG, PDF and PNG, with the sweeps behind them. `skysink plot` draws with the same.
 //!
 //! The same missions give the same bytes: no system font, no clock, no random number takes part.
 
 mod axis;
-mod chart;
+pub mod chart;
 pub mod choice;
-mod curves;
+pub(crate) mod curves;
 mod map;
-mod page;
-mod study;
+pub mod page;
+pub(crate) mod study;
 mod style;
+mod table;
 #[cfg(test)]
 mod tests;
 mod trajectories;
@@ -51,7 +52,7 @@ pub fn draw(choice: &Choice, stop: &Stop, on_progress: OnProgress) -> Result<Vec
                 seeds.clone_from(&chart.seeds);
                 tables += &format!("\nBelow: {seeds}.\n");
             }
-            tables += &chart.table();
+            tables += &chart.table().markdown();
             stems.push(stem);
         }
     }

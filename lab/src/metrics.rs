@@ -47,9 +47,36 @@ pub enum Metric {
 pub type MetricValues = [f64; Metric::COUNT];
 
 impl Metric {
+    /// All of them, in their order.
+    pub fn all() -> impl Iterator<Item = Self> {
+        Self::VARIANTS.iter().copied()
+    }
+
     /// Its column.
     pub fn name(self) -> &'static str {
         self.into()
+    }
+
+    /// What it is, with its unit, for people.
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::LossRate => "data loss rate η",
+            Self::EtaLetter => "η as in the paper",
+            Self::DeliveredBits => "bits delivered [bit]",
+            Self::BitsPerWaypoint => "bits delivered per waypoint [bit]",
+            Self::MeanServed => "SNs served per slot",
+            Self::FlownM => "flown distance [m]",
+            Self::EnergyJ => "propulsion energy [J]",
+            Self::AoiMeanS => "mean time since the last service [s]",
+            Self::AoiP99S => "99th percentile of the time since the last service [s]",
+            Self::DataAgeMeanS => "mean age of the delivered data [s]",
+            Self::DataAgeP99S => "99th percentile of the age of the delivered data [s]",
+            Self::Jain => "Jain's fairness index",
+            Self::LossBound => "lower bound of the data loss rate",
+            Self::ExpectedLossBound => "lower bound of the expected data loss rate",
+            Self::PlanP50Us => "planning time [µs]",
+            Self::PlanP99Us => "99th percentile of the planning time [µs]",
+        }
     }
 
     /// Whether it is a time of the wall clock, and different each time.

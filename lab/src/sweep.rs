@@ -1,100 +1,36 @@
 //! `skysink sweep` and `skysink merge`: many missions, in parallel, resumable, with the same bytes however it was done.
 
+pub mod folder;
 pub mod journal;
 pub mod plan;
 pub(crate) mod results;
 pub(crate) mod statistics;
 
 use std::collections::BTreeSet;
-use std::fs::{self, File, TryLockError};
-use std::io::{self, ErrorKind};
+use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use rayon::ThreadPoolBuilder;
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
+use skysink_mission::Mission;
 use skysink_mission::error::FileContext;
-use skysink_mission::record::write_whole;
 use skysink_mission::summary::Tally;
-use skysink_mission::{Mission, MissionError};
 use skysink_planner::strategies::offline;
 
 use crate::error::LabError;
 use crate::metrics::MissionSums;
 use crate::optimize::loss_bounds;
 use crate::progress::{LabProgress, OnProgress, SweepNumber, Workload};
+use folder::{FlownSweep, JOURNAL, Manifest, lock_folder};
 use journal::{MissionRow, MissionRows, SweepJournal};
 use plan::{Definition, MissionKey, Shard, Sweep};
-
-/// The journal in the folder of a sweep.
-const JOURNAL: &str = "journal.csv";
-
-/// What says there which sweep it is.
-const MANIFEST: &str = "sweep.json";
-
-/// What `sweep.json` holds.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Manifest {
-    shard: Shard,
-    #[serde(flatten)]
-    definition: Definition,
-}
-
-/// Makes the folder of a sweep, or opens it if it holds this very sweep, and locks it against other processes. The
-/// system releases the lock when the file is dropped or the process ends.
-fn lock_folder(path: &Path, manifest: &Manifest) -> Result<File, LabError> {
-    let refuse = |message| InputError::new("sweep folder", path, message);
-    if path.exists() && !path.is_dir() {
-        return Err(refuse("it is a file: choose another --out").into());
-    }
-    fs::create_dir_all(path).at(path)?;
-    holds(path, manifest)?; // before a lock file is made
-    let lock_path = path.join("lock");
-    let lock = File::options().write(true).create(true).truncate(false).open(&lock_path).at(&lock_path)?;
-    lock.try_lock().map_err(|error| match error {
-        TryLockError::WouldBlock => {
-            MissionError::from(refuse("another process is flying this sweep: end it, or choose another --out"))
-        }
-        TryLockError::Error(source) => MissionError::File { path: lock_path, source },
-    })?;
-    if !holds(path, manifest)? {
-        let text = serde_json::to_string_pretty(manifest).expect("plain values") + "\n";
-        write_whole(&path.join(MANIFEST), text.as_bytes())?;
-    }
-    Ok(lock)
-}
-
-/// Whether the folder holds the sweep; an error if it holds something else.
-fn holds(path: &Path, manifest: &Manifest) -> Result<bool, LabError> {
-    let refuse = |message| InputError::new("sweep folder", path, message);
-    let file = path.join(MANIFEST);
-    match fs::read(&file) {
-        Ok(text) => {
-            let held: Manifest = serde_json::from_slice(&text)
-                .map_err(|_| refuse("its sweep.json is of no sweep: choose another --out"))?;
-            if held != *manifest {
-                return Err(refuse("its sweep.json is of another sweep: choose another --out").into());
-            }
-            Ok(true)
-        }
-        Err(error) if error.kind() == ErrorKind::NotFound => {
-            // Without sweep.json nothing was flown: a process was killed at most while it wrote that.
-            let is_foreign =
-                |entry: fs::DirEntry| entry.file_name() != "lock" && entry.file_name() != ".sweep.json.new";
-            if fs::read_dir(path).at(path)?.flatten().any(is_foreign) {
-                return Err(refuse("it holds other files: choose another --out").into());
-            }
-            Ok(false)
-        }
-        Err(source) => Err(MissionError::File { path: file, source }.into()),
-    }
-}
 
 /// Flies what is missing of a shard of the sweep, on `threads` threads (0: one per core), and writes the results into
 /// `out`. Returns all rows. Interrupted, it resumes when it is called again.
@@ -161,27 +97,16 @@ pub fn merge(shards: &[PathBuf], out: &Path) -> Result<MissionRows, LabError> {
     let mut merged: Option<(Definition, MissionRows)> = None;
     let mut folders = BTreeSet::new();
     for path in shards {
-        let refuse = |message: String| InputError::new("shard", path, message);
-        if path.is_file() {
-            return Err(refuse("it is a file: expected the folder of a sweep".to_owned()).into());
-        }
-        let text = fs::read(path.join(MANIFEST));
-        let text = text.map_err(|error| refuse(format!("{MANIFEST}: {error}: expected the folder of a sweep")))?;
+        let refuse = |message: &str| InputError::new("shard", path, message);
+        let flown = FlownSweep::read("shard", path)?;
         if !folders.insert(fs::canonicalize(path).at(path)?) {
-            return Err(refuse("it is named twice: expected each shard once".to_owned()).into());
+            return Err(refuse("it is named twice: expected each shard once").into());
         }
-        let manifest: Manifest = serde_json::from_slice(&text)
-            .map_err(|error| refuse(format!("{MANIFEST}: {error}: expected that of a sweep, fly the shard again")))?;
-        let journal = path.join(JOURNAL);
-        if !journal.is_file() {
-            return Err(refuse(format!("it has no {JOURNAL}: fly the shard first")).into());
+        let (definition, all) = merged.get_or_insert_with(|| (flown.definition.clone(), MissionRows::new()));
+        if *definition != flown.definition {
+            return Err(refuse("it is of another sweep than the first").into());
         }
-        let rows = journal::read(&journal, &manifest.definition)?;
-        let (definition, all) = merged.get_or_insert_with(|| (manifest.definition.clone(), MissionRows::new()));
-        if *definition != manifest.definition {
-            return Err(refuse("it is of another sweep than the first".to_owned()).into());
-        }
-        all.extend(rows);
+        all.extend(flown.rows);
     }
     let (definition, rows) = merged.expect("the command line wants at least one shard");
     let expected = definition.points.len() * definition.strategies.len() * definition.seeds.len();

@@ -22,6 +22,8 @@ pub struct RecordedRun {
     pub strategy: String,
     /// Slot t is entry t − 1.
     pub slots: Vec<RecordedSlot>,
+    /// What each of the served sensor nodes of a slot has uploaded [bit], in their order there; by slot as well.
+    pub uploads_bits: Vec<Vec<u64>>,
 }
 
 impl RecordedRun {
@@ -32,10 +34,19 @@ impl RecordedRun {
     /// trace was changed since; or on a stop.
     pub fn read(folder: &Path, stop: &Stop) -> Result<Self, MissionError> {
         let mut replay = Replay::open(folder)?;
-        let mut slots = Vec::new();
+        let mut slots: Vec<RecordedSlot> = Vec::new();
+        let mut uploads_bits = Vec::new();
+        let mut before_bits = vec![0; replay.list().sensors().len()];
         while replay.next_slot()?.is_some() {
             stop.check()?;
             slots.extend(replay.last_recorded().cloned());
+            let delivered_bits = replay.mission().field().delivered_bits();
+            let served = slots.last().map_or(&[][..], |slot| &slot.scheduled);
+            let upload_bits = |&sensor: &u32| {
+                let sensor = sensor as usize;
+                delivered_bits[sensor] - std::mem::replace(&mut before_bits[sensor], delivered_bits[sensor])
+            };
+            uploads_bits.push(served.iter().map(upload_bits).collect());
         }
         let expected = replay.scenario().slots;
         if slots.len() as u64 != expected {
@@ -43,6 +54,6 @@ impl RecordedRun {
             return Err(InputError::new("trace", &folder.join("slots.csv"), message).into());
         }
         let strategy = replay.label().to_owned();
-        Ok(Self { scenario: replay.scenario().clone(), list: replay.list().clone(), strategy, slots })
+        Ok(Self { scenario: replay.scenario().clone(), list: replay.list().clone(), strategy, slots, uploads_bits })
     }
 }

@@ -1,4 +1,4 @@
-//! The research commands: sweep, merge, figures, optimize.
+//! The research commands: sweep, merge, figures, plot, optimize, compare.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -18,6 +18,7 @@ use skysink_planner::settings;
 use skysink_planner::strategies::{Registered, STRATEGIES, names};
 
 use super::Changes;
+use super::plot::{self, PlotOptions};
 use crate::compare::{Compare, Compared, compare};
 use crate::error::Error;
 use crate::report::{TerminalProgress, print, print_optimum, print_run};
@@ -74,6 +75,9 @@ Examples:
         #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
         threads: usize,
     },
+    /// Draw a figure from any sweep: a metric over one of its keys, with intervals, and its numbers as tables.
+    #[command(after_help = plot::EXAMPLES)]
+    Plot(PlotOptions),
     /// Search for the flight that loses least, fly it, and say how far every strategy is from it.
     #[command(after_help = "\
 Examples:
@@ -126,13 +130,14 @@ impl Research {
                 let choice = Choice { only, runs, horizon_iterations, threads, out };
                 let stems = figures::draw(&choice, stop, &TerminalProgress::of_missions());
                 let stems = stems.map_err(|error| ended_early(error, &flown_in(&choice.out)))?;
-                stems.iter().try_for_each(|stem| print(format_args!("{}.svg, .png", stem.display())))?;
+                stems.iter().try_for_each(|stem| print(format_args!("{}.svg, .pdf, .png", stem.display())))?;
                 print(format_args!("Tables: {}", choice.out.join("tables.md").display()))?;
             }
             Self::Merge { shards, out } => {
                 let rows = sweep::merge(&shards, &out)?;
                 print(format_args!("{} missions: {}", rows.len(), out.join("results.csv").display()))?;
             }
+            Self::Plot(options) => options.plot()?,
             Self::Optimize(options) => options.optimize(stop)?,
             Self::Compare(options) => options.compare(stop)?,
         }

@@ -8,6 +8,7 @@ mod geojson;
 mod gpx;
 mod kml;
 mod mcap;
+mod parquet;
 mod qgc_plan;
 pub mod track;
 pub mod vehicle;
@@ -29,8 +30,16 @@ use track::GeodeticTrack;
 use vehicle::VehicleItem;
 
 /// Every format, in the order in which they are listed to people.
-pub static FORMATS: [&ExportFormat; 7] =
-    [&qgc_plan::FORMAT, &waypoints::FORMAT, &geojson::FORMAT, &kml::FORMAT, &gpx::FORMAT, &csv::FORMAT, &mcap::FORMAT];
+pub static FORMATS: [&ExportFormat; 8] = [
+    &qgc_plan::FORMAT,
+    &waypoints::FORMAT,
+    &geojson::FORMAT,
+    &kml::FORMAT,
+    &gpx::FORMAT,
+    &csv::FORMAT,
+    &mcap::FORMAT,
+    &parquet::FORMAT,
+];
 
 /// Most items of a vehicle's mission, where none is asked for: PX4's limit; ArduPilot takes some 700.
 pub const MOST_ITEMS: usize = 500;
@@ -53,6 +62,8 @@ pub struct ExportFormat {
 pub enum WriteFormat {
     /// The whole flight in one file.
     Flight(fn(&GeodeticTrack<'_>) -> Vec<u8>),
+    /// The slots in the frame of the area, for which no place on the Earth is needed.
+    Slots(fn(&RecordedRun) -> Vec<u8>),
     /// A vehicle's mission, a file for each part; and what people are told of it.
     Mission(fn(&GeodeticTrack<'_>, &[VehicleItem]) -> Vec<u8>, &'static str),
 }
@@ -89,17 +100,22 @@ pub struct Exported {
 /// If the folder, the origin, the output file or an option is refused, a file cannot be written, or on a stop.
 pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
     let run = RecordedRun::read(&export.run, stop)?;
-    let track = GeodeticTrack::new(&run, origin(&run.scenario, export.origin)?)?;
+    let track = || Ok::<_, LabError>(GeodeticTrack::new(&run, origin(&run.scenario, export.origin)?)?);
+    let has_items = matches!(export.format.write, WriteFormat::Mission(..));
+    if export.most_items.is_some() && !has_items {
+        let message = format_args!("--most-items: {} has no mission items: expected none", export.format.name);
+        return Err(InputError::new("run folder", &export.run, message).into());
+    }
+    let counts = format!("{} slots, {} sensor nodes → 1 file", run.slots.len(), run.list.sensors().len());
     let (summary, texts) = match export.format.write {
-        WriteFormat::Flight(_) if export.most_items.is_some() => {
-            let message = format_args!("--most-items: {} has no mission items: expected none", export.format.name);
+        WriteFormat::Slots(_) if export.origin.is_some() => {
+            let message = format_args!("--origin: {} has no places on the Earth: expected none", export.format.name);
             return Err(InputError::new("run folder", &export.run, message).into());
         }
-        WriteFormat::Flight(write) => {
-            let [slots, sensors] = [run.slots.len(), track.sensors.len()];
-            (format!("{slots} slots, {sensors} sensor nodes → 1 file"), vec![write(&track)])
-        }
+        WriteFormat::Slots(write) => (counts, vec![write(&run)]),
+        WriteFormat::Flight(write) => (counts, vec![write(&track()?)]),
         WriteFormat::Mission(write, note) => {
+            let track = track()?;
             let mission = vehicle::plan(&track, export.most_items.unwrap_or(MOST_ITEMS));
             (mission.summary + note, mission.parts.iter().map(|part| write(&track, part)).collect())
         }

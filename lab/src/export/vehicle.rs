@@ -207,7 +207,7 @@ mod tests {
             }
         };
         let slots = steps.iter().enumerate().map(&mut slot).collect();
-        RecordedRun { scenario, list, strategy: "uts".to_owned(), slots }
+        RecordedRun { scenario, list, strategy: "uts".to_owned(), slots, uploads_bits: Vec::new() }
     }
 
     fn track(run: &RecordedRun) -> GeodeticTrack<'_> {

@@ -18,6 +18,18 @@ pub struct Axis {
     low: f64,
     high: f64,
     scale: Scale,
+    naming: Naming,
+}
+
+/// Which values of an axis are named.
+#[derive(Debug, Clone)]
+enum Naming {
+    /// Round ones.
+    Round,
+    /// Round ones, and its low end as 0, which has no other place on a logarithmic scale.
+    RoundAndZero,
+    /// 0, 1 ... by these words.
+    Words(Vec<String>),
 }
 
 /// A named value: its position, 0 at the low end of the axis and 1 at the high end, and its label.
@@ -26,7 +38,18 @@ type Tick = (f64, String);
 impl Axis {
     /// A linear axis that ends exactly at `low` and `high`.
     pub fn exact(label: &str, [low, high]: [f64; 2]) -> Self {
-        Self { label: label.to_owned(), low, high, scale: Scale::Linear }
+        Self { label: label.to_owned(), low, high, scale: Scale::Linear, naming: Naming::Round }
+    }
+
+    /// An axis on which words stand side by side, at 0, 1 ...
+    pub fn of_words(label: &str, words: &[String]) -> Self {
+        let naming = Naming::Words(words.to_vec());
+        Self { naming, ..Self::exact(label, [-0.5, words.len() as f64 - 0.5]) }
+    }
+
+    /// A logarithmic axis that has room for 0 at its low end.
+    pub fn with_zero(self) -> Self {
+        Self { low: self.low / (self.high / self.low).powf(0.15), naming: Naming::RoundAndZero, ..self }
     }
 
     /// An axis that shows all `values` (finite; above 0 on a logarithmic scale) with a margin of 4 % at both ends.
@@ -43,7 +66,7 @@ impl Axis {
                 [low / margin, high * margin]
             }
         };
-        Self { label: label.to_owned(), low, high, scale }
+        Self { label: label.to_owned(), low, high, scale, naming: Naming::Round }
     }
 
     /// Position of `value`, 0 at the low end and 1 at the high end; on a logarithmic scale 0 below the low end, too.
@@ -54,8 +77,23 @@ impl Axis {
         }
     }
 
-    /// At most `most` round values on the axis.
+    /// The named values of the axis: all its words, or at most `most` round values.
     fn ticks(&self, most: usize) -> Vec<Tick> {
+        match &self.naming {
+            Naming::Round => self.round_ticks(most),
+            Naming::RoundAndZero => {
+                let has_room = |(position, _): &Tick| *position > 0.07;
+                let round = self.round_ticks(most).into_iter().filter(has_room);
+                [(0.0, "0".to_owned())].into_iter().chain(round).collect()
+            }
+            Naming::Words(words) => {
+                (0..).zip(words).map(|(i, word)| (self.position(f64::from(i)), word.clone())).collect()
+            }
+        }
+    }
+
+    /// At most `most` round values on the axis.
+    fn round_ticks(&self, most: usize) -> Vec<Tick> {
         let decimals = match self.scale {
             Scale::Linear => self.linear_ticks(most),
             Scale::Log => self.log_ticks(most),
@@ -171,10 +209,16 @@ impl Panel {
         let bottom = self.bottom();
         let em = self.em;
         let mut lines = format!("M{left:.1},{top:.1}h{width:.1}v{height:.1}h-{width:.1}z");
-        for (position, label) in self.x.ticks((width / (4.0 * em)) as usize + 1) {
+        let room = match &self.x.naming {
+            Naming::Words(words) => width / words.len() as f64,
+            Naming::Round | Naming::RoundAndZero => f64::INFINITY,
+        };
+        let ticks = self.x.ticks((width / (4.0 * em)) as usize + 1);
+        let tick_em = ticks.iter().map(|(_, label)| fitting(label, em, room)).fold(em, f64::min);
+        for (position, label) in ticks {
             let x = left + position * width;
             lines += &format!("M{x:.1},{bottom:.1}v{}", GAP / 2.0);
-            page.add(text(&label, [x, bottom + GAP + 0.76 * em], em, "middle"));
+            page.add(text(&label, [x, bottom + GAP + 0.76 * em], tick_em, "middle"));
         }
         for (position, label) in self.y_ticks() {
             let y = bottom - position * height;
@@ -208,7 +252,7 @@ mod tests {
 
     #[test]
     fn ticks_of_a_logarithmic_axis_are_powers_of_ten_and_round_steps_between_few() {
-        let log = |low, high| Axis { label: String::new(), low, high, scale: Scale::Log };
+        let log = |low, high| Axis { scale: Scale::Log, ..Axis::exact("", [low, high]) };
         assert_eq!(labels(log(0.9, 30.0), 9), ["1", "2", "5", "10", "20"]);
         assert_eq!(labels(log(1.5e-7, 1.5e4), 7), ["10⁻⁶", "10⁻⁴", "0.01", "1", "100", "10000"]);
         assert_eq!(labels(log(5e-5, 2e3), 8), ["10⁻⁴", "0.001", "0.01", "0.1", "1", "10", "100", "1000"]);

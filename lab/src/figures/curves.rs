@@ -11,6 +11,8 @@ use crate::sweep::statistics::{MeanInterval, Support, paired_differences};
 pub struct CurveValues {
     /// Name in the legend.
     pub label: String,
+    /// Which of the styles it is drawn in.
+    pub style: usize,
     /// Name of the curve that it is compared with; none if it is not compared.
     pub reference: Option<String>,
     /// The missions' values by seed, for each point of the x axis.
@@ -38,10 +40,10 @@ impl CurveValues {
 
     fn curve(&self, xs: &[f64], values: Vec<Vec<f64>>, support: Support) -> Series {
         let point = |(&x, values): (&f64, Vec<f64>)| {
-            let MeanInterval { mean, limits, .. } = MeanInterval::of(&values, support);
-            CurvePoint { x, mean, limits }
+            let MeanInterval { n, mean, limits, .. } = MeanInterval::of(&values, support);
+            CurvePoint { x, n, mean, limits }
         };
-        Series { label: self.label.clone(), points: xs.iter().zip(values).map(point).collect() }
+        Series { label: self.label.clone(), style: self.style, points: xs.iter().zip(values).map(point).collect() }
     }
 
     /// Fields per point.
@@ -75,7 +77,7 @@ mod tests {
 
     fn curve(label: &str, values: &[(u64, f64)]) -> CurveValues {
         let points = vec![values.iter().copied().collect()];
-        CurveValues { label: label.to_owned(), reference: Some("uts".to_owned()), points }
+        CurveValues { label: label.to_owned(), style: 0, reference: Some("uts".to_owned()), points }
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::path::Path;
 use svg::node::element::{Circle, Group, Rectangle};
 
 use super::axis::{Axis, Panel};
-use super::page::{INK, MARGIN, Page, SAMPLE, TOP, WIDTH, fitting, line, stroke, text};
+use super::page::{INK, Look, MARGIN, Page, SAMPLE, TOP, WIDTH, fitting, line, stroke, text};
 use super::style::shade;
 use crate::error::LabError;
 
@@ -51,18 +51,16 @@ pub struct TrajectoryMap {
 /// Maps side by side.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapSheet {
-    /// Above everything.
-    pub title: String,
+    /// Texts of the page.
+    pub look: Look,
     /// The maps, row by row, at least one.
     pub maps: Vec<TrajectoryMap>,
     /// What the colours of the sensors show.
     pub fraction_label: String,
-    /// Mission, seed, version, command: not drawn, but in the file.
-    pub description: String,
 }
 
 impl MapSheet {
-    /// Writes `stem`.svg and `stem`.png; the same sheet gives the same bytes.
+    /// Writes `stem`.svg, `stem`.pdf and `stem`.png; the same sheet gives the same bytes.
     ///
     /// # Errors
     /// A character that the embedded font lacks, a file that cannot be written.
@@ -78,7 +76,7 @@ impl MapSheet {
             let (row, column) = (cell / columns, cell % columns);
             [MARGIN + cell_width * column as f64 + BESIDE[0], TOP + cell_height * row as f64 + AROUND[0]]
         };
-        let mut page = Page::new(&self.title, &self.description);
+        let mut page = Page::new(&self.look);
         let highest = self.highest();
         for (i, map) in self.maps.iter().enumerate() {
             map.draw(&mut page, corner(i), room, highest);

@@ -1,9 +1,12 @@
-//! The page of a figure: title, legend, description, the embedded font, and the two files it becomes.
+//! The page of a figure: its size, title, legend, description, the embedded font, and the files it becomes.
 //!
-//! Everything is drawn as SVG, in which text stays text; the PNG is the same document, rendered by resvg.
+//! Everything is drawn as SVG; PDF and PNG are the same document, made by krilla and resvg. Text stays text in SVG and PDF.
 
 use std::path::Path;
 
+use krilla::metadata::Metadata;
+use krilla::page::PageSettings;
+use krilla_svg::{SurfaceExt, SvgSettings};
 use resvg::{tiny_skia, usvg};
 use skrifa::instance::{LocationRef, Size};
 use skrifa::{FontRef, MetadataProvider};
@@ -13,7 +16,7 @@ use svg::{Document, Node};
 
 use crate::error::LabError;
 
-/// Width of a page [units: pixels of the PNG].
+/// Width of a page for a screen [units], and the least of a PNG [pixels].
 pub const WIDTH: f64 = 1600.0;
 /// Distance of everything from the edge of the page [units].
 pub const MARGIN: f64 = 30.0;
@@ -25,26 +28,68 @@ pub const SAMPLE: f64 = 100.0;
 pub const INK: &str = "#202020";
 /// Em of the title [units].
 const TITLE_EM: f64 = 34.0;
+/// Em of the footer [units].
+const FOOTER_EM: f64 = 21.0;
+/// Units per point in print, so that the text of axes and legends (28 units) has 8 pt.
+const UNITS_PER_PT: f64 = 3.5;
+/// Points per pixel of a document.
+const PT_PER_PIXEL: f32 = 0.75;
+/// Points per millimetre.
+const PT_PER_MM: f64 = 72.0 / 25.4;
 
 /// The font families that the SVG names; the first is the embedded one, by which text is measured.
 const FAMILIES: &str = "DejaVu Sans, Verdana, Arial, sans-serif";
 /// DejaVu Sans reduced to what figures say; licence and command in `DejaVuSans-subset.LICENSE.txt`.
 const DEJAVU_SANS: &[u8] = include_bytes!("DejaVuSans-subset.ttf");
 
+/// How a figure is put on its page.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Look {
+    /// Above everything; nothing if empty.
+    pub title: String,
+    /// Below everything; nothing if empty.
+    pub footer: String,
+    /// Missions, version, command: not drawn, but in the file.
+    pub description: String,
+    /// Width in print [mm]; none for a screen, [`WIDTH`].
+    pub width_mm: Option<f64>,
+}
+
 /// A white page; x to the right and y downwards from its upper left corner.
 pub struct Page {
     document: Document,
+    look: Look,
+}
+
+impl Look {
+    /// Width of the page [units].
+    pub fn width(&self) -> f64 {
+        self.width_mm.map_or(WIDTH, |width_mm| (width_mm * PT_PER_MM * UNITS_PER_PT).round())
+    }
+
+    /// Where the figure begins below the title [units].
+    pub fn top(&self) -> f64 {
+        if self.title.is_empty() { MARGIN } else { TOP }
+    }
 }
 
 impl Page {
-    /// A page with a title, and with a description that is in the SVG but not drawn.
-    pub fn new(title: &str, description: &str) -> Self {
-        let description = Description::new().add(svg::node::Text::new(description));
+    /// A page with the title of `look`.
+    pub fn new(look: &Look) -> Self {
+        let description = Description::new().add(svg::node::Text::new(&look.description));
         let white = Rectangle::new().set("width", "100%").set("height", "100%").set("fill", "white");
-        let at = [MARGIN, MARGIN + 0.8 * TITLE_EM];
-        let title = text(title, at, fitting(title, TITLE_EM, WIDTH - 2.0 * MARGIN), "start");
         let document = Document::new().set("font-family", FAMILIES).set("stroke-linejoin", "round").set("fill", INK);
-        Self { document: document.add(description).add(white).add(title) }
+        let mut page = Self { document: document.add(description).add(white), look: look.clone() };
+        page.add_line(&look.title, MARGIN + 0.8 * TITLE_EM, TITLE_EM);
+        page
+    }
+
+    /// Adds a line of text over the whole width on the base line `y` [units], if there is one.
+    fn add_line(&mut self, words: &str, y: f64, em: f64) {
+        if !words.is_empty() {
+            let room = self.look.width() - 2.0 * MARGIN;
+            self.add(text(words, [MARGIN, y], fitting(words, em, room), "start"));
+        }
     }
 
     /// Adds something on top of the rest.
@@ -68,14 +113,20 @@ impl Page {
         top + 1.6 * em * entries.len().div_ceil(columns) as f64
     }
 
-    /// Writes `stem`.svg and `stem`.png of a page that ends a margin below `bottom` [units].
+    /// Writes `stem`.svg, `stem`.pdf and `stem`.png of a page that ends a margin, and the footer, below `bottom` [units].
     ///
     /// # Errors
     /// A text that the embedded font cannot set, a file that cannot be written.
-    pub fn write(self, stem: &Path, bottom: f64) -> Result<(), LabError> {
-        let height = (bottom + MARGIN).round();
-        let document = self.document.set("width", WIDTH).set("height", height);
-        let svg = document.set("viewBox", (0.0, 0.0, WIDTH, height)).to_string();
+    pub fn write(mut self, stem: &Path, mut bottom: f64) -> Result<(), LabError> {
+        let look = self.look.clone();
+        if !look.footer.is_empty() {
+            bottom += 2.0 * FOOTER_EM;
+            self.add_line(&look.footer, bottom, FOOTER_EM);
+        }
+        let [width, height] = [look.width(), (bottom + MARGIN).round()];
+        let in_pt = |units: f64| format!("{:.3}pt", units / UNITS_PER_PT);
+        let document = self.document.set("width", in_pt(width)).set("height", in_pt(height));
+        let svg = document.set("viewBox", (0.0, 0.0, width, height)).to_string();
         let lacking = |text: &str| text.chars().find(|&character| font().charmap().map(character).is_none());
         for text in svg.split(['<', '>']).map(str::trim) {
             if let Some(character) = lacking(text) {
@@ -84,20 +135,35 @@ impl Page {
                 return Err(LabError::Figure(message));
             }
         }
-        let path = stem.with_added_extension("svg");
-        write_whole(&path, svg.as_bytes())?;
-        Ok(write_whole(&stem.with_added_extension("png"), &png(&svg))?)
+        let mut options = usvg::Options::default();
+        options.fontdb_mut().load_font_data(DEJAVU_SANS.to_vec());
+        let tree = usvg::Tree::from_str(&svg, &options).expect("a document of ours is SVG");
+        write_whole(&stem.with_added_extension("svg"), svg.as_bytes())?;
+        write_whole(&stem.with_added_extension("pdf"), &pdf(&tree, &look))?;
+        Ok(write_whole(&stem.with_added_extension("png"), &png(&tree, width.max(WIDTH)))?)
     }
 }
 
-/// The picture of a document of ours.
-fn png(svg: &str) -> Vec<u8> {
-    let mut options = usvg::Options::default();
-    options.fontdb_mut().load_font_data(DEJAVU_SANS.to_vec());
-    let tree = usvg::Tree::from_str(svg, &options).expect("a document of ours is SVG");
-    let size = tree.size().to_int_size();
-    let mut pixels = tiny_skia::Pixmap::new(size.width(), size.height()).expect("a page fits into memory");
-    resvg::render(&tree, tiny_skia::Transform::identity(), &mut pixels.as_mut());
+/// The page as PDF.
+fn pdf(tree: &usvg::Tree, look: &Look) -> Vec<u8> {
+    let size = tree.size().scale_by(PT_PER_PIXEL).expect("a page is not empty");
+    let size = krilla::geom::Size::from_wh(size.width(), size.height()).expect("a page is not empty");
+    let mut document = krilla::Document::new();
+    document.set_metadata(Metadata::new().title(look.title.clone()).description(look.description.clone()));
+    let mut page = document.start_page_with(PageSettings::new(size));
+    let mut surface = page.surface();
+    surface.draw_svg(tree, size, SvgSettings::default()).expect("all of it can be drawn");
+    surface.finish();
+    page.finish();
+    document.finish().expect("a document of ours has nothing that fails")
+}
+
+/// The page as a picture that is `width` pixels wide.
+fn png(tree: &usvg::Tree, width: f64) -> Vec<u8> {
+    let scale = width as f32 / tree.size().width();
+    let [width, height] = [tree.size().width(), tree.size().height()].map(|pixels| (pixels * scale).round() as u32);
+    let mut pixels = tiny_skia::Pixmap::new(width, height).expect("a page fits into memory");
+    resvg::render(tree, tiny_skia::Transform::from_scale(scale, scale), &mut pixels.as_mut());
     pixels.encode_png().expect("memory takes everything")
 }
 

@@ -14,6 +14,8 @@ use skysink_planner::strategies::{
 use super::chart::{Chart, Scale, Series};
 use super::choice::{Choice, FigurePart};
 use super::curves::{self, CurveValues};
+use super::page::Look;
+use super::style;
 use crate::error::LabError;
 use crate::metrics::Metric;
 use crate::progress::{LabProgress, OnProgress, SweepNumber};
@@ -129,6 +131,13 @@ pub(super) const AT_ONCE: [&Registered; 8] = [
     &max_age_first::STRATEGY,
 ];
 
+/// The style of a strategy's curve: that of these figures, or one that they leave free.
+pub(crate) fn style(strategy: &Registered) -> usize {
+    let mut shown = AT_ONCE.into_iter().chain([&horizon::STRATEGY]);
+    let place = || STRATEGIES.into_iter().position(|other| other == strategy);
+    shown.position(|other| other == strategy).unwrap_or_else(|| style::STYLES + place().unwrap_or(0))
+}
+
 impl StudyBase {
     /// Its file, and what that holds.
     fn scenario(self) -> (&'static str, &'static str) {
@@ -140,14 +149,9 @@ impl StudyBase {
 }
 
 impl Quantity {
-    /// Label and scale of its axis.
-    fn axis(&self) -> (&'static str, Scale) {
-        match self.metric {
-            Metric::LossRate => ("data loss rate η", Scale::Linear),
-            Metric::BitsPerWaypoint => ("bits delivered per waypoint [bit]", Scale::Linear),
-            Metric::PlanP50Us => ("planning time [µs]", Scale::Log),
-            other => (other.name(), Scale::Linear),
-        }
+    /// Scale of its axis.
+    fn scale(&self) -> Scale {
+        if self.metric.is_timing() { Scale::Log } else { Scale::Linear }
     }
 }
 
@@ -198,11 +202,10 @@ impl Study {
 
     /// The chart of a quantity, with its name.
     fn chart_of_means(&self, quantity: &Quantity, shown: &ShownCurves, choice: &Choice) -> (String, Chart) {
-        let (y_label, y_scale) = quantity.axis();
-        let support = quantity.metric.support();
-        let series = shown.curves.iter().map(|curve| curve.means(&self.xs(), support)).collect();
-        let chart = Chart { y_scale, ..self.chart(&quantity.title, y_label, series, support, shown, choice) };
-        (shown.name.clone(), chart)
+        let metric = quantity.metric;
+        let series = shown.curves.iter().map(|curve| curve.means(&self.xs(), metric.support())).collect();
+        let chart = self.chart(&quantity.title, metric.label(), series, metric.support(), shown, choice);
+        (shown.name.clone(), Chart { y_scale: quantity.scale(), ..chart })
     }
 
     /// The chart of its differences from the reference, by field, if there is one.
@@ -216,7 +219,7 @@ impl Study {
         let of = reference.replace("{} ", "");
         let series = curves::differences(shown.curves, &self.xs(), Support::Fraction);
         let title = format!("{}, difference by field", quantity.title);
-        let y_label = format!("{} − that of “{of}”", quantity.axis().0);
+        let y_label = format!("{} − that of “{of}”", quantity.metric.label());
         let chart = self.chart(&title, &y_label, series, Support::FractionDifference, shown, choice);
         Some((format!("{}-difference", shown.name), chart))
     }
@@ -232,11 +235,15 @@ impl Study {
     ) -> Chart {
         let seeds = curves::seeds(shown.curves);
         Chart {
-            title: format!("{title} · {}", shown.about),
+            look: Look {
+                title: format!("{title} · {}", shown.about),
+                description: format!("{seeds} · bands: 95 % CI of the mean · {}", choice.command()),
+                ..Look::default()
+            },
             x_label: self.x_label.clone(),
+            x_words: Vec::new(),
             y_label: y_label.to_owned(),
             series,
-            description: format!("{seeds} · bands: 95 % CI of the mean · {}", choice.command()),
             seeds,
             support,
             y_scale: Scale::Linear,
@@ -277,11 +284,11 @@ impl Study {
     /// bound, too, over the fields that every strategy has flown over.
     fn curves(&self, quantity: &Quantity, flown: &[MissionRows], chart: usize, choice: &Choice) -> Vec<CurveValues> {
         let count = self.xs().len();
-        let curve = |label: &str, reference: Option<String>, values: &dyn Fn(usize) -> BTreeMap<u64, f64>| {
-            let points = (0..count).map(|index| values(chart * count + index)).collect();
-            CurveValues { label: label.to_owned(), reference, points }
-        };
         let mut curves = Vec::new();
+        let mut add = |label: &str, reference: Option<String>, values: &dyn Fn(usize) -> BTreeMap<u64, f64>| {
+            let points = (0..count).map(|index| values(chart * count + index)).collect();
+            curves.push(CurveValues { label: label.to_owned(), style: curves.len(), reference, points });
+        };
         for strategy in STRATEGIES {
             let reference = self.reference.as_ref().map(|reference| reference.replace("{}", strategy.name));
             for (flights, rows) in self.flights.iter().zip(flown) {
@@ -291,18 +298,18 @@ impl Study {
                 };
                 if *strategy != offline::STRATEGY {
                     let label = flights.label.replace("{}", strategy.name);
-                    curves.push(curve(&label, reference.clone(), &values(quantity.metric)));
+                    add(&label, reference.clone(), &values(quantity.metric));
                 } else if quantity.metric == Metric::LossRate {
                     let runs = flights.runs(choice);
                     let common = flown.iter().flat_map(MissionRows::values).filter(|row| row.key.seed <= runs);
                     let least = best_known(common);
-                    curves.push(curve(BEST_KNOWN, reference.clone(), &|point| least[&point].clone()));
-                    curves.push(curve("lower bound", None, &values(Metric::LossBound)));
+                    add(BEST_KNOWN, reference.clone(), &|point| least[&point].clone());
+                    add("lower bound", None, &values(Metric::LossBound));
                     let has_expected = |point: usize| {
                         missions_of(rows, point, index).all(|row| !row[Metric::ExpectedLossBound].is_nan())
                     };
                     if (0..self.charts.len() * self.xs().len()).all(has_expected) {
-                        curves.push(curve("expected lower bound", None, &values(Metric::ExpectedLossBound)));
+                        add("expected lower bound", None, &values(Metric::ExpectedLossBound));
                     }
                 }
             }

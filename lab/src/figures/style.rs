@@ -34,6 +34,9 @@ static SERIES: [SeriesStyle; 11] = [
     series("#555555", 3.0, "3 6", ""),
 ];
 
+/// How many styles there are before colours and lines begin again.
+pub const STYLES: usize = SERIES.len();
+
 /// No dashes.
 const SOLID: &str = "none";
 

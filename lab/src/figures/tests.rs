@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::chart::{Chart, CurvePoint, Scale, Series};
 use super::map::{MapSensor, MapSheet, TrajectoryMap};
-use super::page;
+use super::page::{self, Look};
 use super::style;
 use crate::error::LabError;
 use crate::sweep::statistics::Support;
@@ -13,19 +13,28 @@ use crate::sweep::statistics::Support;
 fn series(label: &str, points: &[(f64, f64, f64)]) -> Series {
     let points = points
         .iter()
-        .map(|&(x, mean, half_width)| CurvePoint { x, mean, limits: Some([mean - half_width, mean + half_width]) })
+        .map(|&(x, mean, half_width)| CurvePoint {
+            x,
+            n: 20,
+            mean,
+            limits: Some([mean - half_width, mean + half_width]),
+        })
         .collect();
-    Series { label: label.to_owned(), points }
+    Series { label: label.to_owned(), style: 0, points }
+}
+
+fn look(title: &str, description: &str) -> Look {
+    Look { title: title.to_owned(), description: description.to_owned(), ..Look::default() }
 }
 
 fn chart(series: Vec<Series>) -> Chart {
     Chart {
-        title: "Loss against area".to_owned(),
+        look: look("Loss against area", "seeds 1 to 50, 95 % CI · skysink"),
         x_label: "side of the area [m]".to_owned(),
+        x_words: Vec::new(),
         y_label: "data loss rate η [−]".to_owned(),
         series,
         seeds: "seeds 1 to 50".to_owned(),
-        description: "seeds 1 to 50, 95 % CI · skysink".to_owned(),
         support: Support::Fraction,
         y_scale: Scale::Linear,
     }
@@ -44,10 +53,9 @@ fn sheet() -> MapSheet {
         path_m: vec![[50.0, 40.0], [50.0, 40.0], [20.0, 30.0]],
     };
     MapSheet {
-        title: "Trajectories".to_owned(),
+        look: look("Trajectories", "seed 1 · skysink"),
         maps: vec![map("rfs"), map("uts-wide")],
         fraction_label: "bits lost / bits sampled [−]".to_owned(),
-        description: "seed 1 · skysink".to_owned(),
     }
 }
 
@@ -83,7 +91,7 @@ fn a_chart_says_what_it_shows() {
         assert!(svg.contains(&format!(">\n{text}\n</text>")), "{text}");
     }
     assert!(svg.contains("<desc>seeds 1 to 50, 95 % CI · skysink</desc>"), "in the file, but not drawn");
-    assert!(svg.contains(r#"viewBox="0 0 1600 1000" width="1600""#), "{}", &svg[..200]);
+    assert!(svg.contains(r#"viewBox="0 0 1600 1000" width="457.143pt""#), "{}", &svg[..200]);
     assert!(svg.contains("font-family=\"DejaVu Sans, Verdana, Arial, sans-serif\""));
     let side = |at: usize| u32::from_be_bytes(png[at..at + 4].try_into().unwrap());
     assert_eq!((side(16), side(20)), (1600, 1000));
@@ -104,11 +112,12 @@ fn a_table_shows_symmetric_and_bounded_intervals() {
     let mut curve = series("uts", &[(1.0, 0.25, 0.0), (2.0, -0.00001, 0.001), (3.0, 0.5, 0.0)]);
     curve.points[0].limits = Some([0.125, 0.5]);
     curve.points[2].limits = None;
-    let fractions = chart(vec![curve.clone()]).table();
+    let fractions = chart(vec![curve.clone()]).table().markdown();
     let head = "**Loss against area**; data loss rate η [−], mean [95 % CI]\n\n| side of the area [m] | uts |";
     assert!(fractions.contains(head), "{fractions}");
     assert!(fractions.ends_with("| 1 | 0.2500 [0.1250, 0.5000] |\n| 2 | 0.0000 [-0.0010, 0.0010] |\n| 3 | 0.5000 |\n"));
-    let bits = Chart { support: Support::Real, ..chart(vec![series("uts", &[(1.0, 21_076.4, 55.2)])]) }.table();
+    let bits =
+        Chart { support: Support::Real, ..chart(vec![series("uts", &[(1.0, 21_076.4, 55.2)])]) }.table().markdown();
     assert!(bits.contains("mean ± half of the 95 % CI\n") && bits.ends_with("| 1 | 21076 ± 55 |\n"), "{bits}");
 }
 
@@ -128,11 +137,23 @@ fn a_confidence_interval_that_is_not_known_draws_no_band() {
 fn a_mean_that_has_no_place_is_refused() {
     let drawn =
         |mean: f64, y_scale| Chart { y_scale, ..chart(vec![series("uts", &[(0.5, 0.1, 0.0), (1.0, mean, 0.0)])]) };
-    for (mean, scale) in [(f64::NAN, Scale::Linear), (f64::INFINITY, Scale::Linear), (0.0, Scale::Log)] {
-        let expected = "expected a finite number, above 0 on a logarithmic scale";
+    for (mean, scale) in [(f64::NAN, Scale::Linear), (f64::INFINITY, Scale::Linear), (-0.5, Scale::Log)] {
+        let expected = "expected a finite number, not below 0 on a logarithmic scale";
         let message = format!("figure \"Loss against area\": mean {mean} at 1: {expected}");
         assert_eq!(refusal(&drawn(mean, scale)), message);
     }
+}
+
+#[test]
+fn a_mean_of_0_is_at_the_low_end_of_a_logarithmic_axis_which_says_so() {
+    let points = |first: f64| [(1.0, first, 0.0), (2.0, 0.001, 0.0), (3.0, 0.1, 0.0)];
+    let log = |first: f64| Chart { y_scale: Scale::Log, ..chart(vec![series("uts", &points(first))]) };
+    let (svg, _) = files(|stem| log(0.0).draw(stem));
+    assert!(svg.contains(">\n0\n</text>") && svg.contains(">\n0.01\n</text>"));
+    let (svg, _) = files(|stem| log(0.01).draw(stem));
+    assert!(!svg.contains(">\n0\n</text>"), "no axis ends at 0 without need");
+    let nothing = Chart { y_scale: Scale::Log, ..chart(vec![series("uts", &[(1.0, 0.0, 0.0)])]) };
+    assert!(refusal(&nothing).contains("all means are 0"));
 }
 
 #[test]

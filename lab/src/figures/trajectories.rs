@@ -11,6 +11,7 @@ use skysink_planner::strategies::{Registered, STRATEGIES, horizon, round_robin};
 
 use super::choice::Choice;
 use super::map::{MapSensor, MapSheet, TrajectoryMap};
+use super::page::Look;
 use super::study::AT_ONCE;
 use crate::error::LabError;
 
@@ -28,10 +29,13 @@ pub(super) fn sheets(choice: &Choice, stop: &Stop) -> Result<Vec<(&'static str, 
         let maps = shown.map(|strategy| map(change, strategy, choice, stop)).collect::<Result<Vec<_>, _>>()?;
         let side_m = maps[0].width_m;
         let sheet = MapSheet {
-            title: format!("Trajectories over 500 slots · {side_m} m × {side_m} m"),
+            look: Look {
+                title: format!("Trajectories over 500 slots · {side_m} m × {side_m} m"),
+                description: format!("seed 1, the paper's mission · {}", choice.command()),
+                ..Look::default()
+            },
             maps,
             fraction_label: "queue fill at the end".to_owned(),
-            description: format!("seed 1, the paper's mission · {}", choice.command()),
         };
         Ok((name, sheet))
     };

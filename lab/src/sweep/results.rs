@@ -4,11 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-use arrow_array::{Array, ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray, UInt64Array};
-use arrow_schema::{Field, Schema};
-use parquet::arrow::ArrowWriter;
-use parquet::basic::Compression;
-use parquet::file::properties::WriterProperties;
+use arrow_array::{ArrayRef, Float64Array, Int64Array, StringArray, UInt64Array};
 use skysink_mission::record::write_whole;
 use skysink_planner::strategies::offline;
 use strum::VariantArray;
@@ -18,6 +14,7 @@ use super::plan::Definition;
 use super::statistics::MeanInterval;
 use crate::error::LabError;
 use crate::metrics::Metric;
+use crate::parquet_file::parquet;
 
 /// The name under which the least loss of all strategies over each field is summarised.
 pub const BEST_KNOWN: &str = "best-known";
@@ -51,35 +48,22 @@ fn missions_csv(definition: &Definition, rows: &MissionRows, metrics: &[Metric])
 
 /// The same as Parquet, with a type for each column.
 fn missions_parquet(definition: &Definition, rows: &MissionRows, metrics: &[Metric]) -> Vec<u8> {
-    let mut fields = Vec::new();
-    let mut columns = Vec::<ArrayRef>::new();
-    let mut add = |name: &str, column: ArrayRef| {
-        fields.push(Field::new(name, column.data_type().clone(), column.is_nullable()));
-        columns.push(column);
-    };
+    let mut columns: Vec<(&str, ArrayRef)> = Vec::new();
     for (place, key) in definition.keys.iter().enumerate() {
-        add(key, swept(definition, rows, place));
+        columns.push((key, swept(definition, rows, place)));
     }
     let strategies = rows.keys().map(|key| definition.strategies[key.strategy].name);
-    add("strategy", Arc::new(StringArray::from_iter_values(strategies)));
-    add("seed", Arc::new(UInt64Array::from_iter_values(rows.keys().map(|key| key.seed))));
+    columns.push(("strategy", Arc::new(StringArray::from_iter_values(strategies))));
+    columns.push(("seed", Arc::new(UInt64Array::from_iter_values(rows.keys().map(|key| key.seed)))));
     for &metric in metrics {
         let values = rows.values().map(|row| row[metric]);
         let column: ArrayRef = match metric {
             Metric::DeliveredBits => Arc::new(UInt64Array::from_iter_values(values.map(|bits| bits as u64))),
             _ => Arc::new(values.map(|value| Some(value).filter(|value| !value.is_nan())).collect::<Float64Array>()),
         };
-        add(metric.name(), column);
+        columns.push((metric.name(), column));
     }
-    let schema = Arc::new(Schema::new(fields));
-    let batch =
-        RecordBatch::try_new(Arc::clone(&schema), columns).expect("columns of one length and the schema's types");
-    let properties = WriterProperties::builder().set_compression(Compression::SNAPPY).build();
-    let mut bytes = Vec::new();
-    let mut writer = ArrowWriter::try_new(&mut bytes, schema, Some(properties)).expect("plain types");
-    writer.write(&batch).expect("memory takes everything");
-    writer.close().expect("memory takes everything");
-    bytes
+    parquet(columns)
 }
 
 /// The column of a swept key: whole numbers, numbers, or text.
@@ -140,7 +124,7 @@ pub(crate) fn number(value: &toml::Value) -> Option<f64> {
 }
 
 /// A swept value as text: as in the sweep file, strings without quotes.
-fn text(value: &toml::Value) -> String {
+pub(crate) fn text(value: &toml::Value) -> String {
     match value {
         toml::Value::String(text) => text.clone(),
         toml::Value::Float(float) => float.to_string(),

@@ -1,0 +1,43 @@
+//! The slots as a typed table, with the columns of `slots.csv` and what each sensor node served has uploaded.
+
+use std::sync::Arc;
+
+use arrow_array::types::{UInt32Type, UInt64Type};
+use arrow_array::{ArrayRef, Float64Array, ListArray, StringArray, UInt32Array, UInt64Array};
+use skysink_mission::recorded::RecordedRun;
+use skysink_mission::trace::RecordedSlot;
+
+use super::{ExportFormat, WriteFormat};
+use crate::parquet_file::parquet;
+
+/// The table.
+pub static FORMAT: ExportFormat = ExportFormat {
+    name: "parquet",
+    about: "pandas, MATLAB: slots.csv with types, and the bits of each served sensor node",
+    extension: "parquet",
+    write: WriteFormat::Slots(write),
+};
+
+fn write(run: &RecordedRun) -> Vec<u8> {
+    let whole = |of: fn(&RecordedSlot) -> u64| -> ArrayRef {
+        Arc::new(UInt64Array::from_iter_values(run.slots.iter().map(of)))
+    };
+    let metres = |axis: usize| -> ArrayRef {
+        Arc::new(Float64Array::from_iter_values(run.slots.iter().map(|slot| slot.position[axis])))
+    };
+    let scheduled = run.slots.iter().map(|slot| Some(slot.scheduled.iter().copied().map(Some)));
+    let uploads_bits = run.uploads_bits.iter().map(|slot| Some(slot.iter().copied().map(Some)));
+    parquet(vec![
+        ("slot", whole(|slot| slot.slot)),
+        ("x_m", metres(0)),
+        ("y_m", metres(1)),
+        ("z_m", metres(2)),
+        ("scheduled", Arc::new(ListArray::from_iter_primitive::<UInt32Type, _, _>(scheduled))),
+        ("uploads_bits", Arc::new(ListArray::from_iter_primitive::<UInt64Type, _, _>(uploads_bits))),
+        ("delivered_bits", whole(|slot| slot.delivered_bits)),
+        ("lost_bits", whole(|slot| slot.lost_bits)),
+        ("queued_bits", whole(|slot| slot.queued_bits)),
+        ("mode", Arc::new(StringArray::from_iter_values(run.slots.iter().map(|slot| slot.mode.to_string())))),
+        ("refused", Arc::new(UInt32Array::from_iter_values(run.slots.iter().map(|slot| slot.refused)))),
+    ])
+}

@@ -1,0 +1,219 @@
+//! `skysink plot`: a metric of a flown sweep over one of its keys, as a figure and as tables. It is drawn as
+//! `skysink figures` draws, from the journal in the folder of the sweep.
+
+mod selection;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use skysink_common::error::InputError;
+use skysink_common::scenario::Setting;
+use skysink_mission::error::FileContext;
+use skysink_mission::record::write_whole;
+use skysink_planner::strategies::Registered;
+
+use crate::error::LabError;
+use crate::figures::chart::{Chart, Scale, Series};
+use crate::figures::curves::{self, CurveValues};
+use crate::figures::page::Look;
+use crate::figures::study::style;
+use crate::metrics::Metric;
+use crate::sweep::folder::FlownSweep;
+use crate::sweep::results::{number, text};
+use selection::Selection;
+
+/// What is drawn of a sweep.
+#[derive(Debug, Clone)]
+pub struct PlotRequest {
+    /// The folder of the sweep.
+    pub sweep: PathBuf,
+    /// The key along the x axis.
+    pub x: String,
+    /// The metric along the y axis.
+    pub metric: Metric,
+    /// The strategies, in the order of the legend; all of the sweep if none is named.
+    pub strategies: Vec<&'static Registered>,
+    /// From which of them the differences of the others are drawn, by seed, instead of the values themselves.
+    pub reference: Option<&'static Registered>,
+    /// Values of other keys, to which the missions drawn are limited.
+    pub conditions: Vec<Setting>,
+    /// Scale of the y axis; linear for differences.
+    pub y_scale: Scale,
+    /// Label of the x axis, instead of the key.
+    pub x_label: Option<String>,
+    /// Label of the y axis, instead of what the metric is.
+    pub y_label: Option<String>,
+    /// Above the figure; nothing if empty.
+    pub title: String,
+    /// Whether seeds, intervals and version are shown below the figure.
+    pub footer: Footer,
+    /// Width in print [mm]; none for a screen.
+    pub width_mm: Option<f64>,
+    /// Folder to write, instead of `plots` in that of the sweep.
+    pub out: Option<PathBuf>,
+}
+
+/// Whether a figure says below the axis what it was made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Footer {
+    /// Only in the file.
+    Hidden,
+    /// In a line.
+    Shown,
+}
+
+/// What was drawn.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Plot {
+    /// The key along the x axis.
+    pub x: String,
+    /// The metric.
+    pub metric: &'static str,
+    /// From which strategy the differences are.
+    pub difference_to: Option<&'static str>,
+    /// Every point of every curve.
+    pub points: Vec<PlotPoint>,
+    /// What is missing of the sweep.
+    pub missing: Option<String>,
+    /// Figure and tables.
+    pub files: Vec<PathBuf>,
+    /// What the texts of the points are.
+    #[serde(skip)]
+    pub about: String,
+}
+
+/// A point of a curve.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PlotPoint {
+    /// Value of the key along the x axis.
+    pub x: toml::Value,
+    /// The strategy.
+    pub strategy: String,
+    /// Missions.
+    pub n: usize,
+    /// Mean of the metric, or of its differences.
+    pub mean: f64,
+    /// Limits of its 95 % confidence interval; none of a single mission, nor of the reference's difference from itself.
+    pub ci95: Option<[f64; 2]>,
+    /// Mean and interval for people, and the value of the key.
+    #[serde(skip)]
+    pub texts: [String; 2],
+}
+
+/// Draws a figure, and writes its numbers as tables beside it. Files of an earlier one of the same name are replaced.
+///
+/// # Errors
+/// If the folder is none of a sweep, the request does not fit the sweep, the missions for it are not there, or a file
+/// cannot be written.
+pub fn plot(request: &PlotRequest) -> Result<Plot, LabError> {
+    let flown = FlownSweep::read("sweep", &request.sweep)?;
+    let selection = Selection::new(request, &flown)?;
+    let chart = chart(request, &flown, &selection);
+    if request.y_scale == Scale::Log
+        && chart.series.iter().flat_map(|series| &series.points).all(|point| point.mean <= 0.0)
+    {
+        let message = format!("--log-y: {} is 0 in all missions drawn: expected none", request.metric.name());
+        return Err(InputError::new("sweep", &request.sweep, message).into());
+    }
+    let folder = request.out.clone().unwrap_or_else(|| request.sweep.join("plots"));
+    fs::create_dir_all(&folder).at(&folder)?;
+    let stem = folder.join(name(request));
+    chart.draw(&stem)?;
+    let table = chart.table();
+    write_whole(&stem.with_added_extension("md"), table.markdown().trim_start().as_bytes())?;
+    write_whole(&stem.with_added_extension("tex"), table.latex(&chart.look.description).as_bytes())?;
+    let point = |series: &Series, index: usize| {
+        let point = series.points[index];
+        let x = &selection.xs[index];
+        let texts = [text(x), point.cell(chart.support)];
+        PlotPoint {
+            x: x.clone(),
+            strategy: series.label.clone(),
+            n: point.n,
+            mean: point.mean,
+            ci95: point.limits,
+            texts,
+        }
+    };
+    let points = (0..selection.xs.len()).flat_map(|index| chart.series.iter().map(move |series| (series, index)));
+    let files = ["svg", "pdf", "png", "tex", "md"].map(|extension| stem.with_added_extension(extension));
+    Ok(Plot {
+        x: request.x.clone(),
+        metric: request.metric.name(),
+        difference_to: request.reference.map(|reference| reference.name),
+        points: points.map(|(series, index)| point(series, index)).collect(),
+        missing: selection.missing.clone(),
+        files: files.to_vec(),
+        about: table.about,
+    })
+}
+
+/// The chart of what is selected.
+fn chart(request: &PlotRequest, flown: &FlownSweep, selection: &Selection) -> Chart {
+    let PlotRequest { metric, reference, .. } = request;
+    let numbers: Option<Vec<f64>> = selection.xs.iter().map(number).collect();
+    let x_words = if numbers.is_some() { Vec::new() } else { selection.xs.iter().map(text).collect() };
+    let xs = numbers.unwrap_or_else(|| (0..selection.xs.len()).map(|index| index as f64).collect());
+    let curve = |&strategy: &usize| {
+        let registered = flown.definition.strategies[strategy];
+        CurveValues {
+            label: registered.name.to_owned(),
+            style: style(registered),
+            reference: reference.map(|reference| reference.name.to_owned()),
+            points: selection.points.iter().map(|&point| flown.values(point, strategy, *metric)).collect(),
+        }
+    };
+    let curves: Vec<CurveValues> = selection.strategies.iter().map(curve).collect();
+    let support = metric.support();
+    let (series, support, y_label) = match reference {
+        None => (curves.iter().map(|curve| curve.means(&xs, support)).collect(), support, metric.label().to_owned()),
+        Some(reference) => {
+            let label = format!("{} − that of {}", metric.label(), reference.name);
+            (curves::differences(&curves, &xs, support), support.of_difference(), label)
+        }
+    };
+    let seeds = seeds(&flown.definition.seeds);
+    let footer = format!("{seeds} · bands: 95 % CI of the mean · skysink {}", flown.definition.version);
+    let conditions = request.conditions.iter().map(|Setting { key, value }| format!(" · {key} = {}", text(value)));
+    let description = format!("{footer} · sweep {}{}", flown.definition.identity, conditions.collect::<String>());
+    let shown_footer = if request.footer == Footer::Shown { footer } else { String::new() };
+    let title = request.title.clone();
+    Chart {
+        look: Look { title, footer: shown_footer, description, width_mm: request.width_mm },
+        x_label: request.x_label.clone().unwrap_or_else(|| request.x.clone()),
+        x_words,
+        y_label: request.y_label.clone().unwrap_or(y_label),
+        series,
+        seeds,
+        support,
+        y_scale: request.y_scale,
+    }
+}
+
+/// The name of the files: metric, key, the values of other keys, and the reference.
+fn name(request: &PlotRequest) -> String {
+    let mut name = format!("{}-{}", request.metric.name(), request.x);
+    for Setting { key, value } in &request.conditions {
+        name += &format!("-{key}-{}", text(value));
+    }
+    if let Some(reference) = request.reference {
+        name += &format!("-difference-to-{}", reference.name);
+    }
+    let is_plain = |character: char| character.is_alphanumeric() || "._-".contains(character);
+    name.chars().map(|character| if is_plain(character) { character } else { '-' }).collect()
+}
+
+/// The seeds of all missions, ascending and at least one, in words.
+fn seeds(seeds: &[u64]) -> String {
+    match seeds {
+        [only] => format!("seed {only}"),
+        [first, .., last] if last - first + 1 == seeds.len() as u64 => format!("seeds {first} to {last}"),
+        _ => format!("{} seeds", seeds.len()),
+    }
+}
+
+/// A refusal of the sweep in `folder`.
+fn refuse(folder: &Path, message: String) -> LabError {
+    InputError::new("sweep", folder, message).into()
+}

@@ -1,0 +1,129 @@
+//! The folder of a sweep: which sweep it is, whose it is at the moment, and what has been flown of it.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File, TryLockError};
+use std::io::ErrorKind;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use skysink_common::error::InputError;
+use skysink_mission::MissionError;
+use skysink_mission::error::FileContext;
+use skysink_mission::record::write_whole;
+
+use super::journal::{self, MissionRows, missions_of};
+use super::plan::{Definition, Shard};
+use crate::error::LabError;
+use crate::metrics::Metric;
+
+/// The journal in the folder of a sweep.
+pub const JOURNAL: &str = "journal.csv";
+
+/// What says there which sweep it is.
+const MANIFEST: &str = "sweep.json";
+
+/// What `sweep.json` holds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// Which part of it.
+    pub shard: Shard,
+    /// The sweep.
+    #[serde(flatten)]
+    pub definition: Definition,
+}
+
+/// Makes the folder of a sweep, or opens it if it holds this very sweep, and locks it against other processes. The
+/// system releases the lock when the file is dropped or the process ends.
+///
+/// # Errors
+/// If the folder holds something else, cannot be made, or another process flies the sweep.
+pub fn lock_folder(path: &Path, manifest: &Manifest) -> Result<File, LabError> {
+    let refuse = |message| InputError::new("sweep folder", path, message);
+    if path.exists() && !path.is_dir() {
+        return Err(refuse("it is a file: choose another --out").into());
+    }
+    fs::create_dir_all(path).at(path)?;
+    holds(path, manifest)?; // before a lock file is made
+    let lock_path = path.join("lock");
+    let lock = File::options().write(true).create(true).truncate(false).open(&lock_path).at(&lock_path)?;
+    lock.try_lock().map_err(|error| match error {
+        TryLockError::WouldBlock => {
+            MissionError::from(refuse("another process is flying this sweep: end it, or choose another --out"))
+        }
+        TryLockError::Error(source) => MissionError::File { path: lock_path, source },
+    })?;
+    if !holds(path, manifest)? {
+        let text = serde_json::to_string_pretty(manifest).expect("plain values") + "\n";
+        write_whole(&path.join(MANIFEST), text.as_bytes())?;
+    }
+    Ok(lock)
+}
+
+/// Whether the folder holds the sweep; an error if it holds something else.
+fn holds(path: &Path, manifest: &Manifest) -> Result<bool, LabError> {
+    let refuse = |message| InputError::new("sweep folder", path, message);
+    let file = path.join(MANIFEST);
+    match fs::read(&file) {
+        Ok(text) => {
+            let held: Manifest = serde_json::from_slice(&text)
+                .map_err(|_| refuse("its sweep.json is of no sweep: choose another --out"))?;
+            if held != *manifest {
+                return Err(refuse("its sweep.json is of another sweep: choose another --out").into());
+            }
+            Ok(true)
+        }
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            // Without sweep.json nothing was flown: a process was killed at most while it wrote that.
+            let is_foreign =
+                |entry: fs::DirEntry| entry.file_name() != "lock" && entry.file_name() != ".sweep.json.new";
+            if fs::read_dir(path).at(path)?.flatten().any(is_foreign) {
+                return Err(refuse("it holds other files: choose another --out").into());
+            }
+            Ok(false)
+        }
+        Err(source) => Err(MissionError::File { path: file, source }.into()),
+    }
+}
+
+/// What has been flown of a sweep.
+#[derive(Debug, Clone)]
+pub struct FlownSweep {
+    /// The sweep.
+    pub definition: Definition,
+    /// Its missions, those that are there.
+    pub rows: MissionRows,
+}
+
+impl FlownSweep {
+    /// Reads the folder `path`, which is `what`, also while it is written.
+    ///
+    /// # Errors
+    /// If it is none of a sweep, or its journal is not that of the sweep.
+    pub fn read(what: &'static str, path: &Path) -> Result<Self, LabError> {
+        let refuse = |message: String| InputError::new(what, path, message);
+        if path.is_file() {
+            return Err(refuse("it is a file: expected the folder of a sweep".to_owned()).into());
+        }
+        let text = fs::read(path.join(MANIFEST));
+        let text = text.map_err(|error| refuse(format!("{MANIFEST}: {error}: expected the folder of a sweep")))?;
+        let Manifest { definition, .. } = serde_json::from_slice(&text)
+            .map_err(|error| refuse(format!("{MANIFEST}: {error}: expected that of a sweep, fly the {what} again")))?;
+        let Definition { version, .. } = &definition;
+        if version != env!("CARGO_PKG_VERSION") {
+            let expected = concat!("expected ", env!("CARGO_PKG_VERSION"), ": fly the");
+            return Err(refuse(format!("it was flown by Skysink {version}: {expected} {what} again")).into());
+        }
+        let journal = path.join(JOURNAL);
+        if !journal.is_file() {
+            return Err(refuse(format!("it has no {JOURNAL}: fly the {what} first")).into());
+        }
+        let rows = journal::read(&journal, &definition)?;
+        Ok(Self { definition, rows })
+    }
+
+    /// A metric of the missions of a point by a strategy, by seed; NaN where a mission has none.
+    #[must_use]
+    pub fn values(&self, point: usize, strategy: usize, metric: Metric) -> BTreeMap<u64, f64> {
+        missions_of(&self.rows, point, strategy).map(|row| (row.key.seed, row[metric])).collect()
+    }
+}
