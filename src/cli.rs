@@ -31,6 +31,7 @@ use crate::new::NewScenario;
 use crate::run::run;
 use crate::run::supervise::ProcessTable;
 use crate::simulate::{NewFolder, Simulation, simulate};
+use crate::view::{PageOptions, ViewOptions};
 use crate::{report, worker};
 use flight::{RunArguments, SoakArguments};
 
@@ -103,6 +104,23 @@ Examples:
   skysink run --external planner       waits for your planner, and says where
   skysink run --resume runs/letter-uts-1")]
     Run(RunArguments),
+    /// Show recordings in a browser.
+    #[command(after_help = "\
+Examples:
+  skysink view                          the newest run of runs/
+  skysink view runs/letter-uts-1 runs/letter-gfs-1
+  skysink view comparison/comparison.rrd
+  skysink view --live                   a mission under way: skysink run --live
+
+Nothing is fetched from anywhere else. On another machine than the browser's
+it says the ssh line that leads there.")]
+    View(ViewOptions),
+    /// Leave a recording and its viewer as a folder for any web server.
+    #[command(after_help = "\
+Examples:
+  skysink page runs/letter-uts-1 page
+  python3 -m http.server --directory page   then http://127.0.0.1:8000/")]
+    Page(PageOptions),
     /// Print the figures of a run again.
     #[command(after_help = "\
 Examples:
@@ -251,6 +269,8 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
             simulate(&Simulation { scenario, folder: choice.folder, record }, &list, mission, stop)?
         }
         Command::Report { folder, sensors, json } => return report(&folder, sensors, json, stop),
+        Command::View(options) => return options.view(stop),
+        Command::Page(options) => return options.write(),
         Command::Run(arguments) => run(&arguments.run()?, stop, &ProcessTable::default())?,
         #[cfg(feature = "lab")]
         Command::Research(research) => return research.run(stop),
