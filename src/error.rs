@@ -66,6 +66,9 @@ pub enum Error {
         /// The slot under way.
         slot: u64,
     },
+    /// A replay has left its record.
+    #[error("slot {0} was not flown as recorded: was the run recorded by another version?")]
+    NotAsRecorded(u64),
     /// The viewer does not end after the mission.
     #[error("viewer did not end within {seconds} s after slot {slot}, the last: is its disk slow? Raise --timeout")]
     ViewerStays {
