@@ -44,7 +44,8 @@ pub struct TopicsOptions {
 struct RatedTopic {
     #[serde(flatten)]
     state: TopicState,
-    /// Samples a second, from its slots in two looks; none where a slot may have several.
+    /// Samples a second: slots between the newest samples of two looks, by the time between these; none where a slot may
+    /// have several.
     rate_hz: Option<f64>,
 }
 
@@ -61,9 +62,8 @@ impl TopicsOptions {
             stop.check()?;
             std::thread::sleep(PAUSE);
         }
-        let elapsed_s = begin.elapsed().as_secs_f64();
         let second = ring.look()?;
-        let rated: Vec<_> = second.into_iter().zip(&first).map(|(now, before)| rate(now, before, elapsed_s)).collect();
+        let rated: Vec<_> = second.into_iter().zip(&first).map(|(now, before)| rate(now, before)).collect();
         if self.json {
             return print(serde_json::to_string_pretty(&rated).expect("plain numbers and strings"));
         }
@@ -107,10 +107,15 @@ fn count(rings: &[PathBuf]) -> String {
     }
 }
 
-fn rate(state: TopicState, before: &TopicState, elapsed_s: f64) -> RatedTopic {
-    let slots = state.slot.zip(before.slot).map_or(0, |(now, before)| now.saturating_sub(before));
-    let rate_hz = state.is_once_a_slot.then(|| slots as f64 / elapsed_s);
-    RatedTopic { state, rate_hz }
+fn rate(state: TopicState, before: &TopicState) -> RatedTopic {
+    let between = |now: Option<u64>, before: Option<u64>| match (now, before) {
+        (Some(now), Some(before)) => now.saturating_sub(before) as f64,
+        _ => 0.0,
+    };
+    let slots = between(state.slot, before.slot);
+    let seconds = between(state.sent_ns, before.sent_ns) / 1e9;
+    let rate_hz = if slots > 0.0 && seconds > 0.0 { slots / seconds } else { 0.0 };
+    RatedTopic { rate_hz: state.is_once_a_slot.then_some(rate_hz), state }
 }
 
 fn print_table(topics: &[RatedTopic]) -> Result<(), Error> {

@@ -12,6 +12,7 @@ use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
 use serde::Serialize;
+use skysink_common::message::SlotHeader;
 
 use crate::error::RingError;
 use crate::sample::{Header, Payload};
@@ -32,12 +33,14 @@ pub struct TopicState {
     pub payload: String,
     /// Type of its user header.
     pub header: String,
-    /// Processes that write it, by name, or by id if they have none.
+    /// Processes that write it, by name; `?` if they have none.
     pub writers: Vec<String>,
     /// Processes that read it.
     pub readers: Vec<String>,
     /// Slot of its newest sample; none if nothing was sent.
     pub slot: Option<u64>,
+    /// When that was sent, on the monotonic clock [ns].
+    pub sent_ns: Option<u64>,
     /// Whether a slot has one sample, so that slots count samples.
     #[serde(skip)]
     pub is_once_a_slot: bool,
@@ -51,14 +54,14 @@ pub(crate) trait Watch {
     /// Attaches a reader.
     fn attach(&mut self) -> Result<(), RingError>;
 
-    /// Takes what has arrived; returns the slot of the newest sample so far.
-    fn take(&mut self) -> Result<Option<u64>, RingError>;
+    /// Takes what has arrived; returns the head of the newest sample so far.
+    fn take(&mut self) -> Result<Option<SlotHeader>, RingError>;
 }
 
 struct Watched<'a, S: Service + 'static, P: Payload + ?Sized, H: Header> {
     topic: &'a Topic<S, P, H>,
     subscriber: Option<Subscriber<S, P, H>>,
-    newest: Option<u64>,
+    newest: Option<SlotHeader>,
 }
 
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
@@ -90,6 +93,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Watch for Watched<'_,
             writers,
             readers,
             slot: None,
+            sent_ns: None,
             is_once_a_slot: !shared.row.several,
         }
     }
@@ -102,14 +106,17 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Watch for Watched<'_,
         Ok(())
     }
 
-    fn take(&mut self) -> Result<Option<u64>, RingError> {
+    fn take(&mut self) -> Result<Option<SlotHeader>, RingError> {
         let Some(subscriber) = &self.subscriber else { return Ok(self.newest) };
         let mut received = 0;
         while received < self.topic.0.row.buffer
             && let Some(sample) = P::receive(subscriber).map_err(|error| self.topic.0.refuse("receive", &error))?
         {
             received += 1;
-            self.newest = self.newest.max(Some(sample.user_header().head().slot));
+            let head = *sample.user_header().head();
+            if self.newest.is_none_or(|newest| head.slot >= newest.slot) {
+                self.newest = Some(head);
+            }
         }
         Ok(self.newest)
     }
@@ -121,14 +128,16 @@ pub(crate) fn look<S: Service>(
     node: &Node<S>,
 ) -> Result<Vec<TopicState>, RingError> {
     let names = node_names(node);
-    let name = |id: &UniqueNodeId| names.get(&id.value()).cloned().unwrap_or_else(|| format!("process {}", id.pid()));
+    let name = |id: &UniqueNodeId| names.get(&id.value()).cloned().unwrap_or_else(|| "?".to_owned());
     let mut states: Vec<TopicState> = watches.iter().map(|watch| watch.state(&name)).collect();
     watches.iter_mut().try_for_each(|watch| watch.attach())?;
     let begin = Instant::now();
     loop {
         let is_over = begin.elapsed() >= LOOK;
         for (watch, state) in watches.iter_mut().zip(&mut states) {
-            state.slot = watch.take()?;
+            let newest = watch.take()?;
+            state.slot = newest.map(|head| head.slot);
+            state.sent_ns = newest.map(|head| head.sent_ns);
         }
         if is_over {
             return Ok(states);
