@@ -1,5 +1,8 @@
 //! `skysink view` and `skysink page`: recordings in a browser, served or left as a folder.
 
+#[cfg(feature = "viewer")]
+mod browser;
+
 use std::fs::{self, File};
 use std::io::{self, Read as _};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpStream};
@@ -12,6 +15,8 @@ use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
 
 use crate::error::Error;
+#[cfg(feature = "viewer")]
+use browser::{leave, serve};
 
 /// Where runs are put if nothing else is said.
 const RUNS: &str = "runs";
@@ -21,9 +26,6 @@ const MAGIC: &[u8] = b"RRF2";
 
 /// How long a server of this machine may take to answer.
 const ANSWER: Duration = Duration::from_secs(1);
-
-/// How often a stop is looked for.
-const PAUSE: Duration = Duration::from_millis(50);
 
 /// Options of `skysink view`.
 #[derive(Debug, Args)]
@@ -65,13 +67,13 @@ impl ViewOptions {
             ([], None) => vec![newest_run(Path::new(RUNS))?],
             _ => self.runs.clone(),
         };
-        let shown = Shown { recordings: recordings(&runs)?, title: title(&runs), live: self.live };
+        let shown = Shown { recordings: recordings(&runs)?, live: self.live };
         serve(&shown, SocketAddr::new(self.bind, self.port), stop)
     }
 
     /// Fails where no mission is served, or the browser could not reach it.
     fn check_live(&self, port: u16) -> Result<(), Error> {
-        if !self.bind.is_loopback() {
+        if self.bind != Ipv4Addr::LOCALHOST {
             let message =
                 "expected it without --bind: the mission is served on 127.0.0.1 alone; an ssh tunnel leads there";
             return Err(Error::Usage(format!("--live with --bind {}: {message}", self.bind)));
@@ -91,65 +93,14 @@ impl PageOptions {
     pub fn write(self) -> Result<(), Error> {
         let Self { run, folder } = self;
         let runs = [run];
-        leave(&Shown { recordings: recordings(&runs)?, title: title(&runs), live: None }, &folder)
+        leave(&Shown { recordings: recordings(&runs)?, live: None }, &folder)
     }
 }
 
 /// What a page shows.
 struct Shown {
     recordings: Vec<PathBuf>,
-    title: String,
     live: Option<u16>,
-}
-
-#[cfg(feature = "viewer")]
-impl Shown {
-    fn page(&self) -> skysink_web::Page {
-        skysink_web::Page::new(&self.title, &self.recordings, self.live)
-    }
-}
-
-#[cfg(feature = "viewer")]
-fn serve(shown: &Shown, address: SocketAddr, stop: &Stop) -> Result<(), Error> {
-    use crate::report::print;
-
-    let server = skysink_web::Server::start(address, shown.page()).map_err(|error| {
-        Error::Usage(format!("{address}: {error}: expected a free --port, and a --bind of this machine"))
-    })?;
-    let address = server.address();
-    let port = address.port();
-    for recording in &shown.recordings {
-        print(format_args!("Recording:  {}", recording.display()))?;
-    }
-    if let Some(live) = shown.live {
-        print(format_args!("Mission:    live on port {live} of 127.0.0.1"))?;
-    }
-    match address.ip() {
-        ip if ip.is_unspecified() => {
-            print(format_args!("Address:    http://HOST:{port}/, with the name of this machine"))?
-        }
-        _ => print(format_args!("Address:    http://{address}/"))?,
-    }
-    if address.ip().is_loopback() {
-        let tunnel = |port: u16| format!(" -L {port}:{}", SocketAddr::new(address.ip(), port));
-        let tunnels = tunnel(port) + &shown.live.map(tunnel).unwrap_or_default();
-        print(format_args!("Elsewhere:  ssh -C{tunnels} HOST\n            there, then the same address"))?;
-    }
-    print("            Ctrl-C ends it")?;
-    while stop.requested().is_none() {
-        std::thread::sleep(PAUSE);
-    }
-    Ok(stop.check()?)
-}
-
-#[cfg(feature = "viewer")]
-fn leave(shown: &Shown, folder: &Path) -> Result<(), Error> {
-    use crate::report::print;
-
-    shown.page().write(folder)?;
-    print(format_args!("Page:    {}", folder.join("index.html").display()))?;
-    print(format_args!("Try it:  python3 -m http.server --directory {}", folder.display()))?;
-    print("         then http://127.0.0.1:8000/")
 }
 
 #[cfg(not(feature = "viewer"))]
@@ -197,9 +148,7 @@ fn recordings(runs: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
         let names = fs::read_dir(run).at(run)?.flatten().map(|entry| entry.path());
         let mut found: Vec<_> = names.filter(|path| path.extension().is_some_and(|ending| ending == "rrd")).collect();
         if found.is_empty() {
-            return refuse(
-                "no recording in it: expected a run flown with a viewer, by `skysink run`, or by `skysink simulate --record`",
-            );
+            return refuse("no recording in it: `skysink replay` makes one of a finished run");
         }
         found.sort_by_key(|path| (path.as_os_str().len(), path.clone())); // mission.rrd before mission-2.rrd
         recordings.extend(found);
@@ -212,13 +161,4 @@ fn is_recording(path: &Path) -> io::Result<bool> {
     let mut begin = Vec::new();
     File::open(path)?.take(MAGIC.len() as u64).read_to_end(&mut begin)?;
     Ok(begin == MAGIC)
-}
-
-/// The name of what is shown.
-fn title(runs: &[PathBuf]) -> String {
-    match runs {
-        [] => "live".to_owned(),
-        [run] => run.file_name().map_or_else(|| "Skysink".to_owned(), |name| name.to_string_lossy().into_owned()),
-        runs => format!("{} recordings", runs.len()),
-    }
 }
