@@ -30,9 +30,12 @@ use crate::bench::{BenchOptions, hop::HopProcess};
 use crate::check::check;
 use crate::error::Error;
 use crate::new::NewScenario;
+use crate::replay::ReplayArguments;
 use crate::run::run;
 use crate::run::supervise::ProcessTable;
 use crate::simulate::{NewFolder, Simulation, simulate};
+use crate::topics::TopicsOptions;
+use crate::view::{PageOptions, ViewOptions};
 use crate::{report, worker};
 use flight::{RunArguments, SoakArguments};
 
@@ -105,6 +108,41 @@ Examples:
   skysink run --external planner       waits for your planner, and says where
   skysink run --resume runs/letter-uts-1")]
     Run(RunArguments),
+    /// Take a run on record through the ring once more: for a viewer, or to ask another planner.
+    #[command(after_help = "\
+Examples:
+  skysink replay runs/letter-uts-1                     leaves a new recording
+  skysink replay runs/letter-uts-1 --pace 10x --live   to watch it
+  skysink replay runs/letter-uts-1 --strategy gfs      what gfs would have done
+  skysink replay runs/letter-uts-1 --planner \"python3 mine.py\"
+
+Flown is what is on record; plans.csv holds what the planner would have done
+in each slot, from the recorded state.")]
+    Replay(ReplayArguments),
+    /// Show what a running ring carries, who writes and reads it, and how fast.
+    #[command(after_help = "\
+Examples:
+  skysink topics                        the only ring that runs
+  skysink topics runs/letter-uts-1      the ring of a run under way
+  skysink topics --every 10 --json | jq '.[] | {service, rate_hz}'")]
+    Topics(TopicsOptions),
+    /// Show recordings in a browser.
+    #[command(after_help = "\
+Examples:
+  skysink view                          the newest run of runs/
+  skysink view runs/letter-uts-1 runs/letter-gfs-1
+  skysink view comparison/comparison.rrd
+  skysink view --live                   a mission under way: skysink run --live
+
+Nothing is fetched from anywhere else. On another machine than the browser's
+it says the ssh line that leads there.")]
+    View(ViewOptions),
+    /// Leave a recording and its viewer as a folder for any web server.
+    #[command(after_help = "\
+Examples:
+  skysink page runs/letter-uts-1 page
+  python3 -m http.server --directory page   then http://127.0.0.1:8000/")]
+    Page(PageOptions),
     /// Print the figures of a run again.
     #[command(after_help = "\
 Examples:
@@ -202,7 +240,7 @@ fn seed_parser() -> impl TypedValueParser<Value = u64> {
 }
 
 /// A strategy by its name in scenario files.
-fn strategy_parser() -> impl TypedValueParser<Value = &'static str> {
+pub(crate) fn strategy_parser() -> impl TypedValueParser<Value = &'static str> {
     PossibleValuesParser::new(STRATEGIES.map(|strategy| PossibleValue::new(strategy.name).help(strategy.about)))
         .map(|name| Registered::find(&name).expect("one of the possible values").name)
 }
@@ -253,6 +291,10 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
             simulate(&Simulation { scenario, folder: choice.folder, record }, &list, mission, stop)?
         }
         Command::Report { folder, sensors, json } => return report(&folder, sensors, json, stop),
+        Command::Replay(arguments) => return arguments.replay(stop),
+        Command::Topics(options) => return options.show(stop),
+        Command::View(options) => return options.view(stop),
+        Command::Page(options) => return options.write(),
         Command::Run(arguments) => run(&arguments.run()?, stop, &ProcessTable::default())?,
         #[cfg(feature = "lab")]
         Command::Research(research) => return research.run(stop),

@@ -10,6 +10,8 @@ use skysink_mission::MissionError;
 use skysink_mission::record::RunFolder;
 use skysink_ring::error::{NodeError, RingError};
 
+use crate::report::RERUN;
+
 /// Why a command fails; the display is one line.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -42,6 +44,15 @@ pub enum Error {
     /// This build cannot record.
     #[error("this build has no viewer: build with the default features, or leave the recording out")]
     NoViewer,
+    /// This build cannot show recordings in a browser; what opens them without it.
+    #[error(
+        "this build has no web viewer: build with the default features, or `pip install rerun-sdk=={RERUN}` and `{0}`"
+    )]
+    NoWebViewer(String),
+    /// A page of recordings cannot be left.
+    #[cfg(feature = "viewer")]
+    #[error(transparent)]
+    Page(#[from] skysink_web::PageError),
     /// An executable is not where it should be.
     #[error("{}: not found beside skysink: build all executables with `cargo build --release`", .0.display())]
     ExecutableMissing(PathBuf),
@@ -55,6 +66,9 @@ pub enum Error {
         /// The slot under way.
         slot: u64,
     },
+    /// A replay has left its record.
+    #[error("slot {0} was not flown as recorded: was the run recorded by another version?")]
+    NotAsRecorded(u64),
     /// The viewer does not end after the mission.
     #[error("viewer did not end within {seconds} s after slot {slot}, the last: is its disk slow? Raise --timeout")]
     ViewerStays {
@@ -122,7 +136,9 @@ impl Error {
             Self::Lab(error) => error.exit_code(),
             Self::EndedEarly { cause, .. } => cause.exit_code(),
             Self::Ring(error) => error.exit_code(),
-            Self::Input(_) | Self::Usage(_) | Self::NoViewer => 2,
+            Self::Input(_) | Self::Usage(_) | Self::NoViewer | Self::NoWebViewer(_) => 2,
+            #[cfg(feature = "viewer")]
+            Self::Page(skysink_web::PageError::Taken { .. }) => 2,
             _ => 1,
         }
     }

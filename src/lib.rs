@@ -10,10 +10,13 @@ pub mod cli;
 pub mod compare;
 pub mod error;
 pub mod new;
+pub mod replay;
 pub mod report;
 pub mod run;
 pub mod simulate;
 pub mod soak;
+pub mod topics;
+pub mod view;
 pub mod worker;
 
 pub use error::Error;

@@ -24,7 +24,7 @@ use skysink_mission::summary::{Summary, Tally};
 use crate::error::Error;
 
 /// Version of the rerun viewer whose recordings these are.
-const RERUN: &str = "0.36.3";
+pub const RERUN: &str = "0.36.3";
 
 /// A progress bar on standard error, or several in a row; nothing at all where that is not a terminal. It is removed
 /// with its last clone.
@@ -230,7 +230,12 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     print(with_numbers_right(table))?;
     print(format_args!("Run folder:      {}", folder.path().display()))?;
     if let Some(recording) = folder.recording_pattern() {
-        print(format_args!("Open recording:  rerun {}", recording.display()))?;
+        let mut begin = "Open recording:";
+        if cfg!(feature = "viewer") {
+            print(format_args!("{begin}  skysink view {}", folder.path().display()))?;
+            begin = "            or:";
+        }
+        print(format_args!("{begin}  rerun {}", recording.display()))?;
         print(format_args!("                 (the viewer: pip install rerun-sdk=={RERUN})"))?;
     }
     Ok(())

@@ -1,7 +1,9 @@
 //! flight-sim as a process of the ring: waits for the plan, or for the slot to begin, and publishes the flight.
 
+use std::time::{Duration, Instant};
+
 use iceoryx2::prelude::Service;
-use skysink_common::message::{FlightReport, HoldReason};
+use skysink_common::message::{FlightReport, HoldReason, Plan};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
@@ -14,12 +16,42 @@ use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 use crate::flight::Flight;
 use crate::journal::{journal, restore, save};
 
+/// A flight on record, which is flown again whatever the plans that arrive say.
+pub struct RecordedFlight<'a> {
+    /// The plan that leads to what was flown in a slot, from 1; none where there was none in time.
+    pub plan_of: &'a dyn Fn(u64) -> Option<Plan>,
+    /// Shortest time from one slot to the next.
+    pub period: Option<Duration>,
+}
+
 /// Flies until the mission ends. Started again, it resumes where it was killed: what was flown stays flown, and the
 /// last flights are published once more, because a peer may have died without them.
 ///
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
+    fly::<S>(scenario, folder, stop, None)
+}
+
+/// Flies until the mission ends what is on record: it waits for the plan of each slot, but does not follow it.
+///
+/// # Errors
+/// As [`run`].
+pub fn repeat<S: Service + 'static>(
+    scenario: &Scenario,
+    folder: &RingFolder,
+    stop: &Stop,
+    recorded: &RecordedFlight,
+) -> Result<(), NodeError> {
+    fly::<S>(scenario, folder, stop, Some(recorded))
+}
+
+fn fly<S: Service + 'static>(
+    scenario: &Scenario,
+    folder: &RingFolder,
+    stop: &Stop,
+    recorded: Option<&RecordedFlight>,
+) -> Result<(), NodeError> {
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::FlightSim, stop)?;
     let flights = ring.flight.writer()?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
@@ -41,6 +73,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         flights.send(ring.header(*slot, 0), *report)?;
     }
 
+    let mut next = Instant::now();
     for slot in flown.last().map_or(0, |(slot, _)| *slot) + 1..=scenario.slots {
         let plan = match ring.terms.pace {
             Pace::Max => plans.wait_for_slot(&mut wait, slot)?,
@@ -49,9 +82,18 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
                 plans.of_slot(slot)?.here()
             }
         };
-        let report = flight.step(slot, plan.as_ref().map(|plan| plan.payload()));
+        let report = match recorded {
+            None => flight.step(slot, plan.as_ref().map(|plan| plan.payload())),
+            Some(recorded) => {
+                wait.sleep_until(next)?;
+                next = Instant::now() + recorded.period.unwrap_or_default();
+                flight.step(slot, (recorded.plan_of)(slot).as_ref())
+            }
+        };
         drop(plan);
-        count_refusals(&ring.refusals, slot, &report);
+        if recorded.is_none() {
+            count_refusals(&ring.refusals, slot, &report);
+        }
         save(&journal, slot, &report)?;
         flights.send(ring.header(slot, 0), report)?;
     }

@@ -78,6 +78,18 @@ impl RecordedLines {
     }
 }
 
+/// All slots on record in the folder of a run that has ended, as they are written.
+///
+/// # Errors
+/// If it is no such folder, its scenario or sensor list was changed since, or a line is not that of its slot.
+pub fn recorded_slots(path: &Path) -> Result<Vec<RecordedSlot>, MissionError> {
+    let folder = RunFolder::open_to_read(path)?;
+    let scenario = Scenario::read(&folder.scenario(), Overrides::default())?;
+    let (_, reader) = folder.reopen_slot_log()?;
+    let mut lines = RecordedLines::new(&folder, reader, scenario.slots);
+    std::iter::from_fn(|| lines.next_slot().transpose()).collect()
+}
+
 /// A mission on record that is flown again.
 pub struct Replay {
     scenario: Scenario,

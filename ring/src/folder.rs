@@ -295,6 +295,17 @@ fn lock_new(path: &Path) -> io::Result<Option<File>> {
     Ok(same.then_some(lock))
 }
 
+/// The folders of this user's rings whose launchers live.
+#[must_use]
+pub fn running_rings() -> Vec<PathBuf> {
+    let entries = fs::read_dir(home()).into_iter().flatten().flatten().map(|entry| entry.path());
+    let locks = entries.filter(|path| path.extension().is_some_and(|extension| extension == "lock"));
+    let is_held = |path: &PathBuf| {
+        File::open(path).is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock)))
+    };
+    locks.filter(is_held).map(|path| path.with_extension("")).collect()
+}
+
 /// Removes every ring of this user whose launcher does not live any more, once its other processes have ended, too;
 /// waits for them for so long.
 pub fn clear_abandoned(patience: Duration) {

@@ -14,6 +14,7 @@
 //! | [`journal`] | what a process saves across its own death |
 //! | [`sample`], [`topic`] | what a sample is; a topic |
 //! | [`admission`], [`reader`], [`writer`] | the two ends of a topic |
+//! | [`survey`] | what a look at a topic from outside shows |
 //! | [`topics`] | the table of topics |
 
 pub mod admission;
@@ -26,6 +27,7 @@ pub mod reader;
 pub mod refusals;
 pub mod role;
 pub mod sample;
+pub mod survey;
 pub mod topic;
 pub mod topics;
 pub mod wait;

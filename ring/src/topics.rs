@@ -23,6 +23,7 @@ use crate::health::{Health, Ready};
 use crate::reader::MAX_AHEAD;
 use crate::refusals::Refusals;
 use crate::role::{Role, Seat};
+use crate::survey::{TopicState, Watch, look};
 use crate::topic::{Full, Member, Row, Topic};
 use crate::wait::{LateJoiners, PAUSE, WaitContext};
 
@@ -113,7 +114,7 @@ impl<S: Service + 'static> Ring<S> {
         let agreed = if is_launcher { Some(attributes(&terms, scenario)?) } else { None };
         let agreed = agreed.as_ref();
         let seat = if is_launcher { None } else { Some(Arc::new(Seat::take(folder.path(), role)?)) };
-        let node = node::<S>(folder, role)?;
+        let node = node::<S>(folder, role.name())?;
         if is_launcher {
             folder.close_counter().map_err(|error| RingError::topic("ring", "close its counter", &error))?;
         }
@@ -126,7 +127,6 @@ impl<S: Service + 'static> Ring<S> {
             seat: seat.clone(),
             stop: stop.clone(),
         };
-        let only_reader = Member { refusals: Refusals::new(Some(role)), ..member.clone() };
         let sensors = Topic::new(&node, &member, SENSORS, agreed)?;
         agree(folder, sensors.terms(), scenario)?;
         let wait = WaitContext {
@@ -140,28 +140,80 @@ impl<S: Service + 'static> Ring<S> {
             polls: 0,
             seat,
         };
-        let queues = Topic::new(&node, &member, QUEUES, agreed)?;
-        let truth = match terms.told {
-            Some(_) => Topic::new(&node, &member, TRUTH, agreed)?,
+        let only_reader = Refusals::new(Some(role));
+        let ring = Self::with_topics(node, sensors, &member, only_reader, agreed)?;
+        Ok((ring, wait))
+    }
+
+    /// Opens the topics of the ring in the folder for one who takes no role, to look at them.
+    ///
+    /// # Errors
+    /// If the ring is not there, or is of another version.
+    pub fn observe(folder: &RingFolder) -> Result<Self, RingError> {
+        let member = Member {
+            terms: folder.terms(),
+            max_ahead: None,
+            refusals: Refusals::new(None),
+            late_joiners: LateJoiners::default(),
+            seat: None,
+            stop: Stop::default(),
+        };
+        let node = node::<S>(folder, "observer")?;
+        let sensors = Topic::new(&node, &member, SENSORS, None)?;
+        Self::with_topics(node, sensors, &member, Refusals::new(None), None)
+    }
+
+    /// The ring with all topics but the first, created if there are terms.
+    fn with_topics(
+        node: Node<S>,
+        sensors: Topic<S, [SensorNode], SlotHeader>,
+        member: &Member,
+        only_reader: Refusals,
+        agreed: Option<&AttributeSpecifier>,
+    ) -> Result<Self, RingError> {
+        let only_reader = Member { refusals: only_reader, ..member.clone() };
+        let queues = Topic::new(&node, member, QUEUES, agreed)?;
+        let truth = match member.terms.told {
+            Some(_) => Topic::new(&node, member, TRUTH, agreed)?,
             None => Topic(Rc::clone(&queues.0)),
         };
-        let ring = Self {
-            terms,
+        Ok(Self {
+            terms: member.terms,
             sensors,
             truth,
             queues,
-            tick: Topic::new(&node, &member, TICK, agreed)?,
-            plan: Topic::new(&node, &member, PLAN, agreed)?,
+            tick: Topic::new(&node, member, TICK, agreed)?,
+            plan: Topic::new(&node, member, PLAN, agreed)?,
             path: Topic::new(&node, &only_reader, PATH, agreed)?,
-            flight: Topic::new(&node, &member, FLIGHT, agreed)?,
-            commit: Topic::new(&node, &member, COMMIT, agreed)?,
-            health: Topic::new(&node, &member, HEALTH, agreed)?,
-            ready: Topic::new(&node, &member, READY, agreed)?,
-            refusals: member.refusals,
-            restarts: wait.seat.as_ref().map_or(0, |seat| seat.restarts),
+            flight: Topic::new(&node, member, FLIGHT, agreed)?,
+            commit: Topic::new(&node, member, COMMIT, agreed)?,
+            health: Topic::new(&node, member, HEALTH, agreed)?,
+            ready: Topic::new(&node, member, READY, agreed)?,
+            refusals: member.refusals.clone(),
+            restarts: member.seat.as_ref().map_or(0, |seat| seat.restarts),
             node,
-        };
-        Ok((ring, wait))
+        })
+    }
+
+    /// What a look at each topic shows, in the order of a slot.
+    ///
+    /// # Errors
+    /// If a topic cannot be read.
+    pub fn look(&self) -> Result<Vec<TopicState>, RingError> {
+        let mut watches: Vec<Box<dyn Watch + '_>> = vec![self.sensors.watch(), self.queues.watch()];
+        if self.terms.told.is_some() {
+            watches.push(self.truth.watch());
+        }
+        watches.extend([self.tick.watch(), self.path.watch(), self.plan.watch(), self.flight.watch()]);
+        watches.extend([self.commit.watch(), self.ready.watch(), self.health.watch()]);
+        look(watches, &self.node)
+    }
+
+    /// Hash of the scenario that the ring flies, as hexadecimal text.
+    #[must_use]
+    pub fn scenario_hash(&self) -> Option<String> {
+        let key = "scenario".try_into().ok()?;
+        self.sensors.terms().key_value(&key, 0).map(ToString::to_string)
     }
 
     /// Frees what processes that died have left behind; the launcher does. What it cannot free goes with the folder.
@@ -227,8 +279,8 @@ pub fn monotonic_ns() -> u64 {
     time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64 // the clock starts at boot: both are positive
 }
 
-fn node<S: Service>(folder: &RingFolder, role: Role) -> Result<Node<S>, RingError> {
-    let name = NodeName::new(role.name()).map_err(|error| RingError::topic("ring", "name the process", &error))?;
+fn node<S: Service>(folder: &RingFolder, name: &str) -> Result<Node<S>, RingError> {
+    let name = NodeName::new(name).map_err(|error| RingError::topic("ring", "name the process", &error))?;
     NodeBuilder::new()
         .config(&folder.config()?)
         .name(&name)

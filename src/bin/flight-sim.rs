@@ -1,9 +1,10 @@
 //! The UAV and its radio channel, as a process of the ring.
 
 use iceoryx2::prelude::ipc;
-use skysink::worker;
+use skysink::replay::process;
+use skysink_flight_sim::node::run;
 use skysink_ring::role::Role;
 
 fn main() -> std::process::ExitCode {
-    worker::main(Role::FlightSim, skysink_flight_sim::node::run::<ipc::Service>)
+    process::main(Role::FlightSim, run::<ipc::Service>, process::repeat_flight)
 }

@@ -9,7 +9,7 @@ pub mod resume;
 pub mod supervise;
 
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::ipc;
@@ -17,7 +17,6 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::record::RunFolder;
-use skysink_mission::slot_log::SlotLog;
 use skysink_mission::summary::{Summary, Tally};
 use skysink_ring::cleanup::Janitor;
 use skysink_ring::folder::{RingFolder, clear_abandoned};
@@ -28,8 +27,8 @@ use skysink_ring::wait::Stopwatch;
 use crate::error::Error;
 use crate::report::TerminalProgress;
 use crate::simulate::NewFolder;
-use options::RunOptions;
-use recorder::Recorder;
+use options::{Launch, RunOptions};
+use recorder::{Recorder, SlotSink};
 use restart::{Rule, WORKERS};
 use resume::resume;
 use supervise::{Process, ProcessTable, REAP, Workers};
@@ -81,7 +80,7 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
         if !folder.is_complete() {
             folder.write_json("summary.json", &summary)?; // only that was missing
         }
-        tidy(&folder);
+        tidy(&folder.recording());
         return Ok((folder, summary));
     }
     let timeout_s = options.timeout_s(30.0, pace, scenario.slot_s);
@@ -96,11 +95,12 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
         }
     };
     let begin = Instant::now();
-    let flown = fly(run, &folder, &ring_folder, table, stop, &mut log, &mut tally);
+    let launch = Launch::of(&folder);
+    let flown = fly(&Flown { scenario, options, launch: &launch }, &ring_folder, table, stop, &mut log, &mut tally);
     let wall = *flown.as_ref().unwrap_or(&begin.elapsed());
     let mut summary = tally.summary(Some(pace), wall, log.hash());
     summary.complete &= flown.is_ok();
-    tidy(&folder);
+    tidy(&folder.recording());
     let written = folder.write_json("summary.json", &summary);
     if let Err(cause) = flown {
         return Err(cause.ended_early(&folder, summary.slots, &options.resume_by())); // not what it led to
@@ -114,25 +114,37 @@ const ORPHANS_END: Duration = Duration::from_secs(2);
 
 /// Removes what a killed launcher has left of its ring, and ends the files of viewers that were killed. Where that
 /// fails they can be opened all the same.
-fn tidy(folder: &RunFolder) {
+pub(crate) fn tidy(recording: &Path) {
     clear_abandoned(ORPHANS_END);
     #[cfg(feature = "viewer")]
-    let _ = skysink_viewer::complete(&folder.recording());
+    let _ = skysink_viewer::complete(recording);
     #[cfg(not(feature = "viewer"))]
-    let _ = folder;
+    let _ = recording;
+}
+
+/// What a ring of processes flies, and how.
+pub struct Flown<'a> {
+    /// The scenario.
+    pub scenario: &'a Scenario,
+    /// How the processes work together.
+    pub options: &'a RunOptions,
+    /// What they are started with.
+    pub launch: &'a Launch,
 }
 
 /// Starts the processes, records what they do, and ends them.
-fn fly(
-    run: &Run,
-    folder: &RunFolder,
+///
+/// # Errors
+/// As [`run`].
+pub fn fly(
+    mission: &Flown,
     ring_folder: &RingFolder,
     table: &ProcessTable,
     stop: &Stop,
-    log: &mut SlotLog,
+    log: &mut dyn SlotSink,
     tally: &mut Tally,
 ) -> Result<Duration, Error> {
-    let Run { scenario, options, .. } = run;
+    let Flown { scenario, options, launch } = mission;
     let progress = TerminalProgress::of_slots();
     let (ring, wait) = Ring::<ipc::Service>::join(ring_folder, scenario, Role::Launcher, stop)?;
     let _janitor = Janitor::of(ring_folder);
@@ -141,7 +153,7 @@ fn fly(
     let mut recorder = Recorder::new(&ring, wait)?.with_outside(&options.external, outside_timeout);
     let mut processes = Vec::new();
     for role in WORKERS.into_iter().filter(|role| *role != Role::Viewer || !options.no_viewer) {
-        let invocation = options.invocation(role, folder, ring_folder)?;
+        let invocation = options.invocation(role, launch, ring_folder)?;
         if options.external.contains(&role) {
             let words = std::iter::once(invocation.program.as_os_str())
                 .chain(invocation.arguments.iter().map(OsString::as_os_str));

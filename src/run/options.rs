@@ -58,6 +58,59 @@ pub struct RunOptions {
     pub timeout: Option<f64>,
 }
 
+/// What the processes of a ring are started with, beside their options.
+#[derive(Debug)]
+pub struct Launch {
+    /// The scenario file.
+    pub scenario: PathBuf,
+    /// The first file of the recording.
+    pub recording: PathBuf,
+    /// What the mission is shown as; as the scenario's strategy if none.
+    pub label: Option<String>,
+    /// The run that is flown again.
+    pub recorded: Option<RecordedRing>,
+}
+
+/// What is taken from a run on record, instead of being flown anew.
+#[derive(Debug)]
+pub struct RecordedRing {
+    /// Its folder.
+    pub run: PathBuf,
+    /// How fast its slots follow each other at most.
+    pub pace: Pace,
+    /// Whose plans are sent.
+    pub plans: PlansOf,
+}
+
+/// Whose plans are sent while a run is flown again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PlansOf {
+    /// Those on record.
+    Record,
+    /// Those of a planner, which are not flown.
+    Planner,
+}
+
+impl Launch {
+    /// That of a run of its own.
+    #[must_use]
+    pub fn of(folder: &RunFolder) -> Self {
+        let label = folder.manner().outside_planner.clone();
+        Self { scenario: folder.scenario(), recording: folder.recording(), label, recorded: None }
+    }
+
+    /// The arguments by which the process of `role` repeats what is on record.
+    fn recorded_arguments(&self, role: Role) -> Result<Vec<OsString>, Error> {
+        let Some(RecordedRing { run, pace, plans }) = &self.recorded else { return Ok(Vec::new()) };
+        let run = std::path::absolute(run).at(run)?;
+        Ok(match (role, plans) {
+            (Role::FlightSim, _) => vec!["--record".into(), run.into(), "--pace".into(), pace.to_string().into()],
+            (Role::Planner, PlansOf::Record) => vec!["--record".into(), run.into()],
+            _ => Vec::new(),
+        })
+    }
+}
+
 /// Reads a time [s] above 0 from an argument.
 ///
 /// # Errors
@@ -107,22 +160,28 @@ pub fn label(text: &str) -> Result<String, String> {
 
 impl RunOptions {
     /// How long a sample is waited for [s]: as the user says or else `default_s`, and while a slot lasts by the clock.
-    pub(super) fn timeout_s(&self, default_s: f64, pace: Pace, slot_s: f64) -> f64 {
+    pub(crate) fn timeout_s(&self, default_s: f64, pace: Pace, slot_s: f64) -> f64 {
         self.timeout.unwrap_or(default_s) + pace.period(slot_s).map_or(0.0, |period| period.as_secs_f64())
     }
 
     /// Whether the planner is not Skysink's.
-    pub(super) fn has_outside_planner(&self) -> bool {
+    pub(crate) fn has_outside_planner(&self) -> bool {
         self.planner.is_some() || self.external.contains(&Role::Planner)
+    }
+
+    /// What the mission of an outside planner is booked as.
+    pub(crate) fn label_or_default(&self) -> String {
+        self.label.clone().unwrap_or_else(|| "external".to_owned())
     }
 
     /// How the run is flown; one that is resumed, as it was before where the options say nothing.
     pub(super) fn manner(&self, before: Option<&Manner>) -> Manner {
         let before = before.cloned().unwrap_or_default();
-        let name = || self.label.clone().unwrap_or_else(|| "external".to_owned());
         Manner {
             pace: Some(self.pace.or(before.pace).unwrap_or_default()),
-            outside_planner: before.outside_planner.or_else(|| self.has_outside_planner().then(name)),
+            outside_planner: before
+                .outside_planner
+                .or_else(|| self.has_outside_planner().then(|| self.label_or_default())),
         }
     }
 
@@ -153,10 +212,10 @@ impl RunOptions {
         words.chain(command).collect()
     }
 
-    /// How the process of `role` is started for the run of `folder`.
-    pub(super) fn invocation(&self, role: Role, folder: &RunFolder, ring: &RingFolder) -> Result<Invocation, Error> {
-        let absolute = |path: PathBuf| std::path::absolute(&path).at(&path);
-        let scenario = absolute(folder.scenario())?;
+    /// How the process of `role` is started.
+    pub(super) fn invocation(&self, role: Role, launch: &Launch, ring: &RingFolder) -> Result<Invocation, Error> {
+        let absolute = |path: &Path| std::path::absolute(path).at(path);
+        let scenario = absolute(&launch.scenario)?;
         if let (Role::Planner, Some(CommandLine(words))) = (role, &self.planner) {
             let (program, arguments) = words.split_first().expect("a command has words");
             return Ok(Invocation {
@@ -172,10 +231,11 @@ impl RunOptions {
         let mut arguments: Vec<OsString> =
             vec!["--scenario".into(), scenario.into(), "--ring".into(), ring.path().into()];
         if role == Role::Viewer {
-            arguments.extend(["--save".into(), absolute(folder.recording())?.into()]);
+            arguments.extend(["--save".into(), absolute(&launch.recording)?.into()]);
             arguments.extend(self.live.map(|port| format!("--live={port}").into()));
-            arguments.extend(folder.manner().outside_planner.iter().flat_map(|name| ["--label".into(), name.into()]));
+            arguments.extend(launch.label.iter().flat_map(|name| ["--label".into(), name.into()]));
         }
+        arguments.extend(launch.recorded_arguments(role)?);
         Ok(Invocation { program, arguments, environment: Vec::new() })
     }
 

@@ -25,6 +25,28 @@ const SUPERVISE: Duration = Duration::from_millis(10);
 /// A wait after which a process may have died that is not the launcher's.
 const STALL: Duration = Duration::from_millis(200);
 
+/// What becomes of the slots of a ring.
+pub trait SlotSink {
+    /// Adds a slot, with the plan that was there, in time or not, and returns the hash of all so far.
+    ///
+    /// # Errors
+    /// If the slot cannot be, or cannot be written; then it is as if it had not been tried.
+    fn add(&mut self, plan: Option<&Plan>, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, Error>;
+
+    /// The hash of all slots so far, chained.
+    fn hash(&self) -> u64;
+}
+
+impl SlotSink for SlotLog {
+    fn add(&mut self, _plan: Option<&Plan>, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, Error> {
+        Ok(Self::add(self, flight, header)?)
+    }
+
+    fn hash(&self) -> u64 {
+        Self::hash(self)
+    }
+}
+
 /// Puts a mission on record while the ring runs.
 pub struct Recorder<'a, S: Service + 'static> {
     ring: &'a Ring<S>,
@@ -103,7 +125,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
     pub fn record(
         &mut self,
         slots: u64,
-        log: &mut SlotLog,
+        log: &mut dyn SlotSink,
         tally: &mut Tally,
         supervise: &mut Supervise,
     ) -> Result<Duration, Error> {
@@ -128,9 +150,9 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
                 queues_ns: header.head.sent_ns,
             };
             let in_time = flight.hold != HoldReason::NoPlan as u32;
-            let plan = plan.map(|(_, plan)| plan).filter(|_| in_time);
-
-            let hash = log.add(&flight, &header)?;
+            let plan = plan.map(|(_, plan)| plan);
+            let hash = log.add(plan.as_ref(), &flight, &header)?;
+            let plan = plan.filter(|_| in_time);
             tally.add(plan.as_ref(), &flight, &header);
             tally.add_times(times);
             tally.set_refused_messages(self.ring.refusals.total());

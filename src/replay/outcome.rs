@@ -1,0 +1,140 @@
+//! What becomes of the slots of a replay: each is compared with the record, and so is the plan for it.
+
+use std::fs::File;
+use std::io::{BufWriter, Write as _};
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use skysink_common::message::{FlightReport, Mode, Plan, QueuesHeader};
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::SensorList;
+use skysink_flight_sim::Flight;
+use skysink_mission::error::FileContext;
+use skysink_mission::recorded::RecordedRun;
+use skysink_mission::trace::{RecordedSlot, TraceHash};
+
+use crate::error::Error;
+use crate::run::recorder::SlotSink;
+
+/// Header of `plans.csv`.
+const COLUMNS: &str = "slot,x_m,y_m,z_m,scheduled,mode,refused,expected_bits,distance_m,same\n";
+
+/// How the plans compare with the recorded decisions.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct PlanCounts {
+    /// Slots of the run.
+    pub slots: u64,
+    /// Slots in which the plan leads to the recorded position and serves the recorded sensor nodes.
+    pub same: u64,
+    /// Slots without a decision on record: the UAV held because there was no plan in time, or none that it could fly.
+    pub undecided: u64,
+    /// The first slot with another plan.
+    pub first_difference: Option<u64>,
+    /// From the recorded position to the planned one, mean over the slots with a decision [m].
+    pub mean_distance_m: f64,
+}
+
+/// A replay under way.
+pub struct Replayed<'a> {
+    recorded: &'a RecordedRun,
+    trace: TraceHash,
+    /// Flies each plan from the recorded state before its slot.
+    flight: Flight,
+    counts: PlanCounts,
+    distance_m: f64,
+    path: PathBuf,
+    new: PathBuf,
+    csv: BufWriter<File>,
+}
+
+impl<'a> Replayed<'a> {
+    /// Nothing replayed yet; the plans will be in the file `path`, once all are.
+    ///
+    /// # Errors
+    /// If the file cannot be created.
+    pub fn new(scenario: &Scenario, recorded: &'a RecordedRun, path: &Path) -> Result<Self, Error> {
+        let new = path.with_extension("csv.new");
+        let mut csv = BufWriter::new(File::create(&new).at(&new)?);
+        csv.write_all(COLUMNS.as_bytes()).at(&new)?;
+        Ok(Self {
+            recorded,
+            trace: TraceHash::default(),
+            flight: Flight::new(scenario, &recorded.list.nodes()),
+            counts: PlanCounts::default(),
+            distance_m: 0.0,
+            path: path.to_owned(),
+            new,
+            csv,
+        })
+    }
+
+    /// The sensor nodes of the run.
+    pub fn list(&self) -> &SensorList {
+        &self.recorded.list
+    }
+
+    /// Leaves the plans, and returns how they compare, and the hash of the trace.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn finish(mut self) -> Result<(PlanCounts, u64), Error> {
+        self.csv.flush().at(&self.new)?;
+        std::fs::rename(&self.new, &self.path).at(&self.path)?;
+        let decided = self.counts.slots - self.counts.undecided;
+        let mean_distance_m = if decided > 0 { self.distance_m / decided as f64 } else { 0.0 };
+        Ok((PlanCounts { mean_distance_m, ..self.counts }, self.trace.value()))
+    }
+
+    /// Compares the plan of a slot with the recorded decision, and writes it.
+    fn compare(&mut self, recorded: &RecordedSlot, plan: Option<&Plan>) -> std::io::Result<()> {
+        let slot = recorded.slot;
+        self.counts.slots += 1;
+        let is_decided = recorded.mode != Mode::Hold;
+        self.counts.undecided += u64::from(!is_decided);
+        let would = self.flight.step(slot, plan);
+        let distance_m = (would.position() - recorded.position).norm();
+        let served = would.served_links().iter().map(|link| link.sensor);
+        let is_same = is_decided
+            && distance_m == 0.0
+            && served.clone().eq(recorded.scheduled.iter().copied())
+            && Mode::from_repr(would.mode) == Some(recorded.mode);
+        if is_decided {
+            self.counts.same += u64::from(is_same);
+            self.distance_m += distance_m;
+            if !is_same {
+                self.counts.first_difference.get_or_insert(slot);
+            }
+        }
+        let scheduled = served.map(|sensor| sensor.to_string()).collect::<Vec<_>>().join(" ");
+        let mode = Mode::from_repr(would.mode).unwrap_or_default();
+        let expected_bits = plan.map_or(0, |plan| plan.expected_bits);
+        let FlightReport { x_m, y_m, z_m, refused, .. } = would;
+        let same = if is_decided { is_same.to_string() } else { String::new() };
+        writeln!(self.csv, "{slot},{x_m},{y_m},{z_m},{scheduled},{mode},{refused},{expected_bits},{distance_m},{same}")
+    }
+}
+
+impl Drop for Replayed<'_> {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.new); // half-written, unless it has its name
+    }
+}
+
+impl SlotSink for Replayed<'_> {
+    fn add(&mut self, plan: Option<&Plan>, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, Error> {
+        let slot = header.head.slot;
+        let flown = RecordedSlot::parse(self.trace.write(flight, header)?.as_bytes());
+        let recorded = usize::try_from(slot - 1).ok().and_then(|index| self.recorded.slots.get(index));
+        let Some(recorded) = recorded.filter(|recorded| flown.as_ref() == Some(*recorded)) else {
+            return Err(Error::NotAsRecorded(slot));
+        };
+        self.trace.add();
+        self.compare(recorded, plan).at(&self.new)?;
+        self.flight.restore(flight);
+        Ok(self.trace.value())
+    }
+
+    fn hash(&self) -> u64 {
+        self.trace.value()
+    }
+}

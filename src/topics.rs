@@ -1,0 +1,144 @@
+//! `skysink topics`: what a running ring carries, who writes and reads it, and how fast.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use comfy_table::ContentArrangement;
+use iceoryx2::prelude::ipc;
+use serde::Serialize;
+use skysink_common::error::InputError;
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::stop::Stop;
+use skysink_planner::settings;
+use skysink_ring::folder::{RingFolder, running_rings};
+use skysink_ring::survey::TopicState;
+use skysink_ring::topics::Ring;
+
+use crate::error::Error;
+use crate::report::{print, table};
+use crate::run::options::seconds;
+
+/// Width of the table [columns of a terminal].
+const WIDTH: u16 = 80;
+
+/// How often a stop is looked for.
+const PAUSE: Duration = Duration::from_millis(20);
+
+/// Options of `skysink topics`.
+#[derive(Debug, Args)]
+pub struct TopicsOptions {
+    /// Folder of the ring, or of the run under way [default: the only ring that runs].
+    #[arg(value_name = "DIR")]
+    folder: Option<PathBuf>,
+    /// Time between the two looks from which the rates are [s].
+    #[arg(long, value_name = "SECONDS", default_value = "1", value_parser = seconds)]
+    every: f64,
+    /// Print JSON instead of the table.
+    #[arg(long)]
+    json: bool,
+}
+
+/// A topic with its rate.
+#[derive(Debug, Serialize)]
+struct RatedTopic {
+    #[serde(flatten)]
+    state: TopicState,
+    /// Samples a second: slots between the newest samples of two looks, by the time between these; none where a slot may
+    /// have several.
+    rate_hz: Option<f64>,
+}
+
+impl TopicsOptions {
+    /// Looks twice, and prints what it has seen.
+    ///
+    /// # Errors
+    /// If there is no such ring, it cannot be read, or on a stop.
+    pub fn show(self, stop: &Stop) -> Result<(), Error> {
+        let ring = self.ring()?;
+        let begin = Instant::now();
+        let first = ring.look()?;
+        while begin.elapsed().as_secs_f64() < self.every {
+            stop.check()?;
+            std::thread::sleep(PAUSE);
+        }
+        let second = ring.look()?;
+        let rated: Vec<_> = second.into_iter().zip(&first).map(|(now, before)| rate(now, before)).collect();
+        if self.json {
+            return print(serde_json::to_string_pretty(&rated).expect("plain numbers and strings"));
+        }
+        print_table(&rated)
+    }
+
+    /// The ring that is meant.
+    fn ring(&self) -> Result<Ring<ipc::Service>, Error> {
+        let open = |path: &Path| Ok(Ring::observe(&RingFolder::open(path)?)?);
+        let Some(folder) = &self.folder else {
+            return match &running_rings()[..] {
+                [ring] => open(ring),
+                rings => Err(Error::Usage(format!("{}: expected the DIR of one", count(rings)))),
+            };
+        };
+        if !folder.join("slots.csv").exists() {
+            return open(folder);
+        }
+        let scenario =
+            Scenario::read(&folder.join("scenario.toml"), Overrides::default()).and_then(settings::resolve)?;
+        let hash = format!("{:016x}", scenario.hash());
+        let flies = |path: &PathBuf| open(path).is_ok_and(|ring| ring.scenario_hash().as_ref() == Some(&hash));
+        let rings: Vec<PathBuf> = running_rings().into_iter().filter(flies).collect();
+        match &rings[..] {
+            [ring] => open(ring),
+            rings => {
+                let message =
+                    format!("{} fly its scenario: expected a run under way, or the folder of its ring", count(rings));
+                Err(InputError::new("run folder", folder, message).into())
+            }
+        }
+    }
+}
+
+/// How many rings there are, and where.
+fn count(rings: &[PathBuf]) -> String {
+    let paths: Vec<_> = rings.iter().map(|ring| ring.display().to_string()).collect();
+    match &paths[..] {
+        [] => "no rings".to_owned(),
+        paths => format!("{} rings ({})", paths.len(), paths.join(", ")),
+    }
+}
+
+fn rate(state: TopicState, before: &TopicState) -> RatedTopic {
+    let between = |now: Option<u64>, before: Option<u64>| match (now, before) {
+        (Some(now), Some(before)) => now.saturating_sub(before) as f64,
+        _ => 0.0,
+    };
+    let slots = between(state.slot, before.slot);
+    let seconds = between(state.sent_ns, before.sent_ns) / 1e9;
+    let rate_hz = if slots > 0.0 && seconds > 0.0 { slots / seconds } else { 0.0 };
+    RatedTopic { rate_hz: state.is_once_a_slot.then_some(rate_hz), state }
+}
+
+fn print_table(topics: &[RatedTopic]) -> Result<(), Error> {
+    let mut table = table();
+    table.set_content_arrangement(ContentArrangement::Dynamic).set_width(WIDTH);
+    table.set_header(["topic", "payload", "writer", "readers", "slot", "1/s"]);
+    for RatedTopic { state, rate_hz } in topics {
+        let TopicState { service, payload, writers, readers, slot, .. } = state;
+        let short = |name: &str| name.replace("skysink/", "").replace("skysink.", "").replace(".v1", "");
+        let number = |value: Option<String>| value.unwrap_or_default();
+        table.add_row([
+            short(service),
+            short(payload),
+            writers.join(" "),
+            readers.join(" "),
+            number(slot.map(|slot| slot.to_string())),
+            number(rate_hz.filter(|rate| *rate > 0.0).map(|rate| format!("{rate:.1}"))),
+        ]);
+    }
+    for column in [4, 5] {
+        if let Some(column) = table.column_mut(column) {
+            column.set_cell_alignment(comfy_table::CellAlignment::Right);
+        }
+    }
+    print(table)
+}

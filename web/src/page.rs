@@ -1,0 +1,230 @@
+//! What the page consists of: the viewer, the recordings, and the index that opens one in the other.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// The page itself, with its blanks.
+const INDEX: &str = include_str!("index.html");
+
+/// Name of the page itself.
+const INDEX_NAME: &str = "index.html";
+
+/// The files of the viewer.
+const VIEWER: [(&str, &[u8]); 3] = [
+    ("re_viewer.js", include_bytes!(concat!(env!("OUT_DIR"), "/re_viewer.js"))),
+    ("re_viewer_bg.wasm", include_bytes!(concat!(env!("OUT_DIR"), "/re_viewer_bg.wasm"))),
+    ("favicon.ico", include_bytes!(concat!(env!("OUT_DIR"), "/favicon.ico"))),
+];
+
+/// A page that shows recordings: all of its files.
+#[derive(Debug)]
+pub struct Page {
+    /// By path below that of the page.
+    files: BTreeMap<String, Content>,
+}
+
+/// What is in a file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Content {
+    /// Made for this page.
+    Text(String),
+    /// Of every page.
+    Embedded(&'static [u8]),
+    /// Read whenever it is asked for: a recording may be under way.
+    File(PathBuf),
+}
+
+/// Why a page cannot be left as a folder; the display is one line.
+#[derive(Debug, thiserror::Error)]
+pub enum PageError {
+    /// The folder is not free.
+    #[error("page folder {}: {found}: expected one that is empty, or does not exist", path.display())]
+    Taken {
+        /// The folder.
+        path: PathBuf,
+        /// What is there.
+        found: String,
+    },
+    /// A file cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+}
+
+impl Page {
+    /// A page under `title`, of these recordings (.rrd), each beside others of its folder, and of the mission under way
+    /// that is served on the port `live`.
+    #[must_use]
+    pub fn new(title: &str, recordings: &[PathBuf], live: Option<u16>) -> Self {
+        let mut files: BTreeMap<String, Content> =
+            VIEWER.map(|(name, bytes)| (name.to_owned(), Content::Embedded(bytes))).into();
+        let mut paths = Vec::new();
+        for recording in recordings {
+            let path = free_path(&files, recording);
+            files.insert(path.clone(), Content::File(recording.clone()));
+            paths.push(format!("\"{path}\""));
+        }
+        let hosts = |port| format!(" http://127.0.0.1:{port} http://localhost:{port}");
+        let index = INDEX
+            .replace("{{title}}", &plain(title))
+            .replace("{{connect}}", &live.map(hosts).unwrap_or_default())
+            .replace("{{recordings}}", &paths.join(", "))
+            .replace("{{live}}", &live.unwrap_or(0).to_string());
+        files.insert(INDEX_NAME.to_owned(), Content::Text(index));
+        Self { files }
+    }
+
+    /// The content of a file, and its type; none if the page has no such file. The path begins with `/`, and ends
+    /// before a query.
+    pub(crate) fn find(&self, path: &str) -> Option<(&Content, &'static str)> {
+        let name = match path.strip_prefix('/')? {
+            "" => INDEX_NAME,
+            name => name,
+        };
+        Some((self.files.get(name)?, content_type(name)))
+    }
+
+    /// Leaves the page as the folder `folder`, for any web server: whole or not at all.
+    ///
+    /// # Errors
+    /// If the folder holds something, or a file cannot be read or written.
+    pub fn write(&self, folder: &Path) -> Result<(), PageError> {
+        let taken = |found: String| PageError::Taken { path: folder.to_owned(), found };
+        let name = folder.file_name().ok_or_else(|| taken("it has no name".to_owned()))?.to_string_lossy();
+        match fs::read_dir(folder).map(|mut entries| entries.next().is_none()) {
+            Ok(true) => {}
+            Ok(false) => return Err(taken("it holds something".to_owned())),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            Err(error) => return Err(taken(error.to_string())),
+        }
+        let new = folder.with_file_name(format!(".{name}.new"));
+        if let Some(above) = folder.parent() {
+            fs::create_dir_all(above).map_err(|source| PageError::File { path: above.to_owned(), source })?;
+        }
+        let written = self.write_files(&new).and_then(|()| {
+            fs::rename(&new, folder).map_err(|source| PageError::File { path: folder.to_owned(), source })
+        });
+        if written.is_err() {
+            let _ = fs::remove_dir_all(&new);
+        }
+        written
+    }
+
+    fn write_files(&self, folder: &Path) -> Result<(), PageError> {
+        for (name, content) in &self.files {
+            let path = folder.join(name);
+            let write = || {
+                path.parent().map_or(Ok(()), fs::create_dir_all)?;
+                match content {
+                    Content::Text(text) => fs::write(&path, text),
+                    Content::Embedded(bytes) => fs::write(&path, bytes),
+                    // Not its permissions: a web server must be able to read it.
+                    Content::File(source) => io::copy(&mut File::open(source)?, &mut File::create(&path)?).map(drop),
+                }
+            };
+            let at = if let Content::File(source) = content { source } else { &path };
+            write().map_err(|source| PageError::File { path: at.clone(), source })?;
+        }
+        Ok(())
+    }
+}
+
+/// A path for a recording on the page that no file has yet: that of its folder and of itself.
+fn free_path(files: &BTreeMap<String, Content>, recording: &Path) -> String {
+    let name = |path: Option<&Path>| {
+        let name = path.and_then(Path::file_name).unwrap_or_default();
+        plain(&name.to_string_lossy())
+    };
+    let absolute = std::path::absolute(recording).unwrap_or_else(|_| recording.to_owned());
+    let folder = Some(name(absolute.parent())).filter(|name| !name.is_empty()).unwrap_or_else(|| "root".to_owned());
+    let file = name(Some(&absolute));
+    (1..)
+        .map(|number| if number == 1 { format!("{folder}/{file}") } else { format!("{folder}-{number}/{file}") })
+        .find(|path| !files.contains_key(path))
+        .expect("numbers do not end")
+}
+
+/// The text with nothing in it that means something in an address, in HTML or in a script; no path goes up.
+fn plain(text: &str) -> String {
+    let is_plain = |letter: &char| letter.is_ascii_alphanumeric() || "-_. ".contains(*letter);
+    let text: String = text.chars().map(|letter| if is_plain(&letter) { letter } else { '-' }).collect();
+    let text = text.replace(' ', "-");
+    if text.starts_with('.') { text.replacen('.', "-", 1) } else { text }
+}
+
+fn content_type(name: &str) -> &'static str {
+    match name.rsplit_once('.').map(|(_, extension)| extension) {
+        Some("html") => "text/html; charset=utf-8",
+        Some("js") => "text/javascript; charset=utf-8",
+        Some("wasm") => "application/wasm",
+        Some("ico") => "image/x-icon",
+        _ => "application/octet-stream",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn recordings_of_one_name_have_paths_of_their_own() {
+        let paths = ["/a/run/mission.rrd", "/b/run/mission.rrd", "/c/run/mission-2.rrd", "/mission.rrd"];
+        let page = Page::new("x", &paths.map(PathBuf::from), None);
+        for (path, file) in [
+            ("/run/mission.rrd", paths[0]),
+            ("/run-2/mission.rrd", paths[1]),
+            ("/run/mission-2.rrd", paths[2]),
+            ("/root/mission.rrd", paths[3]),
+        ] {
+            assert_eq!(page.find(path).unwrap().0, &Content::File(file.into()), "{path}");
+        }
+        let Content::Text(index) = page.find("/").unwrap().0 else { panic!("no text") };
+        assert!(index.contains("[\"run/mission.rrd\", \"run-2/mission.rrd\", \"run/mission-2.rrd\""), "{index}");
+    }
+
+    #[test]
+    fn no_name_of_a_file_reaches_the_page_as_anything_but_a_name() {
+        let page = Page::new("</title><script>", &["/x/..%2f\"];alert(1)//.rrd".into()], None);
+        let Content::Text(index) = page.find("/").unwrap().0 else { panic!("no text") };
+        assert!(index.contains("<title>--title--script-</title>"), "{index}");
+        assert!(!index.contains("alert(1)") && !index.contains("{{"), "{index}");
+        assert_eq!(plain("..%2f\"];a"), "-.-2f---a");
+    }
+
+    #[test]
+    fn only_a_live_page_may_connect_to_another_port() {
+        let index = |live| match Page::new("x", &[], live).find("/").unwrap().0 {
+            Content::Text(text) => text.clone(),
+            other => panic!("{other:?}"),
+        };
+        assert!(index(None).contains("connect-src 'self' data: blob:\"") && index(None).contains("livePort = 0;"));
+        assert!(index(Some(9876)).contains("blob: http://127.0.0.1:9876 http://localhost:9876\""));
+        assert!(index(Some(9876)).contains("livePort = 9876;"));
+    }
+
+    #[test]
+    fn a_page_is_left_whole_in_an_empty_folder_and_in_no_other() {
+        let place = tempfile::tempdir().unwrap();
+        let recording = place.path().join("run.rrd");
+        fs::write(&recording, "RRF2").unwrap();
+        let page = Page::new("x", std::slice::from_ref(&recording), None);
+        let folder = place.path().join("a/page");
+        page.write(&folder).unwrap();
+        assert_eq!(fs::metadata(folder.join("re_viewer_bg.wasm")).unwrap().len(), VIEWER[1].1.len() as u64);
+        let name = plain(&place.path().file_name().unwrap().to_string_lossy());
+        assert_eq!(fs::read(folder.join(name).join("run.rrd")).unwrap(), b"RRF2");
+        let error = page.write(&folder).unwrap_err().to_string();
+        assert!(error.contains("a/page: it holds something: expected one that is empty"), "{error}");
+        fs::remove_file(&recording).unwrap();
+        let error = page.write(&place.path().join("b")).unwrap_err().to_string();
+        assert!(error.contains("run.rrd: No such file"), "{error}");
+        let left: Vec<_> = fs::read_dir(place.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        assert_eq!(left, ["a"], "nothing half-written is left");
+    }
+}

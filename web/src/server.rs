@@ -1,0 +1,82 @@
+//! The page by HTTP: its own files by name, and nothing else.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::net::{SocketAddr, TcpListener};
+use std::sync::Arc;
+
+use tiny_http::{Header, Method, Request, Response};
+
+use crate::page::{Content, Page};
+
+/// Requests that are answered at the same time: a slow one holds up no other.
+const THREADS: usize = 8;
+
+/// A page that is served until the process ends.
+#[derive(Debug)]
+pub struct Server {
+    address: SocketAddr,
+}
+
+impl Server {
+    /// Begins to serve `page` on `address`; port 0 takes a free one.
+    ///
+    /// # Errors
+    /// If the address is taken, or not of this machine.
+    pub fn start(address: SocketAddr, page: Page) -> io::Result<Self> {
+        let listener = TcpListener::bind(address)?;
+        let address = listener.local_addr()?;
+        let http = tiny_http::Server::from_listener(listener, None).map_err(io::Error::other)?;
+        let shared = Arc::new((http, page));
+        for _ in 0..THREADS {
+            let shared = Arc::clone(&shared);
+            std::thread::spawn(move || {
+                let (http, page) = &*shared;
+                while let Ok(request) = http.recv() {
+                    let _ = answer(page, request); // or the browser has gone
+                }
+            });
+        }
+        Ok(Self { address })
+    }
+
+    /// Where it is served.
+    #[must_use]
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+}
+
+/// Answers a request.
+fn answer(page: &Page, request: Request) -> io::Result<()> {
+    if !matches!(request.method(), Method::Get | Method::Head) {
+        return request.respond(Response::from_string("expected GET or HEAD\n").with_status_code(405));
+    }
+    let path = request.url().split(['?', '#']).next().unwrap_or_default();
+    let found = page.find(path).and_then(|(content, kind)| Some((open(content).ok()?, kind)));
+    let Some(((reader, length), kind)) = found else {
+        return request.respond(Response::from_string("not found\n").with_status_code(404));
+    };
+    let header = |name: &str, value: &str| Header::from_bytes(name, value).expect("plain letters");
+    let headers = vec![
+        header("Content-Type", kind),
+        header("X-Content-Type-Options", "nosniff"),
+        header("Cross-Origin-Resource-Policy", "same-origin"),
+        header("Cache-Control", "no-cache"), // a recording may have grown, and the next run may take the port
+    ];
+    let response = Response::new(200.into(), headers, reader, usize::try_from(length).ok(), None);
+    request.respond(response.with_chunked_threshold(usize::MAX)) // the browser shows how much is still to come
+}
+
+/// The bytes of a file and how many they are. One that grows meanwhile ends where it ended when it was opened.
+fn open(content: &Content) -> io::Result<(Box<dyn Read + Send + '_>, u64)> {
+    Ok(match content {
+        Content::Text(text) => (Box::new(text.as_bytes()), text.len() as u64),
+        Content::Embedded(bytes) => (Box::new(*bytes), bytes.len() as u64),
+        Content::File(path) => {
+            let file = File::open(path)?;
+            let length = file.metadata()?.len();
+            (Box::new(file.take(length)), length)
+        }
+    })
+}
