@@ -14,6 +14,7 @@ pub mod report;
 pub mod run;
 pub mod simulate;
 pub mod soak;
+pub mod usage;
 pub mod worker;
 
 pub use error::Error;
