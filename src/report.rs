@@ -240,7 +240,7 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
 const TERMINAL_WIDTH: u16 = 80;
 
 /// Columns of numbers from which on they stand close to each other.
-const CLOSE_COLUMNS: usize = 6;
+const CLOSE_COLUMNS: usize = 4;
 
 /// An empty table, which fits into a terminal if its numbers do: names and headings take more lines instead.
 #[must_use]

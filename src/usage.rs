@@ -1,5 +1,7 @@
 //! The command line of an executable, with help and usage that fit into a terminal of 80 columns.
 
+use std::path::{Path, PathBuf};
+
 use clap::{Command, Error, Parser};
 
 /// Columns of the narrowest terminal, which help and usage fit into everywhere.
@@ -13,7 +15,9 @@ const HEADING: &str = "Usage: ";
 /// # Errors
 /// If it is refused, or asks for help.
 pub fn parse<C: Parser>() -> Result<C, Error> {
-    let mut command = fitting(C::command());
+    let called = std::env::args_os().next().map(PathBuf::from);
+    let name = called.as_deref().and_then(Path::file_name).unwrap_or_default().to_string_lossy();
+    let mut command = fitting(C::command().bin_name(name.into_owned()));
     let matches = command.try_get_matches_from_mut(std::env::args_os())?;
     C::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
 }

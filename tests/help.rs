@@ -45,6 +45,8 @@ fn the_help_of_every_command_fits_into_a_terminal_of_80_columns() {
     for executable in executables {
         let ended = end(place.command(executable, &["--help"]).spawn().unwrap());
         assert_fits(&ended, &[executable]);
+        let name = std::path::Path::new(executable).file_name().unwrap().to_str().unwrap();
+        assert!(ended.stdout.contains(&format!("Usage: {name} ")), "{ended:?}");
     }
 }
 

@@ -107,7 +107,7 @@ impl Cells {
     fn of(positions: &[Position], side_m: f64) -> Self {
         let cell = |id: &u32| positions[*id as usize].coords.map(|metres| (metres / side_m).floor() as i64).into();
         let mut ids: Vec<u32> = (0u32..).take(positions.len()).collect();
-        ids.sort_by_key(cell);
+        ids.sort_by_cached_key(cell);
         let mut members: Vec<([i64; 2], Range<usize>)> = Vec::new();
         for run in ids.chunk_by(|a, b| cell(a) == cell(b)) {
             let begin = members.last().map_or(0, |(_, range)| range.end);
