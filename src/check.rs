@@ -33,7 +33,7 @@ struct Report<'a> {
     warnings: &'a [String],
 }
 
-/// Checks the scenario `path`: prints its figures as comments and every key of it, or the figures alone as JSON, and
+/// Checks the scenario `path`: prints every key of it and its figures as comments, or the figures alone as JSON, and
 /// says on standard error what is probably not meant.
 ///
 /// # Errors
@@ -47,11 +47,10 @@ pub fn check(path: &Path, overrides: Overrides, as_json: bool) -> Result<(), Err
         let report = Report { scenario: &scenario.name, figures: &figures, warnings: &warnings };
         print(serde_json::to_string_pretty(&report).expect("plain keys and numbers"))?;
     } else {
+        // The figures last, so that they and the warnings are what is left on the screen.
+        print(format_args!("{}\n", scenario.to_toml().trim_end()))?;
         print(format_args!("# {}: {} sensor nodes", path.display(), list.sensors().len()))?;
         print(commented(&figures).trim_end())?;
-        print(scenario.to_toml().trim_end())?;
-    }
-    if !as_json {
         warnings.iter().for_each(|warning| Role::Launcher.say(format_args!("warning: {warning}")));
     }
     Ok(())
@@ -96,8 +95,9 @@ fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
 fn anchors(figures: &Figures) -> String {
     let radius = scaled(figures.anchor_radius_m, "m");
     match figures.uts_group {
-        Some(group) if figures.anchor_radius_m > 0.0 => format!("{radius}, connects {group} of {}", figures.sensors),
-        _ => radius,
+        _ if figures.anchor_radius_m <= 0.0 => radius,
+        Some(group) => format!("{radius}, connects {group} of {}", figures.sensors),
+        None => format!("{radius}, too crowded to say whom it connects"),
     }
 }
 

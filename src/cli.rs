@@ -19,6 +19,7 @@ use skysink_common::scenario::{Overrides, Scenario, Setting};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::record::RunFolder;
+use skysink_mission::replay::checked_summary;
 use skysink_mission::{Mission, sensor_results};
 use skysink_planner::settings;
 use skysink_planner::strategies::{Registered, STRATEGIES};
@@ -36,7 +37,7 @@ use crate::run::supervise::ProcessTable;
 use crate::simulate::{NewFolder, Simulation, simulate};
 use crate::topics::TopicsOptions;
 use crate::view::{PageOptions, ViewOptions};
-use crate::{report, worker};
+use crate::{report, usage, worker};
 use flight::{RunArguments, SoakArguments};
 
 /// Plans and flies a UAV that collects data from wireless sensor nodes, slot by slot.
@@ -47,11 +48,11 @@ use flight::{RunArguments, SoakArguments};
     arg_required_else_help = true,
     after_help = "\
 Examples:
-  skysink run                                      the paper's mission
+  skysink run                                the paper's mission
   skysink run scenarios/sparse.toml --strategy gfs --pace 10x --live
-  skysink simulate scenarios/letter.toml --seed 7  the same in one process
-  skysink check scenarios/letter.toml              every key, what follows from it
-  skysink new city --sensors nodes.csv             a scenario of your own
+  skysink simulate scenarios/letter.toml     the same in one process
+  skysink check scenarios/letter.toml        every key, what follows from it
+  skysink new city --sensors nodes.csv       a scenario of your own
 
 The paper is the UTS letter, arXiv 2103.00753.
 
@@ -253,9 +254,9 @@ pub fn main() -> ExitCode {
     // Behind the handler that asks for the end, so that no first signal is lost. The processes of a ring are ended by
     // their launcher.
     exit_on_second_signal();
-    let cli = match Cli::try_parse() {
+    let cli: Cli = match usage::parse() {
         Ok(cli) => cli,
-        Err(message) => return usage(&message),
+        Err(message) => return refused(&message),
     };
     match command(cli.command, &stop) {
         Ok(()) => ExitCode::SUCCESS,
@@ -268,7 +269,7 @@ pub fn main() -> ExitCode {
 }
 
 /// Prints the help that was asked for, or what is wrong with the arguments.
-fn usage(message: &clap::Error) -> ExitCode {
+fn refused(message: &clap::Error) -> ExitCode {
     let printed =
         message.print().or_else(|error| if error.kind() == ErrorKind::BrokenPipe { Ok(()) } else { Err(error) });
     match printed {
@@ -312,7 +313,7 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
 
 fn report(path: &Path, sensors: bool, json: bool, stop: &Stop) -> Result<(), Error> {
     let folder = RunFolder::open_to_read(path)?;
-    let summary = folder.summary()?;
+    let summary = checked_summary(&folder)?;
     if json {
         report::print(serde_json::to_string_pretty(&summary).expect("plain numbers and strings"))?;
     } else {

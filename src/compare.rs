@@ -1,7 +1,9 @@
 //! `skysink compare`: missions side by side, as a table and as one recording.
 
+mod folder;
 #[cfg(feature = "viewer")]
 mod recording;
+mod standings;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,26 +11,20 @@ use std::path::{Path, PathBuf};
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
-use skysink_lab::compare::{Contender, MetricStanding, standings};
-use skysink_lab::metrics::Metric;
+use skysink_lab::compare::{Contender, standings};
 use skysink_lab::sweep::plan::{Shard, Sweep, SweepBase};
 use skysink_lab::sweep::sweep;
-use skysink_mission::error::FileContext;
 use skysink_mission::record::write_whole;
 use skysink_planner::settings;
 use skysink_planner::strategies::Registered;
 use toml::Table;
-use xxhash_rust::xxh3::xxh3_64;
 
 use crate::cli::research::{ended_early, flown_in};
 use crate::error::Error;
-use crate::report::{TerminalProgress, print, table, with_numbers_right};
+use crate::report::{TerminalProgress, print};
 
 /// The standings, beside the recording.
 const STANDINGS: &str = "comparison.json";
-
-/// Most letters of a folder's name that are those of what is compared.
-const MOST_LETTERS: usize = 120;
 
 /// The recording.
 const RECORDING: &str = "comparison.rrd";
@@ -94,14 +90,12 @@ pub fn compare(compare: &Compare, stop: &Stop) -> Result<(), Error> {
     let (out, shown, differing) = match &compare.what {
         Compared::Strategies { scenario, overrides, strategies, seeds } => {
             let sweep = one_point(scenario, overrides, strategies, *seeds)?;
-            let out = compare.out.clone().unwrap_or_else(|| folder_of_strategies(&sweep, scenario, overrides, *seeds));
+            let out = compare.out.clone().unwrap_or_else(|| folder::of_strategies(&sweep, scenario));
             (out.clone(), fly(&sweep, strategies, scenario, overrides, &out, stop)?, Vec::new())
         }
         Compared::Runs(folders) => {
             let shown = on_record(folders, stop)?;
-            let names: Vec<String> = shown.iter().map(|shown| shown.contender.label.clone()).collect();
-            let out = compare.out.clone().unwrap_or_else(|| default_folder(&names.join("-")));
-            make_folder(&out)?;
+            let out = folder::make_for_runs(folders, compare.out.as_deref())?;
             (out, shown, differing_keys(folders)?)
         }
     };
@@ -119,7 +113,7 @@ pub fn compare(compare: &Compare, stop: &Stop) -> Result<(), Error> {
     for (key, values) in differing {
         print(format_args!("{key}: {}", values.join(" | ")))?;
     }
-    print_standings(&contenders, &standings)?;
+    standings::print_tables(&contenders, &standings)?;
     print(format_args!("All metrics:     {}", out.join(STANDINGS).display()))?;
     if compare.record {
         print(format_args!("Open recording:  rerun {}", out.join(RECORDING).display()))?;
@@ -189,39 +183,6 @@ fn name_of(path: &Path) -> String {
     name.map_or_else(|| "run".to_owned(), |name| name.to_string_lossy().into_owned())
 }
 
-/// The usual folder of these strategies over a scenario: another one for other seeds and other keys.
-fn folder_of_strategies(sweep: &Sweep, scenario: &Path, overrides: &Overrides, seeds: u64) -> PathBuf {
-    let definition = &sweep.definition;
-    let mut name = name_of(scenario);
-    definition.strategies.iter().for_each(|strategy| name += &format!("-{}", strategy.name));
-    name += &format!("-{seeds}");
-    if *overrides != Overrides::default() {
-        name += &format!("-{:.8}", definition.identity);
-    }
-    default_folder(&name)
-}
-
-/// The usual folder of a comparison of this name, which is cut where a file system would.
-fn default_folder(name: &str) -> PathBuf {
-    let name = name.replace('/', "-");
-    let short: String = name.chars().take(MOST_LETTERS).collect();
-    let name = if short == name { name } else { format!("{short}-{:08x}", xxh3_64(name.as_bytes()) as u32) };
-    Path::new("runs").join(format!("compare-{name}"))
-}
-
-/// Makes the folder of a comparison of runs, or takes one that holds nothing else.
-fn make_folder(out: &Path) -> Result<(), Error> {
-    fs::create_dir_all(out).at(out)?;
-    for entry in fs::read_dir(out).at(out)?.flatten() {
-        let ours = [STANDINGS, RECORDING, ".comparison.json.new", ".comparison.new.rrd"];
-        if !ours.iter().any(|name| entry.file_name() == *name) {
-            let message = "it holds something else than a comparison: choose another --out";
-            return Err(InputError::new("output folder", out, message).into());
-        }
-    }
-    Ok(())
-}
-
 /// The keys in which the scenarios of the runs differ, with the value of each.
 fn differing_keys(folders: &[PathBuf]) -> Result<Vec<(String, Vec<String>)>, Error> {
     let keys = |folder: &PathBuf| -> Result<Vec<(String, String)>, Error> {
@@ -253,56 +214,4 @@ fn flatten(prefix: &str, table: &Table, into: &mut Vec<(String, String)>) {
             value => into.push((key, value.to_string())),
         }
     }
-}
-
-/// A line of the table: its name, the metric, what it is multiplied by, and its decimals.
-type Line = (&'static str, Metric, f64, usize);
-
-const LINES: [Line; 8] = [
-    ("data loss rate η", Metric::LossRate, 1.0, 4),
-    ("delivered [Mbit]", Metric::DeliveredBits, 1e-6, 3),
-    ("SNs served per slot", Metric::MeanServed, 1.0, 3),
-    ("flown [km]", Metric::FlownM, 1e-3, 2),
-    ("energy [kJ]", Metric::EnergyJ, 1e-3, 1),
-    ("service age [s]", Metric::AoiMeanS, 1.0, 1),
-    ("data age [s]", Metric::DataAgeMeanS, 1.0, 1),
-    ("plan p50 [µs]", Metric::PlanP50Us, 1.0, 1),
-];
-
-/// The lines of η with a 95 % confidence interval and the differences from the first, then those of other metrics.
-fn print_standings(contenders: &[Contender], standings: &[MetricStanding]) -> Result<(), Error> {
-    let find = |contender: &Contender, metric: Metric| {
-        standings.iter().find(|standing| standing.label == contender.label && standing.metric == metric.name())
-    };
-    let mut table = table();
-    let labels = contenders.iter().map(|contender| contender.label.clone());
-    table.set_header([String::new()].into_iter().chain(labels));
-    let mut row = |name: String, cell: &dyn Fn(&Contender) -> Option<String>| {
-        let cells: Vec<String> = contenders.iter().map(|contender| cell(contender).unwrap_or_default()).collect();
-        if cells.iter().any(|cell| !cell.is_empty()) {
-            table.add_row([name].into_iter().chain(cells));
-        }
-    };
-    for (name, metric, factor, decimals) in LINES {
-        row(name.to_owned(), &|contender| Some(format!("{:.decimals$}", find(contender, metric)?.mean * factor)));
-        if metric == Metric::LossRate {
-            row("  95 % interval".to_owned(), &|contender| interval(find(contender, metric)?.ci95?));
-            let first = &contenders[0].label;
-            row(format!("  minus that of {first}"), &|contender| {
-                Some(format!("{:+.4}", find(contender, metric)?.difference?))
-            });
-            row("  95 % interval".to_owned(), &|contender| interval(find(contender, metric)?.difference_ci95?));
-        }
-    }
-    print(with_numbers_right(table))?;
-    let missions =
-        contenders.iter().filter_map(|contender| find(contender, Metric::LossRate)).map(|standing| standing.n);
-    match missions.max() {
-        Some(missions) if missions > 1 => print(format_args!("{missions} missions each; differences by seed.")),
-        _ => Ok(()),
-    }
-}
-
-fn interval([low, high]: [f64; 2]) -> Option<String> {
-    Some(format!("[{low:.3}, {high:.3}]"))
 }

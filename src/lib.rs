@@ -16,6 +16,7 @@ pub mod run;
 pub mod simulate;
 pub mod soak;
 pub mod topics;
+pub mod usage;
 pub mod view;
 pub mod worker;
 

@@ -3,15 +3,14 @@
 #[cfg(feature = "lab")]
 mod import;
 
-use std::fs::{self, Permissions};
-use std::io::Write as _;
-use std::os::unix::fs::PermissionsExt as _;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
+use skysink_mission::record::write_unfinished;
 use skysink_planner::settings;
 
 use crate::error::Error;
@@ -50,15 +49,32 @@ pub struct NewScenario {
 }
 
 /// What a scenario is made of besides the template.
-struct Field {
+struct NewField {
     /// Keys of `[area]`.
     area: String,
     /// Keys of `[sensors]`.
     sensors: String,
-    /// The text of the sensor list, if there is one, and the file that its positions are from.
-    list: Option<(String, PathBuf)>,
+    /// The sensor list, if there is one.
+    list: Option<NewList>,
     /// What to tell about it.
     notes: Vec<String>,
+}
+
+/// The sensor list of a new scenario, made of a file of other software.
+#[cfg_attr(not(feature = "lab"), expect(dead_code, reason = "only imports have one"))]
+struct NewList {
+    text: String,
+    /// Where in the file each row is from.
+    places: Vec<String>,
+    /// The file.
+    source: PathBuf,
+}
+
+impl NewList {
+    /// The sensor nodes in `scenario`. What is refused is named by its place in the file.
+    fn sensors(&self, scenario: &Scenario) -> Result<SensorList, InputError> {
+        SensorList::parse_rows(&self.text, &self.source, scenario, |row, _| self.places[row].clone())
+    }
 }
 
 impl NewScenario {
@@ -69,15 +85,15 @@ impl NewScenario {
     pub fn write(&self) -> Result<(), Error> {
         let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(&self.name));
         let path = folder.join(format!("{}.toml", self.name));
-        scenario(&self.name, &Field::drawn(), &path)?; // the name, before anything is read
+        scenario(&self.name, &NewField::drawn(), &path)?; // the name, before anything is read
         let field = self.field()?;
         let text = text(&self.name, &field);
         let checked = scenario(&self.name, &field, &path)?;
-        let list = field.list.as_ref().map(|(list, _)| (folder.join(LIST), &list[..]));
         let sensors = match &field.list {
-            Some((list, source)) => SensorList::parse(list, source, &checked)?,
+            Some(list) => list.sensors(&checked)?,
             None => SensorList::of(&checked)?,
         };
+        let list = field.list.as_ref().map(|list| (folder.join(LIST), &list.text[..]));
         let files: Vec<(PathBuf, &str)> = list.into_iter().chain([(path.clone(), &text[..])]).collect();
         write_all(&folder, &files, self.force)?;
         field.notes.iter().try_for_each(print)?;
@@ -88,17 +104,17 @@ impl NewScenario {
     }
 
     #[cfg(feature = "lab")]
-    fn field(&self) -> Result<Field, Error> {
-        self.sensors.as_deref().map_or_else(|| Ok(Field::drawn()), |path| Ok(import::field(path)?))
+    fn field(&self) -> Result<NewField, Error> {
+        self.sensors.as_deref().map_or_else(|| Ok(NewField::drawn()), |path| Ok(import::field(path)?))
     }
 
     #[cfg(not(feature = "lab"))]
-    fn field(&self) -> Result<Field, Error> {
-        Ok(Field::drawn())
+    fn field(&self) -> Result<NewField, Error> {
+        Ok(NewField::drawn())
     }
 }
 
-impl Field {
+impl NewField {
     /// The paper's field.
     fn drawn() -> Self {
         Self { area: AREA.to_owned(), sensors: SENSORS.to_owned(), list: None, notes: Vec::new() }
@@ -106,13 +122,13 @@ impl Field {
 }
 
 /// The text of the scenario.
-fn text(name: &str, field: &Field) -> String {
+fn text(name: &str, field: &NewField) -> String {
     let name = toml::Value::String(name.to_owned()).to_string();
     TEMPLATE.replace("{name}", &name).replace("{area}", &field.area).replace("{sensors}", &field.sensors)
 }
 
 /// The scenario that `path` will hold, checked.
-fn scenario(name: &str, field: &Field, path: &Path) -> Result<Scenario, InputError> {
+fn scenario(name: &str, field: &NewField, path: &Path) -> Result<Scenario, InputError> {
     Scenario::parse(&text(name, field), path, Overrides::default()).and_then(settings::resolve)
 }
 
@@ -128,10 +144,7 @@ fn write_all(folder: &Path, files: &[(PathBuf, &str)], force: bool) -> Result<()
     let mut written = Vec::new();
     for (path, text) in files {
         let refuse = |error: std::io::Error| InputError::new(WHAT, path, error);
-        let mut builder = tempfile::Builder::new();
-        let mut file = builder.permissions(Permissions::from_mode(0o666)).tempfile_in(folder).map_err(refuse)?;
-        file.write_all(text.as_bytes()).map_err(refuse)?;
-        written.push((path, file));
+        written.push((path, write_unfinished(path, text.as_bytes()).map_err(refuse)?));
     }
     for (path, file) in written {
         file.persist(path).map_err(|error| InputError::new(WHAT, path, error.error))?;
@@ -146,7 +159,7 @@ mod tests {
     #[test]
     fn a_new_scenario_is_the_letter_under_another_name() {
         let path = Path::new("letter (built in)");
-        let mut new = scenario("letter", &Field::drawn(), path).unwrap();
+        let mut new = scenario("letter", &NewField::drawn(), path).unwrap();
         let letter = Scenario::letter(Overrides::default()).and_then(settings::resolve).unwrap();
         new.path.clone_from(&letter.path);
         assert_eq!(new, letter);
@@ -154,13 +167,13 @@ mod tests {
 
     #[test]
     fn a_name_is_a_string_whatever_is_in_it() {
-        let refused = scenario("a\"\nseed = 7", &Field::drawn(), Path::new("a.toml")).unwrap_err();
+        let refused = scenario("a\"\nseed = 7", &NewField::drawn(), Path::new("a.toml")).unwrap_err();
         assert!(refused.to_string().contains("expected 1 to 100 of"), "{refused}");
     }
 
     #[test]
     fn the_template_fits_into_a_terminal() {
-        for line in text("a", &Field::drawn()).lines() {
+        for line in text("a", &NewField::drawn()).lines() {
             assert!(line.chars().count() <= 90, "{line}");
         }
     }

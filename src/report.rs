@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 #[cfg(feature = "lab")]
 use std::time::{Duration, Instant};
 
-use comfy_table::{CellAlignment, Table, presets};
+use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, Table, Width, presets};
 #[cfg(feature = "lab")]
 use indicatif::HumanDuration;
 use indicatif::{HumanCount, ProgressBar, ProgressState, ProgressStyle};
@@ -241,20 +241,38 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     Ok(())
 }
 
-/// An empty table.
+/// Characters of a line of a terminal.
+const TERMINAL_WIDTH: u16 = 80;
+
+/// Columns of numbers from which on they stand close to each other.
+const CLOSE_COLUMNS: usize = 4;
+
+/// An empty table, which fits into a terminal if its numbers do: names and headings take more lines instead.
 #[must_use]
 pub fn table() -> Table {
     let mut table = Table::new();
     table.load_style(presets::UTF8_BORDERS_ONLY);
+    table.set_content_arrangement(ContentArrangement::Dynamic).set_width(TERMINAL_WIDTH);
     table
 }
 
-/// The table with every column but the first aligned to the right.
+/// The table with every column but the first aligned to the right, and its numbers on one line each.
 #[must_use]
 pub fn with_numbers_right(mut table: Table) -> Table {
-    for column in 1..table.column_count() {
-        if let Some(column) = table.column_mut(column) {
+    let last = table.column_count().saturating_sub(1);
+    let gap = u16::from(last < CLOSE_COLUMNS);
+    if let Some(names) = table.column_mut(0) {
+        names.set_padding((1, gap));
+    }
+    for index in 1..=last {
+        let cells = table.column_cells_iter(index).flatten();
+        let width = cells.map(|cell| cell.content().chars().count()).max().unwrap_or(0);
+        if let Some(column) = table.column_mut(index) {
+            let right = u16::from(index == last);
+            let width = u16::try_from(width).unwrap_or(TERMINAL_WIDTH).saturating_add(gap + right);
             column.set_cell_alignment(CellAlignment::Right);
+            column.set_padding((gap, right));
+            column.set_constraint(ColumnConstraint::LowerBoundary(Width::Fixed(width)));
         }
     }
     table

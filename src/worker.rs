@@ -13,6 +13,8 @@ use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
 use skysink_ring::wait::stop_on_signals;
 
+use crate::usage;
+
 /// Where the ring of a process is: its arguments.
 #[derive(Debug, Args)]
 pub struct RingArguments {
@@ -35,7 +37,7 @@ struct Cli {
 /// Runs the executable of `role`.
 #[must_use]
 pub fn main(role: Role, node: impl FnOnce(&Scenario, &RingFolder, &Stop) -> Result<(), NodeError>) -> ExitCode {
-    let cli = Cli::parse();
+    let cli: Cli = usage::parse().unwrap_or_else(|message| message.exit());
     let stop = stop_on_signals();
     let ended = join(&cli.place).and_then(|(scenario, folder)| node(&scenario, &folder, &stop));
     exit(role, ended)

@@ -37,6 +37,32 @@ fn check_shows_what_follows_from_the_letter() {
 }
 
 #[test]
+fn the_figures_come_last_behind_the_keys() {
+    let place = Place::new();
+    let printed = checked(&place, "").stdout;
+    let lines: Vec<&str> = printed.lines().collect();
+    let figures = lines.iter().position(|line| line.starts_with("# a.toml: 200 sensor nodes")).unwrap();
+    assert!(lines[figures..].iter().all(|line| line.starts_with('#')), "{printed}");
+    assert!(lines[..figures].iter().all(|line| !line.starts_with('#')), "{printed}");
+    assert!(lines.len() - figures < 20, "they fit on a screen: {printed}");
+    assert!(lines.last().unwrap().contains("flight without loss"), "{printed}");
+}
+
+#[test]
+fn two_crowds_that_uts_cannot_leave_are_said() {
+    let place = Place::new();
+    let mut list = "x_m,y_m\n".to_owned();
+    for id in 0..10_000 {
+        let x_m = if id % 2 == 0 { 5.0 } else { 150.0 } + f64::from(id % 20) / 10.0;
+        list += &format!("{x_m},{}\n", f64::from(id % 37) / 10.0);
+    }
+    place.write("crowds.csv", &list);
+    let ended = checked(&place, "slots = 20\n[area]\nside_m = 200.0\n[sensors]\nfile = \"crowds.csv\"\n");
+    assert!(ended.stdout.contains("20 m, connects 5000 of 10000"), "{}", ended.stdout);
+    assert!(ended.stderr.contains("connect no more than 5000 of the 10000 sensor nodes"), "{ended:?}");
+}
+
+#[test]
 fn the_figures_are_json_too() {
     let place = Place::new();
     place.write("a.toml", "name = \"a\"\n[area]\nside_m = 300.0\n");

@@ -101,6 +101,81 @@ fn other_strategies_and_seeds_have_folders_of_their_own() {
 }
 
 #[test]
+fn runs_of_the_same_names_in_other_folders_are_another_comparison() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    for (parent, seed) in [("one", "1"), ("other", "2")] {
+        for strategy in ["uts", "gfs"] {
+            let out = format!("{parent}/{strategy}");
+            place.run_well(&["simulate", "small.toml", "--strategy", strategy, "--seed", seed, "--out", &out]);
+        }
+    }
+    let folder = |arguments: &[&str]| {
+        let ended = place.run_well(&[&["compare", "--no-record"], arguments].concat());
+        ended.stdout.split_once("All metrics:     ").unwrap().1.trim().to_owned()
+    };
+    let first = folder(&["one/uts", "one/gfs"]);
+    let standings = place.read(&first);
+    let second = folder(&["other/uts", "other/gfs"]);
+    assert_ne!(first, second);
+    assert_eq!(place.read(&first), standings);
+    assert_ne!(place.read(&second), standings);
+    assert_eq!(folder(&["./one/../one/uts", "one/gfs/"]), first);
+    // Nor does it replace one in a folder that was chosen; the same comparison does.
+    assert_eq!(folder(&["one/uts", "one/gfs", "--out", "both"]), "both/comparison.json");
+    assert_eq!(folder(&["one/uts", "one/gfs", "--out", "both"]), "both/comparison.json");
+    for other in [["other/uts", "other/gfs"], ["one/gfs", "one/uts"]] {
+        let refused = place.run(&["compare", other[0], other[1], "--out", "both", "--no-record"]);
+        assert_eq!(refused.code, Some(2), "{refused:?}");
+        assert!(
+            refused.stderr.contains("both: it holds a comparison of other runs: choose another --out"),
+            "{refused:?}"
+        );
+    }
+    assert_eq!(place.read("both/comparison.json"), standings);
+}
+
+#[test]
+fn the_tables_of_many_strategies_and_of_long_names_fit_into_a_terminal() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    let names = [
+        "uts",
+        "gfs",
+        "drift-plus-penalty",
+        "max-age-first",
+        "rfs",
+        "uts-wide",
+        "exact",
+        "tour",
+        "round-robin",
+        "edf",
+        "mes",
+        "max-weight",
+        "whittle",
+    ];
+    for count in [2, 4, 8, names.len()] {
+        let many = [&["compare", "small.toml"], &names[..count], &["--seeds", "2", "--no-record", "--set", "slots=40"]];
+        let ended = place.run_well(&many.concat());
+        let table = ended.stdout.lines().filter(|line| line.starts_with(['│', '┌', '╞', '└']));
+        assert!(table.clone().count() >= 2 * count, "{ended:?}");
+        table.for_each(|line| assert!(line.chars().count() <= 80, "{count}: {}", ended.stdout));
+        for name in &names[..count] {
+            let rows = ended.stdout.lines().filter(|line| line.starts_with(&format!("│ {name} ")));
+            assert_eq!(rows.count(), 2, "{name}: {}", ended.stdout);
+        }
+    }
+    for strategy in ["uts", "gfs"] {
+        let out = format!("{}/a-run-with-a-long-name", ["deep"; 12].join("/") + strategy);
+        place.run_well(&["simulate", "small.toml", "--strategy", strategy, "--out", &out]);
+    }
+    let runs = ["uts", "gfs"].map(|strategy| format!("{}/a-run-with-a-long-name", ["deep"; 12].join("/") + strategy));
+    let ended = place.run_well(&["compare", &runs[0], &runs[1], "--no-record"]);
+    let table = ended.stdout.lines().filter(|line| line.starts_with(['│', '┌', '╞', '└']));
+    table.for_each(|line| assert!(line.chars().count() <= 80, "{}", ended.stdout));
+}
+
+#[test]
 fn a_run_that_ended_early_is_not_compared_but_reported_as_such() {
     let place = Place::new();
     place.write("small.toml", SMALL);
@@ -111,8 +186,11 @@ fn a_run_that_ended_early_is_not_compared_but_reported_as_such() {
     place.write("b/slots.csv", &cut);
     let refused = place.run(&["compare", "a", "b", "--no-record"]);
     assert!(refused.code == Some(2) && refused.stderr.contains("100 slots of hash"), "{refused:?}");
+    // As if it had ended there; the first slots of a shorter mission are the same, and so is their hash.
+    place.run_well(&["simulate", "small.toml", "--strategy", "gfs", "--set", "slots=100", "--out", "c"]);
+    let hash = |run: &str| place.summary(run)["trace_hash"].as_str().unwrap().to_owned();
     let summary = place.read("b/summary.json").replace("\"complete\": true", "\"complete\": false");
-    let summary = summary.replacen("\"slots\": 250", "\"slots\": 100", 1);
+    let summary = summary.replacen("\"slots\": 250", "\"slots\": 100", 1).replace(&hash("b"), &hash("c"));
     place.write("b/summary.json", &summary);
     let report = place.run_well(&["report", "b"]);
     assert!(report.stdout.contains("100 slots of 250, ended early"), "{report:?}");

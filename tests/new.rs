@@ -100,6 +100,42 @@ mod imports {
     }
 
     #[test]
+    fn positions_on_both_sides_of_the_180th_meridian_are_one_field() {
+        let place = Place::new();
+        // Taveuni, Fiji: 0.02 degrees of longitude at 16.8° south are 2 132 m, with margins a bit more than 2 152 m.
+        place.write("a.csv", "lat,lon\n-16.8,179.99\n-16.79,-179.99\n");
+        let printed = place.run_well(&["new", "fiji", "--sensors", "a.csv"]).stdout;
+        assert!(printed.contains("2 sensor nodes in 2153 m × 1127 m"), "{printed}");
+        place.run_well(&["simulate", "fiji/fiji.toml", "--out", "run"]);
+        // The margin alone lies west of it.
+        place.write("b.csv", "lat,lon\n10,-179.99999\n10,-179.99\n");
+        place.run_well(&["new", "east", "--sensors", "b.csv"]);
+        assert!(place.read("east/east.toml").contains("origin_lon_deg = 179.99"), "{}", place.read("east/east.toml"));
+        place.run_well(&["check", "east/east.toml"]);
+    }
+
+    #[test]
+    fn what_carries_no_point_is_counted() {
+        let place = Place::new();
+        let feature = |geometry: &str| format!("{{\"type\":\"Feature\",\"properties\":null,\"geometry\":{geometry}}}");
+        let point = "{\"type\":\"Point\",\"coordinates\":[13.40,52.50]}";
+        let features = [feature("null"), feature(point), feature("null")].join(",");
+        place.write("a.geojson", &format!("{{\"type\":\"FeatureCollection\",\"features\":[{features}]}}"));
+        let placemark = "<Placemark><name>a</name></Placemark>";
+        let point = "<Placemark><Point><coordinates>13.40,52.50</coordinates></Point></Placemark>";
+        place.write("a.kml", &format!("<kml><Document>{placemark}{point}{placemark}</Document></kml>"));
+        let point = "<wpt lat=\"52.50\" lon=\"13.40\"/>";
+        place.write("a.gpx", &format!("<gpx version=\"1.1\" creator=\"a\">{point}<rte/><trk/></gpx>"));
+        for file in ["a.geojson", "a.kml", "a.gpx"] {
+            let printed = place.run_well(&["new", "city", "--sensors", file, "--force"]).stdout;
+            assert!(
+                printed.contains("left out: 2 lines, polygons or others that carry no point\n"),
+                "{file}: {printed}"
+            );
+        }
+    }
+
+    #[test]
     fn bad_positions_are_refused_in_one_line_and_leave_nothing() {
         let place = Place::new();
         for (file, text, says) in [
@@ -108,6 +144,8 @@ mod imports {
             ("a.csv", "x,y\n", "no points: expected at least one sensor node"),
             ("a.csv", "x,y,queue\n1,2,40000\n", "sensor list a.csv: line 2: queue_bits = 40000"),
             ("a.csv", "lat,lon\n0,0\n10,100\n", "a.csv: line 3: lat_deg = 10, lon_deg = 100"),
+            ("a.csv", "x,y,queue\n\n\n1,2,3\n\n1,2,40000\n", "a.csv: line 6: queue_bits = 40000"),
+            ("a.json", "{\"type\":\"MultiPoint\",\"coordinates\":[[0,0],[100,10]]}", "a.json: point 2: lat_deg = 10"),
             ("a.kml", "<kml", "expected a KML file"),
             ("a.gpx", "<gpx/>", "a.gpx"),
             ("a.json", "[1, 2]", "expected GeoJSON"),

@@ -70,6 +70,30 @@ fn a_run_through_the_ring_has_the_same_sensor_results() {
 }
 
 #[test]
+fn the_figures_of_a_trace_that_was_changed_are_not_shown() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    place.run_well(&["simulate", "small.toml", "--out", "run"]);
+    let trace = place.read("run/slots.csv");
+    let line = trace.lines().nth(100).unwrap();
+    let queued = line.split(',').nth(7).unwrap();
+    for (changed, says) in [
+        (trace.replacen(line, &line.replace(queued, "1"), 1), "250 slots of hash"),
+        (trace.split_inclusive('\n').take(201).collect(), "200 slots of hash"),
+        (trace.replacen(line, "100,x", 1), "line 101: `100,x`: expected a slot"),
+    ] {
+        place.write("run/slots.csv", &changed);
+        for arguments in [&["report", "run"][..], &["report", "run", "--json"]] {
+            let ended = place.run(arguments);
+            assert_eq!((ended.code, ended.stdout.as_str()), (Some(2), ""), "{ended:?}");
+            assert!(ended.stderr.contains("run/slots.csv: ") && ended.stderr.contains(says), "{says}: {ended:?}");
+        }
+    }
+    place.write("run/slots.csv", &trace);
+    place.run_well(&["report", "run"]);
+}
+
+#[test]
 fn what_is_no_run_or_was_changed_is_refused_and_nothing_is_written() {
     let place = Place::new();
     place.write("small.toml", SMALL);

@@ -23,7 +23,7 @@ const LEAST_LIKENESS: f64 = 0.8;
 pub struct InputError {
     /// What it is, such as `scenario`.
     pub what: &'static str,
-    /// The file or folder.
+    /// The file or folder, or what an option was given.
     pub path: PathBuf,
     /// What is wrong where, and what was expected; on one line.
     pub message: String,
@@ -35,6 +35,12 @@ impl InputError {
     #[must_use]
     pub fn new(what: &'static str, path: &Path, message: impl Display) -> Self {
         Self { what, path: path.to_owned(), message: shortened(&escaped(&message.to_string()), MAX_MESSAGE) }
+    }
+
+    /// Refuses the `argument` of the option `what`.
+    #[must_use]
+    pub fn of_argument(what: &'static str, argument: &str, message: impl Display) -> Self {
+        Self::new(what, Path::new(argument), message)
     }
 
     /// Refuses `line`, from 1, of `path`, and quotes the beginning of its `text`.

@@ -1,10 +1,11 @@
 //! The scenario: what is flown, over which field, through which channel, by which strategy.
 //!
-//! A [`Scenario`] that exists is valid. It is read from TOML: `keys` has the keys of each table, `defaults` and `rules`
-//! what becomes of them. [`Scenario::to_toml`] writes it back with every default visible. Sensor lists
+//! A [`Scenario`] that exists is valid. It is read from TOML: `keys` has the keys of each table, `defaults`, `forms` and
+//! `rules` what becomes of them. [`Scenario::to_toml`] writes it back with every default visible. Sensor lists
 //! are read by [`crate::sensors`], `[planner]` by the planner.
 
 mod defaults;
+mod forms;
 mod keys;
 mod planner;
 mod rules;
@@ -22,9 +23,9 @@ pub use keys::{
     UavKeys,
 };
 pub use planner::PlannerKeys;
-pub use setting::Setting;
+pub use setting::{Setting, SettingOrigin};
 pub use value::{Count, Interval};
-use value::{count, name};
+use value::{Source, count, name};
 
 use crate::error::{InputError, read_text};
 
@@ -77,6 +78,9 @@ pub struct Scenario {
     /// The file that it was read from, for messages.
     #[serde(skip)]
     pub path: PathBuf,
+    /// What was set instead of the file's values, for messages.
+    #[serde(skip)]
+    pub settings: Vec<Setting>,
 }
 
 /// What the command line changes in a scenario before it is checked.
@@ -120,12 +124,7 @@ impl Scenario {
             let message = "it is a sweep: expected a scenario (skysink sweep flies this file)";
             return Err(InputError::new("scenario", path, message));
         }
-        for setting in &overrides.keys {
-            setting.apply(&mut table).ok_or_else(|| {
-                let message = format!("{}: expected a key of the scenario: a part of it is no table", setting.key);
-                InputError::new("scenario", path, message)
-            })?;
-        }
+        Setting::apply_all(&overrides.keys, &mut table)?;
         for (key, number) in [("seed", overrides.seed), ("slots", overrides.slots)] {
             if let Some(number) = number {
                 // What TOML cannot write is more than either may be.
@@ -133,8 +132,9 @@ impl Scenario {
             }
         }
         defaults::fill(&mut table);
-        let mut scenario: Self = value::read(table.clone(), "", path)?;
+        let mut scenario: Self = value::read(table.clone(), "", Source { path, settings: &overrides.keys })?;
         path.clone_into(&mut scenario.path);
+        scenario.settings = overrides.keys;
         if let Some(strategy) = overrides.strategy {
             strategy.clone_into(&mut scenario.planner.strategy);
         }
@@ -145,6 +145,11 @@ impl Scenario {
         scenario.uav.start_m.get_or_insert(centre_m);
         rules::check(&scenario, &table)?;
         Ok(scenario)
+    }
+
+    /// Where its values come from.
+    fn source(&self) -> Source<'_> {
+        Source { path: &self.path, settings: &self.settings }
     }
 
     /// The scenario as a file, every key present.

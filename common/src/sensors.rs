@@ -10,6 +10,8 @@ use std::path::Path;
 use rand::RngExt;
 use rand_distr::{Distribution, Poisson};
 
+pub use table::line_of;
+
 use crate::channel::draw_gain_db;
 use crate::error::{InputError, read_text};
 use crate::geometry::Position;
@@ -66,8 +68,22 @@ impl SensorList {
     /// # Errors
     /// If a row is bad, or there is none.
     pub fn parse(text: &str, path: &Path, scenario: &Scenario) -> Result<Self, InputError> {
+        Self::parse_rows(text, path, scenario, |_, line| format!("line {line}"))
+    }
+
+    /// The same of a list that was made of the file `path`: `place` says where a row comes from, given its index and its
+    /// line in the text.
+    ///
+    /// # Errors
+    /// If a row is bad, or there is none.
+    pub fn parse_rows(
+        text: &str,
+        path: &Path,
+        scenario: &Scenario,
+        place: impl Fn(usize, u64) -> String,
+    ) -> Result<Self, InputError> {
         let refuse = |message| InputError::new("sensor list", path, message);
-        table::read(text, scenario).map(|sensors| Self::new(sensors, scenario)).map_err(refuse)
+        table::read(text, scenario, place).map(|sensors| Self::new(sensors, scenario)).map_err(refuse)
     }
 
     fn new(sensors: Vec<Sensor>, scenario: &Scenario) -> Self {

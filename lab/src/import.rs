@@ -22,6 +22,9 @@ const FORMATS: [(&str, Reader); 5] =
 /// Reads the text of a file; the error says where, what is there and what was expected.
 type Reader = fn(&str) -> Result<Imported, String>;
 
+/// Longitudes that are so far apart are one [°].
+const FULL_CIRCLE_DEG: f64 = 360.0;
+
 /// The frame of imported positions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Frame {
@@ -34,6 +37,8 @@ pub enum Frame {
 /// What a file says of one sensor node.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImportedSensor {
+    /// Where the file says so, such as `line 3` or `point 2`.
+    pub place: String,
     /// x and y [m], or latitude and longitude [°].
     pub position: [f64; 2],
     /// Further columns of a sensor list, as they are written there.
@@ -53,22 +58,23 @@ pub struct Imported {
     pub ignored: Vec<String>,
 }
 
-/// The points of a file, by latitude and longitude [°], and how many other things it holds.
+/// The points of a file, by latitude and longitude [°], and how many items it holds that carry none.
 #[derive(Default)]
-struct Found {
+struct FoundPoints {
     points: Vec<[f64; 2]>,
     ignored: usize,
 }
 
 impl Imported {
     /// Points by latitude and longitude [°] and nothing else.
-    fn geodetic(Found { points, ignored }: Found) -> Result<Self, String> {
-        let sensors: Vec<ImportedSensor> =
-            points.into_iter().map(|position| ImportedSensor { position, others: Vec::new() }).collect();
-        for (index, sensor) in sensors.iter().enumerate() {
-            on_earth(sensor.position).map_err(|message| format!("point {}: {message}", index + 1))?;
+    fn geodetic(FoundPoints { points, ignored }: FoundPoints) -> Result<Self, String> {
+        let mut sensors = Vec::with_capacity(points.len());
+        for (position, number) in points.into_iter().zip(1..) {
+            let place = format!("point {number}");
+            on_earth(position).map_err(|message| format!("{place}: {message}"))?;
+            sensors.push(ImportedSensor { place, position, others: Vec::new() });
         }
-        let ignored = (ignored > 0).then(|| format!("{ignored} lines, polygons or others that are no points"));
+        let ignored = (ignored > 0).then(|| format!("{ignored} lines, polygons or others that carry no point"));
         Ok(Self { frame: Frame::Geodetic, sensors, others: Vec::new(), ignored: ignored.into_iter().collect() })
     }
 
@@ -86,6 +92,18 @@ impl Imported {
             text.push_str(&(line + "\n"));
         }
         text
+    }
+
+    /// The latitude [°] of the southernmost sensor node, and the longitude [°] of the westernmost: the one behind the
+    /// widest gap, wherever that is, so that a field may lie on both sides of the 180th meridian.
+    #[must_use]
+    pub fn south_west(&self) -> [f64; 2] {
+        let mut longitudes: Vec<f64> = self.sensors.iter().map(|sensor| sensor.position[1]).collect();
+        longitudes.sort_by(f64::total_cmp);
+        let gaps_before = longitudes.iter().zip(longitudes.iter().cycle().skip(longitudes.len().saturating_sub(1)));
+        let gap = |(east, west): &(&f64, &f64)| (**east - **west).rem_euclid(FULL_CIRCLE_DEG);
+        let widest = gaps_before.max_by(|a, b| gap(a).total_cmp(&gap(b)));
+        [self.bounds()[0][0], widest.map_or(f64::NAN, |(east, _)| *east)]
     }
 
     /// The lowest coordinates and the highest.
@@ -145,7 +163,8 @@ mod tests {
 
     #[test]
     fn a_list_has_the_columns_of_its_frame() {
-        let sensor = ImportedSensor { position: [1.5, -2.0], others: vec!["50".to_owned()] };
+        let place = "line 2".to_owned();
+        let sensor = ImportedSensor { place, position: [1.5, -2.0], others: vec!["50".to_owned()] };
         let others = vec!["sampling_bps"];
         let mut imported = Imported { frame: Frame::Plane, sensors: vec![sensor], others, ignored: Vec::new() };
         assert_eq!(imported.to_csv([0.0, 2.0]), "x_m,y_m,sampling_bps\n1.5,0,50\n");
@@ -155,13 +174,27 @@ mod tests {
     }
 
     #[test]
+    fn the_westernmost_place_lies_behind_the_widest_gap() {
+        let west = |longitudes: &[f64]| {
+            let points = longitudes.iter().map(|&lon_deg| [1.0, lon_deg]).collect();
+            Imported::geodetic(FoundPoints { points, ignored: 0 }).unwrap().south_west()
+        };
+        assert_eq!(west(&[13.4, 13.1, 13.5]), [1.0, 13.1]);
+        assert_eq!(west(&[-179.9, 179.8, 179.9, -179.8]), [1.0, 179.8]);
+        assert_eq!(west(&[-0.1, 0.1]), [1.0, -0.1]);
+        assert_eq!(west(&[180.0, -180.0])[1].abs(), 180.0);
+        assert_eq!(west(&[7.0]), [1.0, 7.0]);
+        assert_eq!(west(&[7.0, 7.0]), [1.0, 7.0]);
+    }
+
+    #[test]
     fn a_point_that_is_not_on_earth_is_refused_by_its_number() {
         assert_eq!(
-            Imported::geodetic(Found { points: vec![[1.0, 2.0], [91.0, 0.0]], ignored: 0 }).unwrap_err(),
+            Imported::geodetic(FoundPoints { points: vec![[1.0, 2.0], [91.0, 0.0]], ignored: 0 }).unwrap_err(),
             "point 2: latitude 91: expected -90 to 90"
         );
         assert!(
-            Imported::geodetic(Found { points: vec![[0.0, f64::NAN]], ignored: 0 })
+            Imported::geodetic(FoundPoints { points: vec![[0.0, f64::NAN]], ignored: 0 })
                 .unwrap_err()
                 .contains("longitude NaN")
         );

@@ -1,7 +1,6 @@
 //! Research: sweeps, metrics, figures, comparisons, the search for the best known flight, positions from and runs to the
 //! formats of maps and vehicles. The only crate that knows arrow, resvg, krilla and those formats.
 
-mod ages;
 pub mod compare;
 mod error;
 pub mod export;

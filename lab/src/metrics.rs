@@ -6,10 +6,10 @@ use skysink_common::message::FlightReport;
 use skysink_common::propulsion::power_w;
 use skysink_common::scenario::{Propulsion, Scenario};
 use skysink_common::sensors::SensorList;
+use skysink_mission::ages::{Ages, DeliveredData};
 use skysink_mission::summary::Summary;
 use strum::{EnumCount, IntoStaticStr, VariantArray};
 
-use crate::ages::{Ages, DeliveredData};
 use crate::optimize::LossBounds;
 use crate::sweep::statistics::Support;
 

@@ -2,8 +2,9 @@
 //!
 //! Whoever has `slots.csv` locked has the folder: the lock comes before any change of it.
 
+use std::ffi::OsStr;
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, BufReader};
+use std::io::{self, BufReader, Write as _};
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 
@@ -11,6 +12,7 @@ use serde::Serialize;
 use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
+use tempfile::NamedTempFile;
 
 use crate::error::{FileContext, MissionError};
 use crate::origin::{self, Manner};
@@ -24,6 +26,12 @@ const TRACE: &str = "slots.csv";
 /// The other files of a run, but for its recordings.
 const FILES: [&str; 7] =
     [origin::FILE, "scenario.toml", "sensors.csv", CHECK, "summary.json", "optimum.json", sensor_results::FILE];
+
+/// End of the names of files under way.
+pub const UNFINISHED: &str = ".new";
+
+/// Letters of a file's name that are in the name of what becomes it; file systems end at 255 bytes.
+const MOST_LETTERS: usize = 40;
 
 /// A run's folder, which this process has to itself.
 #[derive(Debug)]
@@ -236,13 +244,29 @@ impl RunFolder {
 /// # Errors
 /// If it cannot be written.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), MissionError> {
-    let name = path.file_name().map_or_else(Default::default, |name| name.to_string_lossy());
-    let new = path.with_file_name(format!(".{name}.new"));
-    let written = fs::write(&new, bytes).and_then(|()| fs::rename(&new, path));
-    if written.is_err() {
-        let _ = fs::remove_file(&new); // half-written at best
-    }
-    written.at(path)
+    write_unfinished(path, bytes).and_then(|file| file.persist(path).map_err(io::Error::from)).map(drop).at(path)
+}
+
+/// Writes what will be the file `path` into a new file beside it, `.NAME.*.new`, that nobody else has or can have put
+/// there. It becomes `path` by [`NamedTempFile::persist`]; dropped, it is removed.
+///
+/// # Errors
+/// If it cannot be written.
+pub fn write_unfinished(path: &Path, bytes: &[u8]) -> io::Result<NamedTempFile> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let prefix = format!(".{}.", name.chars().take(MOST_LETTERS).collect::<String>());
+    let begin = |path: &Path| File::options().write(true).create_new(true).open(path); // with the usual permissions
+    let mut file = tempfile::Builder::new().prefix(&prefix).suffix(UNFINISHED).make_in(folder, begin)?;
+    file.write_all(bytes)?;
+    Ok(file)
+}
+
+/// Whether something of this name is what a process that was killed has begun to write.
+#[must_use]
+pub fn is_unfinished(name: &OsStr) -> bool {
+    let name = name.as_encoded_bytes();
+    name.starts_with(b".") && name.ends_with(UNFINISHED.as_bytes())
 }
 
 /// Refuses what is no folder of a run, or has something else under the name of a file of a run.
@@ -340,5 +364,46 @@ fn make_default(scenario: &Scenario, manner: &Manner) -> Result<PathBuf, Mission
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => number += 1,
             made => return made.map(|()| path.clone()).at(&path),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::{PermissionsExt as _, symlink};
+
+    use super::*;
+
+    #[test]
+    fn a_link_that_somebody_has_planted_is_not_followed() {
+        let folder = tempfile::tempdir().unwrap();
+        let [path, victim] = ["summary.json", "victim"].map(|name| folder.path().join(name));
+        fs::write(&victim, "mine").unwrap();
+        symlink(&victim, folder.path().join(".summary.json.new")).unwrap();
+        write_whole(&path, b"new").unwrap();
+        assert_eq!([&victim, &path].map(|path| fs::read_to_string(path).unwrap()), ["mine", "new"]);
+        assert!(is_plain_file(&path));
+        assert_eq!(file_names(folder.path()).unwrap().len(), 3);
+    }
+
+    #[test]
+    fn what_cannot_be_written_leaves_nothing_and_what_is_written_others_may_read() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir(folder.path().join("taken")).unwrap();
+        assert!(write_whole(&folder.path().join("taken"), b"new").is_err());
+        assert_eq!(file_names(folder.path()).unwrap(), ["taken"]);
+        let long = folder.path().join("ä".repeat(100));
+        write_whole(&long, b"new").unwrap();
+        let plain = folder.path().join("plain");
+        fs::write(&plain, "").unwrap();
+        let [ours, usual] = [long, plain].map(|path| fs::metadata(path).unwrap().permissions().mode());
+        assert_eq!(ours, usual);
+    }
+
+    #[test]
+    fn what_a_killed_process_has_begun_is_known_by_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let begun = write_unfinished(&folder.path().join("sweep.json"), b"{").unwrap();
+        assert!(is_unfinished(begun.path().file_name().unwrap()));
+        assert!(!is_unfinished(OsStr::new("sweep.json")) && !is_unfinished(OsStr::new("a.new")));
     }
 }

@@ -17,7 +17,7 @@ use crate::mission::{FlownSlot, Mission};
 use crate::record::RunFolder;
 use crate::slot_log::SlotLog;
 use crate::summary::Summary;
-use crate::trace::RecordedSlot;
+use crate::trace::{RecordedSlot, chained};
 
 /// The lines of a trace, one after the other.
 pub struct RecordedLines {
@@ -56,6 +56,17 @@ impl RecordedLines {
             return Err(self.refuse(&format!("slot {}: expected slot {slot} of {slots}", recorded.slot)));
         }
         Ok(Some(recorded))
+    }
+
+    /// Refuses a trace of whose lines, up to the last, `hash` is the hash, if that is not the one of `summary`.
+    fn check_end(&self, hash: u64, summary: &Summary) -> Result<(), MissionError> {
+        let found = format!("{} slots of hash {hash:016x}", self.slot);
+        let expected = format!("{} slots of hash {}", summary.slots, summary.trace_hash);
+        if found == expected {
+            return Ok(());
+        }
+        let message = format_args!("{found}: expected {expected}, as in summary.json");
+        Err(InputError::new("trace", &self.path, message).into())
     }
 
     /// The last line, with its end.
@@ -177,12 +188,23 @@ impl Replay {
 
     /// Refuses a trace whose end is not that of the run's summary.
     fn check_end(&self) -> Result<(), MissionError> {
-        let found = format!("{} slots of hash {:016x}", self.mission.slot(), self.log.hash());
-        let expected = format!("{} slots of hash {}", self.summary.slots, self.summary.trace_hash);
-        if found == expected {
-            return Ok(());
-        }
-        let message = format_args!("{found}: expected {expected}, as in summary.json");
-        Err(InputError::new("trace", &self.lines.path, message).into())
+        self.lines.check_end(self.log.hash(), &self.summary)
     }
+}
+
+/// The figures of a run that has ended, if its trace is the one that they are of. The lines are read, but not flown
+/// again.
+///
+/// # Errors
+/// If it has not ended, or its trace was changed since.
+pub fn checked_summary(folder: &RunFolder) -> Result<Summary, MissionError> {
+    let summary = folder.summary()?;
+    let (_, reader) = folder.reopen_slot_log()?;
+    let mut lines = RecordedLines::new(folder, reader, summary.planned_slots);
+    let mut hash = 0;
+    while lines.next_slot()?.is_some() {
+        hash = chained(hash, lines.line());
+    }
+    lines.check_end(hash, &summary)?;
+    Ok(summary)
 }

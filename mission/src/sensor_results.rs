@@ -1,12 +1,14 @@
 //! What a mission comes to for each sensor node (SN): `sensors_out.csv`.
 
 use std::fmt::Write as _;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use skysink_common::message::FlightReport;
 use skysink_common::stop::Stop;
 use skysink_field_sim::Field;
 
+use crate::ages::AgeRun;
 use crate::error::MissionError;
 use crate::record::write_whole;
 use crate::replay::Replay;
@@ -19,12 +21,12 @@ const COLUMNS: &str = "sensor,x_m,y_m,sampled_bits,delivered_bits,lost_bits,queu
                        mean_age_s,longest_gap_s,first_loss_slot\n";
 
 /// Running sums of one SN.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 struct SensorSums {
     served_slots: u64,
-    /// Slot of the last service; 0 before the first.
-    last_served: u64,
-    /// Sum of the ages after every slot up to that service [slots].
+    /// The age since the last service.
+    age: AgeRun,
+    /// Sum of the ages after every slot before that service [slots].
     ages: u64,
     longest_gap: u64,
     lost_bits: u64,
@@ -32,24 +34,33 @@ struct SensorSums {
 }
 
 impl SensorSums {
-    /// The service in `slot`: the age was 1, 2, ... up to the slot before, and is 0 after it.
+    const NONE: Self =
+        Self { served_slots: 0, age: AgeRun::FIRST, ages: 0, longest_gap: 0, lost_bits: 0, first_loss: None };
+
+    /// The service in `slot`, after which the age is 0.
     fn serve(&mut self, slot: u64) {
-        self.pass_until(slot - 1);
-        self.longest_gap = self.longest_gap.max(slot - self.last_served);
-        self.last_served = slot;
+        let ages = self.age.refresh(slot, slot);
+        self.longest_gap = self.longest_gap.max(ages.end);
+        self.ages += sum(&ages);
         self.served_slots += 1;
     }
 
-    /// Adds the ages after the slots behind the last service, up to `slot`.
-    fn pass_until(&mut self, slot: u64) {
-        let slots = slot.saturating_sub(self.last_served);
-        self.ages += slots * (slots + 1) / 2;
-        self.longest_gap = self.longest_gap.max(slots);
+    /// Sum of the ages after all slots up to `slot`, the last, and the longest gap, both in slots.
+    fn until(&self, slot: u64) -> [u64; 2] {
+        let ages = self.age.ages(slot + 1);
+        let last_gap = ages.end.saturating_sub(1);
+        [self.ages + sum(&ages), self.longest_gap.max(last_gap)]
     }
 }
 
+/// The sum of consecutive numbers.
+fn sum(ages: &Range<u64>) -> u64 {
+    let count = ages.end.saturating_sub(ages.start);
+    count * (ages.start + ages.end).saturating_sub(1) / 2
+}
+
 /// The sums of all SNs of a mission.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct SensorTally(Vec<SensorSums>);
 
 impl SensorTally {
@@ -73,7 +84,7 @@ impl SensorTally {
 /// If the folder is none of a run or was changed, the file cannot be written, or on a stop.
 pub fn write(folder: &Path, stop: &Stop) -> Result<PathBuf, MissionError> {
     let mut replay = Replay::open(folder)?;
-    let mut tally = SensorTally(vec![SensorSums::default(); replay.list().sensors().len()]);
+    let mut tally = SensorTally(vec![SensorSums::NONE; replay.list().sensors().len()]);
     while let Some(flown) = replay.next_slot()? {
         stop.check()?;
         tally.add(flown.header.head.slot, &flown.flight, replay.mission().field());
@@ -89,16 +100,16 @@ fn csv(replay: &Replay, tally: SensorTally) -> String {
     let slot_s = replay.scenario().slot_s;
     let field = replay.mission().field();
     let mut text = COLUMNS.to_owned();
-    for (id, mut sums) in tally.0.into_iter().enumerate() {
-        sums.pass_until(slots);
+    for (id, sums) in tally.0.into_iter().enumerate() {
+        let [ages, longest_gap] = sums.until(slots);
         let node = &replay.list().sensors()[id];
         let delivered_bits = field.delivered_bits()[id];
         let queued_bits = field.queues_bits()[id];
         let sampled_bits = field.sampled_bits(id);
         let lost_bits = sums.lost_bits;
         let loss_rate = if sampled_bits == 0 { 0.0 } else { lost_bits as f64 / sampled_bits as f64 };
-        let mean_age_s = if slots == 0 { 0.0 } else { sums.ages as f64 / slots as f64 * slot_s };
-        let longest_gap_s = sums.longest_gap as f64 * slot_s;
+        let mean_age_s = if slots == 0 { 0.0 } else { ages as f64 / slots as f64 * slot_s };
+        let longest_gap_s = longest_gap as f64 * slot_s;
         let first_loss = sums.first_loss.map_or_else(String::new, |slot| slot.to_string());
         writeln!(
             text,
@@ -118,17 +129,22 @@ mod tests {
     #[test]
     fn ages_and_gaps_follow_the_services() {
         // Served in slots 2 and 5 of 7: ages after each slot 1, 0, 1, 2, 0, 1, 2; gaps 2, 3 and, to the end, 2.
-        let mut sums = SensorSums::default();
+        let mut sums = SensorSums::NONE;
         sums.serve(2);
         sums.serve(5);
-        sums.pass_until(7);
-        assert_eq!((sums.ages, sums.longest_gap, sums.served_slots), (7, 3, 2));
+        assert_eq!((sums.until(7), sums.served_slots), ([7, 3], 2));
     }
 
     #[test]
     fn who_is_never_served_grows_old_from_the_start() {
-        let mut sums = SensorSums::default();
-        sums.pass_until(4);
-        assert_eq!((sums.ages, sums.longest_gap), (1 + 2 + 3 + 4, 4));
+        assert_eq!(SensorSums::NONE.until(4), [1 + 2 + 3 + 4, 4]);
+        assert_eq!(SensorSums::NONE.until(0), [0, 0]);
+    }
+
+    #[test]
+    fn who_is_served_in_every_slot_stays_young() {
+        let mut sums = SensorSums::NONE;
+        (1..=4).for_each(|slot| sums.serve(slot));
+        assert_eq!(sums.until(4), [0, 1]);
     }
 }

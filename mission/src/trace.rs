@@ -34,7 +34,7 @@ impl TraceHash {
 
     /// Adds the line that was written last.
     pub fn add(&mut self) {
-        self.hash = xxh3_64_with_seed(self.line.as_bytes(), self.hash);
+        self.hash = chained(self.hash, self.line.as_bytes());
     }
 
     /// The hash of all lines so far, chained.
@@ -42,6 +42,11 @@ impl TraceHash {
     pub fn value(&self) -> u64 {
         self.hash
     }
+}
+
+/// The hash of a trace after one more line, with its end; before the first it is 0.
+pub(crate) fn chained(hash: u64, line: &[u8]) -> u64 {
+    xxh3_64_with_seed(line, hash)
 }
 
 /// One line of `slots.csv`. Floats read back exactly, and no clock is in it.

@@ -125,17 +125,21 @@ fn algorithm_1(case: &Case, reach: Reach) -> Option<(u32, Vec<u32>)> {
 
 /// Whether one point within reach has all of `ids` in range.
 ///
-/// By Helly's theorem, disks of the plane have a point in common if every three of them have. Three of radius `d_c`
-/// have one if their centres fit into a circle of that radius; two and the disk of reach, if the lens of the two is in
-/// reach.
+/// By Helly's theorem, disks of the plane have a point in common if every three of them have. Three of one radius have
+/// one if their centres fit into a circle of that radius; two and the disk of reach, if the lens of the two is in reach.
 fn coverable(case: &Case, ids: &[u32]) -> bool {
-    let (table, d_c) = (&case.table, case.table.comm_radius_m);
+    let table = &case.table;
     let place = |index: usize| table.position(ids[index]);
-    let alone = |index: usize| close(place(index), &case.position, table.reach_m + d_c);
+    let alone = |index: usize| close(place(index), &case.position, table.reach_m + table.comm_radius_m);
     let pair = |a: usize, b: usize| lens_in_reach(case, place(a), place(b));
-    let triple =
-        |a: usize, b: usize, c: usize| enclosing_radius_m([place(a), place(b), place(c)]) <= d_c * (1.0 + 1e-9);
+    let triple = |a: usize, b: usize, c: usize| enclosing_radius_m([place(a), place(b), place(c)]) <= radius_m(case);
     (0..ids.len()).all(|a| alone(a) && (0..a).all(|b| pair(a, b)) && (0..a).all(|b| (0..b).all(|c| triple(a, b, c))))
+}
+
+/// Radius [m] of the disks whose common points are looked for: `d_c` and half the slack of decision D5, as in the
+/// search where two circles touch: there that slack moves their crossing by its root.
+fn radius_m(case: &Case) -> f64 {
+    case.table.comm_radius_m * (1.0 + 0.5e-9)
 }
 
 /// Radius [m] of the smallest circle around three points: half the longest side, or the circumradius of an acute
@@ -151,10 +155,10 @@ fn enclosing_radius_m([a, b, c]: [&Position; 3]) -> f64 {
     short * middle * long / (2.0 * twice_area)
 }
 
-/// Whether the lens of the disks of radius `d_c` about `a` and `b` comes within reach.
+/// Whether the lens of the disks about `a` and `b` comes within reach.
 fn lens_in_reach(case: &Case, a: &Position, b: &Position) -> bool {
-    let (d_c, apart_m, uav) = (case.table.comm_radius_m, (a - b).norm(), &case.position);
-    if !close(a, b, 2.0 * d_c) {
+    let (d_c, apart_m, uav) = (radius_m(case), (a - b).norm(), &case.position);
+    if !close(a, b, 2.0 * case.table.comm_radius_m) {
         return false;
     }
     let pulled = |centre: &Position| {
@@ -204,6 +208,19 @@ fn best_on_grid(case: &Case, step_m: f64) -> u64 {
 /// Reaches [m] above, at and below the range of 10 m.
 fn reaches() -> impl Strategy<Value = f64> {
     prop_oneof![Just(30.0), Just(20.0), Just(10.0), Just(7.5), Just(5.0), 0.5..30.0]
+}
+
+/// Three SNs whose smallest circle is wider than `d_c` by 5e-13 m: the circles of the outer two touch in a point that is
+/// 3e-6 m out of range of the third.
+#[test]
+fn three_sensor_nodes_on_a_circle_but_for_rounding_are_served_together() {
+    let places_m = [[60.0, 60.0], [50.008_016_800_160_94, 50.0], [40.0, 60.0]];
+    let nodes = places_m.map(|[x_m, y_m]| SensorNode { x_m, y_m, gain: 1e-5, ..SensorNode::default() });
+    let table = SensorTable::new(&Scenario::letter(Overrides::default()).unwrap(), &nodes);
+    let position = Position::new(43.997_282_708_186_496, 40.0);
+    let case = Case { table, position, queues_bits: vec![0; 3] };
+    assert_eq!(case.exact(), [0, 1, 2]);
+    assert_eq!(best_of_all_sets(&case), [0, 1, 2]);
 }
 
 proptest! {

@@ -12,7 +12,7 @@ use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_planner::Planner;
 use skysink_planner::bound::mission_bound;
-use skysink_planner::horizon::long_search::Found;
+use skysink_planner::horizon::long_search::SearchOutcome;
 use skysink_planner::strategies::Timing;
 use skysink_planner::strategies::names;
 use skysink_planner::strategies::offline::Offline;
@@ -275,7 +275,7 @@ fn an_offline_plan_loses_what_it_says_and_no_less_than_the_bound() {
             steps.push(progress.steps);
             ControlFlow::Continue(())
         });
-        let (offline, Found { loss_bits: predicted_bits, steps: done, is_optimal }) = found.unwrap().unwrap();
+        let (offline, SearchOutcome { loss_bits: predicted_bits, steps: done, is_optimal }) = found.unwrap().unwrap();
         assert_eq!((done, is_optimal), (20_000, false), "seed {seed}");
         *mission.planner_mut() = Planner::with_strategy(&scenario, &nodes, Box::new(offline)).unwrap();
         assert!(steps.len() > 100 && steps.is_sorted() && steps[0] == 0, "{steps:?}");

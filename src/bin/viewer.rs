@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use iceoryx2::prelude::ipc;
+use skysink::usage;
 use skysink::worker::{self, RingArguments};
 use skysink_common::stop::Stop;
 use skysink_ring::error::NodeError;
@@ -32,7 +33,7 @@ struct Cli {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli: Cli = usage::parse().unwrap_or_else(|message| message.exit());
     // What rerun has to say would be lost otherwise.
     tracing_subscriber::fmt()
         .with_max_level(tracing_subscriber::filter::LevelFilter::WARN)

@@ -1,13 +1,22 @@
 //! How near to each other the sensor nodes (SNs) stand: the nearest neighbour, and the groups that short steps connect.
 
-use skysink_common::geometry::Position;
+use std::collections::HashMap;
+use std::ops::Range;
+
+use skysink_common::geometry::{Position, distance_squared};
 use skysink_planner::geometry::grid::Grid;
 
 /// SNs whose nearest neighbour is looked for, about; of more, every second, third and so on.
 const MOST_ASKED: usize = 50_000;
 
-/// Pairs that are joined at most; of a denser field it is not known how many groups there are.
+/// Pairs that are looked at, at most; of a field that needs more it is not known which groups there are.
 const MOST_PAIRS: u64 = 10_000_000;
+
+/// Cells on a step: so many that all of a cell are within a step of each other, √2 and a little for rounding.
+const CELLS_PER_STEP: f64 = 1.5;
+
+/// Cells beyond which nobody is within a step of a cell.
+const CELLS_ASIDE: i64 = 2;
 
 /// Mean distance [m] of an SN to the SN nearest to it; `None` for a lone one.
 #[must_use]
@@ -27,23 +36,94 @@ pub fn mean_neighbour_m(positions: &[Position], grid: &Grid) -> Option<f64> {
 
 /// How many SNs the largest group has, in which steps of at most `step_m` [m] lead from each to each; `None` if there
 /// are too many pairs to look at.
+///
+/// All of a small cell are one group, however many they are. Two cells are one group once any of the first is within a
+/// step of any of the second; who is farther than that from all of the other cell is not looked at.
 #[must_use]
 pub fn largest_group(positions: &[Position], step_m: f64) -> Option<usize> {
-    let grid = Grid::new(positions, step_m);
+    let cells = Cells::of(positions, step_m / CELLS_PER_STEP);
     let mut groups = Groups::of_one(positions.len());
-    let mut pairs = 0u64;
-    for (id, position) in (0u32..).zip(positions) {
-        grid.visit(position, step_m, |other, _| {
-            pairs += 1;
-            if other.id < id && pairs <= MOST_PAIRS {
-                groups.join(id, other.id);
+    let mut pairs_left = MOST_PAIRS;
+    for (cell, members) in &cells.members {
+        for pair in cells.ids[members.clone()].windows(2) {
+            groups.join(pair[0], pair[1]);
+        }
+        for neighbour in cells.neighbours(*cell) {
+            let [own, others] = [members, neighbour].map(|range| &cells.ids[range.clone()]);
+            if groups.root(own[0]) != groups.root(others[0])
+                && is_step_between(positions, own, others, step_m, &mut pairs_left)?
+            {
+                groups.join(own[0], others[0]);
             }
-        });
-        if pairs > MOST_PAIRS {
-            return None;
         }
     }
     groups.sizes.iter().max().map(|&size| size as usize)
+}
+
+/// Whether any of `own` is within `step_m` [m] of any of `others`; `None` once no pairs are left to look at.
+fn is_step_between(
+    positions: &[Position],
+    own: &[u32],
+    others: &[u32],
+    step_m: f64,
+    pairs_left: &mut u64,
+) -> Option<bool> {
+    let near = |ids: &[u32], corners: [Position; 2]| -> Vec<Position> {
+        let places = ids.iter().map(|&id| positions[id as usize]);
+        places
+            .filter(|place| distance_squared(place, &place.sup(&corners[0]).inf(&corners[1])) <= step_m * step_m)
+            .collect()
+    };
+    let [own, others] = [near(own, corners(positions, others)), near(others, corners(positions, own))];
+    for place in &own {
+        *pairs_left = pairs_left.checked_sub(others.len() as u64)?;
+        if others.iter().any(|other| distance_squared(place, other) <= step_m * step_m) {
+            return Some(true);
+        }
+    }
+    Some(false)
+}
+
+/// The lowest coordinates and the highest.
+fn corners(positions: &[Position], ids: &[u32]) -> [Position; 2] {
+    let first = positions[ids[0] as usize];
+    ids.iter()
+        .map(|&id| positions[id as usize])
+        .fold([first; 2], |[low, high], place| [low.inf(&place), high.sup(&place)])
+}
+
+/// SNs by the square cell that they stand in.
+struct Cells {
+    /// Ids, cell by cell.
+    ids: Vec<u32>,
+    /// The cells in which anybody stands, ascending, and where in `ids` those are.
+    members: Vec<([i64; 2], Range<usize>)>,
+    /// Indices of the cells in `members`.
+    indices: HashMap<[i64; 2], usize>,
+}
+
+impl Cells {
+    /// Cells of the side `side_m` [m].
+    fn of(positions: &[Position], side_m: f64) -> Self {
+        let cell = |id: &u32| positions[*id as usize].coords.map(|metres| (metres / side_m).floor() as i64).into();
+        let mut ids: Vec<u32> = (0u32..).take(positions.len()).collect();
+        ids.sort_by_cached_key(cell);
+        let mut members: Vec<([i64; 2], Range<usize>)> = Vec::new();
+        for run in ids.chunk_by(|a, b| cell(a) == cell(b)) {
+            let begin = members.last().map_or(0, |(_, range)| range.end);
+            members.push((cell(&run[0]), begin..begin + run.len()));
+        }
+        let indices = members.iter().enumerate().map(|(index, (cell, _))| (*cell, index)).collect();
+        Self { ids, members, indices }
+    }
+
+    /// Those of the cells behind `[x, y]` in their order that may be within a step of it.
+    fn neighbours(&self, [x, y]: [i64; 2]) -> impl Iterator<Item = &Range<usize>> {
+        let columns =
+            (0..=CELLS_ASIDE).flat_map(move |east| (-CELLS_ASIDE..=CELLS_ASIDE).map(move |north| [east, north]));
+        let behind = columns.filter(|&step| step > [0, 0]).map(move |[east, north]| [x + east, y + north]);
+        behind.filter_map(|cell| Some(&self.members[*self.indices.get(&cell)?].1))
+    }
 }
 
 /// Disjoint groups, each a tree whose root counts it.
@@ -109,7 +189,50 @@ mod tests {
     }
 
     #[test]
-    fn pairs_beyond_the_limit_are_left_out() {
-        assert_eq!(largest_group(&vec![Position::origin(); 4_000], 1.0), None); // 16 million pairs
+    fn crowds_of_thousands_are_told_apart() {
+        let crowd =
+            |x_m: f64| (0..4_000).map(move |id| Position::new(x_m + f64::from(id % 10) / 5.0, f64::from(id % 7)));
+        let positions: Vec<Position> = crowd(0.0).chain(crowd(90.0)).collect();
+        assert_eq!(largest_group(&positions, 20.0), Some(4_000));
+        assert_eq!(largest_group(&positions, 88.21), Some(8_000)); // from 1.8 m to 90 m
+        assert_eq!(largest_group(&positions, 88.19), Some(4_000));
+    }
+
+    #[test]
+    fn groups_agree_with_those_of_all_pairs() {
+        let mut state = 1u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 33) as f64 / (1u64 << 31) as f64
+        };
+        for _ in 0..200 {
+            let side_m = 10.0 + 90.0 * random();
+            let positions: Vec<Position> =
+                (0..60).map(|_| Position::new(side_m * random(), side_m * random())).collect();
+            let step_m = 2.0 + 15.0 * random();
+            let mut groups = Groups::of_one(60);
+            for a in 0..60u32 {
+                for b in 0..a {
+                    if (positions[a as usize] - positions[b as usize]).norm() <= step_m {
+                        groups.join(a, b);
+                    }
+                }
+            }
+            let expected = groups.sizes.iter().max().map(|&size| size as usize);
+            assert_eq!(largest_group(&positions, step_m), expected, "steps of {step_m} m over {side_m} m");
+        }
+    }
+
+    #[test]
+    fn pairs_beyond_the_limit_are_not_looked_at() {
+        // Two crowds on slanted lines that face each other, 10.001 m apart: no step of 10 m leads across, but all are
+        // near to the corners of the other crowd.
+        let place = |id: u32| {
+            let along_m = f64::from(id % 4_000) * 1e-3;
+            let aside_m = if id < 4_000 { 0.0 } else { 7.0718 };
+            Position::new(along_m + aside_m, along_m - aside_m)
+        };
+        let positions: Vec<Position> = (0..8_000).map(place).collect();
+        assert_eq!(largest_group(&positions, 10.0), None); // 16 million pairs
     }
 }

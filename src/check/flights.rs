@@ -15,7 +15,7 @@ pub const MOST_FLOWN: usize = 5_000;
 const MOST_FLOWN_SLOTS: u64 = 5_000_000;
 
 /// What one strategy makes of the mission.
-pub struct Flight {
+pub struct TrialFlight {
     /// Its name.
     pub strategy: &'static str,
     /// What overflowed [bit].
@@ -30,21 +30,21 @@ pub struct Flight {
 ///
 /// # Errors
 /// If `[planner]` is refused.
-pub fn fly(scenario: &Scenario, list: &SensorList) -> Result<Vec<Flight>, InputError> {
+pub fn fly(scenario: &Scenario, list: &SensorList) -> Result<Vec<TrialFlight>, InputError> {
     let sensors = list.sensors().len();
-    let mut flights: Vec<Flight> = Vec::new();
+    let mut flights: Vec<TrialFlight> = Vec::new();
     if sensors > MOST_FLOWN || (sensors as u64).saturating_mul(scenario.slots) > MOST_FLOWN_SLOTS {
         return Ok(flights);
     }
     for strategy in FLOWN {
         if flights.iter().all(|flight| flight.lost_bits > 0) {
-            flights.push(Flight::by(strategy, scenario, list)?);
+            flights.push(TrialFlight::by(strategy, scenario, list)?);
         }
     }
     Ok(flights)
 }
 
-impl Flight {
+impl TrialFlight {
     /// Flies the mission by `strategy`.
     fn by(strategy: &'static str, scenario: &Scenario, list: &SensorList) -> Result<Self, InputError> {
         let mut scenario = scenario.clone();

@@ -11,7 +11,7 @@ use skysink_planner::bound::visits::by_visits;
 use skysink_planner::horizon::path_bound::PathBound;
 use skysink_planner::sensor_table::SensorTable;
 
-use super::flights::Flight;
+use super::flights::TrialFlight;
 use super::links::LinkFigures;
 
 /// Whether a mission can be flown without loss, as far as can be told quickly.
@@ -95,7 +95,7 @@ pub struct Bounds<'a> {
 impl Bounds<'_> {
     /// What is known of the loss after these flights.
     #[must_use]
-    pub fn loss_free(&self, flights: &[Flight]) -> LossFree {
+    pub fn loss_free(&self, flights: &[TrialFlight]) -> LossFree {
         let field = self.field;
         if field.sensors.iter().all(|sensor| sensor.overflow_bits(None, field.slots) == 0) {
             return LossFree::Unserved;
@@ -104,7 +104,7 @@ impl Bounds<'_> {
             let lost_bits = self.by_load();
             return if lost_bits > 0 { LossFree::Impossible { lost_bits } } else { LossFree::NotFlown };
         };
-        let Flight { strategy, loss_rate, .. } = *best;
+        let TrialFlight { strategy, loss_rate, .. } = *best;
         if best.lost_bits == 0 {
             return LossFree::Flown { strategy };
         }

@@ -2,13 +2,13 @@
 
 use skysink_common::message::{PathPoint, Plan};
 use skysink_common::sensors::SensorList;
+use skysink_lab::metrics::Metric;
+use skysink_mission::error::FileContext as _;
+use skysink_mission::record::UNFINISHED;
 use skysink_mission::{Mission, Replay};
 use skysink_viewer::{self as viewer, Comparison, Sinks, SlotView};
 
-use super::{Error, FileContext as _, Flight, Metric, Path, Shown, Stop, fs};
-
-/// The recording under way.
-const BEGUN: &str = ".comparison.new.rrd";
+use super::{Error, Flight, Path, RECORDING, Shown, Stop, fs};
 
 /// A mission that is flown again.
 enum Again {
@@ -35,11 +35,10 @@ impl Again {
 
 /// Flies the missions again, slot by slot beside each other, into the recording `path`.
 pub(super) fn record(shown: &[Shown], path: &Path, stop: &Stop) -> Result<(), Error> {
-    // Under another name until it is whole.
-    let begun = path.with_file_name(BEGUN);
-    if begun.exists() {
-        fs::remove_file(&begun).at(&begun)?; // or the recording library would begin another beside it
-    }
+    // In a folder of its own until it is whole: nobody else can have put anything there.
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let own = tempfile::Builder::new().prefix(".comparison.").suffix(UNFINISHED).tempdir_in(folder).at(folder)?;
+    let begun = own.path().join(RECORDING);
     let mut missions = Vec::new();
     let mut scenarios = Vec::new();
     for one in shown {
@@ -59,11 +58,11 @@ pub(super) fn record(shown: &[Shown], path: &Path, stop: &Stop) -> Result<(), Er
         missions.push(again);
     }
     let titles: Vec<String> = shown.iter().map(title).collect();
-    let compared: Vec<viewer::Compared> = shown
+    let compared: Vec<viewer::ComparedMission> = shown
         .iter()
         .zip(&titles)
         .zip(&scenarios)
-        .map(|((one, title), (scenario, sensors))| viewer::Compared {
+        .map(|((one, title), (scenario, sensors))| viewer::ComparedMission {
             label: &one.contender.label,
             title,
             scenario,

@@ -4,10 +4,9 @@ use std::path::Path;
 
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
-use skysink_common::sensors::SensorList;
 use skysink_lab::import::{self, Frame, Imported};
 
-use super::{Field, LIST};
+use super::{LIST, NewField, NewList};
 
 /// Ground around the sensor nodes [m].
 const MARGIN_M: f64 = 10.0;
@@ -23,20 +22,26 @@ const VAST_M: f64 = 1e6;
 const CORNERS_M: [f64; 4] = [MARGIN_M, 100.0, 1e3, 1e4];
 
 /// The field of the positions in the file `path`.
-pub(super) fn field(path: &Path) -> Result<Field, InputError> {
+pub(super) fn field(path: &Path) -> Result<NewField, InputError> {
     let imported = import::read(path)?;
     let (area, list) = match imported.frame {
-        Frame::Plane => plane(&imported),
+        Frame::Plane => plane(&imported, path),
         Frame::Geodetic => geodetic(&imported, path)?,
     };
     let sensors = format!("file = \"{LIST}\"              # a row for each; metres, or degrees about the origin");
     let notes = imported.ignored.iter().map(|what| format!("left out: {what}")).collect();
-    Ok(Field { area, sensors, list: Some((list, path.to_owned())), notes })
+    Ok(NewField { area, sensors, list: Some(list), notes })
+}
+
+/// The sensor list of the positions in the file `path`, moved by `shift` [m or °].
+fn list(imported: &Imported, shift: [f64; 2], path: &Path) -> NewList {
+    let places = imported.sensors.iter().map(|sensor| sensor.place.clone()).collect();
+    NewList { text: imported.to_csv(shift), places, source: path.to_owned() }
 }
 
 /// The area from the origin to beyond the last position; moved there if some are negative, or if all are farther away
 /// from it than the area would be wide.
-fn plane(imported: &Imported) -> (String, String) {
+fn plane(imported: &Imported, path: &Path) -> (String, NewList) {
     let [low, high] = imported.bounds();
     let shift = [0, 1].map(|axis| {
         let is_far = low[axis] < 0.0 || low[axis] > (high[axis] - low[axis]).max(MARGIN_M);
@@ -50,23 +55,23 @@ fn plane(imported: &Imported) -> (String, String) {
     };
     (
         format!("width_m = {width_m:?} # around the sensor nodes [m]\nheight_m = {height_m:?}{moved}"),
-        imported.to_csv(shift),
+        list(imported, shift, path),
     )
 }
 
 /// The area north and east of a corner, in whose plane all positions have coordinates above 0.
-fn geodetic(imported: &Imported, path: &Path) -> Result<(String, String), InputError> {
-    let [[low_lat_deg, low_lon_deg], _] = imported.bounds();
-    let list = imported.to_csv([0.0; 2]);
+fn geodetic(imported: &Imported, path: &Path) -> Result<(String, NewList), InputError> {
+    let [low_lat_deg, low_lon_deg] = imported.south_west();
+    let list = list(imported, [0.0; 2], path);
     let mut refused = None;
     for corner_m in CORNERS_M {
-        let lat_deg = low_lat_deg - corner_m / DEGREE_M;
+        let lat_deg = (low_lat_deg - corner_m / DEGREE_M).max(-90.0);
         let lon_deg = low_lon_deg - corner_m / DEGREE_M / low_lat_deg.to_radians().cos().max(0.01);
+        let lon_deg = if lon_deg < -180.0 { lon_deg + 360.0 } else { lon_deg }; // west of the 180th meridian
         let origin =
             format!("origin_lat_deg = {lat_deg:.7} # of its south-west corner, WGS84\norigin_lon_deg = {lon_deg:.7}");
         let vast = format!("name = \"vast\"\n[area]\nside_m = {VAST_M:?}\n{origin}\n[sensors]\nfile = \"{LIST}\"\n");
-        let found = Scenario::parse(&vast, path, Overrides::default())
-            .and_then(|scenario| SensorList::parse(&list, path, &scenario));
+        let found = Scenario::parse(&vast, path, Overrides::default()).and_then(|scenario| list.sensors(&scenario));
         match found {
             Ok(found) => {
                 let last = |axis: fn(&skysink_common::sensors::Sensor) -> f64| {

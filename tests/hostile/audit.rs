@@ -10,7 +10,7 @@ use crate::support::Place;
 
 /// A line of `slots.csv`.
 #[derive(Debug)]
-pub struct Line {
+pub struct TraceLine {
     pub slot: u64,
     pub position: Position,
     pub scheduled: Vec<u32>,
@@ -22,14 +22,14 @@ pub struct Line {
 }
 
 /// The lines of the run in `place`.
-pub fn trace(place: &Place) -> Vec<Line> {
+pub fn trace(place: &Place) -> Vec<TraceLine> {
     place.read("run/slots.csv").lines().skip(1).map(line).collect()
 }
 
-fn line(text: &str) -> Line {
+fn line(text: &str) -> TraceLine {
     let column: Vec<_> = text.split(',').collect();
     let bits = |i: usize| column[i].parse().unwrap();
-    Line {
+    TraceLine {
         slot: bits(0),
         position: Position::new(column[1].parse().unwrap(), column[2].parse().unwrap()),
         scheduled: column[4].split_terminator(' ').map(|id| id.parse().unwrap()).collect(),
@@ -43,7 +43,7 @@ fn line(text: &str) -> Line {
 
 /// Fails unless every bit is accounted for, and the UAV flew and served as its scenario allows. All sensor nodes sample
 /// the same whole number of bits a slot. Returns the trace.
-pub fn audit(place: &Place) -> Vec<Line> {
+pub fn audit(place: &Place) -> Vec<TraceLine> {
     let scenario =
         Scenario::read(&place.path("run/scenario.toml"), Overrides::default()).and_then(settings::resolve).unwrap();
     let list = SensorList::of(&scenario).unwrap();

@@ -53,7 +53,7 @@ const PLOTS: [Plot; 3] = [
 
 /// A mission that is compared.
 #[derive(Debug, Clone, Copy)]
-pub struct Compared<'a> {
+pub struct ComparedMission<'a> {
     /// Who flies, such as a strategy; it names the curves.
     pub label: &'a str,
     /// Written over its scene.
@@ -82,7 +82,7 @@ impl Comparison {
     ///
     /// # Errors
     /// If there is no sink, the file cannot be created, the port is taken, or the recording library refuses.
-    pub fn open(sinks: &Sinks, name: &str, missions: &[Compared], page: &str) -> Result<Self, SceneError> {
+    pub fn open(sinks: &Sinks, name: &str, missions: &[ComparedMission], page: &str) -> Result<Self, SceneError> {
         let recording = Recording::open(sinks, &ApplicationId::new_or_unknown("skysink-compare"), name)?;
         let canvas = Canvas::whole(&recording.stream);
         canvas.log_static(PAGE, &TextDocument::from_markdown(page))?;
@@ -129,7 +129,7 @@ impl Comparison {
     }
 
     /// Sends the layout of the screen: the scenes beside each other, beside them the curves.
-    fn arrange(&self, missions: &[Compared]) -> RecordingStreamResult<()> {
+    fn arrange(&self, missions: &[ComparedMission]) -> RecordingStreamResult<()> {
         let mut layout = Blueprint::new(&self.recording.application, &self.recording.name)?;
         let mut fields = Vec::new();
         let mut tops = Vec::new();
@@ -160,7 +160,7 @@ impl Comparison {
 }
 
 /// The scene of a mission, seen from the south.
-fn field(layout: &mut Blueprint, drawn: &Drawn, mission: &Compared) -> RecordingStreamResult<Tile> {
+fn field(layout: &mut Blueprint, drawn: &Drawn, mission: &ComparedMission) -> RecordingStreamResult<Tile> {
     let below = |entity: &str| format!("{}/{entity}", drawn.root);
     let hidden = [below(uav::TRACK), below(path::TRACK)].map(|entity| format!("- /{entity}/**"));
     let contents = [&[select_all(&below(queues::WORLD))][..], &hidden].concat();
@@ -171,7 +171,7 @@ fn field(layout: &mut Blueprint, drawn: &Drawn, mission: &Compared) -> Recording
 }
 
 /// The scene of a mission, seen from above.
-fn top(layout: &mut Blueprint, drawn: &Drawn, mission: &Compared) -> RecordingStreamResult<Tile> {
+fn top(layout: &mut Blueprint, drawn: &Drawn, mission: &ComparedMission) -> RecordingStreamResult<Tile> {
     let below = |entity: &str| format!("{}/{entity}", drawn.root);
     let hidden = [below(uav::TRAIL), below(path::PATH)].map(|entity| format!("- /{entity}/**"));
     let contents = [&[select_all(&below(queues::WORLD))][..], &hidden].concat();

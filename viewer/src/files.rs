@@ -3,8 +3,9 @@
 //! `mission.rrd`, `mission-2.rrd`, `mission-3.rrd` ... share one recording id, by which rerun opens them as one
 //! recording. Each holds the style and the layout, and can be opened alone.
 
-use std::fs::{self, File, TryLockError};
+use std::fs::{self, File, Permissions, TryLockError};
 use std::io::{self, BufReader, BufWriter, Read as _, Seek as _, SeekFrom};
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
 use rerun::ApplicationId;
@@ -119,22 +120,17 @@ pub fn complete(first: &Path) -> Result<(), EncodeError> {
 
 /// Writes a recording once more, with everything in it that is whole and with its footer, and puts it in its place.
 fn rewrite(path: &Path) -> Result<(), EncodeError> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let new = path.with_file_name(format!(".{name}.new"));
-    let copy = || {
-        let messages = DecoderApp::decode_lazy(BufReader::new(File::open(path)?)).map_while(Result::ok);
-        let write = BufWriter::new(File::create(&new)?);
-        let mut encoder = Encoder::new_eager(CrateVersion::LOCAL, EncodingOptions::PROTOBUF_COMPRESSED, write)?;
-        messages.into_iter().try_for_each(|message| encoder.append(&message).map(drop))?;
-        encoder.finish()?;
-        encoder.into_inner()?.into_inner().map_err(io::IntoInnerError::into_error)?;
-        Ok(fs::rename(&new, path)?)
-    };
-    let copied = copy();
-    if copied.is_err() {
-        let _ = fs::remove_file(&new);
-    }
-    copied
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let messages = DecoderApp::decode_lazy(BufReader::new(File::open(path)?)).map_while(Result::ok);
+    let mut builder = tempfile::Builder::new();
+    let new = builder.prefix(".").suffix(".new").permissions(Permissions::from_mode(0o666)).tempfile_in(folder)?;
+    let write = BufWriter::new(new);
+    let mut encoder = Encoder::new_eager(CrateVersion::LOCAL, EncodingOptions::PROTOBUF_COMPRESSED, write)?;
+    messages.into_iter().try_for_each(|message| encoder.append(&message).map(drop))?;
+    encoder.finish()?;
+    let new = encoder.into_inner()?.into_inner().map_err(io::IntoInnerError::into_error)?;
+    new.persist(path).map_err(io::Error::from)?;
+    Ok(())
 }
 
 /// Id of the recording of `application` in a file, from its first messages; none if there is no such recording.

@@ -26,7 +26,7 @@ mod sizes;
 mod slot;
 pub mod uav;
 
-pub use comparison::{Compared, Comparison};
+pub use comparison::{ComparedMission, Comparison};
 pub use files::{complete, has_footer};
 pub use recording::{SceneError, Sinks};
 pub use scene::Scene;

@@ -34,7 +34,7 @@ impl Scenario {
             Some(None) => Table::new(),
             None => Table::try_from(&self.planner).expect("it was read from TOML"),
         };
-        value::read(keys, table, &self.path)
+        value::read(keys, table, self.source())
     }
 
     /// The same scenario with the keys `keys` for `[planner]`, such as the checked ones with every default.
@@ -46,13 +46,13 @@ impl Scenario {
     /// If TOML cannot write them.
     pub fn with_planner_keys(mut self, keys: &impl Serialize) -> Result<Self, InputError> {
         let keys = Table::try_from(keys).expect("keys are plain tables of numbers and strings");
-        self.planner = value::read(keys, "planner", &self.path)?;
+        self.planner = value::read(keys, "planner", self.source())?;
         Ok(self)
     }
 
     /// The refusal of what `key` holds.
     #[must_use]
     pub fn refusal(&self, key: &str, value: &Value, expected: &str) -> InputError {
-        value::refusal(&self.path, key, value, expected)
+        self.source().refusal(key, value, expected)
     }
 }

@@ -2,9 +2,8 @@
 
 use toml::{Table, Value};
 
-use super::defaults::{FREE_SPACE, LINE_OF_SIGHT};
+use super::forms::{FORMS, FREE_SPACE, LINE_OF_SIGHT, value};
 use super::keys::{Climb, LinkModel, LosCurve};
-use super::value::refusal;
 use super::{MAX_FIELD_BITS, MAX_SAMPLED_BITS, Scenario};
 use crate::error::InputError;
 
@@ -41,13 +40,6 @@ const RANGES: [Range; 10] = [
     ("an exponent from 1 to 10", |number| (1.0..=10.0).contains(&number), "link.los_exponent link.nlos_exponent"),
 ];
 
-/// The value of a dotted key.
-fn value<'a>(file: &'a Table, key: &str) -> Option<&'a Value> {
-    let mut names = key.split('.');
-    let first = file.get(names.next()?)?;
-    names.try_fold(first, |table, name| table.get(name))
-}
-
 /// Refuses numbers of `scenario`, which was read from `file`, that are not in their range.
 fn check_numbers(scenario: &Scenario, file: &Table) -> Result<(), InputError> {
     for (expected, is_accepted, keys) in RANGES {
@@ -58,7 +50,7 @@ fn check_numbers(scenario: &Scenario, file: &Table) -> Result<(), InputError> {
             let numbers: Vec<f64> = ends.iter().filter_map(number).collect();
             if !numbers.iter().copied().all(is_accepted) || !numbers.is_sorted() {
                 let order = if numbers.len() > 1 { ", the lower first" } else { "" };
-                return Err(refusal(&scenario.path, key, value, &format!("{expected}{order}")));
+                return Err(scenario.refusal(key, value, &format!("{expected}{order}")));
             }
         }
     }
@@ -71,12 +63,15 @@ pub(super) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     let value = |key: &str| value(file, key);
     let given = |key: &str| value(key).is_some();
     let rule = |holds: bool, key: &str, expected: &str| match value(key) {
-        Some(value) if !holds => Err(refusal(&scenario.path, key, value, expected)),
+        Some(value) if !holds => Err(scenario.refusal(key, value, expected)),
         _ => Ok(()),
     };
 
-    let sides = given("area.width_m") || given("area.height_m");
-    rule(!sides, "area.side_m", "either side_m, or width_m and height_m")?;
+    for forms in FORMS {
+        let [one, other] = forms.forms;
+        let is_other_given = other.iter().any(|key| given(key));
+        one.iter().try_for_each(|key| rule(!is_other_given, key, forms.expected))?;
+    }
     rule(given("area.height_m"), "area.width_m", "width_m and height_m together, or side_m")?;
     rule(given("area.width_m"), "area.height_m", "width_m and height_m together, or side_m")?;
     for (key, other) in [("area.origin_lat_deg", "area.origin_lon_deg"), ("area.origin_lon_deg", "area.origin_lat_deg")]
@@ -85,7 +80,6 @@ pub(super) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
     }
 
     let Scenario { area, sensors, uav, link, .. } = scenario;
-    rule(!given("sensors.file"), "sensors.count", "either count or file, not both")?;
     let named = sensors.file.as_ref().is_some_and(|file| !file.as_os_str().is_empty());
     rule(named, "sensors.file", "the path of a CSV file, relative to the scenario")?;
     let flight_s = scenario.slots as f64 * scenario.slot_s;
@@ -114,10 +108,7 @@ pub(super) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
             (&FREE_SPACE[..], "it only with model = \"free-space\"; here it is reference_gain_db for all")
         }
     };
-    for key in foreign {
-        rule(false, &format!("link.{key}"), expected)?;
-    }
-    rule(!given("link.los"), "link.environment", "either environment or los, not both")?;
+    foreign.iter().try_for_each(|key| rule(false, key, expected))?;
     if let Some(LosCurve::Logistic { b3, b4, .. }) = link.los {
         rule((b3 + b4 - 1.0).abs() < 1e-9, "link.los.b3", "1 − b4, so that the probability ends at 1")?;
     }

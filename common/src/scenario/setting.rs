@@ -1,11 +1,24 @@
 //! A key of the scenario with a value to take instead of the file's.
 
+use std::fmt;
 use std::str::FromStr;
 
 use toml::{Table, Value};
 
+use super::forms;
+use crate::error::{InputError, quoted};
+
 /// Letters of a key, at most: more than any has.
 const MOST_LETTERS: usize = 200;
+
+/// Who changes a key.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SettingOrigin {
+    /// The option `--set`.
+    Option,
+    /// An axis of a sweep.
+    Axis,
+}
 
 /// A dotted key with its value, such as `link.bandwidth_hz=5e3`.
 #[derive(Debug, Clone, PartialEq)]
@@ -14,19 +27,60 @@ pub struct Setting {
     pub key: String,
     /// What it becomes.
     pub value: Value,
+    /// Who says so.
+    pub origin: SettingOrigin,
 }
 
 impl Setting {
-    /// Changes the table of a scenario; `None` if a part of the key is there, but no table.
-    #[must_use]
-    pub fn apply(&self, mut table: &mut Table) -> Option<()> {
-        let mut parts = self.key.split('.');
-        let last = parts.next_back()?;
-        for part in parts {
-            table = table.entry(part).or_insert_with(|| Table::new().into()).as_table_mut()?;
+    /// Changes the table of a scenario. What `settings` say in one form displaces what the table says in another.
+    ///
+    /// # Errors
+    /// If a part of a key is there, but no table.
+    pub(super) fn apply_all(settings: &[Self], table: &mut Table) -> Result<(), InputError> {
+        let displaced = settings.iter().flat_map(|setting| forms::displaced(&setting.key, &setting.value));
+        displaced.for_each(|key| forms::remove(table, key));
+        settings.iter().try_for_each(|setting| setting.apply(table))
+    }
+
+    fn apply(&self, mut table: &mut Table) -> Result<(), InputError> {
+        let mut parts: Vec<&str> = self.key.split('.').collect();
+        let last = parts.pop().unwrap_or_default();
+        for (index, part) in parts.iter().enumerate() {
+            let inner = table.entry(*part).or_insert_with(|| Table::new().into());
+            table = inner.as_table_mut().ok_or_else(|| {
+                let above = parts[..=index].join(".");
+                self.refusal(format_args!("{above} is no table: expected a key of the scenario"))
+            })?;
         }
         table.insert(last.to_owned(), self.value.clone());
-        Some(())
+        Ok(())
+    }
+
+    /// Refuses the setting.
+    pub(super) fn refusal(&self, message: impl fmt::Display) -> InputError {
+        InputError::of_argument(self.name(), &self.to_string(), message)
+    }
+
+    /// What brings it, as users know it.
+    fn name(&self) -> &'static str {
+        match self.origin {
+            SettingOrigin::Option => "--set",
+            SettingOrigin::Axis => "axis",
+        }
+    }
+
+    /// The settings after what is refused because of another key, which they may have made wrong; nothing without any.
+    pub(super) fn all_beside(settings: &[Self]) -> String {
+        let texts: Vec<String> = settings.iter().map(|setting| format!("{} {setting}", setting.name())).collect();
+        if texts.is_empty() { String::new() } else { format!(" (with {})", texts.join(" ")) }
+    }
+}
+
+impl fmt::Display for Setting {
+    /// As on a command line.
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let value = self.value.as_str().map_or_else(|| quoted(&self.value.to_string()), quoted);
+        write!(formatter, "{}={value}", self.key)
     }
 }
 
@@ -51,7 +105,8 @@ impl FromStr for Setting {
         // One line, so that a value cannot bring in keys of its own.
         let as_toml = if value.contains('\n') { None } else { format!("value = {value}").parse::<Table>().ok() };
         let as_toml = as_toml.and_then(|mut table| table.remove("value"));
-        Ok(Self { key: key.to_owned(), value: as_toml.unwrap_or_else(|| Value::String(value.to_owned())) })
+        let value = as_toml.unwrap_or_else(|| Value::String(value.to_owned()));
+        Ok(Self { key: key.to_owned(), value, origin: SettingOrigin::Option })
     }
 }
 
@@ -87,8 +142,19 @@ mod tests {
     #[test]
     fn a_key_is_set_in_tables_that_are_made_for_it_but_not_below_a_number() {
         let mut table: Table = "slots = 3".parse().unwrap();
-        set("planner.horizon.iterations=5").apply(&mut table).unwrap();
+        Setting::apply_all(&[set("planner.horizon.iterations=5")], &mut table).unwrap();
         assert_eq!(table["planner"]["horizon"]["iterations"].as_integer(), Some(5));
-        assert_eq!(set("slots.x=1").apply(&mut table), None);
+        let refused = Setting::apply_all(&[set("slots.x=1")], &mut table).unwrap_err();
+        assert_eq!(refused.to_string(), "--set slots.x=1: slots is no table: expected a key of the scenario");
+    }
+
+    #[test]
+    fn a_setting_displaces_the_other_form_of_the_file_but_not_another_setting() {
+        let file = "[area]\nside_m = 9.0\n[sensors]\ncount = 3\n";
+        let mut table: Table = file.parse().unwrap();
+        let settings = ["area.width_m=5.0", "area.height_m=6.0", "sensors.count=4", "sensors.file=a.csv"].map(set);
+        Setting::apply_all(&settings, &mut table).unwrap();
+        let expected = "[area]\nwidth_m = 5.0\nheight_m = 6.0\n[sensors]\ncount = 4\nfile = \"a.csv\"\n";
+        assert_eq!(table, expected.parse().unwrap());
     }
 }

@@ -1,6 +1,7 @@
 //! Counts and names, which are checked as they are read, and the reader that says which key of which file it refuses,
 //! and why.
 
+use std::fmt::Display;
 use std::path::Path;
 
 use serde::de::{DeserializeOwned, Error as _};
@@ -8,6 +9,8 @@ use serde::{Deserialize, Deserializer, Serialize};
 use serde_path_to_error::Segment;
 use toml::{Table, Value};
 
+use super::Setting;
+use super::forms::is_below;
 use crate::error::{InputError, quoted, suggestion};
 
 /// A whole number from `MIN` to `MAX`, both at most TOML's largest, 2^63 − 1.
@@ -95,8 +98,42 @@ pub(super) fn name<'de, D: Deserializer<'de>>(deserializer: D) -> Result<String,
     if holds { Ok(name) } else { Err(D::Error::custom(expected)) }
 }
 
-/// Reads `table`, whose dotted name in the file `path` is `name` (empty: the file itself), as a `T`.
-pub(super) fn read<T: DeserializeOwned>(table: Table, name: &str, path: &Path) -> Result<T, InputError> {
+/// Where the values of a scenario come from, for messages.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Source<'a> {
+    /// The file.
+    pub(super) path: &'a Path,
+    /// What was set instead of its values.
+    pub(super) settings: &'a [Setting],
+}
+
+impl Source<'_> {
+    /// The refusal of what the dotted `key` holds.
+    pub(super) fn refusal(self, key: &str, value: &Value, expected: &str) -> InputError {
+        let value = match value {
+            Value::String(text) => format!("\"{}\"", quoted(text)),
+            other => quoted(&other.to_string()),
+        };
+        self.refuse(key, &format!("{} = {value}: ", quoted(key)), format_args!("expected {expected}"))
+    }
+
+    /// Refuses `key`, of which `found` says what the scenario holds: in the name of the setting that it comes from, or
+    /// else of the file.
+    fn refuse(self, key: &str, found: &str, message: impl Display) -> InputError {
+        let is_from = |setting: &&Setting| key == setting.key || is_below(key, &setting.key);
+        match self.settings.iter().rfind(is_from) {
+            Some(setting) if key == setting.key => setting.refusal(message),
+            Some(setting) => setting.refusal(format_args!("{found}{message}")),
+            None => {
+                let beside = Setting::all_beside(self.settings);
+                InputError::new("scenario", self.path, format_args!("{found}{message}{beside}"))
+            }
+        }
+    }
+}
+
+/// Reads `table`, whose dotted name in the scenario is `name` (empty: the scenario itself), as a `T`.
+pub(super) fn read<T: DeserializeOwned>(table: Table, name: &str, source: Source) -> Result<T, InputError> {
     let table = Value::Table(table);
     serde_path_to_error::deserialize(table.clone()).map_err(|error| {
         let mut found = Some(&table);
@@ -111,7 +148,7 @@ pub(super) fn read<T: DeserializeOwned>(table: Table, name: &str, path: &Path) -
                 Segment::Seq { index } => {
                     let inner = found.and_then(|outer| outer.get(*index));
                     if let (Some(outer), Some(Value::Table(_))) = (found, inner) {
-                        return refusal(path, &key, outer, &format!("a table, [{key}]"));
+                        return source.refusal(&key, outer, &format!("a table, [{key}]"));
                     }
                     found = inner;
                 }
@@ -128,25 +165,16 @@ pub(super) fn read<T: DeserializeOwned>(table: Table, name: &str, path: &Path) -
                     "fewer elements in array" => "two numbers",
                     other => other,
                 };
-                refusal(path, &key, value, &(plain.to_owned() + &suggestion(message)))
+                source.refusal(&key, value, &(plain.to_owned() + &suggestion(message)))
             }
             _ => {
-                let place = if key.is_empty() { key } else { key + ": " };
+                let place = if key.is_empty() { String::new() } else { format!("{key}: ") };
                 let message = match message.strip_prefix("missing field ") {
-                    Some(name) => format!("{place}missing {name}: expected this key"),
-                    None => place + message + &suggestion(message),
+                    Some(name) => format!("missing {name}: expected this key"),
+                    None => message.to_owned() + &suggestion(message),
                 };
-                InputError::new("scenario", path, message)
+                source.refuse(&key, &place, message)
             }
         }
     })
-}
-
-/// The refusal of what the dotted `key` of the file `path` holds.
-pub(super) fn refusal(path: &Path, key: &str, value: &Value, expected: &str) -> InputError {
-    let value = match value {
-        Value::String(text) => format!("\"{}\"", quoted(text)),
-        other => quoted(&other.to_string()),
-    };
-    InputError::new("scenario", path, format_args!("{} = {value}: expected {expected}", quoted(key)))
 }

@@ -22,21 +22,26 @@ const COLUMNS: [&str; 7] = ["x_m", "y_m", "lat_deg", "lon_deg", "queue_bits", "g
 /// must not fall outside by rounding.
 const RIM_SLACK_M: f64 = 1e-6;
 
-/// Reads the text of a list; sensor node i is row i. The error says which line, what is there and what was expected.
-pub(super) fn read(text: &str, scenario: &Scenario) -> Result<Vec<Sensor>, String> {
-    let at = |line: u64, message: String| format!("line {line}: {message}");
+/// Reads the text of a list; sensor node i is row i. The error says where, by `place` of the row's index and line, what
+/// is there and what was expected.
+pub(super) fn read(
+    text: &str,
+    scenario: &Scenario,
+    place: impl Fn(usize, u64) -> String,
+) -> Result<Vec<Sensor>, String> {
+    let in_header = |message: String| format!("line 1: {message}");
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(text.as_bytes());
-    let header = reader.headers().map_err(|error| at(1, error.to_string()))?.clone();
-    let table = Table::of(&header, scenario).map_err(|message| at(1, message))?;
+    let header = reader.headers().map_err(|error| in_header(error.to_string()))?.clone();
+    let table = Table::of(&header, scenario).map_err(in_header)?;
     let mission_s = scenario.slot_s * scenario.slots as f64;
     let mut sensors = Vec::new();
     let mut field_bits = 0.0;
     for row in reader.records() {
-        let row = row.map_err(|error| {
-            let line = error.position().map_or(0, csv::Position::line);
-            at(line, "expected UTF-8 text".to_owned())
-        })?;
-        let line = row.position().map_or(0, csv::Position::line);
+        let at = |position: Option<&csv::Position>, message: String| {
+            format!("{}: {message}", place(sensors.len(), line_of(text, position)))
+        };
+        let row = row.map_err(|error| at(error.position(), "expected UTF-8 text".to_owned()))?;
+        let line = row.position();
         if row.len() != header.len() {
             return Err(at(line, format!("{} fields: expected {}, as in the header", row.len(), header.len())));
         }
@@ -53,9 +58,18 @@ pub(super) fn read(text: &str, scenario: &Scenario) -> Result<Vec<Sensor>, Strin
         sensors.push(sensor);
     }
     if sensors.is_empty() {
-        return Err(at(1, "no rows: expected at least one sensor node".to_owned()));
+        return Err(in_header("no rows: expected at least one sensor node".to_owned()));
     }
     Ok(sensors)
+}
+
+/// The line of a record in `text`, from 1: [`csv`] says where the empty lines before it begin.
+#[must_use]
+pub fn line_of(text: &str, position: Option<&csv::Position>) -> u64 {
+    let Some(position) = position else { return 0 };
+    let rest = text.as_bytes().get(position.byte() as usize..).unwrap_or_default();
+    let empty = rest.iter().take_while(|byte| b"\r\n".contains(byte)).filter(|&&byte| byte == b'\n').count();
+    position.line() + empty as u64
 }
 
 /// How the rows of one list are read.

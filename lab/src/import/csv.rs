@@ -1,7 +1,8 @@
 //! CSV: columns by their names, in any order, separated by commas, semicolons or tabs.
 
-use ::csv::{Position, ReaderBuilder, StringRecord, Trim};
+use ::csv::{ReaderBuilder, StringRecord, Trim};
 use skysink_common::error::quoted;
+use skysink_common::sensors::line_of;
 
 use super::{Frame, Imported, ImportedSensor, on_earth};
 
@@ -21,6 +22,7 @@ const COORDINATES: usize = 4;
 
 /// Reads the text of a file.
 pub(super) fn read(text: &str) -> Result<Imported, String> {
+    let text = text.trim_start_matches('\u{feff}');
     let first = text.lines().next().unwrap_or_default();
     let separator =
         [b',', b';', b'\t'].into_iter().max_by_key(|&byte| (first.matches(byte as char).count(), byte == b','));
@@ -28,18 +30,20 @@ pub(super) fn read(text: &str) -> Result<Imported, String> {
         .trim(Trim::All)
         .delimiter(separator.expect("three to choose from"))
         .flexible(true)
-        .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
+        .from_reader(text.as_bytes());
     let header = reader.headers().map_err(|error| error.to_string())?.clone();
     let table = Columns::of(&header).map_err(|message| format!("line 1: {message}"))?;
     let mut sensors = Vec::new();
     for row in reader.records() {
         let row = row.map_err(|error| error.to_string())?;
-        let line = row.position().map_or(0, Position::line);
+        let line = line_of(text, row.position());
         if row.len() != header.len() {
             let [found, expected] = [row.len(), header.len()];
             return Err(format!("line {line}: {found} fields: expected {expected}, as in the header (decimal points)"));
         }
-        sensors.push(table.sensor(&row).map_err(|message| format!("line {line}: {message}"))?);
+        let place = format!("line {line}");
+        let sensor = table.sensor(&row, place.clone()).map_err(|message| format!("{place}: {message}"))?;
+        sensors.push(sensor);
     }
     Ok(Imported {
         frame: table.frame,
@@ -85,8 +89,8 @@ impl Columns {
         Ok(Self { frame, position: [named(first), named(second)], others, ignored })
     }
 
-    /// One row.
-    fn sensor(&self, row: &StringRecord) -> Result<ImportedSensor, String> {
+    /// One row, which is at `place`.
+    fn sensor(&self, row: &StringRecord, place: String) -> Result<ImportedSensor, String> {
         let [first, second] = &self.position;
         let position = [number(row, first)?, number(row, second)?];
         if self.frame == Frame::Geodetic {
@@ -95,7 +99,7 @@ impl Columns {
         let other =
             |&(name, place): &(&str, usize)| number(row, &(name.to_owned(), place)).map(|value| value.to_string());
         let others = self.others.iter().map(other).collect::<Result<_, _>>()?;
-        Ok(ImportedSensor { position, others })
+        Ok(ImportedSensor { place, position, others })
     }
 }
 
@@ -114,7 +118,9 @@ mod tests {
     fn columns_are_found_by_name_in_any_order() {
         let imported = read("Name,Longitude,LAT,rate,colour\na,-87.6,41.9,50,red\nb,-87.5,41.8,60,\n").unwrap();
         assert_eq!((imported.frame, imported.others), (Frame::Geodetic, vec!["sampling_bps"]));
-        assert_eq!(imported.sensors[1], ImportedSensor { position: [41.8, -87.5], others: vec!["60".to_owned()] });
+        let place = "line 3".to_owned();
+        let second = ImportedSensor { place, position: [41.8, -87.5], others: vec!["60".to_owned()] };
+        assert_eq!(imported.sensors[1], second);
         assert_eq!(imported.ignored, ["column Name", "column colour"]);
         let plane = read("\u{feff}y;x\n1;2\n").unwrap();
         assert_eq!((plane.frame, plane.sensors[0].position), (Frame::Plane, [2.0, 1.0]));
@@ -123,6 +129,7 @@ mod tests {
     #[test]
     fn a_bad_file_is_refused_by_its_line() {
         assert!(read("x,y\n1,2\n3,four\n").unwrap_err().starts_with("line 3: y = four: expected a number"));
+        assert!(read("x,y\n\n\"1\",2\n\n3,four\n").unwrap_err().starts_with("line 5: y"), "empty lines count");
         assert!(read("x,y\n1\n").unwrap_err().starts_with("line 2: 1 fields: expected 2, as in the header"));
         assert!(read("x,y\n1,5,2,5\n").unwrap_err().contains("line 2: 4 fields: expected 2"), "decimal commas");
         assert!(read("x,y\n1,\n").unwrap_err().starts_with("line 2: y = : expected a number"));

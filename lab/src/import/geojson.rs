@@ -1,28 +1,31 @@
 //! GeoJSON: points and multi-points, in features, collections or alone; longitude first.
 
-use ::geojson::{GeoJson, Geometry, GeometryValue};
+use ::geojson::{Feature, GeoJson, Geometry, GeometryValue};
 
-use super::{Found, Imported, with_causes};
+use super::{FoundPoints, Imported, with_causes};
 
 /// Reads the text of a file.
 pub(super) fn read(text: &str) -> Result<Imported, String> {
     let file: GeoJson = text.parse().map_err(|error| format!("{}: expected GeoJSON", with_causes(&error)))?;
-    let mut found = Found::default();
+    let mut found = FoundPoints::default();
     match &file {
         GeoJson::Geometry(geometry) => found.add_geojson(geometry),
-        GeoJson::Feature(feature) => feature.geometry.iter().for_each(|geometry| found.add_geojson(geometry)),
+        GeoJson::Feature(feature) => found.add_feature(feature),
         GeoJson::FeatureCollection(collection) => {
-            collection
-                .features
-                .iter()
-                .filter_map(|feature| feature.geometry.as_ref())
-                .for_each(|geometry| found.add_geojson(geometry));
+            collection.features.iter().for_each(|feature| found.add_feature(feature));
         }
     }
     Imported::geodetic(found)
 }
 
-impl Found {
+impl FoundPoints {
+    fn add_feature(&mut self, feature: &Feature) {
+        match &feature.geometry {
+            Some(geometry) => self.add_geojson(geometry),
+            None => self.ignored += 1,
+        }
+    }
+
     fn add_geojson(&mut self, geometry: &Geometry) {
         let place = |coordinates: &::geojson::Position| {
             let at = |index| coordinates.as_slice().get(index).copied().unwrap_or(f64::NAN);
@@ -30,8 +33,10 @@ impl Found {
         };
         match &geometry.value {
             GeometryValue::Point { coordinates } => self.points.push(place(coordinates)),
-            GeometryValue::MultiPoint { coordinates } => self.points.extend(coordinates.iter().map(place)),
-            GeometryValue::GeometryCollection { geometries } => {
+            GeometryValue::MultiPoint { coordinates } if !coordinates.is_empty() => {
+                self.points.extend(coordinates.iter().map(place))
+            }
+            GeometryValue::GeometryCollection { geometries } if !geometries.is_empty() => {
                 geometries.iter().for_each(|geometry| self.add_geojson(geometry));
             }
             _ => self.ignored += 1,
@@ -53,6 +58,21 @@ mod tests {
         assert_eq!((imported.sensors[0].position, imported.ignored.len()), ([52.5, 13.4], 1));
         let several = "{\"type\":\"MultiPoint\",\"coordinates\":[[1,2],[3,4]]}";
         assert_eq!(read(several).unwrap().sensors[1].position, [4.0, 3.0]);
+    }
+
+    #[test]
+    fn features_that_carry_no_point_are_counted() {
+        let point = "{\"type\":\"Point\",\"coordinates\":[13.4,52.5]}";
+        let line = "{\"type\":\"LineString\",\"coordinates\":[[0,1],[2,3]]}";
+        let nothing = "{\"type\":\"GeometryCollection\",\"geometries\":[]}";
+        let nowhere = "{\"type\":\"MultiPoint\",\"coordinates\":[]}";
+        let features = ["null", point, line, nothing, nowhere]
+            .map(|geometry| format!("{{\"type\":\"Feature\",\"properties\":{{}},\"geometry\":{geometry}}}"));
+        let text = format!("{{\"type\":\"FeatureCollection\",\"features\":[{}]}}", features.join(","));
+        let imported = read(&text).unwrap();
+        assert_eq!(imported.sensors.len(), 1);
+        assert_eq!(imported.ignored, ["4 lines, polygons or others that carry no point"]);
+        assert!(read(&features[0]).unwrap().sensors.is_empty());
     }
 
     #[test]

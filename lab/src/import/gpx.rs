@@ -1,13 +1,13 @@
 //! GPX: the waypoints; tracks and routes are where somebody went.
 
-use super::{Found, Imported, with_causes, xml};
+use super::{FoundPoints, Imported, with_causes, xml};
 
 /// Reads the text of a file.
 pub(super) fn read(text: &str) -> Result<Imported, String> {
     xml::check(text, "GPX", None)?;
     let file = ::gpx::read(text.as_bytes()).map_err(|error| format!("{}: expected a GPX file", with_causes(&error)))?;
     let points = file.waypoints.iter().map(|waypoint| [waypoint.point().y(), waypoint.point().x()]).collect();
-    Imported::geodetic(Found { points, ignored: file.tracks.len() + file.routes.len() })
+    Imported::geodetic(FoundPoints { points, ignored: file.tracks.len() + file.routes.len() })
 }
 
 #[cfg(test)]

@@ -2,27 +2,72 @@
 
 use ::kml::types::Geometry;
 use ::kml::{Kml, KmlReader};
+use quick_xml::Reader;
+use quick_xml::events::Event;
 
-use super::{Found, Imported, with_causes, xml};
+use super::{FoundPoints, Imported, with_causes, xml};
+
+/// What has a place on the Earth, but is no point.
+const NO_POINTS: [&[u8]; 11] = [
+    b"LineString",
+    b"LinearRing",
+    b"Polygon",
+    b"Model",
+    b"Track",
+    b"MultiTrack",
+    b"Tour",
+    b"NetworkLink",
+    b"GroundOverlay",
+    b"PhotoOverlay",
+    b"ScreenOverlay",
+];
 
 /// Reads the text of a file.
 pub(super) fn read(text: &str) -> Result<Imported, String> {
     let refuse = |error: ::kml::Error| format!("{}: expected a KML file", with_causes(&error));
     xml::check(text, "KML", Some("Point"))?;
     let file: Kml<f64> = KmlReader::from_string(text).read().map_err(refuse)?;
-    let mut found = Found::default();
+    let mut found = FoundPoints { points: Vec::new(), ignored: items_without_point(text)? };
     found.add_element(&file);
     Imported::geodetic(found)
 }
 
-impl Found {
+/// How many items carry no point: lines and the like, whatever is in them, and placemarks with nothing. The reader of KML
+/// leaves some of them out.
+fn items_without_point(text: &str) -> Result<usize, String> {
+    let mut reader = Reader::from_str(text);
+    let mut open: Vec<(Vec<u8>, bool)> = Vec::new(); // names, and whether anything with a place is within
+    let mut items = 0;
+    loop {
+        let event = reader.read_event().map_err(|error| format!("{error}: expected a KML file"))?;
+        if let Event::Start(element) | Event::Empty(element) = &event {
+            let name = element.local_name().as_ref().to_vec();
+            let is_item = NO_POINTS.contains(&&name[..]);
+            let is_within_item = open.iter().any(|(above, _)| NO_POINTS.contains(&&above[..]));
+            items += usize::from(is_item && !is_within_item);
+            if is_item || name == b"Point" {
+                open.iter_mut().for_each(|(_, has_place)| *has_place = true);
+            }
+            open.push((name, false));
+        }
+        match event {
+            Event::Empty(_) | Event::End(_) => {
+                let is_empty_placemark = |(name, has_place): (Vec<u8>, bool)| name == b"Placemark" && !has_place;
+                items += usize::from(open.pop().is_some_and(is_empty_placemark));
+            }
+            Event::Eof => return Ok(items),
+            _ => {}
+        }
+    }
+}
+
+impl FoundPoints {
     fn add_element(&mut self, element: &Kml<f64>) {
         match element {
             Kml::KmlDocument(document) => document.elements.iter().for_each(|inner| self.add_element(inner)),
             Kml::Document { elements, .. } => elements.iter().for_each(|inner| self.add_element(inner)),
             Kml::Folder(folder) => folder.elements.iter().for_each(|inner| self.add_element(inner)),
             Kml::Placemark(placemark) => placemark.geometry.iter().for_each(|geometry| self.add_kml(geometry)),
-            Kml::Point(_) | Kml::LineString(_) | Kml::LinearRing(_) | Kml::Polygon(_) => self.ignored += 1,
             _ => {} // styles, schemas and the like are no places
         }
     }
@@ -31,7 +76,7 @@ impl Found {
         match geometry {
             Geometry::Point(point) => self.points.push([point.coord.y, point.coord.x]),
             Geometry::MultiGeometry(several) => several.geometries.iter().for_each(|inner| self.add_kml(inner)),
-            _ => self.ignored += 1,
+            _ => {}
         }
     }
 }
@@ -49,6 +94,17 @@ mod tests {
         let imported = read(FILE).unwrap();
         assert_eq!((imported.sensors.len(), imported.ignored.len()), (1, 1));
         assert_eq!(imported.sensors[0].position, [52.5, 13.4]);
+    }
+
+    #[test]
+    fn placemarks_and_the_like_that_carry_no_point_are_counted() {
+        let inner = "<Placemark><name>a</name></Placemark><Placemark><MultiGeometry/></Placemark><Placemark/>\
+                     <GroundOverlay><name>b</name></GroundOverlay><NetworkLink/><Style id=\"c\"/>\
+                     <Placemark><gx:Track><when>2020</when></gx:Track></Placemark>";
+        let text = FILE.replace("<Folder>", &format!("<Folder>{inner}"));
+        let imported = read(&text).unwrap();
+        assert_eq!(imported.sensors.len(), 1);
+        assert_eq!(imported.ignored, ["7 lines, polygons or others that carry no point"]);
     }
 
     #[test]

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
 use skysink_mission::MissionError;
 use skysink_mission::error::FileContext;
-use skysink_mission::record::write_whole;
+use skysink_mission::record::{is_unfinished, write_whole};
 
 use super::journal::{self, MissionRows, missions_of};
 use super::plan::{Definition, Shard};
@@ -74,8 +74,7 @@ fn holds(path: &Path, manifest: &Manifest) -> Result<bool, LabError> {
         }
         Err(error) if error.kind() == ErrorKind::NotFound => {
             // Without sweep.json nothing was flown: a process was killed at most while it wrote that.
-            let is_foreign =
-                |entry: fs::DirEntry| entry.file_name() != "lock" && entry.file_name() != ".sweep.json.new";
+            let is_foreign = |entry: fs::DirEntry| entry.file_name() != "lock" && !is_unfinished(&entry.file_name());
             if fs::read_dir(path).at(path)?.flatten().any(is_foreign) {
                 return Err(refuse("it holds other files: choose another --out").into());
             }

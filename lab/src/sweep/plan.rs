@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use skysink_common::error::{InputError, read_text};
-use skysink_common::scenario::{Overrides, Scenario, Setting};
+use skysink_common::scenario::{Overrides, Scenario, Setting, SettingOrigin};
 use skysink_common::sensors::SensorList;
 use skysink_planner::settings;
 use skysink_planner::strategies::Registered;
@@ -242,7 +242,7 @@ impl Sweep {
 
 /// What a point of the grid sets one key to.
 fn setting((key, value): (&String, &toml::Value)) -> Setting {
-    Setting { key: key.clone(), value: value.clone() }
+    Setting { key: key.clone(), value: value.clone(), origin: SettingOrigin::Axis }
 }
 
 /// The values, ascending; what was expected instead if there is none, or one twice.

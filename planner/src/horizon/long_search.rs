@@ -33,7 +33,7 @@ pub struct SearchProgress {
 
 /// What a search has found.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Found {
+pub struct SearchOutcome {
     /// Loss [bit] that the plan leads to.
     pub loss_bits: f64,
     /// Steps done.
@@ -51,11 +51,11 @@ impl Horizon {
         forecast: &mut Forecast,
         steps: u64,
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
-    ) -> Option<Found> {
+    ) -> Option<SearchOutcome> {
         let (steps, is_optimal) = self.cool(forecast, view.slot, steps, watch).continue_value()?;
         self.carried = forecast.stops();
         self.temperature = LEAST_TEMPERATURE;
-        Some(Found { loss_bits: forecast.loss_bits, steps, is_optimal })
+        Some(SearchOutcome { loss_bits: forecast.loss_bits, steps, is_optimal })
     }
 
     /// Anneals `forecast` by `steps` search steps as a mission would, but without flying: the part that is still open

@@ -10,7 +10,7 @@ pub mod legs;
 pub mod merge_tree;
 
 use crate::sensor_table::SensorTable;
-use legs::{Leg, Legs};
+use legs::{Legs, PricedLeg};
 use merge_tree::{BestSet, MergeTree};
 
 /// Most rounds of subgradient ascent, for each of [`FRACTIONS`].
@@ -99,7 +99,7 @@ impl PathBound {
 
     /// Raises the weights to what `prices` and the surcharges of `legs` give. Returns the slope over the prices at
     /// about `target` sensors, and the legs that connect these.
-    fn tighten(&mut self, legs: &Legs, prices: &[f64], target: usize) -> (Vec<f64>, Vec<Leg>) {
+    fn tighten(&mut self, legs: &Legs, prices: &[f64], target: usize) -> (Vec<f64>, Vec<PricedLeg>) {
         let count = prices.len();
         let tree = cheapest_tree(legs, prices);
         // A path has one leg, not two, at its first and last sensor.
@@ -154,7 +154,7 @@ impl PathBound {
 /// The merge tree of all legs. Few of the many long ones can be in it: those that are cheaper than a leg of the tree
 /// over the short ones.
 fn cheapest_tree(legs: &Legs, prices: &[f64]) -> MergeTree {
-    let mut cheap: Vec<Leg> = legs.near(prices).collect();
+    let mut cheap: Vec<PricedLeg> = legs.near(prices).collect();
     let tree = merged(prices.len(), &mut cheap);
     let highest = tree.as_ref().map_or(f64::INFINITY, MergeTree::last);
     let near = cheap.len();
@@ -165,7 +165,7 @@ fn cheapest_tree(legs: &Legs, prices: &[f64]) -> MergeTree {
     }
 }
 
-fn merged(sensors: usize, legs: &mut [Leg]) -> Option<MergeTree> {
+fn merged(sensors: usize, legs: &mut [PricedLeg]) -> Option<MergeTree> {
     legs.sort_unstable_by(|a, b| a.priced.total_cmp(&b.priced).then(a.ends.cmp(&b.ends)));
     MergeTree::new(sensors, legs)
 }

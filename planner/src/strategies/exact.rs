@@ -6,7 +6,7 @@
 //! empty queue is better than a free block. Where exactly the UAV then flies is left to [`crate::waypoint`].
 //!
 //! Two facts make the search finite and fast (up to the slack of decision D5: sensor nodes that have a point in common
-//! only thanks to it may be found or missed):
+//! only thanks to more than half of it may be found or missed):
 //!
 //! 1. *It is enough to try the points where the disks of radius `d_c` about one or two SNs come nearest to the
 //!    UAV.* Take the best set S and, of the points that have all of S in range, the one nearest to the UAV. It is in
@@ -19,7 +19,7 @@
 //!    would give if they could all be served bounds what any set with that SN, or both, can give.
 
 use skysink_common::checkpoint::Checkpoint;
-use skysink_common::geometry::{Position, distance_squared, within};
+use skysink_common::geometry::{Position, RANGE_SLACK, distance_squared, within};
 use skysink_common::message::SolverOutcome;
 
 use crate::geometry::disks::{Disk, crossings, project};
@@ -151,13 +151,22 @@ impl ExactSearch {
             if !self.trial.could_beat(&self.best, table, [i, &k], &self.around) {
                 continue;
             }
-            // Where the lens comes nearer than at its corners, it does so where one of the disks does.
-            let [a, b] = crossings(&disk, &disk_of(&k, table));
-            let a_is_nearer = distance_squared(&a, position) <= distance_squared(&b, position);
-            let corner = if a_is_nearer { a } else { b };
-            if reach.contains(&corner) {
-                self.try_centre(table, &corner);
+            for slack in slacks(i, &k, table) {
+                self.try_corner(table, position, [i, &k], *slack);
             }
+        }
+    }
+
+    /// Offers the n fullest queues in range of the nearer corner of the lens of two SNs, whose disks are larger by
+    /// `slack`. Where the lens comes nearer than at its corners, it does so where one of the disks does.
+    fn try_corner(&mut self, table: &SensorTable, position: &Position, pair: [&Spot; 2], slack: f64) {
+        let radius_m = table.comm_radius_m * (1.0 + slack);
+        let [a, b] = pair.map(|spot| Disk { centre: spot.position, radius_m });
+        let [a, b] = crossings(&a, &b);
+        let a_is_nearer = distance_squared(&a, position) <= distance_squared(&b, position);
+        let corner = if a_is_nearer { a } else { b };
+        if within(&corner, position, table.reach_m) {
+            self.try_centre(table, &corner);
         }
     }
 
@@ -176,6 +185,19 @@ impl ExactSearch {
 /// From where an SN can be served.
 fn disk_of(spot: &Spot, table: &SensorTable) -> Disk {
     Disk { centre: spot.position, radius_m: table.comm_radius_m }
+}
+
+/// How much less than `2 d_c` apart two SNs are whose disks all but touch, relative to that.
+const ALL_BUT_TOUCHING: f64 = 1e-6;
+
+/// By how much the disks about two SNs are made larger to try the corners of their lens, relative to `d_c`.
+///
+/// Where their circles all but touch, half the slack of decision D5 moves the corners by its root, 10⁻⁴ m instead of
+/// 10⁻⁸ m: a third SN on the circle of radius `d_c` over the two can be served from the corners that the disks have with
+/// that half, but not from where the circles touch, as rounding puts it 10⁻⁶ m out of range there.
+fn slacks(i: &Spot, k: &Spot, table: &SensorTable) -> &'static [f64] {
+    let are_near = within(&i.position, &k.position, 2.0 * table.comm_radius_m * (1.0 - ALL_BUT_TOUCHING));
+    if are_near { &[0.0] } else { &[0.0, RANGE_SLACK / 2.0] }
 }
 
 impl Schedule {

@@ -18,7 +18,7 @@ use super::rollout::{Ahead, Effort, is_certain};
 use super::serving::Serving;
 use super::{Decision, Registered, Setup, Strategy, View, checked};
 use crate::horizon::forecast::{Forecast, PlanningWindow};
-use crate::horizon::long_search::{Found, SearchProgress};
+use crate::horizon::long_search::{SearchOutcome, SearchProgress};
 use crate::horizon::{Horizon, planned_path};
 
 /// The strategy in the registry.
@@ -112,7 +112,7 @@ impl LookAhead {
         view: &View,
         steps: u64,
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
-    ) -> Option<Found> {
+    ) -> Option<SearchOutcome> {
         let is_over = || view.stop.requested().is_some();
         let mut forecast = self.horizon.forecast(view)?;
         let surveyed = self.survey(view, &mut forecast, (steps / COMPARED_STEPS) as u32, &is_over);

@@ -109,11 +109,11 @@ mod tests {
     use super::super::edf;
     use super::*;
     use crate::strategies::Strategy;
-    use crate::strategies::tests::{Field, field, view};
+    use crate::strategies::tests::{FieldFixture, field, view};
     use proptest::prelude::*;
 
     /// The field of these SNs, x, y [m] and rate [bit/s], with buffers of 1 000 bit.
-    fn field_of(sensors: &[[f64; 3]]) -> Field {
+    fn field_of(sensors: &[[f64; 3]]) -> FieldFixture {
         field(sensors.iter().map(|&[x_m, y_m, sampling_bps]| ([x_m, y_m], sampling_bps, 1_000)))
     }
 

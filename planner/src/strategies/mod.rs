@@ -261,14 +261,14 @@ pub(crate) mod tests {
     }
 
     /// Some SNs, and what a strategy is made of before it flies over them.
-    pub(crate) struct Field {
+    pub(crate) struct FieldFixture {
         pub scenario: Scenario,
         settings: Settings,
         pub sensors: Vec<SensorNode>,
         pub table: SensorTable,
     }
 
-    impl Field {
+    impl FieldFixture {
         pub(crate) fn over(scenario: Scenario, sensors: Vec<SensorNode>) -> Self {
             let settings = Settings::of(&scenario).unwrap();
             let table = SensorTable::new(&scenario, &sensors);
@@ -282,7 +282,7 @@ pub(crate) mod tests {
     }
 
     /// SNs by place [m], rate [bit/s] and buffer [bit] in the letter's scenario.
-    pub(crate) fn field(sensors: impl Iterator<Item = ([f64; 2], f64, u32)>) -> Field {
+    pub(crate) fn field(sensors: impl Iterator<Item = ([f64; 2], f64, u32)>) -> FieldFixture {
         let node = |([x_m, y_m], sampling_bps, capacity_bits): ([f64; 2], f64, u32)| SensorNode {
             x_m,
             y_m,
@@ -291,7 +291,7 @@ pub(crate) mod tests {
             gain: 10f64.powf(-5.2),
             ..SensorNode::default()
         };
-        Field::over(Scenario::letter(Overrides::default()).unwrap(), sensors.map(node).collect())
+        FieldFixture::over(Scenario::letter(Overrides::default()).unwrap(), sensors.map(node).collect())
     }
 
     /// What it sees from 20 m above `ground` [m].

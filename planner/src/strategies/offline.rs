@@ -12,7 +12,7 @@ use skysink_common::stop::Stop;
 
 use super::horizon::LookAhead;
 use super::{Decision, Registered, Setup, Strategy, Timing, View, checked};
-use crate::horizon::long_search::{Found, SearchProgress};
+use crate::horizon::long_search::{SearchOutcome, SearchProgress};
 use crate::keys::Settings;
 use crate::sensor_table::SensorTable;
 
@@ -83,7 +83,7 @@ impl Offline {
         queues_bits: &[u32],
         stop: &Stop,
         watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
-    ) -> Result<Option<(Self, Found)>, InputError> {
+    ) -> Result<Option<(Self, SearchOutcome)>, InputError> {
         let table = &SensorTable::new(scenario, sensors);
         let mut offline = Self::of(scenario, sensors)?;
         let position = scenario.start();
@@ -92,7 +92,11 @@ impl Offline {
     }
 
     /// Runs the search from `view` on.
-    fn prepare(&mut self, view: &View, watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>) -> Option<Found> {
+    fn prepare(
+        &mut self,
+        view: &View,
+        watch: &mut dyn FnMut(SearchProgress) -> ControlFlow<()>,
+    ) -> Option<SearchOutcome> {
         let found = self.ahead.prepare(view, self.steps, watch)?;
         self.is_planned = true;
         Some(found)

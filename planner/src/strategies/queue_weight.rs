@@ -189,13 +189,13 @@ impl Strategy for QueueWeight {
 mod tests {
     use super::*;
     use crate::strategies::Strategy;
-    use crate::strategies::tests::{Field, field, view};
+    use crate::strategies::tests::{FieldFixture, field, view};
     use proptest::prelude::*;
     use skysink_common::channel::Channel;
     use skysink_common::message::SolverOutcome;
 
     /// The field of SNs at these places [m], with links of `bandwidth_hz`.
-    fn field_of(places_m: &[[f64; 2]], bandwidth_hz: f64) -> Field {
+    fn field_of(places_m: &[[f64; 2]], bandwidth_hz: f64) -> FieldFixture {
         let mut field = field(places_m.iter().map(|&place_m| (place_m, 100.0, 30_000)));
         let Channel::FreeSpace(model) = &mut field.table.channel else { panic!("the letter's channel is free space") };
         model.bandwidth_hz = bandwidth_hz;
@@ -204,7 +204,7 @@ mod tests {
     }
 
     /// The decision from (50, 50).
-    fn decided(field: &Field, price: f64, queues_bits: &[u32]) -> Option<Decision> {
+    fn decided(field: &FieldFixture, price: f64, queues_bits: &[u32]) -> Option<Decision> {
         QueueWeight::new(&field.setup(), price).plan(&view(&field.table, 1, [50.0, 50.0], queues_bits))
     }
 

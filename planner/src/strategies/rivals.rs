@@ -10,7 +10,7 @@ use skysink_common::geometry::Position;
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
 
-use super::rollout::{Ahead, Effort, FlownSlot, Rollout, is_certain};
+use super::rollout::{Ahead, Effort, RolledSlot, Rollout, is_certain};
 use super::serving::Serving;
 use super::{Decision, Registered, STRATEGIES, Setup, Strategy, View};
 use crate::keys::Settings;
@@ -135,7 +135,7 @@ impl Rivals {
         for (rival, Rival { strategy, fresh, .. }) in made.iter_mut().enumerate() {
             let reset = |strategy: &mut dyn Strategy| strategy.restore(fresh).expect("a state of its own");
             let mut flight = Vec::new();
-            let watch = |slot: FlownSlot| flight.push((slot.waypoint.xy(), slot.ids.to_vec()));
+            let watch = |slot: RolledSlot| flight.push((slot.waypoint.xy(), slot.ids.to_vec()));
             let most_bits = surveyed.get(OFFERED - 1).map_or(f64::INFINITY, |last| last.loss_bits);
             let strategy = strategy.as_mut();
             if let Some(loss_bits) = rollout.mean_loss_bits(strategy, reset, transit, most_bits, is_over, watch) {

@@ -94,7 +94,7 @@ impl Effort {
 
 /// A slot of a flight.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct FlownSlot {
+pub(super) struct RolledSlot {
     /// Where it ends [m].
     pub waypoint: Point3<f64>,
     /// The SNs that it serves.
@@ -135,7 +135,7 @@ impl<'a> Rollout<'a> {
         transit: &mut Serving,
         most_bits: f64,
         is_over: &dyn Fn() -> bool,
-        mut watch: impl FnMut(FlownSlot),
+        mut watch: impl FnMut(RolledSlot),
     ) -> Option<f64> {
         let most_bits = most_bits * f64::from(self.futures);
         let mut lost_bits = 0.0;
@@ -160,7 +160,7 @@ impl<'a> Rollout<'a> {
         transit: &mut Serving,
         most_bits: f64,
         is_over: &dyn Fn() -> bool,
-        mut watch: impl FnMut(FlownSlot),
+        mut watch: impl FnMut(RolledSlot),
     ) -> Option<f64> {
         let table = self.view.table;
         let mut random = self.streams.stream(Purpose::Rollout, 0, future);
@@ -201,7 +201,7 @@ impl<'a> Rollout<'a> {
             if let Some(estimate) = &mut estimate {
                 estimate.observe(slot, &report, &world.queues_bits);
             }
-            watch(FlownSlot { waypoint: position, ids: decision.schedule });
+            watch(RolledSlot { waypoint: position, ids: decision.schedule });
         }
         lost_bits += self.beyond_bits(&world);
         (lost_bits <= most_bits).then_some(lost_bits)

@@ -159,7 +159,7 @@ impl Checkpoint for Whittle {
 mod tests {
     use super::*;
     use crate::strategies::Strategy;
-    use crate::strategies::tests::{Field, field, view};
+    use crate::strategies::tests::{FieldFixture, field, view};
     use proptest::prelude::*;
 
     /// What an SN has lost at this age [bit].
@@ -210,7 +210,7 @@ mod tests {
     }
 
     /// The field of these SNs, x, y [m] and rate [bit/s], with buffers of 1 000 bit.
-    fn field_of(sensors: &[[f64; 3]]) -> Field {
+    fn field_of(sensors: &[[f64; 3]]) -> FieldFixture {
         field(sensors.iter().map(|&[x_m, y_m, sampling_bps]| ([x_m, y_m], sampling_bps, 1_000)))
     }
 

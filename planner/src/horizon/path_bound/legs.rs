@@ -28,7 +28,7 @@ const SLACK: f64 = 1e-8;
 
 /// A leg with its price, and where it starts and ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Leg {
+pub struct PricedLeg {
     /// Slots with surcharges, less the prices of both ends.
     pub priced: f64,
     /// Its sensors.
@@ -90,7 +90,7 @@ impl Legs {
 
     /// The legs between near sensors, each from the cells between which it is cheapest, less `prices` [slots] of its
     /// ends.
-    pub fn near(&self, prices: &[f64]) -> impl Iterator<Item = Leg> {
+    pub fn near(&self, prices: &[f64]) -> impl Iterator<Item = PricedLeg> {
         self.near.iter().map(|&([first, second], ref slots)| {
             let first_slots = self.toward(first, second);
             let second_slots = self.toward(second, first);
@@ -105,17 +105,17 @@ impl Legs {
             let from = least(&cheapest);
             let to = least(&std::array::from_fn(|cell| slots[cell][from] + second_slots[cell]));
             let priced = cheapest[from] - prices[first as usize] - prices[second as usize];
-            Leg { priced, ends: [first, second], cells: Some([from as u8, to as u8]) }
+            PricedLeg { priced, ends: [first, second], cells: Some([from as u8, to as u8]) }
         })
     }
 
     /// The other legs of less than `below` slots, at least: with the least surcharge that any cell of both has.
-    pub fn far(&self, prices: &[f64], below: f64) -> impl Iterator<Item = Leg> {
+    pub fn far(&self, prices: &[f64], below: f64) -> impl Iterator<Item = PricedLeg> {
         let ids = 0..self.surcharges.len() as u32;
         let ends: Vec<f64> = ids.map(|id| prices[id as usize] + self.end_slots(id)).collect();
         let leg = move |&(sensors, slots): &([u32; 2], f64)| {
             let [first, second] = sensors.map(|sensor| ends[sensor as usize]);
-            Leg { priced: slots - first - second, ends: sensors, cells: None }
+            PricedLeg { priced: slots - first - second, ends: sensors, cells: None }
         };
         self.far.iter().map(leg).filter(move |leg| leg.priced < below)
     }
@@ -128,7 +128,7 @@ impl Legs {
     }
 
     /// Moves surcharges by `step` [slots] against those who use a cell for one leg only: `used` are the legs of a tree.
-    pub fn adjust(&mut self, used: &[Leg], step: f64) {
+    pub fn adjust(&mut self, used: &[PricedLeg], step: f64) {
         let mut uses: Vec<(u32, u8, u32)> = Vec::with_capacity(2 * used.len());
         for leg in used {
             if let Some([from, to]) = leg.cells {
@@ -219,7 +219,7 @@ mod tests {
         let mut legs = Legs::new(&table);
         for round in 0..50 {
             let prices = [0.3, 0.1 * f64::from(round % 7), -0.2, 0.4];
-            let used: Vec<Leg> = legs.near(&prices).take(3 + round as usize % 4).collect();
+            let used: Vec<PricedLeg> = legs.near(&prices).take(3 + round as usize % 4).collect();
             legs.adjust(&used, 0.1);
             for sensor in table.ids() {
                 let toward = table.ids().filter(|other| *other != sensor).map(|other| legs.toward(sensor, other));

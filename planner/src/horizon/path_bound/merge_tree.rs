@@ -7,7 +7,7 @@
 //! contributes `x2 − x1` if the set has a sensor in it, which makes the best set for a reward per sensor a walk over the
 //! components.
 
-use super::legs::Leg;
+use super::legs::PricedLeg;
 
 /// The components, in the order in which they come to be: first each sensor by itself.
 #[derive(Debug, Clone)]
@@ -16,7 +16,7 @@ pub struct MergeTree {
     /// By component: the price at which it comes to be.
     births: Vec<f64>,
     /// By merge, in order: the two components that merge, and the leg.
-    merges: Vec<([u32; 2], Leg)>,
+    merges: Vec<([u32; 2], PricedLeg)>,
 }
 
 /// The set of sensors for which rewards less weight are most.
@@ -34,7 +34,7 @@ impl MergeTree {
     /// The tree over `sensors` sensors, at least 2, by `legs` in the order of their prices; none if they do not connect
     /// all.
     #[must_use]
-    pub fn new(sensors: usize, legs: &[Leg]) -> Option<Self> {
+    pub fn new(sensors: usize, legs: &[PricedLeg]) -> Option<Self> {
         let cheapest = legs.first()?.priced;
         let mut tree = Self { sensors, births: vec![cheapest; sensors], merges: Vec::with_capacity(sensors - 1) };
         let mut parents: Vec<u32> = (0..sensors as u32).collect();
@@ -82,12 +82,12 @@ impl MergeTree {
     }
 
     /// What a component adds to the one that it merges into by `leg`.
-    fn worth(&self, part: u32, leg: &Leg, values: &[f64]) -> f64 {
+    fn worth(&self, part: u32, leg: &PricedLeg, values: &[f64]) -> f64 {
         values[part as usize] - (leg.priced - self.births[part as usize])
     }
 
     /// Those of two merging components that the best set has sensors in: who adds something, or the better one.
-    fn kept(&self, parts: &[u32; 2], leg: &Leg, values: &[f64]) -> impl Iterator<Item = u32> {
+    fn kept(&self, parts: &[u32; 2], leg: &PricedLeg, values: &[f64]) -> impl Iterator<Item = u32> {
         let [first, second] = parts.map(|part| self.worth(part, leg, values));
         let kept = [first > 0.0 || first >= second, second > 0.0 || second > first];
         parts.iter().copied().zip(kept).filter_map(|(part, is_kept)| is_kept.then_some(part))
@@ -95,7 +95,7 @@ impl MergeTree {
 
     /// The sensors of a best set, and the legs that connect them.
     #[must_use]
-    pub fn members(&self, best: &BestSet) -> (Vec<u32>, Vec<Leg>) {
+    pub fn members(&self, best: &BestSet) -> (Vec<u32>, Vec<PricedLeg>) {
         let mut sensors = Vec::with_capacity(best.size);
         let mut legs = Vec::with_capacity(best.size);
         let mut open = vec![(best.values.len() - 1) as u32];
@@ -130,17 +130,17 @@ mod tests {
 
     const SENSORS: usize = 6;
 
-    fn tree_of(prices: &[f64]) -> (Vec<Leg>, MergeTree) {
+    fn tree_of(prices: &[f64]) -> (Vec<PricedLeg>, MergeTree) {
         let pairs = (0..SENSORS as u32).flat_map(|first| (0..first).map(move |second| [first, second]));
-        let leg = |(ends, &priced): ([u32; 2], &f64)| Leg { priced, ends, cells: None };
-        let mut legs: Vec<Leg> = pairs.zip(prices).map(leg).collect();
+        let leg = |(ends, &priced): ([u32; 2], &f64)| PricedLeg { priced, ends, cells: None };
+        let mut legs: Vec<PricedLeg> = pairs.zip(prices).map(leg).collect();
         legs.sort_by(|a, b| a.priced.total_cmp(&b.priced));
         let tree = MergeTree::new(SENSORS, &legs).unwrap();
         (legs, tree)
     }
 
     /// Weight of the cheapest tree over a set of sensors, by Kruskal's algorithm on the legs within it.
-    fn cheapest(legs: &[Leg], set: u32) -> f64 {
+    fn cheapest(legs: &[PricedLeg], set: u32) -> f64 {
         let mut parents: Vec<u32> = (0..SENSORS as u32).collect();
         let mut weight = 0.0;
         for leg in legs.iter().filter(|leg| leg.ends.iter().all(|end| set >> end & 1 == 1)) {

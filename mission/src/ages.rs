@@ -10,16 +10,27 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::{Sensor, SensorList};
 
 /// The age of one SN after each slot: `slot − stamp` from slot `from` on.
-#[derive(Debug, Clone, Copy)]
-struct AgeRun {
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AgeRun {
     from: u64,
     stamp: u64,
 }
 
 impl AgeRun {
-    /// The ages after the slots before `end`.
-    fn ages(self, end: u64) -> Range<u64> {
+    /// An age that counts from the mission's start.
+    pub const FIRST: Self = Self { from: 1, stamp: 0 };
+
+    /// The ages [slots] after the slots before `end`.
+    #[must_use]
+    pub fn ages(self, end: u64) -> Range<u64> {
         self.from - self.stamp..end - self.stamp
+    }
+
+    /// From `slot` on the age counts from slot `stamp`. Returns the ages [slots] up to there.
+    pub fn refresh(&mut self, slot: u64, stamp: u64) -> Range<u64> {
+        let ages = self.ages(slot);
+        *self = Self { from: slot, stamp };
+        ages
     }
 }
 
@@ -32,17 +43,18 @@ pub struct Ages {
 
 impl Ages {
     /// Ages that begin with the mission.
+    #[must_use]
     pub fn new(sensors: usize) -> Self {
-        Self { runs: vec![AgeRun { from: 1, stamp: 0 }; sensors], counts: AgeCounts::default() }
+        Self { runs: vec![AgeRun::FIRST; sensors], counts: AgeCounts::default() }
     }
 
     /// From `slot` on the age of the SN counts from slot `stamp`.
     pub fn refresh(&mut self, sensor: usize, slot: u64, stamp: u64) {
-        self.counts.add(self.runs[sensor].ages(slot));
-        self.runs[sensor] = AgeRun { from: slot, stamp };
+        self.counts.add(self.runs[sensor].refresh(slot, stamp));
     }
 
     /// How often each age occurs up to the end of `slot`, over the SNs that count; only SNs that count were refreshed.
+    #[must_use]
     pub fn counts(&self, slot: u64, is_counted: impl Fn(usize) -> bool) -> AgeCounts {
         let mut counts = self.counts.clone();
         let counted = self.runs.iter().enumerate().filter(|(sensor, _)| is_counted(*sensor));
@@ -81,6 +93,7 @@ impl AgeCounts {
     }
 
     /// Mean age [slots]; 0 where none is counted.
+    #[must_use]
     pub fn mean(&self) -> f64 {
         let sum: u64 = self.by_age().map(|(age, count)| age * count).sum();
         let samples = self.samples();
@@ -88,6 +101,7 @@ impl AgeCounts {
     }
 
     /// The least age [slots] that is not exceeded by a fraction `q` of the samples (nearest rank).
+    #[must_use]
     pub fn quantile(&self, q: f64) -> u64 {
         let rank = (q * self.samples() as f64).ceil() as u64;
         let mut seen = 0;
@@ -134,6 +148,7 @@ struct Batch {
 
 impl DeliveredData {
     /// Nothing delivered yet.
+    #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
         let backlog = |sensor: &Sensor| Backlog::new(sensor.sampling_bps * scenario.slot_s, sensor.queue_bits);
         let backlogs: Vec<Backlog> = list.sensors().iter().map(backlog).collect();
@@ -152,6 +167,7 @@ impl DeliveredData {
     }
 
     /// How often each age occurs up to the end of `slot`, over the SNs that sample.
+    #[must_use]
     pub fn counts(&self, slot: u64) -> AgeCounts {
         self.ages.counts(slot, |sensor| self.backlogs[sensor].mean_bits > 0.0)
     }

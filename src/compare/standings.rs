@@ -1,0 +1,87 @@
+//! How all stand, as tables that fit into a terminal: a row for each that is compared.
+
+use skysink_lab::compare::{Contender, MetricStanding};
+use skysink_lab::metrics::Metric;
+
+use crate::error::Error;
+use crate::report::{print, table, with_numbers_right};
+
+/// A column: its heading, and the cell of each that is compared.
+struct Column {
+    heading: String,
+    cells: Vec<String>,
+}
+
+/// A metric in a column: its heading, what it is multiplied by, and its decimals.
+struct ShownMetric {
+    heading: &'static str,
+    metric: Metric,
+    factor: f64,
+    decimals: usize,
+}
+
+const OTHERS: [ShownMetric; 7] = [
+    ShownMetric { heading: "delivered\n[Mbit]", metric: Metric::DeliveredBits, factor: 1e-6, decimals: 3 },
+    ShownMetric { heading: "SNs per\nslot", metric: Metric::MeanServed, factor: 1.0, decimals: 3 },
+    ShownMetric { heading: "flown\n[km]", metric: Metric::FlownM, factor: 1e-3, decimals: 2 },
+    ShownMetric { heading: "energy\n[kJ]", metric: Metric::EnergyJ, factor: 1e-3, decimals: 1 },
+    ShownMetric { heading: "service\nage [s]", metric: Metric::AoiMeanS, factor: 1.0, decimals: 1 },
+    ShownMetric { heading: "data\nage [s]", metric: Metric::DataAgeMeanS, factor: 1.0, decimals: 1 },
+    ShownMetric { heading: "plan\np50 [µs]", metric: Metric::PlanP50Us, factor: 1.0, decimals: 1 },
+];
+
+/// Characters of a number in a cell, if it can do with fewer decimals.
+const MOST_CHARACTERS: usize = 7;
+
+/// Prints η with its 95 % confidence interval and the differences from the first, then the other metrics.
+pub(super) fn print_tables(contenders: &[Contender], standings: &[MetricStanding]) -> Result<(), Error> {
+    let find = |contender: &Contender, metric: Metric| {
+        standings.iter().find(|standing| standing.label == contender.label && standing.metric == metric.name())
+    };
+    let column = |heading: &str, cell: &dyn Fn(&Contender) -> Option<String>| Column {
+        heading: heading.to_owned(),
+        cells: contenders.iter().map(|contender| cell(contender).unwrap_or_default()).collect(),
+    };
+    let loss = |contender: &Contender| find(contender, Metric::LossRate);
+    let losses = [
+        column("data loss\nrate η", &|contender| Some(format!("{:.4}", loss(contender)?.mean))),
+        column("95 %\ninterval", &|contender| interval(loss(contender)?.ci95?)),
+        column("minus that\nof the first", &|contender| Some(format!("{:+.4}", loss(contender)?.difference?))),
+        column("95 %\ninterval", &|contender| interval(loss(contender)?.difference_ci95?)),
+    ];
+    let other = |shown: &ShownMetric| {
+        column(shown.heading, &|contender| {
+            Some(number(find(contender, shown.metric)?.mean * shown.factor, shown.decimals))
+        })
+    };
+    let labels: Vec<&str> = contenders.iter().map(|contender| contender.label.as_str()).collect();
+    print(rows(&labels, &losses))?;
+    print(rows(&labels, &OTHERS.each_ref().map(other)))?;
+    match contenders.iter().filter_map(loss).map(|standing| standing.n).max() {
+        Some(missions) if missions > 1 => print(format_args!("{missions} missions each; differences by seed.")),
+        _ => Ok(()),
+    }
+}
+
+/// The table of the columns in which anything is.
+fn rows(labels: &[&str], columns: &[Column]) -> comfy_table::Table {
+    let columns: Vec<&Column> =
+        columns.iter().filter(|column| column.cells.iter().any(|cell| !cell.is_empty())).collect();
+    let mut table = table();
+    table.set_header([""].into_iter().chain(columns.iter().map(|column| column.heading.as_str())));
+    for (row, label) in labels.iter().enumerate() {
+        table.add_row([*label].into_iter().chain(columns.iter().map(|column| column.cells[row].as_str())));
+    }
+    with_numbers_right(table)
+}
+
+fn interval([low, high]: [f64; 2]) -> Option<String> {
+    Some(format!("[{low:.3}, {high:.3}]"))
+}
+
+/// A number with so many decimals, or with fewer where it is large.
+fn number(value: f64, decimals: usize) -> String {
+    let texts = (0..=decimals).rev().map(|decimals| format!("{value:.decimals$}"));
+    let fitting = texts.filter(|text| text.len() <= MOST_CHARACTERS).max_by_key(String::len);
+    fitting.unwrap_or_else(|| format!("{value:.0}"))
+}

@@ -1,0 +1,44 @@
+//! The names in the source: a reader who meets a public type finds one.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Folders of the workspace that hold source.
+const FOLDERS: [&str; 11] =
+    ["common", "ring", "field-sim", "flight-sim", "planner", "viewer", "mission", "lab", "fuzz", "src", "tests"];
+
+/// The Rust files below `folder`.
+fn sources(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let below = |path: PathBuf| match path.extension() {
+        _ if path.is_dir() => sources(&path),
+        Some(extension) if extension == "rs" => vec![path],
+        _ => Vec::new(),
+    };
+    entries.flat_map(below).collect()
+}
+
+/// The public type that a line declares, visible outside the crate or within it.
+fn declared(line: &str) -> Option<&str> {
+    let public = line.trim_start().strip_prefix("pub")?;
+    let public = public.strip_prefix('(').map_or(Some(public), |rest| Some(rest.split_once(')')?.1))?;
+    let kinds = [" struct ", " enum ", " trait ", " union "];
+    let name = kinds.into_iter().find_map(|kind| public.strip_prefix(kind))?;
+    name.split(|letter: char| !letter.is_alphanumeric() && letter != '_').next()
+}
+
+#[test]
+fn a_public_type_has_a_name_of_its_own_in_the_workspace() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut places: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
+    for path in FOLDERS.iter().flat_map(|folder| sources(&root.join(folder))) {
+        let text = fs::read_to_string(&path).unwrap();
+        for name in text.lines().filter_map(declared) {
+            places.entry(name.to_owned()).or_default().push(path.clone());
+        }
+    }
+    assert!(places.len() > 200, "{}", places.len());
+    places.retain(|_, paths| paths.len() > 1);
+    assert!(places.is_empty(), "{places:#?}");
+}
