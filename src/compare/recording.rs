@@ -134,5 +134,6 @@ fn page(shown: &[Shown]) -> String {
             value(Metric::FlownM, 1e-3, 2),
         );
     }
-    page + "\nQueues: blue is empty, green half full, red full. All scenes are in the same slot.\n"
+    page + "\nQueues: blue is empty, grey half full, yellow full; red loses data in this slot, a red dot above has lost some.\
+            \n\nAll scenes are in the same slot.\n"
 }

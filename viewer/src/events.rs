@@ -9,6 +9,7 @@ use crate::colour;
 use crate::curves;
 use crate::files::Part;
 use crate::slot::SlotView;
+use crate::tally::Tally;
 
 /// Entity of the event log.
 pub const LOG: &str = "log/events";
@@ -39,8 +40,8 @@ impl Events {
     pub(crate) fn open(canvas: &Canvas, part: Part) -> RecordingStreamResult<Self> {
         let states = [
             (Mode::Serve.into(), colour::DELIVERY),
-            (Mode::Transit.into(), colour::CLOCK),
-            (Mode::Hold.into(), colour::LOSS),
+            (Mode::Transit.into(), colour::TRANSIT),
+            (Mode::Hold.into(), colour::HOLD),
             (GAP, colour::MISSED),
         ];
         let style = StateConfiguration::new()
@@ -51,13 +52,13 @@ impl Events {
     }
 
     /// Logs the events of a slot, and its state where it changes.
-    pub(crate) fn log_slot(&mut self, canvas: &Canvas, view: &SlotView) -> RecordingStreamResult<()> {
+    pub(crate) fn log_slot(&mut self, canvas: &Canvas, view: &SlotView, tally: &Tally) -> RecordingStreamResult<()> {
         let flight = view.flight;
         self.log_due(canvas)?;
         if view.slot > 0 {
             self.enter(canvas, Mode::from_repr(flight.mode).unwrap_or_default().into())?;
         }
-        canvas.log(STATUS, &TextDocument::from_markdown(status(view)))?;
+        canvas.log(STATUS, &TextDocument::from_markdown(status(view, tally)))?;
         match HoldReason::from_repr(flight.hold).unwrap_or_default() {
             HoldReason::None => {}
             HoldReason::NoPlan => write(canvas, TextLogLevel::WARN, "hold: no plan in time")?,
@@ -111,13 +112,28 @@ pub(crate) fn write(canvas: &Canvas, level: &'static str, text: &str) -> Recordi
     canvas.log(LOG, &TextLog::new(text).with_level(level))
 }
 
-/// The loss rate so far, and what it is made of.
-fn status(view: &SlotView) -> String {
+/// The loss rate so far and what it is made of, who has lost data, who overflows next, and how much was in range.
+fn status(view: &SlotView, tally: &Tally) -> String {
     let Totals { sampled_bits, delivered_bits, lost_bits, .. } = view.header.totals;
     let loss_rate = curves::loss_rate(&view.header.totals);
+    let count = tally.lost_bits().len();
+    let losers = tally.lost_bits().iter().filter(|&&lost_bits| lost_bits > 0).count();
+    let seen_bits: u64 = tally.lost_bits().iter().sum();
+    let unseen = match lost_bits.saturating_sub(seen_bits) {
+        0 => String::new(),
+        bits => format!(" ({bits} bits in slots that the viewer did not see)"),
+    };
+    let overflowing = tally.overflows().filter(|&overflows| overflows).count();
+    let soonest = tally.overflow_s().zip(0..).filter(|(overflow_s, _): &(f64, u32)| *overflow_s > 0.0);
+    let soonest = soonest.min_by(|(a, _), (b, _)| a.total_cmp(b)).filter(|(overflow_s, _)| overflow_s.is_finite());
+    let soonest =
+        soonest.map_or_else(String::new, |(overflow_s, id)| format!(", next full: SN {id} in {overflow_s:.0} s"));
     format!(
-        "slot {}: **η so far {loss_rate:.4}** ({lost_bits} of {sampled_bits} bits lost, {delivered_bits} delivered)",
-        view.slot
+        "slot {}: **η so far {loss_rate:.4}** ({lost_bits} of {sampled_bits} bits lost, {delivered_bits} delivered)\n\n\
+         **{losers} of {count} SNs have lost data**{unseen}, {overflowing} lose some now{soonest}; \
+         {:.0} % of the area was in range",
+        view.slot,
+        100.0 * tally.covered()
     )
 }
 
