@@ -134,6 +134,5 @@ fn page(shown: &[Shown]) -> String {
             value(Metric::FlownM, 1e-3, 2),
         );
     }
-    page + "\nQueues: blue is empty, grey half full, yellow full; red loses data in this slot, a red dot above has lost some.\
-            \n\nAll scenes are in the same slot.\n"
+    page + "\nQueues: blue empty, yellow full; red: loses data now, red dot: has lost some. All in the same slot.\n"
 }

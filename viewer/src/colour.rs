@@ -62,10 +62,12 @@ pub const FILL_MEAN: Rgb = [140, 140, 130];
 pub const MISSED: Rgb = [110, 114, 124];
 
 /// Colour of a queue fill, 0 (blue) over 0.5 (grey) to 1 (yellow): Cividis (Nunez, Anderton and Renslow, 2018), made
-/// for the colour-blind, without its darkest end, which is not seen on a dark ground.
+/// for the colour-blind, its dark end lightened to be seen on a dark ground.
 pub(crate) fn of_fill(fill: f64) -> Rgb {
-    const FIRST: f64 = 0.22;
-    colorous::CIVIDIS.eval_continuous(FIRST + (1.0 - FIRST) * fill).into_array()
+    const FIRST: f64 = 0.2;
+    let lighter = 1.75 - 0.75 * fill;
+    let map = colorous::CIVIDIS.eval_continuous(FIRST + (1.0 - FIRST) * fill).into_array();
+    map.map(|channel| (f64::from(channel) * lighter).round().min(255.0) as u8)
 }
 
 /// Colour of a loss, 0 (dark red) to 1 (pale): Reds (ColorBrewer), from the dark end.

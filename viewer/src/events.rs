@@ -1,6 +1,9 @@
 //! The event log, the lane of the UAV's state, and what has been reached so far in words.
 
-use rerun::{RecordingStreamResult, StateChange, StateConfiguration, TextDocument, TextLog, TextLogLevel};
+use rerun::components::MarkerShape;
+use rerun::{
+    RecordingStreamResult, Scalars, SeriesPoints, StateChange, StateConfiguration, TextDocument, TextLog, TextLogLevel,
+};
 use skysink_common::message::{HoldReason, Mode, SolverOutcome, Totals};
 use skysink_common::scenario::Scenario;
 
@@ -15,6 +18,8 @@ use crate::tally::Tally;
 pub const LOG: &str = "log/events";
 /// Entity of the state lane.
 pub const LANE: &str = "state/uav";
+/// Root of the same as points of a plot, one entity for each state: the plot follows a live mission, a lane does not.
+pub const STATES: &str = "metrics/state";
 /// What has been reached so far, in words.
 pub const STATUS: &str = "status";
 /// State of the lane where the viewer missed slots.
@@ -48,6 +53,14 @@ impl Events {
             .with_values(states.map(|(name, _)| name))
             .with_colors(states.map(|(_, colour)| colour));
         canvas.log_static(LANE, &style)?;
+        for (name, colour) in states {
+            let points = SeriesPoints::new()
+                .with_names([name])
+                .with_colors([colour])
+                .with_markers([MarkerShape::Square])
+                .with_marker_sizes([4.0]);
+            canvas.log_static(format!("{STATES}/{name}"), &points)?;
+        }
         Ok(Self { due: (part == Part::Later).then_some(CONTINUED), state: None, is_lossy: None })
     }
 
@@ -56,7 +69,10 @@ impl Events {
         let flight = view.flight;
         self.log_due(canvas)?;
         if view.slot > 0 {
-            self.enter(canvas, Mode::from_repr(flight.mode).unwrap_or_default().into())?;
+            let mode = Mode::from_repr(flight.mode).unwrap_or_default();
+            self.enter(canvas, mode.into())?;
+            let name: &'static str = mode.into();
+            canvas.log(format!("{STATES}/{name}"), &Scalars::single(height(mode)))?;
         }
         canvas.log(STATUS, &TextDocument::from_markdown(status(view, tally)))?;
         match HoldReason::from_repr(flight.hold).unwrap_or_default() {
@@ -87,6 +103,7 @@ impl Events {
     pub(crate) fn log_missed(&mut self, canvas: &Canvas, first: u64, last: u64) -> RecordingStreamResult<()> {
         self.log_due(canvas)?;
         self.enter(canvas, GAP)?;
+        canvas.log(format!("{STATES}/{GAP}"), &Scalars::single(0.0))?;
         let text = match last - first {
             0 => format!("slot {first} missed by the viewer\nThe mission went on."),
             _ => format!("slots {first} to {last} missed by the viewer\nThe mission went on."),
@@ -104,6 +121,15 @@ impl Events {
         }
         self.state = Some(state);
         canvas.log(LANE, &StateChange::single(state))
+    }
+}
+
+/// Height of a state in its plot; that of a gap is 0.
+fn height(mode: Mode) -> f64 {
+    match mode {
+        Mode::Hold => 1.0,
+        Mode::Transit => 2.0,
+        Mode::Serve => 3.0,
     }
 }
 

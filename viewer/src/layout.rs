@@ -31,13 +31,28 @@ pub(crate) fn send(
 ) -> RecordingStreamResult<()> {
     let mut layout = Blueprint::new(&recording.application, &recording.name)?;
     let scenes = scenes(&mut layout, sizes, scenario, estimated)?;
-    let lane = layout.view(class::STATES, "UAV: serve, transit, hold", "", &[select(events::LANE)])?;
+    let lane = lane(&mut layout, recording.port)?;
     let log = log(&mut layout)?;
     let below = layout.container(ContainerKind::Tabs, &[(1.0, lane), (1.0, log)])?;
     let left = layout.container(ContainerKind::Vertical, &[(6.0, scenes), (1.1, below)])?;
     let right = beside(&mut layout, scenario, clock)?;
     let root = layout.container(ContainerKind::Horizontal, &[(2.1, left), (1.0, right)])?;
     layout.send(&recording.stream, root, SLOTS_PER_S)
+}
+
+/// The UAV's state over time: a lane, or for a live viewer, on the port `live`, a plot, which follows.
+fn lane(layout: &mut Blueprint, live: Option<u16>) -> RecordingStreamResult<Tile> {
+    if live.is_none() {
+        return layout.view(class::STATES, "UAV: serve, transit, hold", "", &[select(events::LANE)]);
+    }
+    let name = "UAV: 3 serve (green), 2 transit (lavender), 1 hold (white), 0 gap (grey)";
+    let states = plot(
+        layout,
+        name,
+        &["serve", "transit", "hold", events::GAP].map(|name| format!("{}/{name}", events::STATES)),
+    )?;
+    lock_axis(layout, states, [-0.6, 3.6])?;
+    Ok(states)
 }
 
 pub(crate) fn select(entity: &str) -> String {
@@ -101,12 +116,12 @@ fn scenes(
 fn maps(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> RecordingStreamResult<Tile> {
     let loss = map(layout, "Data lost so far, by SN", maps::LOSS, sizes)?;
     let overflow = map(layout, "Time until each SN is full", maps::OVERFLOW, sizes)?;
-    let coverage = map(layout, "How long ago each place was in range", maps::COVERAGE, sizes)?;
-    let flown = flown(layout, "All that was flown so far", &str::to_owned, sizes, slot_s)?;
+    let coverage = map(layout, "How long ago each place was in range (every 10th slot)", maps::COVERAGE, sizes)?;
+    let flown = flown(layout, "All that was flown", &str::to_owned, sizes, slot_s)?;
     four(layout, "Loss and coverage", [loss, overflow, coverage, flown])
 }
 
-/// The whole path from above, over the SNs as points; `name_of` gives the full name of an entity.
+/// The whole path from above; `name_of` gives the full name of an entity.
 pub(crate) fn flown(
     layout: &mut Blueprint,
     title: &str,
@@ -114,8 +129,8 @@ pub(crate) fn flown(
     sizes: &Sizes,
     slot_s: f64,
 ) -> RecordingStreamResult<Tile> {
-    let shown = [queues::POINTS, uav::TRACK, uav::DOT].map(|entity| select(&name_of(entity)));
-    let shown = [&shown[..], &[select_all(&name_of(legend::AREA))]].concat();
+    let all = [legend::AREA, uav::COVERAGE].map(|entity| select_all(&name_of(entity)));
+    let shown = [&[select(&name_of(uav::TRACK))][..], &all].concat();
     let view = layout.view(class::SCENE, title, &name_of(queues::WORLD), &shown)?;
     layout.show_past(view, &name_of(uav::TRACK), None, slot_s)?;
     film(layout, view, &above(sizes))?;
@@ -167,14 +182,9 @@ fn line_of_sight(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> Recordin
     let page = layout.view(class::TEXT, "What it shows", legend::LOS_PAGE, &[select(legend::LOS_PAGE)])?;
     let left = layout.container(ContainerKind::Vertical, &[(1.75, room), (1.0, page)])?;
 
-    let why = picture(
-        layout,
-        "Expected rate (green), rate in sight (grey), probability (blue)",
-        profile::PROFILE,
-        profile::BOUNDS,
-    )?;
+    let why = picture(layout, "Expected rate (green) by altitude", profile::PROFILE, profile::BOUNDS)?;
     let altitude = plot(layout, "Altitude [m]", &[los::ALTITUDE])?;
-    lock_axis(layout, altitude, [0.0, 1.1 * f64::from(sizes.highest_m)])?;
+    lock_axis(layout, altitude, [-0.08, 1.1].map(|part| part * f64::from(sizes.highest_m)))?;
     let elevation = plot(layout, "Elevation of each served link [°]", &by_draw(los::ELEVATION))?;
     lock_axis(layout, elevation, [-5.0, 105.0])?;
     let probability = plot(layout, "Probability of sight of each served link", &by_draw(los::PROBABILITY))?;

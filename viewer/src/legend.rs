@@ -103,17 +103,17 @@ fn los_page(scenario: &Scenario, link: &LineOfSight) -> String {
 /// line of sight, to the right.
 fn log_scales(canvas: &Canvas, rates_bps: Option<&RangeInclusive<f64>>) -> RecordingStreamResult<()> {
     let per_cent = [0.0, 0.5, 1.0].map(|fraction| (fraction, format!("{:.0} %", 100.0 * fraction)));
-    log_scale(canvas, "queue", 190, &colour::of_fill, per_cent.clone())?;
-    canvas.log_static(format!("{SCALE}/overflow"), &Transform3D::from_translation([224.0, 0.0, 0.0]))?;
+    log_scale(canvas, "queue", 160, &colour::of_fill, per_cent.clone())?;
+    canvas.log_static(format!("{SCALE}/overflow"), &Transform3D::from_translation([222.0, 0.0, 0.0]))?;
     log_scale(canvas, "overflow", 40, &|_| colour::LOSS, [(0.5, "loses data".to_owned())])?;
     let right = if rates_bps.is_some() { "rate" } else { "probability" };
-    canvas.log_static(format!("{SCALE}/{right}"), &Transform3D::from_translation([350.0, 0.0, 0.0]))?;
+    canvas.log_static(format!("{SCALE}/{right}"), &Transform3D::from_translation([360.0, 0.0, 0.0]))?;
     let Some(rates_bps) = rates_bps else {
-        return log_scale(canvas, right, 240, &colour::of_probability, per_cent);
+        return log_scale(canvas, right, 200, &colour::of_probability, per_cent);
     };
     let rate_bps = |fraction: f64| rates_bps.start() + fraction * (rates_bps.end() - rates_bps.start());
     let colour = |fraction: f64| colour::of_rate(rate_bps(fraction), rates_bps);
-    log_scale(canvas, right, 240, &colour, [0.0, 1.0].map(|fraction| (fraction, format_rate(rate_bps(fraction)))))
+    log_scale(canvas, right, 200, &colour, [0.0, 1.0].map(|fraction| (fraction, format_rate(rate_bps(fraction)))))
 }
 
 /// A bar from the colour of 0 to that of 1, with what it means written below at fractions of its width.
@@ -162,9 +162,12 @@ fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
     let grid = line_style(colour::GRID, 0.5).with_strips(north.chain(east));
     canvas.log_static(format!("{AREA}/grid"), &grid)?;
     let away_m = 0.03 * width_m.max(depth_m);
-    let every_second = |length_m: f32| steps(length_m * 1.0001).step_by(2);
-    let at_x = every_second(width_m).map(|x_m| ([x_m, -away_m, 0.0], format!("{x_m} m")));
-    let at_y = every_second(depth_m).skip(1).map(|y_m| ([-1.5 * away_m, y_m, 0.0], format!("{y_m} m")));
+    let numbers = |length_m: f32| {
+        let number_m = sizes.number_m;
+        (0..).map(move |step| step as f32 * number_m).take_while(move |&at_m| at_m <= length_m * 1.0001)
+    };
+    let at_x = numbers(width_m).map(|x_m| ([x_m, -away_m, 0.0], format!("{x_m} m")));
+    let at_y = numbers(depth_m).skip(1).map(|y_m| ([-1.5 * away_m, y_m, 0.0], format!("{y_m} m")));
     let (places, texts): (Vec<_>, Vec<_>) = at_x.chain(at_y).unzip();
     let axes = Points3D::new(places)
         .with_labels(texts)

@@ -38,15 +38,22 @@ const EVERY: u64 = 10;
 pub(crate) struct MapFrame {
     extent_m: [f32; 2],
     grid_m: f32,
+    number_m: f32,
     radius_m: f32,
     positions: Vec<[f32; 2]>,
 }
 
 impl MapFrame {
     pub(crate) fn of(sensors: &[SensorNode], sizes: &Sizes) -> Self {
-        let Sizes { width_m, depth_m, grid_m, radius_m, .. } = *sizes;
+        let Sizes { width_m, depth_m, grid_m, number_m, radius_m, .. } = *sizes;
         let on_map = |sensor: &SensorNode| [sensor.x_m as f32, depth_m - sensor.y_m as f32];
-        Self { extent_m: [width_m, depth_m], grid_m, radius_m, positions: sensors.iter().map(on_map).collect() }
+        Self {
+            extent_m: [width_m, depth_m],
+            grid_m,
+            number_m,
+            radius_m,
+            positions: sensors.iter().map(on_map).collect(),
+        }
     }
 
     /// The longer side [m].
@@ -57,18 +64,18 @@ impl MapFrame {
     /// Draws frame, grid and the numbers at the axes.
     pub(crate) fn log(&self, canvas: &Canvas) -> RecordingStreamResult<()> {
         let [width_m, depth_m] = self.extent_m;
-        let steps = |length_m: f32| {
-            let grid_m = self.grid_m;
-            (0..).map(move |step| step as f32 * grid_m).take_while(move |&at_m| at_m <= length_m * 1.0001)
+        let multiples = |step_m: f32, length_m: f32| {
+            (0..).map(move |step| step as f32 * step_m).take_while(move |&at_m| at_m <= length_m * 1.0001)
         };
+        let steps = |length_m: f32| multiples(self.grid_m, length_m);
+        let numbers = |length_m: f32| multiples(self.number_m, length_m);
         let north = steps(width_m).chain([width_m]).map(|x_m| [[x_m, 0.0], [x_m, depth_m]]);
         let east = steps(depth_m).map(|y_m| depth_m - y_m).chain([0.0]).map(|y_m| [[0.0, y_m], [width_m, y_m]]);
         let grid = LineStrips2D::new(north.chain(east)).with_colors([colour::GRID]);
         canvas.log_static(AREA, &grid.with_radii([Radius::new_ui_points(0.5)]).with_draw_order(-10.0))?;
         let away_m = 0.05 * self.longer_m();
-        let at_x = steps(width_m).step_by(2).map(|x_m| ([x_m, depth_m + 0.2 * away_m], format!("{x_m} m")));
-        let at_y =
-            steps(depth_m).step_by(2).skip(1).map(|y_m| ([-away_m, depth_m - y_m - 0.6 * away_m], format!("{y_m} m")));
+        let at_x = numbers(width_m).map(|x_m| ([x_m, depth_m + 0.2 * away_m], format!("{x_m} m")));
+        let at_y = numbers(depth_m).skip(1).map(|y_m| ([-away_m, depth_m - y_m - 0.6 * away_m], format!("{y_m} m")));
         canvas.log_static(format!("{AREA}/numbers"), &writing(at_x.chain(at_y)))?;
         let range = Ellipses2D::update_fields()
             .with_half_sizes([[self.radius_m; 2]])
@@ -115,7 +122,11 @@ impl SensorMap {
         frame.log_legend(canvas, map, steps)?;
         let shown = format!("{map}/{SHOWN}");
         canvas.log_static(&shown, &steps.classes())?;
-        let size_ui = if frame.positions.len() <= MAX_BARS { 4.0 } else { 2.0 };
+        let size_ui = match frame.positions.len() {
+            ..=500 => 4.0,
+            501..=MAX_BARS => 2.2,
+            _ => 1.5,
+        };
         let points = Points2D::new(frame.positions.iter().copied())
             .with_radii([Radius::new_ui_points(size_ui)])
             .with_show_labels(false)
@@ -166,8 +177,9 @@ impl Maps {
         let entry = |name: &str, colour| Entry { name: name.to_owned(), colour };
         let most_kbit = tally.most_sampled_bits(scenario.slots) / 1e3;
         let loss_steps = Steps::of(most_kbit, "kbit", entry("nothing lost", colour::GRID), colour::of_loss);
-        let urgency = |fraction: f64| colour::of_fill(1.0 - fraction);
-        let overflow_steps = Steps::of(tally.longest_fill_s(), "s", entry("full", colour::LOSS), urgency);
+        let urgency = |fraction: f64| colour::of_fill(0.85 * (1.0 - fraction));
+        let overflow_steps = Steps::of(tally.longest_fill_s(), "s", entry("full", colour::of_fill(1.0)), urgency)
+            .with_last(entry("loses data", colour::LOSS));
         let mission_s = scenario.slots as f64 * scenario.slot_s;
         let coverage_steps = Steps::of(mission_s, "s ago", entry("in range", colour::COVERAGE), colour::of_age)
             .with_last(entry("never", colour::GROUND));
@@ -199,7 +211,8 @@ impl Maps {
             let steps = &self.loss_steps;
             self.loss.log(canvas, tally.lost_bits().iter().map(|&lost_bits| steps.step(lost_bits as f64 / 1e3)))?;
             let steps = &self.overflow_steps;
-            self.overflow.log(canvas, tally.overflow_s().map(|overflow_s| steps.step(overflow_s)))?;
+            let step = |(overflow_s, overflows)| if overflows { steps.last() } else { steps.step(overflow_s) };
+            self.overflow.log(canvas, tally.overflow_s().zip(tally.overflows()).map(step))?;
         }
         if is_first || slot.is_multiple_of(EVERY) || slot == self.slots {
             self.coverage.log(canvas, tally)?;

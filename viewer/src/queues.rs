@@ -120,7 +120,7 @@ impl Bars {
         let marked = || self.feet_m.iter().zip(lost_bits).filter(|(_, lost_bits)| **lost_bits > 0);
         let marks = Some(marked().count());
         if self.marks != marks {
-            let above = marked().map(|(&[x_m, y_m], _)| [x_m, y_m, 1.15 * self.full_m]);
+            let above = marked().map(|(&[x_m, y_m], _)| [x_m, y_m, 1.3 * self.full_m]);
             canvas.log(LOST, &Points3D::update_fields().with_positions(above))?;
             self.marks = marks;
         }

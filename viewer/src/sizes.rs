@@ -20,6 +20,8 @@ pub(crate) struct Sizes {
     pub(crate) radius_m: f32,
     /// Distance of grid lines.
     pub(crate) grid_m: f32,
+    /// Distance of those that have a number: every one, second, fifth, ... of them.
+    pub(crate) number_m: f32,
     /// Height of a full queue's bar: half the lowest altitude, so that no bar hides the UAV, or more in a field so wide
     /// that it would not be seen.
     pub(crate) bar_m: f32,
@@ -44,6 +46,7 @@ impl Sizes {
         let [lowest_m, highest_m] = range_m.map(|altitude_m| altitude_m as f32);
         let altitude_m = 0.5 * (lowest_m + highest_m);
         let longer_m = width_m.max(depth_m);
+        let grid_m = round_step(longer_m / 8.0);
         let bar_m = (0.5 * lowest_m).max(0.045 * longer_m);
         let spacing_m = (width_m * depth_m / count.max(1) as f32).sqrt();
         Self {
@@ -52,9 +55,10 @@ impl Sizes {
             altitude_m,
             highest_m,
             radius_m,
-            grid_m: round_step(longer_m / 8.0),
+            grid_m,
+            number_m: number_step(grid_m, longer_m),
             bar_m,
-            has_tall_bars: bar_m > 0.8 * lowest_m,
+            has_tall_bars: bar_m > 0.8 * altitude_m,
             bar_half_m: 0.11 * spacing_m.min(0.08 * longer_m),
             arm_m: 0.18 * radius_m.min(altitude_m),
             point_ui: if count <= MAX_BARS {
@@ -72,6 +76,13 @@ impl Sizes {
 fn round_step(length_m: f32) -> f32 {
     let decade = 10f32.powf(length_m.log10().floor());
     [5.0, 2.0].into_iter().map(|digit| digit * decade).find(|&step| step <= length_m).unwrap_or(decade)
+}
+
+/// Every first, second, fifth, ... grid line, so that at most six follow the first.
+fn number_step(grid_m: f32, longer_m: f32) -> f32 {
+    let lines = longer_m / grid_m;
+    let every = [1.0, 2.0, 5.0].into_iter().find(|every| lines / every < 6.5).unwrap_or(10.0);
+    every * grid_m
 }
 
 #[cfg(test)]
@@ -103,6 +114,13 @@ mod tests {
         let scenario = Scenario::parse(text, std::path::Path::new("town.toml"), Overrides::default()).unwrap();
         let sizes = Sizes::of(&scenario, 200);
         assert_eq!((sizes.bar_m, sizes.altitude_m, sizes.highest_m), (15.0, 60.0, 90.0));
+    }
+
+    #[test]
+    fn numbers_are_at_grid_lines_and_leave_each_other_room() {
+        for (longer_m, number_m) in [(100.0, 20.0), (300.0, 100.0), (600.0, 100.0), (1_000.0, 200.0)] {
+            assert_eq!(number_step(round_step(longer_m / 8.0), longer_m), number_m, "{longer_m}");
+        }
     }
 
     #[test]

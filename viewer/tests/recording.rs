@@ -222,6 +222,9 @@ fn missed_slots_are_marked_and_counted() {
     assert!(found.text(events::LANE, "StateChange:state", Some(6)).contains("serve"));
     assert!(found.text(events::LOG, "TextLog:text", Some(3)).contains("slots 3 to 5 missed"));
     assert!(found.text(events::LOG, "TextLog:text", Some(7)).contains("3 slots missed"));
+    let states = |name| found.curve(&format!("{}/{name}", events::STATES)).into_iter().collect::<Vec<_>>();
+    assert_eq!(states("serve"), [(1, 3.0), (2, 3.0), (6, 3.0), (7, 3.0)]);
+    assert_eq!(states(events::GAP), [(3, 0.0)]);
     let missed: Vec<_> = found.curve(curves::MISSED).into_values().collect();
     assert_eq!(missed, [0.0, 0.0, 0.0, 3.0, 3.0]);
     let flown = |slot| found.text(uav::TRAIL, "LineStrips3D:strips", Some(slot)).contains("Float32>");
