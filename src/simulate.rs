@@ -113,10 +113,11 @@ pub fn simulate(
 
 /// The recording of a simulation. It knows no clock, so that equal missions leave equal recordings.
 #[cfg(feature = "viewer")]
-fn recording(scenario: &Scenario, folder: &RunFolder, list: &SensorList) -> Result<Scene, SceneError> {
+fn recording(scenario: &Scenario, folder: &RunFolder, list: &SensorList) -> Result<Scene, Error> {
     let sinks = Sinks { save: Some(folder.recording()), live: None };
     let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy, scenario.seed);
-    Scene::open(&sinks, scenario, &list.nodes(), &name, WallClock::Unmeasured)
+    let estimated = skysink_planner::settings::estimated(scenario).map_err(MissionError::from)?;
+    Ok(Scene::open(&sinks, scenario, &list.nodes(), &name, WallClock::Unmeasured, estimated)?)
 }
 
 /// Records the slot flown last, if there is a recording; `flown` is none before slot 1.

@@ -45,6 +45,32 @@ fn the_planned_path_is_recorded_alike_by_a_ring_and_by_one_process() {
     assert_eq!(slots(&place.path("uts/mission.rrd"), "/world/plan"), (0..=60).collect());
 }
 
+/// What is recorded of losses, coverage, and what the UAV believes.
+const ANSWERS: [&str; 7] = [
+    "/status",
+    "/world/lost",
+    "/maps/loss/shown",
+    "/maps/overflow/shown",
+    "/maps/coverage/shown",
+    "/belief/error/shown",
+    "/metrics/belief/mean_error",
+];
+
+#[test]
+fn losses_coverage_and_beliefs_are_recorded_alike_by_a_ring_and_by_one_process() {
+    let place = Place::new();
+    let sensors = "[sensors]\ncount = 60\nsampling_bps = [50.0, 350.0]\ninitial_queue_mean_bits = [0.0, 20000.0]\n";
+    let planner = "[planner]\nstrategy = \"gfs\"\nknowledge = \"estimated\"\nrates = \"learnt\"\n";
+    place.write("told.toml", &format!("name = \"told\"\nslots = 150\n[area]\nside_m = 300.0\n{sensors}{planner}"));
+    place.run_well(&["simulate", "told.toml", "--record", "--out", "alone"]);
+    place.run_well(&["run", "told.toml", "--out", "ring"]);
+    for entity in ANSWERS {
+        let [alone, ring] = ["alone", "ring"].map(|run| rows(&place.path(&format!("{run}/mission.rrd")), entity));
+        assert!(alone.len() > 10, "{entity}: {}", alone.len());
+        assert!(alone == ring, "{entity}");
+    }
+}
+
 #[test]
 fn the_planned_path_is_that_of_the_undisturbed_mission_whenever_the_planner_is_killed() {
     let place = Place::new();

@@ -49,6 +49,15 @@ pub fn check(scenario: &Scenario) -> Result<Settings, InputError> {
     every_key(scenario, &settings).map(|_| settings)
 }
 
+/// What the planner of a scenario knows of the rates where it has to estimate the queues; none where it sees them.
+///
+/// # Errors
+/// As [`check`].
+pub fn estimated(scenario: &Scenario) -> Result<Option<Rates>, InputError> {
+    let settings = check(scenario)?;
+    Ok((settings.knowledge == Knowledge::Estimated).then_some(settings.rates))
+}
+
 /// All keys of `[planner]`, with defaults where the scenario has none.
 fn every_key(scenario: &Scenario, settings: &Settings) -> Result<Table, InputError> {
     let mut keys = Table::new();

@@ -47,7 +47,8 @@ fn main() -> ExitCode {
 fn record(cli: &Cli, stop: &Stop) -> Result<(), NodeError> {
     let (scenario, folder) = worker::join(&cli.place)?;
     let sinks = Sinks { save: cli.save.clone(), live: cli.live };
-    let missed = run::<ipc::Service>(&scenario, &folder, stop, &sinks, cli.label.as_deref())?;
+    let estimated = skysink_planner::settings::estimated(&scenario)?;
+    let missed = run::<ipc::Service>(&scenario, &folder, stop, &sinks, cli.label.as_deref(), estimated)?;
     if missed > 0 {
         Role::Viewer.say(format_args!("missed {missed} slots, marked in the recording"));
     }

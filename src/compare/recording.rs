@@ -133,5 +133,5 @@ fn page(shown: &[Shown]) -> String {
             value(Metric::FlownM, 1e-3, 2),
         );
     }
-    page + "\nQueues: blue is empty, green half full, red full. All scenes are in the same slot.\n"
+    page + "\nQueues: blue empty, yellow full; red: loses data now, red dot: has lost some. All in the same slot.\n"
 }

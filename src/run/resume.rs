@@ -17,7 +17,7 @@ use skysink_mission::replay::RecordedLines;
 use skysink_mission::slot_log::SlotLog;
 use skysink_mission::summary::Tally;
 use skysink_planner::node::journal;
-use skysink_planner::settings::{self, Knowledge};
+use skysink_planner::settings;
 use skysink_planner::strategies::horizon::HorizonKeys;
 use skysink_ring::folder::RingFolder;
 
@@ -92,9 +92,7 @@ pub fn resume(
 /// # Errors
 /// If `[planner]` of the scenario is refused.
 pub fn told(scenario: &Scenario, manner: &Manner) -> Result<Option<Rates>, InputError> {
-    let settings = settings::check(scenario)?;
-    let is_told = manner.outside_planner.is_some() && settings.knowledge == Knowledge::Estimated;
-    Ok(is_told.then_some(settings.rates))
+    Ok(settings::estimated(scenario)?.filter(|_| manner.outside_planner.is_some()))
 }
 
 impl Resumed {

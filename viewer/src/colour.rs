@@ -1,4 +1,6 @@
-//! Colours of the scene, and the colour scales of queue fill, link rate and probability of line of sight.
+//! Colours of the scene, and its colour scales. Each hue means one thing: blue over grey to yellow how full a queue is,
+//! red loss, white the UAV and where it has flown, magenta the plan, cyan and its shades the range, green what is
+//! delivered; light blue and orange a link in line of sight and one that is blocked.
 
 use std::ops::RangeInclusive;
 
@@ -13,16 +15,14 @@ pub const GROUND: Rgb = [30, 33, 40];
 pub const GRID: Rgb = [62, 67, 78];
 /// Writing in the scene.
 pub const WRITING: Rgb = [190, 196, 206];
-/// Body of the UAV.
+/// Body and heading of the UAV.
 pub const UAV: Rgb = [245, 246, 250];
 /// Rotors of the UAV.
-pub const ROTOR: Rgb = [120, 200, 255];
-/// Heading of the UAV.
-pub const HEADING: Rgb = [255, 70, 70];
+pub const ROTOR: Rgb = [170, 175, 185];
 /// Flown path.
-pub const TRAIL: Rgb = [74, 144, 255];
-/// Ground below the whole flown path.
-pub const TRACK: Rgb = [44, 70, 112];
+pub const TRAIL: Rgb = [225, 228, 235];
+/// The same on the ground.
+pub const TRACK: Rgb = [170, 175, 185];
 /// Planned waypoint, and the path to it.
 pub const PLAN: Rgb = [230, 80, 240];
 /// The path planned after it, near and far: fainter, for it will change.
@@ -34,19 +34,19 @@ pub const COVERAGE: Rgb = [40, 205, 220];
 /// Ground in the coverage circle.
 pub const COVERED: Rgb = [16, 58, 66];
 /// Candidate circles.
-pub const CANDIDATE: Rgb = [190, 120, 35];
+pub const CANDIDATE: Rgb = [150, 60, 165];
 /// The chosen candidate circle.
-pub const CHOSEN: Rgb = [255, 170, 40];
-/// Loss, and holding.
-pub const LOSS: Rgb = [255, 85, 85];
+pub const CHOSEN: Rgb = [235, 110, 245];
+/// Loss.
+pub const LOSS: Rgb = [255, 60, 50];
 /// Deliveries, and serving.
 pub const DELIVERY: Rgb = [60, 200, 105];
-/// The fullest queue.
-pub const FULLEST: Rgb = [200, 110, 255];
-/// The mean queue.
-pub const MEAN: Rgb = [90, 160, 255];
-/// Wall-clock figures, and flying in transit.
-pub const CLOCK: Rgb = [255, 185, 60];
+/// Flying in transit.
+pub const TRANSIT: Rgb = [135, 130, 255];
+/// Holding.
+pub const HOLD: Rgb = [225, 228, 235];
+/// Wall-clock figures.
+pub const CLOCK: Rgb = [160, 165, 175];
 /// In line of sight. With [`BLOCKED`] a pair that the colour-blind tell apart: it differs in blue against orange.
 pub const SIGHT: Rgb = [105, 205, 255];
 /// Out of line of sight.
@@ -54,19 +54,42 @@ pub const BLOCKED: Rgb = [255, 120, 20];
 /// Missions that are compared: those of Okabe and Ito that are seen on a dark ground, which the colour-blind tell apart.
 pub const COMPARED: [Rgb; 7] =
     [[230, 159, 0], [86, 180, 233], [0, 190, 140], [240, 228, 66], [213, 94, 0], [204, 121, 167], [200, 200, 200]];
-/// What the viewer missed.
-pub const MISSED: Rgb = [130, 135, 145];
+/// The fullest queue, in curves: the yellow end of the queue scale.
+pub const FULLEST: Rgb = [253, 234, 69];
+/// The mean queue, in curves: the middle of the queue scale.
+pub const FILL_MEAN: Rgb = [140, 140, 130];
+/// What the viewer missed, and marks in plots.
+pub const MISSED: Rgb = [110, 114, 124];
 
-/// Colour of a queue fill, 0 (blue) over 0.5 (green) to 1 (red): Turbo (Mikhailov, 2019) without its near-black ends.
+/// Colour of a queue fill, 0 (blue) over 0.5 (grey) to 1 (yellow): Cividis (Nunez, Anderton and Renslow, 2018), made
+/// for the colour-blind, its dark end lightened to be seen on a dark ground.
 pub(crate) fn of_fill(fill: f64) -> Rgb {
-    const FIRST: f64 = 0.10;
-    const LAST: f64 = 0.90;
-    colorous::TURBO.eval_continuous(FIRST + (LAST - FIRST) * fill).into_array()
+    const FIRST: f64 = 0.2;
+    let lighter = 1.75 - 0.75 * fill;
+    let map = colorous::CIVIDIS.eval_continuous(FIRST + (1.0 - FIRST) * fill).into_array();
+    map.map(|channel| (f64::from(channel) * lighter).round().min(255.0) as u8)
 }
 
-/// Colour of a probability of line of sight, 0 (violet) over 0.5 (teal) to 1 (yellow): Viridis, as in the slice.
+/// Colour of a loss, 0 (dark red) to 1 (pale): Reds (ColorBrewer), from the dark end.
+pub(crate) fn of_loss(fraction: f64) -> Rgb {
+    const LAST: f64 = 0.85;
+    colorous::REDS.eval_continuous(LAST - 0.70 * fraction).into_array()
+}
+
+/// Colour of how long ago a place was in range, 0 (just now, pale) to 1 (long ago, deep blue): GnBu (ColorBrewer).
+pub(crate) fn of_age(fraction: f64) -> Rgb {
+    const FIRST: f64 = 0.1;
+    colorous::GREEN_BLUE.eval_continuous(FIRST + (1.0 - FIRST) * fraction).into_array()
+}
+
+/// Colour of an error, −1 (too low, orange) over 0 (white) to 1 (too high, purple): PuOr (ColorBrewer).
+pub(crate) fn of_error(error: f64) -> Rgb {
+    colorous::PURPLE_ORANGE.eval_continuous(0.5 - 0.34 * error).into_array()
+}
+
+/// Colour of a probability of line of sight, 0 (black) to 1 (white), as in the slice.
 pub(crate) fn of_probability(probability: f64) -> Rgb {
-    colorous::VIRIDIS.eval_continuous(probability).into_array()
+    [(255.0 * probability).round() as u8; 3]
 }
 
 /// Colour of a link rate within the range of rates that are possible: dark green for the lowest, pale green for the
@@ -90,19 +113,32 @@ mod tests {
     use super::*;
 
     #[test]
-    fn queues_turn_from_blue_over_green_to_red() {
+    fn queues_turn_from_blue_to_yellow_and_brighter() {
         let [empty, half, full] = [0.0, 0.5, 1.0].map(of_fill);
         assert!(empty[2] > empty[0] && empty[2] > empty[1], "{empty:?}");
-        assert!(half[1] > half[0] && half[1] > half[2], "{half:?}");
-        assert!(full[0] > full[1] && full[0] > full[2], "{full:?}");
+        assert!(full[0] > 200 && full[1] > 200 && full[2] < 120, "{full:?}");
+        let brightness = |rgb: Rgb| rgb.map(u32::from).iter().sum::<u32>();
+        assert!(brightness(empty) < brightness(half) && brightness(half) < brightness(full));
     }
 
     #[test]
-    fn probabilities_turn_from_violet_over_teal_to_yellow() {
-        let near = |found: Rgb, map: Rgb| std::iter::zip(found, map).all(|(a, b)| a.abs_diff(b) <= 8);
-        for (probability, map) in [(0.0, [68, 1, 84]), (0.5, [33, 145, 140]), (1.0, [253, 231, 37])] {
-            assert!(near(of_probability(probability), map), "{probability}: {:?}", of_probability(probability));
-        }
+    fn losses_turn_brighter_and_ages_darker() {
+        let brightness = |rgb: Rgb| rgb.map(u32::from).iter().sum::<u32>();
+        assert!(brightness(of_loss(0.0)) < brightness(of_loss(1.0)));
+        assert!(brightness(of_age(0.0)) > brightness(of_age(1.0)));
+    }
+
+    #[test]
+    fn errors_turn_from_orange_over_white_to_purple() {
+        let [low, none, high] = [-1.0, 0.0, 1.0].map(of_error);
+        assert!(low[0] > low[1] && low[1] > low[2], "{low:?}");
+        assert!(none.iter().all(|&channel| channel > 230), "{none:?}");
+        assert!(high[2] > high[1], "{high:?}");
+    }
+
+    #[test]
+    fn probabilities_turn_from_black_to_white() {
+        assert_eq!([0.0, 1.0].map(of_probability), [[0; 3], [255; 3]]);
     }
 
     #[test]

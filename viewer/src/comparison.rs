@@ -10,7 +10,7 @@ use crate::blueprint::{Blueprint, Tile, class};
 use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
 use crate::files::Part;
-use crate::layout::{SLOTS_PER_S, above, film, lock_axis, overview, select, select_all};
+use crate::layout::{SLOTS_PER_S, TRACK_SLOTS, above, film, flown, lock_axis, overview, select, select_all};
 use crate::picture::Picture;
 use crate::queues::Fill;
 use crate::recording::{Recording, SceneError, Sinks};
@@ -133,9 +133,11 @@ impl Comparison {
         let mut layout = Blueprint::new(&self.recording.application, &self.recording.name)?;
         let mut fields = Vec::new();
         let mut tops = Vec::new();
+        let mut paths = Vec::new();
         for (drawn, mission) in self.missions.iter().zip(missions) {
             fields.push((1.0, field(&mut layout, drawn, mission)?));
             tops.push((1.0, top(&mut layout, drawn, mission)?));
+            paths.push((1.0, whole_path(&mut layout, drawn, mission)?));
         }
         // Two beside each other would be too narrow for a field seen at an angle.
         let fields_kind = if missions.len() == 2 { ContainerKind::Vertical } else { ContainerKind::Grid };
@@ -143,7 +145,9 @@ impl Comparison {
         layout.name(fields, "Fields (3D)")?;
         let tops = layout.container(ContainerKind::Grid, &tops)?;
         layout.name(tops, "Top views")?;
-        let scenes = layout.container(ContainerKind::Tabs, &[(1.0, fields), (1.0, tops)])?;
+        let paths = layout.container(ContainerKind::Grid, &paths)?;
+        layout.name(paths, "Whole paths")?;
+        let scenes = layout.container(ContainerKind::Tabs, &[(1.0, fields), (1.0, tops), (1.0, paths)])?;
         let mut rows = vec![(1.0, layout.view(class::TEXT, "Comparison", PAGE, &[select(PAGE)])?)];
         for plot in &PLOTS {
             let view = layout.view(class::CURVES, plot.title, "", &[select_all(plot.root)])?;
@@ -176,9 +180,16 @@ fn top(layout: &mut Blueprint, drawn: &Drawn, mission: &ComparedMission) -> Reco
     let hidden = [below(uav::TRAIL), below(path::PATH)].map(|entity| format!("- /{entity}/**"));
     let contents = [&[select_all(&below(queues::WORLD))][..], &hidden].concat();
     let view = layout.view(class::SCENE, mission.title, &below(queues::WORLD), &contents)?;
-    layout.show_past(view, &below(uav::TRACK), None, drawn.slot_s)?;
+    layout.show_past(view, &below(uav::TRACK), Some(TRACK_SLOTS), drawn.slot_s)?;
     film(layout, view, &above(&Sizes::of(mission.scenario, mission.sensors.len())))?;
     Ok(view)
+}
+
+/// All that a mission has flown so far, seen from above.
+fn whole_path(layout: &mut Blueprint, drawn: &Drawn, mission: &Compared) -> RecordingStreamResult<Tile> {
+    let below = |entity: &str| format!("{}/{entity}", drawn.root);
+    let sizes = Sizes::of(mission.scenario, mission.sensors.len());
+    flown(layout, mission.title, &below, &sizes, drawn.slot_s)
 }
 
 /// Entity below which a mission is drawn: unique, and made of letters that need no escape.

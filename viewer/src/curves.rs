@@ -34,10 +34,10 @@ const CURVES: [Curve; 8] = [
     (LOSS, "lost ÷ sampled", colour::LOSS, |view, _, _| Some(loss_rate(&view.header.totals))),
     (LOSS_MARK, "1 % mark", colour::MISSED, |_, _, _| Some(0.01)),
     (FILL_MAX, "fullest", colour::FULLEST, |_, fill, _| Some(fill.max)),
-    (FILL_MEAN, "mean", colour::MEAN, |_, fill, _| Some(fill.mean)),
+    (FILL_MEAN, "mean", colour::FILL_MEAN, |_, fill, _| Some(fill.mean)),
     (DELIVERED, "delivered [kbit]", colour::DELIVERY, |view, _, _| Some(view.header.delivered_bits as f64 / 1e3)),
     (PLAN_LATENCY, "plan [ms]", colour::CLOCK, |view, _, _| view.plan_ms),
-    (PACE, "pace [slot/s]", colour::ROTOR, |view, _, _| view.slots_per_s),
+    (PACE, "pace [slot/s]", colour::CLOCK, |view, _, _| view.slots_per_s),
     (MISSED, "missed [slots]", colour::MISSED, |_, _, missed_slots| Some(missed_slots as f64)),
 ];
 

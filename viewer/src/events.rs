@@ -1,6 +1,9 @@
 //! The event log, the lane of the UAV's state, and what has been reached so far in words.
 
-use rerun::{RecordingStreamResult, StateChange, StateConfiguration, TextDocument, TextLog, TextLogLevel};
+use rerun::components::MarkerShape;
+use rerun::{
+    RecordingStreamResult, Scalars, SeriesPoints, StateChange, StateConfiguration, TextDocument, TextLog, TextLogLevel,
+};
 use skysink_common::message::{HoldReason, Mode, SolverOutcome, Totals};
 use skysink_common::scenario::Scenario;
 
@@ -9,11 +12,14 @@ use crate::colour;
 use crate::curves;
 use crate::files::Part;
 use crate::slot::SlotView;
+use crate::tally::Tally;
 
 /// Entity of the event log.
 pub const LOG: &str = "log/events";
 /// Entity of the state lane.
 pub const LANE: &str = "state/uav";
+/// Root of the same as points of a plot, one entity for each state: the plot follows a live mission, a lane does not.
+pub const STATES: &str = "metrics/state";
 /// What has been reached so far, in words.
 pub const STATUS: &str = "status";
 /// State of the lane where the viewer missed slots.
@@ -39,25 +45,36 @@ impl Events {
     pub(crate) fn open(canvas: &Canvas, part: Part) -> RecordingStreamResult<Self> {
         let states = [
             (Mode::Serve.into(), colour::DELIVERY),
-            (Mode::Transit.into(), colour::CLOCK),
-            (Mode::Hold.into(), colour::LOSS),
+            (Mode::Transit.into(), colour::TRANSIT),
+            (Mode::Hold.into(), colour::HOLD),
             (GAP, colour::MISSED),
         ];
         let style = StateConfiguration::new()
             .with_values(states.map(|(name, _)| name))
             .with_colors(states.map(|(_, colour)| colour));
         canvas.log_static(LANE, &style)?;
+        for (name, colour) in states {
+            let points = SeriesPoints::new()
+                .with_names([name])
+                .with_colors([colour])
+                .with_markers([MarkerShape::Square])
+                .with_marker_sizes([4.0]);
+            canvas.log_static(format!("{STATES}/{name}"), &points)?;
+        }
         Ok(Self { due: (part == Part::Later).then_some(CONTINUED), state: None, is_lossy: None })
     }
 
     /// Logs the events of a slot, and its state where it changes.
-    pub(crate) fn log_slot(&mut self, canvas: &Canvas, view: &SlotView) -> RecordingStreamResult<()> {
+    pub(crate) fn log_slot(&mut self, canvas: &Canvas, view: &SlotView, tally: &Tally) -> RecordingStreamResult<()> {
         let flight = view.flight;
         self.log_due(canvas)?;
         if view.slot > 0 {
-            self.enter(canvas, Mode::from_repr(flight.mode).unwrap_or_default().into())?;
+            let mode = Mode::from_repr(flight.mode).unwrap_or_default();
+            self.enter(canvas, mode.into())?;
+            let name: &'static str = mode.into();
+            canvas.log(format!("{STATES}/{name}"), &Scalars::single(height(mode)))?;
         }
-        canvas.log(STATUS, &TextDocument::from_markdown(status(view)))?;
+        canvas.log(STATUS, &TextDocument::from_markdown(status(view, tally)))?;
         match HoldReason::from_repr(flight.hold).unwrap_or_default() {
             HoldReason::None => {}
             HoldReason::NoPlan => write(canvas, TextLogLevel::WARN, "hold: no plan in time")?,
@@ -86,6 +103,7 @@ impl Events {
     pub(crate) fn log_missed(&mut self, canvas: &Canvas, first: u64, last: u64) -> RecordingStreamResult<()> {
         self.log_due(canvas)?;
         self.enter(canvas, GAP)?;
+        canvas.log(format!("{STATES}/{GAP}"), &Scalars::single(0.0))?;
         let text = match last - first {
             0 => format!("slot {first} missed by the viewer\nThe mission went on."),
             _ => format!("slots {first} to {last} missed by the viewer\nThe mission went on."),
@@ -106,18 +124,42 @@ impl Events {
     }
 }
 
+/// Height of a state in its plot; that of a gap is 0.
+fn height(mode: Mode) -> f64 {
+    match mode {
+        Mode::Hold => 1.0,
+        Mode::Transit => 2.0,
+        Mode::Serve => 3.0,
+    }
+}
+
 /// Adds one line to the event log, at the time set before; `level` is one of [`TextLogLevel`].
 pub(crate) fn write(canvas: &Canvas, level: &'static str, text: &str) -> RecordingStreamResult<()> {
     canvas.log(LOG, &TextLog::new(text).with_level(level))
 }
 
-/// The loss rate so far, and what it is made of.
-fn status(view: &SlotView) -> String {
+/// The loss rate so far and what it is made of, who has lost data, who overflows next, and how much was in range.
+fn status(view: &SlotView, tally: &Tally) -> String {
     let Totals { sampled_bits, delivered_bits, lost_bits, .. } = view.header.totals;
     let loss_rate = curves::loss_rate(&view.header.totals);
+    let count = tally.lost_bits().len();
+    let losers = tally.lost_bits().iter().filter(|&&lost_bits| lost_bits > 0).count();
+    let seen_bits: u64 = tally.lost_bits().iter().sum();
+    let unseen = match lost_bits.saturating_sub(seen_bits) {
+        0 => String::new(),
+        bits => format!(" ({bits} bits in slots that the viewer did not see)"),
+    };
+    let overflowing = tally.overflows().filter(|&overflows| overflows).count();
+    let soonest = tally.overflow_s().zip(0..).filter(|(overflow_s, _): &(f64, u32)| *overflow_s > 0.0);
+    let soonest = soonest.min_by(|(a, _), (b, _)| a.total_cmp(b)).filter(|(overflow_s, _)| overflow_s.is_finite());
+    let soonest =
+        soonest.map_or_else(String::new, |(overflow_s, id)| format!(", next full: SN {id} in {overflow_s:.0} s"));
     format!(
-        "slot {}: **η so far {loss_rate:.4}** ({lost_bits} of {sampled_bits} bits lost, {delivered_bits} delivered)",
-        view.slot
+        "slot {}: **η so far {loss_rate:.4}** ({lost_bits} of {sampled_bits} bits lost, {delivered_bits} delivered)\n\n\
+         **{losers} of {count} SNs have lost data**{unseen}, {overflowing} lose some now{soonest}; \
+         {:.0} % of the area was in range",
+        view.slot,
+        100.0 * tally.covered()
     )
 }
 

@@ -7,6 +7,7 @@ use rerun::external::re_sdk_types::blueprint::archetypes::{
 use rerun::external::re_sdk_types::blueprint::components::{self, BackgroundKind, ContainerKind, Eye3DKind};
 use rerun::external::re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
 use skysink_common::channel::Channel;
+use skysink_common::estimate::Rates;
 use skysink_common::scenario::Scenario;
 
 use crate::blueprint::{Blueprint, Tile, class};
@@ -15,7 +16,7 @@ use crate::los::{self, profile};
 use crate::recording::Recording;
 use crate::sizes::Sizes;
 use crate::slot::WallClock;
-use crate::{curves, events, legend, links, path, queues, uav};
+use crate::{belief, curves, events, legend, links, maps, path, queues, uav};
 
 /// Slots per second at which a viewer plays a file.
 pub(crate) const SLOTS_PER_S: f64 = 10.0;
@@ -26,14 +27,32 @@ pub(crate) fn send(
     sizes: &Sizes,
     scenario: &Scenario,
     clock: WallClock,
+    estimated: Option<Rates>,
 ) -> RecordingStreamResult<()> {
     let mut layout = Blueprint::new(&recording.application, &recording.name)?;
-    let scenes = scenes(&mut layout, sizes, scenario)?;
-    let lane = layout.view(class::STATES, "UAV: serve, transit, hold", "", &[select(events::LANE)])?;
-    let left = layout.container(ContainerKind::Vertical, &[(6.0, scenes), (1.1, lane)])?;
+    let scenes = scenes(&mut layout, sizes, scenario, estimated)?;
+    let lane = lane(&mut layout, recording.port)?;
+    let log = log(&mut layout)?;
+    let below = layout.container(ContainerKind::Tabs, &[(1.0, lane), (1.0, log)])?;
+    let left = layout.container(ContainerKind::Vertical, &[(6.0, scenes), (1.1, below)])?;
     let right = beside(&mut layout, scenario, clock)?;
     let root = layout.container(ContainerKind::Horizontal, &[(2.1, left), (1.0, right)])?;
     layout.send(&recording.stream, root, SLOTS_PER_S)
+}
+
+/// The UAV's state over time: a lane, or for a live viewer, on the port `live`, a plot, which follows.
+fn lane(layout: &mut Blueprint, live: Option<u16>) -> RecordingStreamResult<Tile> {
+    if live.is_none() {
+        return layout.view(class::STATES, "UAV: serve, transit, hold", "", &[select(events::LANE)]);
+    }
+    let name = "UAV: 3 serve (green), 2 transit (lavender), 1 hold (white), 0 gap (grey)";
+    let states = plot(
+        layout,
+        name,
+        &["serve", "transit", "hold", events::GAP].map(|name| format!("{}/{name}", events::STATES)),
+    )?;
+    lock_axis(layout, states, [-0.6, 3.6])?;
+    Ok(states)
 }
 
 pub(crate) fn select(entity: &str) -> String {
@@ -54,8 +73,16 @@ fn omit_all(entity: &str) -> String {
     format!("- /{entity}/**")
 }
 
-/// The 3D scene, seen in three ways; in a fourth where line of sight is random.
-fn scenes(layout: &mut Blueprint, sizes: &Sizes, scenario: &Scenario) -> RecordingStreamResult<Tile> {
+/// Slots of the flown path in the view from above; all of it is on a map.
+pub(crate) const TRACK_SLOTS: u32 = 40;
+
+/// The 3D scene, seen in three ways, the maps, the legend, and what else a scenario has.
+fn scenes(
+    layout: &mut Blueprint,
+    sizes: &Sizes,
+    scenario: &Scenario,
+    estimated: Option<Rates>,
+) -> RecordingStreamResult<Tile> {
     let slot_s = scenario.slot_s;
     let world = select_all(queues::WORLD);
     let field = [world.clone(), omit(uav::TRACK), omit_all(path::TRACK)];
@@ -63,18 +90,77 @@ fn scenes(layout: &mut Blueprint, sizes: &Sizes, scenario: &Scenario) -> Recordi
     layout.show_past(field, uav::TRAIL, Some(15), slot_s)?;
     let top = [world.clone(), omit(uav::TRAIL), omit_all(path::PATH)];
     let top = layout.view(class::SCENE, "Top view", queues::WORLD, &top)?;
-    layout.show_past(top, uav::TRACK, None, slot_s)?;
-    let chase = [world, omit(uav::TRACK), omit(uav::DOT), omit(legend::CORNERS), omit_all(path::TRACK)];
+    layout.show_past(top, uav::TRACK, Some(TRACK_SLOTS), slot_s)?;
+    let mut chase = vec![world, omit(uav::TRACK), omit(uav::DOT), omit(legend::AXES), omit_all(path::TRACK)];
+    if sizes.has_tall_bars {
+        chase.extend([omit(queues::BARS), omit(queues::LOST)]);
+    }
     let chase = layout.view(class::SCENE, "Chase", uav::UAV, &chase)?;
     layout.show_past(chase, uav::TRAIL, Some(10), slot_s)?;
     for (view, camera) in [(field, overview(sizes)), (top, above(sizes)), (chase, beside_uav(sizes))] {
         film(layout, view, &camera)?;
     }
-    let mut tabs = vec![(1.0, field), (1.0, top), (1.0, chase)];
+    let maps = maps(layout, sizes, slot_s)?;
+    let mut tabs = vec![(1.0, field), (1.0, top), (1.0, chase), (1.0, maps)];
+    if estimated.is_some() {
+        tabs.push((1.0, beliefs(layout, sizes)?));
+    }
     if Channel::of(scenario).line_of_sight().is_some() {
         tabs.push((1.0, line_of_sight(layout, sizes, slot_s)?));
     }
+    tabs.push((1.0, layout.view(class::TEXT, "Legend", legend::PAGE, &[select(legend::PAGE)])?));
     layout.container(ContainerKind::Tabs, &tabs)
+}
+
+/// Which SNs lost data, when each overflows, how long ago each place was in range, and where the UAV was.
+fn maps(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> RecordingStreamResult<Tile> {
+    let loss = map(layout, "Data lost so far, by SN", maps::LOSS, sizes)?;
+    let overflow = map(layout, "Time until each SN is full", maps::OVERFLOW, sizes)?;
+    let coverage = map(layout, "How long ago each place was in range (every 10th slot)", maps::COVERAGE, sizes)?;
+    let flown = flown(layout, "All that was flown", &str::to_owned, sizes, slot_s)?;
+    four(layout, "Loss and coverage", [loss, overflow, coverage, flown])
+}
+
+/// The whole path from above; `name_of` gives the full name of an entity.
+pub(crate) fn flown(
+    layout: &mut Blueprint,
+    title: &str,
+    name_of: &dyn Fn(&str) -> String,
+    sizes: &Sizes,
+    slot_s: f64,
+) -> RecordingStreamResult<Tile> {
+    let all = [legend::AREA, uav::COVERAGE].map(|entity| select_all(&name_of(entity)));
+    let shown = [&[select(&name_of(uav::TRACK))][..], &all].concat();
+    let view = layout.view(class::SCENE, title, &name_of(queues::WORLD), &shown)?;
+    layout.show_past(view, &name_of(uav::TRACK), None, slot_s)?;
+    film(layout, view, &above(sizes))?;
+    Ok(view)
+}
+
+/// What is believed of the queues beside what they are.
+fn beliefs(layout: &mut Blueprint, sizes: &Sizes) -> RecordingStreamResult<Tile> {
+    let believed = map(layout, "What the UAV believes: queues", belief::BELIEVED, sizes)?;
+    let truth = map(layout, "What is true: queues", belief::TRUE, sizes)?;
+    let error = map(layout, "Error: believed − true, of the buffer", belief::ERROR, sizes)?;
+    let errors = [belief::MEAN_ERROR, belief::LARGEST_ERROR];
+    let curve = plot(layout, "Error ÷ buffer: largest (yellow), mean (grey)", &errors)?;
+    lock_axis(layout, curve, [-0.04, 1.1])?;
+    four(layout, "Belief and truth", [believed, truth, error, curve])
+}
+
+/// Four views in two rows, under a name.
+fn four(layout: &mut Blueprint, name: &str, [a, b, c, d]: [Tile; 4]) -> RecordingStreamResult<Tile> {
+    let above = layout.container(ContainerKind::Horizontal, &[(1.0, a), (1.0, b)])?;
+    let below = layout.container(ContainerKind::Horizontal, &[(1.0, c), (1.0, d)])?;
+    let tab = layout.container(ContainerKind::Vertical, &[(1.0, above), (1.0, below)])?;
+    layout.name(tab, name)?;
+    Ok(tab)
+}
+
+/// A map below `root`, with what all maps show.
+fn map(layout: &mut Blueprint, name: &str, root: &str, sizes: &Sizes) -> RecordingStreamResult<Tile> {
+    let shown = [select_all(root), select_all(maps::AREA), select(maps::UAV)];
+    picture_of(layout, name, root, &shown, maps::bounds(sizes))
 }
 
 /// Camera and backdrop of a 3D view.
@@ -88,7 +174,7 @@ pub(crate) fn film(layout: &Blueprint, view: Tile, camera: &EyeControls3D) -> Re
 /// The room around the UAV, its legend, and the curves that say why it flies so high.
 fn line_of_sight(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> RecordingStreamResult<Tile> {
     let shown = [select_all(queues::WORLD), select_all(los::SPACE), omit_all(path::TRACK)];
-    let hidden = [uav::TRACK, uav::DOT, links::CANDIDATES, links::CHOSEN, legend::CORNERS].map(omit);
+    let hidden = [uav::TRACK, uav::DOT, links::CANDIDATES, links::CHOSEN, legend::AXES].map(omit);
     let contents = [&shown[..], &hidden].concat();
     let room = layout.view(class::SCENE, "Probability of sight around the UAV", uav::COVERAGE, &contents)?;
     layout.show_past(room, uav::TRAIL, Some(30), slot_s)?;
@@ -98,11 +184,11 @@ fn line_of_sight(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> Recordin
 
     let why = picture(layout, "Expected rate (green) by altitude", profile::PROFILE, profile::BOUNDS)?;
     let altitude = plot(layout, "Altitude [m]", &[los::ALTITUDE])?;
-    lock_axis(layout, altitude, [0.0, 1.1 * f64::from(sizes.highest_m)])?;
+    lock_axis(layout, altitude, [-0.08, 1.1].map(|part| part * f64::from(sizes.highest_m)))?;
     let elevation = plot(layout, "Elevation of each served link [°]", &by_draw(los::ELEVATION))?;
-    lock_axis(layout, elevation, [0.0, 94.0])?;
+    lock_axis(layout, elevation, [-5.0, 105.0])?;
     let probability = plot(layout, "Probability of sight of each served link", &by_draw(los::PROBABILITY))?;
-    lock_axis(layout, probability, [-0.04, 1.08])?;
+    lock_axis(layout, probability, [-0.05, 1.1])?;
     let right = [(1.3, why), (1.0, altitude), (1.0, elevation), (1.0, probability)];
     let right = layout.container(ContainerKind::Vertical, &right)?;
     let tab = layout.container(ContainerKind::Horizontal, &[(1.9, left), (1.0, right)])?;
@@ -160,30 +246,27 @@ fn around_uav(sizes: &Sizes) -> EyeControls3D {
 fn beside(layout: &mut Blueprint, scenario: &Scenario, clock: WallClock) -> RecordingStreamResult<Tile> {
     let losses = [curves::LOSS, curves::LOSS_MARK];
     let fills = [curves::FILL_MAX, curves::FILL_MEAN];
-    let fill = plot(layout, "Queue fill: fullest (violet), mean (blue)", &fills)?;
+    let fill = plot(layout, "Queue fill: fullest (yellow), mean (grey)", &fills)?;
     lock_axis(layout, fill, [-0.04, 1.1])?;
     let Scenario { name, seed, planner, .. } = scenario;
     let title = format!("{name}: {}, seed {seed}", planner.strategy);
     let mut rows = vec![
-        (0.5, layout.view(class::TEXT, &title, events::STATUS, &[select(events::STATUS)])?),
-        (1.15, plot(layout, "Loss rate so far: lost ÷ sampled (red), 1 % (grey)", &losses)?),
-        (1.15, fill),
-        (1.0, plot(layout, "Delivered per slot [kbit]", &[curves::DELIVERED])?),
+        (0.75, layout.view(class::TEXT, &title, events::STATUS, &[select(events::STATUS)])?),
+        (1.5, plot(layout, "Loss rate so far: lost ÷ sampled (red), 1 % (grey)", &losses)?),
+        (1.3, fill),
     ];
+    let mut others = vec![(1.0, plot(layout, "Delivered [kbit]", &[curves::DELIVERED])?)];
     if clock == WallClock::Measured {
-        let latency = plot(layout, "Plan latency [ms]", &[curves::PLAN_LATENCY])?;
-        let pace = plot(layout, "Pace [slot/s]", &[curves::PACE])?;
-        rows.push((0.9, layout.container(ContainerKind::Horizontal, &[(1.0, latency), (1.0, pace)])?));
+        others.push((1.0, plot(layout, "Plan [ms]", &[curves::PLAN_LATENCY])?));
+        others.push((1.0, plot(layout, "Pace [slot/s]", &[curves::PACE])?));
     }
+    others.push((1.0, plot(layout, "Missed slots", &[curves::MISSED])?));
+    rows.push((1.5, layout.container(ContainerKind::Tabs, &others)?));
     let colours = match Channel::of(scenario) {
-        Channel::FreeSpace(_) => "Colours: queue fill, link rate",
-        Channel::LineOfSight(_) => "Colours: queue fill, probability of sight",
+        Channel::FreeSpace(_) => "Colours: queue fill, link rate; more in the tab Legend",
+        Channel::LineOfSight(_) => "Colours: queue fill, probability of sight; more in Legend",
     };
     rows.push((0.7, picture(layout, colours, legend::SCALE, legend::SCALE_BOUNDS)?));
-    let page = layout.view(class::TEXT, "Legend", legend::PAGE, &[select(legend::PAGE)])?;
-    let log = log(layout)?;
-    let missed = plot(layout, "Missed slots", &[curves::MISSED])?;
-    rows.push((2.5, layout.container(ContainerKind::Tabs, &[(1.0, page), (1.0, log), (1.0, missed)])?));
     layout.container(ContainerKind::Vertical, &rows)
 }
 
@@ -209,8 +292,19 @@ pub(crate) fn lock_axis(layout: &Blueprint, plot: Tile, range: [f64; 2]) -> Reco
 }
 
 /// What is drawn in the plane below `root`, between these bounds in x and y.
-fn picture(layout: &mut Blueprint, name: &str, root: &str, [x, y]: [[f64; 2]; 2]) -> RecordingStreamResult<Tile> {
-    let view = layout.view(class::PICTURE, name, root, &[select_all(root)])?;
+fn picture(layout: &mut Blueprint, name: &str, root: &str, bounds: [[f64; 2]; 2]) -> RecordingStreamResult<Tile> {
+    picture_of(layout, name, root, &[select_all(root)], bounds)
+}
+
+/// The same of what `shown` selects.
+fn picture_of(
+    layout: &mut Blueprint,
+    name: &str,
+    root: &str,
+    shown: &[String],
+    [x, y]: [[f64; 2]; 2],
+) -> RecordingStreamResult<Tile> {
+    let view = layout.view(class::PICTURE, name, root, shown)?;
     let bounds = rerun::datatypes::Range2D { x_range: x.into(), y_range: y.into() };
     layout.set(view, &VisualBounds2D::new(components::VisualBounds2D(bounds)))?;
     layout.set(view, &background())?;

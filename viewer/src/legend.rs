@@ -6,6 +6,7 @@ use rerun::{
     AnyValues, Boxes3D, Image, Points3D, Radius, RecordingStream, RecordingStreamResult, TextDocument, Transform3D,
 };
 use skysink_common::channel::{Channel, LineOfSight};
+use skysink_common::estimate::Rates;
 use skysink_common::scenario::Scenario;
 
 use crate::canvas::Canvas;
@@ -22,30 +23,43 @@ pub const LOS_PAGE: &str = "legend/los";
 pub const SCALE: &str = "scale";
 /// Ground, frame and grid of the area.
 pub const AREA: &str = "world/area";
-/// Writing at the area's corners.
-pub const CORNERS: &str = "world/area/corners";
+/// Numbers at the area's axes.
+pub const AXES: &str = "world/area/axes";
 
 /// Bounds of the scales' picture, in x and y (down).
-pub const SCALE_BOUNDS: [[f64; 2]; 2] = [[-20.0, 620.0], [-12.0, 58.0]];
+pub const SCALE_BOUNDS: [[f64; 2]; 2] = [[-24.0, 624.0], [-12.0, 58.0]];
 
-/// Draws everything that explains and never changes.
+/// Draws scales and area, which explain and never change.
 pub(crate) fn log(
     canvas: &Canvas,
-    scenario: &Scenario,
-    count: usize,
     sizes: &Sizes,
     rates_bps: Option<&RangeInclusive<f64>>,
 ) -> RecordingStreamResult<()> {
-    canvas.log_static(PAGE, &TextDocument::from_markdown(page(scenario, count, sizes)))?;
-    if let Channel::LineOfSight(link) = Channel::of(scenario) {
-        let page = los_page(scenario, &link);
-        canvas.log_static(LOS_PAGE, &TextDocument::from_markdown(page))?;
-    }
     log_scales(canvas, rates_bps)?;
     log_area(canvas, sizes)
 }
 
-fn page(scenario: &Scenario, count: usize, sizes: &Sizes) -> String {
+/// Writes the pages of text; `estimated` says whether the UAV has to estimate the queues.
+pub(crate) fn log_pages(
+    canvas: &Canvas,
+    scenario: &Scenario,
+    count: usize,
+    sizes: &Sizes,
+    estimated: Option<Rates>,
+) -> RecordingStreamResult<()> {
+    canvas.log_static(PAGE, &TextDocument::from_markdown(page(scenario, count, sizes, estimated)))?;
+    if let Channel::LineOfSight(link) = Channel::of(scenario) {
+        let page = los_page(scenario, &link);
+        canvas.log_static(LOS_PAGE, &TextDocument::from_markdown(page))?;
+    }
+    Ok(())
+}
+
+/// What a legend says where queues are estimated.
+const BELIEF: &str =
+    " Tab *Belief and truth*: the queues as the UAV believes them to be, as they are, and the difference.";
+
+fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rates>) -> String {
     let fixed = || format!("an altitude of {} m", scenario.uav.altitude_m);
     let link = match Channel::of(scenario) {
         Channel::FreeSpace(_) => "| green line, dark → pale | served link, by rate: low → high |\n",
@@ -60,6 +74,8 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes) -> String {
         count = count,
         shape = if count <= MAX_BARS { "bar" } else { "point" },
         height = if count <= MAX_BARS { "; its height too" } else { "" },
+        marks = if count <= MAX_BARS { "| red dot above | SN that has lost data in the mission |\n" } else { "" },
+        belief = estimated.map_or("", |_| BELIEF),
         link = link,
         slot_s = scenario.slot_s,
         reach_m = scenario.reach_m(),
@@ -83,27 +99,37 @@ fn los_page(scenario: &Scenario, link: &LineOfSight) -> String {
     format!(include_str!("los.md"), fixed = fixed, percent = 100.0 * field::funnel_probability(link))
 }
 
-/// Two colour scales: queue fill to the left; link rate, or the probability of line of sight, to the right.
+/// Two colour scales: queue fill to the left, and beside it the colour of an overflow; link rate, or the probability of
+/// line of sight, to the right.
 fn log_scales(canvas: &Canvas, rates_bps: Option<&RangeInclusive<f64>>) -> RecordingStreamResult<()> {
-    log_scale(canvas, "queue", &colour::of_fill, ["empty", "full"].map(str::to_owned))?;
+    let per_cent = [0.0, 0.5, 1.0].map(|fraction| (fraction, format!("{:.0} %", 100.0 * fraction)));
+    log_scale(canvas, "queue", 160, &colour::of_fill, per_cent.clone())?;
+    canvas.log_static(format!("{SCALE}/overflow"), &Transform3D::from_translation([222.0, 0.0, 0.0]))?;
+    log_scale(canvas, "overflow", 40, &|_| colour::LOSS, [(0.5, "loses data".to_owned())])?;
     let right = if rates_bps.is_some() { "rate" } else { "probability" };
-    canvas.log_static(format!("{SCALE}/{right}"), &Transform3D::from_translation([340.0, 0.0, 0.0]))?;
+    canvas.log_static(format!("{SCALE}/{right}"), &Transform3D::from_translation([360.0, 0.0, 0.0]))?;
     let Some(rates_bps) = rates_bps else {
-        return log_scale(canvas, right, &colour::of_probability, ["blocked", "in sight"].map(str::to_owned));
+        return log_scale(canvas, right, 200, &colour::of_probability, per_cent);
     };
     let rate_bps = |fraction: f64| rates_bps.start() + fraction * (rates_bps.end() - rates_bps.start());
     let colour = |fraction: f64| colour::of_rate(rate_bps(fraction), rates_bps);
-    log_scale(canvas, right, &colour, [*rates_bps.start(), *rates_bps.end()].map(format_rate))
+    log_scale(canvas, right, 200, &colour, [0.0, 1.0].map(|fraction| (fraction, format_rate(rate_bps(fraction)))))
 }
 
-/// A bar from the colour of 0 to that of 1, with what these mean written below.
-fn log_scale(canvas: &Canvas, name: &str, colour: &dyn Fn(f64) -> Rgb, ends: [String; 2]) -> RecordingStreamResult<()> {
-    const WIDTH: u32 = 260;
-    const HEIGHT: u32 = 20;
-    let row: Vec<u8> = (0..WIDTH).flat_map(|x| colour(f64::from(x) / f64::from(WIDTH - 1))).collect();
-    let bar = Image::from_rgb24(row.repeat(HEIGHT as usize), [WIDTH, HEIGHT]);
+/// A bar from the colour of 0 to that of 1, with what it means written below at fractions of its width.
+fn log_scale(
+    canvas: &Canvas,
+    name: &str,
+    width: u16,
+    colour: &dyn Fn(f64) -> Rgb,
+    texts: impl IntoIterator<Item = (f64, String)>,
+) -> RecordingStreamResult<()> {
+    const HEIGHT: u16 = 20;
+    let row: Vec<u8> = (0..width).flat_map(|x| colour(f64::from(x) / f64::from(width - 1))).collect();
+    let bar = Image::from_rgb24(row.repeat(HEIGHT.into()), [width, HEIGHT].map(u32::from));
     canvas.log_static(format!("{SCALE}/{name}/bar"), &bar)?;
-    canvas.log_static(format!("{SCALE}/{name}/text"), &writing([[30.0, 24.0], [230.0, 24.0]], ends))
+    let places = texts.into_iter().map(|(fraction, text)| ([fraction as f32 * f32::from(width), 24.0], text));
+    canvas.log_static(format!("{SCALE}/{name}/text"), &writing(places))
 }
 
 /// A rate with three digits and its unit.
@@ -117,13 +143,15 @@ fn format_rate(rate_bps: f64) -> String {
     format!("{value:.digits$} {unit}")
 }
 
-/// The ground, its frame, a grid, and the extent written at two corners.
+/// The ground, its frame, a grid, and the numbers at its axes. The ground is so thick that bars end in it.
 fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
     let Sizes { width_m, depth_m, grid_m, .. } = *sizes;
     let below_m = 0.01 * sizes.radius_m;
+    let half_m = 0.5 * sizes.bar_m + below_m;
+    let margin_m = sizes.bar_half_m;
     let ground = Boxes3D::from_centers_and_half_sizes(
-        [[width_m / 2.0, depth_m / 2.0, -2.0 * below_m]],
-        [[width_m / 2.0, depth_m / 2.0, below_m]],
+        [[width_m / 2.0, depth_m / 2.0, -half_m - below_m]],
+        [[width_m / 2.0 + margin_m, depth_m / 2.0 + margin_m, half_m]],
     );
     let ground = ground.with_colors([colour::GROUND]).with_fill_mode(rerun::FillMode::Solid);
     canvas.log_static(format!("{AREA}/ground"), &ground)?;
@@ -133,12 +161,20 @@ fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
     let east = steps(depth_m).chain([depth_m]).map(|y_m| [[0.0, y_m, z_m], [width_m, y_m, z_m]]);
     let grid = line_style(colour::GRID, 0.5).with_strips(north.chain(east));
     canvas.log_static(format!("{AREA}/grid"), &grid)?;
-    let corners = Points3D::new([[0.0, 0.0, 0.0], [width_m, 0.0, 0.0], [0.0, depth_m, 0.0]])
-        .with_labels(["0 m".to_owned(), format!("x = {width_m} m"), format!("y = {depth_m} m")])
+    let away_m = 0.03 * width_m.max(depth_m);
+    let numbers = |length_m: f32| {
+        let number_m = sizes.number_m;
+        (0..).map(move |step| step as f32 * number_m).take_while(move |&at_m| at_m <= length_m * 1.0001)
+    };
+    let at_x = numbers(width_m).map(|x_m| ([x_m, -away_m, 0.0], format!("{x_m} m")));
+    let at_y = numbers(depth_m).skip(1).map(|y_m| ([-1.5 * away_m, y_m, 0.0], format!("{y_m} m")));
+    let (places, texts): (Vec<_>, Vec<_>) = at_x.chain(at_y).unzip();
+    let axes = Points3D::new(places)
+        .with_labels(texts)
         .with_show_labels(true)
-        .with_radii([Radius::new_ui_points(1.5)])
+        .with_radii([Radius::new_ui_points(0.1)])
         .with_colors([colour::WRITING]);
-    canvas.log_static(CORNERS, &corners)
+    canvas.log_static(AXES, &axes)
 }
 
 /// The run's facts, which the viewer lists as properties of the recording.

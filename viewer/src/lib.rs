@@ -2,8 +2,9 @@
 //! events that the rerun viewer shows without further setting up.
 //!
 //! It decides nothing and computes no physics: positions, queues and rates are shown as the other crates report them,
-//! and probabilities of line of sight as `skysink-common` computes them. The only crate that knows rerun.
+//! and what was lost, what the UAV believes and probabilities of line of sight as `skysink-common` computes them. The only crate that knows rerun.
 
+pub mod belief;
 mod blueprint;
 mod canvas;
 pub mod colour;
@@ -15,6 +16,7 @@ pub mod layout;
 pub mod legend;
 pub mod links;
 pub mod los;
+pub mod maps;
 pub mod node;
 pub mod path;
 mod picture;
@@ -24,6 +26,8 @@ pub mod scene;
 mod shapes;
 mod sizes;
 mod slot;
+mod steps;
+mod tally;
 pub mod uav;
 
 pub use comparison::{ComparedMission, Comparison};

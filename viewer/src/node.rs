@@ -7,6 +7,7 @@ use iceoryx2::prelude::Service;
 use iceoryx2::sample::Sample;
 use rerun::TextLogLevel;
 use skysink_common::error::InputError;
+use skysink_common::estimate::Rates;
 use skysink_common::message::{
     FLAG_END, FlightReport, HoldReason, PathPoint, Plan, QueuesHeader, SlotHeader, is_possible_path,
 };
@@ -54,7 +55,7 @@ const PACE_WINDOW: usize = 32;
 
 /// Records until the mission ends, and returns how many slots this process missed: none in lock-step. However it ends,
 /// the recording holds what it got. Started again, it writes the recording's next file. `label` is what the mission of
-/// an outside planner is booked as.
+/// an outside planner is booked as, `estimated` what the UAV knows of the rates where it has to estimate the queues.
 ///
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, `stop` is requested, or the recording cannot be made.
@@ -64,17 +65,19 @@ pub fn run<S: Service + 'static>(
     stop: &Stop,
     sinks: &Sinks,
     label: Option<&str>,
+    estimated: Option<Rates>,
 ) -> Result<u64, NodeError> {
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Viewer, stop)?;
-    let journal = Journal::open(&folder.journal("viewer"), 2, 0)?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
+    let journal = Journal::open(&folder.journal("viewer"), 2, Scene::state_room(nodes.payload().len()))?;
     let mut shown = scenario.clone();
     if let Some(label) = label {
         label.clone_into(&mut shown.planner.strategy);
     }
     let name = run_name(&shown, ring.terms.mission);
-    let mut scene = Scene::open(sinks, &shown, nodes.payload(), &name, WallClock::Measured)?;
+    let mut scene = Scene::open(sinks, &shown, nodes.payload(), &name, WallClock::Measured, estimated)?;
+    journal.restore_before(u64::MAX, &mut scene)?;
     if let Some(port) = scene.port() {
         let address = format!("rerun+http://127.0.0.1:{port}/proxy");
         Role::Viewer.say(format_args!("live at {address}: open it by `rerun {address}`"));
@@ -210,7 +213,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
             slots_per_s,
             plan_ms: plan.map(|plan| plan.plan_ns as f64 / 1e6),
         })?;
-        self.journal.write(slot, &[])?;
+        self.journal.save(slot, self.scene)?;
         self.next = Some(slot + 1);
         Ok(())
     }

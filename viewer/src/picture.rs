@@ -1,18 +1,25 @@
 //! What is drawn of a mission: each part of the picture by a module of its own.
 
+use serde::{Deserialize, Serialize};
+use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
+use skysink_common::estimate::{BYTES_EACH, Rates, Saved};
+use skysink_common::geometry::Position;
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
 
+use crate::belief::Belief;
 use crate::canvas::Canvas;
 use crate::events::Events;
 use crate::files::Part;
 use crate::links::Links;
 use crate::los::Los;
+use crate::maps::{MapFrame, Maps};
 use crate::path::Path;
 use crate::queues::{Fill, Queues};
 use crate::recording::SceneError;
 use crate::sizes::Sizes;
 use crate::slot::SlotView;
+use crate::tally::{Sums, Tally};
 use crate::uav::UavShape;
 use crate::{curves, legend};
 
@@ -25,6 +32,28 @@ pub(crate) struct Picture {
     links: Links,
     los: Option<Los>,
     events: Events,
+    tally: Tally,
+    maps: Option<Maps>,
+    belief: Option<Belief>,
+}
+
+/// What later slots have to know of those before.
+#[derive(Debug, Deserialize)]
+struct State {
+    sums: Sums,
+    belief: Option<Saved>,
+}
+
+/// The same, to be saved.
+#[derive(Debug, Serialize)]
+struct StateRef<'a> {
+    sums: &'a Sums,
+    belief: Option<Saved>,
+}
+
+/// Most bytes that [`Picture`] saves of so many sensor nodes.
+pub(crate) fn state_room(count: usize) -> usize {
+    Sums::room(count) + BYTES_EACH * (count + 64)
 }
 
 impl Picture {
@@ -36,15 +65,32 @@ impl Picture {
         sizes: &Sizes,
         part: Part,
     ) -> Result<Self, SceneError> {
-        let queues = Queues::open(&canvas, sensors, sizes)?;
+        let queues = Queues::open(&canvas, sensors, sizes, part)?;
         let uav = UavShape::open(&canvas, sizes)?;
         let path = Path::open(&canvas, sizes, part)?;
         let links = Links::open(&canvas, scenario, sensors, sizes)?;
         let los = Los::open(&canvas, scenario, sensors, sizes, part)?;
         let events = Events::open(&canvas, part)?;
         curves::open(&canvas)?;
-        legend::log(&canvas, scenario, sensors.len(), sizes, links.rates_bps.as_ref())?;
-        Ok(Self { canvas, queues, uav, path, links, los, events })
+        legend::log(&canvas, sizes, links.rates_bps.as_ref())?;
+        let tally = Tally::new(scenario, sensors);
+        Ok(Self { canvas, queues, uav, path, links, los, events, tally, maps: None, belief: None })
+    }
+
+    /// Adds maps and the legend to the scene; `estimated` is what the UAV knows of the rates, where it has to estimate the queues.
+    pub(crate) fn with_maps(
+        mut self,
+        scenario: &Scenario,
+        sensors: &[SensorNode],
+        sizes: &Sizes,
+        estimated: Option<Rates>,
+    ) -> Result<Self, SceneError> {
+        legend::log_pages(&self.canvas, scenario, sensors.len(), sizes, estimated)?;
+        let frame = MapFrame::of(sensors, sizes);
+        self.maps = Some(Maps::open(&self.canvas, scenario, &frame, &self.tally)?);
+        let belief = |rates| Belief::open(&self.canvas, scenario, sensors, rates, &frame);
+        self.belief = estimated.map(belief).transpose()?;
+        Ok(self)
     }
 
     /// Draws a slot, at the time that the recording is set to, and returns how full the queues are; `missed_slots` were
@@ -59,7 +105,15 @@ impl Picture {
             return Err(SceneError::Queues { slot: view.slot, found, expected });
         }
         let canvas = &self.canvas;
-        let fill = self.queues.log_slot(canvas, view.queues_bits)?;
+        let uav = Position::new(view.flight.x_m, view.flight.y_m);
+        self.tally.add(view.slot, view.queues_bits, uav);
+        let fill = self.queues.log_slot(canvas, view.queues_bits, &self.tally)?;
+        if let Some(maps) = &mut self.maps {
+            maps.log_slot(canvas, view.slot, &self.tally, uav)?;
+        }
+        if let Some(belief) = &mut self.belief {
+            belief.log_slot(canvas, view.slot, view.queues_bits, view.flight)?;
+        }
         self.uav.log_slot(canvas, view)?;
         self.path.log(canvas, view.path)?;
         self.links.log_circles(canvas, view.plan)?;
@@ -67,7 +121,7 @@ impl Picture {
         if let Some(los) = &mut self.los {
             los.log_slot(canvas, view.flight)?;
         }
-        self.events.log_slot(canvas, view)?;
+        self.events.log_slot(canvas, view, &self.tally)?;
         curves::log_slot(canvas, view, fill, missed_slots)?;
         Ok(fill)
     }
@@ -84,5 +138,23 @@ impl Picture {
             los.log_missed(canvas)?;
         }
         Ok(self.events.log_missed(canvas, first, last)?)
+    }
+}
+
+impl Checkpoint for Picture {
+    fn save(&self, bytes: &mut Vec<u8>) {
+        encode(&StateRef { sums: self.tally.sums(), belief: self.belief.as_ref().map(Belief::saved) }, bytes);
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        let State { sums, belief } = decode(bytes)?;
+        CheckpointError::unless(belief.is_some() == self.belief.is_some(), "a belief where queues are estimated")?;
+        let mut tally = self.tally.clone();
+        tally.restore(sums)?;
+        if let (Some(known), Some(saved), Some(slot)) = (&mut self.belief, belief, tally.slot()) {
+            known.restore(slot, saved, tally.queues_bits())?;
+        }
+        self.tally = tally;
+        Ok(())
     }
 }

@@ -1,4 +1,5 @@
-//! The sensor nodes, coloured by how full their queues are: a point each, and a bar each where they are few enough.
+//! The sensor nodes, coloured by how full their queues are: a point each, and a bar each where they are few enough. One
+//! that loses data in the slot has a colour of its own, and one that ever has lost any a mark above it.
 
 use rerun::components::ClassId;
 use rerun::{AnnotationContext, AnnotationInfo, Boxes3D, FillMode, Points3D, Radius, RecordingStreamResult};
@@ -6,7 +7,9 @@ use skysink_common::message::SensorNode;
 
 use crate::canvas::Canvas;
 use crate::colour;
+use crate::files::Part;
 use crate::sizes::{MAX_BARS, Sizes};
+use crate::tally::Tally;
 
 /// Root of the 3D scene; it holds the queue scale.
 pub const WORLD: &str = "world";
@@ -14,9 +17,15 @@ pub const WORLD: &str = "world";
 pub const POINTS: &str = "world/sensors";
 /// The bars.
 pub const BARS: &str = "world/queues";
+/// Marks above the sensor nodes that have lost data, where there are bars.
+pub const LOST: &str = "world/lost";
 
 /// Levels of the queue scale above empty: level 0 is 0 %, level 32 is 100 %. More look the same and compress worse.
 const FULL_LEVEL: u16 = 32;
+/// The level of a sensor node that has lost data in the slot.
+const OVERFLOW_LEVEL: u16 = FULL_LEVEL + 1;
+/// Heights of a bar, for the same reason.
+const HEIGHTS: f64 = 64.0;
 
 /// Fraction of the buffers in use, 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,24 +47,39 @@ struct Bars {
     feet_m: Vec<[f32; 2]>,
     half_side_m: f32,
     full_m: f32,
+    /// How many marks this file has drawn last; none if an earlier file may have drawn some.
+    marks: Option<usize>,
 }
 
 impl Queues {
     /// Places the sensor nodes and names the levels of the queue scale.
-    pub(crate) fn open(canvas: &Canvas, sensors: &[SensorNode], sizes: &Sizes) -> RecordingStreamResult<Self> {
-        canvas.log_static(WORLD, &AnnotationContext::new((0..=FULL_LEVEL).map(describe)))?;
+    pub(crate) fn open(
+        canvas: &Canvas,
+        sensors: &[SensorNode],
+        sizes: &Sizes,
+        part: Part,
+    ) -> RecordingStreamResult<Self> {
+        canvas.log_static(WORLD, &AnnotationContext::new((0..=OVERFLOW_LEVEL).map(describe)))?;
         let feet_m: Vec<_> = sensors.iter().map(|sensor| [sensor.x_m as f32, sensor.y_m as f32]).collect();
         let points = Points3D::new(feet_m.iter().map(|&[x_m, y_m]| [x_m, y_m, 0.0]))
             .with_radii([Radius::new_ui_points(sizes.point_ui)])
             .with_show_labels(false);
         canvas.log_static(POINTS, &points)?;
-        let bars =
-            (sensors.len() <= MAX_BARS).then_some(Bars { feet_m, half_side_m: sizes.bar_half_m, full_m: sizes.bar_m });
-        if bars.is_some() {
-            let style = Boxes3D::update_fields().with_fill_mode(FillMode::Solid).with_show_labels(false);
-            canvas.log_static(BARS, &style)?;
+        let capacities_bits = sensors.iter().map(|sensor| sensor.capacity_bits).collect();
+        if sensors.len() > MAX_BARS {
+            return Ok(Self { capacities_bits, bars: None });
         }
-        Ok(Self { capacities_bits: sensors.iter().map(|sensor| sensor.capacity_bits).collect(), bars })
+        // They reach into the ground as deep as they are high, so that their centres stay.
+        let style = Boxes3D::update_fields()
+            .with_centers(feet_m.iter().map(|&[x_m, y_m]| [x_m, y_m, 0.0]))
+            .with_fill_mode(FillMode::Solid)
+            .with_show_labels(false);
+        canvas.log_static(BARS, &style)?;
+        let marks = Points3D::update_fields().with_colors([colour::LOSS]).with_radii([Radius::new_ui_points(2.5)]);
+        canvas.log_static(LOST, &marks)?;
+        let marks = (part == Part::First).then_some(0);
+        let bars = Bars { feet_m, half_side_m: sizes.bar_half_m, full_m: sizes.bar_m, marks };
+        Ok(Self { capacities_bits, bars: Some(bars) })
     }
 
     /// How many sensor nodes there are.
@@ -63,13 +87,20 @@ impl Queues {
         self.capacities_bits.len()
     }
 
-    /// Colours the sensor nodes of one slot; one queue [bit] per sensor node.
-    pub(crate) fn log_slot(&self, canvas: &Canvas, queues_bits: &[u32]) -> RecordingStreamResult<Fill> {
+    /// Colours the sensor nodes of one slot, which `tally` includes; one queue [bit] per sensor node.
+    pub(crate) fn log_slot(
+        &mut self,
+        canvas: &Canvas,
+        queues_bits: &[u32],
+        tally: &Tally,
+    ) -> RecordingStreamResult<Fill> {
         let pairs = std::iter::zip(queues_bits, &self.capacities_bits);
         let fills = || pairs.clone().map(|(&queue_bits, &capacity_bits)| fill(queue_bits, capacity_bits));
-        let levels: Vec<_> = fills().map(|fill| ClassId::from(level(fill))).collect();
-        if let Some(bars) = &self.bars {
+        let level = |(fill, overflows): (f64, bool)| if overflows { OVERFLOW_LEVEL } else { level(fill) };
+        let levels: Vec<_> = fills().zip(tally.overflows()).map(level).map(ClassId::from).collect();
+        if let Some(bars) = &mut self.bars {
             canvas.log(BARS, &bars.at(fills()).with_class_ids(levels.iter().copied()))?;
+            bars.log_marks(canvas, tally.lost_bits())?;
         }
         canvas.log(POINTS, &Points3D::update_fields().with_class_ids(levels))?;
         Ok(Fill { mean: fills().sum::<f64>() / self.count().max(1) as f64, max: fills().fold(0.0, f64::max) })
@@ -79,11 +110,21 @@ impl Queues {
 impl Bars {
     /// Bars of the given fills, standing on the ground; an empty queue keeps a thin tile.
     fn at(&self, fills: impl Iterator<Item = f64>) -> Boxes3D {
-        let halves_m = fills.map(|fill| 0.5 * self.full_m * (fill as f32).max(0.02));
-        let (centres_m, sizes_m): (Vec<_>, Vec<_>) = std::iter::zip(&self.feet_m, halves_m)
-            .map(|(&[x_m, y_m], half_m)| ([x_m, y_m, half_m], [self.half_side_m, self.half_side_m, half_m]))
-            .unzip();
-        Boxes3D::update_fields().with_centers(centres_m).with_half_sizes(sizes_m)
+        let heights_m = fills.map(|fill| self.full_m * ((HEIGHTS * fill).round() / HEIGHTS).max(0.02) as f32);
+        let halves_m = heights_m.map(|height_m| [self.half_side_m, self.half_side_m, height_m]);
+        Boxes3D::update_fields().with_half_sizes(halves_m)
+    }
+
+    /// Marks the sensor nodes that have lost data, if there are more than before.
+    fn log_marks(&mut self, canvas: &Canvas, lost_bits: &[u64]) -> RecordingStreamResult<()> {
+        let marked = || self.feet_m.iter().zip(lost_bits).filter(|(_, lost_bits)| **lost_bits > 0);
+        let marks = Some(marked().count());
+        if self.marks != marks {
+            let above = marked().map(|(&[x_m, y_m], _)| [x_m, y_m, 1.3 * self.full_m]);
+            canvas.log(LOST, &Points3D::update_fields().with_positions(above))?;
+            self.marks = marks;
+        }
+        Ok(())
     }
 }
 
@@ -99,6 +140,10 @@ fn level(fill: f64) -> u16 {
 
 /// Name and colour of a level, which the viewer shows on hovering.
 fn describe(level: u16) -> AnnotationInfo {
+    if level == OVERFLOW_LEVEL {
+        let label = Some("full, loses data in this slot".into());
+        return AnnotationInfo { id: level, label, color: Some(colour::LOSS.into()) };
+    }
     let fill = f64::from(level) / f64::from(FULL_LEVEL);
     AnnotationInfo {
         id: level,

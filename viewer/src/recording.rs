@@ -2,7 +2,7 @@
 
 use std::net::TcpListener;
 use std::path::PathBuf;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rerun::grpc_server::GrpcServerSink;
 use rerun::log::ChunkBatcherConfig;
@@ -17,10 +17,13 @@ pub const SLOT: &str = "slot";
 /// The timeline of simulated seconds.
 pub const SIM_TIME: &str = "sim_time";
 
-/// Most that a killed process loses of a file, and most that a live viewer lags behind. A shorter wait makes many
-/// small chunks, and the file several times as large.
+/// Most that a killed process loses of a file. A shorter wait makes many small chunks, and the file several times as
+/// large.
 const FILE_TICK: Duration = Duration::from_secs(1);
-const LIVE_TICK: Duration = Duration::from_millis(200);
+
+/// Least time from one batch for a live viewer to the next. A batch ends with a slot, so that a viewer never has one
+/// half.
+const LIVE_TICK: Duration = Duration::from_millis(150);
 
 /// Longest wait for the last bytes at the end; a medium that takes longer does not work any more.
 const FLUSH_LIMIT: Duration = Duration::from_secs(120);
@@ -98,6 +101,8 @@ pub(crate) struct Recording {
     pub(crate) port: Option<u16>,
     /// Whether its file begins it.
     pub(crate) part: Part,
+    /// When the last batch was sent to a live viewer; none without one.
+    sent: Option<Instant>,
     /// Its file, held locked.
     file: Option<NextFile>,
 }
@@ -125,24 +130,32 @@ impl Recording {
         let begun = next.as_ref().and_then(|next| next.recording_id.as_deref());
         let part = if begun.is_some() { Part::Later } else { Part::First };
         let name = begun.unwrap_or(name).to_owned();
-        let flush_tick = if live.is_some() { LIVE_TICK } else { FILE_TICK };
         let stream = RecordingStreamBuilder::new(application.clone())
             .recording_id(name.as_str())
             .send_properties(false) // they would hold the wall clock
             .enabled(true) // whatever the environment says: a recording was asked for
-            .batcher_config(ChunkBatcherConfig { flush_tick, ..ChunkBatcherConfig::default() })
+            .batcher_config(ChunkBatcherConfig { flush_tick: FILE_TICK, ..ChunkBatcherConfig::default() })
             .set_sinks(open)?;
         stream.set_log_time_enabled(false);
         stream.set_log_tick_enabled(false);
         stream.send_recording_name(name.as_str())?;
         let application = application.clone();
-        Ok(Self { stream, name, application, port: live, part, file: next })
+        Ok(Self { stream, name, application, port: live, part, sent: live.map(|_| Instant::now()), file: next })
     }
 
     /// Sets the time of what is logged next.
     pub(crate) fn set_slot(&self, slot: u64, slot_s: f64) {
         self.stream.set_time_sequence(SLOT, i64::try_from(slot).unwrap_or(i64::MAX));
         self.stream.set_duration_secs(SIM_TIME, slot as f64 * slot_s);
+    }
+
+    /// Sends what was logged to a live viewer, if there is one and it is time. What cannot be sent is reported by
+    /// [`Recording::close`].
+    pub(crate) fn end_slot(&mut self) {
+        if let Some(sent) = self.sent.as_mut().filter(|sent| sent.elapsed() >= LIVE_TICK) {
+            *sent = Instant::now();
+            let _ = self.stream.flush_async();
+        }
     }
 
     /// Writes what is still under way and ends the file with its footer.

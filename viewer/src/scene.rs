@@ -5,12 +5,14 @@
 use std::ops::RangeInclusive;
 
 use rerun::{ApplicationId, TextLogLevel};
+use skysink_common::checkpoint::{Checkpoint, CheckpointError};
+use skysink_common::estimate::Rates;
 use skysink_common::message::{SensorNode, Totals};
 use skysink_common::scenario::Scenario;
 
 use crate::canvas::Canvas;
 use crate::files::Part;
-use crate::picture::Picture;
+use crate::picture::{self, Picture};
 use crate::recording::{Recording, SceneError, Sinks};
 use crate::sizes::Sizes;
 use crate::slot::{SlotView, WallClock};
@@ -37,7 +39,8 @@ pub struct Scene {
 
 impl Scene {
     /// Opens the sinks and draws everything that stays. If the file continues a recording, that keeps its name instead
-    /// of `run_name`.
+    /// of `run_name`. `estimated` is what the UAV knows of the sampling rates where it has to estimate the queues, and
+    /// none where it sees them.
     ///
     /// # Errors
     /// If there is no sink, the file cannot be created, the port is taken, or the recording library refuses.
@@ -47,12 +50,14 @@ impl Scene {
         sensors: &[SensorNode],
         run_name: &str,
         clock: WallClock,
+        estimated: Option<Rates>,
     ) -> Result<Self, SceneError> {
         let recording = Recording::open(sinks, &application(scenario), run_name)?;
         let canvas = Canvas::whole(&recording.stream);
         let sizes = Sizes::of(scenario, sensors.len());
-        layout::send(&recording, &sizes, scenario, clock)?;
+        layout::send(&recording, &sizes, scenario, clock, estimated)?;
         let picture = Picture::open(canvas.clone(), scenario, sensors, &sizes, recording.part)?;
+        let picture = picture.with_maps(scenario, sensors, &sizes, estimated)?;
         legend::log_facts(&recording.stream, scenario, sensors.len())?;
         let scenario = scenario.clone();
         let scene = Self { recording, canvas, scenario, picture, last_slot: None, last_totals: None, missed_slots: 0 };
@@ -77,7 +82,14 @@ impl Scene {
         self.picture.log_slot(view, self.missed_slots)?;
         self.last_slot = Some(view.slot);
         self.last_totals = Some(view.header.totals);
+        self.recording.end_slot();
         Ok(())
+    }
+
+    /// Most bytes that a scene of so many sensor nodes saves.
+    #[must_use]
+    pub fn state_room(count: usize) -> usize {
+        picture::state_room(count)
     }
 
     /// Marks slots that the viewer did not get: an event, a gap in the lane, and what the slot before had drawn is
@@ -112,5 +124,16 @@ impl Scene {
             self.log_event(slot, TextLogLevel::INFO, &text)?;
         }
         self.recording.close()
+    }
+}
+
+impl Checkpoint for Scene {
+    /// What the sums so far are, and what the UAV was told, so that the scene of a later file continues them.
+    fn save(&self, bytes: &mut Vec<u8>) {
+        self.picture.save(bytes);
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        self.picture.restore(bytes)
     }
 }

@@ -34,7 +34,12 @@ pub(crate) fn curve_style(name: &str, colour: Rgb) -> SeriesLines {
     SeriesLines::new().with_names([name]).with_colors([colour]).with_widths([1.5])
 }
 
-/// Writing in a picture, each text at its point.
-pub(crate) fn writing(points: [[f32; 2]; 2], texts: [String; 2]) -> Points2D {
-    Points2D::new(points).with_labels(texts).with_show_labels(true).with_radii([0.1]).with_colors([colour::WRITING])
+/// Writing in a picture, each text below its point.
+pub(crate) fn writing(texts: impl IntoIterator<Item = ([f32; 2], String)>) -> Points2D {
+    let (points, texts): (Vec<_>, Vec<_>) = texts.into_iter().unzip();
+    Points2D::new(points)
+        .with_labels(texts)
+        .with_show_labels(true)
+        .with_radii([Radius::new_ui_points(0.1)])
+        .with_colors([colour::WRITING])
 }

@@ -20,8 +20,13 @@ pub(crate) struct Sizes {
     pub(crate) radius_m: f32,
     /// Distance of grid lines.
     pub(crate) grid_m: f32,
-    /// Height of a full queue's bar: half the lowest altitude, so that no bar hides the UAV.
+    /// Distance of those that have a number: every one, second, fifth, ... of them.
+    pub(crate) number_m: f32,
+    /// Height of a full queue's bar: half the lowest altitude, so that no bar hides the UAV, or more in a field so wide
+    /// that it would not be seen.
     pub(crate) bar_m: f32,
+    /// Whether a bar beside the UAV would hide it.
+    pub(crate) has_tall_bars: bool,
     /// Half the side of a bar.
     pub(crate) bar_half_m: f32,
     /// Arm of the UAV, from its centre to a rotor.
@@ -40,6 +45,9 @@ impl Sizes {
         let range_m = scenario.uav.climb().map_or(fixed_m, |climb| [climb.min_altitude_m, climb.max_altitude_m]);
         let [lowest_m, highest_m] = range_m.map(|altitude_m| altitude_m as f32);
         let altitude_m = 0.5 * (lowest_m + highest_m);
+        let longer_m = width_m.max(depth_m);
+        let grid_m = round_step(longer_m / 8.0);
+        let bar_m = (0.5 * lowest_m).max(0.045 * longer_m);
         let spacing_m = (width_m * depth_m / count.max(1) as f32).sqrt();
         Self {
             width_m,
@@ -47,9 +55,11 @@ impl Sizes {
             altitude_m,
             highest_m,
             radius_m,
-            grid_m: round_step(width_m.max(depth_m) / 8.0),
-            bar_m: 0.5 * lowest_m,
-            bar_half_m: (0.11 * spacing_m).min(0.12 * radius_m),
+            grid_m,
+            number_m: number_step(grid_m, longer_m),
+            bar_m,
+            has_tall_bars: bar_m > 0.8 * altitude_m,
+            bar_half_m: 0.11 * spacing_m.min(0.08 * longer_m),
             arm_m: 0.18 * radius_m.min(altitude_m),
             point_ui: if count <= MAX_BARS {
                 3.0
@@ -68,6 +78,13 @@ fn round_step(length_m: f32) -> f32 {
     [5.0, 2.0].into_iter().map(|digit| digit * decade).find(|&step| step <= length_m).unwrap_or(decade)
 }
 
+/// Every first, second, fifth, ... grid line, so that at most six follow the first.
+fn number_step(grid_m: f32, longer_m: f32) -> f32 {
+    let lines = longer_m / grid_m;
+    let every = [1.0, 2.0, 5.0].into_iter().find(|every| lines / every < 6.5).unwrap_or(10.0);
+    every * grid_m
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -77,8 +94,17 @@ mod tests {
     fn a_full_bar_of_the_letter_reaches_half_way_to_the_uav() {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
         let sizes = Sizes::of(&scenario, 200);
-        assert_eq!(sizes.bar_m, 10.0);
+        assert_eq!((sizes.bar_m, sizes.has_tall_bars), (10.0, false));
         assert!(sizes.bar_half_m < 1.0 && sizes.arm_m < sizes.radius_m);
+    }
+
+    #[test]
+    fn a_bar_is_seen_in_a_wide_field() {
+        let text = "name = \"wide\"\n[area]\nside_m = 1000.0\n";
+        let scenario = Scenario::parse(text, std::path::Path::new("wide.toml"), Overrides::default()).unwrap();
+        let sizes = Sizes::of(&scenario, 200);
+        assert_eq!((sizes.bar_m, sizes.has_tall_bars), (45.0, true));
+        assert!(sizes.bar_half_m > 7.0, "{}", sizes.bar_half_m);
     }
 
     #[test]
@@ -88,6 +114,13 @@ mod tests {
         let scenario = Scenario::parse(text, std::path::Path::new("town.toml"), Overrides::default()).unwrap();
         let sizes = Sizes::of(&scenario, 200);
         assert_eq!((sizes.bar_m, sizes.altitude_m, sizes.highest_m), (15.0, 60.0, 90.0));
+    }
+
+    #[test]
+    fn numbers_are_at_grid_lines_and_leave_each_other_room() {
+        for (longer_m, number_m) in [(100.0, 20.0), (300.0, 100.0), (600.0, 100.0), (1_000.0, 200.0)] {
+            assert_eq!(number_step(round_step(longer_m / 8.0), longer_m), number_m, "{longer_m}");
+        }
     }
 
     #[test]

@@ -106,7 +106,7 @@ fn log_body(canvas: &Canvas, arm_m: f32) -> RecordingStreamResult<()> {
     let heading = Arrows3D::from_vectors([[1.6 * arm_m, 0.0, 0.0]])
         .with_origins([[0.4 * arm_m, 0.0, 0.0]])
         .with_radii([0.1 * arm_m])
-        .with_colors([colour::HEADING]);
+        .with_colors([colour::UAV]);
     canvas.log_static(format!("{BODY}/heading"), &heading)?;
     let dot = Points3D::new([[0.0; 3]]).with_radii([Radius::new_ui_points(5.0)]).with_colors([colour::UAV]);
     canvas.log_static(DOT, &dot)

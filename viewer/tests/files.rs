@@ -6,10 +6,13 @@ mod support;
 use std::collections::BTreeSet;
 use std::fs;
 use std::io::BufReader;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use chunks::recording;
 use rerun::external::re_log_encoding::DecoderApp;
+use skysink_common::checkpoint::Checkpoint;
+use skysink_common::estimate::Rates;
 use skysink_common::message::{LinkReport, PathPoint};
 use skysink_common::scenario::Scenario;
 use skysink_viewer::los::field;
@@ -20,7 +23,7 @@ const SENSORS: u32 = 30;
 
 fn open(first: &Path, scenario: &Scenario, name: &str) -> Scene {
     let sinks = Sinks { save: Some(first.to_owned()), live: None };
-    Scene::open(&sinks, scenario, &sensors(SENSORS), name, WallClock::Unmeasured).unwrap()
+    Scene::open(&sinks, scenario, &sensors(SENSORS), name, WallClock::Unmeasured, None).unwrap()
 }
 
 /// Records these slots into the next file, and returns what is in it.
@@ -34,6 +37,26 @@ fn record_slots(first: &Path, scenario: &Scenario, name: &str, slots: impl IntoI
     for slot in slots {
         scene.log_slot(&slot.view()).unwrap();
     }
+    scene.close().unwrap();
+    Found::read(files(first).last().unwrap())
+}
+
+/// Records these slots into the next file, from the state that the scene before it saved, and saves its own.
+fn resume(first: &Path, scenario: &Scenario, name: &str, slots: RangeInclusive<u64>, state: &mut Vec<u8>) -> Found {
+    let sinks = Sinks { save: Some(first.to_owned()), live: None };
+    let rates = Some(Rates::Learnt);
+    let mut scene = Scene::open(&sinks, scenario, &sensors(SENSORS), name, WallClock::Unmeasured, rates).unwrap();
+    if !state.is_empty() {
+        scene.restore(state).unwrap();
+    }
+    for slot in slots {
+        let mut slot = Slot::new(slot, SENSORS as usize);
+        slot.queues_bits[3] = 1_000; // it loses 100 bits in every slot
+        scene.log_slot(&slot.view()).unwrap();
+    }
+    state.clear();
+    scene.save(state);
+    assert!(state.len() <= Scene::state_room(SENSORS as usize));
     scene.close().unwrap();
     Found::read(files(first).last().unwrap())
 }
@@ -53,9 +76,11 @@ fn names(first: &Path) -> Vec<String> {
 fn each_viewer_writes_the_next_file_of_one_recording() {
     for scenario in [letter(), town()] {
         let ((_folder, first), (_other, alone)) = (place(), place());
+        let mut state = Vec::new();
         let parts = [(0..=2, "first name"), (3..=5, "second name"), (6..=8, "third name")]
-            .map(|(slots, name)| record(&first, &scenario, name, slots));
-        let whole = record(&alone, &scenario, "first name", 0..=8);
+            .map(|(slots, name)| resume(&first, &scenario, name, slots, &mut state));
+        let whole = resume(&alone, &scenario, "first name", 0..=8, &mut Vec::new());
+        assert!(whole.text(events::STATUS, "TextDocument:text", Some(8)).contains("1 of 30 SNs have lost data"));
         assert_eq!(names(&first), ["mission.rrd", "mission-2.rrd", "mission-3.rrd"]);
         assert_eq!(BTreeSet::from_iter(files(&first).iter().map(|file| recording(file))).len(), 1);
         assert_eq!(recording(&first), "first name");
@@ -206,7 +231,7 @@ fn a_live_viewer_continues_a_recording_in_the_next_file() {
     let (_folder, first) = place();
     record(&first, &letter(), "first name", 0..=8);
     let sinks = Sinks { save: Some(first.clone()), live: Some(0) };
-    let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "x", WallClock::Unmeasured).unwrap();
+    let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "x", WallClock::Unmeasured, None).unwrap();
     scene.log_slot(&Slot::new(9, SENSORS as usize).view()).unwrap();
     scene.close().unwrap();
     let second = first.with_file_name("mission-2.rrd");

@@ -19,7 +19,7 @@ const FIRST_SLOT: &str = "SKYSINK_TEST_FIRST_SLOT";
 
 fn open(path: &Path, name: &str) -> Scene {
     let sinks = Sinks { save: Some(path.to_owned()), live: None };
-    Scene::open(&sinks, &letter(), &sensors(SENSORS), name, WallClock::Unmeasured).unwrap()
+    Scene::open(&sinks, &letter(), &sensors(SENSORS), name, WallClock::Unmeasured, None).unwrap()
 }
 
 /// Records for ever.

@@ -44,7 +44,7 @@ fn record(scenario: &Scenario, slots: &[Slot]) -> Found {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("mission.rrd");
     let sinks = Sinks { save: Some(path.clone()), live: None };
-    let mut scene = Scene::open(&sinks, scenario, &sensors(SENSORS), "test-run", WallClock::Unmeasured).unwrap();
+    let mut scene = Scene::open(&sinks, scenario, &sensors(SENSORS), "test-run", WallClock::Unmeasured, None).unwrap();
     let mut next = 0;
     for slot in slots {
         if slot.slot > next {

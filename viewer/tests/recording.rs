@@ -16,7 +16,7 @@ const SENSORS: u32 = 20;
 
 fn open(path: &Path, count: u32) -> Scene {
     let sinks = Sinks { save: Some(path.to_owned()), live: None };
-    Scene::open(&sinks, &letter(), &sensors(count), "test-run", WallClock::Unmeasured).unwrap()
+    Scene::open(&sinks, &letter(), &sensors(count), "test-run", WallClock::Unmeasured, None).unwrap()
 }
 
 /// Records slots 0 to `last`, each changed by `change` before.
@@ -184,7 +184,7 @@ fn simulated_time_runs_with_the_slots() {
 fn a_recording_explains_itself() {
     let found = in_folder(|path| record(path, 1, |_| {}));
     let seen = |name: &str| found.layout.values().flatten().any(|value| value.contains(name));
-    for name in ["Field (3D)", "Top view", "Chase", "Legend", "Events", "Queue fill"] {
+    for name in ["Field (3D)", "Top view", "Chase", "Loss and coverage", "Legend", "Events", "Queue fill"] {
         assert!(seen(name), "{name}");
     }
     let page = found.text(legend::PAGE, "TextDocument:text", None);
@@ -222,6 +222,9 @@ fn missed_slots_are_marked_and_counted() {
     assert!(found.text(events::LANE, "StateChange:state", Some(6)).contains("serve"));
     assert!(found.text(events::LOG, "TextLog:text", Some(3)).contains("slots 3 to 5 missed"));
     assert!(found.text(events::LOG, "TextLog:text", Some(7)).contains("3 slots missed"));
+    let states = |name| found.curve(&format!("{}/{name}", events::STATES)).into_iter().collect::<Vec<_>>();
+    assert_eq!(states("serve"), [(1, 3.0), (2, 3.0), (6, 3.0), (7, 3.0)]);
+    assert_eq!(states(events::GAP), [(3, 0.0)]);
     let missed: Vec<_> = found.curve(curves::MISSED).into_values().collect();
     assert_eq!(missed, [0.0, 0.0, 0.0, 3.0, 3.0]);
     let flown = |slot| found.text(uav::TRAIL, "LineStrips3D:strips", Some(slot)).contains("Float32>");
@@ -247,7 +250,7 @@ fn two_thousand_sensor_nodes_are_bars_and_one_more_are_points() {
 fn wall_clock_figures_are_curves_where_they_are_known() {
     let found = in_folder(|path| {
         let sinks = Sinks { save: Some(path.to_owned()), live: None };
-        let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "timed", WallClock::Measured).unwrap();
+        let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "timed", WallClock::Measured, None).unwrap();
         let slot = Slot::new(1, SENSORS as usize);
         let view = skysink_viewer::SlotView { slots_per_s: Some(250.0), plan_ms: Some(0.5), ..slot.view() };
         scene.log_slot(&view).unwrap();
@@ -276,7 +279,8 @@ fn a_file_holds_what_was_logged_before_it_is_closed() {
 fn a_place_that_cannot_be_written_is_refused_by_name() {
     let path = Path::new("/nowhere/mission.rrd");
     let sinks = Sinks { save: Some(path.to_owned()), live: None };
-    let refusal = Scene::open(&sinks, &letter(), &sensors(1), "x", WallClock::Unmeasured).err().unwrap().to_string();
+    let refusal =
+        Scene::open(&sinks, &letter(), &sensors(1), "x", WallClock::Unmeasured, None).err().unwrap().to_string();
     assert!(refusal.starts_with("recording /nowhere/mission.rrd: ") && !refusal.contains('\n'), "{refusal}");
 }
 
@@ -287,7 +291,7 @@ fn a_port_in_use_is_refused_by_number_and_no_file_is_touched() {
         let listener = TcpListener::bind(("127.0.0.1", 0)).unwrap();
         let port = listener.local_addr().unwrap().port();
         let sinks = Sinks { save: Some(path.to_owned()), live: Some(port) };
-        let refusal = Scene::open(&sinks, &letter(), &sensors(1), "x", WallClock::Measured).err().unwrap();
+        let refusal = Scene::open(&sinks, &letter(), &sensors(1), "x", WallClock::Measured, None).err().unwrap();
         assert!(matches!(refusal, SceneError::Port { .. }));
         let line = refusal.to_string();
         assert!(line.contains(&format!("port {port} ")) && !line.contains('\n'), "{line}");
@@ -297,7 +301,8 @@ fn a_port_in_use_is_refused_by_number_and_no_file_is_touched() {
 
 #[test]
 fn a_scene_without_a_destination_is_refused() {
-    let refusal = Scene::open(&Sinks::default(), &letter(), &sensors(1), "x", WallClock::Unmeasured).err().unwrap();
+    let refusal =
+        Scene::open(&Sinks::default(), &letter(), &sensors(1), "x", WallClock::Unmeasured, None).err().unwrap();
     assert!(matches!(refusal, SceneError::Nowhere));
 }
 
@@ -314,7 +319,7 @@ fn a_live_scene_listens_on_this_machine_and_writes_the_same_file() {
     in_folder(|path| {
         let port = TcpListener::bind(("127.0.0.1", 0)).unwrap().local_addr().unwrap().port();
         let sinks = Sinks { save: Some(path.to_owned()), live: Some(port) };
-        let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "live", WallClock::Unmeasured).unwrap();
+        let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "live", WallClock::Unmeasured, None).unwrap();
         let began = Instant::now();
         while TcpStream::connect(("127.0.0.1", port)).is_err() {
             assert!(began.elapsed() < Duration::from_secs(60), "nobody listens at port {port}");

@@ -59,7 +59,7 @@ impl Surroundings {
         let slice = GridMap::update_fields()
             .with_format(ImageFormat::from_color_model([cells; 2], ColorModel::L, ChannelDatatype::U8))
             .with_cell_size(2.0 * slice_half_m / f32::from(SLICE_CELLS))
-            .with_colormap(Colormap::Viridis)
+            .with_colormap(Colormap::Grayscale)
             .with_opacity(0.3);
         canvas.log_static(SLICE, &slice)?;
         let shape = Funnel::of(link, sizes.radius_m, sizes.highest_m);
@@ -67,7 +67,7 @@ impl Surroundings {
             let style = VoxelGridMap::update_fields()
                 .with_voxel_size(shape.voxel_m)
                 .with_value_range([0.0, 1.0])
-                .with_colormap(Colormap::Viridis)
+                .with_colormap(Colormap::Grayscale)
                 .with_opacity(0.13);
             canvas.log_static(format!("{FUNNELS}/{place}"), &style)?;
         }

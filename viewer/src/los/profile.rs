@@ -21,7 +21,7 @@ pub const CURVES: &str = "profile/curves";
 /// The altitude flown.
 pub const FLOWN: &str = "profile/flown";
 /// Bounds of the picture, in x and y (down).
-pub const BOUNDS: [[f64; 2]; 2] = [[-14.0, 214.0], [-8.0, 132.0]];
+pub const BOUNDS: [[f64; 2]; 2] = [[-30.0, 216.0], [-12.0, 132.0]];
 
 const WIDTH: f64 = 200.0;
 const HEIGHT: f64 = 100.0;
@@ -43,8 +43,14 @@ impl Profile {
         let frame = frame.with_colors([colour::GRID]).with_radii([Radius::new_ui_points(0.7)]);
         canvas.log_static(format!("{PROFILE}/frame"), &frame)?;
         let below = HEIGHT as f32 + 4.0;
-        let altitudes = range_m.map(|altitude_m| format!("{altitude_m:.0} m"));
-        let ticks = writing([[0.0, below], [WIDTH as f32, below]], altitudes);
+        let [lowest_m, highest_m] = range_m;
+        let middle_m = 0.5 * (lowest_m + highest_m);
+        let altitudes = [(0.0, lowest_m), (0.5, middle_m), (1.0, highest_m)];
+        let altitudes =
+            altitudes.map(|(along, altitude_m)| ([along * WIDTH as f32, below], format!("{altitude_m:.0} m")));
+        let heights = [0.0, 50.0, 100.0]
+            .map(|percent: f64| ([-14.0, (HEIGHT * (1.0 - percent / 100.0)) as f32 - 6.0], format!("{percent} %")));
+        let ticks = writing(altitudes.into_iter().chain(heights));
         canvas.log_static(format!("{PROFILE}/ticks"), &ticks)?;
         let curves = LineStrips2D::update_fields()
             .with_colors([colour::SIGHT, colour::MISSED, colour::DELIVERY])

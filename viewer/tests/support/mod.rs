@@ -101,6 +101,8 @@ pub type Cell = (String, String, Option<i64>, Option<i64>);
 pub struct Found {
     /// Every value, written out.
     pub cells: BTreeMap<Cell, Vec<String>>,
+    /// The bytes of images: entity, component and slot.
+    pub images: BTreeMap<(String, String, i64), Vec<u8>>,
     /// Every timeline.
     pub timelines: BTreeSet<String>,
     /// The same of the layout.
@@ -124,6 +126,7 @@ impl Found {
                 if id.is_recording() {
                     found.timelines.extend(chunk.timelines().keys().map(ToString::to_string));
                     add(&mut found.cells, chunk);
+                    add_images(&mut found.images, chunk);
                 } else {
                     add(&mut found.layout, chunk);
                 }
@@ -164,6 +167,11 @@ impl Found {
         self.cells.iter().filter(|(cell, _)| is_it(cell)).flat_map(|(_, values)| values.clone()).collect()
     }
 
+    /// The bytes of an image, which are too many to be written out.
+    pub fn bytes(&self, entity: &str, component: &str, slot: i64) -> &[u8] {
+        &self.images[&(format!("/{entity}"), component.to_owned(), slot)]
+    }
+
     /// The number of a curve, by slot.
     pub fn curve(&self, entity: &str) -> BTreeMap<i64, f64> {
         self.points(entity).into_iter().map(|(slot, points)| (slot, points[0])).collect()
@@ -194,5 +202,15 @@ fn add(cells: &mut BTreeMap<Cell, Vec<String>>, chunk: &rerun::log::Chunk) {
             let cell = (chunk.entity_path().to_string(), component.to_string(), time(slots), time(times_ns));
             cells.entry(cell).or_default().push(format!("{:?}", values.value(row)));
         }
+    }
+}
+
+fn add_images(images: &mut BTreeMap<(String, String, i64), Vec<u8>>, chunk: &rerun::log::Chunk) {
+    let slot = rerun::TimelineName::try_new("slot").unwrap();
+    let buffer = rerun::SegmentationImage::descriptor_buffer().component;
+    let buffers = chunk.iter_slices::<&[u8]>(buffer);
+    for ((time, _), bytes) in chunk.iter_component_indices(slot, buffer).zip(buffers) {
+        let place = (chunk.entity_path().to_string(), buffer.to_string(), time.as_i64());
+        images.insert(place, bytes[0].to_vec());
     }
 }

@@ -1,0 +1,133 @@
+//! What the UAV believes of the queues beside what they are, where it has to estimate them.
+//!
+//! It is counted as the planner counts, from the contacts of every slot that was seen. A planner that has missed
+//! contacts, in a paced run, believes what is older.
+
+use rerun::{RecordingStreamResult, Scalars};
+use skysink_common::checkpoint::CheckpointError;
+use skysink_common::estimate::{Estimate, Rates, Saved};
+use skysink_common::message::{FlightReport, SensorNode};
+use skysink_common::scenario::Scenario;
+
+use crate::canvas::Canvas;
+use crate::colour;
+use crate::maps::{MapFrame, SensorMap, is_drawn};
+use crate::shapes::curve_style;
+use crate::steps::Steps;
+
+/// Map of what the UAV believes.
+pub const BELIEVED: &str = "belief/believed";
+/// Map of what is true.
+pub const TRUE: &str = "belief/true";
+/// Map of the difference.
+pub const ERROR: &str = "belief/error";
+/// Mean of the errors' magnitudes, as a fraction of the buffer.
+pub const MEAN_ERROR: &str = "metrics/belief/mean_error";
+/// The largest of them.
+pub const LARGEST_ERROR: &str = "metrics/belief/largest_error";
+
+/// What is believed of the scene's queues.
+pub(crate) struct Belief {
+    estimate: Estimate,
+    capacities_bits: Vec<u32>,
+    /// The slot seen last; none before the first.
+    last: Option<u64>,
+    /// The true queues after it [bit].
+    before_bits: Vec<u32>,
+    steps: Steps,
+    error_steps: Steps,
+    believed: SensorMap,
+    truth: SensorMap,
+    error: SensorMap,
+    slots: u64,
+}
+
+impl Belief {
+    /// Draws what stays.
+    pub(crate) fn open(
+        canvas: &Canvas,
+        scenario: &Scenario,
+        sensors: &[SensorNode],
+        rates: Rates,
+        frame: &MapFrame,
+    ) -> RecordingStreamResult<Self> {
+        let steps = Steps::of_fill();
+        let error_steps = Steps::of_errors();
+        let curves = [(MEAN_ERROR, "mean", colour::FILL_MEAN), (LARGEST_ERROR, "largest", colour::FULLEST)];
+        for (entity, name, colour) in curves {
+            canvas.log_static(entity, &curve_style(name, colour))?;
+        }
+        Ok(Self {
+            estimate: Estimate::new(scenario, rates, sensors),
+            capacities_bits: sensors.iter().map(|sensor| sensor.capacity_bits).collect(),
+            last: None,
+            before_bits: vec![0; sensors.len()],
+            believed: SensorMap::open(canvas, BELIEVED, frame, &steps)?,
+            truth: SensorMap::open(canvas, TRUE, frame, &steps)?,
+            error: SensorMap::open(canvas, ERROR, frame, &error_steps)?,
+            steps,
+            error_steps,
+            slots: scenario.slots,
+        })
+    }
+
+    /// Draws a slot: takes in its contacts, and compares. Of a mission whose beginning was not seen it is not known
+    /// what the UAV was told, and nothing is drawn.
+    pub(crate) fn log_slot(
+        &mut self,
+        canvas: &Canvas,
+        slot: u64,
+        queues_bits: &[u32],
+        flight: &FlightReport,
+    ) -> RecordingStreamResult<()> {
+        if self.last.is_none() && slot > 0 {
+            return Ok(());
+        }
+        let is_known = |id: &u32| (*id as usize) < self.before_bits.len();
+        if slot > 0 && self.last == Some(slot - 1) {
+            let served: Vec<u32> = flight.served_links().iter().map(|link| link.sensor).filter(is_known).collect();
+            self.estimate.announce(slot, &served, &self.before_bits);
+        }
+        self.last = Some(slot);
+        self.estimate.observe(slot, flight, queues_bits);
+        self.before_bits.copy_from_slice(queues_bits);
+        let believed_bits = self.estimate.believe(slot);
+        let fraction =
+            |bits: f64, capacity_bits: u32| if capacity_bits == 0 { 0.0 } else { bits / f64::from(capacity_bits) };
+        let pairs = || believed_bits.iter().zip(queues_bits).zip(&self.capacities_bits);
+        let errors = || {
+            pairs().map(|((&believed_bits, &queue_bits), &capacity_bits)| {
+                fraction(f64::from(believed_bits) - f64::from(queue_bits), capacity_bits)
+            })
+        };
+        let mean = errors().map(f64::abs).sum::<f64>() / queues_bits.len().max(1) as f64;
+        canvas.log(MEAN_ERROR, &Scalars::single(mean))?;
+        canvas.log(LARGEST_ERROR, &Scalars::single(errors().map(f64::abs).fold(0.0, f64::max)))?;
+        if slot == 0 || is_drawn(slot, queues_bits.len(), self.slots) {
+            let percent = |bits: u32, capacity_bits: u32| 100.0 * fraction(f64::from(bits), capacity_bits);
+            let steps = &self.steps;
+            let believed = pairs().map(|((&believed_bits, _), &capacity)| steps.step(percent(believed_bits, capacity)));
+            let truth = pairs().map(|((_, &queue_bits), &capacity)| steps.step(percent(queue_bits, capacity)));
+            self.believed.log(canvas, believed)?;
+            self.truth.log(canvas, truth)?;
+            self.error.log(canvas, errors().map(|error| self.error_steps.step(100.0 * error)))?;
+        }
+        Ok(())
+    }
+
+    /// What later slots have to know.
+    pub(crate) fn saved(&self) -> Saved {
+        self.estimate.saved()
+    }
+
+    /// Resumes after `slot` from what was saved, and from the queues after it.
+    ///
+    /// # Errors
+    /// If it cannot have been.
+    pub(crate) fn restore(&mut self, slot: u64, saved: Saved, queues_bits: &[u32]) -> Result<(), CheckpointError> {
+        self.estimate = self.estimate.restored(slot, saved)?;
+        self.last = Some(slot);
+        self.before_bits.copy_from_slice(queues_bits);
+        Ok(())
+    }
+}

@@ -1,0 +1,251 @@
+//! Maps of the area seen from above, in metres, with a legend beside each: which sensor nodes (SNs) have lost data, when
+//! each overflows, and how long ago each place was in range.
+
+use rerun::components::ImageFormat;
+use rerun::{
+    ChannelDatatype, ColorModel, Ellipses2D, LineStrips2D, Points2D, Radius, RecordingStreamResult, SegmentationImage,
+    Transform3D,
+};
+use skysink_common::geometry::Position;
+use skysink_common::message::SensorNode;
+use skysink_common::scenario::Scenario;
+
+use crate::canvas::Canvas;
+use crate::colour;
+use crate::shapes::writing;
+use crate::sizes::{MAX_BARS, Sizes};
+use crate::steps::{Entry, Steps};
+use crate::tally::{Grid, Tally};
+
+/// Root of what all maps show: frame, grid, numbers at the axes.
+pub const AREA: &str = "maps/area";
+/// The UAV and its range.
+pub const UAV: &str = "maps/uav";
+/// Data lost so far, by SN.
+pub const LOSS: &str = "maps/loss";
+/// Time until each SN overflows.
+pub const OVERFLOW: &str = "maps/overflow";
+/// How long ago each place was in range.
+pub const COVERAGE: &str = "maps/coverage";
+/// Below each of them: what changes.
+pub const SHOWN: &str = "shown";
+
+/// Slots after which the coverage is drawn again, and so are the SNs of a field that is too large for bars.
+const EVERY: u64 = 10;
+
+/// Where things are drawn on a map: x is east, y is down.
+#[derive(Debug, Clone)]
+pub(crate) struct MapFrame {
+    extent_m: [f32; 2],
+    grid_m: f32,
+    number_m: f32,
+    radius_m: f32,
+    positions: Vec<[f32; 2]>,
+}
+
+impl MapFrame {
+    pub(crate) fn of(sensors: &[SensorNode], sizes: &Sizes) -> Self {
+        let Sizes { width_m, depth_m, grid_m, number_m, radius_m, .. } = *sizes;
+        let on_map = |sensor: &SensorNode| [sensor.x_m as f32, depth_m - sensor.y_m as f32];
+        Self {
+            extent_m: [width_m, depth_m],
+            grid_m,
+            number_m,
+            radius_m,
+            positions: sensors.iter().map(on_map).collect(),
+        }
+    }
+
+    /// The longer side [m].
+    fn longer_m(&self) -> f32 {
+        self.extent_m[0].max(self.extent_m[1])
+    }
+
+    /// Draws frame, grid and the numbers at the axes.
+    pub(crate) fn log(&self, canvas: &Canvas) -> RecordingStreamResult<()> {
+        let [width_m, depth_m] = self.extent_m;
+        let multiples = |step_m: f32, length_m: f32| {
+            (0..).map(move |step| step as f32 * step_m).take_while(move |&at_m| at_m <= length_m * 1.0001)
+        };
+        let steps = |length_m: f32| multiples(self.grid_m, length_m);
+        let numbers = |length_m: f32| multiples(self.number_m, length_m);
+        let north = steps(width_m).chain([width_m]).map(|x_m| [[x_m, 0.0], [x_m, depth_m]]);
+        let east = steps(depth_m).map(|y_m| depth_m - y_m).chain([0.0]).map(|y_m| [[0.0, y_m], [width_m, y_m]]);
+        let grid = LineStrips2D::new(north.chain(east)).with_colors([colour::GRID]);
+        canvas.log_static(AREA, &grid.with_radii([Radius::new_ui_points(0.5)]).with_draw_order(-10.0))?;
+        let away_m = 0.05 * self.longer_m();
+        let at_x = numbers(width_m).map(|x_m| ([x_m, depth_m + 0.2 * away_m], format!("{x_m} m")));
+        let at_y = numbers(depth_m).skip(1).map(|y_m| ([-away_m, depth_m - y_m - 0.6 * away_m], format!("{y_m} m")));
+        canvas.log_static(format!("{AREA}/numbers"), &writing(at_x.chain(at_y)))?;
+        let range = Ellipses2D::update_fields()
+            .with_half_sizes([[self.radius_m; 2]])
+            .with_colors([colour::COVERAGE])
+            .with_line_radii([Radius::new_ui_points(1.0)])
+            .with_draw_order(40.0);
+        canvas.log_static(UAV, &range)
+    }
+
+    /// Draws the legend of a map: its steps to the right of it, the first one at the top.
+    fn log_legend(&self, canvas: &Canvas, map: &str, steps: &Steps) -> RecordingStreamResult<()> {
+        let longer_m = self.longer_m();
+        let x_m = self.extent_m[0] + 0.09 * longer_m;
+        let y_m = |step: usize| (0.08 + 0.105 * step as f32) * longer_m;
+        let entries = steps.entries();
+        let patches = Points2D::new((0..entries.len()).map(|step| [x_m, y_m(step)]))
+            .with_colors(entries.iter().map(|entry| entry.colour))
+            .with_radii([Radius::new_ui_points(6.0)]);
+        canvas.log_static(format!("{map}/legend"), &patches)?;
+        let place = |step: usize| [x_m + 0.24 * longer_m, y_m(step) - 0.03 * longer_m];
+        let names = entries.iter().enumerate().map(|(step, entry)| (place(step), entry.name.clone()));
+        canvas.log_static(format!("{map}/legend/names"), &writing(names))
+    }
+}
+
+/// What a map shows, in x and y (down) [m]: the area, the numbers at its axes, and the legend.
+pub(crate) fn bounds(sizes: &Sizes) -> [[f64; 2]; 2] {
+    let [width_m, depth_m] = [sizes.width_m, sizes.depth_m].map(f64::from);
+    let longer_m = width_m.max(depth_m);
+    [[-0.12 * longer_m, width_m + 0.52 * longer_m], [-0.05 * longer_m, depth_m.max(longer_m) + 0.1 * longer_m]]
+}
+
+/// A map on which each SN is a point of the colour of its step.
+#[derive(Debug)]
+pub(crate) struct SensorMap {
+    shown: String,
+    /// As drawn last in this file; empty before.
+    steps: Vec<u16>,
+}
+
+impl SensorMap {
+    /// Draws what stays, with a legend of these steps.
+    pub(crate) fn open(canvas: &Canvas, map: &str, frame: &MapFrame, steps: &Steps) -> RecordingStreamResult<Self> {
+        frame.log_legend(canvas, map, steps)?;
+        let shown = format!("{map}/{SHOWN}");
+        canvas.log_static(&shown, &steps.classes())?;
+        let size_ui = match frame.positions.len() {
+            ..=500 => 4.0,
+            501..=MAX_BARS => 2.2,
+            _ => 1.5,
+        };
+        let points = Points2D::new(frame.positions.iter().copied())
+            .with_radii([Radius::new_ui_points(size_ui)])
+            .with_show_labels(false)
+            .with_draw_order(30.0);
+        canvas.log_static(&shown, &points)?;
+        Ok(Self { shown, steps: Vec::new() })
+    }
+
+    /// Draws the SNs by these steps, if they have changed.
+    pub(crate) fn log(&mut self, canvas: &Canvas, steps: impl Iterator<Item = u16>) -> RecordingStreamResult<()> {
+        let steps: Vec<u16> = steps.collect();
+        if steps != self.steps {
+            canvas.log(&self.shown, &Points2D::update_fields().with_class_ids(steps.iter().copied()))?;
+            self.steps = steps;
+        }
+        Ok(())
+    }
+}
+
+/// Whether maps of so many SNs are drawn in a slot: in every one, or now and then if there are too many for bars.
+pub(crate) fn is_drawn(slot: u64, count: usize, last_slot: u64) -> bool {
+    count <= MAX_BARS || slot.is_multiple_of(EVERY) || slot == last_slot
+}
+
+/// The maps of a mission.
+#[derive(Debug)]
+pub(crate) struct Maps {
+    loss: SensorMap,
+    loss_steps: Steps,
+    overflow: SensorMap,
+    overflow_steps: Steps,
+    coverage: Coverage,
+    depth_m: f64,
+    slots: u64,
+    count: usize,
+    is_begun: bool,
+}
+
+impl Maps {
+    /// Draws what stays.
+    pub(crate) fn open(
+        canvas: &Canvas,
+        scenario: &Scenario,
+        frame: &MapFrame,
+        tally: &Tally,
+    ) -> RecordingStreamResult<Self> {
+        frame.log(canvas)?;
+        let entry = |name: &str, colour| Entry { name: name.to_owned(), colour };
+        let most_kbit = tally.most_sampled_bits(scenario.slots) / 1e3;
+        let loss_steps = Steps::of(most_kbit, "kbit", entry("nothing lost", colour::GRID), colour::of_loss);
+        let urgency = |fraction: f64| colour::of_fill(0.85 * (1.0 - fraction));
+        let overflow_steps = Steps::of(tally.longest_fill_s(), "s", entry("full", colour::of_fill(1.0)), urgency)
+            .with_last(entry("loses data", colour::LOSS));
+        let mission_s = scenario.slots as f64 * scenario.slot_s;
+        let coverage_steps = Steps::of(mission_s, "s ago", entry("in range", colour::COVERAGE), colour::of_age)
+            .with_last(entry("never", colour::GROUND));
+        Ok(Self {
+            loss: SensorMap::open(canvas, LOSS, frame, &loss_steps)?,
+            loss_steps,
+            overflow: SensorMap::open(canvas, OVERFLOW, frame, &overflow_steps)?,
+            overflow_steps,
+            coverage: Coverage::open(canvas, frame, coverage_steps, tally.grid, scenario.slot_s)?,
+            depth_m: scenario.area.height_m(),
+            slots: scenario.slots,
+            count: frame.positions.len(),
+            is_begun: false,
+        })
+    }
+
+    /// Draws a slot.
+    pub(crate) fn log_slot(
+        &mut self,
+        canvas: &Canvas,
+        slot: u64,
+        tally: &Tally,
+        uav: Position,
+    ) -> RecordingStreamResult<()> {
+        let centre = [uav.x as f32, (self.depth_m - uav.y) as f32];
+        canvas.log(UAV, &Ellipses2D::update_fields().with_centers([centre]))?;
+        let is_first = !std::mem::replace(&mut self.is_begun, true);
+        if is_first || is_drawn(slot, self.count, self.slots) {
+            let steps = &self.loss_steps;
+            self.loss.log(canvas, tally.lost_bits().iter().map(|&lost_bits| steps.step(lost_bits as f64 / 1e3)))?;
+            let steps = &self.overflow_steps;
+            let step = |(overflow_s, overflows)| if overflows { steps.last() } else { steps.step(overflow_s) };
+            self.overflow.log(canvas, tally.overflow_s().zip(tally.overflows()).map(step))?;
+        }
+        if is_first || slot.is_multiple_of(EVERY) || slot == self.slots {
+            self.coverage.log(canvas, tally)?;
+        }
+        Ok(())
+    }
+}
+
+/// The coverage as an image, a pixel for each cell.
+#[derive(Debug)]
+struct Coverage {
+    shown: String,
+    steps: Steps,
+    slot_s: f64,
+}
+
+impl Coverage {
+    fn open(canvas: &Canvas, frame: &MapFrame, steps: Steps, grid: Grid, slot_s: f64) -> RecordingStreamResult<Self> {
+        frame.log_legend(canvas, COVERAGE, &steps)?;
+        let shown = format!("{COVERAGE}/{SHOWN}");
+        canvas.log_static(&shown, &steps.classes())?;
+        let size = [grid.columns, grid.rows].map(|cells| cells as u32);
+        let format = ImageFormat::from_color_model(size, ColorModel::L, ChannelDatatype::U8);
+        let image = SegmentationImage::update_fields().with_format(format).with_opacity(1.0).with_draw_order(-20.0);
+        canvas.log_static(&shown, &image)?;
+        canvas.log_static(&shown, &Transform3D::from_scale([grid.cell_m as f32; 3]))?;
+        Ok(Self { shown, steps, slot_s })
+    }
+
+    fn log(&self, canvas: &Canvas, tally: &Tally) -> RecordingStreamResult<()> {
+        let Self { shown, steps, slot_s } = self;
+        let step = |age: Option<u64>| age.map_or(steps.last(), |slots| steps.step(slots as f64 * slot_s));
+        let pixels: Vec<u8> = tally.ages().map(|age| step(age) as u8).collect();
+        canvas.log(shown, &SegmentationImage::update_fields().with_buffer(rerun::components::ImageBuffer::from(pixels)))
+    }
+}

@@ -1,0 +1,291 @@
+//! What a mission has come to so far for each sensor node (SN) and each place: the bits lost, and when the place was in
+//! range for the last time.
+//!
+//! It is counted from what every slot shows: `D_i(t) = max(0, B_i(t−1) + a_i(t) − B)` is lost (decision D1), and in
+//! range is what lies within the communication radius of where the UAV is at the end of the slot. Losses in slots that
+//! were not seen are not attributed to any SN.
+
+use serde::{Deserialize, Serialize};
+use skysink_common::arrivals::bits_between;
+use skysink_common::checkpoint::CheckpointError;
+use skysink_common::geometry::{Position, distance_squared};
+use skysink_common::message::SensorNode;
+use skysink_common::scenario::Scenario;
+
+/// Fewest and most cells of the coverage grid along the longer side of the area.
+const CELLS: [f64; 2] = [40.0, 100.0];
+
+/// The tally of a mission.
+#[derive(Debug, Clone)]
+pub(crate) struct Tally {
+    samplers: Vec<Sampler>,
+    /// Lost in the last slot, by SN [bit].
+    lost_now_bits: Vec<u64>,
+    pub(crate) grid: Grid,
+    sums: Sums,
+}
+
+/// How an SN fills its buffer.
+#[derive(Debug, Clone, Copy)]
+struct Sampler {
+    mean_bits: f64,
+    sampling_bps: f64,
+    capacity_bits: u32,
+}
+
+/// What later slots have to know.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Sums {
+    /// The last slot; none before the first.
+    slot: Option<u64>,
+    queues_bits: Vec<u32>,
+    lost_bits: Vec<u64>,
+    /// By cell, the last slot in which it was in range, plus 1; 0 for never.
+    in_range: Vec<u64>,
+}
+
+/// Square cells over the area, row by row from the north-west.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Grid {
+    pub(crate) columns: usize,
+    pub(crate) rows: usize,
+    /// Side of a cell [m].
+    pub(crate) cell_m: f64,
+    /// Extent of the area in y [m].
+    depth_m: f64,
+    radius_m: f64,
+}
+
+impl Tally {
+    /// Nothing lost, nothing seen.
+    pub(crate) fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
+        let sampler = |sensor: &SensorNode| Sampler {
+            mean_bits: sensor.sampling_bps * scenario.slot_s,
+            sampling_bps: sensor.sampling_bps,
+            capacity_bits: sensor.capacity_bits,
+        };
+        let grid = Grid::over(scenario);
+        let count = sensors.len();
+        let in_range = vec![0; grid.columns * grid.rows];
+        let sums = Sums { slot: None, queues_bits: vec![0; count], lost_bits: vec![0; count], in_range };
+        Self { samplers: sensors.iter().map(sampler).collect(), lost_now_bits: vec![0; count], grid, sums }
+    }
+
+    /// Adds a slot, after which the queues are `queues_bits`, one for each SN, and the UAV is above `uav`.
+    pub(crate) fn add(&mut self, slot: u64, queues_bits: &[u32], uav: Position) {
+        let Self { samplers, lost_now_bits, grid, sums } = self;
+        let is_next = slot > 0 && sums.slot == Some(slot - 1);
+        let sensors = samplers.iter().zip(&sums.queues_bits).zip(&mut sums.lost_bits).zip(lost_now_bits);
+        for (((sampler, &before_bits), lost_bits), lost_now_bits) in sensors {
+            *lost_now_bits = if is_next { sampler.lost_bits(slot, before_bits) } else { 0 };
+            *lost_bits += *lost_now_bits;
+        }
+        sums.slot = Some(slot);
+        sums.queues_bits.copy_from_slice(queues_bits);
+        for cell in grid.in_range(uav) {
+            sums.in_range[cell] = slot + 1;
+        }
+    }
+
+    /// Bits lost so far, by SN, in the slots that were seen.
+    pub(crate) fn lost_bits(&self) -> &[u64] {
+        &self.sums.lost_bits
+    }
+
+    /// Whether each SN has lost data in the last slot.
+    pub(crate) fn overflows(&self) -> impl Iterator<Item = bool> {
+        self.lost_now_bits.iter().map(|&lost_bits| lost_bits > 0)
+    }
+
+    /// How long it takes until the buffer of each SN is full if nobody visits it [s]; infinite for one that does not
+    /// sample.
+    pub(crate) fn overflow_s(&self) -> impl Iterator<Item = f64> {
+        self.samplers.iter().zip(&self.sums.queues_bits).map(|(sampler, &queue_bits)| sampler.overflow_s(queue_bits))
+    }
+
+    /// The longest that any of them takes to fill an empty buffer [s]; 0 if none samples.
+    pub(crate) fn longest_fill_s(&self) -> f64 {
+        self.samplers
+            .iter()
+            .map(|sampler| sampler.overflow_s(0))
+            .filter(|fill_s| fill_s.is_finite())
+            .fold(0.0, f64::max)
+    }
+
+    /// The most that an SN can sample in so many slots [bit].
+    pub(crate) fn most_sampled_bits(&self, slots: u64) -> f64 {
+        self.samplers.iter().map(|sampler| sampler.mean_bits).fold(0.0, f64::max) * slots as f64
+    }
+
+    /// How many slots ago each cell was in range; none if it never was.
+    pub(crate) fn ages(&self) -> impl Iterator<Item = Option<u64>> {
+        let now = self.sums.slot.map_or(0, |slot| slot + 1);
+        self.sums.in_range.iter().map(move |&last| (last > 0).then(|| now - last))
+    }
+
+    /// The last slot added; none before the first.
+    pub(crate) fn slot(&self) -> Option<u64> {
+        self.sums.slot
+    }
+
+    /// The queues after it [bit].
+    pub(crate) fn queues_bits(&self) -> &[u32] {
+        &self.sums.queues_bits
+    }
+
+    /// The part of the cells that was ever in range, 0 to 1.
+    pub(crate) fn covered(&self) -> f64 {
+        let seen = self.sums.in_range.iter().filter(|&&last| last > 0).count();
+        seen as f64 / self.sums.in_range.len() as f64
+    }
+
+    /// What later slots have to know.
+    pub(crate) fn sums(&self) -> &Sums {
+        &self.sums
+    }
+
+    /// Resumes from the sums of a tally of the same mission.
+    ///
+    /// # Errors
+    /// If they are of another field.
+    pub(crate) fn restore(&mut self, sums: Sums) -> Result<(), CheckpointError> {
+        let lengths = |sums: &Sums| [sums.queues_bits.len(), sums.lost_bits.len(), sums.in_range.len()];
+        CheckpointError::unless(lengths(&sums) == lengths(&self.sums), "sums of this field")?;
+        let latest = sums.slot.map_or(0, |slot| slot.saturating_add(1));
+        CheckpointError::unless(sums.in_range.iter().all(|&last| last <= latest), "places in range up to the slot")?;
+        self.sums = sums;
+        Ok(())
+    }
+}
+
+impl Sums {
+    /// Most bytes of the sums of so many SNs.
+    pub(crate) fn room(count: usize) -> usize {
+        let cells = (CELLS[1] as usize + 1).pow(2);
+        40 + count * (5 + 10) + cells * 10
+    }
+}
+
+impl Sampler {
+    /// Lost in `slot` if the SN held `before_bits` at its beginning [bit].
+    fn lost_bits(&self, slot: u64, before_bits: u32) -> u64 {
+        let had_bits = u64::from(before_bits) + bits_between(self.mean_bits, slot - 1, slot);
+        had_bits.saturating_sub(self.capacity_bits.into())
+    }
+
+    /// How long the buffer takes to be full [s].
+    fn overflow_s(&self, queue_bits: u32) -> f64 {
+        let room_bits = f64::from(self.capacity_bits.saturating_sub(queue_bits));
+        if room_bits == 0.0 { 0.0 } else { room_bits / self.sampling_bps }
+    }
+}
+
+impl Grid {
+    fn over(scenario: &Scenario) -> Self {
+        let extents_m = [scenario.area.width_m(), scenario.area.height_m()];
+        let longer_m = extents_m[0].max(extents_m[1]);
+        let radius_m = scenario.link.comm_radius_m;
+        let cells = (longer_m / (0.25 * radius_m)).clamp(CELLS[0], CELLS[1]).ceil();
+        let cell_m = longer_m / cells;
+        let [columns, rows] = extents_m.map(|extent_m| ((extent_m / cell_m).ceil() as usize).max(1));
+        Self { columns, rows, cell_m, depth_m: extents_m[1], radius_m }
+    }
+
+    /// The cells in range of a UAV above `uav`: those whose centre is, and the one that it is above.
+    fn in_range(self, uav: Position) -> impl Iterator<Item = usize> {
+        let index = |at_m: f64, count: usize| ((at_m / self.cell_m).floor().max(0.0) as usize).min(count - 1);
+        let south_m = self.depth_m - uav.y;
+        let here = [index(uav.x, self.columns), index(south_m, self.rows)];
+        let columns = index(uav.x - self.radius_m, self.columns)..=index(uav.x + self.radius_m, self.columns);
+        let rows = index(south_m - self.radius_m, self.rows)..=index(south_m + self.radius_m, self.rows);
+        let is_in_range = move |&[column, row]: &[usize; 2]| {
+            let centre_m = [column, row].map(|place| (place as f64 + 0.5) * self.cell_m);
+            let centre = Position::new(centre_m[0], self.depth_m - centre_m[1]);
+            [column, row] == here || distance_squared(&centre, &uav) <= self.radius_m * self.radius_m
+        };
+        rows.flat_map(move |row| columns.clone().map(move |column| [column, row]))
+            .filter(is_in_range)
+            .map(move |[column, row]| row * self.columns + column)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skysink_common::scenario::Overrides;
+
+    /// The letter's field of 100 m × 100 m with SNs that sample 100, 2.5 and 0 bit/s into 1 000 bit.
+    fn tally() -> Tally {
+        let scenario = Scenario::letter(Overrides::default()).unwrap();
+        let sensor = |sampling_bps: f64| SensorNode { sampling_bps, capacity_bits: 1_000, ..SensorNode::default() };
+        Tally::new(&scenario, &[100.0, 2.5, 0.0].map(sensor))
+    }
+
+    const MIDDLE: Position = Position::new(50.0, 50.0);
+
+    #[test]
+    fn what_does_not_fit_into_a_buffer_is_lost_whoever_is_served_in_the_slot() {
+        let mut tally = tally();
+        tally.add(0, &[950, 999, 1_000], MIDDLE);
+        assert_eq!(tally.lost_bits(), [0, 0, 0]);
+        tally.add(1, &[1_000, 1_000, 1_000], MIDDLE); // 950 + 100, 999 + 2
+        assert_eq!(tally.lost_bits(), [50, 1, 0]);
+        tally.add(2, &[0, 1_000, 1_000], MIDDLE); // 1 000 + 100 before the upload, 1 000 + 3
+        assert_eq!(tally.lost_bits(), [150, 4, 0]);
+        assert_eq!(tally.overflows().collect::<Vec<_>>(), [true, true, false]);
+        tally.add(3, &[100, 1_000, 1_000], MIDDLE); // 1 000 + 2
+        assert_eq!(tally.lost_bits(), [150, 6, 0]);
+        assert_eq!(tally.overflows().collect::<Vec<_>>(), [false, true, false]);
+    }
+
+    #[test]
+    fn losses_in_slots_that_were_not_seen_belong_to_nobody() {
+        let mut tally = tally();
+        tally.add(0, &[1_000; 3], MIDDLE);
+        tally.add(5, &[1_000; 3], MIDDLE);
+        assert_eq!(tally.lost_bits(), [0, 0, 0]);
+        tally.add(6, &[1_000; 3], MIDDLE);
+        assert_eq!(tally.lost_bits(), [100, 3, 0]); // floor(15.0) − floor(12.5)
+    }
+
+    #[test]
+    fn a_buffer_overflows_after_its_room_at_its_rate() {
+        let mut tally = tally();
+        tally.add(0, &[250, 990, 400], MIDDLE);
+        assert_eq!(tally.overflow_s().collect::<Vec<_>>(), [7.5, 4.0, f64::INFINITY]);
+        tally.add(1, &[1_000; 3], MIDDLE);
+        assert_eq!(tally.overflow_s().collect::<Vec<_>>(), [0.0; 3]);
+        assert_eq!(tally.longest_fill_s(), 400.0);
+        assert_eq!(tally.most_sampled_bits(600), 60_000.0);
+    }
+
+    #[test]
+    fn a_cell_is_in_range_if_its_centre_is() {
+        let mut tally = tally();
+        let Grid { columns, rows, cell_m, .. } = tally.grid;
+        assert_eq!((columns, rows, cell_m), (40, 40, 2.5));
+        tally.add(0, &[0; 3], Position::new(0.0, 100.0)); // the north-west corner, radius 10 m
+        let seen: Vec<usize> =
+            tally.ages().enumerate().filter(|(_, age)| age.is_some()).map(|(cell, _)| cell).collect();
+        // Centres at 1.25, 3.75, 6.25, 8.75 m: of the sixteen, those within 10 m of the corner.
+        assert_eq!(seen, [0, 1, 2, 3, 40, 41, 42, 43, 80, 81, 82, 120, 121]);
+        tally.add(1, &[0; 3], MIDDLE);
+        tally.add(4, &[0; 3], MIDDLE);
+        let ages: Vec<_> = tally.ages().collect();
+        assert_eq!((ages[0], ages[20 * 40 + 20], ages[39]), (Some(4), Some(0), None));
+    }
+
+    #[test]
+    fn the_sums_of_another_field_are_refused() {
+        let mut begun = tally();
+        begun.add(7, &[1_000; 3], MIDDLE);
+        let mut resumed = tally();
+        resumed.restore(begun.sums().clone()).unwrap();
+        assert_eq!(resumed.sums(), begun.sums());
+        let other = Sums { lost_bits: vec![0; 2], ..begun.sums().clone() };
+        let later = Sums { slot: Some(6), ..begun.sums().clone() };
+        assert!(resumed.restore(other).is_err() && resumed.restore(later).is_err());
+        resumed.add(8, &[1_000; 3], MIDDLE);
+        assert_eq!(resumed.lost_bits(), [100, 3, 0]); // floor(20.0) − floor(17.5)
+    }
+}
