@@ -112,18 +112,21 @@ pub(crate) fn between(from: Rgb, to: Rgb, fraction: f64) -> Rgb {
 mod tests {
     use super::*;
 
+    /// Relative luminance, without the curve of the screen.
+    fn brightness([red, green, blue]: Rgb) -> f64 {
+        0.2126 * f64::from(red) + 0.7152 * f64::from(green) + 0.0722 * f64::from(blue)
+    }
+
     #[test]
     fn queues_turn_from_blue_to_yellow_and_brighter() {
         let [empty, half, full] = [0.0, 0.5, 1.0].map(of_fill);
         assert!(empty[2] > empty[0] && empty[2] > empty[1], "{empty:?}");
         assert!(full[0] > 200 && full[1] > 200 && full[2] < 120, "{full:?}");
-        let brightness = |rgb: Rgb| rgb.map(u32::from).iter().sum::<u32>();
         assert!(brightness(empty) < brightness(half) && brightness(half) < brightness(full));
     }
 
     #[test]
     fn losses_turn_brighter_and_ages_darker() {
-        let brightness = |rgb: Rgb| rgb.map(u32::from).iter().sum::<u32>();
         assert!(brightness(of_loss(0.0)) < brightness(of_loss(1.0)));
         assert!(brightness(of_age(0.0)) > brightness(of_age(1.0)));
     }
