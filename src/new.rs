@@ -61,7 +61,6 @@ struct NewField {
 }
 
 /// The sensor list of a new scenario, made of a file of other software.
-#[cfg_attr(not(feature = "lab"), expect(dead_code, reason = "only imports have one"))]
 struct NewList {
     text: String,
     /// Where in the file each row is from.
