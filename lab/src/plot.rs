@@ -175,7 +175,7 @@ fn chart(request: &PlotRequest, flown: &FlownSweep, selection: &Selection) -> Ch
     };
     let seeds = seeds(&flown.definition.seeds);
     let footer = format!("{seeds} · bands: 95 % CI of the mean · skysink {}", flown.definition.version);
-    let conditions = request.conditions.iter().map(|Setting { key, value }| format!(" · {key} = {}", text(value)));
+    let conditions = request.conditions.iter().map(|Setting { key, value, .. }| format!(" · {key} = {}", text(value)));
     let description = format!("{footer} · sweep {}{}", flown.definition.identity, conditions.collect::<String>());
     let shown_footer = if request.footer == Footer::Shown { footer } else { String::new() };
     let title = request.title.clone();
@@ -194,7 +194,7 @@ fn chart(request: &PlotRequest, flown: &FlownSweep, selection: &Selection) -> Ch
 /// The name of the files: metric, key, the values of other keys, and the reference.
 fn name(request: &PlotRequest) -> String {
     let mut name = format!("{}-{}", request.metric.name(), request.x);
-    for Setting { key, value } in &request.conditions {
+    for Setting { key, value, .. } in &request.conditions {
         name += &format!("-{key}-{}", text(value));
     }
     if let Some(reference) = request.reference {

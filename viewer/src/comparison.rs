@@ -186,7 +186,7 @@ fn top(layout: &mut Blueprint, drawn: &Drawn, mission: &ComparedMission) -> Reco
 }
 
 /// All that a mission has flown so far, seen from above.
-fn whole_path(layout: &mut Blueprint, drawn: &Drawn, mission: &Compared) -> RecordingStreamResult<Tile> {
+fn whole_path(layout: &mut Blueprint, drawn: &Drawn, mission: &ComparedMission) -> RecordingStreamResult<Tile> {
     let below = |entity: &str| format!("{}/{entity}", drawn.root);
     let sizes = Sizes::of(mission.scenario, mission.sensors.len());
     flown(layout, mission.title, &below, &sizes, drawn.slot_s)

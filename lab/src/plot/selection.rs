@@ -89,7 +89,7 @@ fn strategies(request: &PlotRequest, definition: &Definition) -> Result<Vec<usiz
 fn points(request: &PlotRequest, definition: &Definition) -> Result<Vec<(Value, usize)>, String> {
     let x = key(&request.x, "--x", definition)?;
     let mut fixed: Vec<Option<&Value>> = vec![None; definition.keys.len()];
-    for Setting { key: name, value } in &request.conditions {
+    for Setting { key: name, value, .. } in &request.conditions {
         let place = key(name, "--where", definition)?;
         let there = values(definition, place);
         if place == x {
