@@ -159,9 +159,10 @@ pub fn label(text: &str) -> Result<String, String> {
 }
 
 impl RunOptions {
-    /// How long a sample is waited for [s]: as the user says or else `default_s`, and while a slot lasts by the clock.
+    /// How long a sample is waited for [s]: as the user says or else `default_s`, and twice as long as a slot lasts by
+    /// the clock, because half of it has to be longer than that: after half of it a process is taken to hang.
     pub(crate) fn timeout_s(&self, default_s: f64, pace: Pace, slot_s: f64) -> f64 {
-        self.timeout.unwrap_or(default_s) + pace.period(slot_s).map_or(0.0, |period| period.as_secs_f64())
+        self.timeout.unwrap_or(default_s) + pace.period(slot_s).map_or(0.0, |period| 2.0 * period.as_secs_f64())
     }
 
     /// Whether the planner is not Skysink's.
@@ -268,5 +269,20 @@ impl RunOptions {
             return refuse("--label: expected with --external planner or --planner");
         }
         limits::check(list, !self.no_viewer)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nobody_is_overdue_while_a_slot_lasts_by_the_clock() {
+        let options = RunOptions::default();
+        assert_eq!(options.timeout_s(30.0, Pace::Max, 600.0), 30.0);
+        for slot_s in [1.0, 100.0, 600.0] {
+            let timeout_s = options.timeout_s(30.0, "realtime".parse().unwrap(), slot_s);
+            assert!(timeout_s / 2.0 > slot_s, "{timeout_s} s for slots of {slot_s} s");
+        }
     }
 }
