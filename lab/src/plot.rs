@@ -96,7 +96,7 @@ pub struct PlotPoint {
     pub mean: f64,
     /// Limits of its 95 % confidence interval; none of a single mission, nor of the reference's difference from itself.
     pub ci95: Option<[f64; 2]>,
-    /// Mean and interval for people, and the value of the key.
+    /// The value of the key, and mean and interval, for people.
     #[serde(skip)]
     pub texts: [String; 2],
 }

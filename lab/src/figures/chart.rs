@@ -66,7 +66,8 @@ impl Chart {
     /// Writes `stem`.svg, `stem`.pdf and `stem`.png; the same chart gives the same bytes.
     ///
     /// # Errors
-    /// A mean that has no place, no mean above 0 for a logarithmic scale, a character that the embedded font lacks, a file that cannot be written.
+    /// A mean that has no place, no mean above 0 for a logarithmic scale, a character that the embedded font lacks, a
+    /// file that cannot be written.
     pub fn draw(&self, stem: &Path) -> Result<(), LabError> {
         self.check()?;
         let mut page = Page::new(&self.look);

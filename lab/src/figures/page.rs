@@ -1,6 +1,7 @@
 //! The page of a figure: its size, title, legend, description, the embedded font, and the files it becomes.
 //!
-//! Everything is drawn as SVG; PDF and PNG are the same document, made by krilla and resvg. Text stays text in SVG and PDF.
+//! Everything is drawn as SVG; PDF and PNG are the same document, made by krilla and resvg. Text stays text in SVG and
+//! PDF.
 
 use std::path::Path;
 
@@ -113,7 +114,8 @@ impl Page {
         top + 1.6 * em * entries.len().div_ceil(columns) as f64
     }
 
-    /// Writes `stem`.svg, `stem`.pdf and `stem`.png of a page that ends a margin, and the footer, below `bottom` [units].
+    /// Writes `stem`.svg, `stem`.pdf and `stem`.png of a page that ends a margin, and the footer, below `bottom`
+    /// [units].
     ///
     /// # Errors
     /// A text that the embedded font cannot set, a file that cannot be written.

@@ -131,11 +131,11 @@ pub(super) const AT_ONCE: [&Registered; 8] = [
     &max_age_first::STRATEGY,
 ];
 
-/// The style of a strategy's curve: that of these figures, or one that they leave free.
+/// The style of a strategy's curve: that of the figures which show each strategy once, or one after those.
 pub(crate) fn style(strategy: &Registered) -> usize {
     let mut shown = AT_ONCE.into_iter().chain([&horizon::STRATEGY]);
-    let place = || STRATEGIES.into_iter().position(|other| other == strategy);
-    shown.position(|other| other == strategy).unwrap_or_else(|| style::STYLES + place().unwrap_or(0))
+    let place = || STRATEGIES.into_iter().position(|other| other == strategy).expect("a strategy of the registry");
+    shown.position(|other| other == strategy).unwrap_or_else(|| style::STYLES + place())
 }
 
 impl StudyBase {

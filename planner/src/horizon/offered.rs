@@ -44,11 +44,14 @@ impl Horizon {
             }
         }
         if best.loss_bits < own.loss_bits {
-            best = self.tried(view, forecast, best, steps, &is_over);
-            let own = self.tried(view, forecast, own, steps, &is_over);
-            if own.loss_bits <= best.loss_bits {
-                best = own;
+            let mut plans = [own, best];
+            // In turn, so that a search that is over too early ends for both.
+            for round in 1..=ROUNDS {
+                let search = Search { slot: view.slot, round, steps };
+                plans = plans.map(|plan| self.searched(forecast, plan, search, &is_over));
             }
+            let [own, offered] = plans;
+            best = if own.loss_bits <= offered.loss_bits { own } else { offered };
         }
         self.load(forecast, best);
     }
@@ -66,19 +69,16 @@ impl Horizon {
         start::extend(&self.model, forecast);
     }
 
-    /// The plan that `begun` becomes by a first search.
-    fn tried(
+    /// What a search makes of `plan`.
+    fn searched(
         &mut self,
-        view: &View,
         forecast: &mut Forecast,
-        begun: StartPlan,
-        steps: u32,
+        plan: StartPlan,
+        search: Search,
         is_over: &dyn Fn() -> bool,
     ) -> StartPlan {
-        self.load(forecast, begun);
-        for round in 1..=ROUNDS {
-            self.improve(Search { slot: view.slot, round, steps }, forecast, is_over);
-        }
+        self.load(forecast, plan);
+        self.improve(search, forecast, is_over);
         self.plan(forecast)
     }
 
@@ -120,7 +120,8 @@ mod tests {
 
     #[test]
     fn a_flight_that_loses_less_becomes_the_plan_and_its_slots_become_stops() {
-        // Two pairs 35 m apart that fill in 3 slots, with blocks for a pair: each pair has to be served in every other slot.
+        // Two pairs 35 m apart that fill in 3 slots, with blocks for a pair: each pair has to be served in every other
+        // slot.
         let places_m = [[200.0, 200.0], [203.0, 200.0], [235.0, 200.0], [238.0, 200.0]];
         let text = "name = 'x'\nslots = 40\n[area]\nside_m = 400.0\n[link]\nresource_blocks = 2\n";
         let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
@@ -175,8 +176,8 @@ mod tests {
         assert!(flights > 0 && plans > 0, "{flights} flights, {plans} plans");
     }
 
-    /// Offers a flight, and checks that what is taken loses least after a search; whether that is the flight. `None` if it
-    /// loses no less before.
+    /// Offers a flight, and checks that what is taken loses least after a search; whether that is the flight. `None` if
+    /// it loses no less before.
     fn offered_in(seed: u64) -> Option<bool> {
         let text = "name = 'x'\nslots = 80\n[area]\nside_m = 250.0\n[sensors]\ncount = 40\nsampling_bps = 600.0\n\
                     [link]\nbandwidth_hz = 8e3\n";
@@ -192,7 +193,7 @@ mod tests {
         let mut forecast = horizon.forecast(&view).unwrap();
         let begun = forecast.stops();
         let begun_bits = forecast.loss_bits;
-        // The plan after a short search, slot by slot, each with all that it serves: as a flight of another strategy is.
+        // The plan after a short search, slot by slot, each with all that it serves, as a flight of another strategy.
         let mut random = Streams::new(1).stream(Purpose::Horizon, 0, 0);
         let temperature = Temperature { far_bits: 0.0, now: 0, near_fraction: 1.0 };
         anneal(&horizon.model, &mut forecast, temperature, 40, || false, &mut random);

@@ -72,7 +72,8 @@ impl From<BudgetMs> for Duration {
     }
 }
 
-/// Most slots that are looked ahead: the whole mission of the UTS letter (arXiv 2103.00753).
+/// Most slots that are planned ahead: four times the mission of the UTS letter (arXiv 2103.00753). A window that moves
+/// on loses more than one that reaches to the mission's end.
 const MOST_SLOTS: u64 = 2_400;
 
 /// How many times the steps of a search before the mission are those of each search that compares plans to start from.
@@ -115,7 +116,8 @@ impl LookAhead {
     ) -> Option<SearchOutcome> {
         let is_over = || view.stop.requested().is_some();
         let mut forecast = self.horizon.forecast(view)?;
-        let surveyed = self.survey(view, &mut forecast, (steps / COMPARED_STEPS) as u32, &is_over);
+        let compared_steps = u32::try_from(steps / COMPARED_STEPS).unwrap_or(u32::MAX); // enough to compare by
+        let surveyed = self.survey(view, &mut forecast, compared_steps, &is_over);
         let found = self.horizon.prepare(view, &mut forecast, steps, watch)?;
         self.compare(view, &forecast, surveyed.as_ref(), &is_over);
         Some(found)
