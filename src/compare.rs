@@ -116,7 +116,7 @@ pub fn compare(compare: &Compare, stop: &Stop) -> Result<(), Error> {
     standings::print_tables(&contenders, &standings)?;
     print(format_args!("All metrics:     {}", out.join(STANDINGS).display()))?;
     if compare.record {
-        print(format_args!("Open recording:  rerun {}", out.join(RECORDING).display()))?;
+        print(format_args!("Open recording:  skysink view {}", out.join(RECORDING).display()))?;
     }
     Ok(())
 }

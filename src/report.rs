@@ -195,9 +195,11 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     let mut rows = vec![
         ("data loss rate η", format!("{:.6}", summary.loss_rate)),
         ("η as in the paper", format!("{:.6}", summary.eta_letter)),
+        ("bits queued at first", HumanCount(summary.totals.initial_bits).to_string()),
         ("bits sampled", HumanCount(summary.totals.sampled_bits).to_string()),
         ("bits delivered", HumanCount(summary.totals.delivered_bits).to_string()),
         ("bits lost", HumanCount(summary.totals.lost_bits).to_string()),
+        ("bits queued at last", HumanCount(summary.totals.queued_bits).to_string()),
         ("bits per waypoint", format!("{:.1}", summary.bits_per_waypoint)),
         ("SNs served per slot", format!("{:.3}", summary.mean_served)),
         ("slots in transit", HumanCount(summary.transit_slots).to_string()),

@@ -213,8 +213,8 @@ fn what_cannot_be_compared_is_refused() {
         (["a", "a", "--no-record"], "named twice"),
         (["a", "b", "--set=slots=5"], "--set: expected none with folders of runs"),
         (["a", "b", "--seeds=5"], "--seeds"),
-        (["small.toml", "uts", "--no-record"], "expected two strategies or more"),
-        (["small.toml", "--seeds=2", "--no-record"], "expected two strategies or more"),
+        (["small.toml", "uts", "--no-record"], "two strategies or more"),
+        (["small.toml", "--seeds=2", "--no-record"], "two strategies or more"),
         (["a", "--json", "--no-record"], "expected the folders of two runs or more"),
     ] {
         let ended = place.run(&[&["compare"], &arguments[..]].concat());

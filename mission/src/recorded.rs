@@ -50,7 +50,12 @@ impl RecordedRun {
         }
         let expected = replay.scenario().slots;
         if slots.len() as u64 != expected {
-            let message = format_args!("it ends after slot {}: expected {expected} slots", slots.len());
+            let last = slots.len();
+            let resume = folder.display();
+            let message = format_args!(
+                "it ends after slot {last}: expected {expected} slots, of a run that has ended (a run of the ring is \
+                 resumed by skysink run --resume {resume})"
+            );
             return Err(InputError::new("trace", &folder.join("slots.csv"), message).into());
         }
         let strategy = replay.label().to_owned();

@@ -123,6 +123,8 @@ impl Research {
                 let rows = sweep::sweep(&plan, &out, shard, threads, stop, &TerminalProgress::of_missions());
                 let rows = rows.map_err(|error| ended_early(error, &flown_in(&out)))?;
                 print(format_args!("{} missions: {}", rows.len(), out.join("results.csv").display()))?;
+                print(format_args!("Means: {}", out.join("summary.csv").display()))?;
+                print(format_args!("Draw them: skysink plot {} --x KEY", out.display()))?;
             }
             Self::Figures { only, quick, runs, horizon_iterations, out, threads } => {
                 let runs = if quick { QUICK_RUNS } else { runs };
@@ -192,7 +194,8 @@ impl CompareOptions {
         } else {
             let strategies = self.what[1..].iter().map(|name| strategy(name)).collect::<Result<Vec<_>, _>>()?;
             if strategies.len() < 2 {
-                let message = format!("{}: expected two strategies or more behind it", self.what[0].display());
+                let expected = "expected a scenario file with two strategies or more behind it, or folders of runs";
+                let message = format!("{}: {expected}", self.what[0].display());
                 return Err(Error::Usage(message));
             }
             let seeds = self.seeds.unwrap_or(SEEDS);

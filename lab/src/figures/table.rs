@@ -47,7 +47,8 @@ impl CurvePoint {
         let digits = match mean.abs() {
             100.0.. => 0,
             1.0.. => 1,
-            _ => 4,
+            0.001.. | 0.0 => 4,
+            _ => 6,
         };
         let number = |value: f64| {
             let text = format!("{value:.digits$}");

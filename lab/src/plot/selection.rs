@@ -95,6 +95,9 @@ fn points(request: &PlotRequest, definition: &Definition) -> Result<Vec<(Value, 
         if place == x {
             return Err(format!("--where {name}: it is the key of the x axis: expected another"));
         }
+        if fixed[place].is_some() {
+            return Err(format!("--where {name}: it stands there twice: expected one value"));
+        }
         if !there.iter().any(|other| is_same(other, value)) {
             return Err(format!("--where {name}={}: expected one that was flown: {}", text(value), listed(&there)));
         }
