@@ -4,6 +4,7 @@
 mod selection;
 
 use std::fs;
+use std::iter::zip;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -16,7 +17,7 @@ use skysink_planner::strategies::Registered;
 use crate::error::LabError;
 use crate::figures::chart::{Chart, Scale, Series};
 use crate::figures::curves::{self, CurveValues};
-use crate::figures::page::Look;
+use crate::figures::page::{Look, check_text};
 use crate::figures::study::style;
 use crate::metrics::Metric;
 use crate::sweep::folder::FlownSweep;
@@ -52,6 +53,18 @@ pub struct PlotRequest {
     pub width_mm: Option<f64>,
     /// Folder to write, instead of `plots` in that of the sweep.
     pub out: Option<PathBuf>,
+}
+
+impl PlotRequest {
+    /// Refuses texts that the embedded font cannot set.
+    fn check_texts(&self) -> Result<(), InputError> {
+        let none = String::new();
+        let labels = [&self.x_label, &self.y_label].map(|label| label.as_ref().unwrap_or(&none));
+        for (option, text) in zip(["--title", "--x-label", "--y-label"], [&self.title, labels[0], labels[1]]) {
+            check_text(text).map_err(|message| InputError::of_argument(option, text, message))?;
+        }
+        Ok(())
+    }
 }
 
 /// Whether a figure says below the axis what it was made of.
@@ -107,6 +120,7 @@ pub struct PlotPoint {
 /// If the folder is none of a sweep, the request does not fit the sweep, the missions for it are not there, or a file
 /// cannot be written.
 pub fn plot(request: &PlotRequest) -> Result<Plot, LabError> {
+    request.check_texts()?;
     let flown = FlownSweep::read("sweep", &request.sweep)?;
     let selection = Selection::new(request, &flown)?;
     let chart = chart(request, &flown, &selection);

@@ -129,13 +129,8 @@ impl Page {
         let in_pt = |units: f64| format!("{:.3}pt", units / UNITS_PER_PT);
         let document = self.document.set("width", in_pt(width)).set("height", in_pt(height));
         let svg = document.set("viewBox", (0.0, 0.0, width, height)).to_string();
-        let lacking = |text: &str| text.chars().find(|&character| font().charmap().map(character).is_none());
         for text in svg.split(['<', '>']).map(str::trim) {
-            if let Some(character) = lacking(text) {
-                let expected = "expected Latin, Greek or common symbols";
-                let message = format!("text {text:?}: {character:?} is not in the embedded font: {expected}");
-                return Err(LabError::Figure(message));
-            }
+            check_text(text).map_err(|message| LabError::Figure(format!("text {text:?}: {message}")))?;
         }
         let mut options = usvg::Options::default();
         options.fontdb_mut().load_font_data(DEJAVU_SANS.to_vec());
@@ -143,6 +138,16 @@ impl Page {
         write_whole(&stem.with_added_extension("svg"), svg.as_bytes())?;
         write_whole(&stem.with_added_extension("pdf"), &pdf(&tree, &look))?;
         Ok(write_whole(&stem.with_added_extension("png"), &png(&tree, width.max(WIDTH)))?)
+    }
+}
+
+/// Refuses a text that the embedded font cannot set.
+pub fn check_text(text: &str) -> Result<(), String> {
+    match text.chars().find(|&character| font().charmap().map(character).is_none()) {
+        Some(character) => {
+            Err(format!("{character:?} is not in the embedded font: expected Latin, Greek or common symbols"))
+        }
+        None => Ok(()),
     }
 }
 
