@@ -28,8 +28,8 @@ impl fmt::Display for Report {
     }
 }
 
-/// Writes the rows of a part as a table. The first distribution of a row is shown whole, the others, which it is
-/// compared with, by median and 99th percentile.
+/// Writes the rows of a part as a table; a single row as a column, which stays narrow. The first distribution of a row
+/// is shown whole, the others, which it is compared with, by median and 99th percentile.
 fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::Result {
     let mut table = report::table();
     for row in rows.iter().filter_map(Value::as_table) {
@@ -50,7 +50,11 @@ fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::
                 cells.push(text(key, value));
             }
         }
-        table.set_header(header).add_row(cells);
+        if rows.len() == 1 {
+            table.add_rows(header.into_iter().zip(cells).map(|(heading, cell)| [heading, cell]));
+        } else {
+            table.set_header(header).add_row(cells);
+        }
     }
     write!(formatter, "\n\n{part}\n{}", report::with_numbers_right(table))
 }
