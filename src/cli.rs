@@ -130,7 +130,7 @@ Examples:
     /// Show recordings in a browser.
     #[command(after_help = "\
 Examples:
-  skysink view                          the newest run of runs/
+  skysink view                          the newest recording in runs/
   skysink view runs/letter-uts-1 runs/letter-gfs-1
   skysink view comparison/comparison.rrd
   skysink view --live                   a mission under way: skysink run --live

@@ -3,7 +3,7 @@
 #[cfg(feature = "viewer")]
 mod browser;
 
-use std::fs::{self, File};
+use std::fs::{self, DirEntry, File};
 use std::io::{self, Read as _};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
@@ -30,7 +30,7 @@ const ANSWER: Duration = Duration::from_secs(1);
 /// Options of `skysink view`.
 #[derive(Debug, Args)]
 pub struct ViewOptions {
-    /// Run folders, or recordings (.rrd) [default: the newest run of runs/].
+    /// Run folders, or recordings (.rrd) [default: the newest in runs/].
     #[arg(value_name = "RUN")]
     runs: Vec<PathBuf>,
     /// Show the mission that skysink run --live flies, on port 9876 if none is given.
@@ -64,7 +64,7 @@ impl ViewOptions {
             self.check_live(port)?;
         }
         let runs = match (&self.runs[..], self.live) {
-            ([], None) => vec![newest_run(Path::new(RUNS))?],
+            ([], None) => vec![newest(Path::new(RUNS))?],
             _ => self.runs.clone(),
         };
         let shown = Shown { recordings: recordings(&runs)?, live: self.live };
@@ -123,13 +123,17 @@ impl Shown {
     }
 }
 
-/// The run in `runs` that was written last.
-fn newest_run(runs: &Path) -> Result<PathBuf, InputError> {
-    let written = |folder: &PathBuf| fs::metadata(folder.join("slots.csv")).and_then(|trace| trace.modified()).ok();
+/// The folder in `runs` whose recording was written last: of a run, a replay or a comparison.
+fn newest(runs: &Path) -> Result<PathBuf, InputError> {
+    let written = |folder: &PathBuf| {
+        let recordings = recordings_in(folder).ok()?;
+        recordings.iter().filter_map(|recording| fs::metadata(recording).and_then(|file| file.modified()).ok()).max()
+    };
     let folders = fs::read_dir(runs).into_iter().flatten().flatten().map(|entry| entry.path());
     let newest = folders.filter_map(|folder| Some((written(&folder)?, folder))).max();
     newest.map(|(_, folder)| folder).ok_or_else(|| {
-        InputError::new("runs", runs, "no run in it: expected one by `skysink run`, or the name of a run or recording")
+        let message = "no recording in it: expected one by `skysink run`, or the name of a run or recording";
+        InputError::new("folder", runs, message)
     })
 }
 
@@ -139,26 +143,95 @@ fn recordings(runs: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
     for run in runs {
         let refuse = |message: &str| Err(InputError::new("recording", run, message).into());
         if !run.is_dir() {
-            if !is_recording(run).map_err(|error| InputError::new("recording", run, error))? {
-                return refuse("expected a recording of rerun (.rrd), or a folder with one");
-            }
+            check(run)?;
             recordings.push(run.clone());
             continue;
         }
-        let names = fs::read_dir(run).at(run)?.flatten().map(|entry| entry.path());
-        let mut found: Vec<_> = names.filter(|path| path.extension().is_some_and(|ending| ending == "rrd")).collect();
+        let found = recordings_in(run).at(run)?;
         if found.is_empty() {
-            return refuse("no recording in it: `skysink replay` makes one of a finished run");
+            return refuse(
+                "no recording in it: expected a run with one (`skysink replay RUN` makes one of a finished run)",
+            );
         }
-        found.sort_by_key(|path| (path.as_os_str().len(), path.clone())); // mission.rrd before mission-2.rrd
+        found.iter().try_for_each(|recording| check(recording))?;
         recordings.extend(found);
     }
     Ok(recordings)
 }
 
-/// Whether a file begins as a recording does.
-fn is_recording(path: &Path) -> io::Result<bool> {
-    let mut begin = Vec::new();
-    File::open(path)?.take(MAGIC.len() as u64).read_to_end(&mut begin)?;
-    Ok(begin == MAGIC)
+/// The files in a folder that are named as recordings and hold something, in the order in which they were begun.
+fn recordings_in(folder: &Path) -> io::Result<Vec<PathBuf>> {
+    let is_begun = |entry: &DirEntry| {
+        let is_named = entry.path().extension().is_some_and(|ending| ending == "rrd");
+        is_named && entry.metadata().is_ok_and(|file| file.is_file() && file.len() > 0)
+    };
+    let mut found: Vec<PathBuf> = fs::read_dir(folder)?.flatten().filter(is_begun).map(|entry| entry.path()).collect();
+    found.sort_by_key(|path| (path.as_os_str().len(), path.clone())); // mission.rrd before mission-2.rrd
+    Ok(found)
+}
+
+/// Refuses what is no file that begins as a recording does.
+fn check(path: &Path) -> Result<(), InputError> {
+    let is_recording = || {
+        let mut begin = Vec::new();
+        let is_file = fs::metadata(path)?.is_file(); // to open a pipe would wait for its writer
+        if is_file {
+            File::open(path)?.take(MAGIC.len() as u64).read_to_end(&mut begin)?;
+        }
+        Ok::<bool, io::Error>(begin == MAGIC)
+    };
+    match is_recording() {
+        Ok(true) => Ok(()),
+        Ok(false) => {
+            Err(InputError::new("recording", path, "expected a recording of rerun (.rrd), or a folder with one"))
+        }
+        Err(error) => Err(InputError::new("recording", path, error)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::symlink;
+    use std::process::Command;
+
+    #[test]
+    fn a_folder_shows_the_regular_files_that_hold_a_recording() {
+        let place = tempfile::tempdir().unwrap();
+        let [run, secret] = ["run", "secret.txt"].map(|name| place.path().join(name));
+        fs::create_dir(&run).unwrap();
+        fs::write(&secret, "secret").unwrap();
+        assert!(recordings(&[run.clone()]).unwrap_err().to_string().contains("no recording in it"));
+        symlink(&secret, run.join("mission-3.rrd")).unwrap();
+        fs::create_dir(run.join("mission-4.rrd")).unwrap();
+        fs::write(run.join("mission-5.rrd"), "").unwrap(); // just begun
+        assert!(Command::new("mkfifo").arg(run.join("mission-6.rrd")).status().unwrap().success());
+        assert!(recordings(&[run.clone()]).is_err());
+        for name in ["mission-10.rrd", "mission-2.rrd"] {
+            fs::write(run.join(name), "RRF2 and so on").unwrap();
+        }
+        let expected = ["mission-2.rrd", "mission-10.rrd"].map(|name| run.join(name));
+        assert_eq!(recordings(&[run.clone()]).unwrap(), expected);
+        assert!(recordings(&[run.join("mission-6.rrd")]).is_err(), "a pipe");
+        fs::write(run.join("mission-11.rrd"), "something else").unwrap();
+        let refused = recordings(&[run]).unwrap_err().to_string();
+        assert!(refused.contains("mission-11.rrd: expected a recording of rerun"), "{refused}");
+    }
+
+    #[test]
+    fn the_newest_recording_is_shown_and_not_the_newest_run() {
+        let place = tempfile::tempdir().unwrap();
+        assert!(newest(place.path()).is_err());
+        for (name, recording, seconds) in [("old", true, 1), ("replay", true, 5), ("simulated", false, 9)] {
+            let folder = place.path().join(name);
+            fs::create_dir(&folder).unwrap();
+            fs::write(folder.join("slots.csv"), "").unwrap();
+            if recording {
+                let file = File::create(folder.join("mission.rrd")).unwrap();
+                io::Write::write_all(&mut &file, MAGIC).unwrap();
+                file.set_modified(std::time::UNIX_EPOCH + Duration::from_secs(seconds)).unwrap();
+            }
+        }
+        assert_eq!(newest(place.path()).unwrap(), place.path().join("replay"));
+    }
 }
