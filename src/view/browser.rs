@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use skysink_common::stop::Stop;
-use skysink_web::{Page, Server};
+use skysink_web::{Server, WebPage};
 
 use super::Shown;
 use crate::error::Error;
@@ -53,8 +53,8 @@ pub fn leave(shown: &Shown, folder: &Path) -> Result<(), Error> {
     print("         then http://127.0.0.1:8000/")
 }
 
-fn page(shown: &Shown) -> Page {
-    Page::new(&title(shown), &shown.recordings, shown.live)
+fn page(shown: &Shown) -> WebPage {
+    WebPage::new(&title(shown), &shown.recordings, shown.live)
 }
 
 /// The folder of the recordings, if they have one alone.

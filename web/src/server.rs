@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use tiny_http::{Header, Method, Request, Response};
 
-use crate::page::{Content, Page};
+use crate::page::{Content, WebPage};
 
 /// Requests that are answered at the same time: a slow one holds up no other.
 const THREADS: usize = 8;
@@ -23,7 +23,7 @@ impl Server {
     ///
     /// # Errors
     /// If the address is taken, or not of this machine.
-    pub fn start(address: SocketAddr, page: Page) -> io::Result<Self> {
+    pub fn start(address: SocketAddr, page: WebPage) -> io::Result<Self> {
         let listener = TcpListener::bind(address)?;
         let address = listener.local_addr()?;
         let http = tiny_http::Server::from_listener(listener, None).map_err(io::Error::other)?;
@@ -48,7 +48,7 @@ impl Server {
 }
 
 /// Answers a request.
-fn answer(page: &Page, request: Request) -> io::Result<()> {
+fn answer(page: &WebPage, request: Request) -> io::Result<()> {
     if !matches!(request.method(), Method::Get | Method::Head) {
         return request.respond(Response::from_string("expected GET or HEAD\n").with_status_code(405));
     }
