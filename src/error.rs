@@ -49,6 +49,12 @@ pub enum Error {
         "this build has no web viewer: build with the default features, or `pip install rerun-sdk=={RERUN}` and `{0}`"
     )]
     NoWebViewer(String),
+    /// The server of a page has failed.
+    #[cfg(feature = "viewer")]
+    #[error(
+        "the page is served no longer: {0}: start `skysink view` again, by a higher `ulimit -n` if files are short"
+    )]
+    NotServed(String),
     /// A page of recordings cannot be left.
     #[cfg(feature = "viewer")]
     #[error(transparent)]

@@ -6,9 +6,8 @@
 mod outcome;
 pub mod process;
 
-use std::fs;
+use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use clap::Args;
 use serde::Serialize;
@@ -18,18 +17,17 @@ use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
 use skysink_mission::origin::Manner;
-use skysink_mission::record::{RunFolder, write_whole};
+use skysink_mission::record::{RunFolder, is_unfinished, write_whole};
 use skysink_mission::recorded::RecordedRun;
 use skysink_mission::summary::Tally;
 use skysink_planner::settings;
-use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
 
 use crate::error::Error;
 use crate::report::print;
 use crate::run::options::{Launch, PlansOf, RecordedRing, RunOptions};
 use crate::run::supervise::ProcessTable;
-use crate::run::{Flown, fly, resume, tidy};
+use crate::run::{Flown, fly, make_ring};
 use outcome::{PlanCounts, Replayed};
 
 /// What the planner would have done, slot by slot.
@@ -38,11 +36,19 @@ const PLANS: &str = "plans.csv";
 /// What the replay comes to.
 const OUTCOME: &str = "replay.json";
 
-/// The files of a replay, but for its recordings.
+/// Held locked by the process that writes the folder.
+const LOCK: &str = "lock";
+
+/// The files of a replay, but for its recordings and the lock.
 const FILES: [&str; 4] = ["scenario.toml", "sensors.csv", PLANS, OUTCOME];
+
+/// What `--pace` means here: nobody misses a slot.
+const PACE: &str =
+    "How fast the slots follow each other at most: max, realtime, or a factor such as 10x [default: max]";
 
 /// What to replay, and how.
 #[derive(Debug, Args)]
+#[command(mut_arg("pace", |pace| pace.help(PACE)))]
 pub struct ReplayArguments {
     /// Folder of a finished run.
     run: PathBuf,
@@ -99,7 +105,8 @@ impl ReplayArguments {
             PlansOf::Record => recorded.strategy.clone(),
             PlansOf::Planner => outside.clone().unwrap_or_else(|| scenario.planner.strategy.clone()),
         };
-        let out = self.make_folder()?;
+        let out = self.folder();
+        let _lock = self.clear(&out)?;
         write_whole(&out.join("scenario.toml"), scenario.to_toml_with_list("sensors.csv").as_bytes())?;
         write_whole(&out.join("sensors.csv"), recorded.list.to_csv().as_bytes())?;
         let launch = Launch {
@@ -149,45 +156,61 @@ impl ReplayArguments {
         stop: &Stop,
         replayed: &mut Replayed,
     ) -> Result<(), Error> {
-        let pace = self.options.pace.unwrap_or_default();
-        let timeout_s = self.options.timeout_s(30.0, pace, scenario.slot_s);
-        let told = resume::told(scenario, manner)?;
-        let ring = RingFolder::create(Pace::Max, self.options.wait, timeout_s, !self.options.no_viewer, told)?;
-        ring.install()?;
+        let ring = make_ring(scenario, &self.options, manner, self.options.pace.unwrap_or_default())?;
         let mut tally = Tally::new(scenario, replayed.list());
         let mission = Flown { scenario, options: &self.options, launch };
-        let flown = fly(&mission, &ring, &ProcessTable::default(), stop, replayed, &mut tally);
-        tidy(&launch.recording);
-        flown.map(|_: Duration| ())
+        fly(&mission, &ring, &ProcessTable::default(), stop, replayed, &mut tally).map(drop)
     }
 
-    /// Makes the folder of the replay, or clears the one that is to be replaced.
-    fn make_folder(&self) -> Result<PathBuf, Error> {
-        let out = self.out.clone().unwrap_or_else(|| {
+    /// The folder of the replay.
+    fn folder(&self) -> PathBuf {
+        self.out.clone().unwrap_or_else(|| {
             let mut name = self.run.file_name().unwrap_or_default().to_owned();
             name.push("-replay");
             self.run.with_file_name(name)
-        });
-        let refuse = |message: String| Error::from(InputError::new("output folder", &out, message));
-        fs::create_dir_all(&out).map_err(|error| refuse(format!("{error}: expected the name of a folder")))?;
-        let is_ours = |path: &Path| {
-            let name = path.file_name().unwrap_or_default().to_string_lossy();
-            FILES.contains(&&*name) || name.starts_with("mission") && name.ends_with(".rrd")
-        };
-        let found: Vec<PathBuf> = fs::read_dir(&out).at(&out)?.flatten().map(|entry| entry.path()).collect();
-        match found.iter().find(|path| !is_ours(path)) {
-            Some(other) => {
-                return Err(refuse(format!("it holds {}: expected a folder of its own, by --out", other.display())));
+        })
+    }
+
+    /// Makes the folder `out`, or clears it of the replay that is to be replaced. Returns its lock, which the system
+    /// releases when the file is dropped or the process ends.
+    fn clear(&self, out: &Path) -> Result<File, Error> {
+        let refuse = |message: &str| InputError::new("output folder", out, message);
+        fs::create_dir_all(out).map_err(|error| refuse(&format!("{error}: expected the name of a folder")))?;
+        self.replaced(out)?; // before a lock file is made
+        let path = out.join(LOCK);
+        let lock = File::options().write(true).create(true).truncate(false).open(&path).at(&path)?;
+        match lock.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                return Err(refuse("another replay is writing it: end that one, or choose another --out").into());
             }
-            None if !found.is_empty() && !self.force => {
-                return Err(refuse(
-                    "it exists: choose another --out, or pass --force to replace the replay in it".to_owned(),
-                ));
-            }
-            None => {}
+            Err(TryLockError::Error(error)) => return Err(error).at(&path)?,
         }
-        found.iter().try_for_each(|path| fs::remove_file(path).at(path))?;
-        Ok(out)
+        self.replaced(out)?.iter().try_for_each(|path| fs::remove_file(path).at(path))?;
+        Ok(lock)
+    }
+
+    /// The files of the replay in `out` that is to be replaced; an error if it is not to be, or something else is there.
+    fn replaced(&self, out: &Path) -> Result<Vec<PathBuf>, Error> {
+        let refuse = |message: &str| Err(InputError::new("output folder", out, message).into());
+        let mut paths = Vec::new();
+        for entry in fs::read_dir(out).at(out)? {
+            let entry = entry.at(out)?;
+            let name = entry.file_name();
+            let text = name.to_string_lossy();
+            let is_recording = text.starts_with("mission") && text.ends_with(".rrd");
+            if !FILES.contains(&&*text) && text != LOCK && !is_recording && !is_unfinished(&name) {
+                let path = entry.path();
+                return refuse(&format!("it holds {}: expected a folder of its own, by --out", path.display()));
+            }
+            if text != LOCK {
+                paths.push(entry.path());
+            }
+        }
+        if !paths.is_empty() && !self.force {
+            return refuse("it exists: choose another --out, or pass --force to replace the replay in it");
+        }
+        Ok(paths)
     }
 
     fn print(&self, outcome: &ReplayOutcome, plans: PlansOf, out: &Path) -> Result<(), Error> {

@@ -243,8 +243,8 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     Ok(())
 }
 
-/// Characters of a line of a terminal.
-const TERMINAL_WIDTH: u16 = 80;
+/// Columns of the narrowest terminal, which help, usage and tables fit into.
+pub(crate) const TERMINAL_WIDTH: u16 = 80;
 
 /// Columns of numbers from which on they stand close to each other.
 const CLOSE_COLUMNS: usize = 4;
@@ -260,13 +260,19 @@ pub fn table() -> Table {
 
 /// The table with every column but the first aligned to the right, and its numbers on one line each.
 #[must_use]
-pub fn with_numbers_right(mut table: Table) -> Table {
+pub fn with_numbers_right(table: Table) -> Table {
+    with_numbers_from(1, table)
+}
+
+/// The same from the column `first` on, counted from 0.
+#[must_use]
+pub fn with_numbers_from(first: usize, mut table: Table) -> Table {
     let last = table.column_count().saturating_sub(1);
-    let gap = u16::from(last < CLOSE_COLUMNS);
+    let gap = u16::from(last + 1 - first < CLOSE_COLUMNS);
     if let Some(names) = table.column_mut(0) {
         names.set_padding((1, gap));
     }
-    for index in 1..=last {
+    for index in first..=last {
         let cells = table.column_cells_iter(index).flatten();
         let width = cells.map(|cell| cell.content().chars().count()).max().unwrap_or(0);
         if let Some(column) = table.column_mut(index) {

@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use comfy_table::ContentArrangement;
 use iceoryx2::prelude::ipc;
 use serde::Serialize;
 use skysink_common::error::InputError;
@@ -16,11 +15,11 @@ use skysink_ring::survey::TopicState;
 use skysink_ring::topics::Ring;
 
 use crate::error::Error;
-use crate::report::{print, table};
+use crate::report::{print, table, with_numbers_from};
 use crate::run::options::seconds;
 
-/// Width of the table [columns of a terminal].
-const WIDTH: u16 = 80;
+/// The first column of the table that holds numbers.
+const FIRST_NUMBERS: usize = 4;
 
 /// How often a stop is looked for.
 const PAUSE: Duration = Duration::from_millis(20);
@@ -120,7 +119,6 @@ fn rate(state: TopicState, before: &TopicState) -> RatedTopic {
 
 fn print_table(topics: &[RatedTopic]) -> Result<(), Error> {
     let mut table = table();
-    table.set_content_arrangement(ContentArrangement::Dynamic).set_width(WIDTH);
     table.set_header(["topic", "payload", "writer", "readers", "slot", "1/s"]);
     for RatedTopic { state, rate_hz } in topics {
         let TopicState { service, payload, writers, readers, slot, .. } = state;
@@ -135,10 +133,5 @@ fn print_table(topics: &[RatedTopic]) -> Result<(), Error> {
             number(rate_hz.filter(|rate| *rate > 0.0).map(|rate| format!("{rate:.1}"))),
         ]);
     }
-    for column in [4, 5] {
-        if let Some(column) = table.column_mut(column) {
-            column.set_cell_alignment(comfy_table::CellAlignment::Right);
-        }
-    }
-    print(table)
+    print(with_numbers_from(FIRST_NUMBERS, table))
 }

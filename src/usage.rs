@@ -4,8 +4,10 @@ use std::path::{Path, PathBuf};
 
 use clap::{Command, Error, Parser};
 
-/// Columns of the narrowest terminal, which help and usage fit into everywhere.
-const COLUMNS: usize = 80;
+use crate::report::TERMINAL_WIDTH;
+
+/// Columns that help and usage fit into everywhere.
+const COLUMNS: usize = TERMINAL_WIDTH as usize;
 
 /// What clap writes before a usage line.
 const HEADING: &str = "Usage: ";

@@ -26,20 +26,29 @@ pub struct RingArguments {
     pub ring: PathBuf,
 }
 
-/// A process of a run that skysink run supervises; it needs no other argument.
+/// A process of a run that skysink run supervises.
 #[derive(Debug, Parser)]
 #[command(version)]
-struct Cli {
+struct Cli<A: Args> {
     #[command(flatten)]
     place: RingArguments,
+    #[command(flatten)]
+    own: A,
 }
 
-/// Runs the executable of `role`.
+/// The own arguments of an executable that has none.
+#[derive(Debug, Args)]
+pub struct NoArguments {}
+
+/// Runs the executable of `role`, which takes the arguments `A` beside those of every process of the ring.
 #[must_use]
-pub fn main(role: Role, node: impl FnOnce(&Scenario, &RingFolder, &Stop) -> Result<(), NodeError>) -> ExitCode {
-    let cli: Cli = usage::parse().unwrap_or_else(|message| message.exit());
+pub fn main<A: Args>(
+    role: Role,
+    node: impl FnOnce(&Scenario, &RingFolder, &Stop, &A) -> Result<(), NodeError>,
+) -> ExitCode {
+    let Cli { place, own } = usage::parse().unwrap_or_else(|message| message.exit());
     let stop = stop_on_signals();
-    let ended = join(&cli.place).and_then(|(scenario, folder)| node(&scenario, &folder, &stop));
+    let ended = join(&place).and_then(|(scenario, folder)| node(&scenario, &folder, &stop, &own));
     exit(role, ended)
 }
 

@@ -4,9 +4,14 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Folders of the workspace that hold source.
-const FOLDERS: [&str; 11] =
-    ["common", "ring", "field-sim", "flight-sim", "planner", "viewer", "mission", "lab", "fuzz", "src", "tests"];
+/// Folders of the root package that hold source.
+const FOLDERS: [&str; 4] = ["src", "tests", "examples", "benches"];
+
+/// The crates of the workspace, by their folders.
+fn crates(root: &Path) -> Vec<String> {
+    let manifest: toml::Table = fs::read_to_string(root.join("Cargo.toml")).unwrap().parse().unwrap();
+    manifest["workspace"]["members"].clone().try_into().unwrap()
+}
 
 /// The Rust files below `folder`.
 fn sources(folder: &Path) -> Vec<PathBuf> {
@@ -32,7 +37,8 @@ fn declared(line: &str) -> Option<&str> {
 fn a_public_type_has_a_name_of_its_own_in_the_workspace() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut places: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
-    for path in FOLDERS.iter().flat_map(|folder| sources(&root.join(folder))) {
+    let folders = FOLDERS.map(str::to_owned).into_iter().chain(crates(root));
+    for path in folders.flat_map(|folder| sources(&root.join(folder))) {
         let text = fs::read_to_string(&path).unwrap();
         for name in text.lines().filter_map(declared) {
             places.entry(name.to_owned()).or_default().push(path.clone());

@@ -228,3 +228,45 @@ fn a_replay_is_replaced_by_force_alone() {
     assert!(ended.code == Some(2) && ended.stderr.contains("it holds"), "{ended:?}");
     assert!(place.path("run/slots.csv").exists());
 }
+
+#[test]
+fn a_replay_that_was_killed_leaves_nothing_that_is_in_the_way_of_the_next() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    fs::create_dir(place.path("run-replay")).unwrap();
+    place.write("run-replay/.plans.csv.a1b2c3.new", "slot,x_m\n");
+    let victim = place.write("victim", "mine");
+    std::os::unix::fs::symlink(victim, place.path("run-replay/.plans.csv.new")).unwrap();
+    place.run_well(&["replay", "run", "--no-viewer", "--force"]);
+    let mut left: Vec<_> =
+        fs::read_dir(place.path("run-replay")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    left.sort();
+    assert_eq!(left, ["lock", "plans.csv", "replay.json", "scenario.toml", "sensors.csv"]);
+    assert_eq!(place.read("victim"), "mine");
+}
+
+#[test]
+fn a_folder_has_one_replay_at_a_time() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    place.run_well(&["replay", "run", "--no-viewer"]);
+    let lock = fs::File::open(place.path("run-replay/lock")).unwrap();
+    lock.try_lock().unwrap();
+    let ended = place.run(&["replay", "run", "--no-viewer", "--force"]);
+    assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
+    assert!(ended.stderr.contains("run-replay: another replay is writing it"), "{ended:?}");
+    assert_eq!(outcome(&place, "run-replay")["planner"], "uts", "it stays as it was");
+    drop(lock);
+    place.run_well(&["replay", "run", "--no-viewer", "--force"]);
+}
+
+#[test]
+fn only_flight_sim_takes_the_pace_of_a_replay() {
+    let place = Place::new();
+    let help = |program: &str| end(place.command(program, &["--help"]).spawn().unwrap()).stdout;
+    let [flight_sim, planner] = [env!("CARGO_BIN_EXE_flight-sim"), env!("CARGO_BIN_EXE_planner")].map(help);
+    assert!(flight_sim.contains("--replay <RUN>") && flight_sim.contains("--pace <PACE>"), "{flight_sim}");
+    assert!(planner.contains("--replay <RUN>") && !planner.contains("--pace"), "{planner}");
+    let replay = place.run_well(&["replay", "--help"]).stdout;
+    assert!(replay.contains("follow each other at most") && !replay.contains("--resume"), "{replay}");
+}

@@ -8,6 +8,7 @@ use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::process::Child;
+use std::sync::mpsc::channel;
 
 use rustix::process::{Pid, Signal, kill_process};
 use support::{Place, end, until};
@@ -47,14 +48,23 @@ fn ask(port: u16, method: &str, path: &str) -> Answer {
     Answer { status, headers, body: bytes.split_off(head_end + 4) }
 }
 
+/// What `skysink view` says until it serves.
+fn address_said(child: &mut Child) -> String {
+    let output = BufReader::new(child.stdout.take().unwrap());
+    let (sender, lines) = channel();
+    std::thread::spawn(move || output.lines().map_while(Result::ok).try_for_each(|line| sender.send(line)));
+    let mut said = String::new();
+    while !said.contains("Ctrl-C") {
+        let line = lines.recv_timeout(support::WATCHDOG).unwrap_or_else(|error| panic!("{error}: {said}"));
+        said = said + &line + "\n";
+    }
+    said
+}
+
 /// `skysink view` with these arguments on a free port, what it has said first, and the port.
 fn view(place: &Place, arguments: &[&str]) -> (Child, String, u16) {
     let mut child = place.skysink(&[&["view", "--port", "0"], arguments].concat()).spawn().unwrap();
-    let mut output = BufReader::new(child.stdout.take().unwrap());
-    let mut said = String::new();
-    while !said.contains("Ctrl-C") {
-        assert_ne!(output.read_line(&mut said).unwrap(), 0, "{said}");
-    }
+    let said = address_said(&mut child);
     let (_, address) = said.split_once("http://127.0.0.1:").expect("an address");
     let port = address.split_once('/').unwrap().0.parse().unwrap();
     (child, said, port)
@@ -137,15 +147,14 @@ fn what_cannot_be_shown_is_refused_in_one_line() {
     place.run_well(&["simulate", SMOKE, "--out", "dark"]);
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
-    let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-    let live = format!("--live={free}");
+    let live = "--live=1"; // nobody listens there: the port has been out of use for decades
     place.write("text.rrd", "RRD?");
     for (arguments, says) in [
         (&[][..], "runs: no run in it"),
         (&["nowhere"], "recording nowhere: No such file"),
         (&["text.rrd"], "recording text.rrd: expected a recording of rerun"),
         (&["dark"], "recording dark: no recording in it"),
-        (&[&live], "skysink run --live"),
+        (&[live], "skysink run --live"),
         (&["--live", "--bind", "0.0.0.0"], "--live with --bind 0.0.0.0"),
     ] {
         let ended = place.run(&[&["view", "--port", "0"], arguments].concat());
@@ -158,14 +167,31 @@ fn what_cannot_be_shown_is_refused_in_one_line() {
     assert!(ended.stderr.contains(&format!("127.0.0.1:{port}: ")) && ended.stderr.contains("free --port"), "{ended:?}");
 }
 
+/// A mission that is served, and its port. One that another process has taken meanwhile is refused: then another port.
+fn run_live(place: &Place) -> (Child, u16) {
+    loop {
+        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let live = format!("--live={port}");
+        let arguments = ["run", "long.toml", "--out", "run", "--force", "--pace", "1x", &live];
+        let mut run = place.skysink(&arguments).spawn().unwrap();
+        let is_served = until("server", || match run.try_wait().unwrap() {
+            Some(_) => Some(false),
+            None => TcpStream::connect(("127.0.0.1", port)).is_ok().then_some(true),
+        });
+        if is_served {
+            return (run, port);
+        }
+        let ended = end(run);
+        assert!(ended.stderr.contains("expected a free port"), "{ended:?}");
+    }
+}
+
 #[test]
 fn a_mission_under_way_is_shown_from_its_port() {
     let place = Place::new();
-    let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-    let live = format!("--live={free}");
     place.write("long.toml", "name = \"long\"\nslots = 6000\nslot_s = 0.1\n[uav]\nendurance_s = 1e6\n");
-    let run = place.skysink(&["run", "long.toml", "--out", "run", "--pace", "1x", &live]).spawn().unwrap();
-    until("server", || TcpStream::connect(("127.0.0.1", free)).ok());
+    let (run, free) = run_live(&place);
+    let live = format!("--live={free}");
     let (child, said, port) = view(&place, &[&live]);
     assert!(said.contains(&format!("-L {port}:127.0.0.1:{port} -L {free}:127.0.0.1:{free} HOST")), "{said}");
     let index = ask(port, "GET", "/");
@@ -196,4 +222,24 @@ fn a_page_is_a_folder_that_any_server_can_serve() {
         assert!(ended.stderr.contains(says), "{ended:?}");
     }
     assert!(!place.path("other").exists());
+}
+
+#[test]
+fn a_server_that_can_accept_no_more_connections_ends_with_an_error() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--record", "--out", "run"]);
+    for files in [40, 41] {
+        // A connection takes two: the limit is met by the first of one, or by its second.
+        let script = format!("ulimit -n {files} && exec \"$0\" view --port 0 run");
+        let skysink = env!("CARGO_BIN_EXE_skysink");
+        let mut child = place.command("sh", &["-c", &script, skysink]).spawn().unwrap();
+        let said = address_said(&mut child);
+        let (_, address) = said.split_once("http://").unwrap();
+        let address = address.split_once('/').unwrap().0;
+        let connections: Vec<_> = (0..files).map_while(|_| TcpStream::connect(address).ok()).collect();
+        let ended = end(child);
+        assert_eq!((ended.code, ended.stderr.lines().count()), (Some(1), 1), "{ended:?}");
+        assert!(ended.stderr.contains("served no longer") && ended.stderr.contains("Too many open files"), "{ended:?}");
+        drop(connections);
+    }
 }

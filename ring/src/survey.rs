@@ -1,7 +1,7 @@
 //! What a look at a topic from outside shows: its types, who writes and reads it, and how far it is.
 //!
-//! Whoever looks takes no role. It reads each topic for an instant, as a late joiner, and takes every sample at once, so
-//! that no writer waits for it.
+//! Whoever looks takes no role. It reads each topic for an instant, as a late joiner, by a subscriber that no writer
+//! waits for: while it is stopped it misses samples.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -16,7 +16,7 @@ use skysink_common::message::SlotHeader;
 
 use crate::error::RingError;
 use crate::sample::{Header, Payload};
-use crate::topic::Topic;
+use crate::topic::{OBSERVER, Topic};
 
 /// How long a topic is read: writers serve late joiners whenever they wait, every 10 ms.
 const LOOK: Duration = Duration::from_millis(100);
@@ -100,7 +100,8 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Watch for Watched<'_,
 
     fn attach(&mut self) -> Result<(), RingError> {
         let shared = &self.topic.0;
-        let builder = shared.data.subscriber_builder();
+        let name = OBSERVER.try_into().map_err(|error| shared.refuse("name a reader", &error))?;
+        let builder = shared.data.subscriber_builder().name(&name);
         let builder = builder.history_request(shared.row.history).buffer_size(shared.row.buffer);
         self.subscriber = Some(builder.create().map_err(|error| shared.refuse("read", &error))?);
         Ok(())

@@ -33,6 +33,9 @@ const MAX_READERS: usize = 8;
 /// Writers of a topic: one by its role; the second place is for restarts and links between hosts.
 const MAX_WRITERS: usize = 2;
 
+/// Name of a subscriber that no writer waits for: if its buffer is full it misses samples.
+pub(crate) const OBSERVER: &str = "observer";
+
 /// Processes that open a topic.
 const MAX_NODES: usize = 20;
 
@@ -85,7 +88,7 @@ pub struct Topic<S: Service + 'static, P: Payload + ?Sized, H: Header>(pub(crate
 pub(crate) struct Shared<S: Service + 'static, P: Payload + ?Sized, H: Header> {
     pub(crate) row: Row,
     pub(crate) config: Config,
-    pub(crate) data: publish_subscribe::PortFactory<S, P, H>,
+    pub(crate) data: Arc<publish_subscribe::PortFactory<S, P, H>>,
     event: event::PortFactory<S>,
     pub(crate) member: Member,
 }
@@ -113,7 +116,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
                 .subscriber_max_borrowed_samples(MAX_BORROWED)
                 .enable_safe_overflow(false);
         }
-        let data = P::service(builder, terms).map_err(|error| refuse(&error))?;
+        let data = Arc::new(P::service(builder, terms).map_err(|error| refuse(&error))?);
         let event = match terms {
             Some(_) => events.max_nodes(MAX_NODES).create().map_err(|error| refuse(&error))?,
             None => events.open().map_err(|error| refuse(&error))?,
@@ -157,13 +160,14 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Shared<S, P, H> {
 
     pub(crate) fn backpressure(&self) -> impl Fn(&BackpressureInfo) -> BackpressureAction + use<S, P, H> {
         let config = self.config.clone();
+        let data = Arc::clone(&self.data);
         let stop = self.member.stop.clone();
         let seat = self.member.seat.clone();
         let limit = self.member.terms.full_limit();
         let waited = Mutex::new(Stopwatch::start(Instant::now()));
         let waits = self.row.full == Full::WaitInLockStep && self.member.terms.pace == Pace::Max;
         move |info| {
-            if !waits {
+            if !waits || is_observer(&data, info.receiver_port_id) {
                 return BackpressureAction::DiscardData;
             }
             let now = Instant::now();
@@ -181,4 +185,20 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Shared<S, P, H> {
             BackpressureAction::Retry
         }
     }
+}
+
+/// Whether this subscriber only observes.
+fn is_observer<S: Service, P: Payload + ?Sized, H: Header>(
+    data: &publish_subscribe::PortFactory<S, P, H>,
+    subscriber: u128,
+) -> bool {
+    let mut is_observer = false;
+    data.dynamic_config().list_subscribers(|port| {
+        if port.subscriber_id.value() != subscriber {
+            return CallbackProgression::Continue;
+        }
+        is_observer = port.subscriber_name.as_str() == OBSERVER;
+        CallbackProgression::Stop
+    });
+    is_observer
 }

@@ -24,7 +24,7 @@ use crate::reader::MAX_AHEAD;
 use crate::refusals::Refusals;
 use crate::role::{Role, Seat};
 use crate::survey::{TopicState, Watch, look};
-use crate::topic::{Full, Member, Row, Topic};
+use crate::topic::{Full, Member, OBSERVER, Row, Topic};
 use crate::wait::{LateJoiners, PAUSE, WaitContext};
 
 /// Version of the messages and of what they mean; processes of different versions do not meet.
@@ -158,7 +158,7 @@ impl<S: Service + 'static> Ring<S> {
             seat: None,
             stop: Stop::default(),
         };
-        let node = node::<S>(folder, "observer")?;
+        let node = node::<S>(folder, OBSERVER)?;
         let sensors = Topic::new(&node, &member, SENSORS, None)?;
         Self::with_topics(node, sensors, &member, Refusals::new(None), None)
     }

@@ -1,9 +1,10 @@
 //! The sensor nodes and the slot clock, as a process of the ring.
 
 use iceoryx2::prelude::ipc;
-use skysink::worker;
+use skysink::worker::{self, NoArguments};
+use skysink_field_sim::node::run;
 use skysink_ring::role::Role;
 
 fn main() -> std::process::ExitCode {
-    worker::main(Role::FieldSim, skysink_field_sim::node::run::<ipc::Service>)
+    worker::main(Role::FieldSim, |scenario, folder, stop, NoArguments {}| run::<ipc::Service>(scenario, folder, stop))
 }

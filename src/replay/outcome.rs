@@ -1,6 +1,5 @@
 //! What becomes of the slots of a replay: each is compared with the record, and so is the plan for it.
 
-use std::fs::File;
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
@@ -10,8 +9,10 @@ use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_flight_sim::Flight;
 use skysink_mission::error::FileContext;
+use skysink_mission::record::write_unfinished;
 use skysink_mission::recorded::RecordedRun;
 use skysink_mission::trace::{RecordedSlot, TraceHash};
+use tempfile::NamedTempFile;
 
 use crate::error::Error;
 use crate::run::recorder::SlotSink;
@@ -42,9 +43,10 @@ pub struct Replayed<'a> {
     flight: Flight,
     counts: PlanCounts,
     distance_m: f64,
+    /// Where the plans will be.
     path: PathBuf,
-    new: PathBuf,
-    csv: BufWriter<File>,
+    /// The plans so far, under another name.
+    csv: BufWriter<NamedTempFile>,
 }
 
 impl<'a> Replayed<'a> {
@@ -53,9 +55,7 @@ impl<'a> Replayed<'a> {
     /// # Errors
     /// If the file cannot be created.
     pub fn new(scenario: &Scenario, recorded: &'a RecordedRun, path: &Path) -> Result<Self, Error> {
-        let new = path.with_extension("csv.new");
-        let mut csv = BufWriter::new(File::create(&new).at(&new)?);
-        csv.write_all(COLUMNS.as_bytes()).at(&new)?;
+        let csv = BufWriter::new(write_unfinished(path, COLUMNS.as_bytes()).at(path)?);
         Ok(Self {
             recorded,
             trace: TraceHash::default(),
@@ -63,7 +63,6 @@ impl<'a> Replayed<'a> {
             counts: PlanCounts::default(),
             distance_m: 0.0,
             path: path.to_owned(),
-            new,
             csv,
         })
     }
@@ -77,9 +76,9 @@ impl<'a> Replayed<'a> {
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub fn finish(mut self) -> Result<(PlanCounts, u64), Error> {
-        self.csv.flush().at(&self.new)?;
-        std::fs::rename(&self.new, &self.path).at(&self.path)?;
+    pub fn finish(self) -> Result<(PlanCounts, u64), Error> {
+        let csv = self.csv.into_inner().map_err(std::io::IntoInnerError::into_error).at(&self.path)?;
+        csv.persist(&self.path).map_err(std::io::Error::from).at(&self.path)?;
         let decided = self.counts.slots - self.counts.undecided;
         let mean_distance_m = if decided > 0 { self.distance_m / decided as f64 } else { 0.0 };
         Ok((PlanCounts { mean_distance_m, ..self.counts }, self.trace.value()))
@@ -114,12 +113,6 @@ impl<'a> Replayed<'a> {
     }
 }
 
-impl Drop for Replayed<'_> {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.new); // half-written, unless it has its name
-    }
-}
-
 impl SlotSink for Replayed<'_> {
     fn add(&mut self, plan: Option<&Plan>, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, Error> {
         let slot = header.head.slot;
@@ -129,7 +122,7 @@ impl SlotSink for Replayed<'_> {
             return Err(Error::NotAsRecorded(slot));
         };
         self.trace.add();
-        self.compare(recorded, plan).at(&self.new)?;
+        self.compare(recorded, plan).at(&self.path)?;
         self.flight.restore(flight);
         Ok(self.trace.value())
     }

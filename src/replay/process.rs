@@ -1,9 +1,8 @@
-//! The processes of a ring that repeat what is on record.
+//! flight-sim and planner, which may repeat what is on record.
 
-use std::path::PathBuf;
-use std::process::ExitCode;
+use std::path::{Path, PathBuf};
 
-use clap::Parser;
+use clap::Args;
 use iceoryx2::prelude::{Service, ipc};
 use skysink_common::message::{FLAG_END, Mode, Plan};
 use skysink_common::pace::Pace;
@@ -17,80 +16,70 @@ use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
 use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
-use skysink_ring::wait::stop_on_signals;
 
-use crate::worker::{RingArguments, exit, join};
-
-/// A process of a run that skysink run supervises.
-#[derive(Debug, Parser)]
-#[command(version)]
-struct Cli {
-    #[command(flatten)]
-    place: RingArguments,
-    /// Repeat what the run in this folder has on record, as skysink replay does.
+/// What flight-sim takes beside its ring.
+#[derive(Debug, Args)]
+pub struct FlightSimArguments {
+    /// Fly what the run in this folder has on record, as skysink replay does.
     #[arg(long, value_name = "RUN")]
-    record: Option<PathBuf>,
+    replay: Option<PathBuf>,
     /// How fast its slots follow each other at most.
-    #[arg(long, default_value = "max", requires = "record")]
+    #[arg(long, default_value = "max", requires = "replay")]
     pace: Pace,
 }
 
-/// A process of the ring.
-type NodeFn = fn(&Scenario, &RingFolder, &Stop) -> Result<(), NodeError>;
-
-/// A process of the ring that repeats these slots.
-type RepeatFn = fn(&Scenario, &RingFolder, &Stop, &[RecordedSlot], Pace) -> Result<(), NodeError>;
-
-/// Runs the executable of `role`, which can be repeated.
-#[must_use]
-pub fn main(role: Role, node: NodeFn, repeat: RepeatFn) -> ExitCode {
-    let cli = Cli::parse();
-    let stop = stop_on_signals();
-    let ended = join(&cli.place).and_then(|(scenario, folder)| match &cli.record {
-        None => node(&scenario, &folder, &stop),
-        Some(run) => repeat(&scenario, &folder, &stop, &recorded_slots(run).map_err(refused)?, cli.pace),
-    });
-    exit(role, ended)
+/// What planner takes beside its ring.
+#[derive(Debug, Args)]
+pub struct PlannerArguments {
+    /// Send what the run in this folder has on record, as skysink replay does.
+    #[arg(long, value_name = "RUN")]
+    replay: Option<PathBuf>,
 }
 
-fn refused(error: MissionError) -> NodeError {
-    match error {
-        MissionError::Input(error) => error.into(),
-        error => NodeError::Recording(Box::new(error)),
-    }
-}
-
-/// flight-sim, flying what is on record.
+/// flight-sim: flies what is planned, or what is on record.
 ///
 /// # Errors
-/// As that of [`skysink_flight_sim::node::run`].
-pub fn repeat_flight(
+/// As those of [`skysink_flight_sim::node`]; or if there is no such record.
+pub fn flight_sim(
     scenario: &Scenario,
     folder: &RingFolder,
     stop: &Stop,
-    slots: &[RecordedSlot],
-    pace: Pace,
+    arguments: &FlightSimArguments,
 ) -> Result<(), NodeError> {
+    let Some(run) = &arguments.replay else {
+        return skysink_flight_sim::node::run::<ipc::Service>(scenario, folder, stop);
+    };
+    let slots = read(run)?;
     let plan_of = |slot: u64| {
         let recorded = usize::try_from(slot - 1).ok().and_then(|index| slots.get(index));
         recorded.filter(|recorded| !recorded.is_missed()).map(RecordedSlot::plan)
     };
-    let recorded = RecordedFlight { plan_of: &plan_of, period: pace.period(scenario.slot_s) };
+    let recorded = RecordedFlight { plan_of: &plan_of, period: arguments.pace.period(scenario.slot_s) };
     skysink_flight_sim::node::repeat::<ipc::Service>(scenario, folder, stop, &recorded)
 }
 
-/// planner, sending the recorded decisions: waypoint and schedule. In a slot without one it is to hold.
+/// planner: plans, or sends the recorded decisions, waypoint and schedule. In a slot without one it is to hold.
 ///
 /// # Errors
-/// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
-pub fn repeat_plans(
+/// If a peer is missing or wrong, the ring breaks, or `stop` is requested; or if there is no such record.
+pub fn planner(
     scenario: &Scenario,
     folder: &RingFolder,
     stop: &Stop,
-    slots: &[RecordedSlot],
-    _pace: Pace,
+    arguments: &PlannerArguments,
 ) -> Result<(), NodeError> {
-    send_plans::<ipc::Service>(scenario, folder, stop, slots)
+    match &arguments.replay {
+        None => skysink_planner::node::run::<ipc::Service>(scenario, folder, stop),
+        Some(run) => send_plans::<ipc::Service>(scenario, folder, stop, &read(run)?),
+    }
+}
+
+/// The slots of the run in this folder.
+fn read(run: &Path) -> Result<Vec<RecordedSlot>, NodeError> {
+    recorded_slots(run).map_err(|error| match error {
+        MissionError::Input(error) => error.into(),
+        error => NodeError::Recording(Box::new(error)),
+    })
 }
 
 fn send_plans<S: Service + 'static>(

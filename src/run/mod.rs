@@ -13,9 +13,11 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::ipc;
+use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
+use skysink_mission::origin::Manner;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
 use skysink_ring::cleanup::Janitor;
@@ -83,10 +85,7 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
         tidy(&folder.recording());
         return Ok((folder, summary));
     }
-    let timeout_s = options.timeout_s(30.0, pace, scenario.slot_s);
-    let ring_folder =
-        RingFolder::create(pace, options.wait, timeout_s, !options.no_viewer, resume::told(scenario, &manner)?)?;
-    ring_folder.install()?;
+    let ring_folder = make_ring(scenario, options, &manner, pace)?;
     let mut log = match resumed {
         None => folder.slot_log()?,
         Some(resumed) => {
@@ -100,7 +99,6 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
     let wall = *flown.as_ref().unwrap_or(&begin.elapsed());
     let mut summary = tally.summary(Some(pace), wall, log.hash());
     summary.complete &= flown.is_ok();
-    tidy(&folder.recording());
     let written = folder.write_json("summary.json", &summary);
     if let Err(cause) = flown {
         return Err(cause.ended_early(&folder, summary.slots, &options.resume_by())); // not what it led to
@@ -109,12 +107,34 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
     Ok((folder, summary))
 }
 
+/// How long a sample is waited for unless the user says otherwise [s].
+const SAMPLE_TIMEOUT_S: f64 = 30.0;
+
+/// Makes the ring of a mission that is flown in this manner, and its domain that of this process. Its slots follow each
+/// other at most at `pace`.
+///
+/// # Errors
+/// If what the ring is told is refused, or the folder cannot be made.
+pub(crate) fn make_ring(
+    scenario: &Scenario,
+    options: &RunOptions,
+    manner: &Manner,
+    pace: Pace,
+) -> Result<RingFolder, Error> {
+    let timeout_s = options.timeout_s(SAMPLE_TIMEOUT_S, pace, scenario.slot_s);
+    let told = resume::told(scenario, manner)?;
+    let viewer = !options.no_viewer;
+    let ring = RingFolder::create(manner.pace.unwrap_or_default(), options.wait, timeout_s, viewer, told)?;
+    ring.install()?;
+    Ok(ring)
+}
+
 /// How long the processes of a killed launcher may take to notice.
 const ORPHANS_END: Duration = Duration::from_secs(2);
 
 /// Removes what a killed launcher has left of its ring, and ends the files of viewers that were killed. Where that
 /// fails they can be opened all the same.
-pub(crate) fn tidy(recording: &Path) {
+fn tidy(recording: &Path) {
     clear_abandoned(ORPHANS_END);
     #[cfg(feature = "viewer")]
     let _ = skysink_viewer::complete(recording);
@@ -132,11 +152,25 @@ pub struct Flown<'a> {
     pub launch: &'a Launch,
 }
 
-/// Starts the processes, records what they do, and ends them.
+/// Starts the processes, records what they do, ends them, and tidies up behind them. Returns how long they flew.
 ///
 /// # Errors
 /// As [`run`].
 pub fn fly(
+    mission: &Flown,
+    ring_folder: &RingFolder,
+    table: &ProcessTable,
+    stop: &Stop,
+    log: &mut dyn SlotSink,
+    tally: &mut Tally,
+) -> Result<Duration, Error> {
+    let flown = fly_slots(mission, ring_folder, table, stop, log, tally);
+    tidy(&mission.launch.recording);
+    flown
+}
+
+/// The same, before it is tidied up.
+fn fly_slots(
     mission: &Flown,
     ring_folder: &RingFolder,
     table: &ProcessTable,

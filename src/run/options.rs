@@ -104,8 +104,8 @@ impl Launch {
         let Some(RecordedRing { run, pace, plans }) = &self.recorded else { return Ok(Vec::new()) };
         let run = std::path::absolute(run).at(run)?;
         Ok(match (role, plans) {
-            (Role::FlightSim, _) => vec!["--record".into(), run.into(), "--pace".into(), pace.to_string().into()],
-            (Role::Planner, PlansOf::Record) => vec!["--record".into(), run.into()],
+            (Role::FlightSim, _) => vec!["--replay".into(), run.into(), "--pace".into(), pace.to_string().into()],
+            (Role::Planner, PlansOf::Record) => vec!["--replay".into(), run.into()],
             _ => Vec::new(),
         })
     }

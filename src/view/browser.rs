@@ -5,7 +5,8 @@ use std::path::Path;
 use std::time::Duration;
 
 use skysink_common::stop::Stop;
-use skysink_web::{Page, Server};
+use skysink_ring::role::Role;
+use skysink_web::{Server, WebPage};
 
 use super::Shown;
 use crate::error::Error;
@@ -16,6 +17,7 @@ const PAUSE: Duration = Duration::from_millis(50);
 
 /// Serves what is shown until a stop, and says where.
 pub fn serve(shown: &Shown, address: SocketAddr, stop: &Stop) -> Result<(), Error> {
+    end_on_panic();
     let server = Server::start(address, page(shown)).map_err(|error| {
         Error::Usage(format!("{address}: {error}: expected a free --port, and a --bind of this machine"))
     })?;
@@ -40,9 +42,22 @@ pub fn serve(shown: &Shown, address: SocketAddr, stop: &Stop) -> Result<(), Erro
     }
     print("            Ctrl-C ends it")?;
     while stop.requested().is_none() {
+        if let Some(error) = server.failure() {
+            return Err(Error::NotServed(error.to_string()));
+        }
         std::thread::sleep(PAUSE);
     }
     Ok(stop.check()?)
+}
+
+/// Ends the process where a thread of the server panics: nobody would be answered any more. tiny_http's does where it
+/// has accepted a connection with the last file that the process may open.
+fn end_on_panic() {
+    std::panic::set_hook(Box::new(|panic| {
+        let error = Error::NotServed(panic.payload_as_str().unwrap_or_default().to_owned());
+        Role::Launcher.say(&error);
+        std::process::exit(i32::from(error.exit_code()));
+    }));
 }
 
 /// Leaves what is shown as a folder, and says how to try it.
@@ -53,8 +68,8 @@ pub fn leave(shown: &Shown, folder: &Path) -> Result<(), Error> {
     print("         then http://127.0.0.1:8000/")
 }
 
-fn page(shown: &Shown) -> Page {
-    Page::new(&title(shown), &shown.recordings, shown.live)
+fn page(shown: &Shown) -> WebPage {
+    WebPage::new(&title(shown), &shown.recordings, shown.live)
 }
 
 /// The folder of the recordings, if they have one alone.

@@ -45,6 +45,13 @@ impl Intruder {
         service.open().unwrap().subscriber_builder().buffer_size(1).create().unwrap()
     }
 
+    /// The same by the name of those that no writer waits for.
+    pub fn observer<P: Debug + Copy + ZeroCopySend, H: Header>(&self, topic: &str) -> Subscriber<ipc::Service, P, H> {
+        let service = self.0.service_builder(&Self::name(topic)).publish_subscribe::<P>().user_header::<H>();
+        let name = "observer".try_into().unwrap();
+        service.open().unwrap().subscriber_builder().name(&name).buffer_size(1).create().unwrap()
+    }
+
     /// The same for lists.
     #[cfg(feature = "viewer")]
     pub fn list_reader<T: Debug + Copy + ZeroCopySend, H: Header>(

@@ -86,3 +86,16 @@ fn a_deaf_reader_is_left_behind_by_a_paced_run() {
     drop((deaf, intruder, rogue));
     place.assert_clean();
 }
+
+#[test]
+fn an_observer_that_takes_nothing_is_not_waited_for() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
+    let ended = fly_with_deaf_reader(&place, &["--restart", "never"], |intruder| {
+        (intruder.observer::<FlightReport, SlotHeader>("flight"), intruder.observer::<Commit, SlotHeader>("commit"))
+    });
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert_eq!(place.summary("run")["restarts"], 0);
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    place.assert_clean();
+}

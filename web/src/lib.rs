@@ -6,5 +6,5 @@
 pub mod page;
 pub mod server;
 
-pub use page::{Page, PageError};
+pub use page::{PageError, WebPage};
 pub use server::Server;

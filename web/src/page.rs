@@ -3,10 +3,14 @@
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io;
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
 /// The page itself, with its blanks.
 const INDEX: &str = include_str!("index.html");
+
+/// Begin of the name of a page that is not whole yet.
+const UNFINISHED: &str = ".page.";
 
 /// Name of the page itself.
 const INDEX_NAME: &str = "index.html";
@@ -20,7 +24,7 @@ const VIEWER: [(&str, &[u8]); 3] = [
 
 /// A page that shows recordings: all of its files.
 #[derive(Debug)]
-pub struct Page {
+pub struct WebPage {
     /// By path below that of the page.
     files: BTreeMap<String, Content>,
 }
@@ -57,7 +61,7 @@ pub enum PageError {
     },
 }
 
-impl Page {
+impl WebPage {
     /// A page under `title`, of these recordings (.rrd), each beside others of its folder, and of the mission under way
     /// that is served on the port `live`.
     #[must_use]
@@ -96,24 +100,24 @@ impl Page {
     /// If the folder holds something, or a file cannot be read or written.
     pub fn write(&self, folder: &Path) -> Result<(), PageError> {
         let taken = |found: String| PageError::Taken { path: folder.to_owned(), found };
-        let name = folder.file_name().ok_or_else(|| taken("it has no name".to_owned()))?.to_string_lossy();
+        if folder.file_name().is_none() {
+            return Err(taken("it has no name".to_owned()));
+        }
         match fs::read_dir(folder).map(|mut entries| entries.next().is_none()) {
             Ok(true) => {}
             Ok(false) => return Err(taken("it holds something".to_owned())),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {}
             Err(error) => return Err(taken(error.to_string())),
         }
-        let new = folder.with_file_name(format!(".{name}.new"));
-        if let Some(above) = folder.parent() {
-            fs::create_dir_all(above).map_err(|source| PageError::File { path: above.to_owned(), source })?;
-        }
-        let written = self.write_files(&new).and_then(|()| {
-            fs::rename(&new, folder).map_err(|source| PageError::File { path: folder.to_owned(), source })
-        });
-        if written.is_err() {
-            let _ = fs::remove_dir_all(&new);
-        }
-        written
+        let above = folder.parent().filter(|above| !above.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let usual = fs::Permissions::from_mode(0o777); // less the umask: a web server must be able to read it
+        let new = fs::create_dir_all(above)
+            .and_then(|()| tempfile::Builder::new().prefix(UNFINISHED).permissions(usual).tempdir_in(above))
+            .map_err(|source| PageError::File { path: above.to_owned(), source })?;
+        self.write_files(new.path())?;
+        fs::rename(new.path(), folder).map_err(|source| PageError::File { path: folder.to_owned(), source })?;
+        let _ = new.keep(); // it has gone
+        Ok(())
     }
 
     fn write_files(&self, folder: &Path) -> Result<(), PageError> {
@@ -175,7 +179,7 @@ mod tests {
     #[test]
     fn recordings_of_one_name_have_paths_of_their_own() {
         let paths = ["/a/run/mission.rrd", "/b/run/mission.rrd", "/c/run/mission-2.rrd", "/mission.rrd"];
-        let page = Page::new("x", &paths.map(PathBuf::from), None);
+        let page = WebPage::new("x", &paths.map(PathBuf::from), None);
         for (path, file) in [
             ("/run/mission.rrd", paths[0]),
             ("/run-2/mission.rrd", paths[1]),
@@ -190,7 +194,7 @@ mod tests {
 
     #[test]
     fn no_name_of_a_file_reaches_the_page_as_anything_but_a_name() {
-        let page = Page::new("</title><script>", &["/x/..%2f\"];alert(1)//.rrd".into()], None);
+        let page = WebPage::new("</title><script>", &["/x/..%2f\"];alert(1)//.rrd".into()], None);
         let Content::Text(index) = page.find("/").unwrap().0 else { panic!("no text") };
         assert!(index.contains("<title>--title--script-</title>"), "{index}");
         assert!(!index.contains("alert(1)") && !index.contains("{{"), "{index}");
@@ -199,7 +203,7 @@ mod tests {
 
     #[test]
     fn only_a_live_page_may_connect_to_another_port() {
-        let index = |live| match Page::new("x", &[], live).find("/").unwrap().0 {
+        let index = |live| match WebPage::new("x", &[], live).find("/").unwrap().0 {
             Content::Text(text) => text.clone(),
             other => panic!("{other:?}"),
         };
@@ -213,9 +217,15 @@ mod tests {
         let place = tempfile::tempdir().unwrap();
         let recording = place.path().join("run.rrd");
         fs::write(&recording, "RRF2").unwrap();
-        let page = Page::new("x", std::slice::from_ref(&recording), None);
+        let page = WebPage::new("x", std::slice::from_ref(&recording), None);
         let folder = place.path().join("a/page");
+        fs::create_dir(place.path().join("a")).unwrap();
+        let killed = tempfile::Builder::new().prefix(UNFINISHED).tempdir_in(place.path().join("a")).unwrap();
+        fs::write(killed.path().join("old.rrd"), "left by another process").unwrap();
         page.write(&folder).unwrap();
+        let usual = fs::metadata(place.path().join("a")).unwrap().permissions();
+        assert_eq!(fs::metadata(&folder).unwrap().permissions(), usual, "a web server may read it");
+        assert!(!folder.join("old.rrd").exists() && killed.path().join("old.rrd").exists());
         assert_eq!(fs::metadata(folder.join("re_viewer_bg.wasm")).unwrap().len(), VIEWER[1].1.len() as u64);
         let name = plain(&place.path().file_name().unwrap().to_string_lossy());
         assert_eq!(fs::read(folder.join(name).join("run.rrd")).unwrap(), b"RRF2");

@@ -3,19 +3,21 @@
 use std::fs::File;
 use std::io::{self, Read};
 use std::net::{SocketAddr, TcpListener};
-use std::sync::Arc;
+use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use tiny_http::{Header, Method, Request, Response};
 
-use crate::page::{Content, Page};
+use crate::page::{Content, WebPage};
 
-/// Requests that are answered at the same time: a slow one holds up no other.
+/// Threads that answer requests, one each at a time: up to seven clients that read slowly hold up no other.
 const THREADS: usize = 8;
 
 /// A page that is served until the process ends.
 #[derive(Debug)]
 pub struct Server {
     address: SocketAddr,
+    failures: Mutex<Receiver<io::Error>>,
 }
 
 impl Server {
@@ -23,21 +25,31 @@ impl Server {
     ///
     /// # Errors
     /// If the address is taken, or not of this machine.
-    pub fn start(address: SocketAddr, page: Page) -> io::Result<Self> {
+    pub fn start(address: SocketAddr, page: WebPage) -> io::Result<Self> {
         let listener = TcpListener::bind(address)?;
         let address = listener.local_addr()?;
         let http = tiny_http::Server::from_listener(listener, None).map_err(io::Error::other)?;
         let shared = Arc::new((http, page));
+        let (failed, failures) = channel();
         for _ in 0..THREADS {
             let shared = Arc::clone(&shared);
+            let failed = failed.clone();
             std::thread::spawn(move || {
                 let (http, page) = &*shared;
-                while let Ok(request) = http.recv() {
-                    let _ = answer(page, request); // or the browser has gone
+                loop {
+                    match http.recv() {
+                        Ok(request) => drop(answer(page, request)), // or the browser has gone
+                        Err(error) => return drop(failed.send(error)),
+                    }
                 }
             });
         }
-        Ok(Self { address })
+        Ok(Self { address, failures: Mutex::new(failures) })
+    }
+
+    /// Why no more connections are accepted; none while they are.
+    pub fn failure(&self) -> Option<io::Error> {
+        self.failures.lock().unwrap_or_else(PoisonError::into_inner).try_recv().ok()
     }
 
     /// Where it is served.
@@ -48,7 +60,7 @@ impl Server {
 }
 
 /// Answers a request.
-fn answer(page: &Page, request: Request) -> io::Result<()> {
+fn answer(page: &WebPage, request: Request) -> io::Result<()> {
     if !matches!(request.method(), Method::Get | Method::Head) {
         return request.respond(Response::from_string("expected GET or HEAD\n").with_status_code(405));
     }
