@@ -11,8 +11,8 @@ use crate::canvas::Canvas;
 use crate::colour;
 use crate::curves;
 use crate::files::Part;
+use crate::history::SensorHistory;
 use crate::slot::SlotView;
-use crate::tally::Tally;
 
 /// Entity of the event log.
 pub const LOG: &str = "log/events";
@@ -65,7 +65,12 @@ impl Events {
     }
 
     /// Logs the events of a slot, and its state where it changes.
-    pub(crate) fn log_slot(&mut self, canvas: &Canvas, view: &SlotView, tally: &Tally) -> RecordingStreamResult<()> {
+    pub(crate) fn log_slot(
+        &mut self,
+        canvas: &Canvas,
+        view: &SlotView,
+        history: &SensorHistory,
+    ) -> RecordingStreamResult<()> {
         let flight = view.flight;
         self.log_due(canvas)?;
         if view.slot > 0 {
@@ -74,7 +79,7 @@ impl Events {
             let name: &'static str = mode.into();
             canvas.log(format!("{STATES}/{name}"), &Scalars::single(height(mode)))?;
         }
-        canvas.log(STATUS, &TextDocument::from_markdown(status(view, tally)))?;
+        canvas.log(STATUS, &TextDocument::from_markdown(status(view, history)))?;
         match HoldReason::from_repr(flight.hold).unwrap_or_default() {
             HoldReason::None => {}
             HoldReason::NoPlan => write(canvas, TextLogLevel::WARN, "hold: no plan in time")?,
@@ -139,18 +144,18 @@ pub(crate) fn write(canvas: &Canvas, level: &'static str, text: &str) -> Recordi
 }
 
 /// The loss rate so far and what it is made of, who has lost data, who overflows next, and how much was in range.
-fn status(view: &SlotView, tally: &Tally) -> String {
+fn status(view: &SlotView, history: &SensorHistory) -> String {
     let Totals { sampled_bits, delivered_bits, lost_bits, .. } = view.header.totals;
     let loss_rate = curves::loss_rate(&view.header.totals);
-    let count = tally.lost_bits().len();
-    let losers = tally.lost_bits().iter().filter(|&&lost_bits| lost_bits > 0).count();
-    let seen_bits: u64 = tally.lost_bits().iter().sum();
+    let count = history.lost_bits().len();
+    let losers = history.lost_bits().iter().filter(|&&lost_bits| lost_bits > 0).count();
+    let seen_bits: u64 = history.lost_bits().iter().sum();
     let unseen = match lost_bits.saturating_sub(seen_bits) {
         0 => String::new(),
         bits => format!(" ({bits} bits in slots that the viewer did not see)"),
     };
-    let overflowing = tally.overflows().filter(|&overflows| overflows).count();
-    let soonest = tally.overflow_s().zip(0..).filter(|(overflow_s, _): &(f64, u32)| *overflow_s > 0.0);
+    let overflowing = history.overflows().filter(|&overflows| overflows).count();
+    let soonest = history.overflow_s().zip(0..).filter(|(overflow_s, _): &(f64, u32)| *overflow_s > 0.0);
     let soonest = soonest.min_by(|(a, _), (b, _)| a.total_cmp(b)).filter(|(overflow_s, _)| overflow_s.is_finite());
     let soonest =
         soonest.map_or_else(String::new, |(overflow_s, id)| format!(", next full: SN {id} in {overflow_s:.0} s"));
@@ -159,7 +164,7 @@ fn status(view: &SlotView, tally: &Tally) -> String {
          **{losers} of {count} SNs have lost data**{unseen}, {overflowing} lose some now{soonest}; \
          {:.0} % of the area was in range",
         view.slot,
-        100.0 * tally.covered()
+        100.0 * history.covered()
     )
 }
 

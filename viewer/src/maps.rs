@@ -12,10 +12,10 @@ use skysink_common::scenario::Scenario;
 
 use crate::canvas::Canvas;
 use crate::colour;
+use crate::history::{CoverageGrid, SensorHistory};
 use crate::shapes::writing;
 use crate::sizes::{MAX_BARS, Sizes};
-use crate::steps::{Entry, Steps};
-use crate::tally::{Grid, Tally};
+use crate::steps::{ScaleStep, Steps};
 
 /// Root of what all maps show: frame, grid, numbers at the axes.
 pub const AREA: &str = "maps/area";
@@ -171,14 +171,14 @@ impl Maps {
         canvas: &Canvas,
         scenario: &Scenario,
         frame: &MapFrame,
-        tally: &Tally,
+        history: &SensorHistory,
     ) -> RecordingStreamResult<Self> {
         frame.log(canvas)?;
-        let entry = |name: &str, colour| Entry { name: name.to_owned(), colour };
-        let most_kbit = tally.most_sampled_bits(scenario.slots) / 1e3;
+        let entry = |name: &str, colour| ScaleStep { name: name.to_owned(), colour };
+        let most_kbit = history.most_sampled_bits(scenario.slots) / 1e3;
         let loss_steps = Steps::of(most_kbit, "kbit", entry("nothing lost", colour::GRID), colour::of_loss);
         let urgency = |fraction: f64| colour::of_fill(0.85 * (1.0 - fraction));
-        let overflow_steps = Steps::of(tally.longest_fill_s(), "s", entry("full", colour::of_fill(1.0)), urgency)
+        let overflow_steps = Steps::of(history.longest_fill_s(), "s", entry("full", colour::of_fill(1.0)), urgency)
             .with_last(entry("loses data", colour::LOSS));
         let mission_s = scenario.slots as f64 * scenario.slot_s;
         let coverage_steps = Steps::of(mission_s, "s ago", entry("in range", colour::COVERAGE), colour::of_age)
@@ -188,7 +188,7 @@ impl Maps {
             loss_steps,
             overflow: SensorMap::open(canvas, OVERFLOW, frame, &overflow_steps)?,
             overflow_steps,
-            coverage: Coverage::open(canvas, frame, coverage_steps, tally.grid, scenario.slot_s)?,
+            coverage: Coverage::open(canvas, frame, coverage_steps, history.grid, scenario.slot_s)?,
             depth_m: scenario.area.height_m(),
             slots: scenario.slots,
             count: frame.positions.len(),
@@ -201,7 +201,7 @@ impl Maps {
         &mut self,
         canvas: &Canvas,
         slot: u64,
-        tally: &Tally,
+        history: &SensorHistory,
         uav: Position,
     ) -> RecordingStreamResult<()> {
         let centre = [uav.x as f32, (self.depth_m - uav.y) as f32];
@@ -209,13 +209,13 @@ impl Maps {
         let is_first = !std::mem::replace(&mut self.is_begun, true);
         if is_first || is_drawn(slot, self.count, self.slots) {
             let steps = &self.loss_steps;
-            self.loss.log(canvas, tally.lost_bits().iter().map(|&lost_bits| steps.step(lost_bits as f64 / 1e3)))?;
+            self.loss.log(canvas, history.lost_bits().iter().map(|&lost_bits| steps.step(lost_bits as f64 / 1e3)))?;
             let steps = &self.overflow_steps;
             let step = |(overflow_s, overflows)| if overflows { steps.last() } else { steps.step(overflow_s) };
-            self.overflow.log(canvas, tally.overflow_s().zip(tally.overflows()).map(step))?;
+            self.overflow.log(canvas, history.overflow_s().zip(history.overflows()).map(step))?;
         }
         if is_first || slot.is_multiple_of(EVERY) || slot == self.slots {
-            self.coverage.log(canvas, tally)?;
+            self.coverage.log(canvas, history)?;
         }
         Ok(())
     }
@@ -230,7 +230,13 @@ struct Coverage {
 }
 
 impl Coverage {
-    fn open(canvas: &Canvas, frame: &MapFrame, steps: Steps, grid: Grid, slot_s: f64) -> RecordingStreamResult<Self> {
+    fn open(
+        canvas: &Canvas,
+        frame: &MapFrame,
+        steps: Steps,
+        grid: CoverageGrid,
+        slot_s: f64,
+    ) -> RecordingStreamResult<Self> {
         frame.log_legend(canvas, COVERAGE, &steps)?;
         let shown = format!("{COVERAGE}/{SHOWN}");
         canvas.log_static(&shown, &steps.classes())?;
@@ -242,10 +248,10 @@ impl Coverage {
         Ok(Self { shown, steps, slot_s })
     }
 
-    fn log(&self, canvas: &Canvas, tally: &Tally) -> RecordingStreamResult<()> {
+    fn log(&self, canvas: &Canvas, history: &SensorHistory) -> RecordingStreamResult<()> {
         let Self { shown, steps, slot_s } = self;
         let step = |age: Option<u64>| age.map_or(steps.last(), |slots| steps.step(slots as f64 * slot_s));
-        let pixels: Vec<u8> = tally.ages().map(|age| step(age) as u8).collect();
+        let pixels: Vec<u8> = history.ages().map(|age| step(age) as u8).collect();
         canvas.log(shown, &SegmentationImage::update_fields().with_buffer(rerun::components::ImageBuffer::from(pixels)))
     }
 }
