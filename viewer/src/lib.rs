@@ -14,6 +14,7 @@ pub mod curves;
 pub mod events;
 mod files;
 mod history;
+mod journal;
 pub mod layout;
 pub mod legend;
 pub mod links;
