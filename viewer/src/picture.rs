@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::estimate::{BYTES_EACH, Rates, Saved};
 use skysink_common::geometry::Position;
-use skysink_common::message::SensorNode;
+use skysink_common::message::{MAX_SERVED, SensorNode};
 use skysink_common::scenario::Scenario;
 
 use crate::belief::Belief;
@@ -51,9 +51,12 @@ struct StateRef<'a> {
     belief: Option<Saved>,
 }
 
+/// Most bytes of a belief beside those of its sensor nodes: slots, and those announced last.
+const BELIEF_BYTES: usize = 64 + size_of::<(u32, u32)>() * 2 * MAX_SERVED;
+
 /// Most bytes that [`Picture`] saves of so many sensor nodes.
 pub(crate) fn state_room(count: usize) -> usize {
-    Sums::room(count) + BYTES_EACH * (count + 64)
+    Sums::room(count) + BELIEF_BYTES + BYTES_EACH * count
 }
 
 impl Picture {
@@ -107,13 +110,13 @@ impl Picture {
         }
         let canvas = &self.canvas;
         let uav = Position::new(view.flight.x_m, view.flight.y_m);
+        if let Some(belief) = &mut self.belief {
+            belief.log_slot(canvas, &self.history, view.slot, view.queues_bits, view.flight)?;
+        }
         self.history.add(view.slot, view.queues_bits, uav);
         let fill = self.queues.log_slot(canvas, view.queues_bits, &self.history)?;
         if let Some(maps) = &mut self.maps {
             maps.log_slot(canvas, view.slot, &self.history, uav)?;
-        }
-        if let Some(belief) = &mut self.belief {
-            belief.log_slot(canvas, view.slot, view.queues_bits, view.flight)?;
         }
         self.uav.log_slot(canvas, view)?;
         self.path.log(canvas, view.path)?;
@@ -144,16 +147,16 @@ impl Picture {
 
 impl Checkpoint for Picture {
     fn save(&self, bytes: &mut Vec<u8>) {
-        encode(&StateRef { sums: self.history.sums(), belief: self.belief.as_ref().map(Belief::saved) }, bytes);
+        encode(&StateRef { sums: self.history.sums(), belief: self.belief.as_ref().and_then(Belief::saved) }, bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let State { sums, belief } = decode(bytes)?;
-        CheckpointError::unless(belief.is_some() == self.belief.is_some(), "a belief where queues are estimated")?;
+        CheckpointError::unless(belief.is_none() || self.belief.is_some(), "a belief only where queues are estimated")?;
         let mut history = self.history.clone();
         history.restore(sums)?;
         if let (Some(known), Some(saved), Some(slot)) = (&mut self.belief, belief, history.slot()) {
-            known.restore(slot, saved, history.queues_bits())?;
+            known.restore(slot, saved)?;
         }
         self.history = history;
         Ok(())
