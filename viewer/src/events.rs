@@ -8,7 +8,7 @@ use skysink_common::message::{HoldReason, Mode, SolverOutcome, Totals};
 use skysink_common::scenario::Scenario;
 
 use crate::canvas::Canvas;
-use crate::colour;
+use crate::colour::{self, Rgb};
 use crate::curves;
 use crate::files::Part;
 use crate::history::SensorHistory;
@@ -30,6 +30,16 @@ const CONTINUED: &str = "recording continued in a new file: the viewer was start
 \
                          Up to a second of the slots before may be missing.";
 
+/// The modes of the UAV.
+fn modes() -> impl Iterator<Item = Mode> {
+    (0..).map_while(Mode::from_repr)
+}
+
+/// The states of the lane.
+pub(crate) fn states() -> impl Iterator<Item = &'static str> {
+    modes().map(Into::into).chain([GAP])
+}
+
 /// What has been logged so far.
 #[derive(Debug)]
 pub(crate) struct Events {
@@ -43,17 +53,10 @@ pub(crate) struct Events {
 impl Events {
     /// Styles the lane.
     pub(crate) fn open(canvas: &Canvas, part: Part) -> RecordingStreamResult<Self> {
-        let states = [
-            (Mode::Serve.into(), colour::DELIVERY),
-            (Mode::Transit.into(), colour::TRANSIT),
-            (Mode::Hold.into(), colour::HOLD),
-            (GAP, colour::MISSED),
-        ];
-        let style = StateConfiguration::new()
-            .with_values(states.map(|(name, _)| name))
-            .with_colors(states.map(|(_, colour)| colour));
+        let colours: Vec<Rgb> = modes().map(colour_of).chain([colour::MISSED]).collect();
+        let style = StateConfiguration::new().with_values(states()).with_colors(colours.iter().copied());
         canvas.log_static(LANE, &style)?;
-        for (name, colour) in states {
+        for (name, colour) in states().zip(colours) {
             let points = SeriesPoints::new()
                 .with_names([name])
                 .with_colors([colour])
@@ -126,6 +129,15 @@ impl Events {
         }
         self.state = Some(state);
         canvas.log(LANE, &StateChange::single(state))
+    }
+}
+
+/// Colour of a state.
+fn colour_of(mode: Mode) -> Rgb {
+    match mode {
+        Mode::Serve => colour::DELIVERY,
+        Mode::Transit => colour::TRANSIT,
+        Mode::Hold => colour::HOLD,
     }
 }
 
