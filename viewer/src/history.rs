@@ -15,6 +15,15 @@ use skysink_common::scenario::Scenario;
 /// Fewest and most cells of the coverage grid along the longer side of the area.
 const CELLS: [f64; 2] = [40.0, 100.0];
 
+/// Most cells of the grid: along a side, one more than [`CELLS`] says where the last one ends outside the area.
+const MAX_CELLS: usize = (CELLS[1] as usize + 1).pow(2);
+
+/// Most bytes of an encoded `u32`: seven bits in each.
+const U32_BYTES: usize = 5;
+
+/// Most bytes of an encoded `u64`.
+const U64_BYTES: usize = 10;
+
 /// What is known of the sensor nodes and places of a mission so far.
 #[derive(Debug, Clone)]
 pub(crate) struct SensorHistory {
@@ -159,10 +168,10 @@ impl SensorHistory {
 }
 
 impl Sums {
-    /// Most bytes of the sums of so many SNs.
+    /// Most bytes of the encoded sums of so many SNs: whether there is a slot, it and the lengths of three lists, and
+    /// these.
     pub(crate) fn room(count: usize) -> usize {
-        let cells = (CELLS[1] as usize + 1).pow(2);
-        40 + count * (5 + 10) + cells * 10
+        1 + 4 * U64_BYTES + count * (U32_BYTES + U64_BYTES) + MAX_CELLS * U64_BYTES
     }
 }
 
@@ -273,6 +282,22 @@ mod tests {
         history.add(4, &[0; 3], MIDDLE);
         let ages: Vec<_> = history.ages().collect();
         assert_eq!((ages[0], ages[20 * 40 + 20], ages[39]), (Some(4), Some(0), None));
+    }
+
+    #[test]
+    fn the_largest_sums_fill_their_room() {
+        for count in [0, 1, 300] {
+            let sums = Sums {
+                slot: Some(u64::MAX),
+                queues_bits: vec![u32::MAX; count],
+                lost_bits: vec![u64::MAX; count],
+                in_range: vec![u64::MAX; MAX_CELLS],
+            };
+            let mut bytes = Vec::new();
+            skysink_common::checkpoint::encode(&sums, &mut bytes);
+            let room = Sums::room(count);
+            assert!(bytes.len() <= room && room - bytes.len() < 30, "{count}: {} of {room}", bytes.len());
+        }
     }
 
     #[test]
