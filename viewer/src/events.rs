@@ -9,10 +9,10 @@ use skysink_common::scenario::Scenario;
 
 use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
-use crate::curves;
 use crate::files::Part;
 use crate::history::SensorHistory;
 use crate::slot::SlotView;
+use crate::status::MissionStatus;
 
 /// Entity of the event log.
 pub const LOG: &str = "log/events";
@@ -82,7 +82,7 @@ impl Events {
             let name: &'static str = mode.into();
             canvas.log(format!("{STATES}/{name}"), &Scalars::single(height(mode)))?;
         }
-        canvas.log(STATUS, &TextDocument::from_markdown(status(view, history)))?;
+        canvas.log(STATUS, &TextDocument::from_markdown(MissionStatus::of(view, history).to_string()))?;
         match HoldReason::from_repr(flight.hold).unwrap_or_default() {
             HoldReason::None => {}
             HoldReason::NoPlan => write(canvas, TextLogLevel::WARN, "hold: no plan in time")?,
@@ -153,31 +153,6 @@ fn height(mode: Mode) -> f64 {
 /// Adds one line to the event log, at the time set before; `level` is one of [`TextLogLevel`].
 pub(crate) fn write(canvas: &Canvas, level: &'static str, text: &str) -> RecordingStreamResult<()> {
     canvas.log(LOG, &TextLog::new(text).with_level(level))
-}
-
-/// The loss rate so far and what it is made of, who has lost data, who overflows next, and how much was in range.
-fn status(view: &SlotView, history: &SensorHistory) -> String {
-    let Totals { sampled_bits, delivered_bits, lost_bits, .. } = view.header.totals;
-    let loss_rate = curves::loss_rate(&view.header.totals);
-    let count = history.lost_bits().len();
-    let losers = history.lost_bits().iter().filter(|&&lost_bits| lost_bits > 0).count();
-    let seen_bits: u64 = history.lost_bits().iter().sum();
-    let unseen = match lost_bits.saturating_sub(seen_bits) {
-        0 => String::new(),
-        bits => format!(" ({bits} bits in slots that the viewer did not see)"),
-    };
-    let overflowing = history.overflows().filter(|&overflows| overflows).count();
-    let soonest = history.overflow_s().zip(0..).filter(|(overflow_s, _): &(f64, u32)| *overflow_s > 0.0);
-    let soonest = soonest.min_by(|(a, _), (b, _)| a.total_cmp(b)).filter(|(overflow_s, _)| overflow_s.is_finite());
-    let soonest =
-        soonest.map_or_else(String::new, |(overflow_s, id)| format!(", next full: SN {id} in {overflow_s:.0} s"));
-    format!(
-        "slot {}: **η so far {loss_rate:.4}** ({lost_bits} of {sampled_bits} bits lost, {delivered_bits} delivered)\n\n\
-         **{losers} of {count} SNs have lost data**{unseen}, {overflowing} lose some now{soonest}; \
-         {:.0} % of the area was in range",
-        view.slot,
-        100.0 * history.covered()
-    )
 }
 
 /// The line with which a mission begins.

@@ -29,6 +29,7 @@ pub mod scene;
 mod shapes;
 mod sizes;
 mod slot;
+mod status;
 mod steps;
 pub mod uav;
 
