@@ -11,7 +11,8 @@ use skysink_common::scenario::Scenario;
 
 use crate::canvas::Canvas;
 use crate::colour;
-use crate::maps::{MapFrame, SensorMap, is_drawn};
+use crate::history::SensorHistory;
+use crate::maps::{MapFrame, Rhythm, SensorMap};
 use crate::shapes::curve_style;
 use crate::steps::Steps;
 
@@ -30,16 +31,14 @@ pub const LARGEST_ERROR: &str = "metrics/belief/largest_error";
 pub(crate) struct Belief {
     estimate: Estimate,
     capacities_bits: Vec<u32>,
-    /// The slot seen last; none before the first.
-    last: Option<u64>,
-    /// The true queues after it [bit].
-    before_bits: Vec<u32>,
+    /// Whether it is known what the UAV was told: the mission has been followed from its beginning.
+    is_followed: bool,
     steps: Steps,
     error_steps: Steps,
     believed: SensorMap,
     truth: SensorMap,
     error: SensorMap,
-    slots: u64,
+    rhythm: Rhythm,
 }
 
 impl Belief {
@@ -60,37 +59,36 @@ impl Belief {
         Ok(Self {
             estimate: Estimate::new(scenario, rates, sensors),
             capacities_bits: sensors.iter().map(|sensor| sensor.capacity_bits).collect(),
-            last: None,
-            before_bits: vec![0; sensors.len()],
+            is_followed: false,
             believed: SensorMap::open(canvas, BELIEVED, frame, &steps)?,
             truth: SensorMap::open(canvas, TRUE, frame, &steps)?,
             error: SensorMap::open(canvas, ERROR, frame, &error_steps)?,
             steps,
             error_steps,
-            slots: scenario.slots,
+            rhythm: Rhythm::of_sensors(sensors.len(), scenario.slots),
         })
     }
 
-    /// Draws a slot: takes in its contacts, and compares. Of a mission whose beginning was not seen it is not known
+    /// Draws a slot, the first after `before`: takes in its contacts, and compares. Of a mission whose beginning was not seen it is not known
     /// what the UAV was told, and nothing is drawn.
     pub(crate) fn log_slot(
         &mut self,
         canvas: &Canvas,
+        before: &SensorHistory,
         slot: u64,
         queues_bits: &[u32],
         flight: &FlightReport,
     ) -> RecordingStreamResult<()> {
-        if self.last.is_none() && slot > 0 {
+        self.is_followed |= slot == 0;
+        if !self.is_followed {
             return Ok(());
         }
-        let is_known = |id: &u32| (*id as usize) < self.before_bits.len();
-        if slot > 0 && self.last == Some(slot - 1) {
+        let is_known = |id: &u32| (*id as usize) < queues_bits.len();
+        if slot > 0 && before.slot() == Some(slot - 1) {
             let served: Vec<u32> = flight.served_links().iter().map(|link| link.sensor).filter(is_known).collect();
-            self.estimate.announce(slot, &served, &self.before_bits);
+            self.estimate.announce(slot, &served, before.queues_bits());
         }
-        self.last = Some(slot);
         self.estimate.observe(slot, flight, queues_bits);
-        self.before_bits.copy_from_slice(queues_bits);
         let believed_bits = self.estimate.believe(slot);
         let fraction =
             |bits: f64, capacity_bits: u32| if capacity_bits == 0 { 0.0 } else { bits / f64::from(capacity_bits) };
@@ -103,7 +101,7 @@ impl Belief {
         let mean = errors().map(f64::abs).sum::<f64>() / queues_bits.len().max(1) as f64;
         canvas.log(MEAN_ERROR, &Scalars::single(mean))?;
         canvas.log(LARGEST_ERROR, &Scalars::single(errors().map(f64::abs).fold(0.0, f64::max)))?;
-        if slot == 0 || is_drawn(slot, queues_bits.len(), self.slots) {
+        if self.rhythm.is_due(slot) {
             let percent = |bits: u32, capacity_bits: u32| 100.0 * fraction(f64::from(bits), capacity_bits);
             let steps = &self.steps;
             let believed = pairs().map(|((&believed_bits, _), &capacity)| steps.step(percent(believed_bits, capacity)));
@@ -115,19 +113,18 @@ impl Belief {
         Ok(())
     }
 
-    /// What later slots have to know.
-    pub(crate) fn saved(&self) -> Saved {
-        self.estimate.saved()
+    /// What later slots have to know; nothing of a mission whose beginning was not seen.
+    pub(crate) fn saved(&self) -> Option<Saved> {
+        self.is_followed.then(|| self.estimate.saved())
     }
 
-    /// Resumes after `slot` from what was saved, and from the queues after it.
+    /// Resumes after `slot` from what was saved.
     ///
     /// # Errors
     /// If it cannot have been.
-    pub(crate) fn restore(&mut self, slot: u64, saved: Saved, queues_bits: &[u32]) -> Result<(), CheckpointError> {
+    pub(crate) fn restore(&mut self, slot: u64, saved: Saved) -> Result<(), CheckpointError> {
         self.estimate = self.estimate.restored(slot, saved)?;
-        self.last = Some(slot);
-        self.before_bits.copy_from_slice(queues_bits);
+        self.is_followed = true;
         Ok(())
     }
 }

@@ -8,11 +8,11 @@ use skysink_common::message::{HoldReason, Mode, SolverOutcome, Totals};
 use skysink_common::scenario::Scenario;
 
 use crate::canvas::Canvas;
-use crate::colour;
-use crate::curves;
+use crate::colour::{self, Rgb};
 use crate::files::Part;
+use crate::history::SensorHistory;
 use crate::slot::SlotView;
-use crate::tally::Tally;
+use crate::status::MissionStatus;
 
 /// Entity of the event log.
 pub const LOG: &str = "log/events";
@@ -30,6 +30,16 @@ const CONTINUED: &str = "recording continued in a new file: the viewer was start
 \
                          Up to a second of the slots before may be missing.";
 
+/// The modes of the UAV.
+fn modes() -> impl Iterator<Item = Mode> {
+    (0..).map_while(Mode::from_repr)
+}
+
+/// The states of the lane.
+pub(crate) fn states() -> impl Iterator<Item = &'static str> {
+    modes().map(Into::into).chain([GAP])
+}
+
 /// What has been logged so far.
 #[derive(Debug)]
 pub(crate) struct Events {
@@ -43,17 +53,10 @@ pub(crate) struct Events {
 impl Events {
     /// Styles the lane.
     pub(crate) fn open(canvas: &Canvas, part: Part) -> RecordingStreamResult<Self> {
-        let states = [
-            (Mode::Serve.into(), colour::DELIVERY),
-            (Mode::Transit.into(), colour::TRANSIT),
-            (Mode::Hold.into(), colour::HOLD),
-            (GAP, colour::MISSED),
-        ];
-        let style = StateConfiguration::new()
-            .with_values(states.map(|(name, _)| name))
-            .with_colors(states.map(|(_, colour)| colour));
+        let colours: Vec<Rgb> = modes().map(colour_of).chain([colour::MISSED]).collect();
+        let style = StateConfiguration::new().with_values(states()).with_colors(colours.iter().copied());
         canvas.log_static(LANE, &style)?;
-        for (name, colour) in states {
+        for (name, colour) in states().zip(colours) {
             let points = SeriesPoints::new()
                 .with_names([name])
                 .with_colors([colour])
@@ -65,7 +68,12 @@ impl Events {
     }
 
     /// Logs the events of a slot, and its state where it changes.
-    pub(crate) fn log_slot(&mut self, canvas: &Canvas, view: &SlotView, tally: &Tally) -> RecordingStreamResult<()> {
+    pub(crate) fn log_slot(
+        &mut self,
+        canvas: &Canvas,
+        view: &SlotView,
+        history: &SensorHistory,
+    ) -> RecordingStreamResult<()> {
         let flight = view.flight;
         self.log_due(canvas)?;
         if view.slot > 0 {
@@ -74,7 +82,7 @@ impl Events {
             let name: &'static str = mode.into();
             canvas.log(format!("{STATES}/{name}"), &Scalars::single(height(mode)))?;
         }
-        canvas.log(STATUS, &TextDocument::from_markdown(status(view, tally)))?;
+        canvas.log(STATUS, &TextDocument::from_markdown(MissionStatus::of(view, history).to_string()))?;
         match HoldReason::from_repr(flight.hold).unwrap_or_default() {
             HoldReason::None => {}
             HoldReason::NoPlan => write(canvas, TextLogLevel::WARN, "hold: no plan in time")?,
@@ -124,6 +132,15 @@ impl Events {
     }
 }
 
+/// Colour of a state.
+fn colour_of(mode: Mode) -> Rgb {
+    match mode {
+        Mode::Serve => colour::DELIVERY,
+        Mode::Transit => colour::TRANSIT,
+        Mode::Hold => colour::HOLD,
+    }
+}
+
 /// Height of a state in its plot; that of a gap is 0.
 fn height(mode: Mode) -> f64 {
     match mode {
@@ -136,31 +153,6 @@ fn height(mode: Mode) -> f64 {
 /// Adds one line to the event log, at the time set before; `level` is one of [`TextLogLevel`].
 pub(crate) fn write(canvas: &Canvas, level: &'static str, text: &str) -> RecordingStreamResult<()> {
     canvas.log(LOG, &TextLog::new(text).with_level(level))
-}
-
-/// The loss rate so far and what it is made of, who has lost data, who overflows next, and how much was in range.
-fn status(view: &SlotView, tally: &Tally) -> String {
-    let Totals { sampled_bits, delivered_bits, lost_bits, .. } = view.header.totals;
-    let loss_rate = curves::loss_rate(&view.header.totals);
-    let count = tally.lost_bits().len();
-    let losers = tally.lost_bits().iter().filter(|&&lost_bits| lost_bits > 0).count();
-    let seen_bits: u64 = tally.lost_bits().iter().sum();
-    let unseen = match lost_bits.saturating_sub(seen_bits) {
-        0 => String::new(),
-        bits => format!(" ({bits} bits in slots that the viewer did not see)"),
-    };
-    let overflowing = tally.overflows().filter(|&overflows| overflows).count();
-    let soonest = tally.overflow_s().zip(0..).filter(|(overflow_s, _): &(f64, u32)| *overflow_s > 0.0);
-    let soonest = soonest.min_by(|(a, _), (b, _)| a.total_cmp(b)).filter(|(overflow_s, _)| overflow_s.is_finite());
-    let soonest =
-        soonest.map_or_else(String::new, |(overflow_s, id)| format!(", next full: SN {id} in {overflow_s:.0} s"));
-    format!(
-        "slot {}: **η so far {loss_rate:.4}** ({lost_bits} of {sampled_bits} bits lost, {delivered_bits} delivered)\n\n\
-         **{losers} of {count} SNs have lost data**{unseen}, {overflowing} lose some now{soonest}; \
-         {:.0} % of the area was in range",
-        view.slot,
-        100.0 * tally.covered()
-    )
 }
 
 /// The line with which a mission begins.

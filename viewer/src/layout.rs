@@ -46,11 +46,8 @@ fn lane(layout: &mut Blueprint, live: Option<u16>) -> RecordingStreamResult<Tile
         return layout.view(class::STATES, "UAV: serve, transit, hold", "", &[select(events::LANE)]);
     }
     let name = "UAV: 3 serve (green), 2 transit (lavender), 1 hold (white), 0 gap (grey)";
-    let states = plot(
-        layout,
-        name,
-        &["serve", "transit", "hold", events::GAP].map(|name| format!("{}/{name}", events::STATES)),
-    )?;
+    let states =
+        plot(layout, name, &events::states().map(|name| format!("{}/{name}", events::STATES)).collect::<Vec<_>>())?;
     lock_axis(layout, states, [-0.6, 3.6])?;
     Ok(states)
 }

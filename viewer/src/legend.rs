@@ -145,7 +145,7 @@ fn format_rate(rate_bps: f64) -> String {
 
 /// The ground, its frame, a grid, and the numbers at its axes. The ground is so thick that bars end in it.
 fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
-    let Sizes { width_m, depth_m, grid_m, .. } = *sizes;
+    let Sizes { width_m, depth_m, .. } = *sizes;
     let below_m = 0.01 * sizes.radius_m;
     let half_m = 0.5 * sizes.bar_m + below_m;
     let margin_m = sizes.bar_half_m;
@@ -155,19 +155,14 @@ fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
     );
     let ground = ground.with_colors([colour::GROUND]).with_fill_mode(rerun::FillMode::Solid);
     canvas.log_static(format!("{AREA}/ground"), &ground)?;
-    let steps = |length_m: f32| (0..).map(move |step| step as f32 * grid_m).take_while(move |&at_m| at_m < length_m);
     let z_m = -0.8 * below_m;
-    let north = steps(width_m).chain([width_m]).map(|x_m| [[x_m, 0.0, z_m], [x_m, depth_m, z_m]]);
-    let east = steps(depth_m).chain([depth_m]).map(|y_m| [[0.0, y_m, z_m], [width_m, y_m, z_m]]);
+    let north = sizes.grid_lines(width_m).map(|x_m| [[x_m, 0.0, z_m], [x_m, depth_m, z_m]]);
+    let east = sizes.grid_lines(depth_m).map(|y_m| [[0.0, y_m, z_m], [width_m, y_m, z_m]]);
     let grid = line_style(colour::GRID, 0.5).with_strips(north.chain(east));
     canvas.log_static(format!("{AREA}/grid"), &grid)?;
     let away_m = 0.03 * width_m.max(depth_m);
-    let numbers = |length_m: f32| {
-        let number_m = sizes.number_m;
-        (0..).map(move |step| step as f32 * number_m).take_while(move |&at_m| at_m <= length_m * 1.0001)
-    };
-    let at_x = numbers(width_m).map(|x_m| ([x_m, -away_m, 0.0], format!("{x_m} m")));
-    let at_y = numbers(depth_m).skip(1).map(|y_m| ([-1.5 * away_m, y_m, 0.0], format!("{y_m} m")));
+    let at_x = sizes.axis_numbers(width_m).map(|x_m| ([x_m, -away_m, 0.0], format!("{x_m} m")));
+    let at_y = sizes.axis_numbers(depth_m).skip(1).map(|y_m| ([-1.5 * away_m, y_m, 0.0], format!("{y_m} m")));
     let (places, texts): (Vec<_>, Vec<_>) = at_x.chain(at_y).unzip();
     let axes = Points3D::new(places)
         .with_labels(texts)

@@ -2,7 +2,8 @@
 //! events that the rerun viewer shows without further setting up.
 //!
 //! It decides nothing and computes no physics: positions, queues and rates are shown as the other crates report them,
-//! and what was lost, what the UAV believes and probabilities of line of sight as `skysink-common` computes them. The only crate that knows rerun.
+//! and what was lost, what the UAV believes and probabilities of line of sight as `skysink-common` computes them. The
+//! only crate that knows rerun.
 
 pub mod belief;
 mod blueprint;
@@ -12,6 +13,8 @@ pub mod comparison;
 pub mod curves;
 pub mod events;
 mod files;
+mod history;
+mod journal;
 pub mod layout;
 pub mod legend;
 pub mod links;
@@ -26,8 +29,8 @@ pub mod scene;
 mod shapes;
 mod sizes;
 mod slot;
+mod status;
 mod steps;
-mod tally;
 pub mod uav;
 
 pub use comparison::{ComparedMission, Comparison};

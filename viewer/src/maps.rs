@@ -12,10 +12,10 @@ use skysink_common::scenario::Scenario;
 
 use crate::canvas::Canvas;
 use crate::colour;
+use crate::history::{CoverageGrid, SensorHistory};
 use crate::shapes::writing;
 use crate::sizes::{MAX_BARS, Sizes};
-use crate::steps::{Entry, Steps};
-use crate::tally::{Grid, Tally};
+use crate::steps::{ScaleStep, Steps};
 
 /// Root of what all maps show: frame, grid, numbers at the axes.
 pub const AREA: &str = "maps/area";
@@ -36,49 +36,38 @@ const EVERY: u64 = 10;
 /// Where things are drawn on a map: x is east, y is down.
 #[derive(Debug, Clone)]
 pub(crate) struct MapFrame {
-    extent_m: [f32; 2],
-    grid_m: f32,
-    number_m: f32,
-    radius_m: f32,
+    sizes: Sizes,
     positions: Vec<[f32; 2]>,
 }
 
 impl MapFrame {
     pub(crate) fn of(sensors: &[SensorNode], sizes: &Sizes) -> Self {
-        let Sizes { width_m, depth_m, grid_m, number_m, radius_m, .. } = *sizes;
-        let on_map = |sensor: &SensorNode| [sensor.x_m as f32, depth_m - sensor.y_m as f32];
-        Self {
-            extent_m: [width_m, depth_m],
-            grid_m,
-            number_m,
-            radius_m,
-            positions: sensors.iter().map(on_map).collect(),
-        }
+        let on_map = |sensor: &SensorNode| [sensor.x_m as f32, sizes.depth_m - sensor.y_m as f32];
+        Self { sizes: *sizes, positions: sensors.iter().map(on_map).collect() }
     }
 
     /// The longer side [m].
     fn longer_m(&self) -> f32 {
-        self.extent_m[0].max(self.extent_m[1])
+        self.sizes.width_m.max(self.sizes.depth_m)
     }
 
     /// Draws frame, grid and the numbers at the axes.
     pub(crate) fn log(&self, canvas: &Canvas) -> RecordingStreamResult<()> {
-        let [width_m, depth_m] = self.extent_m;
-        let multiples = |step_m: f32, length_m: f32| {
-            (0..).map(move |step| step as f32 * step_m).take_while(move |&at_m| at_m <= length_m * 1.0001)
-        };
-        let steps = |length_m: f32| multiples(self.grid_m, length_m);
-        let numbers = |length_m: f32| multiples(self.number_m, length_m);
-        let north = steps(width_m).chain([width_m]).map(|x_m| [[x_m, 0.0], [x_m, depth_m]]);
-        let east = steps(depth_m).map(|y_m| depth_m - y_m).chain([0.0]).map(|y_m| [[0.0, y_m], [width_m, y_m]]);
+        let sizes = &self.sizes;
+        let Sizes { width_m, depth_m, .. } = *sizes;
+        let north = sizes.grid_lines(width_m).map(|x_m| [[x_m, 0.0], [x_m, depth_m]]);
+        let east = sizes.grid_lines(depth_m).map(|y_m| depth_m - y_m).map(|y_m| [[0.0, y_m], [width_m, y_m]]);
         let grid = LineStrips2D::new(north.chain(east)).with_colors([colour::GRID]);
         canvas.log_static(AREA, &grid.with_radii([Radius::new_ui_points(0.5)]).with_draw_order(-10.0))?;
         let away_m = 0.05 * self.longer_m();
-        let at_x = numbers(width_m).map(|x_m| ([x_m, depth_m + 0.2 * away_m], format!("{x_m} m")));
-        let at_y = numbers(depth_m).skip(1).map(|y_m| ([-away_m, depth_m - y_m - 0.6 * away_m], format!("{y_m} m")));
+        let at_x = sizes.axis_numbers(width_m).map(|x_m| ([x_m, depth_m + 0.2 * away_m], format!("{x_m} m")));
+        let at_y = sizes
+            .axis_numbers(depth_m)
+            .skip(1)
+            .map(|y_m| ([-away_m, depth_m - y_m - 0.6 * away_m], format!("{y_m} m")));
         canvas.log_static(format!("{AREA}/numbers"), &writing(at_x.chain(at_y)))?;
         let range = Ellipses2D::update_fields()
-            .with_half_sizes([[self.radius_m; 2]])
+            .with_half_sizes([[sizes.radius_m; 2]])
             .with_colors([colour::COVERAGE])
             .with_line_radii([Radius::new_ui_points(1.0)])
             .with_draw_order(40.0);
@@ -88,7 +77,7 @@ impl MapFrame {
     /// Draws the legend of a map: its steps to the right of it, the first one at the top.
     fn log_legend(&self, canvas: &Canvas, map: &str, steps: &Steps) -> RecordingStreamResult<()> {
         let longer_m = self.longer_m();
-        let x_m = self.extent_m[0] + 0.09 * longer_m;
+        let x_m = self.sizes.width_m + 0.09 * longer_m;
         let y_m = |step: usize| (0.08 + 0.105 * step as f32) * longer_m;
         let entries = steps.entries();
         let patches = Points2D::new((0..entries.len()).map(|step| [x_m, y_m(step)]))
@@ -146,9 +135,29 @@ impl SensorMap {
     }
 }
 
-/// Whether maps of so many SNs are drawn in a slot: in every one, or now and then if there are too many for bars.
-pub(crate) fn is_drawn(slot: u64, count: usize, last_slot: u64) -> bool {
-    count <= MAX_BARS || slot.is_multiple_of(EVERY) || slot == last_slot
+/// When a map is drawn: in the first slot of a file, in the last of the mission, and every so many.
+#[derive(Debug)]
+pub(crate) struct Rhythm {
+    every: u64,
+    last_slot: u64,
+    is_begun: bool,
+}
+
+impl Rhythm {
+    fn every(every: u64, last_slot: u64) -> Self {
+        Self { every, last_slot, is_begun: false }
+    }
+
+    /// That of maps of so many SNs: every slot, or now and then if there are too many for bars.
+    pub(crate) fn of_sensors(count: usize, last_slot: u64) -> Self {
+        Self::every(if count <= MAX_BARS { 1 } else { EVERY }, last_slot)
+    }
+
+    /// Whether to draw in this slot, which the caller then does.
+    pub(crate) fn is_due(&mut self, slot: u64) -> bool {
+        let is_first = !std::mem::replace(&mut self.is_begun, true);
+        is_first || slot.is_multiple_of(self.every) || slot == self.last_slot
+    }
 }
 
 /// The maps of a mission.
@@ -160,9 +169,8 @@ pub(crate) struct Maps {
     overflow_steps: Steps,
     coverage: Coverage,
     depth_m: f64,
-    slots: u64,
-    count: usize,
-    is_begun: bool,
+    sensors_rhythm: Rhythm,
+    coverage_rhythm: Rhythm,
 }
 
 impl Maps {
@@ -171,14 +179,14 @@ impl Maps {
         canvas: &Canvas,
         scenario: &Scenario,
         frame: &MapFrame,
-        tally: &Tally,
+        history: &SensorHistory,
     ) -> RecordingStreamResult<Self> {
         frame.log(canvas)?;
-        let entry = |name: &str, colour| Entry { name: name.to_owned(), colour };
-        let most_kbit = tally.most_sampled_bits(scenario.slots) / 1e3;
+        let entry = |name: &str, colour| ScaleStep { name: name.to_owned(), colour };
+        let most_kbit = history.most_sampled_bits(scenario.slots) / 1e3;
         let loss_steps = Steps::of(most_kbit, "kbit", entry("nothing lost", colour::GRID), colour::of_loss);
         let urgency = |fraction: f64| colour::of_fill(0.85 * (1.0 - fraction));
-        let overflow_steps = Steps::of(tally.longest_fill_s(), "s", entry("full", colour::of_fill(1.0)), urgency)
+        let overflow_steps = Steps::of(history.longest_fill_s(), "s", entry("full", colour::of_fill(1.0)), urgency)
             .with_last(entry("loses data", colour::LOSS));
         let mission_s = scenario.slots as f64 * scenario.slot_s;
         let coverage_steps = Steps::of(mission_s, "s ago", entry("in range", colour::COVERAGE), colour::of_age)
@@ -188,11 +196,10 @@ impl Maps {
             loss_steps,
             overflow: SensorMap::open(canvas, OVERFLOW, frame, &overflow_steps)?,
             overflow_steps,
-            coverage: Coverage::open(canvas, frame, coverage_steps, tally.grid, scenario.slot_s)?,
+            coverage: Coverage::open(canvas, frame, coverage_steps, history.grid, scenario.slot_s)?,
             depth_m: scenario.area.height_m(),
-            slots: scenario.slots,
-            count: frame.positions.len(),
-            is_begun: false,
+            sensors_rhythm: Rhythm::of_sensors(frame.positions.len(), scenario.slots),
+            coverage_rhythm: Rhythm::every(EVERY, scenario.slots),
         })
     }
 
@@ -201,21 +208,20 @@ impl Maps {
         &mut self,
         canvas: &Canvas,
         slot: u64,
-        tally: &Tally,
+        history: &SensorHistory,
         uav: Position,
     ) -> RecordingStreamResult<()> {
         let centre = [uav.x as f32, (self.depth_m - uav.y) as f32];
         canvas.log(UAV, &Ellipses2D::update_fields().with_centers([centre]))?;
-        let is_first = !std::mem::replace(&mut self.is_begun, true);
-        if is_first || is_drawn(slot, self.count, self.slots) {
+        if self.sensors_rhythm.is_due(slot) {
             let steps = &self.loss_steps;
-            self.loss.log(canvas, tally.lost_bits().iter().map(|&lost_bits| steps.step(lost_bits as f64 / 1e3)))?;
+            self.loss.log(canvas, history.lost_bits().iter().map(|&lost_bits| steps.step(lost_bits as f64 / 1e3)))?;
             let steps = &self.overflow_steps;
             let step = |(overflow_s, overflows)| if overflows { steps.last() } else { steps.step(overflow_s) };
-            self.overflow.log(canvas, tally.overflow_s().zip(tally.overflows()).map(step))?;
+            self.overflow.log(canvas, history.overflow_s().zip(history.overflows()).map(step))?;
         }
-        if is_first || slot.is_multiple_of(EVERY) || slot == self.slots {
-            self.coverage.log(canvas, tally)?;
+        if self.coverage_rhythm.is_due(slot) {
+            self.coverage.log(canvas, history)?;
         }
         Ok(())
     }
@@ -230,7 +236,13 @@ struct Coverage {
 }
 
 impl Coverage {
-    fn open(canvas: &Canvas, frame: &MapFrame, steps: Steps, grid: Grid, slot_s: f64) -> RecordingStreamResult<Self> {
+    fn open(
+        canvas: &Canvas,
+        frame: &MapFrame,
+        steps: Steps,
+        grid: CoverageGrid,
+        slot_s: f64,
+    ) -> RecordingStreamResult<Self> {
         frame.log_legend(canvas, COVERAGE, &steps)?;
         let shown = format!("{COVERAGE}/{SHOWN}");
         canvas.log_static(&shown, &steps.classes())?;
@@ -242,10 +254,10 @@ impl Coverage {
         Ok(Self { shown, steps, slot_s })
     }
 
-    fn log(&self, canvas: &Canvas, tally: &Tally) -> RecordingStreamResult<()> {
+    fn log(&self, canvas: &Canvas, history: &SensorHistory) -> RecordingStreamResult<()> {
         let Self { shown, steps, slot_s } = self;
         let step = |age: Option<u64>| age.map_or(steps.last(), |slots| steps.step(slots as f64 * slot_s));
-        let pixels: Vec<u8> = tally.ages().map(|age| step(age) as u8).collect();
+        let pixels: Vec<u8> = history.ages().map(|age| step(age) as u8).collect();
         canvas.log(shown, &SegmentationImage::update_fields().with_buffer(rerun::components::ImageBuffer::from(pixels)))
     }
 }

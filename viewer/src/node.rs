@@ -17,7 +17,6 @@ use skysink_common::stop::Stop;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::health::{Health, Ready};
-use skysink_ring::journal::Journal;
 use skysink_ring::reader::{Reader, SlotSample};
 use skysink_ring::refusals::Refusal;
 use skysink_ring::role::Role;
@@ -25,6 +24,7 @@ use skysink_ring::sample::Payload;
 use skysink_ring::topics::{PATH_BUFFER, RING_BUFFER, Ring, VIEWER_BUFFER};
 use skysink_ring::wait::WaitContext;
 
+use crate::journal::ViewerJournal;
 use crate::{Scene, SceneError, Sinks, SlotView, WallClock};
 
 impl From<SceneError> for NodeError {
@@ -70,19 +70,18 @@ pub fn run<S: Service + 'static>(
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Viewer, stop)?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
-    let journal = Journal::open(&folder.journal("viewer"), 2, Scene::state_room(nodes.payload().len()))?;
     let mut shown = scenario.clone();
     if let Some(label) = label {
         label.clone_into(&mut shown.planner.strategy);
     }
     let name = run_name(&shown, ring.terms.mission);
     let mut scene = Scene::open(sinks, &shown, nodes.payload(), &name, WallClock::Measured, estimated)?;
-    journal.restore_before(u64::MAX, &mut scene)?;
+    let journal = ViewerJournal::open(folder, Scene::state_room(nodes.payload().len()), &mut scene)?;
     if let Some(port) = scene.port() {
         let address = format!("rerun+http://127.0.0.1:{port}/proxy");
         Role::Viewer.say(format_args!("live at {address}: open it by `rerun {address}`"));
     }
-    let followed = Follower::open(&ring, &scenario.area, &journal, &mut scene)
+    let followed = Follower::open(&ring, &scenario.area, journal, &mut scene)
         .and_then(|mut follower| follower.follow(&mut wait).map(|()| follower.missed));
     let closed = scene.close();
     let missed = followed?;
@@ -94,7 +93,7 @@ pub fn run<S: Service + 'static>(
 struct Follower<'a, S: Service + 'static> {
     ring: &'a Ring<S>,
     area: &'a Area,
-    journal: &'a Journal,
+    journal: ViewerJournal,
     scene: &'a mut Scene,
     paths: Reader<S, [PathPoint], SlotHeader>,
     plans: Reader<S, Plan, SlotHeader>,
@@ -114,7 +113,12 @@ struct Follower<'a, S: Service + 'static> {
 }
 
 impl<'a, S: Service + 'static> Follower<'a, S> {
-    fn open(ring: &'a Ring<S>, area: &'a Area, journal: &'a Journal, scene: &'a mut Scene) -> Result<Self, NodeError> {
+    fn open(
+        ring: &'a Ring<S>,
+        area: &'a Area,
+        journal: ViewerJournal,
+        scene: &'a mut Scene,
+    ) -> Result<Self, NodeError> {
         Ok(Self {
             paths: ring.path.reader(PATH_BUFFER)?, // before the plans: whoever has a plan then has its path
             plans: ring.plan.reader(VIEWER_BUFFER)?,
@@ -125,7 +129,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
             is_ready: false,
             // After a resume the ring begins with the last slot on record; those before are in earlier files, if in
             // any.
-            next: journal.read()?.last().map(|record| record.slot + 1),
+            next: journal.next,
             missed: 0,
             recent: VecDeque::new(),
             ring,

@@ -4,13 +4,14 @@ use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::estimate::{BYTES_EACH, Rates, Saved};
 use skysink_common::geometry::Position;
-use skysink_common::message::SensorNode;
+use skysink_common::message::{MAX_SERVED, SensorNode};
 use skysink_common::scenario::Scenario;
 
 use crate::belief::Belief;
 use crate::canvas::Canvas;
 use crate::events::Events;
 use crate::files::Part;
+use crate::history::{SensorHistory, Sums};
 use crate::links::Links;
 use crate::los::Los;
 use crate::maps::{MapFrame, Maps};
@@ -19,7 +20,6 @@ use crate::queues::{Fill, Queues};
 use crate::recording::SceneError;
 use crate::sizes::Sizes;
 use crate::slot::SlotView;
-use crate::tally::{Sums, Tally};
 use crate::uav::UavShape;
 use crate::{curves, legend};
 
@@ -32,7 +32,7 @@ pub(crate) struct Picture {
     links: Links,
     los: Option<Los>,
     events: Events,
-    tally: Tally,
+    history: SensorHistory,
     maps: Option<Maps>,
     belief: Option<Belief>,
 }
@@ -51,9 +51,12 @@ struct StateRef<'a> {
     belief: Option<Saved>,
 }
 
+/// Most bytes of a belief beside those of its sensor nodes: slots, and those announced last.
+const BELIEF_BYTES: usize = 64 + size_of::<(u32, u32)>() * 2 * MAX_SERVED;
+
 /// Most bytes that [`Picture`] saves of so many sensor nodes.
 pub(crate) fn state_room(count: usize) -> usize {
-    Sums::room(count) + BYTES_EACH * (count + 64)
+    Sums::room(count) + BELIEF_BYTES + BYTES_EACH * count
 }
 
 impl Picture {
@@ -73,11 +76,12 @@ impl Picture {
         let events = Events::open(&canvas, part)?;
         curves::open(&canvas)?;
         legend::log(&canvas, sizes, links.rates_bps.as_ref())?;
-        let tally = Tally::new(scenario, sensors);
-        Ok(Self { canvas, queues, uav, path, links, los, events, tally, maps: None, belief: None })
+        let history = SensorHistory::new(scenario, sensors);
+        Ok(Self { canvas, queues, uav, path, links, los, events, history, maps: None, belief: None })
     }
 
-    /// Adds maps and the legend to the scene; `estimated` is what the UAV knows of the rates, where it has to estimate the queues.
+    /// Adds maps and the legend to the scene; `estimated` is what the UAV knows of the rates, where it has to estimate
+    /// the queues.
     pub(crate) fn with_maps(
         mut self,
         scenario: &Scenario,
@@ -87,7 +91,7 @@ impl Picture {
     ) -> Result<Self, SceneError> {
         legend::log_pages(&self.canvas, scenario, sensors.len(), sizes, estimated)?;
         let frame = MapFrame::of(sensors, sizes);
-        self.maps = Some(Maps::open(&self.canvas, scenario, &frame, &self.tally)?);
+        self.maps = Some(Maps::open(&self.canvas, scenario, &frame, &self.history)?);
         let belief = |rates| Belief::open(&self.canvas, scenario, sensors, rates, &frame);
         self.belief = estimated.map(belief).transpose()?;
         Ok(self)
@@ -106,13 +110,13 @@ impl Picture {
         }
         let canvas = &self.canvas;
         let uav = Position::new(view.flight.x_m, view.flight.y_m);
-        self.tally.add(view.slot, view.queues_bits, uav);
-        let fill = self.queues.log_slot(canvas, view.queues_bits, &self.tally)?;
-        if let Some(maps) = &mut self.maps {
-            maps.log_slot(canvas, view.slot, &self.tally, uav)?;
-        }
         if let Some(belief) = &mut self.belief {
-            belief.log_slot(canvas, view.slot, view.queues_bits, view.flight)?;
+            belief.log_slot(canvas, &self.history, view.slot, view.queues_bits, view.flight)?;
+        }
+        self.history.add(view.slot, view.queues_bits, uav);
+        let fill = self.queues.log_slot(canvas, view.queues_bits, &self.history)?;
+        if let Some(maps) = &mut self.maps {
+            maps.log_slot(canvas, view.slot, &self.history, uav)?;
         }
         self.uav.log_slot(canvas, view)?;
         self.path.log(canvas, view.path)?;
@@ -121,7 +125,7 @@ impl Picture {
         if let Some(los) = &mut self.los {
             los.log_slot(canvas, view.flight)?;
         }
-        self.events.log_slot(canvas, view, &self.tally)?;
+        self.events.log_slot(canvas, view, &self.history)?;
         curves::log_slot(canvas, view, fill, missed_slots)?;
         Ok(fill)
     }
@@ -143,18 +147,18 @@ impl Picture {
 
 impl Checkpoint for Picture {
     fn save(&self, bytes: &mut Vec<u8>) {
-        encode(&StateRef { sums: self.tally.sums(), belief: self.belief.as_ref().map(Belief::saved) }, bytes);
+        encode(&StateRef { sums: self.history.sums(), belief: self.belief.as_ref().and_then(Belief::saved) }, bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let State { sums, belief } = decode(bytes)?;
-        CheckpointError::unless(belief.is_some() == self.belief.is_some(), "a belief where queues are estimated")?;
-        let mut tally = self.tally.clone();
-        tally.restore(sums)?;
-        if let (Some(known), Some(saved), Some(slot)) = (&mut self.belief, belief, tally.slot()) {
-            known.restore(slot, saved, tally.queues_bits())?;
+        CheckpointError::unless(belief.is_none() || self.belief.is_some(), "a belief only where queues are estimated")?;
+        let mut history = self.history.clone();
+        history.restore(sums)?;
+        if let (Some(known), Some(saved), Some(slot)) = (&mut self.belief, belief, history.slot()) {
+            known.restore(slot, saved)?;
         }
-        self.tally = tally;
+        self.history = history;
         Ok(())
     }
 }

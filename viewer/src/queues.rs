@@ -8,8 +8,8 @@ use skysink_common::message::SensorNode;
 use crate::canvas::Canvas;
 use crate::colour;
 use crate::files::Part;
+use crate::history::SensorHistory;
 use crate::sizes::{MAX_BARS, Sizes};
-use crate::tally::Tally;
 
 /// Root of the 3D scene; it holds the queue scale.
 pub const WORLD: &str = "world";
@@ -87,20 +87,20 @@ impl Queues {
         self.capacities_bits.len()
     }
 
-    /// Colours the sensor nodes of one slot, which `tally` includes; one queue [bit] per sensor node.
+    /// Colours the sensor nodes of one slot, which `history` includes; one queue [bit] per sensor node.
     pub(crate) fn log_slot(
         &mut self,
         canvas: &Canvas,
         queues_bits: &[u32],
-        tally: &Tally,
+        history: &SensorHistory,
     ) -> RecordingStreamResult<Fill> {
         let pairs = std::iter::zip(queues_bits, &self.capacities_bits);
         let fills = || pairs.clone().map(|(&queue_bits, &capacity_bits)| fill(queue_bits, capacity_bits));
         let level = |(fill, overflows): (f64, bool)| if overflows { OVERFLOW_LEVEL } else { level(fill) };
-        let levels: Vec<_> = fills().zip(tally.overflows()).map(level).map(ClassId::from).collect();
+        let levels: Vec<_> = fills().zip(history.overflows()).map(level).map(ClassId::from).collect();
         if let Some(bars) = &mut self.bars {
             canvas.log(BARS, &bars.at(fills()).with_class_ids(levels.iter().copied()))?;
-            bars.log_marks(canvas, tally.lost_bits())?;
+            bars.log_marks(canvas, history.lost_bits())?;
         }
         canvas.log(POINTS, &Points3D::update_fields().with_class_ids(levels))?;
         Ok(Fill { mean: fills().sum::<f64>() / self.count().max(1) as f64, max: fills().fold(0.0, f64::max) })

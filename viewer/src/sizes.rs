@@ -70,6 +70,21 @@ impl Sizes {
             },
         }
     }
+
+    /// Where the numbers are at an axis of this length [m].
+    pub(crate) fn axis_numbers(&self, length_m: f32) -> impl Iterator<Item = f32> {
+        multiples(self.number_m).take_while(move |&at_m| at_m <= length_m * 1.0001)
+    }
+
+    /// Where grid lines cross an axis of this length, its end included [m].
+    pub(crate) fn grid_lines(&self, length_m: f32) -> impl Iterator<Item = f32> {
+        multiples(self.grid_m).take_while(move |&at_m| at_m < length_m).chain([length_m])
+    }
+}
+
+/// 0, `step_m`, 2 `step_m`, ... without end.
+fn multiples(step_m: f32) -> impl Iterator<Item = f32> {
+    (0..).map(move |step| step as f32 * step_m)
 }
 
 /// The largest of 1, 2, 5, 10, 20, 50, ... (and 0.5, 0.2, ...) that is at most `length_m`.
@@ -121,6 +136,15 @@ mod tests {
         for (longer_m, number_m) in [(100.0, 20.0), (300.0, 100.0), (600.0, 100.0), (1_000.0, 200.0)] {
             assert_eq!(number_step(round_step(longer_m / 8.0), longer_m), number_m, "{longer_m}");
         }
+    }
+
+    #[test]
+    fn an_axis_has_a_number_at_its_end_and_lines_up_to_it() {
+        let sizes = Sizes::of(&Scenario::letter(Overrides::default()).unwrap(), 200);
+        assert_eq!(sizes.axis_numbers(100.0).collect::<Vec<_>>(), [0.0, 20.0, 40.0, 60.0, 80.0, 100.0]);
+        assert_eq!(sizes.axis_numbers(59.0).collect::<Vec<_>>(), [0.0, 20.0, 40.0]);
+        assert_eq!(sizes.grid_lines(25.0).collect::<Vec<_>>(), [0.0, 10.0, 20.0, 25.0]);
+        assert_eq!(sizes.grid_lines(20.0).collect::<Vec<_>>(), [0.0, 10.0, 20.0]);
     }
 
     #[test]

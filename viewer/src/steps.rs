@@ -8,12 +8,12 @@ use crate::colour::{self, Rgb};
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Steps {
     edges: Vec<f64>,
-    entries: Vec<Entry>,
+    entries: Vec<ScaleStep>,
 }
 
 /// What a step is called and how it is drawn.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Entry {
+pub(crate) struct ScaleStep {
     pub(crate) name: String,
     pub(crate) colour: Rgb,
 }
@@ -24,13 +24,13 @@ const EDGES: usize = 6;
 impl Steps {
     /// Steps of values from 0, which has a step and a name of its own, over round numbers up to `highest`, the finer
     /// the lower. `colour` is that of the steps after the first, from 0 to 1.
-    pub(crate) fn of(highest: f64, unit: &str, zero: Entry, colour: impl Fn(f64) -> Rgb) -> Self {
+    pub(crate) fn of(highest: f64, unit: &str, zero: ScaleStep, colour: impl Fn(f64) -> Rgb) -> Self {
         let edges: Vec<f64> = std::iter::once(0.0).chain(round_edges(highest)).collect();
         let between = edges.windows(2).map(|ends| format!("{} to {} {unit}", ends[0], ends[1]));
         let beyond = format!("over {} {unit}", edges[edges.len() - 1]);
         let last = (edges.len() - 1) as f64;
         let named = between.chain([beyond]).zip(0..);
-        let rest = named.map(|(name, step)| Entry { name, colour: colour(f64::from(step) / last) });
+        let rest = named.map(|(name, step)| ScaleStep { name, colour: colour(f64::from(step) / last) });
         let entries = std::iter::once(zero).chain(rest).collect();
         Self { edges, entries }
     }
@@ -41,7 +41,7 @@ impl Steps {
         let between = EDGES.windows(2).map(|ends| format!("{} to {:.0} %", ends[0], ends[1]));
         let names = std::iter::once("empty".to_owned()).chain(between).chain(["full".to_owned()]);
         let colour = |step: u32| colour::of_fill(f64::from(step) / EDGES.len() as f64);
-        let entries = names.zip(0..).map(|(name, step)| Entry { name, colour: colour(step) });
+        let entries = names.zip(0..).map(|(name, step)| ScaleStep { name, colour: colour(step) });
         Self { edges: EDGES.to_vec(), entries: entries.collect() }
     }
 
@@ -52,12 +52,13 @@ impl Steps {
         let names = std::iter::once("below −50 %".to_owned()).chain(between).chain(["over +50 %".to_owned()]);
         let middle = EDGES.len() as f64 / 2.0;
         let colour = |step: u32| colour::of_error((f64::from(step) - middle) / middle);
-        let entries = names.zip(0..).map(|(name, step)| Entry { name: name.replace('-', "−"), colour: colour(step) });
+        let entries =
+            names.zip(0..).map(|(name, step)| ScaleStep { name: name.replace('-', "−"), colour: colour(step) });
         Self { edges: EDGES.to_vec(), entries: entries.collect() }
     }
 
     /// Adds a step after all others, for what has no value.
-    pub(crate) fn with_last(mut self, entry: Entry) -> Self {
+    pub(crate) fn with_last(mut self, entry: ScaleStep) -> Self {
         self.entries.push(entry);
         self
     }
@@ -73,7 +74,7 @@ impl Steps {
     }
 
     /// Every step, for a legend.
-    pub(crate) fn entries(&self) -> &[Entry] {
+    pub(crate) fn entries(&self) -> &[ScaleStep] {
         &self.entries
     }
 
@@ -109,7 +110,7 @@ mod tests {
     use super::*;
 
     fn steps(highest: f64) -> Steps {
-        Steps::of(highest, "s", Entry { name: "now".to_owned(), colour: [0; 3] }, |_| [1; 3])
+        Steps::of(highest, "s", ScaleStep { name: "now".to_owned(), colour: [0; 3] }, |_| [1; 3])
     }
 
     #[test]

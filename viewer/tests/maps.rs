@@ -4,9 +4,10 @@ mod support;
 
 use std::path::Path;
 
+use skysink_common::checkpoint::Checkpoint;
 use skysink_common::estimate::Rates;
 use skysink_viewer::{Scene, Sinks, WallClock, belief, events, legend, maps, queues};
-use support::{Found, Slot, letter, sensors};
+use support::{Found, Slot, files, letter, sensors};
 
 /// Sensor nodes with buffers of 1 000 bits that sample 100 bits per slot.
 const SENSORS: u32 = 3;
@@ -151,6 +152,44 @@ fn what_was_told_before_the_first_slot_that_is_seen_is_not_made_up() {
     let found = record_slots(5..=6, Some(Rates::Learnt), |_| {});
     assert!(found.slots_of(belief::MEAN_ERROR).is_empty());
     assert!(steps(&found, belief::BELIEVED, 5).is_empty());
+}
+
+/// What the second of two viewers records, where the first showed `slots[0]` and the second, from what it saved,
+/// `slots[1]`.
+fn record_again(count: u32, slots: [std::ops::RangeInclusive<u64>; 2]) -> Found {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mission.rrd");
+    let mut state = Vec::new();
+    for slots in slots {
+        let mut scene = open(&path, count, Some(Rates::Known));
+        if !state.is_empty() {
+            scene.restore(&state).unwrap();
+        }
+        for slot in slots {
+            scene.log_slot(&Slot::new(slot, count as usize).view()).unwrap();
+        }
+        state.clear();
+        scene.save(&mut state);
+        scene.close().unwrap();
+    }
+    Found::read(files(&path).last().unwrap())
+}
+
+#[test]
+fn a_viewer_that_is_started_again_draws_every_map_in_its_first_slot() {
+    let found = record_again(2_001, [0..=3, 4..=12]);
+    for map in [belief::BELIEVED, belief::TRUE, belief::ERROR, maps::LOSS, maps::OVERFLOW] {
+        let drawn = found.slots_of_component(&format!("{map}/{}", maps::SHOWN), "Points2D:class_ids");
+        assert_eq!(drawn.first(), Some(&4), "{map}");
+        assert!(drawn.is_subset(&[4, 10].into()), "{map}: {drawn:?}");
+    }
+}
+
+#[test]
+fn what_was_told_is_not_made_up_by_a_viewer_that_is_started_again_either() {
+    let found = record_again(SENSORS, [5..=6, 7..=8]);
+    assert!(found.slots_of(belief::MEAN_ERROR).is_empty());
+    assert!(steps(&found, belief::BELIEVED, 7).is_empty());
 }
 
 #[test]

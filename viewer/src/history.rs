@@ -15,13 +15,22 @@ use skysink_common::scenario::Scenario;
 /// Fewest and most cells of the coverage grid along the longer side of the area.
 const CELLS: [f64; 2] = [40.0, 100.0];
 
-/// The tally of a mission.
+/// Most cells of the grid: along a side, one more than [`CELLS`] says where the last one ends outside the area.
+const MAX_CELLS: usize = (CELLS[1] as usize + 1).pow(2);
+
+/// Most bytes of an encoded `u32`: seven bits in each.
+const U32_BYTES: usize = 5;
+
+/// Most bytes of an encoded `u64`.
+const U64_BYTES: usize = 10;
+
+/// What is known of the sensor nodes and places of a mission so far.
 #[derive(Debug, Clone)]
-pub(crate) struct Tally {
+pub(crate) struct SensorHistory {
     samplers: Vec<Sampler>,
     /// Lost in the last slot, by SN [bit].
     lost_now_bits: Vec<u64>,
-    pub(crate) grid: Grid,
+    pub(crate) grid: CoverageGrid,
     sums: Sums,
 }
 
@@ -46,7 +55,7 @@ pub(crate) struct Sums {
 
 /// Square cells over the area, row by row from the north-west.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Grid {
+pub(crate) struct CoverageGrid {
     pub(crate) columns: usize,
     pub(crate) rows: usize,
     /// Side of a cell [m].
@@ -56,7 +65,7 @@ pub(crate) struct Grid {
     radius_m: f64,
 }
 
-impl Tally {
+impl SensorHistory {
     /// Nothing lost, nothing seen.
     pub(crate) fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
         let sampler = |sensor: &SensorNode| Sampler {
@@ -64,7 +73,7 @@ impl Tally {
             sampling_bps: sensor.sampling_bps,
             capacity_bits: sensor.capacity_bits,
         };
-        let grid = Grid::over(scenario);
+        let grid = CoverageGrid::over(scenario);
         let count = sensors.len();
         let in_range = vec![0; grid.columns * grid.rows];
         let sums = Sums { slot: None, queues_bits: vec![0; count], lost_bits: vec![0; count], in_range };
@@ -144,7 +153,7 @@ impl Tally {
         &self.sums
     }
 
-    /// Resumes from the sums of a tally of the same mission.
+    /// Resumes from the sums of a history of the same mission.
     ///
     /// # Errors
     /// If they are of another field.
@@ -159,10 +168,10 @@ impl Tally {
 }
 
 impl Sums {
-    /// Most bytes of the sums of so many SNs.
+    /// Most bytes of the encoded sums of so many SNs: whether there is a slot, it and the lengths of three lists, and
+    /// these.
     pub(crate) fn room(count: usize) -> usize {
-        let cells = (CELLS[1] as usize + 1).pow(2);
-        40 + count * (5 + 10) + cells * 10
+        1 + 4 * U64_BYTES + count * (U32_BYTES + U64_BYTES) + MAX_CELLS * U64_BYTES
     }
 }
 
@@ -180,7 +189,7 @@ impl Sampler {
     }
 }
 
-impl Grid {
+impl CoverageGrid {
     fn over(scenario: &Scenario) -> Self {
         let extents_m = [scenario.area.width_m(), scenario.area.height_m()];
         let longer_m = extents_m[0].max(extents_m[1]);
@@ -215,71 +224,87 @@ mod tests {
     use skysink_common::scenario::Overrides;
 
     /// The letter's field of 100 m × 100 m with SNs that sample 100, 2.5 and 0 bit/s into 1 000 bit.
-    fn tally() -> Tally {
+    fn history() -> SensorHistory {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
         let sensor = |sampling_bps: f64| SensorNode { sampling_bps, capacity_bits: 1_000, ..SensorNode::default() };
-        Tally::new(&scenario, &[100.0, 2.5, 0.0].map(sensor))
+        SensorHistory::new(&scenario, &[100.0, 2.5, 0.0].map(sensor))
     }
 
     const MIDDLE: Position = Position::new(50.0, 50.0);
 
     #[test]
     fn what_does_not_fit_into_a_buffer_is_lost_whoever_is_served_in_the_slot() {
-        let mut tally = tally();
-        tally.add(0, &[950, 999, 1_000], MIDDLE);
-        assert_eq!(tally.lost_bits(), [0, 0, 0]);
-        tally.add(1, &[1_000, 1_000, 1_000], MIDDLE); // 950 + 100, 999 + 2
-        assert_eq!(tally.lost_bits(), [50, 1, 0]);
-        tally.add(2, &[0, 1_000, 1_000], MIDDLE); // 1 000 + 100 before the upload, 1 000 + 3
-        assert_eq!(tally.lost_bits(), [150, 4, 0]);
-        assert_eq!(tally.overflows().collect::<Vec<_>>(), [true, true, false]);
-        tally.add(3, &[100, 1_000, 1_000], MIDDLE); // 1 000 + 2
-        assert_eq!(tally.lost_bits(), [150, 6, 0]);
-        assert_eq!(tally.overflows().collect::<Vec<_>>(), [false, true, false]);
+        let mut history = history();
+        history.add(0, &[950, 999, 1_000], MIDDLE);
+        assert_eq!(history.lost_bits(), [0, 0, 0]);
+        history.add(1, &[1_000, 1_000, 1_000], MIDDLE); // 950 + 100, 999 + 2
+        assert_eq!(history.lost_bits(), [50, 1, 0]);
+        history.add(2, &[0, 1_000, 1_000], MIDDLE); // 1 000 + 100 before the upload, 1 000 + 3
+        assert_eq!(history.lost_bits(), [150, 4, 0]);
+        assert_eq!(history.overflows().collect::<Vec<_>>(), [true, true, false]);
+        history.add(3, &[100, 1_000, 1_000], MIDDLE); // 1 000 + 2
+        assert_eq!(history.lost_bits(), [150, 6, 0]);
+        assert_eq!(history.overflows().collect::<Vec<_>>(), [false, true, false]);
     }
 
     #[test]
     fn losses_in_slots_that_were_not_seen_belong_to_nobody() {
-        let mut tally = tally();
-        tally.add(0, &[1_000; 3], MIDDLE);
-        tally.add(5, &[1_000; 3], MIDDLE);
-        assert_eq!(tally.lost_bits(), [0, 0, 0]);
-        tally.add(6, &[1_000; 3], MIDDLE);
-        assert_eq!(tally.lost_bits(), [100, 3, 0]); // floor(15.0) − floor(12.5)
+        let mut history = history();
+        history.add(0, &[1_000; 3], MIDDLE);
+        history.add(5, &[1_000; 3], MIDDLE);
+        assert_eq!(history.lost_bits(), [0, 0, 0]);
+        history.add(6, &[1_000; 3], MIDDLE);
+        assert_eq!(history.lost_bits(), [100, 3, 0]); // floor(15.0) − floor(12.5)
     }
 
     #[test]
     fn a_buffer_overflows_after_its_room_at_its_rate() {
-        let mut tally = tally();
-        tally.add(0, &[250, 990, 400], MIDDLE);
-        assert_eq!(tally.overflow_s().collect::<Vec<_>>(), [7.5, 4.0, f64::INFINITY]);
-        tally.add(1, &[1_000; 3], MIDDLE);
-        assert_eq!(tally.overflow_s().collect::<Vec<_>>(), [0.0; 3]);
-        assert_eq!(tally.longest_fill_s(), 400.0);
-        assert_eq!(tally.most_sampled_bits(600), 60_000.0);
+        let mut history = history();
+        history.add(0, &[250, 990, 400], MIDDLE);
+        assert_eq!(history.overflow_s().collect::<Vec<_>>(), [7.5, 4.0, f64::INFINITY]);
+        history.add(1, &[1_000; 3], MIDDLE);
+        assert_eq!(history.overflow_s().collect::<Vec<_>>(), [0.0; 3]);
+        assert_eq!(history.longest_fill_s(), 400.0);
+        assert_eq!(history.most_sampled_bits(600), 60_000.0);
     }
 
     #[test]
     fn a_cell_is_in_range_if_its_centre_is() {
-        let mut tally = tally();
-        let Grid { columns, rows, cell_m, .. } = tally.grid;
+        let mut history = history();
+        let CoverageGrid { columns, rows, cell_m, .. } = history.grid;
         assert_eq!((columns, rows, cell_m), (40, 40, 2.5));
-        tally.add(0, &[0; 3], Position::new(0.0, 100.0)); // the north-west corner, radius 10 m
+        history.add(0, &[0; 3], Position::new(0.0, 100.0)); // the north-west corner, radius 10 m
         let seen: Vec<usize> =
-            tally.ages().enumerate().filter(|(_, age)| age.is_some()).map(|(cell, _)| cell).collect();
+            history.ages().enumerate().filter(|(_, age)| age.is_some()).map(|(cell, _)| cell).collect();
         // Centres at 1.25, 3.75, 6.25, 8.75 m: of the sixteen, those within 10 m of the corner.
         assert_eq!(seen, [0, 1, 2, 3, 40, 41, 42, 43, 80, 81, 82, 120, 121]);
-        tally.add(1, &[0; 3], MIDDLE);
-        tally.add(4, &[0; 3], MIDDLE);
-        let ages: Vec<_> = tally.ages().collect();
+        history.add(1, &[0; 3], MIDDLE);
+        history.add(4, &[0; 3], MIDDLE);
+        let ages: Vec<_> = history.ages().collect();
         assert_eq!((ages[0], ages[20 * 40 + 20], ages[39]), (Some(4), Some(0), None));
     }
 
     #[test]
+    fn the_largest_sums_fill_their_room() {
+        for count in [0, 1, 300] {
+            let sums = Sums {
+                slot: Some(u64::MAX),
+                queues_bits: vec![u32::MAX; count],
+                lost_bits: vec![u64::MAX; count],
+                in_range: vec![u64::MAX; MAX_CELLS],
+            };
+            let mut bytes = Vec::new();
+            skysink_common::checkpoint::encode(&sums, &mut bytes);
+            let room = Sums::room(count);
+            assert!(bytes.len() <= room && room - bytes.len() < 30, "{count}: {} of {room}", bytes.len());
+        }
+    }
+
+    #[test]
     fn the_sums_of_another_field_are_refused() {
-        let mut begun = tally();
+        let mut begun = history();
         begun.add(7, &[1_000; 3], MIDDLE);
-        let mut resumed = tally();
+        let mut resumed = history();
         resumed.restore(begun.sums().clone()).unwrap();
         assert_eq!(resumed.sums(), begun.sums());
         let other = Sums { lost_bits: vec![0; 2], ..begun.sums().clone() };
