@@ -295,7 +295,7 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
         Command::Replay(arguments) => return arguments.replay(stop),
         Command::Topics(options) => return options.show(stop),
         Command::View(options) => return options.view(stop),
-        Command::Page(options) => return options.write(),
+        Command::Page(options) => return options.write(stop),
         Command::Run(arguments) => run(&arguments.run()?, stop, &ProcessTable::default())?,
         #[cfg(feature = "lab")]
         Command::Research(research) => return research.run(stop),

@@ -6,6 +6,7 @@
 mod outcome;
 pub mod process;
 
+use std::ffi::OsStr;
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 
@@ -22,6 +23,7 @@ use skysink_mission::recorded::RecordedRun;
 use skysink_mission::summary::Tally;
 use skysink_planner::settings;
 use skysink_ring::role::Role;
+use tempfile::TempDir;
 
 use crate::error::Error;
 use crate::report::print;
@@ -38,6 +40,9 @@ const OUTCOME: &str = "replay.json";
 
 /// Held locked by the process that writes the folder.
 const LOCK: &str = "lock";
+
+/// Begin of the name of the folder into which a replay is put that another is to replace.
+const ASIDE: &str = ".earlier-";
 
 /// The files of a replay, but for its recordings and the lock.
 const FILES: [&str; 4] = ["scenario.toml", "sensors.csv", PLANS, OUTCOME];
@@ -105,8 +110,8 @@ impl ReplayArguments {
             PlansOf::Record => recorded.strategy.clone(),
             PlansOf::Planner => outside.clone().unwrap_or_else(|| scenario.planner.strategy.clone()),
         };
-        let out = self.folder();
-        let _lock = self.clear(&out)?;
+        let out = self.folder()?;
+        let earlier = self.clear(&out)?;
         write_whole(&out.join("scenario.toml"), scenario.to_toml_with_list("sensors.csv").as_bytes())?;
         write_whole(&out.join("sensors.csv"), recorded.list.to_csv().as_bytes())?;
         let launch = Launch {
@@ -118,8 +123,11 @@ impl ReplayArguments {
         let manner = Manner { pace: Some(Pace::Max), outside_planner: outside };
 
         let mut replayed = Replayed::new(&scenario, &recorded, &out.join(PLANS))?;
-        self.fly(&scenario, &launch, &manner, stop, &mut replayed)?;
-        let (counts, hash) = replayed.finish()?;
+        let flown = self.fly(&scenario, &launch, &manner, stop, &mut replayed).and_then(|()| replayed.finish());
+        if flown.is_err() {
+            earlier.restore()?;
+        }
+        let (counts, hash) = flown?;
         let version = env!("CARGO_PKG_VERSION");
         let trace_hash = format!("{hash:016x}");
         let outcome = ReplayOutcome {
@@ -162,18 +170,27 @@ impl ReplayArguments {
         fly(&mission, &ring, &ProcessTable::default(), stop, replayed, &mut tally).map(drop)
     }
 
-    /// The folder of the replay.
-    fn folder(&self) -> PathBuf {
-        self.out.clone().unwrap_or_else(|| {
-            let mut name = self.run.file_name().unwrap_or_default().to_owned();
+    /// The folder of the replay: beside the run, unless the user says otherwise.
+    fn folder(&self) -> Result<PathBuf, Error> {
+        let run = fs::canonicalize(&self.run).at(&self.run)?;
+        let beside = || {
+            let mut name = run.file_name().unwrap_or_default().to_owned();
             name.push("-replay");
-            self.run.with_file_name(name)
-        })
+            run.with_file_name(name)
+        };
+        let out = self.out.clone().unwrap_or_else(|| match self.run.file_name() {
+            Some(_) => self.run.with_file_name(beside().file_name().unwrap_or_default()),
+            None => beside(), // `.` and the like
+        });
+        if std::path::absolute(&out).at(&out)?.starts_with(&run) {
+            let message = "it is in the run, which stays as it is: expected another --out";
+            return Err(InputError::new("output folder", &out, message).into());
+        }
+        Ok(out)
     }
 
-    /// Makes the folder `out`, or clears it of the replay that is to be replaced. Returns its lock, which the system
-    /// releases when the file is dropped or the process ends.
-    fn clear(&self, out: &Path) -> Result<File, Error> {
+    /// Makes the folder `out`, locks it, and puts the replay aside that is to be replaced.
+    fn clear(&self, out: &Path) -> Result<EarlierReplay, Error> {
         let refuse = |message: &str| InputError::new("output folder", out, message);
         fs::create_dir_all(out).map_err(|error| refuse(&format!("{error}: expected the name of a folder")))?;
         self.replaced(out)?; // before a lock file is made
@@ -186,20 +203,29 @@ impl ReplayArguments {
             }
             Err(TryLockError::Error(error)) => return Err(error).at(&path)?,
         }
-        self.replaced(out)?.iter().try_for_each(|path| fs::remove_file(path).at(path))?;
-        Ok(lock)
+        let files = self.replaced(out)?;
+        let aside = tempfile::Builder::new().prefix(ASIDE).tempdir_in(out).at(out)?;
+        for path in &files {
+            fs::rename(path, aside.path().join(path.file_name().unwrap_or_default())).at(path)?;
+        }
+        Ok(EarlierReplay { out: out.to_owned(), is_none: files.is_empty(), aside, _lock: lock })
     }
 
     /// The files of the replay in `out` that is to be replaced; an error if it is not to be, or something else is there.
     fn replaced(&self, out: &Path) -> Result<Vec<PathBuf>, Error> {
         let refuse = |message: &str| Err(InputError::new("output folder", out, message).into());
         let mut paths = Vec::new();
+        let is_replay = out.join(LOCK).exists();
         for entry in fs::read_dir(out).at(out)? {
             let entry = entry.at(out)?;
             let name = entry.file_name();
             let text = name.to_string_lossy();
             let is_recording = text.starts_with("mission") && text.ends_with(".rrd");
-            if !FILES.contains(&&*text) && text != LOCK && !is_recording && !is_unfinished(&name) {
+            if is_earlier(&name) {
+                continue; // of a replay that was killed
+            }
+            let is_file_of_replay = FILES.contains(&&*text) || is_recording || is_unfinished(&name);
+            if text != LOCK && !(is_replay && is_file_of_replay) {
                 let path = entry.path();
                 return refuse(&format!("it holds {}: expected a folder of its own, by --out", path.display()));
             }
@@ -241,4 +267,38 @@ impl ReplayArguments {
         }
         Ok(())
     }
+}
+
+/// The replay that another is to replace, put aside until that one is whole; and the lock of their folder, which the
+/// system releases when it is dropped or the process ends.
+struct EarlierReplay {
+    out: PathBuf,
+    /// Whether there was none.
+    is_none: bool,
+    aside: TempDir,
+    _lock: File,
+}
+
+impl EarlierReplay {
+    /// Puts it back in place of what has become of the other; does nothing without one.
+    fn restore(self) -> Result<(), Error> {
+        if self.is_none {
+            return Ok(());
+        }
+        for entry in fs::read_dir(&self.out).at(&self.out)?.flatten() {
+            let name = entry.file_name();
+            if name != LOCK && !is_earlier(&name) {
+                fs::remove_file(entry.path()).at(&entry.path())?;
+            }
+        }
+        for entry in fs::read_dir(self.aside.path()).at(self.aside.path())?.flatten() {
+            fs::rename(entry.path(), self.out.join(entry.file_name())).at(&entry.path())?;
+        }
+        Ok(())
+    }
+}
+
+/// Whether something of this name is a replay that was put aside.
+fn is_earlier(name: &OsStr) -> bool {
+    name.as_encoded_bytes().starts_with(ASIDE.as_bytes())
 }

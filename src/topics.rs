@@ -1,5 +1,6 @@
 //! `skysink topics`: what a running ring carries, who writes and reads it, and how fast.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -7,10 +8,8 @@ use clap::Args;
 use iceoryx2::prelude::ipc;
 use serde::Serialize;
 use skysink_common::error::InputError;
-use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
-use skysink_planner::settings;
-use skysink_ring::folder::{RingFolder, running_rings};
+use skysink_ring::folder::{RingFolder, record_of, running_rings};
 use skysink_ring::survey::TopicState;
 use skysink_ring::topics::Ring;
 
@@ -72,38 +71,31 @@ impl TopicsOptions {
     /// The ring that is meant.
     fn ring(&self) -> Result<Ring<ipc::Service>, Error> {
         let open = |path: &Path| Ok(Ring::observe(&RingFolder::open(path)?)?);
+        let rings = running_rings();
         let Some(folder) = &self.folder else {
-            return match &running_rings()[..] {
+            return match &rings[..] {
                 [ring] => open(ring),
-                rings => Err(Error::Usage(format!("{}: expected the DIR of one", count(rings)))),
+                [] => Err(Error::Usage("no run is under way".to_owned())),
+                rings => Err(Error::Usage(format!("several runs are under way: expected one of {}", named(rings)))),
             };
         };
-        if !folder.join("slots.csv").exists() {
-            return open(folder);
+        let path = fs::canonicalize(folder).map_err(|error| InputError::new("run folder", folder, error))?;
+        if path.join("ring.toml").exists() {
+            return open(&path);
         }
-        let scenario =
-            Scenario::read(&folder.join("scenario.toml"), Overrides::default()).and_then(settings::resolve)?;
-        let hash = format!("{:016x}", scenario.hash());
-        let flies = |path: &PathBuf| open(path).is_ok_and(|ring| ring.scenario_hash().as_ref() == Some(&hash));
-        let rings: Vec<PathBuf> = running_rings().into_iter().filter(flies).collect();
-        match &rings[..] {
-            [ring] => open(ring),
-            rings => {
-                let message =
-                    format!("{} fly its scenario: expected a run under way, or the folder of its ring", count(rings));
-                Err(InputError::new("run folder", folder, message).into())
-            }
-        }
+        let Some(ring) = rings.iter().find(|ring| record_of(ring).as_ref() == Some(&path)) else {
+            let others = if rings.is_empty() { String::new() } else { format!("; under way: {}", named(&rings)) };
+            let message = format!("it is not under way: expected a run that is, or the folder of its ring{others}");
+            return Err(InputError::new("run folder", folder, message).into());
+        };
+        open(ring)
     }
 }
 
-/// How many rings there are, and where.
-fn count(rings: &[PathBuf]) -> String {
-    let paths: Vec<_> = rings.iter().map(|ring| ring.display().to_string()).collect();
-    match &paths[..] {
-        [] => "no rings".to_owned(),
-        paths => format!("{} rings ({})", paths.len(), paths.join(", ")),
-    }
+/// What the rings are put on record as, or else the rings.
+fn named(rings: &[PathBuf]) -> String {
+    let name = |ring: &PathBuf| record_of(ring).unwrap_or_else(|| ring.clone()).display().to_string();
+    rings.iter().map(name).collect::<Vec<_>>().join(", ")
 }
 
 fn rate(state: TopicState, before: &TopicState) -> RatedTopic {

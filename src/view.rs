@@ -89,11 +89,11 @@ impl PageOptions {
     /// Leaves the page.
     ///
     /// # Errors
-    /// If there is no such recording, or the folder is not free or cannot be written.
-    pub fn write(self) -> Result<(), Error> {
+    /// If there is no such recording, the folder is not free or cannot be written, or on a stop.
+    pub fn write(self, stop: &Stop) -> Result<(), Error> {
         let Self { run, folder } = self;
         let runs = [run];
-        leave(&Shown { recordings: recordings(&runs)?, live: None }, &folder)
+        leave(&Shown { recordings: recordings(&runs)?, live: None }, &folder, stop)
     }
 }
 
@@ -109,7 +109,7 @@ fn serve(shown: &Shown, _: SocketAddr, _: &Stop) -> Result<(), Error> {
 }
 
 #[cfg(not(feature = "viewer"))]
-fn leave(shown: &Shown, _: &Path) -> Result<(), Error> {
+fn leave(shown: &Shown, _: &Path, _: &Stop) -> Result<(), Error> {
     Err(Error::NoWebViewer(shown.rerun()))
 }
 

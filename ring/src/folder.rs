@@ -217,6 +217,15 @@ impl RingFolder {
     }
 
     /// Writes what the other processes read.
+    /// Notes the folder in which the mission is put on record, for whoever looks for its ring.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn note_record(&self, folder: &Path) -> Result<(), RingError> {
+        let note = || write_private(&self.path.join(RECORD), &fs::canonicalize(folder)?.to_string_lossy());
+        note().map_err(|error| RingError::folder(&self.path, error))
+    }
+
     fn furnish(&self) -> io::Result<()> {
         DirBuilder::new().mode(0o700).create(&self.path)?;
         DirBuilder::new().mode(0o700).create(self.path.join("config"))?;
@@ -293,6 +302,15 @@ fn lock_new(path: &Path) -> io::Result<Option<File>> {
     }
     let same = fs::metadata(path).is_ok_and(|named| lock.metadata().is_ok_and(|held| held.ino() == named.ino()));
     Ok(same.then_some(lock))
+}
+
+/// What names the folder in which the mission of a ring is put on record.
+const RECORD: &str = "record";
+
+/// Where the mission of a ring is put on record; none if its launcher has not noted it yet.
+#[must_use]
+pub fn record_of(ring: &Path) -> Option<PathBuf> {
+    fs::read_to_string(ring.join(RECORD)).ok().map(PathBuf::from)
 }
 
 /// The folders of this user's rings whose launchers live.

@@ -164,6 +164,7 @@ pub fn fly(
     log: &mut dyn SlotSink,
     tally: &mut Tally,
 ) -> Result<Duration, Error> {
+    ring_folder.note_record(mission.launch.scenario.parent().unwrap_or(Path::new(".")))?;
     let flown = fly_slots(mission, ring_folder, table, stop, log, tally);
     tidy(&mission.launch.recording);
     flown

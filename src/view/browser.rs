@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use skysink_common::stop::Stop;
 use skysink_ring::role::Role;
-use skysink_web::{Server, WebPage};
+use skysink_web::{PageError, Server, WebPage};
 
 use super::Shown;
 use crate::error::Error;
@@ -61,8 +61,12 @@ fn end_on_panic() {
 }
 
 /// Leaves what is shown as a folder, and says how to try it.
-pub fn leave(shown: &Shown, folder: &Path) -> Result<(), Error> {
-    page(shown).write(folder)?;
+pub fn leave(shown: &Shown, folder: &Path, stop: &Stop) -> Result<(), Error> {
+    let left = page(shown).write(folder, &|| stop.requested().is_some());
+    if matches!(left, Err(PageError::Stopped)) {
+        stop.check()?;
+    }
+    left?;
     print(format_args!("Page:    {}", folder.join("index.html").display()))?;
     print(format_args!("Try it:  python3 -m http.server --directory {}", folder.display()))?;
     print("         then http://127.0.0.1:8000/")

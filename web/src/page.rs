@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
-use std::io;
+use std::io::{self, Read as _};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
@@ -11,6 +11,9 @@ const INDEX: &str = include_str!("index.html");
 
 /// Begin of the name of a page that is not whole yet.
 const UNFINISHED: &str = ".page.";
+
+/// What is copied between two looks at whether it is over [byte].
+const PART_BYTES: u64 = 1 << 24;
 
 /// Name of the page itself.
 const INDEX_NAME: &str = "index.html";
@@ -51,6 +54,9 @@ pub enum PageError {
         /// What is there.
         found: String,
     },
+    /// It was over before the page was whole.
+    #[error("stopped before the page was whole")]
+    Stopped,
     /// A file cannot be read or written.
     #[error("{}: {source}", path.display())]
     File {
@@ -97,8 +103,8 @@ impl WebPage {
     /// Leaves the page as the folder `folder`, for any web server: whole or not at all.
     ///
     /// # Errors
-    /// If the folder holds something, or a file cannot be read or written.
-    pub fn write(&self, folder: &Path) -> Result<(), PageError> {
+    /// If the folder holds something, a file cannot be read or written, or once `is_over`.
+    pub fn write(&self, folder: &Path, is_over: &dyn Fn() -> bool) -> Result<(), PageError> {
         let taken = |found: String| PageError::Taken { path: folder.to_owned(), found };
         if folder.file_name().is_none() {
             return Err(taken("it has no name".to_owned()));
@@ -114,13 +120,13 @@ impl WebPage {
         let new = fs::create_dir_all(above)
             .and_then(|()| tempfile::Builder::new().prefix(UNFINISHED).permissions(usual).tempdir_in(above))
             .map_err(|source| PageError::File { path: above.to_owned(), source })?;
-        self.write_files(new.path())?;
+        self.write_files(new.path(), is_over)?;
         fs::rename(new.path(), folder).map_err(|source| PageError::File { path: folder.to_owned(), source })?;
         let _ = new.keep(); // it has gone
         Ok(())
     }
 
-    fn write_files(&self, folder: &Path) -> Result<(), PageError> {
+    fn write_files(&self, folder: &Path, is_over: &dyn Fn() -> bool) -> Result<(), PageError> {
         for (name, content) in &self.files {
             let path = folder.join(name);
             let write = || {
@@ -129,14 +135,25 @@ impl WebPage {
                     Content::Text(text) => fs::write(&path, text),
                     Content::Embedded(bytes) => fs::write(&path, bytes),
                     // Not its permissions: a web server must be able to read it.
-                    Content::File(source) => io::copy(&mut File::open(source)?, &mut File::create(&path)?).map(drop),
+                    Content::File(source) => copy(source, &path, is_over),
                 }
             };
+            if is_over() {
+                return Err(PageError::Stopped);
+            }
             let at = if let Content::File(source) = content { source } else { &path };
             write().map_err(|source| PageError::File { path: at.clone(), source })?;
         }
         Ok(())
     }
+}
+
+/// Copies a file, or a part of it until it `is_over`.
+fn copy(source: &Path, path: &Path, is_over: &dyn Fn() -> bool) -> io::Result<()> {
+    let mut source = File::open(source)?;
+    let mut file = File::create(path)?;
+    while !is_over() && io::copy(&mut (&mut source).take(PART_BYTES), &mut file)? > 0 {}
+    Ok(())
 }
 
 /// A path for a recording on the page that no file has yet: that of its folder and of itself.
@@ -222,17 +239,17 @@ mod tests {
         fs::create_dir(place.path().join("a")).unwrap();
         let killed = tempfile::Builder::new().prefix(UNFINISHED).tempdir_in(place.path().join("a")).unwrap();
         fs::write(killed.path().join("old.rrd"), "left by another process").unwrap();
-        page.write(&folder).unwrap();
+        page.write(&folder, &|| false).unwrap();
         let usual = fs::metadata(place.path().join("a")).unwrap().permissions();
         assert_eq!(fs::metadata(&folder).unwrap().permissions(), usual, "a web server may read it");
         assert!(!folder.join("old.rrd").exists() && killed.path().join("old.rrd").exists());
         assert_eq!(fs::metadata(folder.join("re_viewer_bg.wasm")).unwrap().len(), VIEWER[1].1.len() as u64);
         let name = plain(&place.path().file_name().unwrap().to_string_lossy());
         assert_eq!(fs::read(folder.join(name).join("run.rrd")).unwrap(), b"RRF2");
-        let error = page.write(&folder).unwrap_err().to_string();
+        let error = page.write(&folder, &|| false).unwrap_err().to_string();
         assert!(error.contains("a/page: it holds something: expected one that is empty"), "{error}");
         fs::remove_file(&recording).unwrap();
-        let error = page.write(&place.path().join("b")).unwrap_err().to_string();
+        let error = page.write(&place.path().join("b"), &|| false).unwrap_err().to_string();
         assert!(error.contains("run.rrd: No such file"), "{error}");
         let left: Vec<_> = fs::read_dir(place.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
         assert_eq!(left, ["a"], "nothing half-written is left");
