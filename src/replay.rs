@@ -184,7 +184,7 @@ impl ReplayArguments {
             Err(TryLockError::WouldBlock) => {
                 return Err(refuse("another replay is writing it: end that one, or choose another --out").into());
             }
-            Err(TryLockError::Error(error)) => return Err(error).at(&path)?,
+            Err(TryLockError::Error(error)) => Err(error).at(&path)?,
         }
         self.replaced(out)?.iter().try_for_each(|path| fs::remove_file(path).at(path))?;
         Ok(lock)
