@@ -201,7 +201,7 @@ impl ReplayArguments {
             Err(TryLockError::WouldBlock) => {
                 return Err(refuse("another replay is writing it: end that one, or choose another --out").into());
             }
-            Err(TryLockError::Error(error)) => return Err(error).at(&path)?,
+            Err(TryLockError::Error(error)) => Err(error).at(&path)?,
         }
         let files = self.replaced(out)?;
         let aside = tempfile::Builder::new().prefix(ASIDE).tempdir_in(out).at(out)?;
