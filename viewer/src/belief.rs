@@ -69,8 +69,8 @@ impl Belief {
         })
     }
 
-    /// Draws a slot, the first after `before`: takes in its contacts, and compares. Of a mission whose beginning was not seen it is not known
-    /// what the UAV was told, and nothing is drawn.
+    /// Draws a slot, the first after `before`: takes in its contacts, and compares. Of a mission whose beginning was
+    /// not seen it is not known what the UAV was told, and nothing is drawn.
     pub(crate) fn log_slot(
         &mut self,
         canvas: &Canvas,

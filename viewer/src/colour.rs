@@ -51,7 +51,8 @@ pub const CLOCK: Rgb = [160, 165, 175];
 pub const SIGHT: Rgb = [105, 205, 255];
 /// Out of line of sight.
 pub const BLOCKED: Rgb = [255, 120, 20];
-/// Missions that are compared: those of Okabe and Ito that are seen on a dark ground, which the colour-blind tell apart.
+/// Missions that are compared: those of Okabe and Ito that are seen on a dark ground, which the colour-blind tell
+/// apart.
 pub const COMPARED: [Rgb; 7] =
     [[230, 159, 0], [86, 180, 233], [0, 190, 140], [240, 228, 66], [213, 94, 0], [204, 121, 167], [200, 200, 200]];
 /// The fullest queue, in curves: the yellow end of the queue scale.

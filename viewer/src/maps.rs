@@ -1,5 +1,5 @@
-//! Maps of the area seen from above, in metres, with a legend beside each: which sensor nodes (SNs) have lost data, when
-//! each overflows, and how long ago each place was in range.
+//! Maps of the area seen from above, in metres, with a legend beside each: which sensor nodes (SNs) have lost data,
+//! when each overflows, and how long ago each place was in range.
 
 use rerun::components::ImageFormat;
 use rerun::{
