@@ -74,7 +74,7 @@ fn losses_coverage_and_beliefs_are_recorded_alike_by_a_ring_and_by_one_process()
 #[test]
 fn the_planned_path_is_that_of_the_undisturbed_mission_whenever_the_planner_is_killed() {
     let place = Place::new();
-    write_ahead(&place, 400);
+    write_ahead(&place, 1_200);
     place.run_well(&["simulate", "ahead.toml", "--record", "--out", "alone"]);
     let run = place.skysink(&["run", "ahead.toml", "--out", "run"]).spawn().unwrap();
     for flown in [20, 80, 150, 220, 300] {
@@ -88,7 +88,7 @@ fn the_planned_path_is_that_of_the_undisturbed_mission_whenever_the_planner_is_k
     assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
     for entity in PATH {
         let [alone, run] = ["alone", "run"].map(|run| rows(&place.path(&format!("{run}/mission.rrd")), entity));
-        let others: Vec<_> = (0..=400).filter(|slot| alone.get(slot) != run.get(slot)).collect();
+        let others: Vec<_> = (0..=1_200).filter(|slot| alone.get(slot) != run.get(slot)).collect();
         assert!(others.is_empty(), "{entity} of {others:?}");
     }
     place.assert_clean();

@@ -225,7 +225,7 @@ fn a_replay_is_replaced_by_force_alone() {
     place.run_well(&["replay", "run", "--no-viewer", "--strategy", "gfs", "--force"]);
     assert_eq!(outcome(&place, "run-replay")["planner"], "gfs");
     let ended = place.run(&["replay", "run", "--no-viewer", "--out", "run", "--force"]);
-    assert!(ended.code == Some(2) && ended.stderr.contains("it holds"), "{ended:?}");
+    assert!(ended.code == Some(2) && ended.stderr.contains("it is in the run"), "{ended:?}");
     assert!(place.path("run/slots.csv").exists());
 }
 
@@ -234,6 +234,7 @@ fn a_replay_that_was_killed_leaves_nothing_that_is_in_the_way_of_the_next() {
     let place = Place::new();
     place.run_well(&["simulate", SMOKE, "--out", "run"]);
     fs::create_dir(place.path("run-replay")).unwrap();
+    place.write("run-replay/lock", "");
     place.write("run-replay/.plans.csv.a1b2c3.new", "slot,x_m\n");
     let victim = place.write("victim", "mine");
     std::os::unix::fs::symlink(victim, place.path("run-replay/.plans.csv.new")).unwrap();
@@ -243,6 +244,43 @@ fn a_replay_that_was_killed_leaves_nothing_that_is_in_the_way_of_the_next() {
     left.sort();
     assert_eq!(left, ["lock", "plans.csv", "replay.json", "scenario.toml", "sensors.csv"]);
     assert_eq!(place.read("victim"), "mine");
+}
+
+#[test]
+fn a_replay_stays_until_the_one_that_replaces_it_is_whole() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    place.run_well(&["replay", "run", "--no-viewer"]);
+    let files = || ["plans.csv", "replay.json", "scenario.toml"].map(|name| place.read(&format!("run-replay/{name}")));
+    let before = files();
+    let ended = place.run(&["replay", "run", "--no-viewer", "--force", "--planner", "false"]);
+    assert_eq!(ended.code, Some(1), "{ended:?}");
+    assert_eq!(files(), before);
+    let left = fs::read_dir(place.path("run-replay")).unwrap().map(|entry| entry.unwrap().file_name());
+    assert_eq!(left.filter(|name| name.as_encoded_bytes().starts_with(b".")).count(), 0);
+    place.run_well(&["replay", "run", "--no-viewer", "--force", "--strategy", "gfs"]);
+    assert_ne!(files(), before);
+}
+
+#[test]
+fn what_is_no_replay_is_not_replaced_and_a_run_is_no_place_for_one() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    fs::create_dir(place.path("own")).unwrap();
+    place.write("own/scenario.toml", "# mine");
+    for (arguments, message) in [
+        (["--out", "own", "--force"], "it holds own/scenario.toml: expected a folder of its own"),
+        (["--out", "run/replay", "--force"], "it is in the run, which stays as it is"),
+    ] {
+        let ended = place.run(&[&["replay", "run", "--no-viewer"][..], &arguments].concat());
+        assert_eq!(ended.code, Some(2), "{ended:?}");
+        assert!(ended.stderr.contains(message), "{ended:?}");
+    }
+    assert_eq!(place.read("own/scenario.toml"), "# mine");
+    let mut inside = place.skysink(&["replay", ".", "--no-viewer"]);
+    let ended = end(inside.current_dir(place.path("run")).spawn().unwrap());
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert!(place.path("run-replay/replay.json").exists());
 }
 
 #[test]

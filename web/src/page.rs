@@ -248,6 +248,8 @@ mod tests {
         assert_eq!(fs::read(folder.join(name).join("run.rrd")).unwrap(), b"RRF2");
         let error = page.write(&folder, &|| false).unwrap_err().to_string();
         assert!(error.contains("a/page: it holds something: expected one that is empty"), "{error}");
+        let stopped = page.write(&place.path().join("c"), &|| true);
+        assert!(matches!(stopped, Err(PageError::Stopped)), "{stopped:?}");
         fs::remove_file(&recording).unwrap();
         let error = page.write(&place.path().join("b"), &|| false).unwrap_err().to_string();
         assert!(error.contains("run.rrd: No such file"), "{error}");
