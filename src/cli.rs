@@ -32,6 +32,7 @@ use crate::check::check;
 use crate::error::Error;
 use crate::new::NewScenario;
 use crate::replay::ReplayArguments;
+use crate::report::OutputForm;
 use crate::run::run;
 use crate::run::supervise::ProcessTable;
 use crate::simulate::{NewFolder, Simulation, simulate};
@@ -99,6 +100,8 @@ Examples:
         /// Leave a recording for rerun, mission.rrd.
         #[arg(long)]
         record: bool,
+        #[command(flatten)]
+        form: OutputForm,
     },
     /// Fly a mission with a process for each part of the ring, and record it.
     #[command(after_help = "\
@@ -282,21 +285,27 @@ fn refused(message: &clap::Error) -> ExitCode {
 }
 
 fn command(command: Command, stop: &Stop) -> Result<(), Error> {
-    let (folder, summary) = match command {
+    let (folder, summary, form) = match command {
         Command::Check { scenario, changes, json } => return check(&scenario, changes.overrides(), json),
         Command::New(new) => return new.write(),
-        Command::Simulate { scenario, choice, record } => {
+        Command::Simulate { scenario, choice, record, form } => {
             let scenario = Scenario::read(&scenario, choice.overrides()).and_then(settings::resolve)?;
             let list = SensorList::of(&scenario)?;
             let mission = Mission::new(&scenario, &list)?;
-            simulate(&Simulation { scenario, folder: choice.folder, record }, &list, mission, stop)?
+            let simulation = Simulation { scenario, folder: choice.folder, record };
+            let (folder, summary) = simulate(&simulation, &list, mission, stop)?;
+            (folder, summary, form)
         }
         Command::Report { folder, sensors, json } => return report(&folder, sensors, json, stop),
         Command::Replay(arguments) => return arguments.replay(stop),
         Command::Topics(options) => return options.show(stop),
         Command::View(options) => return options.view(stop),
         Command::Page(options) => return options.write(stop),
-        Command::Run(arguments) => run(&arguments.run()?, stop, &ProcessTable::default())?,
+        Command::Run(arguments) => {
+            let form = arguments.form;
+            let (folder, summary) = run(&arguments.run()?, stop, &ProcessTable::default())?;
+            (folder, summary, form)
+        }
         #[cfg(feature = "lab")]
         Command::Research(research) => return research.run(stop),
         Command::Manual(manual) => return manual.write(),
@@ -308,7 +317,7 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
         #[cfg(feature = "lab")]
         Command::Hop(process) => return process.run(stop),
     };
-    report::print_run(&folder, &summary)
+    form.print(&summary, || report::print_run(&folder, &summary))
 }
 
 fn report(path: &Path, sensors: bool, json: bool, stop: &Stop) -> Result<(), Error> {

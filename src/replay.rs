@@ -26,7 +26,7 @@ use skysink_ring::role::Role;
 use tempfile::TempDir;
 
 use crate::error::Error;
-use crate::report::print;
+use crate::report::{OutputForm, print};
 use crate::run::options::{Launch, PlansOf, RecordedRing, RunOptions};
 use crate::run::supervise::ProcessTable;
 use crate::run::{Flown, fly, make_ring};
@@ -68,6 +68,8 @@ pub struct ReplayArguments {
     force: bool,
     #[command(flatten)]
     options: RunOptions,
+    #[command(flatten)]
+    form: OutputForm,
 }
 
 /// What a replay comes to, as in `replay.json`.
@@ -140,7 +142,7 @@ impl ReplayArguments {
         };
         let text = serde_json::to_string_pretty(&outcome).expect("plain numbers and strings") + "\n";
         write_whole(&out.join(OUTCOME), text.as_bytes())?;
-        self.print(&outcome, plans, &out)
+        self.form.print(&outcome, || self.print(&outcome, plans, &out))
     }
 
     /// Fails where options make no sense for a flight on record.

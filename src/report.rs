@@ -7,10 +7,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 #[cfg(feature = "lab")]
 use std::time::{Duration, Instant};
 
+use clap::Args;
 use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, Table, Width, presets};
 #[cfg(feature = "lab")]
 use indicatif::HumanDuration;
 use indicatif::{HumanCount, ProgressBar, ProgressState, ProgressStyle};
+use serde::Serialize;
 use skysink_common::pace::Pace;
 #[cfg(feature = "lab")]
 use skysink_lab::{
@@ -121,6 +123,27 @@ fn style(template: &str) -> ProgressStyle {
 /// If nobody reads it any more, or it cannot be written.
 pub fn print(line: impl fmt::Display) -> Result<(), Error> {
     writeln!(std::io::stdout(), "{line}").map_err(Error::Output)
+}
+
+/// How figures are printed.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct OutputForm {
+    /// Print JSON instead of the table.
+    #[arg(long)]
+    json: bool,
+}
+
+impl OutputForm {
+    /// Prints `figures` as JSON if that is asked for, else what `as_table` prints.
+    ///
+    /// # Errors
+    /// As [`print`].
+    pub fn print(self, figures: &impl Serialize, as_table: impl FnOnce() -> Result<(), Error>) -> Result<(), Error> {
+        if self.json {
+            return print(serde_json::to_string_pretty(figures).expect("plain numbers and strings"));
+        }
+        as_table()
+    }
 }
 
 /// Prints what an optimisation came to: the bound, the best known, and what every strategy loses.

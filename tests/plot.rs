@@ -158,7 +158,6 @@ fn a_request_that_does_not_fit_the_sweep_is_refused_in_a_line_and_nothing_is_wri
         (with(&["--where", "slots=3"]), "--where slots: expected a key of the sweep"),
         (with(&["--where", "area.side_m=40"]), "--where area.side_m: it is the key of the x axis"),
         (with(&["--where", "link.gain=per-slot"]), "--where link.gain: it stands there twice: expected one value"),
-        (with(&["--title", "日"]), "--title 日: '日' is not in the embedded font: expected Latin, Greek"),
         (
             vec!["--x", "area.side_m", "--where", "link.gain=dynamic"],
             "link.gain=dynamic: expected one that was flown: static, per-slot",
@@ -172,6 +171,7 @@ fn a_request_that_does_not_fit_the_sweep_is_refused_in_a_line_and_nothing_is_wri
         assert!(ended.stderr.starts_with("skysink: sweep flown: ") && ended.stderr.contains(says), "{ended:?}");
     }
     for (request, says) in [
+        (with(&["--title", "日"]), "--title 日: '日' is not in the embedded font: expected Latin, Greek"),
         (with(&["--y", "loss"]), "[possible values: loss_rate, eta_letter, "),
         (with(&["--y", "los_rate"]), "'loss_rate'"),
         (with(&["--strategies", "utz"]), "'uts'"),

@@ -12,6 +12,7 @@ use skysink_planner::settings;
 
 use super::Choice;
 use crate::error::Error;
+use crate::report::OutputForm;
 use crate::run::Run;
 use crate::run::options::{RunOptions, seconds};
 use crate::simulate::{Simulation, simulate};
@@ -30,6 +31,9 @@ pub struct RunArguments {
     resume: Option<PathBuf>,
     #[command(flatten)]
     options: RunOptions,
+    /// How its figures are printed.
+    #[command(flatten)]
+    pub form: OutputForm,
 }
 
 impl RunArguments {

@@ -21,7 +21,7 @@ use super::Changes;
 use super::plot::{self, PlotOptions};
 use crate::compare::{Compare, Compared, compare};
 use crate::error::Error;
-use crate::report::{TerminalProgress, print, print_optimum, print_run};
+use crate::report::{OutputForm, TerminalProgress, print, print_optimum, print_run};
 use crate::simulate::{NewFolder, Simulation, simulate};
 
 /// The research commands.
@@ -244,6 +244,8 @@ pub struct OptimizeOptions {
     /// Leave a recording for rerun, mission.rrd.
     #[arg(long)]
     record: bool,
+    #[command(flatten)]
+    form: OutputForm,
 }
 
 impl OptimizeOptions {
@@ -257,7 +259,7 @@ impl OptimizeOptions {
             Scenario::read(&self.scenario, overrides).and_then(settings::resolve)
         };
         let scenarios = STRATEGIES.into_iter().map(by).collect::<Result<Vec<_>, _>>()?;
-        let Self { budget, steps, folder, record, .. } = self;
+        let Self { budget, steps, folder, record, form, .. } = self;
         RunFolder::check(folder.out.as_deref(), folder.force)?;
         let budget = steps.map_or(Budget::Time(budget), Budget::Steps);
         let found = optimize(&scenarios, budget, stop, &TerminalProgress::of_steps());
@@ -266,8 +268,10 @@ impl OptimizeOptions {
         let simulation = Simulation { scenario: found.scenario.clone(), folder, record };
         let (folder, summary) = simulate(&simulation, &found.list, found.mission()?, stop)?;
         folder.write_json("optimum.json", &found.optimum)?;
-        print_optimum(&found)?;
-        print_run(&folder, &summary)
+        form.print(&found.optimum, || {
+            print_optimum(&found)?;
+            print_run(&folder, &summary)
+        })
     }
 }
 
