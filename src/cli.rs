@@ -8,12 +8,13 @@ mod manual;
 mod plot;
 #[cfg(feature = "lab")]
 pub(crate) mod research;
+pub(crate) mod values;
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::builder::TypedValueParser;
 use clap::{Args, Parser, Subcommand};
 use skysink_common::scenario::{Overrides, Scenario, Setting};
 use skysink_common::sensors::SensorList;
@@ -22,7 +23,6 @@ use skysink_mission::record::RunFolder;
 use skysink_mission::replay::checked_summary;
 use skysink_mission::{Mission, sensor_results};
 use skysink_planner::settings;
-use skysink_planner::strategies::{Registered, STRATEGIES};
 use skysink_ring::role::Role;
 use skysink_ring::wait::{exit_on_second_signal, stop_on_signals};
 
@@ -208,7 +208,7 @@ const NEW_HELP: &str = "Example:\n  skysink new city    writes city/city.toml";
 #[derive(Debug, Args)]
 struct Choice {
     /// Strategy, instead of the scenario's.
-    #[arg(long, value_parser = strategy_parser())]
+    #[arg(long, value_parser = values::strategy())]
     strategy: Option<&'static str>,
     #[command(flatten)]
     changes: Changes,
@@ -241,12 +241,6 @@ impl Changes {
 
 fn seed_parser() -> impl TypedValueParser<Value = u64> {
     clap::value_parser!(u64).range(..=i64::MAX as u64)
-}
-
-/// A strategy by its name in scenario files.
-pub(crate) fn strategy_parser() -> impl TypedValueParser<Value = &'static str> {
-    PossibleValuesParser::new(STRATEGIES.map(|strategy| PossibleValue::new(strategy.name).help(strategy.about)))
-        .map(|name| Registered::find(&name).expect("one of the possible values").name)
 }
 
 /// Runs the command line of this process.

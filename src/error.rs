@@ -10,7 +10,8 @@ use skysink_mission::MissionError;
 use skysink_mission::record::RunFolder;
 use skysink_ring::error::{NodeError, RingError};
 
-use crate::report::RERUN;
+/// Version of the rerun viewer whose recordings these are.
+pub const RERUN: &str = "0.36.3";
 
 /// Why a command fails; the display is one line.
 #[derive(Debug, thiserror::Error)]

@@ -58,7 +58,7 @@ pub struct ReplayArguments {
     /// Folder of a finished run.
     run: PathBuf,
     /// Ask this strategy what it would have done, instead of the one that has flown.
-    #[arg(long, value_parser = crate::cli::strategy_parser())]
+    #[arg(long, value_parser = crate::cli::values::strategy())]
     strategy: Option<&'static str>,
     /// Folder to write [default: RUN-replay].
     #[arg(long, value_name = "DIR")]

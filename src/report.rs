@@ -23,10 +23,7 @@ use skysink_mission::latency::Spread;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
 
-use crate::error::Error;
-
-/// Version of the rerun viewer whose recordings these are.
-pub const RERUN: &str = "0.36.3";
+use crate::error::{Error, RERUN};
 
 /// A progress bar on standard error, or several in a row; nothing at all where that is not a terminal. It is removed
 /// with its last clone.

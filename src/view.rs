@@ -201,17 +201,17 @@ mod tests {
         let [run, secret] = ["run", "secret.txt"].map(|name| place.path().join(name));
         fs::create_dir(&run).unwrap();
         fs::write(&secret, "secret").unwrap();
-        assert!(recordings(&[run.clone()]).unwrap_err().to_string().contains("no recording in it"));
+        assert!(recordings(std::slice::from_ref(&run)).unwrap_err().to_string().contains("no recording in it"));
         symlink(&secret, run.join("mission-3.rrd")).unwrap();
         fs::create_dir(run.join("mission-4.rrd")).unwrap();
         fs::write(run.join("mission-5.rrd"), "").unwrap(); // just begun
         assert!(Command::new("mkfifo").arg(run.join("mission-6.rrd")).status().unwrap().success());
-        assert!(recordings(&[run.clone()]).is_err());
+        assert!(recordings(std::slice::from_ref(&run)).is_err());
         for name in ["mission-10.rrd", "mission-2.rrd"] {
             fs::write(run.join(name), "RRF2 and so on").unwrap();
         }
         let expected = ["mission-2.rrd", "mission-10.rrd"].map(|name| run.join(name));
-        assert_eq!(recordings(&[run.clone()]).unwrap(), expected);
+        assert_eq!(recordings(std::slice::from_ref(&run)).unwrap(), expected);
         assert!(recordings(&[run.join("mission-6.rrd")]).is_err(), "a pipe");
         fs::write(run.join("mission-11.rrd"), "something else").unwrap();
         let refused = recordings(&[run]).unwrap_err().to_string();

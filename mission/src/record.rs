@@ -16,16 +16,18 @@ use tempfile::NamedTempFile;
 
 use crate::error::{FileContext, MissionError};
 use crate::origin::{self, Manner};
-use crate::sensor_results;
 use crate::slot_log::{CHECK, SlotLog};
 use crate::summary::Summary;
+
+/// What every sensor node lost, delivered and waited for.
+pub(crate) const SENSOR_RESULTS: &str = "sensors_out.csv";
 
 /// The trace, by which a folder is known to hold a run.
 const TRACE: &str = "slots.csv";
 
 /// The other files of a run, but for its recordings.
 const FILES: [&str; 7] =
-    [origin::FILE, "scenario.toml", "sensors.csv", CHECK, "summary.json", "optimum.json", sensor_results::FILE];
+    [origin::FILE, "scenario.toml", "sensors.csv", CHECK, "summary.json", "optimum.json", SENSOR_RESULTS];
 
 /// End of the names of files under way.
 pub const UNFINISHED: &str = ".new";
@@ -205,7 +207,7 @@ impl RunFolder {
     /// # Errors
     /// If it cannot be removed.
     pub fn remove_sensor_results(&self) -> Result<(), MissionError> {
-        let path = self.path.join(sensor_results::FILE);
+        let path = self.path.join(SENSOR_RESULTS);
         match fs::remove_file(&path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
             removed => removed.at(&path),

@@ -10,11 +10,8 @@ use skysink_field_sim::Field;
 
 use crate::ages::AgeRun;
 use crate::error::MissionError;
-use crate::record::write_whole;
+use crate::record::{SENSOR_RESULTS, write_whole};
 use crate::replay::Replay;
-
-/// The file, in the run's folder.
-pub(crate) const FILE: &str = "sensors_out.csv";
 
 /// Its header.
 const COLUMNS: &str = "sensor,x_m,y_m,sampled_bits,delivered_bits,lost_bits,queued_bits,loss_rate,served_slots,\
@@ -89,7 +86,7 @@ pub fn write(folder: &Path, stop: &Stop) -> Result<PathBuf, MissionError> {
         stop.check()?;
         tally.add(flown.header.head.slot, &flown.flight, replay.mission().field());
     }
-    let path = folder.join(FILE);
+    let path = folder.join(SENSOR_RESULTS);
     write_whole(&path, csv(&replay, tally).as_bytes())?;
     Ok(path)
 }

@@ -11,7 +11,7 @@ use skysink_lab::plot::{Footer, Plot, PlotRequest, plot};
 use skysink_planner::strategies::Registered;
 use skysink_ring::role::Role;
 
-use super::strategy_parser;
+use super::values::strategy;
 use crate::error::Error;
 use crate::report::{print, table, with_numbers_right};
 
@@ -43,10 +43,10 @@ pub struct PlotOptions {
     #[arg(long, value_name = "METRIC", default_value = "loss_rate", value_parser = metric_parser())]
     y: Metric,
     /// Only these strategies, in this order, separated by commas [default: all of the sweep].
-    #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = strategy_parser(), hide_possible_values = true)]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = strategy(), hide_possible_values = true)]
     strategies: Vec<&'static str>,
     /// Draw the differences from this strategy, paired by seed.
-    #[arg(long, value_name = "STRATEGY", value_parser = strategy_parser(), hide_possible_values = true)]
+    #[arg(long, value_name = "STRATEGY", value_parser = strategy(), hide_possible_values = true)]
     difference_to: Option<&'static str>,
     /// Only missions with this value of another key of the sweep, such as link.bandwidth_hz=5e3 (repeatable).
     #[arg(long = "where", value_name = "KEY=VALUE")]
