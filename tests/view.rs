@@ -126,13 +126,13 @@ fn the_page_its_viewer_and_the_recording_are_served_and_nothing_else() {
 }
 
 #[test]
-fn several_recordings_are_shown_on_one_page_and_without_a_name_the_newest_run() {
+fn several_recordings_are_shown_on_one_page_and_without_a_name_the_newest() {
     let place = Place::new();
     for out in ["runs/first", "runs/second"] {
         place.run_well(&["simulate", SMOKE, "--record", "--out", out]);
     }
     let old = std::time::SystemTime::now() - std::time::Duration::from_secs(60);
-    fs::File::open(place.path("runs/second/slots.csv")).unwrap().set_modified(old).unwrap();
+    fs::File::open(place.path("runs/second/mission.rrd")).unwrap().set_modified(old).unwrap();
     let (child, _, port) = view(&place, &[]);
     assert!(ask(port, "GET", "/").text().contains("[\"first/mission.rrd\"]"));
     assert_eq!(stop(child), Some(130));
@@ -150,7 +150,7 @@ fn what_cannot_be_shown_is_refused_in_one_line() {
     let live = "--live=1"; // nobody listens there: the port has been out of use for decades
     place.write("text.rrd", "RRD?");
     for (arguments, says) in [
-        (&[][..], "runs: no run in it"),
+        (&[][..], "runs: no recording in it"),
         (&["nowhere"], "recording nowhere: No such file"),
         (&["text.rrd"], "recording text.rrd: expected a recording of rerun"),
         (&["dark"], "recording dark: no recording in it"),

@@ -40,15 +40,17 @@ impl Chart {
 }
 
 impl CurvePoint {
-    /// The mean with its confidence interval, in as many digits as its size needs. By Student's t the interval is
+    /// The mean with its confidence interval, in as many digits as their size needs. By Student's t the interval is
     /// symmetric; that of a bounded quantity need not be.
     pub fn cell(&self, support: Support) -> String {
         let Self { mean, limits, .. } = self;
+        let size = limits.iter().flatten().fold(mean.abs(), |size, limit| size.max(limit.abs()));
+        let is_small = size > 0.0 && size < 0.001;
         let digits = match mean.abs() {
             100.0.. => 0,
             1.0.. => 1,
-            0.001.. | 0.0 => 4,
-            _ => 6,
+            _ if is_small => 6,
+            _ => 4,
         };
         let number = |value: f64| {
             let text = format!("{value:.digits$}");

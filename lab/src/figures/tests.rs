@@ -116,6 +116,8 @@ fn a_table_shows_symmetric_and_bounded_intervals() {
     let head = "**Loss against area**; data loss rate η [−], mean [95 % CI]\n\n| side of the area [m] | uts |";
     assert!(fractions.contains(head), "{fractions}");
     assert!(fractions.ends_with("| 1 | 0.2500 [0.1250, 0.5000] |\n| 2 | 0.0000 [-0.0010, 0.0010] |\n| 3 | 0.5000 |\n"));
+    let small = chart(vec![series("uts", &[(1.0, 0.000_014, 0.000_01)])]).table().markdown();
+    assert!(small.ends_with("| 1 | 0.000014 [0.000004, 0.000024] |\n"), "{small}");
     let bits =
         Chart { support: Support::Real, ..chart(vec![series("uts", &[(1.0, 21_076.4, 55.2)])]) }.table().markdown();
     assert!(bits.contains("mean ± half of the 95 % CI\n") && bits.ends_with("| 1 | 21076 ± 55 |\n"), "{bits}");
