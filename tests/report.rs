@@ -24,9 +24,10 @@ fn the_table_of_a_run_is_printed_again() {
     let json: Value = serde_json::from_str(&place.run_well(&["report", "run", "--json"]).stdout).unwrap();
     assert_eq!(json, place.summary("run"));
     for command in ["simulate", "run"] {
-        let ended = place.run_well(&[command, "small.toml", "--out", command, "--json"]);
+        let out = format!("{command}-json");
+        let ended = place.run_well(&[command, "small.toml", "--out", &out, "--json"]);
         let json: Value = serde_json::from_str(&ended.stdout).unwrap();
-        assert_eq!(json, place.summary(command), "{ended:?}");
+        assert_eq!(json, place.summary(&out), "{ended:?}");
     }
 }
 
