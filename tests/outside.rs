@@ -17,15 +17,6 @@ fn flown(place: &Place) -> usize {
     lines(&place.path("run/slots.csv")).saturating_sub(1)
 }
 
-/// A command that finds the ring as the planner of somebody else does.
-fn command(place: &Place) -> String {
-    let planner = env!("CARGO_BIN_EXE_planner");
-    let script = format!("#!/bin/sh\nexec {planner} --scenario \"$SKYSINK_SCENARIO\" --ring \"$SKYSINK_RING\"\n");
-    let path = place.write("mine.sh", &script);
-    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
-    path.display().to_string()
-}
-
 /// `skysink` with these arguments; what it says goes to the file `said`.
 fn begin(place: &Place, arguments: &[&str]) -> Child {
     let said = File::create(place.path("said")).unwrap();
@@ -52,7 +43,7 @@ fn a_command_is_started_as_the_planner_and_started_again_when_it_dies() {
     place.write("long.toml", LONG);
     place.run_well(&["simulate", "long.toml", "--out", "alone"]);
     let arguments =
-        ["run", "long.toml", "--no-viewer", "--out", "run", "--planner", &command(&place), "--label", "mine"];
+        ["run", "long.toml", "--no-viewer", "--out", "run", "--planner", &place.outside_planner(), "--label", "mine"];
     let run = begin(&place, &arguments);
     let ring = until("ring", || place.rings().into_iter().find(|ring| place.ring_file(ring).exists()));
     until("flight", || (flown(&place) > 200).then_some(()));
@@ -68,7 +59,7 @@ fn a_command_is_started_as_the_planner_and_started_again_when_it_dies() {
 
 /// A command whose process is a shell that waits for the planner, beside another child that holds its output open.
 fn forking_command(place: &Place) -> String {
-    let path = place.write("fork.sh", &format!("#!/bin/sh\nsleep 1000 &\n{}\n:\n", command(place)));
+    let path = place.write("fork.sh", &format!("#!/bin/sh\nsleep 1000 &\n{}\n:\n", place.outside_planner()));
     fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
     path.display().to_string()
 }
@@ -176,7 +167,7 @@ fn the_mission_of_an_outside_planner_is_booked_and_resumed_as_such() {
     let place = Place::new();
     place.write("long.toml", LONG);
     place.run_well(&["simulate", "long.toml", "--out", "alone"]);
-    let command = command(&place);
+    let command = place.outside_planner();
     let run = begin(&place, &["run", "long.toml", "--no-viewer", "--out", "run", "--planner", &command]);
     until("flight", || (flown(&place) > 100).then_some(()));
     signal(&run, Signal::TERM);

@@ -3,7 +3,6 @@
 mod support;
 
 use std::fs;
-use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::time::Duration;
 
@@ -117,19 +116,10 @@ fn another_strategy_is_asked_in_each_recorded_state_and_not_followed() {
     place.assert_clean();
 }
 
-/// A command that finds the ring as the planner of somebody else does.
-fn command(place: &Place) -> String {
-    let planner = env!("CARGO_BIN_EXE_planner");
-    let script = format!("#!/bin/sh\nexec {planner} --scenario \"$SKYSINK_SCENARIO\" --ring \"$SKYSINK_RING\"\n");
-    let path = place.write("mine.sh", &script);
-    fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
-    path.display().to_string()
-}
-
 #[test]
 fn an_outside_planner_is_asked_and_its_own_run_is_replayed_by_its_decisions_on_record() {
     let place = Place::new();
-    let command = command(&place);
+    let command = place.outside_planner();
     place.run_well(&["run", SMOKE, "--no-viewer", "--out", "run", "--planner", &command, "--label", "mine"]);
     place.run_well(&["replay", "run", "--no-viewer", "--out", "recorded"]);
     let recorded = outcome(&place, "recorded");

@@ -58,6 +58,15 @@ impl Place {
         command
     }
 
+    /// A command that finds the ring as the planner of somebody else does.
+    pub fn outside_planner(&self) -> String {
+        let planner = env!("CARGO_BIN_EXE_planner");
+        let script = format!("#!/bin/sh\nexec {planner} --scenario \"$SKYSINK_SCENARIO\" --ring \"$SKYSINK_RING\"\n");
+        let path = self.write("mine.sh", &script);
+        std::fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+        path.display().to_string()
+    }
+
     /// Runs `skysink` to its end.
     pub fn run(&self, arguments: &[&str]) -> Ended {
         end(self.skysink(arguments).spawn().unwrap())
