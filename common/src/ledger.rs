@@ -5,6 +5,7 @@
 
 use std::iter::repeat;
 use std::ops::Range;
+use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "node")]
@@ -46,7 +47,8 @@ impl Totals {
 pub struct Ledger {
     capacity_bits: u32,
     initial_bits: Vec<u32>,
-    queues_bits: Vec<u32>,
+    /// Copied before a change where somebody else holds it, too.
+    queues_bits: Arc<Vec<u32>>,
     delivered_bits: Vec<u64>,
     totals: Totals,
 }
@@ -62,7 +64,13 @@ impl Ledger {
         let queued_bits = queues_bits.iter().copied().map(u64::from).sum();
         let totals = Totals { initial_bits: queued_bits, queued_bits, ..Totals::default() };
         let delivered_bits = vec![0; queues_bits.len()];
-        Self { capacity_bits, initial_bits: queues_bits.clone(), queues_bits, delivered_bits, totals }
+        Self {
+            capacity_bits,
+            initial_bits: queues_bits.clone(),
+            queues_bits: Arc::new(queues_bits),
+            delivered_bits,
+            totals,
+        }
     }
 
     /// Restores the queues [bit] and the bits delivered so far, by sensor node, of a ledger in which sensor node i has
@@ -92,7 +100,7 @@ impl Ledger {
         let sampled = delivered + lost_bits + queued_bits - self.totals.initial_bits;
         let totals = Totals { sampled_bits: sampled, delivered_bits: delivered, lost_bits, queued_bits, ..self.totals };
         self.totals = totals;
-        self.queues_bits.copy_from_slice(queues_bits);
+        Arc::make_mut(&mut self.queues_bits).copy_from_slice(queues_bits);
         self.delivered_bits.copy_from_slice(delivered_bits);
         true
     }
@@ -101,6 +109,12 @@ impl Ledger {
     #[must_use]
     pub fn queues_bits(&self) -> &[u32] {
         &self.queues_bits
+    }
+
+    /// The same, to be kept without a copy: what is held stays as it is when the ledger changes.
+    #[must_use]
+    pub fn shared_queues_bits(&self) -> Arc<Vec<u32>> {
+        Arc::clone(&self.queues_bits)
     }
 
     /// Bits uploaded so far, by sensor node.
@@ -143,7 +157,7 @@ impl Ledger {
     /// If `sensors` reaches beyond the field.
     #[inline(always)]
     pub fn sample_alike(&mut self, sensors: Range<usize>, bits: u64) -> u64 {
-        let queues_bits = &mut self.queues_bits[sensors.clone()];
+        let queues_bits = &mut Arc::make_mut(&mut self.queues_bits)[sensors.clone()];
         let longest_bits = queues_bits.iter().fold(0, |longest, &queue_bits| queue_bits.max(longest));
         match u32::try_from(bits) {
             Ok(each_bits) if each_bits <= self.capacity_bits - longest_bits => {
@@ -166,7 +180,7 @@ impl Ledger {
         let capacity_bits = self.capacity_bits;
         let mut sampled_bits = 0;
         let mut stored_bits = 0;
-        for (queue_bits, bits) in self.queues_bits[sensors].iter_mut().zip(bits) {
+        for (queue_bits, bits) in Arc::make_mut(&mut self.queues_bits)[sensors].iter_mut().zip(bits) {
             let room_bits = capacity_bits - *queue_bits;
             let stored = (bits.min(u64::from(u32::MAX)) as u32).min(room_bits); // most processors compare 32 bits faster
             *queue_bits += stored;
@@ -189,7 +203,8 @@ impl Ledger {
     pub fn upload(&mut self, sensor: usize, capacity_bits: u64) -> u64 {
         let queue_bits = u64::from(self.queues_bits[sensor]);
         let taken_bits = queue_bits.min(capacity_bits);
-        self.queues_bits[sensor] = u32::try_from(queue_bits - taken_bits).expect("at most the buffer, a u32");
+        Arc::make_mut(&mut self.queues_bits)[sensor] =
+            u32::try_from(queue_bits - taken_bits).expect("at most the buffer, a u32");
         self.delivered_bits[sensor] += taken_bits;
         self.totals.delivered_bits += taken_bits;
         self.totals.queued_bits -= taken_bits;
@@ -202,6 +217,21 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use std::iter::once;
+
+    #[test]
+    fn held_queues_stay_as_they_are_and_are_copied_only_while_they_are_held() {
+        let mut ledger = Ledger::new(30_000, vec![100, 200]);
+        let held = ledger.shared_queues_bits();
+        let _ = ledger.upload(0, 40);
+        assert_eq!((&held[..], ledger.queues_bits()), (&[100, 200][..], &[60, 200][..]));
+        drop(held);
+        let place = ledger.queues_bits().as_ptr();
+        let held = ledger.shared_queues_bits();
+        assert_eq!(held.as_ptr(), place, "no copy");
+        drop(held);
+        let _ = ledger.sample(0..2, [5, 5].into_iter());
+        assert_eq!((ledger.queues_bits(), ledger.queues_bits().as_ptr()), (&[65, 205][..], place));
+    }
 
     #[test]
     fn an_overflowing_queue_loses_exactly_the_excess() {

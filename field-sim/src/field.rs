@@ -2,6 +2,7 @@
 
 use std::mem::MaybeUninit;
 use std::ops::Range;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use skysink_common::arrivals::{bits_between, sampled, sampled_bits};
@@ -175,6 +176,12 @@ impl Field {
     #[must_use]
     pub fn queues_bits(&self) -> &[u32] {
         self.ledger.queues_bits()
+    }
+
+    /// The same, to be kept without a copy: what is held stays as it is when the field advances.
+    #[must_use]
+    pub fn shared_queues_bits(&self) -> Arc<Vec<u32>> {
+        self.ledger.shared_queues_bits()
     }
 
     /// Bits uploaded so far, by sensor node.

@@ -13,14 +13,83 @@ use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
 use skysink_planner::strategies::Strategy;
 
-/// A mission under way, as an iterator over its slots.
-pub struct Mission {
+/// The field and the UAV of a mission, which any planner may fly; a clone goes its own way.
+#[derive(Debug, Clone)]
+pub struct World {
     field: Field,
-    planner: Planner,
     flight: Flight,
     slot: u64,
     slots: u64,
     report: FlightReport,
+}
+
+impl World {
+    /// The field and the UAV before slot 1.
+    #[must_use]
+    pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
+        let flight = Flight::new(scenario, &list.nodes());
+        Self { field: Field::new(scenario, list), report: flight.start(), flight, slot: 0, slots: scenario.slots }
+    }
+
+    /// The same with an account of what the UAV knows of the queues, for planners that are not Skysink's.
+    #[must_use]
+    pub fn telling(mut self, estimate: Estimate) -> Self {
+        self.field = self.field.telling(estimate);
+        self
+    }
+
+    /// The ledger after the last slot flown.
+    #[must_use]
+    pub fn header(&self) -> QueuesHeader {
+        let flags = if self.is_over() { FLAG_END } else { 0 };
+        self.field.header(SlotHeader { slot: self.slot, flags, ..SlotHeader::default() })
+    }
+
+    /// The last slot flown; 0 before the first.
+    #[must_use]
+    pub fn slot(&self) -> u64 {
+        self.slot
+    }
+
+    /// Whether all slots are flown.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.slot == self.slots
+    }
+
+    /// The last flight; before slot 1 the UAV at its start.
+    #[must_use]
+    pub fn last_flight(&self) -> &FlightReport {
+        &self.report
+    }
+
+    /// The field after the last slot.
+    #[must_use]
+    pub fn field(&self) -> &Field {
+        &self.field
+    }
+
+    /// What the UAV knows of the queues after the last slot [bit], if account is kept of it.
+    pub fn told_bits(&mut self) -> Option<&[u32]> {
+        self.field.told_bits()
+    }
+
+    /// Flies the next slot by a plan, or holds where there is none, and returns the ledger after it.
+    ///
+    /// # Panics
+    /// Never: flight-sim serves known sensor nodes alone.
+    pub fn fly(&mut self, plan: Option<&Plan>) -> QueuesHeader {
+        self.slot += 1;
+        self.report = self.flight.step(self.slot, plan);
+        self.field.step(self.slot, &self.report).expect("flight-sim serves known sensor nodes alone");
+        self.header()
+    }
+}
+
+/// A mission under way, as an iterator over its slots.
+pub struct Mission {
+    world: World,
+    planner: Planner,
 }
 
 /// What one slot was, as the processes would have published it.
@@ -40,16 +109,7 @@ impl Mission {
     /// # Errors
     /// If `[planner]` of the scenario is refused; never for one that [`skysink_planner::settings::resolve`] returned.
     pub fn new(scenario: &Scenario, list: &SensorList) -> Result<Self, InputError> {
-        let nodes = list.nodes();
-        let flight = Flight::new(scenario, &nodes);
-        Ok(Self {
-            field: Field::new(scenario, list),
-            planner: Planner::new(scenario, &nodes)?,
-            report: flight.start(),
-            flight,
-            slot: 0,
-            slots: scenario.slots,
-        })
+        Ok(Self { planner: Planner::new(scenario, &list.nodes())?, world: World::new(scenario, list) })
     }
 
     /// The mission before slot 1, planned by `strategy`, whatever the scenario names.
@@ -62,46 +122,51 @@ impl Mission {
         strategy: Box<dyn Strategy>,
     ) -> Result<Self, InputError> {
         let planner = Planner::with_strategy(scenario, &list.nodes(), strategy)?;
-        Ok(Self { planner, ..Self::new(scenario, list)? })
+        Ok(Self { planner, world: World::new(scenario, list) })
     }
 
     /// The mission before slot 1 with an account of what the UAV knows of the queues, for planners that are not
     /// Skysink's.
     #[must_use]
     pub fn telling(mut self, estimate: Estimate) -> Self {
-        self.field = self.field.telling(estimate);
+        self.world = self.world.telling(estimate);
         self
+    }
+
+    /// The field and the UAV after the last slot.
+    #[must_use]
+    pub fn world(&self) -> &World {
+        &self.world
     }
 
     /// The ledger after the last slot flown.
     #[must_use]
     pub fn header(&self) -> QueuesHeader {
-        let flags = if self.slot == self.slots { FLAG_END } else { 0 };
-        self.field.header(SlotHeader { slot: self.slot, flags, ..SlotHeader::default() })
+        self.world.header()
     }
 
     /// Queue lengths [bit], by sensor node.
     #[must_use]
     pub fn queues_bits(&self) -> &[u32] {
-        self.field.queues_bits()
+        self.world.field.queues_bits()
     }
 
     /// The last flight; before slot 1 the UAV at its start.
     #[must_use]
     pub fn last_flight(&self) -> &FlightReport {
-        &self.report
+        &self.world.report
     }
 
     /// The last slot flown; 0 before the first.
     #[must_use]
     pub fn slot(&self) -> u64 {
-        self.slot
+        self.world.slot
     }
 
     /// The field after the last slot.
     #[must_use]
     pub fn field(&self) -> &Field {
-        &self.field
+        &self.world.field
     }
 
     /// The planner after the last slot.
@@ -123,18 +188,16 @@ impl Mission {
     /// Plans the next slot, from the flight and the queues after the last; to be done once, before [`Mission::fly`].
     pub fn plan(&mut self) -> Plan {
         let begin = Instant::now();
-        self.planner.observe(self.slot, &self.report, self.field.queues_bits());
-        let mut plan = self.planner.step(self.slot + 1, self.report.position(), self.field.queues_bits());
+        let Self { planner, world } = self;
+        planner.observe(world.slot, &world.report, world.field.queues_bits());
+        let mut plan = planner.step(world.slot + 1, world.report.position(), world.field.queues_bits());
         plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
         plan
     }
 
     /// Flies the next slot by a plan, whoever made it, or holds where there is none, and returns the ledger after it.
     pub fn fly(&mut self, plan: Option<&Plan>) -> QueuesHeader {
-        self.slot += 1;
-        self.report = self.flight.step(self.slot, plan);
-        self.field.step(self.slot, &self.report).expect("flight-sim serves known sensor nodes alone");
-        self.header()
+        self.world.fly(plan)
     }
 }
 
@@ -143,7 +206,7 @@ impl Iterator for Mission {
 
     /// Flies the next slot: plan, fly, account. `None` after the last, and once a stop is requested.
     fn next(&mut self) -> Option<FlownSlot> {
-        if self.slot == self.slots {
+        if self.world.is_over() {
             return None;
         }
         let plan = self.plan();
@@ -151,6 +214,6 @@ impl Iterator for Mission {
             return None; // the plan may be cut short
         }
         let header = self.fly(Some(&plan));
-        Some(FlownSlot { plan, flight: self.report, header })
+        Some(FlownSlot { plan, flight: self.world.report, header })
     }
 }
