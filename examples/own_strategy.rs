@@ -21,7 +21,7 @@ impl Strategy for Nearest {
         let away_m2 = |id: u32| distance_squared(table.position(id), &uav);
         let waiting = table.ids().filter(|&id| view.queues_bits[id as usize] >= 5_000);
         let nearest = waiting.min_by(|&a, &b| away_m2(a).total_cmp(&away_m2(b)))?;
-        let ground = toward(table, &uav, table.position(nearest));
+        let ground = toward(table.reach_m, &uav, table.position(nearest));
         let is_in_range = within(table.position(nearest), &ground, table.comm_radius_m);
         let waypoint = Waypoint { point: above(&ground, view.position.z), outcome: SolverOutcome::Rule };
         let served = if is_in_range { vec![nearest] } else { vec![] };

@@ -118,7 +118,14 @@ fn plans(criterion: &mut Criterion) {
                 let equal_bits = vec![30_000; count as usize];
                 for (name, queues_bits) in [("transit", &initial_bits), ("transit, all queues equal", &equal_bits)] {
                     group.bench_function(name, |bencher| {
-                        bencher.iter(|| black_box(transit_waypoint(&table, &scenario.start().xy(), queues_bits)));
+                        bencher.iter(|| {
+                            black_box(transit_waypoint(
+                                &table.positions,
+                                table.reach_m,
+                                &scenario.start().xy(),
+                                queues_bits,
+                            ))
+                        });
                     });
                 }
                 let mut flight = Flight::new(&scenario, &initial_bits);

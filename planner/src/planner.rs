@@ -154,7 +154,8 @@ impl Planner {
         let decided = self.strategy.plan(&view);
         let mode = if decided.is_some() { Mode::Serve } else { Mode::Transit };
         let decision = decided.unwrap_or_else(|| {
-            let waypoint = transit_waypoint(view.table, &view.ground(), view.queues_bits);
+            let waypoint =
+                transit_waypoint(&view.table.positions, view.table.reach_m, &view.ground(), view.queues_bits);
             self.transit.serve_fullest(&view, &waypoint)
         });
         let plan = message(&view, &decision, mode);

@@ -47,7 +47,7 @@ impl Strategy for Edf {
     /// index. It is served as soon as it is in range, with the fullest of the others. `None` if no SN samples.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         let first = least(view, |id| self.sampling.deadline_slots(view, id))?;
-        let waypoint = toward(view.table, &view.ground(), view.table.position(first));
+        let waypoint = toward(view.table.reach_m, &view.ground(), view.table.position(first));
         Some(self.serving.serve_first(view, &waypoint, first))
     }
 }

@@ -103,7 +103,7 @@ impl QueueWeight {
         let reach = Disk { centre: ground, radius_m: table.reach_m };
         for &id in &*nearby {
             let position = table.position(id);
-            offer(toward(table, &ground, position));
+            offer(toward(table.reach_m, &ground, position));
             let range = Disk { centre: *position, radius_m: table.comm_radius_m };
             if !within(position, &ground, table.comm_radius_m)
                 && let Some(nearest) = project(&ground, &[reach, range])

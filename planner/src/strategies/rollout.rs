@@ -177,7 +177,7 @@ impl<'a> Rollout<'a> {
             let queues_bits = estimated.map_or(&world.queues_bits[..], Estimate::queues_bits);
             let view = View { slot, position, queues_bits, estimate: estimated, ..*self.view };
             let decision = strategy.plan(&view).unwrap_or_else(|| {
-                let waypoint = transit_waypoint(table, &view.ground(), queues_bits);
+                let waypoint = transit_waypoint(&table.positions, table.reach_m, &view.ground(), queues_bits);
                 transit.serve_fullest(&view, &waypoint)
             });
             position = decision.waypoint;

@@ -3,6 +3,7 @@
 use super::Registered;
 use super::transit::toward;
 use super::turns::InTurn;
+use crate::sensor_table::SensorTable;
 
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
@@ -13,7 +14,8 @@ pub const STRATEGY: Registered = Registered {
     keys: None,
     make: |setup| {
         // Straight toward the SN whose turn it is, until above it.
-        let waypoint = |table: &_, position: &_, [current, _]: [&_; 2]| toward(table, position, current);
+        let waypoint =
+            |table: &SensorTable, position: &_, [current, _]: [&_; 2]| toward(table.reach_m, position, current);
         Box::new(InTurn::new(setup, setup.table.ids().collect(), waypoint))
     },
 };

@@ -6,6 +6,7 @@ use skysink_common::message::SolverOutcome;
 
 use super::nearby::fullest_first;
 use super::{Decision, Setup, View};
+use crate::geometry::grid::Grid;
 use crate::sensor_table::SensorTable;
 use crate::waypoint::Solver;
 use crate::waypoint::problem::Waypoint;
@@ -50,7 +51,8 @@ impl Serving {
     pub fn serve_by<K: Ord>(&mut self, view: &View, ground: &Position, key: impl Fn(u32) -> K) -> Decision {
         let ground = view.table.into_area(ground);
         let Self { solver, ids } = self;
-        fill_in_range(view.table, &ground, key, ids);
+        let SensorTable { grid, comm_radius_m, resource_blocks, .. } = view.table;
+        fill_in_range(grid, *comm_radius_m, *resource_blocks, &ground, key, ids);
         let waypoint = solver.above(view.table, &ground, &view.position, ids);
         Decision { waypoint, schedule: ids.iter().copied().collect(), outcome: SolverOutcome::Rule, winner: None }
     }
@@ -69,13 +71,34 @@ impl Decision {
     }
 }
 
+/// Fills `ids` with the SNs of the n fullest queues within `d_c` of `ground`, ascending by id: of equals those with the
+/// lowest. `queues_bits` [bit] are by id.
+pub fn fill_fullest_in_range(
+    grid: &Grid,
+    comm_radius_m: f64,
+    resource_blocks: usize,
+    ground: &Position,
+    queues_bits: &[u32],
+    ids: &mut Vec<u32>,
+) {
+    let key = |id: u32| fullest_first(queues_bits[id as usize], id);
+    fill_in_range(grid, comm_radius_m, resource_blocks, ground, key, ids);
+}
+
 /// Fills `ids` with the n SNs within `d_c` of `ground` that have the smallest `key`, ascending by id.
-fn fill_in_range<K: Ord>(table: &SensorTable, ground: &Position, key: impl Fn(u32) -> K, ids: &mut Vec<u32>) {
+fn fill_in_range<K: Ord>(
+    grid: &Grid,
+    comm_radius_m: f64,
+    resource_blocks: usize,
+    ground: &Position,
+    key: impl Fn(u32) -> K,
+    ids: &mut Vec<u32>,
+) {
     ids.clear();
-    table.grid.visit_within(ground, table.comm_radius_m, |node| ids.push(node.id));
-    if ids.len() > table.resource_blocks {
-        ids.select_nth_unstable_by_key(table.resource_blocks, |&id| key(id));
-        ids.truncate(table.resource_blocks);
+    grid.visit_within(ground, comm_radius_m, |node| ids.push(node.id));
+    if ids.len() > resource_blocks {
+        ids.select_nth_unstable_by_key(resource_blocks, |&id| key(id));
+        ids.truncate(resource_blocks);
     }
     ids.sort_unstable();
 }
@@ -88,8 +111,8 @@ mod tests {
     /// The n fullest queues in range.
     fn fullest(table: &SensorTable, ground: [f64; 2], queues_bits: &[u32]) -> Vec<u32> {
         let mut ids = vec![77];
-        let key = |id: u32| fullest_first(queues_bits[id as usize], id);
-        fill_in_range(table, &ground.into(), key, &mut ids);
+        let SensorTable { grid, comm_radius_m, resource_blocks, .. } = table;
+        fill_fullest_in_range(grid, *comm_radius_m, *resource_blocks, &ground.into(), queues_bits, &mut ids);
         ids
     }
 
@@ -112,7 +135,8 @@ mod tests {
         let queues_bits = [1, 5, 6, 7, 8, 9];
         let key = |id: u32| (![0, 5].contains(&id), fullest_first(queues_bits[id as usize], id));
         let mut ids = Vec::new();
-        fill_in_range(&table, &Position::new(50.0, 50.0), key, &mut ids);
+        let SensorTable { grid, comm_radius_m, resource_blocks, .. } = &table;
+        fill_in_range(grid, *comm_radius_m, *resource_blocks, &Position::new(50.0, 50.0), key, &mut ids);
         assert_eq!(ids, [0, 2, 3, 4]);
     }
 }

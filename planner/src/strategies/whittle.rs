@@ -134,7 +134,7 @@ impl Strategy for Whittle {
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         self.ages.see(view);
         let goal = self.ages.goal(view)?;
-        let waypoint = toward(view.table, &view.ground(), view.table.position(goal));
+        let waypoint = toward(view.table.reach_m, &view.ground(), view.table.position(goal));
         // Not negative, so that the bits are in the order of the numbers.
         let index = |id: u32| self.ages.index(view, id, 1.0).to_bits();
         let key = |id: u32| (Reverse(index(id)), fullest_first(view.queues_bits[id as usize], id));
