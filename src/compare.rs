@@ -132,7 +132,8 @@ fn one_point(
     let table = scenario.to_toml().parse::<Table>().expect("it was just written");
     let base = SweepBase { path: path.to_owned(), table };
     let seeds = (scenario.seed..).take(seeds as usize).collect();
-    Ok(Sweep::new(path, base, Table::new(), strategies.to_vec(), seeds)?)
+    let strategies = strategies.iter().map(|strategy| strategy.name.to_owned()).collect();
+    Ok(Sweep::new(path, base, Table::new(), strategies, seeds, Vec::new())?)
 }
 
 /// Flies a sweep in `out` as far as it is not yet flown.

@@ -2,17 +2,15 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::time::Duration;
 
 use serde::Serialize;
 use skysink_common::error::InputError;
 use skysink_common::stop::Stop;
 use skysink_mission::Replay;
-use skysink_mission::summary::Tally;
 use strum::VariantArray;
 
 use crate::error::LabError;
-use crate::metrics::{Metric, MetricValues, MissionSums};
+use crate::metrics::{Metric, MetricValues, MissionMeter};
 use crate::sweep::journal::{MissionRows, missions_of};
 use crate::sweep::plan::Definition;
 use crate::sweep::statistics::{MeanInterval, paired_differences};
@@ -50,9 +48,7 @@ impl Contender {
     pub fn of_sweep(definition: &Definition, rows: &MissionRows) -> Vec<Self> {
         let missions = |index| missions_of(rows, 0, index).map(|row| (row.key.seed, row.values)).collect();
         let strategies = definition.strategies.iter().enumerate();
-        strategies
-            .map(|(index, strategy)| Self { label: strategy.name.to_owned(), missions: missions(index) })
-            .collect()
+        strategies.map(|(index, strategy)| Self { label: strategy.clone(), missions: missions(index) }).collect()
     }
 
     /// A run on record, from its trace. Its plan times are those of its summary.
@@ -61,24 +57,18 @@ impl Contender {
     /// If the folder is none of a run, was changed, the run ended early, or on a stop.
     pub fn of_run(folder: &Path, label: &str, stop: &Stop) -> Result<Self, LabError> {
         let mut replay = Replay::open(folder)?;
-        let mut tally = Tally::new(replay.scenario(), replay.list());
-        let mut sums = MissionSums::new(replay.scenario(), replay.list());
-        tally.start(&replay.mission().header());
+        let mut meter = MissionMeter::new(replay.scenario(), replay.list(), &replay.mission().header());
         while let Some(flown) = replay.next_slot()? {
             stop.check()?;
-            tally.add(None, &flown.flight, &flown.header);
-            let field = replay.mission().field();
-            sums.add(&flown.flight, field.queues_bits(), field.delivered_bits());
+            meter.add(None, &flown.flight, &flown.header, replay.mission().field());
         }
         let planned = replay.scenario().slots;
-        if tally.last_slot() != planned {
-            let flown = tally.last_slot();
+        if meter.slots() != planned {
+            let flown = meter.slots();
             let message = format_args!("it ended early, after slot {flown} of {planned}: expected a whole run");
             return Err(InputError::new("run folder", folder, message).into());
         }
-        let mut summary = tally.summary(None, Duration::ZERO, 0);
-        summary.timing = replay.summary().timing.clone();
-        let values = sums.values(&summary, replay.mission().field().delivered_bits(), None);
+        let values = meter.values(replay.mission().field(), Some(&replay.summary().timing), None);
         Ok(Self { label: label.to_owned(), missions: BTreeMap::from([(replay.scenario().seed, values)]) })
     }
 

@@ -10,7 +10,7 @@ pub(crate) mod curves;
 mod map;
 pub mod page;
 pub(crate) mod study;
-mod style;
+pub(crate) mod style;
 mod table;
 #[cfg(test)]
 mod tests;

@@ -1,13 +1,16 @@
 //! What a mission comes to: the columns of a sweep's results. Definitions in `docs/metrics.md`.
 
+use std::time::Duration;
+
 use nalgebra::Point3;
 use serde::Deserialize;
-use skysink_common::message::FlightReport;
+use skysink_common::message::{FlightReport, Plan, QueuesHeader};
 use skysink_common::propulsion::power_w;
 use skysink_common::scenario::{Propulsion, Scenario};
 use skysink_common::sensors::SensorList;
+use skysink_field_sim::Field;
 use skysink_mission::ages::{Ages, DeliveredData};
-use skysink_mission::summary::Summary;
+use skysink_mission::summary::{RunTiming, Summary, Tally};
 use strum::{EnumCount, IntoStaticStr, VariantArray};
 
 use crate::optimize::LossBounds;
@@ -98,9 +101,9 @@ impl Metric {
     }
 }
 
-/// Running sums of a mission.
+/// Running sums of a mission, beside those of its summary.
 #[derive(Debug, Clone)]
-pub struct MissionSums {
+struct MissionSums {
     slot_s: f64,
     aircraft: Propulsion,
     position: Point3<f64>,
@@ -113,7 +116,7 @@ pub struct MissionSums {
 
 impl MissionSums {
     /// Nothing flown yet.
-    pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
+    fn new(scenario: &Scenario, list: &SensorList) -> Self {
         Self {
             slot_s: scenario.slot_s,
             aircraft: scenario.uav.propulsion,
@@ -131,7 +134,7 @@ impl MissionSums {
     ///
     /// # Panics
     /// If it serves a sensor node that the mission does not have.
-    pub fn add(&mut self, flight: &FlightReport, queues_bits: &[u32], delivered_bits: &[u64]) {
+    fn add(&mut self, flight: &FlightReport, queues_bits: &[u32], delivered_bits: &[u64]) {
         self.slot += 1;
         let position = flight.position();
         let step_m = (position - self.position).norm();
@@ -146,7 +149,7 @@ impl MissionSums {
     }
 
     /// The metrics of a mission that comes to `summary`; `delivered_bits` by sensor node.
-    pub fn values(&self, summary: &Summary, delivered_bits: &[u64], bounds: Option<LossBounds>) -> MetricValues {
+    fn values(&self, summary: &Summary, delivered_bits: &[u64], bounds: Option<LossBounds>) -> MetricValues {
         let service_ages = self.service_ages.counts(self.slot, |_| true);
         let data_ages = self.data.counts(self.slot);
         let mut values = [0.0; Metric::COUNT];
@@ -171,6 +174,49 @@ impl MissionSums {
             };
         }
         values
+    }
+}
+
+/// Everything that a mission is measured by, slot by slot.
+#[derive(Debug)]
+pub struct MissionMeter {
+    tally: Tally,
+    sums: MissionSums,
+}
+
+impl MissionMeter {
+    /// Nothing flown yet; `header` is the ledger before slot 1.
+    #[must_use]
+    pub fn new(scenario: &Scenario, list: &SensorList, header: &QueuesHeader) -> Self {
+        let mut tally = Tally::new(scenario, list);
+        tally.start(header);
+        Self { tally, sums: MissionSums::new(scenario, list) }
+    }
+
+    /// Adds the next slot, after which the ledger is `header` and the field `field`. Without its plan it counts for no
+    /// planning time.
+    ///
+    /// # Panics
+    /// If it serves a sensor node that the mission does not have.
+    pub fn add(&mut self, plan: Option<&Plan>, flight: &FlightReport, header: &QueuesHeader, field: &Field) {
+        self.tally.add(plan, flight, header);
+        self.sums.add(flight, field.queues_bits(), field.delivered_bits());
+    }
+
+    /// The slots added so far.
+    #[must_use]
+    pub fn slots(&self) -> u64 {
+        self.tally.last_slot()
+    }
+
+    /// The metrics so far; `timing` instead of the planning times of the slots.
+    #[must_use]
+    pub fn values(&self, field: &Field, timing: Option<&RunTiming>, bounds: Option<LossBounds>) -> MetricValues {
+        let mut summary = self.tally.summary(None, Duration::ZERO, 0);
+        if let Some(timing) = timing {
+            timing.clone_into(&mut summary.timing);
+        }
+        self.sums.values(&summary, field.delivered_bits(), bounds)
     }
 }
 

@@ -12,13 +12,14 @@ use skysink_common::error::InputError;
 use skysink_common::scenario::Setting;
 use skysink_mission::error::FileContext;
 use skysink_mission::record::write_whole;
-use skysink_planner::strategies::Registered;
+use skysink_planner::strategies::STRATEGIES;
 
 use crate::error::LabError;
 use crate::figures::chart::{Chart, Scale, Series};
 use crate::figures::curves::{self, CurveValues};
 use crate::figures::page::{Look, check_text};
 use crate::figures::study::style;
+use crate::figures::style::STYLES;
 use crate::metrics::Metric;
 use crate::sweep::folder::FlownSweep;
 use crate::sweep::results::{number, text};
@@ -34,9 +35,9 @@ pub struct PlotRequest {
     /// The metric along the y axis.
     pub metric: Metric,
     /// The strategies, in the order of the legend; all of the sweep if none is named.
-    pub strategies: Vec<&'static Registered>,
+    pub strategies: Vec<String>,
     /// From which of them the differences of the others are drawn, by seed, instead of the values themselves.
-    pub reference: Option<&'static Registered>,
+    pub reference: Option<String>,
     /// Values of other keys, to which the missions drawn are limited.
     pub conditions: Vec<Setting>,
     /// Scale of the y axis; linear for differences.
@@ -84,7 +85,7 @@ pub struct Plot {
     /// The metric.
     pub metric: &'static str,
     /// From which strategy the differences are.
-    pub difference_to: Option<&'static str>,
+    pub difference_to: Option<String>,
     /// Every point of every curve.
     pub points: Vec<PlotPoint>,
     /// What is missing of the sweep.
@@ -155,7 +156,7 @@ pub fn plot(request: &PlotRequest) -> Result<Plot, LabError> {
     Ok(Plot {
         x: request.x.clone(),
         metric: request.metric.name(),
-        difference_to: request.reference.map(|reference| reference.name),
+        difference_to: request.reference.clone(),
         points: points.map(|(series, index)| point(series, index)).collect(),
         missing: selection.missing.clone(),
         files: files.to_vec(),
@@ -170,11 +171,11 @@ fn chart(request: &PlotRequest, flown: &FlownSweep, selection: &Selection) -> Ch
     let x_words = if numbers.is_some() { Vec::new() } else { selection.xs.iter().map(text).collect() };
     let xs = numbers.unwrap_or_else(|| (0..selection.xs.len()).map(|index| index as f64).collect());
     let curve = |&strategy: &usize| {
-        let registered = flown.definition.strategies[strategy];
+        let name = &flown.definition.strategies[strategy];
         CurveValues {
-            label: registered.name.to_owned(),
-            style: style(registered),
-            reference: reference.map(|reference| reference.name.to_owned()),
+            label: name.clone(),
+            style: style(name).unwrap_or(STYLES + STRATEGIES.len() + strategy),
+            reference: reference.clone(),
             points: selection.points.iter().map(|&point| flown.values(point, strategy, *metric)).collect(),
         }
     };
@@ -183,7 +184,7 @@ fn chart(request: &PlotRequest, flown: &FlownSweep, selection: &Selection) -> Ch
     let (series, support, y_label) = match reference {
         None => (curves.iter().map(|curve| curve.means(&xs, support)).collect(), support, metric.label().to_owned()),
         Some(reference) => {
-            let label = format!("{} − that of {}", metric.label(), reference.name);
+            let label = format!("{} − that of {reference}", metric.label());
             (curves::differences(&curves, &xs, support), support.of_difference(), label)
         }
     };
@@ -211,8 +212,8 @@ fn name(request: &PlotRequest) -> String {
     for Setting { key, value, .. } in &request.conditions {
         name += &format!("-{key}-{}", text(value));
     }
-    if let Some(reference) = request.reference {
-        name += &format!("-difference-to-{}", reference.name);
+    if let Some(reference) = &request.reference {
+        name += &format!("-difference-to-{reference}");
     }
     let is_plain = |character: char| character.is_alphanumeric() || "._-".contains(character);
     name.chars().map(|character| if is_plain(character) { character } else { '-' }).collect()

@@ -11,25 +11,23 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use rayon::ThreadPoolBuilder;
 use rayon::prelude::*;
 use skysink_common::error::InputError;
-use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_mission::error::FileContext;
-use skysink_mission::summary::Tally;
 use skysink_planner::strategies::offline;
 
 use crate::error::LabError;
-use crate::metrics::MissionSums;
+use crate::metrics::MissionMeter;
 use crate::optimize::loss_bounds;
 use crate::progress::{LabProgress, OnProgress, SweepNumber, Workload};
-use folder::{FlownSweep, JOURNAL, Manifest, lock_folder};
-use journal::{MissionRow, MissionRows, SweepJournal};
+use folder::{FlownSweep, Manifest, SweepRecord};
+use journal::{MissionRow, MissionRows};
 use plan::{Definition, MissionKey, Shard, Sweep};
 
 /// Flies what is missing of a shard of the sweep, on `threads` threads (0: one per core), and writes the results into
@@ -45,36 +43,34 @@ pub fn sweep(
     stop: &Stop,
     on_progress: OnProgress,
 ) -> Result<MissionRows, LabError> {
-    let _lock = lock_folder(out, &Manifest { shard, definition: sweep.definition.clone() })?;
-    let (journal, mut rows) = SweepJournal::open(&out.join(JOURNAL), &sweep.definition)?;
-    let missions = sweep.missions(shard);
-    let missing: Vec<MissionKey> = missions.iter().copied().filter(|mission| !rows.contains_key(mission)).collect();
+    let record = SweepRecord::open(sweep, out, shard)?;
+    let missing = record.missing();
     let pool = ThreadPoolBuilder::new().num_threads(threads).build().map_err(io::Error::other);
     let pool = pool.at(Path::new("threads"))?;
+    let of = sweep.missions(shard).len() as u64;
     let report = |work: &Workload| {
-        let done = (missions.len() - work.missing()) as u64;
         let left = work.left(pool.current_num_threads());
-        on_progress(LabProgress { done, of: missions.len() as u64, loss_rate: None, left, sweep: SweepNumber::ONLY });
+        let done = of - work.missing() as u64;
+        on_progress(LabProgress { done, of, loss_rate: None, left, sweep: SweepNumber::ONLY });
     };
     let work = Workload::new(missing.iter().map(|mission| mission.strategy));
     report(&work);
-    let record = Mutex::new((journal, work));
-    let new_rows = pool.install(|| {
-        let fly_one = |mission: MissionKey| -> Result<MissionRow, LabError> {
+    let record = Mutex::new((record, work));
+    pool.install(|| {
+        let fly_one = |mission: MissionKey| -> Result<(), LabError> {
             stop.check()?;
             let begin = Instant::now();
-            let row = fly(&sweep.scenario(mission)?, mission, stop)?;
-            let (journal, work) = &mut *record.lock().unwrap_or_else(PoisonError::into_inner);
-            journal.add(&row)?;
+            let row = fly(sweep, mission, stop)?;
+            let (record, work) = &mut *record.lock().unwrap_or_else(PoisonError::into_inner);
+            record.add(row)?;
             work.add(mission.strategy, begin.elapsed());
             report(work);
-            Ok(row)
+            Ok(())
         };
-        strategies_first(missing).into_iter().par_bridge().map(fly_one).collect::<Result<Vec<_>, _>>()
+        strategies_first(missing).into_iter().par_bridge().try_for_each(fly_one)
     })?;
-    rows.extend(new_rows.into_iter().map(|row| (row.key, row)));
-    results::write(out, &sweep.definition, &rows)?;
-    Ok(rows)
+    let (record, _) = record.into_inner().unwrap_or_else(PoisonError::into_inner);
+    record.finish()
 }
 
 /// The same missions, the first of each strategy before all others: what the rest takes is then soon known.
@@ -114,30 +110,29 @@ pub fn merge(shards: &[PathBuf], out: &Path) -> Result<MissionRows, LabError> {
         let message = format!("{} of {expected} missions are there: fly the other shards first", rows.len());
         return Err(InputError::new("shard", &shards[0], message).into());
     }
-    let _lock = lock_folder(out, &Manifest { shard: Shard::WHOLE, definition: definition.clone() })?;
-    let (mut journal, there) = SweepJournal::open(&out.join(JOURNAL), &definition)?;
-    for row in rows.values().filter(|row| !there.contains_key(&row.key)) {
-        journal.add(row)?;
-    }
-    results::write(out, &definition, &rows)?;
-    Ok(rows)
+    let mut record = SweepRecord::of(Manifest { shard: Shard::WHOLE, definition }, out, Vec::new())?;
+    rows.into_values().try_for_each(|row| record.add(row))?;
+    record.finish()
 }
 
-/// Flies one mission.
-fn fly(scenario: &Scenario, key: MissionKey, stop: &Stop) -> Result<MissionRow, LabError> {
-    let list = SensorList::of(scenario)?;
-    let mut mission = Mission::new(scenario, &list)?;
+/// Flies a mission of the sweep whose strategy is of the registry.
+///
+/// # Errors
+/// If the mission is refused, or on a stop.
+///
+/// # Panics
+/// If the mission is not of this sweep.
+pub fn fly(sweep: &Sweep, key: MissionKey, stop: &Stop) -> Result<MissionRow, LabError> {
+    let scenario = sweep.scenario(key)?;
+    let list = SensorList::of(&scenario)?;
+    let mut mission = Mission::new(&scenario, &list)?;
     mission.set_stop(stop);
-    let mut tally = Tally::new(scenario, &list);
-    let mut sums = MissionSums::new(scenario, &list);
-    tally.start(&mission.header());
+    let mut meter = MissionMeter::new(&scenario, &list, &mission.header());
     while let Some(flown) = mission.next() {
-        tally.add(Some(&flown.plan), &flown.flight, &flown.header);
-        sums.add(&flown.flight, mission.field().queues_bits(), mission.field().delivered_bits());
+        meter.add(Some(&flown.plan), &flown.flight, &flown.header, mission.field());
     }
     stop.check()?;
-    let summary = tally.summary(None, Duration::ZERO, 0);
     let is_bounded = scenario.planner.strategy == offline::STRATEGY.name;
-    let bounds = is_bounded.then(|| loss_bounds(scenario, &list, summary.totals.lost_bits));
-    Ok(MissionRow { key, values: sums.values(&summary, mission.field().delivered_bits(), bounds) })
+    let bounds = is_bounded.then(|| loss_bounds(&scenario, &list, mission.header().totals.lost_bits));
+    Ok(MissionRow { key, values: meter.values(mission.field(), None, bounds) })
 }

@@ -51,8 +51,9 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<MissionSpeeds, Error> {
                 Path::new("bench"),
                 SweepBase { path: "bench.toml".into(), table: letter_text(200, SLOTS).parse().expect("valid TOML") },
                 toml::Table::new(),
-                vec![&uts::STRATEGY],
+                vec![uts::STRATEGY.name.to_owned()],
                 (1..=missions * threads as u64).collect(),
+                Vec::new(),
             )?;
             let begin = Instant::now();
             let rows = sweep::sweep(&plan, &out, Shard::WHOLE, threads, stop, &|_| ())?;

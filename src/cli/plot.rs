@@ -8,10 +8,8 @@ use skysink_common::scenario::Setting;
 use skysink_lab::figures::chart::Scale;
 use skysink_lab::metrics::Metric;
 use skysink_lab::plot::{Footer, Plot, PlotRequest, plot};
-use skysink_planner::strategies::Registered;
 use skysink_ring::role::Role;
 
-use super::values::strategy;
 use crate::error::Error;
 use crate::report::{print, table, with_numbers_right};
 
@@ -43,11 +41,11 @@ pub struct PlotOptions {
     #[arg(long, value_name = "METRIC", default_value = "loss_rate", value_parser = metric_parser())]
     y: Metric,
     /// Only these strategies, in this order, separated by commas [default: all of the sweep].
-    #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = strategy(), hide_possible_values = true)]
-    strategies: Vec<&'static str>,
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    strategies: Vec<String>,
     /// Draw the differences from this strategy, paired by seed.
-    #[arg(long, value_name = "STRATEGY", value_parser = strategy(), hide_possible_values = true)]
-    difference_to: Option<&'static str>,
+    #[arg(long, value_name = "STRATEGY")]
+    difference_to: Option<String>,
     /// Only missions with this value of another key of the sweep, such as link.bandwidth_hz=5e3 (repeatable).
     #[arg(long = "where", value_name = "KEY=VALUE")]
     conditions: Vec<Setting>,
@@ -83,13 +81,12 @@ impl PlotOptions {
     /// # Errors
     /// As [`plot`].
     pub fn plot(self) -> Result<(), Error> {
-        let registered = |name: &str| Registered::find(name).expect("one of the possible values");
         let drawn = plot(&PlotRequest {
             sweep: self.sweep,
             x: self.x,
             metric: self.y,
-            strategies: self.strategies.into_iter().map(registered).collect(),
-            reference: self.difference_to.map(registered),
+            strategies: self.strategies,
+            reference: self.difference_to,
             conditions: self.conditions,
             y_scale: if self.log_y { Scale::Log } else { Scale::Linear },
             x_label: self.x_label,

@@ -117,7 +117,7 @@ impl Research {
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         match self {
             Self::Sweep { sweep, out, threads, shard } => {
-                let plan = Sweep::read(&sweep)?;
+                let plan = Sweep::read(&sweep, Vec::new())?;
                 let name = sweep.file_stem().unwrap_or(sweep.as_os_str());
                 let out = out.unwrap_or_else(|| Path::new("runs").join(name));
                 let rows = sweep::sweep(&plan, &out, shard, threads, stop, &TerminalProgress::of_missions());

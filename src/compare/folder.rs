@@ -39,7 +39,7 @@ impl ComparedRuns {
 /// The usual folder of strategies over a scenario.
 pub(super) fn of_strategies(sweep: &Sweep, scenario: &Path) -> PathBuf {
     let definition = &sweep.definition;
-    let strategies = definition.strategies.iter().map(|strategy| strategy.name.to_owned());
+    let strategies = definition.strategies.iter().cloned();
     let names = [name_of(scenario)].into_iter().chain(strategies).chain([definition.seeds.len().to_string()]);
     usual(&names.collect::<Vec<_>>(), &definition.identity)
 }

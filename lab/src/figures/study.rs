@@ -131,11 +131,12 @@ pub(super) const AT_ONCE: [&Registered; 8] = [
     &max_age_first::STRATEGY,
 ];
 
-/// The style of a strategy's curve: that of the figures which show each strategy once, or one after those.
-pub(crate) fn style(strategy: &Registered) -> usize {
+/// The style of a strategy's curve: that of the figures which show each strategy once, or one after those. None if it is
+/// not of the registry.
+pub(crate) fn style(name: &str) -> Option<usize> {
     let mut shown = AT_ONCE.into_iter().chain([&horizon::STRATEGY]);
-    let place = || STRATEGIES.into_iter().position(|other| other == strategy).expect("a strategy of the registry");
-    shown.position(|other| other == strategy).unwrap_or_else(|| style::STYLES + place())
+    let place = || STRATEGIES.into_iter().position(|other| other.name == name);
+    shown.position(|other| other.name == name).or_else(|| Some(style::STYLES + place()?))
 }
 
 impl StudyBase {
@@ -277,7 +278,9 @@ impl Study {
             }
         }
         axes.extend(self.axes.clone());
-        Sweep::new(Path::new(&self.name()), base, axes, strategies, (1..=flights.runs(choice)).collect())
+        let strategies = strategies.into_iter().map(|strategy| strategy.name.to_owned()).collect();
+        let seeds = (1..=flights.runs(choice)).collect();
+        Sweep::new(Path::new(&self.name()), base, axes, strategies, seeds, Vec::new())
     }
 
     /// One quantity in one of the charts, a curve for each strategy of each sweep; of a loss the best known and the

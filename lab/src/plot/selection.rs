@@ -4,7 +4,6 @@ use std::iter::zip;
 
 use skysink_common::error::did_you_mean;
 use skysink_common::scenario::Setting;
-use skysink_planner::strategies::Registered;
 use toml::Value;
 
 use super::{PlotRequest, refuse};
@@ -52,7 +51,7 @@ impl Selection {
                 flown.values(point, strategy, request.metric).values().any(|value| value.is_nan())
             };
             if whole.iter().any(has_none) {
-                let name = definition.strategies[strategy].name;
+                let name = &definition.strategies[strategy];
                 let metric = request.metric.name();
                 let expected = "expected a metric that all strategies drawn have, or other --strategies";
                 return Err(refuse(&request.sweep, format!("--y {metric}: {name} has none: {expected}")));
@@ -65,16 +64,16 @@ impl Selection {
 
 /// The strategies that are drawn, the reference among them, each once.
 fn strategies(request: &PlotRequest, definition: &Definition) -> Result<Vec<usize>, String> {
-    let find = |option: &str, strategy: &Registered| {
-        let names: Vec<&str> = definition.strategies.iter().map(|strategy| strategy.name).collect();
-        let expected = || format!("{option} {}: expected one that was flown: {}", strategy.name, names.join(", "));
-        names.iter().position(|name| *name == strategy.name).ok_or_else(expected)
+    let find = |option: &str, strategy: &String| {
+        let names = &definition.strategies;
+        let expected = || format!("{option} {strategy}: expected one that was flown: {}", names.join(", "));
+        names.iter().position(|name| name == strategy).ok_or_else(expected)
     };
     let mut chosen = match &request.strategies[..] {
         [] => (0..definition.strategies.len()).collect(),
         named => named.iter().map(|strategy| find("--strategies", strategy)).collect::<Result<Vec<_>, _>>()?,
     };
-    chosen.extend(request.reference.map(|reference| find("--difference-to", reference)).transpose()?);
+    chosen.extend(request.reference.as_ref().map(|reference| find("--difference-to", reference)).transpose()?);
     let mut seen = Vec::new();
     chosen.retain(|strategy| {
         !seen.contains(strategy) && {

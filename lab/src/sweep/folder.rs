@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs::{self, File, TryLockError};
 use std::io::ErrorKind;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
@@ -11,8 +11,9 @@ use skysink_mission::MissionError;
 use skysink_mission::error::FileContext;
 use skysink_mission::record::{is_unfinished, write_whole};
 
-use super::journal::{self, MissionRows, missions_of};
-use super::plan::{Definition, Shard};
+use super::journal::{self, MissionRow, MissionRows, SweepJournal, missions_of};
+use super::plan::{Definition, MissionKey, Shard, Sweep};
+use super::results;
 use crate::error::LabError;
 use crate::metrics::Metric;
 
@@ -32,12 +33,68 @@ pub struct Manifest {
     pub definition: Definition,
 }
 
-/// Makes the folder of a sweep, or opens it if it holds this very sweep, and locks it against other processes. The
-/// system releases the lock when the file is dropped or the process ends.
+/// A sweep under way in its folder, which this process has to itself.
+#[derive(Debug)]
+pub struct SweepRecord {
+    /// Locked as long as the record is open; the system releases it when the process ends.
+    _lock: File,
+    folder: PathBuf,
+    manifest: Manifest,
+    /// Missions of the shard, in the order of the results.
+    missions: Vec<MissionKey>,
+    journal: SweepJournal,
+    rows: MissionRows,
+}
+
+impl SweepRecord {
+    /// Makes the folder of a shard of a sweep, or opens it if it holds this very sweep.
+    ///
+    /// # Errors
+    /// If the folder holds something else, cannot be made, or another process flies the sweep.
+    pub fn open(sweep: &Sweep, folder: &Path, shard: Shard) -> Result<Self, LabError> {
+        Self::of(Manifest { shard, definition: sweep.definition.clone() }, folder, sweep.missions(shard))
+    }
+
+    /// The same of a sweep of which only the definition is known.
+    pub(super) fn of(manifest: Manifest, folder: &Path, missions: Vec<MissionKey>) -> Result<Self, LabError> {
+        let lock = lock_folder(folder, &manifest)?;
+        let (journal, rows) = SweepJournal::open(&folder.join(JOURNAL), &manifest.definition)?;
+        Ok(Self { _lock: lock, folder: folder.to_owned(), manifest, missions, journal, rows })
+    }
+
+    /// The missions that are not on record, in the order of the results.
+    #[must_use]
+    pub fn missing(&self) -> Vec<MissionKey> {
+        self.missions.iter().copied().filter(|mission| !self.rows.contains_key(mission)).collect()
+    }
+
+    /// Adds a mission, if it is not there; it is on record when this returns, whatever happens to the process.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn add(&mut self, row: MissionRow) -> Result<(), LabError> {
+        if !self.rows.contains_key(&row.key) {
+            self.journal.add(&row)?;
+            self.rows.insert(row.key, row);
+        }
+        Ok(())
+    }
+
+    /// Writes the results, and returns all rows.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn finish(self) -> Result<MissionRows, LabError> {
+        results::write(&self.folder, &self.manifest.definition, &self.rows)?;
+        Ok(self.rows)
+    }
+}
+
+/// Makes the folder of a sweep, or opens it if it holds this very sweep, and locks it against other processes.
 ///
 /// # Errors
 /// If the folder holds something else, cannot be made, or another process flies the sweep.
-pub fn lock_folder(path: &Path, manifest: &Manifest) -> Result<File, LabError> {
+fn lock_folder(path: &Path, manifest: &Manifest) -> Result<File, LabError> {
     let refuse = |message| InputError::new("sweep folder", path, message);
     if path.exists() && !path.is_dir() {
         return Err(refuse("it is a file: choose another --out").into());

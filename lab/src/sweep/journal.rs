@@ -153,7 +153,7 @@ mod tests {
             version: "1".to_owned(),
             keys: Vec::new(),
             points: vec![Vec::new()],
-            strategies: vec![STRATEGIES[0]],
+            strategies: vec![STRATEGIES[0].name.to_owned()],
             seeds: vec![1, 2],
         }
     }

@@ -9,7 +9,7 @@ use skysink_common::error::{InputError, read_text};
 use skysink_common::scenario::{Overrides, Scenario, Setting, SettingOrigin};
 use skysink_common::sensors::SensorList;
 use skysink_planner::settings;
-use skysink_planner::strategies::Registered;
+use skysink_planner::strategies::{Registered, expected};
 use xxhash_rust::xxh3::Xxh3;
 
 use crate::error::LabError;
@@ -19,7 +19,7 @@ use crate::error::LabError;
 #[serde(deny_unknown_fields)]
 struct File {
     scenario: PathBuf,
-    strategies: Vec<&'static Registered>,
+    strategies: Vec<String>,
     seeds: Seeds,
     #[serde(default)]
     axes: toml::Table,
@@ -47,8 +47,8 @@ pub struct Definition {
     pub keys: Vec<String>,
     /// Their values, by point of the grid; the last key varies fastest.
     pub points: Vec<Vec<toml::Value>>,
-    /// Strategies, in the order of the results.
-    pub strategies: Vec<&'static Registered>,
+    /// Names of the strategies, in the order of the results.
+    pub strategies: Vec<String>,
     /// Seeds, ascending; the same for every strategy, so that all fly over the same fields.
     pub seeds: Vec<u64>,
 }
@@ -69,6 +69,16 @@ pub struct Sweep {
     /// What it is.
     pub definition: Definition,
     base: SweepBase,
+    outside: Vec<OutsideStrategy>,
+}
+
+/// A strategy that is not Skysink's: whoever names it flies its missions.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct OutsideStrategy {
+    /// Its name in the sweep file and in the results.
+    pub name: String,
+    /// What tells one version of it from another, such as its source.
+    pub version: String,
 }
 
 /// The scenario that a sweep varies.
@@ -101,11 +111,12 @@ pub struct MissionKey {
 }
 
 impl Sweep {
-    /// Reads a sweep file and checks every point of its grid.
+    /// Reads a sweep file, which may name strategies of the registry and those `outside`, and checks every point of its
+    /// grid.
     ///
     /// # Errors
-    /// If the file, its scenario, or a point is refused.
-    pub fn read(path: &Path) -> Result<Self, LabError> {
+    /// If the file, its scenario, a strategy or a point is refused.
+    pub fn read(path: &Path, outside: Vec<OutsideStrategy>) -> Result<Self, LabError> {
         if path.is_dir() {
             let what = "it is a folder: expected a sweep file, and the folder as --out";
             return Err(InputError::new("sweep", path, what).into());
@@ -134,7 +145,7 @@ impl Sweep {
             Seeds::Count(count) => (1..=count).collect(),
             Seeds::List(list) => list,
         };
-        Self::new(path, base, file.axes, file.strategies, seeds)
+        Self::new(path, base, file.axes, file.strategies, seeds, outside)
     }
 
     /// Checks a sweep and every point of its grid. `path` stands for the sweep in messages.
@@ -145,11 +156,17 @@ impl Sweep {
         path: &Path,
         base: SweepBase,
         axes: toml::Table,
-        strategies: Vec<&'static Registered>,
+        strategies: Vec<String>,
         seeds: Vec<u64>,
+        outside: Vec<OutsideStrategy>,
     ) -> Result<Self, LabError> {
         let refuse = |key: &str, expected: &str| InputError::new("sweep", path, format!("{key}: expected {expected}"));
-        let names: Vec<&str> = strategies.iter().map(|strategy| strategy.name).collect();
+        let names: Vec<&str> = strategies.iter().map(String::as_str).collect();
+        let is_outside = |name: &&&str| outside.iter().any(|strategy| strategy.name == **name);
+        let unknown = names.iter().find(|name| Registered::find(name).is_none() && !is_outside(name));
+        if let Some(name) = unknown {
+            return Err(refuse(&format!("strategies: {name:?}"), &expected(name)).into());
+        }
         distinct(&names).map_err(|expected| refuse(&format!("strategies = {names:?}"), expected))?;
         let ascending = distinct(&seeds).map_err(|expected| refuse(&format!("seeds = {seeds:?}"), expected))?;
         let axes = axes.into_iter().map(|(key, values)| match values {
@@ -177,7 +194,7 @@ impl Sweep {
             strategies,
             seeds: ascending.into_iter().collect(),
         };
-        let mut sweep = Self { definition, base };
+        let mut sweep = Self { definition, base, outside };
         sweep.definition.identity = sweep.identity(path)?;
         Ok(sweep)
     }
@@ -209,11 +226,21 @@ impl Sweep {
         let text = toml::to_string(&self.base.table).expect("a table that was read can be written");
         let overrides = Overrides {
             seed: Some(mission.seed),
-            strategy: Some(self.definition.strategies[mission.strategy].name),
+            // The scenario's own plans nothing where the strategy is somebody else's.
+            strategy: self.strategy(mission).map(|strategy| strategy.name),
             slots: None,
             keys: zip(&self.definition.keys, &self.definition.points[mission.point]).map(setting).collect(),
         };
         Ok(Scenario::parse(&text, &self.base.path, overrides).and_then(settings::resolve)?)
+    }
+
+    /// The strategy of a mission; none if it is not Skysink's.
+    ///
+    /// # Panics
+    /// If the mission is not of this sweep.
+    #[must_use]
+    pub fn strategy(&self, mission: MissionKey) -> Option<&'static Registered> {
+        Registered::find(&self.definition.strategies[mission.strategy])
     }
 
     /// Hash of everything that the results depend on; checks every point on the way.
@@ -221,6 +248,7 @@ impl Sweep {
         let mut hash = Xxh3::new();
         let description = serde_json::to_string(&self.definition).expect("plain values");
         hash.update(description.as_bytes());
+        self.outside.iter().for_each(|strategy| hash.update(strategy.version.as_bytes()));
         for point in 0..self.definition.points.len() {
             let mission = MissionKey { point, strategy: 0, seed: self.definition.seeds[0] };
             let refuse = |error| InputError::new("sweep", path, format!("at {}: {error}", self.name(point)));

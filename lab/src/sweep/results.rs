@@ -40,7 +40,7 @@ fn missions_csv(definition: &Definition, rows: &MissionRows, metrics: &[Metric])
     let lines = rows.values().map(|row| {
         let number = |metric: &Metric| Some(row[*metric]).filter(|value| !value.is_nan());
         let numbers = metrics.iter().map(|metric| number(metric).map_or_else(String::new, |value| value.to_string()));
-        let who = [definition.strategies[row.key.strategy].name.to_owned(), row.key.seed.to_string()];
+        let who = [definition.strategies[row.key.strategy].clone(), row.key.seed.to_string()];
         definition.points[row.key.point].iter().map(text).chain(who).chain(numbers).collect()
     });
     table(definition, names, lines)
@@ -52,7 +52,7 @@ fn missions_parquet(definition: &Definition, rows: &MissionRows, metrics: &[Metr
     for (place, key) in definition.keys.iter().enumerate() {
         columns.push((key, swept(definition, rows, place)));
     }
-    let strategies = rows.keys().map(|key| definition.strategies[key.strategy].name);
+    let strategies = rows.keys().map(|key| &definition.strategies[key.strategy]);
     columns.push(("strategy", Arc::new(StringArray::from_iter_values(strategies))));
     columns.push(("seed", Arc::new(UInt64Array::from_iter_values(rows.keys().map(|key| key.seed)))));
     for &metric in metrics {
@@ -91,7 +91,7 @@ fn summary_csv(definition: &Definition, rows: &MissionRows, metrics: &[Metric]) 
     };
     let mut lines = Vec::new();
     for point in 0..definition.points.len() {
-        for (strategy, name) in definition.strategies.iter().map(|strategy| strategy.name).enumerate() {
+        for (strategy, name) in definition.strategies.iter().enumerate() {
             for &metric in metrics {
                 let values: Vec<f64> = missions_of(rows, point, strategy).map(|row| row[metric]).collect();
                 if !values.is_empty() && !values.iter().any(|value| value.is_nan()) {
@@ -100,7 +100,7 @@ fn summary_csv(definition: &Definition, rows: &MissionRows, metrics: &[Metric]) 
             }
         }
     }
-    if definition.strategies.contains(&&offline::STRATEGY) {
+    if definition.strategies.iter().any(|name| name == offline::STRATEGY.name) {
         for (point, losses) in best_known(rows.values()) {
             lines.push(line(point, BEST_KNOWN, Metric::LossRate, &losses.into_values().collect::<Vec<_>>()));
         }
