@@ -18,6 +18,8 @@ pub enum SettingOrigin {
     Option,
     /// An axis of a sweep.
     Axis,
+    /// A program that replaces keys of a scenario.
+    Replacement,
 }
 
 /// A dotted key with its value, such as `link.bandwidth_hz=5e3`.
@@ -66,6 +68,7 @@ impl Setting {
         match self.origin {
             SettingOrigin::Option => "--set",
             SettingOrigin::Axis => "axis",
+            SettingOrigin::Replacement => "replace",
         }
     }
 

@@ -4,7 +4,7 @@
 to MAVSDK's own vehicle side on the loopback interface, and must arrive as it was sent. Where a file has both forms
 (`a.plan` and `a.waypoints`), their items must agree. No vehicle is simulated: nothing flies.
 
-Usage: python python/missions.py FILE...       Exit codes: 0 all agree, 1 one does not, 2 usage.
+Usage: python python/benchmarks/missions.py FILE...       Exit codes: 0 all agree, 1 one does not, 2 usage.
 """
 
 import json

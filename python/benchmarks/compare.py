@@ -1,7 +1,7 @@
 """Plans the slots of Skysink's missions again with what a researcher would use today: the same plans, at what ratio?
 
-    python python/compare.py                          # flies letter and link-limited with target/release/skysink
-    python python/compare.py runs/letter-uts-1        # a run that was flown before
+    python python/benchmarks/compare.py                          # flies letter and link-limited with target/release/skysink
+    python python/benchmarks/compare.py runs/letter-uts-1        # a run that was flown before
 
 Every peer plans every slot from the state that Skysink planned it from. The exit code is 1 if any of them serves other
 sensor nodes or flies elsewhere, and 2 if a run cannot be compared. Times are of whole plans, schedule and waypoint:
@@ -30,7 +30,7 @@ import numpy as np
 import peers
 from replay import BadRun, Reals, Run, Slot, read_run
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 SCENARIOS = [ROOT / "scenarios" / name for name in ("letter.toml", "link-limited.toml")]
 FLIGHTS = 9  # of a scenario, for Skysink's times
 EXACT_M = 1e-9  # allowed between two exact waypoints [m]

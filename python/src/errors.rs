@@ -1,0 +1,43 @@
+//! How Skysink's errors become Python's.
+
+use pyo3::PyErr;
+use pyo3::create_exception;
+use pyo3::exceptions::{PyKeyboardInterrupt, PyOSError, PyRuntimeError, PyValueError};
+use skysink_common::checkpoint::CheckpointError;
+use skysink_lab::LabError;
+use skysink_mission::MissionError;
+
+create_exception!(
+    skysink,
+    InputError,
+    PyValueError,
+    "A scenario, sweep, folder or value is refused: one line that names it, and what was expected."
+);
+
+/// The error of bad input.
+pub fn refused(message: impl ToString) -> PyErr {
+    InputError::new_err(message.to_string())
+}
+
+/// The error of a mission.
+pub fn of_mission(error: MissionError) -> PyErr {
+    match error {
+        MissionError::Input(error) => refused(error),
+        MissionError::Stopped(_) => PyKeyboardInterrupt::new_err(()),
+        MissionError::File { .. } => PyOSError::new_err(error.to_string()),
+        MissionError::Unbalanced { .. } => PyRuntimeError::new_err(error.to_string()),
+    }
+}
+
+/// The error of a sweep.
+pub fn of_lab(error: LabError) -> PyErr {
+    match error {
+        LabError::Mission(error) => of_mission(error),
+        LabError::Figure(_) => PyRuntimeError::new_err(error.to_string()),
+    }
+}
+
+/// The error of a state that cannot be restored.
+pub fn of_checkpoint(error: CheckpointError) -> PyErr {
+    refused(error)
+}

@@ -1,0 +1,229 @@
+//! `skysink.Field`: what stays the same in every slot of a mission.
+
+use std::sync::Arc;
+
+use nalgebra::Point3;
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, ToPyArray};
+use pyo3::prelude::*;
+use skysink_common::geometry::Position;
+use skysink_common::message::{Limits, SensorNode};
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::SensorList;
+use skysink_planner::geometry::grid::Grid;
+use skysink_planner::strategies::serving::fill_fullest_in_range;
+use skysink_planner::strategies::transit::{toward, transit_waypoint};
+
+use crate::errors::refused;
+
+/// The sensor nodes of a mission and the limits of its plans.
+pub struct FieldData {
+    /// What every plan has to keep.
+    pub limits: Limits,
+    /// Where the sensor nodes stand, by id.
+    positions: Vec<Position>,
+    /// The same by place.
+    grid: Grid,
+    nodes: Vec<SensorNode>,
+}
+
+impl FieldData {
+    /// Of these limits and sensor nodes.
+    pub fn new(limits: Limits, nodes: Vec<SensorNode>) -> Self {
+        let positions: Vec<Position> = nodes.iter().map(|node| Position::new(node.x_m, node.y_m)).collect();
+        Self { grid: Grid::new(&positions, limits.comm_radius_m), limits, positions, nodes }
+    }
+
+    /// Sensor nodes.
+    pub fn count(&self) -> usize {
+        self.nodes.len()
+    }
+
+    /// Buffer of every sensor node [bit].
+    pub fn capacity_bits(&self) -> u32 {
+        self.nodes.first().map_or(0, |node| node.capacity_bits)
+    }
+
+    /// Where they stand, by id.
+    pub fn positions(&self) -> &[Position] {
+        &self.positions
+    }
+
+    /// Fills `ids` with the n fullest queues within `d_c` of `ground`.
+    pub fn fill_fullest(&self, ground: &Position, queues_bits: &[u32], ids: &mut Vec<u32>) {
+        let Limits { comm_radius_m, resource_blocks, .. } = self.limits;
+        fill_fullest_in_range(&self.grid, comm_radius_m, resource_blocks as usize, ground, queues_bits, ids);
+    }
+
+    /// Where the transit rule (decision D8) flies.
+    pub fn transit(&self, uav: &Point3<f64>, queues_bits: &[u32]) -> Position {
+        transit_waypoint(&self.positions, self.limits.reach_m, &uav.xy(), queues_bits)
+    }
+
+    /// The point of the area nearest to `ground`.
+    pub fn into_area(&self, ground: Position) -> Position {
+        Position::new(ground.x.clamp(0.0, self.limits.width_m), ground.y.clamp(0.0, self.limits.height_m))
+    }
+}
+
+/// The same for Python.
+#[pyclass(name = "Field", module = "skysink", frozen)]
+pub struct PyField(pub Arc<FieldData>);
+
+impl PyField {
+    /// The field of a scenario.
+    pub fn of(scenario: &Scenario, list: &SensorList) -> Self {
+        Self(Arc::new(FieldData::new(Limits::of(scenario), list.nodes())))
+    }
+
+    fn column<'py>(&self, py: Python<'py>, of: impl Fn(&SensorNode) -> f64) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        fixed(self.0.nodes.iter().map(of).collect::<Vec<f64>>().into_pyarray(py))
+    }
+}
+
+/// The same array, which nobody may write to.
+pub fn fixed<'py, T>(array: Bound<'py, T>) -> PyResult<Bound<'py, T>> {
+    array.as_any().call_method1("setflags", (false,))?;
+    Ok(array)
+}
+
+/// A point on the ground: the first two coordinates.
+pub fn ground(point: &Bound<'_, PyAny>) -> PyResult<Position> {
+    let [x_m, y_m] = match coordinates(point)?[..] {
+        [x_m, y_m, ..] => [x_m, y_m],
+        _ => return Err(refused(format!("{point}: expected x and y [m]"))),
+    };
+    Ok(Position::new(x_m, y_m))
+}
+
+/// The coordinates [m] of a point, two or three.
+pub fn coordinates(point: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
+    if let Ok(array) = point.extract::<PyReadonlyArray1<'_, f64>>() {
+        return Ok(array.as_array().to_vec());
+    }
+    point.try_iter()?.map(|coordinate| coordinate?.extract()).collect()
+}
+
+#[pymethods]
+impl PyField {
+    /// Of the limits and the sensor nodes as they lie in the messages of the ring.
+    #[staticmethod]
+    fn _from_messages(limits: &[u8], nodes: &[u8]) -> PyResult<Self> {
+        let refuse = |_| refused("messages of another version: use the package of the running Skysink");
+        let limits = bytemuck::try_pod_read_unaligned(limits).map_err(refuse)?;
+        Ok(Self(Arc::new(FieldData::new(limits, bytemuck::pod_collect_to_vec(nodes)))))
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.count()
+    }
+
+    #[getter]
+    fn positions_m<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let positions = &self.0.positions;
+        let array = Array2::from_shape_fn((positions.len(), 2), |(sensor, axis)| positions[sensor][axis]);
+        fixed(array.into_pyarray(py))
+    }
+
+    #[getter]
+    fn gains<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        self.column(py, |node| node.gain)
+    }
+
+    #[getter]
+    fn sampling_bps<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        self.column(py, |node| node.sampling_bps)
+    }
+
+    #[getter]
+    fn capacity_bits(&self) -> u32 {
+        self.0.capacity_bits()
+    }
+
+    #[getter]
+    fn area_m(&self) -> (f64, f64) {
+        (self.0.limits.width_m, self.0.limits.height_m)
+    }
+
+    #[getter]
+    fn reach_m(&self) -> f64 {
+        self.0.limits.reach_m
+    }
+
+    #[getter]
+    fn comm_radius_m(&self) -> f64 {
+        self.0.limits.comm_radius_m
+    }
+
+    #[getter]
+    fn resource_blocks(&self) -> u32 {
+        self.0.limits.resource_blocks
+    }
+
+    #[getter]
+    fn altitudes_m(&self) -> (f64, f64) {
+        (self.0.limits.min_altitude_m, self.0.limits.max_altitude_m)
+    }
+
+    #[getter]
+    fn climb_m(&self) -> f64 {
+        self.0.limits.climb_m
+    }
+
+    #[getter]
+    fn slots(&self) -> u64 {
+        self.0.limits.slots
+    }
+
+    #[getter]
+    fn slot_s(&self) -> f64 {
+        self.0.limits.slot_s
+    }
+
+    #[getter]
+    fn comm_s(&self) -> f64 {
+        self.0.limits.comm_s
+    }
+
+    fn within<'py>(
+        &self,
+        py: Python<'py>,
+        point: &Bound<'py, PyAny>,
+        radius_m: f64,
+    ) -> PyResult<Bound<'py, PyArray1<u32>>> {
+        let mut ids = Vec::new();
+        self.0.grid.visit_within(&ground(point)?, radius_m, |node| ids.push(node.id));
+        ids.sort_unstable();
+        Ok(ids.into_pyarray(py))
+    }
+
+    fn fullest<'py>(
+        &self,
+        py: Python<'py>,
+        point: &Bound<'py, PyAny>,
+        queues_bits: PyReadonlyArray1<'py, u32>,
+    ) -> PyResult<Bound<'py, PyArray1<u32>>> {
+        let mut ids = Vec::new();
+        self.0.fill_fullest(&ground(point)?, queues_bits.as_slice()?, &mut ids);
+        Ok(ids.into_pyarray(py))
+    }
+
+    fn toward<'py>(
+        &self,
+        py: Python<'py>,
+        from: &Bound<'py, PyAny>,
+        to: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let point = toward(self.0.limits.reach_m, &ground(from)?, &ground(to)?);
+        Ok([point.x, point.y].to_pyarray(py))
+    }
+
+    fn __repr__(&self) -> String {
+        let Limits { width_m, height_m, reach_m, comm_radius_m, resource_blocks, .. } = self.0.limits;
+        format!(
+            "Field({} sensor nodes over {width_m} m x {height_m} m, reach_m={reach_m}, comm_radius_m={comm_radius_m}, \
+             resource_blocks={resource_blocks})",
+            self.0.count()
+        )
+    }
+}

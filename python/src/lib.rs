@@ -1,0 +1,50 @@
+//! The native part of the Python package `skysink`: what takes long or has to give the bytes of Skysink.
+//!
+//! Names, shapes and units are documented in the package's stubs, `skysink/_skysink.pyi`, and in its modules. Spaces,
+//! registration, executors and the ring are left to Python.
+
+mod batch;
+mod commands;
+mod environment;
+mod episode;
+mod errors;
+mod field;
+mod pilot;
+mod run;
+mod scenario;
+mod signals;
+mod sweeps;
+mod table;
+mod values;
+
+#[pyo3::pymodule]
+mod _skysink {
+    use pyo3::prelude::*;
+
+    #[pymodule_export]
+    use super::batch::PyVectorCore;
+    #[pymodule_export]
+    use super::commands::{main, worker};
+    #[pymodule_export]
+    use super::environment::PyEnvironmentCore;
+    #[pymodule_export]
+    use super::errors::InputError;
+    #[pymodule_export]
+    use super::field::PyField;
+    #[pymodule_export]
+    use super::pilot::{PyDecision, PyPlanMaker, PyView};
+    #[pymodule_export]
+    use super::run::{PyRun, simulate};
+    #[pymodule_export]
+    use super::scenario::PyScenario;
+    #[pymodule_export]
+    use super::sweeps::{PySweepPlan, PySweepRecord, standings};
+    #[pymodule_export]
+    use super::table::PyTable;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        module.add("STRATEGIES", skysink_planner::strategies::names().to_vec())
+    }
+}

@@ -1,0 +1,180 @@
+//! A strategy in Python: what it sees of a slot, what it decides, and the plan that becomes of it.
+
+use std::sync::Arc;
+
+use nalgebra::Point3;
+use numpy::ndarray::ArrayView1;
+use numpy::{PyArray1, PyReadonlyArray1, ToPyArray};
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use skysink_common::geometry::above;
+use skysink_common::message::{MAX_SERVED, Mode, Plan};
+use skysink_mission::mission::World;
+
+use crate::errors::refused;
+use crate::field::{FieldData, PyField, coordinates, fixed};
+
+/// Queues that Python holds, too.
+#[pyclass(module = "skysink", frozen)]
+struct HeldQueues(Arc<Vec<u32>>);
+
+/// What a strategy sees of a slot.
+#[pyclass(name = "View", module = "skysink", frozen)]
+pub struct PyView {
+    /// The slot to plan, from 1.
+    #[pyo3(get)]
+    slot: u64,
+    /// Where the UAV is as it begins [m].
+    #[pyo3(get)]
+    uav: Py<PyArray1<f64>>,
+    /// What the sensor nodes hold as it begins [bit].
+    #[pyo3(get)]
+    queues_bits: Py<PyArray1<u32>>,
+    /// What stays the same.
+    #[pyo3(get)]
+    field: Py<PyField>,
+}
+
+/// What a strategy decides.
+#[pyclass(name = "Decision", module = "skysink", frozen)]
+pub struct PyDecision {
+    waypoint_m: Vec<f64>,
+    serve: Option<Vec<u32>>,
+}
+
+#[pymethods]
+impl PyDecision {
+    #[new]
+    #[pyo3(signature = (waypoint, serve = None))]
+    fn new(waypoint: &Bound<'_, PyAny>, serve: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+        let waypoint_m = coordinates(waypoint)?;
+        if !(2..=3).contains(&waypoint_m.len()) {
+            return Err(refused(format!("waypoint {waypoint}: expected (x, y) or (x, y, z) [m]")));
+        }
+        let ids = serve.map(|serve| serve.try_iter()?.map(|id| id?.extract()).collect::<PyResult<Vec<u32>>>());
+        Ok(Self { waypoint_m, serve: ids.transpose()? })
+    }
+
+    #[getter]
+    fn waypoint(&self) -> Vec<f64> {
+        self.waypoint_m.clone()
+    }
+
+    #[getter]
+    fn serve(&self) -> Option<Vec<u32>> {
+        self.serve.clone()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Decision(waypoint={:?}, serve={:?})", self.waypoint_m, self.serve)
+    }
+}
+
+/// A strategy in Python over its field.
+pub struct Pilot {
+    strategy: Py<PyAny>,
+    field: Py<PyField>,
+    data: Arc<FieldData>,
+    ids: Vec<u32>,
+}
+
+impl Pilot {
+    /// With this strategy, which is told of the field if it has a method `begin`.
+    pub fn new(py: Python<'_>, strategy: Py<PyAny>, field: PyField) -> PyResult<Self> {
+        let data = Arc::clone(&field.0);
+        let field = Py::new(py, field)?;
+        strategy.call_method1(py, "begin", (&field,))?;
+        Ok(Self { strategy, field, data, ids: Vec::new() })
+    }
+
+    /// The plan of a slot from where the UAV is and what is queued [bit].
+    pub fn plan<'py>(
+        &mut self,
+        py: Python<'py>,
+        slot: u64,
+        uav: Point3<f64>,
+        queues_bits: &Bound<'py, PyArray1<u32>>,
+    ) -> PyResult<Plan> {
+        let view = PyView {
+            slot,
+            uav: fixed([uav.x, uav.y, uav.z].to_pyarray(py))?.unbind(),
+            queues_bits: queues_bits.clone().unbind(),
+            field: self.field.clone_ref(py),
+        };
+        let decided = self.strategy.call_method1(py, "plan", (view,))?;
+        let queues_bits = queues_bits.try_readonly()?;
+        let queues_bits = queues_bits.as_slice()?;
+        let Some(decision) = decided.extract::<Option<PyRef<'_, PyDecision>>>(py).map_err(|_| wrong(&decided))? else {
+            let ground = self.data.into_area(self.data.transit(&uav, queues_bits));
+            self.data.fill_fullest(&ground, queues_bits, &mut self.ids);
+            return self.message(above(&ground, uav.z), Mode::Transit);
+        };
+        let waypoint = &decision.waypoint_m;
+        let waypoint = Point3::new(waypoint[0], waypoint[1], waypoint.get(2).copied().unwrap_or(uav.z));
+        match &decision.serve {
+            Some(ids) => self.ids.clone_from(ids),
+            None => self.data.fill_fullest(&waypoint.xy(), queues_bits, &mut self.ids),
+        }
+        self.ids.sort_unstable();
+        self.message(waypoint, Mode::Serve)
+    }
+
+    fn message(&self, waypoint: Point3<f64>, mode: Mode) -> PyResult<Plan> {
+        if self.ids.len() > MAX_SERVED {
+            return Err(refused(format!("serve: {} sensor nodes: expected at most {MAX_SERVED}", self.ids.len())));
+        }
+        let mut plan = Plan::fly_to(waypoint, mode);
+        plan.schedule(&self.ids);
+        Ok(plan)
+    }
+
+    /// The plan of the next slot of a mission. Where the UAV has to know the queues from its contacts, the strategy sees
+    /// what it knows.
+    pub fn plan_next(&mut self, py: Python<'_>, world: &mut World) -> PyResult<Plan> {
+        let queues_bits = match world.told_bits() {
+            Some(told_bits) => told_bits.to_pyarray(py),
+            None => held(py, world.field().shared_queues_bits())?,
+        };
+        self.plan(py, world.slot() + 1, world.last_flight().position(), &fixed(queues_bits)?)
+    }
+}
+
+fn wrong(decided: &Py<PyAny>) -> PyErr {
+    refused(format!("plan() returned {decided}: expected a skysink.Decision, or None for the transit rule"))
+}
+
+/// The queues as an array over the memory of the field, which is copied before it changes only if the array is still
+/// held then.
+fn held(py: Python<'_>, queues_bits: Arc<Vec<u32>>) -> PyResult<Bound<'_, PyArray1<u32>>> {
+    let holder = Bound::new(py, HeldQueues(queues_bits))?;
+    let queues_bits = ArrayView1::from(&holder.get().0[..]);
+    // SAFETY: the vector belongs to `holder`, which the array keeps alive; it is not changed while it is held twice.
+    Ok(unsafe { PyArray1::borrow_from_array(&queues_bits, holder.clone().into_any()) })
+}
+
+/// A strategy that plans for a ring.
+#[pyclass(name = "PlanMaker", module = "skysink", unsendable)]
+pub struct PyPlanMaker(Pilot);
+
+#[pymethods]
+impl PyPlanMaker {
+    #[new]
+    fn new(py: Python<'_>, strategy: Py<PyAny>, field: &Bound<'_, PyField>) -> PyResult<Self> {
+        Pilot::new(py, strategy, PyField(Arc::clone(&field.get().0))).map(Self)
+    }
+
+    /// The message of the plan for `slot`, from the position of the flight before it [m] and the queues [bit].
+    fn plan<'py>(
+        &mut self,
+        py: Python<'py>,
+        slot: u64,
+        uav: [f64; 3],
+        queues_bits: Bound<'py, PyArray1<u32>>,
+    ) -> PyResult<Bound<'py, PyBytes>> {
+        let _: PyReadonlyArray1<'_, u32> = queues_bits.try_readonly()?; // refuses what is not contiguous below
+        let plan = self.0.plan(py, slot, Point3::from(uav), &queues_bits)?;
+        // SAFETY: a plan is plain numbers without implicit padding, see `skysink_common::message`.
+        let bytes = unsafe { std::slice::from_raw_parts((&raw const plan).cast::<u8>(), size_of::<Plan>()) };
+        Ok(PyBytes::new(py, bytes))
+    }
+}

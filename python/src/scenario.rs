@@ -1,0 +1,170 @@
+//! `skysink.Scenario`.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use arrow_array::{ArrayRef, Float64Array, UInt32Array};
+use pyo3::exceptions::PyKeyError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use skysink_common::error::{InputError, read_text};
+use skysink_common::scenario::{LETTER, Overrides, Scenario, Setting, SettingOrigin};
+use skysink_common::sensors::{Sensor, SensorList};
+use skysink_planner::settings;
+use toml::{Table, Value};
+
+use crate::errors::refused;
+use crate::field::PyField;
+use crate::table::PyTable;
+use crate::values::{to_python, to_toml};
+
+/// A checked scenario: a file, and what was replaced in it.
+#[pyclass(name = "Scenario", module = "skysink", frozen)]
+pub struct PyScenario {
+    /// The text of the file.
+    text: String,
+    /// What comes of it.
+    pub scenario: Scenario,
+}
+
+impl PyScenario {
+    fn new(text: String, path: &Path, keys: Vec<Setting>) -> PyResult<Self> {
+        let overrides = Overrides { keys, ..Overrides::default() };
+        let scenario = Scenario::parse(&text, path, overrides).and_then(settings::resolve).map_err(refused)?;
+        Ok(Self { text, scenario })
+    }
+
+    /// The same with more keys replaced.
+    pub fn with(&self, changes: impl IntoIterator<Item = (String, Value)>) -> PyResult<Self> {
+        let setting = |(key, value)| Setting { key, value, origin: SettingOrigin::Replacement };
+        let mut keys = self.scenario.settings.clone();
+        for setting in changes.into_iter().map(setting) {
+            keys.retain(|earlier| earlier.key != setting.key);
+            keys.push(setting);
+        }
+        Self::new(self.text.clone(), &self.scenario.path, keys)
+    }
+
+    /// Its sensor nodes.
+    pub fn list(&self) -> PyResult<SensorList> {
+        SensorList::of(&self.scenario).map_err(refused)
+    }
+
+    fn table(&self) -> Table {
+        self.scenario.to_toml().parse().expect("it was just written")
+    }
+}
+
+#[pymethods]
+impl PyScenario {
+    #[staticmethod]
+    fn load(path: PathBuf) -> PyResult<Self> {
+        let text = read_text("scenario", &path).map_err(refused)?;
+        Self::new(text, &std::path::absolute(&path)?, Vec::new())
+    }
+
+    #[staticmethod]
+    fn letter() -> PyResult<Self> {
+        Self::new(LETTER.to_owned(), Path::new("letter.toml (built in)"), Vec::new())
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (text, path = PathBuf::from("scenario.toml")))]
+    fn parse(text: String, path: PathBuf) -> PyResult<Self> {
+        Self::new(text, &std::path::absolute(&path)?, Vec::new())
+    }
+
+    fn replace(&self, changes: &Bound<'_, PyDict>) -> PyResult<Self> {
+        let changes = changes.iter().map(|(key, value)| Ok((key.extract::<String>()?, to_toml(&value)?)));
+        self.with(changes.collect::<PyResult<Vec<_>>>()?)
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        &self.scenario.name
+    }
+
+    #[getter]
+    fn seed(&self) -> u64 {
+        self.scenario.seed
+    }
+
+    #[getter]
+    fn slots(&self) -> u64 {
+        self.scenario.slots
+    }
+
+    #[getter]
+    fn strategy(&self) -> &str {
+        &self.scenario.planner.strategy
+    }
+
+    fn __getitem__<'py>(&self, py: Python<'py>, key: &str) -> PyResult<Bound<'py, PyAny>> {
+        let mut value = &Value::Table(self.table());
+        for part in key.split('.') {
+            value = value.get(part).ok_or_else(|| PyKeyError::new_err(format!("{key}: expected a key of a scenario")))?;
+        }
+        to_python(py, value)
+    }
+
+    fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        to_python(py, &Value::Table(self.table()))
+    }
+
+    fn to_toml(&self) -> String {
+        self.scenario.to_toml()
+    }
+
+    fn sensors(&self) -> PyResult<PyTable> {
+        let list = self.list()?;
+        let numbers = |of: fn(&Sensor) -> f64| -> ArrayRef {
+            Arc::new(list.sensors().iter().map(of).collect::<Vec<f64>>().into_iter().collect::<Float64Array>())
+        };
+        let queues: ArrayRef = Arc::new(UInt32Array::from(list.queues_bits()));
+        PyTable::new(vec![
+            ("x_m", numbers(|sensor| sensor.position.x)),
+            ("y_m", numbers(|sensor| sensor.position.y)),
+            ("queue_bits", queues),
+            ("gain_db", numbers(|sensor| sensor.gain_db)),
+            ("sampling_bps", numbers(|sensor| sensor.sampling_bps)),
+        ])
+    }
+
+    fn field(&self) -> PyResult<PyField> {
+        Ok(PyField::of(&self.scenario, &self.list()?))
+    }
+
+    /// For pickle and copy: the text, the path, and the keys replaced.
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (String, PathBuf, Bound<'py, PyDict>))> {
+        let this = slf.get();
+        let replaced = PyDict::new(slf.py());
+        for setting in &this.scenario.settings {
+            replaced.set_item(&setting.key, to_python(slf.py(), &setting.value)?)?;
+        }
+        let make = slf.get_type().getattr("_restore")?;
+        Ok((make, (this.text.clone(), this.scenario.path.clone(), replaced)))
+    }
+
+    #[staticmethod]
+    fn _restore(text: String, path: PathBuf, replaced: &Bound<'_, PyDict>) -> PyResult<Self> {
+        Self::new(text, &path, Vec::new())?.replace(replaced)
+    }
+
+    fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {
+        other.cast::<Self>().is_ok_and(|other| other.get().scenario.to_toml() == self.scenario.to_toml())
+    }
+
+    fn __hash__(&self) -> u64 {
+        self.scenario.hash()
+    }
+
+    fn __repr__(&self) -> String {
+        let Scenario { name, seed, slots, .. } = &self.scenario;
+        format!("Scenario({name:?}, seed={seed}, slots={slots}, strategy={:?})", self.scenario.planner.strategy)
+    }
+}
+
+/// A refusal of an argument.
+pub fn refuse_argument(name: &'static str, value: &str, expected: &str) -> PyErr {
+    refused(InputError::of_argument(name, value, expected))
+}
