@@ -10,9 +10,9 @@ mod plot;
 pub(crate) mod research;
 pub(crate) mod values;
 
+use std::ffi::OsString;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
 use clap::builder::TypedValueParser;
 use clap::{Args, Parser, Subcommand};
@@ -243,38 +243,38 @@ fn seed_parser() -> impl TypedValueParser<Value = u64> {
     clap::value_parser!(u64).range(..=i64::MAX as u64)
 }
 
-/// Runs the command line of this process.
+/// Runs a command line, which begins with what the program was called by, and returns its exit code.
 #[must_use]
-pub fn main() -> ExitCode {
+pub fn execute(arguments: Vec<OsString>) -> u8 {
     worker::quiet_iceoryx2();
     let stop = stop_on_signals();
     // Behind the handler that asks for the end, so that no first signal is lost. The processes of a ring are ended by
     // their launcher.
     exit_on_second_signal();
-    let cli: Cli = match usage::parse() {
+    let cli: Cli = match usage::parse(arguments) {
         Ok(cli) => cli,
         Err(message) => return refused(&message),
     };
     match command(cli.command, &stop) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(Error::Output(error)) if error.kind() == ErrorKind::BrokenPipe => ExitCode::SUCCESS, // read as far as wanted
+        Ok(()) => 0,
+        Err(Error::Output(error)) if error.kind() == ErrorKind::BrokenPipe => 0, // read as far as wanted
         Err(error) => {
             Role::Launcher.say(&error);
-            ExitCode::from(error.exit_code())
+            error.exit_code()
         }
     }
 }
 
 /// Prints the help that was asked for, or what is wrong with the arguments.
-fn refused(message: &clap::Error) -> ExitCode {
+fn refused(message: &clap::Error) -> u8 {
     let printed =
         message.print().or_else(|error| if error.kind() == ErrorKind::BrokenPipe { Ok(()) } else { Err(error) });
     match printed {
         Err(error) if !message.use_stderr() => {
             Role::Launcher.say(Error::Output(error));
-            ExitCode::FAILURE
+            1
         }
-        _ => ExitCode::from(u8::try_from(message.exit_code()).unwrap_or(2)),
+        _ => u8::try_from(message.exit_code()).unwrap_or(2),
     }
 }
 

@@ -10,6 +10,7 @@ pub mod cli;
 pub mod compare;
 pub mod error;
 pub mod new;
+pub mod programs;
 pub mod replay;
 pub mod report;
 pub mod run;

@@ -1,5 +1,6 @@
 //! The command line of an executable, with help and usage that fit into a terminal of 80 columns.
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use clap::{Command, Error, Parser};
@@ -12,15 +13,16 @@ const COLUMNS: usize = TERMINAL_WIDTH as usize;
 /// What clap writes before a usage line.
 const HEADING: &str = "Usage: ";
 
-/// Reads the command line of this process.
+/// Reads a command line, which begins with what the program was called by.
 ///
 /// # Errors
 /// If it is refused, or asks for help.
-pub fn parse<C: Parser>() -> Result<C, Error> {
-    let called = std::env::args_os().next().map(PathBuf::from);
+pub fn parse<C: Parser>(arguments: impl IntoIterator<Item = OsString>) -> Result<C, Error> {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    let called = arguments.first().map(PathBuf::from);
     let name = called.as_deref().and_then(Path::file_name).unwrap_or_default().to_string_lossy();
     let mut command = fitting(C::command().bin_name(name.into_owned()));
-    let matches = command.try_get_matches_from_mut(std::env::args_os())?;
+    let matches = command.try_get_matches_from_mut(arguments)?;
     C::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
 }
 

@@ -1,7 +1,7 @@
 //! What the executables of the ring have in common: arguments, joining the run, and how they end.
 
+use std::ffi::OsString;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 use clap::{Args, Parser};
 use iceoryx2::prelude::{LogLevel, set_log_level_from_env_or};
@@ -40,13 +40,15 @@ struct Cli<A: Args> {
 #[derive(Debug, Args)]
 pub struct NoArguments {}
 
-/// Runs the executable of `role`, which takes the arguments `A` beside those of every process of the ring.
+/// Runs the program of `role`, which takes the arguments `A` beside those of every process of the ring, and returns its
+/// exit code.
 #[must_use]
-pub fn main<A: Args>(
+pub fn run<A: Args>(
     role: Role,
+    arguments: Vec<OsString>,
     node: impl FnOnce(&Scenario, &RingFolder, &Stop, &A) -> Result<(), NodeError>,
-) -> ExitCode {
-    let Cli { place, own } = usage::parse().unwrap_or_else(|message| message.exit());
+) -> u8 {
+    let Cli { place, own } = usage::parse(arguments).unwrap_or_else(|message| message.exit());
     let stop = stop_on_signals();
     let ended = join(&place).and_then(|(scenario, folder)| node(&scenario, &folder, &stop, &own));
     exit(role, ended)
@@ -64,15 +66,15 @@ pub fn join(place: &RingArguments) -> Result<(Scenario, RingFolder), NodeError> 
     Ok((scenario, folder))
 }
 
-/// The end of the executable of `role`: one line on standard error unless a signal asked for it.
+/// The exit code of the program of `role`, with one line on standard error unless a signal asked for the end.
 #[must_use]
-pub fn exit(role: Role, ended: Result<(), NodeError>) -> ExitCode {
-    let Err(error) = ended else { return ExitCode::SUCCESS };
+pub fn exit(role: Role, ended: Result<(), NodeError>) -> u8 {
+    let Err(error) = ended else { return 0 };
     let code = error.exit_code();
     if code < 128 {
         role.say(error);
     }
-    ExitCode::from(code)
+    code
 }
 
 /// Leaves iceoryx2's own messages to those who ask for them by `IOX2_LOG_LEVEL`; what matters comes back as an error.

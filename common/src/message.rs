@@ -70,7 +70,7 @@ pub struct SensorsHeader {
 
 /// What every plan of a mission has to keep, so that a planner needs no scenario file.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
 #[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.Limits.v1"))]
 pub struct Limits {
     /// The area, 0 to this, east [m].
@@ -124,7 +124,7 @@ impl Limits {
 
 /// Payload element of `sensors`: one sensor node.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
 #[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.SensorNode.v1"))]
 pub struct SensorNode {
     /// Position, east [m].
@@ -171,7 +171,7 @@ pub enum SolverOutcome {
 
 /// Payload of `plan`: whom to serve in the slot, and from where.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.Plan.v1"))]
 pub struct Plan {
     /// Waypoint at the end of the slot, east [m].

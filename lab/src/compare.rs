@@ -63,8 +63,8 @@ impl Contender {
             meter.add(None, &flown.flight, &flown.header, replay.mission().field());
         }
         let planned = replay.scenario().slots;
-        if meter.slots() != planned {
-            let flown = meter.slots();
+        if meter.tally().last_slot() != planned {
+            let flown = meter.tally().last_slot();
             let message = format_args!("it ended early, after slot {flown} of {planned}: expected a whole run");
             return Err(InputError::new("run folder", folder, message).into());
         }

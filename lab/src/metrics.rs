@@ -203,10 +203,10 @@ impl MissionMeter {
         self.sums.add(flight, field.queues_bits(), field.delivered_bits());
     }
 
-    /// The slots added so far.
+    /// The figures of the summary so far.
     #[must_use]
-    pub fn slots(&self) -> u64 {
-        self.tally.last_slot()
+    pub fn tally(&self) -> &Tally {
+        &self.tally
     }
 
     /// The metrics so far; `timing` instead of the planning times of the slots.

@@ -3,7 +3,7 @@
 pub mod folder;
 pub mod journal;
 pub mod plan;
-pub(crate) mod results;
+pub mod results;
 pub(crate) mod statistics;
 
 use std::collections::BTreeSet;

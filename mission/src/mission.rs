@@ -2,6 +2,9 @@
 
 use std::time::Instant;
 
+use bytemuck::{bytes_of, try_pod_read_unaligned};
+use serde::{Deserialize, Serialize};
+use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::error::InputError;
 use skysink_common::estimate::Estimate;
 use skysink_common::message::{FLAG_END, FlightReport, Plan, QueuesHeader, SlotHeader};
@@ -83,6 +86,39 @@ impl World {
         self.report = self.flight.step(self.slot, plan);
         self.field.step(self.slot, &self.report).expect("flight-sim serves known sensor nodes alone");
         self.header()
+    }
+}
+
+/// A world as it is saved.
+#[derive(Serialize, Deserialize)]
+struct SavedWorld {
+    slot: u64,
+    #[serde(with = "serde_bytes")]
+    report: Vec<u8>,
+    #[serde(with = "serde_bytes")]
+    field: Vec<u8>,
+}
+
+impl Checkpoint for World {
+    fn save(&self, bytes: &mut Vec<u8>) {
+        let mut field = Vec::new();
+        self.field.save(&mut field);
+        encode(&SavedWorld { slot: self.slot, report: bytes_of(&self.report).to_vec(), field }, bytes);
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        let SavedWorld { slot, report, field } = decode(bytes)?;
+        let report: Option<FlightReport> = try_pod_read_unaligned(&report).ok();
+        let report = report.filter(|_| slot <= self.slots);
+        CheckpointError::unless(report.is_some(), "a slot and a flight of the mission")?;
+        let mut restored = self.field.clone();
+        restored.restore(&field)?;
+        CheckpointError::unless(restored.slot() == slot, "a field after the same slot")?;
+        self.field = restored;
+        self.slot = slot;
+        self.report = report.unwrap_or(self.report);
+        self.flight.restore(&self.report);
+        Ok(())
     }
 }
 

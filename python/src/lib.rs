@@ -24,7 +24,7 @@ mod _skysink {
     #[pymodule_export]
     use super::batch::PyVectorCore;
     #[pymodule_export]
-    use super::commands::{main, worker};
+    use super::commands::run_program;
     #[pymodule_export]
     use super::environment::PyEnvironmentCore;
     #[pymodule_export]
@@ -38,7 +38,7 @@ mod _skysink {
     #[pymodule_export]
     use super::scenario::PyScenario;
     #[pymodule_export]
-    use super::sweeps::{PySweepPlan, PySweepRecord, standings};
+    use super::sweeps::{PySweepPlan, PySweepRecord};
     #[pymodule_export]
     use super::table::PyTable;
 

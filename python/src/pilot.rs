@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::Point3;
 use numpy::ndarray::ArrayView1;
-use numpy::{PyArray1, PyReadonlyArray1, ToPyArray};
+use numpy::{PyArray1, PyArrayMethods, ToPyArray};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use skysink_common::geometry::above;
@@ -52,7 +52,11 @@ impl PyDecision {
             return Err(refused(format!("waypoint {waypoint}: expected (x, y) or (x, y, z) [m]")));
         }
         let ids = serve.map(|serve| serve.try_iter()?.map(|id| id?.extract()).collect::<PyResult<Vec<u32>>>());
-        Ok(Self { waypoint_m, serve: ids.transpose()? })
+        let serve = ids.transpose()?;
+        if let Some(ids) = serve.as_ref().filter(|ids| ids.len() > MAX_SERVED) {
+            return Err(refused(format!("serve: {} sensor nodes: expected at most {MAX_SERVED}", ids.len())));
+        }
+        Ok(Self { waypoint_m, serve })
     }
 
     #[getter]
@@ -67,6 +71,18 @@ impl PyDecision {
 
     fn __repr__(&self) -> String {
         format!("Decision(waypoint={:?}, serve={:?})", self.waypoint_m, self.serve)
+    }
+}
+
+impl PyDecision {
+    /// Where to fly [m]; at this altitude if it names none.
+    pub fn place(&self, altitude_m: f64) -> Point3<f64> {
+        Point3::new(self.waypoint_m[0], self.waypoint_m[1], self.waypoint_m.get(2).copied().unwrap_or(altitude_m))
+    }
+
+    /// Whom to serve; none for the fullest in range.
+    pub fn schedule(&self) -> Option<&[u32]> {
+        self.serve.as_deref()
     }
 }
 
@@ -107,25 +123,20 @@ impl Pilot {
         let Some(decision) = decided.extract::<Option<PyRef<'_, PyDecision>>>(py).map_err(|_| wrong(&decided))? else {
             let ground = self.data.into_area(self.data.transit(&uav, queues_bits));
             self.data.fill_fullest(&ground, queues_bits, &mut self.ids);
-            return self.message(above(&ground, uav.z), Mode::Transit);
+            return Ok(self.message(above(&ground, uav.z), Mode::Transit));
         };
-        let waypoint = &decision.waypoint_m;
-        let waypoint = Point3::new(waypoint[0], waypoint[1], waypoint.get(2).copied().unwrap_or(uav.z));
-        match &decision.serve {
-            Some(ids) => self.ids.clone_from(ids),
+        let waypoint = decision.place(uav.z);
+        match decision.schedule() {
+            Some(ids) => ids.clone_into(&mut self.ids),
             None => self.data.fill_fullest(&waypoint.xy(), queues_bits, &mut self.ids),
         }
-        self.ids.sort_unstable();
-        self.message(waypoint, Mode::Serve)
+        Ok(self.message(waypoint, Mode::Serve))
     }
 
-    fn message(&self, waypoint: Point3<f64>, mode: Mode) -> PyResult<Plan> {
-        if self.ids.len() > MAX_SERVED {
-            return Err(refused(format!("serve: {} sensor nodes: expected at most {MAX_SERVED}", self.ids.len())));
-        }
+    fn message(&self, waypoint: Point3<f64>, mode: Mode) -> Plan {
         let mut plan = Plan::fly_to(waypoint, mode);
         plan.schedule(&self.ids);
-        Ok(plan)
+        plan
     }
 
     /// The plan of the next slot of a mission. Where the UAV has to know the queues from its contacts, the strategy sees
@@ -171,10 +182,7 @@ impl PyPlanMaker {
         uav: [f64; 3],
         queues_bits: Bound<'py, PyArray1<u32>>,
     ) -> PyResult<Bound<'py, PyBytes>> {
-        let _: PyReadonlyArray1<'_, u32> = queues_bits.try_readonly()?; // refuses what is not contiguous below
         let plan = self.0.plan(py, slot, Point3::from(uav), &queues_bits)?;
-        // SAFETY: a plan is plain numbers without implicit padding, see `skysink_common::message`.
-        let bytes = unsafe { std::slice::from_raw_parts((&raw const plan).cast::<u8>(), size_of::<Plan>()) };
-        Ok(PyBytes::new(py, bytes))
+        Ok(PyBytes::new(py, bytemuck::bytes_of(&plan)))
     }
 }

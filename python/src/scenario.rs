@@ -7,7 +7,7 @@ use arrow_array::{ArrayRef, Float64Array, UInt32Array};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use skysink_common::error::{InputError, read_text};
+use skysink_common::error::read_text;
 use skysink_common::scenario::{LETTER, Overrides, Scenario, Setting, SettingOrigin};
 use skysink_common::sensors::{Sensor, SensorList};
 use skysink_planner::settings;
@@ -43,6 +43,11 @@ impl PyScenario {
             keys.push(setting);
         }
         Self::new(self.text.clone(), &self.scenario.path, keys)
+    }
+
+    /// A scenario as it was flown.
+    pub fn flown(scenario: &Scenario) -> PyResult<Self> {
+        Self::new(scenario.to_toml(), &scenario.path, Vec::new())
     }
 
     /// Its sensor nodes.
@@ -102,7 +107,8 @@ impl PyScenario {
     fn __getitem__<'py>(&self, py: Python<'py>, key: &str) -> PyResult<Bound<'py, PyAny>> {
         let mut value = &Value::Table(self.table());
         for part in key.split('.') {
-            value = value.get(part).ok_or_else(|| PyKeyError::new_err(format!("{key}: expected a key of a scenario")))?;
+            value =
+                value.get(part).ok_or_else(|| PyKeyError::new_err(format!("{key}: expected a key of a scenario")))?;
         }
         to_python(py, value)
     }
@@ -162,9 +168,4 @@ impl PyScenario {
         let Scenario { name, seed, slots, .. } = &self.scenario;
         format!("Scenario({name:?}, seed={seed}, slots={slots}, strategy={:?})", self.scenario.planner.strategy)
     }
-}
-
-/// A refusal of an argument.
-pub fn refuse_argument(name: &'static str, value: &str, expected: &str) -> PyErr {
-    refused(InputError::of_argument(name, value, expected))
 }

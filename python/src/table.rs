@@ -28,6 +28,11 @@ impl PyTable {
     pub fn new(columns: Vec<(&str, ArrayRef)>) -> PyResult<Self> {
         RecordBatch::try_from_iter(columns).map(Self).map_err(refused)
     }
+
+    /// The table of these rows.
+    pub fn of(rows: RecordBatch) -> Self {
+        Self(rows)
+    }
 }
 
 #[pymethods]
@@ -43,7 +48,8 @@ impl PyTable {
 
     fn __getitem__<'py>(slf: &Bound<'py, Self>, name: &str) -> PyResult<Bound<'py, PyAny>> {
         let column = slf.get().0.column_by_name(name);
-        let column = column.ok_or_else(|| PyKeyError::new_err(format!("{name}: expected one of {:?}", slf.get().columns())))?;
+        let column =
+            column.ok_or_else(|| PyKeyError::new_err(format!("{name}: expected one of {:?}", slf.get().columns())))?;
         match column.data_type() {
             DataType::Float64 if column.null_count() == 0 => view(slf, column.as_primitive::<Float64Type>()),
             DataType::UInt64 => view(slf, column.as_primitive::<UInt64Type>()),
@@ -71,6 +77,14 @@ impl PyTable {
         let _ = requested_schema; // a wish, which a producer may leave to its consumer
         let batches = RecordBatchIterator::new([Ok(self.0.clone())], self.0.schema());
         PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(Box::new(batches)), STREAM)
+    }
+
+    fn to_pandas<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        slf.py().import("skysink.recording")?.call_method1("to_pandas", (slf,))
+    }
+
+    fn to_polars<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
+        slf.py().import("skysink.recording")?.call_method1("to_polars", (slf,))
     }
 
     fn __repr__(&self) -> String {

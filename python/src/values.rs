@@ -29,9 +29,9 @@ pub fn to_toml(value: &Bound<'_, PyAny>) -> PyResult<Value> {
     if let Ok(number) = value.call_method0("item") {
         return to_toml(&number); // one of NumPy's
     }
-    let elements = value.try_iter().map_err(|_| {
-        PyTypeError::new_err(format!("{value}: expected a number, text, or a list or table of them"))
-    })?;
+    let elements = value
+        .try_iter()
+        .map_err(|_| PyTypeError::new_err(format!("{value}: expected a number, text, or a list or table of them")))?;
     Ok(Value::Array(elements.map(|element| to_toml(&element?)).collect::<PyResult<_>>()?))
 }
 

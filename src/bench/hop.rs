@@ -25,6 +25,7 @@ use skysink_ring::wait::Waiting;
 
 use super::Times;
 use crate::error::Error;
+use crate::programs;
 use crate::report::print;
 
 /// Messages on the critical path of a slot, and the processes that pass them on.
@@ -80,11 +81,11 @@ impl HopRounds {
         let folder = RingFolder::create(Pace::Max, self.wait, TIMEOUT.as_secs_f64(), false, None)?;
         let node = node(&folder)?;
         let services = (0..HOPS).map(|index| create_services(&node, index)).collect::<Result<Vec<_>, Error>>()?;
-        let program = std::env::current_exe().at(Path::new("skysink"))?;
+        let (program, words) = programs::words("skysink").at(Path::new("skysink"))?;
         let rounds = serde_json::to_string(&self).expect("plain keys and values");
         let command = |index: usize| {
             let mut command = Command::new(&program);
-            command.arg("hop").arg(folder.path()).args([&index.to_string(), &rounds]);
+            command.args(&words).arg("hop").arg(folder.path()).args([&index.to_string(), &rounds]);
             command.stdin(Stdio::null()).stdout(Stdio::null());
             command
         };

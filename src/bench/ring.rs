@@ -13,6 +13,7 @@ use skysink_ring::wait::Waiting;
 use super::hop::HopRounds;
 use super::{Effort, counts, letter_text, median, median_spread};
 use crate::error::Error;
+use crate::programs;
 use skysink_mission::error::FileContext;
 use skysink_mission::latency::Spread;
 
@@ -106,8 +107,9 @@ fn fly(sensors: u32, slots: u64, wait: Waiting, pace: Pace, stop: &Stop) -> Resu
     let place = tempfile::tempdir().at(Path::new("folder for temporary files"))?;
     let (scenario, out) = (place.path().join("bench.toml"), place.path().join("run"));
     fs::write(&scenario, letter_text(sensors, slots)).at(&scenario)?;
-    let program = std::env::current_exe().at(Path::new("skysink"))?;
+    let (program, words) = programs::words("skysink").at(Path::new("skysink"))?;
     let run = Command::new(&program)
+        .args(words)
         .arg("run")
         .arg(&scenario)
         .args(["--no-viewer", "--wait", &wait.to_string(), "--pace", &pace.to_string(), "--out"])

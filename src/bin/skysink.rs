@@ -1,5 +1,5 @@
 //! The launcher and command line.
 
 fn main() -> std::process::ExitCode {
-    skysink::cli::main()
+    skysink::cli::execute(std::env::args_os().collect()).into()
 }

@@ -33,7 +33,7 @@ struct Cli {
 }
 
 fn main() -> ExitCode {
-    let cli: Cli = usage::parse().unwrap_or_else(|message| message.exit());
+    let cli: Cli = usage::parse(std::env::args_os()).unwrap_or_else(|message| message.exit());
     // What rerun has to say would be lost otherwise.
     tracing_subscriber::fmt()
         .with_max_level(tracing_subscriber::filter::LevelFilter::WARN)
@@ -41,7 +41,7 @@ fn main() -> ExitCode {
         .init();
     let stop = stop_on_signals();
     let ended = record(&cli, &stop);
-    worker::exit(Role::Viewer, ended)
+    worker::exit(Role::Viewer, ended).into()
 }
 
 fn record(cli: &Cli, stop: &Stop) -> Result<(), NodeError> {

@@ -16,6 +16,7 @@ use skysink_ring::role::Role;
 use skysink_ring::wait::Waiting;
 
 use crate::error::Error;
+use crate::programs;
 use crate::run::limits;
 use crate::run::restart::{Rule, WORKERS, worker};
 use crate::run::supervise::Invocation;
@@ -225,12 +226,11 @@ impl RunOptions {
                 environment: vec![("SKYSINK_RING", ring.path().into()), ("SKYSINK_SCENARIO", scenario.into())],
             });
         }
-        let program = std::env::current_exe().at(Path::new("skysink"))?.with_file_name(role.name());
+        let (program, mut arguments) = programs::words(role.name()).at(Path::new("skysink"))?;
         if !program.is_file() {
             return Err(Error::ExecutableMissing(program));
         }
-        let mut arguments: Vec<OsString> =
-            vec!["--scenario".into(), scenario.into(), "--ring".into(), ring.path().into()];
+        arguments.extend(["--scenario".into(), scenario.into(), "--ring".into(), ring.path().into()]);
         if role == Role::Viewer {
             arguments.extend(["--save".into(), absolute(&launch.recording)?.into()]);
             arguments.extend(self.live.map(|port| format!("--live={port}").into()));

@@ -17,6 +17,7 @@ use skysink_mission::record::RunFolder;
 use skysink_ring::folder::SHARED_MEMORY;
 
 use crate::error::Error;
+use crate::programs;
 use crate::report::print;
 
 /// How often a mission is looked at.
@@ -114,8 +115,9 @@ impl Anywhere {
 
     /// Starts the mission, or resumes it as far as it is on record.
     fn launch(&self, place: &Path, out: &Path) -> std::io::Result<Child> {
-        let mut command = Command::new(std::env::current_exe()?);
-        command.arg("run");
+        let (program, words) = programs::words("skysink")?;
+        let mut command = Command::new(program);
+        command.args(words).arg("run");
         let is_begun = fs::read_to_string(out.join("slots.csv")).is_ok_and(|trace| trace.lines().count() > 1);
         if is_begun {
             command.arg("--resume").arg(out);

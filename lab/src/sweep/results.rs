@@ -29,7 +29,7 @@ pub const BEST_KNOWN: &str = "best-known";
 pub fn write(folder: &Path, definition: &Definition, rows: &MissionRows) -> Result<(), LabError> {
     let (timings, results): (Vec<_>, Vec<_>) = Metric::VARIANTS.iter().partition(|metric| metric.is_timing());
     write_whole(&folder.join("results.csv"), &missions_csv(definition, rows, &results))?;
-    write_whole(&folder.join("results.parquet"), &missions_parquet(definition, rows, &results))?;
+    write_whole(&folder.join("results.parquet"), &parquet(mission_columns(definition, rows)))?;
     write_whole(&folder.join("summary.csv"), &summary_csv(definition, rows, &results))?;
     Ok(write_whole(&folder.join("timings.csv"), &missions_csv(definition, rows, &timings))?)
 }
@@ -46,8 +46,12 @@ fn missions_csv(definition: &Definition, rows: &MissionRows, metrics: &[Metric])
     table(definition, names, lines)
 }
 
-/// The same as Parquet, with a type for each column.
-fn missions_parquet(definition: &Definition, rows: &MissionRows, metrics: &[Metric]) -> Vec<u8> {
+/// A mission per row as columns, each with a type of its own: what `results.parquet` holds.
+///
+/// # Panics
+/// If a row is of no mission of the sweep.
+#[must_use]
+pub fn mission_columns<'a>(definition: &'a Definition, rows: &MissionRows) -> Vec<(&'a str, ArrayRef)> {
     let mut columns: Vec<(&str, ArrayRef)> = Vec::new();
     for (place, key) in definition.keys.iter().enumerate() {
         columns.push((key, swept(definition, rows, place)));
@@ -55,7 +59,7 @@ fn missions_parquet(definition: &Definition, rows: &MissionRows, metrics: &[Metr
     let strategies = rows.keys().map(|key| &definition.strategies[key.strategy]);
     columns.push(("strategy", Arc::new(StringArray::from_iter_values(strategies))));
     columns.push(("seed", Arc::new(UInt64Array::from_iter_values(rows.keys().map(|key| key.seed)))));
-    for &metric in metrics {
+    for metric in Metric::all().filter(|metric| !metric.is_timing()) {
         let values = rows.values().map(|row| row[metric]);
         let column: ArrayRef = match metric {
             Metric::DeliveredBits => Arc::new(UInt64Array::from_iter_values(values.map(|bits| bits as u64))),
@@ -63,7 +67,7 @@ fn missions_parquet(definition: &Definition, rows: &MissionRows, metrics: &[Metr
         };
         columns.push((metric.name(), column));
     }
-    parquet(columns)
+    columns
 }
 
 /// The column of a swept key: whole numbers, numbers, or text.

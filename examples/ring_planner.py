@@ -1,0 +1,22 @@
+"""A planner in Python for a running ring, greedy: to the fullest queue in reach.
+
+    skysink run scenarios/letter.toml --planner "python3 examples/ring_planner.py"
+
+needs `pip install ./python[ring]`. The same class flies in `skysink.simulate(scenario, Greedy())`.
+"""
+
+import skysink
+import skysink.ring
+
+
+class Greedy(skysink.Strategy):
+    def plan(self, view: skysink.View) -> skysink.Decision | None:
+        reachable = view.field.within(view.uav, view.field.reach_m)
+        if not len(reachable):
+            return None  # straight to the fullest queue of all
+        fullest = reachable[view.queues_bits[reachable].argmax()]
+        return skysink.Decision(view.field.positions_m[fullest])  # serving the fullest in range
+
+
+if __name__ == "__main__":
+    skysink.ring.planner(Greedy())

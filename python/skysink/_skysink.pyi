@@ -1,0 +1,341 @@
+"""The native part of Skysink: its classes, with shapes and units."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from os import PathLike
+from typing import Any, Final, Self, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skysink.strategy import Strategy
+
+__all__ = [
+    "STRATEGIES",
+    "Decision",
+    "EnvironmentCore",
+    "Field",
+    "InputError",
+    "PlanMaker",
+    "Run",
+    "Scenario",
+    "SweepPlan",
+    "SweepRecord",
+    "Table",
+    "VectorCore",
+    "View",
+    "__version__",
+    "run_program",
+    "simulate",
+]
+
+__version__: Final[str]
+STRATEGIES: Final[list[str]]
+"""Names of the strategies of Skysink."""
+
+class InputError(ValueError):
+    """A scenario, sweep, folder or value is refused: one line that names it, and what was expected."""
+
+@final
+class Scenario:
+    """A checked scenario: what is flown, over which field, through which channel, by which strategy.
+
+    Its keys are those of a scenario file (``docs/interfaces.md``). It cannot be changed, equals one with the same keys,
+    and can be pickled; a sensor list that it names stays a file.
+    """
+
+    @staticmethod
+    def load(path: str | PathLike[str]) -> Scenario:
+        """Reads and checks a file. Raises :class:`InputError`."""
+
+    @staticmethod
+    def letter() -> Scenario:
+        """The mission of the UTS letter (arXiv 2103.00753), which needs no file."""
+
+    @staticmethod
+    def parse(text: str, path: str | PathLike[str] = ...) -> Scenario:
+        """Checks the text of a scenario file; ``path`` is where it would be. Raises :class:`InputError`."""
+
+    def replace(self, changes: Mapping[str, Any]) -> Scenario:
+        """The same with other values of dotted keys, such as ``{"area.side_m": 500.0}``. Raises :class:`InputError`."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def seed(self) -> int: ...
+    @property
+    def slots(self) -> int:
+        """Slots of the mission, T."""
+
+    @property
+    def strategy(self) -> str: ...
+    def __getitem__(self, key: str, /) -> Any:
+        """The value of a dotted key, or a table of them."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """All keys, with every default."""
+
+    def to_toml(self) -> str:
+        """The same as a scenario file."""
+
+    def sensors(self) -> Table:
+        """The sensor nodes, drawn or read: ``x_m``, ``y_m``, ``queue_bits``, ``gain_db``, ``sampling_bps``, by id."""
+
+    def field(self) -> Field:
+        """The sensor nodes and the limits of plans."""
+
+    @staticmethod
+    def _restore(text: str, path: str | PathLike[str], replaced: Mapping[str, Any]) -> Scenario: ...
+    def __eq__(self, other: object, /) -> bool: ...
+    def __hash__(self) -> int: ...
+
+@final
+class Field:
+    """What stays the same in every slot of a mission: sensor nodes (SNs) and limits. ``len`` is N."""
+
+    def __len__(self) -> int: ...
+    @property
+    def positions_m(self) -> NDArray[np.float64]:
+        """Where the SNs stand, east and north [m], [N, 2]; made anew at each access: keep it."""
+
+    @property
+    def gains(self) -> NDArray[np.float64]:
+        """Reference channel gain at 1 m, a linear ratio, [N]."""
+
+    @property
+    def sampling_bps(self) -> NDArray[np.float64]:
+        """Sampling rates [bit/s], [N]."""
+
+    @property
+    def capacity_bits(self) -> int:
+        """Buffer B of each SN [bit]."""
+
+    @property
+    def area_m(self) -> tuple[float, float]:
+        """Width and height of the area [m]."""
+
+    @property
+    def reach_m(self) -> float:
+        """Farthest horizontal flight in a slot, V_max tau [m]."""
+
+    @property
+    def comm_radius_m(self) -> float:
+        """Farthest horizontal distance at which an SN can be served, d_c [m]."""
+
+    @property
+    def resource_blocks(self) -> int:
+        """Most SNs served in a slot, n."""
+
+    @property
+    def altitudes_m(self) -> tuple[float, float]:
+        """Lowest and highest altitude [m]; equal where it is fixed."""
+
+    @property
+    def climb_m(self) -> float:
+        """Farthest climb or descent in a slot [m]; 0 where the altitude is fixed."""
+
+    @property
+    def slots(self) -> int:
+        """Slots of the mission, T."""
+
+    @property
+    def slot_s(self) -> float:
+        """Length of a slot, tau [s]."""
+
+    @property
+    def comm_s(self) -> float:
+        """Time to communicate in a slot, tau_c [s]."""
+
+    def within(self, point: ArrayLike, radius_m: float) -> NDArray[np.uint32]:
+        """The SNs at most ``radius_m`` [m] from ``point`` on the ground, ascending; with the slack of decision D5."""
+
+    def fullest(self, point: ArrayLike, queues_bits: NDArray[np.uint32]) -> NDArray[np.uint32]:
+        """The n SNs with the fullest queues within d_c of ``point``, ascending; of equals those with the lowest id."""
+
+    def toward(self, from_: ArrayLike, to: ArrayLike, /) -> NDArray[np.float64]:
+        """Where one slot at full speed leads from ``from_`` toward ``to``, at most there [m], [2]."""
+
+    @staticmethod
+    def _from_messages(limits: bytes, nodes: bytes) -> Field: ...
+
+@final
+class View:
+    """What a strategy sees of a slot."""
+
+    @property
+    def slot(self) -> int:
+        """The slot to plan, t, from 1."""
+
+    @property
+    def uav(self) -> NDArray[np.float64]:
+        """Where the UAV is as it begins, L_u(t-1) [m], [3], read-only."""
+
+    @property
+    def queues_bits(self) -> NDArray[np.uint32]:
+        """What the SNs hold as it begins, B_i(t-1) [bit], [N], read-only: known, or believed.
+
+        The memory of the field itself. In ``simulate`` and sweeps an array that is kept stays as it is; in a ring it is
+        valid only during ``plan``: copy what is to be kept.
+        """
+
+    @property
+    def field(self) -> Field: ...
+
+@final
+class Decision:
+    """What a strategy decides: ``Decision((x, y))`` or ``Decision((x, y, z), serve=[3, 7])``."""
+
+    def __new__(cls, waypoint: ArrayLike, serve: Iterable[int] | None = None) -> Self:
+        """``waypoint`` [m]; without z the UAV keeps its altitude. ``serve`` are ids, by default the n fullest in range.
+
+        Raises :class:`InputError` for a waypoint of another shape or more than 64 SNs.
+        """
+
+    @property
+    def waypoint(self) -> list[float]: ...
+    @property
+    def serve(self) -> list[int] | None: ...
+
+@final
+class Table:
+    """Columns that other libraries take over without a copy, by Arrow's C stream interface.
+
+    ``polars.DataFrame(table)``, ``pyarrow.table(table)``, ``duckdb`` and others take it as it is. ``table["name"]`` is a
+    NumPy array over the same memory, read-only; a list where a column holds text or lists.
+    """
+
+    @property
+    def columns(self) -> list[str]: ...
+    def __len__(self) -> int: ...
+    def __getitem__(self, name: str, /) -> Any: ...
+    def to_pandas(self) -> Any:
+        """As a ``pandas.DataFrame``."""
+
+    def to_polars(self) -> Any:
+        """As a ``polars.DataFrame``."""
+
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> Any: ...
+
+@final
+class Run:
+    """A mission that was flown. ``len`` is its number of slots."""
+
+    @staticmethod
+    def load(folder: str | PathLike[str]) -> Run:
+        """The run in a folder, flown again to check every slot. Raises :class:`InputError` if it is none or changed."""
+
+    @property
+    def loss_rate(self) -> float:
+        """Data loss rate: lost bits as a fraction of those sampled."""
+
+    @property
+    def strategy(self) -> str: ...
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The figures of ``summary.json``."""
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """The columns of a sweep's results (``docs/metrics.md``)."""
+
+    @property
+    def scenario(self) -> Scenario: ...
+    @property
+    def field(self) -> Field: ...
+    @property
+    def slots(self) -> Table:
+        """A row per slot, the columns of ``slots.csv``; ``scheduled`` holds lists of ids."""
+
+    @property
+    def queues(self) -> NDArray[np.uint32]:
+        """The queue of every SN before slot 1 and after each slot [bit], [slots + 1, N]; flown again for it: keep it."""
+
+    def save(self, folder: str | PathLike[str], force: bool = False) -> str:
+        """Writes a run folder as ``skysink simulate`` does, and returns it. ``force`` replaces a run that is there.
+
+        Raises :class:`InputError` if something else is there, :class:`OSError` if it cannot be written.
+        """
+
+    def show(self, width: int | None = None, height: int | None = None) -> None:
+        """Shows the run in the notebook, or elsewhere in a window, by rerun (``pip install skysink[notebook]``)."""
+
+    def __len__(self) -> int: ...
+
+def simulate(
+    scenario: Scenario, strategy: Strategy | str | None = None, *, seed: int | None = None, label: str | None = None
+) -> Run: ...
+def run_program(name: str, arguments: Sequence[str], interpreter: Sequence[str]) -> int: ...
+
+_Observation = dict[str, NDArray[np.float32]]
+_Step = tuple[_Observation, float, bool, bool, dict[str, Any]]
+_Key = tuple[int, int, int]
+_Row = tuple[_Key, list[float]]
+
+@final
+class EnvironmentCore:
+    def __new__(cls, scenario: Scenario, fields: int | None = None, positions: bool = False) -> Self: ...
+    @property
+    def seed(self) -> int: ...
+    @property
+    def number(self) -> int: ...
+    @property
+    def slot(self) -> int: ...
+    @property
+    def field(self) -> Field: ...
+    @property
+    def uav(self) -> tuple[float, float, float]: ...
+    @property
+    def queues_bits(self) -> NDArray[np.uint32]: ...
+    def reset(self, number: int) -> tuple[_Observation, dict[str, Any]]: ...
+    def step(self, action: ArrayLike) -> _Step: ...
+    def fly(self, decision: Decision, transit: bool = False) -> _Step: ...
+    def clone(self) -> EnvironmentCore: ...
+    def save(self) -> tuple[bytes, bytes]: ...
+    def restore(self, episode: bytes, plans: bytes) -> None: ...
+    def run(self, label: str) -> Run: ...
+
+@final
+class VectorCore:
+    def __new__(cls, scenario: Scenario, count: int, fields: int | None = None, positions: bool = False) -> Self: ...
+    @property
+    def seeds(self) -> list[int]: ...
+    @property
+    def numbers(self) -> list[int]: ...
+    @property
+    def field(self) -> Field: ...
+    def reset(self, numbers: Sequence[int], mask: Sequence[bool] | None) -> _Observation: ...
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[_Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]: ...
+    def clone(self) -> VectorCore: ...
+    def save(self) -> list[bytes]: ...
+    def restore(self, saved: Sequence[bytes]) -> None: ...
+
+@final
+class PlanMaker:
+    def __new__(cls, strategy: Strategy, field: Field) -> Self: ...
+    def plan(self, slot: int, uav: tuple[float, float, float], queues_bits: NDArray[np.uint32]) -> bytes: ...
+
+@final
+class SweepPlan:
+    @staticmethod
+    def read(path: str | PathLike[str], outside: Sequence[tuple[str, str]]) -> SweepPlan: ...
+    @staticmethod
+    def compare(
+        scenario: Scenario, names: Sequence[str], seeds: Sequence[int], outside: Sequence[tuple[str, str]]
+    ) -> SweepPlan: ...
+    @property
+    def identity(self) -> str: ...
+    @property
+    def missions(self) -> list[_Key]: ...
+    def open(self, out: str | PathLike[str]) -> SweepRecord: ...
+    def fly(self, missions: Sequence[_Key], strategies: Mapping[str, Callable[[], Strategy]]) -> list[_Row]: ...
+    def fly_all(self, out: str | PathLike[str], threads: int) -> Table: ...
+    def standings(self, all: Sequence[_Row]) -> Any: ...
+    def finish(self, record: SweepRecord) -> Table: ...
+
+@final
+class SweepRecord:
+    @property
+    def missing(self) -> list[_Key]: ...
+    def add(self, mission: _Row) -> None: ...
+    def close(self) -> None: ...

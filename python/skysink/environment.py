@@ -1,0 +1,219 @@
+"""Gymnasium environments: ``skysink/DataCollection-v0``, single and vectorised.
+
+Observation: ``uav`` float32 [3], x and y as fractions of the area and the altitude within its range (0 where it is
+fixed); ``queues`` float32 [N], each queue as a fraction of its buffer; ``slot`` float32 [1], the slot as a fraction of
+the mission; on request ``positions`` float32 [N, 2], as fractions of the area. Where the scenario has
+``planner.knowledge = "estimated"``, ``queues`` is what the UAV knows.
+
+Action: float32 [2], or [3] with a free altitude, each -1 to 1: the displacement of the slot as a fraction of the
+farthest flight, V_max tau, and of the farthest climb. A displacement longer than 1 is shortened to it, and a waypoint
+outside the area moved to its border. Then the n fullest queues within d_c are served.
+
+Reward: minus the fraction of the bits sampled in the slot that was lost. An episode is truncated after the mission's
+last slot; it never terminates.
+
+Seeds are Skysink's: ``reset(seed=s)`` flies over the field of the scenario with seed s. Without a seed the next
+episode has the next seed: the scenario's first, then one more each (``num_envs`` more in a vector). With ``fields=k``
+there are only the k fields from the scenario's seed on, and seeds count modulo k.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from os import PathLike
+from typing import Any, Self
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from skysink._skysink import Decision, EnvironmentCore, Field, Run, Scenario, VectorCore
+from skysink.flight import scenario_of
+
+ID = "skysink/DataCollection-v0"
+OBSERVED = ("uav", "queues", "slot")
+
+Observation = dict[str, NDArray[np.float32]]
+Action = NDArray[np.float32]
+Step = tuple[Observation, float, bool, bool, dict[str, Any]]
+
+
+def register() -> None:
+    """Makes the environments known to Gymnasium; `import skysink` does so."""
+    if ID not in gymnasium.registry:
+        place = "skysink.environment"
+        gymnasium.register(
+            ID,
+            entry_point=f"{place}:DataCollectionEnv",
+            vector_entry_point=f"{place}:DataCollectionVectorEnv",
+            disable_env_checker=True,  # tested; the check of every step would take longer than the step
+            order_enforce=False,
+        )
+
+
+def _spaces(field: Field, observation: Sequence[str]) -> tuple[Any, Any]:
+    count = len(field)
+    shapes = {"uav": (3,), "queues": (count,), "slot": (1,), "positions": (count, 2)}
+    unknown = [name for name in observation if name not in shapes]
+    if unknown or not set(OBSERVED) <= set(observation):
+        raise ValueError(f"observation={tuple(observation)}: expected {OBSERVED}, and positions if wanted")
+    boxes: dict[str, spaces.Space[Any]] = {name: spaces.Box(0.0, 1.0, shapes[name], np.float32) for name in shapes if name in observation}
+    axes = 3 if field.climb_m > 0 else 2
+    return spaces.Dict(boxes), spaces.Box(-1.0, 1.0, (axes,), np.float32)
+
+
+class DataCollectionEnv(gymnasium.Env[Observation, Action]):
+    """A mission flown by actions; see the module for spaces, reward and seeds.
+
+    ``scenario`` is a :class:`skysink.Scenario` or a file, by default the paper's; ``fields`` how many fields there
+    are; ``observation`` what is observed.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}
+
+    def __init__(
+        self,
+        scenario: Scenario | str | PathLike[str] | None = None,
+        fields: int | None = None,
+        observation: Sequence[str] = OBSERVED,
+        render_mode: None = None,
+    ) -> None:
+        self.scenario = Scenario.letter() if scenario is None else scenario_of(scenario)
+        self.fields = fields
+        self.render_mode = render_mode
+        self._positions = "positions" in observation
+        self._core = EnvironmentCore(self.scenario, fields, self._positions)
+        self.observation_space, self.action_space = _spaces(self._core.field, observation)
+        self._is_new = True
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
+        """Begins an episode; ``info["seed"]`` is its seed of Skysink."""
+        super().reset(seed=seed)
+        following = self._core.number if self._is_new else self._core.number + 1
+        self._is_new = False
+        return self._core.reset(following if seed is None else int(seed))
+
+    def step(self, action: Action) -> Step:
+        """Flies a slot; ``info`` has ``lost_bits`` and ``delivered_bits`` of it."""
+        return self._core.step(action)
+
+    def fly(self, decision: Decision, *, transit: bool = False) -> Step:
+        """Flies a slot to an exact waypoint [m] with a schedule of one's own, as a strategy would."""
+        return self._core.fly(decision, transit)
+
+    @property
+    def field(self) -> Field:
+        """Sensor nodes and limits of this episode."""
+        return self._core.field
+
+    @property
+    def uav(self) -> tuple[float, float, float]:
+        """Where the UAV is [m]."""
+        return self._core.uav
+
+    @property
+    def queues_bits(self) -> NDArray[np.uint32]:
+        """What is queued, or what the UAV knows of it, uint32 [N]: a copy."""
+        return self._core.queues_bits
+
+    def run(self, label: str = "environment") -> Run:
+        """The episode so far as a run: to save, to show, or to compare."""
+        return self._core.run(label)
+
+    def clone(self) -> Self:
+        """The same environment in the same slot, which then goes its own way: for tree search."""
+        twin: Self = copy.copy(self)
+        twin._core = self._core.clone()
+        twin._np_random = copy.deepcopy(self._np_random)
+        return twin
+
+    def __copy__(self) -> Self:
+        twin: Self = object.__new__(type(self))
+        twin.__dict__.update(self.__dict__)
+        return twin
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self.clone()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_core": self._core.save()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._core = EnvironmentCore(self.scenario, self.fields, self._positions)
+        self._core.restore(*state["_core"])
+
+
+class DataCollectionVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
+    """Many missions at once, on all cores; see the module for spaces, reward and seeds.
+
+    Autoreset is ``NEXT_STEP``: the step after a truncation begins the next episode instead of flying, with reward 0.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scenario: Scenario | str | PathLike[str] | None = None,
+        fields: int | None = None,
+        observation: Sequence[str] = OBSERVED,
+        render_mode: None = None,
+    ) -> None:
+        self.scenario = Scenario.letter() if scenario is None else scenario_of(scenario)
+        self.fields = fields
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self._positions = "positions" in observation
+        self._core = VectorCore(self.scenario, num_envs, fields, self._positions)
+        self.single_observation_space, self.single_action_space = _spaces(self._core.field, observation)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._is_new = True
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begins episodes: all of them, or those of ``options["reset_mask"]``, bool [num_envs]."""
+        super().reset(seed=seed if isinstance(seed, int) else None)
+        numbers = self._core.numbers
+        following = [number + (index if self._is_new else self.num_envs) for index, number in enumerate(numbers)]
+        self._is_new = False
+        if isinstance(seed, int):
+            following = [seed + index for index in range(self.num_envs)]
+        elif seed is not None:
+            if len(seed) != self.num_envs:
+                raise ValueError(f"{len(seed)} seeds: expected {self.num_envs}")
+            following = [number if one is None else one for one, number in zip(seed, following, strict=True)]
+        mask = (options or {}).get("reset_mask")
+        observation = self._core.reset(following, None if mask is None else [bool(one) for one in mask])
+        return observation, {"seed": np.array(self._core.seeds), "_seed": np.ones(self.num_envs, np.bool_)}
+
+    def step(
+        self, actions: Action
+    ) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Flies a slot of each; ``actions`` float32 [num_envs, 2 or 3]."""
+        return self._core.step(np.asarray(actions, np.float32))
+
+    def clone(self) -> Self:
+        """The same environments in the same slots, which then go their own way."""
+        twin: Self = object.__new__(type(self))
+        twin.__dict__.update(self.__dict__)
+        twin._core = self._core.clone()
+        twin._np_random = copy.deepcopy(self._np_random)
+        return twin
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self.clone()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_core": self._core.save()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._core = VectorCore(self.scenario, self.num_envs, self.fields, self._positions)
+        self._core.restore(state["_core"])

@@ -1,0 +1,70 @@
+"""What a run looks like: frames of other libraries, and rerun's viewer."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from skysink._skysink import Run, Table
+
+RAMP = 256
+"""Steps of the colours."""
+
+
+def to_pandas(table: Table) -> Any:
+    """The table as a ``pandas.DataFrame``; columns of numbers keep their memory."""
+    import pyarrow
+
+    return pyarrow.table(table).to_pandas(split_blocks=True)
+
+
+def to_polars(table: Table) -> Any:
+    """The table as a ``polars.DataFrame``, over the same memory."""
+    import polars
+
+    return polars.DataFrame(table)
+
+
+def show(run: Run, width: int | None = None, height: int | None = None) -> None:
+    """Shows a run in the notebook, or elsewhere in rerun's viewer."""
+    import rerun as rr
+
+    stream = record(run)
+    try:
+        get_ipython()  # type: ignore[name-defined]
+    except NameError:
+        rr.spawn(recording=stream)
+    else:
+        rr.notebook_show(width=width, height=height, recording=stream)
+
+
+def record(run: Run) -> Any:
+    """The run as a stream of rerun: sensor nodes by how full they are, the UAV, its path, and loss over the slots."""
+    import rerun as rr
+
+    field, slots, queues = run.field, run.slots, run.queues
+    stream = rr.RecordingStream("skysink")
+    path = np.column_stack((slots["x_m"], slots["y_m"]))
+    full = (queues[1:].astype(np.float64) / max(field.capacity_bits, 1) * (RAMP - 1)).astype(np.uint32)
+    colours = _ramp()[full].ravel()
+    time = [rr.TimeColumn("slot", sequence=slots["slot"])]
+    rr.log("field/area", rr.Boxes2D(mins=[0, 0], sizes=[field.area_m]), static=True, recording=stream)
+    rr.log("field/sensors", rr.Points2D(field.positions_m, radii=rr.Radius.ui_points(4)), static=True, recording=stream)
+    rr.log("field/path", rr.LineStrips2D([path]), static=True, recording=stream)
+    counts = [len(field)] * len(run)
+    rr.send_columns("field/sensors", time, rr.Points2D.columns(colors=colours).partition(counts), recording=stream)
+    rr.send_columns("field/uav", time, rr.Points2D.columns(positions=path), recording=stream)
+    lost = np.cumsum(slots["lost_bits"])
+    for name, values in [("lost_bits", lost), ("queued_bits", slots["queued_bits"])]:
+        rr.send_columns(name, time, rr.Scalars.columns(scalars=values.astype(np.float64)), recording=stream)
+    return stream
+
+
+def _ramp() -> np.ndarray[Any, np.dtype[np.uint32]]:
+    """Colours 0xRRGGBBAA from empty (blue) to full (yellow), which differ in lightness too."""
+    fraction = np.linspace(0.0, 1.0, RAMP)
+    ends = np.array([[0, 34, 78], [254, 232, 56]])
+    red, green, blue = (ends[0] + fraction[:, None] * (ends[1] - ends[0])).astype(np.uint32).T
+    colours: np.ndarray[Any, np.dtype[np.uint32]] = (red << 24) | (green << 16) | (blue << 8) | 0xFF
+    return colours

@@ -1,0 +1,228 @@
+"""A strategy in Python as the planner of a running ring, over iceoryx2.
+
+``skysink run SCENARIO --planner "python3 mine.py"`` starts a program that ends with ``skysink.ring.planner(Mine())``;
+``skysink run SCENARIO --external planner`` waits for one that is started by hand, with the folder that it prints.
+"""
+
+from __future__ import annotations
+
+import base64
+import ctypes
+import json
+import os
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import iceoryx2 as iox2
+import numpy as np
+from numpy.typing import NDArray
+
+from skysink._skysink import Field, InputError, PlanMaker
+from skysink.strategy import Strategy, make
+
+END = 1
+"""Flag of the last slot's queues, and of the commit that releases the ring."""
+
+POLL = iox2.Duration.from_millis(100)
+"""How long to wait at most before looking for samples again: notifications can be lost."""
+
+STATE = "planner-state.json"
+"""What a strategy saved before its last slots, in the folder of the ring."""
+
+KEPT = 4
+"""Slots whose states are kept: a planner that is started again answers the last two again."""
+
+
+def message(name: str, length: int) -> type[ctypes.Structure]:
+    """A message of the ring as words of 8 bytes; ``docs/interfaces.md`` says what they mean."""
+    members = {"_fields_": [("words", ctypes.c_uint64 * (length // 8))]}
+    return type(name, (ctypes.Structure,), {**members, "type_name": staticmethod(lambda: f"skysink.{name}.v1")})
+
+
+SlotHeader = message("SlotHeader", 32)
+QueuesHeader = message("QueuesHeader", 96)
+SensorsHeader = message("SensorsHeader", 120)
+SensorNode = message("SensorNode", 40)
+Plan = message("Plan", 400)
+FlightReport = message("FlightReport", 2600)
+Commit = message("Commit", 8)
+
+
+class Topic:
+    """One end of a topic: its samples, and the notifications that wake."""
+
+    def __init__(self, node: Any, name: str, payload: Any, header: Any) -> None:
+        service = iox2.ServiceName.new(f"skysink/{name}")
+        self.samples = node.service_builder(service).publish_subscribe(payload).user_header(header).open()
+        self.events = node.service_builder(service).event().open()
+
+    def reader(self) -> Any:
+        """A subscriber with room for the slots that a planner may lag."""
+        return self.samples.subscriber_builder().buffer_size(16).create()
+
+
+def words(pointer: Any) -> tuple[int, int, int]:
+    """Mission, slot and flags of a sample's user header."""
+    header = pointer.contents.words
+    return header[0], header[1], header[2] >> 32
+
+
+def view(sample: Any, count: int) -> NDArray[np.uint32]:
+    """The queues of a sample, over its memory."""
+    memory = memoryview((ctypes.c_char * (4 * count)).from_address(sample.payload_ptr))
+    return np.frombuffer(memory.toreadonly(), dtype=np.uint32)
+
+
+class Ring:
+    """What a planner reads and writes of a ring."""
+
+    def __init__(self, folder: Path) -> None:
+        config = folder / "config" / "iceoryx2.toml"
+        if not config.is_file():
+            raise InputError(f"ring {folder}: expected the folder of a running ring, as skysink run prints it")
+        iox2.set_log_level_from_env_or(iox2.LogLevel.Fatal)
+        iox2.config.setup_global_config_from_file(iox2.FilePath.new(str(config)))
+        self.node = iox2.NodeBuilder.new().name(iox2.NodeName.new("planner")).create(iox2.ServiceType.Ipc)
+        sensors = Topic(self.node, "sensors", iox2.Slice[SensorNode], SensorsHeader)
+        queues = Topic(self.node, "queues", iox2.Slice[ctypes.c_uint32], QueuesHeader)
+        flights = Topic(self.node, "flight", FlightReport, SlotHeader)
+        plans = Topic(self.node, "plan", Plan, SlotHeader)
+        self.commits = Topic(self.node, "commit", Commit, SlotHeader)
+        self.plans = plans.samples.publisher_builder().create()
+        self.plan_events = plans.events.notifier_builder().create()
+        self.sensors, self.queues = sensors.reader(), queues.reader()
+        self.flights = flights.reader()
+        woken_by = (sensors, queues, flights, self.commits)
+        self.listeners = [topic.events.listener_builder().create() for topic in woken_by]
+        self.wait_set = iox2.WaitSetBuilder.new().create(iox2.ServiceType.Ipc)
+        self.guards = [self.wait_set.attach_notification(listener) for listener in self.listeners]
+        self.positions: dict[int, tuple[float, float, float]] = {}
+
+    def wait(self) -> None:
+        """Waits for a notification, but not for ever; ends the program on SIGTERM and SIGINT."""
+        self.plans.update_connections()  # whoever has joined gets the plan sent last
+        _, result = self.wait_set.wait_and_process_with_timeout(POLL)
+        if result in (iox2.WaitSetRunResult.TerminationRequest, iox2.WaitSetRunResult.Interrupt):
+            raise SystemExit(0)
+        for listener in self.listeners:
+            while list(listener.try_wait()):
+                pass
+
+    def field(self) -> Field:
+        """The sensor nodes and the limits, once they are there."""
+        while (sample := self.sensors.receive()) is None:
+            self.wait()
+        limits = bytes(sample.user_header().contents)[32:]
+        nodes = ctypes.string_at(sample.payload_ptr, 40 * sample.header.number_of_elements)
+        return Field._from_messages(limits, nodes)
+
+    def position(self, slot: int) -> tuple[float, float, float] | None:
+        """Where the UAV was after ``slot`` [m]; None if others have flown on since."""
+        while slot not in self.positions:
+            while (sample := self.flights.receive()) is not None:
+                at = np.frombuffer(bytes(sample.payload().contents.words)[:24], dtype=np.float64)
+                self.positions[words(sample.user_header())[1]] = (float(at[0]), float(at[1]), float(at[2]))
+                sample.delete()
+            if slot in self.positions:
+                break
+            if self.positions and min(self.positions) > slot:
+                return None
+            self.wait()
+        for old in [earlier for earlier in self.positions if earlier < slot]:
+            del self.positions[old]
+        return self.positions[slot]
+
+    def states(self) -> Iterator[Any]:
+        """The samples of the queues, each once, up to that of the last slot."""
+        last = -1
+        while True:
+            while (sample := self.queues.receive()) is not None:
+                _, slot, flags = words(sample.user_header())
+                if flags & END:
+                    return
+                if slot > last:
+                    last = slot
+                    yield sample
+                sample.delete()
+            self.wait()
+
+    def send(self, mission: int, slot: int, plan: bytes) -> None:
+        """Sends the plan of a slot."""
+        sample = self.plans.loan_uninit()
+        header = sample.user_header().contents.words
+        header[0], header[1], header[2], header[3] = mission, slot, 0, time.monotonic_ns()
+        sample.write_payload(Plan.from_buffer_copy(plan)).send()
+        self.plan_events.notify()
+
+    def wait_for_release(self) -> None:
+        """Waits until everything is on record."""
+        commits = self.commits.reader()  # the last two commits are there for it
+        while True:
+            while (sample := commits.receive()) is not None:
+                if words(sample.user_header())[2] & END:
+                    return
+                sample.delete()
+            self.wait()
+
+
+class States:
+    """What a strategy carried into its last slots, on disk."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / STATE
+        self.kept: dict[str, str] = {}
+        with suppress(FileNotFoundError):
+            self.kept = json.loads(self.path.read_text())
+        self.is_fresh = True
+
+    def resume(self, slot: int, strategy: Strategy) -> None:
+        """Brings a strategy that was started again to where it was before ``slot``."""
+        if self.is_fresh and (state := self.kept.get(str(slot))) is not None:
+            strategy.restore(base64.b64decode(state))
+        self.is_fresh = False
+
+    def keep(self, slot: int, strategy: Strategy) -> None:
+        """Saves what the strategy carries into ``slot``, if it carries anything."""
+        state = strategy.save()
+        if state:
+            self.kept[str(slot)] = base64.b64encode(state).decode()
+            for old in [earlier for earlier in self.kept if int(earlier) <= slot - KEPT]:
+                del self.kept[old]
+            new = self.path.with_suffix(".new")
+            new.write_text(json.dumps(self.kept))
+            os.replace(new, self.path)
+
+
+def planner(strategy: Strategy | type[Strategy], ring: str | PathLike[str] | None = None) -> None:
+    """Plans for a running ring until its mission ends.
+
+    ``ring`` is its folder, as ``skysink run`` prints it; by default that of the environment variable ``SKYSINK_RING``,
+    which ``skysink run --planner`` sets. The strategy sees the queues in shared memory, without a copy: keep none of
+    them beyond :meth:`skysink.Strategy.plan`. Killed and started again it resumes: without anything to do if the
+    strategy has no state, else by its ``save`` and ``restore``.
+
+    Raises :class:`skysink.InputError` if there is no such ring. SIGTERM and Ctrl-C end the program.
+    """
+    folder = ring if ring is not None else os.environ.get("SKYSINK_RING")
+    if folder is None:
+        raise InputError("ring: expected the folder of a running ring, or SKYSINK_RING from skysink run --planner")
+    place = Path(folder)
+    joined, states = Ring(place), States(place)
+    flown = make(strategy)
+    if isinstance(flown, str):
+        raise InputError(f"strategy {flown}: expected one in Python; skysink run flies those of Skysink")
+    field = joined.field()
+    maker = PlanMaker(flown, field)
+    for sample in joined.states():
+        mission, slot, _ = words(sample.user_header())
+        position = joined.position(slot)
+        if position is None:
+            continue
+        states.resume(slot + 1, flown)
+        states.keep(slot + 1, flown)
+        joined.send(mission, slot + 1, maker.plan(slot + 1, position, view(sample, len(field))))
+    joined.wait_for_release()

@@ -1,0 +1,189 @@
+//! The core of the vectorised Gymnasium environment: many episodes, on all cores.
+
+use numpy::ndarray::{Array1, Array2, Array3};
+use numpy::{IntoPyArray, PyReadonlyArray2};
+use pyo3::intern;
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict, PyTuple};
+use rayon::prelude::*;
+use skysink_common::checkpoint::Checkpoint;
+
+use crate::environment::first_episode;
+use crate::episode::{Episode, Outcome};
+use crate::errors::{of_checkpoint, refused};
+use crate::field::PyField;
+use crate::scenario::PyScenario;
+
+/// Episodes that a thread takes at once.
+const BATCH: usize = 8;
+
+/// What was observed of all episodes.
+struct Observed {
+    uav: Array2<f32>,
+    queues: Array2<f32>,
+    slot: Array2<f32>,
+}
+
+/// Environments without their spaces.
+#[pyclass(name = "VectorCore", module = "skysink")]
+pub struct PyVectorCore {
+    episodes: Vec<Episode>,
+    positions: bool,
+}
+
+impl PyVectorCore {
+    /// Does `work` with every episode and its entry of `entries`, and observes it.
+    fn each<T: Send>(
+        &mut self,
+        entries: impl IndexedParallelIterator<Item = T>,
+        work: impl Fn(&mut Episode, T) -> PyResult<()> + Sync,
+    ) -> PyResult<Observed> {
+        let (count, sensors) = (self.episodes.len(), self.episodes[0].field.count());
+        let mut observed = Observed {
+            uav: Array2::zeros((count, 3)),
+            queues: Array2::zeros((count, sensors)),
+            slot: Array2::zeros((count, 1)),
+        };
+        let [uav, queues, slot] = [&mut observed.uav, &mut observed.queues, &mut observed.slot]
+            .map(|array| array.as_slice_mut().expect("made in one piece"));
+        let rows = uav.par_chunks_mut(3).zip(queues.par_chunks_mut(sensors)).zip(slot.par_iter_mut());
+        let work_and_observe = |((episode, entry), ((uav, queues), slot)): ((&mut Episode, T), _)| {
+            let (uav, queues, slot): (&mut [f32], &mut [f32], &mut f32) = (uav, queues, slot);
+            work(episode, entry)?;
+            episode.observe(uav, queues, slot);
+            PyResult::Ok(())
+        };
+        let all = self.episodes.par_iter_mut().zip(entries).zip(rows).with_min_len(BATCH);
+        all.try_for_each(work_and_observe)?;
+        Ok(observed)
+    }
+
+    fn observation<'py>(&self, py: Python<'py>, observed: Observed) -> PyResult<Bound<'py, PyDict>> {
+        let observation = PyDict::new(py);
+        observation.set_item(intern!(py, "uav"), observed.uav.into_pyarray(py))?;
+        observation.set_item(intern!(py, "queues"), observed.queues.into_pyarray(py))?;
+        observation.set_item(intern!(py, "slot"), observed.slot.into_pyarray(py))?;
+        if self.positions {
+            let sensors = self.episodes[0].field.count();
+            let mut positions = Array3::zeros((self.episodes.len(), sensors, 2));
+            let rows = positions.as_slice_mut().expect("made in one piece").chunks_exact_mut(2 * sensors);
+            rows.zip(&self.episodes).for_each(|(row, episode)| episode.observe_positions(row));
+            observation.set_item(intern!(py, "positions"), positions.into_pyarray(py))?;
+        }
+        Ok(observation)
+    }
+}
+
+#[pymethods]
+impl PyVectorCore {
+    #[new]
+    #[pyo3(signature = (scenario, count, fields = None, positions = false))]
+    fn new(scenario: &Bound<'_, PyScenario>, count: usize, fields: Option<u64>, positions: bool) -> PyResult<Self> {
+        if count == 0 {
+            return Err(refused("num_envs = 0: expected 1 or more"));
+        }
+        Ok(Self { episodes: vec![first_episode(scenario, fields)?; count], positions })
+    }
+
+    #[getter]
+    fn seeds(&self) -> Vec<u64> {
+        self.episodes.iter().map(Episode::seed).collect()
+    }
+
+    #[getter]
+    fn numbers(&self) -> Vec<u64> {
+        self.episodes.iter().map(Episode::number).collect()
+    }
+
+    #[getter]
+    fn field(&self) -> PyField {
+        PyField(std::sync::Arc::clone(&self.episodes[0].field))
+    }
+
+    /// Begins the episodes with these numbers, where `mask` is true or none is given.
+    fn reset<'py>(
+        &mut self,
+        py: Python<'py>,
+        numbers: Vec<u64>,
+        mask: Option<Vec<bool>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let mask = mask.unwrap_or_else(|| vec![true; self.episodes.len()]);
+        if [numbers.len(), mask.len()] != [self.episodes.len(); 2] {
+            return Err(refused(format!("{} seeds: expected {}", numbers.len(), self.episodes.len())));
+        }
+        let observed = py.detach(|| {
+            self.each(
+                numbers.into_par_iter().zip(mask),
+                |episode, (number, is_reset)| {
+                    if is_reset { episode.begin(number) } else { Ok(()) }
+                },
+            )
+        })?;
+        self.observation(py, observed)
+    }
+
+    /// Flies a slot of every episode; one that is over begins anew instead, with the next number of its environment.
+    fn step<'py>(&mut self, py: Python<'py>, actions: PyReadonlyArray2<'py, f32>) -> PyResult<Bound<'py, PyTuple>> {
+        let (count, axes) = (self.episodes.len(), self.episodes[0].axes());
+        let actions = actions.as_array();
+        if actions.dim() != (count, axes) || actions.iter().any(|component| !component.is_finite()) {
+            return Err(refused(format!("actions of shape {:?}: expected ({count}, {axes}), finite", actions.dim())));
+        }
+        let actions = actions.as_standard_layout();
+        let actions = actions.as_slice().expect("in the standard layout");
+        let still = Outcome { reward: 0.0, delivered_bits: 0, lost_bits: 0, is_over: false };
+        let mut outcomes = vec![still; count];
+        let observed = py.detach(|| {
+            self.each(actions.par_chunks(axes).zip(&mut outcomes), |episode, (action, outcome)| {
+                if episode.world.is_over() {
+                    return episode.begin(episode.number() + count as u64);
+                }
+                let mut components = [0.0; 3];
+                components.iter_mut().zip(action).for_each(|(component, &value)| *component = value.into());
+                let plan = episode.plan(&components[..axes]);
+                *outcome = episode.fly(&plan);
+                Ok(())
+            })
+        })?;
+        let rewards: Array1<f64> = outcomes.iter().map(|outcome| outcome.reward).collect();
+        let truncated: Array1<bool> = outcomes.iter().map(|outcome| outcome.is_over).collect();
+        let lost_bits: Array1<u64> = outcomes.iter().map(|outcome| outcome.lost_bits).collect();
+        let delivered_bits: Array1<u64> = outcomes.iter().map(|outcome| outcome.delivered_bits).collect();
+        let everybody = Array1::from_elem(count, true);
+        let information = PyDict::new(py);
+        for (name, values) in [("lost_bits", lost_bits), ("delivered_bits", delivered_bits)] {
+            information.set_item(name, values.into_pyarray(py))?;
+            information.set_item(format!("_{name}"), everybody.clone().into_pyarray(py))?;
+        }
+        let terminated = Array1::from_elem(count, false);
+        let observation = self.observation(py, observed)?;
+        PyTuple::new(
+            py,
+            [
+                observation.into_any(),
+                rewards.into_pyarray(py).into_any(),
+                terminated.into_pyarray(py).into_any(),
+                truncated.into_pyarray(py).into_any(),
+                information.into_any(),
+            ],
+        )
+    }
+
+    fn clone(&self) -> Self {
+        Self { episodes: self.episodes.clone(), positions: self.positions }
+    }
+
+    fn save<'py>(&self, py: Python<'py>) -> Vec<Bound<'py, PyBytes>> {
+        let saved = |episode: &Episode| {
+            let mut bytes = Vec::new();
+            episode.save(&mut bytes);
+            PyBytes::new(py, &bytes)
+        };
+        self.episodes.iter().map(saved).collect()
+    }
+
+    fn restore(&mut self, saved: Vec<Vec<u8>>) -> PyResult<()> {
+        let pairs = self.episodes.iter_mut().zip(saved);
+        pairs.map(|(episode, bytes)| episode.restore(&bytes).map_err(of_checkpoint)).collect()
+    }
+}

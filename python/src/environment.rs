@@ -1,0 +1,177 @@
+//! The core of the single Gymnasium environment.
+
+use std::sync::Arc;
+
+use numpy::{IntoPyArray, PyArray1, PyArrayMethods, PyReadonlyArray1};
+use pyo3::intern;
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+use skysink_common::checkpoint::Checkpoint;
+use skysink_common::message::{Mode, Plan};
+
+use crate::episode::{Episode, Fields, Outcome};
+use crate::errors::{of_checkpoint, of_mission, refused};
+use crate::field::{PyField, coordinates};
+use crate::pilot::PyDecision;
+use crate::run::PyRun;
+use crate::scenario::PyScenario;
+
+/// Observation, reward, terminated, truncated, information.
+type Step<'py> = (Bound<'py, PyDict>, f64, bool, bool, Bound<'py, PyDict>);
+
+/// An environment without its spaces.
+#[pyclass(name = "EnvironmentCore", module = "skysink")]
+pub struct PyEnvironmentCore {
+    episode: Episode,
+    /// Those of the episode so far.
+    plans: Vec<Plan>,
+    /// Whether it is observed where the sensor nodes stand.
+    positions: bool,
+}
+
+impl PyEnvironmentCore {
+    fn observation<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let (mut uav, mut queues, mut slot) = ([0.0; 3], vec![0.0; self.episode.field.count()], 0.0);
+        self.episode.observe(&mut uav, &mut queues, &mut slot);
+        let observation = PyDict::new(py);
+        observation.set_item(intern!(py, "uav"), PyArray1::from_slice(py, &uav))?;
+        observation.set_item(intern!(py, "queues"), queues.into_pyarray(py))?;
+        observation.set_item(intern!(py, "slot"), PyArray1::from_slice(py, &[slot]))?;
+        if self.positions {
+            let count = self.episode.field.count();
+            let mut positions = vec![0.0; 2 * count];
+            self.episode.observe_positions(&mut positions);
+            observation.set_item(intern!(py, "positions"), positions.into_pyarray(py).reshape([count, 2])?)?;
+        }
+        Ok(observation)
+    }
+
+    fn fly_plan<'py>(&mut self, py: Python<'py>, plan: &Plan) -> PyResult<Step<'py>> {
+        let Outcome { reward, delivered_bits, lost_bits, is_over } = self.episode.fly(plan);
+        self.plans.push(*plan);
+        let information = PyDict::new(py);
+        information.set_item(intern!(py, "lost_bits"), lost_bits)?;
+        information.set_item(intern!(py, "delivered_bits"), delivered_bits)?;
+        Ok((self.observation(py)?, reward, false, is_over, information))
+    }
+
+    fn must_fly(&self) -> PyResult<()> {
+        if self.episode.world.is_over() {
+            return Err(refused("the episode is over: expected reset()"));
+        }
+        Ok(())
+    }
+}
+
+#[pymethods]
+impl PyEnvironmentCore {
+    #[new]
+    #[pyo3(signature = (scenario, fields = None, positions = false))]
+    fn new(scenario: &Bound<'_, PyScenario>, fields: Option<u64>, positions: bool) -> PyResult<Self> {
+        Ok(Self { episode: first_episode(scenario, fields)?, plans: Vec::new(), positions })
+    }
+
+    #[getter]
+    fn seed(&self) -> u64 {
+        self.episode.seed()
+    }
+
+    #[getter]
+    fn number(&self) -> u64 {
+        self.episode.number()
+    }
+
+    #[getter]
+    fn slot(&self) -> u64 {
+        self.episode.world.slot()
+    }
+
+    #[getter]
+    fn field(&self) -> PyField {
+        PyField(Arc::clone(&self.episode.field))
+    }
+
+    #[getter]
+    fn uav(&self) -> (f64, f64, f64) {
+        let position = self.episode.world.last_flight().position();
+        (position.x, position.y, position.z)
+    }
+
+    #[getter]
+    fn queues_bits<'py>(&mut self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
+        let world = &mut self.episode.world;
+        let told_bits = world.told_bits().map(|told_bits| PyArray1::from_slice(py, told_bits));
+        told_bits.unwrap_or_else(|| PyArray1::from_slice(py, world.field().queues_bits()))
+    }
+
+    fn reset<'py>(&mut self, py: Python<'py>, number: u64) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
+        self.episode.begin(number)?;
+        self.plans.clear();
+        let information = PyDict::new(py);
+        information.set_item("seed", self.episode.seed())?;
+        Ok((self.observation(py)?, information))
+    }
+
+    fn step<'py>(&mut self, py: Python<'py>, action: &Bound<'py, PyAny>) -> PyResult<Step<'py>> {
+        self.must_fly()?;
+        let mut components = [0.0; 3];
+        let axes = self.episode.axes();
+        let count = match action.extract::<PyReadonlyArray1<'_, f32>>() {
+            Ok(array) => {
+                let array = array.as_array();
+                components.iter_mut().zip(array).for_each(|(component, &value)| *component = value.into());
+                array.len()
+            }
+            Err(_) => {
+                let values = coordinates(action)?;
+                components.iter_mut().zip(&values).for_each(|(component, &value)| *component = value);
+                values.len()
+            }
+        };
+        if count != axes || components.iter().any(|component| !component.is_finite()) {
+            return Err(refused(format!("action {action}: expected {axes} finite numbers, -1 to 1")));
+        }
+        let plan = self.episode.plan(&components[..axes]);
+        self.fly_plan(py, &plan)
+    }
+
+    #[pyo3(signature = (decision, transit = false))]
+    fn fly<'py>(&mut self, py: Python<'py>, decision: &Bound<'py, PyDecision>, transit: bool) -> PyResult<Step<'py>> {
+        self.must_fly()?;
+        let waypoint = decision.get().place(self.episode.world.last_flight().position().z);
+        let mode = if transit { Mode::Transit } else { Mode::Serve };
+        let plan = self.episode.plan_to(waypoint, decision.get().schedule(), mode);
+        self.fly_plan(py, &plan)
+    }
+
+    fn clone(&self) -> Self {
+        Self { episode: self.episode.clone(), plans: self.plans.clone(), positions: self.positions }
+    }
+
+    /// The episode as bytes, and the plans of its slots.
+    fn save<'py>(&self, py: Python<'py>) -> (Bound<'py, PyBytes>, Bound<'py, PyBytes>) {
+        let mut bytes = Vec::new();
+        self.episode.save(&mut bytes);
+        (PyBytes::new(py, &bytes), PyBytes::new(py, bytemuck::cast_slice(&self.plans)))
+    }
+
+    fn restore(&mut self, episode: &[u8], plans: &[u8]) -> PyResult<()> {
+        self.episode.restore(episode).map_err(of_checkpoint)?;
+        self.plans = bytemuck::pod_collect_to_vec(plans);
+        Ok(())
+    }
+
+    fn run(&self, label: &str) -> PyResult<PyRun> {
+        PyRun::of_plans(&self.episode.scenario()?, &self.episode.list, &self.plans, label).map_err(of_mission)
+    }
+}
+
+/// The first episode of an environment over `fields` fields.
+pub fn first_episode(scenario: &Bound<'_, PyScenario>, fields: Option<u64>) -> PyResult<Episode> {
+    if fields == Some(0) {
+        return Err(refused("fields = 0: expected 1 or more, or None"));
+    }
+    let scenario = scenario.get().scenario.clone();
+    let number = if fields.is_some() { 0 } else { scenario.seed };
+    Episode::new(Arc::new(Fields { scenario, count: fields }), number)
+}

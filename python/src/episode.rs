@@ -1,0 +1,210 @@
+//! An episode of the environment: a mission flown by actions.
+
+use std::sync::Arc;
+
+use nalgebra::Point3;
+use pyo3::prelude::*;
+use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
+use skysink_common::error::InputError;
+use skysink_common::estimate::Estimate;
+use skysink_common::geometry::{Position, above};
+use skysink_common::message::{Mode, Plan, QueuesHeader};
+use skysink_common::scenario::Scenario;
+use skysink_common::sensors::SensorList;
+use skysink_mission::mission::World;
+use skysink_planner::settings;
+
+use crate::errors::refused;
+use crate::field::{FieldData, PyField};
+
+/// The field and the UAV of a scenario, with an account of what the UAV knows where the planner does not see the queues.
+pub fn world(scenario: &Scenario, list: &SensorList) -> PyResult<World> {
+    let world = World::new(scenario, list);
+    Ok(match settings::estimated(scenario).map_err(refused)? {
+        Some(rates) => world.telling(Estimate::new(scenario, rates, &list.nodes())),
+        None => world,
+    })
+}
+
+/// Over which fields episodes fly.
+#[derive(Clone)]
+pub struct Fields {
+    /// The mission; its seed is that of the first field.
+    pub scenario: Scenario,
+    /// How many fields there are; none for as many as there are seeds.
+    pub count: Option<u64>,
+}
+
+impl Fields {
+    /// The seed of the episode with this number.
+    fn seed(&self, number: u64) -> u64 {
+        self.count.map_or(number, |count| self.scenario.seed + number % count)
+    }
+}
+
+/// An episode under way.
+#[derive(Clone)]
+pub struct Episode {
+    fields: Arc<Fields>,
+    number: u64,
+    pub list: Arc<SensorList>,
+    pub field: Arc<FieldData>,
+    pub world: World,
+    header: QueuesHeader,
+    ids: Vec<u32>,
+}
+
+/// What a slot of an episode comes to.
+#[derive(Clone, Copy)]
+pub struct Outcome {
+    /// Minus the fraction of the sampled bits that was lost; 0 where nothing was sampled.
+    pub reward: f64,
+    pub delivered_bits: u64,
+    pub lost_bits: u64,
+    /// Whether all slots are flown.
+    pub is_over: bool,
+}
+
+/// An episode as it is saved.
+#[derive(serde::Serialize, serde::Deserialize)]
+struct SavedEpisode {
+    number: u64,
+    world: Vec<u8>,
+}
+
+impl Episode {
+    /// The episode with this number, before its first slot.
+    pub fn new(fields: Arc<Fields>, number: u64) -> PyResult<Self> {
+        let scenario = seeded(&fields, number)?;
+        let list = SensorList::of(&scenario).map_err(refused)?;
+        let world = world(&scenario, &list)?;
+        let PyField(field) = PyField::of(&scenario, &list);
+        Ok(Self { fields, number, header: world.header(), world, field, list: Arc::new(list), ids: Vec::new() })
+    }
+
+    /// The episode with this number, over the same sensor nodes where it has them.
+    pub fn begin(&mut self, number: u64) -> PyResult<()> {
+        if self.fields.seed(number) != self.seed() {
+            *self = Self::new(Arc::clone(&self.fields), number)?;
+            return Ok(());
+        }
+        self.number = number;
+        self.world = world(&seeded(&self.fields, number)?, &self.list)?;
+        self.header = self.world.header();
+        Ok(())
+    }
+
+    /// Its number: every `stride`-th is of the same environment.
+    pub fn number(&self) -> u64 {
+        self.number
+    }
+
+    /// Skysink's seed of it.
+    pub fn seed(&self) -> u64 {
+        self.fields.seed(self.number)
+    }
+
+    /// Its mission.
+    pub fn scenario(&self) -> PyResult<Scenario> {
+        seeded(&self.fields, self.number)
+    }
+
+    /// Coordinates of an action: 3 where the altitude is free.
+    pub fn axes(&self) -> usize {
+        if self.field.limits.climb_m > 0.0 { 3 } else { 2 }
+    }
+
+    /// The plan of an action: a displacement as a fraction of what one slot reaches, then the fullest queues in range.
+    pub fn plan(&mut self, action: &[f64]) -> Plan {
+        let limits = self.field.limits;
+        let uav = self.world.last_flight().position();
+        let step = Position::new(action[0], action[1]).coords;
+        let step = step / step.norm().max(1.0) * limits.reach_m;
+        let z_m = action.get(2).map_or(uav.z, |climb| {
+            let climb_m = climb.clamp(-1.0, 1.0) * limits.climb_m;
+            (uav.z + climb_m).clamp(limits.min_altitude_m, limits.max_altitude_m)
+        });
+        let ground = self.field.into_area(uav.xy() + step);
+        self.plan_to(above(&ground, z_m), None, Mode::Serve)
+    }
+
+    /// The plan to fly to a waypoint [m] and serve these SNs, or the fullest in range.
+    pub fn plan_to(&mut self, waypoint: Point3<f64>, serve: Option<&[u32]>, mode: Mode) -> Plan {
+        let Self { world, field, ids, .. } = self;
+        match (serve, world.told_bits().is_some()) {
+            (Some(serve), _) => serve.clone_into(ids),
+            (None, true) => field.fill_fullest(&waypoint.xy(), world.told_bits().unwrap_or_default(), ids),
+            (None, false) => field.fill_fullest(&waypoint.xy(), world.field().queues_bits(), ids),
+        }
+        let mut plan = Plan::fly_to(waypoint, mode);
+        plan.schedule(ids);
+        plan
+    }
+
+    /// Flies the next slot.
+    pub fn fly(&mut self, plan: &Plan) -> Outcome {
+        let before_bits = self.header.totals.sampled_bits;
+        self.header = self.world.fly(Some(plan));
+        let QueuesHeader { totals, delivered_bits, lost_bits, .. } = self.header;
+        let sampled_bits = totals.sampled_bits - before_bits;
+        let reward = if sampled_bits > 0 { -(lost_bits as f64 / sampled_bits as f64) } else { 0.0 };
+        Outcome { reward, delivered_bits, lost_bits, is_over: self.world.is_over() }
+    }
+
+    /// Writes what is seen: the UAV's position within area and altitudes, the queues as fractions of their buffers, the
+    /// slot as a fraction of the mission.
+    pub fn observe(&mut self, uav: &mut [f32], queues: &mut [f32], slot: &mut f32) {
+        let limits = self.field.limits;
+        let position = self.world.last_flight().position();
+        let climb_range_m = limits.max_altitude_m - limits.min_altitude_m;
+        let altitude = if climb_range_m > 0.0 { (position.z - limits.min_altitude_m) / climb_range_m } else { 0.0 };
+        let fractions = [position.x / limits.width_m, position.y / limits.height_m, altitude];
+        uav.iter_mut().zip(fractions).for_each(|(uav, fraction)| *uav = fraction.clamp(0.0, 1.0) as f32);
+        *slot = (self.world.slot() as f64 / limits.slots as f64) as f32;
+        let capacity_bits = self.field.capacity_bits() as f32;
+        let fill = |queues_bits: &[u32], queues: &mut [f32]| {
+            let pairs = queues.iter_mut().zip(queues_bits);
+            pairs.for_each(|(queue, &bits)| *queue = bits as f32 / capacity_bits);
+        };
+        match self.world.told_bits() {
+            Some(told_bits) => fill(told_bits, queues),
+            None => fill(self.world.field().queues_bits(), queues),
+        }
+    }
+
+    /// Writes where the sensor nodes stand, x and y in turn, as fractions of the area.
+    pub fn observe_positions(&self, positions: &mut [f32]) {
+        let area_m = [self.field.limits.width_m, self.field.limits.height_m];
+        for (pair, position) in positions.chunks_exact_mut(2).zip(self.field.positions()) {
+            pair.iter_mut().zip([0, 1]).for_each(|(fraction, axis)| *fraction = (position[axis] / area_m[axis]) as f32);
+        }
+    }
+}
+
+impl Checkpoint for Episode {
+    fn save(&self, bytes: &mut Vec<u8>) {
+        let mut world = Vec::new();
+        self.world.save(&mut world);
+        encode(&SavedEpisode { number: self.number, world }, bytes);
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        let SavedEpisode { number, world } = decode(bytes)?;
+        let mut episode = self.clone();
+        CheckpointError::unless(episode.begin(number).is_ok(), "a field that can be made")?;
+        episode.world.restore(&world)?;
+        episode.header = episode.world.header();
+        *self = episode;
+        Ok(())
+    }
+}
+
+fn seeded(fields: &Fields, number: u64) -> PyResult<Scenario> {
+    let mut scenario = fields.scenario.clone();
+    scenario.seed = fields.seed(number);
+    if i64::try_from(scenario.seed).is_err() {
+        let message = format!("{}: expected 0 to {}", scenario.seed, i64::MAX);
+        return Err(refused(InputError::of_argument("seed", &scenario.seed.to_string(), message)));
+    }
+    Ok(scenario)
+}

@@ -1,0 +1,167 @@
+//! Sweeps and comparisons whose missions are flown by any executor.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use arrow_array::RecordBatch;
+use pyo3::prelude::*;
+use skysink_common::sensors::SensorList;
+use skysink_lab::compare::{Contender, standings as of_contenders};
+use skysink_lab::metrics::{MetricValues, MissionMeter};
+use skysink_lab::sweep;
+use skysink_lab::sweep::folder::SweepRecord;
+use skysink_lab::sweep::journal::{MissionRow, MissionRows};
+use skysink_lab::sweep::plan::{MissionKey, OutsideStrategy, Shard, Sweep, SweepBase};
+use skysink_lab::sweep::results::mission_columns;
+use toml::Table;
+
+use crate::episode::world;
+use crate::errors::{of_lab, refused};
+use crate::field::PyField;
+use crate::pilot::Pilot;
+use crate::run::fly;
+use crate::scenario::PyScenario;
+use crate::signals::interruptible;
+use crate::table::PyTable;
+use crate::values::json;
+
+/// Point, index of the strategy, seed.
+type Key = (usize, usize, u64);
+
+/// A mission with its metrics, as it goes between processes.
+type Row = (Key, Vec<f64>);
+
+fn key((point, strategy, seed): Key) -> MissionKey {
+    MissionKey { point, strategy, seed }
+}
+
+fn row((mission, values): Row) -> PyResult<MissionRow> {
+    let values = MetricValues::try_from(values).map_err(|_| refused("metrics of another version of Skysink"))?;
+    Ok(MissionRow { key: key(mission), values })
+}
+
+fn rows(all: Vec<Row>) -> PyResult<MissionRows> {
+    all.into_iter().map(|one| row(one).map(|row| (row.key, row))).collect()
+}
+
+/// A sweep that can be flown.
+#[pyclass(name = "SweepPlan", module = "skysink", frozen)]
+pub struct PySweepPlan(Sweep);
+
+#[pymethods]
+impl PySweepPlan {
+    /// The sweep of a file; `outside` are the names and versions of its strategies in Python.
+    #[staticmethod]
+    fn read(path: PathBuf, outside: Vec<(String, String)>) -> PyResult<Self> {
+        Sweep::read(&path, strategies(outside)).map(Self).map_err(of_lab)
+    }
+
+    /// The sweep of strategies over the fields of a scenario, which has one point.
+    #[staticmethod]
+    fn compare(
+        scenario: &Bound<'_, PyScenario>,
+        names: Vec<String>,
+        seeds: Vec<u64>,
+        outside: Vec<(String, String)>,
+    ) -> PyResult<Self> {
+        let scenario = &scenario.get().scenario;
+        let table = scenario.to_toml().parse::<Table>().expect("it was just written");
+        let base = SweepBase { path: scenario.path.clone(), table };
+        let sweep = Sweep::new(Path::new("comparison"), base, Table::new(), names, seeds, strategies(outside));
+        sweep.map(Self).map_err(of_lab)
+    }
+
+    #[getter]
+    fn identity(&self) -> &str {
+        &self.0.definition.identity
+    }
+
+    #[getter]
+    fn missions(&self) -> Vec<Key> {
+        let missions = self.0.missions(Shard::WHOLE).into_iter();
+        missions.map(|MissionKey { point, strategy, seed }| (point, strategy, seed)).collect()
+    }
+
+    /// The folder of the sweep, which this process then has to itself.
+    fn open(&self, out: PathBuf) -> PyResult<PySweepRecord> {
+        SweepRecord::open(&self.0, &out, Shard::WHOLE).map(|record| PySweepRecord(Some(record))).map_err(of_lab)
+    }
+
+    /// Flies these missions, one after the other; `strategies` makes those in Python, by name.
+    fn fly(&self, py: Python<'_>, missions: Vec<Key>, strategies: HashMap<String, Py<PyAny>>) -> PyResult<Vec<Row>> {
+        let fly_one = |mission: Key| {
+            let name = &self.0.definition.strategies[mission.1];
+            let row = match strategies.get(name) {
+                Some(make) => self.fly_python(py, key(mission), make.call0(py)?)?,
+                None => interruptible(py, |stop| sweep::fly(&self.0, key(mission), stop))?.map_err(of_lab)?,
+            };
+            Ok((mission, row.values.to_vec()))
+        };
+        missions.into_iter().map(fly_one).collect()
+    }
+
+    /// Flies what is missing on `threads` threads of this process, where all strategies are Skysink's.
+    fn fly_all(&self, py: Python<'_>, out: PathBuf, threads: usize) -> PyResult<PyTable> {
+        let rows = interruptible(py, |stop| sweep::sweep(&self.0, &out, Shard::WHOLE, threads, stop, &|_| ()))?;
+        self.table(&rows.map_err(of_lab)?)
+    }
+
+    /// How the strategies of a comparison stand by all metrics.
+    fn standings<'py>(&self, py: Python<'py>, all: Vec<Row>) -> PyResult<Bound<'py, PyAny>> {
+        json(py, &of_contenders(&Contender::of_sweep(&self.0.definition, &rows(all)?)))
+    }
+
+    /// Writes the results of the folder that `record` has, and returns them.
+    fn finish(&self, record: &Bound<'_, PySweepRecord>) -> PyResult<PyTable> {
+        let record = record.borrow_mut().0.take().ok_or_else(|| refused("the sweep is finished"))?;
+        self.table(&record.finish().map_err(of_lab)?)
+    }
+}
+
+impl PySweepPlan {
+    fn table(&self, rows: &MissionRows) -> PyResult<PyTable> {
+        let columns = mission_columns(&self.0.definition, rows);
+        RecordBatch::try_from_iter(columns).map(PyTable::of).map_err(refused)
+    }
+
+    fn fly_python(&self, py: Python<'_>, key: MissionKey, strategy: Py<PyAny>) -> PyResult<MissionRow> {
+        let scenario = self.0.scenario(key).map_err(of_lab)?;
+        let list = SensorList::of(&scenario).map_err(refused)?;
+        let mut world = world(&scenario, &list)?;
+        let mut pilot = Pilot::new(py, strategy, PyField::of(&scenario, &list))?;
+        let mut meter = MissionMeter::new(&scenario, &list, &world.header());
+        fly(py, &mut pilot, &mut world, |plan, world, header| {
+            meter.add(Some(plan), world.last_flight(), header, world.field());
+            py.check_signals()
+        })?;
+        Ok(MissionRow { key, values: meter.values(world.field(), None, None) })
+    }
+}
+
+/// The folder of a sweep under way.
+#[pyclass(name = "SweepRecord", module = "skysink")]
+pub struct PySweepRecord(Option<SweepRecord>);
+
+#[pymethods]
+impl PySweepRecord {
+    #[getter]
+    fn missing(&self) -> Vec<Key> {
+        let missing = self.0.iter().flat_map(SweepRecord::missing);
+        missing.map(|MissionKey { point, strategy, seed }| (point, strategy, seed)).collect()
+    }
+
+    /// Adds a mission; it is on record when this returns, whatever happens to the process.
+    fn add(&mut self, mission: Row) -> PyResult<()> {
+        let row = row(mission)?;
+        self.0.as_mut().map_or(Ok(()), |record| record.add(row)).map_err(of_lab)
+    }
+
+    /// Gives the folder free; a sweep that is not finished can be resumed.
+    fn close(&mut self) {
+        self.0 = None;
+    }
+}
+
+fn strategies(outside: Vec<(String, String)>) -> Vec<OutsideStrategy> {
+    outside.into_iter().map(|(name, version)| OutsideStrategy { name, version }).collect()
+}

@@ -1,0 +1,46 @@
+"""The package itself: its stubs, its types, its documentation."""
+
+from __future__ import annotations
+
+import doctest
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import skysink
+
+PYTHON = Path(__file__).resolve().parents[1]
+
+
+def tool(*arguments: str, cwd: Path = PYTHON) -> None:
+    """Runs a module of the interpreter, which must accept everything."""
+    result = subprocess.run([sys.executable, "-m", *arguments], cwd=cwd, capture_output=True, text=True, timeout=600)
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+def test_the_stubs_are_those_of_the_module(tmp_path: Path) -> None:
+    tool("mypy.stubtest", "skysink._skysink", "--concise", cwd=tmp_path)
+
+
+def test_the_types_are_sound() -> None:
+    tool("mypy", "skysink", "examples")
+
+
+def test_the_documentation_of_the_package_is_true() -> None:
+    tried = doctest.testmod(skysink)
+    assert tried.attempted > 2 and tried.failed == 0
+
+
+@pytest.mark.parametrize("name", skysink.__all__)
+def test_every_public_name_is_documented(name: str) -> None:
+    assert inspect.getdoc(getattr(skysink, name)) or name in {"STRATEGIES", "__version__"}
+
+
+def test_the_notebook_runs(tmp_path: Path) -> None:
+    nbformat = pytest.importorskip("nbformat")
+    nbclient = pytest.importorskip("nbclient")
+    notebook = nbformat.read(PYTHON / "examples" / "tutorial.ipynb", as_version=4)
+    nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()

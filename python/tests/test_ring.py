@@ -1,0 +1,159 @@
+"""Strategies in Python as the planner of a running ring."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from conftest import GFS, ROOT, environment, run, same_files
+
+LONG = """
+name = "long"
+slots = 1500
+slot_s = 0.1
+[uav]
+endurance_s = 1e6
+"""
+
+MINE = GFS + """
+import skysink.ring
+skysink.ring.planner(GFS)
+"""
+
+COUNTING = """
+import skysink, skysink.ring
+
+class Counting(skysink.Strategy):
+    '''Flies to one SN after the other: its state is whose turn it is.'''
+
+    def begin(self, field):
+        self.turn = 0
+
+    def plan(self, view):
+        goal = view.field.positions_m[self.turn % len(view.field)]
+        waypoint = view.field.toward(view.uav, goal)
+        self.turn += bool((waypoint == goal).all())
+        return skysink.Decision(waypoint)
+
+    def save(self):
+        return str(self.turn).encode()
+
+    def restore(self, state):
+        self.turn = int(state)
+
+if __name__ == "__main__":
+    skysink.ring.planner(Counting)
+"""
+
+TIMEOUT_S = 240.0
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Iterator[Path]:
+    """A folder whose rings leave nothing behind."""
+    before = set(os.listdir("/dev/shm"))
+    (tmp_path / "long.toml").write_text(LONG)
+    (tmp_path / "mine.py").write_text(MINE)
+    (tmp_path / "counting.py").write_text(COUNTING)
+    yield tmp_path
+    left = [name for name in set(os.listdir("/dev/shm")) - before if name.startswith("skysink")]
+    assert not left
+
+
+def begin(place: Path, *arguments: str) -> subprocess.Popen[str]:
+    """The command line at work."""
+    words = [str(Path(sys.executable).with_name("skysink")), *arguments]
+    return subprocess.Popen(words, cwd=place, stderr=(place / "said").open("w"), text=True, env=environment())
+
+
+def end(process: subprocess.Popen[str]) -> int:
+    """How it ends."""
+    return process.wait(TIMEOUT_S)
+
+
+def until(what: str, process: subprocess.Popen[str], is_so: object) -> None:
+    """Waits for something of a process at work."""
+    limit = time.monotonic() + TIMEOUT_S
+    while not is_so():  # type: ignore[operator]
+        assert process.poll() is None and time.monotonic() < limit, f"no {what}"
+        time.sleep(0.01)
+
+
+def slots(place: Path) -> int:
+    """Slots on record."""
+    trace = place / "run" / "slots.csv"
+    return trace.read_text().count("\n") - 1 if trace.exists() else 0
+
+
+def children(process: subprocess.Popen[str], word: str) -> list[int]:
+    """The children of a process whose command has this word."""
+    found = []
+    for task in Path(f"/proc/{process.pid}/task").iterdir():
+        for child in (task / "children").read_text().split():
+            command = Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0")
+            found += [int(child)] if word.encode() in command else []
+    return found
+
+
+@pytest.mark.parametrize("knowledge", ["oracle", "estimated"])
+def test_a_strategy_in_python_has_the_bytes_of_the_same_in_rust(place: Path, knowledge: str) -> None:
+    chosen = ["--set", f"planner.knowledge={knowledge}", "--strategy", "gfs"]
+    scenario = str(ROOT / "scenarios" / "smoke.toml")
+    run("simulate", scenario, *chosen, "--out", "alone", cwd=place)
+    planner = ["--planner", f"{sys.executable} mine.py"]
+    run("run", scenario, *chosen, "--no-viewer", "--out", "run", *planner, "--label", "mine", cwd=place)
+    same_files(place / "alone", place / "run", ["slots.csv", "sensors.csv", "scenario.toml"])
+    assert json.loads((place / "run" / "summary.json").read_text())["strategy"] == "mine"
+
+
+@pytest.mark.parametrize("file", ["mine.py", "counting.py"])
+def test_killed_and_started_again_it_flies_the_same(place: Path, file: str) -> None:
+    planner = ["run", "long.toml", "--no-viewer", "--planner", f"{sys.executable} {file}"]
+    run(*planner, "--out", "whole", cwd=place)
+    process = begin(place, *planner, "--out", "run")
+    for kill in range(1, 4):
+        until("flight", process, lambda kill=kill: slots(place) > 300 * kill)
+        for planner_id in children(process, file):
+            os.kill(planner_id, signal.SIGKILL)
+    assert end(process) == 0, (place / "said").read_text()
+    same_files(place / "whole", place / "run", ["slots.csv"])
+    assert json.loads((place / "run" / "summary.json").read_text())["restarts"] >= 1
+
+
+def test_it_is_started_by_hand_and_ends_on_a_signal(place: Path) -> None:
+    process = begin(place, "run", "long.toml", "--no-viewer", "--external", "planner", "--out", "run")
+    said = place / "said"
+    until("ring", process, lambda: re.search(r"--ring (/\S+)", said.read_text()))
+    found = re.search(r"--ring (/\S+)", said.read_text())
+    assert found is not None
+    by_hand = {**environment(), "SKYSINK_RING": found[1]}
+    for slot in (100, 10**9):
+        planner = subprocess.Popen([sys.executable, "mine.py"], cwd=place, env=by_hand)
+        if slot < 1500:
+            until("flight", process, lambda slot=slot: slots(place) > slot)
+            planner.send_signal(signal.SIGTERM)
+        assert planner.wait(TIMEOUT_S) == 0
+    assert end(process) == 0, said.read_text()
+    assert slots(place) == 1500
+
+
+def test_what_a_strategy_raises_ends_the_run_and_is_shown(place: Path) -> None:
+    (place / "fails.py").write_text(MINE.replace("def plan(self, view):", "def plan(self, view):\n        1 / (view.slot < 9)"))
+    arguments = [str(ROOT / "scenarios" / "smoke.toml"), "--no-viewer", "--planner", f"{sys.executable} fails.py"]
+    failed = run("run", *arguments, "--out", "run", cwd=place, code=1)
+    assert "ZeroDivisionError" in failed.stderr
+    assert "planner ended with exit code 1" in failed.stderr
+
+
+def test_a_folder_that_is_no_ring_is_refused(place: Path) -> None:
+    result = subprocess.run([sys.executable, "mine.py"], cwd=place, capture_output=True, text=True, timeout=60, env={**environment(), "SKYSINK_RING": str(place)})
+    assert result.returncode != 0
+    assert "expected the folder of a running ring" in result.stderr

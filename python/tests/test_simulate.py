@@ -1,0 +1,124 @@
+"""Missions in this process: the bytes of the command line, and results without copies."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import polars
+import pyarrow
+import pytest
+from conftest import ROOT, run, same_files
+
+import skysink
+
+AS_FLOWN = ["slots.csv", "scenario.toml", "sensors.csv"]
+
+
+@pytest.mark.parametrize("strategy", ["uts", "horizon", "rfs"])
+def test_a_saved_run_has_the_bytes_of_the_command_line(tmp_path: Path, strategy: str) -> None:
+    scenario = ROOT / "scenarios" / "smoke.toml"
+    run("simulate", scenario, "--strategy", strategy, "--seed", "3", "--out", "by-command", cwd=tmp_path)
+    flown = skysink.simulate(scenario, strategy, seed=3)
+    flown.save(tmp_path / "by-python")
+    same_files(tmp_path / "by-command", tmp_path / "by-python", [*AS_FLOWN, "run.toml"])
+    written = json.loads((tmp_path / "by-command" / "summary.json").read_text())
+    assert {**written, "timing": None} == {**flown.summary, "timing": None}
+    run("report", "by-python", "--sensors", cwd=tmp_path)
+
+
+def test_a_run_folder_is_read_again(tmp_path: Path, smoke: skysink.Scenario) -> None:
+    flown = skysink.simulate(smoke, "gfs")
+    flown.save(tmp_path / "run")
+    read = skysink.Run.load(tmp_path / "run")
+    assert read.summary == flown.summary
+    assert polars.DataFrame(read.slots).equals(polars.DataFrame(flown.slots))
+    assert np.array_equal(read.queues, flown.queues)
+    text = (tmp_path / "run" / "slots.csv").read_text()
+    (tmp_path / "run" / "slots.csv").write_text(text.replace(",serve,", ",hold,", 1))
+    with pytest.raises(skysink.InputError):
+        skysink.Run.load(tmp_path / "run")
+
+
+def test_a_folder_is_not_replaced_unasked(tmp_path: Path, smoke: skysink.Scenario) -> None:
+    flown = skysink.simulate(smoke, "gfs")
+    flown.save(tmp_path / "run")
+    with pytest.raises(skysink.InputError, match="exists"):
+        flown.save(tmp_path / "run")
+    flown.save(tmp_path / "run", force=True)
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "thesis.tex").write_text("mine")
+    with pytest.raises(skysink.InputError):
+        flown.save(tmp_path / "other", force=True)
+
+
+def test_every_bit_of_the_queues_is_accounted_for(smoke: skysink.Scenario) -> None:
+    flown = skysink.simulate(smoke, "uts")
+    slots, queues = flown.slots, flown.queues.astype(np.int64)
+    assert queues.shape == (61, 40)
+    assert np.array_equal(queues[1:].sum(axis=1), slots["queued_bits"])
+    sampled = np.diff(queues.sum(axis=1)) + slots["delivered_bits"].astype(np.int64) + slots["lost_bits"].astype(np.int64)
+    assert (sampled == 40 * 100).all()  # 100 bit/s, slots of a second
+    assert flown.loss_rate == flown.metrics["loss_rate"] == slots["lost_bits"].sum() / sampled.sum()
+
+
+def test_columns_are_shared_with_other_libraries_and_not_copied(smoke: skysink.Scenario) -> None:
+    slots = skysink.simulate(smoke, "uts").slots
+    mine = slots["x_m"]
+    assert not mine.flags.writeable and not mine.flags.owndata
+    address = mine.__array_interface__["data"][0]
+    arrow = pyarrow.table(slots)
+    assert arrow["x_m"].chunk(0).buffers()[1].address == address
+    frame = polars.DataFrame(slots)
+    assert frame["x_m"].to_numpy(allow_copy=False).__array_interface__["data"][0] == address
+    pandas_frame = slots.to_pandas()
+    assert pandas_frame["x_m"].to_numpy().__array_interface__["data"][0] == address
+    assert list(pandas_frame.columns) == slots.columns == list(frame.columns)
+    served = slots["scheduled"]
+    assert [list(ids) for ids in frame["scheduled"]] == served
+    with pytest.raises(KeyError, match="lost_bits"):
+        slots["lost"]
+    del slots, arrow, frame
+    assert mine[0] == mine[0], "the memory lives as long as the array"
+
+
+def test_a_mission_can_be_interrupted() -> None:
+    import _thread
+
+    sparse = skysink.Scenario.load(ROOT / "scenarios" / "sparse.toml")
+    scenario = sparse.replace({"area.side_m": 1000.0, "planner.offline.steps": 10**12})
+    timer = threading.Timer(0.5, _thread.interrupt_main)
+    timer.start()
+    begin = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        skysink.simulate(scenario, "offline")
+    timer.join()
+    assert time.monotonic() - begin < 60, "days without it"
+
+
+def test_other_threads_go_on_while_a_mission_flies() -> None:
+    counted = 0
+    done = threading.Event()
+
+    def count() -> None:
+        nonlocal counted
+        while not done.is_set():
+            counted += 1
+            time.sleep(0.001)
+
+    thread = threading.Thread(target=count)
+    thread.start()
+    sparse = skysink.Scenario.load(ROOT / "scenarios" / "sparse.toml")
+    skysink.simulate(sparse.replace({"area.side_m": 1000.0, "planner.offline.steps": 300_000}), "offline")
+    done.set()
+    thread.join()
+    assert counted > 10
+
+
+def test_the_command_line_of_the_package_is_that_of_skysink(tmp_path: Path) -> None:
+    assert run("--version", cwd=tmp_path).stdout == f"skysink {skysink.__version__}\n"
+    refused = run("simulate", "missing.toml", cwd=tmp_path, code=2)
+    assert "missing.toml" in refused.stderr

@@ -1,0 +1,129 @@
+"""Strategies in Python, in a mission and in comparisons."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import GFS, ROOT
+
+import skysink
+
+SCENARIOS = ["smoke.toml", "sparse.toml", "plos-suburban.toml"]
+
+
+def made() -> type[skysink.Strategy]:
+    """The class of `GFS`."""
+    names: dict[str, Any] = {}
+    exec(GFS, names)
+    found: type[skysink.Strategy] = names["GFS"]
+    return found
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("knowledge", ["oracle", "estimated"])
+def test_gfs_in_ten_lines_has_the_bytes_of_gfs(tmp_path: Path, name: str, knowledge: str) -> None:
+    scenario = skysink.Scenario.load(ROOT / "scenarios" / name)
+    scenario = scenario.replace({"planner.knowledge": knowledge, "uav.altitude": "fixed"})
+    assert len(GFS.strip().splitlines()) <= 10
+    mine, theirs = skysink.simulate(scenario, made()), skysink.simulate(scenario, "gfs")
+    assert mine.summary["trace_hash"] == theirs.summary["trace_hash"]
+    assert (mine.strategy, theirs.strategy) == ("GFS", "gfs")
+    assert skysink.simulate(scenario, made()(), label="mine").strategy == "mine"
+
+
+class Watch(skysink.Strategy):
+    """Stays where it is and keeps what it saw."""
+
+    def __init__(self) -> None:
+        self.seen: list[np.ndarray[Any, Any]] = []
+        self.places: list[int] = []
+        self.copies: list[np.ndarray[Any, Any]] = []
+        self.keeps = False
+
+    def plan(self, view: skysink.View) -> skysink.Decision:
+        queues = view.queues_bits
+        self.places.append(queues.__array_interface__["data"][0])
+        self.copies.append(queues.copy())
+        if self.keeps:
+            self.seen.append(queues)
+        with pytest.raises(ValueError):
+            queues[0] = 1
+        assert view.uav.shape == (3,) and not view.uav.flags.writeable
+        return skysink.Decision(view.uav[:2])
+
+
+def test_the_view_of_the_queues_is_the_memory_of_the_field(smoke: skysink.Scenario) -> None:
+    watch = Watch()
+    flown = skysink.simulate(smoke, watch)
+    assert len(set(watch.places)) == 1, "no slot has an array of its own"
+    assert np.array_equal(np.array(watch.copies), flown.queues[:-1])
+
+
+def test_a_view_that_is_kept_stays_as_it_was(smoke: skysink.Scenario) -> None:
+    watch = Watch()
+    watch.keeps = True
+    flown = skysink.simulate(smoke, watch)
+    assert np.array_equal(np.array(watch.seen), flown.queues[:-1])
+
+
+class Fails(skysink.Strategy):
+    def plan(self, view: skysink.View) -> skysink.Decision | None:
+        if view.slot == 4:
+            raise ZeroDivisionError("no such slot")
+        return None
+
+
+def test_what_a_strategy_raises_comes_through_with_its_traceback(smoke: skysink.Scenario) -> None:
+    with pytest.raises(ZeroDivisionError, match="no such slot") as raised:
+        skysink.simulate(smoke, Fails())
+    assert raised.value.__notes__ == ["while planning slot 4"]
+    assert raised.traceback[-1].name == "plan"
+
+
+@pytest.mark.parametrize("decided", [7, "here", (1.0, 2.0)])
+def test_what_is_no_decision_is_refused(smoke: skysink.Scenario, decided: object) -> None:
+    class Wrong(skysink.Strategy):
+        def plan(self, view: skysink.View) -> Any:
+            return decided
+
+    with pytest.raises(skysink.InputError, match=r"expected a skysink\.Decision"):
+        skysink.simulate(smoke, Wrong())
+
+
+@pytest.mark.parametrize("waypoint", [(1.0,), (1.0, 2.0, 3.0, 4.0), ()])
+def test_a_waypoint_of_another_shape_is_refused(waypoint: tuple[float, ...]) -> None:
+    with pytest.raises(skysink.InputError, match="waypoint"):
+        skysink.Decision(waypoint)
+
+
+def test_a_plan_that_cannot_be_flown_is_refused_and_counted(smoke: skysink.Scenario) -> None:
+    class Away(skysink.Strategy):
+        def plan(self, view: skysink.View) -> skysink.Decision:
+            return skysink.Decision((1e6, float("nan")), serve=[0, 0, 99])
+
+    flown = skysink.simulate(smoke, Away())
+    assert flown.summary["refused"] == flown.summary["held_slots"] == 60
+
+
+def test_a_comparison_is_that_of_the_command_line(smoke: skysink.Scenario, gfs: Path) -> None:
+    standings = skysink.compare(smoke, ["gfs", made(), f"python:{gfs}:GFS", "uts"], seeds=4)
+    losses = {entry["label"]: entry for entry in standings if entry["metric"] == "loss_rate"}
+    assert list(losses) == ["gfs", "GFS", f"python:{gfs}:GFS", "uts"]
+    for label in ["GFS", f"python:{gfs}:GFS"]:
+        assert losses[label]["mean"] == losses["gfs"]["mean"]
+        assert losses[label]["difference"] == 0.0
+    assert losses["uts"]["n"] == 4 and losses["uts"]["difference"] != 0.0
+
+
+@pytest.mark.parametrize(
+    "name", ["python:mine.py", "python:missing.py:GFS", "python:mine.py:Other", "python::GFS", "nobody"]
+)
+def test_a_strategy_that_is_not_there_is_refused(
+    smoke: skysink.Scenario, gfs: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(gfs.parent)
+    with pytest.raises(skysink.InputError, match=name.rpartition(":")[2]):
+        skysink.compare(smoke, ["uts", name], seeds=1)

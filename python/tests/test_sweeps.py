@@ -1,0 +1,172 @@
+"""Sweeps: the bytes of `skysink sweep`, on any executor."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import types
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any
+
+import polars
+import pytest
+from conftest import ROOT, run, same_files
+
+import skysink
+
+FILES = ["results.csv", "results.parquet", "summary.csv"]
+
+SWEEP = f"""
+scenario = "{ROOT}/scenarios/smoke.toml"
+strategies = ["uts", "gfs"]
+seeds = 30
+[axes]
+"sensors.sampling_bps" = [100.0, 400.0]
+"""
+
+
+@pytest.fixture
+def by_command(tmp_path: Path) -> Path:
+    """The results of `skysink sweep`."""
+    (tmp_path / "sweep.toml").write_text(SWEEP)
+    run("sweep", "sweep.toml", "--out", "by-command", cwd=tmp_path)
+    return tmp_path / "by-command"
+
+
+@pytest.fixture
+def file(by_command: Path) -> Path:
+    """The sweep file."""
+    return by_command.with_name("sweep.toml")
+
+
+def context() -> Any:
+    """How processes are started: none of this one's threads are in them."""
+    return multiprocessing.get_context("spawn")
+
+
+@pytest.mark.parametrize("executor", [None, lambda: ThreadPoolExecutor(3), lambda: ProcessPoolExecutor(2, context())])
+def test_a_sweep_has_the_bytes_of_the_command_line(by_command: Path, file: Path, tmp_path: Path, executor: Any) -> None:
+    if executor is None:
+        results = skysink.sweep(file, tmp_path / "mine")
+    else:
+        with executor() as workers:
+            results = skysink.sweep(file, tmp_path / "mine", executor=workers)
+    same_files(by_command, tmp_path / "mine", FILES)
+    assert len(results) == 120
+    assert polars.DataFrame(results).equals(polars.read_parquet(by_command / "results.parquet"))
+
+
+class Dying(Executor):
+    """Flies some tasks, and then fails as a pool does whose worker has died."""
+
+    def __init__(self, tasks: int) -> None:
+        self.tasks = tasks
+
+    def submit(self, function: Any, /, *arguments: Any, **keywords: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        self.tasks -= 1
+        if self.tasks >= 0:
+            future.set_result(function(*arguments))
+        else:
+            future.set_exception(BrokenProcessPool("a worker died"))
+        return future
+
+
+def test_what_was_flown_before_an_executor_gave_up_is_not_flown_again(
+    by_command: Path, file: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(BrokenProcessPool):
+        skysink.sweep(file, tmp_path / "mine", executor=Dying(70))
+    kept = (tmp_path / "mine" / "journal.csv").read_bytes()
+    assert kept.count(b"\n") >= 1
+    skysink.sweep(file, tmp_path / "mine", executor=ThreadPoolExecutor(1))
+    assert (tmp_path / "mine" / "journal.csv").read_bytes().startswith(kept)
+    same_files(by_command, tmp_path / "mine", FILES)
+
+
+def kill_once(flag: str) -> None:
+    """Kills this process, the first time."""
+    try:
+        os.close(os.open(flag, os.O_CREAT | os.O_EXCL))
+    except FileExistsError:
+        return
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+class Killing:
+    """An executor one of whose workers is killed in the middle."""
+
+    def __init__(self, executor: Any, flag: Path) -> None:
+        self.executor, self.flag, self.tasks = executor, str(flag), 0
+
+    def submit(self, function: Any, *arguments: Any) -> Any:
+        self.tasks += 1
+        if self.tasks == 30:
+            return self.executor.submit(kill_and_fly, self.flag, function, *arguments)
+        return self.executor.submit(function, *arguments)
+
+
+def kill_and_fly(flag: str, function: Any, *arguments: Any) -> Any:
+    """A task whose worker dies of it, the first time."""
+    kill_once(flag)
+    return function(*arguments)
+
+
+def test_a_dask_cluster_of_which_a_worker_is_killed_gives_the_same_bytes(
+    by_command: Path, file: Path, tmp_path: Path
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, protocol="tcp://")
+    with cluster, distributed.Client(cluster) as client:
+        killing = Killing(client.get_executor(), tmp_path / "killed")
+        skysink.sweep(file, tmp_path / "mine", executor=killing)
+    assert (tmp_path / "killed").exists()
+    same_files(by_command, tmp_path / "mine", FILES)
+
+
+def test_ray_of_which_a_worker_is_killed_gives_the_same_bytes(by_command: Path, file: Path, tmp_path: Path) -> None:
+    ray = pytest.importorskip("ray")
+    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, runtime_env={"env_vars": {"PYTHONPATH": os.path.dirname(__file__)}})
+    try:
+        executor = types.SimpleNamespace(submit=lambda task, *arguments: ray.remote(task).remote(*arguments).future())
+        skysink.sweep(file, tmp_path / "mine", executor=Killing(executor, tmp_path / "killed"))
+    finally:
+        ray.shutdown()
+    assert (tmp_path / "killed").exists()
+    same_files(by_command, tmp_path / "mine", FILES)
+
+
+def test_a_strategy_in_python_flies_in_a_sweep(tmp_path: Path, gfs: Path) -> None:
+    text = SWEEP.replace('["uts", "gfs"]', '["gfs", "python:mine.py:GFS"]').replace("seeds = 30", "seeds = 3")
+    (tmp_path / "sweep.toml").write_text(text)
+    results = polars.DataFrame(skysink.sweep(tmp_path / "sweep.toml", tmp_path / "alone"))
+    columns = [name for name in results.columns if name != "strategy"]
+    mine = results.filter(polars.col("strategy") == "python:mine.py:GFS")
+    assert mine[columns].equals(results.filter(polars.col("strategy") == "gfs")[columns])
+    with ProcessPoolExecutor(2, context()) as workers:
+        skysink.sweep(tmp_path / "sweep.toml", tmp_path / "many", executor=workers)
+    same_files(tmp_path / "alone", tmp_path / "many", FILES)
+    run("plot", "alone", "--x", "sensors.sampling_bps", cwd=tmp_path)
+    refused = run("sweep", "sweep.toml", cwd=tmp_path, code=2)
+    assert "skysink.sweep()" in refused.stderr
+
+
+def test_a_sweep_whose_strategy_was_changed_is_another_one(tmp_path: Path, gfs: Path) -> None:
+    text = SWEEP.replace('["uts", "gfs"]', '["python:mine.py:GFS"]').replace("seeds = 30", "seeds = 1")
+    (tmp_path / "sweep.toml").write_text(text)
+    skysink.sweep(tmp_path / "sweep.toml", tmp_path / "mine")
+    gfs.write_text(gfs.read_text() + "\n# changed\n")
+    with pytest.raises(skysink.InputError, match="another sweep"):
+        skysink.sweep(tmp_path / "sweep.toml", tmp_path / "mine")
+
+
+@pytest.mark.parametrize("text", ["", "seeds = 3", "not toml", SWEEP.replace("uts", "python:none.py:X")])
+def test_a_bad_file_is_refused_and_nothing_written(tmp_path: Path, text: str) -> None:
+    (tmp_path / "bad.toml").write_text(text)
+    for executor in (None, ThreadPoolExecutor(1)):
+        with pytest.raises(skysink.InputError):
+            skysink.sweep(tmp_path / "bad.toml", tmp_path / "out", executor=executor)
+    assert not (tmp_path / "out").exists()
