@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
 use skysink_common::estimate::Estimate;
-use skysink_common::message::{FLAG_END, QueuesHeader, Tick};
+use skysink_common::message::{FLAG_END, Limits, QueuesHeader, SensorsHeader, Tick};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
@@ -42,7 +42,7 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let header = |field: &Field| {
         field.header(ring.header(field.slot(), if field.slot() == scenario.slots { FLAG_END } else { 0 }))
     };
-    sensors.send_list(ring.header(0, 0), &list.nodes())?;
+    sensors.send_list(SensorsHeader { head: ring.header(0, 0), limits: Limits::of(scenario) }, &list.nodes())?;
     // Told before the truth: where that has arrived, the planner has what it needs.
     let tell = |field: &mut Field| {
         let Some(told) = &told else { return Ok(()) };

@@ -90,6 +90,7 @@ pub(crate) mod tests {
     use super::*;
     use std::path::Path;
 
+    use skysink_common::message::Limits;
     use skysink_common::scenario::Overrides;
 
     /// The letter's field (d_c = 10 m, V τ = 30 m, n = 4) over 100 m × 100 m with SNs of gain −52 dB at `places_m` [m].
@@ -108,6 +109,23 @@ pub(crate) mod tests {
         assert_eq!((table.reach_m, table.comm_radius_m, table.resource_blocks), (15.0, 7.0, 4)); // 30 m/s · 0.5 s
         assert_eq!((table.positions[0], table.gains[0]), (Position::new(1.0, 2.0), 1e-5));
         assert_eq!(table.area, Area::new(80.0, 60.0));
+    }
+
+    #[test]
+    fn the_limits_that_the_ring_carries_are_those_of_the_table() {
+        let scenarios = concat!(env!("CARGO_MANIFEST_DIR"), "/../scenarios");
+        for name in ["letter", "smoke", "sparse", "plos-suburban"] {
+            let path = format!("{scenarios}/{name}.toml");
+            let scenario = Scenario::read(Path::new(&path), Overrides::default()).unwrap();
+            let limits = Limits::of(&scenario);
+            let table = SensorTable::new(&scenario, &[]);
+            assert_eq!((limits.reach_m, limits.comm_radius_m), (table.reach_m, table.comm_radius_m), "{name}");
+            assert_eq!(limits.resource_blocks as usize, table.resource_blocks, "{name}");
+            assert_eq!([limits.width_m, limits.height_m], [table.area.width_m(), table.area.height_m()], "{name}");
+            let lowest_m = limits.min_altitude_m;
+            let reached_m = [lowest_m, (lowest_m + limits.climb_m).min(limits.max_altitude_m)];
+            assert_eq!(scenario.altitudes_m(lowest_m), reached_m, "{name}");
+        }
     }
 
     #[test]

@@ -8,7 +8,7 @@ use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
 use iceoryx2::service::builder::publish_subscribe::Builder;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
-use skysink_common::message::{QueuesHeader, SlotHeader};
+use skysink_common::message::{QueuesHeader, SensorsHeader, SlotHeader};
 
 /// User header of a sample, whatever the topic.
 pub trait Header: Debug + Default + Copy + ZeroCopySend + 'static {
@@ -23,6 +23,12 @@ impl Header for SlotHeader {
 }
 
 impl Header for QueuesHeader {
+    fn head(&self) -> &SlotHeader {
+        &self.head
+    }
+}
+
+impl Header for SensorsHeader {
     fn head(&self) -> &SlotHeader {
         &self.head
     }

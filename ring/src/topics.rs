@@ -11,7 +11,7 @@ use std::time::Instant;
 use iceoryx2::prelude::*;
 use rustix::time::{ClockId, clock_gettime};
 use skysink_common::message::{
-    Commit, FLAG_END, FlightReport, PathPoint, Plan, QueuesHeader, SensorNode, SlotHeader, Tick,
+    Commit, FLAG_END, FlightReport, PathPoint, Plan, QueuesHeader, SensorNode, SensorsHeader, SlotHeader, Tick,
 };
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
@@ -28,7 +28,7 @@ use crate::topic::{Full, Member, OBSERVER, Row, Topic};
 use crate::wait::{LateJoiners, PAUSE, WaitContext};
 
 /// Version of the messages and of what they mean; processes of different versions do not meet.
-pub const SCHEMA: &str = "4";
+pub const SCHEMA: &str = "5";
 
 /// Samples that wait for a process of the ring: it is never more than two slots behind, but writers that are started
 /// again repeat themselves. Memory that is not used costs nothing.
@@ -69,8 +69,8 @@ const READY: Row = row("ready", Role::Viewer, RING_BUFFER);
 pub struct Ring<S: Service + 'static> {
     /// What the run has agreed on.
     pub terms: Terms,
-    /// Every sensor node, once.
-    pub sensors: Topic<S, [SensorNode], SlotHeader>,
+    /// Every sensor node, once; the mission's limits in the header.
+    pub sensors: Topic<S, [SensorNode], SensorsHeader>,
     /// The queue of every sensor node after each slot [bit]; ledger totals in the header.
     pub truth: Topic<S, [u32], QueuesHeader>,
     /// The same for a planner: where the queues are estimated and the planner is not Skysink's, what the served sensor
@@ -166,7 +166,7 @@ impl<S: Service + 'static> Ring<S> {
     /// The ring with all topics but the first, created if there are terms.
     fn with_topics(
         node: Node<S>,
-        sensors: Topic<S, [SensorNode], SlotHeader>,
+        sensors: Topic<S, [SensorNode], SensorsHeader>,
         member: &Member,
         only_reader: Refusals,
         agreed: Option<&AttributeSpecifier>,

@@ -1,7 +1,7 @@
 //! Places in the ring that are taken, and rings of other versions.
 
 use iceoryx2::prelude::*;
-use skysink_common::message::{SensorNode, SlotHeader};
+use skysink_common::message::{SensorNode, SensorsHeader};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_planner::settings;
@@ -49,7 +49,7 @@ fn ring_with_terms(terms: &[(&str, &str)]) -> (RingFolder, impl Sized) {
     for &(key, value) in terms {
         attributes = attributes.define(&key.try_into().unwrap(), &value.try_into().unwrap()).unwrap();
     }
-    let sensors = node.service_builder(&name).publish_subscribe::<[SensorNode]>().user_header::<SlotHeader>();
+    let sensors = node.service_builder(&name).publish_subscribe::<[SensorNode]>().user_header::<SensorsHeader>();
     let sensors = sensors.create_with_attributes(&attributes).unwrap();
     let event = node.service_builder(&name).event().create().unwrap();
     (folder, (sensors, event, node))
