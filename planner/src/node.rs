@@ -16,7 +16,7 @@ use skysink_ring::role::Role;
 use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 
 use crate::planner::Planner;
-use crate::strategies::{Registered, Timing};
+use crate::strategies::{Registered, Strategy, Timing};
 use skysink_common::estimate::BYTES_EACH;
 
 /// Slots in the journal: the three that a planner may be asked for again, and room for one that is cut.
@@ -68,7 +68,29 @@ impl Journaled {
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
-    let has_path = Registered::of(scenario)?.has_path;
+    run_with::<S>(scenario, folder, stop, None)
+}
+
+/// The same by `strategy`, whatever the scenario names.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_by<S: Service + 'static>(
+    scenario: &Scenario,
+    folder: &RingFolder,
+    stop: &Stop,
+    strategy: Box<dyn Strategy>,
+) -> Result<(), NodeError> {
+    run_with::<S>(scenario, folder, stop, Some(strategy))
+}
+
+fn run_with<S: Service + 'static>(
+    scenario: &Scenario,
+    folder: &RingFolder,
+    stop: &Stop,
+    own: Option<Box<dyn Strategy>>,
+) -> Result<(), NodeError> {
+    let has_path = own.is_some() || Registered::of(scenario)?.has_path;
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Planner, stop)?;
     // Before the plans, so that whoever has a plan finds the writer of its path.
     let paths = has_path.then(|| ring.path.list_writer(MAX_PATH_POINTS)).transpose()?;
@@ -78,7 +100,10 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let mut flights = ring.flight.reader(RING_BUFFER)?;
 
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
-    let mut planner = Planner::new(scenario, nodes.payload())?;
+    let mut planner = match own {
+        Some(strategy) => Planner::with_strategy(scenario, nodes.payload(), strategy)?,
+        None => Planner::new(scenario, nodes.payload())?,
+    };
     planner.set_stop(stop);
     let is_paced = ring.terms.pace != Pace::Max;
     if is_paced {
