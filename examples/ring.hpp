@@ -86,7 +86,10 @@ inline int plan_slots(const std::function<Plan(const View&)>& plan_slot) {
     }
     set_log_level_from_env_or(LogLevel::Fatal);
     const auto config = std::string(folder) + "/config/iceoryx2.toml";
-    Config::setup_global_config_from_file(bb::FilePath::create(config.c_str()).value()).value();
+    if (!Config::setup_global_config_from_file(bb::FilePath::create(config.c_str()).value()).has_value()) {
+        std::cerr << "SKYSINK_RING = " << folder << ": expected the folder of a running ring\n";
+        return 2;
+    }
     const auto node = NodeBuilder().create<ServiceType::Ipc>().value();
     const auto topic = [&](const char* name) { return node.service_builder(ServiceName::create(name).value()); };
     const auto events = [&](const char* name) { return topic(name).event().open().value(); };
