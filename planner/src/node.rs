@@ -156,9 +156,11 @@ fn run_with<S: Service + 'static>(
 mod tests {
     use super::*;
     use crate::settings::{self, Knowledge, Rates, change};
+    use crate::strategies::{Decision, View};
+    use crate::waypoint::problem::Waypoint;
     use nalgebra::Point3;
-    use skysink_common::checkpoint::Checkpoint;
-    use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, SensorNode};
+    use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
+    use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
     use skysink_common::pace::Pace;
     use skysink_common::scenario::Overrides;
     use skysink_ring::wait::Waiting;
@@ -249,6 +251,47 @@ mod tests {
                 }
                 assert_eq!(saved(&again.planner), saved(&first.planner), "{:?}, from {from}", scenario.planner);
             }
+        }
+    }
+
+    /// Flies east by 1 m for every slot that it has planned: its plan depends on all slots before.
+    struct Counting(u64);
+
+    impl Checkpoint for Counting {
+        fn save(&self, bytes: &mut Vec<u8>) {
+            encode(&self.0, bytes);
+        }
+
+        fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+            self.0 = decode(bytes)?;
+            Ok(())
+        }
+    }
+
+    impl Strategy for Counting {
+        fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+            self.0 += 1;
+            let point = Point3::new(self.0 as f64, 0.0, view.position.z);
+            Some(Decision::serve(view, &Waypoint { point, outcome: SolverOutcome::Rule }, &[]))
+        }
+    }
+
+    #[test]
+    fn a_strategy_of_ones_own_comes_back_with_its_state() {
+        let scenario = Scenario::letter(Overrides::default()).and_then(settings::resolve).unwrap();
+        let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).unwrap();
+        let process = || {
+            let planner = Planner::with_strategy(&scenario, &nodes(), Box::new(Counting(0))).unwrap();
+            Journaled { planner, journal: journal(&folder, 12).unwrap() }
+        };
+        let flight = FlightReport::at(scenario.start(), Mode::Hold);
+        let mut first = process();
+        for slot in 1..=9 {
+            assert_eq!(first.plan(slot, &flight, &queues(slot)).unwrap().x_m, slot as f64);
+        }
+        let mut again = process();
+        for slot in 8..=10 {
+            assert_eq!(again.plan(slot, &flight, &queues(slot)).unwrap().x_m, slot as f64);
         }
     }
 
