@@ -1,7 +1,7 @@
 //! Places in the ring that are taken, and rings of other versions.
 
 use iceoryx2::prelude::*;
-use skysink_common::message::{SensorNode, SensorsHeader};
+use skysink_common::message::{SensorNode, SlotHeader};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_planner::settings;
@@ -39,7 +39,7 @@ fn a_second_process_for_a_place_is_refused_and_the_run_does_not_notice() {
     place.assert_clean();
 }
 
-/// A ring whose first topic has these terms.
+/// A ring whose first topic has these terms, and messages of other types.
 fn ring_with_terms(terms: &[(&str, &str)]) -> (RingFolder, impl Sized) {
     skysink::worker::quiet_iceoryx2();
     let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).unwrap();
@@ -49,7 +49,7 @@ fn ring_with_terms(terms: &[(&str, &str)]) -> (RingFolder, impl Sized) {
     for &(key, value) in terms {
         attributes = attributes.define(&key.try_into().unwrap(), &value.try_into().unwrap()).unwrap();
     }
-    let sensors = node.service_builder(&name).publish_subscribe::<[SensorNode]>().user_header::<SensorsHeader>();
+    let sensors = node.service_builder(&name).publish_subscribe::<[SensorNode]>().user_header::<SlotHeader>();
     let sensors = sensors.create_with_attributes(&attributes).unwrap();
     let event = node.service_builder(&name).event().create().unwrap();
     (folder, (sensors, event, node))
