@@ -2,12 +2,14 @@
 
 use std::ffi::OsString;
 use std::path::PathBuf;
+use std::process::ExitCode;
 
 use clap::{Args, Parser};
-use iceoryx2::prelude::{LogLevel, set_log_level_from_env_or};
+use iceoryx2::prelude::{LogLevel, ipc, set_log_level_from_env_or};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
 use skysink_planner::settings;
+use skysink_planner::strategies::Strategy;
 use skysink_ring::error::NodeError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
@@ -19,10 +21,10 @@ use crate::usage;
 #[derive(Debug, Args)]
 pub struct RingArguments {
     /// Scenario file: the scenario.toml of the run's folder.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", env = "SKYSINK_SCENARIO", hide_env_values = true)]
     pub scenario: PathBuf,
     /// The run's own iceoryx2 folder, as skysink run prints it.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", env = "SKYSINK_RING", hide_env_values = true)]
     pub ring: PathBuf,
 }
 
@@ -52,6 +54,16 @@ pub fn run<A: Args>(
     let stop = stop_on_signals();
     let ended = join(&place).and_then(|(scenario, folder)| node(&scenario, &folder, &stop, &own));
     exit(role, ended)
+}
+
+/// Runs an executable that plans by `strategy`, in the place of Skysink's planner: started by `skysink run --planner`,
+/// or by hand with `--scenario` and `--ring` for `skysink run --external planner`.
+#[must_use]
+pub fn plan_by(strategy: Box<dyn Strategy>) -> ExitCode {
+    let node = |scenario: &_, folder: &_, stop: &_, NoArguments {}: &_| {
+        skysink_planner::node::run_by::<ipc::Service>(scenario, folder, stop, strategy)
+    };
+    run(Role::Planner, std::env::args_os().collect(), node).into()
 }
 
 /// Joins the run: reads its scenario and makes its iceoryx2 domain that of this process.

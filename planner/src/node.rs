@@ -16,7 +16,7 @@ use skysink_ring::role::Role;
 use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 
 use crate::planner::Planner;
-use crate::strategies::{Registered, Timing};
+use crate::strategies::{Registered, Strategy, Timing};
 use skysink_common::estimate::BYTES_EACH;
 
 /// Slots in the journal: the three that a planner may be asked for again, and room for one that is cut.
@@ -68,7 +68,29 @@ impl Journaled {
 /// # Errors
 /// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
-    let has_path = Registered::of(scenario)?.has_path;
+    run_with::<S>(scenario, folder, stop, None)
+}
+
+/// The same by `strategy`, whatever the scenario names.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_by<S: Service + 'static>(
+    scenario: &Scenario,
+    folder: &RingFolder,
+    stop: &Stop,
+    strategy: Box<dyn Strategy>,
+) -> Result<(), NodeError> {
+    run_with::<S>(scenario, folder, stop, Some(strategy))
+}
+
+fn run_with<S: Service + 'static>(
+    scenario: &Scenario,
+    folder: &RingFolder,
+    stop: &Stop,
+    own: Option<Box<dyn Strategy>>,
+) -> Result<(), NodeError> {
+    let has_path = own.is_some() || Registered::of(scenario)?.has_path;
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Planner, stop)?;
     // Before the plans, so that whoever has a plan finds the writer of its path.
     let paths = has_path.then(|| ring.path.list_writer(MAX_PATH_POINTS)).transpose()?;
@@ -78,7 +100,10 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let mut flights = ring.flight.reader(RING_BUFFER)?;
 
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
-    let mut planner = Planner::new(scenario, nodes.payload())?;
+    let mut planner = match own {
+        Some(strategy) => Planner::with_strategy(scenario, nodes.payload(), strategy)?,
+        None => Planner::new(scenario, nodes.payload())?,
+    };
     planner.set_stop(stop);
     let is_paced = ring.terms.pace != Pace::Max;
     if is_paced {
@@ -131,9 +156,11 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
 mod tests {
     use super::*;
     use crate::settings::{self, Knowledge, Rates, change};
+    use crate::strategies::{Decision, View};
+    use crate::waypoint::problem::Waypoint;
     use nalgebra::Point3;
-    use skysink_common::checkpoint::Checkpoint;
-    use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, SensorNode};
+    use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
+    use skysink_common::message::{FlightReport, LinkReport, Mode, Plan, SensorNode, SolverOutcome};
     use skysink_common::pace::Pace;
     use skysink_common::scenario::Overrides;
     use skysink_ring::wait::Waiting;
@@ -224,6 +251,47 @@ mod tests {
                 }
                 assert_eq!(saved(&again.planner), saved(&first.planner), "{:?}, from {from}", scenario.planner);
             }
+        }
+    }
+
+    /// Flies east by 1 m for every slot that it has planned: its plan depends on all slots before.
+    struct Counting(u64);
+
+    impl Checkpoint for Counting {
+        fn save(&self, bytes: &mut Vec<u8>) {
+            encode(&self.0, bytes);
+        }
+
+        fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+            self.0 = decode(bytes)?;
+            Ok(())
+        }
+    }
+
+    impl Strategy for Counting {
+        fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+            self.0 += 1;
+            let point = Point3::new(self.0 as f64, 0.0, view.position.z);
+            Some(Decision::serve(view, &Waypoint { point, outcome: SolverOutcome::Rule }, &[]))
+        }
+    }
+
+    #[test]
+    fn a_strategy_of_ones_own_comes_back_with_its_state() {
+        let scenario = Scenario::letter(Overrides::default()).and_then(settings::resolve).unwrap();
+        let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).unwrap();
+        let process = || {
+            let planner = Planner::with_strategy(&scenario, &nodes(), Box::new(Counting(0))).unwrap();
+            Journaled { planner, journal: journal(&folder, 12).unwrap() }
+        };
+        let flight = FlightReport::at(scenario.start(), Mode::Hold);
+        let mut first = process();
+        for slot in 1..=9 {
+            assert_eq!(first.plan(slot, &flight, &queues(slot)).unwrap().x_m, slot as f64);
+        }
+        let mut again = process();
+        for slot in 8..=10 {
+            assert_eq!(again.plan(slot, &flight, &queues(slot)).unwrap().x_m, slot as f64);
         }
     }
 

@@ -103,7 +103,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
     ) -> Result<Self, RingError> {
         let action = if terms.is_some() { "create it" } else { "open it" };
         let refuse = |error: &dyn Debug| RingError::topic(row.name, action, error);
-        let name = ServiceName::new(&format!("skysink/{}", row.name)).map_err(|error| refuse(&error))?;
+        let name = service_name(row.name)?;
         let mut builder = node.service_builder(&name).publish_subscribe::<P>().user_header::<H>();
         let events = node.service_builder(&name).event();
         if terms.is_some() {
@@ -185,6 +185,11 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Shared<S, P, H> {
             BackpressureAction::Retry
         }
     }
+}
+
+/// The name of the services of a topic.
+pub(crate) fn service_name(topic: &'static str) -> Result<ServiceName, RingError> {
+    ServiceName::new(&format!("skysink/{topic}")).map_err(|error| RingError::topic(topic, "name it", &error))
 }
 
 /// Whether this subscriber only observes.

@@ -24,7 +24,7 @@ use crate::reader::MAX_AHEAD;
 use crate::refusals::Refusals;
 use crate::role::{Role, Seat};
 use crate::survey::{TopicState, Watch, look};
-use crate::topic::{Full, Member, OBSERVER, Row, Topic};
+use crate::topic::{Full, Member, OBSERVER, Row, Topic, service_name};
 use crate::wait::{LateJoiners, PAUSE, WaitContext};
 
 /// Version of the messages and of what they mean; processes of different versions do not meet.
@@ -127,8 +127,10 @@ impl<S: Service + 'static> Ring<S> {
             seat: seat.clone(),
             stop: stop.clone(),
         };
+        if !is_launcher && let Some(theirs) = terms_of(&node)? {
+            agree(folder, &theirs, scenario)?;
+        }
         let sensors = Topic::new(&node, &member, SENSORS, agreed)?;
-        agree(folder, sensors.terms(), scenario)?;
         let wait = WaitContext {
             stop: stop.clone(),
             supervisor: folder.supervisor()?,
@@ -308,6 +310,15 @@ fn attributes(terms: &Terms, scenario: &Scenario) -> Result<AttributeSpecifier, 
         specifier = specifier.define(&key, &value).map_err(|error| refuse(&error))?;
     }
     Ok(specifier)
+}
+
+/// The terms under which the ring was created, whatever the types of its messages; none if it is not there.
+fn terms_of<S: Service>(node: &Node<S>) -> Result<Option<AttributeSet>, RingError> {
+    let refuse = |error: &dyn Debug| RingError::topic("ring", "read its terms", error);
+    let name = service_name(SENSORS.name)?;
+    let details =
+        S::details(&name, node.config(), MessagingPattern::PublishSubscribe).map_err(|error| refuse(&error))?;
+    Ok(details.map(|details| details.static_details.attributes().clone()))
 }
 
 fn agree(folder: &RingFolder, theirs: &AttributeSet, scenario: &Scenario) -> Result<(), RingError> {

@@ -5,7 +5,7 @@ use std::process::Child;
 
 use iceoryx2::prelude::ipc;
 use skysink::worker::quiet_iceoryx2;
-use skysink_common::message::{FLAG_END, FlightReport, Plan, QueuesHeader, SensorNode, SlotHeader};
+use skysink_common::message::{FLAG_END, FlightReport, Limits, Plan, QueuesHeader, SensorNode, SlotHeader};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
 use skysink_planner::Planner;
@@ -28,6 +28,8 @@ pub struct Rogue {
     pub folder: RingFolder,
     pub ring: Ring<ipc::Service>,
     pub sensors: Vec<SensorNode>,
+    /// What came with them.
+    pub limits: Limits,
     planner: Planner,
     wait: WaitContext,
     plans: Writer<ipc::Service, Plan, SlotHeader>,
@@ -94,9 +96,10 @@ impl Rogue {
         let plans = ring.plan.writer().unwrap();
         let mut nodes = ring.sensors.reader(RING_BUFFER).unwrap();
         let (queues, flights) = (ring.queues.reader(RING_BUFFER).unwrap(), ring.flight.reader(RING_BUFFER).unwrap());
-        let sensors = nodes.wait_for_next(&mut wait, 0).unwrap().payload().to_vec();
+        let nodes = nodes.wait_for_next(&mut wait, 0).unwrap();
+        let (sensors, limits) = (nodes.payload().to_vec(), nodes.user_header().limits);
         let planner = Planner::new(&scenario, &sensors).unwrap();
-        Self { scenario, folder, ring, sensors, planner, wait, plans, queues, flights, next: 0 }
+        Self { scenario, folder, ring, sensors, limits, planner, wait, plans, queues, flights, next: 0 }
     }
 
     /// Waits for the next slot that needs a plan; none after the last.

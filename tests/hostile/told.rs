@@ -1,11 +1,25 @@
-//! What an outside planner is told where the queues are estimated.
+//! What an outside planner is told: the limits, and what is known of the queues where they are estimated.
 
 use skysink_common::estimate::{Estimate, Rates};
+use skysink_common::message::Limits;
 use skysink_ring::reader::SlotSample;
 use skysink_ring::topics::RING_BUFFER;
 
-use crate::rogue::{LONG_S, begin_with_rogue};
+use crate::rogue::{LONG_S, SMOKE, begin_with_rogue};
 use crate::support::{Place, end};
+
+#[test]
+fn what_a_plan_has_to_keep_comes_with_the_sensor_nodes() {
+    let place = Place::new();
+    let (run, mut rogue) = begin_with_rogue(&place, SMOKE, LONG_S, &[]);
+    assert_eq!(rogue.limits, Limits::of(&rogue.scenario));
+    assert!(rogue.limits.reach_m > 0.0 && rogue.limits.resource_blocks > 0, "{:?}", rogue.limits);
+    while let Some(turn) = rogue.next() {
+        rogue.send(rogue.header(turn.slot), turn.good);
+    }
+    assert_eq!(end(run).code, Some(0));
+    place.assert_clean();
+}
 
 #[test]
 fn an_outside_planner_is_told_what_the_uav_knows_and_the_recorder_the_truth() {

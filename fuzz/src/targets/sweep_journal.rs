@@ -4,7 +4,7 @@ use std::path::Path;
 
 use skysink_lab::sweep::journal::{MissionRows, SweepJournal, check_seed, checked_line, read};
 use skysink_lab::sweep::plan::Definition;
-use skysink_planner::strategies::STRATEGIES;
+use skysink_planner::strategies::names;
 
 use super::place::{in_folder, write};
 
@@ -50,7 +50,7 @@ fn sweep() -> Definition {
         version: String::new(),
         keys: vec!["slots".to_owned()],
         points: (1..=4).map(|slots| vec![slots.into()]).collect(),
-        strategies: STRATEGIES.to_vec(),
+        strategies: names().map(str::to_owned).to_vec(),
         seeds: (0..10).collect(),
     }
 }

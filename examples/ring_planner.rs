@@ -1,0 +1,38 @@
+//! A planner of one's own in the ring: to the fullest queue within reach, then the n fullest in range, as `gfs` does.
+//! It is started by `skysink run SCENARIO --planner target/debug/examples/ring_planner`, or by hand.
+
+use std::cmp::Reverse;
+use std::process::ExitCode;
+
+use skysink::worker;
+use skysink_common::checkpoint::Checkpoint;
+use skysink_common::geometry::{Position, above, within};
+use skysink_common::message::SolverOutcome;
+use skysink_planner::strategies::{Decision, Strategy, View};
+use skysink_planner::waypoint::problem::Waypoint;
+
+struct Greedy;
+
+impl Checkpoint for Greedy {} // it has no state
+
+impl Strategy for Greedy {
+    fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+        let table = view.table;
+        let fullest_first = |&id: &u32| (Reverse(view.queues_bits[id as usize]), id);
+        let around =
+            |place: Position, radius_m| table.ids().filter(move |&id| within(table.position(id), &place, radius_m));
+        let goal = around(view.ground(), table.reach_m).min_by_key(fullest_first)?; // without one, in transit
+        let ground = *table.position(goal);
+        let mut served: Vec<u32> = around(ground, table.comm_radius_m).collect();
+        served.sort_unstable_by_key(fullest_first);
+        served.truncate(table.resource_blocks);
+        served.sort_unstable();
+        let waypoint = Waypoint { point: above(&ground, view.position.z), outcome: SolverOutcome::Rule };
+        Some(Decision::serve(view, &waypoint, &served))
+    }
+}
+
+/// Plans until the mission ends.
+pub fn main() -> ExitCode {
+    worker::plan_by(Box::new(Greedy))
+}

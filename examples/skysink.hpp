@@ -1,0 +1,265 @@
+// The messages of Skysink's ring (docs/interfaces.md), generated from common/src/message.rs by
+// cargo test --workspace --test ring_planners -- --refresh
+
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace skysink {
+
+/// Most resource blocks of a UAV: messages hold this many served sensor nodes.
+constexpr static const size_t MAX_RESOURCE_BLOCKS = 64;
+
+/// Most sensor nodes in one plan.
+constexpr static const size_t MAX_SERVED = MAX_RESOURCE_BLOCKS;
+
+/// Most points of a path.
+constexpr static const size_t MAX_PATH_POINTS = 64;
+
+/// Id of no sensor node.
+constexpr static const uint32_t NOBODY = UINT32_MAX;
+
+/// [`SlotHeader::flags`]: the last slot of the mission; nothing follows.
+constexpr static const uint32_t FLAG_END = 1;
+
+/// What the UAV does in a slot, by its number in messages and its name in `slots.csv`; an unknown number is a hold.
+enum class Mode : uint32_t {
+    /// Flies to the strategy's own waypoint and serves there.
+    Serve,
+    /// Flies straight toward the fullest queue because nobody can be served from the strategy's reach.
+    Transit,
+    /// Stays where it is and serves nobody.
+    Hold,
+};
+
+/// How the waypoint was found, by its number in messages; an unknown one, from a planner of somebody else, is its own
+/// rule.
+enum class SolverOutcome : uint32_t {
+    /// By the strategy's own rule; no problem was solved.
+    Rule,
+    /// By the chosen solver.
+    Solved,
+    /// Not by the chosen solver, which gave no usable point: by the geometric one, or the centre that `exact` found.
+    Fallback,
+};
+
+/// Why the UAV held its position, by its number in messages; an unknown one is none.
+enum class HoldReason : uint32_t {
+    /// It did not hold.
+    None,
+    /// No plan was there when the slot began.
+    NoPlan,
+    /// The waypoint was not finite, out of reach or outside the area.
+    Waypoint,
+};
+
+/// User header of every sample; that of `sensors` and `queues` begins with it.
+struct SlotHeader {
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.SlotHeader.v1";
+    /// The run that the sample belongs to.
+    uint64_t mission;
+    /// The slot, from 1; 0 is the state before the first.
+    uint64_t slot;
+    /// Restart count of the writer.
+    uint32_t epoch;
+    /// [`FLAG_END`].
+    uint32_t flags;
+    /// When it was sent, on the monotonic clock [ns].
+    uint64_t sent_ns;
+};
+
+/// What every plan of a mission has to keep, so that a planner needs no scenario file.
+struct Limits {
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.Limits.v1";
+    /// The area, 0 to this, east [m].
+    double width_m;
+    /// The area, 0 to this, north [m].
+    double height_m;
+    /// Farthest horizontal flight in one slot, `V_max τ` [m].
+    double reach_m;
+    /// Farthest horizontal distance at which a sensor node can be served, `d_c` [m].
+    double comm_radius_m;
+    /// Length of a slot, `τ` [s].
+    double slot_s;
+    /// Time to communicate at the end of a slot, `τ_c` [s].
+    double comm_s;
+    /// Lowest altitude [m]; `H` where it is fixed.
+    double min_altitude_m;
+    /// Highest altitude [m]; `H` where it is fixed.
+    double max_altitude_m;
+    /// Farthest climb or descent in one slot [m]; 0 where the altitude is fixed.
+    double climb_m;
+    /// Slots of the mission, `T`.
+    uint64_t slots;
+    /// Resource blocks `n`: the most sensor nodes served in a slot.
+    uint32_t resource_blocks;
+    /// Zero.
+    uint32_t reserved;
+};
+
+/// User header of `sensors`.
+struct SensorsHeader {
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.SensorsHeader.v1";
+    /// Mission and slot.
+    SlotHeader head;
+    /// What every plan has to keep.
+    Limits limits;
+};
+
+/// Payload element of `sensors`: one sensor node.
+struct SensorNode {
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.SensorNode.v1";
+    /// Position, east [m].
+    double x_m;
+    /// Position, north [m].
+    double y_m;
+    /// Reference channel gain at 1 m, `α_i`, as a linear ratio.
+    double gain;
+    /// Sampling rate `s_i` [bit/s].
+    double sampling_bps;
+    /// Buffer `B` [bit].
+    uint32_t capacity_bits;
+    /// Zero.
+    uint32_t reserved;
+};
+
+/// Bits of the whole field since the mission's start.
+struct Totals {
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.Totals.v1";
+    /// Queued before slot 1.
+    uint64_t initial_bits;
+    /// Sampled by the sensor nodes.
+    uint64_t sampled_bits;
+    /// Uploaded to the UAV.
+    uint64_t delivered_bits;
+    /// Thrown away by full buffers, `Σ D_i` (UTS eq. 8).
+    uint64_t lost_bits;
+    /// Queued now.
+    uint64_t queued_bits;
+    /// `Σ_t Σ_i D_i(t) / (s_i τ)`: the loss in slots' worth of sampling, for the paper's own figure of merit. 0 in a
+    /// [`Ledger`], which does not know the rates.
+    double lost_slots;
+};
+
+/// User header of `queues`.
+struct QueuesHeader {
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.QueuesHeader.v1";
+    /// Mission and slot.
+    SlotHeader head;
+    /// Every bit since the mission's start, after this slot.
+    Totals totals;
+    /// Bits uploaded in this slot.
+    uint64_t delivered_bits;
+    /// Bits lost in this slot.
+    uint64_t lost_bits;
+};
+
+/// Payload of `plan`: whom to serve in the slot, and from where.
+struct Plan {
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.Plan.v1";
+    /// Waypoint at the end of the slot, east [m].
+    double x_m;
+    /// Waypoint, north [m].
+    double y_m;
+    /// Waypoint, up [m].
+    double z_m;
+    /// Bits that the planner expects to collect in the slot.
+    uint64_t expected_bits;
+    /// Time that planning took [ns]; 0 where nobody measured.
+    uint64_t plan_ns;
+    /// Centres [m] of the five candidate circles of the winning anchor, C1 to C5; NaN where there are none.
+    double circles_m[5][2];
+    /// Anchor SN i of the winning set, or [`NOBODY`].
+    uint32_t anchor;
+    /// Its partner SN k, or [`NOBODY`].
+    uint32_t partner;
+    /// Which circle won, from 0; 5 or more: none.
+    uint32_t chosen;
+    /// [`Mode`], as a number.
+    uint32_t mode;
+    /// [`SolverOutcome`], as a number.
+    uint32_t solver;
+    /// How many of `ids` count.
+    uint32_t served;
+    /// Scheduled sensor nodes, ascending.
+    uint32_t ids[MAX_SERVED];
+};
+
+/// Payload element of `path`: a planned waypoint. The first is that of the slot's own plan.
+struct PathPoint {
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.PathPoint.v1";
+    /// East [m].
+    double x_m;
+    /// North [m].
+    double y_m;
+    /// Up [m].
+    double z_m;
+};
+
+/// One served link of a slot.
+struct LinkReport {
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.LinkReport.v1";
+    /// The sensor node.
+    uint32_t sensor;
+    /// 1 in line of sight, 0 not.
+    uint32_t line_of_sight;
+    /// Horizontal distance `d` [m].
+    double distance_m;
+    /// Elevation angle of the UAV, seen from the sensor node [deg].
+    double elevation_deg;
+    /// Rate `r_i` [bit/s].
+    double rate_bps;
+    /// Whole bits that the link can carry in the slot, `floor(r_i τ_c)`.
+    uint64_t capacity_bits;
+};
+
+/// Payload of `flight`: where the UAV is after the slot, and what each of its links can carry.
+struct FlightReport {
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.FlightReport.v1";
+    /// Position, east [m].
+    double x_m;
+    /// Position, north [m].
+    double y_m;
+    /// Position, up [m].
+    double z_m;
+    /// [`Mode`] flown, as a number.
+    uint32_t mode;
+    /// [`HoldReason`], as a number.
+    uint32_t hold;
+    /// Requests of the plan that were refused: sensor nodes, or the waypoint.
+    uint32_t refused;
+    /// How many of `links` count.
+    uint32_t served;
+    /// The served links, by ascending sensor node.
+    LinkReport links[MAX_SERVED];
+};
+
+/// Payload of `tick`, in paced runs: the slot in the sample's header begins now.
+struct Tick {
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.Tick.v1";
+    /// Wall time from one slot to the next [ns].
+    uint64_t period_ns;
+};
+
+/// Payload of `commit`: the slot in the sample's header is on record.
+struct Commit {
+    static constexpr const char* IOX2_TYPE_NAME = "skysink.Commit.v1";
+    /// Chained hash of the slot records up to this one.
+    uint64_t hash;
+};
+
+}  // namespace skysink
+
+static_assert(sizeof(skysink::SlotHeader) == 32, "the layout of docs/interfaces.md");
+static_assert(sizeof(skysink::SensorsHeader) == 120, "the layout of docs/interfaces.md");
+static_assert(sizeof(skysink::Limits) == 88, "the layout of docs/interfaces.md");
+static_assert(sizeof(skysink::SensorNode) == 40, "the layout of docs/interfaces.md");
+static_assert(sizeof(skysink::QueuesHeader) == 96, "the layout of docs/interfaces.md");
+static_assert(sizeof(skysink::Totals) == 48, "the layout of docs/interfaces.md");
+static_assert(sizeof(skysink::Plan) == 400, "the layout of docs/interfaces.md");
+static_assert(sizeof(skysink::PathPoint) == 24, "the layout of docs/interfaces.md");
+static_assert(sizeof(skysink::FlightReport) == 2600, "the layout of docs/interfaces.md");
+static_assert(sizeof(skysink::LinkReport) == 40, "the layout of docs/interfaces.md");
+static_assert(sizeof(skysink::Tick) == 8, "the layout of docs/interfaces.md");
+static_assert(sizeof(skysink::Commit) == 8, "the layout of docs/interfaces.md");

@@ -1,0 +1,136 @@
+//! Planners of one's own in the ring: the examples in Rust and C++ fly what `gfs` flies, also when they are killed.
+//!
+//! The program is the example in Rust as well: `skysink run --planner` starts it as one, without an argument.
+
+mod header;
+
+#[path = "../../examples/ring_planner.rs"]
+mod ring_planner;
+#[path = "../support/mod.rs"]
+mod support;
+
+use std::env;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitCode};
+
+use libtest_mimic::{Arguments, Trial};
+use support::{Place, end, lines, until};
+
+const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+
+/// A scenario long enough to kill a planner in, which begins in transit: from the start no SN is within reach.
+const LONG: &str = "\
+name = 'long'
+slots = 3000
+area.side_m = 900.0
+sensors.count = 60
+uav = { start_m = [0.0, 0.0], endurance_s = 1e6 }
+";
+
+fn main() -> ExitCode {
+    if env::var_os("SKYSINK_RING").is_some() {
+        return ring_planner::main();
+    }
+    if env::args().nth(1).is_some_and(|argument| argument == "--refresh") {
+        header::refresh();
+        return ExitCode::SUCCESS;
+    }
+    let test = |name: &str, run: fn()| {
+        Trial::test(name, move || {
+            run();
+            Ok(())
+        })
+    };
+    let tests = vec![
+        test("the_header_for_cpp_is_what_the_types_generate", header::is_what_the_types_generate),
+        test("a_strategy_in_rust_flies_what_it_flies_in_process", in_rust_as_a_command),
+        test("a_strategy_in_rust_that_is_killed_flies_the_same", in_rust_by_hand_and_killed),
+        test("a_planner_in_cpp_flies_the_same_also_when_it_is_killed", in_cpp),
+    ];
+    libtest_mimic::run(&Arguments::from_args(), tests).exit_code()
+}
+
+fn in_rust_as_a_command() {
+    assert_flies_smoke_as_gfs(&env::current_exe().unwrap());
+}
+
+fn in_rust_by_hand_and_killed() {
+    assert_survives_being_killed(&env::current_exe().unwrap());
+}
+
+fn in_cpp() {
+    let place = Place::new();
+    let Some(planner) = compiled(&place) else { return };
+    assert_flies_smoke_as_gfs(&planner);
+    assert_survives_being_killed(&planner);
+}
+
+/// The example in C++, compiled; `None` where CMake, a compiler or iceoryx2's C++ bindings are missing, with a line
+/// that says so.
+fn compiled(place: &Place) -> Option<PathBuf> {
+    let build = place.path("build");
+    let source = format!("{ROOT}/examples");
+    let configured = Command::new("cmake").arg("-S").arg(source).arg("-B").arg(&build).output();
+    let missing = match configured {
+        Err(error) => format!("cmake: {error}"),
+        Ok(output) if !output.status.success() => {
+            let said = String::from_utf8_lossy(&output.stderr).into_owned();
+            said.lines().map(str::trim).filter(|line| !line.is_empty()).take(3).collect::<Vec<_>>().join(" ")
+        }
+        Ok(_) => {
+            let built = Command::new("cmake").arg("--build").arg(&build).output().unwrap();
+            assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stdout));
+            return Some(build.join("ring_planner"));
+        }
+    };
+    println!("the planner in C++ was skipped: {missing}");
+    None
+}
+
+/// Fails unless the planner, started and supervised by `skysink run`, leaves the trace of `gfs` in one process.
+fn assert_flies_smoke_as_gfs(planner: &Path) {
+    let place = Place::new();
+    let smoke = format!("{ROOT}/scenarios/smoke.toml");
+    place.run_well(&["simulate", &smoke, "--strategy", "gfs", "--out", "alone"]);
+    let run = ["run", &smoke, "--no-viewer", "--out", "run", "--planner", planner.to_str().unwrap(), "--label", "mine"];
+    let ended = place.run_well(&run);
+    assert!(ended.stdout.contains(" · mine · "), "{ended:?}");
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"), "{}", planner.display());
+    let summary = place.summary("run");
+    assert_eq!((&summary["restarts"], &summary["refused_messages"]), (&0.into(), &0.into()), "{summary}");
+    place.assert_clean();
+}
+
+/// Fails unless the planner, started by hand, killed and started again, leaves the same trace.
+fn assert_survives_being_killed(planner: &Path) {
+    let place = Place::new();
+    place.write("long.toml", LONG);
+    place.run_well(&["simulate", "long.toml", "--strategy", "gfs", "--out", "alone"]);
+    let alone = place.read("alone/slots.csv");
+    for mode in ["serve", "transit"] {
+        assert!(alone.contains(mode), "the scenario shows no {mode}");
+    }
+    let said = File::create(place.path("said")).unwrap();
+    let run = ["run", "long.toml", "--no-viewer", "--out", "run", "--external", "planner"];
+    let run = place.skysink(&run).stderr(said).spawn().unwrap();
+    until("ring", || place.read("said").contains("waiting up to 600 s for planner").then_some(()));
+    for killed_after in [100, 1000] {
+        let mut planner = by_hand(&place, planner);
+        until("flight", || (lines(&place.path("run/slots.csv")) > killed_after).then_some(()));
+        planner.kill().unwrap();
+        assert_eq!(end(planner).signal, Some(9));
+    }
+    assert_eq!(end(by_hand(&place, planner)).code, Some(0));
+    assert_eq!(end(run).code, Some(0), "{}", place.read("said"));
+    assert_eq!(alone, place.read("run/slots.csv"), "{}", planner.display());
+    place.assert_clean();
+}
+
+/// The planner, started for the ring of the place.
+fn by_hand(place: &Place, planner: &Path) -> Child {
+    let ring = until("ring", || place.rings().into_iter().find(|ring| place.ring_file(ring).exists()));
+    let folder = place.ring_file(&ring).parent().unwrap().to_owned();
+    let mut command = place.command(planner.to_str().unwrap(), &[]);
+    command.env("SKYSINK_RING", folder).env("SKYSINK_SCENARIO", place.path("run/scenario.toml")).spawn().unwrap()
+}
