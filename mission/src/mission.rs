@@ -253,3 +253,67 @@ impl Iterator for Mission {
         Some(FlownSlot { plan, flight: self.world.report, header })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skysink_common::message::Mode;
+    use skysink_common::scenario::Overrides;
+    use skysink_planner::settings;
+
+    /// A world over a field with losses, and one plan for each of its first slots.
+    fn world(knowledge: Option<skysink_common::estimate::Rates>) -> (World, Vec<Plan>) {
+        let text = "name = 'x'\nslots = 40\n[sensors]\nsampling_bps = [50.0, 900.0]\n[uav]\nmax_speed_mps = 9.0\n";
+        let path = std::path::Path::new("x.toml");
+        let scenario = Scenario::parse(text, path, Overrides::default()).and_then(settings::resolve).unwrap();
+        let list = SensorList::of(&scenario).unwrap();
+        let plans = Mission::new(&scenario, &list).unwrap().map(|flown| flown.plan).collect();
+        let world = World::new(&scenario, &list);
+        let estimate = knowledge.map(|rates| Estimate::new(&scenario, rates, &list.nodes()));
+        (estimate.into_iter().fold(world, World::telling), plans)
+    }
+
+    fn saved(world: &World) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        world.save(&mut bytes);
+        bytes
+    }
+
+    #[test]
+    fn a_restored_world_and_a_clone_fly_on_as_the_first_would() {
+        for knowledge in [None, Some(skysink_common::estimate::Rates::Learnt)] {
+            let (mut world, plans) = world(knowledge);
+            plans[..25].iter().for_each(|plan| drop(world.fly(Some(plan))));
+            let mut clone = world.clone();
+            let (mut restored, _) = self::world(knowledge);
+            restored.restore(&saved(&world)).unwrap();
+            for plan in &plans[25..] {
+                let header = world.fly(Some(plan));
+                assert!(header.totals.lost_bits > 0, "nothing to compare");
+                for other in [&mut clone, &mut restored] {
+                    assert_eq!(other.fly(Some(plan)), header);
+                    assert_eq!((other.last_flight(), other.field()), (world.last_flight(), world.field()));
+                    assert_eq!(other.told_bits().map(<[u32]>::to_vec), world.told_bits().map(<[u32]>::to_vec));
+                }
+            }
+            assert!(world.is_over() && restored.is_over());
+        }
+    }
+
+    #[test]
+    fn what_no_world_has_saved_is_refused_and_changes_nothing() {
+        let (mut flown, plans) = world(None);
+        flown.fly(Some(&plans[0]));
+        let bytes = saved(&flown);
+        let (mut world, _) = world(None);
+        for bytes in [&bytes[..bytes.len() - 1], &[], &[&bytes[..], &[0]].concat()] {
+            assert!(world.restore(bytes).is_err());
+        }
+        let mut elsewhere = bytes.clone();
+        elsewhere[0] = 2; // the slot, which is not that of the field
+        assert!(world.restore(&elsewhere).is_err());
+        elsewhere[0] = 41; // beyond the mission
+        assert!(world.restore(&elsewhere).is_err());
+        assert_eq!((world.slot(), world.last_flight().mode), (0, Mode::Hold as u32));
+    }
+}

@@ -31,7 +31,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from skysink._skysink import Decision, EnvironmentCore, Field, Run, Scenario, VectorCore
+from skysink._skysink import Decision, EnvironmentCore, Field, InputError, Run, Scenario, VectorCore
 from skysink.flight import scenario_of
 
 ID = "skysink/DataCollection-v0"
@@ -60,8 +60,9 @@ def _spaces(field: Field, observation: Sequence[str]) -> tuple[Any, Any]:
     shapes = {"uav": (3,), "queues": (count,), "slot": (1,), "positions": (count, 2)}
     unknown = [name for name in observation if name not in shapes]
     if unknown or not set(OBSERVED) <= set(observation):
-        raise ValueError(f"observation={tuple(observation)}: expected {OBSERVED}, and positions if wanted")
-    boxes: dict[str, spaces.Space[Any]] = {name: spaces.Box(0.0, 1.0, shapes[name], np.float32) for name in shapes if name in observation}
+        raise InputError(f"observation={tuple(observation)}: expected {OBSERVED}, and positions if wanted")
+    observed = [name for name in shapes if name in observation]
+    boxes: dict[str, spaces.Space[Any]] = {name: spaces.Box(0.0, 1.0, shapes[name], np.float32) for name in observed}
     axes = 3 if field.climb_m > 0 else 2
     return spaces.Dict(boxes), spaces.Box(-1.0, 1.0, (axes,), np.float32)
 
@@ -90,7 +91,9 @@ class DataCollectionEnv(gymnasium.Env[Observation, Action]):
         self.observation_space, self.action_space = _spaces(self._core.field, observation)
         self._is_new = True
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
         """Begins an episode; ``info["seed"]`` is its seed of Skysink."""
         super().reset(seed=seed)
         following = self._core.number if self._is_new else self._core.number + 1
@@ -187,7 +190,7 @@ class DataCollectionVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
             following = [seed + index for index in range(self.num_envs)]
         elif seed is not None:
             if len(seed) != self.num_envs:
-                raise ValueError(f"{len(seed)} seeds: expected {self.num_envs}")
+                raise InputError(f"{len(seed)} seeds: expected {self.num_envs}")
             following = [number if one is None else one for one, number in zip(seed, following, strict=True)]
         mask = (options or {}).get("reset_mask")
         observation = self._core.reset(following, None if mask is None else [bool(one) for one in mask])

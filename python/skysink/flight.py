@@ -34,7 +34,8 @@ def simulate(
     Raises :class:`skysink.InputError` for bad input. What a strategy in Python raises comes through, with a note of
     the slot.
     """
-    return _skysink.simulate(scenario_of(scenario), None if strategy is None else make(strategy), seed=seed, label=label)
+    flown = None if strategy is None else make(strategy)
+    return _skysink.simulate(scenario_of(scenario), flown, seed=seed, label=label)
 
 
 def compare(

@@ -104,8 +104,10 @@ class Ring:
 
     def wait(self) -> None:
         """Waits for a notification, but not for ever; ends the program on SIGTERM and SIGINT."""
-        self.plans.update_connections()  # whoever has joined gets the plan sent last
-        _, result = self.wait_set.wait_and_process_with_timeout(POLL)
+        woken, result = self.wait_set.wait_and_process_with_timeout(POLL)
+        if not list(woken):  # whoever was started again meanwhile gets the last plans
+            self.plans.update_connections()
+            self.plan_events.notify()
         if result in (iox2.WaitSetRunResult.TerminationRequest, iox2.WaitSetRunResult.Interrupt):
             raise SystemExit(0)
         for listener in self.listeners:

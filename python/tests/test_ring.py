@@ -114,14 +114,16 @@ def test_a_strategy_in_python_has_the_bytes_of_the_same_in_rust(place: Path, kno
     assert json.loads((place / "run" / "summary.json").read_text())["strategy"] == "mine"
 
 
-@pytest.mark.parametrize("file", ["mine.py", "counting.py"])
-def test_killed_and_started_again_it_flies_the_same(place: Path, file: str) -> None:
+@pytest.mark.parametrize(
+    ("file", "killed"), [("mine.py", "mine.py"), ("counting.py", "counting.py"), ("mine.py", "flight-sim")]
+)
+def test_killed_and_started_again_it_flies_the_same(place: Path, file: str, killed: str) -> None:
     planner = ["run", "long.toml", "--no-viewer", "--planner", f"{sys.executable} {file}"]
     run(*planner, "--out", "whole", cwd=place)
     process = begin(place, *planner, "--out", "run")
     for kill in range(1, 4):
         until("flight", process, lambda kill=kill: slots(place) > 300 * kill)
-        for planner_id in children(process, file):
+        for planner_id in children(process, killed):
             os.kill(planner_id, signal.SIGKILL)
     assert end(process) == 0, (place / "said").read_text()
     same_files(place / "whole", place / "run", ["slots.csv"])
@@ -146,7 +148,8 @@ def test_it_is_started_by_hand_and_ends_on_a_signal(place: Path) -> None:
 
 
 def test_what_a_strategy_raises_ends_the_run_and_is_shown(place: Path) -> None:
-    (place / "fails.py").write_text(MINE.replace("def plan(self, view):", "def plan(self, view):\n        1 / (view.slot < 9)"))
+    failing = MINE.replace("def plan(self, view):", "def plan(self, view):\n        1 / (view.slot < 9)")
+    (place / "fails.py").write_text(failing)
     arguments = [str(ROOT / "scenarios" / "smoke.toml"), "--no-viewer", "--planner", f"{sys.executable} fails.py"]
     failed = run("run", *arguments, "--out", "run", cwd=place, code=1)
     assert "ZeroDivisionError" in failed.stderr
@@ -154,6 +157,8 @@ def test_what_a_strategy_raises_ends_the_run_and_is_shown(place: Path) -> None:
 
 
 def test_a_folder_that_is_no_ring_is_refused(place: Path) -> None:
-    result = subprocess.run([sys.executable, "mine.py"], cwd=place, capture_output=True, text=True, timeout=60, env={**environment(), "SKYSINK_RING": str(place)})
+    no_ring = {**environment(), "SKYSINK_RING": str(place)}
+    words = [sys.executable, "mine.py"]
+    result = subprocess.run(words, cwd=place, capture_output=True, text=True, timeout=60, env=no_ring)
     assert result.returncode != 0
     assert "expected the folder of a running ring" in result.stderr

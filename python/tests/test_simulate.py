@@ -60,7 +60,8 @@ def test_every_bit_of_the_queues_is_accounted_for(smoke: skysink.Scenario) -> No
     slots, queues = flown.slots, flown.queues.astype(np.int64)
     assert queues.shape == (61, 40)
     assert np.array_equal(queues[1:].sum(axis=1), slots["queued_bits"])
-    sampled = np.diff(queues.sum(axis=1)) + slots["delivered_bits"].astype(np.int64) + slots["lost_bits"].astype(np.int64)
+    gone = slots["delivered_bits"].astype(np.int64) + slots["lost_bits"].astype(np.int64)
+    sampled = np.diff(queues.sum(axis=1)) + gone
     assert (sampled == 40 * 100).all()  # 100 bit/s, slots of a second
     assert flown.loss_rate == flown.metrics["loss_rate"] == slots["lost_bits"].sum() / sampled.sum()
 

@@ -129,7 +129,8 @@ def test_a_dask_cluster_of_which_a_worker_is_killed_gives_the_same_bytes(
 
 def test_ray_of_which_a_worker_is_killed_gives_the_same_bytes(by_command: Path, file: Path, tmp_path: Path) -> None:
     ray = pytest.importorskip("ray")
-    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, runtime_env={"env_vars": {"PYTHONPATH": os.path.dirname(__file__)}})
+    here = {"env_vars": {"PYTHONPATH": os.path.dirname(__file__)}}
+    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False, runtime_env=here)
     try:
         executor = types.SimpleNamespace(submit=lambda task, *arguments: ray.remote(task).remote(*arguments).future())
         skysink.sweep(file, tmp_path / "mine", executor=Killing(executor, tmp_path / "killed"))

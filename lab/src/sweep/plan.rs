@@ -302,3 +302,41 @@ fn grid(axes: &[(String, Vec<toml::Value>)]) -> Vec<Vec<toml::Value>> {
     }
     points
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skysink_common::scenario::LETTER;
+
+    fn sweep(strategies: &[&str], version: &str) -> Result<Sweep, LabError> {
+        let base = SweepBase { path: "letter.toml".into(), table: LETTER.parse().unwrap() };
+        let names = strategies.iter().map(|&name| name.to_owned()).collect();
+        let outside = vec![OutsideStrategy { name: "python:mine.py:Mine".to_owned(), version: version.to_owned() }];
+        Sweep::new(Path::new("x"), base, toml::Table::new(), names, vec![1, 2], outside)
+    }
+
+    #[test]
+    fn an_outside_strategy_is_flown_by_whoever_names_it_over_the_same_field() {
+        let sweep = sweep(&["uts", "python:mine.py:Mine"], "1").unwrap();
+        let key = |strategy| MissionKey { point: 0, strategy, seed: 2 };
+        assert_eq!(sweep.strategy(key(0)).unwrap().name, "uts");
+        assert_eq!(sweep.strategy(key(1)), None);
+        let fields = [0, 1].map(|strategy| SensorList::of(&sweep.scenario(key(strategy)).unwrap()).unwrap());
+        assert_eq!(fields[0], fields[1]);
+    }
+
+    #[test]
+    fn another_version_of_an_outside_strategy_makes_another_sweep() {
+        let identity = |version: &str| sweep(&["python:mine.py:Mine"], version).unwrap().definition.identity;
+        assert_eq!(identity("1"), identity("1"));
+        assert_ne!(identity("1"), identity("2"));
+    }
+
+    #[test]
+    fn a_strategy_that_nobody_has_is_refused() {
+        for (name, expected) in [("utz", "did you mean `uts`?"), ("python:other.py:X", "skysink.sweep()")] {
+            let refusal = sweep(&["uts", name], "1").unwrap_err().to_string();
+            assert!(refusal.contains(name) && refusal.contains(expected), "{refusal}");
+        }
+    }
+}
