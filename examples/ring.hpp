@@ -115,6 +115,7 @@ inline int plan_slots(const std::function<Plan(const View&)>& plan_slot) {
     auto state = queues.receive().value(); // the queues to be answered
     std::map<uint64_t, FlightReport> reports; // by slot
     uint64_t next = 0;
+    uint64_t connected_ns = now_ns();
     auto ran = WaitSetRunResult::AllEventsHandled;
     while (ran == WaitSetRunResult::AllEventsHandled) {
         // Events only wake, and may be lost: all events are taken, then all samples, whatever woke this process.
@@ -155,13 +156,10 @@ inline int plan_slots(const std::function<Plan(const View&)>& plan_slot) {
             }
             state = queues.receive().value();
         }
-        bool is_woken = false;
-        const auto wake = [&](auto) {
-            is_woken = true;
-            return CallbackProgression::Continue;
-        };
+        const auto wake = [](auto) { return CallbackProgression::Continue; };
         ran = waitset.wait_and_process_once_with_timeout(wake, bb::Duration::from_millis(100)).value();
-        if (!is_woken) { // perhaps because a reader was started again: it gets the last plans
+        if (now_ns() - connected_ns >= 100'000'000) { // a reader that was started again gets the last plans
+            connected_ns = now_ns();
             plans.update_connections().value();
             planned.notify().value();
         }

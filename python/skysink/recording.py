@@ -42,15 +42,18 @@ def show(run: Run, width: int | None = None, height: int | None = None) -> None:
 def record(run: Run) -> Any:
     """The run as a stream of rerun: sensor nodes by how full they are, the UAV, its path, and loss over the slots."""
     import rerun as rr
+    import rerun.blueprint as rrb
 
     field, slots, queues = run.field, run.slots, run.queues
     stream = rr.RecordingStream("skysink")
-    path = np.column_stack((slots["x_m"], slots["y_m"]))
+    height_m = field.area_m[1]
+    path = np.column_stack((slots["x_m"], height_m - slots["y_m"]))  # in a picture y points down: north is up
+    sensors = np.column_stack((field.positions_m[:, 0], height_m - field.positions_m[:, 1]))
     full = (queues[1:].astype(np.float64) / max(field.capacity_bits, 1) * (RAMP - 1)).astype(np.uint32)
     colours = _ramp()[full].ravel()
     time = [rr.TimeColumn("slot", sequence=slots["slot"])]
     rr.log("field/area", rr.Boxes2D(mins=[0, 0], sizes=[field.area_m]), static=True, recording=stream)
-    rr.log("field/sensors", rr.Points2D(field.positions_m, radii=rr.Radius.ui_points(4)), static=True, recording=stream)
+    rr.log("field/sensors", rr.Points2D(sensors, radii=rr.Radius.ui_points(4)), static=True, recording=stream)
     rr.log("field/path", rr.LineStrips2D([path]), static=True, recording=stream)
     counts = [len(field)] * len(run)
     rr.send_columns("field/sensors", time, rr.Points2D.columns(colors=colours).partition(counts), recording=stream)
@@ -58,6 +61,9 @@ def record(run: Run) -> Any:
     lost = np.cumsum(slots["lost_bits"])
     for name, values in [("lost_bits", lost), ("queued_bits", slots["queued_bits"])]:
         rr.send_columns(name, time, rr.Scalars.columns(scalars=values.astype(np.float64)), recording=stream)
+    curves = rrb.Vertical(rrb.TimeSeriesView(origin="lost_bits"), rrb.TimeSeriesView(origin="queued_bits"))
+    views = rrb.Horizontal(rrb.Spatial2DView(origin="field"), curves)
+    rr.send_blueprint(rrb.Blueprint(views, collapse_panels=True), recording=stream)
     return stream
 
 

@@ -27,7 +27,10 @@ from skysink.strategy import Strategy, make
 END = 1
 """Flag of the last slot's queues, and of the commit that releases the ring."""
 
-POLL = iox2.Duration.from_millis(100)
+POLL_S = 0.1
+"""How often to look whether somebody has joined [s]."""
+
+POLL = iox2.Duration.from_secs_f64(POLL_S)
 """How long to wait at most before looking for samples again: notifications can be lost."""
 
 STATE = "planner-state.json"
@@ -101,11 +104,14 @@ class Ring:
         self.wait_set = iox2.WaitSetBuilder.new().create(iox2.ServiceType.Ipc)
         self.guards = [self.wait_set.attach_notification(listener) for listener in self.listeners]
         self.positions: dict[int, tuple[float, float, float]] = {}
+        self.connected = time.monotonic()
 
     def wait(self) -> None:
         """Waits for a notification, but not for ever; ends the program on SIGTERM and SIGINT."""
-        woken, result = self.wait_set.wait_and_process_with_timeout(POLL)
-        if not list(woken):  # whoever was started again meanwhile gets the last plans
+        _, result = self.wait_set.wait_and_process_with_timeout(POLL)
+        now = time.monotonic()
+        if now - self.connected >= POLL_S:  # whoever was started again meanwhile gets the last plans
+            self.connected = now
             self.plans.update_connections()
             self.plan_events.notify()
         if result in (iox2.WaitSetRunResult.TerminationRequest, iox2.WaitSetRunResult.Interrupt):
