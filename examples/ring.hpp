@@ -75,8 +75,8 @@ inline uint64_t now_ns() {
     return std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
 }
 
-// Calls `plan_slot` for each slot of the ring in the folder SKYSINK_RING, until the mission or this
-// process is asked to end. Whatever iceoryx2 refuses ends the process.
+// Calls `plan_slot` for each slot of the ring in the folder SKYSINK_RING, until the mission ends or a signal comes.
+// Whatever iceoryx2 refuses ends the process.
 inline int plan_slots(const std::function<Plan(const View&)>& plan_slot) {
     using namespace iox2;
     const char* folder = std::getenv("SKYSINK_RING");
