@@ -283,7 +283,9 @@ mod tests {
     fn a_restored_world_and_a_clone_fly_on_as_the_first_would() {
         for knowledge in [None, Some(skysink_common::estimate::Rates::Learnt)] {
             let (mut world, plans) = world(knowledge);
-            plans[..25].iter().for_each(|plan| drop(world.fly(Some(plan))));
+            for plan in &plans[..25] {
+                world.fly(Some(plan));
+            }
             let mut clone = world.clone();
             let (mut restored, _) = self::world(knowledge);
             restored.restore(&saved(&world)).unwrap();

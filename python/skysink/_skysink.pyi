@@ -199,7 +199,7 @@ class Decision:
 class Table:
     """Columns that other libraries take over without a copy, by Arrow's C stream interface.
 
-    ``polars.DataFrame(table)``, ``pyarrow.table(table)``, ``duckdb`` and others take it as it is. ``table["name"]`` is a
+    ``polars.DataFrame(table)``, ``pyarrow.table(table)`` and others take it as it is. ``table["name"]`` is a
     NumPy array over the same memory, read-only; a list where a column holds text or lists.
     """
 

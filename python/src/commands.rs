@@ -7,8 +7,8 @@ use skysink::programs::{self, Interpreter};
 
 use crate::errors::refused;
 
-/// Runs a program of Skysink by its name and arguments, the first of which is what it was called by, and returns its exit
-/// code. `interpreter` are the words that start `python -m skysink.programs`.
+/// Runs a program of Skysink by its name and arguments, the first of which is what it was called by, and returns its
+/// exit code. `interpreter` are the words that start `python -m skysink.programs`.
 #[pyfunction]
 pub fn run_program(py: Python<'_>, name: &str, arguments: Vec<OsString>, interpreter: Vec<OsString>) -> PyResult<u8> {
     let program = match name {

@@ -17,7 +17,8 @@ use skysink_planner::settings;
 use crate::errors::refused;
 use crate::field::{FieldData, PyField};
 
-/// The field and the UAV of a scenario, with an account of what the UAV knows where the planner does not see the queues.
+/// The field and the UAV of a scenario, with an account of what the UAV knows where the planner does not see the
+/// queues.
 pub fn world(scenario: &Scenario, list: &SensorList) -> PyResult<World> {
     let world = World::new(scenario, list);
     Ok(match settings::estimated(scenario).map_err(refused)? {

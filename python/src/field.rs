@@ -66,7 +66,7 @@ impl FieldData {
     }
 }
 
-/// The same for Python.
+/// What stays the same in every slot of a mission: sensor nodes (SNs) and limits. ``len`` is N.
 #[pyclass(name = "Field", module = "skysink", frozen)]
 pub struct PyField(pub Arc<FieldData>);
 
@@ -118,6 +118,7 @@ impl PyField {
         self.0.count()
     }
 
+    /// Where the SNs stand, east and north [m], [N, 2]; made anew at each access: keep it.
     #[getter]
     fn positions_m<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let positions = &self.0.positions;
@@ -125,66 +126,79 @@ impl PyField {
         fixed(array.into_pyarray(py))
     }
 
+    /// Reference channel gain at 1 m, a linear ratio, [N].
     #[getter]
     fn gains<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         self.column(py, |node| node.gain)
     }
 
+    /// Sampling rates [bit/s], [N].
     #[getter]
     fn sampling_bps<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         self.column(py, |node| node.sampling_bps)
     }
 
+    /// Buffer B of each SN [bit].
     #[getter]
     fn capacity_bits(&self) -> u32 {
         self.0.capacity_bits()
     }
 
+    /// Width and height of the area [m].
     #[getter]
     fn area_m(&self) -> (f64, f64) {
         (self.0.limits.width_m, self.0.limits.height_m)
     }
 
+    /// Farthest horizontal flight in a slot, V_max tau [m].
     #[getter]
     fn reach_m(&self) -> f64 {
         self.0.limits.reach_m
     }
 
+    /// Farthest horizontal distance at which an SN can be served, d_c [m].
     #[getter]
     fn comm_radius_m(&self) -> f64 {
         self.0.limits.comm_radius_m
     }
 
+    /// Most SNs served in a slot, n.
     #[getter]
     fn resource_blocks(&self) -> u32 {
         self.0.limits.resource_blocks
     }
 
+    /// Lowest and highest altitude [m]; equal where it is fixed.
     #[getter]
     fn altitudes_m(&self) -> (f64, f64) {
         (self.0.limits.min_altitude_m, self.0.limits.max_altitude_m)
     }
 
+    /// Farthest climb or descent in a slot [m]; 0 where the altitude is fixed.
     #[getter]
     fn climb_m(&self) -> f64 {
         self.0.limits.climb_m
     }
 
+    /// Slots of the mission, T.
     #[getter]
     fn slots(&self) -> u64 {
         self.0.limits.slots
     }
 
+    /// Length of a slot, tau [s].
     #[getter]
     fn slot_s(&self) -> f64 {
         self.0.limits.slot_s
     }
 
+    /// Time to communicate in a slot, tau_c [s].
     #[getter]
     fn comm_s(&self) -> f64 {
         self.0.limits.comm_s
     }
 
+    /// The SNs at most ``radius_m`` [m] from ``point`` on the ground, ascending; with the slack of decision D5.
     fn within<'py>(
         &self,
         py: Python<'py>,
@@ -197,6 +211,7 @@ impl PyField {
         Ok(ids.into_pyarray(py))
     }
 
+    /// The n SNs with the fullest queues within d_c of ``point``, ascending; of equals those with the lowest id.
     fn fullest<'py>(
         &self,
         py: Python<'py>,
@@ -208,6 +223,7 @@ impl PyField {
         Ok(ids.into_pyarray(py))
     }
 
+    /// Where one slot at full speed leads from ``from_`` toward ``to``, at most there [m], [2].
     fn toward<'py>(
         &self,
         py: Python<'py>,

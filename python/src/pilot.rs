@@ -21,13 +21,16 @@ struct HeldQueues(Arc<Vec<u32>>);
 /// What a strategy sees of a slot.
 #[pyclass(name = "View", module = "skysink", frozen)]
 pub struct PyView {
-    /// The slot to plan, from 1.
+    /// The slot to plan, t, from 1.
     #[pyo3(get)]
     slot: u64,
-    /// Where the UAV is as it begins [m].
+    /// Where the UAV is as it begins, L_u(t-1) [m], [3], read-only.
     #[pyo3(get)]
     uav: Py<PyArray1<f64>>,
-    /// What the sensor nodes hold as it begins [bit].
+    /// What the SNs hold as it begins, B_i(t-1) [bit], [N], read-only: known, or believed.
+    ///
+    /// The memory of the field itself. In ``simulate`` and sweeps an array that is kept stays as it is; in a ring it is
+    /// valid only during ``plan``: copy what is to be kept.
     #[pyo3(get)]
     queues_bits: Py<PyArray1<u32>>,
     /// What stays the same.
@@ -35,7 +38,7 @@ pub struct PyView {
     field: Py<PyField>,
 }
 
-/// What a strategy decides.
+/// What a strategy decides: ``Decision((x, y))`` or ``Decision((x, y, z), serve=[3, 7])``.
 #[pyclass(name = "Decision", module = "skysink", frozen)]
 pub struct PyDecision {
     waypoint_m: Vec<f64>,
@@ -44,6 +47,9 @@ pub struct PyDecision {
 
 #[pymethods]
 impl PyDecision {
+    /// ``waypoint`` [m]; without z the UAV keeps its altitude. ``serve`` are ids, by default the n fullest in range.
+    ///
+    /// Raises :class:`InputError` for a waypoint of another shape or more than 64 SNs.
     #[new]
     #[pyo3(signature = (waypoint, serve = None))]
     fn new(waypoint: &Bound<'_, PyAny>, serve: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
@@ -139,8 +145,8 @@ impl Pilot {
         plan
     }
 
-    /// The plan of the next slot of a mission. Where the UAV has to know the queues from its contacts, the strategy sees
-    /// what it knows.
+    /// The plan of the next slot of a mission. Where the UAV has to know the queues from its contacts, the strategy
+    /// sees what it knows.
     pub fn plan_next(&mut self, py: Python<'_>, world: &mut World) -> PyResult<Plan> {
         let queues_bits = match world.told_bits() {
             Some(told_bits) => told_bits.to_pyarray(py),

@@ -80,7 +80,7 @@ impl Recorder {
     }
 }
 
-/// A mission that was flown.
+/// A mission that was flown. ``len`` is its number of slots.
 #[pyclass(name = "Run", module = "skysink", frozen)]
 pub struct PyRun {
     scenario: Scenario,
@@ -128,7 +128,7 @@ impl PyRun {
 
 #[pymethods]
 impl PyRun {
-    /// The run on record in a folder, flown again to check it.
+    /// The run in a folder, flown again to check every slot. Raises :class:`InputError` if it is none or changed.
     #[staticmethod]
     fn load(py: Python<'_>, folder: PathBuf) -> PyResult<Self> {
         let read = move |stop: &Stop| -> Result<Self, MissionError> {
@@ -148,6 +148,7 @@ impl PyRun {
         interruptible(py, read)?.map_err(of_mission)
     }
 
+    /// Data loss rate: lost bits as a fraction of those sampled.
     #[getter]
     fn loss_rate(&self) -> f64 {
         self.summary.loss_rate
@@ -158,11 +159,13 @@ impl PyRun {
         &self.summary.strategy
     }
 
+    /// The figures of ``summary.json``.
     #[getter]
     fn summary<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         json(py, &self.summary)
     }
 
+    /// The columns of a sweep's results (``docs/metrics.md``).
     #[getter]
     fn metrics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let metrics = PyDict::new(py);
@@ -180,6 +183,7 @@ impl PyRun {
         PyField::of(&self.scenario, &self.list)
     }
 
+    /// A row per slot, the columns of ``slots.csv``; ``scheduled`` holds lists of ids.
     #[getter]
     fn slots(&self) -> PyResult<PyTable> {
         let modes = self.slots.iter().map(|slot| <&str>::from(slot.mode));
@@ -198,6 +202,7 @@ impl PyRun {
         ])
     }
 
+    /// The queue of every SN before slot 1 and after each slot [bit], [slots + 1, N]; flown again for it: keep it.
     #[getter]
     fn queues<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u32>>> {
         let count = self.list.sensors().len();
@@ -213,6 +218,9 @@ impl PyRun {
         Ok(PyArray2::from_owned_array(py, array))
     }
 
+    /// Writes a run folder as ``skysink simulate`` does, and returns it. ``force`` replaces a run that is there.
+    ///
+    /// Raises :class:`InputError` if something else is there, :class:`OSError` if it cannot be written.
     #[pyo3(signature = (folder, force = false))]
     fn save(&self, py: Python<'_>, folder: PathBuf, force: bool) -> PyResult<PathBuf> {
         let write = || -> Result<PathBuf, MissionError> {
@@ -226,6 +234,7 @@ impl PyRun {
         py.detach(write).map_err(of_mission)
     }
 
+    /// Shows the run in the notebook, or elsewhere in a window, by rerun (``pip install skysink[notebook]``).
     #[pyo3(signature = (width = None, height = None))]
     fn show<'py>(slf: &Bound<'py, Self>, width: Option<u32>, height: Option<u32>) -> PyResult<Bound<'py, PyAny>> {
         slf.py().import("skysink.recording")?.call_method1("show", (slf, width, height))

@@ -18,7 +18,10 @@ use crate::field::PyField;
 use crate::table::PyTable;
 use crate::values::{to_python, to_toml};
 
-/// A checked scenario: a file, and what was replaced in it.
+/// A checked scenario: what is flown, over which field, through which channel, by which strategy.
+///
+/// Its keys are those of a scenario file (``docs/interfaces.md``). It cannot be changed, equals one with the same keys,
+/// and can be pickled; a sensor list that it names stays a file.
 #[pyclass(name = "Scenario", module = "skysink", frozen)]
 pub struct PyScenario {
     /// The text of the file.
@@ -62,23 +65,27 @@ impl PyScenario {
 
 #[pymethods]
 impl PyScenario {
+    /// Reads and checks a file. Raises :class:`InputError`.
     #[staticmethod]
     fn load(path: PathBuf) -> PyResult<Self> {
         let text = read_text("scenario", &path).map_err(refused)?;
         Self::new(text, &std::path::absolute(&path)?, Vec::new())
     }
 
+    /// The mission of the UTS letter (arXiv 2103.00753), which needs no file.
     #[staticmethod]
     fn letter() -> PyResult<Self> {
         Self::new(LETTER.to_owned(), Path::new("letter.toml (built in)"), Vec::new())
     }
 
+    /// Checks the text of a scenario file; ``path`` is where it would be. Raises :class:`InputError`.
     #[staticmethod]
     #[pyo3(signature = (text, path = PathBuf::from("scenario.toml")))]
     fn parse(text: String, path: PathBuf) -> PyResult<Self> {
         Self::new(text, &std::path::absolute(&path)?, Vec::new())
     }
 
+    /// The same with other values of dotted keys, such as ``{"area.side_m": 500.0}``. Raises :class:`InputError`.
     fn replace(&self, changes: &Bound<'_, PyDict>) -> PyResult<Self> {
         let changes = changes.iter().map(|(key, value)| Ok((key.extract::<String>()?, to_toml(&value)?)));
         self.with(changes.collect::<PyResult<Vec<_>>>()?)
@@ -94,6 +101,7 @@ impl PyScenario {
         self.scenario.seed
     }
 
+    /// Slots of the mission, T.
     #[getter]
     fn slots(&self) -> u64 {
         self.scenario.slots
@@ -104,6 +112,7 @@ impl PyScenario {
         &self.scenario.planner.strategy
     }
 
+    /// The value of a dotted key, or a table of them.
     fn __getitem__<'py>(&self, py: Python<'py>, key: &str) -> PyResult<Bound<'py, PyAny>> {
         let mut value = &Value::Table(self.table());
         for part in key.split('.') {
@@ -113,14 +122,17 @@ impl PyScenario {
         to_python(py, value)
     }
 
+    /// All keys, with every default.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, &Value::Table(self.table()))
     }
 
+    /// The same as a scenario file.
     fn to_toml(&self) -> String {
         self.scenario.to_toml()
     }
 
+    /// The sensor nodes, drawn or read: ``x_m``, ``y_m``, ``queue_bits``, ``gain_db``, ``sampling_bps``, by id.
     fn sensors(&self) -> PyResult<PyTable> {
         let list = self.list()?;
         let numbers = |of: fn(&Sensor) -> f64| -> ArrayRef {
@@ -136,6 +148,7 @@ impl PyScenario {
         ])
     }
 
+    /// The sensor nodes and the limits of plans.
     fn field(&self) -> PyResult<PyField> {
         Ok(PyField::of(&self.scenario, &self.list()?))
     }

@@ -19,7 +19,10 @@ use crate::errors::refused;
 /// The name by which Arrow's consumers know the capsule.
 const STREAM: &CStr = c"arrow_array_stream";
 
-/// A table of columns.
+/// Columns that other libraries take over without a copy, by Arrow's C stream interface.
+///
+/// ``polars.DataFrame(table)``, ``pyarrow.table(table)`` and others take it as it is. ``table["name"]`` is a
+/// NumPy array over the same memory, read-only; a list where a column holds text or lists.
 #[pyclass(name = "Table", module = "skysink", frozen)]
 pub struct PyTable(RecordBatch);
 
@@ -79,10 +82,12 @@ impl PyTable {
         PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(Box::new(batches)), STREAM)
     }
 
+    /// As a ``pandas.DataFrame``.
     fn to_pandas<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
         slf.py().import("skysink.recording")?.call_method1("to_pandas", (slf,))
     }
 
+    /// As a ``polars.DataFrame``.
     fn to_polars<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
         slf.py().import("skysink.recording")?.call_method1("to_polars", (slf,))
     }
