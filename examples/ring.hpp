@@ -8,7 +8,9 @@
 #include <cstdlib>
 #include <functional>
 #include <iostream>
+#include <iterator>
 #include <map>
+#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -63,6 +65,9 @@ inline Plan plan_to(const Position& waypoint, double z_m, Mode mode, std::vector
     plan.anchor = plan.partner = plan.chosen = NOBODY;
     plan.mode = static_cast<uint32_t>(mode);
     std::fill(std::begin(plan.ids), std::end(plan.ids), NOBODY);
+    if (ids.size() > std::size(plan.ids)) {
+        throw std::length_error("a plan with more sensor nodes than a message holds");
+    }
     std::sort(ids.begin(), ids.end());
     std::copy(ids.begin(), ids.end(), plan.ids);
     plan.served = static_cast<uint32_t>(ids.size());
@@ -152,7 +157,7 @@ inline int plan_slots(const std::function<Plan(const View&)>& plan_slot) {
                 sample.user_header_mut() = SlotHeader { head.mission, next, 0, 0, now_ns() };
                 send(sample.write_payload(std::move(plan))).value();
                 planned.notify().value();
-                reports.erase(reports.begin(), report);
+                reports.erase(reports.begin(), std::next(report)); // no earlier one is asked for
             }
             state = queues.receive().value();
         }

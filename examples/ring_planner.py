@@ -1,6 +1,6 @@
 """A planner in Python for a running ring, greedy: to the fullest queue in reach.
 
-    skysink run scenarios/letter.toml --planner "python3 examples/ring_planner.py"
+    skysink run scenarios/letter.toml --no-viewer --planner "python3 examples/ring_planner.py"
 
 needs `pip install ./python[ring]`. The same class flies in `skysink.simulate(scenario, Greedy())`.
 """

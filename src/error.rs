@@ -43,7 +43,7 @@ pub enum Error {
     #[error("{0}")]
     Usage(String),
     /// This build cannot record.
-    #[error("this build has no viewer: build with the default features, or leave the recording out")]
+    #[error("this build has no viewer: pass --no-viewer, leave the recording out, or build with the default features")]
     NoViewer,
     /// This build cannot show recordings in a browser; what opens them without it.
     #[error(

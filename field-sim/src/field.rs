@@ -83,6 +83,12 @@ impl Field {
         self
     }
 
+    /// Whether account is kept of what the UAV knows.
+    #[must_use]
+    pub fn is_telling(&self) -> bool {
+        self.told.is_some()
+    }
+
     /// What the UAV knows of the queues after the slot [bit], by sensor node, if account is kept of it.
     pub fn told_bits(&mut self) -> Option<&[u32]> {
         self.told.as_mut().map(|told| told.believe(self.slot))

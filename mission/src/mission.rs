@@ -16,9 +16,9 @@ use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
 use skysink_planner::strategies::Strategy;
 
-/// The field and the UAV of a mission, which any planner may fly; a clone goes its own way.
+/// The plant that a planner controls: the field and the UAV of a mission. A clone is independent from then on.
 #[derive(Debug, Clone)]
-pub struct World {
+pub struct Plant {
     field: Field,
     flight: Flight,
     slot: u64,
@@ -26,7 +26,7 @@ pub struct World {
     report: FlightReport,
 }
 
-impl World {
+impl Plant {
     /// The field and the UAV before slot 1.
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
@@ -72,9 +72,13 @@ impl World {
         &self.field
     }
 
-    /// What the UAV knows of the queues after the last slot [bit], if account is kept of it.
-    pub fn told_bits(&mut self) -> Option<&[u32]> {
-        self.field.told_bits()
+    /// What the UAV knows of the queues after the last slot [bit], by sensor node: the queues themselves, unless account
+    /// is kept of it.
+    pub fn known_bits(&mut self) -> &[u32] {
+        if self.field.is_telling() {
+            return self.field.told_bits().unwrap_or_default();
+        }
+        self.field.queues_bits()
     }
 
     /// Flies the next slot by a plan, or holds where there is none, and returns the ledger after it.
@@ -89,9 +93,9 @@ impl World {
     }
 }
 
-/// A world as it is saved.
+/// A plant as it is saved.
 #[derive(Serialize, Deserialize)]
-struct SavedWorld {
+struct SavedPlant {
     slot: u64,
     #[serde(with = "serde_bytes")]
     report: Vec<u8>,
@@ -99,15 +103,15 @@ struct SavedWorld {
     field: Vec<u8>,
 }
 
-impl Checkpoint for World {
+impl Checkpoint for Plant {
     fn save(&self, bytes: &mut Vec<u8>) {
         let mut field = Vec::new();
         self.field.save(&mut field);
-        encode(&SavedWorld { slot: self.slot, report: bytes_of(&self.report).to_vec(), field }, bytes);
+        encode(&SavedPlant { slot: self.slot, report: bytes_of(&self.report).to_vec(), field }, bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let SavedWorld { slot, report, field } = decode(bytes)?;
+        let SavedPlant { slot, report, field } = decode(bytes)?;
         let report: Option<FlightReport> = try_pod_read_unaligned(&report).ok();
         let report = report.filter(|_| slot <= self.slots);
         CheckpointError::unless(report.is_some(), "a slot and a flight of the mission")?;
@@ -124,7 +128,7 @@ impl Checkpoint for World {
 
 /// A mission under way, as an iterator over its slots.
 pub struct Mission {
-    world: World,
+    plant: Plant,
     planner: Planner,
 }
 
@@ -145,7 +149,7 @@ impl Mission {
     /// # Errors
     /// If `[planner]` of the scenario is refused; never for one that [`skysink_planner::settings::resolve`] returned.
     pub fn new(scenario: &Scenario, list: &SensorList) -> Result<Self, InputError> {
-        Ok(Self { planner: Planner::new(scenario, &list.nodes())?, world: World::new(scenario, list) })
+        Ok(Self { planner: Planner::new(scenario, &list.nodes())?, plant: Plant::new(scenario, list) })
     }
 
     /// The mission before slot 1, planned by `strategy`, whatever the scenario names.
@@ -158,51 +162,45 @@ impl Mission {
         strategy: Box<dyn Strategy>,
     ) -> Result<Self, InputError> {
         let planner = Planner::with_strategy(scenario, &list.nodes(), strategy)?;
-        Ok(Self { planner, world: World::new(scenario, list) })
+        Ok(Self { planner, plant: Plant::new(scenario, list) })
     }
 
     /// The mission before slot 1 with an account of what the UAV knows of the queues, for planners that are not
     /// Skysink's.
     #[must_use]
     pub fn telling(mut self, estimate: Estimate) -> Self {
-        self.world = self.world.telling(estimate);
+        self.plant = self.plant.telling(estimate);
         self
-    }
-
-    /// The field and the UAV after the last slot.
-    #[must_use]
-    pub fn world(&self) -> &World {
-        &self.world
     }
 
     /// The ledger after the last slot flown.
     #[must_use]
     pub fn header(&self) -> QueuesHeader {
-        self.world.header()
+        self.plant.header()
     }
 
     /// Queue lengths [bit], by sensor node.
     #[must_use]
     pub fn queues_bits(&self) -> &[u32] {
-        self.world.field.queues_bits()
+        self.plant.field.queues_bits()
     }
 
     /// The last flight; before slot 1 the UAV at its start.
     #[must_use]
     pub fn last_flight(&self) -> &FlightReport {
-        &self.world.report
+        &self.plant.report
     }
 
     /// The last slot flown; 0 before the first.
     #[must_use]
     pub fn slot(&self) -> u64 {
-        self.world.slot
+        self.plant.slot
     }
 
     /// The field after the last slot.
     #[must_use]
     pub fn field(&self) -> &Field {
-        &self.world.field
+        &self.plant.field
     }
 
     /// The planner after the last slot.
@@ -224,16 +222,16 @@ impl Mission {
     /// Plans the next slot, from the flight and the queues after the last; to be done once, before [`Mission::fly`].
     pub fn plan(&mut self) -> Plan {
         let begin = Instant::now();
-        let Self { planner, world } = self;
-        planner.observe(world.slot, &world.report, world.field.queues_bits());
-        let mut plan = planner.step(world.slot + 1, world.report.position(), world.field.queues_bits());
+        let Self { planner, plant } = self;
+        planner.observe(plant.slot, &plant.report, plant.field.queues_bits());
+        let mut plan = planner.step(plant.slot + 1, plant.report.position(), plant.field.queues_bits());
         plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
         plan
     }
 
     /// Flies the next slot by a plan, whoever made it, or holds where there is none, and returns the ledger after it.
     pub fn fly(&mut self, plan: Option<&Plan>) -> QueuesHeader {
-        self.world.fly(plan)
+        self.plant.fly(plan)
     }
 }
 
@@ -242,7 +240,7 @@ impl Iterator for Mission {
 
     /// Flies the next slot: plan, fly, account. `None` after the last, and once a stop is requested.
     fn next(&mut self) -> Option<FlownSlot> {
-        if self.world.is_over() {
+        if self.plant.is_over() {
             return None;
         }
         let plan = self.plan();
@@ -250,7 +248,7 @@ impl Iterator for Mission {
             return None; // the plan may be cut short
         }
         let header = self.fly(Some(&plan));
-        Some(FlownSlot { plan, flight: self.world.report, header })
+        Some(FlownSlot { plan, flight: self.plant.report, header })
     }
 }
 
@@ -261,61 +259,62 @@ mod tests {
     use skysink_common::scenario::Overrides;
     use skysink_planner::settings;
 
-    /// A world over a field with losses, and one plan for each of its first slots.
-    fn world(knowledge: Option<skysink_common::estimate::Rates>) -> (World, Vec<Plan>) {
+    /// A plant over a field with losses, and one plan for each of its first slots.
+    fn plant(knowledge: Option<skysink_common::estimate::Rates>) -> (Plant, Vec<Plan>) {
         let text = "name = 'x'\nslots = 40\n[sensors]\nsampling_bps = [50.0, 900.0]\n[uav]\nmax_speed_mps = 9.0\n";
         let path = std::path::Path::new("x.toml");
         let scenario = Scenario::parse(text, path, Overrides::default()).and_then(settings::resolve).unwrap();
         let list = SensorList::of(&scenario).unwrap();
         let plans = Mission::new(&scenario, &list).unwrap().map(|flown| flown.plan).collect();
-        let world = World::new(&scenario, &list);
+        let plant = Plant::new(&scenario, &list);
         let estimate = knowledge.map(|rates| Estimate::new(&scenario, rates, &list.nodes()));
-        (estimate.into_iter().fold(world, World::telling), plans)
+        (estimate.into_iter().fold(plant, Plant::telling), plans)
     }
 
-    fn saved(world: &World) -> Vec<u8> {
+    fn saved(plant: &Plant) -> Vec<u8> {
         let mut bytes = Vec::new();
-        world.save(&mut bytes);
+        plant.save(&mut bytes);
         bytes
     }
 
     #[test]
-    fn a_restored_world_and_a_clone_fly_on_as_the_first_would() {
+    fn a_restored_plant_and_a_clone_fly_on_as_the_first_would() {
         for knowledge in [None, Some(skysink_common::estimate::Rates::Learnt)] {
-            let (mut world, plans) = world(knowledge);
+            let (mut plant, plans) = plant(knowledge);
             for plan in &plans[..25] {
-                world.fly(Some(plan));
+                plant.fly(Some(plan));
             }
-            let mut clone = world.clone();
-            let (mut restored, _) = self::world(knowledge);
-            restored.restore(&saved(&world)).unwrap();
+            let mut clone = plant.clone();
+            let (mut restored, _) = self::plant(knowledge);
+            restored.restore(&saved(&plant)).unwrap();
             for plan in &plans[25..] {
-                let header = world.fly(Some(plan));
+                let header = plant.fly(Some(plan));
                 assert!(header.totals.lost_bits > 0, "nothing to compare");
                 for other in [&mut clone, &mut restored] {
                     assert_eq!(other.fly(Some(plan)), header);
-                    assert_eq!((other.last_flight(), other.field()), (world.last_flight(), world.field()));
-                    assert_eq!(other.told_bits().map(<[u32]>::to_vec), world.told_bits().map(<[u32]>::to_vec));
+                    assert!(other.last_flight() == plant.last_flight());
+                    assert!(other.field().queues_bits() == plant.field().queues_bits());
+                    assert!(other.known_bits() == plant.known_bits());
                 }
             }
-            assert!(world.is_over() && restored.is_over());
+            assert!(plant.is_over() && restored.is_over());
         }
     }
 
     #[test]
-    fn what_no_world_has_saved_is_refused_and_changes_nothing() {
-        let (mut flown, plans) = world(None);
+    fn what_no_plant_has_saved_is_refused_and_changes_nothing() {
+        let (mut flown, plans) = plant(None);
         flown.fly(Some(&plans[0]));
         let bytes = saved(&flown);
-        let (mut world, _) = world(None);
+        let (mut plant, _) = plant(None);
         for bytes in [&bytes[..bytes.len() - 1], &[], &[&bytes[..], &[0]].concat()] {
-            assert!(world.restore(bytes).is_err());
+            assert!(plant.restore(bytes).is_err());
         }
         let mut elsewhere = bytes.clone();
         elsewhere[0] = 2; // the slot, which is not that of the field
-        assert!(world.restore(&elsewhere).is_err());
+        assert!(plant.restore(&elsewhere).is_err());
         elsewhere[0] = 41; // beyond the mission
-        assert!(world.restore(&elsewhere).is_err());
-        assert_eq!((world.slot(), world.last_flight().mode), (0, Mode::Hold as u32));
+        assert!(plant.restore(&elsewhere).is_err());
+        assert_eq!((plant.slot(), plant.last_flight().mode), (0, Mode::Hold as u32));
     }
 }

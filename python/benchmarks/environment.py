@@ -29,10 +29,11 @@ ACTIONS = 64  # drawn in advance, and used by turns
 Step = Callable[[int], int]  # makes step number i, and returns the number of environment steps in it
 
 
-def field_of(scenario: skysink.Scenario) -> SensorField:
-    """The sensor nodes that Skysink draws from the scenario's seed."""
-    field = scenario.field()
-    return SensorField(field.positions_m, field.gains, scenario.sensors()["queue_bits"].astype(np.int64))
+def field_of(scenario: skysink.Scenario, seed: int) -> SensorField:
+    """The sensor nodes that Skysink draws from a seed."""
+    seeded = scenario.replace({"seed": seed})
+    field = seeded.field()
+    return SensorField(field.positions_m, field.gains, seeded.sensors()["queue_bits"].astype(np.int64))
 
 
 def single(env: gymnasium.Env) -> Step:
@@ -73,11 +74,19 @@ def steps_per_second(step: Step, seconds: float) -> float:
     return steps / passed
 
 
-def slots_that_differ(native: Any, numpy: NumpyEnv | NumpyVectorEnv) -> list[str]:
-    """Flies both through a mission by the same actions: a line for each slot in which they lose different bits."""
+def slots_that_differ(scenario: skysink.Scenario, mission: Mission, count: int) -> list[str]:
+    """Flies `count` fields by the same actions in both: a line for each slot in which they lose different bits."""
+    native: Any
+    numpy: NumpyEnv | NumpyVectorEnv
+    if count == 1:
+        native = gymnasium.make(NATIVE, scenario=scenario, fields=1)
+        numpy = NumpyEnv(mission, field_of(scenario, native.reset()[1]["seed"]))
+    else:
+        native = gymnasium.make_vec(NATIVE, count, scenario=scenario, fields=count)
+        seeds = native.reset(seed=0)[1]["seed"].tolist()
+        numpy = NumpyVectorEnv(mission, count, [field_of(scenario, seed) for seed in seeds])
     random = np.random.default_rng(2)
     lines = []
-    native.reset()
     numpy.reset()
     for slot in range(1, numpy.mission.slots + 1):
         actions = random.uniform(-1.0, 1.0, numpy.action_space.shape).astype(np.float32)
@@ -107,23 +116,18 @@ def main() -> int:
         mission = Mission.of(scenario.to_dict())
     except ValueError as error:
         parser.error(f"scenario {scenario.name}: {error}")
-    fields = [field_of(scenario.replace({"seed": scenario.seed + number})) for number in range(FIELDS)]
-    one: dict[str, Any] = {"scenario": scenario, "fields": 1}
-    several: dict[str, Any] = {"scenario": scenario, "fields": FIELDS}
-    pairs: list[tuple[Any, NumpyEnv | NumpyVectorEnv]] = [
-        (gymnasium.make(NATIVE, **one), NumpyEnv(mission, fields[0])),
-        (gymnasium.make_vec(NATIVE, FIELDS, **several), NumpyVectorEnv(mission, FIELDS, fields)),
-    ]
-    for native, numpy in pairs:
-        if lines := slots_that_differ(native, numpy):
+    for count in (1, FIELDS):
+        if lines := slots_that_differ(scenario, mission, count):
             print(*lines[:3], f"{len(lines)} of {mission.slots} slots differ", sep="\n", file=sys.stderr)
             return 1
     print(f"N = {mission.count}: native and NumPy lose the same bits in all {mission.slots} slots, one and vectorised")
 
+    fields = [field_of(scenario, scenario.seed + number) for number in range(FIELDS)]
+    vector = gymnasium.make_vec(NATIVE, args.envs, scenario=scenario, fields=FIELDS)
     steps = {
-        "native, one": single(gymnasium.make(NATIVE, **one)),
+        "native, one": single(gymnasium.make(NATIVE, scenario=scenario, fields=FIELDS)),
         "NumPy, one": single(NumpyEnv(mission, fields[0])),
-        f"native, VectorEnv({args.envs})": many(gymnasium.make_vec(NATIVE, args.envs, **several)),
+        f"native, VectorEnv({args.envs})": many(vector),
         f"NumPy, VectorEnv({args.envs})": many(NumpyVectorEnv(mission, args.envs, fields)),
     }
     measured: dict[str, list[float]] = {name: [] for name in steps}

@@ -8,14 +8,14 @@
 Units are in the names: ``_m``, ``_s``, ``_bits``, ``_bps``. Results are those of the command line, to the bit.
 """
 
-from importlib.util import find_spec
+from contextlib import suppress
 
 from skysink._skysink import STRATEGIES, Decision, Field, InputError, Run, Scenario, Table, View, __version__
 from skysink.flight import compare, simulate
 from skysink.strategy import Strategy
 from skysink.sweeps import sweep
 
-if find_spec("gymnasium"):
+with suppress(ImportError):  # without Gymnasium, or beside one before 1.1, there are no environments
     from skysink.environment import register
 
     register()

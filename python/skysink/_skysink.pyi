@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from os import PathLike
+from pathlib import Path
 from typing import Any, Final, Self, final
 
 import numpy as np
@@ -83,8 +84,6 @@ class Scenario:
     def field(self) -> Field:
         """The sensor nodes and the limits of plans."""
 
-    @staticmethod
-    def _restore(text: str, path: str | PathLike[str], replaced: Mapping[str, Any]) -> Scenario: ...
     def __eq__(self, other: object, /) -> bool: ...
     def __hash__(self) -> int: ...
 
@@ -174,7 +173,7 @@ class View:
         """What the SNs hold as it begins, B_i(t-1) [bit], [N], read-only: known, or believed.
 
         The memory of the field itself. In ``simulate`` and sweeps an array that is kept stays as it is; in a ring it is
-        valid only during ``plan``: copy what is to be kept.
+        valid only during ``plan``: copy what is to be kept. Unsigned: differences need ``astype(np.int64)``.
         """
 
     @property
@@ -247,9 +246,12 @@ class Run:
 
     @property
     def queues(self) -> NDArray[np.uint32]:
-        """The queue of every SN before slot 1 and after each slot [bit], [slots + 1, N]; flown again for it: keep it."""
+        """The queue of every SN before slot 1 and after each slot [bit], [slots + 1, N]; flown again for it: keep it.
 
-    def save(self, folder: str | PathLike[str], force: bool = False) -> str:
+        Unsigned: differences need ``astype(np.int64)``.
+        """
+
+    def save(self, folder: str | PathLike[str], force: bool = False) -> Path:
         """Writes a run folder as ``skysink simulate`` does, and returns it. ``force`` replaces a run that is there.
 
         Raises :class:`InputError` if something else is there, :class:`OSError` if it cannot be written.

@@ -43,7 +43,7 @@ Step = tuple[Observation, float, bool, bool, dict[str, Any]]
 
 
 def register() -> None:
-    """Makes the environments known to Gymnasium; `import skysink` does so."""
+    """Registers the environments; `import skysink` does so."""
     if ID not in gymnasium.registry:
         place = "skysink.environment"
         gymnasium.register(
@@ -128,7 +128,7 @@ class DataCollectionEnv(gymnasium.Env[Observation, Action]):
         return self._core.run(label)
 
     def clone(self) -> Self:
-        """The same environment in the same slot, which then goes its own way: for tree search."""
+        """The same environment in the same slot, independent from then on; spaces are shared. For tree search."""
         twin: Self = copy.copy(self)
         twin._core = self._core.clone()
         twin._np_random = copy.deepcopy(self._np_random)
@@ -140,7 +140,11 @@ class DataCollectionEnv(gymnasium.Env[Observation, Action]):
         return twin
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        return self.clone()
+        twin = self.clone()
+        for name in ("observation_space", "action_space", "single_observation_space", "single_action_space"):
+            if name in self.__dict__:
+                setattr(twin, name, copy.deepcopy(self.__dict__[name], memo))
+        return twin
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_core": self._core.save()}
@@ -182,13 +186,14 @@ class DataCollectionVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begins episodes: all of them, or those of ``options["reset_mask"]``, bool [num_envs]."""
-        super().reset(seed=seed if isinstance(seed, int) else None)
+        first = None if seed is None or isinstance(seed, Sequence) else int(seed)
+        super().reset(seed=first)
         numbers = self._core.numbers
-        following = [number + (index if self._is_new else self.num_envs) for index, number in enumerate(numbers)]
+        following = [number + (0 if self._is_new else self.num_envs) for number in numbers]
         self._is_new = False
-        if isinstance(seed, int):
-            following = [seed + index for index in range(self.num_envs)]
-        elif seed is not None:
+        if first is not None:
+            following = [first + index for index in range(self.num_envs)]
+        elif isinstance(seed, Sequence):
             if len(seed) != self.num_envs:
                 raise InputError(f"{len(seed)} seeds: expected {self.num_envs}")
             following = [number if one is None else one for one, number in zip(seed, following, strict=True)]
@@ -203,7 +208,7 @@ class DataCollectionVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         return self._core.step(np.asarray(actions, np.float32))
 
     def clone(self) -> Self:
-        """The same environments in the same slots, which then go their own way."""
+        """The same environments in the same slots, independent from then on; spaces are shared."""
         twin: Self = object.__new__(type(self))
         twin.__dict__.update(self.__dict__)
         twin._core = self._core.clone()
@@ -211,7 +216,11 @@ class DataCollectionVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         return twin
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        return self.clone()
+        twin = self.clone()
+        for name in ("observation_space", "action_space", "single_observation_space", "single_action_space"):
+            if name in self.__dict__:
+                setattr(twin, name, copy.deepcopy(self.__dict__[name], memo))
+        return twin
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_core": self._core.save()}

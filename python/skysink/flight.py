@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from os import PathLike
 from typing import Any
 
 from skysink import _skysink
 from skysink._skysink import Run, Scenario
-from skysink.strategy import Outside, Strategy, make, named
-from skysink.sweeps import fly_all
+from skysink.strategy import PythonStrategy, Strategy, labelled, make, named
+from skysink.sweeps import ComparisonSource, fly_all, load
 
 
 def scenario_of(scenario: Scenario | str | PathLike[str]) -> Scenario:
@@ -40,12 +40,14 @@ def simulate(
 
 def compare(
     scenario: Scenario | str | PathLike[str],
-    strategies: Sequence[str | type[Strategy] | Callable[[], Strategy]],
+    strategies: Sequence[str | type[Strategy] | Callable[[], Strategy]] | Mapping[str, Callable[[], Strategy] | str],
     *,
     seeds: int | Sequence[int] = 20,
     executor: Executor | Any | None = None,
 ) -> list[dict[str, Any]]:
     """How strategies stand over the same fields: an entry for each strategy and metric.
+
+    A mapping names what makes strategies in Python: ``{"uts": "uts", "near": lambda: Mine(2.0)}``.
 
     ``seeds`` is how many missions each flies, from the scenario's seed on, or a list of seeds. An entry has ``label``,
     ``metric`` (as in ``docs/metrics.md``), ``n``, ``mean``, ``ci95`` (limits of the 95 % confidence interval), and
@@ -53,13 +55,19 @@ def compare(
     as it is. ``executor`` as in :func:`skysink.sweep`.
     """
     base = scenario_of(scenario)
-    found = [named(strategy) for strategy in strategies]
-    outside = [strategy for strategy in found if isinstance(strategy, Outside)]
-    names = [strategy if isinstance(strategy, str) else strategy.name for strategy in found]
-    chosen = list(range(base.seed, base.seed + seeds)) if isinstance(seeds, int) else list(seeds)
-    versions = [(strategy.name, strategy.version) for strategy in outside]
-    plan = _skysink.SweepPlan.compare(base, names, chosen, versions)
-    makers = {strategy.name: strategy.make for strategy in outside}
-    rows = list(fly_all(plan, makers, plan.missions, (base, names, chosen, strategies), executor))
-    standings: list[dict[str, Any]] = plan.standings(rows)
+    if isinstance(strategies, Mapping):
+        found = [labelled(label, strategy) for label, strategy in strategies.items()]
+    else:
+        found = [named(strategy) for strategy in strategies]
+    in_python = [strategy for strategy in found if isinstance(strategy, PythonStrategy)]
+    chosen = [int(seed) for seed in seeds] if isinstance(seeds, Sequence) else range(base.seed, base.seed + int(seeds))
+    source = ComparisonSource(
+        scenario=base,
+        names=tuple(strategy if isinstance(strategy, str) else strategy.name for strategy in found),
+        seeds=tuple(chosen),
+        versions=tuple((strategy.name, strategy.version) for strategy in in_python),
+        specs=tuple((strategy.name, strategy.spec) for strategy in in_python),
+    )
+    plan, makers = load(source)
+    standings: list[dict[str, Any]] = plan.standings(list(fly_all(plan, makers, plan.missions, source, executor)))
     return standings

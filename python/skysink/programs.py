@@ -11,7 +11,7 @@ from skysink._skysink import run_program
 def run(name: str, arguments: list[str]) -> int:
     """Runs a program by its name; the first argument is what it was called by."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # the program has handlers of its own
-    return run_program(name, arguments, [sys.executable, "-m", "skysink.programs"])
+    return run_program(name, arguments, [sys.executable, "-P", "-m", "skysink.programs"])
 
 
 def main() -> int:

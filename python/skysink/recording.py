@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from typing import Any
 
 import numpy as np
@@ -12,24 +13,29 @@ RAMP = 256
 """Steps of the colours."""
 
 
+def need(module: str, extra: str) -> Any:
+    """A module of an optional dependency. Raises ImportError with the command that installs it."""
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        raise ImportError(f"{error}: pip install 'skysink[{extra}]'") from error
+
+
 def to_pandas(table: Table) -> Any:
     """The table as a ``pandas.DataFrame``; columns of numbers keep their memory."""
-    import pyarrow
-
+    pyarrow = need("pyarrow", "frames")
     return pyarrow.table(table).to_pandas(split_blocks=True)
 
 
 def to_polars(table: Table) -> Any:
     """The table as a ``polars.DataFrame``, over the same memory."""
-    import polars
-
+    polars = need("polars", "frames")
     return polars.DataFrame(table)
 
 
 def show(run: Run, width: int | None = None, height: int | None = None) -> None:
     """Shows a run in the notebook, or elsewhere in rerun's viewer."""
-    import rerun as rr
-
+    rr = need("rerun", "notebook")
     stream = record(run)
     try:
         get_ipython()  # type: ignore[name-defined]
@@ -41,8 +47,8 @@ def show(run: Run, width: int | None = None, height: int | None = None) -> None:
 
 def record(run: Run) -> Any:
     """The run as a stream of rerun: sensor nodes by how full they are, the UAV, its path, and loss over the slots."""
-    import rerun as rr
-    import rerun.blueprint as rrb
+    rr = need("rerun", "notebook")
+    rrb = need("rerun.blueprint", "notebook")
 
     field, slots, queues = run.field, run.slots, run.queues
     stream = rr.RecordingStream("skysink")

@@ -8,21 +8,26 @@ from __future__ import annotations
 
 import base64
 import ctypes
+import fcntl
 import json
 import os
+import sys
 import time
+import tomllib
 from collections.abc import Iterator
 from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import iceoryx2 as iox2
 import numpy as np
 from numpy.typing import NDArray
 
 from skysink._skysink import Field, InputError, PlanMaker
+from skysink.recording import need
 from skysink.strategy import Strategy, make
+
+iox2 = need("iceoryx2", "ring")
 
 END = 1
 """Flag of the last slot's queues, and of the commit that releases the ring."""
@@ -36,8 +41,8 @@ POLL = iox2.Duration.from_secs_f64(POLL_S)
 STATE = "planner-state.json"
 """What a strategy saved before its last slots, in the folder of the ring."""
 
-KEPT = 4
-"""Slots whose states are kept: a planner that is started again answers the last two again."""
+SAVED_SLOTS = 4
+"""Slots whose states are saved: a planner that is started again answers the last two again."""
 
 
 def message(name: str, length: int) -> type[ctypes.Structure]:
@@ -105,6 +110,9 @@ class Ring:
         self.guards = [self.wait_set.attach_notification(listener) for listener in self.listeners]
         self.positions: dict[int, tuple[float, float, float]] = {}
         self.connected = time.monotonic()
+        terms = tomllib.loads((folder / "ring.toml").read_text())
+        self.is_paced = terms["pace"] != "max"
+        self.launcher = folder.with_suffix(".lock").open()
 
     def wait(self) -> None:
         """Waits for a notification, but not for ever; ends the program on SIGTERM and SIGINT."""
@@ -114,11 +122,20 @@ class Ring:
             self.connected = now
             self.plans.update_connections()
             self.plan_events.notify()
+            self.check_launcher()
         if result in (iox2.WaitSetRunResult.TerminationRequest, iox2.WaitSetRunResult.Interrupt):
             raise SystemExit(0)
         for listener in self.listeners:
             while list(listener.try_wait()):
                 pass
+
+    def check_launcher(self) -> None:
+        """Ends the program if the launcher has died: it holds this file locked as long as it lives."""
+        try:
+            fcntl.flock(self.launcher, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return
+        raise SystemExit("planner: the launcher has ended")
 
     def field(self) -> Field:
         """The sensor nodes and the limits, once they are there."""
@@ -145,10 +162,16 @@ class Ring:
         return self.positions[slot]
 
     def states(self) -> Iterator[Any]:
-        """The samples of the queues, each once, up to that of the last slot."""
+        """The samples of the queues, each once, up to that of the last slot.
+
+        In a paced ring only the newest: a plan for a slot that has begun is void.
+        """
         last = -1
         while True:
             while (sample := self.queues.receive()) is not None:
+                while self.is_paced and (newer := self.queues.receive()) is not None:
+                    sample.delete()
+                    sample = newer
                 _, slot, flags = words(sample.user_header())
                 if flags & END:
                     return
@@ -182,26 +205,32 @@ class States:
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / STATE
-        self.kept: dict[str, str] = {}
+        self.saved: dict[int, str] = {}
         with suppress(FileNotFoundError):
-            self.kept = json.loads(self.path.read_text())
+            self.saved = {int(slot): state for slot, state in json.loads(self.path.read_text()).items()}
         self.is_fresh = True
 
     def resume(self, slot: int, strategy: Strategy) -> None:
-        """Brings a strategy that was started again to where it was before ``slot``."""
-        if self.is_fresh and (state := self.kept.get(str(slot))) is not None:
-            strategy.restore(base64.b64decode(state))
+        """Brings a strategy that was started again to where it was before ``slot``, or as near as was saved."""
+        earlier = [saved for saved in self.saved if saved <= slot]
+        if self.is_fresh and earlier:
+            if max(earlier) < slot:
+                print(f"planner: in slot {slot} with the state before slot {max(earlier)}", file=sys.stderr)
+            strategy.restore(base64.b64decode(self.saved[max(earlier)]))
+        elif self.is_fresh and slot > 1:
+            print(f"planner: in slot {slot} without a saved state (a strategy that has one: save())", file=sys.stderr)
         self.is_fresh = False
 
-    def keep(self, slot: int, strategy: Strategy) -> None:
+    def save(self, slot: int, strategy: Strategy) -> None:
         """Saves what the strategy carries into ``slot``, if it carries anything."""
         state = strategy.save()
+        if not isinstance(state, bytes):
+            raise InputError(f"save() of the strategy returned {type(state).__name__}: expected bytes")
         if state:
-            self.kept[str(slot)] = base64.b64encode(state).decode()
-            for old in [earlier for earlier in self.kept if int(earlier) <= slot - KEPT]:
-                del self.kept[old]
+            self.saved = {saved: text for saved, text in self.saved.items() if slot - SAVED_SLOTS < saved < slot}
+            self.saved[slot] = base64.b64encode(state).decode()
             new = self.path.with_suffix(".new")
-            new.write_text(json.dumps(self.kept))
+            new.write_text(json.dumps(self.saved))
             os.replace(new, self.path)
 
 
@@ -210,8 +239,8 @@ def planner(strategy: Strategy | type[Strategy], ring: str | PathLike[str] | Non
 
     ``ring`` is its folder, as ``skysink run`` prints it; by default that of the environment variable ``SKYSINK_RING``,
     which ``skysink run --planner`` sets. The strategy sees the queues in shared memory, without a copy: keep none of
-    them beyond :meth:`skysink.Strategy.plan`. Killed and started again it resumes: without anything to do if the
-    strategy has no state, else by its ``save`` and ``restore``.
+    them beyond :meth:`skysink.Strategy.plan`. In a paced ring it plans for the newest queues only. Killed and started
+    again it resumes: without anything to do if the strategy has no state, else by its ``save`` and ``restore``.
 
     Raises :class:`skysink.InputError` if there is no such ring. SIGTERM and Ctrl-C end the program.
     """
@@ -231,6 +260,6 @@ def planner(strategy: Strategy | type[Strategy], ring: str | PathLike[str] | Non
         if position is None:
             continue
         states.resume(slot + 1, flown)
-        states.keep(slot + 1, flown)
+        states.save(slot + 1, flown)
         joined.send(mission, slot + 1, maker.plan(slot + 1, position, view(sample, len(field))))
     joined.wait_for_release()

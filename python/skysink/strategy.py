@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import inspect
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,10 +17,10 @@ PREFIX = "python:"
 
 
 class Strategy(ABC):
-    """A planning strategy: decides, slot by slot, where to fly and whom to serve.
+    """A planning strategy: decides the waypoint and the schedule, slot by slot.
 
     The same class flies in :func:`skysink.simulate`, in :func:`skysink.compare`, in :func:`skysink.sweep` and in a
-    running ring (:func:`skysink.ring.planner`). Each mission has an object of its own.
+    running ring (:func:`skysink.ring.planner`). Given as a class, it is made anew for each mission.
     """
 
     def begin(self, field: Field) -> None:
@@ -43,7 +44,7 @@ class Strategy(ABC):
 
 
 @dataclass(frozen=True)
-class Outside:
+class PythonStrategy:
     """A strategy in Python by its name in sweeps and results."""
 
     name: str
@@ -51,25 +52,43 @@ class Outside:
     version: str
     """Tells one source from another."""
 
+    spec: str | Callable[[], Strategy]
+    """What a worker makes it of: its file and class, or what makes it, which must be picklable."""
 
-def named(strategy: str | type[Strategy] | Callable[[], Strategy], folder: Path | None = None) -> str | Outside:
+
+def named(strategy: str | type[Strategy] | Callable[[], Strategy], folder: Path | None = None) -> str | PythonStrategy:
     """The name of a strategy of Skysink, or the strategy in Python that is meant.
 
     Raises :class:`skysink.InputError` if there is none.
     """
     if not isinstance(strategy, str):
+        if isinstance(strategy, Strategy) or not callable(strategy):
+            raise InputError(f"strategy {strategy}: expected a class, of which each mission gets an object of its own")
         name = getattr(strategy, "__name__", type(strategy).__name__)
-        return Outside(name, strategy, _source(strategy))
+        return PythonStrategy(name, strategy, _source(strategy), strategy)
     if not strategy.startswith(PREFIX):
         return strategy
     file, _, name = strategy.removeprefix(PREFIX).rpartition(":")
     path = (folder or Path.cwd()) / file
     if not file or not path.is_file():
         raise InputError(f"strategy {strategy}: expected {PREFIX}FILE:CLASS, and the file {path}")
-    found = getattr(_module(path), name, None)
+    module, version = _load(path)
+    found = getattr(module, name, None)
     if not (inspect.isclass(found) and issubclass(found, Strategy)):
         raise InputError(f"strategy {strategy}: expected a subclass of skysink.Strategy called {name} in {path}")
-    return Outside(strategy, found, hashlib.sha256(path.read_bytes()).hexdigest())
+    return PythonStrategy(strategy, found, version, f"{PREFIX}{path.absolute()}:{name}")
+
+
+def labelled(label: str, strategy: str | Callable[[], Strategy]) -> str | PythonStrategy:
+    """A strategy under a name of its own; those of Skysink keep theirs."""
+    found = named(strategy)
+    if isinstance(found, str):
+        if label != found:
+            raise InputError(f"strategy {found} as {label}: expected its own name")
+        return found
+    if label in STRATEGIES:
+        raise InputError(f"strategy in Python as {label}: it is one of Skysink's: expected another name")
+    return PythonStrategy(label, found.make, found.version, found.spec)
 
 
 def make(strategy: Strategy | type[Strategy] | str) -> str | Strategy:
@@ -80,13 +99,32 @@ def make(strategy: Strategy | type[Strategy] | str) -> str | Strategy:
     return found if isinstance(found, str) else found.make()
 
 
-def _module(path: Path) -> object:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+def _load(path: Path) -> tuple[object, str]:
+    """The module in a file, which may import its neighbours, and the hash of them all."""
+    name = f"skysink_strategy_{hashlib.sha256(str(path).encode()).hexdigest()[:16]}"
+    spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise InputError(f"strategy file {path}: expected a file of Python")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    folder = str(path.parent)
+    for neighbour in [other for other, loaded in sys.modules.items() if _is_in(folder, loaded)]:
+        del sys.modules[neighbour]  # it may have changed since
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    sys.path.insert(0, folder)
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        sys.path.remove(folder)
+    files = sorted(str(loaded.__file__) for loaded in sys.modules.values() if _is_in(folder, loaded))
+    version = hashlib.sha256()
+    for file in files:
+        version.update(Path(file).read_bytes())
+    return module, version.hexdigest()
+
+
+def _is_in(folder: str, module: object) -> bool:
+    """Whether a module is a file of the folder."""
+    file = getattr(module, "__file__", None)
+    return isinstance(file, str) and str(Path(file).parent) == folder
 
 
 def _source(strategy: object) -> str:
@@ -96,4 +134,4 @@ def _source(strategy: object) -> str:
         return ""
 
 
-__all__ = ["PREFIX", "STRATEGIES", "Outside", "Strategy", "make", "named"]
+__all__ = ["PREFIX", "STRATEGIES", "PythonStrategy", "Strategy", "labelled", "make", "named"]

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, as_completed
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
 from functools import lru_cache
-from os import PathLike
+from os import PathLike, cpu_count
 from pathlib import Path
 from typing import Any
 
 from skysink._skysink import InputError, Scenario, SweepPlan, Table
-from skysink.strategy import PREFIX, Outside, Strategy, named
+from skysink.strategy import PREFIX, PythonStrategy, Strategy, named
 
 Key = tuple[int, int, int]
 """A mission: point of the grid, index of the strategy, seed."""
@@ -19,17 +20,34 @@ Key = tuple[int, int, int]
 Row = tuple[Key, list[float]]
 """A mission with its metrics."""
 
-Readied = tuple[SweepPlan, dict[str, Callable[[], Strategy]]]
-"""A sweep, and what makes its strategies in Python, by name."""
+Makers = dict[str, Callable[[], Strategy]]
+"""What makes the strategies in Python, by name."""
 
-Source = str | tuple[Scenario, list[str], list[int], Sequence[Any]]
-"""What a worker makes the same sweep of: a file, or scenario, names, seeds and strategies."""
-
-MOST_AT_ONCE = 32
-"""Most missions of one task."""
+MAX_MISSIONS_PER_TASK = 32
 
 TASKS = 64
 """Tasks of a sweep that is not long: enough for its workers to end together."""
+
+
+@dataclass(frozen=True)
+class FileSource:
+    """A sweep by its file, which a worker reads again."""
+
+    path: str
+
+
+@dataclass(frozen=True)
+class ComparisonSource:
+    """A sweep of strategies over the fields of a scenario, as it goes to a worker."""
+
+    scenario: Scenario
+    names: tuple[str, ...]
+    seeds: tuple[int, ...]
+    versions: tuple[tuple[str, str], ...]
+    specs: tuple[tuple[str, str | Callable[[], Strategy]], ...]
+
+
+Source = FileSource | ComparisonSource
 
 
 def sweep(
@@ -43,77 +61,86 @@ def sweep(
 
     ``out`` is the folder, by default ``runs/<file's name>``. Without an ``executor`` the missions are flown in this
     process, on ``threads`` threads (0: one per core); strategies in Python (``"python:FILE:CLASS"``, the file relative
-    to the sweep file) on one. An ``executor`` is anything with ``submit(function, *arguments)`` that returns a
-    ``concurrent.futures.Future``; its workers need this package and the same file system.
+    to the sweep file) one mission at a time. An ``executor`` is anything with ``submit(function, *arguments)`` that
+    returns a ``concurrent.futures.Future``; its workers need this package and the same file system.
 
     Every mission is on record as soon as it arrives here: after an interruption, or when workers died and the executor
     gave up, the same call flies the rest. Raises :class:`skysink.InputError` for a bad file or folder.
     """
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise InputError(f"executor {executor!r}: expected an object with submit, such as a ProcessPoolExecutor")
     path = Path(file).absolute()
     folder = Path("runs") / path.stem if out is None else Path(out)
-    plan, outside = read(str(path))
-    if executor is None and not outside:
+    source = FileSource(str(path))
+    plan, makers = load(source)
+    if executor is None and not makers:
         return plan.fly_all(folder, threads)
     record = plan.open(folder)
     try:
-        for row in fly_all(plan, outside, record.missing, str(path), executor):
+        for row in fly_all(plan, makers, record.missing, source, executor):
             record.add(row)
         return plan.finish(record)
     finally:
         record.close()
 
 
-def read(path: str) -> Readied:
-    """The sweep of a file, and what makes its strategies in Python, by name."""
+def load(source: Source) -> tuple[SweepPlan, Makers]:
+    """The sweep of a source. Raises :class:`skysink.InputError` if it is refused."""
+    if isinstance(source, ComparisonSource):
+        plan = SweepPlan.compare(source.scenario, source.names, source.seeds, source.versions)
+        return plan, {name: maker(spec) for name, spec in source.specs}
     try:
-        names = tomllib.loads(Path(path).read_text()).get("strategies", [])
+        names = tomllib.loads(Path(source.path).read_text()).get("strategies", [])
     except (OSError, ValueError):
         names = []  # refused below, with the reason
-    outside = [named(name, Path(path).parent) for name in names if isinstance(name, str) and name.startswith(PREFIX)]
-    found = [strategy for strategy in outside if isinstance(strategy, Outside)]
-    plan = SweepPlan.read(path, [(strategy.name, strategy.version) for strategy in found])
+    folder = Path(source.path).parent
+    in_python = [named(name, folder) for name in names if isinstance(name, str) and name.startswith(PREFIX)]
+    found = [strategy for strategy in in_python if isinstance(strategy, PythonStrategy)]
+    plan = SweepPlan.read(source.path, [(strategy.name, strategy.version) for strategy in found])
     return plan, {strategy.name: strategy.make for strategy in found}
 
 
-def again(source: Source, identity: str) -> Readied:
-    """The sweep of a source, which must have this identity: what it was where the task was made."""
-    plan, outside = read(source) if isinstance(source, str) else of_scenario(*source)
+def maker(spec: str | Callable[[], Strategy]) -> Callable[[], Strategy]:
+    """What makes a strategy in Python."""
+    found = named(spec)
+    if isinstance(found, str):
+        raise InputError(f"strategy {found}: expected one in Python")
+    return found.make
+
+
+@lru_cache(maxsize=8)
+def load_once(source: FileSource, identity: str) -> tuple[SweepPlan, Makers]:
+    """The sweep of a file, read once in a worker as long as it is the one with this identity."""
+    plan, makers = load(source)
     if plan.identity != identity:
-        raise InputError(f"{source}: here it is another sweep, or another version of Skysink: expected the same")
-    return plan, outside
-
-
-again_from_file = lru_cache(maxsize=8)(again)
-
-
-def of_scenario(scenario: Scenario, names: list[str], seeds: list[int], strategies: Sequence[Any]) -> Readied:
-    """The sweep of strategies over the fields of a scenario."""
-    found = [strategy for strategy in map(named, strategies) if isinstance(strategy, Outside)]
-    plan = SweepPlan.compare(scenario, names, seeds, [(strategy.name, strategy.version) for strategy in found])
-    return plan, {strategy.name: strategy.make for strategy in found}
+        other = "a worker has another one, or another version of Skysink: expected the same"
+        raise InputError(f"sweep {source.path}: {other}")
+    return plan, makers
 
 
 def fly(source: Source, identity: str, missions: list[Key]) -> list[Row]:
     """Flies missions of a sweep: what an executor's workers do."""
-    plan, outside = again_from_file(source, identity) if isinstance(source, str) else again(source, identity)
-    return plan.fly(missions, outside)
+    plan, makers = load_once(source, identity) if isinstance(source, FileSource) else load(source)
+    return plan.fly(missions, makers)
 
 
 def fly_all(
-    plan: SweepPlan,
-    outside: dict[str, Callable[[], Strategy]],
-    missions: list[Key],
-    source: Source,
-    executor: Executor | Any | None,
+    plan: SweepPlan, makers: Makers, missions: list[Key], source: Source, executor: Executor | Any | None
 ) -> Iterator[Row]:
     """Flies missions, here or by an executor, and yields them as they are done, in any order."""
-    size = max(1, min(MOST_AT_ONCE, len(missions) // TASKS))
-    tasks = [missions[first : first + size] for first in range(0, len(missions), size)]
-    if executor is None:
-        for task in tasks:
-            yield from plan.fly(task, outside)
+    if executor is None and makers:
+        for mission in missions:
+            yield from plan.fly([mission], makers)
         return
+    if executor is None:
+        with ThreadPoolExecutor(cpu_count() or 1) as threads:
+            yield from fly_all(plan, makers, missions, source, threads)
+        return
+    size = max(1, min(MAX_MISSIONS_PER_TASK, len(missions) // TASKS))
+    tasks = [missions[first : first + size] for first in range(0, len(missions), size)]
     futures: list[Future[list[Row]]] = [executor.submit(fly, source, plan.identity, task) for task in tasks]
+    if not all(isinstance(future, Future) for future in futures):
+        raise InputError("executor: expected futures of concurrent.futures from submit (Dask: client.get_executor())")
     try:
         for future in as_completed(futures):
             yield from future.result()

@@ -44,17 +44,15 @@ impl PyVectorCore {
             queues: Array2::zeros((count, sensors)),
             slot: Array2::zeros((count, 1)),
         };
-        let [uav, queues, slot] = [&mut observed.uav, &mut observed.queues, &mut observed.slot]
-            .map(|array| array.as_slice_mut().expect("made in one piece"));
+        let slices = [&mut observed.uav, &mut observed.queues, &mut observed.slot];
+        let [uav, queues, slot] = slices.map(|array| array.as_slice_mut().expect("made in one piece"));
         let rows = uav.par_chunks_mut(3).zip(queues.par_chunks_mut(sensors)).zip(slot.par_iter_mut());
-        let work_and_observe = |((episode, entry), ((uav, queues), slot)): ((&mut Episode, T), _)| {
-            let (uav, queues, slot): (&mut [f32], &mut [f32], &mut f32) = (uav, queues, slot);
+        let all = self.episodes.par_iter_mut().zip(entries).zip(rows).with_min_len(BATCH);
+        all.try_for_each(|((episode, entry), ((uav, queues), slot))| {
             work(episode, entry)?;
             episode.observe(uav, queues, slot);
             PyResult::Ok(())
-        };
-        let all = self.episodes.par_iter_mut().zip(entries).zip(rows).with_min_len(BATCH);
-        all.try_for_each(work_and_observe)?;
+        })?;
         Ok(observed)
     }
 
@@ -82,7 +80,11 @@ impl PyVectorCore {
         if count == 0 {
             return Err(refused("num_envs = 0: expected 1 or more"));
         }
-        Ok(Self { episodes: vec![first_episode(scenario, fields)?; count], positions })
+        let mut episodes = vec![first_episode(scenario, fields)?; count];
+        for (episode, number) in episodes.iter_mut().zip(0..) {
+            episode.begin(episode.number() + number)?;
+        }
+        Ok(Self { episodes, positions })
     }
 
     #[getter]
@@ -109,7 +111,8 @@ impl PyVectorCore {
     ) -> PyResult<Bound<'py, PyDict>> {
         let mask = mask.unwrap_or_else(|| vec![true; self.episodes.len()]);
         if [numbers.len(), mask.len()] != [self.episodes.len(); 2] {
-            return Err(refused(format!("{} seeds: expected {}", numbers.len(), self.episodes.len())));
+            let [seeds, mask, count] = [numbers.len(), mask.len(), self.episodes.len()];
+            return Err(refused(format!("{seeds} seeds, reset_mask of {mask}: expected {count} of each")));
         }
         let observed = py.detach(|| {
             self.each(
@@ -125,7 +128,7 @@ impl PyVectorCore {
     /// Flies a slot of every episode; one that is over begins anew instead, with the next number of its environment.
     fn step<'py>(&mut self, py: Python<'py>, actions: PyReadonlyArray2<'py, f32>) -> PyResult<Bound<'py, PyTuple>> {
         let (count, axes) = (self.episodes.len(), self.episodes[0].axes());
-        let actions = actions.as_array();
+        let actions = actions.as_array().to_owned(); // somebody else may change theirs
         if actions.dim() != (count, axes) || actions.iter().any(|component| !component.is_finite()) {
             return Err(refused(format!("actions of shape {:?}: expected ({count}, {axes}), finite", actions.dim())));
         }
@@ -135,7 +138,7 @@ impl PyVectorCore {
         let mut outcomes = vec![still; count];
         let observed = py.detach(|| {
             self.each(actions.par_chunks(axes).zip(&mut outcomes), |episode, (action, outcome)| {
-                if episode.world.is_over() {
+                if episode.plant.is_over() {
                     return episode.begin(episode.number() + count as u64);
                 }
                 let mut components = [0.0; 3];
@@ -149,11 +152,11 @@ impl PyVectorCore {
         let truncated: Array1<bool> = outcomes.iter().map(|outcome| outcome.is_over).collect();
         let lost_bits: Array1<u64> = outcomes.iter().map(|outcome| outcome.lost_bits).collect();
         let delivered_bits: Array1<u64> = outcomes.iter().map(|outcome| outcome.delivered_bits).collect();
-        let everybody = Array1::from_elem(count, true);
+        let all_true = Array1::from_elem(count, true);
         let information = PyDict::new(py);
         for (name, values) in [("lost_bits", lost_bits), ("delivered_bits", delivered_bits)] {
             information.set_item(name, values.into_pyarray(py))?;
-            information.set_item(format!("_{name}"), everybody.clone().into_pyarray(py))?;
+            information.set_item(format!("_{name}"), all_true.clone().into_pyarray(py))?;
         }
         let terminated = Array1::from_elem(count, false);
         let observation = self.observation(py, observed)?;

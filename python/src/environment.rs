@@ -8,12 +8,13 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::message::{Mode, Plan};
+use skysink_common::sensors::SensorList;
 
 use crate::episode::{Episode, Fields, Outcome};
 use crate::errors::{of_checkpoint, of_mission, refused};
 use crate::field::{PyField, coordinates};
 use crate::pilot::PyDecision;
-use crate::run::PyRun;
+use crate::run::{PyRun, checked_label};
 use crate::scenario::PyScenario;
 
 /// Observation, reward, terminated, truncated, information.
@@ -23,8 +24,8 @@ type Step<'py> = (Bound<'py, PyDict>, f64, bool, bool, Bound<'py, PyDict>);
 #[pyclass(name = "EnvironmentCore", module = "skysink")]
 pub struct PyEnvironmentCore {
     episode: Episode,
-    /// Those of the episode so far.
-    plans: Vec<Plan>,
+    /// Those of the episode so far, shared with clones.
+    plans: Vec<Arc<Plan>>,
     /// Whether it is observed where the sensor nodes stand.
     positions: bool,
 }
@@ -48,7 +49,7 @@ impl PyEnvironmentCore {
 
     fn fly_plan<'py>(&mut self, py: Python<'py>, plan: &Plan) -> PyResult<Step<'py>> {
         let Outcome { reward, delivered_bits, lost_bits, is_over } = self.episode.fly(plan);
-        self.plans.push(*plan);
+        self.plans.push(Arc::new(*plan));
         let information = PyDict::new(py);
         information.set_item(intern!(py, "lost_bits"), lost_bits)?;
         information.set_item(intern!(py, "delivered_bits"), delivered_bits)?;
@@ -56,7 +57,7 @@ impl PyEnvironmentCore {
     }
 
     fn must_fly(&self) -> PyResult<()> {
-        if self.episode.world.is_over() {
+        if self.episode.plant.is_over() {
             return Err(refused("the episode is over: expected reset()"));
         }
         Ok(())
@@ -83,7 +84,7 @@ impl PyEnvironmentCore {
 
     #[getter]
     fn slot(&self) -> u64 {
-        self.episode.world.slot()
+        self.episode.plant.slot()
     }
 
     #[getter]
@@ -93,15 +94,13 @@ impl PyEnvironmentCore {
 
     #[getter]
     fn uav(&self) -> (f64, f64, f64) {
-        let position = self.episode.world.last_flight().position();
+        let position = self.episode.plant.last_flight().position();
         (position.x, position.y, position.z)
     }
 
     #[getter]
     fn queues_bits<'py>(&mut self, py: Python<'py>) -> Bound<'py, PyArray1<u32>> {
-        let world = &mut self.episode.world;
-        let told_bits = world.told_bits().map(|told_bits| PyArray1::from_slice(py, told_bits));
-        told_bits.unwrap_or_else(|| PyArray1::from_slice(py, world.field().queues_bits()))
+        PyArray1::from_slice(py, self.episode.plant.known_bits())
     }
 
     fn reset<'py>(&mut self, py: Python<'py>, number: u64) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
@@ -124,7 +123,8 @@ impl PyEnvironmentCore {
             }
             Err(_) => {
                 let values = coordinates(action)?;
-                components.iter_mut().zip(&values).for_each(|(component, &value)| *component = value);
+                let single = values.iter().map(|&value| f64::from(value as f32)); // as in a vector
+                components.iter_mut().zip(single).for_each(|(component, value)| *component = value);
                 values.len()
             }
         };
@@ -138,7 +138,7 @@ impl PyEnvironmentCore {
     #[pyo3(signature = (decision, transit = false))]
     fn fly<'py>(&mut self, py: Python<'py>, decision: &Bound<'py, PyDecision>, transit: bool) -> PyResult<Step<'py>> {
         self.must_fly()?;
-        let waypoint = decision.get().place(self.episode.world.last_flight().position().z);
+        let waypoint = decision.get().waypoint_from(self.episode.plant.last_flight().position().z);
         let mode = if transit { Mode::Transit } else { Mode::Serve };
         let plan = self.episode.plan_to(waypoint, decision.get().schedule(), mode);
         self.fly_plan(py, &plan)
@@ -152,17 +152,21 @@ impl PyEnvironmentCore {
     fn save<'py>(&self, py: Python<'py>) -> (Bound<'py, PyBytes>, Bound<'py, PyBytes>) {
         let mut bytes = Vec::new();
         self.episode.save(&mut bytes);
-        (PyBytes::new(py, &bytes), PyBytes::new(py, bytemuck::cast_slice(&self.plans)))
+        let plans: Vec<Plan> = self.plans.iter().map(|plan| **plan).collect();
+        (PyBytes::new(py, &bytes), PyBytes::new(py, bytemuck::cast_slice(&plans)))
     }
 
     fn restore(&mut self, episode: &[u8], plans: &[u8]) -> PyResult<()> {
         self.episode.restore(episode).map_err(of_checkpoint)?;
-        self.plans = bytemuck::pod_collect_to_vec(plans);
+        self.plans = bytemuck::pod_collect_to_vec(plans).into_iter().map(Arc::new).collect();
         Ok(())
     }
 
     fn run(&self, label: &str) -> PyResult<PyRun> {
-        PyRun::of_plans(&self.episode.scenario()?, &self.episode.list, &self.plans, label).map_err(of_mission)
+        let scenario = PyScenario::on_record(&self.episode.scenario()?)?;
+        let plans = self.plans.iter().map(|plan| **plan);
+        PyRun::of_plans(scenario, SensorList::clone(&self.episode.list), plans, checked_label(label)?)
+            .map_err(of_mission)
     }
 }
 

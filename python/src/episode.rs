@@ -11,7 +11,7 @@ use skysink_common::geometry::{Position, above};
 use skysink_common::message::{Mode, Plan, QueuesHeader};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_mission::mission::World;
+use skysink_mission::mission::Plant;
 use skysink_planner::settings;
 
 use crate::errors::refused;
@@ -19,11 +19,11 @@ use crate::field::{FieldData, PyField};
 
 /// The field and the UAV of a scenario, with an account of what the UAV knows where the planner does not see the
 /// queues.
-pub fn world(scenario: &Scenario, list: &SensorList) -> PyResult<World> {
-    let world = World::new(scenario, list);
+pub fn plant(scenario: &Scenario, list: &SensorList) -> PyResult<Plant> {
+    let plant = Plant::new(scenario, list);
     Ok(match settings::estimated(scenario).map_err(refused)? {
-        Some(rates) => world.telling(Estimate::new(scenario, rates, &list.nodes())),
-        None => world,
+        Some(rates) => plant.telling(Estimate::new(scenario, rates, &list.nodes())),
+        None => plant,
     })
 }
 
@@ -50,7 +50,7 @@ pub struct Episode {
     number: u64,
     pub list: Arc<SensorList>,
     pub field: Arc<FieldData>,
-    pub world: World,
+    pub plant: Plant,
     header: QueuesHeader,
     ids: Vec<u32>,
 }
@@ -70,7 +70,7 @@ pub struct Outcome {
 #[derive(serde::Serialize, serde::Deserialize)]
 struct SavedEpisode {
     number: u64,
-    world: Vec<u8>,
+    plant: Vec<u8>,
 }
 
 impl Episode {
@@ -78,9 +78,9 @@ impl Episode {
     pub fn new(fields: Arc<Fields>, number: u64) -> PyResult<Self> {
         let scenario = seeded(&fields, number)?;
         let list = SensorList::of(&scenario).map_err(refused)?;
-        let world = world(&scenario, &list)?;
+        let plant = plant(&scenario, &list)?;
         let PyField(field) = PyField::of(&scenario, &list);
-        Ok(Self { fields, number, header: world.header(), world, field, list: Arc::new(list), ids: Vec::new() })
+        Ok(Self { fields, number, header: plant.header(), plant, field, list: Arc::new(list), ids: Vec::new() })
     }
 
     /// The episode with this number, over the same sensor nodes where it has them.
@@ -90,12 +90,12 @@ impl Episode {
             return Ok(());
         }
         self.number = number;
-        self.world = world(&seeded(&self.fields, number)?, &self.list)?;
-        self.header = self.world.header();
+        self.plant = plant(&seeded(&self.fields, number)?, &self.list)?;
+        self.header = self.plant.header();
         Ok(())
     }
 
-    /// Its number: every `stride`-th is of the same environment.
+    /// Its number; in a vector of n, environment i has the numbers i, i + n, i + 2 n ... from that of the first on.
     pub fn number(&self) -> u64 {
         self.number
     }
@@ -118,7 +118,7 @@ impl Episode {
     /// The plan of an action: a displacement as a fraction of what one slot reaches, then the fullest queues in range.
     pub fn plan(&mut self, action: &[f64]) -> Plan {
         let limits = self.field.limits;
-        let uav = self.world.last_flight().position();
+        let uav = self.plant.last_flight().position();
         let step = Position::new(action[0], action[1]).coords;
         let step = step / step.norm().max(1.0) * limits.reach_m;
         let z_m = action.get(2).map_or(uav.z, |climb| {
@@ -131,11 +131,10 @@ impl Episode {
 
     /// The plan to fly to a waypoint [m] and serve these SNs, or the fullest in range.
     pub fn plan_to(&mut self, waypoint: Point3<f64>, serve: Option<&[u32]>, mode: Mode) -> Plan {
-        let Self { world, field, ids, .. } = self;
-        match (serve, world.told_bits().is_some()) {
-            (Some(serve), _) => serve.clone_into(ids),
-            (None, true) => field.fill_fullest(&waypoint.xy(), world.told_bits().unwrap_or_default(), ids),
-            (None, false) => field.fill_fullest(&waypoint.xy(), world.field().queues_bits(), ids),
+        let Self { plant, field, ids, .. } = self;
+        match serve {
+            Some(serve) => serve.clone_into(ids),
+            None => field.fill_fullest(&waypoint.xy(), plant.known_bits(), ids),
         }
         let mut plan = Plan::fly_to(waypoint, mode);
         plan.schedule(ids);
@@ -145,32 +144,26 @@ impl Episode {
     /// Flies the next slot.
     pub fn fly(&mut self, plan: &Plan) -> Outcome {
         let before_bits = self.header.totals.sampled_bits;
-        self.header = self.world.fly(Some(plan));
+        self.header = self.plant.fly(Some(plan));
         let QueuesHeader { totals, delivered_bits, lost_bits, .. } = self.header;
         let sampled_bits = totals.sampled_bits - before_bits;
         let reward = if sampled_bits > 0 { -(lost_bits as f64 / sampled_bits as f64) } else { 0.0 };
-        Outcome { reward, delivered_bits, lost_bits, is_over: self.world.is_over() }
+        Outcome { reward, delivered_bits, lost_bits, is_over: self.plant.is_over() }
     }
 
     /// Writes what is seen: the UAV's position within area and altitudes, the queues as fractions of their buffers, the
     /// slot as a fraction of the mission.
     pub fn observe(&mut self, uav: &mut [f32], queues: &mut [f32], slot: &mut f32) {
         let limits = self.field.limits;
-        let position = self.world.last_flight().position();
+        let position = self.plant.last_flight().position();
         let climb_range_m = limits.max_altitude_m - limits.min_altitude_m;
         let altitude = if climb_range_m > 0.0 { (position.z - limits.min_altitude_m) / climb_range_m } else { 0.0 };
         let fractions = [position.x / limits.width_m, position.y / limits.height_m, altitude];
         uav.iter_mut().zip(fractions).for_each(|(uav, fraction)| *uav = fraction.clamp(0.0, 1.0) as f32);
-        *slot = (self.world.slot() as f64 / limits.slots as f64) as f32;
+        *slot = (self.plant.slot() as f64 / limits.slots as f64) as f32;
         let capacity_bits = self.field.capacity_bits() as f32;
-        let fill = |queues_bits: &[u32], queues: &mut [f32]| {
-            let pairs = queues.iter_mut().zip(queues_bits);
-            pairs.for_each(|(queue, &bits)| *queue = bits as f32 / capacity_bits);
-        };
-        match self.world.told_bits() {
-            Some(told_bits) => fill(told_bits, queues),
-            None => fill(self.world.field().queues_bits(), queues),
-        }
+        let pairs = queues.iter_mut().zip(self.plant.known_bits());
+        pairs.for_each(|(queue, &bits)| *queue = bits as f32 / capacity_bits);
     }
 
     /// Writes where the sensor nodes stand, x and y in turn, as fractions of the area.
@@ -184,17 +177,17 @@ impl Episode {
 
 impl Checkpoint for Episode {
     fn save(&self, bytes: &mut Vec<u8>) {
-        let mut world = Vec::new();
-        self.world.save(&mut world);
-        encode(&SavedEpisode { number: self.number, world }, bytes);
+        let mut plant = Vec::new();
+        self.plant.save(&mut plant);
+        encode(&SavedEpisode { number: self.number, plant }, bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let SavedEpisode { number, world } = decode(bytes)?;
+        let SavedEpisode { number, plant } = decode(bytes)?;
         let mut episode = self.clone();
         CheckpointError::unless(episode.begin(number).is_ok(), "a field that can be made")?;
-        episode.world.restore(&world)?;
-        episode.header = episode.world.header();
+        episode.plant.restore(&plant)?;
+        episode.header = episode.plant.header();
         *self = episode;
         Ok(())
     }

@@ -6,6 +6,7 @@ use nalgebra::Point3;
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, ToPyArray};
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 use skysink_common::geometry::Position;
 use skysink_common::message::{Limits, SensorNode};
 use skysink_common::scenario::Scenario;
@@ -32,6 +33,14 @@ impl FieldData {
     pub fn new(limits: Limits, nodes: Vec<SensorNode>) -> Self {
         let positions: Vec<Position> = nodes.iter().map(|node| Position::new(node.x_m, node.y_m)).collect();
         Self { grid: Grid::new(&positions, limits.comm_radius_m), limits, positions, nodes }
+    }
+
+    /// Refuses queues of another field.
+    pub fn check(&self, count: usize) -> PyResult<()> {
+        if count != self.count() {
+            return Err(refused(format!("queues_bits of {count} sensor nodes: expected {}", self.count())));
+        }
+        Ok(())
     }
 
     /// Sensor nodes.
@@ -66,6 +75,9 @@ impl FieldData {
     }
 }
 
+/// Limits and sensor nodes, as they lie in the messages of the ring.
+type Messages<'py> = (Bound<'py, PyBytes>, Bound<'py, PyBytes>);
+
 /// What stays the same in every slot of a mission: sensor nodes (SNs) and limits. ``len`` is N.
 #[pyclass(name = "Field", module = "skysink", frozen)]
 pub struct PyField(pub Arc<FieldData>);
@@ -77,12 +89,12 @@ impl PyField {
     }
 
     fn column<'py>(&self, py: Python<'py>, of: impl Fn(&SensorNode) -> f64) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        fixed(self.0.nodes.iter().map(of).collect::<Vec<f64>>().into_pyarray(py))
+        read_only(self.0.nodes.iter().map(of).collect::<Vec<f64>>().into_pyarray(py))
     }
 }
 
 /// The same array, which nobody may write to.
-pub fn fixed<'py, T>(array: Bound<'py, T>) -> PyResult<Bound<'py, T>> {
+pub fn read_only<'py, T>(array: Bound<'py, T>) -> PyResult<Bound<'py, T>> {
     array.as_any().call_method1("setflags", (false,))?;
     Ok(array)
 }
@@ -106,6 +118,14 @@ pub fn coordinates(point: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
 
 #[pymethods]
 impl PyField {
+    /// For pickle and copy.
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, Messages<'py>)> {
+        let field = &slf.get().0;
+        let message = |bytes| PyBytes::new(slf.py(), bytes);
+        let messages = (message(bytemuck::bytes_of(&field.limits)), message(bytemuck::cast_slice(&field.nodes)));
+        Ok((slf.get_type().getattr("_from_messages")?, messages))
+    }
+
     /// Of the limits and the sensor nodes as they lie in the messages of the ring.
     #[staticmethod]
     fn _from_messages(limits: &[u8], nodes: &[u8]) -> PyResult<Self> {
@@ -123,7 +143,7 @@ impl PyField {
     fn positions_m<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let positions = &self.0.positions;
         let array = Array2::from_shape_fn((positions.len(), 2), |(sensor, axis)| positions[sensor][axis]);
-        fixed(array.into_pyarray(py))
+        read_only(array.into_pyarray(py))
     }
 
     /// Reference channel gain at 1 m, a linear ratio, [N].
@@ -219,6 +239,7 @@ impl PyField {
         queues_bits: PyReadonlyArray1<'py, u32>,
     ) -> PyResult<Bound<'py, PyArray1<u32>>> {
         let mut ids = Vec::new();
+        self.0.check(queues_bits.len()?)?;
         self.0.fill_fullest(&ground(point)?, queues_bits.as_slice()?, &mut ids);
         Ok(ids.into_pyarray(py))
     }

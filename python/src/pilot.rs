@@ -1,6 +1,7 @@
 //! A strategy in Python: what it sees of a slot, what it decides, and the plan that becomes of it.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use nalgebra::Point3;
 use numpy::ndarray::ArrayView1;
@@ -9,10 +10,10 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use skysink_common::geometry::above;
 use skysink_common::message::{MAX_SERVED, Mode, Plan};
-use skysink_mission::mission::World;
+use skysink_mission::mission::Plant;
 
 use crate::errors::refused;
-use crate::field::{FieldData, PyField, coordinates, fixed};
+use crate::field::{FieldData, PyField, coordinates, read_only};
 
 /// Queues that Python holds, too.
 #[pyclass(module = "skysink", frozen)]
@@ -30,7 +31,7 @@ pub struct PyView {
     /// What the SNs hold as it begins, B_i(t-1) [bit], [N], read-only: known, or believed.
     ///
     /// The memory of the field itself. In ``simulate`` and sweeps an array that is kept stays as it is; in a ring it is
-    /// valid only during ``plan``: copy what is to be kept.
+    /// valid only during ``plan``: copy what is to be kept. Unsigned: differences need ``astype(np.int64)``.
     #[pyo3(get)]
     queues_bits: Py<PyArray1<u32>>,
     /// What stays the same.
@@ -57,12 +58,22 @@ impl PyDecision {
         if !(2..=3).contains(&waypoint_m.len()) {
             return Err(refused(format!("waypoint {waypoint}: expected (x, y) or (x, y, z) [m]")));
         }
-        let ids = serve.map(|serve| serve.try_iter()?.map(|id| id?.extract()).collect::<PyResult<Vec<u32>>>());
-        let serve = ids.transpose()?;
+        let id = |id: PyResult<Bound<'_, PyAny>>| {
+            let id = id?;
+            id.extract::<u32>()
+                .map_err(|_| refused(format!("serve: {id}: expected the id of a sensor node, 0 or above")))
+        };
+        let serve = serve.map(|serve| serve.try_iter()?.map(id).collect::<PyResult<Vec<u32>>>()).transpose()?;
         if let Some(ids) = serve.as_ref().filter(|ids| ids.len() > MAX_SERVED) {
             return Err(refused(format!("serve: {} sensor nodes: expected at most {MAX_SERVED}", ids.len())));
         }
         Ok(Self { waypoint_m, serve })
+    }
+
+    /// For pickle and copy.
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> (Bound<'py, PyAny>, (Vec<f64>, Option<Vec<u32>>)) {
+        let this = slf.get();
+        (slf.get_type().into_any(), (this.waypoint_m.clone(), this.serve.clone()))
     }
 
     #[getter]
@@ -76,13 +87,14 @@ impl PyDecision {
     }
 
     fn __repr__(&self) -> String {
-        format!("Decision(waypoint={:?}, serve={:?})", self.waypoint_m, self.serve)
+        let serve = self.serve.as_ref().map_or_else(|| "None".to_owned(), |ids| format!("{ids:?}"));
+        format!("Decision(waypoint={:?}, serve={serve})", self.waypoint_m)
     }
 }
 
 impl PyDecision {
     /// Where to fly [m]; at this altitude if it names none.
-    pub fn place(&self, altitude_m: f64) -> Point3<f64> {
+    pub fn waypoint_from(&self, altitude_m: f64) -> Point3<f64> {
         Point3::new(self.waypoint_m[0], self.waypoint_m[1], self.waypoint_m.get(2).copied().unwrap_or(altitude_m))
     }
 
@@ -101,7 +113,7 @@ pub struct Pilot {
 }
 
 impl Pilot {
-    /// With this strategy, which is told of the field if it has a method `begin`.
+    /// With this strategy, whose `begin(field)` is called.
     pub fn new(py: Python<'_>, strategy: Py<PyAny>, field: PyField) -> PyResult<Self> {
         let data = Arc::clone(&field.0);
         let field = Py::new(py, field)?;
@@ -119,7 +131,7 @@ impl Pilot {
     ) -> PyResult<Plan> {
         let view = PyView {
             slot,
-            uav: fixed([uav.x, uav.y, uav.z].to_pyarray(py))?.unbind(),
+            uav: read_only([uav.x, uav.y, uav.z].to_pyarray(py))?.unbind(),
             queues_bits: queues_bits.clone().unbind(),
             field: self.field.clone_ref(py),
         };
@@ -131,7 +143,7 @@ impl Pilot {
             self.data.fill_fullest(&ground, queues_bits, &mut self.ids);
             return Ok(self.message(above(&ground, uav.z), Mode::Transit));
         };
-        let waypoint = decision.place(uav.z);
+        let waypoint = decision.waypoint_from(uav.z);
         match decision.schedule() {
             Some(ids) => ids.clone_into(&mut self.ids),
             None => self.data.fill_fullest(&waypoint.xy(), queues_bits, &mut self.ids),
@@ -147,12 +159,13 @@ impl Pilot {
 
     /// The plan of the next slot of a mission. Where the UAV has to know the queues from its contacts, the strategy
     /// sees what it knows.
-    pub fn plan_next(&mut self, py: Python<'_>, world: &mut World) -> PyResult<Plan> {
-        let queues_bits = match world.told_bits() {
-            Some(told_bits) => told_bits.to_pyarray(py),
-            None => held(py, world.field().shared_queues_bits())?,
+    pub fn plan_next(&mut self, py: Python<'_>, plant: &mut Plant) -> PyResult<Plan> {
+        let queues_bits = if plant.field().is_telling() {
+            plant.known_bits().to_pyarray(py)
+        } else {
+            held(py, plant.field().shared_queues_bits())?
         };
-        self.plan(py, world.slot() + 1, world.last_flight().position(), &fixed(queues_bits)?)
+        self.plan(py, plant.slot() + 1, plant.last_flight().position(), &read_only(queues_bits)?)
     }
 }
 
@@ -188,7 +201,10 @@ impl PyPlanMaker {
         uav: [f64; 3],
         queues_bits: Bound<'py, PyArray1<u32>>,
     ) -> PyResult<Bound<'py, PyBytes>> {
-        let plan = self.0.plan(py, slot, Point3::from(uav), &queues_bits)?;
+        self.0.data.check(queues_bits.len()?)?;
+        let begin = Instant::now();
+        let mut plan = self.0.plan(py, slot, Point3::from(uav), &queues_bits)?;
+        plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
         Ok(PyBytes::new(py, bytemuck::bytes_of(&plan)))
     }
 }

@@ -4,26 +4,28 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use arrow_array::{ArrayRef, Float64Array, StringArray, UInt32Array, UInt64Array};
+use arrow_array::{ArrayRef, Float64Array, Int64Array, StringArray, UInt32Array};
 use numpy::PyArray2;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
+use skysink::run::options::label;
 use skysink_common::message::{FlightReport, Mode, Plan, QueuesHeader};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_field_sim::Field;
 use skysink_lab::metrics::{Metric, MissionMeter};
-use skysink_mission::mission::World;
+use skysink_mission::mission::Plant;
 use skysink_mission::origin::Manner;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Summary;
 use skysink_mission::trace::{RecordedSlot, TraceHash};
 use skysink_mission::{Mission, MissionError, Replay};
+use skysink_planner::strategies::Registered;
 
-use crate::episode::world;
-use crate::errors::of_mission;
+use crate::episode::plant;
+use crate::errors::{of_mission, refused};
 use crate::field::PyField;
 use crate::pilot::Pilot;
 use crate::scenario::PyScenario;
@@ -46,14 +48,14 @@ impl Recorder {
 
     fn add(
         &mut self,
-        plan: &Plan,
+        plan: Option<&Plan>,
         flight: &FlightReport,
         header: &QueuesHeader,
         field: &Field,
     ) -> Result<(), MissionError> {
         self.hash.write(flight, header)?;
         self.hash.add();
-        self.meter.add(Some(plan), flight, header, field);
+        self.meter.add(plan, flight, header, field);
         self.slots.push(RecordedSlot {
             slot: header.head.slot,
             position: flight.position(),
@@ -68,7 +70,14 @@ impl Recorder {
     }
 
     /// The mission whose last slot was added after `wall`.
-    fn end(self, scenario: Scenario, list: SensorList, field: &Field, wall: Duration, label: Option<String>) -> PyRun {
+    fn end(
+        self,
+        scenario: PyScenario,
+        list: SensorList,
+        field: &Field,
+        wall: Duration,
+        label: Option<String>,
+    ) -> PyRun {
         let mut summary = self.meter.tally().summary(None, wall, self.hash.value());
         if let Some(label) = &label {
             label.clone_into(&mut summary.strategy);
@@ -83,7 +92,7 @@ impl Recorder {
 /// A mission that was flown. ``len`` is its number of slots.
 #[pyclass(name = "Run", module = "skysink", frozen)]
 pub struct PyRun {
-    scenario: Scenario,
+    scenario: PyScenario,
     list: SensorList,
     /// The planner, if it is not Skysink's.
     label: Option<String>,
@@ -93,13 +102,13 @@ pub struct PyRun {
 }
 
 impl PyRun {
-    /// The mission flown again by its plans, each slot shown to `look`.
-    fn fly_again<E>(&self, mut look: impl FnMut(&World, &QueuesHeader) -> Result<(), E>) -> Result<(), E> {
-        let mut world = World::new(&self.scenario, &self.list);
+    /// The mission flown again by its plans, each slot told to `on_slot`.
+    fn fly_again<E>(&self, mut on_slot: impl FnMut(&Plant, &QueuesHeader) -> Result<(), E>) -> Result<(), E> {
+        let mut plant = Plant::new(&self.scenario.scenario, &self.list);
         for slot in &self.slots {
             let plan = (!slot.is_missed()).then(|| slot.plan());
-            let header = world.fly(plan.as_ref());
-            look(&world, &header)?;
+            let header = plant.fly(plan.as_ref());
+            on_slot(&plant, &header)?;
         }
         Ok(())
     }
@@ -108,21 +117,40 @@ impl PyRun {
         Arc::new(Float64Array::from_iter_values(self.slots.iter().map(of)))
     }
 
+    /// Signed, so that differences are what they seem; no count of a mission is above 2^63.
     fn counts(&self, of: impl Fn(&RecordedSlot) -> u64) -> ArrayRef {
-        Arc::new(UInt64Array::from_iter_values(self.slots.iter().map(of)))
+        Arc::new(Int64Array::from_iter_values(self.slots.iter().map(|slot| of(slot) as i64)))
     }
 
-    /// The mission flown by these plans.
-    pub fn of_plans(scenario: &Scenario, list: &SensorList, plans: &[Plan], label: &str) -> Result<Self, MissionError> {
+    /// The mission flown by these plans, which nobody timed.
+    pub fn of_plans(
+        scenario: PyScenario,
+        list: SensorList,
+        plans: impl Iterator<Item = Plan>,
+        label: String,
+    ) -> Result<Self, MissionError> {
         let begin = Instant::now();
-        let mut world = World::new(scenario, list);
-        let mut recorder = Recorder::new(scenario, list, &world.header());
+        let mut plant = Plant::new(&scenario.scenario, &list);
+        let mut recorder = Recorder::new(&scenario.scenario, &list, &plant.header());
         for plan in plans {
-            let header = world.fly(Some(plan));
-            recorder.add(plan, world.last_flight(), &header, world.field())?;
+            let header = plant.fly(Some(&plan));
+            recorder.add(None, plant.last_flight(), &header, plant.field())?;
         }
-        let label = Some(label.to_owned());
-        Ok(recorder.end(scenario.clone(), list.clone(), world.field(), begin.elapsed(), label))
+        Ok(recorder.end(scenario, list, plant.field(), begin.elapsed(), Some(label)).untimed())
+    }
+
+    /// Without planning times.
+    fn untimed(mut self) -> Self {
+        self.metrics.retain(|(name, _)| !name.starts_with("plan_"));
+        self
+    }
+
+    /// The lines of `slots.csv` behind its header.
+    fn trace(&self) -> Result<String, MissionError> {
+        let mut text = String::new();
+        let mut hash = TraceHash::default();
+        self.fly_again(|plant, header| hash.write(plant.last_flight(), header).map(|line| text.push_str(line)))?;
+        Ok(text)
     }
 }
 
@@ -131,21 +159,21 @@ impl PyRun {
     /// The run in a folder, flown again to check every slot. Raises :class:`InputError` if it is none or changed.
     #[staticmethod]
     fn load(py: Python<'_>, folder: PathBuf) -> PyResult<Self> {
-        let read = move |stop: &Stop| -> Result<Self, MissionError> {
+        let read = move |stop: &Stop| -> Result<_, MissionError> {
             let mut replay = Replay::open(&folder)?;
             let mut recorder = Recorder::new(replay.scenario(), replay.list(), &replay.mission().header());
             while let Some(flown) = replay.next_slot()? {
                 stop.check()?;
-                recorder.add(&flown.plan, &flown.flight, &flown.header, replay.mission().field())?;
+                recorder.add(None, &flown.flight, &flown.header, replay.mission().field())?;
             }
-            let (scenario, list) = (replay.scenario().clone(), replay.list().clone());
-            let label = Some(replay.label().to_owned()).filter(|label| *label != scenario.planner.strategy);
-            let mut run = recorder.end(scenario, list, replay.mission().field(), Duration::ZERO, label);
-            run.summary = replay.summary().clone();
-            run.metrics.retain(|(name, _)| !name.starts_with("plan_"));
-            Ok(run)
+            let label = replay.label().to_owned();
+            let field = replay.mission().field().clone();
+            Ok((replay.scenario().clone(), replay.list().clone(), label, replay.summary().clone(), field, recorder))
         };
-        interruptible(py, read)?.map_err(of_mission)
+        let (scenario, list, label, summary, field, recorder) = interruptible(py, read)?.map_err(of_mission)?;
+        let scenario = PyScenario::on_record(&scenario)?;
+        let label = Some(label).filter(|label| *label != scenario.scenario.planner.strategy);
+        Ok(PyRun { summary, ..recorder.end(scenario, list, &field, Duration::ZERO, label).untimed() })
     }
 
     /// Data loss rate: lost bits as a fraction of those sampled.
@@ -174,13 +202,13 @@ impl PyRun {
     }
 
     #[getter]
-    fn scenario(&self) -> PyResult<PyScenario> {
-        PyScenario::flown(&self.scenario)
+    fn scenario(&self) -> PyScenario {
+        self.scenario.clone()
     }
 
     #[getter]
     fn field(&self) -> PyField {
-        PyField::of(&self.scenario, &self.list)
+        PyField::of(&self.scenario.scenario, &self.list)
     }
 
     /// A row per slot, the columns of ``slots.csv``; ``scheduled`` holds lists of ids.
@@ -203,13 +231,15 @@ impl PyRun {
     }
 
     /// The queue of every SN before slot 1 and after each slot [bit], [slots + 1, N]; flown again for it: keep it.
+    ///
+    /// Unsigned: differences need ``astype(np.int64)``.
     #[getter]
     fn queues<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u32>>> {
         let count = self.list.sensors().len();
         let mut queues_bits = Vec::with_capacity((self.slots.len() + 1) * count);
         queues_bits.extend(self.list.queues_bits());
-        let add = |world: &World, _: &QueuesHeader| -> Result<(), MissionError> {
-            queues_bits.extend_from_slice(world.field().queues_bits());
+        let add = |plant: &Plant, _: &QueuesHeader| -> Result<(), MissionError> {
+            queues_bits.extend_from_slice(plant.field().queues_bits());
             Ok(())
         };
         py.detach(|| self.fly_again(add)).map_err(of_mission)?;
@@ -225,9 +255,9 @@ impl PyRun {
     fn save(&self, py: Python<'_>, folder: PathBuf, force: bool) -> PyResult<PathBuf> {
         let write = || -> Result<PathBuf, MissionError> {
             let manner = Manner { outside_planner: self.label.clone(), ..Manner::default() };
-            let folder = RunFolder::create(Some(&folder), force, &self.scenario, &self.list, &manner)?;
+            let folder = RunFolder::create(Some(&folder), force, &self.scenario.scenario, &self.list, &manner)?;
             let mut log = folder.slot_log()?;
-            self.fly_again(|world, header| log.add(world.last_flight(), header).map(|_| ()))?;
+            self.fly_again(|plant, header| log.add(plant.last_flight(), header).map(|_| ()))?;
             folder.write_json("summary.json", &self.summary)?;
             Ok(folder.path().to_owned())
         };
@@ -238,6 +268,36 @@ impl PyRun {
     #[pyo3(signature = (width = None, height = None))]
     fn show<'py>(slf: &Bound<'py, Self>, width: Option<u32>, height: Option<u32>) -> PyResult<Bound<'py, PyAny>> {
         slf.py().import("skysink.recording")?.call_method1("show", (slf, width, height))
+    }
+
+    /// For pickle and copy.
+    #[allow(clippy::type_complexity)]
+    fn __reduce__<'py>(
+        slf: &Bound<'py, Self>,
+    ) -> PyResult<(Bound<'py, PyAny>, (PyScenario, Option<String>, String, String))> {
+        let run = slf.get();
+        let trace = slf.py().detach(|| run.trace()).map_err(of_mission)?;
+        let summary = serde_json::to_string(&run.summary).expect("plain numbers and strings");
+        Ok((slf.get_type().getattr("_restore")?, (run.scenario.clone(), run.label.clone(), trace, summary)))
+    }
+
+    #[staticmethod]
+    fn _restore(scenario: &Bound<'_, PyScenario>, label: Option<String>, trace: &str, summary: &str) -> PyResult<Self> {
+        let scenario = scenario.get().clone();
+        let list = scenario.list()?;
+        let slots: Option<Vec<RecordedSlot>> =
+            trace.split_inclusive('\n').map(|line| RecordedSlot::parse(line.as_bytes())).collect();
+        let slots = slots.ok_or_else(|| refused("trace: expected that of a run"))?;
+        let mut plant = Plant::new(&scenario.scenario, &list);
+        let mut recorder = Recorder::new(&scenario.scenario, &list, &plant.header());
+        for slot in &slots {
+            let plan = (!slot.is_missed()).then(|| slot.plan());
+            let header = plant.fly(plan.as_ref());
+            recorder.add(None, plant.last_flight(), &header, plant.field()).map_err(of_mission)?;
+        }
+        let mut run = recorder.end(scenario, list, plant.field(), Duration::ZERO, label).untimed();
+        run.summary = serde_json::from_str(summary).map_err(refused)?;
+        Ok(run)
     }
 
     fn __len__(&self) -> usize {
@@ -257,27 +317,38 @@ pub fn simulate(
     py: Python<'_>,
     scenario: &Bound<'_, PyScenario>,
     strategy: Option<&Bound<'_, PyAny>>,
-    seed: Option<u64>,
+    seed: Option<i64>,
     label: Option<String>,
 ) -> PyResult<PyRun> {
     let name = strategy.and_then(|strategy| strategy.cast::<PyString>().ok()).map(|name| name.to_string());
-    let seed = seed.map(|seed| ("seed".to_owned(), i64::try_from(seed).unwrap_or(-1).into()));
+    let seed = seed.map(|seed| ("seed".to_owned(), seed.into()));
+    let label = label.as_deref().map(checked_label).transpose()?;
     let planner = name.as_ref().map(|name| ("planner.strategy".to_owned(), name.as_str().into()));
     let scenario = scenario.get().with(seed.into_iter().chain(planner))?;
     let list = scenario.list()?;
     match strategy.filter(|_| name.is_none()) {
-        Some(strategy) => by_python(py, scenario.scenario, list, strategy, label),
-        None => interruptible(py, |stop| by_registry(scenario.scenario, list, stop))?.map_err(of_mission),
+        Some(strategy) => by_python(py, scenario, list, strategy, label),
+        None => interruptible(py, |stop| by_registry(scenario, list, stop))?.map_err(of_mission),
     }
 }
 
-fn by_registry(scenario: Scenario, list: SensorList, stop: &Stop) -> Result<PyRun, MissionError> {
-    let mut mission = Mission::new(&scenario, &list)?;
+/// What a mission may be booked as: a name of its own.
+pub fn checked_label(text: &str) -> PyResult<String> {
+    let is_taken = Registered::find(text).is_some();
+    match label(text) {
+        Ok(label) if !is_taken => Ok(label),
+        Ok(_) => Err(refused(format!("label {text:?}: it is a strategy of Skysink: expected another"))),
+        Err(expected) => Err(refused(format!("label {text:?}: {expected}"))),
+    }
+}
+
+fn by_registry(scenario: PyScenario, list: SensorList, stop: &Stop) -> Result<PyRun, MissionError> {
+    let mut mission = Mission::new(&scenario.scenario, &list)?;
     mission.set_stop(stop);
-    let mut recorder = Recorder::new(&scenario, &list, &mission.header());
+    let mut recorder = Recorder::new(&scenario.scenario, &list, &mission.header());
     let begin = Instant::now();
     while let Some(flown) = mission.next() {
-        recorder.add(&flown.plan, &flown.flight, &flown.header, mission.field())?;
+        recorder.add(Some(&flown.plan), &flown.flight, &flown.header, mission.field())?;
     }
     stop.check()?;
     Ok(recorder.end(scenario, list, mission.field(), begin.elapsed(), None))
@@ -285,35 +356,35 @@ fn by_registry(scenario: Scenario, list: SensorList, stop: &Stop) -> Result<PyRu
 
 fn by_python(
     py: Python<'_>,
-    scenario: Scenario,
+    scenario: PyScenario,
     list: SensorList,
     strategy: &Bound<'_, PyAny>,
     label: Option<String>,
 ) -> PyResult<PyRun> {
-    let mut world = world(&scenario, &list)?;
-    let mut pilot = Pilot::new(py, strategy.clone().unbind(), PyField::of(&scenario, &list))?;
-    let mut recorder = Recorder::new(&scenario, &list, &world.header());
+    let mut plant = plant(&scenario.scenario, &list)?;
+    let mut pilot = Pilot::new(py, strategy.clone().unbind(), PyField::of(&scenario.scenario, &list))?;
+    let mut recorder = Recorder::new(&scenario.scenario, &list, &plant.header());
     let begin = Instant::now();
-    fly(py, &mut pilot, &mut world, |plan, world, header| {
-        recorder.add(plan, world.last_flight(), header, world.field()).map_err(of_mission)
+    fly(py, &mut pilot, &mut plant, |plan, plant, header| {
+        recorder.add(Some(plan), plant.last_flight(), header, plant.field()).map_err(of_mission)
     })?;
     let label = label.map_or_else(|| strategy.get_type().name().map(|name| name.to_string()), Ok)?;
-    Ok(recorder.end(scenario, list, world.field(), begin.elapsed(), Some(label)))
+    Ok(recorder.end(scenario, list, plant.field(), begin.elapsed(), Some(label)))
 }
 
-/// Flies a whole mission by a strategy in Python, each slot shown to `look`.
+/// Flies a whole mission by a strategy in Python, each slot told to `on_slot`.
 pub fn fly(
     py: Python<'_>,
     pilot: &mut Pilot,
-    world: &mut World,
-    mut look: impl FnMut(&Plan, &World, &QueuesHeader) -> PyResult<()>,
+    plant: &mut Plant,
+    mut on_slot: impl FnMut(&Plan, &Plant, &QueuesHeader) -> PyResult<()>,
 ) -> PyResult<()> {
-    while !world.is_over() {
+    while !plant.is_over() {
         let begin = Instant::now();
-        let mut plan = pilot.plan_next(py, world).map_err(|error| in_slot(py, world.slot() + 1, error))?;
+        let mut plan = pilot.plan_next(py, plant).map_err(|error| in_slot(py, plant.slot() + 1, error))?;
         plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
-        let header = world.fly(Some(&plan));
-        look(&plan, world, &header)?;
+        let header = plant.fly(Some(&plan));
+        on_slot(&plan, plant, &header)?;
     }
     Ok(())
 }

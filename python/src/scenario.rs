@@ -6,7 +6,6 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, Float64Array, UInt32Array};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 use skysink_common::error::read_text;
 use skysink_common::scenario::{LETTER, Overrides, Scenario, Setting, SettingOrigin};
 use skysink_common::sensors::{Sensor, SensorList};
@@ -23,6 +22,7 @@ use crate::values::{to_python, to_toml};
 /// Its keys are those of a scenario file (``docs/interfaces.md``). It cannot be changed, equals one with the same keys,
 /// and can be pickled; a sensor list that it names stays a file.
 #[pyclass(name = "Scenario", module = "skysink", frozen)]
+#[derive(Clone)]
 pub struct PyScenario {
     /// The text of the file.
     text: String,
@@ -37,19 +37,18 @@ impl PyScenario {
         Ok(Self { text, scenario })
     }
 
-    /// The same with more keys replaced.
+    /// The same with other values of keys, which displace earlier ones in other forms.
     pub fn with(&self, changes: impl IntoIterator<Item = (String, Value)>) -> PyResult<Self> {
         let setting = |(key, value)| Setting { key, value, origin: SettingOrigin::Replacement };
-        let mut keys = self.scenario.settings.clone();
-        for setting in changes.into_iter().map(setting) {
-            keys.retain(|earlier| earlier.key != setting.key);
-            keys.push(setting);
-        }
-        Self::new(self.text.clone(), &self.scenario.path, keys)
+        let settings: Vec<Setting> = changes.into_iter().map(setting).collect();
+        let changed = Self::new(self.text.clone(), &self.scenario.path, settings.clone())?;
+        let mut table: Table = self.text.parse().expect("it was read before");
+        Setting::apply_all(&settings, &mut table).map_err(refused)?;
+        Ok(Self { text: toml::to_string(&table).expect("it was just read"), ..changed })
     }
 
-    /// A scenario as it was flown.
-    pub fn flown(scenario: &Scenario) -> PyResult<Self> {
+    /// A scenario that is on record.
+    pub fn on_record(scenario: &Scenario) -> PyResult<Self> {
         Self::new(scenario.to_toml(), &scenario.path, Vec::new())
     }
 
@@ -86,9 +85,12 @@ impl PyScenario {
     }
 
     /// The same with other values of dotted keys, such as ``{"area.side_m": 500.0}``. Raises :class:`InputError`.
-    fn replace(&self, changes: &Bound<'_, PyDict>) -> PyResult<Self> {
-        let changes = changes.iter().map(|(key, value)| Ok((key.extract::<String>()?, to_toml(&value)?)));
-        self.with(changes.collect::<PyResult<Vec<_>>>()?)
+    fn replace(&self, changes: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let pair = |pair: PyResult<Bound<'_, PyAny>>| {
+            let (key, value): (String, Bound<'_, PyAny>) = pair?.extract()?;
+            Ok((key, to_toml(&value)?))
+        };
+        self.with(changes.call_method0("items")?.try_iter()?.map(pair).collect::<PyResult<Vec<_>>>()?)
     }
 
     #[getter]
@@ -153,20 +155,10 @@ impl PyScenario {
         Ok(PyField::of(&self.scenario, &self.list()?))
     }
 
-    /// For pickle and copy: the text, the path, and the keys replaced.
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (String, PathBuf, Bound<'py, PyDict>))> {
+    /// For pickle and copy: the text and the path.
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (String, PathBuf))> {
         let this = slf.get();
-        let replaced = PyDict::new(slf.py());
-        for setting in &this.scenario.settings {
-            replaced.set_item(&setting.key, to_python(slf.py(), &setting.value)?)?;
-        }
-        let make = slf.get_type().getattr("_restore")?;
-        Ok((make, (this.text.clone(), this.scenario.path.clone(), replaced)))
-    }
-
-    #[staticmethod]
-    fn _restore(text: String, path: PathBuf, replaced: &Bound<'_, PyDict>) -> PyResult<Self> {
-        Self::new(text, &path, Vec::new())?.replace(replaced)
+        Ok((slf.get_type().getattr("parse")?, (this.text.clone(), this.scenario.path.clone())))
     }
 
     fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {

@@ -15,7 +15,7 @@ use skysink_lab::sweep::plan::{MissionKey, OutsideStrategy, Shard, Sweep, SweepB
 use skysink_lab::sweep::results::mission_columns;
 use toml::Table;
 
-use crate::episode::world;
+use crate::episode::plant;
 use crate::errors::{of_lab, refused};
 use crate::field::PyField;
 use crate::pilot::Pilot;
@@ -127,14 +127,14 @@ impl PySweepPlan {
     fn fly_python(&self, py: Python<'_>, key: MissionKey, strategy: Py<PyAny>) -> PyResult<MissionRow> {
         let scenario = self.0.scenario(key).map_err(of_lab)?;
         let list = SensorList::of(&scenario).map_err(refused)?;
-        let mut world = world(&scenario, &list)?;
+        let mut plant = plant(&scenario, &list)?;
         let mut pilot = Pilot::new(py, strategy, PyField::of(&scenario, &list))?;
-        let mut meter = MissionMeter::new(&scenario, &list, &world.header());
-        fly(py, &mut pilot, &mut world, |plan, world, header| {
-            meter.add(Some(plan), world.last_flight(), header, world.field());
+        let mut meter = MissionMeter::new(&scenario, &list, &plant.header());
+        fly(py, &mut pilot, &mut plant, |plan, plant, header| {
+            meter.add(Some(plan), plant.last_flight(), header, plant.field());
             py.check_signals()
         })?;
-        Ok(MissionRow { key, values: meter.values(world.field(), None, None) })
+        Ok(MissionRow { key, values: meter.values(plant.field(), None, None) })
     }
 }
 
@@ -153,7 +153,8 @@ impl PySweepRecord {
     /// Adds a mission; it is on record when this returns, whatever happens to the process.
     fn add(&mut self, mission: Row) -> PyResult<()> {
         let row = row(mission)?;
-        self.0.as_mut().map_or(Ok(()), |record| record.add(row)).map_err(of_lab)
+        let record = self.0.as_mut().ok_or_else(|| refused("the sweep is finished: expected no more missions"))?;
+        record.add(row).map_err(of_lab)
     }
 
     /// Gives the folder free; a sweep that is not finished can be resumed.

@@ -7,14 +7,17 @@ use arrow_array::cast::AsArray;
 use arrow_array::ffi_stream::FFI_ArrowArrayStream;
 use arrow_array::types::{Float64Type, Int64Type, UInt32Type, UInt64Type};
 use arrow_array::{Array, ArrayRef, ArrowPrimitiveType, ListArray, PrimitiveArray, RecordBatch, RecordBatchIterator};
+use arrow_ipc::reader::StreamReader;
+use arrow_ipc::writer::StreamWriter;
 use arrow_schema::DataType;
 use numpy::ndarray::ArrayView1;
 use numpy::{Element, PyArray1};
 use pyo3::exceptions::PyKeyError;
 use pyo3::prelude::*;
-use pyo3::types::{PyCapsule, PyList};
+use pyo3::types::{PyBytes, PyCapsule, PyList};
 
 use crate::errors::refused;
+use crate::field::read_only;
 
 /// The name by which Arrow's consumers know the capsule.
 const STREAM: &CStr = c"arrow_array_stream";
@@ -82,6 +85,22 @@ impl PyTable {
         PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(Box::new(batches)), STREAM)
     }
 
+    /// For pickle and copy: as Arrow's IPC stream.
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (Bound<'py, PyBytes>,))> {
+        let rows = &slf.get().0;
+        let mut writer = StreamWriter::try_new(Vec::new(), &rows.schema()).map_err(refused)?;
+        writer.write(rows).map_err(refused)?;
+        let bytes = writer.into_inner().map_err(refused)?;
+        Ok((slf.get_type().getattr("_restore")?, (PyBytes::new(slf.py(), &bytes),)))
+    }
+
+    #[staticmethod]
+    fn _restore(bytes: &[u8]) -> PyResult<Self> {
+        let mut batches = StreamReader::try_new(bytes, None).map_err(refused)?;
+        let rows = batches.next().ok_or_else(|| refused("table: expected its rows"))?;
+        rows.map(Self).map_err(refused)
+    }
+
     /// As a ``pandas.DataFrame``.
     fn to_pandas<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyAny>> {
         slf.py().import("skysink.recording")?.call_method1("to_pandas", (slf,))
@@ -106,8 +125,7 @@ where
     let values = ArrayView1::from(&column.values()[..]);
     // SAFETY: the memory belongs to the record batch of `table`, which the array keeps alive and which never changes.
     let array = unsafe { PyArray1::borrow_from_array(&values, table.clone().into_any()) };
-    array.call_method1("setflags", (false,))?;
-    Ok(array.into_any())
+    read_only(array.into_any())
 }
 
 /// A column of lists of ids.

@@ -40,15 +40,15 @@ def gfs(tmp_path: Path) -> Path:
     return file
 
 
-def environment() -> dict[str, str]:
-    """The environment of a child: its own temporary files stay where the test's are."""
-    return {**os.environ, "PYTHONWARNINGS": "ignore"}
+def environment(place: Path) -> dict[str, str]:
+    """The environment of a child: its rings and temporary files are in this folder."""
+    return {**os.environ, "TMPDIR": str(place)}
 
 
 def run(*arguments: str | Path, cwd: Path, code: int = 0) -> subprocess.CompletedProcess[str]:
     """Runs the command line of the package, which must end with this exit code."""
     words = [str(Path(sys.executable).with_name("skysink")), *map(str, arguments)]
-    result = subprocess.run(words, cwd=cwd, capture_output=True, text=True, timeout=300, env=environment())
+    result = subprocess.run(words, cwd=cwd, capture_output=True, text=True, timeout=300, env=environment(cwd))
     assert result.returncode == code, result.stderr
     return result
 

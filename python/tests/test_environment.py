@@ -123,8 +123,14 @@ def test_seeds_count_on_and_fields_repeat(smoke: skysink.Scenario) -> None:
     assert vector.reset()[1]["seed"].tolist() == [1, 2, 3]
     assert vector.reset()[1]["seed"].tolist() == [4, 5, 6]
     assert vector.reset(seed=[9, None, 2])[1]["seed"].tolist() == [9, 8, 2]
+    vector.reset(seed=np.int64(3))  # type: ignore[arg-type]
+    assert vector.reset(seed=3)[1]["seed"].tolist() == [3, 4, 5]
+    vector.reset(options={"reset_mask": np.array([True, False, False])})
+    assert vector._core.numbers == [6, 4, 5]
     with pytest.raises(skysink.InputError):
         DataCollectionEnv(smoke, fields=0)
+    with pytest.raises(skysink.InputError, match="reset_mask of 2"):
+        vector.reset(options={"reset_mask": [True, False]})
 
 
 @pytest.mark.parametrize("knowledge", ["oracle", "estimated"])

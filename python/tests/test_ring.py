@@ -59,19 +59,18 @@ TIMEOUT_S = 240.0
 @pytest.fixture
 def place(tmp_path: Path) -> Iterator[Path]:
     """A folder whose rings leave nothing behind."""
-    before = set(os.listdir("/dev/shm"))
     (tmp_path / "long.toml").write_text(LONG)
     (tmp_path / "mine.py").write_text(MINE)
     (tmp_path / "counting.py").write_text(COUNTING)
     yield tmp_path
-    left = [name for name in set(os.listdir("/dev/shm")) - before if name.startswith("skysink")]
+    left = [ring for home in tmp_path.glob("skysink-*") for ring in home.iterdir() if ring.is_dir()]
     assert not left
 
 
 def begin(place: Path, *arguments: str) -> subprocess.Popen[str]:
     """The command line at work."""
     words = [str(Path(sys.executable).with_name("skysink")), *arguments]
-    return subprocess.Popen(words, cwd=place, stderr=(place / "said").open("w"), text=True, env=environment())
+    return subprocess.Popen(words, cwd=place, stderr=(place / "said").open("w"), text=True, env=environment(place))
 
 
 def end(process: subprocess.Popen[str]) -> int:
@@ -136,7 +135,7 @@ def test_it_is_started_by_hand_and_ends_on_a_signal(place: Path) -> None:
     until("ring", process, lambda: re.search(r"--ring (/\S+)", said.read_text()))
     found = re.search(r"--ring (/\S+)", said.read_text())
     assert found is not None
-    by_hand = {**environment(), "SKYSINK_RING": found[1]}
+    by_hand = {**environment(place), "SKYSINK_RING": found[1]}
     for slot in (100, 10**9):
         planner = subprocess.Popen([sys.executable, "mine.py"], cwd=place, env=by_hand)
         if slot < 1500:
@@ -144,7 +143,36 @@ def test_it_is_started_by_hand_and_ends_on_a_signal(place: Path) -> None:
             planner.send_signal(signal.SIGTERM)
         assert planner.wait(TIMEOUT_S) == 0
     assert end(process) == 0, said.read_text()
-    assert slots(place) == 1500
+    run("simulate", "long.toml", "--strategy", "gfs", "--out", "alone", cwd=place)
+    same_files(place / "alone", place / "run", ["slots.csv"])
+
+
+def test_in_a_paced_ring_it_plans_for_the_newest_queues(place: Path) -> None:
+    stall = "def plan(self, view):\n        __import__('time').sleep((view.slot == 9) * 0.8)"
+    slow = MINE.replace("def plan(self, view):", stall)
+    (place / "slow.py").write_text(slow)
+    paced = ["--pace", "realtime", "--set", "slots=40", "--planner", f"{sys.executable} slow.py"]
+    run("run", "long.toml", "--no-viewer", *paced, "--out", "run", cwd=place)
+    held = [line for line in (place / "run" / "slots.csv").read_text().splitlines() if ",hold," in line]
+    timing = json.loads((place / "run" / "summary.json").read_text())["timing"]
+    assert timing["missed_deadlines"] == len(held) >= 7, "0.8 s of slots of 0.1 s"
+    assert int(held[-1].partition(",")[0]) < 35, "it does not plan for slots that have begun"
+    assert timing["plan_p50_us"] > 1.0
+
+
+def test_it_ends_with_its_launcher(place: Path) -> None:
+    process = begin(place, "run", "long.toml", "--no-viewer", "--external", "planner", "--out", "run")
+    said = place / "said"
+    until("ring", process, lambda: re.search(r"--ring (/\S+)", said.read_text()))
+    found = re.search(r"--ring (/\S+)", said.read_text())
+    assert found is not None
+    planner = subprocess.Popen([sys.executable, "mine.py"], cwd=place, env={**environment(place), "SKYSINK_RING": found[1]})
+    until("flight", process, lambda: slots(place) > 50)
+    process.kill()
+    process.wait(TIMEOUT_S)
+    assert planner.wait(TIMEOUT_S) != 0
+    run("simulate", "long.toml", "--out", "alone", cwd=place)  # the next launcher clears what is left
+    run("run", str(ROOT / "scenarios" / "smoke.toml"), "--no-viewer", "--out", "next", cwd=place)
 
 
 def test_what_a_strategy_raises_ends_the_run_and_is_shown(place: Path) -> None:
@@ -157,7 +185,7 @@ def test_what_a_strategy_raises_ends_the_run_and_is_shown(place: Path) -> None:
 
 
 def test_a_folder_that_is_no_ring_is_refused(place: Path) -> None:
-    no_ring = {**environment(), "SKYSINK_RING": str(place)}
+    no_ring = {**environment(place), "SKYSINK_RING": str(place)}
     words = [sys.executable, "mine.py"]
     result = subprocess.run(words, cwd=place, capture_output=True, text=True, timeout=60, env=no_ring)
     assert result.returncode != 0

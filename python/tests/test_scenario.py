@@ -20,6 +20,10 @@ def test_keys_are_replaced_as_an_axis_of_a_sweep_replaces_them() -> None:
     assert wide["uav.start_m"] == [250.0, 250.0], "the centre of the new area"
     assert (letter["area.side_m"], letter.seed) == (100.0, 1), "the first one stays as it was"
     assert wide.replace({"area.side_m": 100.0, "seed": 1, "sensors.sampling_bps": 100.0}) == letter
+    both = wide.replace({"area.width_m": 300.0, "area.height_m": 200.0})
+    assert (both["area.width_m"], both.seed, both["uav.start_m"]) == (300.0, 7, [150.0, 100.0])
+    flown = skysink.simulate(letter.replace({"slots": 1})).scenario
+    assert flown.replace({"area.side_m": 500.0})["uav.start_m"] == [250.0, 250.0]
     assert letter.replace({"area.side_m": np.float64(80.0), "slots": np.int64(5)}).slots == 5
 
 
@@ -76,6 +80,8 @@ def test_distances_of_a_field_have_the_slack_of_the_model() -> None:
     toward = field.toward((0.0, 0.0), (60.0, 80.0))
     assert np.allclose(toward, [18.0, 24.0])  # 30 m of 100 m
     queues = np.arange(30, dtype=np.uint32)
+    with pytest.raises(skysink.InputError, match="3 sensor nodes: expected 30"):
+        field.fullest((0.0, 0.0), np.zeros(3, np.uint32))
     served = field.fullest(field.positions_m[3], queues)
     near = field.within(field.positions_m[3], field.comm_radius_m)
     assert list(served) == sorted(near)[-field.resource_blocks :], "ids are as full as they are high"

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import json
+import multiprocessing
+import pickle
 import threading
 import time
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -82,8 +86,30 @@ def test_columns_are_shared_with_other_libraries_and_not_copied(smoke: skysink.S
     assert [list(ids) for ids in frame["scheduled"]] == served
     with pytest.raises(KeyError, match="lost_bits"):
         slots["lost"]
-    del slots, arrow, frame
-    assert mine[0] == mine[0], "the memory lives as long as the array"
+    copy = mine.copy()
+    del slots, arrow, frame, pandas_frame
+    gc.collect()
+    [np.full(len(copy), 7.0) for _ in range(100)]
+    assert np.array_equal(mine, copy), "the memory lives as long as the array"
+
+
+def test_what_goes_between_processes_is_pickled(smoke: skysink.Scenario) -> None:
+    flown = skysink.simulate(smoke, "uts")
+    for value in (flown, flown.slots, flown.field, skysink.Decision((1.0, 2.0), serve=[3]), flown.scenario):
+        assert repr(pickle.loads(pickle.dumps(value))) == repr(value)
+    again = pickle.loads(pickle.dumps(flown))
+    assert again.summary == flown.summary and np.array_equal(again.queues, flown.queues)
+    assert polars.DataFrame(pickle.loads(pickle.dumps(flown.slots))).equals(polars.DataFrame(flown.slots))
+    assert np.array_equal(pickle.loads(pickle.dumps(flown.field)).positions_m, flown.field.positions_m)
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as workers:
+        elsewhere = workers.submit(skysink.simulate, smoke, "uts").result()
+    assert elsewhere.summary["trace_hash"] == flown.summary["trace_hash"]
+
+
+@pytest.mark.parametrize("label", ["uts", "a/b", "", "x" * 65])
+def test_a_label_that_is_none_is_refused(smoke: skysink.Scenario, label: str) -> None:
+    with pytest.raises(skysink.InputError, match="label"):
+        skysink.simulate(smoke, "uts", label=label)
 
 
 def test_a_mission_can_be_interrupted() -> None:
@@ -93,11 +119,9 @@ def test_a_mission_can_be_interrupted() -> None:
     scenario = sparse.replace({"area.side_m": 1000.0, "planner.offline.steps": 10**12})
     timer = threading.Timer(0.5, _thread.interrupt_main)
     timer.start()
-    begin = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
-        skysink.simulate(scenario, "offline")
+        skysink.simulate(scenario, "offline")  # which would take days
     timer.join()
-    assert time.monotonic() - begin < 60, "days without it"
 
 
 def test_other_threads_go_on_while_a_mission_flies() -> None:

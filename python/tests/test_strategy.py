@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -116,6 +118,27 @@ def test_a_comparison_is_that_of_the_command_line(smoke: skysink.Scenario, gfs: 
         assert losses[label]["mean"] == losses["gfs"]["mean"]
         assert losses[label]["difference"] == 0.0
     assert losses["uts"]["n"] == 4 and losses["uts"]["difference"] != 0.0
+
+
+def test_a_comparison_on_processes_is_the_same(smoke: skysink.Scenario, gfs: Path) -> None:
+    strategies = ["uts", f"python:{gfs}:GFS"]
+    alone = skysink.compare(smoke, strategies, seeds=3)
+    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as workers:
+        together = skysink.compare(smoke, strategies, seeds=[3, 1, 2], executor=workers)
+    untimed = [[entry for entry in all_ if not entry["metric"].startswith("plan_")] for all_ in (alone, together)]
+    assert untimed[0] == untimed[1]
+    with pytest.raises(skysink.InputError, match="expected a class"):
+        skysink.compare(smoke, ["uts", made()()], seeds=1)  # type: ignore[list-item]
+
+
+def test_a_strategy_in_a_file_may_import_its_neighbours(smoke: skysink.Scenario, tmp_path: Path) -> None:
+    (tmp_path / "neighbour.py").write_text("HEIGHT = 3.0\n")
+    (tmp_path / "mine.py").write_text(
+        "from __future__ import annotations\nimport skysink, neighbour\nfrom dataclasses import dataclass\n"
+        "@dataclass\nclass Stay(skysink.Strategy):\n    height: float = neighbour.HEIGHT\n"
+        "    def plan(self, view):\n        return skysink.Decision(view.uav[:2])\n"
+    )
+    assert skysink.simulate(smoke, f"python:{tmp_path}/mine.py:Stay").summary["held_slots"] == 0
 
 
 @pytest.mark.parametrize(

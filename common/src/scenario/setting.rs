@@ -38,7 +38,7 @@ impl Setting {
     ///
     /// # Errors
     /// If a part of a key is there, but no table.
-    pub(super) fn apply_all(settings: &[Self], table: &mut Table) -> Result<(), InputError> {
+    pub fn apply_all(settings: &[Self], table: &mut Table) -> Result<(), InputError> {
         let displaced = settings.iter().flat_map(|setting| forms::displaced(&setting.key, &setting.value));
         displaced.for_each(|key| forms::remove(table, key));
         settings.iter().try_for_each(|setting| setting.apply(table))

@@ -165,7 +165,10 @@ impl Sweep {
         let is_outside = |name: &&&str| outside.iter().any(|strategy| strategy.name == **name);
         let unknown = names.iter().find(|name| Registered::find(name).is_none() && !is_outside(name));
         if let Some(name) = unknown {
-            return Err(refuse(&format!("strategies: {name:?}"), &expected(name)).into());
+            let is_python = name.starts_with("python:");
+            let by_python = "a strategy of Skysink; those in Python are flown by its Python package: skysink.sweep()";
+            let expected = if is_python { by_python.to_owned() } else { expected(name) };
+            return Err(refuse(&format!("strategies: {name:?}"), &expected).into());
         }
         distinct(&names).map_err(|expected| refuse(&format!("strategies = {names:?}"), expected))?;
         let ascending = distinct(&seeds).map_err(|expected| refuse(&format!("seeds = {seeds:?}"), expected))?;

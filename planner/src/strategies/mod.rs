@@ -233,9 +233,6 @@ fn checked<T: Serialize + DeserializeOwned>(scenario: &Scenario, table: &str) ->
 /// What a strategy's name has to be instead of the unknown `name`.
 #[must_use]
 pub fn expected(name: &str) -> String {
-    if name.starts_with("python:") {
-        return "a strategy of Skysink; those in Python are flown by its Python package: skysink.sweep()".to_owned();
-    }
     let hint = did_you_mean(name, names()).map(|meant| format!("; did you mean `{meant}`?"));
     one_of(names()) + &hint.unwrap_or_default()
 }

@@ -1,0 +1,90 @@
+"""Flies the policy of ppo_train.py as a strategy beside Skysink's own, over twenty fields that it has never seen.
+
+    python python/examples/ppo_fly.py
+
+It needs skysink and NumPy alone. In every slot the policy chooses the sensor node (SN) to fly towards: the same small
+network rates each SN from its direction, distance, position and queue, and from a mean over all SNs, and the best rated
+is chosen. Hence the policy depends neither on the order of the SNs nor on their number.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import skysink
+from numpy.typing import NDArray
+
+SCENARIO = Path(__file__).with_name("small.toml")
+WEIGHTS = Path(__file__).with_name("ppo_weights.npz")
+REACH = 0.2  # of one slot, in sides of the area: uav.max_speed_mps * slot_s / area.side_m
+RANGE = 0.1  # of a link, likewise: link.comm_radius_m / area.side_m
+LAYERS = 4
+
+Array = Any  # of NumPy, or of JAX while it trains
+Weights = dict[str, NDArray[np.float32]]
+
+
+def features(positions: Array, queues: Array, uav: Array, xp: Any = np) -> Array:
+    """What the policy sees of each SN [..., N, 7].
+
+    Positions [..., N, 2], queues [..., N] and UAV [..., 3] are those of an observation; `xp` is the arrays' module.
+    """
+    offset = positions - uav[..., None, :2]
+    distance = xp.sqrt((offset**2).sum(-1, keepdims=True) + 1e-6)  # with a slope at 0, for the training
+    near = xp.exp(-((distance / RANGE) ** 2))
+    nearby = [offset / (2.0 * REACH), distance / (2.0 * REACH), near]
+    return xp.concatenate([*nearby, 2.0 * queues[..., None] - 1.0, 2.0 * positions - 1.0], -1)
+
+
+def choose(weights: Weights, observation: dict[str, NDArray[Any]]) -> NDArray[np.intp]:
+    """The SN to fly towards: the best rated, for one observation or for a batch of them."""
+
+    def dense(layer: int, value: NDArray[Any]) -> NDArray[Any]:
+        return value @ weights[f"kernel_{layer}"] + weights[f"bias_{layer}"]
+
+    seen = features(observation["positions"], observation["queues"], observation["uav"])
+    each = np.tanh(dense(0, seen))
+    mean = np.tanh(dense(1, each)).mean(-2, keepdims=True)
+    both = np.tanh(dense(2, np.concatenate([each, np.broadcast_to(mean, each.shape)], -1)))
+    return np.asarray(dense(3, both)[..., 0].argmax(-1))
+
+
+def load(path: Path = WEIGHTS) -> Weights:
+    """Reads the weights that ppo_train.py has written."""
+    with np.load(path, allow_pickle=False) as weights:
+        return dict(weights)
+
+
+class PPO(skysink.Strategy):
+    """The trained policy, deterministic; it serves the fullest queues in range."""
+
+    def __init__(self) -> None:
+        self.weights = load()
+
+    def begin(self, field: skysink.Field) -> None:
+        self.positions_m = field.positions_m
+        self.area_m = np.array(field.area_m)
+
+    def plan(self, view: skysink.View) -> skysink.Decision:
+        observation = {
+            "positions": self.positions_m / self.area_m,
+            "queues": view.queues_bits / view.field.capacity_bits,
+            "uav": np.array([*(view.uav[:2] / self.area_m), 0.0]),
+        }
+        target = choose(self.weights, observation)
+        return skysink.Decision(view.field.toward(view.uav, self.positions_m[target]))
+
+
+def main() -> None:
+    standings = skysink.compare(SCENARIO, ["rfs", "gfs", "uts", "exact", PPO, "tour", "horizon"], seeds=20)
+    print("strategy  loss rate  95 % interval")
+    for row in standings:
+        if row["metric"] == "loss_rate":
+            lowest, highest = row["ci95"]
+            print(f"{row['label']:<8} {row['mean']:10.4f}  {lowest:.4f} to {highest:.4f}")
+
+
+if __name__ == "__main__":
+    main()

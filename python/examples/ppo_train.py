@@ -1,0 +1,215 @@
+"""Trains a PPO policy for small.toml with skrl (JAX): 256 environments at once, over a new field in every episode.
+
+    pip install ./python -r python/examples/requirements-ppo.txt
+    python python/examples/ppo_train.py                  # writes ppo_weights.npz, ppo_curve.csv and ppo_curve.png
+
+After every ten updates the deterministic policy flies over the twenty fields of the seeds 1001 to 1020, and the
+weights with the lowest loss rate so far are kept. ppo_fly.py compares them with Skysink's strategies over other fields.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+
+import argparse
+import csv
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import flax.linen as nn
+import gymnasium
+import jax
+import jax.numpy as jnp
+import matplotlib
+import numpy as np
+import optax
+import skysink
+from gymnasium.vector.utils import batch_space
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+from numpy.typing import NDArray
+from ppo_fly import LAYERS, REACH, Weights, choose, features
+from skrl.agents.jax.ppo import PPO, PPO_CFG
+from skrl.envs.wrappers.jax import Wrapper, wrap_env
+from skrl.memories.jax import RandomMemory
+from skrl.models.jax import CategoricalMixin, DeterministicMixin, Model
+from skrl.resources.preprocessors.jax import RunningStandardScaler
+from skrl.trainers.jax import SequentialTrainer, SequentialTrainerCfg
+from skrl.utils import set_seed
+from skrl.utils.spaces.jax import unflatten_tensorized_space
+
+HERE = Path(__file__).parent
+NAME = "skysink/DataCollection-v0"
+KEYS = ("uav", "queues", "slot", "positions")
+ENVS = 256
+ROLLOUT = 32  # slots between two updates
+UPDATES = 10  # between two evaluations
+STEPS = ENVS * ROLLOUT * UPDATES  # environment steps between two evaluations
+HIDDEN = 32  # units of each layer
+SHARPNESS = 4.0  # of the random choice while training
+JUDGED_FROM = 1001  # seed of the first of the fields of the evaluation
+JUDGED = 20
+TICKS = [0.05, 0.1, 0.2, 0.5]  # of the figure's loss rates
+
+
+class Targets(gymnasium.vector.VectorWrapper):
+    """Environments in which an action is the sensor node to fly towards, one slot at full speed or as far as there."""
+
+    def __init__(self, envs: gymnasium.vector.VectorEnv) -> None:
+        super().__init__(envs)
+        spaces: Any = envs.single_observation_space
+        self.single_action_space = gymnasium.spaces.Discrete(len(spaces["queues"].low))
+        self.action_space = batch_space(self.single_action_space, envs.num_envs)
+
+    def reset(self, **options: Any) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
+        self.seen, info = self.env.reset(**options)
+        return self.seen, info
+
+    def step(self, targets: NDArray[np.integer[Any]]) -> tuple[Any, ...]:
+        towards = self.seen["positions"][np.arange(self.num_envs), targets] - self.seen["uav"][:, :2]
+        self.seen, *rest = self.env.step(towards / REACH)  # the environment shortens what is longer than a flight
+        return self.seen, *rest
+
+
+class Policy(CategoricalMixin, Model):
+    """The policy of ppo_fly.py in JAX: the ratings are the logits of a random choice."""
+
+    def __init__(self, **spaces: Any) -> None:
+        Model.__init__(self, **spaces)
+        CategoricalMixin.__init__(self)
+
+    @nn.compact
+    def __call__(self, inputs: dict[str, Any], role: str) -> tuple[jax.Array, dict[str, Any]]:
+        observation = unflatten_tensorized_space(self.observation_space, inputs["observations"])
+        seen = features(observation["positions"], observation["queues"], observation["uav"], jnp)
+        each = nn.tanh(nn.Dense(HIDDEN)(seen))
+        mean = nn.tanh(nn.Dense(HIDDEN)(each)).mean(-2, keepdims=True)
+        both = nn.tanh(nn.Dense(HIDDEN)(jnp.concatenate([each, jnp.broadcast_to(mean, each.shape)], -1)))
+        ratings = nn.Dense(1, kernel_init=nn.initializers.orthogonal(0.3))(both)[..., 0]
+        return SHARPNESS * ratings, {}
+
+
+class Value(DeterministicMixin, Model):
+    """What the policy will still lose, discounted."""
+
+    def __init__(self, **spaces: Any) -> None:
+        Model.__init__(self, **spaces)
+        DeterministicMixin.__init__(self)
+
+    @nn.compact
+    def __call__(self, inputs: dict[str, Any], role: str) -> tuple[jax.Array, dict[str, Any]]:
+        observation = unflatten_tensorized_space(self.observation_space, inputs["observations"])
+        seen = features(observation["positions"], observation["queues"], observation["uav"], jnp)
+        mean = nn.tanh(nn.Dense(HIDDEN)(nn.tanh(nn.Dense(HIDDEN)(seen)))).mean(-2)
+        whole = nn.tanh(nn.Dense(HIDDEN)(jnp.concatenate([mean, observation["uav"], observation["slot"]], -1)))
+        return nn.Dense(1)(whole), {}
+
+
+class Row(NamedTuple):
+    """A line of the learning curve."""
+
+    steps: int
+    seconds: float
+    training_loss_rate: float  # of the last episodes, stochastic
+    loss_rate: float  # of the evaluation, deterministic
+
+
+def make_agent(env: Wrapper, updates: int) -> PPO:
+    spaces = {"observation_space": env.observation_space, "action_space": env.action_space, "device": env.device}
+    models: dict[str, Model] = {"policy": Policy(**spaces), "value": Value(**spaces)}
+    for role, model in models.items():
+        model.init_state_dict(role=role)
+    config = PPO_CFG(
+        rollouts=ROLLOUT,
+        learning_epochs=3,
+        mini_batches=4,
+        discount_factor=0.99,
+        gae_lambda=0.97,
+        learning_rate=1e-3,
+        learning_rate_scheduler=optax.constant_schedule,  # a factor in every update: down to a tenth at the end
+        learning_rate_scheduler_kwargs={"value": 0.1 ** (1.0 / updates)},
+        value_preprocessor=RunningStandardScaler,
+        value_preprocessor_kwargs={"size": 1, "device": env.device},
+        time_limit_bootstrap=True,
+        experiment={"write_interval": 0, "checkpoint_interval": 0},
+    )
+    memory = RandomMemory(memory_size=ROLLOUT, num_envs=ENVS, device=env.device)
+    return PPO(models=models, memory=memory, cfg=config, **spaces)
+
+
+def weights_of(policy: Policy) -> Weights:
+    layers = policy.state_dict.params["params"]
+    kernels = {f"kernel_{layer}": np.asarray(layers[f"Dense_{layer}"]["kernel"]) for layer in range(LAYERS)}
+    biases = {f"bias_{layer}": np.asarray(layers[f"Dense_{layer}"]["bias"]) for layer in range(LAYERS)}
+    return kernels | biases
+
+
+def judge(envs: gymnasium.vector.VectorEnv, weights: Weights, slots: int) -> float:
+    """The mean loss rate of one mission in each environment."""
+    observation, _ = envs.reset(seed=JUDGED_FROM)
+    lost = 0.0
+    for _ in range(slots):
+        observation, rewards, *_ = envs.step(choose(weights, observation))
+        lost -= float(rewards.mean())  # every slot samples the same number of bits
+    return lost / slots
+
+
+def write_curve(rows: list[Row], folder: Path) -> None:
+    with (folder / "ppo_curve.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(Row._fields)
+        writer.writerows((row.steps, f"{row.seconds:.1f}", *(f"{rate:.5f}" for rate in row[2:])) for row in rows)
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(6.0, 3.5), layout="constrained")
+    million = [row.steps / 1e6 for row in rows]
+    axes.plot(million, [row.training_loss_rate for row in rows], color="0.6", label="training, stochastic")
+    axes.plot(million, [row.loss_rate for row in rows], color="C0", label=f"{JUDGED} other fields, deterministic")
+    axes.set(xlabel="environment steps [million]", ylabel="loss rate η", yscale="log")
+    axes.set_yticks(TICKS, [str(tick) for tick in TICKS])
+    axes.minorticks_off()
+    axes.set_ylim(TICKS[0], 1.0)
+    axes.legend(frameon=False)
+    figure.savefig(folder / "ppo_curve.png", dpi=150)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Trains a PPO policy for small.toml.")
+    parser.add_argument("--steps", type=float, default=2.5e6, help="environment steps [2.5e6]")
+    parser.add_argument("--seed", type=int, default=1_000_001, help="of weights, choices and the first field [1000001]")
+    parser.add_argument("--out", type=Path, default=HERE, help="folder to write [that of this file]")
+    args = parser.parse_args()
+    rounds = max(1, round(args.steps / STEPS))
+    set_seed(args.seed)
+
+    scenario = skysink.Scenario.load(HERE / "small.toml")
+    fresh = gymnasium.make_vec(NAME, num_envs=ENVS, scenario=scenario, observation=KEYS)
+    envs = RecordEpisodeStatistics(Targets(fresh), buffer_length=ENVS)
+    env = wrap_env(envs, verbose=False)
+    judged = scenario.replace({"seed": JUDGED_FROM})
+    fixed = gymnasium.make_vec(NAME, num_envs=JUDGED, scenario=judged, fields=JUDGED, observation=KEYS)
+    judge_envs = Targets(fixed)
+    agent = make_agent(env, rounds * UPDATES)
+    schedule = SequentialTrainerCfg(timesteps=ROLLOUT * UPDATES, headless=True, disable_progressbar=True)
+    trainer = SequentialTrainer(cfg=schedule, env=env, agents=agent)
+
+    args.out.mkdir(parents=True, exist_ok=True)
+    rows: list[Row] = []
+    begin = time.perf_counter()
+    for number in range(1, rounds + 1):
+        trainer.train()
+        weights = weights_of(agent.policy)
+        training_loss_rate = -float(np.mean(envs.return_queue)) / scenario.slots
+        loss_rate = judge(judge_envs, weights, scenario.slots)
+        if loss_rate < min((row.loss_rate for row in rows), default=1.0):
+            np.savez(args.out / "ppo_weights.npz", allow_pickle=False, **weights)
+        rows.append(Row(number * STEPS, time.perf_counter() - begin, training_loss_rate, loss_rate))
+        print("{:9,} steps, {:4.0f} s: loss rate {:.4f} stochastic, {:.4f} deterministic".format(*rows[-1]), flush=True)
+    write_curve(rows, args.out)
+
+
+if __name__ == "__main__":
+    main()
