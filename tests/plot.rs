@@ -164,6 +164,7 @@ fn a_request_that_does_not_fit_the_sweep_is_refused_in_a_line_and_nothing_is_wri
         ),
         (with(&["--strategies", "uts,exact"]), "--strategies exact: expected one that was flown: uts, gfs, rfs"),
         (with(&["--difference-to", "exact"]), "--difference-to exact: expected one that was flown"),
+        (with(&["--strategies", "utz"]), "expected one that was flown: uts, gfs, rfs; did you mean `uts`?"),
         (with(&["--y", "loss_bound"]), "--y loss_bound: uts has none"),
     ] {
         let ended = place.run(&[&["plot", "flown"], &request[..]].concat());
@@ -174,7 +175,6 @@ fn a_request_that_does_not_fit_the_sweep_is_refused_in_a_line_and_nothing_is_wri
         (with(&["--title", "日"]), "--title 日: '日' is not in the embedded font: expected Latin, Greek"),
         (with(&["--y", "loss"]), "[possible values: loss_rate, eta_letter, "),
         (with(&["--y", "los_rate"]), "'loss_rate'"),
-        (with(&["--strategies", "utz"]), "'uts'"),
         (with(&["--width", "88"]), "expected a width from 50mm to 1000mm"),
         (with(&["--log-y", "--difference-to", "uts"]), "cannot be used with"),
     ] {

@@ -180,7 +180,7 @@ class DataCollectionVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         self.single_observation_space, self.single_action_space = _spaces(self._core.field, observation)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._is_new = True
+        self._has_begun = [False] * num_envs
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -188,17 +188,18 @@ class DataCollectionVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         """Begins episodes: all of them, or those of ``options["reset_mask"]``, bool [num_envs]."""
         first = None if seed is None or isinstance(seed, Sequence) else int(seed)
         super().reset(seed=first)
-        numbers = self._core.numbers
-        following = [number + (0 if self._is_new else self.num_envs) for number in numbers]
-        self._is_new = False
+        mask = (options or {}).get("reset_mask")
+        mask = [True] * self.num_envs if mask is None else [bool(one) for one in mask]
+        begun = zip(self._core.numbers, self._has_begun, strict=True)
+        following = [number + (self.num_envs if has_begun else 0) for number, has_begun in begun]
         if first is not None:
             following = [first + index for index in range(self.num_envs)]
         elif isinstance(seed, Sequence):
             if len(seed) != self.num_envs:
                 raise InputError(f"{len(seed)} seeds: expected {self.num_envs}")
             following = [number if one is None else one for one, number in zip(seed, following, strict=True)]
-        mask = (options or {}).get("reset_mask")
-        observation = self._core.reset(following, None if mask is None else [bool(one) for one in mask])
+        observation = self._core.reset(following, mask)
+        self._has_begun = [begun or now for begun, now in zip(self._has_begun, mask, strict=True)]
         return observation, {"seed": np.array(self._core.seeds), "_seed": np.ones(self.num_envs, np.bool_)}
 
     def step(

@@ -41,6 +41,9 @@ POLL = iox2.Duration.from_secs_f64(POLL_S)
 STATE = "planner-state.json"
 """What a strategy saved before its last slots, in the folder of the ring."""
 
+LOCK = "planner-state.lock"
+"""Held locked by the planner that has the state."""
+
 SAVED_SLOTS = 4
 """Slots whose states are saved: a planner that is started again answers the last two again."""
 
@@ -204,6 +207,11 @@ class States:
     """What a strategy carried into its last slots, on disk."""
 
     def __init__(self, folder: Path) -> None:
+        self.lock = (folder / LOCK).open("w")
+        try:
+            fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"ring {folder}: there is a planner already: end it first") from None
         self.path = folder / STATE
         self.saved: dict[int, str] = {}
         with suppress(FileNotFoundError):
@@ -248,7 +256,8 @@ def planner(strategy: Strategy | type[Strategy], ring: str | PathLike[str] | Non
     if folder is None:
         raise InputError("ring: expected the folder of a running ring, or SKYSINK_RING from skysink run --planner")
     place = Path(folder)
-    joined, states = Ring(place), States(place)
+    joined = Ring(place)
+    states = States(place)
     flown = make(strategy)
     if isinstance(flown, str):
         raise InputError(f"strategy {flown}: expected one in Python; skysink run flies those of Skysink")

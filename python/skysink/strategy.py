@@ -15,6 +15,9 @@ from skysink._skysink import STRATEGIES, Decision, Field, InputError, View
 
 PREFIX = "python:"
 
+_FOLDERS: set[str] = set()
+"""Folders that strategies were loaded from."""
+
 
 class Strategy(ABC):
     """A planning strategy: decides the waypoint and the schedule, slot by slot.
@@ -103,17 +106,20 @@ def _load(path: Path) -> tuple[object, str]:
     """The module in a file, which may import its neighbours, and the hash of them all."""
     name = f"skysink_strategy_{hashlib.sha256(str(path).encode()).hexdigest()[:16]}"
     spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
+    if spec is None:
         raise InputError(f"strategy file {path}: expected a file of Python")
     folder = str(path.parent)
-    for neighbour in [other for other, loaded in sys.modules.items() if _is_in(folder, loaded)]:
-        del sys.modules[neighbour]  # it may have changed since
+    _FOLDERS.add(folder)
+    for neighbour in [other for other, loaded in sys.modules.items() if any(_is_in(each, loaded) for each in _FOLDERS)]:
+        del sys.modules[neighbour]  # it may have changed since, or be another one of the same name
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
     sys.path.insert(0, folder)
+    writes_bytecode, sys.dont_write_bytecode = not sys.dont_write_bytecode, True  # it may be older than the file
     try:
-        spec.loader.exec_module(module)
+        exec(compile(path.read_bytes(), path, "exec"), module.__dict__)
     finally:
         sys.path.remove(folder)
+        sys.dont_write_bytecode = not writes_bytecode
     files = sorted(str(loaded.__file__) for loaded in sys.modules.values() if _is_in(folder, loaded))
     version = hashlib.sha256()
     for file in files:

@@ -25,6 +25,8 @@ Makers = dict[str, Callable[[], Strategy]]
 
 MAX_MISSIONS_PER_TASK = 32
 
+MAX_THREADS = 1024
+
 TASKS = 64
 """Tasks of a sweep that is not long: enough for its workers to end together."""
 
@@ -67,6 +69,8 @@ def sweep(
     Every mission is on record as soon as it arrives here: after an interruption, or when workers died and the executor
     gave up, the same call flies the rest. Raises :class:`skysink.InputError` for a bad file or folder.
     """
+    if not 0 <= threads <= MAX_THREADS:
+        raise InputError(f"threads = {threads}: expected 0 to {MAX_THREADS}")
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise InputError(f"executor {executor!r}: expected an object with submit, such as a ProcessPoolExecutor")
     path = Path(file).absolute()
@@ -142,8 +146,12 @@ def fly_all(
     if not all(isinstance(future, Future) for future in futures):
         raise InputError("executor: expected futures of concurrent.futures from submit (Dask: client.get_executor())")
     try:
+        task_of = dict(zip(futures, tasks, strict=True))
         for future in as_completed(futures):
-            yield from future.result()
+            rows = future.result()
+            if sorted(key for key, _ in rows) != sorted(task_of[future]):
+                raise InputError(f"executor: {len(rows)} missions of a task: expected those that it was given")
+            yield from rows
     finally:
         for future in futures:
             future.cancel()

@@ -1,11 +1,14 @@
 //! The core of the vectorised Gymnasium environment: many episodes, on all cores.
 
+use std::sync::{Arc, Mutex, PoisonError};
+
 use numpy::ndarray::{Array1, Array2, Array3};
 use numpy::{IntoPyArray, PyReadonlyArray2};
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
 use rayon::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
 use skysink_common::checkpoint::Checkpoint;
 
 use crate::environment::first_episode;
@@ -16,6 +19,24 @@ use crate::scenario::PyScenario;
 
 /// Episodes that a thread takes at once.
 const BATCH: usize = 8;
+
+/// Most environments of a vector.
+const MAX_ENVIRONMENTS: usize = 100_000;
+
+/// The threads of this process: those of one that it was forked from are not there.
+fn pool() -> PyResult<Arc<ThreadPool>> {
+    static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
+    let mut pool = POOL.lock().unwrap_or_else(PoisonError::into_inner);
+    let process = std::process::id();
+    match &*pool {
+        Some((owner, threads)) if *owner == process => Ok(Arc::clone(threads)),
+        _ => {
+            let threads = Arc::new(ThreadPoolBuilder::new().build().map_err(refused)?);
+            std::mem::forget(pool.replace((process, Arc::clone(&threads)))); // to end it would wait for its threads
+            Ok(threads)
+        }
+    }
+}
 
 /// What was observed of all episodes.
 struct Observed {
@@ -48,11 +69,14 @@ impl PyVectorCore {
         let [uav, queues, slot] = slices.map(|array| array.as_slice_mut().expect("made in one piece"));
         let rows = uav.par_chunks_mut(3).zip(queues.par_chunks_mut(sensors)).zip(slot.par_iter_mut());
         let all = self.episodes.par_iter_mut().zip(entries).zip(rows).with_min_len(BATCH);
-        all.try_for_each(|((episode, entry), ((uav, queues), slot))| {
-            work(episode, entry)?;
-            episode.observe(uav, queues, slot);
-            PyResult::Ok(())
-        })?;
+        let fly = || {
+            all.try_for_each(|((episode, entry), ((uav, queues), slot))| {
+                work(episode, entry)?;
+                episode.observe(uav, queues, slot);
+                PyResult::Ok(())
+            })
+        };
+        pool()?.install(fly)?;
         Ok(observed)
     }
 
@@ -77,8 +101,8 @@ impl PyVectorCore {
     #[new]
     #[pyo3(signature = (scenario, count, fields = None, positions = false))]
     fn new(scenario: &Bound<'_, PyScenario>, count: usize, fields: Option<u64>, positions: bool) -> PyResult<Self> {
-        if count == 0 {
-            return Err(refused("num_envs = 0: expected 1 or more"));
+        if !(1..=MAX_ENVIRONMENTS).contains(&count) {
+            return Err(refused(format!("num_envs = {count}: expected 1 to {MAX_ENVIRONMENTS}")));
         }
         let mut episodes = vec![first_episode(scenario, fields)?; count];
         for (episode, number) in episodes.iter_mut().zip(0..) {
@@ -99,7 +123,7 @@ impl PyVectorCore {
 
     #[getter]
     fn field(&self) -> PyField {
-        PyField(std::sync::Arc::clone(&self.episodes[0].field))
+        PyField(Arc::clone(&self.episodes[0].field))
     }
 
     /// Begins the episodes with these numbers, where `mask` is true or none is given.
@@ -114,6 +138,7 @@ impl PyVectorCore {
             let [seeds, mask, count] = [numbers.len(), mask.len(), self.episodes.len()];
             return Err(refused(format!("{seeds} seeds, reset_mask of {mask}: expected {count} of each")));
         }
+        self.episodes[0].check(&numbers)?;
         let observed = py.detach(|| {
             self.each(
                 numbers.into_par_iter().zip(mask),
@@ -186,6 +211,9 @@ impl PyVectorCore {
     }
 
     fn restore(&mut self, saved: Vec<Vec<u8>>) -> PyResult<()> {
+        if saved.len() != self.episodes.len() {
+            return Err(refused(format!("{} episodes: expected {}", saved.len(), self.episodes.len())));
+        }
         let pairs = self.episodes.iter_mut().zip(saved);
         pairs.map(|(episode, bytes)| episode.restore(&bytes).map_err(of_checkpoint)).collect()
     }

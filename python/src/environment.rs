@@ -176,6 +176,9 @@ pub fn first_episode(scenario: &Bound<'_, PyScenario>, fields: Option<u64>) -> P
         return Err(refused("fields = 0: expected 1 or more, or None"));
     }
     let scenario = scenario.get().scenario.clone();
+    if fields.is_some_and(|count| scenario.seed.checked_add(count).is_none_or(|end| i64::try_from(end).is_err())) {
+        return Err(refused(format!("fields = {}: expected fewer", fields.unwrap_or(0))));
+    }
     let number = if fields.is_some() { 0 } else { scenario.seed };
     Episode::new(Arc::new(Fields { scenario, count: fields }), number)
 }

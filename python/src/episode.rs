@@ -95,6 +95,11 @@ impl Episode {
         Ok(())
     }
 
+    /// Refuses numbers of which one has no seed.
+    pub fn check(&self, numbers: &[u64]) -> PyResult<()> {
+        numbers.iter().try_for_each(|&number| seeded(&self.fields, number).map(|_| ()))
+    }
+
     /// Its number; in a vector of n, environment i has the numbers i, i + n, i + 2 n ... from that of the first on.
     pub fn number(&self) -> u64 {
         self.number

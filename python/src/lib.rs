@@ -44,6 +44,8 @@ mod _skysink {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        // NumPy's interface is looked up now, not by whoever needs it first.
+        let _ = numpy::PyArray1::<u32>::zeros(module.py(), 0, false);
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
         module.add("STRATEGIES", skysink_planner::strategies::names().to_vec())
     }

@@ -6,6 +6,7 @@ use std::time::Instant;
 use nalgebra::Point3;
 use numpy::ndarray::ArrayView1;
 use numpy::{PyArray1, PyArrayMethods, ToPyArray};
+use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use skysink_common::geometry::above;
@@ -132,7 +133,8 @@ impl Pilot {
         let view = PyView {
             slot,
             uav: read_only([uav.x, uav.y, uav.z].to_pyarray(py))?.unbind(),
-            queues_bits: queues_bits.clone().unbind(),
+            // An array of their own, whose shape they may change; the memory stays.
+            queues_bits: queues_bits.call_method0(intern!(py, "view"))?.cast_into()?.unbind(),
             field: self.field.clone_ref(py),
         };
         let decided = self.strategy.call_method1(py, "plan", (view,))?;

@@ -1,12 +1,13 @@
 //! `skysink.simulate` and `skysink.Run`: a mission flown, slot by slot, and what it comes to.
 
+use std::cell::Cell;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use arrow_array::{ArrayRef, Float64Array, Int64Array, StringArray, UInt32Array};
 use numpy::PyArray2;
-use pyo3::exceptions::PyRuntimeError;
+use pyo3::exceptions::{PyRecursionError, PyRuntimeError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyString};
 use skysink::run::options::label;
@@ -354,6 +355,38 @@ fn by_registry(scenario: PyScenario, list: SensorList, stop: &Stop) -> Result<Py
     Ok(recorder.end(scenario, list, mission.field(), begin.elapsed(), None))
 }
 
+/// Missions in missions: a strategy may fly some.
+struct Depth;
+
+impl Depth {
+    /// More of them would not fit onto the stack.
+    const MOST: u32 = 10;
+
+    /// How many there are on this thread.
+    fn on_thread(change: impl FnOnce(u32) -> u32) -> u32 {
+        thread_local!(static DEPTH: Cell<u32> = const { Cell::new(0) });
+        DEPTH.with(|depth| {
+            depth.set(change(depth.get()));
+            depth.get()
+        })
+    }
+
+    fn enter() -> PyResult<Self> {
+        let depth = Self::on_thread(|depth| depth + 1);
+        let entered = Self; // counts down when it is dropped
+        if depth > Self::MOST {
+            return Err(PyRecursionError::new_err("a mission in a mission in a mission ...: expected at most ten"));
+        }
+        Ok(entered)
+    }
+}
+
+impl Drop for Depth {
+    fn drop(&mut self) {
+        Self::on_thread(|depth| depth - 1);
+    }
+}
+
 fn by_python(
     py: Python<'_>,
     scenario: PyScenario,
@@ -361,6 +394,7 @@ fn by_python(
     strategy: &Bound<'_, PyAny>,
     label: Option<String>,
 ) -> PyResult<PyRun> {
+    let _depth = Depth::enter()?;
     let mut plant = plant(&scenario.scenario, &list)?;
     let mut pilot = Pilot::new(py, strategy.clone().unbind(), PyField::of(&scenario.scenario, &list))?;
     let mut recorder = Recorder::new(&scenario.scenario, &list, &plant.header());

@@ -5,11 +5,21 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString};
 use toml::Value;
 
+/// Lists and tables in each other, at most: more than any key has.
+const MAX_DEPTH: usize = 8;
+
 /// A value of a scenario: a number, text, or a list or table of them.
 ///
 /// # Errors
 /// [`PyTypeError`] for anything else.
 pub fn to_toml(value: &Bound<'_, PyAny>) -> PyResult<Value> {
+    nested(value, MAX_DEPTH)
+}
+
+/// The same of a value with at most `depth` lists and tables in each other.
+fn nested(value: &Bound<'_, PyAny>, depth: usize) -> PyResult<Value> {
+    let wrong = || PyTypeError::new_err(format!("{}: expected a number, text, or a list of them", value.get_type()));
+    let inner = |value: &Bound<'_, PyAny>| nested(value, depth.checked_sub(1).ok_or_else(wrong)?);
     if value.is_instance_of::<PyBool>() {
         return Ok(Value::Boolean(value.extract()?));
     }
@@ -23,16 +33,14 @@ pub fn to_toml(value: &Bound<'_, PyAny>) -> PyResult<Value> {
         return Ok(Value::Float(value.extract()?));
     }
     if let Ok(table) = value.cast::<PyDict>() {
-        let entries = table.iter().map(|(key, value)| Ok((key.extract::<String>()?, to_toml(&value)?)));
+        let entries = table.iter().map(|(key, value)| Ok((key.extract::<String>()?, inner(&value)?)));
         return Ok(Value::Table(entries.collect::<PyResult<_>>()?));
     }
     if let Ok(number) = value.call_method0("item") {
-        return to_toml(&number); // one of NumPy's
+        return inner(&number); // one of NumPy's
     }
-    let elements = value
-        .try_iter()
-        .map_err(|_| PyTypeError::new_err(format!("{value}: expected a number, text, or a list or table of them")))?;
-    Ok(Value::Array(elements.map(|element| to_toml(&element?)).collect::<PyResult<_>>()?))
+    let elements = value.try_iter().map_err(|_| wrong())?;
+    Ok(Value::Array(elements.map(|element| inner(&element?)).collect::<PyResult<_>>()?))
 }
 
 /// The same for Python.

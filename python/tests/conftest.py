@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -40,15 +39,10 @@ def gfs(tmp_path: Path) -> Path:
     return file
 
 
-def environment(place: Path) -> dict[str, str]:
-    """The environment of a child: its rings and temporary files are in this folder."""
-    return {**os.environ, "TMPDIR": str(place)}
-
-
 def run(*arguments: str | Path, cwd: Path, code: int = 0) -> subprocess.CompletedProcess[str]:
     """Runs the command line of the package, which must end with this exit code."""
     words = [str(Path(sys.executable).with_name("skysink")), *map(str, arguments)]
-    result = subprocess.run(words, cwd=cwd, capture_output=True, text=True, timeout=300, env=environment(cwd))
+    result = subprocess.run(words, cwd=cwd, capture_output=True, text=True, timeout=300)
     assert result.returncode == code, result.stderr
     return result
 

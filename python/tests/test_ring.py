@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from conftest import GFS, ROOT, environment, run, same_files
+from conftest import GFS, ROOT, run, same_files
 
 LONG = """
 name = "long"
@@ -57,20 +59,23 @@ TIMEOUT_S = 240.0
 
 
 @pytest.fixture
-def place(tmp_path: Path) -> Iterator[Path]:
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A folder whose rings leave nothing behind."""
+    rings = Path(tempfile.mkdtemp(dir="/tmp"))  # a short path, as those of sockets have to be
+    monkeypatch.setenv("TMPDIR", str(rings))
     (tmp_path / "long.toml").write_text(LONG)
     (tmp_path / "mine.py").write_text(MINE)
     (tmp_path / "counting.py").write_text(COUNTING)
     yield tmp_path
-    left = [ring for home in tmp_path.glob("skysink-*") for ring in home.iterdir() if ring.is_dir()]
+    left = [ring for home in rings.glob("skysink-*") for ring in home.iterdir() if ring.is_dir()]
+    shutil.rmtree(rings)
     assert not left
 
 
 def begin(place: Path, *arguments: str) -> subprocess.Popen[str]:
     """The command line at work."""
     words = [str(Path(sys.executable).with_name("skysink")), *arguments]
-    return subprocess.Popen(words, cwd=place, stderr=(place / "said").open("w"), text=True, env=environment(place))
+    return subprocess.Popen(words, cwd=place, stderr=(place / "said").open("w"), text=True)
 
 
 def end(process: subprocess.Popen[str]) -> int:
@@ -135,7 +140,7 @@ def test_it_is_started_by_hand_and_ends_on_a_signal(place: Path) -> None:
     until("ring", process, lambda: re.search(r"--ring (/\S+)", said.read_text()))
     found = re.search(r"--ring (/\S+)", said.read_text())
     assert found is not None
-    by_hand = {**environment(place), "SKYSINK_RING": found[1]}
+    by_hand = {**os.environ, "SKYSINK_RING": found[1]}
     for slot in (100, 10**9):
         planner = subprocess.Popen([sys.executable, "mine.py"], cwd=place, env=by_hand)
         if slot < 1500:
@@ -161,17 +166,23 @@ def test_in_a_paced_ring_it_plans_for_the_newest_queues(place: Path) -> None:
 
 
 def test_it_ends_with_its_launcher(place: Path) -> None:
-    process = begin(place, "run", "long.toml", "--no-viewer", "--external", "planner", "--out", "run")
+    long = ["run", "long.toml", "--set", "slots=100000", "--no-viewer"]
+    process = begin(place, *long, "--external", "planner", "--out", "run")
     said = place / "said"
     until("ring", process, lambda: re.search(r"--ring (/\S+)", said.read_text()))
     found = re.search(r"--ring (/\S+)", said.read_text())
     assert found is not None
-    planner = subprocess.Popen([sys.executable, "mine.py"], cwd=place, env={**environment(place), "SKYSINK_RING": found[1]})
+    planner = subprocess.Popen([sys.executable, "mine.py"], cwd=place, env={**os.environ, "SKYSINK_RING": found[1]})
     until("flight", process, lambda: slots(place) > 50)
+    second = subprocess.run(
+        [sys.executable, "mine.py"], cwd=place, capture_output=True, text=True, timeout=60,
+        env={**os.environ, "SKYSINK_RING": found[1]},
+    )  # fmt: skip
+    assert "there is a planner already" in second.stderr
     process.kill()
     process.wait(TIMEOUT_S)
     assert planner.wait(TIMEOUT_S) != 0
-    run("simulate", "long.toml", "--out", "alone", cwd=place)  # the next launcher clears what is left
+    # The next launcher clears what is left.
     run("run", str(ROOT / "scenarios" / "smoke.toml"), "--no-viewer", "--out", "next", cwd=place)
 
 
@@ -185,7 +196,7 @@ def test_what_a_strategy_raises_ends_the_run_and_is_shown(place: Path) -> None:
 
 
 def test_a_folder_that_is_no_ring_is_refused(place: Path) -> None:
-    no_ring = {**environment(place), "SKYSINK_RING": str(place)}
+    no_ring = {**os.environ, "SKYSINK_RING": str(place)}
     words = [sys.executable, "mine.py"]
     result = subprocess.run(words, cwd=place, capture_output=True, text=True, timeout=60, env=no_ring)
     assert result.returncode != 0

@@ -66,7 +66,11 @@ impl Selection {
 fn strategies(request: &PlotRequest, definition: &Definition) -> Result<Vec<usize>, String> {
     let find = |option: &str, strategy: &String| {
         let names = &definition.strategies;
-        let expected = || format!("{option} {strategy}: expected one that was flown: {}", names.join(", "));
+        let expected = || {
+            let meant = did_you_mean(strategy, names.iter().map(String::as_str));
+            let hint = meant.map(|meant| format!("; did you mean `{meant}`?")).unwrap_or_default();
+            format!("{option} {strategy}: expected one that was flown: {}{hint}", names.join(", "))
+        };
         names.iter().position(|name| name == strategy).ok_or_else(expected)
     };
     let mut chosen = match &request.strategies[..] {

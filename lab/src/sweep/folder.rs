@@ -71,8 +71,12 @@ impl SweepRecord {
     /// Adds a mission, if it is not there; it is on record when this returns, whatever happens to the process.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the sweep has no such mission, or it cannot be written.
     pub fn add(&mut self, row: MissionRow) -> Result<(), LabError> {
+        if !self.manifest.definition.contains(row.key) {
+            let message = format_args!("{:?}: expected a mission of the sweep", row.key);
+            return Err(InputError::new("sweep folder", &self.folder, message).into());
+        }
         if !self.rows.contains_key(&row.key) {
             self.journal.add(&row)?;
             self.rows.insert(row.key, row);
@@ -83,8 +87,13 @@ impl SweepRecord {
     /// Writes the results, and returns all rows.
     ///
     /// # Errors
-    /// If a file cannot be written.
+    /// If a mission is missing, or a file cannot be written.
     pub fn finish(self) -> Result<MissionRows, LabError> {
+        let missing = self.missing().len();
+        if missing > 0 {
+            let message = format_args!("{missing} of {} missions are missing: fly them first", self.missions.len());
+            return Err(InputError::new("sweep folder", &self.folder, message).into());
+        }
         results::write(&self.folder, &self.manifest.definition, &self.rows)?;
         Ok(self.rows)
     }
