@@ -19,8 +19,7 @@ use skysink_planner::settings;
 use skysink_planner::strategies::Registered;
 use toml::Table;
 
-use crate::cli::research::{ended_early, flown_in};
-use crate::error::Error;
+use crate::error::{Error, ended_early, flown_in};
 use crate::report::{TerminalProgress, print};
 
 /// The standings, beside the recording.

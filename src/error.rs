@@ -150,3 +150,17 @@ impl Error {
         }
     }
 }
+
+/// What is left in the folder of a stopped sweep.
+#[cfg(feature = "lab")]
+pub(crate) fn flown_in(out: &std::path::Path) -> String {
+    format!("the missions flown are in {}: the same command flies the rest", out.display())
+}
+
+/// A stop with what is `left`; any other error as it is.
+#[cfg(feature = "lab")]
+pub(crate) fn ended_early(error: skysink_lab::LabError, left: &str) -> Error {
+    let is_stop = matches!(error, skysink_lab::LabError::Mission(MissionError::Stopped(_)));
+    let cause = Error::from(error);
+    if is_stop { Error::EndedEarly { cause: Box::new(cause), left: left.to_owned() } } else { cause }
+}

@@ -14,8 +14,9 @@ use crate::episode::{Episode, Fields, Outcome};
 use crate::errors::{of_checkpoint, of_mission, refused};
 use crate::field::{PyField, coordinates};
 use crate::pilot::PyDecision;
-use crate::run::{PyRun, checked_label};
+use crate::run::PyRun;
 use crate::scenario::PyScenario;
+use crate::simulate::checked_label;
 
 /// Observation, reward, terminated, truncated, information.
 type Step<'py> = (Bound<'py, PyDict>, f64, bool, bool, Bound<'py, PyDict>);

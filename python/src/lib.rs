@@ -13,6 +13,7 @@ mod pilot;
 mod run;
 mod scenario;
 mod signals;
+mod simulate;
 mod sweeps;
 mod table;
 mod values;
@@ -34,9 +35,11 @@ mod _skysink {
     #[pymodule_export]
     use super::pilot::{PyDecision, PyPlanMaker, PyView};
     #[pymodule_export]
-    use super::run::{PyRun, simulate};
+    use super::run::PyRun;
     #[pymodule_export]
     use super::scenario::PyScenario;
+    #[pymodule_export]
+    use super::simulate::simulate;
     #[pymodule_export]
     use super::sweeps::{PySweepPlan, PySweepRecord};
     #[pymodule_export]

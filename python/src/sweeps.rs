@@ -19,9 +19,9 @@ use crate::episode::plant;
 use crate::errors::{of_lab, refused};
 use crate::field::PyField;
 use crate::pilot::Pilot;
-use crate::run::fly;
 use crate::scenario::PyScenario;
 use crate::signals::interruptible;
+use crate::simulate::fly;
 use crate::table::PyTable;
 use crate::values::json;
 

@@ -6,13 +6,11 @@ use std::time::Duration;
 use clap::{Args, Subcommand};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
-use skysink_lab::LabError;
 use skysink_lab::figures;
 use skysink_lab::figures::choice::{Choice, FigurePart, HORIZON_ITERATIONS};
 use skysink_lab::optimize::{Budget, MAX_STEPS, optimize};
 use skysink_lab::sweep;
 use skysink_lab::sweep::plan::{Shard, Sweep};
-use skysink_mission::MissionError;
 use skysink_mission::record::RunFolder;
 use skysink_planner::settings;
 use skysink_planner::strategies::{Registered, STRATEGIES, names};
@@ -20,7 +18,7 @@ use skysink_planner::strategies::{Registered, STRATEGIES, names};
 use super::Changes;
 use super::plot::{self, PlotOptions};
 use crate::compare::{Compare, Compared, compare};
-use crate::error::Error;
+use crate::error::{Error, ended_early, flown_in};
 use crate::report::{OutputForm, TerminalProgress, print, print_optimum, print_run};
 use crate::simulate::{NewFolder, Simulation, simulate};
 
@@ -212,18 +210,6 @@ fn strategy(name: &Path) -> Result<&'static Registered, Error> {
     Registered::find(&name).ok_or_else(|| {
         Error::Usage(format!("strategy {name}: expected one of {} (or the folders of runs alone)", names().join(", ")))
     })
-}
-
-/// What is left in the folder of a stopped sweep.
-pub(crate) fn flown_in(out: &Path) -> String {
-    format!("the missions flown are in {}: the same command flies the rest", out.display())
-}
-
-/// A stop with what is `left`; any other error as it is.
-pub(crate) fn ended_early(error: LabError, left: &str) -> Error {
-    let is_stop = matches!(error, LabError::Mission(MissionError::Stopped(_)));
-    let cause = Error::from(error);
-    if is_stop { Error::EndedEarly { cause: Box::new(cause), left: left.to_owned() } } else { cause }
 }
 
 /// Options of `skysink optimize`.

@@ -1,0 +1,144 @@
+//! `skysink.simulate`: a mission by a strategy of Skysink, or by one in Python.
+
+use std::cell::Cell;
+use std::time::Instant;
+
+use pyo3::exceptions::{PyRecursionError, PyRuntimeError};
+use pyo3::prelude::*;
+use pyo3::types::PyString;
+use skysink::run::options::label;
+use skysink_common::message::{Plan, QueuesHeader};
+use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
+use skysink_mission::mission::Plant;
+use skysink_mission::{Mission, MissionError};
+use skysink_planner::strategies::Registered;
+
+use crate::episode::plant;
+use crate::errors::{of_mission, refused};
+use crate::field::PyField;
+use crate::pilot::Pilot;
+use crate::run::{PyRun, Recorder};
+use crate::scenario::PyScenario;
+use crate::signals::interruptible;
+
+/// Flies a mission in this process: by a strategy of Skysink, given by its name, or by one in Python.
+#[pyfunction]
+#[pyo3(signature = (scenario, strategy = None, *, seed = None, label = None))]
+pub fn simulate(
+    py: Python<'_>,
+    scenario: &Bound<'_, PyScenario>,
+    strategy: Option<&Bound<'_, PyAny>>,
+    seed: Option<i64>,
+    label: Option<String>,
+) -> PyResult<PyRun> {
+    let name = strategy.and_then(|strategy| strategy.cast::<PyString>().ok()).map(|name| name.to_string());
+    let seed = seed.map(|seed| ("seed".to_owned(), seed.into()));
+    let label = label.as_deref().map(checked_label).transpose()?;
+    let planner = name.as_ref().map(|name| ("planner.strategy".to_owned(), name.as_str().into()));
+    let scenario = scenario.get().with(seed.into_iter().chain(planner))?;
+    let list = scenario.list()?;
+    match strategy.filter(|_| name.is_none()) {
+        Some(strategy) => by_python(py, scenario, list, strategy, label),
+        None => interruptible(py, |stop| by_registry(scenario, list, stop))?.map_err(of_mission),
+    }
+}
+
+/// What a mission may be booked as: a name of its own.
+pub fn checked_label(text: &str) -> PyResult<String> {
+    let is_taken = Registered::find(text).is_some();
+    match label(text) {
+        Ok(label) if !is_taken => Ok(label),
+        Ok(_) => Err(refused(format!("label {text:?}: it is a strategy of Skysink: expected another"))),
+        Err(expected) => Err(refused(format!("label {text:?}: {expected}"))),
+    }
+}
+
+fn by_registry(scenario: PyScenario, list: SensorList, stop: &Stop) -> Result<PyRun, MissionError> {
+    let mut mission = Mission::new(&scenario.scenario, &list)?;
+    mission.set_stop(stop);
+    let mut recorder = Recorder::new(&scenario.scenario, &list, &mission.header());
+    let begin = Instant::now();
+    while let Some(flown) = mission.next() {
+        recorder.add(Some(&flown.plan), &flown.flight, &flown.header, mission.field())?;
+    }
+    stop.check()?;
+    Ok(recorder.end(scenario, list, mission.field(), begin.elapsed(), None))
+}
+
+/// Missions in missions: a strategy may fly some.
+struct Depth;
+
+impl Depth {
+    /// More of them would not fit onto the stack.
+    const MOST: u32 = 10;
+
+    /// How many there are on this thread.
+    fn on_thread(change: impl FnOnce(u32) -> u32) -> u32 {
+        thread_local!(static DEPTH: Cell<u32> = const { Cell::new(0) });
+        DEPTH.with(|depth| {
+            depth.set(change(depth.get()));
+            depth.get()
+        })
+    }
+
+    fn enter() -> PyResult<Self> {
+        let depth = Self::on_thread(|depth| depth + 1);
+        let entered = Self; // counts down when it is dropped
+        if depth > Self::MOST {
+            return Err(PyRecursionError::new_err("a mission in a mission in a mission ...: expected at most ten"));
+        }
+        Ok(entered)
+    }
+}
+
+impl Drop for Depth {
+    fn drop(&mut self) {
+        Self::on_thread(|depth| depth - 1);
+    }
+}
+
+fn by_python(
+    py: Python<'_>,
+    scenario: PyScenario,
+    list: SensorList,
+    strategy: &Bound<'_, PyAny>,
+    label: Option<String>,
+) -> PyResult<PyRun> {
+    let _depth = Depth::enter()?;
+    let mut plant = plant(&scenario.scenario, &list)?;
+    let mut pilot = Pilot::new(py, strategy.clone().unbind(), PyField::of(&scenario.scenario, &list))?;
+    let mut recorder = Recorder::new(&scenario.scenario, &list, &plant.header());
+    let begin = Instant::now();
+    fly(py, &mut pilot, &mut plant, |plan, plant, header| {
+        recorder.add(Some(plan), plant.last_flight(), header, plant.field()).map_err(of_mission)
+    })?;
+    let label = label.map_or_else(|| strategy.get_type().name().map(|name| name.to_string()), Ok)?;
+    Ok(recorder.end(scenario, list, plant.field(), begin.elapsed(), Some(label)))
+}
+
+/// Flies a whole mission by a strategy in Python, each slot told to `on_slot`.
+pub fn fly(
+    py: Python<'_>,
+    pilot: &mut Pilot,
+    plant: &mut Plant,
+    mut on_slot: impl FnMut(&Plan, &Plant, &QueuesHeader) -> PyResult<()>,
+) -> PyResult<()> {
+    while !plant.is_over() {
+        let begin = Instant::now();
+        let mut plan = pilot.plan_next(py, plant).map_err(|error| in_slot(py, plant.slot() + 1, error))?;
+        plan.plan_ns = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        let header = plant.fly(Some(&plan));
+        on_slot(&plan, plant, &header)?;
+    }
+    Ok(())
+}
+
+/// The error of a strategy with the slot that it was planning.
+fn in_slot(py: Python<'_>, slot: u64, error: PyErr) -> PyErr {
+    let note = format!("while planning slot {slot}");
+    match error.value(py).call_method1("add_note", (note,)) {
+        Ok(_) => error,
+        Err(_) => PyRuntimeError::new_err(error.to_string()),
+    }
+}
