@@ -376,7 +376,7 @@ fn bad_sweeps_are_refused_before_anything_is_written() {
         ),
         (
             "scenario = \"smoke.toml\"\nstrategies = [\"uts_wide\"]\nseeds = 2\n".to_owned(),
-            &["line 2: `strategies = [\"uts_wide\"]`: ", "expected one of `rfs`", "did you mean `uts-wide`?"],
+            &["bad.toml: strategies = [\"uts_wide\"]: \"uts_wide\": expected one of `rfs`", "did you mean `uts-wide`?"],
         ),
         (
             "scenario = \"smoke.toml\"\nstrategies = [\"uts\", \"gfs\", \"uts\"]\nseeds = 2\n".to_owned(),

@@ -214,7 +214,7 @@ impl PyVectorCore {
         if saved.len() != self.episodes.len() {
             return Err(refused(format!("{} episodes: expected {}", saved.len(), self.episodes.len())));
         }
-        let pairs = self.episodes.iter_mut().zip(saved);
-        pairs.map(|(episode, bytes)| episode.restore(&bytes).map_err(of_checkpoint)).collect()
+        let mut pairs = self.episodes.iter_mut().zip(saved);
+        pairs.try_for_each(|(episode, bytes)| episode.restore(&bytes).map_err(of_checkpoint))
     }
 }

@@ -130,7 +130,7 @@ impl Episode {
             let climb_m = climb.clamp(-1.0, 1.0) * limits.climb_m;
             (uav.z + climb_m).clamp(limits.min_altitude_m, limits.max_altitude_m)
         });
-        let ground = self.field.into_area(uav.xy() + step);
+        let ground = self.field.clamp_to_area(uav.xy() + step);
         self.plan_to(above(&ground, z_m), None, Mode::Serve)
     }
 

@@ -70,7 +70,7 @@ impl FieldData {
     }
 
     /// The point of the area nearest to `ground`.
-    pub fn into_area(&self, ground: Position) -> Position {
+    pub fn clamp_to_area(&self, ground: Position) -> Position {
         Position::new(ground.x.clamp(0.0, self.limits.width_m), ground.y.clamp(0.0, self.limits.height_m))
     }
 }

@@ -47,6 +47,9 @@ pub struct PyDecision {
     serve: Option<Vec<u32>>,
 }
 
+/// What a decision is made of: waypoint [m] and schedule.
+type Arguments = (Vec<f64>, Option<Vec<u32>>);
+
 #[pymethods]
 impl PyDecision {
     /// ``waypoint`` [m]; without z the UAV keeps its altitude. ``serve`` are ids, by default the n fullest in range.
@@ -72,7 +75,7 @@ impl PyDecision {
     }
 
     /// For pickle and copy.
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> (Bound<'py, PyAny>, (Vec<f64>, Option<Vec<u32>>)) {
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> (Bound<'py, PyAny>, Arguments) {
         let this = slf.get();
         (slf.get_type().into_any(), (this.waypoint_m.clone(), this.serve.clone()))
     }
@@ -141,7 +144,7 @@ impl Pilot {
         let queues_bits = queues_bits.try_readonly()?;
         let queues_bits = queues_bits.as_slice()?;
         let Some(decision) = decided.extract::<Option<PyRef<'_, PyDecision>>>(py).map_err(|_| wrong(&decided))? else {
-            let ground = self.data.into_area(self.data.transit(&uav, queues_bits));
+            let ground = self.data.clamp_to_area(self.data.transit(&uav, queues_bits));
             self.data.fill_fullest(&ground, queues_bits, &mut self.ids);
             return Ok(self.message(above(&ground, uav.z), Mode::Transit));
         };

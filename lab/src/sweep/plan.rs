@@ -168,7 +168,7 @@ impl Sweep {
             let is_python = name.starts_with("python:");
             let by_python = "a strategy of Skysink; those in Python are flown by its Python package: skysink.sweep()";
             let expected = if is_python { by_python.to_owned() } else { expected(name) };
-            return Err(refuse(&format!("strategies: {name:?}"), &expected).into());
+            return Err(refuse(&format!("strategies = {names:?}: {name:?}"), &expected).into());
         }
         distinct(&names).map_err(|expected| refuse(&format!("strategies = {names:?}"), expected))?;
         let ascending = distinct(&seeds).map_err(|expected| refuse(&format!("seeds = {seeds:?}"), expected))?;
