@@ -29,13 +29,13 @@ use crate::table::{PyTable, id_lists};
 use crate::values::json;
 
 /// A mission as it is flown.
-pub struct Recorder {
+pub struct RunRecorder {
     slots: Vec<RecordedSlot>,
     hash: TraceHash,
     meter: MissionMeter,
 }
 
-impl Recorder {
+impl RunRecorder {
     /// Nothing flown yet; `start` is the ledger before slot 1.
     pub fn new(scenario: &Scenario, list: &SensorList, start: &QueuesHeader) -> Self {
         let meter = MissionMeter::new(scenario, list, start);
@@ -128,7 +128,7 @@ impl PyRun {
     ) -> Result<Self, MissionError> {
         let begin = Instant::now();
         let mut plant = Plant::new(&scenario.scenario, &list);
-        let mut recorder = Recorder::new(&scenario.scenario, &list, &plant.header());
+        let mut recorder = RunRecorder::new(&scenario.scenario, &list, &plant.header());
         for plan in plans {
             let header = plant.fly(Some(&plan));
             recorder.add(None, plant.last_flight(), &header, plant.field())?;
@@ -158,7 +158,7 @@ impl PyRun {
     fn load(py: Python<'_>, folder: PathBuf) -> PyResult<Self> {
         let read = move |stop: &Stop| -> Result<_, MissionError> {
             let mut replay = Replay::open(&folder)?;
-            let mut recorder = Recorder::new(replay.scenario(), replay.list(), &replay.mission().header());
+            let mut recorder = RunRecorder::new(replay.scenario(), replay.list(), &replay.mission().header());
             while let Some(flown) = replay.next_slot()? {
                 stop.check()?;
                 recorder.add(None, &flown.flight, &flown.header, replay.mission().field())?;
@@ -286,7 +286,7 @@ impl PyRun {
             trace.split_inclusive('\n').map(|line| RecordedSlot::parse(line.as_bytes())).collect();
         let slots = slots.ok_or_else(|| refused("trace: expected that of a run"))?;
         let mut plant = Plant::new(&scenario.scenario, &list);
-        let mut recorder = Recorder::new(&scenario.scenario, &list, &plant.header());
+        let mut recorder = RunRecorder::new(&scenario.scenario, &list, &plant.header());
         for slot in &slots {
             let plan = (!slot.is_missed()).then(|| slot.plan());
             let header = plant.fly(plan.as_ref());

@@ -18,7 +18,7 @@ use crate::episode::plant;
 use crate::errors::{of_mission, refused};
 use crate::field::PyField;
 use crate::pilot::Pilot;
-use crate::run::{PyRun, Recorder};
+use crate::run::{PyRun, RunRecorder};
 use crate::scenario::PyScenario;
 use crate::signals::interruptible;
 
@@ -57,7 +57,7 @@ pub fn checked_label(text: &str) -> PyResult<String> {
 fn by_registry(scenario: PyScenario, list: SensorList, stop: &Stop) -> Result<PyRun, MissionError> {
     let mut mission = Mission::new(&scenario.scenario, &list)?;
     mission.set_stop(stop);
-    let mut recorder = Recorder::new(&scenario.scenario, &list, &mission.header());
+    let mut recorder = RunRecorder::new(&scenario.scenario, &list, &mission.header());
     let begin = Instant::now();
     while let Some(flown) = mission.next() {
         recorder.add(Some(&flown.plan), &flown.flight, &flown.header, mission.field())?;
@@ -108,7 +108,7 @@ fn by_python(
     let _depth = Depth::enter()?;
     let mut plant = plant(&scenario.scenario, &list)?;
     let mut pilot = Pilot::new(py, strategy.clone().unbind(), PyField::of(&scenario.scenario, &list))?;
-    let mut recorder = Recorder::new(&scenario.scenario, &list, &plant.header());
+    let mut recorder = RunRecorder::new(&scenario.scenario, &list, &plant.header());
     let begin = Instant::now();
     fly(py, &mut pilot, &mut plant, |plan, plant, header| {
         recorder.add(Some(plan), plant.last_flight(), header, plant.field()).map_err(of_mission)
