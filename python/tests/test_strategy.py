@@ -48,6 +48,10 @@ class Watch(skysink.Strategy):
     def plan(self, view: skysink.View) -> skysink.Decision:
         queues = view.queues_bits
         self.places.append(queues.__array_interface__["data"][0])
+        owner: Any = queues
+        while isinstance(owner, np.ndarray):
+            owner = owner.base
+        assert type(owner).__name__ == "HeldQueues", "not a copy: the memory is held by the field"
         self.copies.append(queues.copy())
         if self.keeps:
             self.seen.append(queues)
