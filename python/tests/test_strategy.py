@@ -124,6 +124,28 @@ def test_a_comparison_is_that_of_the_command_line(smoke: skysink.Scenario, gfs: 
     assert losses["uts"]["n"] == 4 and losses["uts"]["difference"] != 0.0
 
 
+def test_strategies_with_parameters_have_names_of_their_own(smoke: skysink.Scenario) -> None:
+    class Within(skysink.Strategy):
+        def __init__(self, radius_m: float) -> None:
+            self.radius_m = radius_m
+
+        def plan(self, view: skysink.View) -> skysink.Decision | None:
+            near = view.field.within(view.uav, self.radius_m)
+            if not len(near):
+                return None
+            return skysink.Decision(view.field.positions_m[near[view.queues_bits[near].argmax()]])
+
+    named: dict[str, Any] = {"gfs": "gfs", "far": lambda: Within(20.0), "near": lambda: Within(8.0)}
+    standings = skysink.compare(smoke, named, seeds=3)
+    losses = {entry["label"]: entry["mean"] for entry in standings if entry["metric"] == "loss_rate"}
+    assert list(losses) == list(named)
+    assert losses["far"] == losses["gfs"] != losses["near"], "a slot reaches 20 m"
+    refused: list[dict[str, Any]] = [{"mine": "gfs"}, {"gfs": lambda: Within(8.0)}]
+    for wrong in refused:
+        with pytest.raises(skysink.InputError, match="expected"):
+            skysink.compare(smoke, wrong, seeds=1)
+
+
 def test_a_comparison_on_processes_is_the_same(smoke: skysink.Scenario, gfs: Path) -> None:
     strategies = ["uts", f"python:{gfs}:GFS"]
     alone = skysink.compare(smoke, strategies, seeds=3)
