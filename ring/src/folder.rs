@@ -8,6 +8,7 @@ use std::fs::{self, DirBuilder, File, OpenOptions, TryLockError};
 use std::io::{self, Write as _};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::{Config, FilePath, SemanticString};
@@ -352,6 +353,12 @@ fn has_processes(folder: &Path) -> bool {
     seats.any(|seat| File::open(seat).is_ok_and(|seat| matches!(seat.try_lock_shared(), Err(TryLockError::WouldBlock))))
 }
 
+/// How often the removal of a ring's folder is tried.
+const REMOVALS: u32 = 100;
+
+/// Between two attempts.
+const REMOVAL_PAUSE: Duration = Duration::from_millis(10);
+
 /// Removes a ring: its shared memory, its folder, its lock. What is gone already is no matter.
 fn remove(folder: &Path) {
     let prefix = prefix(folder);
@@ -360,8 +367,13 @@ fn remove(folder: &Path) {
             let _ = fs::remove_file(entry.path());
         }
     }
-    let removed = fs::remove_dir_all(folder);
-    if !removed.is_err_and(|error| error.kind() != io::ErrorKind::NotFound) {
-        let _ = fs::remove_file(lock_path(folder)); // else the next launcher tries again
+    // What others of the ring remove at the same time ends an attempt early.
+    let is_gone = || fs::remove_dir_all(folder).is_ok() || !folder.exists();
+    for _ in 0..REMOVALS {
+        if is_gone() {
+            let _ = fs::remove_file(lock_path(folder)); // else the next launcher tries again
+            return;
+        }
+        thread::sleep(REMOVAL_PAUSE);
     }
 }
