@@ -41,6 +41,16 @@ pub(crate) fn purge_dead_nodes<S: Service>(config: &Config) {
     });
 }
 
+/// Whether no other process lives that uses the same services.
+pub(crate) fn is_only_node<S: Service>(own: &Node<S>) -> bool {
+    let mut is_only = true;
+    let _ = Node::<S>::list(own.config(), |state| {
+        is_only &= !matches!(&state, NodeState::Alive(other) if other.id() != own.id());
+        CallbackProgression::Continue
+    });
+    is_only
+}
+
 fn remove_files(config: &Config, id: u128) {
     let root = Path::new(std::str::from_utf8(config.global.root_path().as_bytes()).unwrap_or_default());
     let nodes = root.join(String::from_utf8_lossy(config.global.node.directory.as_bytes()).as_ref());

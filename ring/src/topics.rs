@@ -16,7 +16,7 @@ use skysink_common::message::{
 use skysink_common::scenario::Scenario;
 use skysink_common::stop::Stop;
 
-use crate::cleanup::purge_dead_nodes;
+use crate::cleanup::{is_only_node, purge_dead_nodes};
 use crate::error::{NodeError, RingError};
 use crate::folder::{RingFolder, Terms};
 use crate::health::{Health, Ready};
@@ -221,6 +221,12 @@ impl<S: Service + 'static> Ring<S> {
     /// Frees what processes that died have left behind; the launcher does. What it cannot free goes with the folder.
     pub fn remove_dead_nodes(&self) {
         purge_dead_nodes::<S>(self.node.config());
+    }
+
+    /// Whether no other process is in the ring.
+    #[must_use]
+    pub fn is_alone(&self) -> bool {
+        is_only_node(&self.node)
     }
 
     /// Whether a process is attached that writes what `role` sends in every slot; the viewer, what it sends once.

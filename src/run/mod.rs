@@ -212,6 +212,11 @@ fn fly_slots(
     };
     drop(workers);
     ring.remove_dead_nodes();
+    // Processes that the launcher has not started end by themselves, and clean up where the ring still is.
+    let released = Instant::now();
+    while ended.is_ok() && !ring.is_alone() && released.elapsed() < END_TIMEOUT {
+        std::thread::sleep(REAP);
+    }
     ended
 }
 
