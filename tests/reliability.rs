@@ -479,13 +479,13 @@ fn flight_sim_and_planner_may_die_before_the_viewer_is_there() {
     place.write("long.toml", &LONG.replace("9000", "300"));
     place.run_well(&["simulate", "long.toml", "--out", "alone"]);
     let (run, ring) = begin(&place, &["--external", "viewer", "--timeout", "20"]);
-    for role in ["flight-sim", "planner"] {
+    let folder = place.ring_file(&ring).parent().unwrap().to_owned();
+    for (role, journal) in [("flight-sim", "flights.journal"), ("planner", "plans.journal")] {
         let worker = place.worker(role, &ring);
-        std::thread::sleep(std::time::Duration::from_millis(300)); // it has started to wait for the viewer
+        until(journal, || folder.join(journal).exists().then_some(())); // it has joined, and waits for the viewer
         kill_process(worker, Signal::KILL).unwrap();
         until("restart", || place.worker_now(role, &ring).filter(|&pid| pid != worker));
     }
-    let folder = place.ring_file(&ring).parent().unwrap().to_owned();
     let arguments =
         ["--scenario", "run/scenario.toml", "--ring", folder.to_str().unwrap(), "--save", "run/mission.rrd"];
     well(&end(place.command(env!("CARGO_BIN_EXE_viewer"), &arguments).spawn().unwrap()), "viewer");

@@ -10,6 +10,7 @@ pub mod error;
 pub mod estimate;
 pub mod geometry;
 pub mod ledger;
+pub mod limits;
 pub mod message;
 pub mod pace;
 pub mod propulsion;

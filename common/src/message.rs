@@ -11,7 +11,8 @@ use strum::{Display, EnumString, FromRepr, IntoStaticStr};
 
 use crate::geometry::{Position, RANGE_SLACK};
 pub use crate::ledger::Totals;
-use crate::scenario::{Area, MAX_RESOURCE_BLOCKS, Scenario};
+pub use crate::limits::Limits;
+use crate::scenario::{Area, MAX_RESOURCE_BLOCKS};
 
 /// Most sensor nodes in one plan.
 pub const MAX_SERVED: usize = MAX_RESOURCE_BLOCKS;
@@ -66,60 +67,6 @@ pub struct SensorsHeader {
     pub head: SlotHeader,
     /// What every plan has to keep.
     pub limits: Limits,
-}
-
-/// What every plan of a mission has to keep, so that a planner needs no scenario file.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
-#[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.Limits.v1"))]
-pub struct Limits {
-    /// The area, 0 to this, east [m].
-    pub width_m: f64,
-    /// The area, 0 to this, north [m].
-    pub height_m: f64,
-    /// Farthest horizontal flight in one slot, `V_max τ` [m].
-    pub reach_m: f64,
-    /// Farthest horizontal distance at which a sensor node can be served, `d_c` [m].
-    pub comm_radius_m: f64,
-    /// Length of a slot, `τ` [s].
-    pub slot_s: f64,
-    /// Time to communicate at the end of a slot, `τ_c` [s].
-    pub comm_s: f64,
-    /// Lowest altitude [m]; `H` where it is fixed.
-    pub min_altitude_m: f64,
-    /// Highest altitude [m]; `H` where it is fixed.
-    pub max_altitude_m: f64,
-    /// Farthest climb or descent in one slot [m]; 0 where the altitude is fixed.
-    pub climb_m: f64,
-    /// Slots of the mission, `T`.
-    pub slots: u64,
-    /// Resource blocks `n`: the most sensor nodes served in a slot.
-    pub resource_blocks: u32,
-    /// Zero.
-    pub reserved: u32,
-}
-
-impl Limits {
-    /// Those of a scenario.
-    #[must_use]
-    pub fn of(scenario: &Scenario) -> Self {
-        let climb = scenario.uav.climb();
-        let altitude_m = scenario.uav.altitude_m;
-        Self {
-            width_m: scenario.area.width_m(),
-            height_m: scenario.area.height_m(),
-            reach_m: scenario.reach_m(),
-            comm_radius_m: scenario.link.comm_radius_m,
-            slot_s: scenario.slot_s,
-            comm_s: scenario.link.comm_s,
-            min_altitude_m: climb.map_or(altitude_m, |climb| climb.min_altitude_m),
-            max_altitude_m: climb.map_or(altitude_m, |climb| climb.max_altitude_m),
-            climb_m: climb.map_or(0.0, |climb| climb.max_climb_mps * scenario.slot_s),
-            slots: scenario.slots,
-            resource_blocks: scenario.link.resource_blocks as u32, // at most MAX_RESOURCE_BLOCKS
-            reserved: 0,
-        }
-    }
 }
 
 /// Payload element of `sensors`: one sensor node.
@@ -374,9 +321,6 @@ pub struct Tick {
 mod tests {
     use super::*;
     use std::mem::{offset_of, size_of};
-    use std::path::Path;
-
-    use crate::scenario::Overrides;
 
     /// Outside programs declare the same structs: a size that changes needs a new version in the type's name.
     #[test]
@@ -394,33 +338,6 @@ mod tests {
         assert_eq!(size_of::<PathPoint>(), 24);
         assert_eq!(size_of::<Commit>(), 8);
         assert_eq!(size_of::<Tick>(), 8);
-    }
-
-    #[test]
-    fn the_limits_are_those_of_the_scenario_in_its_units() {
-        let text = "name = 'a'\nslots = 9\nslot_s = 0.5\n[area]\nwidth_m = 80.0\nheight_m = 60.0\n[link]\ncomm_s = 0.2\n\
-                    comm_radius_m = 7.0\nresource_blocks = 3\n";
-        let limits =
-            |text: &str| Limits::of(&Scenario::parse(text, Path::new("a.toml"), Overrides::default()).unwrap());
-        let fixed = Limits {
-            width_m: 80.0,
-            height_m: 60.0,
-            reach_m: 15.0, // 30 m/s · 0.5 s
-            comm_radius_m: 7.0,
-            slot_s: 0.5,
-            comm_s: 0.2,
-            min_altitude_m: 20.0,
-            max_altitude_m: 20.0,
-            climb_m: 0.0,
-            slots: 9,
-            resource_blocks: 3,
-            reserved: 0,
-        };
-        assert_eq!(limits(text), fixed);
-        let climbing = "model = 'probabilistic-los'\nlos = { a = 9.61, b = 0.16 }\n[uav]\naltitude = 'free'\n\
-                        min_altitude_m = 15.0\nmax_altitude_m = 90.0\nmax_climb_mps = 4.0\n";
-        let free = Limits { min_altitude_m: 15.0, max_altitude_m: 90.0, climb_m: 2.0, ..fixed };
-        assert_eq!(limits(&format!("{text}{climbing}")), free);
     }
 
     #[test]

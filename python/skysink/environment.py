@@ -67,7 +67,43 @@ def _spaces(field: Field, observation: Sequence[str]) -> tuple[Any, Any]:
     return spaces.Dict(boxes), spaces.Box(-1.0, 1.0, (axes,), np.float32)
 
 
-class DataCollectionEnv(gymnasium.Env[Observation, Action]):
+class Copyable:
+    """Clones, copies and pickles of an environment: its core is cloned, or saved and restored."""
+
+    _core: Any
+
+    def _new_core(self) -> Any:
+        """A core as the environment began with."""
+        raise NotImplementedError
+
+    def clone(self) -> Self:
+        """The same environment in the same slot, independent from then on; spaces are shared. For tree search."""
+        twin: Self = object.__new__(type(self))
+        twin.__dict__.update(self.__dict__)
+        twin._core = self._core.clone()
+        twin.__dict__["_np_random"] = copy.deepcopy(self.__dict__.get("_np_random"))
+        return twin
+
+    def __copy__(self) -> Self:
+        return self.clone()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        twin = self.clone()
+        for name in ("observation_space", "action_space", "single_observation_space", "single_action_space"):
+            if name in self.__dict__:
+                setattr(twin, name, copy.deepcopy(self.__dict__[name], memo))
+        return twin
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_core": self._core.save()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._core = self._new_core()
+        self._core.restore(state["_core"])
+
+
+class DataCollectionEnv(Copyable, gymnasium.Env[Observation, Action]):
     """A mission flown by actions; see the module for spaces, reward and seeds.
 
     ``scenario`` is a :class:`skysink.Scenario` or a file, by default the paper's; ``fields`` how many fields there
@@ -127,35 +163,11 @@ class DataCollectionEnv(gymnasium.Env[Observation, Action]):
         """The episode so far as a run: to save, to show, or to compare."""
         return self._core.run(label)
 
-    def clone(self) -> Self:
-        """The same environment in the same slot, independent from then on; spaces are shared. For tree search."""
-        twin: Self = copy.copy(self)
-        twin._core = self._core.clone()
-        twin._np_random = copy.deepcopy(self._np_random)
-        return twin
-
-    def __copy__(self) -> Self:
-        twin: Self = object.__new__(type(self))
-        twin.__dict__.update(self.__dict__)
-        return twin
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        twin = self.clone()
-        for name in ("observation_space", "action_space", "single_observation_space", "single_action_space"):
-            if name in self.__dict__:
-                setattr(twin, name, copy.deepcopy(self.__dict__[name], memo))
-        return twin
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_core": self._core.save()}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._core = EnvironmentCore(self.scenario, self.fields, self._positions)
-        self._core.restore(*state["_core"])
+    def _new_core(self) -> EnvironmentCore:
+        return EnvironmentCore(self.scenario, self.fields, self._positions)
 
 
-class DataCollectionVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
+class DataCollectionVectorEnv(Copyable, VectorEnv[Observation, Action, NDArray[Any]]):
     """Many missions at once, on all cores; see the module for spaces, reward and seeds.
 
     Autoreset is ``NEXT_STEP``: the step after a truncation begins the next episode instead of flying, with reward 0.
@@ -208,25 +220,5 @@ class DataCollectionVectorEnv(VectorEnv[Observation, Action, NDArray[Any]]):
         """Flies a slot of each; ``actions`` float32 [num_envs, 2 or 3]."""
         return self._core.step(np.asarray(actions, np.float32))
 
-    def clone(self) -> Self:
-        """The same environments in the same slots, independent from then on; spaces are shared."""
-        twin: Self = object.__new__(type(self))
-        twin.__dict__.update(self.__dict__)
-        twin._core = self._core.clone()
-        twin._np_random = copy.deepcopy(self._np_random)
-        return twin
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        twin = self.clone()
-        for name in ("observation_space", "action_space", "single_observation_space", "single_action_space"):
-            if name in self.__dict__:
-                setattr(twin, name, copy.deepcopy(self.__dict__[name], memo))
-        return twin
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_core": self._core.save()}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._core = VectorCore(self.scenario, self.num_envs, self.fields, self._positions)
-        self._core.restore(state["_core"])
+    def _new_core(self) -> VectorCore:
+        return VectorCore(self.scenario, self.num_envs, self.fields, self._positions)

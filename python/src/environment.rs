@@ -157,9 +157,10 @@ impl PyEnvironmentCore {
         (PyBytes::new(py, &bytes), PyBytes::new(py, bytemuck::cast_slice(&plans)))
     }
 
-    fn restore(&mut self, episode: &[u8], plans: &[u8]) -> PyResult<()> {
-        self.episode.restore(episode).map_err(of_checkpoint)?;
-        self.plans = bytemuck::pod_collect_to_vec(plans).into_iter().map(Arc::new).collect();
+    fn restore(&mut self, saved: (Vec<u8>, Vec<u8>)) -> PyResult<()> {
+        let (episode, plans) = saved;
+        self.episode.restore(&episode).map_err(of_checkpoint)?;
+        self.plans = bytemuck::pod_collect_to_vec(&plans).into_iter().map(Arc::new).collect();
         Ok(())
     }
 

@@ -163,7 +163,7 @@ def test_vector_and_single_environments_agree_step_by_step(smoke: skysink.Scenar
 
 
 @pytest.mark.parametrize(
-    "twin_of", [lambda env: env.clone(), copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
+    "twin_of", [lambda env: env.clone(), copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
 )
 @pytest.mark.parametrize("knowledge", ["oracle", "estimated"])
 def test_a_twin_goes_its_own_way_from_the_same_state(smoke: skysink.Scenario, twin_of: Any, knowledge: str) -> None:

@@ -142,6 +142,15 @@ fn tidy(recording: &Path) {
     let _ = recording;
 }
 
+/// Tidies up when it is dropped.
+struct Tidied<'a>(&'a Path);
+
+impl Drop for Tidied<'_> {
+    fn drop(&mut self) {
+        tidy(self.0);
+    }
+}
+
 /// What a ring of processes flies, and how.
 pub struct Flown<'a> {
     /// The scenario.
@@ -164,22 +173,9 @@ pub fn fly(
     log: &mut dyn SlotSink,
     tally: &mut Tally,
 ) -> Result<Duration, Error> {
-    ring_folder.note_record(mission.launch.scenario.parent().unwrap_or(Path::new(".")))?;
-    let flown = fly_slots(mission, ring_folder, table, stop, log, tally);
-    tidy(&mission.launch.recording);
-    flown
-}
-
-/// The same, before it is tidied up.
-fn fly_slots(
-    mission: &Flown,
-    ring_folder: &RingFolder,
-    table: &ProcessTable,
-    stop: &Stop,
-    log: &mut dyn SlotSink,
-    tally: &mut Tally,
-) -> Result<Duration, Error> {
     let Flown { scenario, options, launch } = mission;
+    ring_folder.note_record(launch.scenario.parent().unwrap_or(Path::new(".")))?;
+    let _tidied = Tidied(&launch.recording); // after all processes have ended
     let progress = TerminalProgress::of_slots();
     let (ring, wait) = Ring::<ipc::Service>::join(ring_folder, scenario, Role::Launcher, stop)?;
     let _janitor = Janitor::of(ring_folder);

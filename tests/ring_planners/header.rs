@@ -13,7 +13,8 @@ use skysink_common::message::{
 use super::ROOT;
 
 /// Where the types are defined; what a constant is made of comes first.
-const SOURCES: [&str; 3] = ["common/src/scenario.rs", "common/src/ledger.rs", "common/src/message.rs"];
+const SOURCES: [&str; 4] =
+    ["common/src/scenario.rs", "common/src/ledger.rs", "common/src/limits.rs", "common/src/message.rs"];
 
 const TITLE: &str = "\
 // The messages of Skysink's ring (docs/interfaces.md), generated from common/src/message.rs by
