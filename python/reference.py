@@ -42,6 +42,13 @@ def definitions(module: str) -> dict[str, Documented]:
     return found
 
 
+def methods(node: ast.ClassDef, found: dict[str, Documented]) -> list[ast.FunctionDef]:
+    """The methods of a class, then those of its bases in the same module."""
+    own = [item for item in node.body if isinstance(item, ast.FunctionDef)]
+    bases = [found.get(base.id) for base in node.bases if isinstance(base, ast.Name)]
+    return own + [item for base in bases if isinstance(base, ast.ClassDef) for item in methods(base, found)]
+
+
 def signature(function: ast.FunctionDef, name: str) -> str:
     """A call as it is written, without self; a property without brackets."""
     decorators = [decorator.id for decorator in function.decorator_list if isinstance(decorator, ast.Name)]
@@ -79,8 +86,8 @@ def lines() -> Iterator[str]:
                 yield f"### `{signature(node, name)}`\n\n{text(node)}\n"
                 continue
             yield f"### {name}\n\n{text(node)}\n"
-            for item in node.body:
-                if isinstance(item, ast.FunctionDef) and ast.get_docstring(item):
+            for item in methods(node, found):
+                if ast.get_docstring(item) and (not item.name.startswith("_") or item.name.startswith("__")):
                     call = name if item.name == "__new__" else item.name.replace("__getitem__", "[]")
                     yield f"- `{signature(item, call)}`: {' '.join(text(item).split())}"
             yield ""

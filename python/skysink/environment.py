@@ -111,6 +111,7 @@ class DataCollectionEnv(Copyable, gymnasium.Env[Observation, Action]):
     """
 
     metadata: dict[str, Any] = {"render_modes": []}
+    _core: EnvironmentCore
 
     def __init__(
         self,
@@ -174,6 +175,7 @@ class DataCollectionVectorEnv(Copyable, VectorEnv[Observation, Action, NDArray[A
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
+    _core: VectorCore
 
     def __init__(
         self,
