@@ -3,6 +3,8 @@
 #[cfg(feature = "lab")]
 mod export;
 mod flight;
+#[cfg(feature = "lab")]
+mod job_array;
 mod manual;
 #[cfg(feature = "lab")]
 mod plot;

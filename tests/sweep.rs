@@ -314,7 +314,10 @@ fn merged_shards_are_the_whole_sweep() {
     assert_eq!((early.code, early.stderr.contains("it has no journal.csv: fly the shard first")), (Some(2), true));
     let early = place.run(&["merge", "a", "--out", "early"]);
     assert_eq!(early.code, Some(2), "{early:?}");
-    assert!(early.stderr.contains("27 of 54 missions"), "{early:?}");
+    let says = "27 of 54 missions are there: fly shards 2 of 2, as by --array=2 and --shard auto/2, or pass --partial";
+    assert!(early.stderr.contains(says), "{early:?}");
+    place.run_well(&["merge", "a", "--out", "part", "--partial"]);
+    assert_eq!(lines(&place.path("part/results.csv")), 1 + 27);
     place.run_well(&["sweep", "sweep.toml", "--out", "b", "--shard", "2/2"]);
     place.run_well(&["merge", "b", "a", "--out", "merged"]);
     assert_equal(&place, "whole", "merged");
@@ -330,6 +333,49 @@ fn merged_shards_are_the_whole_sweep() {
         assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
         assert!(ended.stderr.ends_with(says), "{ended:?}");
     }
+}
+
+#[test]
+fn a_plan_says_what_a_sweep_takes_and_flies_nothing() {
+    let place = Place::new();
+    write_sweep(&place, 5);
+    let ended = place.run_well(&["sweep", "sweep.toml", "--plan"]);
+    for says in
+        ["Points:    6, with 5 seeds: 30 fields\n", "Missions:  90, of 3 strategies\n", "  rfs  ", "CPU time:  about "]
+    {
+        assert!(ended.stdout.contains(says), "{ended:?}");
+    }
+    assert!(!place.path("runs").exists());
+    assert_eq!(place.run(&["sweep", "sweep.toml", "--plan", "--shard", "1/2"]).code, Some(2));
+}
+
+#[test]
+fn any_number_of_shards_divides_any_sweep() {
+    let place = Place::new();
+    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
+    fs::copy(scenario, place.path("smoke.toml")).unwrap();
+    place.write("sweep.toml", "scenario = \"smoke.toml\"\nstrategies = [\"uts\", \"gfs\"]\nseeds = 5\n");
+    place.run_well(&["sweep", "sweep.toml", "--out", "whole"]);
+    let folders: Vec<String> = (1..=7).map(|k| format!("s{k}")).collect();
+    for (k, folder) in folders.iter().enumerate() {
+        let ended = place.run_well(&["sweep", "sweep.toml", "--out", folder, "--shard", &format!("{}/7", k + 1)]);
+        let rows = lines(&place.path(&format!("{folder}/results.csv"))) - 1;
+        let expected = if k < 5 { 2 } else { 0 };
+        assert_eq!(rows, expected, "both strategies over one field, or none");
+        let says = format!("No missions: shard {} of 7 is beyond the 5 fields", k + 1);
+        assert_eq!(ended.stdout.contains(&says), k >= 5, "{ended:?}");
+    }
+    let arguments = |folders: &[String]| -> Vec<String> {
+        let words = ["merge", "--out", "merged"].map(str::to_owned);
+        words.into_iter().chain(folders.iter().cloned()).collect()
+    };
+    let some = [&folders[1..2], &folders[5..]].concat();
+    let some = arguments(&some);
+    let early = place.run(&some.iter().map(String::as_str).collect::<Vec<_>>());
+    assert!(early.code == Some(2) && early.stderr.contains("as by --array=1,3-5 and --shard auto/7,"), "{early:?}");
+    let all = arguments(&folders);
+    place.run_well(&all.iter().map(String::as_str).collect::<Vec<_>>());
+    assert_equal(&place, "whole", "merged");
 }
 
 #[test]

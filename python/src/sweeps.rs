@@ -10,7 +10,7 @@ use skysink_lab::compare::{Contender, standings as of_contenders};
 use skysink_lab::metrics::{MetricValues, MissionMeter};
 use skysink_lab::sweep;
 use skysink_lab::sweep::folder::SweepRecord;
-use skysink_lab::sweep::journal::{MissionRow, MissionRows};
+use skysink_lab::sweep::journal::{MissionRow, MissionRows, SweepJournal};
 use skysink_lab::sweep::plan::{MissionKey, OutsideStrategy, Shard, Sweep, SweepBase};
 use skysink_lab::sweep::results::mission_columns;
 use toml::Table;
@@ -78,7 +78,7 @@ impl PySweepPlan {
 
     #[getter]
     fn missions(&self) -> Vec<Key> {
-        let missions = self.0.missions(Shard::WHOLE).into_iter();
+        let missions = self.0.definition.missions(Shard::WHOLE).into_iter();
         missions.map(|MissionKey { point, strategy, seed }| (point, strategy, seed)).collect()
     }
 
@@ -119,8 +119,9 @@ impl PySweepPlan {
 }
 
 impl PySweepPlan {
-    fn table(&self, rows: &MissionRows) -> PyResult<PyTable> {
-        let columns = mission_columns(&self.0.definition, rows);
+    fn table(&self, journal: &SweepJournal) -> PyResult<PyTable> {
+        let rows = journal.rows().collect::<Result<Vec<_>, _>>().map_err(of_lab)?;
+        let columns = mission_columns(&self.0.definition, &rows);
         RecordBatch::try_from_iter(columns).map(PyTable::of).map_err(refused)
     }
 
@@ -154,7 +155,7 @@ impl PySweepRecord {
     fn add(&mut self, mission: Row) -> PyResult<()> {
         let row = row(mission)?;
         let record = self.0.as_mut().ok_or_else(|| refused("the sweep is finished: expected no more missions"))?;
-        record.add(row).map_err(of_lab)
+        record.add(&row).map_err(of_lab)
     }
 
     /// Gives the folder free; a sweep that is not finished can be resumed.

@@ -9,14 +9,15 @@ use skysink_common::stop::Stop;
 use skysink_lab::figures;
 use skysink_lab::figures::choice::{Choice, FigurePart, HORIZON_ITERATIONS};
 use skysink_lab::optimize::{Budget, MAX_STEPS, optimize};
-use skysink_lab::sweep;
+use skysink_lab::sweep::estimate::{SweepEstimate, estimate};
 use skysink_lab::sweep::plan::{Shard, Sweep};
+use skysink_lab::sweep::{self, Completeness};
 use skysink_mission::record::RunFolder;
 use skysink_planner::settings;
 use skysink_planner::strategies::{Registered, STRATEGIES, names};
 
-use super::Changes;
 use super::plot::{self, PlotOptions};
+use super::{Changes, job_array};
 use crate::compare::{Compare, Compared, compare};
 use crate::error::{Error, ended_early, flown_in};
 use crate::report::{OutputForm, TerminalProgress, print, print_optimum, print_run};
@@ -31,7 +32,8 @@ Examples:
   skysink sweep scenarios/sweeps/letter.toml
   skysink sweep area.toml --out area-1 --shard 1/2    on one machine,
   skysink sweep area.toml --out area-2 --shard 2/2    on another; then
-  skysink merge area-1 area-2 --out area              joins the two")]
+  skysink merge area-1 area-2 --out area              joins the two
+  skysink sweep area.toml --out area-$SLURM_ARRAY_TASK_ID --shard auto")]
     Sweep {
         /// Sweep file.
         sweep: PathBuf,
@@ -41,9 +43,12 @@ Examples:
         /// Missions flown at the same time [default: one per core].
         #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
         threads: usize,
-        /// Fly every n-th point only, from the k-th.
+        /// Fly every n-th field only, from the k-th. In a job array `auto`, or `auto/N` for a part of one.
         #[arg(long, value_name = "K/N", value_parser = shard, default_value = "1/1")]
         shard: Shard,
+        /// Fly nothing, but say how many missions there are and about how long they take.
+        #[arg(long, conflicts_with_all = ["out", "threads", "shard"])]
+        plan: bool,
     },
     /// Draw the paper's figures, with the sweeps behind them. If interrupted, it resumes where it was.
     #[command(after_help = "\
@@ -101,6 +106,9 @@ Examples:
         /// Folder to write.
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
+        /// Join what is there, if missions are missing, too.
+        #[arg(long)]
+        partial: bool,
     },
 }
 
@@ -114,13 +122,19 @@ impl Research {
     /// If an input is refused, something cannot be written, or on a stop.
     pub fn run(self, stop: &Stop) -> Result<(), Error> {
         match self {
-            Self::Sweep { sweep, out, threads, shard } => {
+            Self::Sweep { sweep, plan: true, .. } => print_plan(&Sweep::read(&sweep, Vec::new())?, stop)?,
+            Self::Sweep { sweep, out, threads, shard, .. } => {
                 let plan = Sweep::read(&sweep, Vec::new())?;
                 let name = sweep.file_stem().unwrap_or(sweep.as_os_str());
                 let out = out.unwrap_or_else(|| Path::new("runs").join(name));
                 let rows = sweep::sweep(&plan, &out, shard, threads, stop, &TerminalProgress::of_missions());
-                let rows = rows.map_err(|error| ended_early(error, &flown_in(&out)))?;
-                print(format_args!("{} missions: {}", rows.len(), out.join("results.csv").display()))?;
+                let count = rows.map_err(|error| ended_early(error, &flown_in(&out)))?.count();
+                if count == 0 {
+                    let Shard(k, n) = shard;
+                    let fields = plan.definition.fields();
+                    return print(format_args!("No missions: shard {k} of {n} is beyond the {fields} fields"));
+                }
+                print(format_args!("{count} missions: {}", out.join("results.csv").display()))?;
                 print(format_args!("Means: {}", out.join("summary.csv").display()))?;
                 print(format_args!("Draw them: skysink plot {} --x KEY", out.display()))?;
             }
@@ -133,9 +147,10 @@ impl Research {
                 stems.iter().try_for_each(|stem| print(format_args!("{}.svg, .pdf, .png", stem.display())))?;
                 print(format_args!("Tables: {}", choice.out.join("tables.md").display()))?;
             }
-            Self::Merge { shards, out } => {
-                let rows = sweep::merge(&shards, &out)?;
-                print(format_args!("{} missions: {}", rows.len(), out.join("results.csv").display()))?;
+            Self::Merge { shards, out, partial } => {
+                let completeness = if partial { Completeness::Partial } else { Completeness::Whole };
+                let count = sweep::merge(&shards, &out, completeness)?.count();
+                print(format_args!("{count} missions: {}", out.join("results.csv").display()))?;
             }
             Self::Plot(options) => options.plot()?,
             Self::Optimize(options) => options.optimize(stop)?,
@@ -143,6 +158,21 @@ impl Research {
         }
         Ok(())
     }
+}
+
+/// Prints what a sweep is and takes.
+fn print_plan(sweep: &Sweep, stop: &Stop) -> Result<(), Error> {
+    let estimate = estimate(sweep, stop).map_err(|error| ended_early(error, "nothing was flown"))?;
+    let SweepEstimate { missions, cpu_s, mission_s } = &estimate;
+    let [points, seeds, fields] =
+        [sweep.definition.points.len(), sweep.definition.seeds.len(), sweep.definition.fields()];
+    print(format_args!("Points:    {points}, with {seeds} seeds: {fields} fields"))?;
+    print(format_args!("Missions:  {missions}, of {} strategies", mission_s.len()))?;
+    for (name, each_s) in mission_s {
+        print(format_args!("  {name:<20} {each_s:>12.4} s each"))?;
+    }
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    print(format_args!("CPU time:  about {cpu_s:.1} s, {:.1} s on {cores} cores", cpu_s / cores as f64))
 }
 
 /// Missions of each strategy that are compared, if not told otherwise.
@@ -280,7 +310,18 @@ fn time(text: &str) -> Result<Duration, String> {
     if is_allowed { Ok(Duration::from_secs_f64(seconds)) } else { Err(expected.to_owned()) }
 }
 
+/// Part k of n, as it is written or as a job array says.
 fn shard(text: &str) -> Result<Shard, String> {
-    let parts = text.split_once('/').and_then(|(k, n)| Some(Shard(k.parse().ok()?, n.parse().ok()?)));
-    parts.filter(|&Shard(k, n)| (1..=n).contains(&k)).ok_or_else(|| "expected k/n with k from 1 to n".to_owned())
+    let expected = || "expected k/n with k from 1 to n, auto, or auto/n".to_owned();
+    let variable = |name: &str| std::env::var(name).ok();
+    let (k, n) = match text.split_once('/') {
+        None if text == "auto" => return job_array::shard(variable, None),
+        None => return Err(expected()),
+        Some((k, n)) => (k, n.parse().ok().filter(|&n| n > 0).ok_or_else(expected)?),
+    };
+    if k == "auto" {
+        return job_array::shard(variable, Some(n));
+    }
+    let k = k.parse().ok().filter(|k| (1..=n).contains(k)).ok_or_else(expected)?;
+    Ok(Shard(k, n))
 }

@@ -186,7 +186,7 @@ impl Study {
             let progress = |progress| on_progress(LabProgress { sweep: number, ..progress });
             let folder = choice.out.join("data").join(self.name() + &flights.suffix);
             let threads = if self.threads > 0 { self.threads } else { choice.threads };
-            sweep(&self.sweep(flights, choice)?, &folder, Shard::WHOLE, threads, stop, &progress)
+            sweep(&self.sweep(flights, choice)?, &folder, Shard::WHOLE, threads, stop, &progress)?.all()
         };
         let flown = self.flights.iter().enumerate().map(fly).collect::<Result<Vec<_>, _>>()?;
         let mut charts = Vec::new();

@@ -43,7 +43,6 @@ pub struct SweepRecord {
     /// Missions of the shard, in the order of the results.
     missions: Vec<MissionKey>,
     journal: SweepJournal,
-    rows: MissionRows,
 }
 
 impl SweepRecord {
@@ -52,50 +51,42 @@ impl SweepRecord {
     /// # Errors
     /// If the folder holds something else, cannot be made, or another process flies the sweep.
     pub fn open(sweep: &Sweep, folder: &Path, shard: Shard) -> Result<Self, LabError> {
-        Self::of(Manifest { shard, definition: sweep.definition.clone() }, folder, sweep.missions(shard))
+        Self::of(Manifest { shard, definition: sweep.definition.clone() }, folder, sweep.definition.missions(shard))
     }
 
     /// The same of a sweep of which only the definition is known.
     pub(super) fn of(manifest: Manifest, folder: &Path, missions: Vec<MissionKey>) -> Result<Self, LabError> {
         let lock = lock_folder(folder, &manifest)?;
-        let (journal, rows) = SweepJournal::open(&folder.join(JOURNAL), &manifest.definition)?;
-        Ok(Self { _lock: lock, folder: folder.to_owned(), manifest, missions, journal, rows })
+        let journal = SweepJournal::open(&folder.join(JOURNAL), &manifest.definition)?;
+        Ok(Self { _lock: lock, folder: folder.to_owned(), manifest, missions, journal })
     }
 
     /// The missions that are not on record, in the order of the results.
     #[must_use]
     pub fn missing(&self) -> Vec<MissionKey> {
-        self.missions.iter().copied().filter(|mission| !self.rows.contains_key(mission)).collect()
+        self.missions.iter().copied().filter(|&mission| !self.journal.has(mission)).collect()
     }
 
     /// Adds a mission, if it is not there; it is on record when this returns, whatever happens to the process.
     ///
     /// # Errors
     /// If the sweep has no such mission, or it cannot be written.
-    pub fn add(&mut self, row: MissionRow) -> Result<(), LabError> {
-        if !self.manifest.definition.contains(row.key) {
-            let message = format_args!("{:?}: expected a mission of the sweep", row.key);
-            return Err(InputError::new("sweep folder", &self.folder, message).into());
-        }
-        if !self.rows.contains_key(&row.key) {
-            self.journal.add(&row)?;
-            self.rows.insert(row.key, row);
-        }
-        Ok(())
+    pub fn add(&mut self, row: &MissionRow) -> Result<(), LabError> {
+        if self.journal.has(row.key) { Ok(()) } else { self.journal.add(row) }
     }
 
-    /// Writes the results, and returns all rows.
+    /// Writes the results, and returns the journal.
     ///
     /// # Errors
     /// If a mission is missing, or a file cannot be written.
-    pub fn finish(self) -> Result<MissionRows, LabError> {
+    pub fn finish(self) -> Result<SweepJournal, LabError> {
         let missing = self.missing().len();
         if missing > 0 {
             let message = format_args!("{missing} of {} missions are missing: fly them first", self.missions.len());
             return Err(InputError::new("sweep folder", &self.folder, message).into());
         }
-        results::write(&self.folder, &self.manifest.definition, &self.rows)?;
-        Ok(self.rows)
+        results::write(&self.folder, &self.manifest.definition, &self.journal)?;
+        Ok(self.journal)
     }
 }
 
@@ -150,6 +141,30 @@ fn holds(path: &Path, manifest: &Manifest) -> Result<bool, LabError> {
     }
 }
 
+/// Which sweep the folder `path`, which is `what`, holds, and which part of it. It has a journal.
+///
+/// # Errors
+/// If it is none of a sweep, or was flown by another version, or nothing was flown.
+pub fn manifest(what: &'static str, path: &Path) -> Result<Manifest, LabError> {
+    let refuse = |message: String| InputError::new(what, path, message);
+    if path.is_file() {
+        return Err(refuse("it is a file: expected the folder of a sweep".to_owned()).into());
+    }
+    let text = fs::read(path.join(MANIFEST));
+    let text = text.map_err(|error| refuse(format!("{MANIFEST}: {error}: expected the folder of a sweep")))?;
+    let manifest: Manifest = serde_json::from_slice(&text)
+        .map_err(|error| refuse(format!("{MANIFEST}: {error}: expected that of a sweep, fly the {what} again")))?;
+    let version = &manifest.definition.version;
+    if version != env!("CARGO_PKG_VERSION") {
+        let expected = concat!("expected ", env!("CARGO_PKG_VERSION"), ": fly the");
+        return Err(refuse(format!("it was flown by Skysink {version}: {expected} {what} again")).into());
+    }
+    if !path.join(JOURNAL).is_file() {
+        return Err(refuse(format!("it has no {JOURNAL}: fly the {what} first")).into());
+    }
+    Ok(manifest)
+}
+
 /// What has been flown of a sweep.
 #[derive(Debug, Clone)]
 pub struct FlownSweep {
@@ -165,24 +180,8 @@ impl FlownSweep {
     /// # Errors
     /// If it is none of a sweep, or its journal is not that of the sweep.
     pub fn read(what: &'static str, path: &Path) -> Result<Self, LabError> {
-        let refuse = |message: String| InputError::new(what, path, message);
-        if path.is_file() {
-            return Err(refuse("it is a file: expected the folder of a sweep".to_owned()).into());
-        }
-        let text = fs::read(path.join(MANIFEST));
-        let text = text.map_err(|error| refuse(format!("{MANIFEST}: {error}: expected the folder of a sweep")))?;
-        let Manifest { definition, .. } = serde_json::from_slice(&text)
-            .map_err(|error| refuse(format!("{MANIFEST}: {error}: expected that of a sweep, fly the {what} again")))?;
-        let Definition { version, .. } = &definition;
-        if version != env!("CARGO_PKG_VERSION") {
-            let expected = concat!("expected ", env!("CARGO_PKG_VERSION"), ": fly the");
-            return Err(refuse(format!("it was flown by Skysink {version}: {expected} {what} again")).into());
-        }
-        let journal = path.join(JOURNAL);
-        if !journal.is_file() {
-            return Err(refuse(format!("it has no {JOURNAL}: fly the {what} first")).into());
-        }
-        let rows = journal::read(&journal, &definition)?;
+        let Manifest { definition, .. } = manifest(what, path)?;
+        let rows = journal::read(&path.join(JOURNAL), &definition)?;
         Ok(Self { definition, rows })
     }
 

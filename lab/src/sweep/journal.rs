@@ -5,10 +5,12 @@
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::ops::Index;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
+use csv::ByteRecord;
 use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
 use skysink_mission::error::FileContext;
@@ -44,39 +46,150 @@ pub fn missions_of(rows: &MissionRows, point: usize, strategy: usize) -> impl It
     rows.range(key(0)..=key(u64::MAX)).map(|(_, row)| row)
 }
 
-/// A journal that is written.
+/// No line of a journal ends before this.
+const NONE: u64 = u64::MAX;
+
+/// Most bytes of a line with its end: more than numbers of at most 25 letters each need.
+const MAX_LINE: usize = 4096;
+
+/// The journal of a sweep that is written. The rows stay in the file; here is where each of them begins.
 #[derive(Debug)]
 pub struct SweepJournal {
     path: PathBuf,
     file: File,
     seed: u64,
+    definition: Definition,
+    /// Where the line of each mission begins, in the order of the results; [`NONE`] where it was not flown.
+    begins: Vec<u64>,
+    end: u64,
 }
 
 impl SweepJournal {
-    /// Opens the journal of this sweep, drops a line that was cut off, and returns what is in it.
+    /// Opens the journal of this sweep, or makes it, and drops a line that was cut off.
     ///
     /// # Errors
     /// If it cannot be read or written, or is not the journal of this sweep.
-    pub fn open(path: &Path, definition: &Definition) -> Result<(Self, MissionRows), LabError> {
-        let mut file = OpenOptions::new().read(true).append(true).create(true).open(path).at(path)?;
-        let mut text = Vec::new();
-        file.read_to_end(&mut text).at(path)?;
-        let whole = whole_lines(&text);
-        let rows = parse(path, whole, definition)?;
-        file.set_len(whole.len() as u64).at(path)?;
-        Ok((Self { path: path.to_owned(), file, seed: check_seed(definition) }, rows))
+    pub fn open(path: &Path, definition: &Definition) -> Result<Self, LabError> {
+        let file = OpenOptions::new().read(true).append(true).create(true).open(path).at(path)?;
+        let mut begins = vec![NONE; definition.fields() * definition.strategies.len()];
+        let mut lines = JournalLines::open(path, definition)?;
+        let mut end = 0;
+        while let Some(row) = lines.next() {
+            begins[definition.index(row?.key).expect("lines of other missions are refused")] = end;
+            end = lines.end;
+        }
+        file.set_len(end).at(path)?;
+        let seed = check_seed(definition);
+        Ok(Self { path: path.to_owned(), file, seed, definition: definition.clone(), begins, end })
+    }
+
+    /// Whether this mission of the sweep is on record.
+    #[must_use]
+    pub fn has(&self, mission: MissionKey) -> bool {
+        self.definition.index(mission).is_some_and(|index| self.begins[index] != NONE)
+    }
+
+    /// The number of missions on record.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.begins.iter().filter(|&&begin| begin != NONE).count()
     }
 
     /// Adds a mission; it is on record when this returns, whatever happens to the process.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the sweep has no such mission, or it cannot be written.
     pub fn add(&mut self, row: &MissionRow) -> Result<(), LabError> {
-        let mut writer = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
-        writer.serialize(row).expect("plain numbers");
-        let text = writer.into_inner().expect("memory takes everything");
-        let line = checked_line(text.trim_ascii_end(), self.seed);
-        Ok(self.file.write_all(&line).at(&self.path)?)
+        let Some(index) = self.definition.index(row.key) else {
+            let message = format_args!("{:?}: expected a mission of the sweep", row.key);
+            return Err(InputError::new("sweep journal", &self.path, message).into());
+        };
+        let line = line(row, self.seed);
+        self.file.write_all(&line).at(&self.path)?;
+        self.begins[index] = self.end;
+        self.end += line.len() as u64;
+        Ok(())
+    }
+
+    /// The missions on record, in the order of the results, read one by one.
+    pub fn rows(&self) -> impl Iterator<Item = Result<MissionRow, LabError>> {
+        self.rows_between(0, self.begins.len())
+    }
+
+    /// Those of a point by a strategy, by ascending seed.
+    pub fn rows_of(&self, point: usize, strategy: usize) -> impl Iterator<Item = Result<MissionRow, LabError>> {
+        let seeds = self.definition.seeds.len();
+        let first = (point * self.definition.strategies.len() + strategy) * seeds;
+        self.rows_between(first, first + seeds)
+    }
+
+    /// All missions on record.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    pub fn all(&self) -> Result<MissionRows, LabError> {
+        self.rows().map(|row| row.map(|row| (row.key, row))).collect()
+    }
+
+    fn rows_between(&self, first: usize, end: usize) -> impl Iterator<Item = Result<MissionRow, LabError>> {
+        self.begins[first..end].iter().filter(|&&begin| begin != NONE).map(|&begin| self.row_at(begin))
+    }
+
+    fn row_at(&self, begin: u64) -> Result<MissionRow, LabError> {
+        let mut text = [0; MAX_LINE];
+        let count = self.file.read_at(&mut text, begin).at(&self.path)?;
+        let line = text[..count].split(|&byte| byte == b'\n').next().unwrap_or_default();
+        let refuse = |message| InputError::new("sweep journal", &self.path, format_args!("byte {begin}: {message}"));
+        Ok(mission(line, self.seed).map_err(refuse)?)
+    }
+}
+
+/// The missions in a journal in the order of its lines, up to one that was cut off.
+#[derive(Debug)]
+pub struct JournalLines<'a> {
+    path: &'a Path,
+    definition: &'a Definition,
+    seed: u64,
+    reader: BufReader<File>,
+    number: usize,
+    /// Where the last line that was read ends.
+    end: u64,
+}
+
+impl<'a> JournalLines<'a> {
+    /// Begins to read the journal of this sweep.
+    ///
+    /// # Errors
+    /// If it cannot be opened.
+    pub fn open(path: &'a Path, definition: &'a Definition) -> Result<Self, LabError> {
+        let reader = BufReader::new(File::open(path).at(path)?);
+        Ok(Self { path, definition, seed: check_seed(definition), reader, number: 0, end: 0 })
+    }
+}
+
+impl Iterator for JournalLines<'_> {
+    type Item = Result<MissionRow, LabError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let mut line = Vec::new();
+        let read = self.reader.by_ref().take(MAX_LINE as u64).read_until(b'\n', &mut line);
+        if let Err(error) = read.at(self.path) {
+            return Some(Err(error.into()));
+        }
+        self.number += 1;
+        self.end += line.len() as u64;
+        let row = match line.strip_suffix(b"\n") {
+            Some(text) => mission(text, self.seed),
+            None if line.len() < MAX_LINE => return None,
+            None => Err(format!("expected at most {MAX_LINE} bytes")),
+        };
+        let row = row.and_then(|row| match self.definition.contains(row.key) {
+            true => Ok(row),
+            false => Err("expected a mission of the sweep".to_owned()),
+        });
+        let quoted = String::from_utf8_lossy(&line);
+        let refuse = |message| InputError::line("sweep journal", self.path, self.number, &quoted, message).into();
+        Some(row.map_err(refuse))
     }
 }
 
@@ -85,12 +198,7 @@ impl SweepJournal {
 /// # Errors
 /// If it cannot be read, or is not the journal of this sweep.
 pub fn read(path: &Path, definition: &Definition) -> Result<MissionRows, LabError> {
-    parse(path, whole_lines(&std::fs::read(path).at(path)?), definition)
-}
-
-/// The text up to its last line end.
-fn whole_lines(text: &[u8]) -> &[u8] {
-    &text[..text.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1)]
+    JournalLines::open(path, definition)?.map(|row| row.map(|row| (row.key, row))).collect()
 }
 
 /// The seed of the checks in a sweep's journal.
@@ -100,6 +208,14 @@ fn whole_lines(text: &[u8]) -> &[u8] {
 #[must_use]
 pub fn check_seed(definition: &Definition) -> u64 {
     xxh3_64(serde_json::to_string(definition).expect("plain values").as_bytes())
+}
+
+/// The line of a mission.
+fn line(row: &MissionRow, seed: u64) -> Vec<u8> {
+    let mut writer = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
+    writer.serialize(row).expect("plain numbers");
+    let text = writer.into_inner().expect("memory takes everything");
+    checked_line(text.trim_ascii_end(), seed)
 }
 
 /// The line of a mission whose numbers are `text`.
@@ -113,21 +229,6 @@ fn check(text: &[u8], seed: u64) -> String {
     format!("{:016x}", xxh3_64_with_seed(text, seed))
 }
 
-fn parse(path: &Path, text: &[u8], definition: &Definition) -> Result<MissionRows, LabError> {
-    let seed = check_seed(definition);
-    let mut rows = MissionRows::new();
-    for (number, line) in (1..).zip(text.split_inclusive(|&byte| byte == b'\n')) {
-        let row = mission(line.trim_ascii_end(), seed).and_then(|row| match definition.contains(row.key) {
-            true => Ok(row),
-            false => Err("expected a mission of the sweep".to_owned()),
-        });
-        let quoted = String::from_utf8_lossy(line);
-        let row = row.map_err(|message| InputError::line("sweep journal", path, number, &quoted, message))?;
-        rows.insert(row.key, row);
-    }
-    Ok(rows)
-}
-
 /// The mission in a line, or what is wrong with it.
 fn mission(line: &[u8], seed: u64) -> Result<MissionRow, String> {
     let (text, found) = line.split_at(line.iter().rposition(|&byte| byte == b',').unwrap_or(0));
@@ -136,9 +237,8 @@ fn mission(line: &[u8], seed: u64) -> Result<MissionRow, String> {
         let remedy = "delete the line, and `skysink sweep` flies its mission again";
         return Err(format!("expected the check {expected}: the line, or sweep.json beside it, was changed: {remedy}"));
     }
-    let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(text);
-    let row = reader.deserialize().next().ok_or("expected a mission")?;
-    row.map_err(|error| error.to_string())
+    let numbers: ByteRecord = text.split(|&byte| byte == b',').collect();
+    numbers.deserialize(None).map_err(|error| error.to_string())
 }
 
 #[cfg(test)]
@@ -167,8 +267,8 @@ mod tests {
     fn journal(rows: &[MissionRow]) -> (tempfile::TempDir, PathBuf) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("journal.csv");
-        let (mut journal, there) = SweepJournal::open(&path, &definition("a")).unwrap();
-        assert!(there.is_empty());
+        let mut journal = SweepJournal::open(&path, &definition("a")).unwrap();
+        assert_eq!(journal.count(), 0);
         rows.iter().for_each(|row| journal.add(row).unwrap());
         (folder, path)
     }
@@ -203,9 +303,48 @@ mod tests {
     #[test]
     fn a_mission_that_the_sweep_has_not_is_refused() {
         for (point, strategy, seed) in [(1, 0, 1), (0, 1, 1), (0, 0, 3), (usize::MAX, usize::MAX, 1)] {
-            let (_folder, path) = journal(&[row(0, 0, 1), row(point, strategy, seed)]);
+            let (_folder, path) = journal(&[row(0, 0, 1)]);
+            let foreign = row(point, strategy, seed);
+            let mut journal = SweepJournal::open(&path, &definition("a")).unwrap();
+            assert!(journal.add(&foreign).unwrap_err().to_string().ends_with("expected a mission of the sweep"));
+            let text = [std::fs::read(&path).unwrap(), line(&foreign, check_seed(&definition("a")))].concat();
+            write_whole(&path, &text).unwrap();
             let refusal = read(&path, &definition("a")).unwrap_err().to_string();
             assert!(refusal.contains("line 2: ") && refusal.ends_with("expected a mission of the sweep"), "{refusal}");
         }
+    }
+
+    #[test]
+    fn rows_come_in_the_order_of_the_results_however_they_were_flown() {
+        let (_folder, path) = journal(&[row(0, 0, 2), row(0, 0, 1)]);
+        let journal = SweepJournal::open(&path, &definition("a")).unwrap();
+        let seeds = |rows: Vec<MissionRow>| rows.iter().map(|row| row.key.seed).collect::<Vec<_>>();
+        assert_eq!(seeds(journal.rows().collect::<Result<_, _>>().unwrap()), [1, 2]);
+        assert_eq!(seeds(journal.rows_of(0, 0).collect::<Result<_, _>>().unwrap()), [1, 2]);
+        let first = journal.rows().next().unwrap().unwrap();
+        assert!(first.values[3].is_nan() && first.values[4].to_bits() == row(0, 0, 1).values[4].to_bits());
+    }
+
+    #[test]
+    fn a_row_that_changed_since_the_journal_was_opened_is_refused() {
+        let (_folder, path) = journal(&[row(0, 0, 1), row(0, 0, 2)]);
+        let journal = SweepJournal::open(&path, &definition("a")).unwrap();
+        let mut text = std::fs::read(&path).unwrap();
+        let second = text.iter().position(|&byte| byte == b'\n').unwrap() + 1;
+        text[second] = b'1';
+        std::fs::write(&path, &text).unwrap();
+        let refusal = journal.all().unwrap_err().to_string();
+        assert!(refusal.contains(&format!("byte {second}: expected the check ")), "{refusal}");
+    }
+
+    #[test]
+    fn a_line_that_was_cut_off_is_dropped() {
+        let (_folder, path) = journal(&[row(0, 0, 1), row(0, 0, 2)]);
+        let text = std::fs::read(&path).unwrap();
+        std::fs::write(&path, &text[..text.len() - 1]).unwrap();
+        let mut journal = SweepJournal::open(&path, &definition("a")).unwrap();
+        assert!(journal.has(row(0, 0, 1).key) && !journal.has(row(0, 0, 2).key));
+        journal.add(&row(0, 0, 2)).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), text);
     }
 }

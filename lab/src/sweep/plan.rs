@@ -54,12 +54,43 @@ pub struct Definition {
 }
 
 impl Definition {
+    /// Fields of the sweep: a point of the grid with a seed, which all strategies fly over.
+    #[must_use]
+    pub fn fields(&self) -> usize {
+        self.points.len() * self.seeds.len()
+    }
+
+    /// The missions of a shard, in the order of the results: those over every n-th field from the k-th, where fields are
+    /// counted by point and then by seed. There are none if n is more than the fields and k beyond them.
+    ///
+    /// # Panics
+    /// If k is 0 or n is 0.
+    #[must_use]
+    pub fn missions(&self, Shard(k, n): Shard) -> Vec<MissionKey> {
+        let mut missions = Vec::new();
+        for point in 0..self.points.len() {
+            let first = point * self.seeds.len();
+            let is_of_shard = |&(index, _): &(usize, &u64)| (first + index) % n == k - 1;
+            let seeds: Vec<u64> = self.seeds.iter().enumerate().filter(is_of_shard).map(|(_, &seed)| seed).collect();
+            for strategy in 0..self.strategies.len() {
+                missions.extend(seeds.iter().map(|&seed| MissionKey { point, strategy, seed }));
+            }
+        }
+        missions
+    }
+
+    /// The place of a mission in the results of the whole sweep; none if the sweep has no such mission.
+    #[must_use]
+    pub fn index(&self, MissionKey { point, strategy, seed }: MissionKey) -> Option<usize> {
+        let seed = self.seeds.binary_search(&seed).ok()?;
+        let is_there = point < self.points.len() && strategy < self.strategies.len();
+        is_there.then(|| (point * self.strategies.len() + strategy) * self.seeds.len() + seed)
+    }
+
     /// Whether it has this mission.
     #[must_use]
     pub fn contains(&self, mission: MissionKey) -> bool {
-        mission.point < self.points.len()
-            && mission.strategy < self.strategies.len()
-            && self.seeds.binary_search(&mission.seed).is_ok()
+        self.index(mission).is_some()
     }
 }
 
@@ -200,22 +231,6 @@ impl Sweep {
         let mut sweep = Self { definition, base, outside };
         sweep.definition.identity = sweep.identity(path)?;
         Ok(sweep)
-    }
-
-    /// The missions of a shard: those of every n-th point from the k-th, in the order of the results.
-    ///
-    /// # Panics
-    /// If k is 0 or n is 0.
-    #[must_use]
-    pub fn missions(&self, Shard(k, n): Shard) -> Vec<MissionKey> {
-        let definition = &self.definition;
-        let mut missions = Vec::new();
-        for point in (k - 1..definition.points.len()).step_by(n) {
-            for strategy in 0..definition.strategies.len() {
-                missions.extend(definition.seeds.iter().map(|&seed| MissionKey { point, strategy, seed }));
-            }
-        }
-        missions
     }
 
     /// The scenario of a mission.

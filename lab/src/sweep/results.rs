@@ -1,20 +1,22 @@
 //! The files that a sweep leaves: a row per mission, the summary with confidence intervals, and the timings.
 
 use std::collections::BTreeMap;
+use std::io::{self, BufWriter};
 use std::path::Path;
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, Int64Array, StringArray, UInt64Array};
-use skysink_mission::record::write_whole;
+use skysink_mission::error::FileContext;
+use skysink_mission::record::{write_unfinished, write_whole};
 use skysink_planner::strategies::offline;
 use strum::VariantArray;
 
-use super::journal::{MissionRow, MissionRows, missions_of};
+use super::journal::{MissionRow, SweepJournal};
 use super::plan::Definition;
 use super::statistics::MeanInterval;
 use crate::error::LabError;
 use crate::metrics::Metric;
-use crate::parquet_file::parquet;
+use crate::parquet_file::{ParquetFile, ROWS_PER_GROUP};
 
 /// The name under which the least loss of all strategies over each field is summarised.
 pub const BEST_KNOWN: &str = "best-known";
@@ -26,24 +28,57 @@ pub const BEST_KNOWN: &str = "best-known";
 ///
 /// # Panics
 /// If a row is of no mission of the sweep.
-pub fn write(folder: &Path, definition: &Definition, rows: &MissionRows) -> Result<(), LabError> {
+pub fn write(folder: &Path, definition: &Definition, journal: &SweepJournal) -> Result<(), LabError> {
     let (timings, results): (Vec<_>, Vec<_>) = Metric::VARIANTS.iter().partition(|metric| metric.is_timing());
-    write_whole(&folder.join("results.csv"), &missions_csv(definition, rows, &results))?;
-    write_whole(&folder.join("results.parquet"), &parquet(mission_columns(definition, rows)))?;
-    write_whole(&folder.join("summary.csv"), &summary_csv(definition, rows, &results))?;
-    Ok(write_whole(&folder.join("timings.csv"), &missions_csv(definition, rows, &timings))?)
+    write_missions(folder, definition, journal, [("results.csv", &results), ("timings.csv", &timings)])?;
+    Ok(write_whole(&folder.join("summary.csv"), &summary_csv(definition, journal, &results)?)?)
 }
 
-/// A mission per row: swept keys, strategy, seed, metrics, empty where it has none. Floats read back exactly.
-fn missions_csv(definition: &Definition, rows: &MissionRows, metrics: &[Metric]) -> Vec<u8> {
-    let names = ["strategy", "seed"].into_iter().chain(metrics.iter().map(|metric| metric.name()));
-    let lines = rows.values().map(|row| {
-        let number = |metric: &Metric| Some(row[*metric]).filter(|value| !value.is_nan());
-        let numbers = metrics.iter().map(|metric| number(metric).map_or_else(String::new, |value| value.to_string()));
-        let who = [definition.strategies[row.key.strategy].clone(), row.key.seed.to_string()];
-        definition.points[row.key.point].iter().map(text).chain(who).chain(numbers).collect()
-    });
-    table(definition, names, lines)
+/// The files with a row per mission, which are written part by part: two tables of these metrics, and the Parquet file.
+fn write_missions(
+    folder: &Path,
+    definition: &Definition,
+    journal: &SweepJournal,
+    tables: [(&str, &[Metric]); 2],
+) -> Result<(), LabError> {
+    let path = folder.join("results.parquet");
+    let begun = BufWriter::new(write_unfinished(&path, b"").at(&path)?);
+    let mut parquet = ParquetFile::begin(begun, &mission_columns(definition, &[])).at(&path)?;
+    let mut csvs = Vec::new();
+    for (name, metrics) in tables {
+        let path = folder.join(name);
+        let mut csv = csv::Writer::from_writer(write_unfinished(&path, b"").at(&path)?);
+        let names = ["strategy", "seed"].into_iter().chain(metrics.iter().map(|metric| metric.name()));
+        csv.write_record(definition.keys.iter().map(String::as_str).chain(names)).map_err(io::Error::from).at(&path)?;
+        csvs.push((path, csv, metrics));
+    }
+    let mut rows = journal.rows();
+    loop {
+        let part = rows.by_ref().take(ROWS_PER_GROUP).collect::<Result<Vec<_>, _>>()?;
+        for (path, csv, metrics) in &mut csvs {
+            let mut lines = part.iter().map(|row| mission_line(definition, row, metrics));
+            lines.try_for_each(|line| csv.write_record(line)).map_err(io::Error::from).at(path)?;
+        }
+        parquet.add(mission_columns(definition, &part)).at(&path)?;
+        if part.len() < ROWS_PER_GROUP {
+            break;
+        }
+    }
+    for (path, csv, _) in csvs {
+        let file = csv.into_inner().map_err(|error| error.into_error()).at(&path)?;
+        file.persist(&path).map_err(io::Error::from).at(&path)?;
+    }
+    let file = parquet.finish().and_then(|file| Ok(file.into_inner()?)).at(&path)?;
+    file.persist(&path).map_err(io::Error::from).at(&path)?;
+    Ok(())
+}
+
+/// A mission: swept keys, strategy, seed, metrics, empty where it has none. Floats read back exactly.
+fn mission_line(definition: &Definition, row: &MissionRow, metrics: &[Metric]) -> Vec<String> {
+    let number = |metric: &Metric| Some(row[*metric]).filter(|value| !value.is_nan());
+    let numbers = metrics.iter().map(|metric| number(metric).map_or_else(String::new, |value| value.to_string()));
+    let who = [definition.strategies[row.key.strategy].clone(), row.key.seed.to_string()];
+    definition.points[row.key.point].iter().map(text).chain(who).chain(numbers).collect()
 }
 
 /// A mission per row as columns, each with a type of its own: what `results.parquet` holds.
@@ -51,16 +86,16 @@ fn missions_csv(definition: &Definition, rows: &MissionRows, metrics: &[Metric])
 /// # Panics
 /// If a row is of no mission of the sweep.
 #[must_use]
-pub fn mission_columns<'a>(definition: &'a Definition, rows: &MissionRows) -> Vec<(&'a str, ArrayRef)> {
+pub fn mission_columns<'a>(definition: &'a Definition, rows: &[MissionRow]) -> Vec<(&'a str, ArrayRef)> {
     let mut columns: Vec<(&str, ArrayRef)> = Vec::new();
     for (place, key) in definition.keys.iter().enumerate() {
         columns.push((key, swept(definition, rows, place)));
     }
-    let strategies = rows.keys().map(|key| &definition.strategies[key.strategy]);
+    let strategies = rows.iter().map(|row| &definition.strategies[row.key.strategy]);
     columns.push(("strategy", Arc::new(StringArray::from_iter_values(strategies))));
-    columns.push(("seed", Arc::new(UInt64Array::from_iter_values(rows.keys().map(|key| key.seed)))));
+    columns.push(("seed", Arc::new(UInt64Array::from_iter_values(rows.iter().map(|row| row.key.seed)))));
     for metric in Metric::all().filter(|metric| !metric.is_timing()) {
-        let values = rows.values().map(|row| row[metric]);
+        let values = rows.iter().map(|row| row[metric]);
         let column: ArrayRef = match metric {
             Metric::DeliveredBits => Arc::new(UInt64Array::from_iter_values(values.map(|bits| bits as u64))),
             _ => Arc::new(values.map(|value| Some(value).filter(|value| !value.is_nan())).collect::<Float64Array>()),
@@ -70,21 +105,22 @@ pub fn mission_columns<'a>(definition: &'a Definition, rows: &MissionRows) -> Ve
     columns
 }
 
-/// The column of a swept key: whole numbers, numbers, or text.
-fn swept(definition: &Definition, rows: &MissionRows, place: usize) -> ArrayRef {
-    let values = || rows.keys().map(|key| &definition.points[key.point][place]);
-    if let Some(whole) = values().map(toml::Value::as_integer).collect::<Option<Vec<_>>>() {
-        return Arc::new(Int64Array::from(whole));
+/// The column of a swept key: whole numbers, numbers, or text, as all its values in the sweep are.
+fn swept(definition: &Definition, rows: &[MissionRow], place: usize) -> ArrayRef {
+    let all = || definition.points.iter().map(|point| &point[place]);
+    let values = || rows.iter().map(|row| &definition.points[row.key.point][place]);
+    if all().all(|value| value.is_integer()) {
+        return Arc::new(values().map(toml::Value::as_integer).collect::<Int64Array>());
     }
-    match values().map(number).collect::<Option<Vec<_>>>() {
-        Some(floats) => Arc::new(Float64Array::from(floats)),
-        None => Arc::new(StringArray::from_iter_values(values().map(text))),
+    match all().all(|value| number(value).is_some()) {
+        true => Arc::new(values().map(number).collect::<Float64Array>()),
+        false => Arc::new(StringArray::from_iter_values(values().map(text))),
     }
 }
 
 /// A metric of a point and strategy per row: mean, standard deviation and confidence interval over the seeds. Where an
 /// offline plan was flown, too, the best known loss of each point follows.
-fn summary_csv(definition: &Definition, rows: &MissionRows, metrics: &[Metric]) -> Vec<u8> {
+fn summary_csv(definition: &Definition, journal: &SweepJournal, metrics: &[Metric]) -> Result<Vec<u8>, LabError> {
     let names = ["strategy", "metric", "n", "mean", "standard_deviation", "ci95_low", "ci95_high"];
     let line = |point: usize, strategy: &str, metric: Metric, values: &[f64]| {
         let MeanInterval { n, mean, deviation, limits } = MeanInterval::of(values, metric.support());
@@ -96,8 +132,9 @@ fn summary_csv(definition: &Definition, rows: &MissionRows, metrics: &[Metric]) 
     let mut lines = Vec::new();
     for point in 0..definition.points.len() {
         for (strategy, name) in definition.strategies.iter().enumerate() {
+            let rows = journal.rows_of(point, strategy).collect::<Result<Vec<_>, _>>()?;
             for &metric in metrics {
-                let values: Vec<f64> = missions_of(rows, point, strategy).map(|row| row[metric]).collect();
+                let values: Vec<f64> = rows.iter().map(|row| row[metric]).collect();
                 if !values.is_empty() && !values.iter().any(|value| value.is_nan()) {
                     lines.push(line(point, name, metric, &values));
                 }
@@ -105,11 +142,17 @@ fn summary_csv(definition: &Definition, rows: &MissionRows, metrics: &[Metric]) 
         }
     }
     if definition.strategies.iter().any(|name| name == offline::STRATEGY.name) {
-        for (point, losses) in best_known(rows.values()) {
+        for (point, losses) in best_known(journal.all()?.values()) {
             lines.push(line(point, BEST_KNOWN, Metric::LossRate, &losses.into_values().collect::<Vec<_>>()));
         }
     }
-    table(definition, names, lines)
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let header = definition.keys.iter().map(String::as_str).chain(names);
+    writer.write_record(header).expect("memory takes everything");
+    for line in lines {
+        writer.write_record(line).expect("memory takes everything, and all lines are of one length");
+    }
+    Ok(writer.into_inner().expect("memory takes everything"))
 }
 
 /// The least loss of all strategies, by point and seed.
@@ -134,19 +177,4 @@ pub(crate) fn text(value: &toml::Value) -> String {
         toml::Value::Float(float) => float.to_string(),
         other => other.to_string(),
     }
-}
-
-/// Lines under the swept keys and these names.
-fn table<'a>(
-    definition: &'a Definition,
-    names: impl IntoIterator<Item = &'a str>,
-    lines: impl IntoIterator<Item = Vec<String>>,
-) -> Vec<u8> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    let header = definition.keys.iter().map(String::as_str).chain(names);
-    writer.write_record(header).expect("memory takes everything");
-    for line in lines {
-        writer.write_record(line).expect("memory takes everything, and all lines are of one length");
-    }
-    writer.into_inner().expect("memory takes everything")
 }
