@@ -33,7 +33,7 @@ use crate::error::{InputError, read_text};
 pub const MAX_RESOURCE_BLOCKS: usize = 64;
 
 /// Largest seed, which is TOML's largest number.
-const MAX_SEED: u64 = i64::MAX as u64;
+pub const MAX_SEED: u64 = i64::MAX as u64;
 
 /// Slots of the longest mission.
 const MAX_SLOTS: u64 = 1_000_000_000;

@@ -3,10 +3,11 @@
 use std::collections::BTreeSet;
 use std::iter::zip;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 use skysink_common::error::{InputError, read_text};
-use skysink_common::scenario::{Overrides, Scenario, Setting, SettingOrigin};
+use skysink_common::scenario::{MAX_SEED, Overrides, Scenario, Setting, SettingOrigin};
 use skysink_common::sensors::SensorList;
 use skysink_planner::settings;
 use skysink_planner::strategies::{Registered, expected};
@@ -101,6 +102,8 @@ pub struct Sweep {
     pub definition: Definition,
     base: SweepBase,
     outside: Vec<OutsideStrategy>,
+    /// That of the latest mission: the next one mostly differs in its seed only.
+    latest: Mutex<Option<(MissionKey, Scenario)>>,
 }
 
 /// A strategy that is not Skysink's: whoever names it flies its missions.
@@ -203,6 +206,9 @@ impl Sweep {
         }
         distinct(&names).map_err(|expected| refuse(&format!("strategies = {names:?}"), expected))?;
         let ascending = distinct(&seeds).map_err(|expected| refuse(&format!("seeds = {seeds:?}"), expected))?;
+        if let Some(seed) = ascending.last().filter(|&&seed| seed > MAX_SEED) {
+            return Err(refuse(&format!("seeds: {seed}"), &format!("at most {MAX_SEED}")).into());
+        }
         let axes = axes.into_iter().map(|(key, values)| match values {
             _ if key == "seed" => Err(refuse("axes.seed", "the seeds under `seeds`")),
             _ if key == "planner.strategy" => Err(refuse("axes.\"planner.strategy\"", "them under `strategies`")),
@@ -228,7 +234,7 @@ impl Sweep {
             strategies,
             seeds: ascending.into_iter().collect(),
         };
-        let mut sweep = Self { definition, base, outside };
+        let mut sweep = Self { definition, base, outside, latest: Mutex::default() };
         sweep.definition.identity = sweep.identity(path)?;
         Ok(sweep)
     }
@@ -241,6 +247,20 @@ impl Sweep {
     /// # Panics
     /// If the mission is not of this sweep.
     pub fn scenario(&self, mission: MissionKey) -> Result<Scenario, LabError> {
+        let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
+        let scenario = match latest.take() {
+            Some((MissionKey { point, strategy, .. }, scenario))
+                if (point, strategy) == (mission.point, mission.strategy) =>
+            {
+                Scenario { seed: mission.seed, ..scenario }
+            }
+            _ => self.read_scenario(mission)?,
+        };
+        *latest = Some((mission, scenario.clone()));
+        Ok(scenario)
+    }
+
+    fn read_scenario(&self, mission: MissionKey) -> Result<Scenario, LabError> {
         let text = toml::to_string(&self.base.table).expect("a table that was read can be written");
         let overrides = Overrides {
             seed: Some(mission.seed),

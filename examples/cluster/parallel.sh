@@ -1,0 +1,12 @@
+#!/bin/bash
+# A sweep by GNU parallel: on this machine, or with PARALLEL='--sshloginfile nodes' on all that are in the file `nodes`.
+# A shard whose process fails is flown again, from where it was; so is what is missing when the same command is given.
+#
+#   examples/cluster/parallel.sh area.toml runs/area 8
+set -euo pipefail
+
+sweep=$1 out=$2 shards=$3
+mkdir -p "$out-shards"
+parallel --retries 3 --workdir "$PWD" \
+    skysink sweep "$sweep" --out "$out-shards/{}" --shard "{}/$shards" --threads 1 ::: $(seq "$shards")
+skysink merge "$out-shards"/* --out "$out"

@@ -1,0 +1,124 @@
+"""`examples/cluster`: the bytes of `skysink sweep`, though a process is killed in the middle."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from conftest import ROOT, run, same_files
+
+CLUSTER = ROOT / "examples" / "cluster"
+
+FILES = ["results.csv", "results.parquet", "summary.csv"]
+
+SHARDS = 5
+
+SWEEP = f"""
+scenario = "{ROOT}/scenarios/letter.toml"
+strategies = ["uts", "gfs"]
+seeds = 400
+"""
+
+KILLED_ONCE = """#!/bin/sh
+# skysink, killed once it has flown a mission of shard 3, the first time.
+case " $* " in
+*" --shard 3/"* | *" --shard auto/"*)
+    folder=$(expr "$*" : '.*--out \\([^ ]*\\)')
+    if [ "${folder##*/}" = 3 ] && mkdir FLAG 2> /dev/null; then
+        SKYSINK "$@" &
+        while [ ! -s "$folder/journal.csv" ]; do sleep 0.01; done
+        kill -9 $!
+        exit 137
+    fi ;;
+esac
+exec SKYSINK "$@"
+"""
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    """A folder with a sweep, and its results `alone`."""
+    (tmp_path / "sweep.toml").write_text(SWEEP)
+    run("sweep", "sweep.toml", "--out", "alone", cwd=tmp_path)
+    return tmp_path
+
+
+def environment(place: Path) -> dict[str, str]:
+    """Variables with which `skysink` is killed once."""
+    programs = place / "bin"
+    programs.mkdir(exist_ok=True)
+    text = KILLED_ONCE.replace("FLAG", str(place / "flag"))
+    (programs / "skysink").write_text(text.replace("SKYSINK", str(Path(sys.executable).with_name("skysink"))))
+    (programs / "skysink").chmod(0o755)
+    return {**os.environ, "PATH": f"{programs}:{os.environ['PATH']}"}
+
+
+def need(*programs: str) -> None:
+    """Skips the test where programs are missing."""
+    missing = [program for program in programs if shutil.which(program) is None]
+    if missing:
+        pytest.skip(f"{', '.join(missing)} is not installed")
+
+
+def command(*words: str | Path, place: Path) -> str:
+    """Runs a command in which a process is killed and what it flew is resumed, and returns what it printed."""
+    result = subprocess.run(words, cwd=place, capture_output=True, text=True, timeout=300, env=environment(place))
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+def test_parallel_flies_a_shard_again_whose_process_is_killed(place: Path) -> None:
+    need("parallel")
+    command(CLUSTER / "parallel.sh", "sweep.toml", "mine", str(SHARDS), place=place)
+    assert (place / "flag").exists()
+    same_files(place / "alone", place / "mine", FILES)
+
+
+def test_snakemake_flies_a_shard_again_whose_process_is_killed(place: Path) -> None:
+    need("snakemake")
+    values = ["sweep=sweep.toml", "out=mine", f"shards={SHARDS}"]
+    command("snakemake", "--snakefile", CLUSTER / "Snakefile", "--cores", "2", "--config", *values, place=place)
+    assert (place / "flag").exists()
+    same_files(place / "alone", place / "mine", FILES)
+
+
+def test_slurm_flies_what_the_merge_says_is_missing(place: Path) -> None:
+    need("sbatch", "sinfo")
+    if subprocess.run(["sinfo"], capture_output=True).returncode != 0:
+        pytest.skip("no Slurm controller answers")
+
+    def submit(*array: str) -> str:
+        """Submits the array and its merge, waits for both, and returns what the merge printed."""
+        printed = command(CLUSTER / "slurm.sh", "sweep.toml", "mine", str(SHARDS), *array, place=place)
+        job = re.findall(r"\d+", printed)[-1]
+        deadline = time.monotonic() + 300
+        while job in subprocess.run(["squeue", "-h", "-o", "%A"], capture_output=True, text=True).stdout.split():
+            assert time.monotonic() < deadline, "the jobs did not end"
+            time.sleep(0.5)
+        return (place / f"slurm-{job}.out").read_text()
+
+    said = submit()
+    assert (place / "flag").exists() and not (place / "mine").exists()
+    assert "fly shards 3 of 5, as by --array=3 and --shard auto/5" in said
+    assert "800 missions: mine/results.csv" in submit("3")
+    same_files(place / "alone", place / "mine", FILES)
+
+
+def test_the_program_for_dask_has_the_bytes_of_the_command_line(place: Path) -> None:
+    pytest.importorskip("distributed")
+    printed = command(sys.executable, CLUSTER / "dask_sweep.py", "sweep.toml", "mine", place=place)
+    assert printed == "800 missions: mine/results.csv\n"
+    same_files(place / "alone", place / "mine", FILES)
+
+
+def test_the_program_for_ray_has_the_bytes_of_the_command_line(place: Path) -> None:
+    pytest.importorskip("ray")
+    printed = command(sys.executable, CLUSTER / "ray_sweep.py", "sweep.toml", "mine", place=place)
+    assert "800 missions: mine/results.csv\n" in printed
+    same_files(place / "alone", place / "mine", FILES)
