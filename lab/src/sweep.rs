@@ -45,10 +45,11 @@ pub fn sweep(
     on_progress: OnProgress,
 ) -> Result<SweepJournal, LabError> {
     let record = SweepRecord::open(sweep, out, shard)?;
-    let missing = record.missing();
+    let mut missing: Vec<_> = record.missing().collect();
+    first_of_each_strategy_first(&mut missing);
     let pool = ThreadPoolBuilder::new().num_threads(threads).build().map_err(io::Error::other);
     let pool = pool.at(Path::new("threads"))?;
-    let of = sweep.definition.missions(shard).len() as u64;
+    let of = sweep.definition.missions(shard).count() as u64;
     let report = |work: &Workload| {
         let left = work.left(pool.current_num_threads());
         let done = of - work.missing() as u64;
@@ -68,19 +69,20 @@ pub fn sweep(
             report(work);
             Ok(())
         };
-        strategies_first(missing).into_iter().par_bridge().try_for_each(fly_one)
+        missing.into_iter().par_bridge().try_for_each(fly_one)
     })?;
     let (record, _) = record.into_inner().unwrap_or_else(PoisonError::into_inner);
     record.finish()
 }
 
-/// The same missions, the first of each strategy before all others: what the rest takes is then soon known.
-fn strategies_first(missions: Vec<MissionKey>) -> Vec<MissionKey> {
+/// Puts the first mission of each strategy before all others: what the rest takes is then soon known.
+fn first_of_each_strategy_first(missions: &mut [MissionKey]) {
     let mut seen = BTreeSet::new();
-    let (mut firsts, others): (Vec<_>, Vec<_>) =
-        missions.into_iter().partition(|mission| seen.insert(mission.strategy));
-    firsts.extend(others);
-    firsts
+    for index in 0..missions.len() {
+        if seen.insert(missions[index].strategy) {
+            missions[seen.len() - 1..=index].rotate_right(1);
+        }
+    }
 }
 
 /// Whether shards are joined that are not all missions of a sweep.
@@ -123,11 +125,11 @@ pub fn merge(shards: &[PathBuf], out: &Path, completeness: Completeness) -> Resu
     }
     let definition = joined.definition;
     let manifest = Manifest { shard: Shard::WHOLE, definition: definition.clone() };
-    let mut record = SweepRecord::of(manifest, out, Vec::new())?;
+    let mut record = SweepRecord::of(manifest, out)?;
     for path in shards {
         JournalLines::open(&path.join(JOURNAL), &definition)?.try_for_each(|row| record.add(&row?))?;
     }
-    record.finish()
+    record.write()
 }
 
 /// Which missions of a sweep its shards have.
@@ -149,9 +151,9 @@ impl Joined {
     fn missing(&self) -> Option<String> {
         let count = self.is_there.iter().filter(|&&is_there| is_there).count();
         let expected = self.is_there.len();
-        let is_missing = |&key: &MissionKey| self.definition.index(key).is_none_or(|index| !self.is_there[index]);
+        let is_missing = |key: MissionKey| self.definition.index(key).is_none_or(|index| !self.is_there[index]);
         let n = self.shards;
-        let missing = ranges((1..=n).filter(|&k| self.definition.missions(Shard(k, n)).iter().any(is_missing)));
+        let missing = ranges((1..=n).filter(|&k| self.definition.missions(Shard(k, n)).any(is_missing)));
         let remedy = format!("fly shards {missing} of {n}, as by --array={missing} and --shard auto/{n}");
         (count < expected).then(|| format!("{count} of {expected} missions are there: {remedy}, or pass --partial"))
     }

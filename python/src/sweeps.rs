@@ -78,7 +78,7 @@ impl PySweepPlan {
 
     #[getter]
     fn missions(&self) -> Vec<Key> {
-        let missions = self.0.definition.missions(Shard::WHOLE).into_iter();
+        let missions = self.0.definition.missions(Shard::WHOLE);
         missions.map(|MissionKey { point, strategy, seed }| (point, strategy, seed)).collect()
     }
 

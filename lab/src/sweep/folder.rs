@@ -40,8 +40,6 @@ pub struct SweepRecord {
     _lock: File,
     folder: PathBuf,
     manifest: Manifest,
-    /// Missions of the shard, in the order of the results.
-    missions: Vec<MissionKey>,
     journal: SweepJournal,
 }
 
@@ -51,20 +49,19 @@ impl SweepRecord {
     /// # Errors
     /// If the folder holds something else, cannot be made, or another process flies the sweep.
     pub fn open(sweep: &Sweep, folder: &Path, shard: Shard) -> Result<Self, LabError> {
-        Self::of(Manifest { shard, definition: sweep.definition.clone() }, folder, sweep.definition.missions(shard))
+        Self::of(Manifest { shard, definition: sweep.definition.clone() }, folder)
     }
 
     /// The same of a sweep of which only the definition is known.
-    pub(super) fn of(manifest: Manifest, folder: &Path, missions: Vec<MissionKey>) -> Result<Self, LabError> {
+    pub(super) fn of(manifest: Manifest, folder: &Path) -> Result<Self, LabError> {
         let lock = lock_folder(folder, &manifest)?;
         let journal = SweepJournal::open(&folder.join(JOURNAL), &manifest.definition)?;
-        Ok(Self { _lock: lock, folder: folder.to_owned(), manifest, missions, journal })
+        Ok(Self { _lock: lock, folder: folder.to_owned(), manifest, journal })
     }
 
     /// The missions that are not on record, in the order of the results.
-    #[must_use]
-    pub fn missing(&self) -> Vec<MissionKey> {
-        self.missions.iter().copied().filter(|&mission| !self.journal.has(mission)).collect()
+    pub fn missing(&self) -> impl Iterator<Item = MissionKey> {
+        self.manifest.definition.missions(self.manifest.shard).filter(|&mission| !self.journal.has(mission))
     }
 
     /// Adds a mission, if it is not there; it is on record when this returns, whatever happens to the process.
@@ -80,11 +77,16 @@ impl SweepRecord {
     /// # Errors
     /// If a mission is missing, or a file cannot be written.
     pub fn finish(self) -> Result<SweepJournal, LabError> {
-        let missing = self.missing().len();
+        let missing = self.missing().count();
         if missing > 0 {
-            let message = format_args!("{missing} of {} missions are missing: fly them first", self.missions.len());
+            let message = format_args!("{missing} missions are missing: fly them first");
             return Err(InputError::new("sweep folder", &self.folder, message).into());
         }
+        self.write()
+    }
+
+    /// Writes the results of what is on record, and returns the journal.
+    pub(super) fn write(self) -> Result<SweepJournal, LabError> {
         results::write(&self.folder, &self.manifest.definition, &self.journal)?;
         Ok(self.journal)
     }

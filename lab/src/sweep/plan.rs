@@ -66,18 +66,18 @@ impl Definition {
     ///
     /// # Panics
     /// If k is 0 or n is 0.
-    #[must_use]
-    pub fn missions(&self, Shard(k, n): Shard) -> Vec<MissionKey> {
-        let mut missions = Vec::new();
-        for point in 0..self.points.len() {
-            let first = point * self.seeds.len();
-            let is_of_shard = |&(index, _): &(usize, &u64)| (first + index) % n == k - 1;
-            let seeds: Vec<u64> = self.seeds.iter().enumerate().filter(is_of_shard).map(|(_, &seed)| seed).collect();
-            for strategy in 0..self.strategies.len() {
-                missions.extend(seeds.iter().map(|&seed| MissionKey { point, strategy, seed }));
-            }
-        }
-        missions
+    pub fn missions(&self, Shard(k, n): Shard) -> impl Iterator<Item = MissionKey> {
+        let seeds = self.seeds.len();
+        let keys = (0..self.fields() * self.strategies.len()).map(move |index| {
+            let group = index / seeds;
+            let key = MissionKey {
+                point: group / self.strategies.len(),
+                strategy: group % self.strategies.len(),
+                seed: self.seeds[index % seeds],
+            };
+            (key.point * seeds + index % seeds, key)
+        });
+        keys.filter(move |(field, _)| field % n == k - 1).map(|(_, key)| key)
     }
 
     /// The place of a mission in the results of the whole sweep; none if the sweep has no such mission.

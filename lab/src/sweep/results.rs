@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::io::{self, BufWriter};
+use std::iter::zip;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -122,8 +123,8 @@ fn swept(definition: &Definition, rows: &[MissionRow], place: usize) -> ArrayRef
 /// offline plan was flown, too, the best known loss of each point follows.
 fn summary_csv(definition: &Definition, journal: &SweepJournal, metrics: &[Metric]) -> Result<Vec<u8>, LabError> {
     let names = ["strategy", "metric", "n", "mean", "standard_deviation", "ci95_low", "ci95_high"];
-    let line = |point: usize, strategy: &str, metric: Metric, values: &[f64]| {
-        let MeanInterval { n, mean, deviation, limits } = MeanInterval::of(values, metric.support());
+    let line = |point: usize, strategy: &str, metric: Metric, interval: MeanInterval| {
+        let MeanInterval { n, mean, deviation, limits } = interval;
         let figures = [Some(mean), deviation, limits.map(|[low, _]| low), limits.map(|[_, high]| high)];
         let figures = figures.map(|figure| figure.map_or_else(String::new, |value| value.to_string()));
         let words = [strategy.to_owned(), metric.name().to_owned(), n.to_string()];
@@ -132,18 +133,16 @@ fn summary_csv(definition: &Definition, journal: &SweepJournal, metrics: &[Metri
     let mut lines = Vec::new();
     for point in 0..definition.points.len() {
         for (strategy, name) in definition.strategies.iter().enumerate() {
-            let rows = journal.rows_of(point, strategy).collect::<Result<Vec<_>, _>>()?;
-            for &metric in metrics {
-                let values: Vec<f64> = rows.iter().map(|row| row[metric]).collect();
-                if !values.is_empty() && !values.iter().any(|value| value.is_nan()) {
-                    lines.push(line(point, name, metric, &values));
-                }
+            for (&metric, interval) in metrics.iter().zip(intervals(journal, point, strategy, metrics)?) {
+                lines.extend(interval.map(|interval| line(point, name, metric, interval)));
             }
         }
     }
     if definition.strategies.iter().any(|name| name == offline::STRATEGY.name) {
         for (point, losses) in best_known(journal.all()?.values()) {
-            lines.push(line(point, BEST_KNOWN, Metric::LossRate, &losses.into_values().collect::<Vec<_>>()));
+            let losses: Vec<f64> = losses.into_values().collect();
+            let interval = MeanInterval::of(&losses, Metric::LossRate.support());
+            lines.push(line(point, BEST_KNOWN, Metric::LossRate, interval));
         }
     }
     let mut writer = csv::Writer::from_writer(Vec::new());
@@ -153,6 +152,34 @@ fn summary_csv(definition: &Definition, journal: &SweepJournal, metrics: &[Metri
         writer.write_record(line).expect("memory takes everything, and all lines are of one length");
     }
     Ok(writer.into_inner().expect("memory takes everything"))
+}
+
+/// The mean of each of these metrics over the missions of a point by a strategy; none where a mission has none, or there
+/// is no mission. The missions are read twice and not kept.
+fn intervals(
+    journal: &SweepJournal,
+    point: usize,
+    strategy: usize,
+    metrics: &[Metric],
+) -> Result<Vec<Option<MeanInterval>>, LabError> {
+    let mut n = 0;
+    let mut means = vec![-0.0; metrics.len()]; // as the sum of nothing
+    for row in journal.rows_of(point, strategy) {
+        let row = row?;
+        n += 1;
+        zip(&mut means, metrics).for_each(|(sum, &metric)| *sum += row[metric]);
+    }
+    means.iter_mut().for_each(|sum| *sum /= n as f64);
+    let mut squares = vec![-0.0; metrics.len()];
+    for row in journal.rows_of(point, strategy) {
+        let row = row?;
+        let values = zip(metrics, &means).map(|(&metric, mean)| (row[metric] - mean).powi(2));
+        zip(&mut squares, values).for_each(|(sum, square)| *sum += square);
+    }
+    let interval = |((&metric, &mean), &squares): ((&Metric, &f64), &f64)| {
+        (!mean.is_nan()).then(|| MeanInterval::of_moments(n, mean, squares, metric.support()))
+    };
+    Ok(zip(zip(metrics, &means), &squares).map(interval).collect())
 }
 
 /// The least loss of all strategies, by point and seed.
