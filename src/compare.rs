@@ -144,8 +144,8 @@ fn fly(
     out: &Path,
     stop: &Stop,
 ) -> Result<Vec<Shown>, Error> {
-    let rows = sweep(plan, out, Shard::WHOLE, 0, stop, &TerminalProgress::of_missions());
-    let rows = rows.and_then(|rows| rows.all()).map_err(|error| ended_early(error, &flown_in(out)))?;
+    let journal = sweep(plan, out, Shard::WHOLE, 0, stop, &TerminalProgress::of_missions());
+    let rows = journal.and_then(|journal| journal.all()).map_err(|error| ended_early(error, &flown_in(out)))?;
     let contenders = Contender::of_sweep(&plan.definition, &rows);
     let shown = |(contender, strategy): (Contender, &&'static Registered)| {
         let overrides = Overrides { strategy: Some(strategy.name), ..overrides.clone() };

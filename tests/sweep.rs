@@ -6,6 +6,9 @@ use std::collections::BTreeMap;
 use std::fs;
 
 use rustix::process::{Pid, Signal, kill_process};
+use skysink_lab::metrics::Metric;
+use skysink_lab::sweep::folder::Manifest;
+use skysink_lab::sweep::journal::SweepJournal;
 use support::{Place, end, lines, until};
 
 /// The files whose bytes depend on the sweep alone.
@@ -309,18 +312,26 @@ fn merged_shards_are_the_whole_sweep() {
     place.run_well(&["sweep", "sweep.toml", "--out", "whole"]);
     place.run_well(&["sweep", "sweep.toml", "--out", "a", "--shard", "1/2"]);
     fs::create_dir(place.path("empty")).unwrap();
-    fs::copy(place.path("a/sweep.json"), place.path("empty/sweep.json")).unwrap();
     let early = place.run(&["merge", "empty", "--out", "early"]);
-    assert_eq!((early.code, early.stderr.contains("it has no journal.csv: fly the shard first")), (Some(2), true));
+    assert!(early.code == Some(2) && early.stderr.contains("no shard holds a mission"), "{early:?}");
+    fs::copy(place.path("a/sweep.json"), place.path("empty/sweep.json")).unwrap(); // killed before its first mission
+    let early = place.run(&["merge", "empty", "--out", "early"]);
+    assert!(early.code == Some(2) && early.stderr.contains("0 of 54 missions"), "{early:?}");
     let early = place.run(&["merge", "a", "--out", "early"]);
     assert_eq!(early.code, Some(2), "{early:?}");
     let says = "27 of 54 missions are there: fly shards 2 of 2, as by --array=2 and --shard auto/2, or pass --partial";
     assert!(early.stderr.contains(says), "{early:?}");
-    place.run_well(&["merge", "a", "--out", "part", "--partial"]);
+    let part = place.run_well(&["merge", "a", "empty", "--out", "part", "--partial"]);
     assert_eq!(lines(&place.path("part/results.csv")), 1 + 27);
+    assert!(part.stdout.contains("Not all: 27 of 54 missions are there: fly shards 2 of 2"), "{part:?}");
+    let other = place.run(&["sweep", "sweep.toml", "--out", "a", "--shard", "1/3"]);
+    assert!(other.code == Some(2) && other.stderr.contains("it holds shard 1 of 2 of this sweep"), "{other:?}");
     place.run_well(&["sweep", "sweep.toml", "--out", "b", "--shard", "2/2"]);
-    place.run_well(&["merge", "b", "a", "--out", "merged"]);
-    assert_equal(&place, "whole", "merged");
+    for out in ["merged", "part"] {
+        let ended = place.run_well(&["merge", "b", "a", "--out", out]);
+        assert!(!ended.stdout.contains("Not all"), "{ended:?}");
+        assert_equal(&place, "whole", out);
+    }
     for (arguments, says) in [
         (&["merge", "a", "b", "./a", "--out", "twice"][..], "shard ./a: it is named twice: expected each shard once\n"),
         (&["merge", "sweep.toml", "--out", "file"], "shard sweep.toml: it is a file: expected the folder of a sweep\n"),
@@ -333,6 +344,29 @@ fn merged_shards_are_the_whole_sweep() {
         assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
         assert!(ended.stderr.ends_with(says), "{ended:?}");
     }
+}
+
+#[test]
+fn shards_of_other_numbers_are_merged_unless_they_contradict_each_other() {
+    let place = Place::new();
+    write_sweep(&place, 2);
+    place.run_well(&["sweep", "sweep.toml", "--out", "whole"]);
+    for (out, shard) in [("a", "1/3"), ("b", "1/2"), ("c", "2/2")] {
+        place.run_well(&["sweep", "sweep.toml", "--out", out, "--shard", shard]);
+    }
+    let early = place.run(&["merge", "a", "b", "--out", "early"]);
+    assert!(early.code == Some(2) && early.stderr.contains("fly shards 2-3 of 3, as by"), "{early:?}");
+    place.run_well(&["merge", "a", "b", "c", "--out", "merged"]);
+    assert_equal(&place, "whole", "merged");
+    // As an executable with another C library might have it.
+    let Manifest { definition, .. } = serde_json::from_str(&place.read("whole/sweep.json")).unwrap();
+    let open = |shard: &str| SweepJournal::open(&place.path(shard).join("journal.csv"), &definition).unwrap();
+    let mut row = open("b").rows().next().unwrap().unwrap();
+    row.values[Metric::LossRate as usize] += 1e-16;
+    open("c").add(&row).unwrap();
+    let ended = place.run(&["merge", "a", "b", "c", "--out", "contradiction"]);
+    assert!(ended.code == Some(2) && ended.stderr.contains("shard c: it has other results"), "{ended:?}");
+    assert!(!place.path("contradiction").exists());
 }
 
 #[test]

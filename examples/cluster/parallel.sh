@@ -5,8 +5,10 @@
 #   examples/cluster/parallel.sh area.toml runs/area 8
 set -euo pipefail
 
-sweep=$1 out=$2 shards=$3
+usage='usage: parallel.sh SWEEP OUT SHARDS'
+sweep=${1:?$usage} out=${2:?$usage} shards=${3:?$usage}
+numbers=$(seq "$shards")
 mkdir -p "$out-shards"
-parallel --retries 3 --workdir "$PWD" \
-    skysink sweep "$sweep" --out "$out-shards/{}" --shard "{}/$shards" --threads 1 ::: $(seq "$shards")
+parallel --quote --retries 3 --workdir "$PWD" \
+    skysink sweep "$sweep" --out "$out-shards/{}" --shard "{}/$shards" --threads 1 ::: $numbers
 skysink merge "$out-shards"/* --out "$out"

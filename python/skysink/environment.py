@@ -77,7 +77,7 @@ class Copyable:
         raise NotImplementedError
 
     def clone(self) -> Self:
-        """The same environment in the same slot, independent from then on; spaces are shared. For tree search."""
+        """A twin in the same slot, independent from then on; spaces are shared. For tree search."""
         twin: Self = object.__new__(type(self))
         twin.__dict__.update(self.__dict__)
         twin._core = self._core.clone()

@@ -102,8 +102,8 @@ impl PySweepPlan {
 
     /// Flies what is missing on `threads` threads of this process, where all strategies are Skysink's.
     fn fly_all(&self, py: Python<'_>, out: PathBuf, threads: usize) -> PyResult<PyTable> {
-        let rows = interruptible(py, |stop| sweep::sweep(&self.0, &out, Shard::WHOLE, threads, stop, &|_| ()))?;
-        self.table(&rows.map_err(of_lab)?)
+        let journal = interruptible(py, |stop| sweep::sweep(&self.0, &out, Shard::WHOLE, threads, stop, &|_| ()))?;
+        self.table(&journal.map_err(of_lab)?)
     }
 
     /// How the strategies of a comparison stand by all metrics.
@@ -112,9 +112,9 @@ impl PySweepPlan {
     }
 
     /// Writes the results of the folder that `record` has, and returns them.
-    fn finish(&self, record: &Bound<'_, PySweepRecord>) -> PyResult<PyTable> {
+    fn finish(&self, py: Python<'_>, record: &Bound<'_, PySweepRecord>) -> PyResult<PyTable> {
         let record = record.borrow_mut().0.take().ok_or_else(|| refused("the sweep is finished"))?;
-        self.table(&record.finish().map_err(of_lab)?)
+        self.table(&interruptible(py, |stop| record.finish(stop))?.map_err(of_lab)?)
     }
 }
 

@@ -1,4 +1,4 @@
-"""`examples/cluster`: the bytes of `skysink sweep`, though a process is killed in the middle."""
+"""`examples/cluster`: the bytes of `skysink sweep`; for shards, though a process is killed in the middle."""
 
 from __future__ import annotations
 
@@ -19,6 +19,10 @@ FILES = ["results.csv", "results.parquet", "summary.csv"]
 
 SHARDS = 5
 
+SWEEP_FILE = "my sweep.toml"
+
+OUT = "my results"
+
 SWEEP = f"""
 scenario = "{ROOT}/scenarios/letter.toml"
 strategies = ["uts", "gfs"]
@@ -26,26 +30,25 @@ seeds = 400
 """
 
 KILLED_ONCE = """#!/bin/sh
-# skysink, killed once it has flown a mission of shard 3, the first time.
-case " $* " in
-*" --shard 3/"* | *" --shard auto/"*)
-    folder=$(expr "$*" : '.*--out \\([^ ]*\\)')
-    if [ "${folder##*/}" = 3 ] && mkdir FLAG 2> /dev/null; then
-        SKYSINK "$@" &
-        while [ ! -s "$folder/journal.csv" ]; do sleep 0.01; done
-        kill -9 $!
-        exit 137
-    fi ;;
-esac
-exec SKYSINK "$@"
+# skysink, killed once it has flown a mission of the shard in the folder 3, the first time.
+for word; do
+    case $word in */3) folder=$word ;; esac
+done
+if [ "$1" = sweep ] && [ -n "$folder" ] && mkdir 'FLAG' 2> /dev/null; then
+    'SKYSINK' "$@" &
+    while [ ! -s "$folder/journal.csv" ]; do sleep 0.01; done
+    kill -9 $!
+    exit 137
+fi
+exec 'SKYSINK' "$@"
 """
 
 
 @pytest.fixture
 def place(tmp_path: Path) -> Path:
     """A folder with a sweep, and its results `alone`."""
-    (tmp_path / "sweep.toml").write_text(SWEEP)
-    run("sweep", "sweep.toml", "--out", "alone", cwd=tmp_path)
+    (tmp_path / SWEEP_FILE).write_text(SWEEP)
+    run("sweep", SWEEP_FILE, "--out", "alone", cwd=tmp_path)
     return tmp_path
 
 
@@ -67,7 +70,7 @@ def need(*programs: str) -> None:
 
 
 def command(*words: str | Path, place: Path) -> str:
-    """Runs a command in which a process is killed and what it flew is resumed, and returns what it printed."""
+    """Runs a command in which `skysink` is killed once, and returns what it printed."""
     result = subprocess.run(words, cwd=place, capture_output=True, text=True, timeout=300, env=environment(place))
     assert result.returncode == 0, result.stdout + result.stderr
     return result.stdout
@@ -75,17 +78,17 @@ def command(*words: str | Path, place: Path) -> str:
 
 def test_parallel_flies_a_shard_again_whose_process_is_killed(place: Path) -> None:
     need("parallel")
-    command(CLUSTER / "parallel.sh", "sweep.toml", "mine", str(SHARDS), place=place)
+    command(CLUSTER / "parallel.sh", SWEEP_FILE, OUT, str(SHARDS), place=place)
     assert (place / "flag").exists()
-    same_files(place / "alone", place / "mine", FILES)
+    same_files(place / "alone", place / OUT, FILES)
 
 
 def test_snakemake_flies_a_shard_again_whose_process_is_killed(place: Path) -> None:
     need("snakemake")
-    values = ["sweep=sweep.toml", "out=mine", f"shards={SHARDS}"]
+    values = [f"sweep={SWEEP_FILE}", f"out={OUT}", f"shards={SHARDS}"]
     command("snakemake", "--snakefile", CLUSTER / "Snakefile", "--cores", "2", "--config", *values, place=place)
     assert (place / "flag").exists()
-    same_files(place / "alone", place / "mine", FILES)
+    same_files(place / "alone", place / OUT, FILES)
 
 
 def test_slurm_flies_what_the_merge_says_is_missing(place: Path) -> None:
@@ -95,7 +98,7 @@ def test_slurm_flies_what_the_merge_says_is_missing(place: Path) -> None:
 
     def submit(*array: str) -> str:
         """Submits the array and its merge, waits for both, and returns what the merge printed."""
-        printed = command(CLUSTER / "slurm.sh", "sweep.toml", "mine", str(SHARDS), *array, place=place)
+        printed = command(CLUSTER / "slurm.sh", SWEEP_FILE, OUT, str(SHARDS), *array, place=place)
         job = re.findall(r"\d+", printed)[-1]
         deadline = time.monotonic() + 300
         while job in subprocess.run(["squeue", "-h", "-o", "%A"], capture_output=True, text=True).stdout.split():
@@ -104,21 +107,21 @@ def test_slurm_flies_what_the_merge_says_is_missing(place: Path) -> None:
         return (place / f"slurm-{job}.out").read_text()
 
     said = submit()
-    assert (place / "flag").exists() and not (place / "mine").exists()
+    assert (place / "flag").exists() and not (place / OUT).exists()
     assert "fly shards 3 of 5, as by --array=3 and --shard auto/5" in said
-    assert "800 missions: mine/results.csv" in submit("3")
-    same_files(place / "alone", place / "mine", FILES)
+    assert f"800 missions: {OUT}/results.csv" in submit("3")
+    same_files(place / "alone", place / OUT, FILES)
 
 
 def test_the_program_for_dask_has_the_bytes_of_the_command_line(place: Path) -> None:
     pytest.importorskip("distributed")
-    printed = command(sys.executable, CLUSTER / "dask_sweep.py", "sweep.toml", "mine", place=place)
-    assert printed == "800 missions: mine/results.csv\n"
-    same_files(place / "alone", place / "mine", FILES)
+    printed = command(sys.executable, CLUSTER / "dask_sweep.py", SWEEP_FILE, OUT, place=place)
+    assert printed == f"800 missions: {OUT}/results.csv\n"
+    same_files(place / "alone", place / OUT, FILES)
 
 
 def test_the_program_for_ray_has_the_bytes_of_the_command_line(place: Path) -> None:
     pytest.importorskip("ray")
-    printed = command(sys.executable, CLUSTER / "ray_sweep.py", "sweep.toml", "mine", place=place)
-    assert "800 missions: mine/results.csv\n" in printed
-    same_files(place / "alone", place / "mine", FILES)
+    printed = command(sys.executable, CLUSTER / "ray_sweep.py", SWEEP_FILE, OUT, place=place)
+    assert f"800 missions: {OUT}/results.csv\n" in printed
+    same_files(place / "alone", place / OUT, FILES)

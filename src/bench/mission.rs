@@ -56,8 +56,8 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<MissionSpeeds, Error> {
                 Vec::new(),
             )?;
             let begin = Instant::now();
-            let rows = sweep::sweep(&plan, &out, Shard::WHOLE, threads, stop, &|_| ())?;
-            speeds.push((rows.count() as u64 * SLOTS) as f64 / begin.elapsed().as_secs_f64());
+            let journal = sweep::sweep(&plan, &out, Shard::WHOLE, threads, stop, &|_| ())?;
+            speeds.push((journal.count() as u64 * SLOTS) as f64 / begin.elapsed().as_secs_f64());
         }
     }
     let (one, all) = (median(one), median(all));

@@ -6,28 +6,36 @@ use skysink_lab::sweep::plan::Shard;
 struct Scheduler {
     /// The job's number.
     task: &'static str,
-    /// Jobs of the array.
-    count: Option<&'static str>,
-    /// The highest number of the array.
+    /// The highest number of the array; none if the scheduler does not say.
     last: Option<&'static str>,
+    /// Jobs of the array, if the scheduler says so: as many as the highest number.
+    count: Option<&'static str>,
+    /// What is 1 in an array of all numbers from 1 on.
+    ones: &'static [&'static str],
 }
 
-/// Slurm, PBS and Grid Engine. PBS does not say how many jobs an array has.
+/// Slurm, PBS and Grid Engine.
 const SCHEDULERS: [Scheduler; 3] = [
     Scheduler {
         task: "SLURM_ARRAY_TASK_ID",
-        count: Some("SLURM_ARRAY_TASK_COUNT"),
         last: Some("SLURM_ARRAY_TASK_MAX"),
+        count: Some("SLURM_ARRAY_TASK_COUNT"),
+        ones: &["SLURM_ARRAY_TASK_MIN"],
     },
-    Scheduler { task: "PBS_ARRAY_INDEX", count: None, last: None },
-    Scheduler { task: "SGE_TASK_ID", count: None, last: Some("SGE_TASK_LAST") },
+    Scheduler { task: "PBS_ARRAY_INDEX", last: None, count: None, ones: &[] },
+    Scheduler {
+        task: "SGE_TASK_ID",
+        last: Some("SGE_TASK_LAST"),
+        count: None,
+        ones: &["SGE_TASK_FIRST", "SGE_TASK_STEPSIZE"],
+    },
 ];
 
-/// The shard of the job that has these variables: k is its number, n is `shards` or the number of jobs of the array,
-/// which then has to be a whole one that counts from 1.
+/// The shard of the job that has these variables: k is its number, n is `shards`, or else the number of jobs of an array
+/// of all numbers from 1 on.
 ///
 /// # Errors
-/// If it is no job of an array, a variable is missing, or the array is none of all shards.
+/// If it is no job of an array, a variable is missing, or the array is another one.
 pub fn shard(variable: impl Fn(&str) -> Option<String>, shards: Option<usize>) -> Result<Shard, String> {
     let number = |name: &str| -> Result<usize, String> {
         let text =
@@ -37,22 +45,26 @@ pub fn shard(variable: impl Fn(&str) -> Option<String>, shards: Option<usize>) -
     let is_there = |scheduler: &&Scheduler| variable(scheduler.task).is_some_and(|task| task != "undefined");
     let names = SCHEDULERS.map(|scheduler| scheduler.task).join(", ");
     let scheduler = SCHEDULERS.iter().find(is_there);
-    let Scheduler { task, count, last } =
+    let Scheduler { task, last, count, ones } =
         scheduler.ok_or_else(|| format!("expected a job array, which sets one of {names}"))?;
     let k = number(task)?;
     let n = match (shards, last) {
         (Some(shards), _) => shards,
-        (None, Some(last)) => number(last)?,
         (None, None) => return Err(format!("{task} comes without the number of jobs: expected auto/N")),
+        (None, Some(last)) => {
+            let n = number(last)?;
+            let wanted = ones.iter().map(|&name| (name, 1)).chain(count.map(|name| (name, n)));
+            for (name, wanted) in wanted {
+                let found = number(name)?;
+                if found != wanted {
+                    let expected = "expected an array such as 1-8, or auto/N with the number of shards";
+                    return Err(format!("{name}={found}: {expected}"));
+                }
+            }
+            n
+        }
     };
-    if let (None, Some(count)) = (shards, count) {
-        let count = number(count)?;
-        let message =
-            || format!("{task}={k}: expected an array from 1 to {count}, or auto/N with the number of shards");
-        (count == n).then_some(()).ok_or_else(message)?;
-    }
-    let is_one = (1..=n).contains(&k);
-    is_one.then_some(Shard(k, n)).ok_or_else(|| format!("{task}={k}: expected a job of an array such as 1-{n}"))
+    Shard::new(k, n).ok_or_else(|| format!("{task}={k}: expected 1 to {n}"))
 }
 
 #[cfg(test)]
@@ -64,25 +76,43 @@ mod tests {
         shard(value, shards)
     }
 
-    fn slurm<'a>(task: &'a str, count: &'a str, last: &'a str) -> [(&'a str, &'a str); 3] {
-        [("SLURM_ARRAY_TASK_ID", task), ("SLURM_ARRAY_TASK_COUNT", count), ("SLURM_ARRAY_TASK_MAX", last)]
+    fn slurm<'a>(task: &'a str, min: &'a str, max: &'a str, count: &'a str) -> [(&'a str, &'a str); 4] {
+        [
+            ("SLURM_ARRAY_TASK_ID", task),
+            ("SLURM_ARRAY_TASK_MIN", min),
+            ("SLURM_ARRAY_TASK_MAX", max),
+            ("SLURM_ARRAY_TASK_COUNT", count),
+        ]
+    }
+
+    fn grid_engine<'a>(task: &'a str, first: &'a str, step: &'a str) -> [(&'a str, &'a str); 4] {
+        [("SGE_TASK_ID", task), ("SGE_TASK_FIRST", first), ("SGE_TASK_LAST", "9"), ("SGE_TASK_STEPSIZE", step)]
     }
 
     #[test]
     fn a_job_flies_the_shard_of_its_number() {
-        assert_eq!(shard_of(&slurm("8", "8", "8"), None), Ok(Shard(8, 8)));
-        assert_eq!(shard_of(&[("PBS_ARRAY_INDEX", "3")], Some(4)), Ok(Shard(3, 4)));
-        assert_eq!(shard_of(&[("SGE_TASK_ID", "5"), ("SGE_TASK_LAST", "9")], None), Ok(Shard(5, 9)));
+        assert_eq!(shard_of(&slurm("8", "1", "8", "8"), None), Ok(Shard::new(8, 8).unwrap()));
+        assert_eq!(shard_of(&[("PBS_ARRAY_INDEX", "3")], Some(4)), Ok(Shard::new(3, 4).unwrap()));
+        assert_eq!(shard_of(&grid_engine("5", "1", "1"), None), Ok(Shard::new(5, 9).unwrap()));
     }
 
     #[test]
     fn a_part_of_an_array_that_is_submitted_again_says_how_many_shards_there_are() {
-        assert_eq!(shard_of(&slurm("3", "2", "4"), Some(8)), Ok(Shard(3, 8)));
-        let refusal = shard_of(&slurm("3", "2", "4"), None).unwrap_err();
-        assert_eq!(
-            refusal,
-            "SLURM_ARRAY_TASK_ID=3: expected an array from 1 to 2, or auto/N with the number of shards"
-        );
+        for part in [
+            slurm("3", "3", "4", "2"),
+            slurm("1", "1", "4", "2"),
+            slurm("2", "0", "2", "2"),
+            grid_engine("3", "3", "1"),
+            grid_engine("3", "1", "2"),
+        ] {
+            let refusal = shard_of(&part, None).unwrap_err();
+            assert!(
+                refusal.ends_with("expected an array such as 1-8, or auto/N with the number of shards"),
+                "{refusal}"
+            );
+            assert_eq!(shard_of(&part, Some(8)).unwrap().n(), 8);
+        }
+        assert_eq!(shard_of(&slurm("3", "3", "4", "2"), Some(8)), Ok(Shard::new(3, 8).unwrap()));
     }
 
     #[test]
@@ -93,9 +123,8 @@ mod tests {
             (&[("PBS_ARRAY_INDEX", "3")], None, "expected auto/N"),
             (&[("SLURM_ARRAY_TASK_ID", "3")], None, "SLURM_ARRAY_TASK_MAX is not set"),
             (&[("PBS_ARRAY_INDEX", "x")], Some(4), "PBS_ARRAY_INDEX=x: expected a whole number"),
-            (&[("PBS_ARRAY_INDEX", "5")], Some(4), "PBS_ARRAY_INDEX=5: expected a job of an array such as 1-4"),
-            (&slurm("0", "5", "4"), None, "SLURM_ARRAY_TASK_ID=0: expected an array from 1 to 5,"),
-            (&[("SGE_TASK_ID", "0"), ("SGE_TASK_LAST", "4")], None, "SGE_TASK_ID=0"),
+            (&[("PBS_ARRAY_INDEX", "5")], Some(4), "PBS_ARRAY_INDEX=5: expected 1 to 4"),
+            (&grid_engine("0", "1", "1"), None, "SGE_TASK_ID=0: expected 1 to 9"),
         ] {
             let refusal = shard_of(variables, shards).unwrap_err();
             assert!(refusal.contains(says), "{refusal}");

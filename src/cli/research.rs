@@ -9,9 +9,10 @@ use skysink_common::stop::Stop;
 use skysink_lab::figures;
 use skysink_lab::figures::choice::{Choice, FigurePart, HORIZON_ITERATIONS};
 use skysink_lab::optimize::{Budget, MAX_STEPS, optimize};
+use skysink_lab::sweep;
 use skysink_lab::sweep::estimate::{SweepEstimate, estimate};
+use skysink_lab::sweep::merge::{Completeness, merge};
 use skysink_lab::sweep::plan::{Shard, Sweep};
-use skysink_lab::sweep::{self, Completeness};
 use skysink_mission::record::RunFolder;
 use skysink_planner::settings;
 use skysink_planner::strategies::{Registered, STRATEGIES, names};
@@ -33,7 +34,8 @@ Examples:
   skysink sweep area.toml --out area-1 --shard 1/2    on one machine,
   skysink sweep area.toml --out area-2 --shard 2/2    on another; then
   skysink merge area-1 area-2 --out area              joins the two
-  skysink sweep area.toml --out area-$SLURM_ARRAY_TASK_ID --shard auto")]
+  skysink sweep area.toml --out area-$SLURM_ARRAY_TASK_ID --shard auto
+                                                      in a job array")]
     Sweep {
         /// Sweep file.
         sweep: PathBuf,
@@ -43,7 +45,8 @@ Examples:
         /// Missions flown at the same time [default: one per core].
         #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
         threads: usize,
-        /// Fly every n-th field only, from the k-th. In a job array `auto`, or `auto/N` for a part of one.
+        /// Fly every n-th field only, from the k-th; a field is a point of the grid with a seed. In a job array of Slurm
+        /// or Grid Engine that counts from 1: auto; in any job array: auto/N.
         #[arg(long, value_name = "K/N", value_parser = shard, default_value = "1/1")]
         shard: Shard,
         /// Fly nothing, but say how many missions there are and about how long they take.
@@ -106,7 +109,7 @@ Examples:
         /// Folder to write.
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
-        /// Join what is there, if missions are missing, too.
+        /// Merge what is there where missions are missing.
         #[arg(long)]
         partial: bool,
     },
@@ -127,16 +130,19 @@ impl Research {
                 let plan = Sweep::read(&sweep, Vec::new())?;
                 let name = sweep.file_stem().unwrap_or(sweep.as_os_str());
                 let out = out.unwrap_or_else(|| Path::new("runs").join(name));
-                let rows = sweep::sweep(&plan, &out, shard, threads, stop, &TerminalProgress::of_missions());
-                let count = rows.map_err(|error| ended_early(error, &flown_in(&out)))?.count();
+                let journal = sweep::sweep(&plan, &out, shard, threads, stop, &TerminalProgress::of_missions());
+                let count = journal.map_err(|error| ended_early(error, &flown_in(&out)))?.count();
                 if count == 0 {
-                    let Shard(k, n) = shard;
                     let fields = plan.definition.fields();
-                    return print(format_args!("No missions: shard {k} of {n} is beyond the {fields} fields"));
+                    return print(format_args!("No missions: shard {shard} is beyond the {fields} fields"));
                 }
                 print(format_args!("{count} missions: {}", out.join("results.csv").display()))?;
-                print(format_args!("Means: {}", out.join("summary.csv").display()))?;
-                print(format_args!("Draw them: skysink plot {} --x KEY", out.display()))?;
+                if shard == Shard::WHOLE {
+                    print(format_args!("Means: {}", out.join("summary.csv").display()))?;
+                    print(format_args!("Draw them: skysink plot {} --x KEY", out.display()))?;
+                } else {
+                    print("Join all shards: skysink merge SHARD... --out DIR")?;
+                }
             }
             Self::Figures { only, quick, runs, horizon_iterations, out, threads } => {
                 let runs = if quick { QUICK_RUNS } else { runs };
@@ -149,8 +155,14 @@ impl Research {
             }
             Self::Merge { shards, out, partial } => {
                 let completeness = if partial { Completeness::Partial } else { Completeness::Whole };
-                let count = sweep::merge(&shards, &out, completeness)?.count();
-                print(format_args!("{count} missions: {}", out.join("results.csv").display()))?;
+                let merged = merge(&shards, &out, completeness, stop);
+                let merged = merged.map_err(|error| ended_early(error, "the shards are as they were"))?;
+                let results = out.join("results.csv");
+                print(format_args!("{} missions: {}", merged.journal.count(), results.display()))?;
+                match merged.missing {
+                    Some(missing) => print(format_args!("Not all: {missing}"))?,
+                    None => print(format_args!("Draw them: skysink plot {} --x KEY", out.display()))?,
+                }
             }
             Self::Plot(options) => options.plot()?,
             Self::Optimize(options) => options.optimize(stop)?,
@@ -312,16 +324,13 @@ fn time(text: &str) -> Result<Duration, String> {
 
 /// Part k of n, as it is written or as a job array says.
 fn shard(text: &str) -> Result<Shard, String> {
-    let expected = || "expected k/n with k from 1 to n, auto, or auto/n".to_owned();
     let variable = |name: &str| std::env::var(name).ok();
-    let (k, n) = match text.split_once('/') {
-        None if text == "auto" => return job_array::shard(variable, None),
-        None => return Err(expected()),
-        Some((k, n)) => (k, n.parse().ok().filter(|&n| n > 0).ok_or_else(expected)?),
-    };
-    if k == "auto" {
-        return job_array::shard(variable, Some(n));
+    let expected = || "expected k/n with k from 1 to n, auto, or auto/n".to_owned();
+    let parsed = |number: &str| number.parse::<usize>().ok().filter(|&number| number > 0).ok_or_else(expected);
+    match text.split_once('/') {
+        None if text == "auto" => job_array::shard(variable, None),
+        None => Err(expected()),
+        Some(("auto", n)) => job_array::shard(variable, Some(parsed(n)?)),
+        Some((k, n)) => Shard::new(parsed(k)?, parsed(n)?).ok_or_else(expected),
     }
-    let k = k.parse().ok().filter(|k| (1..=n).contains(k)).ok_or_else(expected)?;
-    Ok(Shard(k, n))
 }

@@ -23,23 +23,22 @@ pub struct SweepEstimate {
     pub mission_s: Vec<(String, f64)>,
 }
 
-/// Flies parts of missions over the first and the last point of a sweep, at most a second of each.
+/// Flies parts of missions over the first and the last point of a sweep: the first slot, in which a strategy may search
+/// for long, and then at most a second of each.
 ///
 /// # Errors
 /// If a mission is refused, or on a stop.
-///
-/// # Panics
-/// Never: a sweep has a point and a seed.
 pub fn estimate(sweep: &Sweep, stop: &Stop) -> Result<SweepEstimate, LabError> {
     let definition = &sweep.definition;
-    let fields = definition.fields();
     let mut mission_s = Vec::new();
     for (strategy, name) in definition.strategies.iter().enumerate() {
         let trial = |point: usize| trial(sweep, MissionKey { point, strategy, seed: definition.seeds[0] }, stop);
-        mission_s.push((name.clone(), (trial(0)? + trial(definition.points.len() - 1)?) / 2.0));
+        let last = definition.points.len() - 1;
+        let first_s = trial(0)?;
+        mission_s.push((name.clone(), if last == 0 { first_s } else { (first_s + trial(last)?) / 2.0 }));
     }
-    let cpu_s = mission_s.iter().map(|(_, each_s)| each_s * fields as f64).sum();
-    Ok(SweepEstimate { missions: fields * definition.strategies.len(), cpu_s, mission_s })
+    let cpu_s = mission_s.iter().map(|(_, each_s)| each_s * definition.fields() as f64).sum();
+    Ok(SweepEstimate { missions: definition.mission_count(), cpu_s, mission_s })
 }
 
 /// How long a mission takes [s].
@@ -48,7 +47,28 @@ fn trial(sweep: &Sweep, key: MissionKey, stop: &Stop) -> Result<f64, LabError> {
     let scenario = sweep.scenario(key)?;
     let mut mission = Mission::new(&scenario, &SensorList::of(&scenario)?)?;
     mission.set_stop(stop);
-    while mission.next().is_some() && begin.elapsed() < TRIAL {}
+    mission.next();
+    let first = begin.elapsed();
+    while begin.elapsed() < first + TRIAL && mission.next().is_some() {}
     stop.check()?;
-    Ok(begin.elapsed().as_secs_f64() * scenario.slots as f64 / mission.slot().max(1) as f64)
+    Ok(whole(first, begin.elapsed(), mission.slot(), scenario.slots).as_secs_f64())
+}
+
+/// The time of all `slots`, of which `flown` took `took` and the first of them, with what comes before it, `first`.
+fn whole(first: Duration, took: Duration, flown: u64, slots: u64) -> Duration {
+    let others = flown.saturating_sub(1).max(1);
+    first + (took - first).mul_f64(slots.saturating_sub(1) as f64 / others as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_slots_after_the_first_are_multiplied() {
+        let seconds = Duration::from_secs;
+        assert_eq!(whole(seconds(30), seconds(31), 11, 501), seconds(30 + 50));
+        assert_eq!(whole(seconds(30), seconds(30), 1, 1), seconds(30));
+        assert_eq!(whole(seconds(2), seconds(6), 5, 5), seconds(6));
+    }
 }

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
+use skysink_common::stop::Stop;
 use skysink_mission::MissionError;
 use skysink_mission::error::FileContext;
 use skysink_mission::record::{is_unfinished, write_whole};
@@ -75,19 +76,19 @@ impl SweepRecord {
     /// Writes the results, and returns the journal.
     ///
     /// # Errors
-    /// If a mission is missing, or a file cannot be written.
-    pub fn finish(self) -> Result<SweepJournal, LabError> {
+    /// If a mission is missing, a file cannot be written, or on a stop.
+    pub fn finish(self, stop: &Stop) -> Result<SweepJournal, LabError> {
         let missing = self.missing().count();
         if missing > 0 {
             let message = format_args!("{missing} missions are missing: fly them first");
             return Err(InputError::new("sweep folder", &self.folder, message).into());
         }
-        self.write()
+        self.write(stop)
     }
 
     /// Writes the results of what is on record, and returns the journal.
-    pub(super) fn write(self) -> Result<SweepJournal, LabError> {
-        results::write(&self.folder, &self.manifest.definition, &self.journal)?;
+    pub(super) fn write(self, stop: &Stop) -> Result<SweepJournal, LabError> {
+        results::write(&self.folder, &self.manifest.definition, &self.journal, stop)?;
         Ok(self.journal)
     }
 }
@@ -111,6 +112,9 @@ fn lock_folder(path: &Path, manifest: &Manifest) -> Result<File, LabError> {
         }
         TryLockError::Error(source) => MissionError::File { path: lock_path, source },
     })?;
+    for entry in fs::read_dir(path).at(path)?.flatten().filter(|entry| is_unfinished(&entry.file_name())) {
+        let _ = fs::remove_file(entry.path()); // of a process that was killed
+    }
     if !holds(path, manifest)? {
         let text = serde_json::to_string_pretty(manifest).expect("plain values") + "\n";
         write_whole(&path.join(MANIFEST), text.as_bytes())?;
@@ -125,16 +129,19 @@ fn holds(path: &Path, manifest: &Manifest) -> Result<bool, LabError> {
     match fs::read(&file) {
         Ok(text) => {
             let held: Manifest = serde_json::from_slice(&text)
-                .map_err(|_| refuse("its sweep.json is of no sweep: choose another --out"))?;
+                .map_err(|_| refuse("its sweep.json is of no sweep: delete the folder, or choose another --out"))?;
+            if held.definition == manifest.definition && held.shard != manifest.shard {
+                let Manifest { shard, .. } = held;
+                let message = format_args!("it holds shard {shard} of this sweep: choose another --out");
+                return Err(InputError::new("sweep folder", path, message).into());
+            }
             if held != *manifest {
                 return Err(refuse("its sweep.json is of another sweep: choose another --out").into());
             }
             Ok(true)
         }
         Err(error) if error.kind() == ErrorKind::NotFound => {
-            // Without sweep.json nothing was flown: a process was killed at most while it wrote that.
-            let is_foreign = |entry: fs::DirEntry| entry.file_name() != "lock" && !is_unfinished(&entry.file_name());
-            if fs::read_dir(path).at(path)?.flatten().any(is_foreign) {
+            if has_foreign_files(path)? {
                 return Err(refuse("it holds other files: choose another --out").into());
             }
             Ok(false)
@@ -143,28 +150,35 @@ fn holds(path: &Path, manifest: &Manifest) -> Result<bool, LabError> {
     }
 }
 
-/// Which sweep the folder `path`, which is `what`, holds, and which part of it. It has a journal.
+/// Which sweep the folder `path`, which is `what`, holds, and which part of it; none if it was not begun there.
 ///
 /// # Errors
-/// If it is none of a sweep, or was flown by another version, or nothing was flown.
-pub fn manifest(what: &'static str, path: &Path) -> Result<Manifest, LabError> {
+/// If it holds something else, or was flown by another version.
+pub fn manifest(what: &'static str, path: &Path) -> Result<Option<Manifest>, LabError> {
     let refuse = |message: String| InputError::new(what, path, message);
     if path.is_file() {
         return Err(refuse("it is a file: expected the folder of a sweep".to_owned()).into());
     }
-    let text = fs::read(path.join(MANIFEST));
-    let text = text.map_err(|error| refuse(format!("{MANIFEST}: {error}: expected the folder of a sweep")))?;
-    let manifest: Manifest = serde_json::from_slice(&text)
-        .map_err(|error| refuse(format!("{MANIFEST}: {error}: expected that of a sweep, fly the {what} again")))?;
+    let text = match fs::read(path.join(MANIFEST)) {
+        Err(_) if path.is_dir() && !has_foreign_files(path)? => return Ok(None),
+        text => text.map_err(|error| refuse(format!("{MANIFEST}: {error}: expected the folder of a sweep")))?,
+    };
+    let manifest: Manifest = serde_json::from_slice(&text).map_err(|error| {
+        refuse(format!("{MANIFEST}: {error}: expected that of a sweep: delete the folder, and fly the {what} again"))
+    })?;
     let version = &manifest.definition.version;
     if version != env!("CARGO_PKG_VERSION") {
         let expected = concat!("expected ", env!("CARGO_PKG_VERSION"), ": fly the");
         return Err(refuse(format!("it was flown by Skysink {version}: {expected} {what} again")).into());
     }
-    if !path.join(JOURNAL).is_file() {
-        return Err(refuse(format!("it has no {JOURNAL}: fly the {what} first")).into());
-    }
-    Ok(manifest)
+    Ok(Some(manifest))
+}
+
+/// Whether a folder holds anything but what is there before `sweep.json`: a process was killed at most while it wrote
+/// that.
+fn has_foreign_files(path: &Path) -> Result<bool, LabError> {
+    let is_foreign = |entry: fs::DirEntry| entry.file_name() != "lock" && !is_unfinished(&entry.file_name());
+    Ok(fs::read_dir(path).at(path)?.flatten().any(is_foreign))
 }
 
 /// What has been flown of a sweep.
@@ -182,8 +196,14 @@ impl FlownSweep {
     /// # Errors
     /// If it is none of a sweep, or its journal is not that of the sweep.
     pub fn read(what: &'static str, path: &Path) -> Result<Self, LabError> {
-        let Manifest { definition, .. } = manifest(what, path)?;
-        let rows = journal::read(&path.join(JOURNAL), &definition)?;
+        let refuse =
+            |missing: &str| InputError::new(what, path, format_args!("it has no {missing}: fly the {what} first"));
+        let Manifest { definition, .. } = manifest(what, path)?.ok_or_else(|| refuse(MANIFEST))?;
+        let journal = path.join(JOURNAL);
+        if !journal.is_file() {
+            return Err(refuse(JOURNAL).into());
+        }
+        let rows = journal::read(&journal, &definition)?;
         Ok(Self { definition, rows })
     }
 

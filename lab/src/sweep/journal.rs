@@ -14,6 +14,7 @@ use csv::ByteRecord;
 use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
 use skysink_mission::error::FileContext;
+use strum::VariantArray;
 use xxhash_rust::xxh3::{xxh3_64, xxh3_64_with_seed};
 
 use super::plan::{Definition, MissionKey};
@@ -46,11 +47,16 @@ pub fn missions_of(rows: &MissionRows, point: usize, strategy: usize) -> impl It
     rows.range(key(0)..=key(u64::MAX)).map(|(_, row)| row)
 }
 
-/// No line of a journal ends before this.
-const NONE: u64 = u64::MAX;
+/// Instead of the beginning of a line, of a mission that was not flown.
+const NOT_FLOWN: u64 = u64::MAX;
 
-/// Most bytes of a line with its end: more than numbers of at most 25 letters each need.
+/// Most bytes of a line with its end.
 const MAX_LINE: usize = 4096;
+
+/// Most bytes of a number with its comma.
+const MAX_NUMBER: usize = 26;
+
+const _: () = assert!((4 + Metric::VARIANTS.len()) * MAX_NUMBER <= MAX_LINE);
 
 /// The journal of a sweep that is written. The rows stay in the file; here is where each of them begins.
 #[derive(Debug)]
@@ -59,7 +65,7 @@ pub struct SweepJournal {
     file: File,
     seed: u64,
     definition: Definition,
-    /// Where the line of each mission begins, in the order of the results; [`NONE`] where it was not flown.
+    /// Where the line of each mission begins, in the order of the results; [`NOT_FLOWN`] where it was not flown.
     begins: Vec<u64>,
     end: u64,
 }
@@ -70,29 +76,32 @@ impl SweepJournal {
     /// # Errors
     /// If it cannot be read or written, or is not the journal of this sweep.
     pub fn open(path: &Path, definition: &Definition) -> Result<Self, LabError> {
+        if path.exists() && !path.is_file() {
+            return Err(InputError::new("sweep journal", path, "expected a regular file").into());
+        }
         let file = OpenOptions::new().read(true).append(true).create(true).open(path).at(path)?;
-        let mut begins = vec![NONE; definition.fields() * definition.strategies.len()];
-        let mut lines = JournalLines::open(path, definition)?;
+        let seed = check_seed(definition);
+        let mut begins = vec![NOT_FLOWN; definition.mission_count()];
+        let mut lines = JournalLines::open(path, definition, seed)?;
         let mut end = 0;
         while let Some(row) = lines.next() {
             begins[definition.index(row?.key).expect("lines of other missions are refused")] = end;
             end = lines.end;
         }
         file.set_len(end).at(path)?;
-        let seed = check_seed(definition);
         Ok(Self { path: path.to_owned(), file, seed, definition: definition.clone(), begins, end })
     }
 
     /// Whether this mission of the sweep is on record.
     #[must_use]
     pub fn has(&self, mission: MissionKey) -> bool {
-        self.definition.index(mission).is_some_and(|index| self.begins[index] != NONE)
+        self.definition.index(mission).is_some_and(|index| self.begins[index] != NOT_FLOWN)
     }
 
     /// The number of missions on record.
     #[must_use]
     pub fn count(&self) -> usize {
-        self.begins.iter().filter(|&&begin| begin != NONE).count()
+        self.begins.iter().filter(|&&begin| begin != NOT_FLOWN).count()
     }
 
     /// Adds a mission; it is on record when this returns, whatever happens to the process.
@@ -105,7 +114,10 @@ impl SweepJournal {
             return Err(InputError::new("sweep journal", &self.path, message).into());
         };
         let line = line(row, self.seed);
-        self.file.write_all(&line).at(&self.path)?;
+        if let Err(error) = self.file.write_all(&line) {
+            self.file.set_len(self.end).at(&self.path)?; // what other threads add begins a line
+            return Err(error).at(&self.path)?;
+        }
         self.begins[index] = self.end;
         self.end += line.len() as u64;
         Ok(())
@@ -117,10 +129,14 @@ impl SweepJournal {
     }
 
     /// Those of a point by a strategy, by ascending seed.
+    ///
+    /// # Panics
+    /// If the sweep has no such point or strategy.
     pub fn rows_of(&self, point: usize, strategy: usize) -> impl Iterator<Item = Result<MissionRow, LabError>> {
-        let seeds = self.definition.seeds.len();
-        let first = (point * self.definition.strategies.len() + strategy) * seeds;
-        self.rows_between(first, first + seeds)
+        let seeds = &self.definition.seeds;
+        let first = self.definition.index(MissionKey { point, strategy, seed: seeds[0] });
+        let first = first.expect("a point and a strategy of the sweep");
+        self.rows_between(first, first + seeds.len())
     }
 
     /// All missions on record.
@@ -132,7 +148,7 @@ impl SweepJournal {
     }
 
     fn rows_between(&self, first: usize, end: usize) -> impl Iterator<Item = Result<MissionRow, LabError>> {
-        self.begins[first..end].iter().filter(|&&begin| begin != NONE).map(|&begin| self.row_at(begin))
+        self.begins[first..end].iter().filter(|&&begin| begin != NOT_FLOWN).map(|&begin| self.row_at(begin))
     }
 
     fn row_at(&self, begin: u64) -> Result<MissionRow, LabError> {
@@ -157,13 +173,13 @@ pub struct JournalLines<'a> {
 }
 
 impl<'a> JournalLines<'a> {
-    /// Begins to read the journal of this sweep.
+    /// Begins to read the journal of this sweep, of which `seed` is the [`check_seed`].
     ///
     /// # Errors
     /// If it cannot be opened.
-    pub fn open(path: &'a Path, definition: &'a Definition) -> Result<Self, LabError> {
+    pub fn open(path: &'a Path, definition: &'a Definition, seed: u64) -> Result<Self, LabError> {
         let reader = BufReader::new(File::open(path).at(path)?);
-        Ok(Self { path, definition, seed: check_seed(definition), reader, number: 0, end: 0 })
+        Ok(Self { path, definition, seed, reader, number: 0, end: 0 })
     }
 }
 
@@ -198,7 +214,7 @@ impl Iterator for JournalLines<'_> {
 /// # Errors
 /// If it cannot be read, or is not the journal of this sweep.
 pub fn read(path: &Path, definition: &Definition) -> Result<MissionRows, LabError> {
-    JournalLines::open(path, definition)?.map(|row| row.map(|row| (row.key, row))).collect()
+    JournalLines::open(path, definition, check_seed(definition))?.map(|row| row.map(|row| (row.key, row))).collect()
 }
 
 /// The seed of the checks in a sweep's journal.
@@ -345,6 +361,17 @@ mod tests {
         let mut journal = SweepJournal::open(&path, &definition("a")).unwrap();
         assert!(journal.has(row(0, 0, 1).key) && !journal.has(row(0, 0, 2).key));
         journal.add(&row(0, 0, 2)).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), text);
+    }
+
+    #[test]
+    fn a_line_that_is_too_long_is_refused_and_nothing_after_it_is_dropped() {
+        let (_folder, path) = journal(&[row(0, 0, 1)]);
+        let good = std::fs::read(&path).unwrap();
+        let text = [&[b'1'; MAX_LINE][..], b"\n", &good].concat();
+        std::fs::write(&path, &text).unwrap();
+        let refusal = SweepJournal::open(&path, &definition("a")).unwrap_err().to_string();
+        assert!(refusal.contains("line 1: ") && refusal.ends_with("expected at most 4096 bytes"), "{refusal}");
         assert_eq!(std::fs::read(&path).unwrap(), text);
     }
 }

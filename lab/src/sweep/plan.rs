@@ -1,6 +1,7 @@
 //! What a sweep flies: a grid of scenarios, by strategy and seed.
 
 use std::collections::BTreeSet;
+use std::fmt::{self, Display, Formatter};
 use std::iter::zip;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -61,23 +62,29 @@ impl Definition {
         self.points.len() * self.seeds.len()
     }
 
+    /// Missions of the sweep: every field by every strategy.
+    #[must_use]
+    pub fn mission_count(&self) -> usize {
+        self.fields() * self.strategies.len()
+    }
+
     /// The missions of a shard, in the order of the results: those over every n-th field from the k-th, where fields are
     /// counted by point and then by seed. There are none if n is more than the fields and k beyond them.
-    ///
-    /// # Panics
-    /// If k is 0 or n is 0.
-    pub fn missions(&self, Shard(k, n): Shard) -> impl Iterator<Item = MissionKey> {
+    pub fn missions(&self, shard: Shard) -> impl Iterator<Item = MissionKey> {
+        let indices = (0..self.mission_count()).filter(move |&index| self.shard_of(index, shard.n()) == shard.k());
+        indices.map(|index| {
+            let group = index / self.seeds.len();
+            let strategies = self.strategies.len();
+            let seed = self.seeds[index % self.seeds.len()];
+            MissionKey { point: group / strategies, strategy: group % strategies, seed }
+        })
+    }
+
+    /// Which of `n` shards has the mission at this place in the results of the whole sweep.
+    pub(super) fn shard_of(&self, index: usize, n: usize) -> usize {
         let seeds = self.seeds.len();
-        let keys = (0..self.fields() * self.strategies.len()).map(move |index| {
-            let group = index / seeds;
-            let key = MissionKey {
-                point: group / self.strategies.len(),
-                strategy: group % self.strategies.len(),
-                seed: self.seeds[index % seeds],
-            };
-            (key.point * seeds + index % seeds, key)
-        });
-        keys.filter(move |(field, _)| field % n == k - 1).map(|(_, key)| key)
+        let point = index / seeds / self.strategies.len();
+        (point * seeds + index % seeds) % n + 1
     }
 
     /// The place of a mission in the results of the whole sweep; none if the sweep has no such mission.
@@ -126,11 +133,53 @@ pub struct SweepBase {
 
 /// Part k of n of a sweep, k from 1 to n.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Shard(pub usize, pub usize);
+#[serde(try_from = "(usize, usize)", into = "(usize, usize)")]
+pub struct Shard {
+    k: usize,
+    n: usize,
+}
 
 impl Shard {
     /// All of it.
-    pub const WHOLE: Self = Self(1, 1);
+    pub const WHOLE: Self = Self { k: 1, n: 1 };
+
+    /// Part `k` of `n`; none unless k is 1 to n.
+    #[must_use]
+    pub fn new(k: usize, n: usize) -> Option<Self> {
+        (1..=n).contains(&k).then_some(Self { k, n })
+    }
+
+    /// Which part it is.
+    #[must_use]
+    pub fn k(self) -> usize {
+        self.k
+    }
+
+    /// How many parts there are.
+    #[must_use]
+    pub fn n(self) -> usize {
+        self.n
+    }
+}
+
+impl TryFrom<(usize, usize)> for Shard {
+    type Error = &'static str;
+
+    fn try_from((k, n): (usize, usize)) -> Result<Self, Self::Error> {
+        Self::new(k, n).ok_or("shard: expected [k, n] with k from 1 to n")
+    }
+}
+
+impl From<Shard> for (usize, usize) {
+    fn from(Shard { k, n }: Shard) -> Self {
+        (k, n)
+    }
+}
+
+impl Display for Shard {
+    fn fmt(&self, formatter: &mut Formatter) -> fmt::Result {
+        write!(formatter, "{} of {}", self.k, self.n)
+    }
 }
 
 /// One mission of a sweep. The order is that of the results.

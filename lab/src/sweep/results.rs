@@ -7,6 +7,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, Int64Array, StringArray, UInt64Array};
+use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
 use skysink_mission::record::{write_unfinished, write_whole};
 use skysink_planner::strategies::offline;
@@ -25,22 +26,23 @@ pub const BEST_KNOWN: &str = "best-known";
 /// Writes all files into `folder`; equal missions give equal bytes, but for the timings.
 ///
 /// # Errors
-/// If a file cannot be written.
-///
-/// # Panics
-/// If a row is of no mission of the sweep.
-pub fn write(folder: &Path, definition: &Definition, journal: &SweepJournal) -> Result<(), LabError> {
+/// If a file cannot be written, or on a stop.
+pub fn write(folder: &Path, definition: &Definition, journal: &SweepJournal, stop: &Stop) -> Result<(), LabError> {
     let (timings, results): (Vec<_>, Vec<_>) = Metric::VARIANTS.iter().partition(|metric| metric.is_timing());
-    write_missions(folder, definition, journal, [("results.csv", &results), ("timings.csv", &timings)])?;
-    Ok(write_whole(&folder.join("summary.csv"), &summary_csv(definition, journal, &results)?)?)
+    let tables = [("results.csv", &results[..]), ("timings.csv", &timings)];
+    write_missions(folder, definition, journal, tables, ROWS_PER_GROUP, stop)?;
+    Ok(write_whole(&folder.join("summary.csv"), &summary_csv(definition, journal, &results, stop)?)?)
 }
 
-/// The files with a row per mission, which are written part by part: two tables of these metrics, and the Parquet file.
+/// The files with a row per mission, which are written `part` rows at a time: two tables of these metrics, and the
+/// Parquet file.
 fn write_missions(
     folder: &Path,
     definition: &Definition,
     journal: &SweepJournal,
     tables: [(&str, &[Metric]); 2],
+    part: usize,
+    stop: &Stop,
 ) -> Result<(), LabError> {
     let path = folder.join("results.parquet");
     let begun = BufWriter::new(write_unfinished(&path, b"").at(&path)?);
@@ -55,13 +57,14 @@ fn write_missions(
     }
     let mut rows = journal.rows();
     loop {
-        let part = rows.by_ref().take(ROWS_PER_GROUP).collect::<Result<Vec<_>, _>>()?;
+        stop.check()?;
+        let read = rows.by_ref().take(part).collect::<Result<Vec<_>, _>>()?;
         for (path, csv, metrics) in &mut csvs {
-            let mut lines = part.iter().map(|row| mission_line(definition, row, metrics));
+            let mut lines = read.iter().map(|row| mission_line(definition, row, metrics));
             lines.try_for_each(|line| csv.write_record(line)).map_err(io::Error::from).at(path)?;
         }
-        parquet.add(mission_columns(definition, &part)).at(&path)?;
-        if part.len() < ROWS_PER_GROUP {
+        parquet.add(mission_columns(definition, &read)).at(&path)?;
+        if read.len() < part {
             break;
         }
     }
@@ -121,7 +124,12 @@ fn swept(definition: &Definition, rows: &[MissionRow], place: usize) -> ArrayRef
 
 /// A metric of a point and strategy per row: mean, standard deviation and confidence interval over the seeds. Where an
 /// offline plan was flown, too, the best known loss of each point follows.
-fn summary_csv(definition: &Definition, journal: &SweepJournal, metrics: &[Metric]) -> Result<Vec<u8>, LabError> {
+fn summary_csv(
+    definition: &Definition,
+    journal: &SweepJournal,
+    metrics: &[Metric],
+    stop: &Stop,
+) -> Result<Vec<u8>, LabError> {
     let names = ["strategy", "metric", "n", "mean", "standard_deviation", "ci95_low", "ci95_high"];
     let line = |point: usize, strategy: &str, metric: Metric, interval: MeanInterval| {
         let MeanInterval { n, mean, deviation, limits } = interval;
@@ -132,6 +140,7 @@ fn summary_csv(definition: &Definition, journal: &SweepJournal, metrics: &[Metri
     };
     let mut lines = Vec::new();
     for point in 0..definition.points.len() {
+        stop.check()?;
         for (strategy, name) in definition.strategies.iter().enumerate() {
             for (&metric, interval) in metrics.iter().zip(intervals(journal, point, strategy, metrics)?) {
                 lines.extend(interval.map(|interval| line(point, name, metric, interval)));
@@ -139,10 +148,13 @@ fn summary_csv(definition: &Definition, journal: &SweepJournal, metrics: &[Metri
         }
     }
     if definition.strategies.iter().any(|name| name == offline::STRATEGY.name) {
-        for (point, losses) in best_known(journal.all()?.values()) {
-            let losses: Vec<f64> = losses.into_values().collect();
-            let interval = MeanInterval::of(&losses, Metric::LossRate.support());
-            lines.push(line(point, BEST_KNOWN, Metric::LossRate, interval));
+        for point in 0..definition.points.len() {
+            stop.check()?;
+            let losses = best_known_of(journal, point, definition.strategies.len())?;
+            if !losses.is_empty() {
+                let interval = MeanInterval::of(&losses, Metric::LossRate.support());
+                lines.push(line(point, BEST_KNOWN, Metric::LossRate, interval));
+            }
         }
     }
     let mut writer = csv::Writer::from_writer(Vec::new());
@@ -182,6 +194,20 @@ fn intervals(
     Ok(zip(zip(metrics, &means), &squares).map(interval).collect())
 }
 
+/// The least loss of all strategies over each field of a point that every strategy has flown over, by ascending seed.
+fn best_known_of(journal: &SweepJournal, point: usize, strategies: usize) -> Result<Vec<f64>, LabError> {
+    let mut fields: BTreeMap<u64, (usize, f64)> = BTreeMap::new();
+    for strategy in 0..strategies {
+        for row in journal.rows_of(point, strategy) {
+            let row = row?;
+            let (flown, least) = fields.entry(row.key.seed).or_insert((0, f64::INFINITY));
+            *flown += 1;
+            *least = least.min(row[Metric::LossRate]);
+        }
+    }
+    Ok(fields.into_values().filter(|(flown, _)| *flown == strategies).map(|(_, least)| least).collect())
+}
+
 /// The least loss of all strategies, by point and seed.
 pub fn best_known<'a>(rows: impl Iterator<Item = &'a MissionRow>) -> BTreeMap<usize, BTreeMap<u64, f64>> {
     let mut points: BTreeMap<usize, BTreeMap<u64, f64>> = BTreeMap::new();
@@ -203,5 +229,44 @@ pub(crate) fn text(value: &toml::Value) -> String {
         toml::Value::String(text) => text.clone(),
         toml::Value::Float(float) => float.to_string(),
         other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sweep::plan::MissionKey;
+    use strum::EnumCount;
+
+    /// The files of a sweep with these seeds, written `part` rows at a time.
+    fn written(seeds: u64, part: usize) -> [Vec<u8>; 2] {
+        let folder = tempfile::tempdir().unwrap();
+        let definition = Definition {
+            identity: "a".to_owned(),
+            version: "1".to_owned(),
+            keys: vec!["slots".to_owned()],
+            points: vec![vec![60.into()]],
+            strategies: vec!["uts".to_owned()],
+            seeds: (0..seeds).collect(),
+        };
+        let mut journal = SweepJournal::open(&folder.path().join("journal.csv"), &definition).unwrap();
+        for seed in 0..seeds {
+            let row = MissionRow { key: MissionKey { point: 0, strategy: 0, seed }, values: [0.5; Metric::COUNT] };
+            journal.add(&row).unwrap();
+        }
+        let metrics = [Metric::LossRate];
+        let tables = [("results.csv", &metrics[..]), ("timings.csv", &metrics)];
+        write_missions(folder.path(), &definition, &journal, tables, part, &Stop::default()).unwrap();
+        ["results.csv", "results.parquet"].map(|name| std::fs::read(folder.path().join(name)).unwrap())
+    }
+
+    #[test]
+    fn all_rows_are_written_whatever_the_size_of_the_parts() {
+        for seeds in 0..5 {
+            let [csv, _] = written(seeds, 2);
+            let rows: String = (0..seeds).map(|seed| format!("60,uts,{seed},0.5\n")).collect();
+            assert_eq!(String::from_utf8(csv).unwrap(), format!("slots,strategy,seed,loss_rate\n{rows}"));
+        }
+        assert_eq!(written(4, 2), written(4, 2));
     }
 }

@@ -79,14 +79,17 @@ impl MeanInterval {
     /// If there are none.
     #[must_use]
     pub fn of(values: &[f64], support: Support) -> Self {
-        assert!(!values.is_empty(), "a mean needs a value");
         let mean = values.iter().sum::<f64>() / values.len() as f64;
         Self::of_moments(values.len(), mean, values.iter().map(|value| (value - mean).powi(2)).sum(), support)
     }
 
     /// The same from the number of values, their mean, and the sum of the squares of their distances from it.
+    ///
+    /// # Panics
+    /// If there are none.
     #[must_use]
     pub fn of_moments(n: usize, mean: f64, squares: f64, support: Support) -> Self {
+        assert!(n > 0, "a mean needs a value");
         if n == 1 {
             return Self { n, mean, deviation: None, limits: None };
         }

@@ -1,0 +1,166 @@
+//! `skysink merge`: the shards of a sweep become what one sweep would have left.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use skysink_common::error::InputError;
+use skysink_common::stop::Stop;
+use skysink_mission::error::FileContext;
+use xxhash_rust::xxh3::Xxh3;
+
+use super::folder::{JOURNAL, Manifest, SweepRecord, manifest};
+use super::journal::{JournalLines, MissionRow, SweepJournal, check_seed};
+use super::plan::{Definition, Shard};
+use crate::error::LabError;
+use crate::metrics::Metric;
+
+/// What is done where missions are missing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Completeness {
+    /// The merge is refused.
+    Whole,
+    /// The missions that are there are merged.
+    Partial,
+}
+
+/// A merged sweep.
+#[derive(Debug)]
+pub struct Merged {
+    /// Its missions.
+    pub journal: SweepJournal,
+    /// What is missing of a partial merge: how many missions there are, and which shards to fly.
+    pub missing: Option<String>,
+}
+
+/// Merges shards of a sweep into `out`, which then holds what the whole sweep would have left there.
+///
+/// # Errors
+/// If the shards are not of one sweep or contradict each other, if missions are missing that have to be there, or on a
+/// stop.
+///
+/// # Panics
+/// Without a shard.
+pub fn merge(shards: &[PathBuf], out: &Path, completeness: Completeness, stop: &Stop) -> Result<Merged, LabError> {
+    let mut folders = BTreeSet::new();
+    let mut first: Option<Shards> = None;
+    for path in shards {
+        let refuse = |message: &str| InputError::new("shard", path, message);
+        let manifest = manifest("shard", path)?;
+        if !folders.insert(fs::canonicalize(path).at(path)?) {
+            return Err(refuse("it is named twice: expected each shard once").into());
+        }
+        let Some(Manifest { definition, shard }) = manifest else { continue };
+        let found = first.get_or_insert_with(|| Shards::of(definition.clone()));
+        if found.definition != definition {
+            return Err(refuse("it is of another sweep than the first").into());
+        }
+        found.n = found.n.max(shard.n());
+        found.add(path, stop)?;
+    }
+    let Some(found) = first else {
+        return Err(InputError::new("shard", &shards[0], "no shard holds a mission: fly them first").into());
+    };
+    let missing = found.missing();
+    if let (Completeness::Whole, Some(missing)) = (completeness, &missing) {
+        return Err(InputError::new("sweep folder", out, format_args!("{missing}, or pass --partial")).into());
+    }
+    let mut record = SweepRecord::of(Manifest { shard: Shard::WHOLE, definition: found.definition.clone() }, out)?;
+    for journal in &found.journals {
+        for row in JournalLines::open(journal, &found.definition, found.seed)? {
+            stop.check()?;
+            record.add(&row?)?;
+        }
+    }
+    Ok(Merged { journal: record.write(stop)?, missing })
+}
+
+/// The missions in the shards of a sweep.
+struct Shards {
+    definition: Definition,
+    seed: u64,
+    /// The most shards that one of them says the sweep is cut into.
+    n: usize,
+    journals: Vec<PathBuf>,
+    /// Hash of what each mission came to, by the order of the results; 0 where it was not flown.
+    hashes: Vec<u64>,
+}
+
+impl Shards {
+    fn of(definition: Definition) -> Self {
+        let hashes = vec![0; definition.mission_count()];
+        Self { seed: check_seed(&definition), definition, n: 1, journals: Vec::new(), hashes }
+    }
+
+    /// Adds the missions in the journal of a folder, if it has one.
+    fn add(&mut self, folder: &Path, stop: &Stop) -> Result<(), LabError> {
+        let journal = folder.join(JOURNAL);
+        if !journal.is_file() {
+            return Ok(());
+        }
+        for row in JournalLines::open(&journal, &self.definition, self.seed)? {
+            stop.check()?;
+            let row = row?;
+            let index = self.definition.index(row.key).expect("lines of other missions are refused");
+            let hash = hash(&row);
+            if self.hashes[index] != 0 && self.hashes[index] != hash {
+                let message = "it has other results of the same missions than another shard: \
+                               expected shards that were flown by the same executable";
+                return Err(InputError::new("shard", folder, message).into());
+            }
+            self.hashes[index] = hash;
+        }
+        self.journals.push(journal);
+        Ok(())
+    }
+
+    /// How many missions are there, and which shards have the others; none if all are there.
+    fn missing(&self) -> Option<String> {
+        let expected = self.hashes.len();
+        let is_missing = |&index: &usize| self.hashes[index] == 0;
+        let missing = (0..expected).filter(is_missing).count();
+        if missing == 0 {
+            return None;
+        }
+        let n = self.n;
+        let shards = (0..expected).filter(is_missing).map(|index| self.definition.shard_of(index, n));
+        let shards = ranges(&shards.collect());
+        let count = expected - missing;
+        let fly = format!("fly shards {shards} of {n}, as by --array={shards} and --shard auto/{n}");
+        Some(format!("{count} of {expected} missions are there: {fly}"))
+    }
+}
+
+/// Hash of what does not depend on the clock; never 0.
+fn hash(row: &MissionRow) -> u64 {
+    let mut hash = Xxh3::new();
+    for metric in Metric::all().filter(|metric| !metric.is_timing()) {
+        hash.update(&row[metric].to_bits().to_le_bytes());
+    }
+    hash.digest().max(1)
+}
+
+/// Numbers as a list of ranges, such as `1,3-5`.
+fn ranges(numbers: &BTreeSet<usize>) -> String {
+    let mut ranges: Vec<[usize; 2]> = Vec::new();
+    for &number in numbers {
+        match ranges.last_mut() {
+            Some([_, last]) if *last + 1 == number => *last = number,
+            _ => ranges.push([number; 2]),
+        }
+    }
+    let text = |&[first, last]: &[usize; 2]| if first == last { first.to_string() } else { format!("{first}-{last}") };
+    ranges.iter().map(text).collect::<Vec<_>>().join(",")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neighbours_are_ranges() {
+        for (numbers, text) in [(&[][..], ""), (&[4], "4"), (&[1, 3, 4, 5, 9, 10], "1,3-5,9-10")] {
+            assert_eq!(ranges(&numbers.iter().copied().collect()), text);
+        }
+    }
+}
