@@ -10,6 +10,8 @@ use skysink_mission::MissionError;
 use skysink_mission::record::RunFolder;
 use skysink_ring::error::{NodeError, RingError};
 
+use crate::run::link::PROGRAM;
+
 /// Version of the rerun viewer whose recordings these are.
 pub const RERUN: &str = "0.36.3";
 
@@ -71,6 +73,17 @@ pub enum Error {
         /// How it ended.
         status: String,
         /// The slot under way.
+        slot: u64,
+    },
+    /// The link to other hosts has ended as soon as it was started.
+    #[error("link: {PROGRAM} ended with {0}: expected a zenoh configuration that it takes; IOX2_LOG_LEVEL=info says more")]
+    LinkEnded(String),
+    /// The launcher, on another host, shows no sign of life.
+    #[error("no sign of life of the launcher for {seconds} s after slot {slot}: does it run, and is the link up?")]
+    LauncherSilent {
+        /// For how long.
+        seconds: f64,
+        /// The last slot that was put on record.
         slot: u64,
     },
     /// A replay has left its record.

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use iceoryx2::prelude::{Config, FilePath, SemanticString};
+use iceoryx2::prelude::{BackpressureStrategy, Config, FilePath, SemanticString};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
@@ -41,6 +41,19 @@ pub struct Terms {
     /// Where `queues` holds what the UAV knows of them: what it knows of the sampling rates. Else the topic holds the
     /// queues themselves.
     pub told: Option<Rates>,
+    /// Where a link carries the samples to processes of other hosts: what these hosts compare.
+    pub link: Option<LinkTerms>,
+}
+
+/// What the hosts of a ring must agree on; a link does not carry the attributes of services.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LinkTerms {
+    /// Version of the messages and of what they mean.
+    pub version: u32,
+    /// Hash of the scenario.
+    #[serde(with = "hexadecimal")]
+    pub scenario: u64,
 }
 
 impl Terms {
@@ -73,6 +86,21 @@ impl Terms {
 #[derive(Serialize)]
 struct Domain {
     global: Global,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    defaults: Option<Defaults>,
+}
+
+/// What ports have that ask for nothing else, as those of a link do.
+#[derive(Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Defaults {
+    publish_subscribe: PortDefaults,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct PortDefaults {
+    backpressure_strategy: BackpressureStrategy,
 }
 
 #[derive(Serialize)]
@@ -103,24 +131,48 @@ impl RingFolder {
         viewer: bool,
         told: Option<Rates>,
     ) -> Result<Self, RingError> {
-        let home = home();
-        let refuse = |error: io::Error| RingError::folder(&home, error);
-        DirBuilder::new().recursive(true).mode(0o700).create(&home).map_err(refuse)?;
-        let owner = fs::symlink_metadata(&home).map_err(refuse)?.uid();
-        if owner != rustix::process::getuid().as_raw() {
-            let message = format_args!("belongs to user {owner}: remove it, or set TMPDIR to another folder");
-            return Err(RingError::folder(&home, message));
-        }
-        clear_abandoned(Duration::ZERO);
+        let home = prepare_home()?;
         loop {
-            let mission: u64 = rand::rng().random();
-            let path = home.join(format!("{:08x}", mission >> 32));
-            let Some(lock) = lock_new(&lock_path(&path)).map_err(refuse)? else { continue };
-            let terms = Terms { mission, pace, wait, timeout_s, viewer, told };
-            let folder = Self { path, terms, lock: Some(lock) };
-            folder.furnish().map_err(|error| RingError::folder(&folder.path, error))?;
-            return Ok(folder);
+            let mission = rand::rng().random();
+            let terms = Terms { mission, pace, wait, timeout_s, viewer, told, link: None };
+            if let Some(folder) = Self::make(&home, terms)? {
+                return Ok(folder);
+            }
         }
+    }
+
+    /// Makes a folder for the processes of this host in the ring of another, of which `file` is a copy of `ring.toml`.
+    ///
+    /// # Errors
+    /// If the ring has no link to other hosts, it is here already, or the folder cannot be made.
+    pub fn join(file: &Path) -> Result<Self, RingError> {
+        let terms = read_terms(file).map_err(|message| RingError::folder(file, message))?;
+        if terms.link.is_none() {
+            return Err(RingError::folder(file, "it has no link to other hosts: expected that of skysink run --link"));
+        }
+        let here = || RingError::folder(file, "this host has joined it already: end that skysink join first");
+        Self::make(&prepare_home()?, terms)?.ok_or_else(here)
+    }
+
+    /// Makes the folder of a ring; none if there is one of that name.
+    fn make(home: &Path, terms: Terms) -> Result<Option<Self>, RingError> {
+        let path = home.join(format!("{:08x}", terms.mission >> 32));
+        let lock = lock_new(&lock_path(&path)).map_err(|error| RingError::folder(home, error))?;
+        let Some(lock) = lock else { return Ok(None) };
+        let folder = Self { path, terms, lock: Some(lock) };
+        folder.furnish().map_err(|error| RingError::folder(&folder.path, error))?;
+        Ok(Some(folder))
+    }
+
+    /// Lets a link carry the samples to other hosts; to be done before any process joins.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn link(&mut self, terms: LinkTerms) -> Result<(), RingError> {
+        self.terms.link = Some(terms);
+        let files = [self.path.join(DOMAIN), self.path.join(TERMS)];
+        let rewritten = files.iter().try_for_each(fs::remove_file).and_then(|()| self.write_terms());
+        rewritten.map_err(|error| RingError::folder(&self.path, error))
     }
 
     /// The folder that a launcher has made.
@@ -131,12 +183,7 @@ impl RingFolder {
         const EXPECTED: &str = "expected the folder that skysink run prints";
         let refuse = |message: String| RingError::folder(path, message);
         let path = fs::canonicalize(path).map_err(|error| refuse(format!("{error}: {EXPECTED}")))?;
-        let text = fs::read_to_string(path.join("ring.toml"));
-        let text = text.map_err(|error| refuse(format!("ring.toml: {error}: {EXPECTED}")))?;
-        let terms: Terms = toml::from_str(&text).map_err(|error| refuse(format!("ring.toml: {}", error.message())))?;
-        if Duration::try_from_secs_f64(terms.timeout_s).is_err() {
-            return Err(refuse(format!("ring.toml: timeout_s = {}: expected seconds, 0 or above", terms.timeout_s)));
-        }
+        let terms = read_terms(&path.join(TERMS)).map_err(|message| refuse(format!("{TERMS}: {message}")))?;
         Ok(Self { path, terms, lock: None })
     }
 
@@ -171,12 +218,12 @@ impl RingFolder {
     }
 
     fn config_file(&self) -> Result<FilePath, RingError> {
-        let file = self.path.join("config/iceoryx2.toml");
+        let file = self.path.join(DOMAIN);
         FilePath::new(file.as_os_str().as_encoded_bytes()).map_err(|error| self.refuse_config(&error))
     }
 
     fn refuse_config(&self, error: &dyn Debug) -> RingError {
-        RingError::folder(&self.path, format_args!("config/iceoryx2.toml: {error:?}"))
+        RingError::folder(&self.path, format_args!("{DOMAIN}: {error:?}"))
     }
 
     /// The file that the launcher holds locked as long as it lives; none in the launcher itself.
@@ -217,7 +264,6 @@ impl RingFolder {
         prefix(&self.path)
     }
 
-    /// Writes what the other processes read.
     /// Notes the folder in which the mission is put on record, for whoever looks for its ring.
     ///
     /// # Errors
@@ -227,15 +273,24 @@ impl RingFolder {
         note().map_err(|error| RingError::folder(&self.path, error))
     }
 
+    /// Makes the folder, with what the other processes read.
     fn furnish(&self) -> io::Result<()> {
         DirBuilder::new().mode(0o700).create(&self.path)?;
         DirBuilder::new().mode(0o700).create(self.path.join("config"))?;
+        self.write_terms()
+    }
+
+    /// Writes what the other processes read.
+    fn write_terms(&self) -> io::Result<()> {
         let path = self.path.to_str().ok_or(io::ErrorKind::InvalidFilename)?;
         let global = Global { root_path: format!("{path}/"), prefix: self.prefix() };
-        let domain = toml::to_string(&Domain { global }).expect("plain keys and values");
-        write_private(&self.path.join("config/iceoryx2.toml"), &domain)?;
+        // A link never waits for a reader: what one misses comes again.
+        let ports = PortDefaults { backpressure_strategy: BackpressureStrategy::DiscardData };
+        let defaults = self.terms.link.map(|_| Defaults { publish_subscribe: ports });
+        let domain = toml::to_string(&Domain { global, defaults }).expect("plain keys and values");
+        write_private(&self.path.join(DOMAIN), &domain)?;
         let terms = toml::to_string(&self.terms).expect("plain keys and values");
-        write_private(&self.path.join("ring.toml"), &terms)
+        write_private(&self.path.join(TERMS), &terms)
     }
 }
 
@@ -275,6 +330,37 @@ fn is_usable(path: &Path) -> bool {
     path.is_absolute()
         && path.to_str().is_some_and(|path| path.len() <= 48)
         && FilePath::new(path.as_os_str().as_encoded_bytes()).is_ok()
+}
+
+/// The run's iceoryx2 domain, in the ring's folder.
+const DOMAIN: &str = "config/iceoryx2.toml";
+
+/// What all processes of a run are told, in the ring's folder.
+const TERMS: &str = "ring.toml";
+
+/// Makes the folder of this user's rings, and clears those whose launcher has died.
+fn prepare_home() -> Result<PathBuf, RingError> {
+    let home = home();
+    let refuse = |error: io::Error| RingError::folder(&home, error);
+    DirBuilder::new().recursive(true).mode(0o700).create(&home).map_err(refuse)?;
+    let owner = fs::symlink_metadata(&home).map_err(refuse)?.uid();
+    if owner != rustix::process::getuid().as_raw() {
+        let message = format_args!("belongs to user {owner}: remove it, or set TMPDIR to another folder");
+        return Err(RingError::folder(&home, message));
+    }
+    clear_abandoned(Duration::ZERO);
+    Ok(home)
+}
+
+/// Reads what all processes of a run are told; says what is wrong with it.
+fn read_terms(file: &Path) -> Result<Terms, String> {
+    const EXPECTED: &str = "expected the folder that skysink run prints";
+    let text = fs::read_to_string(file).map_err(|error| format!("{error}: {EXPECTED}"))?;
+    let terms: Terms = toml::from_str(&text).map_err(|error| error.message().to_owned())?;
+    if Duration::try_from_secs_f64(terms.timeout_s).is_err() {
+        return Err(format!("timeout_s = {}: expected seconds, 0 or above", terms.timeout_s));
+    }
+    Ok(terms)
 }
 
 fn lock_path(folder: &Path) -> PathBuf {

@@ -7,6 +7,7 @@ use iceoryx2::port::listener::Listener;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
+use skysink_common::message::SlotHeader;
 
 use crate::admission::{Admission, Entry, order};
 use crate::error::{NodeError, RingError};
@@ -30,6 +31,8 @@ pub struct Reader<S: Service + 'static, P: Payload + ?Sized, H: Header> {
     /// The wake-ups of the topic; attached by the first wait.
     listener: Option<Listener<S>>,
     early: VecDeque<Sample<S, P, H>>,
+    /// The order of the last sample that was taken, or dropped because its slot had passed.
+    taken: Option<u64>,
     admission: Admission,
     /// The last slot that [`Reader::wait_until`] has seen.
     reached: Option<u64>,
@@ -45,7 +48,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
         let builder = topic.data.subscriber_builder().history_request(topic.row.history).buffer_size(buffer);
         let subscriber = builder.create().map_err(|error| topic.refuse("read", &error))?;
         let early = VecDeque::with_capacity(MAX_EARLY);
-        Ok(Reader { topic, subscriber, listener: None, early, admission: Admission::default(), reached: None })
+        Ok(Reader { topic, subscriber, listener: None, early, taken: None, admission: Admission::default(), reached: None })
     }
 }
 
@@ -82,11 +85,11 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
         loop {
             let all = self.receive(limit, &mut received)?;
             while self.early.front().is_some_and(|sample| sample.user_header().head().slot < slot) {
-                self.early.pop_front();
+                self.take();
             }
             match self.early.front() {
                 Some(sample) if sample.user_header().head().slot == slot => {
-                    return Ok(self.early.pop_front().map_or(SlotSample::NotYet, SlotSample::Here));
+                    return Ok(self.take().map_or(SlotSample::NotYet, SlotSample::Here));
                 }
                 Some(_) if self.topic.member.max_ahead.is_none() => return Ok(SlotSample::Passed),
                 Some(_) => return Ok(SlotSample::NotYet),
@@ -114,7 +117,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
     /// If the writer's memory cannot be mapped.
     pub fn next_sample(&mut self) -> Result<Option<Sample<S, P, H>>, RingError> {
         self.receive(None, &mut 0)?;
-        Ok(self.early.pop_front())
+        Ok(self.take())
     }
 
     /// Waits for the next sample, which should be that of `slot`.
@@ -166,13 +169,29 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
             match self.admission.check(&self.topic, publisher, sample.user_header().head(), limit) {
                 Entry::Refused => {}
                 Entry::Known => self.early.push_back(sample),
-                Entry::New => {
+                Entry::Repeated if self.has(sample.user_header().head()) => {}
+                Entry::New | Entry::Repeated => {
                     self.early.push_back(sample);
                     self.early.make_contiguous().sort_by_key(|sample| order(sample.user_header().head()));
                 }
             }
         }
         Ok(false)
+    }
+
+    /// Whether a sample of this order was taken, or is held.
+    fn has(&self, header: &SlotHeader) -> bool {
+        let order_of = order(header);
+        self.topic.row.several
+            || self.taken.is_some_and(|taken| order_of <= taken)
+            || self.early.iter().any(|sample| order(sample.user_header().head()) == order_of)
+    }
+
+    /// The first of the samples that are held.
+    fn take(&mut self) -> Option<Sample<S, P, H>> {
+        let sample = self.early.pop_front()?;
+        self.taken = Some(order(sample.user_header().head()));
+        Some(sample)
     }
 
     /// Counts a sample of `slot` that was admitted and then refused for its content.

@@ -1,8 +1,13 @@
 //! The writing end of a topic: the sample first, then the wake-up.
 
+use std::cell::RefCell;
+use std::collections::VecDeque;
 use std::fmt::Debug;
 use std::mem::MaybeUninit;
 use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use iceoryx2::port::SendError;
 use iceoryx2::port::notifier::Notifier;
@@ -11,6 +16,7 @@ use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::*;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use iceoryx2::service::port_factory::publisher::PortFactoryPublisher;
+use skysink_common::message::FLAG_REPEAT;
 
 use crate::error::RingError;
 use crate::sample::{Header, Payload};
@@ -27,6 +33,31 @@ struct Ports<S: Service + 'static, P: Payload + ?Sized, H: Header> {
     topic: Rc<Shared<S, P, H>>,
     publisher: Publisher<S, P, H>,
     notifier: Notifier<S>,
+    /// Where a link to other hosts may lose samples.
+    repeats: Option<RefCell<Repeats<P, H>>>,
+    /// While true, full readers are not waited for.
+    is_repeating: Arc<AtomicBool>,
+}
+
+/// The last samples of a writer, to be sent again.
+#[derive(Debug)]
+struct Repeats<P: Payload + ?Sized, H: Header> {
+    samples: VecDeque<(H, P::Copied)>,
+    /// How many there are at most.
+    depth: usize,
+    /// They are repeated after so long without a new one.
+    after: Duration,
+    last_sent: Instant,
+}
+
+impl<P: Payload + ?Sized, H: Header> Repeats<P, H> {
+    fn note(&mut self, header: H, payload: &P) {
+        let room = self.samples.len() >= self.depth;
+        let mut copied = self.samples.pop_front().filter(|_| room).map(|(_, copied)| copied).unwrap_or_default();
+        payload.copy_to(&mut copied);
+        self.samples.push_back((header, copied));
+        self.last_sent = Instant::now();
+    }
 }
 
 /// What is tried when a writer's place is taken.
@@ -56,9 +87,16 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
     /// A writer whose late joiners are served whenever the process waits.
     fn write_by(&self, builder: PortFactoryPublisher<'_, S, P, H>) -> Result<Writer<S, P, H>, RingError> {
         let topic = Rc::clone(&self.0);
-        let builder = builder.max_loaned_samples(1).set_backpressure_handler(topic.backpressure());
+        let is_repeating = Arc::new(AtomicBool::new(false));
+        let repeats = topic.row.repeat_after.filter(|_| topic.member.terms.link.is_some()).map(|after| {
+            let depth = topic.row.history;
+            RefCell::new(Repeats { samples: VecDeque::with_capacity(depth), depth, after, last_sent: Instant::now() })
+        });
+        // A repeat may be due while a list is on loan.
+        let builder = builder.max_loaned_samples(1 + usize::from(repeats.is_some()));
+        let builder = builder.set_backpressure_handler(topic.backpressure(Arc::clone(&is_repeating)));
         let publisher = builder.create().map_err(|error| topic.refuse(WRITE, &error))?;
-        let ports = Rc::new(Ports { notifier: topic.notifier()?, publisher, topic });
+        let ports = Rc::new(Ports { notifier: topic.notifier()?, publisher, repeats, is_repeating, topic });
         self.0.member.late_joiners.0.borrow_mut().push(Rc::downgrade(&ports) as _);
         Ok(Writer(ports))
     }
@@ -67,6 +105,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> ServeJoiners for Ports<S, P, H> {
     fn serve_joiners(&self) -> Result<(), RingError> {
         self.publisher.update_connections().map_err(|error| self.topic.refuse("connect", &error))?;
+        self.repeat_if_due()?;
         self.wake()
     }
 }
@@ -81,6 +120,32 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Ports<S, P, H> {
             SendError::UnableToDeliver => RingError::Full { topic: self.topic.row.name, seconds },
             error => self.topic.refuse("send", &error),
         }
+    }
+
+    /// Notes a sample that is about to be sent, if it may have to be repeated.
+    fn note(&self, header: H, payload: &P) {
+        if let Some(repeats) = &self.repeats {
+            repeats.borrow_mut().note(header, payload);
+        }
+    }
+
+    /// Sends the last samples once more if nothing was sent for long: a link may have lost them, and those of its hosts
+    /// that wait for them send nothing, either.
+    fn repeat_if_due(&self) -> Result<(), RingError> {
+        let Some(repeats) = &self.repeats else { return Ok(()) };
+        let Repeats { samples, after, last_sent, .. } = &mut *repeats.borrow_mut();
+        if last_sent.elapsed() < *after {
+            return Ok(());
+        }
+        *last_sent = Instant::now();
+        self.is_repeating.store(true, Ordering::Relaxed);
+        let sent = samples.iter().try_for_each(|(header, copied)| {
+            let mut header = *header;
+            header.head_mut().flags |= FLAG_REPEAT;
+            P::send(&self.publisher, header, copied)
+        });
+        self.is_repeating.store(false, Ordering::Relaxed);
+        sent.map_err(|error| self.topic.refuse("send", &error))
     }
 
     fn wake(&self) -> Result<(), RingError> {
@@ -98,6 +163,7 @@ impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> 
         let loaned = ports.publisher.loan_uninit();
         let mut sample = loaned.map_err(|error| ports.topic.refuse("loan a sample", &error))?;
         *sample.user_header_mut() = header;
+        ports.note(header, &message);
         sample.write_payload(message).send().map_err(|error| ports.undelivered(error))?;
         ports.wake()
     }
@@ -149,6 +215,7 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
         *self.sample.user_header_mut() = header;
         // SAFETY: the caller has written every element.
         let sample = unsafe { self.sample.assume_init() };
+        self.writer.0.note(header, sample.payload());
         sample.send().map_err(|error| self.writer.0.undelivered(error))?;
         self.writer.0.wake()
     }

@@ -9,13 +9,15 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
+use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::Service;
 use rustix::process::{Pid, Signal, kill_process_group};
 use skysink_common::message::SlotHeader;
 use skysink_mission::error::FileContext;
 use skysink_mission::summary::{Event, Tally};
+use skysink_ring::error::RingError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::health::{Fate, Health};
 use skysink_ring::role::{Role, last_heartbeat, times_taken};
@@ -24,7 +26,8 @@ use skysink_ring::writer::Writer;
 
 use crate::error::Error;
 use crate::report::TerminalProgress;
-use crate::run::heartbeat::Heartbeat;
+use crate::run::heartbeat::{Heartbeat, SILENT_AFTER};
+use crate::run::link::Link;
 use crate::run::restart::{End, Restart, Restarts};
 
 /// How long a process may take to end after SIGTERM before it gets SIGKILL.
@@ -69,9 +72,42 @@ pub struct Invocation {
 
 /// A process that takes part in a run and that the launcher has not started.
 #[derive(Debug)]
-struct Outside {
+struct Outside<S: Service> {
     role: Role,
+    /// Whether it is on this host, and there.
     is_there: bool,
+    /// Its signs of life if it may be on another host.
+    distant: Option<Distant<S>>,
+}
+
+/// A process on another host: a link brings the wake-ups that it sends whenever it waits.
+#[derive(Debug)]
+struct Distant<S: Service> {
+    listener: Listener<S>,
+    heard: Option<SystemTime>,
+    heartbeat: Heartbeat,
+}
+
+impl<S: Service> Distant<S> {
+    fn new(listener: Listener<S>) -> Self {
+        Self { listener, heard: None, heartbeat: Heartbeat::after(None) }
+    }
+
+    /// Listens for wake-ups; returns what is new.
+    fn listen(&mut self, now: Instant) -> Option<Fate> {
+        let mut wake_ups = 0;
+        let _ = self.listener.try_wait(|_| wake_ups += 1); // in vain is silence
+        let is_first = wake_ups > 0 && self.heard.is_none();
+        if wake_ups > 0 {
+            self.heard = Some(SystemTime::now());
+        }
+        let fate = self.heartbeat.note(self.heard, now);
+        if is_first { Some(Fate::Joined) } else { fate }
+    }
+
+    fn is_there(&self) -> bool {
+        self.heard.is_some() && !self.heartbeat.is_silent_for(SILENT_AFTER)
+    }
 }
 
 /// A process of a run, which may be started several times.
@@ -96,7 +132,9 @@ pub struct Workers<'a, S: Service + 'static> {
     table: &'a ProcessTable,
     progress: &'a TerminalProgress,
     processes: Vec<Process>,
-    outside: Vec<Outside>,
+    outside: Vec<Outside<S>>,
+    /// What carries the samples to other hosts.
+    link: Option<Link>,
     swept: Instant,
     health: Writer<S, Health, SlotHeader>,
     begin: Instant,
@@ -107,7 +145,8 @@ pub struct Workers<'a, S: Service + 'static> {
 }
 
 impl<'a, S: Service + 'static> Workers<'a, S> {
-    /// Starts the processes of a mission that ends with `last_slot`; the roles `outside` are somebody else's.
+    /// Starts the processes of a mission that ends with `last_slot`; the roles `outside` are somebody else's, where
+    /// there is a `link` also on other hosts.
     ///
     /// # Errors
     /// If the topic `health` cannot be written, or a process cannot be started; those started already are ended.
@@ -118,12 +157,18 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         progress: &'a TerminalProgress,
         processes: Vec<Process>,
         outside: &[Role],
+        link: Option<Link>,
         last_slot: u64,
     ) -> Result<Self, Error> {
         let health = ring.health.writer()?;
         let begin = Instant::now();
+        let outside = outside.iter().map(|&role| {
+            let distant = link.as_ref().map(|_| ring.listener_of(role).map(Distant::new)).transpose()?;
+            Ok(Outside { role, is_there: false, distant })
+        });
         let mut workers = Self {
-            outside: outside.iter().map(|&role| Outside { role, is_there: false }).collect(),
+            outside: outside.collect::<Result<_, RingError>>()?,
+            link,
             swept: begin,
             is_released: false,
             viewer: 0,
@@ -149,12 +194,29 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     pub fn supervise(&mut self, tally: &mut Tally, overdue: Option<(Role, Duration)>) -> Result<u32, Error> {
         self.progress.show_run(tally, self.last_slot);
         let slot = tally.last_slot() + 1;
+        for (role, fate) in self.watch(slot, overdue)? {
+            let at_s = self.begin.elapsed().as_secs_f64();
+            let is_restart = matches!(fate, Fate::Restarted(_));
+            tally.add_event(Event { slot, at_s, process: role.name().into(), event: fate.to_string() }, is_restart);
+        }
+        Ok(self.viewer)
+    }
+
+    /// Supervises the processes in `slot`, of which one may be overdue, for so long. Tells the terminal and the ring
+    /// what has become of whom, and returns it.
+    ///
+    /// # Errors
+    /// [`Error::WorkerEnded`] or [`Error::LinkEnded`] if one has ended that is not started again.
+    pub fn watch(&mut self, slot: u64, overdue: Option<(Role, Duration)>) -> Result<Vec<(Role, Fate)>, Error> {
         self.table.slot.store(slot, Ordering::Relaxed);
+        if let Some(link) = &mut self.link {
+            link.supervise(self.progress)?;
+        }
         let mut fates = self.poll(slot, overdue)?;
         fates.extend(self.poll_outside(slot, overdue));
         let taken = times_taken(self.folder.path(), Role::Viewer);
         self.viewer = self.viewer.max(taken.saturating_sub(1));
-        for (role, fate) in fates {
+        for &(role, fate) in &fates {
             if let Fate::Killed(_) | Fate::Exited(_) = fate {
                 self.ring.remove_dead_nodes(); // before the next one needs its place
                 if role == Role::Viewer {
@@ -163,12 +225,9 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
             }
             let process = role.name();
             self.progress.say(&format!("slot {slot}: {process} {fate}"));
-            let at_s = self.begin.elapsed().as_secs_f64();
-            let is_restart = matches!(fate, Fate::Restarted(_));
-            tally.add_event(Event { slot, at_s, process: process.into(), event: fate.to_string() }, is_restart);
             self.health.send(self.ring.header(slot, 0), Health::of(role, fate))?;
         }
-        Ok(self.viewer)
+        Ok(fates)
     }
 
     /// Starts no process again: all have done their part.
@@ -228,8 +287,34 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         Ok(fates)
     }
 
-    /// Notes which process of somebody else has joined, has gone, or is overdue.
+    /// Whether a process shows that it is alive which may be on another host.
+    #[must_use]
+    pub fn hears_others(&self) -> bool {
+        self.outside.iter().flat_map(|outside| &outside.distant).any(Distant::is_there)
+    }
+
+    /// Whether `role` has ever shown a sign of life from another host.
+    #[must_use]
+    pub fn hears(&self, role: Role) -> bool {
+        let mut distant = self.outside.iter().filter(|outside| outside.role == role).flat_map(|outside| &outside.distant);
+        distant.any(|distant| distant.heard.is_some())
+    }
+
+    /// Whether `role` has shown for so long no sign of life, if it ever has.
+    #[must_use]
+    pub fn has_missed(&self, role: Role, limit: Duration) -> bool {
+        let mut distant = self.outside.iter().filter(|outside| outside.role == role).flat_map(|outside| &outside.distant);
+        distant.any(|distant| distant.heartbeat.is_silent_for(limit))
+    }
+
+    /// Notes which process of somebody else has joined, has gone, is silent, or is overdue.
     fn poll_outside(&mut self, slot: u64, overdue: Option<(Role, Duration)>) -> Vec<(Role, Fate)> {
+        let now = Instant::now();
+        let mut fates = Vec::new();
+        for outside in self.outside.iter_mut().filter(|outside| !outside.is_there) {
+            let fate = outside.distant.as_mut().and_then(|distant| distant.listen(now));
+            fates.extend(fate.map(|fate| (outside.role, fate)));
+        }
         if self.outside.is_empty() || self.is_released || slot >= self.last_slot {
             return Vec::new();
         }
@@ -237,13 +322,13 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
             self.swept = Instant::now();
             self.ring.remove_dead_nodes(); // a dead writer stays attached until then
         }
-        let mut fates = Vec::new();
         for outside in &mut self.outside {
             let was_there = std::mem::replace(&mut outside.is_there, self.ring.has_writer(outside.role));
             if was_there != outside.is_there {
                 fates.push((outside.role, if was_there { Fate::Gone } else { Fate::Joined }));
             }
-            if let Some((_, waited)) = overdue.filter(|(role, _)| *role == outside.role && outside.is_there) {
+            let is_anywhere = outside.is_there || outside.distant.as_ref().is_some_and(Distant::is_there);
+            if let Some((_, waited)) = overdue.filter(|(role, _)| *role == outside.role && is_anywhere) {
                 fates.push((outside.role, overdue_for(waited)));
             }
         }

@@ -1,0 +1,124 @@
+//! The link of a ring to other hosts: iceoryx2's own, over zenoh, as a process beside those of the ring.
+
+use std::io::{BufRead, BufReader, pipe};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process};
+use skysink_common::scenario::Scenario;
+use skysink_mission::error::FileContext;
+use skysink_ring::folder::{LinkTerms, RingFolder};
+use skysink_ring::role::Role;
+use skysink_ring::topics::{LinkedServices, SCHEMA};
+
+use crate::error::Error;
+use crate::report::TerminalProgress;
+
+/// The executable of iceoryx2's link over zenoh.
+pub const PROGRAM: &str = "iox2-link-tunnel-zenoh";
+
+/// What installs it.
+pub const INSTALL: &str = "cargo install iceoryx2-integrations-zenoh-link-tunnel-cli --version 0.10.0 --locked";
+
+/// How often it scans for samples of which no wake-up has reached it [ms].
+const POLL_MS: u64 = 10;
+
+/// A link that ends sooner than this after its start would do so again: its configuration is refused.
+const LEAST_LIFE: Duration = Duration::from_secs(2);
+
+/// Between the end of a link and the start of the next.
+const BACK_OFF: Duration = Duration::from_millis(500);
+
+/// How long it may take to end.
+const GRACE: Duration = Duration::from_secs(2);
+
+/// What the hosts of a ring that flies `scenario` must agree on.
+#[must_use]
+pub fn terms(scenario: &Scenario) -> LinkTerms {
+    LinkTerms { version: SCHEMA, scenario: scenario.hash() }
+}
+
+/// A link to other hosts, which is started again when it ends.
+#[derive(Debug)]
+pub struct Link {
+    arguments: Vec<String>,
+    ring: PathBuf,
+    child: Option<Child>,
+    started: Instant,
+}
+
+impl Link {
+    /// Starts the link of `ring` for the processes `here` on this host, with the zenoh configuration file `config`.
+    ///
+    /// # Errors
+    /// If it cannot be started.
+    pub fn start(ring: &RingFolder, config: &Path, here: &[Role], progress: &TerminalProgress) -> Result<Self, Error> {
+        let config = std::path::absolute(config).at(config)?;
+        let LinkedServices { all, written_here } = LinkedServices::of(&ring.terms(), here);
+        let mut arguments = vec!["--zenoh-config".to_owned(), config.display().to_string()];
+        arguments.extend(["--reactive".to_owned(), "--poll".to_owned(), POLL_MS.to_string()]);
+        arguments.extend(all.into_iter().flat_map(|service| ["--allow".to_owned(), service]));
+        arguments.extend(written_here.into_iter().flat_map(|service| ["--listener".to_owned(), service]));
+        let mut link = Self { arguments, ring: ring.path().to_owned(), child: None, started: Instant::now() };
+        link.spawn(progress)?;
+        Ok(link)
+    }
+
+    /// Starts it again once it has ended.
+    ///
+    /// # Errors
+    /// [`Error::LinkEnded`] if it has ended at once.
+    pub fn supervise(&mut self, progress: &TerminalProgress) -> Result<(), Error> {
+        let ended = self.child.as_mut().and_then(|child| child.try_wait().ok().flatten());
+        if let Some(status) = ended {
+            self.child = None;
+            if self.started.elapsed() < LEAST_LIFE {
+                return Err(Error::LinkEnded(status.to_string()));
+            }
+            progress.say(&format!("link: ended with {status}: starting it again"));
+            self.started = Instant::now();
+        }
+        if self.child.is_none() && self.started.elapsed() >= BACK_OFF {
+            self.spawn(progress)?;
+        }
+        Ok(())
+    }
+
+    /// It finds the ring's iceoryx2 domain in the folder where it runs.
+    fn spawn(&mut self, progress: &TerminalProgress) -> Result<(), Error> {
+        let program = Path::new(PROGRAM);
+        let (output, said) = pipe().at(program)?;
+        let mut command = Command::new(program);
+        command.args(&self.arguments).current_dir(&self.ring).stdin(Stdio::null());
+        if std::env::var_os("IOX2_LOG_LEVEL").is_none() {
+            command.env("IOX2_LOG_LEVEL", "error");
+        }
+        let child = command.stdout(said.try_clone().at(program)?).stderr(said).spawn().at(program)?;
+        let progress = progress.clone();
+        let lines = BufReader::new(output).split(b'\n').map_while(Result::ok);
+        std::thread::spawn(move || {
+            lines.for_each(|line| progress.say(&format!("link: {}", String::from_utf8_lossy(&line).trim())));
+        });
+        self.child = Some(child);
+        self.started = Instant::now();
+        Ok(())
+    }
+}
+
+impl Drop for Link {
+    fn drop(&mut self) {
+        let Some(mut child) = self.child.take() else { return };
+        let id = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
+        let _ = id.map(|id| kill_process(id, Signal::TERM));
+        let begin = Instant::now();
+        while begin.elapsed() < GRACE {
+            if matches!(child.try_wait(), Ok(Some(_))) {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let _ = child.kill();
+        let _ = child.wait();
+    }
+}
