@@ -55,6 +55,10 @@ const REPEAT_AFTER: Duration = Duration::from_millis(500);
 /// The same of `sensors`, which is sent once and may be large: for processes that are started again on another host.
 const REPEAT_SENSORS_AFTER: Duration = Duration::from_secs(5);
 
+/// How often late joiners are served, and woken, where a link does the same on every host: each wake-up costs it some
+/// milliseconds.
+const SERVE_LINKED_EVERY: Duration = Duration::from_millis(100);
+
 /// A topic that every process of the ring needs.
 const fn row(name: &'static str, from: Role, buffer: usize) -> Row {
     let repeat_after = Some(REPEAT_AFTER);
@@ -189,6 +193,7 @@ impl<S: Service + 'static> Ring<S> {
             waiting: terms.wait,
             supervised: Instant::now(),
             served: Instant::now(),
+            serve_every: if terms.link.is_some() { SERVE_LINKED_EVERY } else { PAUSE },
             polls: 0,
             seat,
         };

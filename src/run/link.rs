@@ -27,6 +27,13 @@ const POLL_MS: u64 = 10;
 /// A link that ends sooner than this after its start would do so again: its configuration is refused.
 const LEAST_LIFE: Duration = Duration::from_secs(2);
 
+/// What it finds in its environment if that has nothing else: the messages that matter; and threads enough that the
+/// connection to a host that is gone, whose end may block one for 10 s, does not hold up those to the others.
+const ENVIRONMENT: [(&str, &str); 2] = [
+    ("IOX2_LOG_LEVEL", "error"),
+    ("ZENOH_RUNTIME", "(tx: (worker_threads: 4), rx: (worker_threads: 4), acc: (worker_threads: 2), net: (worker_threads: 4))"),
+];
+
 /// Between the end of a link and the start of the next.
 const BACK_OFF: Duration = Duration::from_millis(500);
 
@@ -91,8 +98,10 @@ impl Link {
         let (output, said) = pipe().at(program)?;
         let mut command = Command::new(program);
         command.args(&self.arguments).current_dir(&self.ring).stdin(Stdio::null());
-        if std::env::var_os("IOX2_LOG_LEVEL").is_none() {
-            command.env("IOX2_LOG_LEVEL", "error");
+        for (name, value) in ENVIRONMENT {
+            if std::env::var_os(name).is_none() {
+                command.env(name, value);
+            }
         }
         let child = command.stdout(said.try_clone().at(program)?).stderr(said).spawn().at(program)?;
         let progress = progress.clone();
