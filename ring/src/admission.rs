@@ -55,11 +55,12 @@ impl Admission {
         let order = order(header);
         let is_linked = topic.member.terms.link.is_some();
         match &mut self.writer {
-            // Behind a link, a process that was started again has the writer of the one before it.
+            // Behind a link, a process that was started again has the writer of the one before it; and a link that was
+            // started again brings samples once more.
             Some((writer, _)) if is_linked && *writer == publisher && header.epoch > self.epoch => {}
             Some((writer, last)) if *writer == publisher => {
                 if order < *last || order == *last && !topic.row.several {
-                    let is_repeated = header.flags & FLAG_REPEAT != 0;
+                    let is_repeated = is_linked || header.flags & FLAG_REPEAT != 0;
                     return if is_repeated { Entry::Repeated } else { refuse(Refusal::OldSlot) };
                 }
                 *last = order;

@@ -24,7 +24,7 @@ pub const INSTALL: &str = "cargo install iceoryx2-integrations-zenoh-link-tunnel
 /// How often it scans for samples of which no wake-up has reached it [ms].
 const POLL_MS: u64 = 10;
 
-/// A link that ends sooner than this after its start would do so again: its configuration is refused.
+/// A link that ends by itself sooner than this after its start would do so again: its configuration is refused.
 const LEAST_LIFE: Duration = Duration::from_secs(2);
 
 /// What it finds in its environment if that has nothing else: the messages that matter; and threads enough that the
@@ -80,7 +80,7 @@ impl Link {
         let ended = self.child.as_mut().and_then(|child| child.try_wait().ok().flatten());
         if let Some(status) = ended {
             self.child = None;
-            if self.started.elapsed() < LEAST_LIFE {
+            if status.code().is_some() && self.started.elapsed() < LEAST_LIFE {
                 return Err(Error::LinkEnded(status.to_string()));
             }
             progress.say(&format!("link: ended with {status}: starting it again"));
