@@ -10,8 +10,6 @@ use skysink_mission::MissionError;
 use skysink_mission::record::RunFolder;
 use skysink_ring::error::{NodeError, RingError};
 
-use crate::run::link::PROGRAM;
-
 /// Version of the rerun viewer whose recordings these are.
 pub const RERUN: &str = "0.36.3";
 
@@ -76,8 +74,13 @@ pub enum Error {
         slot: u64,
     },
     /// The link to other hosts has ended as soon as it was started.
-    #[error("link: {PROGRAM} ended with {0}: expected a zenoh configuration that it takes; IOX2_LOG_LEVEL=info says more")]
-    LinkEnded(String),
+    #[error("link: {program} ended with {status}: expected a zenoh configuration that it takes")]
+    LinkEnded {
+        /// The executable.
+        program: &'static str,
+        /// How it ended.
+        status: String,
+    },
     /// The launcher, on another host, shows no sign of life.
     #[error("no sign of life of the launcher for {seconds} s after slot {slot}: does it run, and is the link up?")]
     LauncherSilent {

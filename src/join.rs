@@ -18,7 +18,7 @@ use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 use crate::error::Error;
 use crate::report::TerminalProgress;
 use crate::run::link::{self, Link};
-use crate::run::options::{self, CommandLine, Launch, RunOptions, command_line, seconds};
+use crate::run::options::{CommandLine, Launch, RunOptions, command_line, seconds};
 use crate::run::restart::{Rule, worker};
 use crate::run::supervise::{Process, ProcessTable, REAP, Workers};
 
@@ -59,7 +59,7 @@ impl JoinOptions {
     /// If the ring flies another scenario or is of another version, a process ends for good, the launcher is silent for
     /// too long, or on a stop.
     pub fn join(self, stop: &Stop) -> Result<(), Error> {
-        options::check_link(&self.link)?;
+        link::check(&self.link)?;
         let scenario = Scenario::read(&self.scenario, Overrides::default()).and_then(settings::resolve)?;
         let folder = RingFolder::join(&self.ring)?;
         let refuse = |message: &str| Error::from(InputError::new("ring", &self.ring, message));
@@ -91,7 +91,6 @@ impl JoinOptions {
         let outside = [Role::Launcher];
         let last = scenario.slots;
         let mut workers = Workers::start(&ring, folder, &table, &progress, processes, &outside, Some(link), last)?;
-        let begin = Instant::now();
         let mut slot = 0;
         let mut is_released = false;
         while !(is_released && workers.have_ended(|_| true)) {
@@ -103,12 +102,7 @@ impl JoinOptions {
                 }
             }
             workers.watch(slot + 1, None)?;
-            let is_missed = if workers.hears(Role::Launcher) {
-                workers.has_missed(Role::Launcher, timeout)
-            } else {
-                begin.elapsed() > timeout
-            };
-            if is_missed {
+            if workers.misses_others(timeout) {
                 return Err(Error::LauncherSilent { seconds: self.timeout, slot });
             }
             wait.sleep_until(Instant::now() + REAP)?;

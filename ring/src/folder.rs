@@ -13,74 +13,16 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::{BackpressureStrategy, Config, FilePath, SemanticString};
 use rand::RngExt;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::error::RingError;
+use crate::terms::{LinkTerms, Terms};
 use crate::wait::{PAUSE, Waiting};
 use skysink_common::estimate::Rates;
 use skysink_common::pace::Pace;
 
 /// Where iceoryx2 keeps its shared memory on Linux.
 pub const SHARED_MEMORY: &str = "/dev/shm";
-
-/// What all processes of a run are told, in `ring.toml`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Terms {
-    /// Id of the run; every sample carries it.
-    #[serde(with = "hexadecimal")]
-    pub mission: u64,
-    /// How fast its slots follow each other.
-    pub pace: Pace,
-    /// How its processes wait for each other.
-    pub wait: Waiting,
-    /// How long the launcher waits for a sample [s].
-    pub timeout_s: f64,
-    /// Whether a viewer takes part.
-    pub viewer: bool,
-    /// Where `queues` holds what the UAV knows of them: what it knows of the sampling rates. Else the topic holds the
-    /// queues themselves.
-    pub told: Option<Rates>,
-    /// Where a link carries the samples to processes of other hosts: what these hosts compare.
-    pub link: Option<LinkTerms>,
-}
-
-/// What the hosts of a ring must agree on; a link does not carry the attributes of services.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct LinkTerms {
-    /// Version of the messages and of what they mean.
-    pub version: u32,
-    /// Hash of the scenario.
-    #[serde(with = "hexadecimal")]
-    pub scenario: u64,
-}
-
-impl Terms {
-    /// How long the launcher waits for a sample before it ends the run.
-    #[must_use]
-    pub fn timeout(&self) -> Duration {
-        Duration::from_secs_f64(self.timeout_s)
-    }
-
-    /// After so long without a sign of life a process is killed and started again.
-    #[must_use]
-    pub fn silence_limit(&self) -> Duration {
-        self.timeout() / 2
-    }
-
-    /// How long a writer waits for a reader that does not take its samples.
-    #[must_use]
-    pub fn full_limit(&self) -> Duration {
-        self.timeout() * 2 / 3
-    }
-
-    /// After so long without the sample that all wait for, its sender is killed and started again.
-    #[must_use]
-    pub fn overdue_limit(&self) -> Duration {
-        self.timeout() * 3 / 4
-    }
-}
 
 /// `iceoryx2.toml`, as far as a run has its own.
 #[derive(Serialize)]
@@ -146,7 +88,7 @@ impl RingFolder {
     /// # Errors
     /// If the ring has no link to other hosts, it is here already, or the folder cannot be made.
     pub fn join(file: &Path) -> Result<Self, RingError> {
-        let terms = read_terms(file).map_err(|message| RingError::folder(file, message))?;
+        let terms = Terms::read(file).map_err(|message| RingError::folder(file, message))?;
         if terms.link.is_none() {
             return Err(RingError::folder(file, "it has no link to other hosts: expected that of skysink run --link"));
         }
@@ -183,7 +125,7 @@ impl RingFolder {
         const EXPECTED: &str = "expected the folder that skysink run prints";
         let refuse = |message: String| RingError::folder(path, message);
         let path = fs::canonicalize(path).map_err(|error| refuse(format!("{error}: {EXPECTED}")))?;
-        let terms = read_terms(&path.join(TERMS)).map_err(|message| refuse(format!("{TERMS}: {message}")))?;
+        let terms = Terms::read(&path.join(TERMS)).map_err(|message| refuse(format!("{TERMS}: {message}")))?;
         Ok(Self { path, terms, lock: None })
     }
 
@@ -302,19 +244,6 @@ impl Drop for RingFolder {
     }
 }
 
-/// `u64` as hexadecimal text: TOML's integers end at 2^63.
-mod hexadecimal {
-    use serde::{Deserialize, Deserializer, Serializer};
-
-    pub fn serialize<S: Serializer>(value: &u64, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(&format_args!("{value:016x}"))
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u64, D::Error> {
-        u64::from_str_radix(&String::deserialize(deserializer)?, 16).map_err(serde::de::Error::custom)
-    }
-}
-
 /// Where the rings of this user are: in the folder for temporary files, or in `/tmp` if that has a path that iceoryx2
 /// does not take.
 #[must_use]
@@ -350,17 +279,6 @@ fn prepare_home() -> Result<PathBuf, RingError> {
     }
     clear_abandoned(Duration::ZERO);
     Ok(home)
-}
-
-/// Reads what all processes of a run are told; says what is wrong with it.
-fn read_terms(file: &Path) -> Result<Terms, String> {
-    const EXPECTED: &str = "expected the folder that skysink run prints";
-    let text = fs::read_to_string(file).map_err(|error| format!("{error}: {EXPECTED}"))?;
-    let terms: Terms = toml::from_str(&text).map_err(|error| error.message().to_owned())?;
-    if Duration::try_from_secs_f64(terms.timeout_s).is_err() {
-        return Err(format!("timeout_s = {}: expected seconds, 0 or above", terms.timeout_s));
-    }
-    Ok(terms)
 }
 
 fn lock_path(folder: &Path) -> PathBuf {

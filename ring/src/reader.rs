@@ -7,7 +7,7 @@ use iceoryx2::port::listener::Listener;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
-use skysink_common::message::SlotHeader;
+use skysink_common::message::{FLAG_REPEAT, SlotHeader};
 
 use crate::admission::{Admission, Entry, order};
 use crate::error::{NodeError, RingError};
@@ -33,6 +33,9 @@ pub struct Reader<S: Service + 'static, P: Payload + ?Sized, H: Header> {
     early: VecDeque<Sample<S, P, H>>,
     /// The order of the last sample that was taken, or dropped because its slot had passed.
     taken: Option<u64>,
+    /// Whether the first sample that is held is the oldest that comes. Behind a link, a new reader begins anywhere among
+    /// those that a writer repeats: it waits until one comes twice, or a new one.
+    is_settled: bool,
     admission: Admission,
     /// The last slot that [`Reader::wait_until`] has seen.
     reached: Option<u64>,
@@ -47,8 +50,16 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
         let topic = Rc::clone(&self.0);
         let builder = topic.data.subscriber_builder().history_request(topic.row.history).buffer_size(buffer);
         let subscriber = builder.create().map_err(|error| topic.refuse("read", &error))?;
-        let early = VecDeque::with_capacity(MAX_EARLY);
-        Ok(Reader { topic, subscriber, listener: None, early, taken: None, admission: Admission::default(), reached: None })
+        Ok(Reader {
+            is_settled: topic.member.terms.link.is_none(),
+            topic,
+            subscriber,
+            listener: None,
+            early: VecDeque::with_capacity(MAX_EARLY),
+            taken: None,
+            admission: Admission::default(),
+            reached: None,
+        })
     }
 }
 
@@ -91,7 +102,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
                 Some(sample) if sample.user_header().head().slot == slot => {
                     return Ok(self.take().map_or(SlotSample::NotYet, SlotSample::Here));
                 }
-                Some(_) if self.topic.member.max_ahead.is_none() => return Ok(SlotSample::Passed),
+                Some(_) if self.topic.member.max_ahead.is_none() && self.is_settled => return Ok(SlotSample::Passed),
                 Some(_) => return Ok(SlotSample::NotYet),
                 None if all || received >= MAX_IN_A_ROW => return Ok(SlotSample::NotYet),
                 None => {}
@@ -117,7 +128,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
     /// If the writer's memory cannot be mapped.
     pub fn next_sample(&mut self) -> Result<Option<Sample<S, P, H>>, RingError> {
         self.receive(None, &mut 0)?;
-        Ok(self.take())
+        Ok(if self.is_settled { self.take() } else { None })
     }
 
     /// Waits for the next sample, which should be that of `slot`.
@@ -166,7 +177,9 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
             let sample = P::receive(&self.subscriber).map_err(|error| self.topic.refuse("receive", &error))?;
             let Some(sample) = sample else { return Ok(true) };
             let publisher = sample.header().publisher_id();
-            match self.admission.check(&self.topic, publisher, sample.user_header().head(), limit) {
+            let entry = self.admission.check(&self.topic, publisher, sample.user_header().head(), limit);
+            self.settle(&entry, sample.user_header().head());
+            match entry {
                 Entry::Refused => {}
                 Entry::Known => self.early.push_back(sample),
                 Entry::Repeated if self.has(sample.user_header().head()) => {}
@@ -176,7 +189,14 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
                 }
             }
         }
+        self.is_settled |= self.early.len() >= MAX_EARLY; // there is no room for older ones
         Ok(false)
+    }
+
+    /// Notes whether an admitted sample shows that none that is older will come: it is the first of all, new, or held.
+    fn settle(&mut self, entry: &Entry, header: &SlotHeader) {
+        let is_repeated = header.flags & FLAG_REPEAT != 0;
+        self.is_settled |= !matches!(entry, Entry::Refused) && (header.slot == 0 || !is_repeated || self.has(header));
     }
 
     /// Whether a sample of this order was taken, or is held.

@@ -17,7 +17,7 @@ use skysink_common::stop::Stop;
 
 use crate::cleanup::remove_dead_nodes;
 use crate::error::RingError;
-use crate::folder::Terms;
+use crate::terms::Terms;
 use crate::refusals::Refusals;
 use crate::role::{Role, Seat};
 use crate::sample::{Header, Payload};
@@ -56,8 +56,6 @@ pub(crate) struct Row {
     pub(crate) full: Full,
     /// Whether a slot may have several samples.
     pub(crate) several: bool,
-    /// Where a link to other hosts may lose samples: after so long without a new one its writer repeats the last ones.
-    pub(crate) repeat_after: Option<Duration>,
 }
 
 /// What a writer does about a reader whose buffer is full.

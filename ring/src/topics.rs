@@ -19,12 +19,13 @@ use skysink_common::stop::Stop;
 
 use crate::cleanup::{is_only_node, purge_dead_nodes};
 use crate::error::{NodeError, RingError};
-use crate::folder::{RingFolder, Terms};
+use crate::folder::RingFolder;
 use crate::health::{Health, Ready};
 use crate::reader::MAX_AHEAD;
 use crate::refusals::Refusals;
 use crate::role::{Role, Seat};
 use crate::survey::{TopicState, Watch, look};
+use crate::terms::Terms;
 use crate::topic::{Full, Member, OBSERVER, Row, Topic, service_name};
 use crate::wait::{LateJoiners, PAUSE, WaitContext};
 
@@ -49,33 +50,24 @@ const HISTORY: usize = 2;
 /// flight before each plan that the recorder may still wait for.
 pub const FLIGHT_HISTORY: usize = 3;
 
-/// Where a link to other hosts may lose samples: after so long without a new one a writer repeats its last ones.
-const REPEAT_AFTER: Duration = Duration::from_millis(500);
-
-/// The same of `sensors`, which is sent once and may be large: for processes that are started again on another host.
-const REPEAT_SENSORS_AFTER: Duration = Duration::from_secs(5);
-
 /// How often late joiners are served, and woken, where a link does the same on every host: each wake-up costs it some
 /// milliseconds.
 const SERVE_LINKED_EVERY: Duration = Duration::from_millis(100);
 
 /// A topic that every process of the ring needs.
 const fn row(name: &'static str, from: Role, buffer: usize) -> Row {
-    let repeat_after = Some(REPEAT_AFTER);
-    Row { name, from, buffer, history: HISTORY, full: Full::WaitInLockStep, several: false, repeat_after }
+    Row { name, from, buffer, history: HISTORY, full: Full::WaitInLockStep, several: false }
 }
 
-const SENSORS: Row =
-    Row { repeat_after: Some(REPEAT_SENSORS_AFTER), ..row("sensors", Role::FieldSim, RING_BUFFER) };
+const SENSORS: Row = row("sensors", Role::FieldSim, RING_BUFFER);
 const QUEUES: Row = row("queues", Role::FieldSim, VIEWER_BUFFER);
 const TRUTH: Row = row("truth", Role::FieldSim, VIEWER_BUFFER);
 const TICK: Row = row("tick", Role::FieldSim, VIEWER_BUFFER);
 const PLAN: Row = row("plan", Role::Planner, VIEWER_BUFFER);
-const PATH: Row = Row { full: Full::Miss, repeat_after: None, ..row("path", Role::Planner, PATH_BUFFER) };
+const PATH: Row = Row { full: Full::Miss, ..row("path", Role::Planner, PATH_BUFFER) };
 const FLIGHT: Row = Row { history: FLIGHT_HISTORY, ..row("flight", Role::FlightSim, VIEWER_BUFFER) };
 const COMMIT: Row = row("commit", Role::Launcher, RING_BUFFER);
-const HEALTH: Row =
-    Row { full: Full::Miss, several: true, repeat_after: None, ..row("health", Role::Launcher, VIEWER_BUFFER) };
+const HEALTH: Row = Row { full: Full::Miss, several: true, ..row("health", Role::Launcher, VIEWER_BUFFER) };
 const READY: Row = row("ready", Role::Viewer, RING_BUFFER);
 
 /// All topics, in the order of a slot.

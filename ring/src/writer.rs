@@ -20,7 +20,7 @@ use skysink_common::message::FLAG_REPEAT;
 
 use crate::error::RingError;
 use crate::sample::{Header, Payload};
-use crate::topic::{Shared, Topic};
+use crate::topic::{Full, Shared, Topic};
 use crate::wait::ServeJoiners;
 
 /// The writing end of a topic.
@@ -50,12 +50,24 @@ struct Repeats<P: Payload + ?Sized, H: Header> {
     last_sent: Instant,
 }
 
+/// Where a link to other hosts may lose samples: after so long without a new one a writer repeats its last ones.
+const REPEAT_AFTER: Duration = Duration::from_millis(500);
+
+/// What is added to that for each megabyte of a sample, so that repeats leave the link to others.
+const REPEAT_LATER_PER_MB: Duration = Duration::from_millis(250);
+
 impl<P: Payload + ?Sized, H: Header> Repeats<P, H> {
+    fn of(depth: usize) -> Self {
+        let samples = VecDeque::with_capacity(depth);
+        Self { samples, depth, after: REPEAT_AFTER, last_sent: Instant::now() }
+    }
+
     fn note(&mut self, header: H, payload: &P) {
         let room = self.samples.len() >= self.depth;
         let mut copied = self.samples.pop_front().filter(|_| room).map(|(_, copied)| copied).unwrap_or_default();
         payload.copy_to(&mut copied);
         self.samples.push_back((header, copied));
+        self.after = REPEAT_AFTER + REPEAT_LATER_PER_MB.mul_f64(size_of_val(payload) as f64 / 1e6);
         self.last_sent = Instant::now();
     }
 }
@@ -88,10 +100,8 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
     fn write_by(&self, builder: PortFactoryPublisher<'_, S, P, H>) -> Result<Writer<S, P, H>, RingError> {
         let topic = Rc::clone(&self.0);
         let is_repeating = Arc::new(AtomicBool::new(false));
-        let repeats = topic.row.repeat_after.filter(|_| topic.member.terms.link.is_some()).map(|after| {
-            let depth = topic.row.history;
-            RefCell::new(Repeats { samples: VecDeque::with_capacity(depth), depth, after, last_sent: Instant::now() })
-        });
+        let is_repeated = topic.member.terms.link.is_some() && topic.row.full == Full::WaitInLockStep;
+        let repeats = is_repeated.then(|| RefCell::new(Repeats::of(topic.row.history)));
         // A repeat may be due while a list is on loan.
         let builder = builder.max_loaned_samples(1 + usize::from(repeats.is_some()));
         let builder = builder.set_backpressure_handler(topic.backpressure(Arc::clone(&is_repeating)));

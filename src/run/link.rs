@@ -8,18 +8,18 @@ use std::time::{Duration, Instant};
 use rustix::process::{Pid, Signal, kill_process};
 use skysink_common::scenario::Scenario;
 use skysink_mission::error::FileContext;
-use skysink_ring::folder::{LinkTerms, RingFolder};
+use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
+use skysink_ring::terms::LinkTerms;
 use skysink_ring::topics::{LinkedServices, SCHEMA};
 
 use crate::error::Error;
 use crate::report::TerminalProgress;
+use crate::run::options::is_command;
 
-/// The executable of iceoryx2's link over zenoh.
-pub const PROGRAM: &str = "iox2-link-tunnel-zenoh";
-
-/// What installs it.
-pub const INSTALL: &str = "cargo install iceoryx2-integrations-zenoh-link-tunnel-cli --version 0.10.0 --locked";
+/// Programs that are iceoryx2's link over zenoh: the first that is found in the PATH is started. The first is in the
+/// folder `link` of Skysink, the other is iceoryx2's own.
+pub const PROGRAMS: [&str; 2] = ["skysink-link", "iox2-link-tunnel-zenoh"];
 
 /// How often it scans for samples of which no wake-up has reached it [ms].
 const POLL_MS: u64 = 10;
@@ -46,9 +46,33 @@ pub fn terms(scenario: &Scenario) -> LinkTerms {
     LinkTerms { version: SCHEMA, scenario: scenario.hash() }
 }
 
+/// The link that is installed.
+fn program() -> Option<&'static str> {
+    PROGRAMS.into_iter().find(|program| is_command(program))
+}
+
+fn missing() -> Error {
+    let [ours, theirs] = PROGRAMS;
+    let message = format!("--link: neither {ours} nor {theirs} is in the PATH: `cargo install --locked --path link`");
+    Error::Usage(message)
+}
+
+/// Fails if there is no zenoh configuration of this name, or nothing that it configures.
+///
+/// # Errors
+/// [`Error::Usage`].
+pub fn check(config: &Path) -> Result<(), Error> {
+    if !config.is_file() {
+        let config = config.display();
+        return Err(Error::Usage(format!("--link {config}: expected a zenoh configuration file, such as link.json5")));
+    }
+    program().map(drop).ok_or_else(missing)
+}
+
 /// A link to other hosts, which is started again when it ends.
 #[derive(Debug)]
 pub struct Link {
+    program: &'static str,
     arguments: Vec<String>,
     ring: PathBuf,
     child: Option<Child>,
@@ -61,13 +85,14 @@ impl Link {
     /// # Errors
     /// If it cannot be started.
     pub fn start(ring: &RingFolder, config: &Path, here: &[Role], progress: &TerminalProgress) -> Result<Self, Error> {
+        let program = program().ok_or_else(missing)?;
         let config = std::path::absolute(config).at(config)?;
         let LinkedServices { all, written_here } = LinkedServices::of(&ring.terms(), here);
         let mut arguments = vec!["--zenoh-config".to_owned(), config.display().to_string()];
         arguments.extend(["--reactive".to_owned(), "--poll".to_owned(), POLL_MS.to_string()]);
         arguments.extend(all.into_iter().flat_map(|service| ["--allow".to_owned(), service]));
         arguments.extend(written_here.into_iter().flat_map(|service| ["--listener".to_owned(), service]));
-        let mut link = Self { arguments, ring: ring.path().to_owned(), child: None, started: Instant::now() };
+        let mut link = Self { program, arguments, ring: ring.path().to_owned(), child: None, started: Instant::now() };
         link.spawn(progress)?;
         Ok(link)
     }
@@ -81,7 +106,7 @@ impl Link {
         if let Some(status) = ended {
             self.child = None;
             if status.code().is_some() && self.started.elapsed() < LEAST_LIFE {
-                return Err(Error::LinkEnded(status.to_string()));
+                return Err(Error::LinkEnded { program: self.program, status: status.to_string() });
             }
             progress.say(&format!("link: ended with {status}: starting it again"));
             self.started = Instant::now();
@@ -94,7 +119,7 @@ impl Link {
 
     /// It finds the ring's iceoryx2 domain in the folder where it runs.
     fn spawn(&mut self, progress: &TerminalProgress) -> Result<(), Error> {
-        let program = Path::new(PROGRAM);
+        let program = Path::new(self.program);
         let (output, said) = pipe().at(program)?;
         let mut command = Command::new(program);
         command.args(&self.arguments).current_dir(&self.ring).stdin(Stdio::null());

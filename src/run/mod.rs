@@ -4,6 +4,7 @@ pub mod heartbeat;
 pub mod limits;
 pub mod link;
 pub mod options;
+pub mod outside;
 pub mod recorder;
 pub mod restart;
 pub mod resume;

@@ -142,24 +142,8 @@ pub fn command_line(text: &str) -> Result<CommandLine, String> {
     words.map(CommandLine).ok_or_else(|| "expected a command such as \"python3 mine.py\"".to_owned())
 }
 
-/// Fails if there is no zenoh configuration of this name, or nothing that it configures.
-///
-/// # Errors
-/// [`Error::Usage`].
-pub(crate) fn check_link(config: &Path) -> Result<(), Error> {
-    if !config.is_file() {
-        let config = config.display();
-        return Err(Error::Usage(format!("--link {config}: expected a zenoh configuration file, such as link.json5")));
-    }
-    if !is_command(link::PROGRAM) {
-        let (program, install) = (link::PROGRAM, link::INSTALL);
-        return Err(Error::Usage(format!("--link: {program}: not found in the PATH: install it by `{install}`")));
-    }
-    Ok(())
-}
-
 /// Whether there is a file to execute: of this path, or in a folder of the PATH.
-fn is_command(program: &str) -> bool {
+pub(crate) fn is_command(program: &str) -> bool {
     if program.contains('/') {
         return is_executable(Path::new(program));
     }
@@ -292,7 +276,7 @@ impl RunOptions {
             }
         }
         if let Some(config) = &self.link {
-            check_link(config)?;
+            link::check(config)?;
         }
         if self.label.is_some() && !self.has_outside_planner() {
             return refuse("--label: expected with --external planner or --planner");

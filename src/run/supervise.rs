@@ -9,15 +9,13 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
-use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::Service;
 use rustix::process::{Pid, Signal, kill_process_group};
 use skysink_common::message::SlotHeader;
 use skysink_mission::error::FileContext;
 use skysink_mission::summary::{Event, Tally};
-use skysink_ring::error::RingError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::health::{Fate, Health};
 use skysink_ring::role::{Role, last_heartbeat, times_taken};
@@ -26,8 +24,9 @@ use skysink_ring::writer::Writer;
 
 use crate::error::Error;
 use crate::report::TerminalProgress;
-use crate::run::heartbeat::{Heartbeat, SILENT_AFTER};
+use crate::run::heartbeat::Heartbeat;
 use crate::run::link::Link;
+use crate::run::outside::Outside;
 use crate::run::restart::{End, Restart, Restarts};
 
 /// How long a process may take to end after SIGTERM before it gets SIGKILL.
@@ -68,46 +67,6 @@ pub struct Invocation {
     pub arguments: Vec<OsString>,
     /// Variables by name.
     pub environment: Vec<(&'static str, OsString)>,
-}
-
-/// A process that takes part in a run and that the launcher has not started.
-#[derive(Debug)]
-struct Outside<S: Service> {
-    role: Role,
-    /// Whether it is on this host, and there.
-    is_there: bool,
-    /// Its signs of life if it may be on another host.
-    distant: Option<Distant<S>>,
-}
-
-/// A process on another host: a link brings the wake-ups that it sends whenever it waits.
-#[derive(Debug)]
-struct Distant<S: Service> {
-    listener: Listener<S>,
-    heard: Option<SystemTime>,
-    heartbeat: Heartbeat,
-}
-
-impl<S: Service> Distant<S> {
-    fn new(listener: Listener<S>) -> Self {
-        Self { listener, heard: None, heartbeat: Heartbeat::after(None) }
-    }
-
-    /// Listens for wake-ups; returns what is new.
-    fn listen(&mut self, now: Instant) -> Option<Fate> {
-        let mut wake_ups = 0;
-        let _ = self.listener.try_wait(|_| wake_ups += 1); // in vain is silence
-        let is_first = wake_ups > 0 && self.heard.is_none();
-        if wake_ups > 0 {
-            self.heard = Some(SystemTime::now());
-        }
-        let fate = self.heartbeat.note(self.heard, now);
-        if is_first { Some(Fate::Joined) } else { fate }
-    }
-
-    fn is_there(&self) -> bool {
-        self.heard.is_some() && !self.heartbeat.is_silent_for(SILENT_AFTER)
-    }
 }
 
 /// A process of a run, which may be started several times.
@@ -162,12 +121,9 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     ) -> Result<Self, Error> {
         let health = ring.health.writer()?;
         let begin = Instant::now();
-        let outside = outside.iter().map(|&role| {
-            let distant = link.as_ref().map(|_| ring.listener_of(role).map(Distant::new)).transpose()?;
-            Ok(Outside { role, is_there: false, distant })
-        });
+        let outside = outside.iter().map(|&role| Outside::new(ring, role));
         let mut workers = Self {
-            outside: outside.collect::<Result<_, RingError>>()?,
+            outside: outside.collect::<Result<_, _>>()?,
             link,
             swept: begin,
             is_released: false,
@@ -287,50 +243,34 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         Ok(fates)
     }
 
-    /// Whether a process shows that it is alive which may be on another host.
+    /// Whether a process of another host shows that it is alive.
     #[must_use]
     pub fn hears_others(&self) -> bool {
-        self.outside.iter().flat_map(|outside| &outside.distant).any(Distant::is_there)
+        self.outside.iter().any(Outside::is_heard)
     }
 
-    /// Whether `role` has ever shown a sign of life from another host.
+    /// Whether a process of another host has given no sign of life for so long.
     #[must_use]
-    pub fn hears(&self, role: Role) -> bool {
-        let mut distant = self.outside.iter().filter(|outside| outside.role == role).flat_map(|outside| &outside.distant);
-        distant.any(|distant| distant.heard.is_some())
-    }
-
-    /// Whether `role` has shown for so long no sign of life, if it ever has.
-    #[must_use]
-    pub fn has_missed(&self, role: Role, limit: Duration) -> bool {
-        let mut distant = self.outside.iter().filter(|outside| outside.role == role).flat_map(|outside| &outside.distant);
-        distant.any(|distant| distant.heartbeat.is_silent_for(limit))
+    pub fn misses_others(&self, limit: Duration) -> bool {
+        self.outside.iter().any(|outside| outside.is_missed(self.begin, limit))
     }
 
     /// Notes which process of somebody else has joined, has gone, is silent, or is overdue.
     fn poll_outside(&mut self, slot: u64, overdue: Option<(Role, Duration)>) -> Vec<(Role, Fate)> {
         let now = Instant::now();
-        let mut fates = Vec::new();
-        for outside in self.outside.iter_mut().filter(|outside| !outside.is_there) {
-            let fate = outside.distant.as_mut().and_then(|distant| distant.listen(now));
-            fates.extend(fate.map(|fate| (outside.role, fate)));
-        }
-        if self.outside.is_empty() || self.is_released || slot >= self.last_slot {
-            return Vec::new();
-        }
-        if self.swept.elapsed() >= CLEAN_UP_EVERY {
-            self.swept = Instant::now();
+        if !self.outside.is_empty() && self.swept.elapsed() >= CLEAN_UP_EVERY {
+            self.swept = now;
             self.ring.remove_dead_nodes(); // a dead writer stays attached until then
         }
+        let mut fates = Vec::new();
         for outside in &mut self.outside {
-            let was_there = std::mem::replace(&mut outside.is_there, self.ring.has_writer(outside.role));
-            if was_there != outside.is_there {
-                fates.push((outside.role, if was_there { Fate::Gone } else { Fate::Joined }));
-            }
-            let is_anywhere = outside.is_there || outside.distant.as_ref().is_some_and(Distant::is_there);
-            if let Some((_, waited)) = overdue.filter(|(role, _)| *role == outside.role && is_anywhere) {
+            fates.extend(outside.poll(self.ring, now).map(|fate| (outside.role, fate)));
+            if let Some((_, waited)) = overdue.filter(|(role, _)| *role == outside.role && outside.is_there()) {
                 fates.push((outside.role, overdue_for(waited)));
             }
+        }
+        if self.is_released || slot >= self.last_slot {
+            fates.clear(); // they have done their part
         }
         fates
     }
