@@ -116,10 +116,12 @@ Examples:
     /// Run processes of a mission that skysink run --link flies on another host.
     #[command(after_help = "\
 Examples:
-  skysink run city.toml --external planner --link link.json5      on one host
-  skysink join planner --ring ring.toml --scenario scenario.toml --link link.json5
-                                                                  on another
-")]
+  skysink run city.toml --external planner --link link.json5    on one host
+  skysink join planner --ring ring.toml --scenario scenario.toml \\
+    --link link.json5                                           on another
+
+The two files are copies from the first host, whose skysink run says where
+they are.")]
     Join(JoinOptions),
     /// Take a run on record through the ring once more: for a viewer, or to ask another planner.
     #[command(after_help = "\

@@ -1,11 +1,12 @@
 //! The link of a ring to other hosts: iceoryx2's own, over zenoh, as a process beside those of the ring.
 
 use std::io::{BufRead, BufReader, pipe};
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
 use skysink_common::scenario::Scenario;
 use skysink_mission::error::FileContext;
 use skysink_ring::folder::RingFolder;
@@ -128,6 +129,9 @@ impl Link {
                 command.env(name, value);
             }
         }
+        let end_with_launcher = || Ok(set_parent_process_death_signal(Some(Signal::TERM))?);
+        // SAFETY: a system call, which neither allocates nor locks.
+        unsafe { command.pre_exec(end_with_launcher) };
         let child = command.stdout(said.try_clone().at(program)?).stderr(said).spawn().at(program)?;
         let progress = progress.clone();
         let lines = BufReader::new(output).split(b'\n').map_while(Result::ok);

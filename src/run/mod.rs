@@ -193,8 +193,8 @@ pub fn fly(
         let invocation = options.invocation(role, launch, ring_folder)?;
         if options.external.contains(&role) {
             let command = match &options.link {
-                Some(config) => joining(role, launch, ring_folder, config),
-                None => in_words(&invocation.program, &invocation.arguments),
+                Some(config) if role != Role::Viewer => joining(role, launch, ring_folder, config),
+                _ => in_words(&invocation.program, &invocation.arguments),
             };
             let seconds = outside_timeout.as_secs_f64();
             progress.say(&format!("waiting up to {seconds} s for {}: {command}", role.name()));
