@@ -381,3 +381,52 @@ fn remove(folder: &Path) {
         thread::sleep(REMOVAL_PAUSE);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LINK: LinkTerms = LinkTerms { version: 5, scenario: u64::MAX };
+
+    fn new() -> RingFolder {
+        RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, Some(Rates::Known)).unwrap()
+    }
+
+    #[test]
+    fn a_ring_with_a_link_says_so_and_its_ports_wait_for_nobody() {
+        let mut folder = new();
+        let domain = |folder: &RingFolder| fs::read_to_string(folder.path().join(DOMAIN)).unwrap();
+        assert!(!domain(&folder).contains("defaults"), "{}", domain(&folder));
+        folder.link(LINK).unwrap();
+        assert!(domain(&folder).contains("backpressure-strategy = \"DiscardData\""), "{}", domain(&folder));
+        assert_eq!(RingFolder::open(folder.path()).unwrap().terms(), folder.terms());
+        assert_eq!(folder.terms().link, Some(LINK));
+        let strategy = folder.config().unwrap().defaults.publish_subscribe.backpressure_strategy;
+        assert_eq!(strategy, BackpressureStrategy::DiscardData);
+    }
+
+    #[test]
+    fn a_host_joins_with_the_terms_of_another_and_only_once() {
+        let mut first = new();
+        first.link(LINK).unwrap();
+        let copies = tempfile::tempdir().unwrap();
+        let copy = copies.path().join("ring.toml");
+        fs::copy(first.path().join(TERMS), &copy).unwrap();
+        let error = RingFolder::join(&copy).unwrap_err().to_string();
+        assert!(error.contains("joined it already"), "on the same host: {error}");
+        let terms = first.terms();
+        drop(first);
+        let joined = RingFolder::join(&copy).unwrap();
+        assert_eq!(joined.terms(), terms);
+        assert!(RingFolder::join(&copy).is_err());
+    }
+
+    #[test]
+    fn a_ring_without_a_link_cannot_be_joined() {
+        let folder = new();
+        let error = RingFolder::join(&folder.path().join(TERMS)).unwrap_err().to_string();
+        assert!(error.contains("no link to other hosts: expected that of skysink run --link"), "{error}");
+        let error = RingFolder::join(Path::new("/nowhere/ring.toml")).unwrap_err().to_string();
+        assert!(error.starts_with("ring /nowhere/ring.toml: No such file"), "{error}");
+    }
+}

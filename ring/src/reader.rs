@@ -219,3 +219,115 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
         self.topic.member.refusals.add(self.topic.row.name, slot, refusal, 1);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::folder::RingFolder;
+    use crate::role::Role;
+    use crate::terms::LinkTerms;
+    use crate::topics::{RING_BUFFER, Ring};
+    use iceoryx2::port::publisher::Publisher;
+    use skysink_common::message::Commit;
+    use skysink_common::pace::Pace;
+    use skysink_common::scenario::{Overrides, Scenario};
+    use skysink_common::stop::Stop;
+    use std::path::Path;
+
+    type Commits = Reader<local::Service, Commit, SlotHeader>;
+
+    /// A ring, and a writer of `commit` that is a link.
+    struct Linked {
+        ring: Ring<local::Service>,
+        link: Publisher<local::Service, Commit, SlotHeader>,
+        _folder: RingFolder,
+    }
+
+    impl Linked {
+        fn new(terms: Option<LinkTerms>) -> Self {
+            let scenario = Scenario::parse("name = 'x'\n", Path::new("x.toml"), Overrides::default()).unwrap();
+            let mut folder = RingFolder::create(Pace::Max, Default::default(), 60.0, false, None).unwrap();
+            terms.into_iter().for_each(|terms| folder.link(terms).unwrap());
+            let (ring, _) = Ring::join(&folder, &scenario, Role::Launcher, &Stop::default()).unwrap();
+            let link = ring.commit.0.data.publisher_builder().create().unwrap();
+            Self { ring, link, _folder: folder }
+        }
+
+        fn send(&self, slot: u64, flags: u32, epoch: u32) {
+            let mut sample = self.link.loan_uninit().unwrap();
+            *sample.user_header_mut() = SlotHeader { epoch, ..self.ring.header(slot, flags) };
+            sample.write_payload(Commit { hash: slot }).send().unwrap();
+        }
+    }
+
+    const LINK: Option<LinkTerms> = Some(LinkTerms { version: 0, scenario: 0 });
+
+    fn here(reader: &mut Commits, slot: u64) -> Option<u64> {
+        reader.of_slot(slot).unwrap().here().map(|sample| sample.payload().hash)
+    }
+
+    fn next(reader: &mut Commits) -> Option<u64> {
+        reader.next_sample().unwrap().map(|sample| sample.payload().hash)
+    }
+
+    #[test]
+    fn a_sample_that_a_link_has_lost_is_taken_from_its_repeat() {
+        let linked = Linked::new(LINK);
+        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        [1, 3].map(|slot| linked.send(slot, 0, 0));
+        assert_eq!([1, 2].map(|slot| here(&mut reader, slot)), [Some(1), None]);
+        [2, 3, 2, 3].map(|slot| linked.send(slot, FLAG_REPEAT, 0));
+        assert_eq!([2, 3, 4].map(|slot| here(&mut reader, slot)), [Some(2), Some(3), None], "each once");
+        linked.send(4, 0, 0);
+        assert_eq!(here(&mut reader, 4), Some(4));
+        assert_eq!(linked.ring.refusals.total(), 0);
+    }
+
+    #[test]
+    fn a_new_reader_behind_a_link_begins_with_the_oldest_repeat() {
+        let linked = Linked::new(LINK);
+        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        linked.send(8, FLAG_REPEAT, 0);
+        assert_eq!(next(&mut reader), None, "there may be an older one");
+        linked.send(7, FLAG_REPEAT, 0);
+        assert_eq!(next(&mut reader), None);
+        linked.send(8, FLAG_REPEAT, 0);
+        assert_eq!([(); 3].map(|()| next(&mut reader)), [Some(7), Some(8), None]);
+    }
+
+    #[test]
+    fn a_new_reader_behind_a_link_does_not_wait_where_nothing_is_repeated() {
+        let linked = Linked::new(LINK);
+        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        linked.send(0, FLAG_REPEAT, 0);
+        assert_eq!(next(&mut reader), Some(0), "the first of all");
+        let running = Linked::new(LINK);
+        let mut reader = running.ring.commit.reader(RING_BUFFER).unwrap();
+        running.send(8, 0, 0);
+        assert_eq!([(); 2].map(|()| next(&mut reader)), [Some(8), None]);
+    }
+
+    #[test]
+    fn a_process_that_was_started_again_is_heard_behind_the_same_link() {
+        let linked = Linked::new(LINK);
+        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        [1, 2].map(|slot| linked.send(slot, 0, 0));
+        assert_eq!([1, 2].map(|slot| here(&mut reader, slot)), [Some(1), Some(2)]);
+        [1, 2, 3].map(|slot| linked.send(slot, 0, 1));
+        assert_eq!(here(&mut reader, 3), Some(3));
+        assert_eq!(linked.ring.refusals.total(), 0);
+    }
+
+    #[test]
+    fn without_a_link_a_writer_that_repeats_itself_unsaid_is_refused() {
+        let linked = Linked::new(None);
+        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        [1, 2, 1].map(|slot| linked.send(slot, 0, 0));
+        assert_eq!([1, 2].map(|slot| here(&mut reader, slot)), [Some(1), Some(2)]);
+        assert_eq!(here(&mut reader, 3), None);
+        assert_eq!(linked.ring.refusals.total(), 1);
+        linked.send(2, FLAG_REPEAT, 0);
+        assert_eq!(here(&mut reader, 3), None);
+        assert_eq!(linked.ring.refusals.total(), 1, "it said so");
+    }
+}

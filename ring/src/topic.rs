@@ -17,10 +17,10 @@ use skysink_common::stop::Stop;
 
 use crate::cleanup::remove_dead_nodes;
 use crate::error::RingError;
-use crate::terms::Terms;
 use crate::refusals::Refusals;
 use crate::role::{Role, Seat};
 use crate::sample::{Header, Payload};
+use crate::terms::Terms;
 use crate::wait::{LateJoiners, Stopwatch};
 
 /// Samples that a reader holds because they came early. With the one that is worked on they are all that it may hold.

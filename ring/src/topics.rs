@@ -404,3 +404,35 @@ fn agree(folder: &RingFolder, theirs: &AttributeSet, scenario: &Scenario) -> Res
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn terms(told: Option<skysink_common::estimate::Rates>) -> Terms {
+        let folder = RingFolder::create(Default::default(), Default::default(), 1.0, false, told).unwrap();
+        folder.terms()
+    }
+
+    #[test]
+    fn a_host_gets_what_its_processes_read_and_wakes_the_link_with_what_they_write() {
+        let of = |here: &[Role]| LinkedServices::of(&terms(None), here);
+        let services = |names: &[&str]| names.iter().map(|name| format!("skysink/{name}")).collect::<Vec<_>>();
+        let planner = of(&[Role::Planner]);
+        assert_eq!(planner.all, services(&["sensors", "queues", "path", "plan", "flight", "commit"]));
+        assert_eq!(planner.written_here, services(&["path", "plan"]));
+        let flight_sim = of(&[Role::FlightSim]);
+        assert_eq!(flight_sim.all, services(&["sensors", "tick", "plan", "flight", "commit"]), "no queues");
+        assert_eq!(flight_sim.written_here, services(&["flight"]));
+        let launcher = of(&[Role::FieldSim, Role::Launcher]);
+        assert_eq!(launcher.written_here, services(&["sensors", "queues", "tick", "commit"]));
+        assert!(!launcher.all.contains(&"skysink/health".to_owned()), "it is of each host alone");
+    }
+
+    #[test]
+    fn the_true_queues_cross_where_others_are_told_less() {
+        let told = terms(Some(skysink_common::estimate::Rates::Known));
+        let planner = LinkedServices::of(&told, &[Role::Planner]);
+        assert!(planner.all.contains(&"skysink/truth".to_owned()), "{planner:?}");
+    }
+}

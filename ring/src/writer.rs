@@ -63,8 +63,9 @@ impl<P: Payload + ?Sized, H: Header> Repeats<P, H> {
     }
 
     fn note(&mut self, header: H, payload: &P) {
-        let room = self.samples.len() >= self.depth;
-        let mut copied = self.samples.pop_front().filter(|_| room).map(|(_, copied)| copied).unwrap_or_default();
+        let is_full = self.samples.len() >= self.depth;
+        let oldest = if is_full { self.samples.pop_front() } else { None };
+        let mut copied = oldest.map(|(_, copied)| copied).unwrap_or_default();
         payload.copy_to(&mut copied);
         self.samples.push_back((header, copied));
         self.after = REPEAT_AFTER + REPEAT_LATER_PER_MB.mul_f64(size_of_val(payload) as f64 / 1e6);
@@ -228,5 +229,68 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
         self.writer.0.note(header, sample.payload());
         sample.send().map_err(|error| self.writer.0.undelivered(error))?;
         self.writer.0.wake()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::folder::RingFolder;
+    use crate::role::Role;
+    use crate::terms::LinkTerms;
+    use crate::topics::Ring;
+    use skysink_common::message::{Commit, SensorNode, SensorsHeader};
+    use skysink_common::pace::Pace;
+    use skysink_common::scenario::{Overrides, Scenario};
+    use skysink_common::stop::Stop;
+    use std::path::Path;
+
+    fn scenario() -> Scenario {
+        Scenario::parse("name = 'x'\n", Path::new("x.toml"), Overrides::default()).unwrap()
+    }
+
+    #[test]
+    fn a_writer_of_a_linked_ring_repeats_its_last_samples_while_it_has_nothing_new() {
+        let mut folder = RingFolder::create(Pace::Max, Default::default(), 60.0, false, None).unwrap();
+        folder.link(LinkTerms { version: 0, scenario: 0 }).unwrap();
+        let (ring, mut wait) =
+            Ring::<local::Service>::join(&folder, &scenario(), Role::Launcher, &Stop::default()).unwrap();
+        let commits = ring.commit.writer().unwrap();
+        let sensors = ring.sensors.list_writer(3).unwrap();
+        [1, 2, 3].map(|slot| commits.send(ring.header(slot, 0), Commit { hash: slot }).unwrap());
+        let nodes = [1.0, 2.0].map(|x_m| SensorNode { x_m, ..SensorNode::default() });
+        let header = SensorsHeader { head: ring.header(0, 0), ..SensorsHeader::default() };
+        sensors.send_list(header, &nodes).unwrap();
+        // Readers that join too late for anything but repeats.
+        let late = ring.commit.0.data.subscriber_builder().history_request(0).create().unwrap();
+        let late_list = ring.sensors.0.data.subscriber_builder().history_request(0).create().unwrap();
+        let mut heard = Vec::new();
+        let mut list = None;
+        let begin = Instant::now();
+        while (heard.len() < 4 || list.is_none()) && begin.elapsed() < Duration::from_secs(60) {
+            wait.sleep_until(Instant::now() + Duration::from_millis(1)).unwrap();
+            while let Some(sample) = late.receive().unwrap() {
+                heard.push((sample.user_header().flags, sample.payload().hash));
+            }
+            list = late_list.receive().unwrap().map(|sample| sample.payload().to_vec()).or(list);
+        }
+        assert_eq!(heard, [(FLAG_REPEAT, 2), (FLAG_REPEAT, 3), (FLAG_REPEAT, 2), (FLAG_REPEAT, 3)]);
+        assert_eq!(list.unwrap(), nodes);
+    }
+
+    #[test]
+    fn a_writer_of_a_ring_on_one_host_repeats_nothing() {
+        let folder = RingFolder::create(Pace::Max, Default::default(), 60.0, false, None).unwrap();
+        let (ring, _) = Ring::<local::Service>::join(&folder, &scenario(), Role::Launcher, &Stop::default()).unwrap();
+        assert!(ring.commit.writer().unwrap().0.repeats.is_none());
+    }
+
+    #[test]
+    fn large_samples_are_repeated_later() {
+        let mut repeats = Repeats::<[u32], skysink_common::message::SlotHeader>::of(2);
+        repeats.note(Default::default(), &[0; 1_000]);
+        assert!(repeats.after < Duration::from_millis(510), "{:?}", repeats.after);
+        repeats.note(Default::default(), &vec![0; 1_000_000]);
+        assert_eq!(repeats.after, Duration::from_millis(1_500), "4 MB");
     }
 }

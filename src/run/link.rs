@@ -32,7 +32,10 @@ const LEAST_LIFE: Duration = Duration::from_secs(2);
 /// connection to a host that is gone, whose end may block one for 10 s, does not hold up those to the others.
 const ENVIRONMENT: [(&str, &str); 2] = [
     ("IOX2_LOG_LEVEL", "error"),
-    ("ZENOH_RUNTIME", "(tx: (worker_threads: 4), rx: (worker_threads: 4), acc: (worker_threads: 2), net: (worker_threads: 4))"),
+    (
+        "ZENOH_RUNTIME",
+        "(tx: (worker_threads: 4), rx: (worker_threads: 4), acc: (worker_threads: 2), net: (worker_threads: 4))",
+    ),
 ];
 
 /// Between the end of a link and the start of the next.

@@ -206,8 +206,7 @@ pub fn fly(
     let here = [&here[..], &[Role::Launcher]].concat();
     let link = options.link.as_ref().map(|config| Link::start(ring_folder, config, &here, &progress)).transpose()?;
     let external = &options.external;
-    let mut workers =
-        Workers::start(&ring, ring_folder, table, &progress, processes, external, link, scenario.slots)?;
+    let mut workers = Workers::start(&ring, ring_folder, table, &progress, processes, external, link, scenario.slots)?;
     let recorded = recorder.record(scenario.slots, log, tally, &mut |tally, overdue| workers.supervise(tally, overdue));
     let ended = match recorded {
         Ok(wall) => finish(&mut recorder, &mut workers, tally, log.hash(), ring.terms.timeout()).map(|()| wall),

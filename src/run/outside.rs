@@ -62,9 +62,9 @@ impl<S: Service + 'static> Outside<S> {
     /// Whether it shows that it is alive on another host.
     #[must_use]
     pub fn is_heard(&self) -> bool {
-        self.distant.as_ref().is_some_and(|distant| {
-            distant.heard.is_some() && !distant.heartbeat.is_silent_for(SILENT_AFTER)
-        })
+        self.distant
+            .as_ref()
+            .is_some_and(|distant| distant.heard.is_some() && !distant.heartbeat.is_silent_for(SILENT_AFTER))
     }
 
     /// Whether it has given no sign of life for so long, or none at all since `begin`.
