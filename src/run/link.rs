@@ -4,6 +4,7 @@ use std::io::{BufRead, BufReader, pipe};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
@@ -17,6 +18,7 @@ use skysink_ring::topics::{LinkedServices, SCHEMA};
 use crate::error::Error;
 use crate::report::TerminalProgress;
 use crate::run::options::is_command;
+use crate::run::supervise::{LAST_LINES, REAP};
 
 /// Programs that are iceoryx2's link over zenoh: the first that is found in the PATH is started. The first is in the
 /// folder `link` of Skysink, the other is iceoryx2's own.
@@ -80,6 +82,8 @@ pub struct Link {
     arguments: Vec<String>,
     ring: PathBuf,
     child: Option<Child>,
+    /// Passes on what it says.
+    messages: Option<JoinHandle<()>>,
     started: Instant,
 }
 
@@ -96,7 +100,14 @@ impl Link {
         arguments.extend(["--reactive".to_owned(), "--poll".to_owned(), POLL_MS.to_string()]);
         arguments.extend(all.into_iter().flat_map(|service| ["--allow".to_owned(), service]));
         arguments.extend(written_here.into_iter().flat_map(|service| ["--listener".to_owned(), service]));
-        let mut link = Self { program, arguments, ring: ring.path().to_owned(), child: None, started: Instant::now() };
+        let mut link = Self {
+            program,
+            arguments,
+            ring: ring.path().to_owned(),
+            child: None,
+            messages: None,
+            started: Instant::now(),
+        };
         link.spawn(progress)?;
         Ok(link)
     }
@@ -110,6 +121,7 @@ impl Link {
         if let Some(status) = ended {
             self.child = None;
             if status.code().is_some() && self.started.elapsed() < LEAST_LIFE {
+                self.wait_for_messages();
                 return Err(Error::LinkEnded { program: self.program, status: status.to_string() });
             }
             progress.say(&format!("link: ended with {status}: starting it again"));
@@ -138,12 +150,21 @@ impl Link {
         let child = command.stdout(said.try_clone().at(program)?).stderr(said).spawn().at(program)?;
         let progress = progress.clone();
         let lines = BufReader::new(output).split(b'\n').map_while(Result::ok);
-        std::thread::spawn(move || {
+        let messages = std::thread::spawn(move || {
             lines.for_each(|line| progress.say(&format!("link: {}", String::from_utf8_lossy(&line).trim())));
         });
         self.child = Some(child);
+        self.messages = Some(messages);
         self.started = Instant::now();
         Ok(())
+    }
+
+    /// Waits for the last lines of a link that has ended.
+    fn wait_for_messages(&self) {
+        let begin = Instant::now();
+        while self.messages.as_ref().is_some_and(|messages| !messages.is_finished()) && begin.elapsed() < LAST_LINES {
+            std::thread::sleep(REAP);
+        }
     }
 }
 
@@ -157,7 +178,7 @@ impl Drop for Link {
             if matches!(child.try_wait(), Ok(Some(_))) {
                 return;
             }
-            std::thread::sleep(Duration::from_millis(5));
+            std::thread::sleep(REAP);
         }
         let _ = child.kill();
         let _ = child.wait();

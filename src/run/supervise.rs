@@ -53,7 +53,7 @@ impl ProcessTable {
 }
 
 /// How long the last lines of a process that has ended are waited for.
-const LAST_LINES: Duration = Duration::from_millis(200);
+pub(crate) const LAST_LINES: Duration = Duration::from_millis(200);
 
 /// How often a run looks for dead processes among those that the launcher did not start.
 const CLEAN_UP_EVERY: Duration = Duration::from_millis(500);
