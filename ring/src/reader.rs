@@ -274,9 +274,9 @@ mod tests {
     fn a_sample_that_a_link_has_lost_is_taken_from_its_repeat() {
         let linked = Linked::new(LINK);
         let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
-        [1, 3].map(|slot| linked.send(slot, 0, 0));
+        [1, 3].into_iter().for_each(|slot| linked.send(slot, 0, 0));
         assert_eq!([1, 2].map(|slot| here(&mut reader, slot)), [Some(1), None]);
-        [2, 3, 2, 3].map(|slot| linked.send(slot, FLAG_REPEAT, 0));
+        [2, 3, 2, 3].into_iter().for_each(|slot| linked.send(slot, FLAG_REPEAT, 0));
         assert_eq!([2, 3, 4].map(|slot| here(&mut reader, slot)), [Some(2), Some(3), None], "each once");
         linked.send(4, 0, 0);
         assert_eq!(here(&mut reader, 4), Some(4));
@@ -311,9 +311,9 @@ mod tests {
     fn a_process_that_was_started_again_is_heard_behind_the_same_link() {
         let linked = Linked::new(LINK);
         let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
-        [1, 2].map(|slot| linked.send(slot, 0, 0));
+        [1, 2].into_iter().for_each(|slot| linked.send(slot, 0, 0));
         assert_eq!([1, 2].map(|slot| here(&mut reader, slot)), [Some(1), Some(2)]);
-        [1, 2, 3].map(|slot| linked.send(slot, 0, 1));
+        [1, 2, 3].into_iter().for_each(|slot| linked.send(slot, 0, 1));
         assert_eq!(here(&mut reader, 3), Some(3));
         assert_eq!(linked.ring.refusals.total(), 0);
     }
@@ -322,7 +322,7 @@ mod tests {
     fn without_a_link_a_writer_that_repeats_itself_unsaid_is_refused() {
         let linked = Linked::new(None);
         let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
-        [1, 2, 1].map(|slot| linked.send(slot, 0, 0));
+        [1, 2, 1].into_iter().for_each(|slot| linked.send(slot, 0, 0));
         assert_eq!([1, 2].map(|slot| here(&mut reader, slot)), [Some(1), Some(2)]);
         assert_eq!(here(&mut reader, 3), None);
         assert_eq!(linked.ring.refusals.total(), 1);

@@ -257,7 +257,7 @@ mod tests {
             Ring::<local::Service>::join(&folder, &scenario(), Role::Launcher, &Stop::default()).unwrap();
         let commits = ring.commit.writer().unwrap();
         let sensors = ring.sensors.list_writer(3).unwrap();
-        [1, 2, 3].map(|slot| commits.send(ring.header(slot, 0), Commit { hash: slot }).unwrap());
+        [1, 2, 3].into_iter().for_each(|slot| commits.send(ring.header(slot, 0), Commit { hash: slot }).unwrap());
         let nodes = [1.0, 2.0].map(|x_m| SensorNode { x_m, ..SensorNode::default() });
         let header = SensorsHeader { head: ring.header(0, 0), ..SensorsHeader::default() };
         sensors.send_list(header, &nodes).unwrap();
