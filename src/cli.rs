@@ -32,6 +32,7 @@ use skysink_ring::wait::{exit_on_second_signal, stop_on_signals};
 use crate::bench::{BenchOptions, hop::HopProcess};
 use crate::check::check;
 use crate::error::Error;
+use crate::join::JoinOptions;
 use crate::new::NewScenario;
 use crate::replay::ReplayArguments;
 use crate::report::OutputForm;
@@ -114,6 +115,16 @@ Examples:
   skysink run --external planner       waits for your planner, and says where
   skysink run --resume runs/letter-uts-1")]
     Run(RunArguments),
+    /// Run processes of a mission that skysink run --link flies on another host.
+    #[command(after_help = "\
+Examples:
+  skysink run city.toml --external planner --link link.json5    on one host
+  skysink join planner --ring ring.toml --scenario scenario.toml \\
+    --link link.json5                                           on another
+
+The two files are copies from the first host, whose skysink run says where
+they are.")]
+    Join(JoinOptions),
     /// Take a run on record through the ring once more: for a viewer, or to ask another planner.
     #[command(after_help = "\
 Examples:
@@ -294,6 +305,7 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
         }
         Command::Report { folder, sensors, json } => return report(&folder, sensors, json, stop),
         Command::Replay(arguments) => return arguments.replay(stop),
+        Command::Join(options) => return options.join(stop),
         Command::Topics(options) => return options.show(stop),
         Command::View(options) => return options.view(stop),
         Command::Page(options) => return options.write(stop),

@@ -73,6 +73,22 @@ pub enum Error {
         /// The slot under way.
         slot: u64,
     },
+    /// The link to other hosts has ended as soon as it was started.
+    #[error("link: {program} ended with {status}: expected a zenoh configuration that it takes")]
+    LinkEnded {
+        /// The executable.
+        program: &'static str,
+        /// How it ended.
+        status: String,
+    },
+    /// The launcher, on another host, shows no sign of life.
+    #[error("no sign of life of the launcher for {seconds} s after slot {slot}: does it run, and is the link up?")]
+    LauncherSilent {
+        /// For how long.
+        seconds: f64,
+        /// The last slot that was put on record.
+        slot: u64,
+    },
     /// A replay has left its record.
     #[error("slot {0} was not flown as recorded: was the run recorded by another version?")]
     NotAsRecorded(u64),

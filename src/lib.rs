@@ -9,6 +9,7 @@ pub mod cli;
 #[cfg(feature = "lab")]
 pub mod compare;
 pub mod error;
+pub mod join;
 pub mod new;
 pub mod programs;
 pub mod replay;

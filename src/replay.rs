@@ -100,6 +100,9 @@ impl ReplayArguments {
         let folder = RunFolder::open_to_read(&self.run)?;
         let overrides = Overrides { strategy: self.strategy, ..Overrides::default() };
         let scenario = Scenario::read(&folder.scenario(), overrides).and_then(settings::resolve)?;
+        if self.options.link.is_some() {
+            return Err(Error::Usage("--link: expected with skysink run".to_owned()));
+        }
         self.options.check(&recorded.list)?;
 
         let is_asked = self.strategy.is_some() || self.options.has_outside_planner();

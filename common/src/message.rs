@@ -26,6 +26,9 @@ pub const NOBODY: u32 = u32::MAX;
 /// [`SlotHeader::flags`]: the last slot of the mission; nothing follows.
 pub const FLAG_END: u32 = 1;
 
+/// [`SlotHeader::flags`]: sent before; a link between hosts may have lost it. Whoever has the slot drops it.
+pub const FLAG_REPEAT: u32 = 2;
+
 /// User header of every sample; that of `sensors` and `queues` begins with it.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -37,7 +40,7 @@ pub struct SlotHeader {
     pub slot: u64,
     /// Restart count of the writer.
     pub epoch: u32,
-    /// [`FLAG_END`].
+    /// [`FLAG_END`], [`FLAG_REPEAT`].
     pub flags: u32,
     /// When it was sent, on the monotonic clock [ns].
     pub sent_ns: u64,

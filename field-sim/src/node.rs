@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
 use skysink_common::estimate::Estimate;
-use skysink_common::message::{FLAG_END, Limits, QueuesHeader, SensorsHeader, Tick};
+use skysink_common::message::{FLAG_END, FLAG_REPEAT, Limits, QueuesHeader, SensorsHeader, Tick};
 use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
@@ -39,18 +39,19 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         field = field.telling(Estimate::new(scenario, rates, &list.nodes()));
     }
     let (mut journal, mut saved) = FieldJournal::open(folder, &mut field)?;
-    let header = |field: &Field| {
-        field.header(ring.header(field.slot(), if field.slot() == scenario.slots { FLAG_END } else { 0 }))
+    let header = |field: &Field, flags: u32| {
+        let end = if field.slot() == scenario.slots { FLAG_END } else { 0 };
+        field.header(ring.header(field.slot(), end | flags))
     };
     sensors.send_list(SensorsHeader { head: ring.header(0, 0), limits: Limits::of(scenario) }, &list.nodes())?;
     // Told before the truth: where that has arrived, the planner has what it needs.
-    let tell = |field: &mut Field| {
+    let tell = |field: &mut Field, flags: u32| {
         let Some(told) = &told else { return Ok(()) };
-        let known = QueuesHeader { head: header(field).head, ..QueuesHeader::default() };
+        let known = QueuesHeader { head: header(field, flags).head, ..QueuesHeader::default() };
         told.send_list(known, field.told_bits().unwrap_or_default())
     };
-    tell(&mut field)?;
-    truth.send_list(header(&field), field.queues_bits())?;
+    tell(&mut field, 0)?;
+    truth.send_list(header(&field, 0), field.queues_bits())?;
 
     for slot in field.slot() + 1..=scenario.slots {
         if let Some(clock) = clock.as_mut().filter(|_| saved.is_none()) {
@@ -72,16 +73,16 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         // Saved no earlier: started again before, it publishes the slot before the last once more, too.
         commits.wait_until(&mut wait, slot - 1)?;
         journal.save(&flight, &field)?;
-        tell(&mut field)?;
+        tell(&mut field, 0)?;
         // SAFETY: the step has not failed, so it has written every element.
-        unsafe { loaned.send(header(&field)) }?;
+        unsafe { loaned.send(header(&field, 0)) }?;
     }
     ring.wait_for_commit(&mut wait, is_release, || match ring.terms.pace {
         Pace::Max => Ok(()),
         // The buffer of a reader that lags may have been full.
         Pace::Factor(_) => {
-            tell(&mut field)?;
-            truth.send_list(header(&field), field.queues_bits())
+            tell(&mut field, FLAG_REPEAT)?;
+            truth.send_list(header(&field, FLAG_REPEAT), field.queues_bits())
         }
     })
 }

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::identifiers::UniquePublisherId;
 use iceoryx2::prelude::*;
-use skysink_common::message::{FLAG_END, SlotHeader};
+use skysink_common::message::{FLAG_END, FLAG_REPEAT, SlotHeader};
 
 use crate::cleanup::remove_dead_nodes;
 use crate::refusals::Refusal;
@@ -14,8 +14,10 @@ use crate::topic::Shared;
 /// The writers that a reader knows.
 #[derive(Debug, Default)]
 pub(crate) struct Admission {
-    /// The writer that is heard, and the last that it sent.
+    /// The writer that is heard, and the last that it sent. A link to other hosts writes for all of their processes.
     writer: Option<(UniquePublisherId, u64)>,
+    /// The restart count of the process that is heard.
+    epoch: u32,
     /// The last other writer that was refused while the one that is heard was there.
     second_writer: Option<UniquePublisherId>,
 }
@@ -25,6 +27,8 @@ pub(crate) enum Entry {
     Known,
     /// The writer before it is gone. What that one sent still counts: the new one repeats it.
     New,
+    /// Its slot may have passed already: its writer has sent it, or a later one, before.
+    Repeated,
     Refused,
 }
 
@@ -49,10 +53,15 @@ impl Admission {
             return refuse(Refusal::FarSlot);
         }
         let order = order(header);
+        let is_linked = topic.member.terms.link.is_some();
         match &mut self.writer {
+            // Behind a link, a process that was started again has the writer of the one before it; and a link that was
+            // started again brings samples once more.
+            Some((writer, _)) if is_linked && *writer == publisher && header.epoch > self.epoch => {}
             Some((writer, last)) if *writer == publisher => {
                 if order < *last || order == *last && !topic.row.several {
-                    return refuse(Refusal::OldSlot);
+                    let is_repeated = is_linked || header.flags & FLAG_REPEAT != 0;
+                    return if is_repeated { Entry::Repeated } else { refuse(Refusal::OldSlot) };
                 }
                 *last = order;
                 return Entry::Known;
@@ -73,6 +82,7 @@ impl Admission {
             None => {}
         }
         self.writer = Some((publisher, order));
+        self.epoch = header.epoch;
         self.second_writer = None;
         Entry::New
     }

@@ -11,11 +11,12 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use iceoryx2::prelude::{Config, FilePath, SemanticString};
+use iceoryx2::prelude::{BackpressureStrategy, Config, FilePath, SemanticString};
 use rand::RngExt;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::error::RingError;
+use crate::terms::{LinkTerms, Terms};
 use crate::wait::{PAUSE, Waiting};
 use skysink_common::estimate::Rates;
 use skysink_common::pace::Pace;
@@ -23,56 +24,25 @@ use skysink_common::pace::Pace;
 /// Where iceoryx2 keeps its shared memory on Linux.
 pub const SHARED_MEMORY: &str = "/dev/shm";
 
-/// What all processes of a run are told, in `ring.toml`.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Terms {
-    /// Id of the run; every sample carries it.
-    #[serde(with = "hexadecimal")]
-    pub mission: u64,
-    /// How fast its slots follow each other.
-    pub pace: Pace,
-    /// How its processes wait for each other.
-    pub wait: Waiting,
-    /// How long the launcher waits for a sample [s].
-    pub timeout_s: f64,
-    /// Whether a viewer takes part.
-    pub viewer: bool,
-    /// Where `queues` holds what the UAV knows of them: what it knows of the sampling rates. Else the topic holds the
-    /// queues themselves.
-    pub told: Option<Rates>,
-}
-
-impl Terms {
-    /// How long the launcher waits for a sample before it ends the run.
-    #[must_use]
-    pub fn timeout(&self) -> Duration {
-        Duration::from_secs_f64(self.timeout_s)
-    }
-
-    /// After so long without a sign of life a process is killed and started again.
-    #[must_use]
-    pub fn silence_limit(&self) -> Duration {
-        self.timeout() / 2
-    }
-
-    /// How long a writer waits for a reader that does not take its samples.
-    #[must_use]
-    pub fn full_limit(&self) -> Duration {
-        self.timeout() * 2 / 3
-    }
-
-    /// After so long without the sample that all wait for, its sender is killed and started again.
-    #[must_use]
-    pub fn overdue_limit(&self) -> Duration {
-        self.timeout() * 3 / 4
-    }
-}
-
 /// `iceoryx2.toml`, as far as a run has its own.
 #[derive(Serialize)]
 struct Domain {
     global: Global,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    defaults: Option<Defaults>,
+}
+
+/// What ports have that ask for nothing else, as those of a link do.
+#[derive(Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Defaults {
+    publish_subscribe: PortDefaults,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct PortDefaults {
+    backpressure_strategy: BackpressureStrategy,
 }
 
 #[derive(Serialize)]
@@ -103,24 +73,48 @@ impl RingFolder {
         viewer: bool,
         told: Option<Rates>,
     ) -> Result<Self, RingError> {
-        let home = home();
-        let refuse = |error: io::Error| RingError::folder(&home, error);
-        DirBuilder::new().recursive(true).mode(0o700).create(&home).map_err(refuse)?;
-        let owner = fs::symlink_metadata(&home).map_err(refuse)?.uid();
-        if owner != rustix::process::getuid().as_raw() {
-            let message = format_args!("belongs to user {owner}: remove it, or set TMPDIR to another folder");
-            return Err(RingError::folder(&home, message));
-        }
-        clear_abandoned(Duration::ZERO);
+        let home = prepare_home()?;
         loop {
-            let mission: u64 = rand::rng().random();
-            let path = home.join(format!("{:08x}", mission >> 32));
-            let Some(lock) = lock_new(&lock_path(&path)).map_err(refuse)? else { continue };
-            let terms = Terms { mission, pace, wait, timeout_s, viewer, told };
-            let folder = Self { path, terms, lock: Some(lock) };
-            folder.furnish().map_err(|error| RingError::folder(&folder.path, error))?;
-            return Ok(folder);
+            let mission = rand::rng().random();
+            let terms = Terms { mission, pace, wait, timeout_s, viewer, told, link: None };
+            if let Some(folder) = Self::make(&home, terms)? {
+                return Ok(folder);
+            }
         }
+    }
+
+    /// Makes a folder for the processes of this host in the ring of another, of which `file` is a copy of `ring.toml`.
+    ///
+    /// # Errors
+    /// If the ring has no link to other hosts, it is here already, or the folder cannot be made.
+    pub fn join(file: &Path) -> Result<Self, RingError> {
+        let terms = Terms::read(file).map_err(|message| RingError::folder(file, message))?;
+        if terms.link.is_none() {
+            return Err(RingError::folder(file, "it has no link to other hosts: expected that of skysink run --link"));
+        }
+        let here = || RingError::folder(file, "this host has joined it already: end that skysink join first");
+        Self::make(&prepare_home()?, terms)?.ok_or_else(here)
+    }
+
+    /// Makes the folder of a ring; none if there is one of that name.
+    fn make(home: &Path, terms: Terms) -> Result<Option<Self>, RingError> {
+        let path = home.join(format!("{:08x}", terms.mission >> 32));
+        let lock = lock_new(&lock_path(&path)).map_err(|error| RingError::folder(home, error))?;
+        let Some(lock) = lock else { return Ok(None) };
+        let folder = Self { path, terms, lock: Some(lock) };
+        folder.furnish().map_err(|error| RingError::folder(&folder.path, error))?;
+        Ok(Some(folder))
+    }
+
+    /// Lets a link carry the samples to other hosts; to be done before any process joins.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn link(&mut self, terms: LinkTerms) -> Result<(), RingError> {
+        self.terms.link = Some(terms);
+        let files = [self.path.join(DOMAIN), self.path.join(TERMS)];
+        let rewritten = files.iter().try_for_each(fs::remove_file).and_then(|()| self.write_terms());
+        rewritten.map_err(|error| RingError::folder(&self.path, error))
     }
 
     /// The folder that a launcher has made.
@@ -131,12 +125,7 @@ impl RingFolder {
         const EXPECTED: &str = "expected the folder that skysink run prints";
         let refuse = |message: String| RingError::folder(path, message);
         let path = fs::canonicalize(path).map_err(|error| refuse(format!("{error}: {EXPECTED}")))?;
-        let text = fs::read_to_string(path.join("ring.toml"));
-        let text = text.map_err(|error| refuse(format!("ring.toml: {error}: {EXPECTED}")))?;
-        let terms: Terms = toml::from_str(&text).map_err(|error| refuse(format!("ring.toml: {}", error.message())))?;
-        if Duration::try_from_secs_f64(terms.timeout_s).is_err() {
-            return Err(refuse(format!("ring.toml: timeout_s = {}: expected seconds, 0 or above", terms.timeout_s)));
-        }
+        let terms = Terms::read(&path.join(TERMS)).map_err(|message| refuse(format!("{TERMS}: {message}")))?;
         Ok(Self { path, terms, lock: None })
     }
 
@@ -171,12 +160,12 @@ impl RingFolder {
     }
 
     fn config_file(&self) -> Result<FilePath, RingError> {
-        let file = self.path.join("config/iceoryx2.toml");
+        let file = self.path.join(DOMAIN);
         FilePath::new(file.as_os_str().as_encoded_bytes()).map_err(|error| self.refuse_config(&error))
     }
 
     fn refuse_config(&self, error: &dyn Debug) -> RingError {
-        RingError::folder(&self.path, format_args!("config/iceoryx2.toml: {error:?}"))
+        RingError::folder(&self.path, format_args!("{DOMAIN}: {error:?}"))
     }
 
     /// The file that the launcher holds locked as long as it lives; none in the launcher itself.
@@ -217,7 +206,6 @@ impl RingFolder {
         prefix(&self.path)
     }
 
-    /// Writes what the other processes read.
     /// Notes the folder in which the mission is put on record, for whoever looks for its ring.
     ///
     /// # Errors
@@ -227,15 +215,24 @@ impl RingFolder {
         note().map_err(|error| RingError::folder(&self.path, error))
     }
 
+    /// Makes the folder, with what the other processes read.
     fn furnish(&self) -> io::Result<()> {
         DirBuilder::new().mode(0o700).create(&self.path)?;
         DirBuilder::new().mode(0o700).create(self.path.join("config"))?;
+        self.write_terms()
+    }
+
+    /// Writes what the other processes read.
+    fn write_terms(&self) -> io::Result<()> {
         let path = self.path.to_str().ok_or(io::ErrorKind::InvalidFilename)?;
         let global = Global { root_path: format!("{path}/"), prefix: self.prefix() };
-        let domain = toml::to_string(&Domain { global }).expect("plain keys and values");
-        write_private(&self.path.join("config/iceoryx2.toml"), &domain)?;
+        // A link never waits for a reader: what one misses comes again.
+        let ports = PortDefaults { backpressure_strategy: BackpressureStrategy::DiscardData };
+        let defaults = self.terms.link.map(|_| Defaults { publish_subscribe: ports });
+        let domain = toml::to_string(&Domain { global, defaults }).expect("plain keys and values");
+        write_private(&self.path.join(DOMAIN), &domain)?;
         let terms = toml::to_string(&self.terms).expect("plain keys and values");
-        write_private(&self.path.join("ring.toml"), &terms)
+        write_private(&self.path.join(TERMS), &terms)
     }
 }
 
@@ -244,19 +241,6 @@ impl Drop for RingFolder {
         if self.lock.is_some() {
             remove(&self.path);
         }
-    }
-}
-
-/// `u64` as hexadecimal text: TOML's integers end at 2^63.
-mod hexadecimal {
-    use serde::{Deserialize, Deserializer, Serializer};
-
-    pub fn serialize<S: Serializer>(value: &u64, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(&format_args!("{value:016x}"))
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u64, D::Error> {
-        u64::from_str_radix(&String::deserialize(deserializer)?, 16).map_err(serde::de::Error::custom)
     }
 }
 
@@ -275,6 +259,26 @@ fn is_usable(path: &Path) -> bool {
     path.is_absolute()
         && path.to_str().is_some_and(|path| path.len() <= 48)
         && FilePath::new(path.as_os_str().as_encoded_bytes()).is_ok()
+}
+
+/// The run's iceoryx2 domain, in the ring's folder.
+const DOMAIN: &str = "config/iceoryx2.toml";
+
+/// What all processes of a run are told, in the ring's folder.
+const TERMS: &str = "ring.toml";
+
+/// Makes the folder of this user's rings, and clears those whose launcher has died.
+fn prepare_home() -> Result<PathBuf, RingError> {
+    let home = home();
+    let refuse = |error: io::Error| RingError::folder(&home, error);
+    DirBuilder::new().recursive(true).mode(0o700).create(&home).map_err(refuse)?;
+    let owner = fs::symlink_metadata(&home).map_err(refuse)?.uid();
+    if owner != rustix::process::getuid().as_raw() {
+        let message = format_args!("belongs to user {owner}: remove it, or set TMPDIR to another folder");
+        return Err(RingError::folder(&home, message));
+    }
+    clear_abandoned(Duration::ZERO);
+    Ok(home)
 }
 
 fn lock_path(folder: &Path) -> PathBuf {
@@ -375,5 +379,54 @@ fn remove(folder: &Path) {
             return;
         }
         thread::sleep(REMOVAL_PAUSE);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LINK: LinkTerms = LinkTerms { version: 5, scenario: u64::MAX };
+
+    fn new() -> RingFolder {
+        RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, Some(Rates::Known)).unwrap()
+    }
+
+    #[test]
+    fn a_ring_with_a_link_says_so_and_its_ports_wait_for_nobody() {
+        let mut folder = new();
+        let domain = |folder: &RingFolder| fs::read_to_string(folder.path().join(DOMAIN)).unwrap();
+        assert!(!domain(&folder).contains("defaults"), "{}", domain(&folder));
+        folder.link(LINK).unwrap();
+        assert!(domain(&folder).contains("backpressure-strategy = \"DiscardData\""), "{}", domain(&folder));
+        assert_eq!(RingFolder::open(folder.path()).unwrap().terms(), folder.terms());
+        assert_eq!(folder.terms().link, Some(LINK));
+        let strategy = folder.config().unwrap().defaults.publish_subscribe.backpressure_strategy;
+        assert_eq!(strategy, BackpressureStrategy::DiscardData);
+    }
+
+    #[test]
+    fn a_host_joins_with_the_terms_of_another_and_only_once() {
+        let mut first = new();
+        first.link(LINK).unwrap();
+        let copies = tempfile::tempdir().unwrap();
+        let copy = copies.path().join("ring.toml");
+        fs::copy(first.path().join(TERMS), &copy).unwrap();
+        let error = RingFolder::join(&copy).unwrap_err().to_string();
+        assert!(error.contains("joined it already"), "on the same host: {error}");
+        let terms = first.terms();
+        drop(first);
+        let joined = RingFolder::join(&copy).unwrap();
+        assert_eq!(joined.terms(), terms);
+        assert!(RingFolder::join(&copy).is_err());
+    }
+
+    #[test]
+    fn a_ring_without_a_link_cannot_be_joined() {
+        let folder = new();
+        let error = RingFolder::join(&folder.path().join(TERMS)).unwrap_err().to_string();
+        assert!(error.contains("no link to other hosts: expected that of skysink run --link"), "{error}");
+        let error = RingFolder::join(Path::new("/nowhere/ring.toml")).unwrap_err().to_string();
+        assert!(error.starts_with("ring /nowhere/ring.toml: No such file"), "{error}");
     }
 }

@@ -8,7 +8,8 @@
 //! | [`error`] | why a ring cannot be used, why a process ends early |
 //! | [`role`] | who takes part; the seat of a role |
 //! | [`wait`] | how a process waits, and what ends a wait |
-//! | [`folder`] | where the processes of a run meet |
+//! | [`terms`] | what the processes of a run agree on |
+//! | [`folder`] | where they meet |
 //! | [`health`], [`refusals`] | what becomes of processes; what they do not accept |
 //! | [`cleanup`] | what killed processes leave behind |
 //! | [`journal`] | what a process saves across its own death |
@@ -28,6 +29,7 @@ pub mod refusals;
 pub mod role;
 pub mod sample;
 pub mod survey;
+pub mod terms;
 pub mod topic;
 pub mod topics;
 pub mod wait;

@@ -7,6 +7,7 @@ use iceoryx2::port::listener::Listener;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
+use skysink_common::message::{FLAG_REPEAT, SlotHeader};
 
 use crate::admission::{Admission, Entry, order};
 use crate::error::{NodeError, RingError};
@@ -30,6 +31,11 @@ pub struct Reader<S: Service + 'static, P: Payload + ?Sized, H: Header> {
     /// The wake-ups of the topic; attached by the first wait.
     listener: Option<Listener<S>>,
     early: VecDeque<Sample<S, P, H>>,
+    /// The order of the last sample that was taken, or dropped because its slot had passed.
+    taken: Option<u64>,
+    /// Whether the first sample that is held is the oldest that comes. Behind a link, a new reader begins anywhere among
+    /// those that a writer repeats: it waits until one comes twice, or a new one.
+    is_settled: bool,
     admission: Admission,
     /// The last slot that [`Reader::wait_until`] has seen.
     reached: Option<u64>,
@@ -44,8 +50,16 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
         let topic = Rc::clone(&self.0);
         let builder = topic.data.subscriber_builder().history_request(topic.row.history).buffer_size(buffer);
         let subscriber = builder.create().map_err(|error| topic.refuse("read", &error))?;
-        let early = VecDeque::with_capacity(MAX_EARLY);
-        Ok(Reader { topic, subscriber, listener: None, early, admission: Admission::default(), reached: None })
+        Ok(Reader {
+            is_settled: topic.member.terms.link.is_none(),
+            topic,
+            subscriber,
+            listener: None,
+            early: VecDeque::with_capacity(MAX_EARLY),
+            taken: None,
+            admission: Admission::default(),
+            reached: None,
+        })
     }
 }
 
@@ -82,13 +96,13 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
         loop {
             let all = self.receive(limit, &mut received)?;
             while self.early.front().is_some_and(|sample| sample.user_header().head().slot < slot) {
-                self.early.pop_front();
+                self.take();
             }
             match self.early.front() {
                 Some(sample) if sample.user_header().head().slot == slot => {
-                    return Ok(self.early.pop_front().map_or(SlotSample::NotYet, SlotSample::Here));
+                    return Ok(self.take().map_or(SlotSample::NotYet, SlotSample::Here));
                 }
-                Some(_) if self.topic.member.max_ahead.is_none() => return Ok(SlotSample::Passed),
+                Some(_) if self.topic.member.max_ahead.is_none() && self.is_settled => return Ok(SlotSample::Passed),
                 Some(_) => return Ok(SlotSample::NotYet),
                 None if all || received >= MAX_IN_A_ROW => return Ok(SlotSample::NotYet),
                 None => {}
@@ -114,7 +128,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
     /// If the writer's memory cannot be mapped.
     pub fn next_sample(&mut self) -> Result<Option<Sample<S, P, H>>, RingError> {
         self.receive(None, &mut 0)?;
-        Ok(self.early.pop_front())
+        Ok(if self.is_settled { self.take() } else { None })
     }
 
     /// Waits for the next sample, which should be that of `slot`.
@@ -163,20 +177,157 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
             let sample = P::receive(&self.subscriber).map_err(|error| self.topic.refuse("receive", &error))?;
             let Some(sample) = sample else { return Ok(true) };
             let publisher = sample.header().publisher_id();
-            match self.admission.check(&self.topic, publisher, sample.user_header().head(), limit) {
+            let entry = self.admission.check(&self.topic, publisher, sample.user_header().head(), limit);
+            self.settle(&entry, sample.user_header().head());
+            match entry {
                 Entry::Refused => {}
                 Entry::Known => self.early.push_back(sample),
-                Entry::New => {
+                Entry::Repeated if self.has(sample.user_header().head()) => {}
+                Entry::New | Entry::Repeated => {
                     self.early.push_back(sample);
                     self.early.make_contiguous().sort_by_key(|sample| order(sample.user_header().head()));
                 }
             }
         }
+        self.is_settled |= self.early.len() >= MAX_EARLY; // there is no room for older ones
         Ok(false)
+    }
+
+    /// Notes whether an admitted sample shows that none that is older will come: it is the first of all, new, or held.
+    fn settle(&mut self, entry: &Entry, header: &SlotHeader) {
+        let is_repeated = header.flags & FLAG_REPEAT != 0;
+        self.is_settled |= !matches!(entry, Entry::Refused) && (header.slot == 0 || !is_repeated || self.has(header));
+    }
+
+    /// Whether a sample of this order was taken, or is held.
+    fn has(&self, header: &SlotHeader) -> bool {
+        let order_of = order(header);
+        self.topic.row.several
+            || self.taken.is_some_and(|taken| order_of <= taken)
+            || self.early.iter().any(|sample| order(sample.user_header().head()) == order_of)
+    }
+
+    /// The first of the samples that are held.
+    fn take(&mut self) -> Option<Sample<S, P, H>> {
+        let sample = self.early.pop_front()?;
+        self.taken = Some(order(sample.user_header().head()));
+        Some(sample)
     }
 
     /// Counts a sample of `slot` that was admitted and then refused for its content.
     pub fn refuse(&self, slot: u64, refusal: Refusal) {
         self.topic.member.refusals.add(self.topic.row.name, slot, refusal, 1);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::folder::RingFolder;
+    use crate::role::Role;
+    use crate::terms::LinkTerms;
+    use crate::topics::{RING_BUFFER, Ring};
+    use iceoryx2::port::publisher::Publisher;
+    use skysink_common::message::Commit;
+    use skysink_common::pace::Pace;
+    use skysink_common::scenario::{Overrides, Scenario};
+    use skysink_common::stop::Stop;
+    use std::path::Path;
+
+    type Commits = Reader<local::Service, Commit, SlotHeader>;
+
+    /// A ring, and a writer of `commit` that is a link.
+    struct Linked {
+        ring: Ring<local::Service>,
+        link: Publisher<local::Service, Commit, SlotHeader>,
+        _folder: RingFolder,
+    }
+
+    impl Linked {
+        fn new(terms: Option<LinkTerms>) -> Self {
+            let scenario = Scenario::parse("name = 'x'\n", Path::new("x.toml"), Overrides::default()).unwrap();
+            let mut folder = RingFolder::create(Pace::Max, Default::default(), 60.0, false, None).unwrap();
+            terms.into_iter().for_each(|terms| folder.link(terms).unwrap());
+            let (ring, _) = Ring::join(&folder, &scenario, Role::Launcher, &Stop::default()).unwrap();
+            let link = ring.commit.0.data.publisher_builder().create().unwrap();
+            Self { ring, link, _folder: folder }
+        }
+
+        fn send(&self, slot: u64, flags: u32, epoch: u32) {
+            let mut sample = self.link.loan_uninit().unwrap();
+            *sample.user_header_mut() = SlotHeader { epoch, ..self.ring.header(slot, flags) };
+            sample.write_payload(Commit { hash: slot }).send().unwrap();
+        }
+    }
+
+    const LINK: Option<LinkTerms> = Some(LinkTerms { version: 0, scenario: 0 });
+
+    fn here(reader: &mut Commits, slot: u64) -> Option<u64> {
+        reader.of_slot(slot).unwrap().here().map(|sample| sample.payload().hash)
+    }
+
+    fn next(reader: &mut Commits) -> Option<u64> {
+        reader.next_sample().unwrap().map(|sample| sample.payload().hash)
+    }
+
+    #[test]
+    fn a_sample_that_a_link_has_lost_is_taken_from_its_repeat() {
+        let linked = Linked::new(LINK);
+        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        [1, 3].into_iter().for_each(|slot| linked.send(slot, 0, 0));
+        assert_eq!([1, 2].map(|slot| here(&mut reader, slot)), [Some(1), None]);
+        [2, 3, 2, 3].into_iter().for_each(|slot| linked.send(slot, FLAG_REPEAT, 0));
+        assert_eq!([2, 3, 4].map(|slot| here(&mut reader, slot)), [Some(2), Some(3), None], "each once");
+        linked.send(4, 0, 0);
+        assert_eq!(here(&mut reader, 4), Some(4));
+        assert_eq!(linked.ring.refusals.total(), 0);
+    }
+
+    #[test]
+    fn a_new_reader_behind_a_link_begins_with_the_oldest_repeat() {
+        let linked = Linked::new(LINK);
+        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        linked.send(8, FLAG_REPEAT, 0);
+        assert_eq!(next(&mut reader), None, "there may be an older one");
+        linked.send(7, FLAG_REPEAT, 0);
+        assert_eq!(next(&mut reader), None);
+        linked.send(8, FLAG_REPEAT, 0);
+        assert_eq!([(); 3].map(|()| next(&mut reader)), [Some(7), Some(8), None]);
+    }
+
+    #[test]
+    fn a_new_reader_behind_a_link_does_not_wait_where_nothing_is_repeated() {
+        let linked = Linked::new(LINK);
+        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        linked.send(0, FLAG_REPEAT, 0);
+        assert_eq!(next(&mut reader), Some(0), "the first of all");
+        let running = Linked::new(LINK);
+        let mut reader = running.ring.commit.reader(RING_BUFFER).unwrap();
+        running.send(8, 0, 0);
+        assert_eq!([(); 2].map(|()| next(&mut reader)), [Some(8), None]);
+    }
+
+    #[test]
+    fn a_process_that_was_started_again_is_heard_behind_the_same_link() {
+        let linked = Linked::new(LINK);
+        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        [1, 2].into_iter().for_each(|slot| linked.send(slot, 0, 0));
+        assert_eq!([1, 2].map(|slot| here(&mut reader, slot)), [Some(1), Some(2)]);
+        [1, 2, 3].into_iter().for_each(|slot| linked.send(slot, 0, 1));
+        assert_eq!(here(&mut reader, 3), Some(3));
+        assert_eq!(linked.ring.refusals.total(), 0);
+    }
+
+    #[test]
+    fn without_a_link_a_writer_that_repeats_itself_unsaid_is_refused() {
+        let linked = Linked::new(None);
+        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        [1, 2, 1].into_iter().for_each(|slot| linked.send(slot, 0, 0));
+        assert_eq!([1, 2].map(|slot| here(&mut reader, slot)), [Some(1), Some(2)]);
+        assert_eq!(here(&mut reader, 3), None);
+        assert_eq!(linked.ring.refusals.total(), 1);
+        linked.send(2, FLAG_REPEAT, 0);
+        assert_eq!(here(&mut reader, 3), None);
+        assert_eq!(linked.ring.refusals.total(), 1, "it said so");
     }
 }

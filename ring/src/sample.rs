@@ -2,8 +2,9 @@
 
 use std::fmt::Debug;
 
-use iceoryx2::port::ReceiveError;
+use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::{ReceiveError, SendError};
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
 use iceoryx2::service::builder::publish_subscribe::Builder;
@@ -14,10 +15,17 @@ use skysink_common::message::{QueuesHeader, SensorsHeader, SlotHeader};
 pub trait Header: Debug + Default + Copy + ZeroCopySend + 'static {
     /// Mission, slot and flags.
     fn head(&self) -> &SlotHeader;
+
+    /// The same, to be changed.
+    fn head_mut(&mut self) -> &mut SlotHeader;
 }
 
 impl Header for SlotHeader {
     fn head(&self) -> &SlotHeader {
+        self
+    }
+
+    fn head_mut(&mut self) -> &mut SlotHeader {
         self
     }
 }
@@ -26,16 +34,40 @@ impl Header for QueuesHeader {
     fn head(&self) -> &SlotHeader {
         &self.head
     }
+
+    fn head_mut(&mut self) -> &mut SlotHeader {
+        &mut self.head
+    }
 }
 
 impl Header for SensorsHeader {
     fn head(&self) -> &SlotHeader {
         &self.head
     }
+
+    fn head_mut(&mut self) -> &mut SlotHeader {
+        &mut self.head
+    }
 }
 
 /// One message or a list: what iceoryx2 has twice, by the same names.
 pub trait Payload: IceoryxSend + Debug + 'static {
+    /// A copy outside shared memory.
+    type Copied: Debug + Default;
+
+    /// Overwrites `copied` with a copy of this.
+    fn copy_to(&self, copied: &mut Self::Copied);
+
+    /// Sends a copy.
+    ///
+    /// # Errors
+    /// What iceoryx2 says.
+    fn send<S: Service, H: Header>(
+        publisher: &Publisher<S, Self, H>,
+        header: H,
+        copied: &Self::Copied,
+    ) -> Result<(), SendError>;
+
     /// Creates a topic's service with the attributes `terms`, or opens it if there are none.
     ///
     /// # Errors
@@ -56,8 +88,10 @@ pub trait Payload: IceoryxSend + Debug + 'static {
 
 /// The same words for a message and for a list.
 macro_rules! payload {
-    ($payload:ty) => {
+    ($payload:ty { $($own:tt)* }) => {
         impl<T: Debug + Copy + ZeroCopySend + 'static> Payload for $payload {
+            $($own)*
+
             fn service<S: Service, H: Header>(
                 builder: Builder<Self, H, S>,
                 terms: Option<&AttributeSpecifier>,
@@ -77,5 +111,39 @@ macro_rules! payload {
     };
 }
 
-payload!(T);
-payload!([T]);
+payload!(T {
+    type Copied = Option<T>;
+
+    fn copy_to(&self, copied: &mut Self::Copied) {
+        *copied = Some(*self);
+    }
+
+    fn send<S: Service, H: Header>(
+        publisher: &Publisher<S, Self, H>,
+        header: H,
+        copied: &Self::Copied,
+    ) -> Result<(), SendError> {
+        let Some(message) = copied else { return Ok(()) };
+        let mut sample = publisher.loan_uninit()?;
+        *sample.user_header_mut() = header;
+        sample.write_payload(*message).send().map(drop)
+    }
+});
+payload!([T] {
+    type Copied = Vec<T>;
+
+    fn copy_to(&self, copied: &mut Self::Copied) {
+        copied.clear();
+        copied.extend_from_slice(self);
+    }
+
+    fn send<S: Service, H: Header>(
+        publisher: &Publisher<S, Self, H>,
+        header: H,
+        copied: &Self::Copied,
+    ) -> Result<(), SendError> {
+        let mut sample = publisher.loan_slice_uninit(copied.len())?;
+        *sample.user_header_mut() = header;
+        sample.write_from_slice(copied).send().map(drop)
+    }
+});

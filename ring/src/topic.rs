@@ -2,9 +2,11 @@
 
 use std::fmt::Debug;
 use std::rc::Rc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use iceoryx2::identifiers::UniqueNodeId;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::{BackpressureAction, BackpressureInfo};
@@ -15,10 +17,10 @@ use skysink_common::stop::Stop;
 
 use crate::cleanup::remove_dead_nodes;
 use crate::error::RingError;
-use crate::folder::Terms;
 use crate::refusals::Refusals;
 use crate::role::{Role, Seat};
 use crate::sample::{Header, Payload};
+use crate::terms::Terms;
 use crate::wait::{LateJoiners, Stopwatch};
 
 /// Samples that a reader holds because they came early. With the one that is worked on they are all that it may hold.
@@ -124,10 +126,14 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
         Ok(Self(Rc::new(Shared { row, config: node.config().clone(), data, event, member: member.clone() })))
     }
 
-    /// Whether a process is attached to write the topic.
-    #[must_use]
-    pub fn has_writer(&self) -> bool {
-        self.0.data.dynamic_config().number_of_publishers() > 0
+    /// The processes that are attached to write the topic.
+    pub(crate) fn writers(&self) -> Vec<UniqueNodeId> {
+        let mut writers = Vec::new();
+        self.0.data.dynamic_config().list_publishers(|port| {
+            writers.push(port.node_id);
+            CallbackProgression::Continue
+        });
+        writers
     }
 
     /// The terms under which the topic was created.
@@ -158,7 +164,11 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Shared<S, P, H> {
         RingError::topic(self.row.name, action, error)
     }
 
-    pub(crate) fn backpressure(&self) -> impl Fn(&BackpressureInfo) -> BackpressureAction + use<S, P, H> {
+    /// What is done about a full reader; while `is_repeating`, nothing.
+    pub(crate) fn backpressure(
+        &self,
+        is_repeating: Arc<AtomicBool>,
+    ) -> impl Fn(&BackpressureInfo) -> BackpressureAction + use<S, P, H> {
         let config = self.config.clone();
         let data = Arc::clone(&self.data);
         let stop = self.member.stop.clone();
@@ -167,7 +177,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Shared<S, P, H> {
         let waited = Mutex::new(Stopwatch::start(Instant::now()));
         let waits = self.row.full == Full::WaitInLockStep && self.member.terms.pace == Pace::Max;
         move |info| {
-            if !waits || is_observer(&data, info.receiver_port_id) {
+            if !waits || is_repeating.load(Ordering::Relaxed) || is_observer(&data, info.receiver_port_id) {
                 return BackpressureAction::DiscardData;
             }
             let now = Instant::now();

@@ -6,8 +6,9 @@
 use std::fmt::Debug;
 use std::rc::Rc;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
+use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::*;
 use rustix::time::{ClockId, clock_gettime};
 use skysink_common::message::{
@@ -18,17 +19,18 @@ use skysink_common::stop::Stop;
 
 use crate::cleanup::{is_only_node, purge_dead_nodes};
 use crate::error::{NodeError, RingError};
-use crate::folder::{RingFolder, Terms};
+use crate::folder::RingFolder;
 use crate::health::{Health, Ready};
 use crate::reader::MAX_AHEAD;
 use crate::refusals::Refusals;
 use crate::role::{Role, Seat};
 use crate::survey::{TopicState, Watch, look};
+use crate::terms::Terms;
 use crate::topic::{Full, Member, OBSERVER, Row, Topic, service_name};
 use crate::wait::{LateJoiners, PAUSE, WaitContext};
 
 /// Version of the messages and of what they mean; processes of different versions do not meet.
-pub const SCHEMA: &str = "5";
+pub const SCHEMA: u32 = 5;
 
 /// Samples that wait for a process of the ring: it is never more than two slots behind, but writers that are started
 /// again repeat themselves. Memory that is not used costs nothing.
@@ -48,6 +50,10 @@ const HISTORY: usize = 2;
 /// flight before each plan that the recorder may still wait for.
 pub const FLIGHT_HISTORY: usize = 3;
 
+/// How often late joiners are served, and woken, where a link does the same on every host: each wake-up costs it some
+/// milliseconds.
+const SERVE_LINKED_EVERY: Duration = Duration::from_millis(100);
+
 /// A topic that every process of the ring needs.
 const fn row(name: &'static str, from: Role, buffer: usize) -> Row {
     Row { name, from, buffer, history: HISTORY, full: Full::WaitInLockStep, several: false }
@@ -63,6 +69,46 @@ const FLIGHT: Row = Row { history: FLIGHT_HISTORY, ..row("flight", Role::FlightS
 const COMMIT: Row = row("commit", Role::Launcher, RING_BUFFER);
 const HEALTH: Row = Row { full: Full::Miss, several: true, ..row("health", Role::Launcher, VIEWER_BUFFER) };
 const READY: Row = row("ready", Role::Viewer, RING_BUFFER);
+
+/// All topics, in the order of a slot.
+const ROWS: [Row; 10] = [SENSORS, QUEUES, TRUTH, TICK, PATH, PLAN, FLIGHT, COMMIT, READY, HEALTH];
+
+/// The services of a ring that a link carries from and to one of its hosts, by their names.
+#[derive(Debug, PartialEq, Eq)]
+pub struct LinkedServices {
+    /// All of them.
+    pub all: Vec<String>,
+    /// Those that processes of this host write.
+    pub written_here: Vec<String>,
+}
+
+impl LinkedServices {
+    /// Those of a host with the processes `here`. `health` is of each host alone.
+    #[must_use]
+    pub fn of(terms: &Terms, here: &[Role]) -> Self {
+        let exists = |row: &&Row| row.name != HEALTH.name && (terms.told.is_some() || row.name != TRUTH.name);
+        let service = |row: &Row| format!("skysink/{}", row.name);
+        let is_read = |row: &Row| here.iter().any(|&role| row.is_read_by(role));
+        let is_written = |row: &Row| here.contains(&row.from);
+        Self {
+            all: ROWS.iter().filter(exists).filter(|row| is_read(row) || is_written(row)).map(service).collect(),
+            written_here: ROWS.iter().filter(exists).filter(|row| is_written(row)).map(service).collect(),
+        }
+    }
+}
+
+impl Row {
+    /// Whether the process of `role` reads it.
+    fn is_read_by(&self, role: Role) -> bool {
+        let topics: &[Self] = match role {
+            Role::FieldSim => &[FLIGHT, COMMIT],
+            Role::FlightSim => &[SENSORS, PLAN, TICK, COMMIT],
+            Role::Planner => &[SENSORS, QUEUES, TRUTH, FLIGHT, COMMIT],
+            Role::Viewer | Role::Launcher => &ROWS,
+        };
+        topics.iter().any(|row| row.name == self.name)
+    }
+}
 
 /// The topics of a run, opened.
 #[derive(Debug)]
@@ -139,6 +185,7 @@ impl<S: Service + 'static> Ring<S> {
             waiting: terms.wait,
             supervised: Instant::now(),
             served: Instant::now(),
+            serve_every: if terms.link.is_some() { SERVE_LINKED_EVERY } else { PAUSE },
             polls: 0,
             seat,
         };
@@ -229,15 +276,34 @@ impl<S: Service + 'static> Ring<S> {
         is_only_node(&self.node)
     }
 
-    /// Whether a process is attached that writes what `role` sends in every slot; the viewer, what it sends once.
+    /// Whether a process of this host is attached that writes what `role` sends in every slot; the viewer, what it
+    /// sends once. A link writes every topic: who writes `commit` and is not the launcher is one.
     #[must_use]
     pub fn has_writer(&self, role: Role) -> bool {
+        let mut links = self.commit.writers();
+        links.retain(|writer| writer != self.node.id());
+        let writers = match role {
+            Role::FieldSim => self.truth.writers(),
+            Role::FlightSim => self.flight.writers(),
+            Role::Planner => self.plan.writers(),
+            Role::Viewer => self.ready.writers(),
+            Role::Launcher => self.commit.writers(),
+        };
+        writers.iter().any(|writer| !links.contains(writer))
+    }
+
+    /// The wake-ups of what `role` sends in every slot, from wherever it is: a process wakes its readers whenever it
+    /// waits, so that they show that it is alive.
+    ///
+    /// # Errors
+    /// If all listeners' places are taken, or the system refuses.
+    pub fn listener_of(&self, role: Role) -> Result<Listener<S>, RingError> {
         match role {
-            Role::FieldSim => self.queues.has_writer(),
-            Role::FlightSim => self.flight.has_writer(),
-            Role::Planner => self.plan.has_writer(),
-            Role::Viewer => self.ready.has_writer(),
-            Role::Launcher => self.commit.has_writer(),
+            Role::FieldSim => self.truth.listener(),
+            Role::FlightSim => self.flight.listener(),
+            Role::Planner => self.plan.listener(),
+            Role::Viewer => self.ready.listener(),
+            Role::Launcher => self.commit.listener(),
         }
     }
 
@@ -300,7 +366,7 @@ fn node<S: Service>(folder: &RingFolder, name: &str) -> Result<Node<S>, RingErro
 /// What every process must agree on, by key.
 fn agreement(scenario: &Scenario) -> [(&'static str, String, &'static str); 3] {
     [
-        ("version", SCHEMA.to_owned(), "use the executables of one build"),
+        ("version", SCHEMA.to_string(), "use the executables of one build"),
         ("program", env!("CARGO_PKG_VERSION").to_owned(), "use the executables of one build"),
         ("scenario", format!("{:016x}", scenario.hash()), "pass the scenario.toml of the run's folder"),
     ]
@@ -337,4 +403,36 @@ fn agree(folder: &RingFolder, theirs: &AttributeSet, scenario: &Scenario) -> Res
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn terms(told: Option<skysink_common::estimate::Rates>) -> Terms {
+        let folder = RingFolder::create(Default::default(), Default::default(), 1.0, false, told).unwrap();
+        folder.terms()
+    }
+
+    #[test]
+    fn a_host_gets_what_its_processes_read_and_wakes_the_link_with_what_they_write() {
+        let of = |here: &[Role]| LinkedServices::of(&terms(None), here);
+        let services = |names: &[&str]| names.iter().map(|name| format!("skysink/{name}")).collect::<Vec<_>>();
+        let planner = of(&[Role::Planner]);
+        assert_eq!(planner.all, services(&["sensors", "queues", "path", "plan", "flight", "commit"]));
+        assert_eq!(planner.written_here, services(&["path", "plan"]));
+        let flight_sim = of(&[Role::FlightSim]);
+        assert_eq!(flight_sim.all, services(&["sensors", "tick", "plan", "flight", "commit"]), "no queues");
+        assert_eq!(flight_sim.written_here, services(&["flight"]));
+        let launcher = of(&[Role::FieldSim, Role::Launcher]);
+        assert_eq!(launcher.written_here, services(&["sensors", "queues", "tick", "commit"]));
+        assert!(!launcher.all.contains(&"skysink/health".to_owned()), "it is of each host alone");
+    }
+
+    #[test]
+    fn the_true_queues_cross_where_others_are_told_less() {
+        let told = terms(Some(skysink_common::estimate::Rates::Known));
+        let planner = LinkedServices::of(&told, &[Role::Planner]);
+        assert!(planner.all.contains(&"skysink/truth".to_owned()), "{planner:?}");
+    }
 }

@@ -114,6 +114,8 @@ pub struct WaitContext {
     pub(crate) waiting: Waiting,
     pub(crate) supervised: Instant,
     pub(crate) served: Instant,
+    /// How often late joiners are served.
+    pub(crate) serve_every: Duration,
     pub(crate) polls: u32,
 }
 
@@ -238,7 +240,7 @@ impl WaitContext {
         if let Some(seat) = &self.seat {
             seat.beat(now);
         }
-        if now.saturating_duration_since(self.served) >= PAUSE {
+        if now.saturating_duration_since(self.served) >= self.serve_every {
             self.served = now;
             // The newest writer first: a reader that attaches to topics in the order of their writers, and has a sample
             // of the last one, then soon has those of the others.

@@ -1,8 +1,13 @@
 //! The writing end of a topic: the sample first, then the wake-up.
 
+use std::cell::RefCell;
+use std::collections::VecDeque;
 use std::fmt::Debug;
 use std::mem::MaybeUninit;
 use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use iceoryx2::port::SendError;
 use iceoryx2::port::notifier::Notifier;
@@ -11,10 +16,11 @@ use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::*;
 use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use iceoryx2::service::port_factory::publisher::PortFactoryPublisher;
+use skysink_common::message::FLAG_REPEAT;
 
 use crate::error::RingError;
 use crate::sample::{Header, Payload};
-use crate::topic::{Shared, Topic};
+use crate::topic::{Full, Shared, Topic};
 use crate::wait::ServeJoiners;
 
 /// The writing end of a topic.
@@ -27,6 +33,44 @@ struct Ports<S: Service + 'static, P: Payload + ?Sized, H: Header> {
     topic: Rc<Shared<S, P, H>>,
     publisher: Publisher<S, P, H>,
     notifier: Notifier<S>,
+    /// Where a link to other hosts may lose samples.
+    repeats: Option<RefCell<Repeats<P, H>>>,
+    /// While true, full readers are not waited for.
+    is_repeating: Arc<AtomicBool>,
+}
+
+/// The last samples of a writer, to be sent again.
+#[derive(Debug)]
+struct Repeats<P: Payload + ?Sized, H: Header> {
+    samples: VecDeque<(H, P::Copied)>,
+    /// How many there are at most.
+    depth: usize,
+    /// They are repeated after so long without a new one.
+    after: Duration,
+    last_sent: Instant,
+}
+
+/// Where a link to other hosts may lose samples: after so long without a new one a writer repeats its last ones.
+const REPEAT_AFTER: Duration = Duration::from_millis(500);
+
+/// What is added to that for each megabyte of a sample, so that repeats leave the link to others.
+const REPEAT_LATER_PER_MB: Duration = Duration::from_millis(250);
+
+impl<P: Payload + ?Sized, H: Header> Repeats<P, H> {
+    fn of(depth: usize) -> Self {
+        let samples = VecDeque::with_capacity(depth);
+        Self { samples, depth, after: REPEAT_AFTER, last_sent: Instant::now() }
+    }
+
+    fn note(&mut self, header: H, payload: &P) {
+        let is_full = self.samples.len() >= self.depth;
+        let oldest = if is_full { self.samples.pop_front() } else { None };
+        let mut copied = oldest.map(|(_, copied)| copied).unwrap_or_default();
+        payload.copy_to(&mut copied);
+        self.samples.push_back((header, copied));
+        self.after = REPEAT_AFTER + REPEAT_LATER_PER_MB.mul_f64(size_of_val(payload) as f64 / 1e6);
+        self.last_sent = Instant::now();
+    }
 }
 
 /// What is tried when a writer's place is taken.
@@ -56,9 +100,14 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
     /// A writer whose late joiners are served whenever the process waits.
     fn write_by(&self, builder: PortFactoryPublisher<'_, S, P, H>) -> Result<Writer<S, P, H>, RingError> {
         let topic = Rc::clone(&self.0);
-        let builder = builder.max_loaned_samples(1).set_backpressure_handler(topic.backpressure());
+        let is_repeating = Arc::new(AtomicBool::new(false));
+        let is_repeated = topic.member.terms.link.is_some() && topic.row.full == Full::WaitInLockStep;
+        let repeats = is_repeated.then(|| RefCell::new(Repeats::of(topic.row.history)));
+        // A repeat may be due while a list is on loan.
+        let builder = builder.max_loaned_samples(1 + usize::from(repeats.is_some()));
+        let builder = builder.set_backpressure_handler(topic.backpressure(Arc::clone(&is_repeating)));
         let publisher = builder.create().map_err(|error| topic.refuse(WRITE, &error))?;
-        let ports = Rc::new(Ports { notifier: topic.notifier()?, publisher, topic });
+        let ports = Rc::new(Ports { notifier: topic.notifier()?, publisher, repeats, is_repeating, topic });
         self.0.member.late_joiners.0.borrow_mut().push(Rc::downgrade(&ports) as _);
         Ok(Writer(ports))
     }
@@ -67,6 +116,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> ServeJoiners for Ports<S, P, H> {
     fn serve_joiners(&self) -> Result<(), RingError> {
         self.publisher.update_connections().map_err(|error| self.topic.refuse("connect", &error))?;
+        self.repeat_if_due()?;
         self.wake()
     }
 }
@@ -81,6 +131,32 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Ports<S, P, H> {
             SendError::UnableToDeliver => RingError::Full { topic: self.topic.row.name, seconds },
             error => self.topic.refuse("send", &error),
         }
+    }
+
+    /// Notes a sample that is about to be sent, if it may have to be repeated.
+    fn note(&self, header: H, payload: &P) {
+        if let Some(repeats) = &self.repeats {
+            repeats.borrow_mut().note(header, payload);
+        }
+    }
+
+    /// Sends the last samples once more if nothing was sent for long: a link may have lost them, and those of its hosts
+    /// that wait for them send nothing, either.
+    fn repeat_if_due(&self) -> Result<(), RingError> {
+        let Some(repeats) = &self.repeats else { return Ok(()) };
+        let Repeats { samples, after, last_sent, .. } = &mut *repeats.borrow_mut();
+        if last_sent.elapsed() < *after {
+            return Ok(());
+        }
+        *last_sent = Instant::now();
+        self.is_repeating.store(true, Ordering::Relaxed);
+        let sent = samples.iter().try_for_each(|(header, copied)| {
+            let mut header = *header;
+            header.head_mut().flags |= FLAG_REPEAT;
+            P::send(&self.publisher, header, copied)
+        });
+        self.is_repeating.store(false, Ordering::Relaxed);
+        sent.map_err(|error| self.topic.refuse("send", &error))
     }
 
     fn wake(&self) -> Result<(), RingError> {
@@ -98,6 +174,7 @@ impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> 
         let loaned = ports.publisher.loan_uninit();
         let mut sample = loaned.map_err(|error| ports.topic.refuse("loan a sample", &error))?;
         *sample.user_header_mut() = header;
+        ports.note(header, &message);
         sample.write_payload(message).send().map_err(|error| ports.undelivered(error))?;
         ports.wake()
     }
@@ -149,7 +226,71 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
         *self.sample.user_header_mut() = header;
         // SAFETY: the caller has written every element.
         let sample = unsafe { self.sample.assume_init() };
+        self.writer.0.note(header, sample.payload());
         sample.send().map_err(|error| self.writer.0.undelivered(error))?;
         self.writer.0.wake()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::folder::RingFolder;
+    use crate::role::Role;
+    use crate::terms::LinkTerms;
+    use crate::topics::Ring;
+    use skysink_common::message::{Commit, SensorNode, SensorsHeader};
+    use skysink_common::pace::Pace;
+    use skysink_common::scenario::{Overrides, Scenario};
+    use skysink_common::stop::Stop;
+    use std::path::Path;
+
+    fn scenario() -> Scenario {
+        Scenario::parse("name = 'x'\n", Path::new("x.toml"), Overrides::default()).unwrap()
+    }
+
+    #[test]
+    fn a_writer_of_a_linked_ring_repeats_its_last_samples_while_it_has_nothing_new() {
+        let mut folder = RingFolder::create(Pace::Max, Default::default(), 60.0, false, None).unwrap();
+        folder.link(LinkTerms { version: 0, scenario: 0 }).unwrap();
+        let (ring, mut wait) =
+            Ring::<local::Service>::join(&folder, &scenario(), Role::Launcher, &Stop::default()).unwrap();
+        let commits = ring.commit.writer().unwrap();
+        let sensors = ring.sensors.list_writer(3).unwrap();
+        [1, 2, 3].into_iter().for_each(|slot| commits.send(ring.header(slot, 0), Commit { hash: slot }).unwrap());
+        let nodes = [1.0, 2.0].map(|x_m| SensorNode { x_m, ..SensorNode::default() });
+        let header = SensorsHeader { head: ring.header(0, 0), ..SensorsHeader::default() };
+        sensors.send_list(header, &nodes).unwrap();
+        // Readers that join too late for anything but repeats.
+        let late = ring.commit.0.data.subscriber_builder().history_request(0).create().unwrap();
+        let late_list = ring.sensors.0.data.subscriber_builder().history_request(0).create().unwrap();
+        let mut heard = Vec::new();
+        let mut list = None;
+        let begin = Instant::now();
+        while (heard.len() < 4 || list.is_none()) && begin.elapsed() < Duration::from_secs(60) {
+            wait.sleep_until(Instant::now() + Duration::from_millis(1)).unwrap();
+            while let Some(sample) = late.receive().unwrap() {
+                heard.push((sample.user_header().flags, sample.payload().hash));
+            }
+            list = late_list.receive().unwrap().map(|sample| sample.payload().to_vec()).or(list);
+        }
+        assert_eq!(heard, [(FLAG_REPEAT, 2), (FLAG_REPEAT, 3), (FLAG_REPEAT, 2), (FLAG_REPEAT, 3)]);
+        assert_eq!(list.unwrap(), nodes);
+    }
+
+    #[test]
+    fn a_writer_of_a_ring_on_one_host_repeats_nothing() {
+        let folder = RingFolder::create(Pace::Max, Default::default(), 60.0, false, None).unwrap();
+        let (ring, _) = Ring::<local::Service>::join(&folder, &scenario(), Role::Launcher, &Stop::default()).unwrap();
+        assert!(ring.commit.writer().unwrap().0.repeats.is_none());
+    }
+
+    #[test]
+    fn large_samples_are_repeated_later() {
+        let mut repeats = Repeats::<[u32], skysink_common::message::SlotHeader>::of(2);
+        repeats.note(Default::default(), &[0; 1_000]);
+        assert!(repeats.after < Duration::from_millis(510), "{:?}", repeats.after);
+        repeats.note(Default::default(), &vec![0; 1_000_000]);
+        assert_eq!(repeats.after, Duration::from_millis(1_500), "4 MB");
     }
 }

@@ -7,7 +7,7 @@ use skysink_ring::wait::Stopwatch;
 
 /// A process that has shown itself and then gives no sign of life for so long is reported. Time in which the supervisor
 /// does not run either does not count: after a laptop's sleep everybody was silent.
-const SILENT_AFTER: Duration = Duration::from_secs(1);
+pub(crate) const SILENT_AFTER: Duration = Duration::from_secs(1);
 
 /// The signs of life of a process.
 #[derive(Debug)]

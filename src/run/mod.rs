@@ -2,7 +2,9 @@
 
 pub mod heartbeat;
 pub mod limits;
+pub mod link;
 pub mod options;
+pub mod outside;
 pub mod recorder;
 pub mod restart;
 pub mod resume;
@@ -29,6 +31,7 @@ use skysink_ring::wait::Stopwatch;
 use crate::error::Error;
 use crate::report::TerminalProgress;
 use crate::simulate::NewFolder;
+use link::Link;
 use options::{Launch, RunOptions};
 use recorder::{Recorder, SlotSink};
 use restart::{Rule, WORKERS};
@@ -124,7 +127,10 @@ pub(crate) fn make_ring(
     let timeout_s = options.timeout_s(SAMPLE_TIMEOUT_S, pace, scenario.slot_s);
     let told = resume::told(scenario, manner)?;
     let viewer = !options.no_viewer;
-    let ring = RingFolder::create(manner.pace.unwrap_or_default(), options.wait, timeout_s, viewer, told)?;
+    let mut ring = RingFolder::create(manner.pace.unwrap_or_default(), options.wait, timeout_s, viewer, told)?;
+    if options.link.is_some() {
+        ring.link(link::terms(scenario))?;
+    }
     ring.install()?;
     Ok(ring)
 }
@@ -186,18 +192,21 @@ pub fn fly(
     for role in WORKERS.into_iter().filter(|role| *role != Role::Viewer || !options.no_viewer) {
         let invocation = options.invocation(role, launch, ring_folder)?;
         if options.external.contains(&role) {
-            let words = std::iter::once(invocation.program.as_os_str())
-                .chain(invocation.arguments.iter().map(OsString::as_os_str));
-            let words: Vec<_> = words.map(|word| word.to_string_lossy().into_owned()).collect();
-            let command = shlex::try_join(words.iter().map(String::as_str)).unwrap_or_else(|_| words.join(" "));
+            let command = match &options.link {
+                Some(config) if role != Role::Viewer => joining(role, launch, ring_folder, config),
+                _ => in_words(&invocation.program, &invocation.arguments),
+            };
             let seconds = outside_timeout.as_secs_f64();
             progress.say(&format!("waiting up to {seconds} s for {}: {command}", role.name()));
         } else {
             processes.push(Process::new(role, invocation, Rule::policy(&options.restart, role)));
         }
     }
-    let mut workers =
-        Workers::start(&ring, ring_folder, table, &progress, processes, &options.external, scenario.slots)?;
+    let here: Vec<_> = WORKERS.into_iter().filter(|role| !options.external.contains(role)).collect();
+    let here = [&here[..], &[Role::Launcher]].concat();
+    let link = options.link.as_ref().map(|config| Link::start(ring_folder, config, &here, &progress)).transpose()?;
+    let external = &options.external;
+    let mut workers = Workers::start(&ring, ring_folder, table, &progress, processes, external, link, scenario.slots)?;
     let recorded = recorder.record(scenario.slots, log, tally, &mut |tally, overdue| workers.supervise(tally, overdue));
     let ended = match recorded {
         Ok(wall) => finish(&mut recorder, &mut workers, tally, log.hash(), ring.terms.timeout()).map(|()| wall),
@@ -214,6 +223,23 @@ pub fn fly(
         std::thread::sleep(REAP);
     }
     ended
+}
+
+/// What a person enters to start a program with these arguments.
+fn in_words(program: &Path, arguments: &[OsString]) -> String {
+    let words = std::iter::once(program.as_os_str()).chain(arguments.iter().map(OsString::as_os_str));
+    let words: Vec<_> = words.map(|word| word.to_string_lossy().into_owned()).collect();
+    shlex::try_join(words.iter().map(String::as_str)).unwrap_or_else(|_| words.join(" "))
+}
+
+/// What a person enters on another host to start the process of `role` there.
+fn joining(role: Role, launch: &Launch, ring: &RingFolder, config: &Path) -> String {
+    let file = ring.path().join("ring.toml");
+    let scenario = std::path::absolute(&launch.scenario).unwrap_or_else(|_| launch.scenario.clone());
+    let options = [("--ring", file), ("--scenario", scenario), ("--link", config.to_owned())];
+    let mut arguments = vec!["join".into(), role.name().into()];
+    arguments.extend(options.into_iter().flat_map(|(name, file)| [name.into(), file.into_os_string()]));
+    in_words(Path::new("skysink"), &arguments) + " (on another host, with copies of these files)"
 }
 
 /// How long a process may take to end by itself once it is released.
@@ -245,7 +271,7 @@ fn finish(
     workers.release();
     recorder.release(slot, hash)?;
     let released = Instant::now();
-    while !workers.have_ended(|_| true) && released.elapsed() < END_TIMEOUT {
+    while !(workers.have_ended(|_| true) && !workers.hears_others()) && released.elapsed() < END_TIMEOUT {
         recorder.pause(REAP)?;
         workers.supervise(tally, None)?;
     }

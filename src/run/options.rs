@@ -1,5 +1,6 @@
 //! The options of `skysink run`: how its processes work together, what contradicts itself, and how each is started.
 
+use std::borrow::Cow;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
@@ -18,6 +19,7 @@ use skysink_ring::wait::Waiting;
 use crate::error::Error;
 use crate::programs;
 use crate::run::limits;
+use crate::run::link;
 use crate::run::restart::{Rule, WORKERS, worker};
 use crate::run::supervise::Invocation;
 
@@ -42,6 +44,10 @@ pub struct RunOptions {
     #[arg(long, value_name = "ROLE", value_parser = PossibleValuesParser::new(WORKERS.map(Role::name))
         .map(|name| worker(&name).expect("one of the possible values")))]
     pub external: Vec<Role>,
+    /// Let iceoryx2's link carry the samples to other hosts, where skysink join runs the processes of --external; by
+    /// this zenoh configuration.
+    #[arg(long, value_name = "FILE", requires = "external")]
+    pub link: Option<PathBuf>,
     /// Start and supervise this command as the planner, such as "python3 mine.py", without a shell; it finds the ring's
     /// folder in SKYSINK_RING and the scenario file in SKYSINK_SCENARIO.
     #[arg(long, value_name = "COMMAND", value_parser = command_line)]
@@ -137,7 +143,7 @@ pub fn command_line(text: &str) -> Result<CommandLine, String> {
 }
 
 /// Whether there is a file to execute: of this path, or in a folder of the PATH.
-fn is_command(program: &str) -> bool {
+pub(crate) fn is_command(program: &str) -> bool {
     if program.contains('/') {
         return is_executable(Path::new(program));
     }
@@ -211,11 +217,15 @@ impl RunOptions {
             let command = shlex::try_join(words.iter().map(String::as_str)).ok()?;
             Some(format!(" --planner {}", shlex::try_quote(&command).ok()?))
         });
-        words.chain(command).collect()
+        let link = self.link.iter().map(|config| {
+            let config = config.to_string_lossy();
+            format!(" --link {}", shlex::try_quote(&config).unwrap_or(Cow::Borrowed(&config)))
+        });
+        words.chain(link).chain(command).collect()
     }
 
     /// How the process of `role` is started.
-    pub(super) fn invocation(&self, role: Role, launch: &Launch, ring: &RingFolder) -> Result<Invocation, Error> {
+    pub(crate) fn invocation(&self, role: Role, launch: &Launch, ring: &RingFolder) -> Result<Invocation, Error> {
         let absolute = |path: &Path| std::path::absolute(path).at(path);
         let scenario = absolute(&launch.scenario)?;
         if let (Role::Planner, Some(CommandLine(words))) = (role, &self.planner) {
@@ -264,6 +274,9 @@ impl RunOptions {
             if let Err(error) = probe {
                 return refuse(&format!("--live={port}: port {port} of 127.0.0.1: {error}: expected a free port"));
             }
+        }
+        if let Some(config) = &self.link {
+            link::check(config)?;
         }
         if self.label.is_some() && !self.has_outside_planner() {
             return refuse("--label: expected with --external planner or --planner");

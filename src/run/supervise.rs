@@ -25,6 +25,8 @@ use skysink_ring::writer::Writer;
 use crate::error::Error;
 use crate::report::TerminalProgress;
 use crate::run::heartbeat::Heartbeat;
+use crate::run::link::Link;
+use crate::run::outside::Outside;
 use crate::run::restart::{End, Restart, Restarts};
 
 /// How long a process may take to end after SIGTERM before it gets SIGKILL.
@@ -51,7 +53,7 @@ impl ProcessTable {
 }
 
 /// How long the last lines of a process that has ended are waited for.
-const LAST_LINES: Duration = Duration::from_millis(200);
+pub(crate) const LAST_LINES: Duration = Duration::from_millis(200);
 
 /// How often a run looks for dead processes among those that the launcher did not start.
 const CLEAN_UP_EVERY: Duration = Duration::from_millis(500);
@@ -65,13 +67,6 @@ pub struct Invocation {
     pub arguments: Vec<OsString>,
     /// Variables by name.
     pub environment: Vec<(&'static str, OsString)>,
-}
-
-/// A process that takes part in a run and that the launcher has not started.
-#[derive(Debug)]
-struct Outside {
-    role: Role,
-    is_there: bool,
 }
 
 /// A process of a run, which may be started several times.
@@ -96,7 +91,9 @@ pub struct Workers<'a, S: Service + 'static> {
     table: &'a ProcessTable,
     progress: &'a TerminalProgress,
     processes: Vec<Process>,
-    outside: Vec<Outside>,
+    outside: Vec<Outside<S>>,
+    /// What carries the samples to other hosts.
+    link: Option<Link>,
     swept: Instant,
     health: Writer<S, Health, SlotHeader>,
     begin: Instant,
@@ -107,7 +104,8 @@ pub struct Workers<'a, S: Service + 'static> {
 }
 
 impl<'a, S: Service + 'static> Workers<'a, S> {
-    /// Starts the processes of a mission that ends with `last_slot`; the roles `outside` are somebody else's.
+    /// Starts the processes of a mission that ends with `last_slot`; the roles `outside` are somebody else's, where
+    /// there is a `link` also on other hosts.
     ///
     /// # Errors
     /// If the topic `health` cannot be written, or a process cannot be started; those started already are ended.
@@ -118,12 +116,15 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         progress: &'a TerminalProgress,
         processes: Vec<Process>,
         outside: &[Role],
+        link: Option<Link>,
         last_slot: u64,
     ) -> Result<Self, Error> {
         let health = ring.health.writer()?;
         let begin = Instant::now();
+        let outside = outside.iter().map(|&role| Outside::new(ring, role));
         let mut workers = Self {
-            outside: outside.iter().map(|&role| Outside { role, is_there: false }).collect(),
+            outside: outside.collect::<Result<_, _>>()?,
+            link,
             swept: begin,
             is_released: false,
             viewer: 0,
@@ -149,12 +150,29 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     pub fn supervise(&mut self, tally: &mut Tally, overdue: Option<(Role, Duration)>) -> Result<u32, Error> {
         self.progress.show_run(tally, self.last_slot);
         let slot = tally.last_slot() + 1;
+        for (role, fate) in self.watch(slot, overdue)? {
+            let at_s = self.begin.elapsed().as_secs_f64();
+            let is_restart = matches!(fate, Fate::Restarted(_));
+            tally.add_event(Event { slot, at_s, process: role.name().into(), event: fate.to_string() }, is_restart);
+        }
+        Ok(self.viewer)
+    }
+
+    /// Supervises the processes in `slot`, of which one may be overdue, for so long. Tells the terminal and the ring
+    /// what has become of whom, and returns it.
+    ///
+    /// # Errors
+    /// [`Error::WorkerEnded`] or [`Error::LinkEnded`] if one has ended that is not started again.
+    pub fn watch(&mut self, slot: u64, overdue: Option<(Role, Duration)>) -> Result<Vec<(Role, Fate)>, Error> {
         self.table.slot.store(slot, Ordering::Relaxed);
+        if let Some(link) = &mut self.link {
+            link.supervise(self.progress)?;
+        }
         let mut fates = self.poll(slot, overdue)?;
         fates.extend(self.poll_outside(slot, overdue));
         let taken = times_taken(self.folder.path(), Role::Viewer);
         self.viewer = self.viewer.max(taken.saturating_sub(1));
-        for (role, fate) in fates {
+        for &(role, fate) in &fates {
             if let Fate::Killed(_) | Fate::Exited(_) = fate {
                 self.ring.remove_dead_nodes(); // before the next one needs its place
                 if role == Role::Viewer {
@@ -163,12 +181,9 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
             }
             let process = role.name();
             self.progress.say(&format!("slot {slot}: {process} {fate}"));
-            let at_s = self.begin.elapsed().as_secs_f64();
-            let is_restart = matches!(fate, Fate::Restarted(_));
-            tally.add_event(Event { slot, at_s, process: process.into(), event: fate.to_string() }, is_restart);
             self.health.send(self.ring.header(slot, 0), Health::of(role, fate))?;
         }
-        Ok(self.viewer)
+        Ok(fates)
     }
 
     /// Starts no process again: all have done their part.
@@ -228,24 +243,34 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         Ok(fates)
     }
 
-    /// Notes which process of somebody else has joined, has gone, or is overdue.
+    /// Whether a process of another host shows that it is alive.
+    #[must_use]
+    pub fn hears_others(&self) -> bool {
+        self.outside.iter().any(Outside::is_heard)
+    }
+
+    /// Whether a process of another host has given no sign of life for so long.
+    #[must_use]
+    pub fn misses_others(&self, limit: Duration) -> bool {
+        self.outside.iter().any(|outside| outside.is_missed(self.begin, limit))
+    }
+
+    /// Notes which process of somebody else has joined, has gone, is silent, or is overdue.
     fn poll_outside(&mut self, slot: u64, overdue: Option<(Role, Duration)>) -> Vec<(Role, Fate)> {
-        if self.outside.is_empty() || self.is_released || slot >= self.last_slot {
-            return Vec::new();
-        }
-        if self.swept.elapsed() >= CLEAN_UP_EVERY {
-            self.swept = Instant::now();
+        let now = Instant::now();
+        if !self.outside.is_empty() && self.swept.elapsed() >= CLEAN_UP_EVERY {
+            self.swept = now;
             self.ring.remove_dead_nodes(); // a dead writer stays attached until then
         }
         let mut fates = Vec::new();
         for outside in &mut self.outside {
-            let was_there = std::mem::replace(&mut outside.is_there, self.ring.has_writer(outside.role));
-            if was_there != outside.is_there {
-                fates.push((outside.role, if was_there { Fate::Gone } else { Fate::Joined }));
-            }
-            if let Some((_, waited)) = overdue.filter(|(role, _)| *role == outside.role && outside.is_there) {
+            fates.extend(outside.poll(self.ring, now).map(|fate| (outside.role, fate)));
+            if let Some((_, waited)) = overdue.filter(|(role, _)| *role == outside.role && outside.is_there()) {
                 fates.push((outside.role, overdue_for(waited)));
             }
+        }
+        if self.is_released || slot >= self.last_slot {
+            fates.clear(); // they have done their part
         }
         fates
     }

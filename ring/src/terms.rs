@@ -1,0 +1,94 @@
+//! What all processes of a run are told, in `ring.toml`.
+
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use skysink_common::estimate::Rates;
+use skysink_common::pace::Pace;
+
+use crate::wait::Waiting;
+
+/// What the processes of a run agree on.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Terms {
+    /// Id of the run; every sample carries it.
+    #[serde(with = "hexadecimal")]
+    pub mission: u64,
+    /// How fast its slots follow each other.
+    pub pace: Pace,
+    /// How its processes wait for each other.
+    pub wait: Waiting,
+    /// How long the launcher waits for a sample [s].
+    pub timeout_s: f64,
+    /// Whether a viewer takes part.
+    pub viewer: bool,
+    /// Where `queues` holds what the UAV knows of them: what it knows of the sampling rates. Else the topic holds the
+    /// queues themselves.
+    pub told: Option<Rates>,
+    /// Where a link carries the samples to processes of other hosts: what these hosts compare.
+    pub link: Option<LinkTerms>,
+}
+
+/// What the hosts of a ring must agree on; a link does not carry the attributes of services.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LinkTerms {
+    /// Version of the messages and of what they mean.
+    pub version: u32,
+    /// Hash of the scenario.
+    #[serde(with = "hexadecimal")]
+    pub scenario: u64,
+}
+
+impl Terms {
+    /// Reads `ring.toml`; says what is wrong with it.
+    pub(crate) fn read(file: &Path) -> Result<Self, String> {
+        const EXPECTED: &str = "expected the folder that skysink run prints";
+        let text = fs::read_to_string(file).map_err(|error| format!("{error}: {EXPECTED}"))?;
+        let terms: Self = toml::from_str(&text).map_err(|error| error.message().to_owned())?;
+        if Duration::try_from_secs_f64(terms.timeout_s).is_err() {
+            return Err(format!("timeout_s = {}: expected seconds, 0 or above", terms.timeout_s));
+        }
+        Ok(terms)
+    }
+
+    /// How long the launcher waits for a sample before it ends the run.
+    #[must_use]
+    pub fn timeout(&self) -> Duration {
+        Duration::from_secs_f64(self.timeout_s)
+    }
+
+    /// After so long without a sign of life a process is killed and started again.
+    #[must_use]
+    pub fn silence_limit(&self) -> Duration {
+        self.timeout() / 2
+    }
+
+    /// How long a writer waits for a reader that does not take its samples.
+    #[must_use]
+    pub fn full_limit(&self) -> Duration {
+        self.timeout() * 2 / 3
+    }
+
+    /// After so long without the sample that all wait for, its sender is killed and started again.
+    #[must_use]
+    pub fn overdue_limit(&self) -> Duration {
+        self.timeout() * 3 / 4
+    }
+}
+
+/// `u64` as hexadecimal text: TOML's integers end at 2^63.
+mod hexadecimal {
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub fn serialize<S: Serializer>(value: &u64, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(&format_args!("{value:016x}"))
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u64, D::Error> {
+        u64::from_str_radix(&String::deserialize(deserializer)?, 16).map_err(serde::de::Error::custom)
+    }
+}

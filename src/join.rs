@@ -1,0 +1,114 @@
+//! `skysink join`: processes of this host take part in a run of another.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser as _};
+use iceoryx2::prelude::ipc;
+use skysink_common::error::InputError;
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::stop::Stop;
+use skysink_planner::settings;
+use skysink_ring::cleanup::Janitor;
+use skysink_ring::folder::RingFolder;
+use skysink_ring::role::Role;
+use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
+
+use crate::error::Error;
+use crate::report::TerminalProgress;
+use crate::run::link::{self, Link};
+use crate::run::options::{CommandLine, Launch, RunOptions, command_line, seconds};
+use crate::run::restart::{Rule, worker};
+use crate::run::supervise::{Process, ProcessTable, REAP, Workers};
+
+/// The processes that take part on another host than the launcher's.
+const ROLES: [Role; 3] = [Role::FieldSim, Role::FlightSim, Role::Planner];
+
+/// Options of `skysink join`.
+#[derive(Debug, Args)]
+pub struct JoinOptions {
+    /// Processes that run here.
+    #[arg(value_name = "ROLE", required = true, value_parser = PossibleValuesParser::new(ROLES.map(Role::name))
+        .map(|name| worker(&name).expect("one of the possible values")))]
+    roles: Vec<Role>,
+    /// A copy of ring.toml, from the folder of the ring that skysink run prints.
+    #[arg(long, value_name = "FILE")]
+    ring: PathBuf,
+    /// Scenario file: a copy of scenario.toml, from the folder of the run.
+    #[arg(long, value_name = "FILE")]
+    scenario: PathBuf,
+    /// zenoh configuration of the link to the other hosts.
+    #[arg(long, value_name = "FILE")]
+    link: PathBuf,
+    /// Start and supervise this command as the planner, as skysink run does.
+    #[arg(long, value_name = "COMMAND", value_parser = command_line)]
+    planner: Option<CommandLine>,
+    /// What is done when a process ends too early: never, or on-failure; planner=never for one of them (repeatable).
+    #[arg(long, value_name = "POLICY")]
+    restart: Vec<Rule>,
+    /// How long the launcher may give no sign of life [s].
+    #[arg(long, value_name = "SECONDS", default_value = "600", value_parser = seconds)]
+    timeout: f64,
+}
+
+impl JoinOptions {
+    /// Takes part until the launcher releases the ring.
+    ///
+    /// # Errors
+    /// If the ring flies another scenario or is of another version, a process ends for good, the launcher is silent for
+    /// too long, or on a stop.
+    pub fn join(self, stop: &Stop) -> Result<(), Error> {
+        link::check(&self.link)?;
+        let scenario = Scenario::read(&self.scenario, Overrides::default()).and_then(settings::resolve)?;
+        let folder = RingFolder::join(&self.ring)?;
+        let refuse = |message: &str| Error::from(InputError::new("ring", &self.ring, message));
+        let (theirs, ours) = (folder.terms().link, link::terms(&scenario));
+        if theirs.is_some_and(|theirs| theirs.version != ours.version) {
+            return Err(refuse("it is of another version: use the executables of one build"));
+        }
+        if theirs != Some(ours) {
+            return Err(refuse("it flies another scenario: pass the scenario.toml of the run's folder"));
+        }
+        folder.install()?;
+        self.take_part(&scenario, &folder, stop)
+    }
+
+    fn take_part(self, scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), Error> {
+        let timeout = Duration::from_secs_f64(self.timeout);
+        let progress = TerminalProgress::of_slots();
+        let table = ProcessTable::default();
+        let (ring, mut wait) = Ring::<ipc::Service>::join(folder, scenario, Role::Launcher, stop)?;
+        let _janitor = Janitor::of(folder);
+        let mut commits = ring.commit.reader(RING_BUFFER)?;
+        let options = RunOptions { planner: self.planner, ..RunOptions::default() };
+        let launch = Launch { scenario: self.scenario, recording: PathBuf::new(), label: None, recorded: None };
+        let process = |&role: &Role| {
+            Ok(Process::new(role, options.invocation(role, &launch, folder)?, Rule::policy(&self.restart, role)))
+        };
+        let processes = self.roles.iter().map(process).collect::<Result<_, Error>>()?;
+        let link = Link::start(folder, &self.link, &self.roles, &progress)?;
+        let outside = [Role::Launcher];
+        let last = scenario.slots;
+        let mut workers = Workers::start(&ring, folder, &table, &progress, processes, &outside, Some(link), last)?;
+        let mut slot = 0;
+        let mut is_released = false;
+        while !(is_released && workers.have_ended(|_| true)) {
+            while let Some(commit) = commits.next_sample()? {
+                slot = commit.user_header().slot;
+                if is_release(commit.user_header()) {
+                    is_released = true;
+                    workers.release();
+                }
+            }
+            workers.watch(slot + 1, None)?;
+            if workers.misses_others(timeout) {
+                return Err(Error::LauncherSilent { seconds: self.timeout, slot });
+            }
+            wait.sleep_until(Instant::now() + REAP)?;
+        }
+        drop(workers);
+        ring.remove_dead_nodes();
+        Ok(())
+    }
+}
