@@ -126,6 +126,12 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
         Ok(Self(Rc::new(Shared { row, config: node.config().clone(), data, event, member: member.clone() })))
     }
 
+    /// Whether a process is attached to write the topic, or a link.
+    #[must_use]
+    pub fn has_writer(&self) -> bool {
+        !self.writers().is_empty()
+    }
+
     /// The processes that are attached to write the topic.
     pub(crate) fn writers(&self) -> Vec<UniqueNodeId> {
         let mut writers = Vec::new();
