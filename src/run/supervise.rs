@@ -104,8 +104,7 @@ pub struct Workers<'a, S: Service + 'static> {
 }
 
 impl<'a, S: Service + 'static> Workers<'a, S> {
-    /// Starts the processes of a mission that ends with `last_slot`; the roles `outside` are somebody else's, where
-    /// there is a `link` also on other hosts.
+    /// Starts the processes of a mission that ends with `last_slot`; the roles `outside` are somebody else's.
     ///
     /// # Errors
     /// If the topic `health` cannot be written, or a process cannot be started; those started already are ended.
@@ -116,7 +115,6 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         progress: &'a TerminalProgress,
         processes: Vec<Process>,
         outside: &[Role],
-        link: Option<Link>,
         last_slot: u64,
     ) -> Result<Self, Error> {
         let health = ring.health.writer()?;
@@ -124,7 +122,7 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         let outside = outside.iter().map(|&role| Outside::new(ring, role));
         let mut workers = Self {
             outside: outside.collect::<Result<_, _>>()?,
-            link,
+            link: None,
             swept: begin,
             is_released: false,
             viewer: 0,
@@ -140,6 +138,13 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         let mut processes = workers.processes.iter_mut();
         processes.try_for_each(|process| process.start(folder.path(), table, progress))?;
         Ok(workers)
+    }
+
+    /// Supervises `link`, too, if there is one.
+    #[must_use]
+    pub fn with_link(mut self, link: Option<Link>) -> Self {
+        self.link = link;
+        self
     }
 
     /// Supervises the processes, of which one may be overdue, for so long. Tells the tally, the terminal and the ring
