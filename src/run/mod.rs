@@ -271,7 +271,7 @@ fn finish(
     workers.release();
     recorder.release(slot, hash)?;
     let released = Instant::now();
-    while !(workers.have_ended(|_| true) && !workers.hears_others()) && released.elapsed() < END_TIMEOUT {
+    while (workers.hears_others() || !workers.have_ended(|_| true)) && released.elapsed() < END_TIMEOUT {
         recorder.pause(REAP)?;
         workers.supervise(tally, None)?;
     }
