@@ -90,7 +90,8 @@ impl JoinOptions {
         let link = Link::start(folder, &self.link, &self.roles, &progress)?;
         let outside = [Role::Launcher];
         let last = scenario.slots;
-        let mut workers = Workers::start(&ring, folder, &table, &progress, processes, &outside, Some(link), last)?;
+        let workers = Workers::start(&ring, folder, &table, &progress, processes, &outside, last)?;
+        let mut workers = workers.with_link(Some(link));
         let mut slot = 0;
         let mut is_released = false;
         while !(is_released && workers.have_ended(|_| true)) {

@@ -206,7 +206,8 @@ pub fn fly(
     let here = [&here[..], &[Role::Launcher]].concat();
     let link = options.link.as_ref().map(|config| Link::start(ring_folder, config, &here, &progress)).transpose()?;
     let external = &options.external;
-    let mut workers = Workers::start(&ring, ring_folder, table, &progress, processes, external, link, scenario.slots)?;
+    let workers = Workers::start(&ring, ring_folder, table, &progress, processes, external, scenario.slots)?;
+    let mut workers = workers.with_link(link);
     let recorded = recorder.record(scenario.slots, log, tally, &mut |tally, overdue| workers.supervise(tally, overdue));
     let ended = match recorded {
         Ok(wall) => finish(&mut recorder, &mut workers, tally, log.hash(), ring.terms.timeout()).map(|()| wall),
