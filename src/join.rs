@@ -17,6 +17,7 @@ use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 
 use crate::error::Error;
 use crate::report::TerminalProgress;
+use crate::run::END_TIMEOUT;
 use crate::run::link::{self, Link};
 use crate::run::options::{CommandLine, Launch, RunOptions, command_line, seconds};
 use crate::run::restart::{Rule, worker};
@@ -93,17 +94,17 @@ impl JoinOptions {
         let workers = Workers::start(&ring, folder, &table, &progress, processes, &outside, last)?;
         let mut workers = workers.with_link(Some(link));
         let mut slot = 0;
-        let mut is_released = false;
-        while !(is_released && workers.have_ended(|_| true)) {
+        let mut released: Option<Instant> = None;
+        while released.is_none_or(|released| !workers.have_ended(|_| true) && released.elapsed() < END_TIMEOUT) {
             while let Some(commit) = commits.next_sample()? {
                 slot = commit.user_header().slot;
                 if is_release(commit.user_header()) {
-                    is_released = true;
+                    released = released.or(Some(Instant::now()));
                     workers.release();
                 }
             }
             workers.watch(slot + 1, None)?;
-            if workers.misses_others(timeout) {
+            if released.is_none() && workers.misses_others(timeout) {
                 return Err(Error::LauncherSilent { seconds: self.timeout, slot });
             }
             wait.sleep_until(Instant::now() + REAP)?;

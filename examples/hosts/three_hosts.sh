@@ -93,7 +93,8 @@ if [ -n "$cut_host" ]; then
     echo "three_hosts: host $cut_host has its network back: $(flown) lines on record"
 fi
 
-wait # for all three
+wait $launcher || exit # the run itself failed
+wait # for the other two
 cd "$work"
 skysink simulate a/run/scenario.toml --out alone >/dev/null
 if cmp alone/slots.csv a/run/slots.csv; then

@@ -54,11 +54,10 @@ fn fly<S: Service + 'static>(
 ) -> Result<(), NodeError> {
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::FlightSim, stop)?;
     let flights = ring.flight.writer()?;
-    let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let mut plans = ring.plan.reader(RING_BUFFER)?;
     let mut ticks = ring.tick.reader(RING_BUFFER)?;
 
-    let nodes = sensors.wait_for_next(&mut wait, 0)?;
+    let nodes = ring.sensors.reader(RING_BUFFER)?.wait_for_next(&mut wait, 0)?;
     let mut flight = Flight::new(scenario, nodes.payload());
     let journal = journal(folder)?;
     let mut flown = restore(&journal)?;

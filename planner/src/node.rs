@@ -95,11 +95,10 @@ fn run_with<S: Service + 'static>(
     // Before the plans, so that whoever has a plan finds the writer of its path.
     let paths = has_path.then(|| ring.path.list_writer(MAX_PATH_POINTS)).transpose()?;
     let plans = ring.plan.writer()?;
-    let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let mut queues = ring.truth.reader(RING_BUFFER)?; // it keeps to the scenario's knowledge by itself
     let mut flights = ring.flight.reader(RING_BUFFER)?;
 
-    let nodes = sensors.wait_for_next(&mut wait, 0)?;
+    let nodes = ring.sensors.reader(RING_BUFFER)?.wait_for_next(&mut wait, 0)?;
     let mut planner = match own {
         Some(strategy) => Planner::with_strategy(scenario, nodes.payload(), strategy)?,
         None => Planner::new(scenario, nodes.payload())?,
@@ -147,6 +146,7 @@ fn run_with<S: Service + 'static>(
         if let Some(paths) = paths.as_ref().filter(|_| path.len() > 1) {
             paths.send_list(ring.header(next, 0), &path)?; // whoever has the plan then has the path
         }
+        flights.receive_all()?; // a flight that was repeated meanwhile must not keep the next one from being sent
         plans.send(ring.header(next, 0), plan)?;
     }
     ring.wait_for_commit(&mut wait, is_release, || Ok(()))

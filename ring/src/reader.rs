@@ -131,6 +131,14 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
         Ok(if self.is_settled { self.take() } else { None })
     }
 
+    /// Receives what has arrived, as far as there is room, so that its writer finds room in the buffer.
+    ///
+    /// # Errors
+    /// If the writer's memory cannot be mapped.
+    pub fn receive_all(&mut self) -> Result<(), RingError> {
+        self.receive(None, &mut 0).map(drop)
+    }
+
     /// Waits for the next sample, which should be that of `slot`.
     ///
     /// # Errors
@@ -281,6 +289,20 @@ mod tests {
         linked.send(4, 0, 0);
         assert_eq!(here(&mut reader, 4), Some(4));
         assert_eq!(linked.ring.refusals.total(), 0);
+    }
+
+    #[test]
+    fn repeats_do_not_fill_the_buffer_of_a_reader_that_receives_them() {
+        let linked = Linked::new(LINK);
+        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        linked.send(1, 0, 0);
+        assert_eq!(here(&mut reader, 1), Some(1));
+        for _ in 0..2 {
+            (1..RING_BUFFER).for_each(|_| linked.send(1, FLAG_REPEAT, 0));
+            reader.receive_all().unwrap();
+        }
+        linked.send(2, 0, 0);
+        assert_eq!(here(&mut reader, 2), Some(2));
     }
 
     #[test]

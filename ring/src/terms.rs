@@ -46,8 +46,8 @@ pub struct LinkTerms {
 impl Terms {
     /// Reads `ring.toml`; says what is wrong with it.
     pub(crate) fn read(file: &Path) -> Result<Self, String> {
-        const EXPECTED: &str = "expected the folder that skysink run prints";
-        let text = fs::read_to_string(file).map_err(|error| format!("{error}: {EXPECTED}"))?;
+        let expected = "expected the folder of a ring, as skysink run prints it, or a copy of the ring.toml in it";
+        let text = fs::read_to_string(file).map_err(|error| format!("{error}: {expected}"))?;
         let terms: Self = toml::from_str(&text).map_err(|error| error.message().to_owned())?;
         if Duration::try_from_secs_f64(terms.timeout_s).is_err() {
             return Err(format!("timeout_s = {}: expected seconds, 0 or above", terms.timeout_s));

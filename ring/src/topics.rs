@@ -280,7 +280,7 @@ impl<S: Service + 'static> Ring<S> {
     /// sends once. A link writes every topic: who writes `commit` and is not the launcher is one.
     #[must_use]
     pub fn has_writer(&self, role: Role) -> bool {
-        let mut links = self.commit.writers();
+        let mut links = if self.terms.link.is_some() { self.commit.writers() } else { Vec::new() };
         links.retain(|writer| writer != self.node.id());
         let writers = match role {
             Role::FieldSim => self.truth.writers(),

@@ -27,7 +27,7 @@ pub const PROGRAMS: [&str; 2] = ["skysink-link", "iox2-link-tunnel-zenoh"];
 /// How often it scans for samples of which no wake-up has reached it [ms].
 const POLL_MS: u64 = 10;
 
-/// A link that ends by itself sooner than this after its start would do so again: its configuration is refused.
+/// A first link that ends by itself sooner than this would do so again: its configuration is refused.
 const LEAST_LIFE: Duration = Duration::from_secs(2);
 
 /// What it finds in its environment if that has nothing else: the messages that matter; and threads enough that the
@@ -85,6 +85,8 @@ pub struct Link {
     /// Passes on what it says.
     messages: Option<JoinHandle<()>>,
     started: Instant,
+    /// Whether one has lived for so long that its configuration is good.
+    is_proven: bool,
 }
 
 impl Link {
@@ -107,6 +109,7 @@ impl Link {
             child: None,
             messages: None,
             started: Instant::now(),
+            is_proven: false,
         };
         link.spawn(progress)?;
         Ok(link)
@@ -120,7 +123,8 @@ impl Link {
         let ended = self.child.as_mut().and_then(|child| child.try_wait().ok().flatten());
         if let Some(status) = ended {
             self.child = None;
-            if status.code().is_some() && self.started.elapsed() < LEAST_LIFE {
+            self.is_proven |= self.started.elapsed() >= LEAST_LIFE;
+            if status.code().is_some() && !self.is_proven {
                 self.wait_for_messages();
                 return Err(Error::LinkEnded { program: self.program, status: status.to_string() });
             }
@@ -138,7 +142,8 @@ impl Link {
         let program = Path::new(self.program);
         let (output, said) = pipe().at(program)?;
         let mut command = Command::new(program);
-        command.args(&self.arguments).current_dir(&self.ring).stdin(Stdio::null());
+        // In a group of its own: Ctrl-C is for its launcher, which ends it.
+        command.args(&self.arguments).current_dir(&self.ring).stdin(Stdio::null()).process_group(0);
         for (name, value) in ENVIRONMENT {
             if std::env::var_os(name).is_none() {
                 command.env(name, value);

@@ -244,7 +244,7 @@ fn joining(role: Role, launch: &Launch, ring: &RingFolder, config: &Path) -> Str
 }
 
 /// How long a process may take to end by itself once it is released.
-const END_TIMEOUT: Duration = Duration::from_secs(2);
+pub(crate) const END_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Waits until all processes have ended, the viewer first: the others are there for it, and for one that is started
 /// again.

@@ -47,7 +47,12 @@ impl<S: Service + 'static> Outside<S> {
         let heard = self.distant.as_mut().and_then(|distant| distant.listen(now));
         match (was_here, self.is_here) {
             (false, true) => Some(Fate::Joined),
-            (true, false) => Some(Fate::Gone),
+            (true, false) => {
+                if let Some(Distant { heard, heartbeat, .. }) = &mut self.distant {
+                    (*heard, *heartbeat) = (None, Heartbeat::after(None));
+                }
+                Some(Fate::Gone)
+            }
             (true, true) => None,
             (false, false) => heard,
         }
