@@ -57,7 +57,9 @@ fn fly<S: Service + 'static>(
     let mut plans = ring.plan.reader(RING_BUFFER)?;
     let mut ticks = ring.tick.reader(RING_BUFFER)?;
 
-    let nodes = ring.sensors.reader(RING_BUFFER)?.wait_for_next(&mut wait, 0)?;
+    let mut sensors = ring.sensors.reader(RING_BUFFER)?;
+    let nodes = sensors.wait_for_next(&mut wait, 0)?;
+    let _sensors = ring.terms.link.is_none().then_some(sensors); // behind a link its repeats would pile up
     let mut flight = Flight::new(scenario, nodes.payload());
     let journal = journal(folder)?;
     let mut flown = restore(&journal)?;

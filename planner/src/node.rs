@@ -98,7 +98,9 @@ fn run_with<S: Service + 'static>(
     let mut queues = ring.truth.reader(RING_BUFFER)?; // it keeps to the scenario's knowledge by itself
     let mut flights = ring.flight.reader(RING_BUFFER)?;
 
-    let nodes = ring.sensors.reader(RING_BUFFER)?.wait_for_next(&mut wait, 0)?;
+    let mut sensors = ring.sensors.reader(RING_BUFFER)?;
+    let nodes = sensors.wait_for_next(&mut wait, 0)?;
+    let _sensors = ring.terms.link.is_none().then_some(sensors); // behind a link its repeats would pile up
     let mut planner = match own {
         Some(strategy) => Planner::with_strategy(scenario, nodes.payload(), strategy)?,
         None => Planner::new(scenario, nodes.payload())?,

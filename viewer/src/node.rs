@@ -70,6 +70,7 @@ pub fn run<S: Service + 'static>(
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Viewer, stop)?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
+    let _sensors = ring.terms.link.is_none().then_some(sensors); // behind a link its repeats would pile up
     let mut shown = scenario.clone();
     if let Some(label) = label {
         label.clone_into(&mut shown.planner.strategy);
