@@ -138,6 +138,12 @@ fn a_link_that_ends_at_once_ends_what_needs_it_and_says_why() {
         assert!(ended.stderr.contains(expected), "{ended:?}");
     }
     place.assert_clean();
+    let resumed = ["run", "--resume", "run", "--no-viewer", "--external", "planner", "--external", "flight-sim"];
+    let resumed = [&resumed[..], &["--link", "link.json5"]].concat();
+    let ended = end(place.skysink(&resumed).env("PATH", &path).spawn().unwrap());
+    assert_eq!(ended.code, Some(2), "{ended:?}");
+    let expected = "flight-sim resumes from what is restored on this host: leave out --external flight-sim";
+    assert!(ended.stderr.contains(expected), "{ended:?}");
 }
 
 #[test]
