@@ -139,11 +139,13 @@ impl Link {
         let (output, said) = pipe().at(program)?;
         let mut command = Command::new(program);
         command.args(&self.arguments).current_dir(&self.ring).stdin(Stdio::null());
+        command.process_group(0); // Ctrl-C is for the launcher
         for (name, value) in ENVIRONMENT {
             if std::env::var_os(name).is_none() {
                 command.env(name, value);
             }
         }
+        // A link has no lock by which it would notice that the launcher has died.
         let end_with_launcher = || Ok(set_parent_process_death_signal(Some(Signal::TERM))?);
         // SAFETY: a system call, which neither allocates nor locks.
         unsafe { command.pre_exec(end_with_launcher) };
