@@ -74,7 +74,7 @@ pub enum Error {
         slot: u64,
     },
     /// The link to other hosts has ended as soon as it was started.
-    #[error("link: {program} ended with {status}: expected a zenoh configuration that it takes")]
+    #[error("link: {program} ended with {status}: expected a zenoh configuration that it takes, and a free port")]
     LinkEnded {
         /// The executable.
         program: &'static str,

@@ -8,6 +8,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser as _};
 use iceoryx2::prelude::ipc;
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_planner::settings;
 use skysink_ring::cleanup::Janitor;
@@ -18,6 +19,7 @@ use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 use crate::error::Error;
 use crate::report::TerminalProgress;
 use crate::run::END_TIMEOUT;
+use crate::run::limits;
 use crate::run::link::{self, Link};
 use crate::run::options::{CommandLine, Launch, RunOptions, command_line, seconds};
 use crate::run::restart::{Rule, worker};
@@ -62,14 +64,17 @@ impl JoinOptions {
     pub fn join(self, stop: &Stop) -> Result<(), Error> {
         link::check(&self.link)?;
         let scenario = Scenario::read(&self.scenario, Overrides::default()).and_then(settings::resolve)?;
+        limits::check(&SensorList::of(&scenario)?, false)?;
         let folder = RingFolder::join(&self.ring)?;
         let refuse = |message: &str| Error::from(InputError::new("ring", &self.ring, message));
-        let (theirs, ours) = (folder.terms().link, link::terms(&scenario));
+        let (theirs, ours) = (folder.terms().link, link::terms(&scenario)?);
         if theirs.is_some_and(|theirs| theirs.version != ours.version) {
             return Err(refuse("it is of another version: use the executables of one build"));
         }
         if theirs != Some(ours) {
-            return Err(refuse("it flies another scenario: pass the scenario.toml of the run's folder"));
+            return Err(refuse(
+                "it flies another scenario or sensor list: pass copies of scenario.toml and sensors.csv of the run's folder",
+            ));
         }
         folder.install()?;
         self.take_part(&scenario, &folder, stop)

@@ -12,6 +12,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+use skysink::run::link;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_planner::settings;
 use skysink_ring::topics::SCHEMA;
@@ -107,14 +108,20 @@ fn join(place: &Place, path: &OsString) -> Ended {
 }
 
 fn hash_of_smoke() -> u64 {
-    Scenario::read(SMOKE.as_ref(), Overrides::default()).and_then(settings::resolve).unwrap().hash()
+    let scenario = Scenario::read(SMOKE.as_ref(), Overrides::default()).and_then(settings::resolve).unwrap();
+    link::terms(&scenario).unwrap().scenario
 }
 
 #[test]
 fn a_host_with_another_scenario_version_or_ring_is_refused_with_the_remedy() {
     let hash = hash_of_smoke();
     for (version, scenario, section, expected) in [
-        (SCHEMA, hash + 1, "link", "it flies another scenario: pass the scenario.toml of the run's folder"),
+        (
+            SCHEMA,
+            hash + 1,
+            "link",
+            "it flies another scenario or sensor list: pass copies of scenario.toml and sensors.csv of the run's folder",
+        ),
         (SCHEMA + 1, hash, "link", "it is of another version: use the executables of one build"),
         (SCHEMA, hash, "", "it has no link to other hosts: expected that of skysink run --link"),
     ] {
@@ -134,10 +141,17 @@ fn a_link_that_ends_at_once_ends_what_needs_it_and_says_why() {
     for ended in [launcher, join(&place, &path)] {
         assert_eq!(ended.code, Some(1), "{ended:?}");
         assert!(ended.stderr.contains("link: no such mode\n"), "{ended:?}");
-        let expected = "skysink-link ended with exit status: 7: expected a zenoh configuration that it takes";
+        let expected =
+            "skysink-link ended with exit status: 7: expected a zenoh configuration that it takes, and a free port";
         assert!(ended.stderr.contains(expected), "{ended:?}");
     }
     place.assert_clean();
+    let resumed = ["run", "--resume", "run", "--no-viewer", "--external", "planner", "--external", "flight-sim"];
+    let resumed = [&resumed[..], &["--link", "link.json5"]].concat();
+    let ended = end(place.skysink(&resumed).env("PATH", &path).spawn().unwrap());
+    assert_eq!(ended.code, Some(2), "{ended:?}");
+    let expected = "flight-sim resumes from what is restored on this host: leave out --external flight-sim";
+    assert!(ended.stderr.contains(expected), "{ended:?}");
 }
 
 #[test]
@@ -153,4 +167,18 @@ fn a_link_needs_its_configuration_and_somebody_elsewhere() {
     let ended = run(&["--link", "link.json5"]);
     assert_eq!(ended.code, Some(2), "{ended:?}");
     assert!(ended.stderr.contains("--external"), "{ended:?}");
+}
+
+#[test]
+fn another_sensor_list_is_another_ring() {
+    let place = Place::new();
+    let list = "x_m,y_m,queue_bits,gain_db\n10.0,10.0,500,-52.0\n20.0,20.0,500,-52.0\n";
+    let hash = |list: &str| {
+        place.write("list.csv", list);
+        place.write("listed.toml", "name = 'listed'\n[sensors]\nfile = 'list.csv'\n");
+        let scenario = Scenario::read(&place.path("listed.toml"), Overrides::default()).unwrap();
+        link::terms(&scenario).unwrap().scenario
+    };
+    assert_eq!(hash(list), hash(&list.replace("10.0", "10.00")), "the same numbers");
+    assert_ne!(hash(list), hash(&list.replace("20.0,20.0", "20.0,21.0")));
 }

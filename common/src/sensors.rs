@@ -90,6 +90,12 @@ impl SensorList {
         Self { sensors, capacity_bits: scenario.sensors.capacity_bits }
     }
 
+    /// XXH3 of the list as a CSV file, seeded with that of its scenario.
+    #[must_use]
+    pub fn hash(&self, scenario: u64) -> u64 {
+        xxhash_rust::xxh3::xxh3_64_with_seed(self.to_csv().as_bytes(), scenario)
+    }
+
     /// The list as a CSV file with every column; floats read back exactly.
     #[must_use]
     pub fn to_csv(&self) -> String {

@@ -38,7 +38,7 @@ pub struct Terms {
 pub struct LinkTerms {
     /// Version of the messages and of what they mean.
     pub version: u32,
-    /// Hash of the scenario.
+    /// Hash of the scenario and its sensor list.
     #[serde(with = "hexadecimal")]
     pub scenario: u64,
 }

@@ -8,7 +8,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
+use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
+use skysink_common::sensors::SensorList;
 use skysink_mission::error::FileContext;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
@@ -47,9 +49,12 @@ const BACK_OFF: Duration = Duration::from_millis(500);
 const GRACE: Duration = Duration::from_secs(2);
 
 /// What the hosts of a ring that flies `scenario` must agree on.
-#[must_use]
-pub fn terms(scenario: &Scenario) -> LinkTerms {
-    LinkTerms { version: SCHEMA, scenario: scenario.hash() }
+///
+/// # Errors
+/// If its sensor list is refused.
+pub fn terms(scenario: &Scenario) -> Result<LinkTerms, InputError> {
+    let list = SensorList::of(scenario)?;
+    Ok(LinkTerms { version: SCHEMA, scenario: list.hash(scenario.hash()) })
 }
 
 /// The link that is installed.
@@ -142,13 +147,14 @@ impl Link {
         let program = Path::new(self.program);
         let (output, said) = pipe().at(program)?;
         let mut command = Command::new(program);
-        // In a group of its own: Ctrl-C is for its launcher, which ends it.
-        command.args(&self.arguments).current_dir(&self.ring).stdin(Stdio::null()).process_group(0);
+        command.args(&self.arguments).current_dir(&self.ring).stdin(Stdio::null());
+        command.process_group(0); // Ctrl-C is for the launcher
         for (name, value) in ENVIRONMENT {
             if std::env::var_os(name).is_none() {
                 command.env(name, value);
             }
         }
+        // A link has no lock by which it would notice that the launcher has died.
         let end_with_launcher = || Ok(set_parent_process_death_signal(Some(Signal::TERM))?);
         // SAFETY: a system call, which neither allocates nor locks.
         unsafe { command.pre_exec(end_with_launcher) };

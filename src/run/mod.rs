@@ -129,7 +129,7 @@ pub(crate) fn make_ring(
     let viewer = !options.no_viewer;
     let mut ring = RingFolder::create(manner.pace.unwrap_or_default(), options.wait, timeout_s, viewer, told)?;
     if options.link.is_some() {
-        ring.link(link::terms(scenario))?;
+        ring.link(link::terms(scenario)?)?;
     }
     ring.install()?;
     Ok(ring)

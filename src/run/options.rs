@@ -193,9 +193,19 @@ impl RunOptions {
         }
     }
 
-    /// Fails if the planner of the run that is to be resumed was another one.
+    /// Whether the process of `role` may be on another host and leave what it saves there.
+    fn may_save_elsewhere(&self, role: Role) -> bool {
+        self.link.is_some() && self.external.contains(&role) && matches!(role, Role::FieldSim | Role::FlightSim)
+    }
+
+    /// Fails if the planner of the run that is to be resumed was another one, or what is restored is not where it is
+    /// needed.
     pub(super) fn check_resumed(&self, folder: &RunFolder) -> Result<(), Error> {
         let refuse = |message: &str| Err(InputError::new("run folder", folder.path(), message).into());
+        if let Some(role) = self.external.iter().find(|&&role| self.may_save_elsewhere(role)) {
+            let name = role.name();
+            return refuse(&format!("{name} resumes from what is restored on this host: leave out --external {name}"));
+        }
         match &folder.manner().outside_planner {
             Some(name) if !self.has_outside_planner() => refuse(&format!(
                 "it was flown by an outside planner, {name}: expected --external planner, or --planner with its command"
@@ -212,15 +222,16 @@ impl RunOptions {
 
     /// The options by which a run of this kind is resumed.
     pub(super) fn resume_by(&self) -> String {
-        let words = self.external.iter().map(|role| format!(" --external {}", role.name()));
+        let roles: Vec<_> = self.external.iter().filter(|&&role| !self.may_save_elsewhere(role)).collect();
         let command = self.planner.iter().filter_map(|CommandLine(words)| {
             let command = shlex::try_join(words.iter().map(String::as_str)).ok()?;
             Some(format!(" --planner {}", shlex::try_quote(&command).ok()?))
         });
-        let link = self.link.iter().map(|config| {
+        let link = self.link.iter().filter(|_| !roles.is_empty()).map(|config| {
             let config = config.to_string_lossy();
             format!(" --link {}", shlex::try_quote(&config).unwrap_or(Cow::Borrowed(&config)))
         });
+        let words = roles.iter().map(|role| format!(" --external {}", role.name()));
         words.chain(link).chain(command).collect()
     }
 
