@@ -62,7 +62,7 @@ impl JoinOptions {
     /// If the ring flies another scenario or is of another version, a process ends for good, the launcher is silent for
     /// too long, or on a stop.
     pub fn join(self, stop: &Stop) -> Result<(), Error> {
-        link::check(&self.link)?;
+        self.check()?;
         let scenario = Scenario::read(&self.scenario, Overrides::default()).and_then(settings::resolve)?;
         limits::check(&SensorList::of(&scenario)?, false)?;
         let folder = RingFolder::join(&self.ring)?;
@@ -78,6 +78,17 @@ impl JoinOptions {
         }
         folder.install()?;
         self.take_part(&scenario, &folder, stop)
+    }
+
+    fn check(&self) -> Result<(), Error> {
+        let twice = (1..self.roles.len()).find(|&index| self.roles[..index].contains(&self.roles[index]));
+        if let Some(index) = twice {
+            return Err(Error::Usage(format!("{}: expected each role once", self.roles[index].name())));
+        }
+        if self.planner.is_some() && !self.roles.contains(&Role::Planner) {
+            return Err(Error::Usage("--planner: expected with the role planner".to_owned()));
+        }
+        link::check(&self.link)
     }
 
     fn take_part(self, scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), Error> {

@@ -170,6 +170,19 @@ fn a_link_needs_its_configuration_and_somebody_elsewhere() {
 }
 
 #[test]
+fn roles_that_contradict_each_other_are_refused() {
+    let (place, path) = with_link_that_fails(SCHEMA, hash_of_smoke(), "link");
+    for (roles, expected) in [
+        (&["planner", "flight-sim", "planner"][..], "planner: expected each role once"),
+        (&["flight-sim", "--planner", "true"], "--planner: expected with the role planner"),
+    ] {
+        let files = ["--ring", "ring.toml", "--scenario", SMOKE, "--link", "link.json5"];
+        let ended = end(place.skysink(&[&["join"], roles, &files].concat()).env("PATH", &path).spawn().unwrap());
+        assert!(ended.code == Some(2) && ended.stderr.contains(expected), "{ended:?}");
+    }
+}
+
+#[test]
 fn another_sensor_list_is_another_ring() {
     let place = Place::new();
     let list = "x_m,y_m,queue_bits,gain_db\n10.0,10.0,500,-52.0\n20.0,20.0,500,-52.0\n";
