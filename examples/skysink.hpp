@@ -11,6 +11,9 @@ namespace skysink {
 /// Most resource blocks of a UAV: messages hold this many served sensor nodes.
 constexpr static const size_t MAX_RESOURCE_BLOCKS = 64;
 
+/// Largest seed, which is TOML's largest number.
+constexpr static const uint64_t MAX_SEED = (uint64_t)INT64_MAX;
+
 /// Most sensor nodes in one plan.
 constexpr static const size_t MAX_SERVED = MAX_RESOURCE_BLOCKS;
 
@@ -22,6 +25,9 @@ constexpr static const uint32_t NOBODY = UINT32_MAX;
 
 /// [`SlotHeader::flags`]: the last slot of the mission; nothing follows.
 constexpr static const uint32_t FLAG_END = 1;
+
+/// [`SlotHeader::flags`]: sent before; a link between hosts may have lost it. Whoever has the slot drops it.
+constexpr static const uint32_t FLAG_REPEAT = 2;
 
 /// What the UAV does in a slot, by its number in messages and its name in `slots.csv`; an unknown number is a hold.
 enum class Mode : uint32_t {
@@ -63,7 +69,7 @@ struct SlotHeader {
     uint64_t slot;
     /// Restart count of the writer.
     uint32_t epoch;
-    /// [`FLAG_END`].
+    /// [`FLAG_END`], [`FLAG_REPEAT`].
     uint32_t flags;
     /// When it was sent, on the monotonic clock [ns].
     uint64_t sent_ns;
