@@ -143,7 +143,8 @@ fn a_paced_run_does_not_wait_for_the_viewer_and_marks_what_it_missed() {
 /// Id of the recording in a file.
 fn recording_id(place: &Place, file: &str) -> String {
     let mut reader = std::fs::File::open(place.path(file)).unwrap();
-    let stores = rerun::ChunkStore::from_rrd_reader(&rerun::ChunkStoreConfig::DEFAULT, &mut reader).unwrap();
+    let stores =
+        re_chunk_store::ChunkStore::from_rrd_reader(&re_chunk_store::ChunkStoreConfig::DEFAULT, &mut reader).unwrap();
     stores.into_keys().find(|store| store.is_recording()).unwrap().recording_id().to_string()
 }
 

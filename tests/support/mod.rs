@@ -202,14 +202,14 @@ pub fn slots_of_all(recordings: &[PathBuf], entity: &str) -> BTreeSet<i64> {
 
 /// What a recording holds of the entity in each slot, written out.
 pub fn rows(recording: &Path, entity: &str) -> BTreeMap<i64, String> {
-    let mut config = rerun::ChunkStoreConfig::DEFAULT;
+    let mut config = re_chunk_store::ChunkStoreConfig::DEFAULT;
     config.enable_changelog = false;
-    let stores = rerun::ChunkStore::from_rrd_reader(&config, &mut File::open(recording).unwrap()).unwrap();
-    let timeline = rerun::TimelineName::try_new("slot").unwrap();
+    let stores = re_chunk_store::ChunkStore::from_rrd_reader(&config, &mut File::open(recording).unwrap()).unwrap();
+    let timeline = re_sdk::TimelineName::try_new("slot").unwrap();
     let mut rows = BTreeMap::<_, String>::new();
     for (_, store) in stores.into_iter().filter(|(id, _)| id.is_recording()) {
         for chunk in
-            store.iter_physical_chunks().filter(|chunk| chunk.entity_path() == &rerun::EntityPath::from(entity))
+            store.iter_physical_chunks().filter(|chunk| chunk.entity_path() == &re_sdk::EntityPath::from(entity))
         {
             let Some(times) = chunk.timelines().get(&timeline) else { continue };
             for (row, &slot) in times.times_raw().iter().enumerate() {

@@ -3,7 +3,8 @@
 //! It is counted as the planner counts, from the contacts of every slot that was seen. A planner that has missed
 //! contacts, in a paced run, believes what is older.
 
-use rerun::{RecordingStreamResult, Scalars};
+use re_sdk::RecordingStreamResult;
+use re_sdk_types::archetypes::Scalars;
 use skysink_common::checkpoint::CheckpointError;
 use skysink_common::estimate::{Estimate, Rates, Saved};
 use skysink_common::message::{FlightReport, SensorNode};

@@ -3,20 +3,20 @@
 //! The library's own builder knows no properties of views (cameras, axes), draws random ids, and panics where the
 //! environment says `RERUN=off`; the entities below are all that it would write.
 
-use rerun::external::re_log_types::BlueprintActivationCommand;
-use rerun::external::re_sdk_types::blueprint::archetypes::{
-    ContainerBlueprint, PanelBlueprint, TimePanelBlueprint, ViewBlueprint, ViewContents, ViewportBlueprint,
-    VisibleTimeRanges,
-};
-use rerun::external::re_sdk_types::blueprint::components::{
-    ContainerKind, Fps, PanelState, RootContainer, TimelineName, VisibleTimeRange,
-};
-use rerun::external::re_types_core::datatypes::{TimeInt, TimeRange, TimeRangeBoundary, VisibleTimeRange as Range};
-use rerun::sink::MemorySinkStorage;
-use rerun::{
+use re_log_types::BlueprintActivationCommand;
+use re_sdk::sink::MemorySinkStorage;
+use re_sdk::{
     ApplicationId, Archetype, AsComponents, EntityPath, RecordingStream, RecordingStreamBuilder, RecordingStreamResult,
     StoreId, StoreKind,
 };
+use re_sdk_types::blueprint::archetypes::{
+    ContainerBlueprint, PanelBlueprint, TimePanelBlueprint, ViewBlueprint, ViewContents, ViewportBlueprint,
+    VisibleTimeRanges,
+};
+use re_sdk_types::blueprint::components::{
+    ContainerKind, Fps, PanelState, RootContainer, TimelineName, VisibleTimeRange,
+};
+use re_types_core::datatypes::{TimeInt, TimeRange, TimeRangeBoundary, VisibleTimeRange as Range};
 
 use crate::recording::{SIM_TIME, SLOT};
 

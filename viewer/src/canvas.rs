@@ -1,6 +1,6 @@
 //! Where a mission is drawn: below a root of its own, so that one recording can hold several.
 
-use rerun::{AsComponents, RecordingStream, RecordingStreamResult};
+use re_sdk::{AsComponents, RecordingStream, RecordingStreamResult};
 
 /// A recording's stream, seen from a root.
 #[derive(Clone)]

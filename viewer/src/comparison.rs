@@ -1,8 +1,9 @@
 //! Several missions in one recording, side by side: a scene of each, on one timeline, and their curves in one plot.
 
-use rerun::external::re_sdk_types::blueprint::archetypes::PlotLegend;
-use rerun::external::re_sdk_types::blueprint::components::{ContainerKind, Corner2D};
-use rerun::{ApplicationId, RecordingStreamResult, Scalars, TextDocument};
+use re_sdk::{ApplicationId, RecordingStreamResult};
+use re_sdk_types::archetypes::{Scalars, TextDocument};
+use re_sdk_types::blueprint::archetypes::PlotLegend;
+use re_sdk_types::blueprint::components::{ContainerKind, Corner2D};
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
 

@@ -1,6 +1,7 @@
 //! The curves beside the scene: what the mission achieves and how fast it is computed.
 
-use rerun::{RecordingStreamResult, Scalars};
+use re_sdk::RecordingStreamResult;
+use re_sdk_types::archetypes::Scalars;
 use skysink_common::message::Totals;
 
 use crate::canvas::Canvas;

@@ -1,9 +1,9 @@
 //! The event log, the lane of the UAV's state, and what has been reached so far in words.
 
-use rerun::components::MarkerShape;
-use rerun::{
-    RecordingStreamResult, Scalars, SeriesPoints, StateChange, StateConfiguration, TextDocument, TextLog, TextLogLevel,
-};
+use re_sdk::RecordingStreamResult;
+use re_sdk_types::archetypes::{Scalars, SeriesPoints, StateChange, StateConfiguration, TextDocument, TextLog};
+use re_sdk_types::components::MarkerShape;
+use re_sdk_types::components::TextLogLevel;
 use skysink_common::message::{HoldReason, Mode, SolverOutcome, Totals};
 use skysink_common::scenario::Scenario;
 

@@ -8,10 +8,10 @@ use std::io::{self, BufReader, BufWriter, Read as _, Seek as _, SeekFrom};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
-use rerun::ApplicationId;
-use rerun::external::re_build_info::CrateVersion;
-use rerun::external::re_log_encoding::rrd::{Decodable as _, EncodingOptions, RRD_FOURCC, StreamFooter};
-use rerun::external::re_log_encoding::{DecoderApp, EncodeError, Encoder};
+use re_build_info::CrateVersion;
+use re_log_encoding::rrd::{Decodable as _, EncodingOptions, RRD_FOURCC, StreamFooter};
+use re_log_encoding::{DecoderApp, EncodeError, Encoder};
+use re_sdk::ApplicationId;
 
 /// Whether a file begins the recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,11 +1,11 @@
 //! How the scene is arranged on the screen: views, cameras, axes and timeline.
 
-use rerun::RecordingStreamResult;
-use rerun::external::re_sdk_types::blueprint::archetypes::{
+use re_sdk::RecordingStreamResult;
+use re_sdk_types::blueprint::archetypes::{
     Background, EyeControls3D, LineGrid3D, PlotLegend, ScalarAxis, SpatialInformation, TextLogColumns, VisualBounds2D,
 };
-use rerun::external::re_sdk_types::blueprint::components::{self, BackgroundKind, ContainerKind, Eye3DKind};
-use rerun::external::re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
+use re_sdk_types::blueprint::components::{self, BackgroundKind, ContainerKind, Eye3DKind};
+use re_sdk_types::blueprint::datatypes::{self, TextLogColumnKind};
 use skysink_common::channel::Channel;
 use skysink_common::estimate::Rates;
 use skysink_common::scenario::Scenario;
@@ -302,7 +302,7 @@ fn picture_of(
     [x, y]: [[f64; 2]; 2],
 ) -> RecordingStreamResult<Tile> {
     let view = layout.view(class::PICTURE, name, root, shown)?;
-    let bounds = rerun::datatypes::Range2D { x_range: x.into(), y_range: y.into() };
+    let bounds = re_sdk_types::datatypes::Range2D { x_range: x.into(), y_range: y.into() };
     layout.set(view, &VisualBounds2D::new(components::VisualBounds2D(bounds)))?;
     layout.set(view, &background())?;
     Ok(view)

@@ -2,9 +2,10 @@
 
 use std::ops::RangeInclusive;
 
-use rerun::{
-    AnyValues, Boxes3D, Image, Points3D, Radius, RecordingStream, RecordingStreamResult, TextDocument, Transform3D,
-};
+use re_sdk::{RecordingStream, RecordingStreamResult};
+use re_sdk_types::AnyValues;
+use re_sdk_types::archetypes::{Boxes3D, Image, Points3D, TextDocument, Transform3D};
+use re_sdk_types::components::Radius;
 use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::estimate::Rates;
 use skysink_common::scenario::Scenario;
@@ -153,7 +154,7 @@ fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
         [[width_m / 2.0, depth_m / 2.0, -half_m - below_m]],
         [[width_m / 2.0 + margin_m, depth_m / 2.0 + margin_m, half_m]],
     );
-    let ground = ground.with_colors([colour::GROUND]).with_fill_mode(rerun::FillMode::Solid);
+    let ground = ground.with_colors([colour::GROUND]).with_fill_mode(re_sdk_types::components::FillMode::Solid);
     canvas.log_static(format!("{AREA}/ground"), &ground)?;
     let z_m = -0.8 * below_m;
     let north = sizes.grid_lines(width_m).map(|x_m| [[x_m, 0.0, z_m], [x_m, depth_m, z_m]]);
@@ -174,7 +175,7 @@ fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
 
 /// The run's facts, which the viewer lists as properties of the recording.
 pub(crate) fn log_facts(stream: &RecordingStream, scenario: &Scenario, count: usize) -> RecordingStreamResult<()> {
-    use rerun::components::{Scalar, Text};
+    use re_sdk_types::components::{Scalar, Text};
     let facts = AnyValues::default()
         .with_component::<Text>("scenario", [scenario.name.as_str()])
         .with_component::<Text>("strategy", [scenario.planner.strategy.as_str()])

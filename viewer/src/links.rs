@@ -4,7 +4,9 @@
 
 use std::ops::RangeInclusive;
 
-use rerun::{Cylinders3D, FillMode, LineStrips3D, Radius, RecordingStreamResult};
+use re_sdk::RecordingStreamResult;
+use re_sdk_types::archetypes::{Cylinders3D, LineStrips3D};
+use re_sdk_types::components::{FillMode, Radius};
 use skysink_common::channel::{Channel, FreeSpace, Uplink};
 use skysink_common::message::{FlightReport, LinkReport, Plan, SensorNode};
 use skysink_common::scenario::Scenario;

@@ -7,8 +7,10 @@
 pub mod field;
 pub mod profile;
 
-use rerun::components::MarkerShape;
-use rerun::{Points3D, Radius, RecordingStreamResult, Scalars, SeriesPoints};
+use re_sdk::RecordingStreamResult;
+use re_sdk_types::archetypes::{Points3D, Scalars, SeriesPoints};
+use re_sdk_types::components::MarkerShape;
+use re_sdk_types::components::Radius;
 use skysink_common::channel::{Channel, LineOfSight};
 use skysink_common::geometry::Position;
 use skysink_common::message::{FlightReport, LinkReport, SensorNode};

@@ -1,11 +1,11 @@
 //! Maps of the area seen from above, in metres, with a legend beside each: which sensor nodes (SNs) have lost data,
 //! when each overflows, and how long ago each place was in range.
 
-use rerun::components::ImageFormat;
-use rerun::{
-    ChannelDatatype, ColorModel, Ellipses2D, LineStrips2D, Points2D, Radius, RecordingStreamResult, SegmentationImage,
-    Transform3D,
-};
+use re_sdk::RecordingStreamResult;
+use re_sdk_types::archetypes::{Ellipses2D, LineStrips2D, Points2D, SegmentationImage, Transform3D};
+use re_sdk_types::components::ImageFormat;
+use re_sdk_types::components::Radius;
+use re_sdk_types::datatypes::{ChannelDatatype, ColorModel};
 use skysink_common::geometry::Position;
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
@@ -258,6 +258,9 @@ impl Coverage {
         let Self { shown, steps, slot_s } = self;
         let step = |age: Option<u64>| age.map_or(steps.last(), |slots| steps.step(slots as f64 * slot_s));
         let pixels: Vec<u8> = history.ages().map(|age| step(age) as u8).collect();
-        canvas.log(shown, &SegmentationImage::update_fields().with_buffer(rerun::components::ImageBuffer::from(pixels)))
+        canvas.log(
+            shown,
+            &SegmentationImage::update_fields().with_buffer(re_sdk_types::components::ImageBuffer::from(pixels)),
+        )
     }
 }

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::prelude::Service;
 use iceoryx2::sample::Sample;
-use rerun::TextLogLevel;
+use re_sdk_types::components::TextLogLevel;
 use skysink_common::error::InputError;
 use skysink_common::estimate::Rates;
 use skysink_common::message::{

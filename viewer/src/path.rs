@@ -3,7 +3,9 @@
 //! A recording of a planner without a path holds nothing of it. From the first path on every slot has its own, or an
 //! empty one, so that none is left over from a slot before.
 
-use rerun::{LineStrips3D, Points3D, Radius, RecordingStreamResult};
+use re_sdk::RecordingStreamResult;
+use re_sdk_types::archetypes::{LineStrips3D, Points3D};
+use re_sdk_types::components::Radius;
 use skysink_common::message::{MAX_PATH_POINTS, PathPoint};
 
 use crate::canvas::Canvas;

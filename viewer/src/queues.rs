@@ -1,8 +1,11 @@
 //! The sensor nodes, coloured by how full their queues are: a point each, and a bar each where they are few enough. One
 //! that loses data in the slot has a colour of its own, and one that ever has lost any a mark above it.
 
-use rerun::components::ClassId;
-use rerun::{AnnotationContext, AnnotationInfo, Boxes3D, FillMode, Points3D, Radius, RecordingStreamResult};
+use re_sdk::RecordingStreamResult;
+use re_sdk_types::archetypes::{AnnotationContext, Boxes3D, Points3D};
+use re_sdk_types::components::ClassId;
+use re_sdk_types::components::{FillMode, Radius};
+use re_sdk_types::datatypes::AnnotationInfo;
 use skysink_common::message::SensorNode;
 
 use crate::canvas::Canvas;

@@ -4,10 +4,10 @@ use std::net::TcpListener;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use rerun::grpc_server::GrpcServerSink;
-use rerun::log::ChunkBatcherConfig;
-use rerun::sink::{FileSink, FileSinkError, LogSink, SinkFlushError};
-use rerun::{ApplicationId, RecordingStream, RecordingStreamBuilder, RecordingStreamError};
+use re_sdk::grpc_server::GrpcServerSink;
+use re_sdk::log::ChunkBatcherConfig;
+use re_sdk::sink::{FileSink, FileSinkError, LogSink, SinkFlushError};
+use re_sdk::{ApplicationId, RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 
 use crate::files::{NextFile, Part};
 
@@ -176,10 +176,10 @@ fn free_port(port: u16) -> Result<u16, SceneError> {
 }
 
 fn server(port: u16) -> Result<GrpcServerSink, SceneError> {
-    let options = rerun::ServerOptions {
-        playback_behavior: rerun::PlaybackBehavior::OldestFirst,
-        memory_limit: rerun::MemoryLimit::from_bytes(HISTORY_BYTES),
-        ..rerun::ServerOptions::default()
+    let options = re_sdk::ServerOptions {
+        playback_behavior: re_sdk::PlaybackBehavior::OldestFirst,
+        memory_limit: re_sdk::MemoryLimit::from_bytes(HISTORY_BYTES),
+        ..re_sdk::ServerOptions::default()
     };
     let sink = GrpcServerSink::new("127.0.0.1", port, options);
     sink.map_err(|error| SceneError::Stream(RecordingStreamError::InvalidAddress(error)))

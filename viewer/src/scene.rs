@@ -4,7 +4,8 @@
 
 use std::ops::RangeInclusive;
 
-use rerun::{ApplicationId, TextLogLevel};
+use re_sdk::ApplicationId;
+use re_sdk_types::components::TextLogLevel;
 use skysink_common::checkpoint::{Checkpoint, CheckpointError};
 use skysink_common::estimate::Rates;
 use skysink_common::message::{SensorNode, Totals};

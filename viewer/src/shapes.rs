@@ -3,7 +3,8 @@
 use std::f32::consts::TAU;
 
 use nalgebra::Point3;
-use rerun::{LineStrips3D, Points2D, Radius, SeriesLines};
+use re_sdk_types::archetypes::{LineStrips3D, Points2D, SeriesLines};
+use re_sdk_types::components::Radius;
 
 use crate::colour::{self, Rgb};
 

@@ -1,6 +1,7 @@
 //! Colour scales in steps between round numbers: what a value is shown as, and what a legend says of it.
 
-use rerun::{AnnotationContext, AnnotationInfo};
+use re_sdk_types::archetypes::AnnotationContext;
+use re_sdk_types::datatypes::AnnotationInfo;
 
 use crate::colour::{self, Rgb};
 

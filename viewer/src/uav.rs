@@ -2,10 +2,10 @@
 
 use std::f32::consts::FRAC_1_SQRT_2;
 
-use rerun::{
-    Angle, Arrows3D, Boxes3D, Cylinders3D, FillMode, LineStrips3D, Points3D, Radius, RecordingStreamResult,
-    RotationAxisAngle, Transform3D,
-};
+use re_sdk::RecordingStreamResult;
+use re_sdk_types::archetypes::{Arrows3D, Boxes3D, Cylinders3D, LineStrips3D, Points3D, Transform3D};
+use re_sdk_types::components::{FillMode, Radius};
+use re_sdk_types::datatypes::{Angle, RotationAxisAngle};
 use skysink_common::message::Plan;
 
 use crate::canvas::Canvas;

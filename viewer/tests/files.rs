@@ -10,7 +10,7 @@ use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use chunks::recording;
-use rerun::external::re_log_encoding::DecoderApp;
+use re_log_encoding::DecoderApp;
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::estimate::Rates;
 use skysink_common::message::{LinkReport, PathPoint};
@@ -203,8 +203,8 @@ fn a_file_cut_anywhere_is_left_alone_and_its_recording_continued() {
 #[test]
 fn a_file_without_a_recording_of_this_program_is_left_alone_and_begins_none() {
     let (folder, other) = place();
-    let stream = rerun::RecordingStreamBuilder::new("other").enabled(true).save(&other).unwrap();
-    stream.log_static("x", &rerun::Points3D::new([[0.0; 3]])).unwrap();
+    let stream = re_sdk::RecordingStreamBuilder::new("other").enabled(true).save(&other).unwrap();
+    stream.log_static("x", &re_sdk_types::archetypes::Points3D::new([[0.0; 3]])).unwrap();
     drop(stream);
     let first = folder.path().join("first.rrd");
     let zeros = [0; 1_000];

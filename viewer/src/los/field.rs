@@ -4,8 +4,10 @@
 //! Every funnel has the same shape, so that a slot only moves it: 12 bytes instead of a thousand voxels.
 
 use nalgebra::{Point3, Vector2};
-use rerun::components::{Colormap, ImageFormat};
-use rerun::{ChannelDatatype, Clear, ColorModel, GridMap, RecordingStreamResult, VoxelGridMap};
+use re_sdk::{Clear, RecordingStreamResult};
+use re_sdk_types::archetypes::{GridMap, VoxelGridMap};
+use re_sdk_types::components::{Colormap, ImageFormat};
+use re_sdk_types::datatypes::{ChannelDatatype, ColorModel};
 use skysink_common::channel::LineOfSight;
 use skysink_common::geometry::{Position, distance_squared};
 

@@ -5,7 +5,9 @@
 //! its maximum in between.
 
 use nalgebra::Point3;
-use rerun::{Clear, LineStrips2D, Radius, RecordingStreamResult};
+use re_sdk::{Clear, RecordingStreamResult};
+use re_sdk_types::archetypes::LineStrips2D;
+use re_sdk_types::components::Radius;
 use skysink_common::channel::LineOfSight;
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::scenario::Scenario;

@@ -6,9 +6,9 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use rerun::TimelineName;
-use rerun::external::re_log_encoding::DecoderApp;
-use rerun::log::{Chunk, ChunkId, LogMsg};
+use re_log_encoding::DecoderApp;
+use re_sdk::TimelineName;
+use re_sdk::log::{Chunk, ChunkId, LogMsg};
 
 /// The chunks of a file, as far as they are whole.
 #[derive(Debug, Default)]

@@ -4,8 +4,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use rerun::external::arrow::array::Array;
-use rerun::{ChunkStore, ChunkStoreConfig, TimeColumn, TimelineName};
+use arrow::array::Array;
+use re_chunk::TimeColumn;
+use re_chunk_store::{ChunkStore, ChunkStoreConfig};
+use re_sdk::TimelineName;
 use skysink_common::message::{FlightReport, LinkReport, Mode, PathPoint, Plan, QueuesHeader, SensorNode, Totals};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_viewer::SlotView;
@@ -192,7 +194,7 @@ impl Found {
     }
 }
 
-fn add(cells: &mut BTreeMap<Cell, Vec<String>>, chunk: &rerun::log::Chunk) {
+fn add(cells: &mut BTreeMap<Cell, Vec<String>>, chunk: &re_sdk::log::Chunk) {
     let times = |timeline: &str| chunk.timelines().get(&TimelineName::try_new(timeline).unwrap());
     let (slots, times_ns) = (times("slot"), times("sim_time"));
     for component in chunk.components_identifiers() {
@@ -205,9 +207,9 @@ fn add(cells: &mut BTreeMap<Cell, Vec<String>>, chunk: &rerun::log::Chunk) {
     }
 }
 
-fn add_images(images: &mut BTreeMap<(String, String, i64), Vec<u8>>, chunk: &rerun::log::Chunk) {
-    let slot = rerun::TimelineName::try_new("slot").unwrap();
-    let buffer = rerun::SegmentationImage::descriptor_buffer().component;
+fn add_images(images: &mut BTreeMap<(String, String, i64), Vec<u8>>, chunk: &re_sdk::log::Chunk) {
+    let slot = re_sdk::TimelineName::try_new("slot").unwrap();
+    let buffer = re_sdk_types::archetypes::SegmentationImage::descriptor_buffer().component;
     let buffers = chunk.iter_slices::<&[u8]>(buffer);
     for ((time, _), bytes) in chunk.iter_component_indices(slot, buffer).zip(buffers) {
         let place = (chunk.entity_path().to_string(), buffer.to_string(), time.as_i64());
