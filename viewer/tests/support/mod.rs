@@ -4,10 +4,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use arrow::array::Array;
-use re_chunk::TimeColumn;
+use arrow_array::Array;
 use re_chunk_store::{ChunkStore, ChunkStoreConfig};
 use re_sdk::TimelineName;
+use re_sdk::log::TimeColumn;
 use skysink_common::message::{FlightReport, LinkReport, Mode, PathPoint, Plan, QueuesHeader, SensorNode, Totals};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_viewer::SlotView;
@@ -163,7 +163,14 @@ impl Found {
         self.cells.keys().filter(is_it).filter_map(|(_, _, slot, _)| *slot).collect()
     }
 
-    /// What an entity's component holds in a slot, or statically; written out, empty if nothing was logged.
+    /// What an entity's component shows in a slot, which may have been logged before; written out.
+    pub fn shown_in(&self, entity: &str, component: &str, slot: i64) -> String {
+        let logged = self.slots_of_component(entity, component);
+        let last = logged.range(..=slot).next_back();
+        last.map_or_else(String::new, |&last| self.text(entity, component, Some(last)))
+    }
+
+    /// What was logged of an entity's component in a slot, or statically; written out, empty if nothing was.
     pub fn text(&self, entity: &str, component: &str, slot: Option<i64>) -> String {
         let is_it = |cell: &Cell| cell.0 == format!("/{entity}") && cell.1 == component && cell.2 == slot;
         self.cells.iter().filter(|(cell, _)| is_it(cell)).flat_map(|(_, values)| values.clone()).collect()
