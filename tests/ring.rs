@@ -108,14 +108,14 @@ fn processes_and_one_process_believe_the_same() {
 fn processes_that_poll_leave_the_same_trace() {
     let place = Place::new();
     place.run_well(&["simulate", SMOKE, "--out", "alone"]);
-    for wait in ["event", "poll"] {
+    for wait in ["adaptive", "event", "poll"] {
         place.run_well(&["run", SMOKE, "--no-viewer", "--wait", wait, "--out", wait]);
         assert_eq!(place.read("alone/slots.csv"), place.read(&format!("{wait}/slots.csv")), "{wait}");
     }
     let ended = place.run(&["run", SMOKE, "--no-viewer", "--wait", "spin"]);
     assert_eq!(ended.code, Some(2), "{ended:?}");
     assert!(
-        ended.stderr.contains("invalid value 'spin' for '--wait") && ended.stderr.contains("event, poll"),
+        ended.stderr.contains("invalid value 'spin' for '--wait") && ended.stderr.contains("adaptive, event, poll"),
         "{ended:?}"
     );
     place.assert_clean();

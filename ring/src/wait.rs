@@ -23,8 +23,10 @@ use crate::role::{Role, Seat};
 #[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum Waiting {
-    /// Asleep, until the writer wakes it.
+    /// Polling for as long as a sleep and its wake-up take, then asleep.
     #[default]
+    Adaptive,
+    /// Asleep, until the writer wakes it.
     Event,
     /// Polling, which is quicker and keeps every core busy.
     Poll,
@@ -37,21 +39,35 @@ pub(crate) const PAUSE: Duration = Duration::from_millis(10);
 /// message is awaited needs it.
 const POLLS: u32 = 64;
 
+/// Polls in a row before an adaptive wait sleeps: some 50 µs, about as long as a sleep and its wake-up take.
+const POLLS_BEFORE_SLEEP: u32 = 512;
+
 impl Waiting {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Adaptive, Self::Event, Self::Poll];
+
     /// The names of all.
     pub const NAMES: &'static [&'static str] = <Self as VariantNames>::VARIANTS;
 
-    /// Pauses until `listener` is notified, for 10 ms at most; or for one of many polls, of which this is number
-    /// `polls`.
+    /// Whether a process sleeps after so many polls in vain.
+    fn sleeps_after(self, polls: u32) -> bool {
+        match self {
+            Self::Adaptive => polls >= POLLS_BEFORE_SLEEP,
+            Self::Event => true,
+            Self::Poll => false,
+        }
+    }
+
+    /// Pauses after so many polls in vain: until `listener` is notified, for 10 ms at most, or until the next poll.
     ///
     /// Whoever polls leaves the listener alone: notifying it once more costs its writer next to nothing.
     pub fn pause<S: Service>(self, listener: &Listener<S>, polls: u32) {
-        match self {
-            Self::Event => {
-                let _ = listener.timed_wait(|_| {}, PAUSE); // an interrupted wait is a short one
-            }
-            Self::Poll if polls.is_multiple_of(POLLS) => std::thread::yield_now(),
-            Self::Poll => std::hint::spin_loop(),
+        if self.sleeps_after(polls) {
+            let _ = listener.timed_wait(|_| {}, PAUSE); // an interrupted wait is a short one
+        } else if polls.is_multiple_of(POLLS) {
+            std::thread::yield_now();
+        } else {
+            std::hint::spin_loop();
         }
     }
 }
@@ -187,8 +203,9 @@ impl WaitContext {
     /// A requested stop, the supervisor's death, or, in the launcher, the time-out.
     pub fn pause<S: Service>(&mut self, listener: &Listener<S>, awaited: &mut Awaited) -> Result<(), NodeError> {
         self.waiting.pause(listener, self.polls);
+        let has_slept = self.waiting.sleeps_after(self.polls);
         self.polls = self.polls.wrapping_add(1);
-        if self.waiting == Waiting::Poll && !self.polls.is_multiple_of(POLLS) {
+        if !has_slept && !self.polls.is_multiple_of(POLLS) {
             return Ok(());
         }
         let now = Instant::now();
@@ -257,7 +274,7 @@ mod tests {
 
     #[test]
     fn a_way_of_waiting_is_read_as_it_is_written() {
-        for (waiting, text) in [(Waiting::Event, "event"), (Waiting::Poll, "poll")] {
+        for (waiting, text) in [(Waiting::Adaptive, "adaptive"), (Waiting::Event, "event"), (Waiting::Poll, "poll")] {
             assert_eq!(text.parse(), Ok(waiting));
             assert_eq!(waiting.to_string(), text);
         }

@@ -56,7 +56,7 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<Vec<RingRow>, Error> {
     let mut rows = Vec::new();
     for pace in [Pace::Max, Pace::Factor(PACED_HZ)] {
         for sensors in counts(effort).iter().copied().filter(|&sensors| pace == Pace::Max || sensors <= PACED_MOST) {
-            for wait in [Waiting::Event, Waiting::Poll] {
+            for wait in Waiting::ALL {
                 rows.push(row(sensors, wait, pace, effort, stop)?);
             }
         }
@@ -76,7 +76,7 @@ fn row(sensors: u32, wait: Waiting, pace: Pace, effort: Effort, stop: &Stop) -> 
     let mut slot = Vec::new();
     let mut plan = Vec::new();
     let mut slots_per_s = Vec::new();
-    for _ in 0..effort.choose(3, 1) {
+    for _ in 0..effort.choose(5, 1) {
         hops.push(bound.time(stop)?);
         let timing = fly(sensors, slots, wait, pace, stop)?;
         let number = |key: &str| timing[key].as_f64().unwrap_or(0.0);
