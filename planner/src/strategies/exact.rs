@@ -204,10 +204,12 @@ impl Schedule {
     fn fill<'a>(&mut self, spots: impl Iterator<Item = &'a Spot>) {
         self.sum_bits = 0;
         self.ids.clear();
-        for spot in spots {
-            self.sum_bits += u64::from(spot.queue_bits);
-            self.ids.push(spot.id);
-        }
+        spots.for_each(|spot| self.add(spot));
+    }
+
+    fn add(&mut self, spot: &Spot) {
+        self.sum_bits += u64::from(spot.queue_bits);
+        self.ids.push(spot.id);
     }
 
     /// Becomes the bound of all sets with `members`, and says whether it beats `best`: `members` and the fullest of
@@ -219,9 +221,19 @@ impl Schedule {
         members: [&Spot; M],
         others: &[Spot],
     ) -> bool {
-        let is_member = |spot: &Spot| members.iter().any(|member| member.id == spot.id);
-        let more = others.iter().filter(|other| !is_member(other) && may_share(table, members[M - 1], other));
-        self.fill(members.into_iter().chain(more.take(table.resource_blocks - M)));
+        self.fill(members.into_iter());
+        let mut blocks = (table.resource_blocks - M) as u64;
+        for other in others {
+            // None of those that follow is fuller.
+            if blocks == 0 || self.sum_bits + blocks * u64::from(other.queue_bits) < best.sum_bits {
+                break;
+            }
+            let is_member = members.iter().any(|member| member.id == other.id);
+            if !is_member && may_share(table, members[M - 1], other) {
+                self.add(other);
+                blocks -= 1;
+            }
+        }
         self.beats(best)
     }
 
