@@ -38,7 +38,7 @@ use crate::replay::ReplayArguments;
 use crate::report::OutputForm;
 use crate::run::run;
 use crate::run::supervise::ProcessTable;
-use crate::simulate::{NewFolder, Simulation, simulate};
+use crate::simulate::{NewFolder, RecordingOptions, Simulation, simulate};
 use crate::topics::TopicsOptions;
 use crate::view::{PageOptions, ViewOptions};
 use crate::{report, usage, worker};
@@ -100,9 +100,8 @@ Examples:
         scenario: PathBuf,
         #[command(flatten)]
         choice: Choice,
-        /// Leave a recording for rerun, mission.rrd.
-        #[arg(long)]
-        record: bool,
+        #[command(flatten)]
+        recording: RecordingOptions,
         #[command(flatten)]
         form: OutputForm,
     },
@@ -295,11 +294,11 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
     let (folder, summary, form) = match command {
         Command::Check { scenario, changes, json } => return check(&scenario, changes.overrides(), json),
         Command::New(new) => return new.write(),
-        Command::Simulate { scenario, choice, record, form } => {
+        Command::Simulate { scenario, choice, recording, form } => {
             let scenario = Scenario::read(&scenario, choice.overrides()).and_then(settings::resolve)?;
             let list = SensorList::of(&scenario)?;
             let mission = Mission::new(&scenario, &list)?;
-            let simulation = Simulation { scenario, folder: choice.folder, record };
+            let simulation = Simulation { scenario, folder: choice.folder, record: recording.every() };
             let (folder, summary) = simulate(&simulation, &list, mission, stop)?;
             (folder, summary, form)
         }

@@ -1,5 +1,6 @@
 //! `skysink simulate`: a mission in one process.
 
+use std::num::NonZeroU64;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -47,6 +48,25 @@ impl NewFolder {
     }
 }
 
+/// Whether a recording is left.
+#[derive(Debug, Args)]
+pub struct RecordingOptions {
+    /// Leave a recording for rerun, mission.rrd.
+    #[arg(long)]
+    record: bool,
+    /// Leave one in which one slot in so many is drawn; events are there at any rate.
+    #[arg(long, value_name = "SLOTS")]
+    record_every: Option<NonZeroU64>,
+}
+
+impl RecordingOptions {
+    /// Slots of which one is drawn; no recording if none.
+    #[must_use]
+    pub fn every(&self) -> Option<NonZeroU64> {
+        self.record_every.or(self.record.then_some(NonZeroU64::MIN))
+    }
+}
+
 /// What to simulate and where to put it.
 #[derive(Debug)]
 pub struct Simulation {
@@ -54,8 +74,8 @@ pub struct Simulation {
     pub scenario: Scenario,
     /// The folder of the run.
     pub folder: NewFolder,
-    /// Whether to leave a recording for rerun.
-    pub record: bool,
+    /// Slots of which one is drawn in a recording for rerun; no recording if none.
+    pub record: Option<NonZeroU64>,
 }
 
 /// Flies a mission over the sensor nodes `list`, and returns its folder and its figures. A stop leaves a folder that is
@@ -72,11 +92,11 @@ pub fn simulate(
     let scenario = &simulation.scenario;
     let folder = simulation.folder.create(scenario, list, &Manner::default())?;
     #[cfg(not(feature = "viewer"))]
-    if simulation.record {
+    if simulation.record.is_some() {
         return Err(Error::NoViewer);
     }
     #[cfg(feature = "viewer")]
-    let mut recording = simulation.record.then(|| recording(scenario, &folder, list)).transpose()?;
+    let mut recording = simulation.record.map(|every| recording(scenario, &folder, list, every)).transpose()?;
     let mut log = folder.slot_log()?;
     let mut tally = Tally::new(scenario, list);
     let progress = TerminalProgress::of_slots();
@@ -113,8 +133,8 @@ pub fn simulate(
 
 /// The recording of a simulation. It knows no clock, so that equal missions leave equal recordings.
 #[cfg(feature = "viewer")]
-fn recording(scenario: &Scenario, folder: &RunFolder, list: &SensorList) -> Result<Scene, Error> {
-    let sinks = Sinks { save: Some(folder.recording()), live: None };
+fn recording(scenario: &Scenario, folder: &RunFolder, list: &SensorList, every: NonZeroU64) -> Result<Scene, Error> {
+    let sinks = Sinks { save: Some(folder.recording()), every: Some(every), ..Sinks::default() };
     let name = format!("{}-{}-{}", scenario.name, scenario.planner.strategy, scenario.seed);
     let estimated = skysink_planner::settings::estimated(scenario).map_err(MissionError::from)?;
     Ok(Scene::open(&sinks, scenario, &list.nodes(), &name, WallClock::Unmeasured, estimated)?)

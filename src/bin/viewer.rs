@@ -1,5 +1,6 @@
 //! Everything to rerun, as a process of the ring.
 
+use std::num::NonZeroU64;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -27,6 +28,9 @@ struct Cli {
     /// Serve it live on 127.0.0.1.
     #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "9876")]
     live: Option<u16>,
+    /// Draw one slot in so many, the first, the last and what happens in between.
+    #[arg(long, value_name = "SLOTS")]
+    record_every: Option<NonZeroU64>,
     /// What the mission of an outside planner is booked as.
     #[arg(long, value_name = "NAME")]
     label: Option<String>,
@@ -46,7 +50,7 @@ fn main() -> ExitCode {
 
 fn record(cli: &Cli, stop: &Stop) -> Result<(), NodeError> {
     let (scenario, folder) = worker::join(&cli.place)?;
-    let sinks = Sinks { save: cli.save.clone(), live: cli.live };
+    let sinks = Sinks { save: cli.save.clone(), live: cli.live, every: cli.record_every };
     let estimated = skysink_planner::settings::estimated(&scenario)?;
     let missed = run::<ipc::Service>(&scenario, &folder, stop, &sinks, cli.label.as_deref(), estimated)?;
     if missed > 0 {

@@ -96,7 +96,7 @@ impl SoakArguments {
             let list = SensorList::of(&scenario)?;
             let mission = Mission::new(&scenario, &list)?;
             let seed = scenario.seed;
-            let simulation = Simulation { scenario, folder: self.choice.folder, record: false };
+            let simulation = Simulation { scenario, folder: self.choice.folder, record: None };
             let (alone, _) = simulate(&simulation, &list, mission, stop)?;
             let Self { missions, kills, viewer, .. } = self;
             return Anywhere { alone, missions, kills, seed, viewer }.fly(stop);

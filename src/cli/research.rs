@@ -22,7 +22,7 @@ use super::{Changes, job_array};
 use crate::compare::{Compare, Compared, compare};
 use crate::error::{Error, ended_early, flown_in};
 use crate::report::{OutputForm, TerminalProgress, print, print_optimum, print_run};
-use crate::simulate::{NewFolder, Simulation, simulate};
+use crate::simulate::{NewFolder, RecordingOptions, Simulation, simulate};
 
 /// The research commands.
 #[derive(Debug, Subcommand)]
@@ -269,9 +269,8 @@ pub struct OptimizeOptions {
     changes: Changes,
     #[command(flatten)]
     folder: NewFolder,
-    /// Leave a recording for rerun, mission.rrd.
-    #[arg(long)]
-    record: bool,
+    #[command(flatten)]
+    recording: RecordingOptions,
     #[command(flatten)]
     form: OutputForm,
 }
@@ -287,13 +286,13 @@ impl OptimizeOptions {
             Scenario::read(&self.scenario, overrides).and_then(settings::resolve)
         };
         let scenarios = STRATEGIES.into_iter().map(by).collect::<Result<Vec<_>, _>>()?;
-        let Self { budget, steps, folder, record, form, .. } = self;
+        let Self { budget, steps, folder, recording, form, .. } = self;
         RunFolder::check(folder.out.as_deref(), folder.force)?;
         let budget = steps.map_or(Budget::Time(budget), Budget::Steps);
         let found = optimize(&scenarios, budget, stop, &TerminalProgress::of_steps());
         let left = "nothing was written: the same command starts again, with a smaller --budget it ends earlier";
         let found = found.map_err(|error| ended_early(error, left))?;
-        let simulation = Simulation { scenario: found.scenario.clone(), folder, record };
+        let simulation = Simulation { scenario: found.scenario.clone(), folder, record: recording.every() };
         let (folder, summary) = simulate(&simulation, &found.list, found.mission()?, stop)?;
         folder.write_json("optimum.json", &found.optimum)?;
         form.print(&found.optimum, || {

@@ -69,7 +69,7 @@ pub(super) fn record(shown: &[Shown], path: &Path, stop: &Stop) -> Result<(), Er
             sensors,
         })
         .collect();
-    let sinks = Sinks { save: Some(begun.clone()), live: None };
+    let sinks = Sinks { save: Some(begun.clone()), ..Sinks::default() };
     let name = shown.iter().map(|one| one.contender.label.as_str()).collect::<Vec<_>>().join(" beside ");
     let mut comparison = Comparison::open(&sinks, &name, &compared, &page(shown))?;
     let mut plans: Vec<Option<Plan>> = vec![None; missions.len()];

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::ffi::OsString;
+use std::num::NonZeroU64;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -29,17 +30,20 @@ pub struct RunOptions {
     /// max, realtime, or a factor such as 10x [default: max; with --resume that of the run].
     #[arg(long, value_name = "PACE")]
     pub pace: Option<Pace>,
-    /// How the processes wait for each other: event, asleep until they are woken; or poll, which is quicker and keeps
-    /// every core busy.
-    #[arg(long, default_value = "event", value_name = "HOW", value_parser = PossibleValuesParser::new(Waiting::NAMES)
+    /// How the processes wait for each other: event, asleep until they are woken; poll, which is quicker and keeps every
+    /// core busy; or adaptive, which polls for some 50 µs and then sleeps.
+    #[arg(long, default_value = "adaptive", value_name = "HOW", value_parser = PossibleValuesParser::new(Waiting::NAMES)
         .map(|name| name.parse::<Waiting>().expect("one of the possible values")))]
     pub wait: Waiting,
     /// Serve the recording live on 127.0.0.1, on port 9876 if none is given.
     #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "9876")]
     pub live: Option<u16>,
     /// Leave the recording out.
-    #[arg(long, conflicts_with = "live")]
+    #[arg(long, conflicts_with_all = ["live", "record_every"])]
     pub no_viewer: bool,
+    /// Draw one slot in so many in the recording, which is smaller for it; events are there at any rate [default: 1].
+    #[arg(long, value_name = "SLOTS")]
+    pub record_every: Option<NonZeroU64>,
     /// Leave this process to somebody else and wait for it (repeatable).
     #[arg(long, value_name = "ROLE", value_parser = PossibleValuesParser::new(WORKERS.map(Role::name))
         .map(|name| worker(&name).expect("one of the possible values")))]
@@ -255,6 +259,7 @@ impl RunOptions {
         if role == Role::Viewer {
             arguments.extend(["--save".into(), absolute(&launch.recording)?.into()]);
             arguments.extend(self.live.map(|port| format!("--live={port}").into()));
+            arguments.extend(self.record_every.map(|slots| format!("--record-every={slots}").into()));
             arguments.extend(launch.label.iter().flat_map(|name| ["--label".into(), name.into()]));
         }
         arguments.extend(launch.recorded_arguments(role)?);

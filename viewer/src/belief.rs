@@ -70,19 +70,11 @@ impl Belief {
         })
     }
 
-    /// Draws a slot, the first after `before`: takes in its contacts, and compares. Of a mission whose beginning was
-    /// not seen it is not known what the UAV was told, and nothing is drawn.
-    pub(crate) fn log_slot(
-        &mut self,
-        canvas: &Canvas,
-        before: &SensorHistory,
-        slot: u64,
-        queues_bits: &[u32],
-        flight: &FlightReport,
-    ) -> RecordingStreamResult<()> {
+    /// Takes in the contacts of a slot, the first after `before`.
+    pub(crate) fn observe(&mut self, before: &SensorHistory, slot: u64, queues_bits: &[u32], flight: &FlightReport) {
         self.is_followed |= slot == 0;
         if !self.is_followed {
-            return Ok(());
+            return;
         }
         let is_known = |id: &u32| (*id as usize) < queues_bits.len();
         if slot > 0 && before.slot() == Some(slot - 1) {
@@ -90,6 +82,14 @@ impl Belief {
             self.estimate.announce(slot, &served, before.queues_bits());
         }
         self.estimate.observe(slot, flight, queues_bits);
+    }
+
+    /// Draws what is believed after the slot that was observed last, beside what is true. Of a mission whose beginning
+    /// was not seen it is not known what the UAV was told, and nothing is drawn.
+    pub(crate) fn draw(&mut self, canvas: &Canvas, slot: u64, queues_bits: &[u32]) -> RecordingStreamResult<()> {
+        if !self.is_followed {
+            return Ok(());
+        }
         let believed_bits = self.estimate.believe(slot);
         let fraction =
             |bits: f64, capacity_bits: u32| if capacity_bits == 0 { 0.0 } else { bits / f64::from(capacity_bits) };
@@ -100,16 +100,16 @@ impl Belief {
             })
         };
         let mean = errors().map(f64::abs).sum::<f64>() / queues_bits.len().max(1) as f64;
-        canvas.log(MEAN_ERROR, &Scalars::single(mean))?;
-        canvas.log(LARGEST_ERROR, &Scalars::single(errors().map(f64::abs).fold(0.0, f64::max)))?;
+        canvas.append(MEAN_ERROR, &Scalars::single(mean))?;
+        canvas.append(LARGEST_ERROR, &Scalars::single(errors().map(f64::abs).fold(0.0, f64::max)))?;
         if self.rhythm.is_due(slot) {
             let percent = |bits: u32, capacity_bits: u32| 100.0 * fraction(f64::from(bits), capacity_bits);
             let steps = &self.steps;
             let believed = pairs().map(|((&believed_bits, _), &capacity)| steps.step(percent(believed_bits, capacity)));
             let truth = pairs().map(|((_, &queue_bits), &capacity)| steps.step(percent(queue_bits, capacity)));
-            self.believed.log(canvas, believed)?;
-            self.truth.log(canvas, truth)?;
-            self.error.log(canvas, errors().map(|error| self.error_steps.step(100.0 * error)))?;
+            self.believed.show(canvas, believed)?;
+            self.truth.show(canvas, truth)?;
+            self.error.show(canvas, errors().map(|error| self.error_steps.step(100.0 * error)))?;
         }
         Ok(())
     }

@@ -10,7 +10,6 @@ use skysink_common::scenario::Scenario;
 use crate::blueprint::{Blueprint, Tile, class};
 use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
-use crate::files::Part;
 use crate::layout::{SLOTS_PER_S, TRACK_SLOTS, above, film, flown, lock_axis, overview, select, select_all};
 use crate::picture::Picture;
 use crate::queues::Fill;
@@ -68,6 +67,7 @@ pub struct ComparedMission<'a> {
 /// A recording of several missions under way.
 pub struct Comparison {
     recording: Recording,
+    canvas: Canvas,
     missions: Vec<Drawn>,
 }
 
@@ -95,10 +95,10 @@ impl Comparison {
             }
             let sizes = Sizes::of(mission.scenario, mission.sensors.len());
             let below = Canvas::below(&recording.stream, &root);
-            let picture = Picture::open(below, mission.scenario, mission.sensors, &sizes, Part::First)?;
+            let picture = Picture::open(below, mission.scenario, mission.sensors, &sizes, &recording)?;
             drawn.push(Drawn { root, picture, slot_s: mission.scenario.slot_s });
         }
-        let comparison = Self { recording, missions: drawn };
+        let comparison = Self { recording, canvas, missions: drawn };
         comparison.arrange(missions)?;
         Ok(comparison)
     }
@@ -113,10 +113,10 @@ impl Comparison {
     pub fn log_slot(&mut self, mission: usize, view: &SlotView) -> Result<(), SceneError> {
         let Drawn { root, picture, slot_s } = &mut self.missions[mission];
         self.recording.set_slot(view.slot, *slot_s);
-        let fill = picture.log_slot(view, 0)?;
-        let canvas = Canvas::whole(&self.recording.stream);
+        picture.observe(view)?;
+        let fill = picture.draw(view, 0)?;
         for plot in &PLOTS {
-            canvas.log(curve(plot, root), &Scalars::single((plot.value)(view, fill)))?;
+            self.canvas.append(curve(plot, root), &Scalars::single((plot.value)(view, fill)))?;
         }
         Ok(())
     }

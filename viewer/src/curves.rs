@@ -52,12 +52,35 @@ pub(crate) fn open(canvas: &Canvas) -> RecordingStreamResult<()> {
     CURVES.iter().try_for_each(|(entity, name, colour, _)| canvas.log_static(*entity, &curve_style(name, *colour)))
 }
 
-/// One point per curve.
-pub(crate) fn log_slot(canvas: &Canvas, view: &SlotView, fill: Fill, missed_slots: u64) -> RecordingStreamResult<()> {
-    for (entity, _, _, number) in CURVES {
-        if let Some(number) = number(view, fill, missed_slots) {
-            canvas.log(entity, &Scalars::single(number))?;
+/// Curves that hardly ever change, if at all.
+const RARE: [&str; 2] = [LOSS_MARK, MISSED];
+
+/// Slots of which one has a point of those.
+const RARE_EVERY: u64 = 10;
+
+/// The curves of a mission under way.
+#[derive(Debug, Default)]
+pub(crate) struct Curves {
+    /// Slots missed until the one that was drawn last.
+    missed_slots: Option<u64>,
+}
+
+impl Curves {
+    /// One point per curve.
+    pub(crate) fn log_slot(
+        &mut self,
+        canvas: &Canvas,
+        view: &SlotView,
+        fill: Fill,
+        missed_slots: u64,
+    ) -> RecordingStreamResult<()> {
+        let is_new = self.missed_slots.replace(missed_slots) != Some(missed_slots);
+        let is_due = |entity| is_new || view.slot.is_multiple_of(RARE_EVERY) || !RARE.contains(&entity);
+        for (entity, _, _, number) in CURVES.into_iter().filter(|(entity, ..)| is_due(*entity)) {
+            if let Some(number) = number(view, fill, missed_slots) {
+                canvas.append(entity, &Scalars::single(number))?;
+            }
         }
+        Ok(())
     }
-    Ok(())
 }

@@ -1,18 +1,16 @@
 //! The event log, the lane of the UAV's state, and what has been reached so far in words.
 
 use re_sdk::RecordingStreamResult;
-use re_sdk_types::archetypes::{Scalars, SeriesPoints, StateChange, StateConfiguration, TextDocument, TextLog};
-use re_sdk_types::components::MarkerShape;
-use re_sdk_types::components::TextLogLevel;
+use re_sdk_types::archetypes::{Scalars, SeriesPoints, StateChange, StateConfiguration, TextLog};
+use re_sdk_types::components::{MarkerShape, TextLogLevel};
 use skysink_common::message::{HoldReason, Mode, SolverOutcome, Totals};
 use skysink_common::scenario::Scenario;
 
 use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
 use crate::files::Part;
-use crate::history::SensorHistory;
+use crate::recording::Recording;
 use crate::slot::SlotView;
-use crate::status::MissionStatus;
 
 /// Entity of the event log.
 pub const LOG: &str = "log/events";
@@ -28,7 +26,7 @@ pub const GAP: &str = "gap";
 /// The line with which a later file of the recording begins.
 const CONTINUED: &str = "recording continued in a new file: the viewer was started again
 \
-                         Up to a second of the slots before may be missing.";
+                         Up to ten seconds of the slots before may be missing.";
 
 /// The modes of the UAV.
 fn modes() -> impl Iterator<Item = Mode> {
@@ -48,11 +46,13 @@ pub(crate) struct Events {
     state: Option<&'static str>,
     /// Whether bits were lost up to the last slot; none before the first.
     is_lossy: Option<bool>,
+    /// Whether the states are points of a plot, too.
+    is_live: bool,
 }
 
 impl Events {
     /// Styles the lane.
-    pub(crate) fn open(canvas: &Canvas, part: Part) -> RecordingStreamResult<Self> {
+    pub(crate) fn open(canvas: &Canvas, recording: &Recording) -> RecordingStreamResult<Self> {
         let colours: Vec<Rgb> = modes().map(colour_of).chain([colour::MISSED]).collect();
         let style = StateConfiguration::new().with_values(states()).with_colors(colours.iter().copied());
         canvas.log_static(LANE, &style)?;
@@ -64,25 +64,22 @@ impl Events {
                 .with_marker_sizes([4.0]);
             canvas.log_static(format!("{STATES}/{name}"), &points)?;
         }
-        Ok(Self { due: (part == Part::Later).then_some(CONTINUED), state: None, is_lossy: None })
+        let due = (recording.part == Part::Later).then_some(CONTINUED);
+        Ok(Self { due, state: None, is_lossy: None, is_live: recording.port.is_some() })
     }
 
     /// Logs the events of a slot, and its state where it changes.
-    pub(crate) fn log_slot(
-        &mut self,
-        canvas: &Canvas,
-        view: &SlotView,
-        history: &SensorHistory,
-    ) -> RecordingStreamResult<()> {
+    pub(crate) fn log_slot(&mut self, canvas: &Canvas, view: &SlotView) -> RecordingStreamResult<()> {
         let flight = view.flight;
         self.log_due(canvas)?;
         if view.slot > 0 {
             let mode = Mode::from_repr(flight.mode).unwrap_or_default();
             self.enter(canvas, mode.into())?;
-            let name: &'static str = mode.into();
-            canvas.log(format!("{STATES}/{name}"), &Scalars::single(height(mode)))?;
+            if self.is_live {
+                let name: &'static str = mode.into();
+                canvas.append(format!("{STATES}/{name}"), &Scalars::single(height(mode)))?;
+            }
         }
-        canvas.log(STATUS, &TextDocument::from_markdown(MissionStatus::of(view, history).to_string()))?;
         match HoldReason::from_repr(flight.hold).unwrap_or_default() {
             HoldReason::None => {}
             HoldReason::NoPlan => write(canvas, TextLogLevel::WARN, "hold: no plan in time")?,
@@ -111,7 +108,9 @@ impl Events {
     pub(crate) fn log_missed(&mut self, canvas: &Canvas, first: u64, last: u64) -> RecordingStreamResult<()> {
         self.log_due(canvas)?;
         self.enter(canvas, GAP)?;
-        canvas.log(format!("{STATES}/{GAP}"), &Scalars::single(0.0))?;
+        if self.is_live {
+            canvas.append(format!("{STATES}/{GAP}"), &Scalars::single(0.0))?;
+        }
         let text = match last - first {
             0 => format!("slot {first} missed by the viewer\nThe mission went on."),
             _ => format!("slots {first} to {last} missed by the viewer\nThe mission went on."),
@@ -128,7 +127,7 @@ impl Events {
             return Ok(());
         }
         self.state = Some(state);
-        canvas.log(LANE, &StateChange::single(state))
+        canvas.append(LANE, &StateChange::single(state))
     }
 }
 
@@ -152,7 +151,7 @@ fn height(mode: Mode) -> f64 {
 
 /// Adds one line to the event log, at the time set before; `level` is one of [`TextLogLevel`].
 pub(crate) fn write(canvas: &Canvas, level: &'static str, text: &str) -> RecordingStreamResult<()> {
-    canvas.log(LOG, &TextLog::new(text).with_level(level))
+    canvas.append(LOG, &TextLog::new(text).with_level(level))
 }
 
 /// The line with which a mission begins.

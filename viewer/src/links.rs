@@ -14,7 +14,7 @@ use skysink_common::units::ratio_of_db;
 
 use crate::canvas::Canvas;
 use crate::colour;
-use crate::shapes::{Point, circle, drawn, line_style};
+use crate::shapes::{Point, drawn, line_style, show_circle};
 use crate::sizes::Sizes;
 
 /// The candidate circles.
@@ -72,10 +72,9 @@ impl Links {
         let centre = |&[x_m, y_m]: &[f64; 2]| [x_m as f32, y_m as f32, 0.002 * self.radius_m];
         let centres: Vec<Point> = circles_m.iter().filter(is_drawn).map(centre).collect();
         let candidates = Cylinders3D::update_fields().with_radii(centres.iter().map(|_| self.radius_m));
-        canvas.log(CANDIDATES, &candidates.with_centers(centres))?;
+        canvas.show(CANDIDATES, &candidates.with_centers(centres))?;
         let chosen = plan.and_then(|plan| circles_m.get(plan.chosen as usize)).filter(is_drawn);
-        let chosen = chosen.map(|centre_m| circle(centre(centre_m), self.radius_m));
-        canvas.log(CHOSEN, &LineStrips3D::update_fields().with_strips(chosen))
+        show_circle(canvas, CHOSEN, chosen.map(centre), self.radius_m)
     }
 
     /// Replaces the links by those of a flight; clears them without one.
@@ -92,7 +91,7 @@ impl Links {
                 .with_colors(links_drawn().map(|(_, link)| of_draw(link, [colour::SIGHT, colour::BLOCKED])))
                 .with_radii(links_drawn().map(|(_, link)| Radius::new_ui_points(of_draw(link, WIDTHS_UI)))),
         };
-        canvas.log(LINKS, &links)
+        canvas.show(LINKS, &links)
     }
 }
 

@@ -73,10 +73,10 @@ impl Los {
 
     /// Shows one slot; if it serves no sensor node, only the altitude.
     pub(crate) fn log_slot(&mut self, canvas: &Canvas, flight: &FlightReport) -> RecordingStreamResult<()> {
-        canvas.log(ALTITUDE, &Scalars::single(flight.z_m))?;
+        canvas.append(ALTITUDE, &Scalars::single(flight.z_m))?;
         let [x_m, y_m, z_m] = drawn(flight.position());
         let mark = Points3D::update_fields().with_positions([[x_m, y_m, z_m + self.mark_above_m]]);
-        canvas.log(MARK, &mark.with_labels([format!("{:.0} m", flight.z_m)]))?;
+        canvas.show(MARK, &mark.with_labels([format!("{:.0} m", flight.z_m)]))?;
         self.log_links(canvas, flight.z_m, flight.served_links())?;
         let position = |link: &LinkReport| self.positions.get(link.sensor as usize).copied();
         let served: Vec<_> = flight.served_links().iter().filter_map(position).collect();
@@ -86,7 +86,7 @@ impl Los {
 
     /// Takes away what a missed slot would show wrongly.
     pub(crate) fn log_missed(&mut self, canvas: &Canvas) -> RecordingStreamResult<()> {
-        canvas.log(ALTITUDE, &Scalars::single(f64::NAN))?;
+        canvas.append(ALTITUDE, &Scalars::single(f64::NAN))?;
         self.log_links(canvas, 0.0, &[])?;
         self.surroundings.clear(canvas)?;
         self.profile.clear(canvas)
@@ -108,12 +108,12 @@ impl Los {
         value: impl Fn(&LinkReport) -> f64,
     ) -> RecordingStreamResult<()> {
         let mean = links.iter().map(&value).sum::<f64>() / links.len() as f64; // NaN if there are none
-        canvas.log(format!("{root}/{MEAN}"), &Scalars::single(mean))?;
+        canvas.append(format!("{root}/{MEAN}"), &Scalars::single(mean))?;
         for (name, is_in_sight) in [(SIGHT, true), (BLOCKED, false)] {
             let is_shown = |link: &LinkReport| (link.line_of_sight == 1) == is_in_sight;
             let points = links.iter().map(|link| if is_shown(link) { value(link) } else { f64::NAN });
             let points = points.chain(std::iter::repeat(f64::NAN)).take(self.most_links);
-            canvas.log(format!("{root}/{name}"), &Scalars::new(points))?;
+            canvas.append(format!("{root}/{name}"), &Scalars::new(points))?;
         }
         Ok(())
     }

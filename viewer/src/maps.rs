@@ -101,8 +101,6 @@ pub(crate) fn bounds(sizes: &Sizes) -> [[f64; 2]; 2] {
 #[derive(Debug)]
 pub(crate) struct SensorMap {
     shown: String,
-    /// As drawn last in this file; empty before.
-    steps: Vec<u16>,
 }
 
 impl SensorMap {
@@ -121,31 +119,28 @@ impl SensorMap {
             .with_show_labels(false)
             .with_draw_order(30.0);
         canvas.log_static(&shown, &points)?;
-        Ok(Self { shown, steps: Vec::new() })
+        Ok(Self { shown })
     }
 
-    /// Draws the SNs by these steps, if they have changed.
-    pub(crate) fn log(&mut self, canvas: &Canvas, steps: impl Iterator<Item = u16>) -> RecordingStreamResult<()> {
-        let steps: Vec<u16> = steps.collect();
-        if steps != self.steps {
-            canvas.log(&self.shown, &Points2D::update_fields().with_class_ids(steps.iter().copied()))?;
-            self.steps = steps;
-        }
-        Ok(())
+    /// Shows the SNs by these steps.
+    pub(crate) fn show(&self, canvas: &Canvas, steps: impl Iterator<Item = u16>) -> RecordingStreamResult<()> {
+        canvas.show(&self.shown, &Points2D::update_fields().with_class_ids(steps))
     }
 }
 
-/// When a map is drawn: in the first slot of a file, in the last of the mission, and every so many.
+/// When something is drawn: in the first slot of a file, in the last of the mission, and once in every so many.
 #[derive(Debug)]
 pub(crate) struct Rhythm {
     every: u64,
     last_slot: u64,
-    is_begun: bool,
+    /// The slot in which it was drawn last.
+    drawn: Option<u64>,
 }
 
 impl Rhythm {
-    fn every(every: u64, last_slot: u64) -> Self {
-        Self { every, last_slot, is_begun: false }
+    /// That of what is drawn once in `every` slots, of a mission that ends with `last_slot`.
+    pub(crate) fn every(every: u64, last_slot: u64) -> Self {
+        Self { every, last_slot, drawn: None }
     }
 
     /// That of maps of so many SNs: every slot, or now and then if there are too many for bars.
@@ -155,8 +150,11 @@ impl Rhythm {
 
     /// Whether to draw in this slot, which the caller then does.
     pub(crate) fn is_due(&mut self, slot: u64) -> bool {
-        let is_first = !std::mem::replace(&mut self.is_begun, true);
-        is_first || slot.is_multiple_of(self.every) || slot == self.last_slot
+        let is_due = self.drawn.is_none_or(|drawn| slot / self.every != drawn / self.every) || slot == self.last_slot;
+        if is_due {
+            self.drawn = Some(slot);
+        }
+        is_due
     }
 }
 
@@ -212,16 +210,16 @@ impl Maps {
         uav: Position,
     ) -> RecordingStreamResult<()> {
         let centre = [uav.x as f32, (self.depth_m - uav.y) as f32];
-        canvas.log(UAV, &Ellipses2D::update_fields().with_centers([centre]))?;
+        canvas.show(UAV, &Ellipses2D::update_fields().with_centers([centre]))?;
         if self.sensors_rhythm.is_due(slot) {
             let steps = &self.loss_steps;
-            self.loss.log(canvas, history.lost_bits().iter().map(|&lost_bits| steps.step(lost_bits as f64 / 1e3)))?;
+            self.loss.show(canvas, history.lost_bits().iter().map(|&lost_bits| steps.step(lost_bits as f64 / 1e3)))?;
             let steps = &self.overflow_steps;
             let step = |(overflow_s, overflows)| if overflows { steps.last() } else { steps.step(overflow_s) };
-            self.overflow.log(canvas, history.overflow_s().zip(history.overflows()).map(step))?;
+            self.overflow.show(canvas, history.overflow_s().zip(history.overflows()).map(step))?;
         }
         if self.coverage_rhythm.is_due(slot) {
-            self.coverage.log(canvas, history)?;
+            self.coverage.show(canvas, history)?;
         }
         Ok(())
     }
@@ -254,11 +252,11 @@ impl Coverage {
         Ok(Self { shown, steps, slot_s })
     }
 
-    fn log(&self, canvas: &Canvas, history: &SensorHistory) -> RecordingStreamResult<()> {
+    fn show(&self, canvas: &Canvas, history: &SensorHistory) -> RecordingStreamResult<()> {
         let Self { shown, steps, slot_s } = self;
         let step = |age: Option<u64>| age.map_or(steps.last(), |slots| steps.step(slots as f64 * slot_s));
         let pixels: Vec<u8> = history.ages().map(|age| step(age) as u8).collect();
-        canvas.log(
+        canvas.show(
             shown,
             &SegmentationImage::update_fields().with_buffer(re_sdk_types::components::ImageBuffer::from(pixels)),
         )

@@ -62,8 +62,8 @@ impl Path {
         let below = self.strips(path.iter().map(|at| [at.x_m as f32, at.y_m as f32, 0.0]));
         for (entity, at, strips) in [(PATH, STOPS, above), (TRACK, TRACK_STOPS, below)] {
             let stops: Vec<_> = strips.iter().flat_map(|strip| &strip[1..]).copied().collect();
-            canvas.log(entity, &LineStrips3D::update_fields().with_strips(strips))?;
-            canvas.log(at, &Points3D::update_fields().with_positions(stops))?;
+            canvas.show(entity, &LineStrips3D::update_fields().with_strips(strips))?;
+            canvas.show(at, &Points3D::update_fields().with_positions(stops))?;
         }
         Ok(())
     }

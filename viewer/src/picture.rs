@@ -1,5 +1,6 @@
 //! What is drawn of a mission: each part of the picture by a module of its own.
 
+use re_sdk_types::archetypes::TextDocument;
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::estimate::{BYTES_EACH, Rates, Saved};
@@ -9,19 +10,20 @@ use skysink_common::scenario::Scenario;
 
 use crate::belief::Belief;
 use crate::canvas::Canvas;
+use crate::curves::Curves;
 use crate::events::Events;
-use crate::files::Part;
 use crate::history::{SensorHistory, Sums};
 use crate::links::Links;
 use crate::los::Los;
 use crate::maps::{MapFrame, Maps};
 use crate::path::Path;
 use crate::queues::{Fill, Queues};
-use crate::recording::SceneError;
+use crate::recording::{Recording, SceneError};
 use crate::sizes::Sizes;
 use crate::slot::SlotView;
+use crate::status::MissionStatus;
 use crate::uav::UavShape;
-use crate::{curves, legend};
+use crate::{curves, events, legend};
 
 /// A mission's picture under way.
 pub(crate) struct Picture {
@@ -32,6 +34,7 @@ pub(crate) struct Picture {
     links: Links,
     los: Option<Los>,
     events: Events,
+    curves: Curves,
     history: SensorHistory,
     maps: Option<Maps>,
     belief: Option<Belief>,
@@ -66,18 +69,20 @@ impl Picture {
         scenario: &Scenario,
         sensors: &[SensorNode],
         sizes: &Sizes,
-        part: Part,
+        recording: &Recording,
     ) -> Result<Self, SceneError> {
-        let queues = Queues::open(&canvas, sensors, sizes, part)?;
+        let part = recording.part;
+        let queues = Queues::open(&canvas, sensors, sizes)?;
         let uav = UavShape::open(&canvas, sizes)?;
         let path = Path::open(&canvas, sizes, part)?;
         let links = Links::open(&canvas, scenario, sensors, sizes)?;
         let los = Los::open(&canvas, scenario, sensors, sizes, part)?;
-        let events = Events::open(&canvas, part)?;
+        let events = Events::open(&canvas, recording)?;
         curves::open(&canvas)?;
         legend::log(&canvas, sizes, links.rates_bps.as_ref())?;
         let history = SensorHistory::new(scenario, sensors);
-        Ok(Self { canvas, queues, uav, path, links, los, events, history, maps: None, belief: None })
+        let curves = Curves::default();
+        Ok(Self { canvas, queues, uav, path, links, los, events, curves, history, maps: None, belief: None })
     }
 
     /// Adds maps and the legend to the scene; `estimated` is what the UAV knows of the rates, where it has to estimate
@@ -97,26 +102,35 @@ impl Picture {
         Ok(self)
     }
 
-    /// Draws a slot, at the time that the recording is set to, and returns how full the queues are; `missed_slots` were
-    /// missed before.
+    /// Takes in a slot, and logs its events at the time that the recording is set to.
     ///
     /// # Errors
     /// If the slot does not fit the sensor list, or the recording library refuses.
-    pub(crate) fn log_slot(&mut self, view: &SlotView, missed_slots: u64) -> Result<Fill, SceneError> {
+    pub(crate) fn observe(&mut self, view: &SlotView) -> Result<(), SceneError> {
         let found = view.queues_bits.len();
         let expected = self.queues.count();
         if found != expected {
             return Err(SceneError::Queues { slot: view.slot, found, expected });
         }
-        let canvas = &self.canvas;
-        let uav = Position::new(view.flight.x_m, view.flight.y_m);
         if let Some(belief) = &mut self.belief {
-            belief.log_slot(canvas, &self.history, view.slot, view.queues_bits, view.flight)?;
+            belief.observe(&self.history, view.slot, view.queues_bits, view.flight);
         }
-        self.history.add(view.slot, view.queues_bits, uav);
+        self.history.add(view.slot, view.queues_bits, Position::new(view.flight.x_m, view.flight.y_m));
+        Ok(self.events.log_slot(&self.canvas, view)?)
+    }
+
+    /// Draws the slot that was observed last, and returns how full the queues are; `missed_slots` were missed before.
+    ///
+    /// # Errors
+    /// If the recording library refuses.
+    pub(crate) fn draw(&mut self, view: &SlotView, missed_slots: u64) -> Result<Fill, SceneError> {
+        let canvas = &self.canvas;
+        if let Some(belief) = &mut self.belief {
+            belief.draw(canvas, view.slot, view.queues_bits)?;
+        }
         let fill = self.queues.log_slot(canvas, view.queues_bits, &self.history)?;
         if let Some(maps) = &mut self.maps {
-            maps.log_slot(canvas, view.slot, &self.history, uav)?;
+            maps.log_slot(canvas, view.slot, &self.history, Position::new(view.flight.x_m, view.flight.y_m))?;
         }
         self.uav.log_slot(canvas, view)?;
         self.path.log(canvas, view.path)?;
@@ -125,8 +139,9 @@ impl Picture {
         if let Some(los) = &mut self.los {
             los.log_slot(canvas, view.flight)?;
         }
-        self.events.log_slot(canvas, view, &self.history)?;
-        curves::log_slot(canvas, view, fill, missed_slots)?;
+        let status = MissionStatus::of(view, &self.history).to_string();
+        canvas.show(events::STATUS, &TextDocument::from_markdown(status))?;
+        self.curves.log_slot(canvas, view, fill, missed_slots)?;
         Ok(fill)
     }
 

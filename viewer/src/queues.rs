@@ -10,7 +10,6 @@ use skysink_common::message::SensorNode;
 
 use crate::canvas::Canvas;
 use crate::colour;
-use crate::files::Part;
 use crate::history::SensorHistory;
 use crate::sizes::{MAX_BARS, Sizes};
 
@@ -23,12 +22,10 @@ pub const BARS: &str = "world/queues";
 /// Marks above the sensor nodes that have lost data, where there are bars.
 pub const LOST: &str = "world/lost";
 
-/// Levels of the queue scale above empty: level 0 is 0 %, level 32 is 100 %. More look the same and compress worse.
-const FULL_LEVEL: u16 = 32;
+/// Levels of the queue scale above empty, 5 % each. More look the same and compress worse.
+const FULL_LEVEL: u16 = 20;
 /// The level of a sensor node that has lost data in the slot.
 const OVERFLOW_LEVEL: u16 = FULL_LEVEL + 1;
-/// Heights of a bar, for the same reason.
-const HEIGHTS: f64 = 64.0;
 
 /// Fraction of the buffers in use, 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,34 +40,33 @@ pub(crate) struct Fill {
 pub(crate) struct Queues {
     capacities_bits: Vec<u32>,
     bars: Option<Bars>,
+    /// Whether points are drawn: instead of bars, or where a view leaves out bars that are too tall for it.
+    has_points: bool,
 }
 
 /// Where the bars stand and how large they are.
 struct Bars {
     feet_m: Vec<[f32; 2]>,
-    half_side_m: f32,
+    half_sides_m: Vec<f32>,
     full_m: f32,
-    /// How many marks this file has drawn last; none if an earlier file may have drawn some.
-    marks: Option<usize>,
 }
 
 impl Queues {
     /// Places the sensor nodes and names the levels of the queue scale.
-    pub(crate) fn open(
-        canvas: &Canvas,
-        sensors: &[SensorNode],
-        sizes: &Sizes,
-        part: Part,
-    ) -> RecordingStreamResult<Self> {
+    pub(crate) fn open(canvas: &Canvas, sensors: &[SensorNode], sizes: &Sizes) -> RecordingStreamResult<Self> {
         canvas.log_static(WORLD, &AnnotationContext::new((0..=OVERFLOW_LEVEL).map(describe)))?;
         let feet_m: Vec<_> = sensors.iter().map(|sensor| [sensor.x_m as f32, sensor.y_m as f32]).collect();
-        let points = Points3D::new(feet_m.iter().map(|&[x_m, y_m]| [x_m, y_m, 0.0]))
-            .with_radii([Radius::new_ui_points(sizes.point_ui)])
-            .with_show_labels(false);
-        canvas.log_static(POINTS, &points)?;
         let capacities_bits = sensors.iter().map(|sensor| sensor.capacity_bits).collect();
-        if sensors.len() > MAX_BARS {
-            return Ok(Self { capacities_bits, bars: None });
+        let has_bars = sensors.len() <= MAX_BARS;
+        let has_points = !has_bars || sizes.has_tall_bars;
+        if has_points {
+            let points = Points3D::new(feet_m.iter().map(|&[x_m, y_m]| [x_m, y_m, 0.0]))
+                .with_radii([Radius::new_ui_points(sizes.point_ui)])
+                .with_show_labels(false);
+            canvas.log_static(POINTS, &points)?;
+        }
+        if !has_bars {
+            return Ok(Self { capacities_bits, bars: None, has_points });
         }
         // They reach into the ground as deep as they are high, so that their centres stay.
         let style = Boxes3D::update_fields()
@@ -80,9 +76,9 @@ impl Queues {
         canvas.log_static(BARS, &style)?;
         let marks = Points3D::update_fields().with_colors([colour::LOSS]).with_radii([Radius::new_ui_points(2.5)]);
         canvas.log_static(LOST, &marks)?;
-        let marks = (part == Part::First).then_some(0);
-        let bars = Bars { feet_m, half_side_m: sizes.bar_half_m, full_m: sizes.bar_m, marks };
-        Ok(Self { capacities_bits, bars: Some(bars) })
+        let half_sides_m = half_sides_m(sizes.bar_half_m).take(sensors.len()).collect();
+        let bars = Bars { feet_m, half_sides_m, full_m: sizes.bar_m };
+        Ok(Self { capacities_bits, bars: Some(bars), has_points })
     }
 
     /// How many sensor nodes there are.
@@ -92,43 +88,46 @@ impl Queues {
 
     /// Colours the sensor nodes of one slot, which `history` includes; one queue [bit] per sensor node.
     pub(crate) fn log_slot(
-        &mut self,
+        &self,
         canvas: &Canvas,
         queues_bits: &[u32],
         history: &SensorHistory,
     ) -> RecordingStreamResult<Fill> {
         let pairs = std::iter::zip(queues_bits, &self.capacities_bits);
         let fills = || pairs.clone().map(|(&queue_bits, &capacity_bits)| fill(queue_bits, capacity_bits));
-        let level = |(fill, overflows): (f64, bool)| if overflows { OVERFLOW_LEVEL } else { level(fill) };
-        let levels: Vec<_> = fills().zip(history.overflows()).map(level).map(ClassId::from).collect();
-        if let Some(bars) = &mut self.bars {
-            canvas.log(BARS, &bars.at(fills()).with_class_ids(levels.iter().copied()))?;
-            bars.log_marks(canvas, history.lost_bits())?;
+        let levels: Vec<u16> = fills().map(level).collect();
+        let colour = |(&level, overflows): (&u16, bool)| ClassId::from(if overflows { OVERFLOW_LEVEL } else { level });
+        let colours: Vec<_> = levels.iter().zip(history.overflows()).map(colour).collect();
+        if let Some(bars) = &self.bars {
+            canvas.show(BARS, &bars.at(&levels).with_class_ids(colours.iter().copied()))?;
+            canvas.show(LOST, &bars.marks(history.lost_bits()))?;
         }
-        canvas.log(POINTS, &Points3D::update_fields().with_class_ids(levels))?;
+        if self.has_points {
+            canvas.show(POINTS, &Points3D::update_fields().with_class_ids(colours))?;
+        }
         Ok(Fill { mean: fills().sum::<f64>() / self.count().max(1) as f64, max: fills().fold(0.0, f64::max) })
     }
 }
 
 impl Bars {
-    /// Bars of the given fills, standing on the ground; an empty queue keeps a thin tile.
-    fn at(&self, fills: impl Iterator<Item = f64>) -> Boxes3D {
-        let heights_m = fills.map(|fill| self.full_m * ((HEIGHTS * fill).round() / HEIGHTS).max(0.02) as f32);
-        let halves_m = heights_m.map(|height_m| [self.half_side_m, self.half_side_m, height_m]);
-        Boxes3D::update_fields().with_half_sizes(halves_m)
+    /// Bars of the given levels, standing on the ground; an empty queue keeps a thin tile.
+    fn at(&self, levels: &[u16]) -> Boxes3D {
+        let height_m = |level: u16| self.full_m * (f32::from(level) / f32::from(FULL_LEVEL)).max(0.02);
+        let half = |(&side_m, &level): (&f32, &u16)| [side_m, side_m, height_m(level)];
+        Boxes3D::update_fields().with_half_sizes(self.half_sides_m.iter().zip(levels).map(half))
     }
 
-    /// Marks the sensor nodes that have lost data, if there are more than before.
-    fn log_marks(&mut self, canvas: &Canvas, lost_bits: &[u64]) -> RecordingStreamResult<()> {
-        let marked = || self.feet_m.iter().zip(lost_bits).filter(|(_, lost_bits)| **lost_bits > 0);
-        let marks = Some(marked().count());
-        if self.marks != marks {
-            let above = marked().map(|(&[x_m, y_m], _)| [x_m, y_m, 1.3 * self.full_m]);
-            canvas.log(LOST, &Points3D::update_fields().with_positions(above))?;
-            self.marks = marks;
-        }
-        Ok(())
+    /// Marks above the sensor nodes that have lost data.
+    fn marks(&self, lost_bits: &[u64]) -> Points3D {
+        let marked = self.feet_m.iter().zip(lost_bits).filter(|(_, lost_bits)| **lost_bits > 0);
+        Points3D::update_fields().with_positions(marked.map(|(&[x_m, y_m], _)| [x_m, y_m, 1.3 * self.full_m]))
     }
+}
+
+/// Half the sides of bars, each a hair larger than the one before. No eye sees that, but compression does: it finds the
+/// same bar in the slot before, instead of another of the same height beside it, and what it leaves is half as large.
+fn half_sides_m(half_side_m: f32) -> impl Iterator<Item = f32> {
+    std::iter::successors(Some(half_side_m), |side_m| Some(side_m.next_up()))
 }
 
 /// Fraction of a buffer in use; a buffer of 0 bits is full.
@@ -163,11 +162,11 @@ mod tests {
     fn a_queue_is_rounded_to_the_nearest_level() {
         let level_of = |queue_bits, capacity_bits| level(fill(queue_bits, capacity_bits));
         assert_eq!(level_of(0, 30_000), 0);
-        assert_eq!(level_of(468, 30_000), 0); // 468 · 32 / 30 000 = 0.499
-        assert_eq!(level_of(469, 30_000), 1); // 469 · 32 / 30 000 = 0.5003
-        assert_eq!(level_of(15_000, 30_000), 16);
-        assert_eq!(level_of(u32::MAX - 1, u32::MAX), 32);
-        assert_eq!(level_of(30_001, 30_000), 32);
-        assert_eq!(level_of(0, 0), 32);
+        assert_eq!(level_of(749, 30_000), 0); // 749 · 20 / 30 000 = 0.4993
+        assert_eq!(level_of(751, 30_000), 1); // 751 · 20 / 30 000 = 0.5007
+        assert_eq!(level_of(15_000, 30_000), 10);
+        assert_eq!(level_of(u32::MAX - 1, u32::MAX), 20);
+        assert_eq!(level_of(30_001, 30_000), 20);
+        assert_eq!(level_of(0, 0), 20);
     }
 }

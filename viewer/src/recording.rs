@@ -1,6 +1,7 @@
 //! The stream that a scene is written to: a file, a server for a live viewer, or both.
 
 use std::net::TcpListener;
+use std::num::NonZeroU64;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -17,9 +18,15 @@ pub const SLOT: &str = "slot";
 /// The timeline of simulated seconds.
 pub const SIM_TIME: &str = "sim_time";
 
-/// Most that a killed process loses of a file. A shorter wait makes many small chunks, and the file several times as
-/// large.
-const FILE_TICK: Duration = Duration::from_secs(1);
+/// Most that a killed process loses of a file.
+const FILE_TICK: Duration = Duration::from_secs(10);
+
+/// Most that it loses where slots are fast.
+const FAST_TICK: Duration = Duration::from_secs(1);
+
+/// Slots in that time that are fast. A batch of fewer is not worth it: each makes a chunk of every entity, which the file
+/// and, for the file's index, the memory of this process hold.
+const FAST_SLOTS: u32 = 64;
 
 /// Least time from one batch for a live viewer to the next. A batch ends with a slot, so that a viewer never has one
 /// half.
@@ -39,6 +46,9 @@ pub struct Sinks {
     pub save: Option<PathBuf>,
     /// Port on 127.0.0.1 where a viewer may connect at any time; 0 takes a free one.
     pub live: Option<u16>,
+    /// One slot of so many is drawn, each if none. The first, the last and what happens in between are there at any
+    /// rate.
+    pub every: Option<NonZeroU64>,
 }
 
 /// Why a scene cannot be recorded; the display is one line that names the place and the remedy.
@@ -101,8 +111,10 @@ pub(crate) struct Recording {
     pub(crate) port: Option<u16>,
     /// Whether its file begins it.
     pub(crate) part: Part,
-    /// When the last batch was sent to a live viewer; none without one.
-    sent: Option<Instant>,
+    /// When the last batch was sent.
+    sent: Instant,
+    /// Slots since then.
+    slots: u32,
     /// Its file, held locked.
     file: Option<NextFile>,
 }
@@ -140,7 +152,7 @@ impl Recording {
         stream.set_log_tick_enabled(false);
         stream.send_recording_name(name.as_str())?;
         let application = application.clone();
-        Ok(Self { stream, name, application, port: live, part, sent: live.map(|_| Instant::now()), file: next })
+        Ok(Self { stream, name, application, port: live, part, sent: Instant::now(), slots: 0, file: next })
     }
 
     /// Sets the time of what is logged next.
@@ -149,11 +161,16 @@ impl Recording {
         self.stream.set_duration_secs(SIM_TIME, slot as f64 * slot_s);
     }
 
-    /// Sends what was logged to a live viewer, if there is one and it is time. What cannot be sent is reported by
-    /// [`Recording::close`].
+    /// Sends what was logged, if it is time. What cannot be sent is reported by [`Recording::close`].
     pub(crate) fn end_slot(&mut self) {
-        if let Some(sent) = self.sent.as_mut().filter(|sent| sent.elapsed() >= LIVE_TICK) {
-            *sent = Instant::now();
+        self.slots += 1;
+        let is_due = match self.port {
+            Some(_) => self.sent.elapsed() >= LIVE_TICK,
+            None => self.slots >= FAST_SLOTS && self.sent.elapsed() >= FAST_TICK,
+        };
+        if is_due {
+            self.sent = Instant::now();
+            self.slots = 0;
             let _ = self.stream.flush_async();
         }
     }

@@ -2,6 +2,7 @@
 //!
 //! Each part of the picture is drawn by a module of its own; [`crate::layout`] arranges them on the screen.
 
+use std::num::NonZeroU64;
 use std::ops::RangeInclusive;
 
 use re_sdk::ApplicationId;
@@ -13,6 +14,7 @@ use skysink_common::scenario::Scenario;
 
 use crate::canvas::Canvas;
 use crate::files::Part;
+use crate::maps::Rhythm;
 use crate::picture::{self, Picture};
 use crate::recording::{Recording, SceneError, Sinks};
 use crate::sizes::Sizes;
@@ -32,6 +34,8 @@ pub struct Scene {
     canvas: Canvas,
     scenario: Scenario,
     picture: Picture,
+    /// Which slots are drawn.
+    rhythm: Rhythm,
     last_slot: Option<u64>,
     last_totals: Option<Totals>,
     /// Slots missed since the file began.
@@ -57,11 +61,20 @@ impl Scene {
         let canvas = Canvas::whole(&recording.stream);
         let sizes = Sizes::of(scenario, sensors.len());
         layout::send(&recording, &sizes, scenario, clock, estimated)?;
-        let picture = Picture::open(canvas.clone(), scenario, sensors, &sizes, recording.part)?;
+        let picture = Picture::open(canvas.clone(), scenario, sensors, &sizes, &recording)?;
         let picture = picture.with_maps(scenario, sensors, &sizes, estimated)?;
         legend::log_facts(&recording.stream, scenario, sensors.len())?;
-        let scenario = scenario.clone();
-        let scene = Self { recording, canvas, scenario, picture, last_slot: None, last_totals: None, missed_slots: 0 };
+        let rhythm = Rhythm::every(sinks.every.map_or(1, NonZeroU64::get), scenario.slots);
+        let scene = Self {
+            recording,
+            canvas,
+            scenario: scenario.clone(),
+            picture,
+            rhythm,
+            last_slot: None,
+            last_totals: None,
+            missed_slots: 0,
+        };
         if scene.recording.part == Part::First {
             scene.log_event(0, TextLogLevel::INFO, &events::start(&scene.scenario, sensors.len()))?;
         }
@@ -80,7 +93,10 @@ impl Scene {
     /// If the slot does not fit the sensor list, or the recording library refuses.
     pub fn log_slot(&mut self, view: &SlotView) -> Result<(), SceneError> {
         self.recording.set_slot(view.slot, self.scenario.slot_s);
-        self.picture.log_slot(view, self.missed_slots)?;
+        self.picture.observe(view)?;
+        if self.rhythm.is_due(view.slot) {
+            self.picture.draw(view, self.missed_slots)?;
+        }
         self.last_slot = Some(view.slot);
         self.last_totals = Some(view.header.totals);
         self.recording.end_slot();

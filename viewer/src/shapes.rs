@@ -3,9 +3,11 @@
 use std::f32::consts::TAU;
 
 use nalgebra::Point3;
-use re_sdk_types::archetypes::{LineStrips3D, Points2D, SeriesLines};
+use re_sdk::RecordingStreamResult;
+use re_sdk_types::archetypes::{LineStrips3D, Points2D, SeriesLines, Transform3D};
 use re_sdk_types::components::Radius;
 
+use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
 
 /// A position in the scene [m].
@@ -23,6 +25,19 @@ pub(crate) fn circle([x_m, y_m, z_m]: Point, radius_m: f32) -> Vec<Point> {
         .map(|corner| f32::from(corner) / f32::from(CORNERS) * TAU)
         .map(|angle| [x_m + radius_m * angle.cos(), y_m + radius_m * angle.sin(), z_m])
         .collect()
+}
+
+/// Shows a horizontal circle that moves: its line stays, and a transform says where it is. None takes it away.
+pub(crate) fn show_circle(
+    canvas: &Canvas,
+    entity: &str,
+    centre_m: Option<Point>,
+    radius_m: f32,
+) -> RecordingStreamResult<()> {
+    let line = centre_m.map(|_| circle([0.0; 3], radius_m));
+    canvas.show(entity, &LineStrips3D::update_fields().with_strips(line))?;
+    let Some(centre_m) = centre_m else { return Ok(()) };
+    canvas.show(entity, &Transform3D::update_fields().with_translation(centre_m))
 }
 
 /// Lines of one colour and width, in points of the screen.

@@ -10,7 +10,7 @@ use skysink_common::message::Plan;
 
 use crate::canvas::Canvas;
 use crate::colour;
-use crate::shapes::{Point, circle, drawn, line_style};
+use crate::shapes::{Point, circle, drawn, line_style, show_circle};
 use crate::sizes::Sizes;
 use crate::slot::SlotView;
 
@@ -24,12 +24,14 @@ pub const DOT: &str = "world/uav/dot";
 pub const TRAIL: &str = "world/uav_trail";
 /// The same on the ground, for the view from above.
 pub const TRACK: &str = "world/uav_track";
-/// The planned waypoint and the path to it.
+/// The planned waypoint.
+pub const WAYPOINT: &str = "world/waypoint";
+/// The path to it.
 pub const PLAN: &str = "world/plan";
-/// The circle within communication radius.
-pub const COVERAGE: &str = "world/coverage";
+/// The circle within communication radius, on the ground below the UAV.
+pub const COVERAGE: &str = "world/uav/coverage";
 /// The plumb line from the UAV to the ground.
-pub const PLUMB: &str = "world/plumb";
+pub const PLUMB: &str = "world/uav/plumb";
 
 /// The UAV of the scene.
 pub(crate) struct UavShape {
@@ -45,7 +47,9 @@ impl UavShape {
         log_coverage(canvas, sizes.radius_m)?;
         canvas.log_static(TRAIL, &line_style(colour::TRAIL, 1.2))?;
         canvas.log_static(TRACK, &line_style(colour::TRACK, 0.7))?;
-        canvas.log_static(PLAN, &line_style(colour::PLAN, 1.5))?;
+        for entity in [WAYPOINT, PLAN] {
+            canvas.log_static(entity, &line_style(colour::PLAN, 1.5))?;
+        }
         canvas.log_static(PLUMB, &line_style(colour::COVERAGE, 0.7))?;
         Ok(Self { ring_m: 1.8 * sizes.arm_m, track_z_m: -0.006 * sizes.radius_m, before: None })
     }
@@ -53,19 +57,19 @@ impl UavShape {
     /// Moves the UAV to where it is after a slot.
     pub(crate) fn log_slot(&mut self, canvas: &Canvas, view: &SlotView) -> RecordingStreamResult<()> {
         let here = drawn(view.flight.position());
-        let [x_m, y_m, _] = here;
-        canvas.log(UAV, &Transform3D::update_fields().with_translation(here))?;
-        canvas.log(COVERAGE, &Transform3D::update_fields().with_translation([x_m, y_m, 0.0]))?;
-        canvas.log(PLUMB, &LineStrips3D::update_fields().with_strips([[here, [x_m, y_m, 0.0]]]))?;
-        if let Some([from_x_m, from_y_m, _]) = self.before.filter(|before| before[..2] != here[..2]) {
-            let heading = Angle::from_radians((y_m - from_y_m).atan2(x_m - from_x_m));
+        canvas.show(UAV, &Transform3D::update_fields().with_translation(here))?;
+        let foot = [0.0, 0.0, -here[2]];
+        canvas.show(COVERAGE, &Transform3D::update_fields().with_translation(foot))?;
+        canvas.show(PLUMB, &LineStrips3D::update_fields().with_strips([[[0.0; 3], foot]]))?;
+        if let Some(before) = self.before.filter(|before| before[..2] != here[..2]) {
+            let heading = Angle::from_radians((here[1] - before[1]).atan2(here[0] - before[0]));
             let turn = RotationAxisAngle::new([0.0, 0.0, 1.0], heading);
-            canvas.log(BODY, &Transform3D::update_fields().with_rotation_axis_angle(turn))?;
+            canvas.show(BODY, &Transform3D::update_fields().with_rotation_axis_angle(turn))?;
         }
         let flown: Vec<_> = self.before.map(|before| [before, here]).into_iter().collect();
         let track: Vec<_> = flown.iter().map(|leg| leg.map(|[x_m, y_m, _]| [x_m, y_m, self.track_z_m])).collect();
-        canvas.log(TRAIL, &LineStrips3D::update_fields().with_strips(flown))?;
-        canvas.log(TRACK, &LineStrips3D::update_fields().with_strips(track))?;
+        canvas.append(TRAIL, &LineStrips3D::update_fields().with_strips(flown))?;
+        canvas.append(TRACK, &LineStrips3D::update_fields().with_strips(track))?;
         self.log_plan(canvas, view.plan, self.before.unwrap_or(here))?;
         self.before = Some(here);
         Ok(())
@@ -80,9 +84,9 @@ impl UavShape {
     fn log_plan(&self, canvas: &Canvas, plan: Option<&Plan>, from: Point) -> RecordingStreamResult<()> {
         let waypoint = plan.map(|plan| drawn(plan.waypoint()));
         let waypoint = waypoint.filter(|waypoint| waypoint.iter().all(|coordinate| coordinate.is_finite()));
-        let strips =
-            waypoint.map_or_else(Vec::new, |waypoint| vec![circle(waypoint, self.ring_m), vec![from, waypoint]]);
-        canvas.log(PLAN, &LineStrips3D::update_fields().with_strips(strips))
+        show_circle(canvas, WAYPOINT, waypoint, self.ring_m)?;
+        let path = waypoint.map(|waypoint| [from, waypoint]);
+        canvas.show(PLAN, &LineStrips3D::update_fields().with_strips(path))
     }
 }
 

@@ -18,7 +18,7 @@ const FILE: &str = "SKYSINK_TEST_RECORDING";
 const FIRST_SLOT: &str = "SKYSINK_TEST_FIRST_SLOT";
 
 fn open(path: &Path, name: &str) -> Scene {
-    let sinks = Sinks { save: Some(path.to_owned()), live: None };
+    let sinks = Sinks { save: Some(path.to_owned()), ..Sinks::default() };
     Scene::open(&sinks, &letter(), &sensors(SENSORS), name, WallClock::Unmeasured, None).unwrap()
 }
 

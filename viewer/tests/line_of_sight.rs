@@ -43,7 +43,7 @@ fn climb(slot: u64) -> Slot {
 fn record(scenario: &Scenario, slots: &[Slot]) -> Found {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("mission.rrd");
-    let sinks = Sinks { save: Some(path.clone()), live: None };
+    let sinks = Sinks { save: Some(path.clone()), ..Sinks::default() };
     let mut scene = Scene::open(&sinks, scenario, &sensors(SENSORS), "test-run", WallClock::Unmeasured, None).unwrap();
     let mut next = 0;
     for slot in slots {

@@ -4,6 +4,7 @@ mod support;
 
 use std::collections::BTreeSet;
 use std::net::{TcpListener, TcpStream};
+use std::num::NonZeroU64;
 use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
@@ -15,7 +16,7 @@ use support::{Found, Slot, letter, sensors};
 const SENSORS: u32 = 20;
 
 fn open(path: &Path, count: u32) -> Scene {
-    let sinks = Sinks { save: Some(path.to_owned()), live: None };
+    let sinks = Sinks { save: Some(path.to_owned()), ..Sinks::default() };
     Scene::open(&sinks, &letter(), &sensors(count), "test-run", WallClock::Unmeasured, None).unwrap()
 }
 
@@ -38,17 +39,14 @@ fn in_folder<T>(test: impl FnOnce(&Path) -> T) -> T {
 
 #[test]
 fn every_slot_is_there_for_everything_that_changes() {
-    let found = in_folder(|path| record(path, 30, |_| {}));
-    let all: BTreeSet<i64> = (0..=30).collect();
+    let found = in_folder(|path| record(path, 19, |_| {}));
+    let all: BTreeSet<i64> = (0..=19).collect();
     for entity in [
-        queues::POINTS,
         queues::BARS,
         uav::UAV,
         uav::TRAIL,
         uav::TRACK,
         uav::PLAN,
-        uav::COVERAGE,
-        uav::PLUMB,
         links::LINKS,
         links::CANDIDATES,
         links::CHOSEN,
@@ -56,11 +54,53 @@ fn every_slot_is_there_for_everything_that_changes() {
         curves::FILL_MEAN,
         curves::FILL_MAX,
         curves::DELIVERED,
-        curves::MISSED,
     ] {
         assert_eq!(found.slots_of(entity), all, "{entity}");
     }
-    assert_eq!(found.slots_of(uav::BODY), (1..=30).collect(), "turned by every flight");
+    assert_eq!(found.slots_of(uav::BODY), [1].into(), "always east");
+}
+
+#[test]
+fn what_stays_as_it_is_is_logged_once() {
+    let found = in_folder(|path| record(path, 30, |_| {}));
+    for entity in [uav::PLUMB, uav::COVERAGE] {
+        assert_eq!(found.slots_of(entity), [0].into(), "{entity} moves with the UAV");
+    }
+    assert_eq!(found.slots_of_component(uav::WAYPOINT, "LineStrips3D:strips"), [0, 1].into(), "none before slot 1");
+    assert_eq!(found.slots_of_component(links::CHOSEN, "LineStrips3D:strips"), [0, 1].into());
+    assert_eq!(found.slots_of_component(links::CHOSEN, "Transform3D:translation"), (1..=30).collect());
+    assert_eq!(found.slots_of(curves::MISSED), [0, 10, 20, 30].into(), "a curve that never changes has few points");
+    let still = in_folder(|path| record(path, 30, |slot| slot.flight = FlightReport::at([1.0, 2.0, 3.0], Mode::Hold)));
+    for entity in [uav::UAV, links::LINKS] {
+        assert_eq!(still.slots_of(entity), [0].into(), "{entity}");
+    }
+    assert_eq!(still.slots_of(curves::DELIVERED), (0..=30).collect());
+}
+
+#[test]
+fn one_slot_in_so_many_is_drawn_with_the_first_and_the_last() {
+    let found = in_folder(|path| {
+        let sinks = Sinks { save: Some(path.to_owned()), every: NonZeroU64::new(7), ..Sinks::default() };
+        let mut scenario = letter();
+        scenario.slots = 30;
+        let mut scene = Scene::open(&sinks, &scenario, &sensors(SENSORS), "x", WallClock::Unmeasured, None).unwrap();
+        for slot in 0..=30 {
+            let mut slot = Slot::new(slot, SENSORS as usize);
+            if slot.slot == 3 {
+                slot.flight.hold = HoldReason::NoPlan as u32;
+            }
+            scene.log_slot(&slot.view()).unwrap();
+        }
+        scene.close().unwrap();
+        Found::read(path)
+    });
+    for entity in [queues::BARS, uav::UAV, curves::LOSS, events::STATUS] {
+        assert_eq!(found.slots_of(entity), [0, 7, 14, 21, 28, 30].into(), "{entity}");
+    }
+    assert!(found.text(events::LOG, "TextLog:text", Some(3)).contains("no plan in time"), "events are all there");
+    let leg = found.text(uav::TRAIL, "LineStrips3D:strips", Some(14));
+    assert!(leg.contains("7.0") && leg.contains("14.0"), "the path has no gaps: {leg}");
+    assert_eq!(found.curve(curves::LOSS)[&21], 0.021, "sums are of every slot");
 }
 
 #[test]
@@ -86,12 +126,14 @@ fn a_slot_that_serves_nobody_shows_no_links_and_no_circles() {
         }
     };
     let found = in_folder(|path| record(path, 4, hold));
-    let strips = |entity, slot| found.text(entity, "LineStrips3D:strips", Some(slot));
-    let circles = |slot| found.text(links::CANDIDATES, "Cylinders3D:radii", Some(slot));
+    let strips = |entity, slot| found.shown_in(entity, "LineStrips3D:strips", slot);
+    let circles = |slot| found.shown_in(links::CANDIDATES, "Cylinders3D:radii", slot);
     for (slot, is_there) in [(2, true), (3, false), (4, true)] {
         assert_eq!(strips(links::LINKS, slot).contains("PrimitiveArray<Float32>"), is_there, "links of {slot}");
         assert_eq!(strips(links::CHOSEN, slot).contains("PrimitiveArray<Float32>"), is_there, "circle of {slot}");
-        assert_eq!(strips(uav::PLAN, slot).contains("PrimitiveArray<Float32>"), is_there, "waypoint of {slot}");
+        for entity in [uav::WAYPOINT, uav::PLAN] {
+            assert_eq!(strips(entity, slot).contains("PrimitiveArray<Float32>"), is_there, "{entity} of {slot}");
+        }
         assert_eq!(circles(slot).matches("10.0").count(), if is_there { 5 } else { 0 }, "candidates of {slot}");
     }
     assert!(found.text(events::LANE, "StateChange:state", Some(3)).contains("hold"));
@@ -124,8 +166,8 @@ fn a_path_is_drawn_in_its_slot_and_no_longer() {
     let points = [0, 0, 1, 3, 64, 1, 0, 2];
     let found = in_folder(|path| record(path, 7, |slot| lead(slot, points[slot.slot as usize])));
     let drawn: Vec<_> = (0..=7).map(|slot| drawn_path(&found, slot)).collect();
-    let expected = [None, None, None, Some(true), Some(true), Some(false), Some(false), Some(true)];
-    assert_eq!(drawn, expected, "from the first path on, every slot has its own");
+    let expected = [None, None, None, Some(true), Some(true), Some(false), None, Some(true)];
+    assert_eq!(drawn, expected, "from the first path on, every slot shows its own");
     let line = found.text(path::PATH, "LineStrips3D:strips", Some(3));
     for coordinate in ["3.0", "6.0", "9.0", "51.0", "52.0"] {
         assert!(line.contains(coordinate), "{coordinate}: {line}");
@@ -222,34 +264,53 @@ fn missed_slots_are_marked_and_counted() {
     assert!(found.text(events::LANE, "StateChange:state", Some(6)).contains("serve"));
     assert!(found.text(events::LOG, "TextLog:text", Some(3)).contains("slots 3 to 5 missed"));
     assert!(found.text(events::LOG, "TextLog:text", Some(7)).contains("3 slots missed"));
-    let states = |name| found.curve(&format!("{}/{name}", events::STATES)).into_iter().collect::<Vec<_>>();
-    assert_eq!(states("serve"), [(1, 3.0), (2, 3.0), (6, 3.0), (7, 3.0)]);
-    assert_eq!(states(events::GAP), [(3, 0.0)]);
-    let missed: Vec<_> = found.curve(curves::MISSED).into_values().collect();
-    assert_eq!(missed, [0.0, 0.0, 0.0, 3.0, 3.0]);
+    let missed: Vec<_> = found.curve(curves::MISSED).into_iter().collect();
+    assert_eq!(missed, [(0, 0.0), (6, 3.0)]);
     let flown = |slot| found.text(uav::TRAIL, "LineStrips3D:strips", Some(slot)).contains("Float32>");
     assert!(flown(2) && !flown(6) && flown(7), "no straight line across a gap");
     assert!(!found.text(links::LINKS, "LineStrips3D:strips", Some(3)).contains("PrimitiveArray<Float32>"));
 }
 
 #[test]
+fn states_are_points_of_a_plot_while_a_mission_is_watched() {
+    let states = |live| {
+        in_folder(|path| {
+            let sinks = Sinks { save: Some(path.to_owned()), live, ..Sinks::default() };
+            let mut scene =
+                Scene::open(&sinks, &letter(), &sensors(SENSORS), "x", WallClock::Unmeasured, None).unwrap();
+            for slot in [0, 1, 2, 6] {
+                if slot == 6 {
+                    scene.log_missed(3..=5).unwrap();
+                }
+                scene.log_slot(&Slot::new(slot, SENSORS as usize).view()).unwrap();
+            }
+            scene.close().unwrap();
+            let found = Found::read(path);
+            ["serve", events::GAP].map(|name| found.curve(&format!("{}/{name}", events::STATES)))
+        })
+    };
+    assert_eq!(states(Some(0)), [[(1, 3.0), (2, 3.0), (6, 3.0)].into(), [(3, 0.0)].into()]);
+    assert_eq!(states(None), [[].into(), [].into()], "a file has the lane");
+}
+
+#[test]
 fn two_thousand_sensor_nodes_are_bars_and_one_more_are_points() {
-    for (count, slots) in [(2_000, BTreeSet::from([0])), (2_001, BTreeSet::new())] {
+    for (count, bars, points) in [(2_000, BTreeSet::from([0]), [].into()), (2_001, [].into(), BTreeSet::from([0]))] {
         let found = in_folder(|path| {
             let mut scene = open(path, count);
             scene.log_slot(&Slot::new(0, count as usize).view()).unwrap();
             scene.close().unwrap();
             Found::read(path)
         });
-        assert_eq!(found.slots_of(queues::BARS), slots, "{count}");
-        assert_eq!(found.slots_of(queues::POINTS), BTreeSet::from([0]), "{count}");
+        assert_eq!(found.slots_of(queues::BARS), bars, "{count}");
+        assert_eq!(found.slots_of(queues::POINTS), points, "{count}");
     }
 }
 
 #[test]
 fn wall_clock_figures_are_curves_where_they_are_known() {
     let found = in_folder(|path| {
-        let sinks = Sinks { save: Some(path.to_owned()), live: None };
+        let sinks = Sinks { save: Some(path.to_owned()), ..Sinks::default() };
         let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "timed", WallClock::Measured, None).unwrap();
         let slot = Slot::new(1, SENSORS as usize);
         let view = skysink_viewer::SlotView { slots_per_s: Some(250.0), plan_ms: Some(0.5), ..slot.view() };
@@ -278,7 +339,7 @@ fn a_file_holds_what_was_logged_before_it_is_closed() {
 #[test]
 fn a_place_that_cannot_be_written_is_refused_by_name() {
     let path = Path::new("/nowhere/mission.rrd");
-    let sinks = Sinks { save: Some(path.to_owned()), live: None };
+    let sinks = Sinks { save: Some(path.to_owned()), ..Sinks::default() };
     let refusal =
         Scene::open(&sinks, &letter(), &sensors(1), "x", WallClock::Unmeasured, None).err().unwrap().to_string();
     assert!(refusal.starts_with("recording /nowhere/mission.rrd: ") && !refusal.contains('\n'), "{refusal}");
@@ -290,7 +351,7 @@ fn a_port_in_use_is_refused_by_number_and_no_file_is_touched() {
         std::fs::write(path, "precious").unwrap();
         let listener = TcpListener::bind(("127.0.0.1", 0)).unwrap();
         let port = listener.local_addr().unwrap().port();
-        let sinks = Sinks { save: Some(path.to_owned()), live: Some(port) };
+        let sinks = Sinks { save: Some(path.to_owned()), live: Some(port), ..Sinks::default() };
         let refusal = Scene::open(&sinks, &letter(), &sensors(1), "x", WallClock::Measured, None).err().unwrap();
         assert!(matches!(refusal, SceneError::Port { .. }));
         let line = refusal.to_string();
@@ -318,7 +379,7 @@ fn a_slot_with_another_number_of_queues_is_refused() {
 fn a_live_scene_listens_on_this_machine_and_writes_the_same_file() {
     in_folder(|path| {
         let port = TcpListener::bind(("127.0.0.1", 0)).unwrap().local_addr().unwrap().port();
-        let sinks = Sinks { save: Some(path.to_owned()), live: Some(port) };
+        let sinks = Sinks { save: Some(path.to_owned()), live: Some(port), ..Sinks::default() };
         let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "live", WallClock::Unmeasured, None).unwrap();
         let began = Instant::now();
         while TcpStream::connect(("127.0.0.1", port)).is_err() {

@@ -4,7 +4,7 @@
 //! Every funnel has the same shape, so that a slot only moves it: 12 bytes instead of a thousand voxels.
 
 use nalgebra::{Point3, Vector2};
-use re_sdk::{Clear, RecordingStreamResult};
+use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{GridMap, VoxelGridMap};
 use re_sdk_types::components::{Colormap, ImageFormat};
 use re_sdk_types::datatypes::{ChannelDatatype, ColorModel};
@@ -92,13 +92,13 @@ impl Surroundings {
         let slice = GridMap::update_fields()
             .with_data(slice(link, uav, f64::from(self.slice_half_m), served))
             .with_translation([x_m - self.slice_half_m, y_m - self.slice_half_m, z_m]);
-        canvas.log(SLICE, &slice)?;
+        canvas.show(SLICE, &slice)?;
         self.log_funnels(canvas, served)
     }
 
     /// Takes slice and funnels away.
     pub(super) fn clear(&mut self, canvas: &Canvas) -> RecordingStreamResult<()> {
-        canvas.log(SLICE, &Clear::flat())?;
+        canvas.clear(SLICE)?;
         self.log_funnels(canvas, &[])
     }
 
@@ -112,10 +112,10 @@ impl Surroundings {
                     .with_voxel_indices(self.shape.voxels.iter().copied())
                     .with_values(self.shape.probabilities.iter().copied());
             }
-            canvas.log(format!("{FUNNELS}/{place}"), &funnel)?;
+            canvas.show(format!("{FUNNELS}/{place}"), &funnel)?;
         }
         for place in served.len()..self.visible {
-            canvas.log(format!("{FUNNELS}/{place}"), &Clear::flat())?;
+            canvas.clear(format!("{FUNNELS}/{place}"))?;
         }
         self.funnels = served.len();
         self.visible = self.funnels;

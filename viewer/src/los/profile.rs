@@ -5,7 +5,7 @@
 //! its maximum in between.
 
 use nalgebra::Point3;
-use re_sdk::{Clear, RecordingStreamResult};
+use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::LineStrips2D;
 use re_sdk_types::components::Radius;
 use skysink_common::channel::LineOfSight;
@@ -91,15 +91,15 @@ impl Profile {
             curve(&|z_m| mean(&|d2_m2| link.los_rate_bps(d2_m2, z_m)) / unit_bps),
             curve(&|z_m| mean(&|d2_m2| link.expected_rate_bps(d2_m2, z_m)) / unit_bps),
         ];
-        canvas.log(CURVES, &LineStrips2D::update_fields().with_strips(curves))?;
+        canvas.show(CURVES, &LineStrips2D::update_fields().with_strips(curves))?;
         let at = (WIDTH * (uav.z - lowest_m) / (highest_m - lowest_m)) as f32;
-        canvas.log(FLOWN, &LineStrips2D::update_fields().with_strips([[[at, 0.0], [at, HEIGHT as f32]]]))
+        canvas.show(FLOWN, &LineStrips2D::update_fields().with_strips([[[at, 0.0], [at, HEIGHT as f32]]]))
     }
 
     /// Takes the curves away.
     pub(super) fn clear(&self, canvas: &Canvas) -> RecordingStreamResult<()> {
-        canvas.log(CURVES, &Clear::flat())?;
-        canvas.log(FLOWN, &Clear::flat())
+        canvas.clear(CURVES)?;
+        canvas.clear(FLOWN)
     }
 }
 
