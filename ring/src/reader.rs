@@ -168,6 +168,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
         let mut awaited = wait.begin(self.topic.row.name, slot, self.topic.row.from)?;
         loop {
             if let Some(found) = poll(self)? {
+                wait.end(awaited);
                 return Ok(found);
             }
             match &self.listener {

@@ -27,7 +27,7 @@ use crate::role::{Role, Seat};
 use crate::survey::{TopicState, Watch, look};
 use crate::terms::Terms;
 use crate::topic::{Full, Member, OBSERVER, Row, Topic, service_name};
-use crate::wait::{LateJoiners, PAUSE, WaitContext};
+use crate::wait::{LateJoiners, PAUSE, SharedCore, WaitContext};
 
 /// Version of the messages and of what they mean; processes of different versions do not meet.
 pub const SCHEMA: u32 = 5;
@@ -187,6 +187,8 @@ impl<S: Service + 'static> Ring<S> {
             served: Instant::now(),
             serve_every: if terms.link.is_some() { SERVE_LINKED_EVERY } else { PAUSE },
             polls: 0,
+            shared_core: SharedCore::default(),
+            slow_topics: Vec::new(),
             seat,
         };
         let only_reader = Refusals::new(Some(role));

@@ -37,10 +37,20 @@ pub(crate) const PAUSE: Duration = Duration::from_millis(10);
 
 /// Polls in a row before the core is offered to others: where there are fewer cores than processes, the one whose
 /// message is awaited needs it.
-const POLLS: u32 = 64;
+const POLLS: u32 = 8;
 
 /// Polls in a row before an adaptive wait sleeps: some 50 µs, about as long as a sleep and its wake-up take.
 const POLLS_BEFORE_SLEEP: u32 = 512;
+
+/// After a wait that took longer, the next one for the same topic sleeps at once: nothing comes while it polls.
+const LONG_WAIT: Duration = Duration::from_micros(150);
+
+/// Whoever offers its core and does not get it back for so long shares it with a program that computes all the time.
+const CORE_TAKEN: Duration = Duration::from_micros(200);
+
+/// Fewest and most waits that then sleep at once: whoever sleeps is woken when its message comes, whoever offers its core
+/// comes back when the other's time slice ends.
+const ASLEEP_WAITS: [u32; 2] = [64, 16_384];
 
 impl Waiting {
     /// All of them.
@@ -133,6 +143,39 @@ pub struct WaitContext {
     /// How often late joiners are served.
     pub(crate) serve_every: Duration,
     pub(crate) polls: u32,
+    pub(crate) shared_core: SharedCore,
+    /// Topics whose last sample was waited for so long that polling for the next one would be in vain.
+    pub(crate) slow_topics: Vec<&'static str>,
+}
+
+/// Whether others compute on the cores that an adaptive wait offers while it polls.
+#[derive(Debug, Default)]
+pub(crate) struct SharedCore {
+    /// Waits that sleep at once.
+    asleep: u32,
+    /// How many they were the last time; 0 if no core was taken since.
+    backoff: u32,
+}
+
+impl SharedCore {
+    /// Counts a wait; whether it polls before it sleeps.
+    fn may_poll(&mut self) -> bool {
+        let may_poll = self.asleep == 0;
+        self.asleep = self.asleep.saturating_sub(1);
+        may_poll
+    }
+
+    /// Notes how long the core was away that was offered. If too long, the next waits sleep at once, twice as many as the
+    /// last time.
+    fn note(&mut self, away: Duration) {
+        if away >= CORE_TAKEN {
+            let [fewest, most] = ASLEEP_WAITS;
+            self.backoff = (2 * self.backoff).clamp(fewest, most);
+            self.asleep = self.backoff;
+        } else if self.asleep == 0 {
+            self.backoff = 0;
+        }
+    }
 }
 
 /// What a process waits for.
@@ -193,8 +236,19 @@ impl WaitContext {
     pub fn begin(&mut self, topic: &'static str, slot: u64, from: Role) -> Result<Awaited, RingError> {
         let now = Instant::now();
         self.stay_present(now)?; // a process that always finds its sample gets no further
-        self.polls = 0; // the first poll in vain offers the core to whoever is to send the sample
+        // The first poll in vain offers the core to whoever is to send the sample.
+        let may_poll = self.shared_core.may_poll() && !self.slow_topics.contains(&topic);
+        self.polls = if may_poll { 0 } else { POLLS_BEFORE_SLEEP };
         Ok(Awaited { topic, slot, from, waited: Stopwatch::start(now), timeout: self.timeout })
+    }
+
+    /// Ends a wait whose sample is there.
+    pub fn end(&mut self, mut awaited: Awaited) {
+        let was_slow = awaited.waited.advance(Instant::now()) > LONG_WAIT;
+        if was_slow != self.slow_topics.contains(&awaited.topic) {
+            self.slow_topics.retain(|topic| *topic != awaited.topic);
+            self.slow_topics.extend(was_slow.then_some(awaited.topic));
+        }
     }
 
     /// Pauses until `listener` is notified, for 10 ms at most.
@@ -202,8 +256,17 @@ impl WaitContext {
     /// # Errors
     /// A requested stop, the supervisor's death, or, in the launcher, the time-out.
     pub fn pause<S: Service>(&mut self, listener: &Listener<S>, awaited: &mut Awaited) -> Result<(), NodeError> {
-        self.waiting.pause(listener, self.polls);
         let has_slept = self.waiting.sleeps_after(self.polls);
+        if self.waiting == Waiting::Adaptive && !has_slept && self.polls.is_multiple_of(POLLS) {
+            let offered = Instant::now();
+            self.waiting.pause(listener, self.polls);
+            self.shared_core.note(offered.elapsed());
+            if self.shared_core.asleep > 0 {
+                self.polls = POLLS_BEFORE_SLEEP;
+            }
+        } else {
+            self.waiting.pause(listener, self.polls);
+        }
         self.polls = self.polls.wrapping_add(1);
         if !has_slept && !self.polls.is_multiple_of(POLLS) {
             return Ok(());
@@ -271,6 +334,20 @@ impl WaitContext {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn waits_sleep_at_once_while_another_program_takes_the_core() {
+        let mut core = SharedCore::default();
+        let poll = |core: &mut SharedCore, away_us| {
+            let slept = (0..).take_while(|_| !core.may_poll()).count();
+            core.note(Duration::from_micros(away_us));
+            slept
+        };
+        assert_eq!([2, 199, 200, 5_000, 5_000].map(|away_us| poll(&mut core, away_us)), [0, 0, 0, 64, 128]);
+        assert_eq!([2, 200, 2].map(|away_us| poll(&mut core, away_us)), [256, 0, 64], "forgotten once it is back");
+        (0..20).for_each(|_| drop(poll(&mut core, 5_000)));
+        assert_eq!(poll(&mut core, 2), 16_384);
+    }
 
     #[test]
     fn a_way_of_waiting_is_read_as_it_is_written() {

@@ -197,11 +197,13 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
                 let parts = (*queues, *flight);
                 self.parts.queues = None;
                 self.parts.flight = None;
+                self.wait.end(awaited);
                 return Ok(parts);
             }
             let (topic, topic_slot, from) = missing.unwrap_or(("queues", slot, Role::FieldSim));
             if (topic, topic_slot) != (awaited.topic, awaited.slot) {
-                awaited = self.begin(topic, topic_slot, from)?;
+                let next = self.begin(topic, topic_slot, from)?;
+                self.wait.end(std::mem::replace(&mut awaited, next));
                 is_told = false;
             }
             let waited = awaited.waited.elapsed();
