@@ -232,7 +232,7 @@ fn one_recording_holds_every_slot_of_every_mission() {
     place.run_well(&compare);
     let recording = place.path("both/comparison.rrd");
     assert!(skysink_viewer::has_footer(&recording).unwrap());
-    for entity in ["/compare/loss_rate/1-uts", "/1-uts/world/queues", "/compare/delivered/2-gfs", "/2-gfs/world/uav"] {
+    for entity in ["/compare/loss_rate/1-uts", "/1-uts/world/uav_trail", "/compare/delivered/2-gfs", "/2-gfs/status"] {
         assert_eq!(slots(&recording, entity), (0..=250).collect(), "{entity}");
     }
     place.run_well(&compare); // replaces it

@@ -241,7 +241,7 @@ fn a_ring_that_waits_in_an_unknown_way_is_refused() {
     assert!(terms.contains("wait = \"poll\"\n"), "{terms}");
     fs::write(&file, terms.replace("poll", "spin")).unwrap();
     let error = RingFolder::open(ring_folder.path()).unwrap_err().to_string();
-    assert!(error.ends_with("ring.toml: unknown variant `spin`, expected `event` or `poll`"), "{error}");
+    assert!(error.ends_with("ring.toml: unknown variant `spin`, expected one of `adaptive`, `event`, `poll`"), "{error}");
 }
 
 #[test]

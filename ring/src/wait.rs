@@ -345,8 +345,7 @@ mod tests {
         };
         assert_eq!([2, 199, 200, 5_000, 5_000].map(|away_us| poll(&mut core, away_us)), [0, 0, 0, 64, 128]);
         assert_eq!([2, 200, 2].map(|away_us| poll(&mut core, away_us)), [256, 0, 64], "forgotten once it is back");
-        (0..20).for_each(|_| drop(poll(&mut core, 5_000)));
-        assert_eq!(poll(&mut core, 2), 16_384);
+        assert_eq!((0..20).map(|_| poll(&mut core, 5_000)).max(), Some(16_384), "at most");
     }
 
     #[test]
