@@ -48,7 +48,7 @@ fn a_quick_benchmark_measures_everything() {
         assert_measured(&report["mission"][key], key);
     }
     let ratios = ["slots_per_s", "floor_us", "p50_over_floor", "p99_over_p50"];
-    assert_rows(&report["ring"], 2 * 2 * 2, &["slot", "plan", "hops"], &ratios);
+    assert_rows(&report["ring"], 2 * 3 * 2, &["slot", "plan", "hops"], &ratios);
     place.assert_clean();
 }
 

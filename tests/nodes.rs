@@ -91,7 +91,7 @@ fn local_and_ipc_nodes_leave_the_trace_of_the_plain_calls() {
         let scenario = smoke(strategy, 11);
         let name = |way: &str| out.path().join(format!("{way}-{round}"));
         let trace = alone(&scenario, &name("alone"));
-        for wait in [Waiting::Event, Waiting::Poll] {
+        for &wait in Waiting::ALL {
             let name = |way: &str| name(&format!("{way}-{wait}"));
             let flown = ring::<local::Service>(&scenario, wait, &name("local"), [0, 1, 2]);
             assert_eq!(flown, trace, "{strategy:?}, {wait}");
@@ -194,7 +194,7 @@ fn nodes_may_start_in_any_order() {
 #[test]
 fn a_requested_stop_ends_a_waiting_node() {
     let scenario = smoke("uts", 1);
-    for wait in [Waiting::Event, Waiting::Poll] {
+    for &wait in Waiting::ALL {
         let ring_folder = RingFolder::create(Pace::Max, wait, 60.0, false, None).unwrap();
         let _ring = Ring::<local::Service>::join(&ring_folder, &scenario, Role::Launcher, &Stop::default()).unwrap();
         let stop = Stop::default();
@@ -214,7 +214,7 @@ fn a_recorder_whose_ring_does_not_come_says_who_should_have_begun() {
     let scenario = smoke("uts", 1);
     let place = tempfile::tempdir().unwrap();
     let list = SensorList::of(&scenario).unwrap();
-    for wait in [Waiting::Event, Waiting::Poll] {
+    for &wait in Waiting::ALL {
         let out = place.path().join(wait.to_string());
         let folder = RunFolder::create(Some(&out), false, &scenario, &list, &Manner::default()).unwrap();
         let ring_folder = RingFolder::create(Pace::Max, wait, 0.2, false, None).unwrap();
@@ -241,7 +241,10 @@ fn a_ring_that_waits_in_an_unknown_way_is_refused() {
     assert!(terms.contains("wait = \"poll\"\n"), "{terms}");
     fs::write(&file, terms.replace("poll", "spin")).unwrap();
     let error = RingFolder::open(ring_folder.path()).unwrap_err().to_string();
-    assert!(error.ends_with("ring.toml: unknown variant `spin`, expected one of `adaptive`, `event`, `poll`"), "{error}");
+    assert!(
+        error.ends_with("ring.toml: unknown variant `spin`, expected one of `adaptive`, `event`, `poll`"),
+        "{error}"
+    );
 }
 
 #[test]

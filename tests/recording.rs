@@ -17,6 +17,25 @@ fn a_lock_step_recording_holds_every_slot() {
     }
 }
 
+#[test]
+fn one_slot_in_so_many_is_drawn_by_a_ring_and_by_one_process() {
+    let place = Place::new();
+    let every = ["--record-every", "25"];
+    place.run_well(&[&["simulate", SMOKE, "--out", "alone"][..], &every].concat());
+    place.run_well(&[&["run", SMOKE, "--out", "ring"][..], &every].concat());
+    for run in ["alone", "ring"] {
+        let drawn = slots(&place.path(&format!("{run}/mission.rrd")), "/metrics/loss_rate");
+        assert_eq!(drawn, [0, 25, 50, 60].into(), "{run}");
+    }
+    for wrong in ["0", "-1", "x"] {
+        let ended = place.run(&["simulate", SMOKE, "--record-every", wrong, "--out", "none"]);
+        assert_eq!(ended.code, Some(2), "{ended:?}");
+    }
+    let ended = place.run(&[&["run", SMOKE, "--external", "viewer", "--out", "none"][..], &every].concat());
+    assert_eq!(ended.code, Some(2), "{ended:?}");
+    assert!(ended.stderr.contains("--record-every") && !place.path("none").exists(), "{ended:?}");
+}
+
 /// What is recorded of the planned path.
 const PATH: [&str; 4] = ["/world/path", "/world/path/stops", "/world/path_track", "/world/path_track/stops"];
 

@@ -131,10 +131,13 @@ mod tests {
         let mut stepped = field();
         let (mut journal, first) = FieldJournal::open(&folder, &mut stepped).unwrap();
         assert_eq!(first, None);
-        for slot in 1..=300 {
+        for slot in 1..=2 * SLOTS + 10 {
             let before = stepped.clone();
             stepped.step(slot, &flight(slot)).unwrap();
             journal.save(&flight(slot), &stepped).unwrap();
+            if (slot + 5) % STATE_EVERY > 10 {
+                continue; // it is the slots about a state that differ
+            }
             let mut restored = field();
             let (_, last) = FieldJournal::open(&folder, &mut restored).unwrap();
             assert_eq!((restored, last), (before, Some(flight(slot))), "slot {slot}");

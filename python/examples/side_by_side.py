@@ -3,7 +3,7 @@
     pip install ./python pillow
     python python/examples/side_by_side.py scenarios/sparse.toml uts horizon --out docs/src/sparse.png
 
-A point is a sensor node, coloured by how full its buffer is, red once it has lost data; the circle is what the UAV has
+A point is a sensor node, coloured by how full its buffer is, red once it was full; the circle is what the UAV has
 in range, the line its last flight.
 """
 

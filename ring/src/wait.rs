@@ -13,13 +13,15 @@ use serde::{Deserialize, Serialize};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use skysink_common::stop::Stop;
-use strum::{Display, EnumString, VariantNames};
+use strum::{Display, EnumString, VariantArray, VariantNames};
 
 use crate::error::{NodeError, RingError};
 use crate::role::{Role, Seat};
 
 /// How a process waits for messages.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantNames)]
+#[derive(
+    Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, Display, EnumString, VariantArray, VariantNames,
+)]
 #[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum Waiting {
@@ -45,6 +47,13 @@ const POLLS_BEFORE_SLEEP: u32 = 512;
 /// After a wait that took longer, the next one for the same topic sleeps at once: nothing comes while it polls.
 const LONG_WAIT: Duration = Duration::from_micros(150);
 
+/// Of so many slots in so many every wait polls at first: where all sleep because all have slept, nobody would find that
+/// polling is quicker.
+const PROBED: u64 = 2;
+
+/// See [`PROBED`].
+const PROBE_EVERY: u64 = 64;
+
 /// Whoever offers its core and does not get it back for so long shares it with a program that computes all the time.
 const CORE_TAKEN: Duration = Duration::from_micros(200);
 
@@ -54,7 +63,7 @@ const ASLEEP_WAITS: [u32; 2] = [64, 16_384];
 
 impl Waiting {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Adaptive, Self::Event, Self::Poll];
+    pub const ALL: &'static [Self] = <Self as VariantArray>::VARIANTS;
 
     /// The names of all.
     pub const NAMES: &'static [&'static str] = <Self as VariantNames>::VARIANTS;
@@ -153,16 +162,27 @@ pub struct WaitContext {
 pub(crate) struct SharedCore {
     /// Waits that sleep at once.
     asleep: u32,
-    /// How many they were the last time; 0 if no core was taken since.
+    /// How many they were the last time.
     backoff: u32,
+    /// Waits since then that polled and kept their core.
+    undisturbed: u32,
 }
+
+/// So many of them in a row, and the next core that is taken is the first again.
+const UNDISTURBED_WAITS: u32 = 64;
 
 impl SharedCore {
     /// Counts a wait; whether it polls before it sleeps.
     fn may_poll(&mut self) -> bool {
-        let may_poll = self.asleep == 0;
-        self.asleep = self.asleep.saturating_sub(1);
-        may_poll
+        if self.asleep > 0 {
+            self.asleep -= 1;
+            return false;
+        }
+        self.undisturbed = self.undisturbed.saturating_add(1);
+        if self.undisturbed > UNDISTURBED_WAITS {
+            self.backoff = 0;
+        }
+        true
     }
 
     /// Notes how long the core was away that was offered. If too long, the next waits sleep at once, twice as many as the
@@ -172,8 +192,7 @@ impl SharedCore {
             let [fewest, most] = ASLEEP_WAITS;
             self.backoff = (2 * self.backoff).clamp(fewest, most);
             self.asleep = self.backoff;
-        } else if self.asleep == 0 {
-            self.backoff = 0;
+            self.undisturbed = 0;
         }
     }
 }
@@ -237,7 +256,8 @@ impl WaitContext {
         let now = Instant::now();
         self.stay_present(now)?; // a process that always finds its sample gets no further
         // The first poll in vain offers the core to whoever is to send the sample.
-        let may_poll = self.shared_core.may_poll() && !self.slow_topics.contains(&topic);
+        let is_slow = slot % PROBE_EVERY >= PROBED && self.slow_topics.contains(&topic);
+        let may_poll = self.shared_core.may_poll() && !is_slow;
         self.polls = if may_poll { 0 } else { POLLS_BEFORE_SLEEP };
         Ok(Awaited { topic, slot, from, waited: Stopwatch::start(now), timeout: self.timeout })
     }
@@ -344,7 +364,9 @@ mod tests {
             slept
         };
         assert_eq!([2, 199, 200, 5_000, 5_000].map(|away_us| poll(&mut core, away_us)), [0, 0, 0, 64, 128]);
-        assert_eq!([2, 200, 2].map(|away_us| poll(&mut core, away_us)), [256, 0, 64], "forgotten once it is back");
+        assert_eq!([2, 200, 2].map(|away_us| poll(&mut core, away_us)), [256, 0, 512]);
+        assert_eq!((0..64).map(|_| poll(&mut core, 2)).max(), Some(0));
+        assert_eq!([200, 2].map(|away_us| poll(&mut core, away_us)), [0, 64], "forgotten after as many waits");
         assert_eq!((0..20).map(|_| poll(&mut core, 5_000)).max(), Some(16_384), "at most");
     }
 

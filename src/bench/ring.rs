@@ -56,7 +56,7 @@ pub fn measure(effort: Effort, stop: &Stop) -> Result<Vec<RingRow>, Error> {
     let mut rows = Vec::new();
     for pace in [Pace::Max, Pace::Factor(PACED_HZ)] {
         for sensors in counts(effort).iter().copied().filter(|&sensors| pace == Pace::Max || sensors <= PACED_MOST) {
-            for wait in Waiting::ALL {
+            for &wait in Waiting::ALL {
                 rows.push(row(sensors, wait, pace, effort, stop)?);
             }
         }

@@ -202,8 +202,8 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             }
             let (topic, topic_slot, from) = missing.unwrap_or(("queues", slot, Role::FieldSim));
             if (topic, topic_slot) != (awaited.topic, awaited.slot) {
-                let next = self.begin(topic, topic_slot, from)?;
-                self.wait.end(std::mem::replace(&mut awaited, next));
+                self.wait.end(awaited);
+                awaited = self.begin(topic, topic_slot, from)?;
                 is_told = false;
             }
             let waited = awaited.waited.elapsed();

@@ -13,7 +13,8 @@ use skysink_common::scenario::Scenario;
 use crate::canvas::Canvas;
 use crate::colour;
 use crate::history::SensorHistory;
-use crate::maps::{MapFrame, Rhythm, SensorMap};
+use crate::maps::{MapFrame, SensorMap};
+use crate::rhythm::Rhythm;
 use crate::shapes::curve_style;
 use crate::steps::Steps;
 

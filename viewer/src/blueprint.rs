@@ -3,11 +3,13 @@
 //! The library's own builder knows no properties of views (cameras, axes), draws random ids, and panics where the
 //! environment says `RERUN=off`; the entities below are all that it would write.
 
+use std::num::NonZeroU64;
+
 use re_log_types::BlueprintActivationCommand;
 use re_sdk::sink::MemorySinkStorage;
 use re_sdk::{
-    ApplicationId, Archetype, AsComponents, EntityPath, RecordingStream, RecordingStreamBuilder, RecordingStreamResult,
-    StoreId, StoreKind,
+    Archetype, AsComponents, EntityPath, RecordingStream, RecordingStreamBuilder, RecordingStreamResult, StoreId,
+    StoreKind,
 };
 use re_sdk_types::blueprint::archetypes::{
     ContainerBlueprint, PanelBlueprint, TimePanelBlueprint, ViewBlueprint, ViewContents, ViewportBlueprint,
@@ -18,7 +20,7 @@ use re_sdk_types::blueprint::components::{
 };
 use re_types_core::datatypes::{TimeInt, TimeRange, TimeRangeBoundary, VisibleTimeRange as Range};
 
-use crate::recording::{SIM_TIME, SLOT};
+use crate::recording::{Recording, SIM_TIME, SLOT};
 
 /// What a view shows, by the library's names.
 pub(crate) mod class {
@@ -52,17 +54,20 @@ pub(crate) struct Blueprint {
     recorder: RecordingStream,
     messages: MemorySinkStorage,
     tiles: u8,
+    /// Slots of which one is drawn.
+    every: NonZeroU64,
 }
 
 impl Blueprint {
-    /// An empty one for the recording `name`.
-    pub(crate) fn new(application: &ApplicationId, name: &str) -> RecordingStreamResult<Self> {
+    /// An empty one for a recording.
+    pub(crate) fn new(recording: &Recording) -> RecordingStreamResult<Self> {
+        let Recording { application, name, .. } = recording;
         let store = StoreId::new(StoreKind::Blueprint, application.clone(), format!("{name}-layout"));
         let builder = RecordingStreamBuilder::from_store_id(&store);
         let (recorder, messages) = builder.send_properties(false).enabled(true).memory()?;
         recorder.set_log_time_enabled(false);
         recorder.set_time_sequence("blueprint", 0);
-        Ok(Self { store, recorder, messages, tiles: 0 })
+        Ok(Self { store, recorder, messages, tiles: 0, every: recording.every })
     }
 
     /// Adds a view of the entities that `contents` selects, in the frame of `origin`.
@@ -115,7 +120,8 @@ impl Blueprint {
     ) -> RecordingStreamResult<()> {
         let range = |timeline: &str, per_slot: f64| {
             let start = slots.map_or(TimeRangeBoundary::Infinite, |slots| {
-                TimeRangeBoundary::CursorRelative(TimeInt(-(f64::from(slots) * per_slot).round() as i64))
+                let slots = f64::from(slots).max(self.every.get() as f64); // the last that was drawn at least
+                TimeRangeBoundary::CursorRelative(TimeInt(-(slots * per_slot).round() as i64))
             });
             let range = TimeRange { start, end: TimeRangeBoundary::AT_CURSOR };
             VisibleTimeRange(Range { timeline: timeline.into(), range })

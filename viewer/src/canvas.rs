@@ -13,7 +13,8 @@ use re_sdk_types::archetypes::Clear;
 pub(crate) struct Canvas {
     stream: RecordingStream,
     root: String,
-    /// What each entity shows: its components as they were logged last in this file.
+    /// What each entity shows: its components as they were logged last in this file, none if it was taken away. Of others
+    /// an earlier file may show anything.
     shown: Rc<RefCell<HashMap<String, Vec<SerializedComponentBatch>>>>,
 }
 
@@ -34,7 +35,8 @@ impl Canvas {
     }
 
     /// Shows an entity as `shape` from the time on that the recording is set to: logs those components that differ from
-    /// what it shows.
+    /// what it shows. None of them may have been logged statically, which hides what has a time; and a transform is logged
+    /// by one component, because rerun takes the others back when any of them is logged.
     pub(crate) fn show(&self, entity: impl AsRef<str>, shape: &impl AsComponents) -> RecordingStreamResult<()> {
         let name = self.name(entity.as_ref());
         let mut shown = self.shown.borrow_mut();
@@ -52,7 +54,10 @@ impl Canvas {
     /// Takes an entity away, from the time on that the recording is set to.
     pub(crate) fn clear(&self, entity: impl AsRef<str>) -> RecordingStreamResult<()> {
         let name = self.name(entity.as_ref());
-        self.shown.borrow_mut().remove(&name);
+        let before = self.shown.borrow_mut().insert(name.clone(), Vec::new());
+        if before.is_some_and(|before| before.is_empty()) {
+            return Ok(());
+        }
         self.stream.log(name, &Clear::flat())
     }
 

@@ -131,7 +131,7 @@ impl Comparison {
 
     /// Sends the layout of the screen: the scenes beside each other, beside them the curves.
     fn arrange(&self, missions: &[ComparedMission]) -> RecordingStreamResult<()> {
-        let mut layout = Blueprint::new(&self.recording.application, &self.recording.name)?;
+        let mut layout = Blueprint::new(&self.recording)?;
         let mut fields = Vec::new();
         let mut tops = Vec::new();
         let mut paths = Vec::new();

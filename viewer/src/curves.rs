@@ -1,12 +1,14 @@
 //! The curves beside the scene: what the mission achieves and how fast it is computed.
 
 use re_sdk::RecordingStreamResult;
-use re_sdk_types::archetypes::Scalars;
+use re_sdk_types::archetypes::{Scalars, SeriesLines};
+use re_sdk_types::components::InterpolationMode;
 use skysink_common::message::Totals;
 
 use crate::canvas::Canvas;
 use crate::colour::{self, Rgb};
 use crate::queues::Fill;
+use crate::rhythm::Rhythm;
 use crate::shapes::curve_style;
 use crate::slot::SlotView;
 
@@ -49,7 +51,9 @@ pub(crate) fn loss_rate(totals: &Totals) -> f64 {
 
 /// Names and colours, once.
 pub(crate) fn open(canvas: &Canvas) -> RecordingStreamResult<()> {
-    CURVES.iter().try_for_each(|(entity, name, colour, _)| canvas.log_static(*entity, &curve_style(name, *colour)))
+    CURVES.iter().try_for_each(|(entity, name, colour, _)| canvas.log_static(*entity, &curve_style(name, *colour)))?;
+    let steps = SeriesLines::update_fields().with_interpolation_mode(InterpolationMode::StepAfter);
+    canvas.log_static(MISSED, &steps) // whatever slots have points
 }
 
 /// Curves that hardly ever change, if at all.
@@ -59,13 +63,19 @@ const RARE: [&str; 2] = [LOSS_MARK, MISSED];
 const RARE_EVERY: u64 = 10;
 
 /// The curves of a mission under way.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Curves {
     /// Slots missed until the one that was drawn last.
     missed_slots: Option<u64>,
+    rare: Rhythm,
 }
 
 impl Curves {
+    /// Those of a mission of so many slots.
+    pub(crate) fn new(slots: u64) -> Self {
+        Self { missed_slots: None, rare: Rhythm::every(RARE_EVERY, slots) }
+    }
+
     /// One point per curve.
     pub(crate) fn log_slot(
         &mut self,
@@ -74,8 +84,11 @@ impl Curves {
         fill: Fill,
         missed_slots: u64,
     ) -> RecordingStreamResult<()> {
-        let is_new = self.missed_slots.replace(missed_slots) != Some(missed_slots);
-        let is_due = |entity| is_new || view.slot.is_multiple_of(RARE_EVERY) || !RARE.contains(&entity);
+        if self.missed_slots.replace(missed_slots) != Some(missed_slots) {
+            self.rare.restart();
+        }
+        let has_rare = self.rare.is_due(view.slot);
+        let is_due = |entity| has_rare || !RARE.contains(&entity);
         for (entity, _, _, number) in CURVES.into_iter().filter(|(entity, ..)| is_due(*entity)) {
             if let Some(number) = number(view, fill, missed_slots) {
                 canvas.append(entity, &Scalars::single(number))?;

@@ -29,7 +29,7 @@ pub(crate) fn send(
     clock: WallClock,
     estimated: Option<Rates>,
 ) -> RecordingStreamResult<()> {
-    let mut layout = Blueprint::new(&recording.application, &recording.name)?;
+    let mut layout = Blueprint::new(recording)?;
     let scenes = scenes(&mut layout, sizes, scenario, estimated)?;
     let lane = lane(&mut layout, recording.port)?;
     let log = log(&mut layout)?;
@@ -113,7 +113,7 @@ fn scenes(
 fn maps(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> RecordingStreamResult<Tile> {
     let loss = map(layout, "Data lost so far, by SN", maps::LOSS, sizes)?;
     let overflow = map(layout, "Time until each SN is full", maps::OVERFLOW, sizes)?;
-    let coverage = map(layout, "How long ago each place was in range (every 10th slot)", maps::COVERAGE, sizes)?;
+    let coverage = map(layout, "How long ago each place was in range", maps::COVERAGE, sizes)?;
     let flown = flown(layout, "All that was flown", &str::to_owned, sizes, slot_s)?;
     four(layout, "Loss and coverage", [loss, overflow, coverage, flown])
 }

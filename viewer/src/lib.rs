@@ -25,6 +25,7 @@ pub mod path;
 mod picture;
 pub mod queues;
 pub mod recording;
+mod rhythm;
 pub mod scene;
 mod shapes;
 mod sizes;

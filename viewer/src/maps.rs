@@ -13,6 +13,7 @@ use skysink_common::scenario::Scenario;
 use crate::canvas::Canvas;
 use crate::colour;
 use crate::history::{CoverageGrid, SensorHistory};
+use crate::rhythm::Rhythm;
 use crate::shapes::writing;
 use crate::sizes::{MAX_BARS, Sizes};
 use crate::steps::{ScaleStep, Steps};
@@ -30,7 +31,7 @@ pub const COVERAGE: &str = "maps/coverage";
 /// Below each of them: what changes.
 pub const SHOWN: &str = "shown";
 
-/// Slots after which the coverage is drawn again, and so are the SNs of a field that is too large for bars.
+/// Slots after which the coverage is drawn again.
 const EVERY: u64 = 10;
 
 /// Where things are drawn on a map: x is east, y is down.
@@ -125,36 +126,6 @@ impl SensorMap {
     /// Shows the SNs by these steps.
     pub(crate) fn show(&self, canvas: &Canvas, steps: impl Iterator<Item = u16>) -> RecordingStreamResult<()> {
         canvas.show(&self.shown, &Points2D::update_fields().with_class_ids(steps))
-    }
-}
-
-/// When something is drawn: in the first slot of a file, in the last of the mission, and once in every so many.
-#[derive(Debug)]
-pub(crate) struct Rhythm {
-    every: u64,
-    last_slot: u64,
-    /// The slot in which it was drawn last.
-    drawn: Option<u64>,
-}
-
-impl Rhythm {
-    /// That of what is drawn once in `every` slots, of a mission that ends with `last_slot`.
-    pub(crate) fn every(every: u64, last_slot: u64) -> Self {
-        Self { every, last_slot, drawn: None }
-    }
-
-    /// That of maps of so many SNs: every slot, or now and then if there are too many for bars.
-    pub(crate) fn of_sensors(count: usize, last_slot: u64) -> Self {
-        Self::every(if count <= MAX_BARS { 1 } else { EVERY }, last_slot)
-    }
-
-    /// Whether to draw in this slot, which the caller then does.
-    pub(crate) fn is_due(&mut self, slot: u64) -> bool {
-        let is_due = self.drawn.is_none_or(|drawn| slot / self.every != drawn / self.every) || slot == self.last_slot;
-        if is_due {
-            self.drawn = Some(slot);
-        }
-        is_due
     }
 }
 

@@ -81,7 +81,7 @@ impl Picture {
         curves::open(&canvas)?;
         legend::log(&canvas, sizes, links.rates_bps.as_ref())?;
         let history = SensorHistory::new(scenario, sensors);
-        let curves = Curves::default();
+        let curves = Curves::new(scenario.slots);
         Ok(Self { canvas, queues, uav, path, links, los, events, curves, history, maps: None, belief: None })
     }
 
@@ -116,6 +116,7 @@ impl Picture {
             belief.observe(&self.history, view.slot, view.queues_bits, view.flight);
         }
         self.history.add(view.slot, view.queues_bits, Position::new(view.flight.x_m, view.flight.y_m));
+        self.uav.observe(view.flight);
         Ok(self.events.log_slot(&self.canvas, view)?)
     }
 
@@ -132,7 +133,7 @@ impl Picture {
         if let Some(maps) = &mut self.maps {
             maps.log_slot(canvas, view.slot, &self.history, Position::new(view.flight.x_m, view.flight.y_m))?;
         }
-        self.uav.log_slot(canvas, view)?;
+        self.uav.draw(canvas, view)?;
         self.path.log(canvas, view.path)?;
         self.links.log_circles(canvas, view.plan)?;
         self.links.log_links(canvas, Some(view.flight))?;

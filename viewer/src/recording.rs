@@ -21,12 +21,12 @@ pub const SIM_TIME: &str = "sim_time";
 /// Most that a killed process loses of a file.
 const FILE_TICK: Duration = Duration::from_secs(10);
 
-/// Most that it loses where slots are fast.
-const FAST_TICK: Duration = Duration::from_secs(1);
+/// Least time from one batch to the next, and fewest slots of one that is sent before [`FILE_TICK`]: each batch makes a
+/// chunk of every entity, which the file holds and, for the file's index, the memory of this process.
+const MIN_TICK: Duration = Duration::from_secs(1);
 
-/// Slots in that time that are fast. A batch of fewer is not worth it: each makes a chunk of every entity, which the file
-/// and, for the file's index, the memory of this process hold.
-const FAST_SLOTS: u32 = 64;
+/// See [`MIN_TICK`].
+const MIN_SLOTS: u32 = 64;
 
 /// Least time from one batch for a live viewer to the next. A batch ends with a slot, so that a viewer never has one
 /// half.
@@ -46,8 +46,8 @@ pub struct Sinks {
     pub save: Option<PathBuf>,
     /// Port on 127.0.0.1 where a viewer may connect at any time; 0 takes a free one.
     pub live: Option<u16>,
-    /// One slot of so many is drawn, each if none. The first, the last and what happens in between are there at any
-    /// rate.
+    /// Slots of which one is drawn, each if none. The first, the last of a whole mission and what happens in between are
+    /// there at any rate.
     pub every: Option<NonZeroU64>,
 }
 
@@ -115,6 +115,8 @@ pub(crate) struct Recording {
     sent: Instant,
     /// Slots since then.
     slots: u32,
+    /// Slots of which one is drawn.
+    pub(crate) every: NonZeroU64,
     /// Its file, held locked.
     file: Option<NextFile>,
 }
@@ -142,17 +144,19 @@ impl Recording {
         let begun = next.as_ref().and_then(|next| next.recording_id.as_deref());
         let part = if begun.is_some() { Part::Later } else { Part::First };
         let name = begun.unwrap_or(name).to_owned();
+        let flush_tick = if live.is_some() { MIN_TICK } else { FILE_TICK };
+        let every = sinks.every.unwrap_or(NonZeroU64::MIN);
         let stream = RecordingStreamBuilder::new(application.clone())
             .recording_id(name.as_str())
             .send_properties(false) // they would hold the wall clock
             .enabled(true) // whatever the environment says: a recording was asked for
-            .batcher_config(ChunkBatcherConfig { flush_tick: FILE_TICK, ..ChunkBatcherConfig::default() })
+            .batcher_config(ChunkBatcherConfig { flush_tick, ..ChunkBatcherConfig::default() })
             .set_sinks(open)?;
         stream.set_log_time_enabled(false);
         stream.set_log_tick_enabled(false);
         stream.send_recording_name(name.as_str())?;
         let application = application.clone();
-        Ok(Self { stream, name, application, port: live, part, sent: Instant::now(), slots: 0, file: next })
+        Ok(Self { stream, name, application, port: live, part, sent: Instant::now(), slots: 0, every, file: next })
     }
 
     /// Sets the time of what is logged next.
@@ -166,7 +170,7 @@ impl Recording {
         self.slots += 1;
         let is_due = match self.port {
             Some(_) => self.sent.elapsed() >= LIVE_TICK,
-            None => self.slots >= FAST_SLOTS && self.sent.elapsed() >= FAST_TICK,
+            None => self.slots >= MIN_SLOTS && self.sent.elapsed() >= MIN_TICK,
         };
         if is_due {
             self.sent = Instant::now();

@@ -2,7 +2,6 @@
 //!
 //! Each part of the picture is drawn by a module of its own; [`crate::layout`] arranges them on the screen.
 
-use std::num::NonZeroU64;
 use std::ops::RangeInclusive;
 
 use re_sdk::ApplicationId;
@@ -14,9 +13,9 @@ use skysink_common::scenario::Scenario;
 
 use crate::canvas::Canvas;
 use crate::files::Part;
-use crate::maps::Rhythm;
 use crate::picture::{self, Picture};
 use crate::recording::{Recording, SceneError, Sinks};
+use crate::rhythm::Rhythm;
 use crate::sizes::Sizes;
 use crate::slot::{SlotView, WallClock};
 use crate::{events, layout, legend};
@@ -64,7 +63,7 @@ impl Scene {
         let picture = Picture::open(canvas.clone(), scenario, sensors, &sizes, &recording)?;
         let picture = picture.with_maps(scenario, sensors, &sizes, estimated)?;
         legend::log_facts(&recording.stream, scenario, sensors.len())?;
-        let rhythm = Rhythm::every(sinks.every.map_or(1, NonZeroU64::get), scenario.slots);
+        let rhythm = Rhythm::every(recording.every.get(), scenario.slots);
         let scene = Self {
             recording,
             canvas,
@@ -118,6 +117,7 @@ impl Scene {
         let (first, last) = slots.into_inner();
         self.missed_slots += last - first + 1;
         self.last_slot = Some(last);
+        self.rhythm.restart(); // what is cleared is drawn again in the next slot that is seen
         self.recording.set_slot(first, self.scenario.slot_s);
         self.picture.log_missed(first, last)
     }

@@ -6,7 +6,7 @@ use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{Arrows3D, Boxes3D, Cylinders3D, LineStrips3D, Points3D, Transform3D};
 use re_sdk_types::components::{FillMode, Radius};
 use re_sdk_types::datatypes::{Angle, RotationAxisAngle};
-use skysink_common::message::Plan;
+use skysink_common::message::{FlightReport, Plan};
 
 use crate::canvas::Canvas;
 use crate::colour;
@@ -20,7 +20,8 @@ pub const UAV: &str = "world/uav";
 pub const BODY: &str = "world/uav/body";
 /// A dot where it is, of the same size on the screen at every distance.
 pub const DOT: &str = "world/uav/dot";
-/// The path flown in each slot, where it was flown; a view chooses how many slots of it are seen.
+/// The path flown in each slot, or since the last one that was drawn, where it was flown; a view chooses how many slots of
+/// it are seen.
 pub const TRAIL: &str = "world/uav_trail";
 /// The same on the ground, for the view from above.
 pub const TRACK: &str = "world/uav_track";
@@ -37,7 +38,8 @@ pub const PLUMB: &str = "world/uav/plumb";
 pub(crate) struct UavShape {
     ring_m: f32,
     track_z_m: f32,
-    before: Option<Point>,
+    /// Where it was after the slots since the last one that was drawn, that one first.
+    flown: Vec<Point>,
 }
 
 impl UavShape {
@@ -51,34 +53,46 @@ impl UavShape {
             canvas.log_static(entity, &line_style(colour::PLAN, 1.5))?;
         }
         canvas.log_static(PLUMB, &line_style(colour::COVERAGE, 0.7))?;
-        Ok(Self { ring_m: 1.8 * sizes.arm_m, track_z_m: -0.006 * sizes.radius_m, before: None })
+        Ok(Self { ring_m: 1.8 * sizes.arm_m, track_z_m: -0.006 * sizes.radius_m, flown: Vec::new() })
     }
 
-    /// Moves the UAV to where it is after a slot.
-    pub(crate) fn log_slot(&mut self, canvas: &Canvas, view: &SlotView) -> RecordingStreamResult<()> {
+    /// Takes in where the UAV is after a slot.
+    pub(crate) fn observe(&mut self, flight: &FlightReport) {
+        self.flown.push(drawn(flight.position()));
+    }
+
+    /// Moves the UAV to where it is after the slot that was observed last.
+    pub(crate) fn draw(&mut self, canvas: &Canvas, view: &SlotView) -> RecordingStreamResult<()> {
         let here = drawn(view.flight.position());
+        let before = self.flown.iter().rev().nth(1).copied();
         canvas.show(UAV, &Transform3D::update_fields().with_translation(here))?;
         let foot = [0.0, 0.0, -here[2]];
         canvas.show(COVERAGE, &Transform3D::update_fields().with_translation(foot))?;
         canvas.show(PLUMB, &LineStrips3D::update_fields().with_strips([[[0.0; 3], foot]]))?;
-        if let Some(before) = self.before.filter(|before| before[..2] != here[..2]) {
+        if let Some(before) = before.filter(|before| before[..2] != here[..2]) {
             let heading = Angle::from_radians((here[1] - before[1]).atan2(here[0] - before[0]));
             let turn = RotationAxisAngle::new([0.0, 0.0, 1.0], heading);
             canvas.show(BODY, &Transform3D::update_fields().with_rotation_axis_angle(turn))?;
         }
-        let flown: Vec<_> = self.before.map(|before| [before, here]).into_iter().collect();
-        let track: Vec<_> = flown.iter().map(|leg| leg.map(|[x_m, y_m, _]| [x_m, y_m, self.track_z_m])).collect();
-        canvas.append(TRAIL, &LineStrips3D::update_fields().with_strips(flown))?;
-        canvas.append(TRACK, &LineStrips3D::update_fields().with_strips(track))?;
-        self.log_plan(canvas, view.plan, self.before.unwrap_or(here))?;
-        self.before = Some(here);
-        Ok(())
+        self.log_flown(canvas)?;
+        self.flown.push(here);
+        self.log_plan(canvas, view.plan, before.unwrap_or(here))
     }
 
     /// Takes away what a missed slot would show wrongly, and breaks the path.
     pub(crate) fn log_missed(&mut self, canvas: &Canvas) -> RecordingStreamResult<()> {
-        self.before = None;
+        self.log_flown(canvas)?;
         self.log_plan(canvas, None, [0.0; 3])
+    }
+
+    /// Logs the path since the last slot that was drawn, and begins another.
+    fn log_flown(&mut self, canvas: &Canvas) -> RecordingStreamResult<()> {
+        let flown = std::mem::take(&mut self.flown);
+        let trail = (flown.len() > 1).then_some(flown);
+        let track = trail.iter().map(|flown| flown.iter().map(|&[x_m, y_m, _]| [x_m, y_m, self.track_z_m]));
+        let track: Vec<Vec<_>> = track.map(Iterator::collect).collect();
+        canvas.append(TRAIL, &LineStrips3D::update_fields().with_strips(trail))?;
+        canvas.append(TRACK, &LineStrips3D::update_fields().with_strips(track))
     }
 
     fn log_plan(&self, canvas: &Canvas, plan: Option<&Plan>, from: Point) -> RecordingStreamResult<()> {

@@ -77,30 +77,52 @@ fn what_stays_as_it_is_is_logged_once() {
     assert_eq!(still.slots_of(curves::DELIVERED), (0..=30).collect());
 }
 
-#[test]
-fn one_slot_in_so_many_is_drawn_with_the_first_and_the_last() {
-    let found = in_folder(|path| {
+/// Records 30 slots of which one in seven is drawn; some are missed.
+fn record_some(missed: std::ops::RangeInclusive<u64>, change: impl Fn(&mut Slot)) -> Found {
+    in_folder(|path| {
         let sinks = Sinks { save: Some(path.to_owned()), every: NonZeroU64::new(7), ..Sinks::default() };
         let mut scenario = letter();
         scenario.slots = 30;
         let mut scene = Scene::open(&sinks, &scenario, &sensors(SENSORS), "x", WallClock::Unmeasured, None).unwrap();
-        for slot in 0..=30 {
-            let mut slot = Slot::new(slot, SENSORS as usize);
-            if slot.slot == 3 {
-                slot.flight.hold = HoldReason::NoPlan as u32;
+        for slot in (0..=30).filter(|slot| !missed.contains(slot)) {
+            if slot == missed.end() + 1 {
+                scene.log_missed(missed.clone()).unwrap();
             }
+            let mut slot = Slot::new(slot, SENSORS as usize);
+            change(&mut slot);
             scene.log_slot(&slot.view()).unwrap();
         }
         scene.close().unwrap();
         Found::read(path)
+    })
+}
+
+#[test]
+fn one_slot_in_so_many_is_drawn_with_the_first_and_the_last() {
+    let found = record_some(40..=40, |slot| match slot.slot {
+        3 => slot.flight.hold = HoldReason::NoPlan as u32,
+        10 => slot.flight.y_m = 77.0,
+        _ => {}
     });
     for entity in [queues::BARS, uav::UAV, curves::LOSS, events::STATUS] {
         assert_eq!(found.slots_of(entity), [0, 7, 14, 21, 28, 30].into(), "{entity}");
     }
     assert!(found.text(events::LOG, "TextLog:text", Some(3)).contains("no plan in time"), "events are all there");
-    let leg = found.text(uav::TRAIL, "LineStrips3D:strips", Some(14));
-    assert!(leg.contains("7.0") && leg.contains("14.0"), "the path has no gaps: {leg}");
+    let path = found.text(uav::TRAIL, "LineStrips3D:strips", Some(14));
+    assert!(["7.0", "77.0", "14.0"].iter().all(|place| path.contains(place)), "the path is that of every slot: {path}");
+    let leg = found.text(uav::PLAN, "LineStrips3D:strips", Some(14));
+    assert!(leg.contains("13.0"), "a plan begins where its slot does: {leg}");
     assert_eq!(found.curve(curves::LOSS)[&21], 0.021, "sums are of every slot");
+    assert_eq!(found.slots_of(curves::MISSED), [0, 14, 21, 30].into());
+}
+
+#[test]
+fn after_missed_slots_the_next_one_is_drawn() {
+    let found = record_some(10..=11, |_| {});
+    assert_eq!(found.slots_of(uav::UAV), [0, 7, 12, 14, 21, 28, 30].into());
+    assert_eq!(found.curve(curves::MISSED)[&12], 2.0);
+    let path = |slot| found.text(uav::TRAIL, "LineStrips3D:strips", Some(slot));
+    assert!(path(10).contains("9.0") && !path(12).contains("9.0"), "it ends where the gap begins");
 }
 
 #[test]

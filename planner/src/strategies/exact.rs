@@ -224,7 +224,7 @@ impl Schedule {
         self.fill(members.into_iter());
         let mut blocks = (table.resource_blocks - M) as u64;
         for other in others {
-            // None of those that follow is fuller.
+            // None of those that follow is fuller. As full a set may still win by its ids (decision D7).
             if blocks == 0 || self.sum_bits + blocks * u64::from(other.queue_bits) < best.sum_bits {
                 break;
             }
