@@ -1,7 +1,7 @@
 """A run folder of `skysink simulate`, as slots to plan again: where the UAV was and what every queue held.
 
 It keeps the books of the run a second time, in whole bits, and refuses a run whose columns it does not meet exactly.
-Planning is left to `peers.py`. Positions are complex numbers, x + iy [m]. Decisions Dn are those of docs/model.md.
+Planning is left to `peers.py`. Positions are complex numbers, x + iy [m]. Decisions Dn are those of docs/src/model.md.
 """
 
 from __future__ import annotations
