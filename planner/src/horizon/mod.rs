@@ -12,7 +12,7 @@
 //! | [`start`], [`even_tour`], [`offered`] | plans to start from |
 //! | [`anneal`], [`draw`] | the search |
 //! | [`long_search`] | the search before the mission, of `offline` |
-//! | [`bound`], [`path_bound`] | the loss that no plan avoids, and the most sensor nodes that can be served in some slots |
+//! | [`bound`], [`path_bound`] | the loss that no plan avoids; how many sensor nodes some slots can serve |
 
 pub mod anneal;
 pub mod bound;
