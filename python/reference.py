@@ -14,7 +14,7 @@ HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "docs" / "src" / "python-reference.md"
 HEAD = """# Reference of the Python package
 
-Made by `python python/reference.py` from the docstrings of the package. [python.md](python.md) is where to begin.
+Made by `python python/reference.py` from the docstrings of the package. [Skysink in Python](python.md) is where to begin.
 """
 SOURCES = {
     "skysink": ["_skysink.pyi", "strategy.py", "flight.py", "sweeps.py"],
