@@ -1,5 +1,5 @@
 // A place in Skysink's ring for a planner in C++: its topics, waiting, and the slots that it is asked for.
-// What is planned is left to the planner; docs/interfaces.md has the protocol.
+// What is planned is left to the planner; docs/src/interfaces.md has the protocol.
 #pragma once
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-// The messages of Skysink's ring (docs/interfaces.md), generated from common/src/message.rs by
+// The messages of Skysink's ring (docs/src/interfaces.md), generated from common/src/message.rs by
 // cargo test --workspace --test ring_planners -- --refresh
 
 #pragma once
@@ -257,15 +257,15 @@ struct Commit {
 
 }  // namespace skysink
 
-static_assert(sizeof(skysink::SlotHeader) == 32, "the layout of docs/interfaces.md");
-static_assert(sizeof(skysink::SensorsHeader) == 120, "the layout of docs/interfaces.md");
-static_assert(sizeof(skysink::Limits) == 88, "the layout of docs/interfaces.md");
-static_assert(sizeof(skysink::SensorNode) == 40, "the layout of docs/interfaces.md");
-static_assert(sizeof(skysink::QueuesHeader) == 96, "the layout of docs/interfaces.md");
-static_assert(sizeof(skysink::Totals) == 48, "the layout of docs/interfaces.md");
-static_assert(sizeof(skysink::Plan) == 400, "the layout of docs/interfaces.md");
-static_assert(sizeof(skysink::PathPoint) == 24, "the layout of docs/interfaces.md");
-static_assert(sizeof(skysink::FlightReport) == 2600, "the layout of docs/interfaces.md");
-static_assert(sizeof(skysink::LinkReport) == 40, "the layout of docs/interfaces.md");
-static_assert(sizeof(skysink::Tick) == 8, "the layout of docs/interfaces.md");
-static_assert(sizeof(skysink::Commit) == 8, "the layout of docs/interfaces.md");
+static_assert(sizeof(skysink::SlotHeader) == 32, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::SensorsHeader) == 120, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::Limits) == 88, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::SensorNode) == 40, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::QueuesHeader) == 96, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::Totals) == 48, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::Plan) == 400, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::PathPoint) == 24, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::FlightReport) == 2600, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::LinkReport) == 40, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::Tick) == 8, "the layout of docs/src/interfaces.md");
+static_assert(sizeof(skysink::Commit) == 8, "the layout of docs/src/interfaces.md");

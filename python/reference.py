@@ -1,4 +1,4 @@
-"""Writes docs/python-reference.md from the docstrings and signatures of the package.
+"""Writes docs/src/python-reference.md from the docstrings and signatures of the package.
 
     python python/reference.py            # --check only says whether it is as it should be
 """
@@ -11,10 +11,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-PAGE = HERE.parent / "docs" / "python-reference.md"
+PAGE = HERE.parent / "docs" / "src" / "python-reference.md"
 HEAD = """# Reference of the Python package
 
-Made by `python python/reference.py` from the docstrings of the package. [python.md](python.md) is where to begin.
+Made by `python python/reference.py` from the docstrings of the package. [Skysink in Python](python.md) is where to begin.
 """
 SOURCES = {
     "skysink": ["_skysink.pyi", "strategy.py", "flight.py", "sweeps.py"],

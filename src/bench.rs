@@ -27,10 +27,10 @@ use skysink_mission::latency::{Spread, histogram};
 /// Options of `skysink bench`.
 #[derive(Debug, Args)]
 pub struct BenchOptions {
-    /// Only whether it works, and about how fast: seconds instead of minutes.
+    /// Measure roughly: seconds instead of minutes.
     #[arg(long)]
     quick: bool,
-    /// Print the measurements for machines.
+    /// Print the measurements as JSON.
     #[arg(long)]
     json: bool,
     /// Measure this only (repeatable).

@@ -56,7 +56,7 @@ Examples:
   skysink run scenarios/sparse.toml --strategy gfs --pace 10x --live
   skysink simulate scenarios/letter.toml     the same in one process
   skysink check scenarios/letter.toml        every key, what follows from it
-  skysink new city --sensors nodes.csv       a scenario of your own
+  skysink new city --sensors nodes.csv       a scenario over your sensors
 
 The paper is the UTS letter, arXiv 2103.00753.
 
@@ -69,7 +69,7 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Print the scenario with every default and what follows from it, or what is wrong with it.
+    /// Print the scenario with every default and the figures that follow from it, or why it is refused.
     #[command(after_help = "\
 Examples:
   skysink check scenarios/letter.toml
@@ -86,7 +86,7 @@ Warnings go to standard error, and the exit code stays 0.")]
         #[arg(long)]
         json: bool,
     },
-    /// Write a scenario to begin with, with the paper's values and a comment on each key.
+    /// Write a scenario to edit: the paper's values, with a comment on each key.
     #[command(after_help = NEW_HELP)]
     New(NewScenario),
     /// Fly a mission in one process.
@@ -124,7 +124,7 @@ Examples:
 The two files are copies from the first host, whose skysink run says where
 they are.")]
     Join(JoinOptions),
-    /// Take a run on record through the ring once more: for a viewer, or to ask another planner.
+    /// Replay a finished run in the ring: for a new recording, or to ask another planner.
     #[command(after_help = "\
 Examples:
   skysink replay runs/letter-uts-1                     leaves a new recording
@@ -132,10 +132,10 @@ Examples:
   skysink replay runs/letter-uts-1 --strategy gfs      what gfs would have done
   skysink replay runs/letter-uts-1 --planner \"python3 mine.py\"
 
-Flown is what is on record; plans.csv holds what the planner would have done
+The recorded flight is flown. plans.csv holds what the planner would have done
 in each slot, from the recorded state.")]
     Replay(ReplayArguments),
-    /// Show what a running ring carries, who writes and reads it, and how fast.
+    /// Show the topics of a running ring: payloads, writers, readers and rates.
     #[command(after_help = "\
 Examples:
   skysink topics                        the only ring that runs
@@ -150,10 +150,10 @@ Examples:
   skysink view comparison/comparison.rrd
   skysink view --live                   a mission under way: skysink run --live
 
-Nothing is fetched from anywhere else. On another machine than the browser's
-it says the ssh line that leads there.")]
+Nothing is fetched from any other host. If the browser is on another machine,
+the command prints the ssh line to type there.")]
     View(ViewOptions),
-    /// Leave a recording and its viewer as a folder for any web server.
+    /// Write a recording and its viewer into a folder for any web server.
     #[command(after_help = "\
 Examples:
   skysink page runs/letter-uts-1 page
@@ -168,29 +168,29 @@ Examples:
         /// Folder of a run.
         #[arg(value_name = "RUN")]
         folder: PathBuf,
-        /// Write sensors_out.csv beside the trace: what was lost, delivered and waited for at each sensor node.
+        /// Write sensors_out.csv beside the trace: bits lost and delivered, ages and gaps of each sensor node.
         #[arg(long)]
         sensors: bool,
         /// Print summary.json instead of the table.
         #[arg(long)]
         json: bool,
     },
-    /// Fly a long mission with processes that are killed at random, and check that nothing is lost and nothing grows.
+    /// Fly a long mission whose processes are killed at random, and check its trace, ledger and memory.
     Soak(SoakArguments),
     #[cfg(feature = "lab")]
     #[command(flatten)]
     Research(research::Research),
     #[cfg(feature = "lab")]
-    /// Turn a finished run into a file that other programs open.
+    /// Write a finished run in the format of a map, log viewer, ground station or table.
     #[command(after_help = export::EXAMPLES)]
     Export(export::ExportOptions),
     #[cfg(feature = "lab")]
     /// Benchmark planner, field, missions and ring against their lower bounds.
     #[command(after_help = "\
 Examples:
-  skysink bench --quick               does it work, and about how fast: seconds
+  skysink bench --quick               rough figures, in seconds
   skysink bench --only ring           slot latency of the ring, beside bare hops
-  skysink bench --json > bench.json   everything, for machines: minutes")]
+  skysink bench --json > bench.json   everything as JSON, in minutes")]
     Bench(BenchOptions),
     #[command(flatten)]
     Manual(manual::Manual),
@@ -240,7 +240,7 @@ struct Changes {
     /// Seed, instead of the scenario's.
     #[arg(long, value_parser = seed_parser())]
     seed: Option<u64>,
-    /// Any key of the scenario, such as link.bandwidth_hz=5e3 (repeatable).
+    /// Change a key of the scenario, such as link.bandwidth_hz=5e3 (repeatable).
     #[arg(long = "set", value_name = "KEY=VALUE")]
     keys: Vec<Setting>,
 }

@@ -31,7 +31,7 @@ const ROLES: [Role; 3] = [Role::FieldSim, Role::FlightSim, Role::Planner];
 /// Options of `skysink join`.
 #[derive(Debug, Args)]
 pub struct JoinOptions {
-    /// Processes that run here.
+    /// Processes to run on this host.
     #[arg(value_name = "ROLE", required = true, value_parser = PossibleValuesParser::new(ROLES.map(Role::name))
         .map(|name| worker(&name).expect("one of the possible values")))]
     roles: Vec<Role>,
@@ -47,10 +47,11 @@ pub struct JoinOptions {
     /// Start and supervise this command as the planner, as skysink run does.
     #[arg(long, value_name = "COMMAND", value_parser = command_line)]
     planner: Option<CommandLine>,
-    /// What is done when a process ends too early: never, or on-failure; planner=never for one of them (repeatable).
+    /// Whether a process that ends too early is restarted: never, or on-failure; planner=never for one of them
+    /// (repeatable).
     #[arg(long, value_name = "POLICY")]
     restart: Vec<Rule>,
-    /// How long the launcher may give no sign of life [s].
+    /// How long the launcher may send no heartbeat [s].
     #[arg(long, value_name = "SECONDS", default_value = "600", value_parser = seconds)]
     timeout: f64,
 }

@@ -57,13 +57,13 @@ const PACE: &str =
 pub struct ReplayArguments {
     /// Folder of a finished run.
     run: PathBuf,
-    /// Ask this strategy what it would have done, instead of the one that has flown.
+    /// Ask this strategy what it would have done, instead of the one that flew.
     #[arg(long, value_parser = crate::cli::values::strategy())]
     strategy: Option<&'static str>,
     /// Folder to write [default: RUN-replay].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Replace the replay in the DIR, if there is one.
+    /// Replace the replay in the folder, if there is one.
     #[arg(long)]
     force: bool,
     #[command(flatten)]

@@ -33,7 +33,7 @@ pub struct NewFolder {
     /// Folder to write [default: runs/NAME-STRATEGY-SEED].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Replace the run in the DIR of --out, if there is one.
+    /// Replace the run in the folder of --out, if there is one.
     #[arg(long, requires = "out")]
     pub force: bool,
 }

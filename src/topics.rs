@@ -29,7 +29,7 @@ pub struct TopicsOptions {
     /// Folder of the ring, or of the run under way [default: the only ring that runs].
     #[arg(value_name = "DIR")]
     folder: Option<PathBuf>,
-    /// Time between the two looks from which the rates are [s].
+    /// Time between the two polls that the rates are computed from [s].
     #[arg(long, value_name = "SECONDS", default_value = "1", value_parser = seconds)]
     every: f64,
     /// Print JSON instead of the table.

@@ -33,7 +33,7 @@ pub struct ViewOptions {
     /// Run folders, or recordings (.rrd) [default: the newest in runs/].
     #[arg(value_name = "RUN")]
     runs: Vec<PathBuf>,
-    /// Show the mission that skysink run --live flies, on port 9876 if none is given.
+    /// Show the mission under way that skysink run --live serves, on port 9876 if none is given.
     #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "9876")]
     live: Option<u16>,
     /// Address to serve on; whoever reaches it can read the recordings.

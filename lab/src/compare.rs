@@ -28,7 +28,7 @@ pub struct Contender {
 pub struct MetricStanding {
     /// The contender.
     pub label: String,
-    /// The metric, as in `docs/metrics.md`.
+    /// The metric, as in `docs/src/metrics.md`.
     pub metric: &'static str,
     /// Missions.
     pub n: usize,

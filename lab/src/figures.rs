@@ -70,6 +70,7 @@ pub fn draw(choice: &Choice, stop: &Stop, on_progress: OnProgress) -> Result<Vec
 /// What is said of all tables.
 fn head(choice: &Choice) -> String {
     let intervals = "Means over fields with 95 % confidence intervals, by Student's t; those of fractions and of their \
-                     differences on the logit scale of their range (docs/metrics.md). A difference is of the same field.";
+                     differences on the logit scale of their range (docs/src/metrics.md). A difference is of the same \
+                     field.";
     format!("Made by {}.\n\n{intervals}\n", choice.command())
 }

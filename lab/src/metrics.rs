@@ -1,4 +1,4 @@
-//! What a mission comes to: the columns of a sweep's results. Definitions in `docs/metrics.md`.
+//! What a mission comes to: the columns of a sweep's results. Definitions in `docs/src/metrics.md`.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ use strum::{EnumCount, IntoStaticStr, VariantArray};
 use crate::optimize::LossBounds;
 use crate::sweep::statistics::Support;
 
-/// A column of the results, by its name there; defined in `docs/metrics.md`.
+/// A column of the results, by its name there; defined in `docs/src/metrics.md`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, EnumCount, IntoStaticStr, VariantArray)]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]

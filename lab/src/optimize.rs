@@ -114,7 +114,7 @@ pub struct Optimum {
     pub version: &'static str,
 }
 
-/// Lower bounds on the loss rate η of a mission (`docs/look-ahead.md`); 0 where nothing is sampled.
+/// Lower bounds on the loss rate η of a mission (`docs/src/look-ahead.md`); 0 where nothing is sampled.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LossBounds {
     /// Of every flight.

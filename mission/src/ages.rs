@@ -1,6 +1,6 @@
 //! Ages of information: of the last service of each sensor node (SN), and of the data delivered.
 //!
-//! Definitions in `docs/metrics.md`. Ages are counted in whole slots, so that their mean and quantiles are exact.
+//! Definitions in `docs/src/metrics.md`. Ages are counted in whole slots, so that their mean and quantiles are exact.
 
 use std::collections::VecDeque;
 use std::ops::Range;

@@ -1,8 +1,8 @@
 """`skysink/DataCollection-v0` written in NumPy, as one would without Skysink: one mission, and many at a time.
 
 Free space, fixed altitude, static gains. Same spaces, rewards and order of events as the native environment (decisions
-D1, D2 and D5 of docs/model.md), in whole bits, so that both lose the same bits over the same field. The random numbers
-of a new field are NumPy's own.
+D1, D2 and D5 of docs/src/model.md), in whole bits, so that both lose the same bits over the same field. The random
+numbers of a new field are NumPy's own.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class SensorField:
 
     @classmethod
     def draw(cls, mission: Mission, random: np.random.Generator) -> SensorField:
-        """A new field, by the distributions of docs/model.md."""
+        """A new field, by the distributions of docs/src/model.md."""
         queues_bits = random.poisson(mission.initial_queue_mean_bits, mission.count)
         return cls(
             random.random((mission.count, 2)) * mission.area_m,

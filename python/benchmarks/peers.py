@@ -1,7 +1,7 @@
 """What a researcher would plan with: Algorithm 1 in NumPy, and the waypoint by NumPy, CVXPY or Clarabel itself.
 
 All peers schedule alike and differ in how they solve sP2*. Nothing is measured here. Positions are complex numbers,
-x + iy [m], so that a quarter turn is a product with i. Equations and decisions Dn are those of docs/model.md.
+x + iy [m], so that a quarter turn is a product with i. Equations and decisions Dn are those of docs/src/model.md.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A run folder of `skysink simulate`, as slots to plan again: where the UAV was and what every queue held.
 
-It keeps the books of the run a second time, in whole bits, and refuses a run whose columns it does not meet exactly.
-Planning is left to `peers.py`. Positions are complex numbers, x + iy [m]. Decisions Dn are those of docs/model.md.
+It computes the ledger of the run again, in whole bits, and refuses a run whose columns it does not meet exactly.
+Planning is left to `peers.py`. Positions are complex numbers, x + iy [m]. Decisions Dn are those of docs/src/model.md.
 """
 
 from __future__ import annotations
@@ -80,9 +80,9 @@ def within(a: Places | complex, b: Places | complex, radius_m: float | Reals) ->
 
 
 def read_run(folder: Path) -> Run:
-    """Reads the run in `folder` and keeps its books again.
+    """Reads the run in `folder` and computes its ledger again.
 
-    Raises BadRun for a run that says too little to be planned again, or whose books do not agree.
+    Raises BadRun for a run that says too little to be planned again, or whose ledger does not agree.
     """
     scenario = tomllib.loads((folder / "scenario.toml").read_text(encoding="utf-8"))
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))

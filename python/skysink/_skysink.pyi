@@ -40,8 +40,8 @@ class InputError(ValueError):
 class Scenario:
     """A checked scenario: what is flown, over which field, through which channel, by which strategy.
 
-    Its keys are those of a scenario file (``docs/interfaces.md``). It cannot be changed, equals one with the same keys,
-    and can be pickled; a sensor list that it names stays a file.
+    Its keys are those of a scenario file (``docs/src/interfaces.md``). It cannot be changed, equals one with the same
+    keys, and can be pickled; a sensor list that it names stays a file.
     """
 
     @staticmethod
@@ -234,7 +234,7 @@ class Run:
 
     @property
     def metrics(self) -> dict[str, float]:
-        """The columns of a sweep's results (``docs/metrics.md``)."""
+        """The columns of a sweep's results (``docs/src/metrics.md``)."""
 
     @property
     def scenario(self) -> Scenario: ...

@@ -50,7 +50,7 @@ def compare(
     A mapping names what makes strategies in Python: ``{"uts": "uts", "near": lambda: Mine(2.0)}``.
 
     ``seeds`` is how many missions each flies, from the scenario's seed on, or a list of seeds. An entry has ``label``,
-    ``metric`` (as in ``docs/metrics.md``), ``n``, ``mean``, ``ci95`` (limits of the 95 % confidence interval), and
+    ``metric`` (as in ``docs/src/metrics.md``), ``n``, ``mean``, ``ci95`` (limits of the 95 % confidence interval), and
     ``difference`` and ``difference_ci95`` from the first strategy, paired by seed. ``pandas.DataFrame`` takes the list
     as it is. ``executor`` as in :func:`skysink.sweep`.
     """

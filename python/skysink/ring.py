@@ -49,7 +49,7 @@ SAVED_SLOTS = 4
 
 
 def message(name: str, length: int) -> type[ctypes.Structure]:
-    """A message of the ring as words of 8 bytes; ``docs/interfaces.md`` says what they mean."""
+    """A message of the ring as words of 8 bytes; ``docs/src/interfaces.md`` says what they mean."""
     members = {"_fields_": [("words", ctypes.c_uint64 * (length // 8))]}
     return type(name, (ctypes.Structure,), {**members, "type_name": staticmethod(lambda: f"skysink.{name}.v1")})
 

@@ -190,7 +190,7 @@ impl PyRun {
         json(py, &self.summary)
     }
 
-    /// The columns of a sweep's results (``docs/metrics.md``).
+    /// The columns of a sweep's results (``docs/src/metrics.md``).
     #[getter]
     fn metrics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let metrics = PyDict::new(py);

@@ -19,8 +19,8 @@ use crate::values::{to_python, to_toml};
 
 /// A checked scenario: what is flown, over which field, through which channel, by which strategy.
 ///
-/// Its keys are those of a scenario file (``docs/interfaces.md``). It cannot be changed, equals one with the same keys,
-/// and can be pickled; a sensor list that it names stays a file.
+/// Its keys are those of a scenario file (``docs/src/interfaces.md``). It cannot be changed, equals one with the same
+/// keys, and can be pickled; a sensor list that it names stays a file.
 #[pyclass(name = "Scenario", module = "skysink", frozen)]
 #[derive(Clone)]
 pub struct PyScenario {

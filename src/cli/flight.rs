@@ -59,20 +59,20 @@ pub struct SoakArguments {
     scenario: Option<PathBuf>,
     #[command(flatten)]
     choice: Choice,
-    /// Slots to fly, whatever the scenario says [default: 1000000; with --anywhere 2000].
+    /// Slots to fly, instead of the scenario's [default: 1000000; with --anywhere 2000].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
     slots: Option<u64>,
     /// Mean time between two kills [s] in the first half of the mission; the second half is calm.
     #[arg(long, value_name = "SECONDS", default_value = "0.1", value_parser = seconds)]
     kill_every: f64,
-    /// Let the viewer take part, too.
+    /// Include the viewer.
     #[arg(long)]
     viewer: bool,
     /// Fly many short missions instead, and kill any process, the launcher included, at any instant: while they start,
     /// in between, and at their end.
     #[arg(long, conflicts_with = "kill_every")]
     anywhere: bool,
-    /// Missions.
+    /// Number of missions.
     #[arg(long, value_name = "N", default_value_t = 100, requires = "anywhere")]
     missions: u64,
     /// Kills in each mission; those that would come after its end are left out.

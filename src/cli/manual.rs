@@ -15,7 +15,7 @@ use crate::report::print;
 /// What helps to use the command line.
 #[derive(Debug, Subcommand)]
 pub enum Manual {
-    /// Print what completes commands, options and strategies in a shell.
+    /// Print shell completions of commands, options and strategies.
     #[command(after_help = "\
 Examples:
   skysink completions bash > ~/.local/share/bash-completion/completions/skysink
@@ -30,7 +30,7 @@ Examples:
 Examples:
   skysink man ~/.local/share/man/man1    then: man skysink-run")]
     Man {
-        /// Folder to write; it is made if it is missing.
+        /// Folder to write; it is created if it is missing.
         #[arg(value_name = "DIR")]
         folder: PathBuf,
     },

@@ -23,7 +23,7 @@ Examples:
 
 It leaves SVG, PDF and PNG, and the numbers as a LaTeX and a Markdown table.
 Where several keys have several values, all but that of the x axis take a
---where. docs/plot.md has the rest.";
+--where. docs/src/plot.md has the rest.";
 
 /// Narrowest and widest page [mm].
 const WIDTHS_MM: std::ops::RangeInclusive<f64> = 50.0..=1000.0;

@@ -27,7 +27,7 @@ use crate::simulate::{NewFolder, RecordingOptions, Simulation, simulate};
 /// The research commands.
 #[derive(Debug, Subcommand)]
 pub enum Research {
-    /// Fly many missions: a grid of scenarios, by strategy and seed. If interrupted, it resumes where it was.
+    /// Fly many missions: a grid of scenarios, by strategy and seed. The same command resumes an interrupted sweep.
     #[command(after_help = "\
 Examples:
   skysink sweep scenarios/sweeps/letter.toml
@@ -49,18 +49,18 @@ Examples:
         /// or Grid Engine that counts from 1: auto; in any job array: auto/N.
         #[arg(long, value_name = "K/N", value_parser = shard, default_value = "1/1")]
         shard: Shard,
-        /// Fly nothing, but say how many missions there are and about how long they take.
+        /// Print the number of missions and about how long they take, and fly none.
         #[arg(long, conflicts_with_all = ["out", "threads", "shard"])]
         plan: bool,
     },
-    /// Draw the paper's figures, with the sweeps behind them. If interrupted, it resumes where it was.
+    /// Fly the sweeps behind the paper's figures and draw them. The same command resumes them.
     #[command(after_help = "\
 Examples:
   skysink figures --quick             a first look, in minutes
   skysink figures --only area,maps    some of them
   skysink figures --runs 300          the paper's number of missions per point")]
     Figures {
-        /// Only these figures (repeatable, or separated by commas).
+        /// Draw only these figures (repeatable, or separated by commas).
         #[arg(long, value_name = "PART", value_enum, value_delimiter = ',')]
         only: Vec<FigurePart>,
         /// 5 missions per point.
@@ -84,15 +84,15 @@ Examples:
     /// Draw a figure from any sweep: a metric over one of its keys, with intervals, and its numbers as tables.
     #[command(after_help = plot::EXAMPLES)]
     Plot(PlotOptions),
-    /// Search for the flight that loses least, fly it, and say how far every strategy is from it.
+    /// Search for the flight that loses least, fly it, and compare every strategy with it.
     #[command(after_help = "\
 Examples:
   skysink optimize scenarios/sparse.toml --budget 60s
   skysink optimize scenarios/letter.toml --seed 3 --steps 5000000 --record
 
-The result is the best known, not a proven optimum; what no flight avoids is
-shown beside it. The same number of steps finds the same flight on every
-machine; a time is turned into steps by a trial.")]
+The result is the best known flight, not a proven optimum; a lower bound on the
+loss of every flight is shown beside it. The same number of steps finds the
+same flight on every machine; a time is converted into steps by a trial.")]
     Optimize(OptimizeOptions),
     /// Compare strategies over the same fields, or runs on record: a table, and one recording with all side by side.
     #[command(after_help = "\
@@ -109,7 +109,7 @@ Examples:
         /// Folder to write.
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
-        /// Merge what is there where missions are missing.
+        /// Merge the missions that are there, though others are missing.
         #[arg(long)]
         partial: bool,
     },
@@ -205,7 +205,7 @@ pub struct CompareOptions {
     /// Folder to write [default: runs/compare-<what is compared>].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Leave no recording.
+    /// Write no recording.
     #[arg(long)]
     no_record: bool,
     /// Print all metrics as JSON instead of the table.
@@ -262,7 +262,7 @@ pub struct OptimizeOptions {
     /// How long to search: seconds, or a time such as 500ms, 60s, 5m or 1h.
     #[arg(long, value_name = "TIME", default_value = "10s", value_parser = time)]
     budget: Duration,
-    /// How many steps to search, instead of a time.
+    /// Number of search steps, instead of a time.
     #[arg(long, value_name = "N", conflicts_with = "budget", value_parser = clap::value_parser!(u64).range(..=MAX_STEPS))]
     steps: Option<u64>,
     #[command(flatten)]

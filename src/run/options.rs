@@ -48,23 +48,21 @@ pub struct RunOptions {
     #[arg(long, value_name = "ROLE", value_parser = PossibleValuesParser::new(WORKERS.map(Role::name))
         .map(|name| worker(&name).expect("one of the possible values")))]
     pub external: Vec<Role>,
-    /// Let iceoryx2's link carry the samples to other hosts, where skysink join runs the processes of --external; by
-    /// this zenoh configuration.
+    /// zenoh configuration of a link to other hosts, where skysink join runs the processes of --external.
     #[arg(long, value_name = "FILE", requires = "external")]
     pub link: Option<PathBuf>,
     /// Start and supervise this command as the planner, such as "python3 mine.py", without a shell; it finds the ring's
     /// folder in SKYSINK_RING and the scenario file in SKYSINK_SCENARIO.
     #[arg(long, value_name = "COMMAND", value_parser = command_line)]
     pub planner: Option<CommandLine>,
-    /// What the mission of such a planner, or of --external planner, is booked as [default: external].
+    /// Name of an outside planner in the results, instead of a strategy's [default: external].
     #[arg(long, value_name = "NAME", value_parser = label)]
     pub label: Option<String>,
-    /// What is done when a process ends too early: never, or on-failure; planner=never for one of them (repeatable)
-    /// [default: on-failure, at most 50 times in 10 s,
-    /// and 8 times in a row in one slot].
+    /// Whether a process that ends too early is restarted: never, or on-failure; planner=never for one of them
+    /// (repeatable) [default: on-failure, at most 50 times in 10 s, and 8 times in a row in one slot].
     #[arg(long, value_name = "POLICY")]
     pub restart: Vec<Rule>,
-    /// How long a sample is waited for [s; default 30, those of --external 600].
+    /// How long to wait for a sample [s; default 30, for those of --external 600].
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     pub timeout: Option<f64>,
 }

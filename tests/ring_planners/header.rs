@@ -17,7 +17,7 @@ const SOURCES: [&str; 4] =
     ["common/src/scenario.rs", "common/src/ledger.rs", "common/src/limits.rs", "common/src/message.rs"];
 
 const TITLE: &str = "\
-// The messages of Skysink's ring (docs/interfaces.md), generated from common/src/message.rs by
+// The messages of Skysink's ring (docs/src/interfaces.md), generated from common/src/message.rs by
 // cargo test --workspace --test ring_planners -- --refresh";
 
 /// A message: its name in C++, its iceoryx2 type name and its length.
@@ -65,7 +65,7 @@ fn generated() -> String {
     config.export.pre_body =
         messages.iter().map(|(name, type_name, _)| (name.clone(), constant(type_name))).collect::<HashMap<_, _>>();
     let check = |(name, _, length): &(String, _, usize)| {
-        format!("static_assert(sizeof(skysink::{name}) == {length}, \"the layout of docs/interfaces.md\");\n")
+        format!("static_assert(sizeof(skysink::{name}) == {length}, \"the layout of docs/src/interfaces.md\");\n")
     };
     config.trailer = Some(messages.iter().map(check).collect());
     let builder = SOURCES.iter().fold(Builder::new(), |builder, source| builder.with_src(format!("{ROOT}/{source}")));

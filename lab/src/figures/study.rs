@@ -119,7 +119,7 @@ pub(super) fn studies() -> Vec<Study> {
 }
 
 /// The strategies of the figures that decide without a search. The other baselines are not flown: the paper's
-/// comparison in `docs/results.md`, and with it the best known, is among these.
+/// comparison in `docs/src/results.md`, and with it the best known, is among these.
 pub(super) const AT_ONCE: [&Registered; 8] = [
     &rfs::STRATEGY,
     &gfs::STRATEGY,

@@ -1,9 +1,18 @@
 //! `horizon`: the plan of least predicted loss over many slots, improved in every slot and flown a slot at a time.
 //!
-//! A plan is a sequence of stops. [`flight`] says how it is flown, [`forecast`] what it loses, [`anneal`] how it is
-//! improved, [`start`] what it starts from. The sensor nodes in slots instead of bits are in [`model`], and the
-//! [`service_disk`]s to stop at, of which [`groups`] makes some. How a slot of it becomes a decision, and when another
-//! strategy decides, is left to [`crate::strategies::horizon`].
+//! A plan is a sequence of stops. How a slot of it becomes a decision, and when another strategy decides, is left to
+//! [`crate::strategies::horizon`].
+//!
+//! | module | job |
+//! |---|---|
+//! | [`model`] | the sensor nodes that can lose data, in slots instead of bits |
+//! | [`service_disk`], [`groups`] | the stops of a plan |
+//! | [`flight`], [`choice`] | how a stop is flown, and which sensor nodes are served on the way |
+//! | [`forecast`], [`states`] | what a plan, or a change of it, loses |
+//! | [`start`], [`even_tour`], [`offered`] | plans to start from |
+//! | [`anneal`], [`draw`] | the search |
+//! | [`long_search`] | the search before the mission, of `offline` |
+//! | [`bound`], [`path_bound`] | the loss that no plan avoids; how many sensor nodes some slots can serve |
 
 pub mod anneal;
 pub mod bound;

@@ -1,4 +1,4 @@
-//! `max-age-first`: to the sensor node (SN) that has waited longest for its last service.
+//! `max-age-first`: to the sensor node (SN) that was served longest ago.
 
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 
@@ -10,7 +10,7 @@ use super::{Decision, Registered, Setup, Strategy, View};
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
     name: "max-age-first",
-    about: "to the sensor node that has waited longest for its last service",
+    about: "to the sensor node that was served longest ago",
     is_stateless: false,
     has_path: false,
     keys: None,

@@ -11,8 +11,8 @@
 //!
 //! Adapted to slots: deadline and flight time are in slots from now (an absolute deadline would add the same to every
 //! sum), the flight time is the distance to the SN over `V τ`, not rounded up, and the choice is made anew in every
-//! slot. The default weight, 0.1, is this project's: about the least loss at the settings of `docs/look-ahead.md`. As
-//! in [`edf`], the UAV serves n − 1 SNs beside the one that it flies to.
+//! slot. The default weight, 0.1, is this project's: about the least loss at the settings of `docs/src/look-ahead.md`.
+//! As in [`edf`], the UAV serves n − 1 SNs beside the one that it flies to.
 //!
 //! [`edf`]: super::edf
 

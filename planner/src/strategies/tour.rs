@@ -11,7 +11,7 @@ use crate::sensor_table::SensorTable;
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
     name: "tour",
-    about: "a short tour over all sensor nodes, flown round and round",
+    about: "a short tour over all sensor nodes, flown repeatedly",
     is_stateless: false,
     has_path: false,
     keys: None,
