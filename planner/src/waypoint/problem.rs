@@ -147,10 +147,21 @@ impl Problem {
     /// equals.
     #[must_use]
     pub fn best_altitude_m(&self, ground: &Position) -> f64 {
-        let level_m = |level: u32| self.altitude_m(f64::from(level.min(LEVELS)) / f64::from(LEVELS));
-        let (level, mut best) = self.best_level(ground, LEVELS);
-        let mut low_m = level_m(level.saturating_sub(1));
-        let mut high_m = level_m(level + 1);
+        const LAST: usize = LEVELS as usize;
+        let altitude_m = |level: usize| self.altitude_m(level as f64 / LAST as f64);
+        let levels: [RatedPoint; LAST + 1] = std::array::from_fn(|level| self.rated(above(ground, altitude_m(level))));
+        let rises_to = |level: usize| level == 0 || levels[level].rate_bps > levels[level - 1].rate_bps;
+        // Each SN may have an altitude of its own, and the highest of the levels need not lie by the highest peak.
+        let peaks = (0..=LAST).filter(|&level| rises_to(level) && (level == LAST || !rises_to(level + 1)));
+        let narrowed = peaks.map(|peak| {
+            let ends_m = [peak.saturating_sub(1), (peak + 1).min(LAST)].map(altitude_m);
+            self.narrowed(ground, levels[peak], ends_m)
+        });
+        narrowed.reduce(RatedPoint::or_better).map_or(self.altitudes_m[0], |best| best.point.z)
+    }
+
+    /// The best altitude above `ground` by golden section between `low_m` and `high_m` [m], or `best`.
+    fn narrowed(&self, ground: &Position, mut best: RatedPoint, [mut low_m, mut high_m]: [f64; 2]) -> RatedPoint {
         let golden = (5f64.sqrt() - 1.0) / 2.0;
         for _ in 0..NARROWINGS {
             let width_m = (high_m - low_m) * golden;
@@ -164,7 +175,7 @@ impl Problem {
                 best = best.or_better(upper);
             }
         }
-        best.point.z
+        best
     }
 
     /// The best of the altitudes above `ground` that divide the range into `levels` parts, the lowest of equals, and
