@@ -52,6 +52,12 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_bit_is_neither_lost_to_rounding_nor_sampled_early() {
+        assert_eq!(sampled_bits(0.29, 100), 29, "of a product that rounding puts below its integer");
+        assert_eq!([0.999_999_998, 0.999_999_999_5].map(|mean_bits| sampled_bits(mean_bits, 1)), [0, 1]);
+    }
+
+    #[test]
     fn what_comes_between_two_slots_is_what_the_slots_between_them_bring() {
         // s τ = 2.5: A = 0, 2, 5, 7, 10
         assert_eq!([0, 1, 2, 3, 4].map(|slot| sampled_bits(2.5, slot)), [0, 2, 5, 7, 10]);

@@ -54,6 +54,13 @@ mod tests {
     }
 
     #[test]
+    fn the_rim_of_the_slack_is_within_range() {
+        let rim_m = 10.0 * (1.0 + RANGE_SLACK);
+        assert!(within(&Position::origin(), &Position::new(rim_m, 0.0), 10.0));
+        assert!(!within(&Position::origin(), &Position::new(rim_m.next_up(), 0.0), 10.0));
+    }
+
+    #[test]
     fn nothing_is_within_range_of_nan() {
         let nan = Position::new(f64::NAN, 0.0);
         assert!(!within(&nan, &Position::origin(), 10.0));
