@@ -31,9 +31,6 @@ fn one_slot_in_so_many_is_drawn_by_a_ring_and_by_one_process() {
         let ended = place.run(&["simulate", SMOKE, "--record-every", wrong, "--out", "none"]);
         assert_eq!(ended.code, Some(2), "{ended:?}");
     }
-    let ended = place.run(&[&["run", SMOKE, "--external", "viewer", "--out", "none"][..], &every].concat());
-    assert_eq!(ended.code, Some(2), "{ended:?}");
-    assert!(ended.stderr.contains("--record-every") && !place.path("none").exists(), "{ended:?}");
 }
 
 /// What is recorded of the planned path.

@@ -277,9 +277,6 @@ impl RunOptions {
         if self.no_viewer && self.external.contains(&Role::Viewer) {
             return refuse("--external viewer and --no-viewer: expected one of them");
         }
-        if self.record_every.is_some() && self.external.contains(&Role::Viewer) {
-            return refuse("--external viewer and --record-every: expected the latter where the viewer is started");
-        }
         if self.planner.is_some() && self.external.contains(&Role::Planner) {
             return refuse("--external planner and --planner: expected one of them");
         }

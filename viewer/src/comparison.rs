@@ -118,6 +118,7 @@ impl Comparison {
         for plot in &PLOTS {
             self.canvas.append(curve(plot, root), &Scalars::single((plot.value)(view, fill)))?;
         }
+        self.recording.end_slot(view.queues_bits.len());
         Ok(())
     }
 

@@ -28,6 +28,13 @@ const MIN_TICK: Duration = Duration::from_secs(1);
 /// See [`MIN_TICK`].
 const MIN_SLOTS: u32 = 64;
 
+/// A batch of so much is sent at once. The library knows nothing of slots: it would send what one entity has when that is
+/// much, so that a killed process left each entity with another last slot.
+const BATCH_BYTES: usize = 32 << 20;
+
+/// About what a slot takes, beside what it takes for each sensor node.
+const SLOT_BYTES: [usize; 2] = [1024, 16];
+
 /// Least time from one batch for a live viewer to the next. A batch ends with a slot, so that a viewer never has one
 /// half.
 const LIVE_TICK: Duration = Duration::from_millis(150);
@@ -115,6 +122,10 @@ pub(crate) struct Recording {
     sent: Instant,
     /// Slots since then.
     slots: u32,
+    /// About what they take.
+    bytes: usize,
+    /// Whether a slot was sent.
+    is_begun: bool,
     /// Slots of which one is drawn.
     pub(crate) every: NonZeroU64,
     /// Its file, held locked.
@@ -150,13 +161,30 @@ impl Recording {
             .recording_id(name.as_str())
             .send_properties(false) // they would hold the wall clock
             .enabled(true) // whatever the environment says: a recording was asked for
-            .batcher_config(ChunkBatcherConfig { flush_tick, ..ChunkBatcherConfig::default() })
+            .batcher_config(ChunkBatcherConfig {
+                flush_tick,
+                flush_num_bytes: u64::MAX,
+                flush_num_rows: u64::MAX,
+                ..ChunkBatcherConfig::default()
+            })
             .set_sinks(open)?;
         stream.set_log_time_enabled(false);
         stream.set_log_tick_enabled(false);
         stream.send_recording_name(name.as_str())?;
         let application = application.clone();
-        Ok(Self { stream, name, application, port: live, part, sent: Instant::now(), slots: 0, every, file: next })
+        Ok(Self {
+            stream,
+            name,
+            application,
+            port: live,
+            part,
+            sent: Instant::now(),
+            slots: 0,
+            bytes: 0,
+            is_begun: false,
+            every,
+            file: next,
+        })
     }
 
     /// Sets the time of what is logged next.
@@ -165,16 +193,23 @@ impl Recording {
         self.stream.set_duration_secs(SIM_TIME, slot as f64 * slot_s);
     }
 
-    /// Sends what was logged, if it is time. What cannot be sent is reported by [`Recording::close`].
-    pub(crate) fn end_slot(&mut self) {
+    /// Ends a slot of so many sensor nodes, and sends what was logged if it is time. What cannot be sent is reported by
+    /// [`Recording::close`].
+    ///
+    /// The first slot is sent at once, with all that stays: without them a file shows nothing.
+    pub(crate) fn end_slot(&mut self, sensors: usize) {
+        let [base, each] = SLOT_BYTES;
         self.slots += 1;
-        let is_due = match self.port {
+        self.bytes += base + each * sensors;
+        let is_timely = match self.port {
             Some(_) => self.sent.elapsed() >= LIVE_TICK,
             None => self.slots >= MIN_SLOTS && self.sent.elapsed() >= MIN_TICK,
         };
-        if is_due {
+        if is_timely || self.bytes >= BATCH_BYTES || !self.is_begun {
+            self.is_begun = true;
             self.sent = Instant::now();
             self.slots = 0;
+            self.bytes = 0;
             let _ = self.stream.flush_async();
         }
     }

@@ -98,7 +98,7 @@ impl Scene {
         }
         self.last_slot = Some(view.slot);
         self.last_totals = Some(view.header.totals);
-        self.recording.end_slot();
+        self.recording.end_slot(view.queues_bits.len());
         Ok(())
     }
 
