@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Folders of the root package that hold source.
-const FOLDERS: [&str; 4] = ["src", "tests", "examples", "benches"];
+const FOLDERS: [&str; 3] = ["src", "tests", "examples"];
 
 /// The crates of the workspace, by their folders.
 fn crates(root: &Path) -> Vec<String> {
