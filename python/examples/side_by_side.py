@@ -24,16 +24,21 @@ BACKGROUND, WRITING, FLIGHT, LOSS = (17, 19, 25), (220, 222, 228), (255, 255, 25
 EMPTY, FULL = np.array([66, 108, 200]), np.array([255, 231, 76])
 
 
+def places(table: skysink.Table, side_m: float) -> np.ndarray:
+    """Where the rows of a table with `x_m` and `y_m` are drawn in an area of this side."""
+    x_m, y_m = np.asarray(table["x_m"]), np.asarray(table["y_m"])
+    return np.stack([MARGIN + x_m / side_m * PIXELS, TITLE + (1 - y_m / side_m) * PIXELS], axis=-1)
+
+
 class Panel:
     """A mission, drawn slot by slot."""
 
     def __init__(self, run: skysink.Run) -> None:
         scenario, sensors = run.scenario, run.scenario.sensors()
         side_m = max(scenario["area.side_m"], 1.0)
-        place = lambda x_m, y_m: np.stack([MARGIN + x_m / side_m * PIXELS, TITLE + (1 - y_m / side_m) * PIXELS], axis=-1)
         self.strategy = run.strategy
-        self.positions = place(sensors["x_m"], sensors["y_m"])
-        self.flight = place(run.slots["x_m"], run.slots["y_m"])
+        self.positions = places(sensors, side_m)
+        self.flight = places(run.slots, side_m)
         self.radius = scenario["link.comm_radius_m"] / side_m * PIXELS
         self.fill = run.queues / scenario["sensors.capacity_bits"]
         self.lost_bits, self.sampled_bits = np.cumsum(run.slots["lost_bits"]), run.summary["sampled_bits"] / len(run)
