@@ -29,7 +29,7 @@ use skysink_ring::role::Role;
 use skysink_ring::wait::{exit_on_second_signal, stop_on_signals};
 
 #[cfg(feature = "lab")]
-use crate::bench::{BenchOptions, hop::HopProcess};
+use crate::bench::BenchOptions;
 use crate::check::check;
 use crate::error::Error;
 use crate::join::JoinOptions;
@@ -194,10 +194,6 @@ Examples:
     Bench(BenchOptions),
     #[command(flatten)]
     Manual(manual::Manual),
-    /// A process of a benchmark.
-    #[cfg(feature = "lab")]
-    #[command(hide = true)]
-    Hop(HopProcess),
 }
 
 /// Examples of `skysink new`.
@@ -321,8 +317,6 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
         Command::Export(options) => return options.export(stop),
         #[cfg(feature = "lab")]
         Command::Bench(options) => return options.bench(stop),
-        #[cfg(feature = "lab")]
-        Command::Hop(process) => return process.run(stop),
     };
     form.print(&summary, || report::print_run(&folder, &summary))
 }

@@ -3,7 +3,7 @@
 //! What is computed lives in the crates of the workspace; here it is only put together.
 
 #[cfg(feature = "lab")]
-pub mod bench;
+mod bench;
 pub mod check;
 pub mod cli;
 #[cfg(feature = "lab")]

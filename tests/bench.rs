@@ -33,21 +33,17 @@ fn a_quick_benchmark_measures_everything() {
     let place = Place::new();
     let ended = place.run_well(&["bench", "--quick", "--json"]);
     let report: Value = serde_json::from_str(&ended.stdout).unwrap();
-    for key in ["cores", "memory_mib"] {
-        assert_measured(&report["machine"][key], key);
-    }
-    for key in ["cpu", "kernel", "rustc", "build"] {
+    assert_measured(&report["machine"]["cores"], "cores");
+    for key in ["cpu", "rustc", "build"] {
         assert!(report["machine"][key].is_string(), "{key}: {report}");
     }
     assert!(report["machine"]["load_average"].is_number());
-    assert_rows(&report["planner"]["plans"], 2 * stateless().len(), &["plan", "undivided"], &["undivided_over_plan"]);
-    assert_spread(&report["planner"]["waypoint_geometric"], "geometric");
-    assert_spread(&report["planner"]["waypoint_clarabel"], "clarabel");
+    assert_rows(&report["planner"], 2 * stateless().len(), &["plan"], &[]);
     assert_rows(&report["field"], 2, &["step", "copy"], &["step_over_copy"]);
-    for key in ["slots_per_s", "sweep_slots_per_s", "sweep_all_slots_per_s", "cores", "per_core"] {
+    for key in ["slots_per_s", "sweep_slots_per_s", "sweep_all_slots_per_s", "per_core"] {
         assert_measured(&report["mission"][key], key);
     }
-    let ratios = ["slots_per_s", "floor_us", "p50_over_floor", "p99_over_p50"];
+    let ratios = ["slots_per_s", "p50_over_floor", "p99_over_p50"];
     assert_rows(&report["ring"], 2 * 3 * 2, &["slot", "plan", "hops"], &ratios);
     place.assert_clean();
 }
