@@ -48,7 +48,7 @@ pub(crate) const MAX_SAMPLED_BITS: f64 = 9.0e15;
 pub(crate) const MAX_FIELD_BITS: f64 = 9.0e18;
 
 /// The letter's mission (section V), which needs no file.
-pub const LETTER: &str = include_str!("../../scenarios/letter.toml");
+pub const LETTER: &str = include_str!("../letter.toml");
 
 /// A checked scenario: the keys of its file, every default filled in.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -144,7 +144,7 @@ impl StudyBase {
     fn scenario(self) -> (&'static str, &'static str) {
         match self {
             Self::Letter => ("letter.toml", LETTER),
-            Self::PlosDenseUrban => ("plos-dense-urban.toml", include_str!("../../../scenarios/plos-dense-urban.toml")),
+            Self::PlosDenseUrban => ("plos-dense-urban.toml", include_str!("../../plos-dense-urban.toml")),
         }
     }
 }
