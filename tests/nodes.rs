@@ -43,7 +43,7 @@ fn alone(scenario: &Scenario, out: &Path) -> String {
     let mut log = folder.slot_log().unwrap();
     for flown in Mission::new(scenario, &list).unwrap() {
         log.add(&flown.flight, &flown.header).unwrap();
-        assert!(flown.header.totals.balanced(), "{flown:?}");
+        assert!(flown.header.totals.is_balanced(), "{flown:?}");
     }
     fs::read_to_string(out.join("slots.csv")).unwrap()
 }

@@ -7,12 +7,12 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use skysink_common::arrivals::{bits_between, sampled, sampled_bits};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
-use skysink_common::estimate::{Estimate, Saved};
+use skysink_common::estimate::{Estimate, SavedEstimate};
 use skysink_common::ledger::{Ledger, Totals};
 use skysink_common::message::{FlightReport, QueuesHeader, SlotHeader};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::wide::{BLOCK, wide};
+use skysink_common::simd::{BLOCK, vectorized};
 
 use crate::arrivals::{SamplingMeans, is_quick, quick_integer};
 
@@ -91,7 +91,7 @@ impl Field {
 
     /// What the UAV knows of the queues after the slot [bit], by sensor node, if account is kept of it.
     pub fn told_bits(&mut self) -> Option<&[u32]> {
-        self.told.as_mut().map(|told| told.believe(self.slot))
+        self.told.as_mut().map(|told| told.predict(self.slot))
     }
 
     /// Advances by `slot`, from 1: every sensor node samples, full ones lose the excess, then the served ones upload
@@ -131,7 +131,7 @@ impl Field {
         }
         if let Some(told) = &mut self.told {
             let served: Vec<u32> = flight.served_links().iter().map(|link| link.sensor).collect();
-            told.announce(slot, &served, self.ledger.queues_bits());
+            told.record_before_contact(slot, &served, self.ledger.queues_bits());
         }
         self.slot = slot;
         self.moved = SlotBits::default();
@@ -160,13 +160,13 @@ impl Field {
         let mean_bits = match rates {
             SamplingMeans::Alike(mean_bits) => {
                 let bits = bits_between(*mean_bits, *slot - 1, *slot);
-                return wide(|| ledger.sample_alike(sensors, bits));
+                return vectorized(|| ledger.sample_equally(sensors, bits));
             }
             SamplingMeans::Each(mean_bits) => &mean_bits[sensors.clone()],
         };
         let lost_slots = &mut self.lost_slots[sensors.start / BLOCK];
         if is_quick(sampled(self.most_bits, *slot)) {
-            wide(|| sample_each(ledger, sensors, mean_bits, *slot, quick_integer, lost_slots))
+            vectorized(|| sample_each(ledger, sensors, mean_bits, *slot, quick_integer, lost_slots))
         } else {
             sample_each(ledger, sensors, mean_bits, *slot, |whole| whole as u64, lost_slots)
         }
@@ -241,7 +241,7 @@ struct State {
     /// `u64` by sensor node.
     #[serde(with = "serde_bytes")]
     delivered_bits: Vec<u8>,
-    told: Option<Saved>,
+    told: Option<SavedEstimate>,
 }
 
 impl Checkpoint for Field {
@@ -254,14 +254,14 @@ impl Checkpoint for Field {
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let State { slot, moved, queues_bits, delivered_bits, told } = decode(bytes)?;
-        CheckpointError::unless(told.is_some() == self.told.is_some(), "the same account of what is told")?;
+        CheckpointError::ensure(told.is_some() == self.told.is_some(), "the same account of what is told")?;
         let told = self.told.as_ref().zip(told).map(|(own, saved)| own.restored(slot, saved)).transpose()?;
         let queues_bits: Vec<u32> = bytemuck::pod_collect_to_vec(&queues_bits);
         let delivered_bits: Vec<u64> = bytemuck::pod_collect_to_vec(&delivered_bits);
         let Self { ledger, rates, .. } = self;
         let sampled_bits = |sensor| sampled_bits(rates.mean_bits(sensor), slot);
         let is_possible = slot <= self.slots && ledger.restore(&queues_bits, &delivered_bits, sampled_bits);
-        CheckpointError::unless(is_possible, "a state that this field can be in")?;
+        CheckpointError::ensure(is_possible, "a state that this field can be in")?;
         self.slot = slot;
         self.moved = moved;
         self.told = told.map(Box::new);
@@ -345,7 +345,7 @@ mod tests {
         // sample: 29 950 + 100 = 30 050; overflow: 50 lost; upload: all of the 30 000
         assert_eq!(bits, SlotBits { delivered_bits: 30_000, lost_bits: 50 });
         assert_eq!(field.queues_bits(), [0, 105]);
-        assert!(field.totals().balanced());
+        assert!(field.totals().is_balanced());
     }
 
     #[test]

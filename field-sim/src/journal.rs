@@ -4,7 +4,7 @@
 
 use bytemuck::Zeroable;
 use skysink_common::checkpoint::Checkpoint;
-use skysink_common::estimate::BYTES_EACH;
+use skysink_common::estimate::BYTES_PER_SENSOR;
 use skysink_common::message::FlightReport;
 use skysink_ring::error::RingError;
 use skysink_ring::folder::RingFolder;
@@ -20,7 +20,7 @@ const STATE_EVERY: u64 = 256;
 const SLOTS: u64 = 2 * STATE_EVERY;
 
 /// Bytes of a state beside those of its sensor nodes, and for each of them.
-const STATE_BYTES: [usize; 2] = [1024, size_of::<u32>() + size_of::<u64>() + BYTES_EACH];
+const STATE_BYTES: [usize; 2] = [1024, size_of::<u32>() + size_of::<u64>() + BYTES_PER_SENSOR];
 
 /// The journal of field-sim.
 #[derive(Debug)]

@@ -114,10 +114,10 @@ impl Checkpoint for Plant {
         let SavedPlant { slot, report, field } = decode(bytes)?;
         let report: Option<FlightReport> = try_pod_read_unaligned(&report).ok();
         let report = report.filter(|_| slot <= self.slots);
-        CheckpointError::unless(report.is_some(), "a slot and a flight of the mission")?;
+        CheckpointError::ensure(report.is_some(), "a slot and a flight of the mission")?;
         let mut restored = self.field.clone();
         restored.restore(&field)?;
-        CheckpointError::unless(restored.slot() == slot, "a field after the same slot")?;
+        CheckpointError::ensure(restored.slot() == slot, "a field after the same slot")?;
         self.field = restored;
         self.slot = slot;
         self.report = report.unwrap_or(self.report);

@@ -24,7 +24,7 @@ impl TraceHash {
     /// # Errors
     /// If a bit of the ledger is unaccounted for.
     pub fn write(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<&str, MissionError> {
-        if !header.totals.balanced() {
+        if !header.totals.is_balanced() {
             return Err(MissionError::Unbalanced { slot: header.head.slot, totals: header.totals });
         }
         self.line.clear();

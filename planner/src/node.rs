@@ -17,7 +17,7 @@ use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 
 use crate::planner::Planner;
 use crate::strategies::{Registered, Strategy, Timing};
-use skysink_common::estimate::BYTES_EACH;
+use skysink_common::estimate::BYTES_PER_SENSOR;
 
 /// Slots in the journal: the three that a planner may be asked for again, and room for one that is cut.
 const SLOTS: u64 = 4;
@@ -30,7 +30,7 @@ const ROOM: usize = 1 << 23;
 /// # Errors
 /// If the file cannot be opened.
 pub fn journal(folder: &RingFolder, count: usize) -> Result<Journal, RingError> {
-    Journal::open(&folder.journal("plans"), SLOTS, ROOM + BYTES_EACH * count)
+    Journal::open(&folder.journal("plans"), SLOTS, ROOM + BYTES_PER_SENSOR * count)
 }
 
 /// A planner whose state is saved after each slot that it plans.

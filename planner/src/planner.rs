@@ -15,7 +15,7 @@ use crate::settings::{self, Knowledge};
 use crate::strategies::serving::Serving;
 use crate::strategies::transit::transit_waypoint;
 use crate::strategies::{Decision, Registered, Setup, Strategy, Timing, View};
-use skysink_common::estimate::{self, Estimate};
+use skysink_common::estimate::{Estimate, SavedEstimate};
 
 /// The planner of a mission.
 ///
@@ -43,7 +43,7 @@ pub struct Planner {
 struct Head {
     slot: u64,
     strategy: String,
-    estimate: Option<estimate::Saved>,
+    estimate: Option<SavedEstimate>,
 }
 
 impl Planner {
@@ -139,7 +139,7 @@ impl Planner {
     pub fn step(&mut self, slot: u64, position: Point3<f64>, queues_bits: &[u32]) -> Plan {
         assert_eq!(queues_bits.len(), self.table.positions.len(), "expected one queue per sensor node");
         if let Some(estimate) = &mut self.estimate {
-            estimate.believe(slot.saturating_sub(1));
+            estimate.predict(slot.saturating_sub(1));
         }
         let estimate = self.estimate.as_deref();
         let view = View {
@@ -165,7 +165,7 @@ impl Planner {
             self.path.extend(self.strategy.path().iter().take(MAX_PATH_POINTS - 1));
         }
         if let Some(estimate) = &mut self.estimate {
-            estimate.announce(slot, plan.scheduled(), queues_bits);
+            estimate.record_before_contact(slot, plan.scheduled(), queues_bits);
         }
         self.slot = slot;
         plan
@@ -219,8 +219,8 @@ impl Checkpoint for Planner {
             return self.strategy.restore(bytes);
         }
         let (Head { slot, strategy, estimate }, state) = decode_first(bytes)?;
-        CheckpointError::unless(strategy == self.strategy_name, "this strategy")?;
-        CheckpointError::unless(estimate.is_some() == self.estimate.is_some(), "the same knowledge of the queues")?;
+        CheckpointError::ensure(strategy == self.strategy_name, "this strategy")?;
+        CheckpointError::ensure(estimate.is_some() == self.estimate.is_some(), "the same knowledge of the queues")?;
         let restored = self.estimate.as_ref().zip(estimate).map(|(own, saved)| own.restored(slot, saved));
         let estimate = restored.transpose()?.map(Box::new);
         self.strategy.restore(state)?;

@@ -190,7 +190,7 @@ impl Checkpoint for Episode {
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let SavedEpisode { number, plant } = decode(bytes)?;
         let mut episode = self.clone();
-        CheckpointError::unless(episode.begin(number).is_ok(), "a field that can be made")?;
+        CheckpointError::ensure(episode.begin(number).is_ok(), "a field that can be made")?;
         episode.plant.restore(&plant)?;
         episode.header = episode.plant.header();
         *self = episode;

@@ -40,7 +40,7 @@ fn an_outside_planner_is_told_what_the_uav_knows_and_the_recorder_the_truth() {
             std::thread::yield_now();
         };
         known.observe(slot, &turn.flight, &true_queues);
-        assert_eq!(turn.queues_bits, known.believe(slot), "slot {slot}");
+        assert_eq!(turn.queues_bits, known.predict(slot), "slot {slot}");
         for link in turn.flight.served_links() {
             let sensor = link.sensor as usize;
             assert_eq!(turn.queues_bits[sensor], true_queues[sensor], "slot {slot}: it was served, and has told");

@@ -152,7 +152,7 @@ impl Horizon {
 
     /// Takes in what is believed as the slot of `view` begins: the rates, where they are learnt, and how sure the
     /// queues are.
-    fn believe(&mut self, view: &View) {
+    fn update_sensors(&mut self, view: &View) {
         let Some(estimate) = view.estimate else {
             return;
         };
@@ -161,14 +161,14 @@ impl Horizon {
                 sensor.mean_bits = least_mean_bits(estimate, id);
                 sensor.fill_slots = f64::from(estimate.capacity_bits(id)) / sensor.mean_bits;
             }
-            let Uncertainty { endless_bits, initial_bits, rate, since_bits } =
+            let Uncertainty { unbounded_bits, initial_bits, rate, since_contact_bits } =
                 estimate.uncertainty(view.slot.saturating_sub(1), id);
             sensor.initial_half_slots = initial_bits / sensor.mean_bits;
             sensor.rate_half_fraction = rate;
             // Before the first contact this is only believed, but its doubt is in `initial_half_slots`.
-            sensor.left_slots = if rate > 0.0 { (endless_bits - since_bits) / sensor.mean_bits } else { 0.0 };
+            sensor.left_slots = if rate > 0.0 { (unbounded_bits - since_contact_bits) / sensor.mean_bits } else { 0.0 };
             let capacity_bits = sensor.fill_slots * sensor.mean_bits;
-            let overdue_bits = if sensor.is_known() { 0.0 } else { (endless_bits - capacity_bits).max(0.0) };
+            let overdue_bits = if sensor.is_known() { 0.0 } else { (unbounded_bits - capacity_bits).max(0.0) };
             sensor.overdue_slots = overdue_bits / sensor.mean_bits;
         }
     }
@@ -176,7 +176,7 @@ impl Horizon {
     /// Resumes the carried plan at the slot of `view`, or makes one; `None` if no SN can lose data.
     #[must_use]
     pub fn forecast(&mut self, view: &View) -> Option<Forecast> {
-        self.believe(view);
+        self.update_sensors(view);
         if self.model.sensors.is_empty() {
             return None;
         }
@@ -290,16 +290,16 @@ impl Checkpoint for Horizon {
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let Saved { temperature, added, carried } = decode(bytes)?;
-        CheckpointError::unless((0.0..=1.0).contains(&temperature), "a temperature from 0 to 1")?;
+        CheckpointError::ensure((0.0..=1.0).contains(&temperature), "a temperature from 0 to 1")?;
         let disk = |(centre, members): ([f64; 2], Vec<u32>)| {
             let disk = ServiceDisk::at(&self.model.table, centre.into(), members);
             disk.filter(|_| centre.iter().all(|coordinate| coordinate.is_finite()))
         };
         let saved_disks = added.len();
         let added: Vec<ServiceDisk> = added.into_iter().map_while(disk).collect();
-        CheckpointError::unless(added.len() == saved_disks, "service disks in range of their members")?;
+        CheckpointError::ensure(added.len() == saved_disks, "service disks in range of their members")?;
         let disks = self.model.disks.len() - self.model.added().len() + added.len();
-        CheckpointError::unless(carried.iter().all(|&stop| (stop as usize) < disks), "stops of this field")?;
+        CheckpointError::ensure(carried.iter().all(|&stop| (stop as usize) < disks), "stops of this field")?;
         self.model.replace_added(added);
         self.carried = carried;
         self.temperature = temperature;

@@ -407,7 +407,15 @@ fn rates_that_are_learnt_take_the_place_of_those_believed_before() {
         let position = scenario.start();
         let estimate = Some(estimate);
         let stop = &Stop::default();
-        horizon.believe(&View { slot, position, queues_bits: &[0; 3], estimate, table, timing: Timing::Free, stop });
+        horizon.update_sensors(&View {
+            slot,
+            position,
+            queues_bits: &[0; 3],
+            estimate,
+            table,
+            timing: Timing::Free,
+            stop,
+        });
         horizon.model.sensors.iter().map(|sensor| (sensor.mean_bits, sensor.fill_slots)).collect::<Vec<_>>()
     };
     assert_eq!(believed(&mut horizon, &estimate, 1), [(100.0, 300.0); 3]);
@@ -418,7 +426,7 @@ fn rates_that_are_learnt_take_the_place_of_those_believed_before() {
     flight.links[1].sensor = 2;
     estimate.observe(1, &flight, &[500, 0, 7]);
     (2..12).for_each(|slot| estimate.observe(slot, &FlightReport::at([0.0, 0.0, 20.0], Mode::Serve), &[0; 3]));
-    estimate.announce(12, &[0, 2], &[3_000, 0, 7]);
+    estimate.record_before_contact(12, &[0, 2], &[3_000, 0, 7]);
     estimate.observe(12, &flight, &[0, 0, 7]);
     assert_eq!(believed(&mut horizon, &estimate, 13), [(250.0, 120.0), (100.0, 300.0), (1e-3, 3e7)]);
 }

@@ -101,11 +101,11 @@ impl Rivals {
     /// # Errors
     /// If it follows a strategy that is no candidate, or in a state that cannot be.
     pub fn restore(&mut self, choice: RivalChoice) -> Result<(), CheckpointError> {
-        CheckpointError::unless(choice.turn < STRATEGIES.len(), "the turn of a strategy")?;
+        CheckpointError::ensure(choice.turn < STRATEGIES.len(), "the turn of a strategy")?;
         if let Some((followed, state)) = &choice.followed {
             self.make();
             let rival = self.made.iter_mut().find(|rival| rival.registered == *followed);
-            CheckpointError::unless(rival.is_some(), "a strategy that does not look ahead")?;
+            CheckpointError::ensure(rival.is_some(), "a strategy that does not look ahead")?;
             rival.map_or(Ok(()), |rival| rival.strategy.restore(state))?;
         }
         self.choice = choice;

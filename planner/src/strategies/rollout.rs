@@ -171,7 +171,7 @@ impl<'a> Rollout<'a> {
         let mut lost_bits = 0.0;
         for slot in self.view.slot..=self.last_slot {
             if let Some(estimate) = &mut estimate {
-                estimate.believe(slot.saturating_sub(1));
+                estimate.predict(slot.saturating_sub(1));
             }
             let estimated = estimate.as_ref();
             let queues_bits = estimated.map_or(&world.queues_bits[..], Estimate::queues_bits);
@@ -182,7 +182,7 @@ impl<'a> Rollout<'a> {
             });
             position = decision.waypoint;
             if let Some(estimate) = &mut estimate {
-                estimate.announce(slot, &decision.schedule, &world.queues_bits);
+                estimate.record_before_contact(slot, &decision.schedule, &world.queues_bits);
             }
             lost_bits += world.sample(slot, self.sensors) as f64;
             if lost_bits > most_bits || is_over() {
@@ -219,8 +219,8 @@ impl<'a> Rollout<'a> {
             if uncertain.rate == 0.0 && uncertain.initial_bits == 0.0 {
                 continue;
             }
-            let drawn_bits = uncertain.endless_bits
-                + uncertain.since_bits * uncertain.rate * rate
+            let drawn_bits = uncertain.unbounded_bits
+                + uncertain.since_contact_bits * uncertain.rate * rate
                 + uncertain.initial_bits * initial;
             *queue_bits = drawn_bits.clamp(0.0, f64::from(estimate.capacity_bits(id))) as u32;
             *mean_bits *= 1.0 + uncertain.rate * rate;

@@ -61,7 +61,7 @@ impl Checkpoint for InTurn {
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let turn: usize = decode(bytes)?;
-        CheckpointError::unless(turn < self.order.len().max(1), "a turn of this field")?;
+        CheckpointError::ensure(turn < self.order.len().max(1), "a turn of this field")?;
         self.turn = turn;
         Ok(())
     }

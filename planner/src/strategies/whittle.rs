@@ -149,7 +149,7 @@ impl Checkpoint for Whittle {
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let full_since: Vec<u32> = decode(bytes)?;
-        CheckpointError::unless(full_since.len() == self.ages.full_since.len(), "a slot for each sensor node")?;
+        CheckpointError::ensure(full_since.len() == self.ages.full_since.len(), "a slot for each sensor node")?;
         self.ages.full_since = full_since;
         Ok(())
     }
