@@ -125,7 +125,7 @@ fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
             there.wait();
             let see = |slot| {
                 let plan = plans.wait_for_slot(&mut wait, slot).unwrap().unwrap();
-                let path = paths.of_slot(slot).unwrap().here();
+                let path = paths.poll_slot(slot).unwrap().available();
                 (*plan.payload(), path.map(|path| path.payload().to_vec()))
             };
             (1..=scenario.slots).map(see).collect()

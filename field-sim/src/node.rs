@@ -28,14 +28,14 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::FieldSim, stop)?;
     let sensors = ring.sensors.list_writer(count)?;
     let truth = ring.truth.list_writer(count)?;
-    let told = ring.terms.told.map(|_| ring.queues.list_writer(count)).transpose()?;
+    let told = ring.terms.estimated.map(|_| ring.queues.list_writer(count)).transpose()?;
     let ticks = ring.tick.writer()?;
     let mut flights = ring.flight.reader(RING_BUFFER)?;
     let mut commits = ring.commit.reader(RING_BUFFER)?;
     let mut clock = ring.terms.pace.period(scenario.slot_s).map(Clock::new);
 
     let mut field = Field::new(scenario, &list);
-    if let Some(rates) = ring.terms.told {
+    if let Some(rates) = ring.terms.estimated {
         field = field.telling(Estimate::new(scenario, rates, &list.nodes()));
     }
     let (mut journal, mut saved) = FieldJournal::open(folder, &mut field)?;

@@ -80,7 +80,7 @@ fn fly<S: Service + 'static>(
             Pace::Max => plans.wait_for_slot(&mut wait, slot)?,
             Pace::Factor(_) => {
                 ticks.wait_until(&mut wait, slot)?;
-                plans.of_slot(slot)?.here()
+                plans.poll_slot(slot)?.available()
             }
         };
         let report = match recorded {

@@ -121,7 +121,7 @@ fn run_with<S: Service + 'static>(
                 let older = std::mem::replace(&mut state, newer);
                 let slot = older.user_header().head.slot;
                 if slot >= next
-                    && let SlotSample::Here(flight) = flights.of_slot(slot)?
+                    && let SlotSample::Available(flight) = flights.poll_slot(slot)?
                 {
                     journaled.resume(slot + 1)?;
                     journaled.planner.observe(slot, &flight, older.payload());

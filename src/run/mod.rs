@@ -131,7 +131,7 @@ pub(crate) fn make_ring(
     if options.link.is_some() {
         ring.link(link::terms(scenario)?)?;
     }
-    ring.install()?;
+    ring.set_global_config()?;
     Ok(ring)
 }
 
@@ -180,11 +180,11 @@ pub fn fly(
     tally: &mut Tally,
 ) -> Result<Duration, Error> {
     let Flown { scenario, options, launch } = mission;
-    ring_folder.note_record(launch.scenario.parent().unwrap_or(Path::new(".")))?;
+    ring_folder.write_record_path(launch.scenario.parent().unwrap_or(Path::new(".")))?;
     let _tidied = Tidied(&launch.recording); // after all processes have ended
     let progress = TerminalProgress::of_slots();
     let (ring, wait) = Ring::<ipc::Service>::join(ring_folder, scenario, Role::Launcher, stop)?;
-    let _janitor = Janitor::of(ring_folder);
+    let _janitor = Janitor::start(ring_folder);
     let _ = table.shared_prefix.set(ring_folder.prefix());
     let outside_timeout = Duration::from_secs_f64(options.timeout_s(600.0, ring.terms.pace, scenario.slot_s));
     let mut recorder = Recorder::new(&ring, wait)?.with_outside(&options.external, outside_timeout);
