@@ -22,7 +22,7 @@ use crate::field::{FieldData, PyField};
 pub fn plant(scenario: &Scenario, list: &SensorList) -> PyResult<Plant> {
     let plant = Plant::new(scenario, list);
     Ok(match settings::estimated(scenario).map_err(refused)? {
-        Some(rates) => plant.telling(Estimate::new(scenario, rates, &list.nodes())),
+        Some(rates) => plant.with_estimate(Estimate::new(scenario, rates, &list.nodes())),
         None => plant,
     })
 }

@@ -19,7 +19,7 @@ use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
-use skysink_mission::origin::Manner;
+use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
 use skysink_ring::cleanup::Janitor;
@@ -71,12 +71,12 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
             (folder, Some((resumed, tally)))
         }
     };
-    let manner = options.manner(Some(folder.manner()));
+    let manner = options.manner(Some(folder.run_mode()));
     let pace = manner.pace.unwrap_or_default();
     let (resumed, tally) =
         resumed.map_or_else(|| (None, Tally::new(scenario, &list)), |(resumed, tally)| (Some(resumed), tally));
     let mut tally = tally.with_latency(pace, scenario.slot_s);
-    if let Some(planner) = &manner.outside_planner {
+    if let Some(planner) = &manner.external_planner {
         tally = tally.with_planner(planner);
     }
     if tally.last_slot() == scenario.slots {
@@ -121,7 +121,7 @@ const SAMPLE_TIMEOUT_S: f64 = 30.0;
 pub(crate) fn make_ring(
     scenario: &Scenario,
     options: &RunOptions,
-    manner: &Manner,
+    manner: &RunMode,
     pace: Pace,
 ) -> Result<RingFolder, Error> {
     let timeout_s = options.timeout_s(SAMPLE_TIMEOUT_S, pace, scenario.slot_s);
