@@ -3,7 +3,7 @@
 //!
 //! `cargo run --release -p skysink-planner --example losses -- 1-20 horizon,uts 'slots = 500' '[area]' 'side_m = 1000.0'`
 //!
-//! With `EACH=1` in the environment it shows each field's loss and bound, too.
+//! With `EACH=1` in the environment it also prints the loss and the bound of each field.
 
 use std::path::Path;
 
@@ -16,10 +16,10 @@ use skysink_planner::bound::mission_bound;
 use skysink_planner::settings;
 use skysink_planner::strategies::names;
 
-/// What one mission was.
+/// The results of one mission.
 struct Outcome {
     loss_rate: f64,
-    /// What no plan avoids; 0 if nobody asked.
+    /// Lower bound on the loss rate; 0 if not requested.
     bound_rate: f64,
     refused: u64,
     /// Mean propulsion power [W].
@@ -28,7 +28,7 @@ struct Outcome {
     plan_ms: Vec<f64>,
 }
 
-/// Time [ms] that this thread has computed: on a busy machine less than the time that passes.
+/// CPU time of this thread [ms].
 fn computed_ms() -> f64 {
     let time = clock_gettime(ClockId::ThreadCPUTime);
     time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 / 1e6
@@ -37,7 +37,7 @@ fn computed_ms() -> f64 {
 fn fly(scenario: &Scenario) -> Outcome {
     let list = SensorList::of(scenario).expect("drawn");
     let begin_ms = computed_ms();
-    let mut mission = Mission::new(scenario, &list).expect("checked as it was read");
+    let mut mission = Mission::new(scenario, &list).expect("the scenario is checked");
     let setup_ms = computed_ms() - begin_ms;
     let queues_bits = list.queues_bits();
     let mut outcome =
@@ -97,7 +97,7 @@ fn report(name: &str, outcomes: &[Outcome]) {
     let setup_ms = outcomes.iter().map(|outcome| outcome.setup_ms).fold(0.0, f64::max);
     let refused: u64 = outcomes.iter().map(|outcome| outcome.refused).sum();
     let power_w = outcomes.iter().map(|outcome| outcome.power_w).sum::<f64>() / count;
-    let quantile = |share: f64| plan_ms[((plan_ms.len() - 1) as f64 * share) as usize];
+    let quantile = |fraction: f64| plan_ms[((plan_ms.len() - 1) as f64 * fraction) as usize];
     println!(
         "{name:14} η {mean:.5} ± {error:.5}  power {power_w:.1} W  refused {refused}  plan p50 {:.3} p99 {:.3} max {:.3} first {first_ms:.3} \
          setup {setup_ms:.1} ms",
@@ -112,7 +112,7 @@ fn report(name: &str, outcomes: &[Outcome]) {
     }
 }
 
-/// Whether each field's loss is to be shown.
+/// Whether to print the loss of each field.
 fn each() -> bool {
     std::env::var_os("EACH").is_some()
 }

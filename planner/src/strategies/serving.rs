@@ -49,7 +49,7 @@ impl Serving {
 
     /// The same, for the n SNs in range with the smallest `key`, which differs from SN to SN.
     pub fn serve_by<K: Ord>(&mut self, view: &View, ground: &Position, key: impl Fn(u32) -> K) -> Decision {
-        let ground = view.table.into_area(ground);
+        let ground = view.table.clamp_to_area(ground);
         let Self { solver, ids } = self;
         let SensorTable { grid, comm_radius_m, resource_blocks, .. } = view.table;
         fill_in_range(grid, *comm_radius_m, *resource_blocks, &ground, key, ids);
@@ -65,7 +65,7 @@ impl Decision {
     /// If they are more than a message holds, [`MAX_SERVED`](skysink_common::message::MAX_SERVED).
     #[must_use]
     pub fn serve(view: &View, waypoint: &Waypoint, ids: &[u32]) -> Self {
-        let ground = view.table.into_area(&waypoint.point.xy());
+        let ground = view.table.clamp_to_area(&waypoint.point.xy());
         let point = Point3::new(ground.x, ground.y, waypoint.point.z);
         Self { waypoint: point, schedule: ids.iter().copied().collect(), outcome: waypoint.outcome, winner: None }
     }
