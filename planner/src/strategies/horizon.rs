@@ -96,9 +96,9 @@ pub(super) struct LookAhead {
 
 impl LookAhead {
     /// As [`Horizon::new`].
-    pub fn new(setup: &Setup, most_slots: u64, iterations: u32, budget: Option<Duration>) -> Self {
+    pub fn new(setup: &Setup, max_slots: u64, iterations: u32, budget: Option<Duration>) -> Self {
         Self {
-            horizon: Horizon::new(setup, most_slots, iterations, budget),
+            horizon: Horizon::new(setup, max_slots, iterations, budget),
             rivals: Rivals::new(setup),
             serving: Serving::new(setup),
             path: Vec::with_capacity(MAX_PATH_POINTS),
