@@ -51,7 +51,7 @@ pub fn check(path: &Path, overrides: Overrides, as_json: bool) -> Result<(), Err
         print(format_args!("{}\n", scenario.to_toml().trim_end()))?;
         print(format_args!("# {}: {} sensor nodes", path.display(), list.sensors().len()))?;
         print(commented(&figures).trim_end())?;
-        warnings.iter().for_each(|warning| Role::Launcher.say(format_args!("warning: {warning}")));
+        warnings.iter().for_each(|warning| Role::Launcher.log(format_args!("warning: {warning}")));
     }
     Ok(())
 }

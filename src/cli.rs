@@ -267,7 +267,7 @@ pub fn execute(arguments: Vec<OsString>) -> u8 {
         Ok(()) => 0,
         Err(Error::Output(error)) if error.kind() == ErrorKind::BrokenPipe => 0, // read as far as wanted
         Err(error) => {
-            Role::Launcher.say(&error);
+            Role::Launcher.log(&error);
             error.exit_code()
         }
     }
@@ -279,7 +279,7 @@ fn refused(message: &clap::Error) -> u8 {
         message.print().or_else(|error| if error.kind() == ErrorKind::BrokenPipe { Ok(()) } else { Err(error) });
     match printed {
         Err(error) if !message.use_stderr() => {
-            Role::Launcher.say(Error::Output(error));
+            Role::Launcher.log(Error::Output(error));
             1
         }
         _ => u8::try_from(message.exit_code()).unwrap_or(2),

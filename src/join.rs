@@ -77,7 +77,7 @@ impl JoinOptions {
                 "it flies another scenario or sensor list: pass copies of scenario.toml and sensors.csv of the run's folder",
             ));
         }
-        folder.install()?;
+        folder.set_global_config()?;
         self.take_part(&scenario, &folder, stop)
     }
 
@@ -97,7 +97,7 @@ impl JoinOptions {
         let progress = TerminalProgress::of_slots();
         let table = ProcessTable::default();
         let (ring, mut wait) = Ring::<ipc::Service>::join(folder, scenario, Role::Launcher, stop)?;
-        let _janitor = Janitor::of(folder);
+        let _janitor = Janitor::start(folder);
         let mut commits = ring.commit.reader(RING_BUFFER)?;
         let options = RunOptions { planner: self.planner, ..RunOptions::default() };
         let launch = Launch { scenario: self.scenario, recording: PathBuf::new(), label: None, recorded: None };

@@ -17,7 +17,7 @@ use skysink_common::pace::Pace;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
-use skysink_mission::origin::Manner;
+use skysink_mission::origin::RunMode;
 use skysink_mission::record::{RunFolder, is_unfinished, write_whole};
 use skysink_mission::recorded::RecordedRun;
 use skysink_mission::summary::Tally;
@@ -106,7 +106,7 @@ impl ReplayArguments {
         self.options.check(&recorded.list)?;
 
         let is_asked = self.strategy.is_some() || self.options.has_outside_planner();
-        let plans = match &folder.manner().outside_planner {
+        let plans = match &folder.run_mode().external_planner {
             Some(_) if !is_asked => PlansOf::Record,
             _ => PlansOf::Planner,
         };
@@ -125,7 +125,7 @@ impl ReplayArguments {
             label: Some(recorded.strategy.clone()),
             recorded: Some(RecordedRing { run: self.run.clone(), pace: self.options.pace.unwrap_or_default(), plans }),
         };
-        let manner = Manner { pace: Some(Pace::Max), outside_planner: outside };
+        let manner = RunMode { pace: Some(Pace::Max), external_planner: outside };
 
         let mut replayed = Replayed::new(&scenario, &recorded, &out.join(PLANS))?;
         let flown = self.fly(&scenario, &launch, &manner, stop, &mut replayed).and_then(|()| replayed.finish());
@@ -165,7 +165,7 @@ impl ReplayArguments {
         &mut self,
         scenario: &Scenario,
         launch: &Launch,
-        manner: &Manner,
+        manner: &RunMode,
         stop: &Stop,
         replayed: &mut Replayed,
     ) -> Result<(), Error> {

@@ -20,7 +20,7 @@ use crate::error::Error;
 use crate::report::TerminalProgress;
 use skysink_mission::MissionError;
 use skysink_mission::mission::Mission;
-use skysink_mission::origin::Manner;
+use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
 
@@ -43,7 +43,7 @@ impl NewFolder {
     ///
     /// # Errors
     /// As [`RunFolder::create`].
-    pub fn create(&self, scenario: &Scenario, list: &SensorList, manner: &Manner) -> Result<RunFolder, MissionError> {
+    pub fn create(&self, scenario: &Scenario, list: &SensorList, manner: &RunMode) -> Result<RunFolder, MissionError> {
         RunFolder::create(self.out.as_deref(), self.force, scenario, list, manner)
     }
 }
@@ -90,7 +90,7 @@ pub fn simulate(
     stop: &Stop,
 ) -> Result<(RunFolder, Summary), Error> {
     let scenario = &simulation.scenario;
-    let folder = simulation.folder.create(scenario, list, &Manner::default())?;
+    let folder = simulation.folder.create(scenario, list, &RunMode::default())?;
     #[cfg(not(feature = "viewer"))]
     if simulation.record.is_some() {
         return Err(Error::NoViewer);

@@ -9,7 +9,7 @@ use iceoryx2::prelude::ipc;
 use serde::Serialize;
 use skysink_common::error::InputError;
 use skysink_common::stop::Stop;
-use skysink_ring::folder::{RingFolder, record_of, running_rings};
+use skysink_ring::folder::{RingFolder, record_path, running_rings};
 use skysink_ring::survey::TopicState;
 use skysink_ring::topics::Ring;
 
@@ -55,12 +55,12 @@ impl TopicsOptions {
     pub fn show(self, stop: &Stop) -> Result<(), Error> {
         let ring = self.ring()?;
         let begin = Instant::now();
-        let first = ring.look()?;
+        let first = ring.topic_states()?;
         while begin.elapsed().as_secs_f64() < self.every {
             stop.check()?;
             std::thread::sleep(PAUSE);
         }
-        let second = ring.look()?;
+        let second = ring.topic_states()?;
         let rated: Vec<_> = second.into_iter().zip(&first).map(|(now, before)| rate(now, before)).collect();
         if self.json {
             return print(serde_json::to_string_pretty(&rated).expect("plain numbers and strings"));
@@ -83,7 +83,7 @@ impl TopicsOptions {
         if path.join("ring.toml").exists() {
             return open(&path);
         }
-        let Some(ring) = rings.iter().find(|ring| record_of(ring).as_ref() == Some(&path)) else {
+        let Some(ring) = rings.iter().find(|ring| record_path(ring).as_ref() == Some(&path)) else {
             let others = if rings.is_empty() { String::new() } else { format!("; under way: {}", named(&rings)) };
             let message = format!("it is not under way: expected a run that is, or the folder of its ring{others}");
             return Err(InputError::new("run folder", folder, message).into());
@@ -94,7 +94,7 @@ impl TopicsOptions {
 
 /// What the rings are put on record as, or else the rings.
 fn named(rings: &[PathBuf]) -> String {
-    let name = |ring: &PathBuf| record_of(ring).unwrap_or_else(|| ring.clone()).display().to_string();
+    let name = |ring: &PathBuf| record_path(ring).unwrap_or_else(|| ring.clone()).display().to_string();
     rings.iter().map(name).collect::<Vec<_>>().join(", ")
 }
 

@@ -74,7 +74,7 @@ pub fn join(place: &RingArguments) -> Result<(Scenario, RingFolder), NodeError> 
     quiet_iceoryx2();
     let scenario = Scenario::read(&place.scenario, Overrides::default()).and_then(settings::resolve)?;
     let folder = RingFolder::open(&place.ring)?;
-    folder.install()?;
+    folder.set_global_config()?;
     Ok((scenario, folder))
 }
 
@@ -84,7 +84,7 @@ pub fn exit(role: Role, ended: Result<(), NodeError>) -> u8 {
     let Err(error) = ended else { return 0 };
     let code = error.exit_code();
     if code < 128 {
-        role.say(error);
+        role.log(error);
     }
     code
 }

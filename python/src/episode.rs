@@ -22,7 +22,7 @@ use crate::field::{FieldData, PyField};
 pub fn plant(scenario: &Scenario, list: &SensorList) -> PyResult<Plant> {
     let plant = Plant::new(scenario, list);
     Ok(match settings::estimated(scenario).map_err(refused)? {
-        Some(rates) => plant.telling(Estimate::new(scenario, rates, &list.nodes())),
+        Some(rates) => plant.with_estimate(Estimate::new(scenario, rates, &list.nodes())),
         None => plant,
     })
 }
@@ -190,7 +190,7 @@ impl Checkpoint for Episode {
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let SavedEpisode { number, plant } = decode(bytes)?;
         let mut episode = self.clone();
-        CheckpointError::unless(episode.begin(number).is_ok(), "a field that can be made")?;
+        CheckpointError::ensure(episode.begin(number).is_ok(), "a field that can be made")?;
         episode.plant.restore(&plant)?;
         episode.header = episode.plant.header();
         *self = episode;

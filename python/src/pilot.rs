@@ -165,7 +165,7 @@ impl Pilot {
     /// The plan of the next slot of a mission. Where the UAV has to know the queues from its contacts, the strategy
     /// sees what it knows.
     pub fn plan_next(&mut self, py: Python<'_>, plant: &mut Plant) -> PyResult<Plan> {
-        let queues_bits = if plant.field().is_telling() {
+        let queues_bits = if plant.field().has_estimate() {
             plant.known_bits().to_pyarray(py)
         } else {
             held(py, plant.field().shared_queues_bits())?

@@ -15,7 +15,7 @@ use skysink_common::stop::Stop;
 use skysink_field_sim::Field;
 use skysink_lab::metrics::{Metric, MissionMeter};
 use skysink_mission::mission::Plant;
-use skysink_mission::origin::Manner;
+use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Summary;
 use skysink_mission::trace::{RecordedSlot, TraceHash};
@@ -251,7 +251,7 @@ impl PyRun {
     #[pyo3(signature = (folder, force = false))]
     fn save(&self, py: Python<'_>, folder: PathBuf, force: bool) -> PyResult<PathBuf> {
         let write = || -> Result<PathBuf, MissionError> {
-            let manner = Manner { outside_planner: self.label.clone(), ..Manner::default() };
+            let manner = RunMode { external_planner: self.label.clone(), ..RunMode::default() };
             let folder = RunFolder::create(Some(&folder), force, &self.scenario.scenario, &self.list, &manner)?;
             let mut log = folder.slot_log()?;
             self.fly_again(|plant, header| log.add(plant.last_flight(), header).map(|_| ()))?;

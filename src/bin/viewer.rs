@@ -54,7 +54,7 @@ fn record(cli: &Cli, stop: &Stop) -> Result<(), NodeError> {
     let estimated = skysink_planner::settings::estimated(&scenario)?;
     let missed = run::<ipc::Service>(&scenario, &folder, stop, &sinks, cli.label.as_deref(), estimated)?;
     if missed > 0 {
-        Role::Viewer.say(format_args!("missed {missed} slots, marked in the recording"));
+        Role::Viewer.log(format_args!("missed {missed} slots, marked in the recording"));
     }
     Ok(())
 }

@@ -100,7 +100,7 @@ impl PlotOptions {
             return print(serde_json::to_string_pretty(&drawn).expect("plain numbers and strings"));
         }
         if let Some(missing) = &drawn.missing {
-            Role::Launcher.say(missing);
+            Role::Launcher.log(missing);
         }
         print_points(&drawn)
     }

@@ -55,7 +55,7 @@ pub fn flight_sim(
         recorded.filter(|recorded| !recorded.is_missed()).map(RecordedSlot::plan)
     };
     let recorded = RecordedFlight { plan_of: &plan_of, period: arguments.pace.period(scenario.slot_s) };
-    skysink_flight_sim::node::repeat::<ipc::Service>(scenario, folder, stop, &recorded)
+    skysink_flight_sim::node::replay::<ipc::Service>(scenario, folder, stop, &recorded)
 }
 
 /// planner: plans, or sends the recorded decisions, waypoint and schedule. In a slot without one it is to hold.

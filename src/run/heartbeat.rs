@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant, SystemTime};
 
-use skysink_ring::health::Fate;
+use skysink_ring::health::ProcessEvent;
 use skysink_ring::wait::Stopwatch;
 
 /// A process that has shown itself and then gives no sign of life for so long is reported. Time in which the supervisor
@@ -33,18 +33,18 @@ impl Heartbeat {
     }
 
     /// Notes the last sign of life; returns what is new.
-    pub fn note(&mut self, last: Option<SystemTime>, now: Instant) -> Option<Fate> {
+    pub fn note(&mut self, last: Option<SystemTime>, now: Instant) -> Option<ProcessEvent> {
         let silence = self.since.advance(now);
         let ms = i32::try_from(silence.as_millis()).unwrap_or(i32::MAX);
         if self.last != last {
             let before = std::mem::replace(&mut self.state, State::Alive);
             self.last = last;
             self.since = Stopwatch::start(now);
-            return (before == State::Silent).then_some(Fate::Back(ms));
+            return (before == State::Silent).then_some(ProcessEvent::Back(ms));
         }
         if self.state == State::Alive && silence >= SILENT_AFTER {
             self.state = State::Silent;
-            return Some(Fate::Silent(ms));
+            return Some(ProcessEvent::Silent(ms));
         }
         None
     }
@@ -70,7 +70,7 @@ mod tests {
         start: Instant,
         times: std::ops::Range<u64>,
         last: Option<SystemTime>,
-    ) -> Vec<Fate> {
+    ) -> Vec<ProcessEvent> {
         times.step_by(100).filter_map(|ms| heartbeat.note(last, start + Duration::from_millis(ms))).collect()
     }
 
@@ -80,9 +80,9 @@ mod tests {
         let mut heartbeat = Heartbeat { since: Stopwatch::start(start), ..Heartbeat::after(None) };
         assert_eq!(poll(&mut heartbeat, start, 0..5_000, None), [], "it may still be on its way");
         assert_eq!(poll(&mut heartbeat, start, 5_000..6_000, beat(1)), []);
-        assert_eq!(poll(&mut heartbeat, start, 6_000..7_500, beat(1)), [Fate::Silent(1_000)]);
+        assert_eq!(poll(&mut heartbeat, start, 6_000..7_500, beat(1)), [ProcessEvent::Silent(1_000)]);
         assert!(heartbeat.is_silent_for(Duration::from_secs(2)) && !heartbeat.is_silent_for(Duration::from_secs(3)));
-        assert_eq!(poll(&mut heartbeat, start, 7_500..8_000, beat(2)), [Fate::Back(2_500)]);
+        assert_eq!(poll(&mut heartbeat, start, 7_500..8_000, beat(2)), [ProcessEvent::Back(2_500)]);
     }
 
     #[test]

@@ -19,7 +19,7 @@ use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
-use skysink_mission::origin::Manner;
+use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
 use skysink_ring::cleanup::Janitor;
@@ -71,12 +71,12 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
             (folder, Some((resumed, tally)))
         }
     };
-    let manner = options.manner(Some(folder.manner()));
+    let manner = options.manner(Some(folder.run_mode()));
     let pace = manner.pace.unwrap_or_default();
     let (resumed, tally) =
         resumed.map_or_else(|| (None, Tally::new(scenario, &list)), |(resumed, tally)| (Some(resumed), tally));
     let mut tally = tally.with_latency(pace, scenario.slot_s);
-    if let Some(planner) = &manner.outside_planner {
+    if let Some(planner) = &manner.external_planner {
         tally = tally.with_planner(planner);
     }
     if tally.last_slot() == scenario.slots {
@@ -121,7 +121,7 @@ const SAMPLE_TIMEOUT_S: f64 = 30.0;
 pub(crate) fn make_ring(
     scenario: &Scenario,
     options: &RunOptions,
-    manner: &Manner,
+    manner: &RunMode,
     pace: Pace,
 ) -> Result<RingFolder, Error> {
     let timeout_s = options.timeout_s(SAMPLE_TIMEOUT_S, pace, scenario.slot_s);
@@ -131,7 +131,7 @@ pub(crate) fn make_ring(
     if options.link.is_some() {
         ring.link(link::terms(scenario)?)?;
     }
-    ring.install()?;
+    ring.set_global_config()?;
     Ok(ring)
 }
 
@@ -180,11 +180,11 @@ pub fn fly(
     tally: &mut Tally,
 ) -> Result<Duration, Error> {
     let Flown { scenario, options, launch } = mission;
-    ring_folder.note_record(launch.scenario.parent().unwrap_or(Path::new(".")))?;
+    ring_folder.write_record_path(launch.scenario.parent().unwrap_or(Path::new(".")))?;
     let _tidied = Tidied(&launch.recording); // after all processes have ended
     let progress = TerminalProgress::of_slots();
     let (ring, wait) = Ring::<ipc::Service>::join(ring_folder, scenario, Role::Launcher, stop)?;
-    let _janitor = Janitor::of(ring_folder);
+    let _janitor = Janitor::start(ring_folder);
     let _ = table.shared_prefix.set(ring_folder.prefix());
     let outside_timeout = Duration::from_secs_f64(options.timeout_s(600.0, ring.terms.pace, scenario.slot_s));
     let mut recorder = Recorder::new(&ring, wait)?.with_outside(&options.external, outside_timeout);

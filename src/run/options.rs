@@ -11,7 +11,7 @@ use skysink_common::error::InputError;
 use skysink_common::pace::Pace;
 use skysink_common::sensors::SensorList;
 use skysink_mission::error::FileContext;
-use skysink_mission::origin::Manner;
+use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
@@ -104,7 +104,7 @@ impl Launch {
     /// That of a run of its own.
     #[must_use]
     pub fn of(folder: &RunFolder) -> Self {
-        let label = folder.manner().outside_planner.clone();
+        let label = folder.run_mode().external_planner.clone();
         Self { scenario: folder.scenario(), recording: folder.recording(), label, recorded: None }
     }
 
@@ -185,12 +185,12 @@ impl RunOptions {
     }
 
     /// How the run is flown; one that is resumed, as it was before where the options say nothing.
-    pub(super) fn manner(&self, before: Option<&Manner>) -> Manner {
+    pub(super) fn manner(&self, before: Option<&RunMode>) -> RunMode {
         let before = before.cloned().unwrap_or_default();
-        Manner {
+        RunMode {
             pace: Some(self.pace.or(before.pace).unwrap_or_default()),
-            outside_planner: before
-                .outside_planner
+            external_planner: before
+                .external_planner
                 .or_else(|| self.has_outside_planner().then(|| self.label_or_default())),
         }
     }
@@ -208,7 +208,7 @@ impl RunOptions {
             let name = role.name();
             return refuse(&format!("{name} resumes from what is restored on this host: leave out --external {name}"));
         }
-        match &folder.manner().outside_planner {
+        match &folder.run_mode().external_planner {
             Some(name) if !self.has_outside_planner() => refuse(&format!(
                 "it was flown by an outside planner, {name}: expected --external planner, or --planner with its command"
             )),

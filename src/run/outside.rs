@@ -5,7 +5,7 @@ use std::time::{Duration, Instant, SystemTime};
 use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::Service;
 use skysink_ring::error::RingError;
-use skysink_ring::health::Fate;
+use skysink_ring::health::ProcessEvent;
 use skysink_ring::role::Role;
 use skysink_ring::topics::Ring;
 
@@ -42,16 +42,16 @@ impl<S: Service + 'static> Outside<S> {
     }
 
     /// Looks whether it is there; returns what is new.
-    pub fn poll(&mut self, ring: &Ring<S>, now: Instant) -> Option<Fate> {
+    pub fn poll(&mut self, ring: &Ring<S>, now: Instant) -> Option<ProcessEvent> {
         let was_here = std::mem::replace(&mut self.is_here, ring.has_writer(self.role));
         let heard = self.distant.as_mut().and_then(|distant| distant.listen(now));
         match (was_here, self.is_here) {
-            (false, true) => Some(Fate::Joined),
+            (false, true) => Some(ProcessEvent::Joined),
             (true, false) => {
                 if let Some(Distant { heard, heartbeat, .. }) = &mut self.distant {
                     (*heard, *heartbeat) = (None, Heartbeat::after(None));
                 }
-                Some(Fate::Gone)
+                Some(ProcessEvent::Gone)
             }
             (true, true) => None,
             (false, false) => heard,
@@ -84,7 +84,7 @@ impl<S: Service + 'static> Outside<S> {
 
 impl<S: Service> Distant<S> {
     /// Listens for wake-ups; returns what is new.
-    fn listen(&mut self, now: Instant) -> Option<Fate> {
+    fn listen(&mut self, now: Instant) -> Option<ProcessEvent> {
         let mut wake_ups = 0;
         let _ = self.listener.try_wait(|_| wake_ups += 1); // in vain is silence
         let is_first = wake_ups > 0 && self.heard.is_none();
@@ -92,6 +92,6 @@ impl<S: Service> Distant<S> {
             self.heard = Some(SystemTime::now());
         }
         let fate = self.heartbeat.note(self.heard, now);
-        if is_first { Some(Fate::Joined) } else { fate }
+        if is_first { Some(ProcessEvent::Joined) } else { fate }
     }
 }

@@ -231,17 +231,18 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
     fn poll(&mut self, slot: u64, plan_of: Option<u64>) -> Result<Option<(&'static str, u64, Role)>, RingError> {
         let Parts { queues, flight, plan, tick_ns } = &mut self.parts;
         if queues.is_none() {
-            *queues = self.queues.of_slot(slot)?.here().map(|sample| *sample.user_header());
+            *queues = self.queues.poll_slot(slot)?.available().map(|sample| *sample.user_header());
         }
         if flight.is_none() {
-            *flight = self.flights.of_slot(slot)?.here().map(|sample| (*sample.user_header(), *sample.payload()));
+            *flight =
+                self.flights.poll_slot(slot)?.available().map(|sample| (*sample.user_header(), *sample.payload()));
         }
         if plan.is_none() {
-            let found = self.plans.of_slot(plan_of.unwrap_or(slot))?.here();
+            let found = self.plans.poll_slot(plan_of.unwrap_or(slot))?.available();
             *plan = found.map(|sample| (*sample.user_header(), *sample.payload()));
         }
         if plan_of.is_none() && tick_ns.is_none() {
-            *tick_ns = self.ticks.of_slot(slot)?.here().map(|sample| sample.user_header().sent_ns);
+            *tick_ns = self.ticks.poll_slot(slot)?.available().map(|sample| sample.user_header().sent_ns);
         }
         let queues_here = queues.is_some();
         let flight_here = flight.is_some();

@@ -11,7 +11,7 @@ use skysink_common::stop::Stop;
 use skysink_field_sim::journal::FieldJournal;
 use skysink_flight_sim::journal as flights;
 use skysink_mission::Mission;
-use skysink_mission::origin::Manner;
+use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::replay::RecordedLines;
 use skysink_mission::slot_log::SlotLog;
@@ -50,11 +50,11 @@ pub fn resume(
     let mut lines = RecordedLines::new(folder, trace, scenario.slots);
     let HorizonKeys { budget_ms, .. } = scenario.planner_keys("planner.horizon")?;
     let mut mission = Mission::new(scenario, list)?;
-    if let Some(rates) = told(scenario, folder.manner())? {
-        mission = mission.telling(Estimate::new(scenario, rates, &list.nodes()));
+    if let Some(rates) = told(scenario, folder.run_mode())? {
+        mission = mission.with_estimate(Estimate::new(scenario, rates, &list.nodes()));
     }
     mission.set_stop(stop);
-    let mut repeatable = folder.manner().outside_planner.is_none() && (budget_ms.is_none() || !log.was_in_a_ring());
+    let mut repeatable = folder.run_mode().external_planner.is_none() && (budget_ms.is_none() || !log.was_in_a_ring());
     tally.start(&mission.header());
     while let Some(recorded) = lines.next_slot()? {
         stop.check()?;
@@ -73,13 +73,13 @@ pub fn resume(
         }
         tally.add(None, mission.last_flight(), &header);
     }
-    let is_lockstep = folder.manner().pace.is_none_or(|pace| pace == Pace::Max);
-    let is_flown_again = is_lockstep && folder.manner().outside_planner.is_none();
+    let is_lockstep = folder.run_mode().pace.is_none_or(|pace| pace == Pace::Max);
+    let is_flown_again = is_lockstep && folder.run_mode().external_planner.is_none();
     if let Some(last) = log.last_checked().filter(|last| *last > tally.last_slot() && !is_flown_again) {
         let message = format_args!("it ends before slot {last}, which was on record and would be flown otherwise");
         return Err(InputError::new("trace", &folder.slots(), message).into());
     }
-    if folder.manner().pace.is_some() && tally.last_slot() > 1 && !log.was_checked() {
+    if folder.run_mode().pace.is_some() && tally.last_slot() > 1 && !log.was_checked() {
         let message = "slots.check is missing, or not that of this trace: expected the one that was written with it";
         return Err(InputError::new("run folder", folder.path(), message).into());
     }
@@ -91,8 +91,8 @@ pub fn resume(
 ///
 /// # Errors
 /// If `[planner]` of the scenario is refused.
-pub fn told(scenario: &Scenario, manner: &Manner) -> Result<Option<Rates>, InputError> {
-    Ok(settings::estimated(scenario)?.filter(|_| manner.outside_planner.is_some()))
+pub fn told(scenario: &Scenario, manner: &RunMode) -> Result<Option<Rates>, InputError> {
+    Ok(settings::estimated(scenario)?.filter(|_| manner.external_planner.is_some()))
 }
 
 impl Resumed {

@@ -17,8 +17,8 @@ use skysink_common::message::SlotHeader;
 use skysink_mission::error::FileContext;
 use skysink_mission::summary::{Event, Tally};
 use skysink_ring::folder::RingFolder;
-use skysink_ring::health::{Fate, Health};
-use skysink_ring::role::{Role, last_heartbeat, times_taken};
+use skysink_ring::health::{Health, ProcessEvent};
+use skysink_ring::role::{Role, last_heartbeat, start_count};
 use skysink_ring::topics::Ring;
 use skysink_ring::writer::Writer;
 
@@ -157,7 +157,7 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         let slot = tally.last_slot() + 1;
         for (role, fate) in self.watch(slot, overdue)? {
             let at_s = self.begin.elapsed().as_secs_f64();
-            let is_restart = matches!(fate, Fate::Restarted(_));
+            let is_restart = matches!(fate, ProcessEvent::Restarted(_));
             tally.add_event(Event { slot, at_s, process: role.name().into(), event: fate.to_string() }, is_restart);
         }
         Ok(self.viewer)
@@ -168,17 +168,17 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     ///
     /// # Errors
     /// [`Error::WorkerEnded`] or [`Error::LinkEnded`] if one has ended that is not started again.
-    pub fn watch(&mut self, slot: u64, overdue: Option<(Role, Duration)>) -> Result<Vec<(Role, Fate)>, Error> {
+    pub fn watch(&mut self, slot: u64, overdue: Option<(Role, Duration)>) -> Result<Vec<(Role, ProcessEvent)>, Error> {
         self.table.slot.store(slot, Ordering::Relaxed);
         if let Some(link) = &mut self.link {
             link.supervise(self.progress)?;
         }
         let mut fates = self.poll(slot, overdue)?;
         fates.extend(self.poll_outside(slot, overdue));
-        let taken = times_taken(self.folder.path(), Role::Viewer);
+        let taken = start_count(self.folder.path(), Role::Viewer);
         self.viewer = self.viewer.max(taken.saturating_sub(1));
         for &(role, fate) in &fates {
-            if let Fate::Killed(_) | Fate::Exited(_) = fate {
+            if let ProcessEvent::Killed(_) | ProcessEvent::Exited(_) = fate {
                 self.ring.remove_dead_nodes(); // before the next one needs its place
                 if role == Role::Viewer {
                     self.viewer = taken; // the next one's
@@ -203,7 +203,7 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     }
 
     /// Notes who has ended, starts again what is due, ends what hangs, and returns what is new.
-    fn poll(&mut self, slot: u64, overdue: Option<(Role, Duration)>) -> Result<Vec<(Role, Fate)>, Error> {
+    fn poll(&mut self, slot: u64, overdue: Option<(Role, Duration)>) -> Result<Vec<(Role, ProcessEvent)>, Error> {
         let mut fates = Vec::new();
         let now = Instant::now();
         let ring = self.folder.path();
@@ -215,7 +215,7 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
             if let Some(due) = process.due {
                 if now >= due {
                     process.start(ring, self.table, self.progress)?;
-                    fates.push((process.role, Fate::Restarted(process.restarts.count)));
+                    fates.push((process.role, ProcessEvent::Restarted(process.restarts.count)));
                 }
             } else if let Some(status) = process.poll(self.table) {
                 if self.is_released || status.success() && is_last_slot {
@@ -230,8 +230,8 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
                 if process.due.is_none() {
                     return Err(process.given_up(status, slot.min(self.last_slot)));
                 }
-                let exited = Fate::Exited(status.code().unwrap_or_default());
-                fates.push((process.role, status.signal().map_or(exited, Fate::Killed)));
+                let exited = ProcessEvent::Exited(status.code().unwrap_or_default());
+                fates.push((process.role, status.signal().map_or(exited, ProcessEvent::Killed)));
             } else if process.child.is_some() {
                 let fate = process.heartbeat.note(last_heartbeat(ring, process.role), now);
                 fates.extend(fate.map(|fate| (process.role, fate)));
@@ -261,7 +261,7 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     }
 
     /// Notes which process of somebody else has joined, has gone, is silent, or is overdue.
-    fn poll_outside(&mut self, slot: u64, overdue: Option<(Role, Duration)>) -> Vec<(Role, Fate)> {
+    fn poll_outside(&mut self, slot: u64, overdue: Option<(Role, Duration)>) -> Vec<(Role, ProcessEvent)> {
         let now = Instant::now();
         if !self.outside.is_empty() && self.swept.elapsed() >= CLEAN_UP_EVERY {
             self.swept = now;
@@ -387,8 +387,8 @@ impl Process {
     }
 }
 
-fn overdue_for(waited: Duration) -> Fate {
-    Fate::Overdue(i32::try_from(waited.as_millis()).unwrap_or(i32::MAX))
+fn overdue_for(waited: Duration) -> ProcessEvent {
+    ProcessEvent::Overdue(i32::try_from(waited.as_millis()).unwrap_or(i32::MAX))
 }
 
 fn pid(child: &Child) -> Option<Pid> {

@@ -55,7 +55,7 @@ pub fn serve(shown: &Shown, address: SocketAddr, stop: &Stop) -> Result<(), Erro
 fn end_on_panic() {
     std::panic::set_hook(Box::new(|panic| {
         let error = Error::NotServed(panic.payload_as_str().unwrap_or_default().to_owned());
-        Role::Launcher.say(&error);
+        Role::Launcher.log(&error);
         std::process::exit(i32::from(error.exit_code()));
     }));
 }

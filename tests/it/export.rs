@@ -107,7 +107,7 @@ fn a_short_mission_is_written_as_worked_by_hand() {
 
 /// Position [m] and altitude [m] of every waypoint of the files, in order.
 fn waypoints(place: &Place, names: &[String], origin: Origin) -> Vec<(Position, f64)> {
-    let projection = Projection::about(origin);
+    let projection = Projection::at(origin);
     let text: String = names.iter().map(|name| place.read(name)).collect();
     let rows = text.lines().map(|line| line.split('\t').collect::<Vec<_>>());
     let rows = rows.filter(|row| row.len() == 12 && row[3] == "16" && row[0] != "0");

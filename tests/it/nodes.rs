@@ -15,7 +15,7 @@ use skysink_common::scenario::{Count, Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::{Stop, Stopped};
 use skysink_mission::mission::Mission;
-use skysink_mission::origin::Manner;
+use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
 use skysink_planner::settings;
@@ -39,11 +39,11 @@ fn smoke(strategy: &'static str, seed: u64) -> Scenario {
 /// The trace of a mission in one process.
 fn alone(scenario: &Scenario, out: &Path) -> String {
     let list = SensorList::of(scenario).unwrap();
-    let folder = RunFolder::create(Some(out), false, scenario, &list, &Manner::default()).unwrap();
+    let folder = RunFolder::create(Some(out), false, scenario, &list, &RunMode::default()).unwrap();
     let mut log = folder.slot_log().unwrap();
     for flown in Mission::new(scenario, &list).unwrap() {
         log.add(&flown.flight, &flown.header).unwrap();
-        assert!(flown.header.totals.balanced(), "{flown:?}");
+        assert!(flown.header.totals.is_balanced(), "{flown:?}");
     }
     fs::read_to_string(out.join("slots.csv")).unwrap()
 }
@@ -54,7 +54,7 @@ type Node = fn(&Scenario, &RingFolder, &Stop) -> Result<(), NodeError>;
 /// The same as a ring of threads, started in the given order.
 fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, order: [usize; 3]) -> String {
     let list = SensorList::of(scenario).unwrap();
-    let folder = RunFolder::create(Some(out), false, scenario, &list, &Manner::default()).unwrap();
+    let folder = RunFolder::create(Some(out), false, scenario, &list, &RunMode::default()).unwrap();
     let ring_folder = RingFolder::create(Pace::Max, wait, 60.0, false, None).unwrap();
     let stop = Stop::default();
     let (ring, wait) = Ring::<S>::join(&ring_folder, scenario, Role::Launcher, &stop).unwrap();
@@ -107,7 +107,7 @@ type Seen = Vec<(Plan, Option<Vec<PathPoint>>)>;
 /// Looks on at a ring of threads from before they start.
 fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
     let list = SensorList::of(scenario).unwrap();
-    let folder = RunFolder::create(Some(out), false, scenario, &list, &Manner::default()).unwrap();
+    let folder = RunFolder::create(Some(out), false, scenario, &list, &RunMode::default()).unwrap();
     let ring_folder = RingFolder::create(Pace::Max, Waiting::Event, 60.0, false, None).unwrap();
     let stop = Stop::default();
     let (ring, wait) = Ring::<S>::join(&ring_folder, scenario, Role::Launcher, &stop).unwrap();
@@ -125,7 +125,7 @@ fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
             there.wait();
             let see = |slot| {
                 let plan = plans.wait_for_slot(&mut wait, slot).unwrap().unwrap();
-                let path = paths.of_slot(slot).unwrap().here();
+                let path = paths.poll_slot(slot).unwrap().available();
                 (*plan.payload(), path.map(|path| path.payload().to_vec()))
             };
             (1..=scenario.slots).map(see).collect()
@@ -216,7 +216,7 @@ fn a_recorder_whose_ring_does_not_come_says_who_should_have_begun() {
     let list = SensorList::of(&scenario).unwrap();
     for &wait in Waiting::ALL {
         let out = place.path().join(wait.to_string());
-        let folder = RunFolder::create(Some(&out), false, &scenario, &list, &Manner::default()).unwrap();
+        let folder = RunFolder::create(Some(&out), false, &scenario, &list, &RunMode::default()).unwrap();
         let ring_folder = RingFolder::create(Pace::Max, wait, 0.2, false, None).unwrap();
         let stop = Stop::default();
         let (ring, wait) = Ring::<local::Service>::join(&ring_folder, &scenario, Role::Launcher, &stop).unwrap();

@@ -14,7 +14,7 @@ use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_flight_sim::Flight;
 use skysink_mission::Mission;
-use skysink_mission::origin::Manner;
+use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
 use skysink_planner::{Planner, settings};
@@ -135,7 +135,7 @@ fn an_outside_planner_is_asked_and_its_own_run_is_replayed_by_its_decisions_on_r
 fn slots_without_a_plan_in_time_are_held_again_and_counted_as_undecided() {
     let place = Place::new();
     let (scenario, list) = smoke("uts");
-    let manner = Manner { pace: Some("10x".parse().unwrap()), outside_planner: None };
+    let manner = RunMode { pace: Some("10x".parse().unwrap()), external_planner: None };
     let folder = RunFolder::create(Some(&place.path("run")), false, &scenario, &list, &manner).unwrap();
     let mut log = folder.slot_log().unwrap();
     let mut mission = Mission::new(&scenario, &list).unwrap();

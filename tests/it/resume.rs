@@ -9,7 +9,7 @@ use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
-use skysink_mission::origin::Manner;
+use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
 use skysink_planner::settings;
@@ -38,8 +38,8 @@ fn smoke(strategy: &'static str) -> (Scenario, SensorList) {
 
 /// Leaves the record of the first slots in `out`, flown by the plans of `substitute`.
 fn record(scenario: &Scenario, list: &SensorList, out: &Path, plans_by: PlansBy, substitute: Substitute) -> RunFolder {
-    let outside_planner = (plans_by == PlansBy::Outside).then(|| "external".to_owned());
-    let manner = Manner { pace: Some(Pace::Max), outside_planner };
+    let external_planner = (plans_by == PlansBy::Outside).then(|| "external".to_owned());
+    let manner = RunMode { pace: Some(Pace::Max), external_planner };
     let folder = RunFolder::create(Some(out), false, scenario, list, &manner).unwrap();
     let mut log = folder.slot_log().unwrap();
     let mut mission = Mission::new(scenario, list).unwrap();

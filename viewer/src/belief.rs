@@ -6,7 +6,7 @@
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::Scalars;
 use skysink_common::checkpoint::CheckpointError;
-use skysink_common::estimate::{Estimate, Rates, Saved};
+use skysink_common::estimate::{Estimate, Rates, SavedEstimate};
 use skysink_common::message::{FlightReport, SensorNode};
 use skysink_common::scenario::Scenario;
 
@@ -80,7 +80,7 @@ impl Belief {
         let is_known = |id: &u32| (*id as usize) < queues_bits.len();
         if slot > 0 && before.slot() == Some(slot - 1) {
             let served: Vec<u32> = flight.served_links().iter().map(|link| link.sensor).filter(is_known).collect();
-            self.estimate.announce(slot, &served, before.queues_bits());
+            self.estimate.record_before_contact(slot, &served, before.queues_bits());
         }
         self.estimate.observe(slot, flight, queues_bits);
     }
@@ -91,7 +91,7 @@ impl Belief {
         if !self.is_followed {
             return Ok(());
         }
-        let believed_bits = self.estimate.believe(slot);
+        let believed_bits = self.estimate.predict(slot);
         let fraction =
             |bits: f64, capacity_bits: u32| if capacity_bits == 0 { 0.0 } else { bits / f64::from(capacity_bits) };
         let pairs = || believed_bits.iter().zip(queues_bits).zip(&self.capacities_bits);
@@ -116,7 +116,7 @@ impl Belief {
     }
 
     /// What later slots have to know; nothing of a mission whose beginning was not seen.
-    pub(crate) fn saved(&self) -> Option<Saved> {
+    pub(crate) fn saved(&self) -> Option<SavedEstimate> {
         self.is_followed.then(|| self.estimate.saved())
     }
 
@@ -124,7 +124,7 @@ impl Belief {
     ///
     /// # Errors
     /// If it cannot have been.
-    pub(crate) fn restore(&mut self, slot: u64, saved: Saved) -> Result<(), CheckpointError> {
+    pub(crate) fn restore(&mut self, slot: u64, saved: SavedEstimate) -> Result<(), CheckpointError> {
         self.estimate = self.estimate.restored(slot, saved)?;
         self.is_followed = true;
         Ok(())

@@ -159,9 +159,9 @@ impl SensorHistory {
     /// If they are of another field.
     pub(crate) fn restore(&mut self, sums: Sums) -> Result<(), CheckpointError> {
         let lengths = |sums: &Sums| [sums.queues_bits.len(), sums.lost_bits.len(), sums.in_range.len()];
-        CheckpointError::unless(lengths(&sums) == lengths(&self.sums), "sums of this field")?;
+        CheckpointError::ensure(lengths(&sums) == lengths(&self.sums), "sums of this field")?;
         let latest = sums.slot.map_or(0, |slot| slot.saturating_add(1));
-        CheckpointError::unless(sums.in_range.iter().all(|&last| last <= latest), "places in range up to the slot")?;
+        CheckpointError::ensure(sums.in_range.iter().all(|&last| last <= latest), "places in range up to the slot")?;
         self.sums = sums;
         Ok(())
     }

@@ -75,7 +75,7 @@ mod tests {
 
         fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
             let bytes = bytes.try_into();
-            CheckpointError::unless(bytes.is_ok(), "eight bytes")?;
+            CheckpointError::ensure(bytes.is_ok(), "eight bytes")?;
             self.0 = u64::from_le_bytes(bytes.unwrap());
             Ok(())
         }

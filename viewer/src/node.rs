@@ -80,7 +80,7 @@ pub fn run<S: Service + 'static>(
     let journal = ViewerJournal::open(folder, Scene::state_room(nodes.payload().len()), &mut scene)?;
     if let Some(port) = scene.port() {
         let address = format!("rerun+http://127.0.0.1:{port}/proxy");
-        Role::Viewer.say(format_args!("live at {address}: open it by `rerun {address}`"));
+        Role::Viewer.log(format_args!("live at {address}: open it by `rerun {address}`"));
     }
     let followed = Follower::open(&ring, &scenario.area, journal, &mut scene)
         .and_then(|mut follower| follower.follow(&mut wait).map(|()| follower.missed));
@@ -255,7 +255,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
     /// Adds what has become of the processes to the event log.
     fn log_health(&mut self) -> Result<(), NodeError> {
         while let Some(sample) = self.health.next_sample()? {
-            if let Some((role, fate)) = sample.payload().read() {
+            if let Some((role, fate)) = sample.payload().decode() {
                 let level = if fate.is_recovery() { TextLogLevel::INFO } else { TextLogLevel::WARN };
                 self.scene.log_event(sample.user_header().slot, level, &format!("{} {fate}", role.name()))?;
             }
@@ -275,10 +275,10 @@ fn read<S: Service + 'static, P: Payload + ?Sized>(
     let Some(limit) = limit else { return reader.wait_for_slot(wait, slot) };
     let deadline = Instant::now() + limit;
     loop {
-        match reader.of_slot(slot)? {
-            SlotSample::Here(sample) => return Ok(Some(sample)),
-            SlotSample::NotYet if Instant::now() < deadline => std::thread::sleep(POLL),
-            SlotSample::NotYet | SlotSample::Passed => return Ok(None),
+        match reader.poll_slot(slot)? {
+            SlotSample::Available(sample) => return Ok(Some(sample)),
+            SlotSample::Pending if Instant::now() < deadline => std::thread::sleep(POLL),
+            SlotSample::Pending | SlotSample::Passed => return Ok(None),
         }
     }
 }

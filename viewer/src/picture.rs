@@ -3,7 +3,7 @@
 use re_sdk_types::archetypes::TextDocument;
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
-use skysink_common::estimate::{BYTES_EACH, Rates, Saved};
+use skysink_common::estimate::{BYTES_PER_SENSOR, Rates, SavedEstimate};
 use skysink_common::geometry::Position;
 use skysink_common::message::{MAX_SERVED, SensorNode};
 use skysink_common::scenario::Scenario;
@@ -44,14 +44,14 @@ pub(crate) struct Picture {
 #[derive(Debug, Deserialize)]
 struct State {
     sums: Sums,
-    belief: Option<Saved>,
+    belief: Option<SavedEstimate>,
 }
 
 /// The same, to be saved.
 #[derive(Debug, Serialize)]
 struct StateRef<'a> {
     sums: &'a Sums,
-    belief: Option<Saved>,
+    belief: Option<SavedEstimate>,
 }
 
 /// Most bytes of a belief beside those of its sensor nodes: slots, and those announced last.
@@ -59,7 +59,7 @@ const BELIEF_BYTES: usize = 64 + size_of::<(u32, u32)>() * 2 * MAX_SERVED;
 
 /// Most bytes that [`Picture`] saves of so many sensor nodes.
 pub(crate) fn state_room(count: usize) -> usize {
-    Sums::room(count) + BELIEF_BYTES + BYTES_EACH * count
+    Sums::room(count) + BELIEF_BYTES + BYTES_PER_SENSOR * count
 }
 
 impl Picture {
@@ -168,7 +168,7 @@ impl Checkpoint for Picture {
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let State { sums, belief } = decode(bytes)?;
-        CheckpointError::unless(belief.is_none() || self.belief.is_some(), "a belief only where queues are estimated")?;
+        CheckpointError::ensure(belief.is_none() || self.belief.is_some(), "a belief only where queues are estimated")?;
         let mut history = self.history.clone();
         history.restore(sums)?;
         if let (Some(known), Some(saved), Some(slot)) = (&mut self.belief, belief, history.slot()) {

@@ -1,4 +1,4 @@
-//! Sensor lists in latitude and longitude: what is refused, and where on the area a place comes to lie.
+//! Sensor lists in latitude and longitude: refusals, and positions on the area.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ fn parse(text: &str) -> Result<Scenario, InputError> {
     Scenario::parse(text, Path::new("folder/city.toml"), Overrides::default())
 }
 
-/// A square area of `side_m` whose south-west corner is at the given place.
+/// A square area of `side_m` with the given south-west corner.
 fn area_at(lat_deg: f64, lon_deg: f64, side_m: f64) -> Scenario {
     let corner = format!("origin_lat_deg = {lat_deg:?}\norigin_lon_deg = {lon_deg:?}\n");
     parse(&format!("name = \"x\"\n[area]\nside_m = {side_m:?}\n{corner}")).unwrap()
@@ -26,7 +26,7 @@ fn refusal(text: &str, scenario: &Scenario) -> String {
     read(text, scenario).unwrap_err().to_string()
 }
 
-/// Where one place comes to lie.
+/// The position of one point on the area.
 fn project(lat_deg: f64, lon_deg: f64, scenario: &Scenario) -> Position {
     read(&format!("lat_deg,lon_deg\n{lat_deg},{lon_deg}\n"), scenario).unwrap().sensors()[0].position
 }
@@ -52,15 +52,16 @@ fn an_origin_off_the_earth_or_half_an_origin_is_refused() {
 
 #[test]
 fn a_list_without_an_origin_or_in_two_frames_is_refused() {
-    let (nowhere, somewhere) = (parse("name = \"x\"\n").unwrap(), area_at(41.65, -87.81, 100.0));
+    let without_origin = parse("name = \"x\"\n").unwrap();
+    let with_origin = area_at(41.65, -87.81, 100.0);
     let origin = "expected area.origin_lat_deg and area.origin_lon_deg in the scenario";
     let columns = "expected x_m,y_m or lat_deg,lon_deg, not both, and optionally queue_bits,gain_db,sampling_bps";
     let cases = [
-        (&nowhere, "lat_deg,lon_deg", origin),
-        (&somewhere, "x_m,y_m,lat_deg,lon_deg", columns),
-        (&somewhere, "x_m,lon_deg", columns),
-        (&somewhere, "lat_deg,x_m,y_m", columns),
-        (&somewhere, "lat_deg,queue_bits", columns),
+        (&without_origin, "lat_deg,lon_deg", origin),
+        (&with_origin, "x_m,y_m,lat_deg,lon_deg", columns),
+        (&with_origin, "x_m,lon_deg", columns),
+        (&with_origin, "lat_deg,x_m,y_m", columns),
+        (&with_origin, "lat_deg,queue_bits", columns),
     ];
     for (scenario, header, expected) in cases {
         let expected = format!("sensor list l.csv: line 1: header `{header}`: {expected}");
@@ -69,7 +70,7 @@ fn a_list_without_an_origin_or_in_two_frames_is_refused() {
 }
 
 #[test]
-fn a_place_off_the_earth_or_off_the_area_is_refused_with_its_line_and_values() {
+fn a_point_off_the_earth_or_outside_the_area_is_refused_with_its_line_and_values() {
     let scenario = area_at(41.65, -87.81, 1000.0);
     let cases = [
         ("90.5,-87.81", "lat_deg = 90.5: expected a latitude, -90 to 90"),
@@ -77,7 +78,7 @@ fn a_place_off_the_earth_or_off_the_area_is_refused_with_its_line_and_values() {
         ("41.65,180.5", "lon_deg = 180.5: expected a longitude, -180 to 180"),
         ("41.65,inf", "lon_deg = inf: expected a longitude, -180 to 180"),
         ("41.65,west", "lon_deg = west: expected a longitude, -180 to 180"),
-        // Latitude and longitude exchanged: the commonest slip.
+        // Latitude and longitude exchanged: a common mistake.
         (
             "-87.81,41.65",
             "lat_deg = -87.81, lon_deg = 41.65: on the far side of the Earth: expected a position in the area, \
@@ -144,43 +145,46 @@ fn the_origin_and_its_meridian_are_on_the_rim_of_the_area() {
 #[test]
 fn an_area_across_the_date_line_is_one_area() {
     let scenario = area_at(-17.0, 179.99, 5000.0);
-    let (east, west) = (project(-16.99, -179.99, &scenario), project(-16.99, 179.99, &scenario));
+    let east = project(-16.99, -179.99, &scenario);
+    let west = project(-16.99, 179.99, &scenario);
     // 0.02° at 16.99° S: N cos φ sin Δλ = 6379960.6 m × 0.9563558 × 3.4906584e-4 = 2129.829 m.
     assert!((east.x - west.x - 2129.83).abs() < 0.01, "{east} {west}");
 }
 
-/// East and north by another way: through the reduced latitude, in the meridian plane of the origin.
+/// East and north by an independent formula: through the reduced latitude, in the meridian plane of the origin.
 fn by_reduced_latitude(lat_deg: f64, lon_deg: f64, origin: Origin) -> Position {
     const A_M: f64 = 6_378_137.0;
     const B_M: f64 = A_M * (1.0 - 1.0 / 298.257_223_563);
     let axes = |lat_deg: f64| {
         let reduced = (B_M / A_M * lat_deg.to_radians().tan()).atan();
-        (A_M * reduced.cos(), B_M * reduced.sin())
+        [A_M * reduced.cos(), B_M * reduced.sin()]
     };
-    let ((radius_m, z_m), (radius0_m, z0_m)) = (axes(lat_deg), axes(origin.lat_deg));
-    let turn = (lon_deg - origin.lon_deg).to_radians();
-    let (outward_m, polar_m) = (radius_m * turn.cos() - radius0_m, z_m - z0_m);
+    let [radius_m, z_m] = axes(lat_deg);
+    let [origin_radius_m, origin_z_m] = axes(origin.lat_deg);
+    let longitude = (lon_deg - origin.lon_deg).to_radians();
+    let outward_m = radius_m * longitude.cos() - origin_radius_m;
+    let polar_m = z_m - origin_z_m;
     let (sin, cos) = origin.lat_deg.to_radians().sin_cos();
-    Position::new(radius_m * turn.sin(), polar_m * cos - outward_m * sin)
+    Position::new(radius_m * longitude.sin(), polar_m * cos - outward_m * sin)
 }
 
 proptest! {
     #[test]
-    fn places_come_to_lie_in_order_where_another_computation_puts_them_and_are_written_as_they_are_flown(
+    fn projected_points_agree_with_another_formula_and_are_written_as_flown(
         (lat0_deg, lon0_deg) in (-75.0f64..75.0, -180.0f64..=180.0),
         offsets_deg in prop::collection::vec((0.05f64..0.5, 0.01f64..0.5), 1..20),
     ) {
         let scenario = area_at(lat0_deg, lon0_deg, 2e5);
         let wrap = |lon_deg: f64| if lon_deg > 180.0 { lon_deg - 360.0 } else { lon_deg };
-        let places: Vec<_> = offsets_deg.iter().map(|(north, east)| (lat0_deg + north, wrap(lon0_deg + east))).collect();
-        let rows: String = places.iter().map(|(lat_deg, lon_deg)| format!("{lon_deg},-52,{lat_deg}\n")).collect();
+        let points: Vec<_> = offsets_deg.iter().map(|(north, east)| (lat0_deg + north, wrap(lon0_deg + east))).collect();
+        let rows: String = points.iter().map(|(lat_deg, lon_deg)| format!("{lon_deg},-52,{lat_deg}\n")).collect();
         let list = read(&format!("lon_deg,gain_db,lat_deg\n{rows}"), &scenario).unwrap();
-        prop_assert_eq!(list.sensors().len(), places.len());
-        for (sensor, (lat_deg, lon_deg)) in list.sensors().iter().zip(places) {
+        prop_assert_eq!(list.sensors().len(), points.len());
+        for (sensor, (lat_deg, lon_deg)) in list.sensors().iter().zip(points) {
             let expected = by_reduced_latitude(lat_deg, lon_deg, scenario.area.origin().unwrap());
             prop_assert!((sensor.position - expected).norm() < 1e-6, "{} {expected}", sensor.position);
         }
-        // The run's folder: the list in metres, the scenario with its origin. Flown again it is the same mission.
+        // In the run folder the list is in metres, and the scenario has its origin: the same mission.
         let resolved = parse(&scenario.to_toml_with_list("sensors.csv")).unwrap();
         prop_assert_eq!(resolved.area.origin(), scenario.area.origin());
         prop_assert_eq!(resolved.hash(), scenario.hash());
@@ -199,9 +203,10 @@ proptest! {
 
 #[test]
 fn an_origin_is_written_only_if_given() {
-    let (plain, placed) = (parse("name = \"x\"\n").unwrap(), area_at(-33.9, 151.2, 100.0));
-    assert!(!plain.to_toml().contains("origin"));
-    assert!(placed.to_toml().contains("origin_lat_deg = -33.9\norigin_lon_deg = 151.2\n"));
-    // A list in metres may have one, too: it says where the area lies.
-    assert_eq!(read("x_m,y_m\n1,2\n", &placed).unwrap().sensors()[0].position, Position::new(1.0, 2.0));
+    let without_origin = parse("name = \"x\"\n").unwrap();
+    let with_origin = area_at(-33.9, 151.2, 100.0);
+    assert!(!without_origin.to_toml().contains("origin"));
+    assert!(with_origin.to_toml().contains("origin_lat_deg = -33.9\norigin_lon_deg = 151.2\n"));
+    // An origin is allowed with a list in metres, too.
+    assert_eq!(read("x_m,y_m\n1,2\n", &with_origin).unwrap().sensors()[0].position, Position::new(1.0, 2.0));
 }

@@ -17,10 +17,11 @@ fn refusal(text: &str) -> String {
 }
 
 #[test]
-fn every_default_is_the_letters_value() {
+fn every_default_is_the_papers_value() {
     let letter = Scenario::letter(Overrides::default()).unwrap();
     let mut short = parse("name = \"letter\"\n").unwrap();
-    (short.path, short.planner) = (letter.path.clone(), letter.planner.clone()); // whose defaults are the planner's
+    short.path = letter.path.clone();
+    short.planner = letter.planner.clone(); // the planner fills in its own defaults
     assert_eq!(short, letter);
     assert_eq!((letter.slots, letter.slot_s, letter.reach_m()), (600, 1.0, 30.0));
     assert_eq!((letter.link.resource_blocks, letter.link.gain), (4, Some(GainMode::Static)));
@@ -39,7 +40,7 @@ fn a_resolved_scenario_is_the_same_scenario() {
 }
 
 #[test]
-fn the_planners_keys_are_handed_on_as_they_are_and_are_part_of_what_is_flown() {
+fn the_planners_keys_are_kept_unchanged_and_are_part_of_the_hash() {
     let text = "name = \"x\"\n[planner]\nstrategy = \"my-own\"\nsteps = 5\n[planner.my-own]\ndepth = 3\n";
     let scenario = parse(text).unwrap();
     assert_eq!(scenario.planner.strategy, "my-own");
@@ -68,7 +69,7 @@ fn sampling_rates_and_initial_queues_are_drawn_between_their_ends() {
     let queue = |id: usize| f64::from(sensors[id].queue_bits);
     assert!((mean(&rate) - 100.0).abs() < 1.45);
     assert!((mean(&queue) - 10_000.0).abs() < 290.0);
-    // A rate says nothing about a queue, nor about where it is; a correlation has deviation 0.01.
+    // Rates, queues and positions are uncorrelated; a correlation has deviation 0.01.
     let together = |a: &dyn Fn(usize) -> f64, b: &dyn Fn(usize) -> f64| {
         let (mean_a, mean_b) = (mean(a), mean(b));
         let covariance = |a: &dyn Fn(usize) -> f64, b: &dyn Fn(usize) -> f64, mean_a: f64, mean_b: f64| {
@@ -99,7 +100,7 @@ fn drawing_rates_and_means_changes_nothing_else() {
         [117.11838110034147, 116.93695663898046]
     );
     assert_eq!(wide.queues_bits()[..3], [2936, 19557, 2384]);
-    // What a list says wins; what it leaves out is drawn by its row.
+    // The list has priority; missing values are drawn by row.
     let scenario = parse("name = \"x\"\n[sensors]\nsampling_bps = [50.0, 150.0]\n").unwrap();
     let list = SensorList::parse("x_m,y_m,sampling_bps\n1,2,7\n", Path::new("l.csv"), &scenario).unwrap();
     assert_eq!(list.sensors()[0].sampling_bps, 7.0);
@@ -116,10 +117,11 @@ fn a_list_is_relative_to_the_scenario() {
 #[test]
 fn overrides_take_part_in_the_resolved_scenario_and_its_hash() {
     let overrides = Overrides { seed: Some(9), strategy: Some("rfs"), ..Overrides::default() };
-    let (plain, other) = (Scenario::letter(Overrides::default()).unwrap(), Scenario::letter(overrides).unwrap());
+    let plain = Scenario::letter(Overrides::default()).unwrap();
+    let other = Scenario::letter(overrides).unwrap();
     assert!(other.to_toml().contains("seed = 9") && other.to_toml().contains("strategy = \"rfs\""));
     assert_ne!(plain.hash(), other.hash());
-    // The run's own copy names a list instead of a count, and flies the same.
+    // The copy in a run folder names a list instead of a count: the same mission.
     assert_eq!(parse(&plain.to_toml_with_list("sensors.csv")).unwrap().hash(), plain.hash());
 }
 
@@ -176,7 +178,8 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
 #[test]
 fn the_probabilistic_model_has_its_own_keys_and_defaults() {
     let scenario = parse("name = \"x\"\n[uav]\naltitude = \"free\"\n[link]\nmodel = \"probabilistic-los\"\n").unwrap();
-    let (los, climb) = (LineOfSight::of(&scenario).unwrap(), scenario.uav.climb().unwrap());
+    let los = LineOfSight::of(&scenario).unwrap();
+    let climb = scenario.uav.climb().unwrap();
     assert_eq!(los.curve, LosCurve::Sigmoid { a: 9.61, b: 0.16 }, "urban");
     // p β0/(σ² Γ) = 0.05 · 10^−6/(10^−13 · 10^0.82), and μ = 0.01
     assert!((los.los_snr / (5e5 / 10f64.powf(0.82)) - 1.0).abs() < 1e-12);
@@ -192,7 +195,7 @@ fn the_probabilistic_model_has_its_own_keys_and_defaults() {
 }
 
 #[test]
-fn channels_that_cannot_be_are_refused() {
+fn inconsistent_channels_are_refused() {
     let los = "model = \"probabilistic-los\"\n";
     let cases = [
         ("[uav]\naltitude = \"free\"\n".to_owned(), "uav.altitude"),
@@ -214,7 +217,7 @@ fn channels_that_cannot_be_are_refused() {
 }
 
 #[test]
-fn what_is_no_scenario_is_refused_in_one_line() {
+fn a_text_that_is_not_a_scenario_is_refused_in_one_line() {
     for text in
         ["", "name = \n", "name = \"x\"\nname = \"y\"\n", "name = \"x\"\n[link]\nmodel = \"two-ray\"\n", "[uav]\n"]
     {
@@ -241,7 +244,7 @@ const GOLDEN: [&str; 3] = [
 ];
 
 #[test]
-fn a_drawn_field_looks_as_it_should() {
+fn a_drawn_field_has_the_distributions_of_its_scenario() {
     let scenario = parse("name = \"x\"\n[sensors]\ncount = 10000\n").unwrap();
     let list = SensorList::of(&scenario).unwrap();
     let mean = |value: &dyn Fn(usize) -> f64| (0..10_000).map(value).sum::<f64>() / 10_000.0;
@@ -257,7 +260,7 @@ fn a_drawn_field_looks_as_it_should() {
 }
 
 #[test]
-fn initial_queues_are_capped_at_the_storage() {
+fn initial_queues_are_capped_at_the_buffer() {
     let scenario = parse("name = \"x\"\n[sensors]\ncapacity_bits = 9000\n").unwrap();
     assert!(SensorList::of(&scenario).unwrap().queues_bits().iter().all(|&queue| queue == 9000));
     let empty = parse("name = \"x\"\n[sensors]\ninitial_queue_mean_bits = 0.0\n").unwrap();
@@ -265,7 +268,7 @@ fn initial_queues_are_capped_at_the_storage() {
 }
 
 #[test]
-fn a_short_list_is_filled_up_from_the_seed_and_the_scenario() {
+fn missing_columns_are_filled_from_the_seed_and_the_scenario() {
     let scenario = parse("name = \"x\"\n[sensors]\nsampling_bps = 70.0\n").unwrap();
     let drawn = SensorList::of(&scenario).unwrap();
     let list = SensorList::parse("gain_db,y_m,x_m\n-51.0,2,1\n-52.0,4,3\n", Path::new("l.csv"), &scenario).unwrap();
@@ -285,7 +288,7 @@ fn a_list_that_samples_more_than_can_be_counted_is_refused() {
 }
 
 #[test]
-fn a_list_is_refused_in_one_line_whatever_it_quotes() {
+fn the_error_of_a_list_is_one_line_whatever_it_quotes() {
     let scenario = parse("name = \"x\"\n").unwrap();
     let error = SensorList::parse("x_m,y_m\n\"1\n2\",3\n", Path::new("l.csv"), &scenario).unwrap_err();
     assert_eq!(error.to_string(), "sensor list l.csv: line 2: x_m = 1\\n2: expected a position in the area, 0 to 100");

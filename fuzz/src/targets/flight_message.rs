@@ -73,7 +73,7 @@ pub(super) fn step(field: &mut Field, flight: &FlightReport, capacity_bits: u32)
 /// Fails unless the ledger of a field balances.
 pub(super) fn balanced(field: &Field, capacity_bits: u32) {
     let (queues, totals) = (field.queues_bits(), field.totals());
-    assert!(totals.balanced(), "{totals:?}");
+    assert!(totals.is_balanced(), "{totals:?}");
     assert!(queues.iter().all(|&queue| queue <= capacity_bits), "{queues:?}");
     assert_eq!(queues.iter().copied().map(u64::from).sum::<u64>(), totals.queued_bits);
 }

@@ -13,9 +13,9 @@ pub fn health_message(bytes: &[u8]) {
     while !input.is_empty() {
         let (process, fate) = (input.u32(), input.u32());
         let message = Health { process, fate, detail: input.u32().cast_signed(), reserved: input.u32() };
-        if let Some((role, fate)) = message.read() {
+        if let Some((role, fate)) = message.decode() {
             super::assert_one_line(&fate);
-            assert_eq!(Health::of(role, fate).read(), Some((role, fate)), "{message:?}");
+            assert_eq!(Health::of(role, fate).decode(), Some((role, fate)), "{message:?}");
         }
     }
 }

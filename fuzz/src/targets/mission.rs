@@ -45,7 +45,7 @@ fn fly(scenario: &Scenario) {
         let (plan, flight, totals) = (flown.plan, flown.flight, flown.header.totals);
         assert_eq!((flight.hold, flight.refused), (HoldReason::None as u32, 0), "{plan:?}");
         assert_ne!(flight.mode, Mode::Hold as u32);
-        assert!(totals.balanced(), "{totals:?}");
+        assert!(totals.is_balanced(), "{totals:?}");
         assert_eq!(mission.queues_bits().iter().copied().map(u64::from).sum::<u64>(), totals.queued_bits);
     }
 }

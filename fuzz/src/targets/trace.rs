@@ -5,7 +5,7 @@ use std::path::Path;
 use skysink::Error;
 use skysink::run::resume::resume;
 use skysink_common::stop::Stop;
-use skysink_mission::origin::Manner;
+use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
 use skysink_mission::trace::RecordedSlot;
@@ -40,7 +40,7 @@ pub fn trace(bytes: &[u8]) {
 
 /// Goes on with a trace, and returns the hash of its lines.
 fn go_on(folder: &Path, World { scenario, list, .. }: &World, bytes: &[u8]) -> Result<u64, Error> {
-    let folder = RunFolder::create(Some(folder), true, scenario, list, &Manner::default())?;
+    let folder = RunFolder::create(Some(folder), true, scenario, list, &RunMode::default())?;
     std::fs::write(folder.slots(), bytes).expect("a file can be written"); // the same file: it is locked
     let mut tally = Tally::new(scenario, list);
     let mut resumed = resume(&folder, scenario, list, &mut tally, &Stop::default())?;

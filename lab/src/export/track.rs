@@ -65,7 +65,7 @@ impl<'a> GeodeticTrack<'a> {
     /// If the area reaches beyond the Earth's rim.
     pub fn new(run: &'a RecordedRun, origin: Origin) -> Result<Self, InputError> {
         let scenario = &run.scenario;
-        let projection = Projection::about(origin);
+        let projection = Projection::at(origin);
         let place = |position: &Position| {
             projection.unproject(position).map(rounded).ok_or_else(|| {
                 let sides_m = format!("{} m × {} m", scenario.area.width_m(), scenario.area.height_m());

@@ -90,7 +90,7 @@ fn replay(name: &str, strategy: &'static str, solver: WaypointSolver, tolerance_
         assert!(off_m <= tolerance_m, "{name}, slot {slot}: {waypoint} is {off_m} m from {}", expected.waypoint);
         let bits = (delivered_bits, lost_bits, ledger.totals().queued_bits);
         assert_eq!(bits, (expected.delivered_bits, expected.lost_bits, expected.queued_bits), "{name}, slot {slot}");
-        assert!(ledger.totals().balanced(), "{name}, slot {slot}");
+        assert!(ledger.totals().is_balanced(), "{name}, slot {slot}");
         position = waypoint;
         slots += 1;
     }

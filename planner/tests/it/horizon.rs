@@ -70,7 +70,7 @@ proptest! {
             }
             prop_assert_eq!(mission.saved(), restarted.saved());
         }
-        prop_assert!(mission.field().totals().balanced());
+        prop_assert!(mission.field().totals().is_balanced());
     }
 }
 

@@ -27,20 +27,20 @@ fn an_outside_planner_is_told_what_the_uav_knows_and_the_recorder_the_truth() {
     let text = include_str!("../../../scenarios/smoke.toml").to_owned() + "[planner]\nknowledge = \"estimated\"\n";
     let scenario = place.write("estimated.toml", &text);
     let (run, mut rogue) = begin_with_rogue(&place, scenario.to_str().unwrap(), LONG_S, &[]);
-    assert_eq!(rogue.ring.terms.told, Some(Rates::Known));
+    assert_eq!(rogue.ring.terms.estimated, Some(Rates::Known));
     let mut truth = rogue.ring.truth.reader(RING_BUFFER).unwrap();
     let mut known = Estimate::new(&rogue.scenario, Rates::Known, &rogue.sensors);
     let mut differing = 0;
     while let Some(turn) = rogue.next() {
         let slot = turn.slot - 1;
         let true_queues = loop {
-            if let SlotSample::Here(sample) = truth.of_slot(slot).unwrap() {
+            if let SlotSample::Available(sample) = truth.poll_slot(slot).unwrap() {
                 break sample.payload().to_vec();
             }
             std::thread::yield_now();
         };
         known.observe(slot, &turn.flight, &true_queues);
-        assert_eq!(turn.queues_bits, known.believe(slot), "slot {slot}");
+        assert_eq!(turn.queues_bits, known.predict(slot), "slot {slot}");
         for link in turn.flight.served_links() {
             let sensor = link.sensor as usize;
             assert_eq!(turn.queues_bits[sensor], true_queues[sensor], "slot {slot}: it was served, and has told");
