@@ -51,7 +51,15 @@ impl Planner {
     /// # Errors
     /// If `[planner]` of the scenario is refused; never for one that [`settings::resolve`] returned.
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Result<Self, InputError> {
-        Self::build(scenario, sensors, Registered::of(scenario)?.make)
+        Self::over(scenario, sensors, SensorTable::new(scenario, sensors))
+    }
+
+    /// The planner of a scenario with a given table, such as one with another grid.
+    ///
+    /// # Errors
+    /// As [`Planner::new`].
+    pub fn over(scenario: &Scenario, sensors: &[SensorNode], table: SensorTable) -> Result<Self, InputError> {
+        Self::build(scenario, sensors, table, Registered::of(scenario)?.make)
     }
 
     /// The planner with `strategy` instead of the scenario's.
@@ -63,16 +71,16 @@ impl Planner {
         sensors: &[SensorNode],
         strategy: Box<dyn Strategy>,
     ) -> Result<Self, InputError> {
-        Self::build(scenario, sensors, |_| strategy)
+        Self::build(scenario, sensors, SensorTable::new(scenario, sensors), |_| strategy)
     }
 
     fn build(
         scenario: &Scenario,
         sensors: &[SensorNode],
+        table: SensorTable,
         make: impl FnOnce(&Setup) -> Box<dyn Strategy>,
     ) -> Result<Self, InputError> {
         let settings = settings::check(scenario)?;
-        let table = SensorTable::new(scenario, sensors);
         let is_estimated = settings.knowledge == Knowledge::Estimated;
         let estimate = is_estimated.then(|| Box::new(Estimate::new(scenario, settings.rates, sensors)));
         let setup = Setup { scenario, settings: &settings, sensors, table: &table, estimate: estimate.as_deref() };
