@@ -46,8 +46,8 @@ fn bad_input_is_refused_in_a_line_and_nothing_is_written() {
     refused(&place, &["export", "nothing", "--format", "kml"], "expected the folder of a run");
     refused(&place, &["export", "run", "--format", "shp"], "possible values: qgc-plan, waypoints");
     refused(&place, &with(&["--origin", ORIGIN, "--most-items", "9"]), "kml has no mission items");
-    refused(&place, &with(&["--origin", ORIGIN, "--out", "run"]), "it is no regular file");
-    refused(&place, &with(&["--origin", ORIGIN, "--out", "no/a.kml"]), "its folder is missing");
+    refused(&place, &with(&["--origin", ORIGIN, "--out", "run"]), "it is not a regular file");
+    refused(&place, &with(&["--origin", ORIGIN, "--out", "no/a.kml"]), "its folder does not exist");
     refused(&place, &["export", "run", "--format", "qgc-plan", "--most-items", "4"], "4 is not in 5..");
     assert_eq!(files(&place), ["run"]);
 }
@@ -90,7 +90,7 @@ fn a_scenario_with_an_origin_takes_no_other() {
     place.write("two.csv", "x_m,y_m\n90,5\n92,5\n");
     place.write("corridor.toml", CORRIDOR);
     place.run_well(&["simulate", "corridor.toml", "--out", "run"]);
-    refused(&place, &["export", "run", "--format", "kml", "--origin", ORIGIN], "expected no --origin");
+    refused(&place, &["export", "run", "--format", "kml", "--origin", ORIGIN], "omit --origin");
 }
 
 /// Four slots of 20 m, the last of which serves (0.1 s): one waypoint, 80 m east. 11 m more, which is slower by more than

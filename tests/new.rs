@@ -129,7 +129,7 @@ mod imports {
         for file in ["a.geojson", "a.kml", "a.gpx"] {
             let printed = place.run_well(&["new", "city", "--sensors", file, "--force"]).stdout;
             assert!(
-                printed.contains("left out: 2 lines, polygons or others that carry no point\n"),
+                printed.contains("ignored: 2 lines, polygons or other items without a point\n"),
                 "{file}: {printed}"
             );
         }

@@ -95,7 +95,7 @@ fn a_search_that_ends_early_says_what_was_done_and_why() {
     let printed = place.run_well(&["optimize", "small.toml", "--steps", "100000000", "--out", "small"]).stdout;
     let last = printed.lines().find(|line| line.starts_with("Searched ")).unwrap();
     assert!(last.contains(" of up to 100,000,000 steps in "), "{last}");
-    let reason = "its plan loses nothing, so none can be better. --steps 100000000 finds the same again.";
+    let reason = "the plan loses nothing, so it is optimal. Repeat the search with --steps 100000000.";
     assert!(last.ends_with(reason), "{last}");
     let optimum = optimum(&place, "small");
     assert!(optimum["search_end"] == "optimal" && optimum["steps_done"].as_u64().unwrap() < 100_000_000, "{optimum}");

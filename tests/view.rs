@@ -213,7 +213,7 @@ fn a_page_is_a_folder_that_any_server_can_serve() {
     let recording = |path: &str| fs::read(place.path(path)).unwrap();
     assert!(recording("page/run/mission.rrd") == recording("run/mission.rrd"));
     for (arguments, says) in [
-        (["page", "run", "page"], "page folder page: it holds something"),
+        (["page", "run", "page"], "page folder page: it is not empty"),
         (["page", "run", "run/mission.rrd"], "page folder run/mission.rrd: "),
         (["page", "nowhere", "other"], "recording nowhere"),
     ] {
@@ -239,7 +239,10 @@ fn a_server_that_can_accept_no_more_connections_ends_with_an_error() {
         let connections: Vec<_> = (0..files).map_while(|_| TcpStream::connect(address).ok()).collect();
         let ended = end(child);
         assert_eq!((ended.code, ended.stderr.lines().count()), (Some(1), 1), "{ended:?}");
-        assert!(ended.stderr.contains("served no longer") && ended.stderr.contains("Too many open files"), "{ended:?}");
+        assert!(
+            ended.stderr.contains("the web server failed") && ended.stderr.contains("Too many open files"),
+            "{ended:?}"
+        );
         drop(connections);
     }
 }

@@ -81,7 +81,7 @@ impl HopRounds {
         let folder = RingFolder::create(Pace::Max, self.wait, TIMEOUT.as_secs_f64(), false, None)?;
         let node = node(&folder)?;
         let services = (0..HOPS).map(|index| create_services(&node, index)).collect::<Result<Vec<_>, Error>>()?;
-        let (program, words) = programs::words("skysink").at(Path::new("skysink"))?;
+        let (program, words) = programs::command_of("skysink").at(Path::new("skysink"))?;
         let rounds = serde_json::to_string(&self).expect("plain keys and values");
         let command = |index: usize| {
             let mut command = Command::new(&program);

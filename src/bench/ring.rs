@@ -107,7 +107,7 @@ fn fly(sensors: u32, slots: u64, wait: Waiting, pace: Pace, stop: &Stop) -> Resu
     let place = tempfile::tempdir().at(Path::new("folder for temporary files"))?;
     let (scenario, out) = (place.path().join("bench.toml"), place.path().join("run"));
     fs::write(&scenario, letter_text(sensors, slots)).at(&scenario)?;
-    let (program, words) = programs::words("skysink").at(Path::new("skysink"))?;
+    let (program, words) = programs::command_of("skysink").at(Path::new("skysink"))?;
     let run = Command::new(&program)
         .args(words)
         .arg("run")

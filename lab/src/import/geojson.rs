@@ -61,7 +61,7 @@ mod tests {
     }
 
     #[test]
-    fn features_that_carry_no_point_are_counted() {
+    fn features_without_a_point_are_counted() {
         let point = "{\"type\":\"Point\",\"coordinates\":[13.4,52.5]}";
         let line = "{\"type\":\"LineString\",\"coordinates\":[[0,1],[2,3]]}";
         let nothing = "{\"type\":\"GeometryCollection\",\"geometries\":[]}";
@@ -76,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_geojson_is_refused() {
+    fn invalid_geojson_is_refused() {
         assert!(read("{\"a\": 1}").unwrap_err().ends_with("expected GeoJSON"));
         assert!(read("{\"type\":\"Point\",\"coordinates\":[200,2]}").unwrap_err().contains("longitude 200"));
         assert!(read("{\"type\":\"Point\",\"coordinates\":[1]}").is_err());
