@@ -201,7 +201,7 @@ mod tests {
         let [run, secret] = ["run", "secret.txt"].map(|name| place.path().join(name));
         fs::create_dir(&run).unwrap();
         fs::write(&secret, "secret").unwrap();
-        assert!(recordings(std::slice::from_ref(&run)).unwrap_err().to_string().contains("no recording in it"));
+        assert!(recordings(std::slice::from_ref(&run)).unwrap_err().to_string().contains("it contains no recording"));
         symlink(&secret, run.join("mission-3.rrd")).unwrap();
         fs::create_dir(run.join("mission-4.rrd")).unwrap();
         fs::write(run.join("mission-5.rrd"), "").unwrap(); // just begun

@@ -59,7 +59,7 @@ fn two_crowds_that_uts_cannot_leave_are_said() {
     place.write("crowds.csv", &list);
     let ended = checked(&place, "slots = 20\n[area]\nside_m = 200.0\n[sensors]\nfile = \"crowds.csv\"\n");
     assert!(ended.stdout.contains("20 m, connects 5000 of 10000"), "{}", ended.stdout);
-    assert!(ended.stderr.contains("connect no more than 5000 of the 10000 sensor nodes"), "{ended:?}");
+    assert!(ended.stderr.contains("connect only 5000 of the 10000 sensor nodes"), "{ended:?}");
 }
 
 #[test]
@@ -118,7 +118,7 @@ fn a_load_beyond_the_radio_and_a_slow_one_are_said() {
     let over = checked(&place, "[sensors]\nsampling_bps = 700.0\n");
     assert!(
         over.stderr.contains(
-            "the load is 117 % of what 4 visits collect (140 kbit a slot, 120 kbit at best, a full buffer each)"
+            "the load is 117 % of the maximum that 4 visits collect (140 kbit of 120 kbit per slot, limited by the buffer size)"
         ),
         "{over:?}"
     );

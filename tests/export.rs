@@ -167,11 +167,7 @@ fn every_format_is_in_the_help_which_fits_a_terminal() {
 fn parquet_holds_the_slots_with_the_bits_of_each_sensor_node_and_needs_no_origin() {
     let place = Place::new();
     place.run_well(&["simulate", SMOKE, "--strategy", "gfs", "--out", "run"]);
-    refused(
-        &place,
-        &["export", "run", "--format", "parquet", "--origin", ORIGIN],
-        "parquet has no places on the Earth",
-    );
+    refused(&place, &["export", "run", "--format", "parquet", "--origin", ORIGIN], "parquet has no coordinates");
     place.run_well(&["export", "run", "--format", "parquet"]);
     let file = std::fs::File::open(place.path("run.parquet")).unwrap();
     let reader = ParquetRecordBatchReaderBuilder::try_new(file).unwrap().build().unwrap();

@@ -148,7 +148,7 @@ fn a_search_that_is_interrupted_leaves_nothing() {
     interrupt(&search);
     let ended = end(search);
     assert_eq!(ended.code, Some(130));
-    let left = "skysink: stopped by signal 2: nothing was written: the same command starts again";
+    let left = "skysink: stopped by signal 2: nothing was written; run the command again";
     assert!(ended.stderr.starts_with(left) && ended.stderr.lines().count() == 1, "{ended:?}");
     assert!(!place.path("best").exists());
 }

@@ -259,7 +259,7 @@ fn what_is_no_replay_is_not_replaced_and_a_run_is_no_place_for_one() {
     fs::create_dir(place.path("own")).unwrap();
     place.write("own/scenario.toml", "# mine");
     for (arguments, message) in [
-        (["--out", "own", "--force"], "it holds own/scenario.toml: expected a folder of its own"),
+        (["--out", "own", "--force"], "it contains own/scenario.toml: expected a separate folder"),
         (["--out", "run/replay", "--force"], "it is inside the run folder, which must not change"),
     ] {
         let ended = place.run(&[&["replay", "run", "--no-viewer"][..], &arguments].concat());

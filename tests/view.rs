@@ -150,10 +150,10 @@ fn what_cannot_be_shown_is_refused_in_one_line() {
     let live = "--live=1"; // nobody listens there: the port has been out of use for decades
     place.write("text.rrd", "RRD?");
     for (arguments, says) in [
-        (&[][..], "runs: no recording in it"),
+        (&[][..], "runs: it contains no recording"),
         (&["nowhere"], "recording nowhere: No such file"),
         (&["text.rrd"], "recording text.rrd: expected a recording of rerun"),
-        (&["dark"], "recording dark: no recording in it"),
+        (&["dark"], "recording dark: it contains no recording"),
         (&[live], "skysink run --live"),
         (&["--live", "--bind", "0.0.0.0"], "--live with --bind 0.0.0.0"),
     ] {

@@ -69,7 +69,7 @@ fn shards_of_other_numbers_are_merged_unless_they_contradict_each_other() {
     row.values[Metric::LossRate as usize] += 1e-16;
     open("c").add(&row).unwrap();
     let ended = place.run(&["merge", "a", "b", "c", "--out", "contradiction"]);
-    assert!(ended.code == Some(2) && ended.stderr.contains("shard c: it has other results"), "{ended:?}");
+    assert!(ended.code == Some(2) && ended.stderr.contains("shard c: its results differ"), "{ended:?}");
     assert!(!place.path("contradiction").exists());
 }
 

@@ -71,7 +71,7 @@ mod tests {
         let text = format!("{{\"type\":\"FeatureCollection\",\"features\":[{}]}}", features.join(","));
         let imported = read(&text).unwrap();
         assert_eq!(imported.sensors.len(), 1);
-        assert_eq!(imported.ignored, ["4 lines, polygons or others that carry no point"]);
+        assert_eq!(imported.ignored, ["4 lines, polygons or other items without a point"]);
         assert!(read(&features[0]).unwrap().sensors.is_empty());
     }
 

@@ -313,7 +313,7 @@ mod tests {
     fn a_line_of_another_sweep_is_refused() {
         let (_folder, path) = journal(&[row(0, 0, 1)]);
         let refusal = read(&path, &definition("b")).unwrap_err().to_string();
-        assert!(refusal.contains("line 1: ") && refusal.contains("sweep.json beside it, was changed"), "{refusal}");
+        assert!(refusal.contains("line 1: ") && refusal.contains("the line or sweep.json was changed"), "{refusal}");
     }
 
     #[test]
