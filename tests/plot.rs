@@ -165,7 +165,7 @@ fn a_request_that_does_not_fit_the_sweep_is_refused_in_a_line_and_nothing_is_wri
         (with(&["--strategies", "uts,exact"]), "--strategies exact: expected a strategy of the sweep: uts, gfs, rfs"),
         (with(&["--difference-to", "exact"]), "--difference-to exact: expected a strategy of the sweep"),
         (with(&["--strategies", "utz"]), "expected a strategy of the sweep: uts, gfs, rfs; did you mean `uts`?"),
-        (with(&["--y", "loss_bound"]), "--y loss_bound: uts has none"),
+        (with(&["--y", "loss_bound"]), "--y loss_bound: uts has no value"),
     ] {
         let ended = place.run(&[&["plot", "flown"], &request[..]].concat());
         assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{request:?}: {ended:?}");
