@@ -29,7 +29,7 @@ fn the_best_known_is_above_the_bound_below_every_strategy_and_flies_again() {
         "uts-wide",
         "horizon",
         "Searched 200,000 steps in ",
-        ", the whole budget. --steps 200000 finds",
+        ", the whole budget. Repeat the search with --steps 200000.",
     ] {
         assert!(printed.contains(word), "{word}: {printed}");
     }

@@ -187,7 +187,7 @@ fn what_is_no_finished_run_or_contradicts_itself_is_refused_and_nothing_is_writt
         (&["nowhere"][..], "nowhere"),
         (&["run", "--external", "flight-sim"], "--external flight-sim"),
         (&["run", "--strategy", "gfs", "--planner", "true"], "--strategy with --planner"),
-        (&["run", "--out", "."], "output folder .: it holds"),
+        (&["run", "--out", "."], "output folder .: it contains"),
     ] {
         let ended = place.run(&[&["replay", "--no-viewer"], arguments].concat());
         assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
