@@ -95,7 +95,7 @@ fn row(case: RingCase, effort: Effort, stop: &Stop) -> Result<RingRow, Error> {
 fn fly(case: RingCase, stop: &Stop) -> Result<RunTiming, Error> {
     stop.check()?;
     let folder = super::temporary_folder()?;
-    let (program, words) = programs::words("skysink").at("skysink".as_ref())?;
+    let (program, words) = programs::command_of("skysink").at("skysink".as_ref())?;
     let mut command = Command::new(&program);
     command.args(words).args(["run", "--no-viewer", "--json"]);
     command.args(["--wait", &case.wait.to_string(), "--pace", &case.pace.to_string()]);

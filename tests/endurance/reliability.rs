@@ -417,7 +417,7 @@ fn a_paced_run_reports_how_long_its_hops_take() {
         assert!(us[0] > 0.0 && us.is_sorted(), "{hop}: {us:?}");
         assert!(us[3] < 120e6, "{hop}: {us:?}");
     }
-    for row in ["queues to plan", "slot's begin to next plan", "jitter of the slots"] {
+    for row in ["queues to plan", "slot start to next plan", "jitter of the slot start"] {
         assert!(ended.stdout.contains(row), "{row}: {ended:?}");
     }
 }
@@ -467,7 +467,7 @@ fn a_soak_of_kills_at_any_instant_finds_nothing() {
     let (_, kills) = ended.stdout.split_once("6 missions with ").expect("the outcome");
     let kills: u32 = kills.split_once(" kills").unwrap().0.parse().unwrap();
     assert!(kills >= 24, "{kills} kills"); // of 72, some of which come when the mission is over
-    assert!(ended.stdout.contains("the same traces, whole recordings, nothing left"), "{ended:?}");
+    assert!(ended.stdout.contains("equal traces, complete recordings, nothing left behind"), "{ended:?}");
     place.assert_clean();
 }
 
@@ -537,7 +537,7 @@ fn a_resumed_run_keeps_its_pace() {
     kill_process(pid(&run), Signal::INT).unwrap();
     let ended = end(run);
     assert_eq!(ended.code, Some(130), "{ended:?}");
-    assert!(ended.stderr.contains("`skysink run --resume run` flies the rest"), "{ended:?}");
+    assert!(ended.stderr.contains("`skysink run --resume run` continues it"), "{ended:?}");
     place.run_well(&["run", "--resume", "run", "--no-viewer"]);
     assert_eq!(place.summary("run")["timing"]["pace"], "40x");
 }

@@ -463,5 +463,5 @@ fn a_simulation_that_is_interrupted_says_how_to_go_on() {
     }
     let ended = end(child);
     assert_eq!(ended.code, Some(130), "{ended:?}");
-    assert_one_line(&ended, &["stopped by signal 2", "whole up to slot", "`skysink run --resume run` flies the rest"]);
+    assert_one_line(&ended, &["stopped by signal 2", "recorded up to slot", "`skysink run --resume run` continues it"]);
 }

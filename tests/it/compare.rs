@@ -124,7 +124,7 @@ fn runs_of_the_same_names_in_other_folders_are_another_comparison() {
         let refused = place.run(&["compare", other[0], other[1], "--out", "both", "--no-record"]);
         assert_eq!(refused.code, Some(2), "{refused:?}");
         assert!(
-            refused.stderr.contains("both: it holds a comparison of other runs: choose another --out"),
+            refused.stderr.contains("both: it contains a comparison of other runs: choose another --out"),
             "{refused:?}"
         );
     }

@@ -167,7 +167,7 @@ fn figures_that_are_interrupted_end_with_the_same_bytes_and_never_show_half_a_fi
         kill_process(Pid::from_raw(i32::try_from(cut.id()).unwrap()).unwrap(), signal).unwrap();
         let ended = end(cut);
         assert!(ended.signal == Some(9) || ended.code == Some(130), "{ended:?}");
-        let says = "stopped by signal 2: the missions flown are in cut: the same command flies the rest";
+        let says = "stopped by signal 2: the finished missions are in cut; run the command again to continue";
         assert!(ended.signal == Some(9) || ended.stderr.contains(says), "{ended:?}");
         for (name, bytes) in files(&place.path("cut")) {
             assert!(expected[&name] == bytes, "{} after interruption {interruption}", name.display());

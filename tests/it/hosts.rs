@@ -118,9 +118,9 @@ fn a_host_with_another_scenario_version_or_ring_is_refused_with_the_remedy() {
             SCHEMA,
             hash + 1,
             "link",
-            "it flies another scenario or sensor list: pass copies of scenario.toml and sensors.csv of the run's folder",
+            "it flies another scenario or sensor list: pass copies of scenario.toml and sensors.csv of the run folder",
         ),
-        (SCHEMA + 1, hash, "link", "it is of another version: use the executables of one build"),
+        (SCHEMA + 1, hash, "link", "it has another protocol version: use executables of the same build"),
         (SCHEMA, hash, "", "it has no link to other hosts: expected that of skysink run --link"),
     ] {
         let (place, path) = with_link_that_fails(version, scenario, section);
@@ -139,8 +139,7 @@ fn a_link_that_ends_at_once_ends_what_needs_it_and_says_why() {
     for ended in [launcher, join(&place, &path)] {
         assert_eq!(ended.code, Some(1), "{ended:?}");
         assert!(ended.stderr.contains("link: no such mode\n"), "{ended:?}");
-        let expected =
-            "skysink-link ended with exit status: 7: expected a zenoh configuration that it takes, and a free port";
+        let expected = "skysink-link ended with exit status: 7: expected a valid zenoh configuration and a free port";
         assert!(ended.stderr.contains(expected), "{ended:?}");
     }
     place.assert_clean();
@@ -148,7 +147,7 @@ fn a_link_that_ends_at_once_ends_what_needs_it_and_says_why() {
     let resumed = [&resumed[..], &["--link", "link.json5"]].concat();
     let ended = end(place.skysink(&resumed).env("PATH", &path).spawn().unwrap());
     assert_eq!(ended.code, Some(2), "{ended:?}");
-    let expected = "flight-sim resumes from what is restored on this host: leave out --external flight-sim";
+    let expected = "flight-sim restores its checkpoint on this host: omit --external flight-sim";
     assert!(ended.stderr.contains(expected), "{ended:?}");
 }
 

@@ -86,7 +86,7 @@ mod imports {
         place.write("utm.csv", "easting,northing\n500100,-20\n500200,40\n");
         place.run_well(&["new", "utm", "--sensors", "utm.csv"]);
         assert_eq!(place.read("utm/sensors.csv"), "x_m,y_m\n10,10\n110,70\n");
-        assert!(place.read("utm/utm.toml").contains("plus -500090 m and 30 m"));
+        assert!(place.read("utm/utm.toml").contains("translated by -500090 m and 30 m"));
     }
 
     #[test]
@@ -127,7 +127,7 @@ mod imports {
         for file in ["a.geojson", "a.kml", "a.gpx"] {
             let printed = place.run_well(&["new", "city", "--sensors", file, "--force"]).stdout;
             assert!(
-                printed.contains("left out: 2 lines, polygons or others that carry no point\n"),
+                printed.contains("ignored: 2 lines, polygons or other items without a point\n"),
                 "{file}: {printed}"
             );
         }

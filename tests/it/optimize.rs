@@ -27,7 +27,7 @@ fn the_best_known_is_above_the_bound_below_every_strategy_and_flies_again() {
         "uts-wide",
         "horizon",
         "Searched 200,000 steps in ",
-        ", the whole budget. --steps 200000 finds",
+        ", the whole budget. Repeat the search with --steps 200000.",
     ] {
         assert!(printed.contains(word), "{word}: {printed}");
     }
@@ -93,7 +93,7 @@ fn a_search_that_ends_early_says_what_was_done_and_why() {
     let printed = place.run_well(&["optimize", "small.toml", "--steps", "100000000", "--out", "small"]).stdout;
     let last = printed.lines().find(|line| line.starts_with("Searched ")).unwrap();
     assert!(last.contains(" of up to 100,000,000 steps in "), "{last}");
-    let reason = "its plan loses nothing, so none can be better. --steps 100000000 finds the same again.";
+    let reason = "the plan loses nothing, so it is optimal. Repeat the search with --steps 100000000.";
     assert!(last.ends_with(reason), "{last}");
     let optimum = optimum(&place, "small");
     assert!(optimum["search_end"] == "optimal" && optimum["steps_done"].as_u64().unwrap() < 100_000_000, "{optimum}");
@@ -146,7 +146,7 @@ fn a_search_that_is_interrupted_leaves_nothing() {
     interrupt(&search);
     let ended = end(search);
     assert_eq!(ended.code, Some(130));
-    let left = "skysink: stopped by signal 2: nothing was written: the same command starts again";
+    let left = "skysink: stopped by signal 2: nothing was written; run the command again";
     assert!(ended.stderr.starts_with(left) && ended.stderr.lines().count() == 1, "{ended:?}");
     assert!(!place.path("best").exists());
 }

@@ -170,7 +170,7 @@ fn the_mission_of_an_outside_planner_is_booked_and_resumed_as_such() {
     until("flight", || (flown(&place) > 100).then_some(()));
     signal(&run, Signal::TERM);
     assert_eq!(end(run).code, Some(143));
-    let hint = format!("`skysink run --resume run --planner {command}` flies the rest");
+    let hint = format!("`skysink run --resume run --planner {command}` continues it");
     assert!(place.read("said").contains(&hint), "{}", place.read("said"));
     assert_eq!(place.summary("run")["strategy"], "external");
 
@@ -180,8 +180,8 @@ fn the_mission_of_an_outside_planner_is_booked_and_resumed_as_such() {
         assert_eq!(ended.stderr.lines().count(), 1, "{ended:?}");
         assert!(ended.stderr.contains(expected), "{ended:?}");
     };
-    refused(&["run"], "flown by an outside planner, external: expected --external planner, or --planner");
-    refused(&["run", "--planner", &command, "--label", "other"], "booked as external");
+    refused(&["run"], "flown by an external planner, external: expected --external planner, or --planner");
+    refused(&["run", "--planner", &command, "--label", "other"], "its planner is named external");
     let ended = place.run_well(&["run", "--no-viewer", "--resume", "run", "--planner", &command]);
     assert!(ended.stdout.starts_with("long · external · seed 1"), "{ended:?}");
     assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));

@@ -155,15 +155,15 @@ fn a_request_that_does_not_fit_the_sweep_is_refused_in_a_line_and_nothing_is_wri
         ),
         (with(&["--where", "slots=3"]), "--where slots: expected a key of the sweep"),
         (with(&["--where", "area.side_m=40"]), "--where area.side_m: it is the key of the x axis"),
-        (with(&["--where", "link.gain=per-slot"]), "--where link.gain: it stands there twice: expected one value"),
+        (with(&["--where", "link.gain=per-slot"]), "--where link.gain: it is given twice: expected one value"),
         (
             vec!["--x", "area.side_m", "--where", "link.gain=dynamic"],
-            "link.gain=dynamic: expected one that was flown: static, per-slot",
+            "link.gain=dynamic: expected a value of the sweep: static, per-slot",
         ),
-        (with(&["--strategies", "uts,exact"]), "--strategies exact: expected one that was flown: uts, gfs, rfs"),
-        (with(&["--difference-to", "exact"]), "--difference-to exact: expected one that was flown"),
-        (with(&["--strategies", "utz"]), "expected one that was flown: uts, gfs, rfs; did you mean `uts`?"),
-        (with(&["--y", "loss_bound"]), "--y loss_bound: uts has none"),
+        (with(&["--strategies", "uts,exact"]), "--strategies exact: expected a strategy of the sweep: uts, gfs, rfs"),
+        (with(&["--difference-to", "exact"]), "--difference-to exact: expected a strategy of the sweep"),
+        (with(&["--strategies", "utz"]), "expected a strategy of the sweep: uts, gfs, rfs; did you mean `uts`?"),
+        (with(&["--y", "loss_bound"]), "--y loss_bound: uts has no value"),
     ] {
         let ended = place.run(&[&["plot", "flown"], &request[..]].concat());
         assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{request:?}: {ended:?}");
@@ -194,16 +194,16 @@ fn what_is_incomplete_is_left_out_and_said_so() {
     place.write("flown/journal.csv", &kept);
     let missing = |drawn: &Value| drawn["missing"].as_str().unwrap().to_owned();
     let drawn = plot(&place, &request);
-    assert_eq!(missing(&drawn), "51 of 54 missions are there; left out for it: area.side_m = 60");
+    assert_eq!(missing(&drawn), "51 of 54 missions are present; omitted: area.side_m = 60");
     assert_eq!(drawn["points"].as_array().unwrap().len(), 2 * 3);
     let others = plot(&place, &[&request[..], &["--strategies", "rfs,uts"]].concat());
-    assert_eq!(missing(&others), "51 of 54 missions are there; none of those drawn is missing");
+    assert_eq!(missing(&others), "51 of 54 missions are present; the plot is complete");
     assert_eq!(others["points"].as_array().unwrap().len(), 3 * 2);
     let said = place.run_well(&[&["plot", "flown"], &request[..]].concat()).stderr;
-    assert_eq!(said, "skysink: 51 of 54 missions are there; left out for it: area.side_m = 60\n");
+    assert_eq!(said, "skysink: 51 of 54 missions are present; omitted: area.side_m = 60\n");
     let none = place.run(&["plot", "flown", "--x", "link.gain", "--where", "area.side_m=60", "--strategies", "gfs"]);
     assert_eq!(none.code, Some(0), "per-slot is whole: {none:?}");
     place.write("flown/journal.csv", "");
     let none = place.run(&[&["plot", "flown"], &request[..]].concat());
-    assert!(none.code == Some(2) && none.stderr.contains("0 of 54 missions are there"), "{none:?}");
+    assert!(none.code == Some(2) && none.stderr.contains("0 of 54 missions are present"), "{none:?}");
 }

@@ -186,7 +186,7 @@ fn what_is_no_finished_run_or_contradicts_itself_is_refused_and_nothing_is_writt
         (&["nowhere"][..], "nowhere"),
         (&["run", "--external", "flight-sim"], "--external flight-sim"),
         (&["run", "--strategy", "gfs", "--planner", "true"], "--strategy with --planner"),
-        (&["run", "--out", "."], "output folder .: it holds"),
+        (&["run", "--out", "."], "output folder .: it contains"),
     ] {
         let ended = place.run(&[&["replay", "--no-viewer"], arguments].concat());
         assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
@@ -214,7 +214,7 @@ fn a_replay_is_replaced_by_force_alone() {
     place.run_well(&["replay", "run", "--no-viewer", "--strategy", "gfs", "--force"]);
     assert_eq!(outcome(&place, "run-replay")["planner"], "gfs");
     let ended = place.run(&["replay", "run", "--no-viewer", "--out", "run", "--force"]);
-    assert!(ended.code == Some(2) && ended.stderr.contains("it is in the run"), "{ended:?}");
+    assert!(ended.code == Some(2) && ended.stderr.contains("it is inside the run folder"), "{ended:?}");
     assert!(place.path("run/slots.csv").exists());
 }
 
@@ -258,8 +258,8 @@ fn what_is_no_replay_is_not_replaced_and_a_run_is_no_place_for_one() {
     fs::create_dir(place.path("own")).unwrap();
     place.write("own/scenario.toml", "# mine");
     for (arguments, message) in [
-        (["--out", "own", "--force"], "it holds own/scenario.toml: expected a folder of its own"),
-        (["--out", "run/replay", "--force"], "it is in the run, which stays as it is"),
+        (["--out", "own", "--force"], "it contains own/scenario.toml: expected a separate folder"),
+        (["--out", "run/replay", "--force"], "it is inside the run folder, which must not change"),
     ] {
         let ended = place.run(&[&["replay", "run", "--no-viewer"][..], &arguments].concat());
         assert_eq!(ended.code, Some(2), "{ended:?}");
@@ -295,5 +295,5 @@ fn only_flight_sim_takes_the_pace_of_a_replay() {
     assert!(flight_sim.contains("--replay <RUN>") && flight_sim.contains("--pace <PACE>"), "{flight_sim}");
     assert!(planner.contains("--replay <RUN>") && !planner.contains("--pace"), "{planner}");
     let replay = place.run_well(&["replay", "--help"]).stdout;
-    assert!(replay.contains("follow each other at most") && !replay.contains("--resume"), "{replay}");
+    assert!(replay.contains("Maximum speed of the slots") && !replay.contains("--resume"), "{replay}");
 }

@@ -196,7 +196,7 @@ fn signals_end_a_run_in_order() {
         let slots = assert_whole(&place);
         let summary = place.summary("run");
         assert_eq!((&summary["complete"], &summary["slots"]), (&false.into(), &slots.into()));
-        let remedy = format!("whole up to slot {slots}, and `skysink run --resume run` flies the rest");
+        let remedy = format!("recorded up to slot {slots}; `skysink run --resume run` continues it");
         assert!(ended.stderr.contains(&remedy), "{ended:?}");
         place.assert_clean();
         assert_no_shared_memory(&ring);

@@ -163,7 +163,7 @@ fn a_journal_with_a_changed_digit_is_refused_by_its_line() {
     for arguments in [["sweep", "sweep.toml", "--out", "out"], ["merge", "out", "--out", "merged"]] {
         let ended = place.run(&arguments);
         assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
-        for word in ["out/journal.csv: line 2: ", ": expected the check ", "delete the line, and `skysink sweep` flies"]
+        for word in ["out/journal.csv: line 2: ", ": expected the check ", "delete the line, and `skysink sweep` runs"]
         {
             assert!(ended.stderr.contains(word), "{word}: {ended:?}");
         }
@@ -297,7 +297,7 @@ fn a_stopped_sweep_leaves_its_mission_at_once_and_says_how_to_go_on() {
     until("mission", || (lines(&place.path("out/journal.csv")) > 0).then_some(()));
     kill_process(Pid::from_raw(i32::try_from(sweep.id()).unwrap()).unwrap(), Signal::TERM).unwrap();
     let ended = end(sweep);
-    let says = "skysink: stopped by signal 15: the missions flown are in out: the same command flies the rest\n";
+    let says = "skysink: stopped by signal 15: the finished missions are in out; run the command again to continue\n";
     assert_eq!((ended.code, ended.stderr.as_str()), (Some(143), says));
     assert!(place.read("out/journal.csv").lines().all(|line| line.split(',').nth(1) == Some("0")), "half a mission");
 }

@@ -86,9 +86,9 @@ fn a_ring_that_does_not_run_is_refused() {
     place.write("long.toml", LONG);
     place.run_well(&["simulate", "long.toml", "--out", "run", "--set", "slots=10"]);
     for (arguments, says) in [
-        (&["topics"][..], "no run is under way"),
+        (&["topics"][..], "no ring is running"),
         (&["topics", "nowhere"], "nowhere"),
-        (&["topics", "run"], "run folder run: it is not under way"),
+        (&["topics", "run"], "run folder run: it is not running"),
     ] {
         let ended = place.run(arguments);
         assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");

@@ -147,10 +147,10 @@ fn what_cannot_be_shown_is_refused_in_one_line() {
     let live = "--live=1"; // nobody listens there: the port has been out of use for decades
     place.write("text.rrd", "RRD?");
     for (arguments, says) in [
-        (&[][..], "runs: no recording in it"),
+        (&[][..], "runs: it contains no recording"),
         (&["nowhere"], "recording nowhere: No such file"),
         (&["text.rrd"], "recording text.rrd: expected a recording of rerun"),
-        (&["dark"], "recording dark: no recording in it"),
+        (&["dark"], "recording dark: it contains no recording"),
         (&[live], "skysink run --live"),
         (&["--live", "--bind", "0.0.0.0"], "--live with --bind 0.0.0.0"),
     ] {
@@ -210,7 +210,7 @@ fn a_page_is_a_folder_that_any_server_can_serve() {
     let recording = |path: &str| fs::read(place.path(path)).unwrap();
     assert!(recording("page/run/mission.rrd") == recording("run/mission.rrd"));
     for (arguments, says) in [
-        (["page", "run", "page"], "page folder page: it holds something"),
+        (["page", "run", "page"], "page folder page: it is not empty"),
         (["page", "run", "run/mission.rrd"], "page folder run/mission.rrd: "),
         (["page", "nowhere", "other"], "recording nowhere"),
     ] {
@@ -236,7 +236,10 @@ fn a_server_that_can_accept_no_more_connections_ends_with_an_error() {
         let connections: Vec<_> = (0..files).map_while(|_| TcpStream::connect(address).ok()).collect();
         let ended = end(child);
         assert_eq!((ended.code, ended.stderr.lines().count()), (Some(1), 1), "{ended:?}");
-        assert!(ended.stderr.contains("served no longer") && ended.stderr.contains("Too many open files"), "{ended:?}");
+        assert!(
+            ended.stderr.contains("the web server failed") && ended.stderr.contains("Too many open files"),
+            "{ended:?}"
+        );
         drop(connections);
     }
 }

@@ -1,7 +1,7 @@
-//! What the UAV believes of the queues beside what they are, where it has to estimate them.
+//! The estimated queues compared with the true ones, if the UAV has to estimate them.
 //!
-//! It is counted as the planner counts, from the contacts of every slot that was seen. A planner that has missed
-//! contacts, in a paced run, believes what is older.
+//! The estimate is computed like that of the planner, from the contacts of every received slot. In a paced run, a planner
+//! that has missed contacts has an older estimate.
 
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::Scalars;
@@ -18,22 +18,22 @@ use crate::rhythm::Rhythm;
 use crate::shapes::curve_style;
 use crate::steps::Steps;
 
-/// Map of what the UAV believes.
+/// Map of the estimated queues.
 pub const BELIEVED: &str = "belief/believed";
-/// Map of what is true.
+/// Map of the true queues.
 pub const TRUE: &str = "belief/true";
 /// Map of the difference.
 pub const ERROR: &str = "belief/error";
-/// Mean of the errors' magnitudes, as a fraction of the buffer.
+/// Mean absolute error, as a fraction of the buffer.
 pub const MEAN_ERROR: &str = "metrics/belief/mean_error";
-/// The largest of them.
+/// Largest absolute error, as a fraction of the buffer.
 pub const LARGEST_ERROR: &str = "metrics/belief/largest_error";
 
-/// What is believed of the scene's queues.
+/// The estimated queues of the scene.
 pub(crate) struct Belief {
     estimate: Estimate,
     capacities_bits: Vec<u32>,
-    /// Whether it is known what the UAV was told: the mission has been followed from its beginning.
+    /// Whether the estimate is valid, because the mission has been followed from its start.
     is_followed: bool,
     steps: Steps,
     error_steps: Steps,
@@ -71,7 +71,7 @@ impl Belief {
         })
     }
 
-    /// Takes in the contacts of a slot, the first after `before`.
+    /// Updates the estimate with the contacts of a slot, which follows `before`.
     pub(crate) fn observe(&mut self, before: &SensorHistory, slot: u64, queues_bits: &[u32], flight: &FlightReport) {
         self.is_followed |= slot == 0;
         if !self.is_followed {
@@ -85,8 +85,8 @@ impl Belief {
         self.estimate.observe(slot, flight, queues_bits);
     }
 
-    /// Draws what is believed after the slot that was observed last, beside what is true. Of a mission whose beginning
-    /// was not seen it is not known what the UAV was told, and nothing is drawn.
+    /// Draws the estimated and the true queues after the last observed slot. Draws nothing if the viewer has missed the
+    /// start of the mission, because the initial estimate is then unknown.
     pub(crate) fn draw(&mut self, canvas: &Canvas, slot: u64, queues_bits: &[u32]) -> RecordingStreamResult<()> {
         if !self.is_followed {
             return Ok(());
@@ -115,15 +115,15 @@ impl Belief {
         Ok(())
     }
 
-    /// What later slots have to know; nothing of a mission whose beginning was not seen.
+    /// The state to save; `None` if the viewer has missed the start of the mission.
     pub(crate) fn saved(&self) -> Option<SavedEstimate> {
         self.is_followed.then(|| self.estimate.saved())
     }
 
-    /// Resumes after `slot` from what was saved.
+    /// Restores the state after `slot`.
     ///
     /// # Errors
-    /// If it cannot have been.
+    /// If the state is invalid.
     pub(crate) fn restore(&mut self, slot: u64, saved: SavedEstimate) -> Result<(), CheckpointError> {
         self.estimate = self.estimate.restored(slot, saved)?;
         self.is_followed = true;

@@ -41,7 +41,7 @@ fn a_second_process_for_a_place_is_refused_and_the_run_does_not_notice() {
 
 /// A ring whose first topic has these terms, and messages of other types.
 fn ring_with_terms(terms: &[(&str, &str)]) -> (RingFolder, impl Sized) {
-    skysink::worker::quiet_iceoryx2();
+    skysink::worker::silence_iceoryx2();
     let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).unwrap();
     let node = NodeBuilder::new().config(&folder.config().unwrap()).create::<ipc::Service>().unwrap();
     let name = ServiceName::new("skysink/sensors").unwrap();

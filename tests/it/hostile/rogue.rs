@@ -4,7 +4,7 @@ use std::fs;
 use std::process::Child;
 
 use iceoryx2::prelude::ipc;
-use skysink::worker::quiet_iceoryx2;
+use skysink::worker::silence_iceoryx2;
 use skysink_common::message::{FLAG_END, FlightReport, Limits, Plan, QueuesHeader, SensorNode, SlotHeader};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
@@ -75,7 +75,7 @@ pub fn begin_with_rogue(place: &Place, scenario: &str, timeout_s: &str, argument
 
 /// The folder of a ring, once all its topics are there, and the scenario that it flies.
 pub fn open_folder(place: &Place, ring: &str) -> (Scenario, RingFolder) {
-    quiet_iceoryx2();
+    silence_iceoryx2();
     let path = place.ring_file(ring).parent().unwrap().to_owned();
     let folder = until("terms of the ring", || RingFolder::open(&path).ok());
     until("scenario", || place.path("run/scenario.toml").exists().then_some(()));

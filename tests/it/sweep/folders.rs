@@ -31,7 +31,7 @@ fn a_folder_that_another_process_flies_is_refused_until_that_process_ends() {
     until("mission", || (lines(&place.path("out/journal.csv")) > 3).then_some(()));
     let second = place.run(&["sweep", "sweep.toml", "--out", "out"]);
     assert_eq!(second.code, Some(2), "{second:?}");
-    assert!(second.stderr.contains("another process is flying this sweep"), "{second:?}");
+    assert!(second.stderr.contains("another process is running this sweep"), "{second:?}");
     kill_process(Pid::from_raw(i32::try_from(first.id()).unwrap()).unwrap(), Signal::KILL).unwrap();
     assert_eq!(end(first).signal, Some(9));
     let third = place.skysink(&["sweep", "sweep.toml", "--out", "out"]).spawn().unwrap();

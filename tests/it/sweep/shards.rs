@@ -17,19 +17,19 @@ fn merged_shards_are_the_whole_sweep() {
     place.run_well(&["sweep", "sweep.toml", "--out", "a", "--shard", "1/2"]);
     fs::create_dir(place.path("empty")).unwrap();
     let early = place.run(&["merge", "empty", "--out", "early"]);
-    assert!(early.code == Some(2) && early.stderr.contains("no shard holds a mission"), "{early:?}");
+    assert!(early.code == Some(2) && early.stderr.contains("no shard contains a mission"), "{early:?}");
     fs::copy(place.path("a/sweep.json"), place.path("empty/sweep.json")).unwrap(); // killed before its first mission
     let early = place.run(&["merge", "empty", "--out", "early"]);
     assert!(early.code == Some(2) && early.stderr.contains("0 of 54 missions"), "{early:?}");
     let early = place.run(&["merge", "a", "--out", "early"]);
     assert_eq!(early.code, Some(2), "{early:?}");
-    let says = "27 of 54 missions are there: fly shards 2 of 2, as by --array=2 and --shard auto/2, or pass --partial";
+    let says = "27 of 54 missions are present: run shards 2 of 2, for example by --array=2 and --shard auto/2, or pass --partial";
     assert!(early.stderr.contains(says), "{early:?}");
     let part = place.run_well(&["merge", "a", "empty", "--out", "part", "--partial"]);
     assert_eq!(lines(&place.path("part/results.csv")), 1 + 27);
-    assert!(part.stdout.contains("Not all: 27 of 54 missions are there: fly shards 2 of 2"), "{part:?}");
+    assert!(part.stdout.contains("Not all: 27 of 54 missions are present: run shards 2 of 2"), "{part:?}");
     let other = place.run(&["sweep", "sweep.toml", "--out", "a", "--shard", "1/3"]);
-    assert!(other.code == Some(2) && other.stderr.contains("it holds shard 1 of 2 of this sweep"), "{other:?}");
+    assert!(other.code == Some(2) && other.stderr.contains("it contains shard 1 of 2 of this sweep"), "{other:?}");
     place.run_well(&["sweep", "sweep.toml", "--out", "b", "--shard", "2/2"]);
     for out in ["merged", "part"] {
         let ended = place.run_well(&["merge", "b", "a", "--out", out]);
@@ -59,7 +59,7 @@ fn shards_of_other_numbers_are_merged_unless_they_contradict_each_other() {
         place.run_well(&["sweep", "sweep.toml", "--out", out, "--shard", shard]);
     }
     let early = place.run(&["merge", "a", "b", "--out", "early"]);
-    assert!(early.code == Some(2) && early.stderr.contains("fly shards 2-3 of 3, as by"), "{early:?}");
+    assert!(early.code == Some(2) && early.stderr.contains("run shards 2-3 of 3, for example by"), "{early:?}");
     place.run_well(&["merge", "a", "b", "c", "--out", "merged"]);
     assert_equal(&place, "whole", "merged");
     // As an executable with another C library might have it.
@@ -69,7 +69,7 @@ fn shards_of_other_numbers_are_merged_unless_they_contradict_each_other() {
     row.values[Metric::LossRate as usize] += 1e-16;
     open("c").add(&row).unwrap();
     let ended = place.run(&["merge", "a", "b", "c", "--out", "contradiction"]);
-    assert!(ended.code == Some(2) && ended.stderr.contains("shard c: it has other results"), "{ended:?}");
+    assert!(ended.code == Some(2) && ended.stderr.contains("shard c: its results differ"), "{ended:?}");
     assert!(!place.path("contradiction").exists());
 }
 
@@ -96,7 +96,10 @@ fn any_number_of_shards_divides_any_sweep() {
     let some = [&folders[1..2], &folders[5..]].concat();
     let some = arguments(&some);
     let early = place.run(&some.iter().map(String::as_str).collect::<Vec<_>>());
-    assert!(early.code == Some(2) && early.stderr.contains("as by --array=1,3-5 and --shard auto/7,"), "{early:?}");
+    assert!(
+        early.code == Some(2) && early.stderr.contains("for example by --array=1,3-5 and --shard auto/7,"),
+        "{early:?}"
+    );
     let all = arguments(&folders);
     place.run_well(&all.iter().map(String::as_str).collect::<Vec<_>>());
     assert_equal(&place, "whole", "merged");

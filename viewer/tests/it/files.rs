@@ -1,4 +1,4 @@
-//! Recordings in several files, each written by a viewer that was started after the one before had ended.
+//! Recordings in several files, each written by a restarted viewer.
 
 use crate::support;
 use std::collections::BTreeSet;
@@ -89,7 +89,7 @@ fn each_viewer_writes_the_next_file_of_one_recording() {
                 [part, &whole].map(|found| found.cells.iter().filter(|(cell, _)| is_static(cell)).collect::<Vec<_>>());
             assert_eq!(found, expected, "each part can be shown alone");
         }
-        // The way from the last slot of one part to the first of the next is not known, and the lane begins anew.
+        // The path between the last slot of one file and the first of the next is unknown, and the state lane restarts.
         let is_other = |cell: &support::Cell| {
             [uav::TRAIL, uav::TRACK, uav::BODY, uav::PLAN, events::LANE].contains(&&cell.0[1..])
                 && [3, 6].contains(&cell.2.unwrap())
@@ -103,7 +103,7 @@ fn each_viewer_writes_the_next_file_of_one_recording() {
 }
 
 #[test]
-fn the_log_tells_of_the_start_and_of_the_first_loss_once() {
+fn the_log_contains_the_start_and_the_first_loss_once() {
     let (_folder, first) = place();
     let parts = [0..=2, 3..=5].map(|slots| record(&first, &letter(), "x", slots).log());
     let [begin, rest] = parts;
@@ -113,7 +113,7 @@ fn the_log_tells_of_the_start_and_of_the_first_loss_once() {
 }
 
 #[test]
-fn a_first_loss_in_the_first_slot_of_a_later_file_is_told() {
+fn a_first_loss_in_the_first_slot_of_a_later_file_is_logged() {
     let (_folder, first) = place();
     record(&first, &letter(), "x", [0]);
     let mut slot = Slot::new(1, SENSORS as usize);
@@ -147,7 +147,7 @@ fn slots_between_two_files_are_marked_and_counted_in_the_later_one() {
 }
 
 #[test]
-fn a_path_is_not_left_over_from_the_file_before() {
+fn a_path_of_an_earlier_file_is_cleared() {
     let (_folder, first) = place();
     let leading = (0..=5).map(|slot| {
         let point = |x_m, y_m| PathPoint { x_m, y_m, z_m: 20.0 };
@@ -161,7 +161,7 @@ fn a_path_is_not_left_over_from_the_file_before() {
 }
 
 #[test]
-fn funnels_are_not_left_over_from_the_file_before() {
+fn funnels_of_an_earlier_file_are_cleared() {
     let (_folder, first) = place();
     let serve = |slot: u64, sensors: u32| {
         let mut served = Slot::new(slot, SENSORS as usize);
@@ -181,7 +181,7 @@ fn funnels_are_not_left_over_from_the_file_before() {
 }
 
 #[test]
-fn a_file_cut_anywhere_is_left_alone_and_its_recording_continued() {
+fn a_truncated_file_is_not_changed_and_its_recording_continues() {
     let (_folder, first) = place();
     record(&first, &letter(), "the recording", 0..=8);
     let bytes = fs::read(&first).unwrap();
@@ -199,7 +199,7 @@ fn a_file_cut_anywhere_is_left_alone_and_its_recording_continued() {
 }
 
 #[test]
-fn a_file_without_a_recording_of_this_program_is_left_alone_and_begins_none() {
+fn a_file_without_a_recording_of_this_application_is_not_changed() {
     let (folder, other) = place();
     let stream = re_sdk::RecordingStreamBuilder::new("other").enabled(true).save(&other).unwrap();
     stream.log_static("x", &re_sdk_types::archetypes::Points3D::new([[0.0; 3]])).unwrap();
@@ -217,7 +217,7 @@ fn a_file_without_a_recording_of_this_program_is_left_alone_and_begins_none() {
 }
 
 #[test]
-fn a_file_to_which_nothing_could_be_written_is_written() {
+fn an_empty_file_is_reused() {
     let (_folder, first) = place();
     fs::write(&first, "").unwrap();
     record(&first, &letter(), "x", 0..=1);

@@ -1,4 +1,4 @@
-//! Viewers that are killed, again and again, while they record and while they begin a file.
+//! Viewers that are killed repeatedly while they record and while they create a file.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -19,7 +19,7 @@ fn open(path: &Path, name: &str) -> Scene {
     Scene::open(&sinks, &letter(), &sensors(SENSORS), name, WallClock::Unmeasured, None).unwrap()
 }
 
-/// Records for ever.
+/// Records until it is killed.
 #[test]
 #[ignore = "ends only if it is killed; the other test starts it"]
 fn a_viewer_to_be_killed() {
@@ -42,7 +42,7 @@ impl Killed {
         Self(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
     }
 
-    /// Kills it as soon as `moment` is there.
+    /// Kills it as soon as `moment` is reached.
     fn at(mut self, mut moment: impl FnMut() -> bool) {
         let start = Instant::now();
         while !moment() {
@@ -60,7 +60,7 @@ impl Drop for Killed {
 }
 
 #[test]
-fn nothing_written_is_lost_however_often_a_viewer_is_killed() {
+fn nothing_written_is_lost_when_viewers_are_killed() {
     let folder = tempfile::tempdir().unwrap();
     let first = folder.path().join("mission.rrd");
     let mut written: Vec<(PathBuf, Vec<u8>)> = Vec::new();
@@ -107,7 +107,7 @@ fn nothing_written_is_lost_however_often_a_viewer_is_killed() {
 }
 
 #[test]
-fn a_file_that_is_still_written_is_left_alone() {
+fn a_file_that_is_being_written_is_not_changed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("mission.rrd");
     let viewer = Killed::start(&path, 0);

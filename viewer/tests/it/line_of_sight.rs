@@ -91,7 +91,7 @@ fn a_link_has_the_colour_and_the_width_of_its_draw() {
 }
 
 #[test]
-fn the_curves_hold_the_probability_and_the_angle_of_every_link() {
+fn the_curves_contain_probability_and_elevation_of_every_link() {
     let found = town_until(6);
     let probabilities = |slot: i64| [0.0, 1.0].map(|d2_m2| link().los_probability(d2_m2, 50.0 + 2.0 * slot as f64));
     let means = found.curve(&below(los::PROBABILITY, los::MEAN));
@@ -155,7 +155,7 @@ fn a_slot_without_service_clears_slice_funnels_and_profile() {
 }
 
 #[test]
-fn at_one_altitude_the_profile_looks_half_below_and_half_above_it() {
+fn at_a_fixed_altitude_the_profile_spans_half_below_and_half_above() {
     let text = "name = \"level\"\n[uav]\naltitude_m = 40.0\n[link]\nmodel = \"probabilistic-los\"\n";
     let level = Scenario::parse(text, Path::new("level.toml"), Overrides::default()).unwrap();
     let mut slot = climb(1);

@@ -1,4 +1,4 @@
-//! What a recording says of losses, of coverage, and of what the UAV believes.
+//! Recorded maps: losses, coverage, and estimated queues.
 
 use std::path::Path;
 
@@ -73,7 +73,7 @@ fn an_sn_that_loses_data_is_marked_in_the_slot_and_for_the_rest_of_the_mission()
 }
 
 #[test]
-fn the_map_of_losses_says_how_much_each_sn_lost() {
+fn the_loss_map_shows_the_loss_of_each_sn() {
     let found = record(21, None, |slot| slot.queues_bits = vec![0, 1_000, 950]);
     assert_eq!(steps(&found, maps::LOSS, 0), [0, 0, 0]);
     assert_eq!(steps(&found, maps::LOSS, 1), [0, 1, 1]); // 100 and 50 bits, up to 1 kbit
@@ -87,7 +87,7 @@ fn the_map_of_losses_says_how_much_each_sn_lost() {
 }
 
 #[test]
-fn the_map_of_overflows_says_how_long_each_sn_has() {
+fn the_overflow_map_shows_the_time_of_each_sn() {
     // 10 s to fill an empty buffer: steps end at 0, 0.2, 0.5, 1, 2, 5, 10 s.
     let found = record(1, None, |slot| slot.queues_bits = vec![1_000, 790, [0, 960][slot.slot as usize]]);
     assert_eq!(steps(&found, maps::OVERFLOW, 0), [0, 5, 6]); // full, 2.1 s, 10 s
@@ -95,7 +95,7 @@ fn the_map_of_overflows_says_how_long_each_sn_has() {
 }
 
 #[test]
-fn a_loss_in_a_slot_that_was_missed_is_counted_for_nobody() {
+fn a_loss_in_a_missed_slot_is_attributed_to_no_sn() {
     let found = record_slots([0, 1, 5].into_iter(), None, |slot| {
         slot.queues_bits = vec![1_000, 0, 0];
         slot.header.totals.lost_bits = 100 * slot.slot;
@@ -122,7 +122,7 @@ fn coverage_is_an_image_that_is_drawn_every_tenth_slot() {
 }
 
 #[test]
-fn what_the_uav_believes_is_there_where_it_estimates_and_only_there() {
+fn the_estimate_is_logged_only_if_queues_are_estimated() {
     let oracle = record(3, None, |_| {});
     for entity in [belief::BELIEVED, belief::TRUE, belief::ERROR] {
         assert!(oracle.cells.keys().all(|(name, ..)| !name.starts_with(&format!("/{entity}"))), "{entity}");
@@ -146,13 +146,13 @@ fn what_the_uav_believes_is_there_where_it_estimates_and_only_there() {
 }
 
 #[test]
-fn what_was_told_before_the_first_slot_that_is_seen_is_not_made_up() {
+fn without_the_first_slot_no_estimate_is_drawn() {
     let found = record_slots(5..=6, Some(Rates::Learnt), |_| {});
     assert!(found.slots_of(belief::MEAN_ERROR).is_empty());
     assert!(steps(&found, belief::BELIEVED, 5).is_empty());
 }
 
-/// What the second of two viewers records, where the first showed `slots[0]` and the second, from what it saved,
+/// The recording of the second of two viewers: the first shows `slots[0]`; the second restores its state and shows
 /// `slots[1]`.
 fn record_again(count: u32, slots: [std::ops::RangeInclusive<u64>; 2]) -> Found {
     let folder = tempfile::tempdir().unwrap();
@@ -174,7 +174,7 @@ fn record_again(count: u32, slots: [std::ops::RangeInclusive<u64>; 2]) -> Found 
 }
 
 #[test]
-fn a_viewer_that_is_started_again_draws_every_map_in_its_first_slot() {
+fn a_restarted_viewer_draws_every_map_in_its_first_slot() {
     let found = record_again(2_001, [0..=3, 4..=12]);
     for map in [belief::BELIEVED, belief::TRUE, belief::ERROR, maps::LOSS, maps::OVERFLOW] {
         let drawn = found.slots_of_component(&format!("{map}/{}", maps::SHOWN), "Points2D:class_ids");
@@ -184,7 +184,7 @@ fn a_viewer_that_is_started_again_draws_every_map_in_its_first_slot() {
 }
 
 #[test]
-fn what_was_told_is_not_made_up_by_a_viewer_that_is_started_again_either() {
+fn a_restarted_viewer_without_saved_state_draws_no_estimate() {
     let found = record_again(SENSORS, [5..=6, 7..=8]);
     assert!(found.slots_of(belief::MEAN_ERROR).is_empty());
     assert!(steps(&found, belief::BELIEVED, 7).is_empty());

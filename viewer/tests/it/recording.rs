@@ -36,7 +36,7 @@ fn in_folder<T>(test: impl FnOnce(&Path) -> T) -> T {
 }
 
 #[test]
-fn every_slot_is_there_for_everything_that_changes() {
+fn every_slot_is_logged_for_every_changing_entity() {
     let found = in_folder(|path| record(path, 19, |_| {}));
     let all: BTreeSet<i64> = (0..=19).collect();
     for entity in [
@@ -59,7 +59,7 @@ fn every_slot_is_there_for_everything_that_changes() {
 }
 
 #[test]
-fn what_stays_as_it_is_is_logged_once() {
+fn unchanged_components_are_logged_once() {
     let found = in_folder(|path| record(path, 30, |_| {}));
     for entity in [uav::PLUMB, uav::COVERAGE] {
         assert_eq!(found.slots_of(entity), [0].into(), "{entity} moves with the UAV");
@@ -75,7 +75,7 @@ fn what_stays_as_it_is_is_logged_once() {
     assert_eq!(still.slots_of(curves::DELIVERED), (0..=30).collect());
 }
 
-/// Records 30 slots of which one in seven is drawn; some are missed.
+/// Records every 7th of 30 slots; some are missed.
 fn record_some(missed: std::ops::RangeInclusive<u64>, change: impl Fn(&mut Slot)) -> Found {
     in_folder(|path| {
         let sinks = Sinks { save: Some(path.to_owned()), every: NonZeroU64::new(7), ..Sinks::default() };
@@ -96,7 +96,7 @@ fn record_some(missed: std::ops::RangeInclusive<u64>, change: impl Fn(&mut Slot)
 }
 
 #[test]
-fn one_slot_in_so_many_is_drawn_with_the_first_and_the_last() {
+fn every_kth_slot_is_drawn_with_the_first_and_the_last() {
     let found = record_some(40..=40, |slot| match slot.slot {
         3 => slot.flight.hold = HoldReason::NoPlan as u32,
         10 => slot.flight.y_m = 77.0,
@@ -115,7 +115,7 @@ fn one_slot_in_so_many_is_drawn_with_the_first_and_the_last() {
 }
 
 #[test]
-fn after_missed_slots_the_next_one_is_drawn() {
+fn the_slot_after_missed_ones_is_drawn() {
     let found = record_some(10..=11, |_| {});
     assert_eq!(found.slots_of(uav::UAV), [0, 7, 12, 14, 21, 28, 30].into());
     assert_eq!(found.curve(curves::MISSED)[&12], 2.0);
@@ -124,7 +124,7 @@ fn after_missed_slots_the_next_one_is_drawn() {
 }
 
 #[test]
-fn the_curves_are_what_the_ledger_says() {
+fn the_curves_agree_with_the_ledger() {
     let found = in_folder(|path| record(path, 12, |_| {}));
     for (slot, loss_rate) in found.curve(curves::LOSS) {
         let expected = if slot == 0 { 0.0 } else { slot as f64 / 1e3 }; // slot² lost of 1 000 · slot sampled
@@ -137,7 +137,7 @@ fn the_curves_are_what_the_ledger_says() {
 }
 
 #[test]
-fn a_slot_that_serves_nobody_shows_no_links_and_no_circles() {
+fn a_slot_without_service_has_no_links_and_circles() {
     let hold = |slot: &mut Slot| {
         if slot.slot == 3 {
             slot.plan = None;
@@ -161,7 +161,7 @@ fn a_slot_that_serves_nobody_shows_no_links_and_no_circles() {
     assert!(found.text(events::LOG, "TextLog:text", Some(3)).contains("no plan in time"));
 }
 
-/// Gives the slot a path of so many points.
+/// Gives the slot a path with this number of points.
 fn lead(slot: &mut Slot, points: u64) {
     let point = |i| PathPoint { x_m: (slot.slot + 3 * i) as f64, y_m: 50.0 + i as f64, z_m: 20.0 };
     slot.path = (0..points).map(point).collect();
@@ -182,7 +182,7 @@ fn drawn_path(found: &Found, slot: i64) -> Option<bool> {
 }
 
 #[test]
-fn a_path_is_drawn_in_its_slot_and_no_longer() {
+fn a_path_is_shown_in_its_slot_only() {
     let points = [0, 0, 1, 3, 64, 1, 0, 2];
     let found = in_folder(|path| record(path, 7, |slot| lead(slot, points[slot.slot as usize])));
     let drawn: Vec<_> = (0..=7).map(|slot| drawn_path(&found, slot)).collect();
@@ -197,7 +197,7 @@ fn a_path_is_drawn_in_its_slot_and_no_longer() {
 }
 
 #[test]
-fn a_mission_without_paths_records_nothing_of_them() {
+fn a_mission_without_paths_logs_no_path_entities() {
     let found = in_folder(|path| record(path, 9, |slot| lead(slot, slot.slot % 2)));
     for entity in [path::PATH, path::STOPS, path::TRACK, path::TRACK_STOPS] {
         assert!(found.slots_of(entity).is_empty(), "{entity}");
@@ -243,7 +243,7 @@ fn simulated_time_runs_with_the_slots() {
 }
 
 #[test]
-fn a_recording_explains_itself() {
+fn a_recording_contains_a_legend() {
     let found = in_folder(|path| record(path, 1, |_| {}));
     let seen = |name: &str| found.layout.values().flatten().any(|value| value.contains(name));
     for name in ["Field (3D)", "Top view", "Chase", "Loss and coverage", "Legend", "Events", "Queue fill"] {
@@ -261,7 +261,7 @@ fn a_recording_explains_itself() {
 }
 
 #[test]
-fn the_first_loss_is_told_once() {
+fn the_first_loss_is_logged_once() {
     let found = in_folder(|path| record(path, 9, |slot| slot.header.totals.lost_bits /= 16));
     let told = |slot| found.text(events::LOG, "TextLog:text", Some(slot)).contains("first loss");
     assert_eq!((0..=9).filter(|&slot| told(slot)).collect::<Vec<_>>(), [4]); // 4² / 16 = 1 bit
@@ -314,7 +314,7 @@ fn states_are_points_of_a_plot_while_a_mission_is_watched() {
 }
 
 #[test]
-fn two_thousand_sensor_nodes_are_bars_and_one_more_are_points() {
+fn up_to_two_thousand_sensor_nodes_are_bars() {
     for (count, bars, points) in [(2_000, BTreeSet::from([0]), [].into()), (2_001, [].into(), BTreeSet::from([0]))] {
         let found = in_folder(|path| {
             let mut scene = open(path, count);
@@ -328,7 +328,7 @@ fn two_thousand_sensor_nodes_are_bars_and_one_more_are_points() {
 }
 
 #[test]
-fn wall_clock_figures_are_curves_where_they_are_known() {
+fn measured_wall_clock_times_are_curves() {
     let found = in_folder(|path| {
         let sinks = Sinks { save: Some(path.to_owned()), ..Sinks::default() };
         let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "timed", WallClock::Measured, None).unwrap();
@@ -343,7 +343,7 @@ fn wall_clock_figures_are_curves_where_they_are_known() {
 }
 
 #[test]
-fn a_file_holds_what_was_logged_before_it_is_closed() {
+fn a_file_contains_all_batches_before_it_is_closed() {
     in_folder(|path| {
         let mut scene = open(path, SENSORS);
         scene.log_slot(&Slot::new(0, SENSORS as usize).view()).unwrap();
@@ -357,7 +357,7 @@ fn a_file_holds_what_was_logged_before_it_is_closed() {
 }
 
 #[test]
-fn a_place_that_cannot_be_written_is_refused_by_name() {
+fn a_path_that_cannot_be_written_is_named() {
     let path = Path::new("/nowhere/mission.rrd");
     let sinks = Sinks { save: Some(path.to_owned()), ..Sinks::default() };
     let refusal =
@@ -366,7 +366,7 @@ fn a_place_that_cannot_be_written_is_refused_by_name() {
 }
 
 #[test]
-fn a_port_in_use_is_refused_by_number_and_no_file_is_touched() {
+fn a_port_in_use_is_refused_before_a_file_is_created() {
     in_folder(|path| {
         std::fs::write(path, "precious").unwrap();
         let listener = TcpListener::bind(("127.0.0.1", 0)).unwrap();
@@ -413,9 +413,9 @@ fn a_live_scene_listens_on_this_machine_and_writes_the_same_file() {
 }
 
 #[test]
-fn the_environment_cannot_switch_a_recording_off() {
+fn the_environment_variable_rerun_is_ignored() {
     let again = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "recording::a_recording_explains_itself"])
+        .args(["--exact", "a_recording_contains_a_legend"])
         .env("RERUN", "off")
         .output()
         .unwrap();

@@ -1,4 +1,4 @@
-//! A made-up mission to record, and what is found in a recording.
+//! A synthetic mission to record, and a reader of recordings.
 #![allow(dead_code)] // each test program uses its part
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,7 +17,7 @@ pub fn letter() -> Scenario {
     Scenario::letter(Overrides::default()).unwrap()
 }
 
-/// A UAV that is free to fly between 20 m and 120 m over a dense town.
+/// A UAV with free altitude between 20 m and 120 m over a dense urban area.
 pub fn town() -> Scenario {
     let text = "name = \"town\"\n[uav]\naltitude = \"free\"\naltitude_m = 50.0\nmin_altitude_m = 20.0\n\
                 max_altitude_m = 120.0\n[link]\nmodel = \"probabilistic-los\"\nenvironment = \"dense-urban\"\n";
@@ -37,14 +37,14 @@ pub fn sensors(count: u32) -> Vec<SensorNode> {
     (0..count).map(sensor).collect()
 }
 
-/// The files of a recording that exist, in the order in which they were begun.
+/// The existing files of a recording, in the order of their creation.
 pub fn files(first: &Path) -> Vec<PathBuf> {
     let stem = first.file_stem().unwrap().to_str().unwrap();
     let later = (2..).map(|number| first.with_file_name(format!("{stem}-{number}.rrd")));
     std::iter::once(first.to_owned()).chain(later).take_while(|path| path.exists()).collect()
 }
 
-/// One slot of a mission, whole.
+/// All data of one slot.
 pub struct Slot {
     pub slot: u64,
     pub queues_bits: Vec<u32>,
@@ -80,7 +80,7 @@ impl Slot {
         }
     }
 
-    /// The same as the scene takes it, without wall-clock figures.
+    /// The slot as input of a scene, without wall-clock times.
     pub fn view(&self) -> SlotView<'_> {
         SlotView {
             slot: self.slot,
@@ -98,7 +98,7 @@ impl Slot {
 /// One component of one row: entity, component, slot (none if static), simulated time [ns].
 pub type Cell = (String, String, Option<i64>, Option<i64>);
 
-/// What is in a recording.
+/// The content of a recording.
 #[derive(Debug, Default, PartialEq)]
 pub struct Found {
     /// Every value, written out.
@@ -163,14 +163,14 @@ impl Found {
         self.cells.keys().filter(is_it).filter_map(|(_, _, slot, _)| *slot).collect()
     }
 
-    /// What an entity's component shows in a slot, which may have been logged before; written out.
+    /// The latest value of an entity's component in a slot, as text.
     pub fn shown_in(&self, entity: &str, component: &str, slot: i64) -> String {
         let logged = self.slots_of_component(entity, component);
         let last = logged.range(..=slot).next_back();
         last.map_or_else(String::new, |&last| self.text(entity, component, Some(last)))
     }
 
-    /// What was logged of an entity's component in a slot, or statically; written out, empty if nothing was.
+    /// The value of an entity's component logged in a slot, or statically, as text; empty if there is none.
     pub fn text(&self, entity: &str, component: &str, slot: Option<i64>) -> String {
         let is_it = |cell: &Cell| cell.0 == format!("/{entity}") && cell.1 == component && cell.2 == slot;
         self.cells.iter().filter(|(cell, _)| is_it(cell)).flat_map(|(_, values)| values.clone()).collect()
