@@ -67,4 +67,14 @@ mod tests {
         save(&flights, 14, &flight(14)).unwrap(); // 11 to 13 are cut
         assert_eq!(restore(&flights).unwrap(), [(14, flight(14))]);
     }
+
+    #[test]
+    fn a_flight_that_is_cut_leaves_the_three_before_it() {
+        let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).unwrap();
+        let flights = journal(&folder).unwrap();
+        let flight = |slot: u64| FlightReport::at([slot as f64, 0.5, 20.0], Mode::Serve);
+        (1..=5).for_each(|slot| save(&flights, slot, &flight(slot)).unwrap());
+        flights.write(6, &[&[1; 20]]).unwrap();
+        assert_eq!(restore(&flights).unwrap(), [3, 4, 5].map(|slot| (slot, flight(slot))));
+    }
 }

@@ -72,6 +72,9 @@ mod tests {
             assert_eq!(vehicle.fly_to(Point3::new(50.0, 50.0, z_m)), possible, "{z_m}");
             assert_eq!(vehicle.position.z, if possible { z_m } else { 118.0 });
         }
+        let mut vehicle = Vehicle::new(&scenario);
+        assert!(vehicle.fly_to(Point3::new(50.0, 50.0, 120.0 + 1e-8)));
+        assert_eq!(vehicle.position.z, 120.0, "rounding leads no higher");
     }
 
     #[test]

@@ -423,6 +423,18 @@ mod tests {
     }
 
     #[test]
+    fn an_abandoned_ring_is_removed_once_its_processes_have_gone() {
+        let mut folder = new();
+        folder.lock = None; // as if the launcher had died
+        let seat = crate::role::RoleLock::acquire(folder.path(), crate::role::Role::Planner).unwrap();
+        clear_abandoned(Duration::ZERO);
+        assert!(folder.path().exists());
+        drop(seat);
+        clear_abandoned(Duration::ZERO);
+        assert!(!folder.path().exists());
+    }
+
+    #[test]
     fn a_ring_without_a_link_cannot_be_joined() {
         let folder = new();
         let error = RingFolder::join(&folder.path().join(TERMS)).unwrap_err().to_string();

@@ -172,6 +172,8 @@ fn begin_hash(slot: u64, length: u64) -> Xxh3 {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use skysink_common::checkpoint::CheckpointError;
+    use std::os::unix::fs::PermissionsExt as _;
 
     fn journal(folder: &tempfile::TempDir) -> Journal {
         Journal::open(&folder.path().join("journal"), 3, 5000).unwrap()
@@ -190,6 +192,74 @@ mod tests {
         }
         assert_eq!(slots(&journal(&folder)), [5, 6, 7]);
         assert_eq!(journal(&folder).read().unwrap()[2].bytes, b"slot 7");
+    }
+
+    #[test]
+    fn records_without_a_byte_of_room_to_spare_leave_each_other_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let journal = Journal::open(&folder.path().join("journal"), 3, 4096).unwrap();
+        for slot in [3, 2, 1] {
+            journal.write(slot, &[&[slot as u8; 4096]]).unwrap();
+        }
+        assert_eq!(slots(&journal), [1, 2, 3]);
+    }
+
+    #[test]
+    fn a_record_counts_only_in_its_own_place_and_for_its_own_slot() {
+        let folder = tempfile::tempdir().unwrap();
+        let journal = journal(&folder);
+        (1..=3).for_each(|slot| journal.write(slot, &[b"state"]).unwrap());
+        let fewer = Journal::open(&folder.path().join("journal"), 2, 5000).unwrap();
+        assert_eq!(slots(&fewer), [1], "slot 3 lies where slots 0, 2, 4 would");
+        journal.file.write_all_at(&[4], journal.start(4)).unwrap(); // slot 1, said to be slot 4
+        assert_eq!(slots(&journal), [2, 3]);
+    }
+
+    #[test]
+    fn what_is_saved_others_may_not_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let mode = journal(&folder).file.metadata().unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o600);
+    }
+
+    /// A number below 100, which nobody else's state is; 0 is none.
+    struct Number(u8);
+
+    impl Checkpoint for Number {
+        fn save(&self, bytes: &mut Vec<u8>) {
+            bytes.extend((self.0 > 0).then_some(self.0));
+        }
+
+        fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+            CheckpointError::ensure(bytes.len() == 1 && bytes[0] < 100, "a small number")?;
+            self.0 = bytes[0];
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn the_newest_state_before_a_slot_that_is_accepted_is_restored() {
+        let folder = tempfile::tempdir().unwrap();
+        let journal = journal(&folder);
+        let mut state = Number(0);
+        assert_eq!(journal.restore_before(9, &mut state).unwrap(), None);
+        [(3, 30), (4, 40), (5, 200)]
+            .into_iter()
+            .for_each(|(slot, number)| journal.save(slot, &Number(number)).unwrap());
+        for (before, slot, number) in [(9, Some(4), 40), (5, Some(4), 40), (4, Some(3), 30), (3, None, 7)] {
+            state = Number(7);
+            assert_eq!(journal.restore_before(before, &mut state).unwrap(), slot, "before slot {before}");
+            assert_eq!(state.0, number);
+        }
+    }
+
+    #[test]
+    fn who_has_no_state_leaves_the_record_before_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let journal = journal(&folder);
+        journal.save(1, &Number(1)).unwrap();
+        journal.save(4, &Number(0)).unwrap();
+        assert_eq!(slots(&journal), [1]);
     }
 
     #[test]

@@ -241,7 +241,7 @@ mod tests {
     use crate::terms::LinkTerms;
     use crate::topics::{RING_BUFFER, Ring};
     use iceoryx2::port::publisher::Publisher;
-    use skysink_common::message::Commit;
+    use skysink_common::message::{Commit, FLAG_END};
     use skysink_common::pace::Pace;
     use skysink_common::scenario::{Overrides, Scenario};
     use skysink_common::stop::Stop;
@@ -267,10 +267,19 @@ mod tests {
         }
 
         fn send(&self, slot: u64, flags: u32, epoch: u32) {
-            let mut sample = self.link.loan_uninit().unwrap();
-            *sample.user_header_mut() = SlotHeader { epoch, ..self.ring.header(slot, flags) };
-            sample.write_payload(Commit { hash: slot }).send().unwrap();
+            send(&self.link, SlotHeader { epoch, ..self.ring.header(slot, flags) });
         }
+
+        /// A reader that the ring does not wait for.
+        fn observer(&self) -> Commits {
+            Ring::observe(&self._folder).unwrap().commit.reader(RING_BUFFER).unwrap()
+        }
+    }
+
+    fn send(writer: &Publisher<local::Service, Commit, SlotHeader>, header: SlotHeader) {
+        let mut sample = writer.loan_uninit().unwrap();
+        *sample.user_header_mut() = header;
+        sample.write_payload(Commit { hash: header.slot }).send().unwrap();
     }
 
     const LINK: Option<LinkTerms> = Some(LinkTerms { version: 0, scenario: 0 });
@@ -342,6 +351,77 @@ mod tests {
         assert_eq!([1, 2].map(|slot| poll(&mut reader, slot)), [Some(1), Some(2)]);
         [1, 2, 3].into_iter().for_each(|slot| linked.send(slot, 0, 1));
         assert_eq!(poll(&mut reader, 3), Some(3));
+        assert_eq!(linked.ring.refusals.total(), 0);
+    }
+
+    #[test]
+    fn what_was_taken_is_not_taken_again_from_its_repeat() {
+        let linked = Linked::new(LINK);
+        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        [1, 2].into_iter().for_each(|slot| linked.send(slot, 0, 0));
+        assert_eq!([(); 3].map(|()| next(&mut reader)), [Some(1), Some(2), None]);
+        [2, 1].into_iter().for_each(|slot| linked.send(slot, FLAG_REPEAT, 0));
+        assert_eq!(next(&mut reader), None);
+        [1, 2].into_iter().for_each(|slot| linked.send(slot, 0, 1)); // by a process that was started again
+        assert_eq!([(); 3].map(|()| next(&mut reader)), [Some(1), Some(2), None]);
+        linked.send(1, 0, 1); // a link that was started again
+        assert_eq!(next(&mut reader), None);
+    }
+
+    #[test]
+    fn a_new_reader_with_no_room_for_an_older_repeat_waits_for_none() {
+        let linked = Linked::new(LINK);
+        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        (5..5 + MAX_EARLY as u64).for_each(|slot| linked.send(slot, FLAG_REPEAT, 0));
+        assert_eq!(next(&mut reader), Some(5));
+    }
+
+    #[test]
+    fn an_observer_has_missed_a_slot_only_once_no_older_repeat_can_come() {
+        let linked = Linked::new(LINK);
+        let mut reader = linked.observer();
+        linked.send(3, FLAG_REPEAT, 0);
+        assert!(matches!(reader.poll_slot(2).unwrap(), SlotSample::Pending));
+        linked.send(2, FLAG_REPEAT, 0);
+        assert_eq!([2, 3].map(|slot| poll(&mut reader, slot)), [Some(2), Some(3)]);
+        linked.send(5, 0, 0);
+        assert!(matches!(reader.poll_slot(4).unwrap(), SlotSample::Passed));
+    }
+
+    #[test]
+    fn a_sample_of_another_run_or_of_a_slot_that_the_ring_cannot_have_reached_is_refused() {
+        let linked = Linked::new(None);
+        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        let header = linked.ring.header(1, 0);
+        send(&linked.link, SlotHeader { mission: header.mission + 1, ..header });
+        assert_eq!((poll(&mut reader, 1), linked.ring.refusals.total()), (None, 1));
+        linked.send(1 + MAX_AHEAD + 1, 0, 0);
+        assert_eq!((poll(&mut reader, 1), linked.ring.refusals.total()), (None, 2));
+        linked.send(1 + MAX_AHEAD, 0, 0);
+        assert_eq!((poll(&mut reader, 1), linked.ring.refusals.total()), (None, 2));
+        assert_eq!(poll(&mut reader, 1 + MAX_AHEAD), Some(1 + MAX_AHEAD));
+    }
+
+    #[test]
+    fn beside_a_writer_that_is_alive_another_is_not_heard() {
+        let linked = Linked::new(None);
+        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        linked.send(1, 0, 0);
+        assert_eq!(poll(&mut reader, 1), Some(1));
+        let second = linked.ring.commit.0.data.publisher_builder().create().unwrap();
+        send(&second, linked.ring.header(2, 0));
+        assert_eq!((poll(&mut reader, 2), linked.ring.refusals.total()), (None, 1));
+        linked.send(2, 0, 0);
+        assert_eq!(poll(&mut reader, 2), Some(2));
+    }
+
+    #[test]
+    fn the_end_comes_after_a_sample_of_the_same_slot() {
+        let linked = Linked::new(None);
+        let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
+        [0, FLAG_END].into_iter().for_each(|flags| linked.send(5, flags, 0));
+        let mut flags = || reader.next_sample().unwrap().map(|sample| sample.user_header().flags);
+        assert_eq!([(); 3].map(|()| flags()), [Some(0), Some(FLAG_END), None]);
         assert_eq!(linked.ring.refusals.total(), 0);
     }
 

@@ -371,6 +371,45 @@ mod tests {
     }
 
     #[test]
+    fn a_stopwatch_counts_little_of_the_time_in_which_the_process_was_stopped() {
+        let begin = Instant::now();
+        let mut watch = Stopwatch::start(begin);
+        assert_eq!(watch.advance(begin + Duration::from_millis(150)), Duration::from_millis(150));
+        assert_eq!(watch.advance(begin + Duration::from_secs(3_600)), Duration::from_millis(350));
+        assert_eq!(watch.elapsed(), Duration::from_millis(350));
+    }
+
+    #[test]
+    fn a_topic_that_was_long_in_coming_is_waited_for_asleep_until_it_is_quick_again() {
+        let now = Instant::now();
+        let mut wait = WaitContext {
+            stop: Stop::default(),
+            supervisor: None,
+            role_lock: None,
+            late_joiners: LateJoiners::default(),
+            timeout: None,
+            waiting: Waiting::Adaptive,
+            last_supervisor_check: now,
+            last_served: now,
+            serve_every: PAUSE,
+            polls: 0,
+            contention: CoreContention::default(),
+            slow_topics: Vec::new(),
+        };
+        let mut is_asleep = |topic, slot, waited: Duration| {
+            let mut awaited = wait.begin(topic, slot, Role::Planner).unwrap();
+            awaited.waited.last -= waited;
+            let is_asleep = wait.polls == POLLS_BEFORE_SLEEP;
+            wait.end(awaited);
+            is_asleep
+        };
+        let long = Duration::from_millis(100);
+        assert!(!is_asleep("plan", 10, long));
+        assert!(is_asleep("plan", 11, long) && !is_asleep("flight", 11, Duration::ZERO));
+        assert!(!is_asleep("plan", PROBE_PERIOD, long), "now and then it is tried");
+    }
+
+    #[test]
     fn the_names_of_waiting_round_trip() {
         for (waiting, text) in [(Waiting::Adaptive, "adaptive"), (Waiting::Event, "event"), (Waiting::Poll, "poll")] {
             assert_eq!(text.parse(), Ok(waiting));

@@ -286,6 +286,40 @@ mod tests {
     }
 
     #[test]
+    fn what_was_repeated_is_not_due_at_once_again() {
+        let mut folder = RingFolder::create(Pace::Max, Default::default(), 60.0, false, None).unwrap();
+        folder.link(LinkTerms { version: 0, scenario: 0 }).unwrap();
+        let (ring, _) = Ring::<local::Service>::join(&folder, &scenario(), Role::Launcher, &Stop::default()).unwrap();
+        let commits = ring.commit.writer().unwrap();
+        commits.send(ring.header(1, 0), Commit { hash: 1 }).unwrap();
+        let late = ring.commit.0.data.subscriber_builder().history_request(0).create().unwrap();
+        commits.0.repeats.as_ref().unwrap().borrow_mut().last_sent -= REPEAT_AFTER;
+        (0..3).for_each(|_| commits.0.serve_joiners().unwrap());
+        let heard = std::iter::from_fn(|| late.receive().unwrap()).count();
+        assert_eq!(heard, 1);
+    }
+
+    #[test]
+    fn whoever_sleeps_is_woken_by_each_sample() {
+        let folder = RingFolder::create(Pace::Max, Default::default(), 60.0, false, None).unwrap();
+        let (ring, _) = Ring::<local::Service>::join(&folder, &scenario(), Role::Launcher, &Stop::default()).unwrap();
+        let is_woken = |listener: &iceoryx2::port::listener::Listener<local::Service>| {
+            let mut woken = 0;
+            listener.try_wait(|_| woken += 1).unwrap();
+            woken > 0
+        };
+        let [commit, sensors] = [ring.commit.listener().unwrap(), ring.sensors.listener().unwrap()];
+        let commits = ring.commit.writer().unwrap();
+        let nodes = ring.sensors.list_writer(1).unwrap();
+        assert_eq!([&commit, &sensors].map(is_woken), [false, false]);
+        commits.send(ring.header(1, 0), Commit { hash: 1 }).unwrap();
+        assert_eq!([&commit, &sensors].map(is_woken), [true, false]);
+        let header = SensorsHeader { head: ring.header(0, 0), ..SensorsHeader::default() };
+        nodes.send_list(header, &[SensorNode::default()]).unwrap();
+        assert_eq!([&commit, &sensors].map(is_woken), [false, true]);
+    }
+
+    #[test]
     fn large_samples_are_repeated_later() {
         let mut repeats = Repeats::<[u32], skysink_common::message::SlotHeader>::of(2);
         repeats.store(Default::default(), &[0; 1_000]);

@@ -108,6 +108,13 @@ mod tests {
     }
 
     #[test]
+    fn only_a_gain_that_is_redrawn_makes_the_channel_random() {
+        let is_random =
+            |redrawn_db| super::super::Channel::FreeSpace(FreeSpace { redrawn_db, ..paper_channel() }).is_random();
+        assert_eq!([None, Some([-55.0, -50.0])].map(is_random), [false, true]);
+    }
+
+    #[test]
     fn a_link_carries_whole_bits_rounded_down() {
         let channel = super::super::Channel::FreeSpace(paper_channel());
         assert_eq!(channel.capacity_bits(99.99), 9);

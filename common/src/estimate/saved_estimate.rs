@@ -130,6 +130,22 @@ mod tests {
     }
 
     #[test]
+    fn a_gap_over_missed_slots_teaches_nothing_after_a_restart_either() {
+        let mut estimate = advanced(Rates::Learnt);
+        let mut flight = FlightReport::at([0.0, 0.0, 20.0], Mode::Serve);
+        estimate.observe(44, &flight, &[0; 5]); // slots 41 to 43 were missed, in which SN 1 may have been served
+        let mut restored = fresh(Rates::Learnt).restored(44, estimate.saved()).unwrap();
+        flight.served = 1;
+        flight.links[0] = LinkReport { sensor: 1, ..LinkReport::default() };
+        for estimate in [&mut estimate, &mut restored] {
+            let before = estimate.mean_bits(1);
+            estimate.record_before_contact(45, &[1], &[20_000; 5]);
+            estimate.observe(45, &flight, &[0; 5]);
+            assert_eq!(estimate.mean_bits(1), before);
+        }
+    }
+
+    #[test]
     fn the_bytes_per_sensor_node_hold_the_largest_numbers() {
         let mut estimate = fresh(Rates::Learnt);
         let empty = bytes_of(&estimate).len();

@@ -89,6 +89,15 @@ mod tests {
         assert_eq!(Circle::around(&[Position::new(1.0, 2.0); 3]).radius_m2, 0.0);
     }
 
+    #[test]
+    fn the_circle_through_three_points_on_a_line_is_that_over_the_outer_two() {
+        let points = [[0.0, 0.0], [4.0, 4.0], [1.0, 1.0]].map(Position::from);
+        for [a, b, c] in [[0, 1, 2], [1, 2, 0], [2, 0, 1]] {
+            let circle = Circle::through_three(&points[a], &points[b], &points[c]);
+            assert_eq!((circle.centre, circle.radius_m2), (Position::new(2.0, 2.0), 8.0));
+        }
+    }
+
     proptest! {
         /// The smallest circle is one through two or three of the points.
         #[test]

@@ -147,6 +147,35 @@ mod tests {
     }
 
     #[test]
+    fn of_candidates_equally_near_the_first_is_taken() {
+        let target = Position::origin();
+        let candidates = [[6.0, 8.0], [3.0, 4.0], [-3.0, 4.0], [5.0, 0.0]].map(Position::from);
+        assert_eq!(nearest_in_all(&target, &[disk(0.0, 0.0, 20.0)], candidates), Some(candidates[1]));
+    }
+
+    #[test]
+    fn circles_that_touch_from_inside_cross_where_they_touch_whatever_the_rounding() {
+        for step in 1..2_000 {
+            let radius_m = f64::from(step) * 0.01;
+            let inner_m = radius_m / 3.0;
+            let apart_m = radius_m - inner_m;
+            let outer = disk(0.1, 0.2, radius_m);
+            let inner = disk(0.1 + apart_m * 0.6, 0.2 + apart_m * 0.8, inner_m);
+            for crossing in crossings(&outer, &inner).into_iter().chain(crossings(&inner, &outer)) {
+                let touching = Position::new(0.1 + radius_m * 0.6, 0.2 + radius_m * 0.8);
+                assert!((crossing - touching).norm() < 1e-5, "{radius_m}: {crossing}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_target_within_the_slack_of_a_disk_but_outside_is_pulled_into_it() {
+        let range = disk(0.0, 0.0, 10.0);
+        let nearest = nearest_in_both(&Position::new(10.0 + 5e-9, 0.0), &disk(9.0, 0.0, 5.0), &range);
+        assert_eq!(nearest, Position::new(10.0, 0.0));
+    }
+
+    #[test]
     fn unequal_circles_cross_where_pythagoras_says() {
         // Radii 15 and 13 about (0, 0) and (14, 0): (9, ±12), for 9² + 12² = 15² and 5² + 12² = 13².
         assert_nearest([9.0, 40.0], &[disk(0.0, 0.0, 15.0), disk(14.0, 0.0, 13.0)], [9.0, 12.0]);

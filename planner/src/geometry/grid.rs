@@ -202,6 +202,13 @@ mod tests {
     }
 
     #[test]
+    fn of_points_equally_near_those_of_the_lowest_ids_are_nearest() {
+        let places = [[51.0, 50.0], [50.0, 50.0], [50.0, 49.0], [49.0, 50.0], [50.0, 51.0]].map(Position::from);
+        let grid = Grid::new(&places, 10.0);
+        assert_eq!(grid.nearest(&Position::new(50.0, 50.0), 4), [1, 0, 2, 3]);
+    }
+
+    #[test]
     fn nearest_ends_wherever_the_centre_is() {
         let grid = Grid::new(&[Position::origin(), Position::new(f64::NAN, 0.0)], 10.0);
         for x_m in [f64::NAN, f64::INFINITY, f64::MAX] {

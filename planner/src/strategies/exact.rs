@@ -345,10 +345,12 @@ mod tests {
     #[test]
     fn of_equal_sums_the_smallest_list_of_ids_wins() {
         // Three pairs that no point serves together.
-        let table = table_of(&[[50.0, 70.0], [25.0, 50.0], [75.0, 50.0], [76.0, 50.0], [26.0, 50.0], [50.0, 71.0]]);
+        let mut table = table_of(&[[50.0, 70.0], [25.0, 50.0], [75.0, 50.0], [76.0, 50.0], [26.0, 50.0], [50.0, 71.0]]);
         assert_eq!(search(&table, &[5, 5, 5, 5, 5, 5]).unwrap().1, [0, 5]);
         assert_eq!(search(&table, &[5, 6, 5, 6, 5, 5]).unwrap().1, [1, 4]);
-        // Found after a set as full whose fullest queue is fuller.
+        // Found after a set as full whose fullest queue is fuller, also where its bound is no higher.
+        assert_eq!(search(&table, &[5, 0, 4, 6, 0, 5]).unwrap().1, [0, 5]);
+        table.resource_blocks = 2;
         assert_eq!(search(&table, &[5, 0, 4, 6, 0, 5]).unwrap().1, [0, 5]);
     }
 

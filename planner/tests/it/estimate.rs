@@ -194,6 +194,16 @@ fn a_planner_that_sees_the_queues_saves_nothing_of_them() {
 }
 
 #[test]
+fn what_a_planner_of_another_strategy_has_saved_is_refused() {
+    let text = "slots = 10\n[planner]\nknowledge = 'estimated'\n";
+    let [mut uts, mut gfs, mut again] =
+        ["uts", "gfs", "uts"].map(|strategy| TestMission::new(&scenario_of(text, strategy, 1)));
+    uts.advance();
+    assert!(gfs.planner_mut().restore(&uts.saved()).is_err());
+    assert!(again.planner_mut().restore(&uts.saved()).is_ok());
+}
+
+#[test]
 fn a_planner_that_is_not_sure_of_the_queues_comes_early_enough() {
     let text = "slots = 300\n[area]\nside_m = 250.0\n[sensors]\ncount = 100\nsampling_bps = [50.0, 150.0]\n\
                 initial_queue_mean_bits = [0.0, 20000.0]\n[planner]\nknowledge = 'estimated'\nrates = 'learnt'\n\

@@ -1,15 +1,26 @@
 //! What every plan keeps, whatever the field: range, reach, area, a proper schedule, and no memory of other slots.
 
+use std::cell::RefCell;
 use std::path::Path;
 
 use proptest::prelude::{Strategy as Generator, *};
+use proptest::test_runner::TestRunner;
+use skysink_common::arrivals::bits_between;
+use skysink_common::channel::{Channel, Uplink};
 use skysink_common::geometry::{Position, above, within};
-use skysink_common::message::{Mode, NOBODY, Plan, SensorNode, SolverOutcome};
+use skysink_common::ledger::{Ledger, Totals};
+use skysink_common::message::{FlightReport, LinkReport, Mode, NOBODY, Plan, SensorNode, SolverOutcome};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_planner::Planner;
 use skysink_planner::settings::{WaypointSolver, change};
 use skysink_planner::strategies::names;
 use skysink_planner::strategies::stateless;
+
+/// Slots of each mission.
+const SLOTS: u64 = 8;
+
+/// What the buffer of each SN holds.
+const CAPACITY_BITS: u32 = 30_000;
 
 /// One slot to plan.
 #[derive(Debug, Clone)]
@@ -59,13 +70,14 @@ fn places() -> impl Generator<Value = [f64; 2]> {
 
 /// Queues [bit] of which many tie or are empty.
 fn queues(sensors: usize) -> impl Generator<Value = Vec<u32>> {
-    prop::collection::vec(prop_oneof![0u32..4, 0u32..30_000], sensors)
+    prop::collection::vec(prop_oneof![0u32..4, 0u32..CAPACITY_BITS], sensors)
 }
 
 fn scenario_of(strategy: &'static str, solver: WaypointSolver, reach_m: f64, blocks: u64, iterations: u32) -> Scenario {
     let text = format!(
-        "name = 'case'\n[area]\nside_m = 60.0\n[uav]\nmax_speed_mps = {reach_m}\n[link]\nbandwidth_hz = 5e3\n\
-         resource_blocks = {blocks}\n[planner]\nsca_iterations = {iterations}\n"
+        "name = 'case'\nslots = {SLOTS}\n[area]\nside_m = 60.0\n[uav]\nmax_speed_mps = {reach_m}\n[link]\n\
+         bandwidth_hz = 5e3\nresource_blocks = {blocks}\n[sensors]\ncapacity_bits = {CAPACITY_BITS}\n[planner]\n\
+         sca_iterations = {iterations}\n[planner.horizon]\niterations = 10\n[planner.offline]\nsteps = 100\n"
     );
     let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
     let scenario = Scenario::parse(&text, Path::new("case.toml"), overrides).unwrap();
@@ -83,12 +95,15 @@ fn cases(strategies: &[&'static str]) -> impl Generator<Value = Case> {
     let scenario = scenario.prop_map(|(strategy, solver, reach_m, blocks, iterations)| {
         scenario_of(strategy, solver, reach_m, blocks, iterations)
     });
-    let sensors = prop::collection::vec((places(), -55.0..-50.0), 1..40);
+    let rates = prop_oneof![1 => Just(0.0), 1 => Just(7_000.0), 2 => 100.0..15_000.0];
+    let sensors = prop::collection::vec((places(), -55.0..-50.0, rates), 1..40);
     (scenario, sensors).prop_flat_map(|(scenario, sensors)| {
-        let node = |([x_m, y_m], gain_db): ([f64; 2], f64)| SensorNode {
+        let node = |([x_m, y_m], gain_db, sampling_bps): ([f64; 2], f64, f64)| SensorNode {
             x_m,
             y_m,
             gain: 10f64.powf(gain_db / 10.0),
+            sampling_bps,
+            capacity_bits: CAPACITY_BITS,
             ..SensorNode::default()
         };
         let sensors: Vec<SensorNode> = sensors.into_iter().map(node).collect();
@@ -107,30 +122,73 @@ fn place(case: &Case, id: u32) -> Position {
     Position::new(sensor.x_m, sensor.y_m)
 }
 
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(3_000))]
-
-    #[test]
-    fn a_plan_keeps_range_reach_area_and_resource_blocks(case in cases(&names())) {
-        let mut planner = Planner::new(&case.scenario, &case.sensors).unwrap();
-        for (number, slot) in (1..).zip(&case.slots) {
-            let plan = planner.step(number, above(&slot.position, 20.0), &slot.queues_bits);
-            let waypoint = Position::new(plan.x_m, plan.y_m);
-            let in_reach = within(&waypoint, &slot.position, case.scenario.reach_m());
-            prop_assert!(in_reach, "slot {number}: reach, {waypoint}");
-            prop_assert!(case.scenario.area.contains(&waypoint, 0.0), "slot {number}: area, {waypoint}");
-            let ids = plan.scheduled();
-            prop_assert!(ids.len() <= case.scenario.link.resource_blocks, "slot {number}: {ids:?}");
-            prop_assert!(ids.is_sorted_by(|a, b| a < b), "slot {number}: ascending and unique, {ids:?}");
-            for &id in ids {
-                let in_range = within(&place(&case, id), &waypoint, case.scenario.link.comm_radius_m);
-                prop_assert!(in_range, "slot {number}: SN {id}, {waypoint}");
-            }
-            let queued_bits: u64 = ids.iter().map(|&id| u64::from(slot.queues_bits[id as usize])).sum();
-            prop_assert!(plan.expected_bits <= queued_bits, "slot {number}: {} bits", plan.expected_bits);
-            prop_assert_eq!((plan.z_m, plan.plan_ns), (20.0, 0));
+/// Flies the mission of `case` from its first slot's position and queues, and says what came of it. Each plan keeps
+/// range, reach and area.
+fn flown(case: &Case) -> Result<Totals, TestCaseError> {
+    let Case { scenario, sensors, slots } = case;
+    let mut planner = Planner::new(scenario, sensors).unwrap();
+    let channel = Channel::of(scenario);
+    let mut ledger = Ledger::new(CAPACITY_BITS, slots[0].queues_bits.clone());
+    let mut report = FlightReport::at([slots[0].position.x, slots[0].position.y, 20.0], Mode::Hold);
+    for number in 1..=SLOTS {
+        let position = report.position().xy();
+        planner.observe(number - 1, &report, ledger.queues_bits());
+        let plan = planner.step(number, report.position(), ledger.queues_bits());
+        let waypoint = Position::new(plan.x_m, plan.y_m);
+        let in_reach = within(&waypoint, &position, scenario.reach_m());
+        prop_assert!(in_reach, "slot {number}: reach, {waypoint}");
+        prop_assert!(scenario.area.contains(&waypoint, 0.0), "slot {number}: area, {waypoint}");
+        let ids = plan.scheduled();
+        prop_assert!(ids.len() <= scenario.link.resource_blocks, "slot {number}: {ids:?}");
+        prop_assert!(ids.is_sorted_by(|a, b| a < b), "slot {number}: ascending and unique, {ids:?}");
+        for &id in ids {
+            let in_range = within(&place(case, id), &waypoint, scenario.link.comm_radius_m);
+            prop_assert!(in_range, "slot {number}: SN {id}, {waypoint}");
         }
+        let queued_bits: u64 = ids.iter().map(|&id| u64::from(ledger.queues_bits()[id as usize])).sum();
+        prop_assert!(plan.expected_bits <= queued_bits, "slot {number}: {} bits", plan.expected_bits);
+        prop_assert_eq!((plan.z_m, plan.plan_ns), (20.0, 0));
+
+        let sampled = sensors.iter().map(|node| bits_between(node.sampling_bps * scenario.slot_s, number - 1, number));
+        let _ = ledger.sample(0..sensors.len(), sampled);
+        report = FlightReport::at([waypoint.x, waypoint.y, 20.0], Mode::Serve);
+        report.served = plan.served;
+        let before_bits = ledger.totals().delivered_bits;
+        for (&id, link) in ids.iter().zip(&mut report.links) {
+            let uplink = Uplink::new(sensors[id as usize].gain, &place(case, id), &above(&waypoint, 20.0));
+            let capacity_bits = channel.capacity_bits(channel.expected_rate_bps(&uplink));
+            *link = LinkReport { sensor: id, capacity_bits, ..LinkReport::default() };
+            let _ = ledger.upload(id as usize, capacity_bits);
+        }
+        let delivered_bits = ledger.totals().delivered_bits - before_bits;
+        prop_assert!(delivered_bits >= plan.expected_bits, "slot {number}: {delivered_bits} bits");
     }
+    Ok(*ledger.totals())
+}
+
+#[test]
+fn a_plan_keeps_range_reach_area_and_resource_blocks_while_data_are_collected_and_lost() {
+    for strategy in names() {
+        let cases_each = if ["horizon", "offline"].contains(&strategy) { 40 } else { 150 };
+        let mut runner =
+            TestRunner::new(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(cases_each) });
+        let sums = RefCell::new([0; 2]);
+        runner
+            .run(&cases(&[strategy]), |case| {
+                let totals = flown(&case)?;
+                let [delivered_bits, lost_bits] = &mut *sums.borrow_mut();
+                *delivered_bits += totals.delivered_bits;
+                *lost_bits += totals.lost_bits;
+                Ok(())
+            })
+            .unwrap_or_else(|error| panic!("{strategy}: {error}"));
+        let [delivered_bits, lost_bits] = sums.into_inner();
+        assert!(delivered_bits > 0 && lost_bits > 0, "{strategy}: {delivered_bits} collected, {lost_bits} lost");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2_000))]
 
     #[test]
     fn the_letters_plan_serves_its_anchor_and_partner_from_a_solved_waypoint(case in cases(&["uts"])) {
@@ -173,21 +231,6 @@ proptest! {
         prop_assert_eq!(plan.solver == SolverOutcome::Rule as u32, !anybody);
     }
 
-    /// Whatever another strategy schedules is in range of its waypoint, which is in reach: a set that the exact search
-    /// compares with its own.
-    #[test]
-    fn no_plan_schedules_more_than_the_exact_one(case in cases(&["exact"])) {
-        for index in 0..case.slots.len() {
-            let (exact, most_bits) = case.plan_by("exact", index);
-            prop_assert!(exact.anchor == NOBODY && exact.partner == NOBODY && exact.chosen == NOBODY);
-            prop_assert!(exact.circles_m.iter().flatten().all(|coordinate| coordinate.is_nan()));
-            for strategy in names() {
-                let (_, sum_bits) = case.plan_by(strategy, index);
-                prop_assert!(sum_bits <= most_bits, "{} in slot {}: {}", strategy, index + 1, sum_bits);
-            }
-        }
-    }
-
     /// Where reach exceeds range, the letter's anchors are among the wide ones and all their circles in reach. Where it
     /// does not, no such thing holds: see the search's own tests.
     #[test]
@@ -226,5 +269,24 @@ proptest! {
         let is_anchor = |id: u32| within(&place(&case, id), &slot.position, reach_m - 10.0);
         let anchored = (0..).zip(&case.sensors).any(|(id, _)| is_anchor(id));
         prop_assert_eq!(case.fresh_plan(0).mode == Mode::Serve as u32, anchored);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    /// Whatever another strategy schedules is in range of its waypoint, which is in reach: a set that the exact search
+    /// compares with its own.
+    #[test]
+    fn no_plan_schedules_more_than_the_exact_one(case in cases(&["exact"])) {
+        for index in 0..case.slots.len() {
+            let (exact, most_bits) = case.plan_by("exact", index);
+            prop_assert!(exact.anchor == NOBODY && exact.partner == NOBODY && exact.chosen == NOBODY);
+            prop_assert!(exact.circles_m.iter().flatten().all(|coordinate| coordinate.is_nan()));
+            for strategy in names() {
+                let (_, sum_bits) = case.plan_by(strategy, index);
+                prop_assert!(sum_bits <= most_bits, "{} in slot {}: {}", strategy, index + 1, sum_bits);
+            }
+        }
     }
 }

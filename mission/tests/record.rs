@@ -1,0 +1,270 @@
+//! A run on record: what of it is resumed, replayed and replaced, and what is refused.
+
+use std::fs::{self, OpenOptions};
+use std::io::Write as _;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use skysink_common::message::{FlightReport, Mode, QueuesHeader, SlotHeader, Totals};
+use skysink_common::pace::Pace;
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::sensors::SensorList;
+use skysink_mission::mission::FlownSlot;
+use skysink_mission::origin::RunMode;
+use skysink_mission::record::RunFolder;
+use skysink_mission::replay::{RecordedLines, checked_summary};
+use skysink_mission::slot_log::SlotLog;
+use skysink_mission::summary::Tally;
+use skysink_mission::trace::{RecordedSlot, TraceHash};
+use skysink_mission::{Mission, Replay};
+use skysink_planner::settings;
+use tempfile::TempDir;
+
+const SLOTS: u64 = 8;
+
+/// A mission with losses, and a folder to put its run into.
+struct Case {
+    scenario: Scenario,
+    list: SensorList,
+    place: TempDir,
+}
+
+impl Case {
+    fn new() -> Self {
+        let text = format!("name = 'x'\nslots = {SLOTS}\n[sensors]\nsampling_bps = [50.0, 9000.0]\n");
+        let scenario = Scenario::parse(&text, Path::new("x.toml"), Overrides::default());
+        let scenario = scenario.and_then(settings::resolve).unwrap();
+        let list = SensorList::of(&scenario).unwrap();
+        Self { scenario, list, place: tempfile::tempdir().unwrap() }
+    }
+
+    fn out(&self) -> PathBuf {
+        self.place.path().join("run")
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.out().join(name)
+    }
+
+    fn mission(&self) -> Mission {
+        Mission::new(&self.scenario, &self.list).unwrap()
+    }
+
+    fn create(&self, pace: Option<Pace>, force: bool) -> Result<RunFolder, String> {
+        let manner = RunMode { pace, external_planner: None };
+        let folder = RunFolder::create(Some(&self.out()), force, &self.scenario, &self.list, &manner);
+        folder.map_err(|error| error.to_string())
+    }
+
+    /// A run of the first slots on record, in a ring or in one process, with its summary.
+    fn flown(self, pace: Option<Pace>, slots: u64) -> Self {
+        let folder = self.create(pace, false).unwrap();
+        let mut log = folder.slot_log().unwrap();
+        let mut tally = Tally::new(&self.scenario, &self.list);
+        for FlownSlot { plan, flight, header } in self.mission().take(slots as usize) {
+            log.add(&flight, &header).unwrap();
+            tally.add(Some(&plan), &flight, &header);
+        }
+        folder.write_json("summary.json", &tally.summary(pace, Duration::ZERO, log.hash())).unwrap();
+        self
+    }
+
+    /// Repeats the first lines of the trace, and says of each whether it was as recorded.
+    fn repeated(&self, slots: usize) -> (RunFolder, SlotLog, Vec<bool>) {
+        let folder = RunFolder::reopen(&self.out()).unwrap();
+        let (mut log, reader) = folder.reopen_slot_log().unwrap();
+        let mut lines = RecordedLines::new(&folder, reader, SLOTS);
+        let mut are_same = Vec::new();
+        for FlownSlot { flight, header, .. } in self.mission().take(slots) {
+            assert!(lines.next_slot().unwrap().is_some());
+            are_same.push(log.repeat(lines.line(), &flight, &header).unwrap());
+        }
+        (folder, log, are_same)
+    }
+
+    fn trace(&self) -> String {
+        fs::read_to_string(self.file("slots.csv")).unwrap()
+    }
+
+    fn write_trace(&self, text: &str) {
+        fs::write(self.file("slots.csv"), text).unwrap();
+    }
+
+    /// Why the run is not replayed to its end, by flying it and by its summary alone.
+    fn refusals(&self) -> [Option<String>; 2] {
+        let replayed = Replay::open(&self.out()).and_then(|mut replay| {
+            while replay.next_slot()?.is_some() {}
+            Ok(())
+        });
+        let folder = RunFolder::open_to_read(&self.out()).unwrap();
+        [replayed, checked_summary(&folder).map(drop)].map(|ended| ended.err().map(|error| error.to_string()))
+    }
+
+    fn assert_refused(&self, why: &str) {
+        for refusal in self.refusals() {
+            let refusal = refusal.expect("nothing was refused");
+            assert!(refusal.contains(why), "{refusal}");
+        }
+    }
+}
+
+#[test]
+fn a_trace_in_a_ring_is_repeated_only_as_its_check_says() {
+    let case = Case::new().flown(Some(Pace::Max), 5);
+    let (_, log, are_same) = case.repeated(5);
+    assert_eq!((are_same, log.last_checked(), log.was_checked()), (vec![true; 5], Some(5), true));
+    drop(log);
+    let mut check = fs::read(case.file("slots.check")).unwrap();
+    check[8] ^= 1; // the first byte of the hash
+    fs::write(case.file("slots.check"), check).unwrap();
+    assert_eq!(case.repeated(5).2, [true, true, true, true, false], "it is of slot 5 alone");
+}
+
+#[test]
+fn a_check_may_be_one_slot_behind_the_trace_and_no_more() {
+    let case = Case::new().flown(Some(Pace::Max), 5);
+    let before = fs::read(case.file("slots.check")).unwrap();
+    for (slot, was_checked) in [(4, true), (3, false)] {
+        fs::write(case.file("slots.check"), [&[slot][..], &before[1..]].concat()).unwrap();
+        assert_eq!(case.repeated(5).1.was_checked(), was_checked, "of slot {slot}");
+    }
+}
+
+#[test]
+fn what_was_not_repeated_is_cut_when_a_run_is_resumed_and_flown_anew() {
+    let case = Case::new().flown(Some(Pace::Max), 5);
+    let whole = case.trace();
+    let (_folder, mut log, _) = case.repeated(3);
+    log.resume().unwrap();
+    let kept: String = whole.split_inclusive('\n').take(4).collect();
+    assert_eq!(case.trace(), kept, "the header and three slots");
+    for FlownSlot { flight, header, .. } in case.mission().take(5).skip(3) {
+        log.add(&flight, &header).unwrap();
+    }
+    assert_eq!(case.trace(), whole);
+    let first = Case::new().flown(Some(Pace::Max), 5);
+    assert_eq!(log.hash(), first.repeated(5).1.hash());
+}
+
+#[test]
+fn a_header_that_is_cut_is_written_again() {
+    let case = Case::new().flown(Some(Pace::Max), 5);
+    let header: String = case.trace().split_inclusive('\n').take(1).collect();
+    case.write_trace(&header[..20]);
+    let (_folder, mut log, _) = case.repeated(0);
+    log.resume().unwrap();
+    assert_eq!(case.trace(), header);
+}
+
+#[test]
+fn a_run_that_is_as_it_was_written_is_replayed_to_its_end() {
+    let case = Case::new().flown(None, SLOTS);
+    assert_eq!(case.refusals(), [None, None]);
+}
+
+#[test]
+fn a_line_more_less_or_out_of_order_is_refused() {
+    let case = Case::new().flown(None, SLOTS);
+    let whole = case.trace();
+    let lines: Vec<&str> = whole.split_inclusive('\n').collect();
+    let more = lines[SLOTS as usize].replacen('8', "9", 1);
+    case.write_trace(&format!("{whole}{more}"));
+    case.assert_refused("expected the end, after 8 slots");
+    case.write_trace(&[&lines[..3], &lines[4..]].concat().concat());
+    case.assert_refused("slot 4: expected slot 3");
+    case.write_trace(&lines[..SLOTS as usize].concat());
+    case.assert_refused("expected 8 slots of hash");
+    case.write_trace(whole.trim_end());
+    case.assert_refused("7 slots of hash");
+}
+
+#[test]
+fn a_changed_line_is_refused_at_the_line_or_by_the_hash_of_all() {
+    let case = Case::new().flown(None, SLOTS);
+    let whole = case.trace();
+    let lines: Vec<&str> = whole.split_inclusive('\n').collect();
+    let mut columns: Vec<String> = lines[2].split(',').map(str::to_owned).collect();
+    columns[7] = (columns[7].parse::<u64>().unwrap() + 1).to_string(); // bits queued
+    let changed = columns.join(",");
+    case.write_trace(&[&lines[..2], &[&changed[..]], &lines[3..]].concat().concat());
+    let [replayed, summed] = case.refusals().map(Option::unwrap);
+    assert!(replayed.contains("line 3"), "{replayed}");
+    assert!(summed.contains("expected 8 slots of hash"), "{summed}");
+}
+
+#[test]
+fn the_hash_of_a_trace_depends_on_all_of_its_lines() {
+    let header = |slot| QueuesHeader { head: SlotHeader { slot, ..SlotHeader::default() }, ..QueuesHeader::default() };
+    let hash = |slots: &[u64]| {
+        let mut trace = TraceHash::default();
+        for &slot in slots {
+            trace.write(&FlightReport::at([1.0, 2.0, 3.0], Mode::Hold), &header(slot)).unwrap();
+            trace.add();
+        }
+        trace.value()
+    };
+    assert_ne!(hash(&[1, 3]), hash(&[2, 3]));
+    let unbalanced = QueuesHeader { totals: Totals { lost_bits: 1, ..Totals::default() }, ..header(1) };
+    assert!(TraceHash::default().write(&FlightReport::at([0.0; 3], Mode::Hold), &unbalanced).is_err());
+}
+
+#[test]
+fn a_position_on_record_is_finite() {
+    let parsed = |x_m: &str| RecordedSlot::parse(format!("1,{x_m},2,20,3 4,5,6,7,serve,0\n").as_bytes());
+    assert_eq!(parsed("1.5").unwrap().position.x, 1.5);
+    for x_m in ["inf", "NaN", "-inf"] {
+        assert_eq!(parsed(x_m), None, "{x_m}");
+    }
+}
+
+#[test]
+fn a_run_that_is_replaced_leaves_nothing_of_its_own() {
+    let case = Case::new().flown(Some(Pace::Max), SLOTS);
+    let folder = case.create(None, true).unwrap();
+    assert_eq!(case.trace(), "");
+    assert!(!case.file("summary.json").exists() && !case.file("slots.check").exists());
+    drop(folder);
+    let case = Case::new().flown(None, SLOTS);
+    fs::write(case.file("sweep.json"), "{}").unwrap();
+    let error = case.create(None, true).unwrap_err();
+    assert!(error.contains("something else than a run"), "{error}");
+    assert_eq!(case.trace().lines().count(), SLOTS as usize + 1);
+}
+
+#[test]
+fn a_run_under_way_is_neither_replaced_nor_resumed_nor_read() {
+    let case = Case::new().flown(Some(Pace::Max), 5);
+    let _folder = RunFolder::reopen(&case.out()).unwrap();
+    let errors = [
+        case.create(None, true).map(drop),
+        RunFolder::reopen(&case.out()).map(drop).map_err(|error| error.to_string()),
+        RunFolder::open_to_read(&case.out()).map(drop).map_err(|error| error.to_string()),
+    ];
+    for error in errors {
+        let error = error.unwrap_err();
+        assert!(error.contains("a run is writing it"), "{error}");
+    }
+    assert_eq!(case.trace().lines().count(), 6, "nothing was changed");
+}
+
+#[test]
+fn a_run_is_complete_once_its_summary_says_so() {
+    for (slots, is_complete) in [(5, false), (SLOTS, true)] {
+        let case = Case::new().flown(None, slots);
+        assert_eq!(RunFolder::open_to_read(&case.out()).unwrap().is_complete(), is_complete, "{slots} slots");
+        fs::remove_file(case.file("summary.json")).unwrap();
+        assert!(!RunFolder::open_to_read(&case.out()).unwrap().is_complete(), "no summary");
+    }
+}
+
+#[test]
+fn a_trace_that_is_a_link_to_another_file_is_not_written() {
+    let case = Case::new();
+    fs::create_dir(case.out()).unwrap();
+    let victim = case.place.path().join("victim");
+    OpenOptions::new().create(true).append(true).open(&victim).unwrap().write_all(b"mine").unwrap();
+    symlink(&victim, case.file("slots.csv")).unwrap();
+    assert!(case.create(None, true).is_err());
+    assert_eq!(fs::read(&victim).unwrap(), b"mine");
+}
