@@ -243,7 +243,7 @@ impl<'a> RunningFlight<'a> {
     pub fn by_hand_with(&self, role: &str, scenario: &str) -> Command {
         self.until_topics();
         let folder = self.folder();
-        self.place.command(program(role), &["--scenario", scenario, "--ring", folder.to_str().unwrap()])
+        self.place.command(executable(role), &["--scenario", scenario, "--ring", folder.to_str().unwrap()])
     }
 
     /// Waits until the topics of its ring are there, and the scenario that it flies.
@@ -285,7 +285,8 @@ impl<'a> RunningFlight<'a> {
         assert_eq!(self.end().signal, Some(9));
     }
 
-    fn path(&self, file: &str) -> PathBuf {
+    /// A file of its run folder.
+    pub fn path(&self, file: &str) -> PathBuf {
         self.place.path(&self.out).join(file)
     }
 
@@ -307,7 +308,7 @@ impl Drop for RunningFlight<'_> {
 }
 
 /// The executable of a role.
-pub fn program(role: &str) -> &'static str {
+pub fn executable(role: &str) -> &'static str {
     match role {
         "field-sim" => env!("CARGO_BIN_EXE_field-sim"),
         "flight-sim" => env!("CARGO_BIN_EXE_flight-sim"),
