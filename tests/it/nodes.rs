@@ -18,7 +18,6 @@ use skysink_mission::mission::Mission;
 use skysink_mission::origin::Manner;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
-use skysink_planner::settings;
 use skysink_planner::strategies::horizon::{self, HorizonKeys};
 use skysink_planner::strategies::offline::{self, OfflineKeys};
 use skysink_planner::strategies::{Registered, names};
@@ -28,10 +27,11 @@ use skysink_ring::role::Role;
 use skysink_ring::topics::{PATH_BUFFER, Ring, VIEWER_BUFFER};
 use skysink_ring::wait::Waiting;
 
+use crate::support::scenarios;
+
 fn smoke(strategy: &'static str, seed: u64) -> Scenario {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/smoke.toml");
     let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), ..Overrides::default() };
-    let mut scenario = Scenario::read(&path, overrides).and_then(settings::resolve).unwrap();
+    let mut scenario = scenarios::read(Path::new(scenarios::SMOKE), overrides);
     offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: Count::clamped(5_000) });
     scenario
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use crate::support::flight::{RING, program};
+use crate::support::flight::{RING, executable};
 use crate::support::scenarios::{self, SMOKE};
 use crate::support::{self, Place, assert_balanced, assert_no_shared_memory, end, until_gone};
 use rustix::process::Signal;
@@ -262,10 +262,10 @@ fn a_role_can_be_left_to_a_process_started_by_hand() {
         assert!(other.stderr.contains("scenario is") && other.stderr.contains("scenario.toml"), "{other:?}");
 
         end(run.by_hand(role).spawn().unwrap()).assert_well();
-        let (executable, folder) = (program(role), run.folder().display().to_string());
+        let (program, folder) = (executable(role), run.folder().display().to_string());
         let ended = run.end_well();
         let scenario = place.path("run/scenario.toml").display().to_string();
-        let hint = format!("waiting up to 600 s for {role}: {executable} --scenario {scenario} --ring {folder}\n");
+        let hint = format!("waiting up to 600 s for {role}: {program} --scenario {scenario} --ring {folder}\n");
         assert!(ended.stderr.contains(&hint), "{ended:?}");
         assert_eq!(place.trace("alone"), place.trace("run"), "{role}");
         place.assert_clean();
@@ -285,6 +285,6 @@ fn a_process_that_does_not_come_is_named_in_the_time_out() {
 fn a_worker_without_a_ring_says_what_it_needs() {
     let place = Place::new();
     let arguments = ["--scenario", SMOKE, "--ring", "nowhere"];
-    let ended = end(place.command(program("planner"), &arguments).spawn().unwrap()).assert_code(2);
+    let ended = end(place.command(executable("planner"), &arguments).spawn().unwrap()).assert_code(2);
     assert!(ended.stderr.contains("nowhere") && ended.stderr.contains("skysink run prints"), "{ended:?}");
 }
