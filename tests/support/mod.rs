@@ -48,12 +48,20 @@ impl Ended {
         self.assert_code(0)
     }
 
+    /// Fails unless it has said one line, which holds all of `says`.
+    #[track_caller]
+    pub fn assert_one_line(self, says: &[&str]) -> Self {
+        assert_eq!(self.stderr.lines().count(), 1, "{self:?}");
+        for word in says {
+            assert!(self.stderr.contains(word), "{word:?} is missing in {self:?}");
+        }
+        self
+    }
+
     /// Fails unless it was refused with one line that holds `says`.
     #[track_caller]
     pub fn assert_refused(self, says: &str) -> Self {
-        assert_eq!((self.code, self.stderr.lines().count()), (Some(2), 1), "{self:?}");
-        assert!(self.stderr.contains(says), "{says:?} is missing in {self:?}");
-        self
+        self.assert_code(2).assert_one_line(&[says])
     }
 }
 
