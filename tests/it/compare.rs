@@ -102,10 +102,10 @@ fn other_strategies_and_seeds_have_folders_of_their_own() {
 fn runs_of_the_same_names_in_other_folders_are_another_comparison() {
     let place = Place::new();
     write_small(&place);
-    for (parent, seed) in [("one", "1"), ("other", "2")] {
+    for (parent, seed) in [("one", 1), ("other", 2)] {
         for strategy in ["uts", "gfs"] {
             let out = format!("{parent}/{strategy}");
-            place.run_well(&["simulate", "small.toml", "--strategy", strategy, "--seed", seed, "--out", &out]);
+            place.flight("small").strategy(strategy).seed(seed).out(&out).simulate();
         }
     }
     let folder = |arguments: &[&str]| {
