@@ -86,7 +86,7 @@ fn a_planner_that_remembers_comes_back_as_it_was() {
         assert_eq!(place.trace("alone"), place.trace("run"), "{flight:?}");
         // And after its launcher.
         place.cut_trace("run", 400);
-        place.run_well(&["run", "--resume", "run", "--no-viewer"]);
+        place.resume("run");
         assert_eq!(place.trace("alone"), place.trace("run"), "{flight:?}, resumed");
     }
     place.assert_clean();

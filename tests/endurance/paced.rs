@@ -45,6 +45,6 @@ fn a_resumed_run_keeps_its_pace() {
     run.signal(Signal::INT);
     let ended = run.end().assert_code(130);
     assert!(ended.stderr.contains("`skysink run --resume run` flies the rest"), "{ended:?}");
-    place.run_well(&["run", "--resume", "run", "--no-viewer"]);
+    place.resume("run");
     assert_eq!(place.summary("run")["timing"]["pace"], "40x");
 }

@@ -19,7 +19,7 @@ fn a_run_whose_launcher_was_killed_is_resumed_with_the_same_bytes() {
     let trace = place.trace("run");
     place.write("run/slots.csv", &trace[..trace.len() - 7]);
     let before = trace.lines().count() as u64 - 2;
-    place.run_well(&["run", "--resume", "run", "--no-viewer"]);
+    place.resume("run");
     place.assert_same_trace("alone", "run");
     let [mut alone, mut resumed] = ["alone", "run"].map(|run| place.summary(run));
     assert_eq!(resumed["resumed_after"], before);
@@ -30,7 +30,7 @@ fn a_run_whose_launcher_was_killed_is_resumed_with_the_same_bytes() {
     assert_eq!(alone, resumed);
     // Nothing is left to fly, and nothing changes.
     let summary = place.read("run/summary.json");
-    let again = place.run_well(&["run", "--resume", "run", "--no-viewer"]);
+    let again = place.resume("run");
     assert!(again.stderr.is_empty(), "{again:?}");
     assert_eq!(place.read("run/summary.json"), summary);
     place.assert_same_trace("alone", "run");

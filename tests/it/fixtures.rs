@@ -61,7 +61,7 @@ fn gfs_agrees_with_an_independent_implementation() {
 fn a_resolved_scenario_flies_the_same_mission_again() {
     let place = Place::new();
     place.flight("smoke").out("first").simulate();
-    place.run_well(&["simulate", "first/scenario.toml", "--out", "second"]);
+    place.flight("first/scenario").out("second").simulate();
     for file in ["scenario.toml", "sensors.csv", "slots.csv"] {
         assert_eq!(place.read(&format!("first/{file}")), place.read(&format!("second/{file}")), "{file}");
     }

@@ -185,6 +185,6 @@ fn a_paced_record_that_was_cut_is_not_flown_otherwise() {
     place.run_refused(&["run", "--resume", "run", "--no-viewer"], "slots.check is missing");
     assert!(!place.path("run/slots.check").exists());
     fs::write(place.path("run/slots.check"), check).unwrap();
-    place.run_well(&["run", "--resume", "run", "--no-viewer"]);
+    place.resume("run");
     assert!(place.trace("run").starts_with(trace.rsplit_once('\n').unwrap().0));
 }

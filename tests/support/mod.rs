@@ -132,7 +132,13 @@ impl Place {
         ended
     }
 
-    /// The same, which must be refused with one line that holds `says`.
+    /// Flies the rest of a run in a ring without a viewer, which must end well.
+    #[track_caller]
+    pub fn resume(&self, run: &str) -> Ended {
+        self.run_well(&["run", "--resume", run, "--no-viewer"])
+    }
+
+    /// The same as [`Place::run`], which must be refused with one line that holds `says`.
     #[track_caller]
     pub fn run_refused(&self, arguments: &[&str], says: &str) {
         self.run(arguments).assert_refused(says);
