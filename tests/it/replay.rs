@@ -1,6 +1,5 @@
 //! `skysink replay`: a run on record through the ring once more, and what another planner would have done.
 
-use crate::support;
 use std::fs;
 use std::time::Duration;
 
@@ -49,7 +48,7 @@ fn a_run_without_a_recording_is_replayed_into_the_one_that_it_would_have_had() {
     assert!(ended.stdout.contains("the recorded decision in 60 of 60 slots"), "{ended:?}");
     for entity in ["/world/uav", "/world/links", "/world/candidates", "/world/queues", "/metrics/loss_rate"] {
         let [lit, replay] =
-            ["lit", "dark-replay"].map(|run| support::rows(&place.path(&format!("{run}/mission.rrd")), entity));
+            ["lit", "dark-replay"].map(|run| crate::support::rows(&place.path(&format!("{run}/mission.rrd")), entity));
         assert_eq!(replay.keys().copied().collect::<Vec<_>>(), lit.keys().copied().collect::<Vec<_>>(), "{entity}");
         assert!(lit == replay, "{entity}");
     }

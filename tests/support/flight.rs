@@ -52,11 +52,13 @@ impl<'a> FlightOf<'a> {
         self.options(&["--set", &format!("{key}={value}")])
     }
 
+    /// By another strategy than the scenario's.
     #[must_use]
     pub fn strategy(&self, strategy: &str) -> Self {
         self.options(&["--strategy", strategy])
     }
 
+    /// Over another field and channel than the scenario's.
     #[must_use]
     pub fn seed(&self, seed: u64) -> Self {
         self.options(&["--seed", &seed.to_string()])
@@ -86,6 +88,7 @@ impl<'a> FlightOf<'a> {
         self.options(&["--planner", command])
     }
 
+    /// In a ring without the viewer, which otherwise records; programs that are built without it have none.
     #[must_use]
     pub fn without_viewer(&self) -> Self {
         Self { has_viewer: false, ..self.clone() }
