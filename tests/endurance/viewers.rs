@@ -82,7 +82,9 @@ fn in_lock_step_the_ring_waits_for_a_viewer_that_comes_back() {
     run.kill("viewer");
     run.end_well();
     place.assert_same_trace("alone", "run");
-    let killed = place.summary("run")["events"][0]["slot"].as_i64().unwrap();
+    let summary = place.summary("run");
+    let is_kill = |event: &&serde_json::Value| event["event"] == "was ended by signal 9";
+    let killed = summary["events"].as_array().unwrap().iter().find(is_kill).unwrap()["slot"].as_i64().unwrap();
     let [first, second] = ["run/mission.rrd", "run/mission-2.rrd"].map(|file| slots(&place.path(file), EACH_SLOT));
     assert!(first.intersection(&second).count() <= 1, "no more than the slot in which it was killed is there twice");
     let missed = missed_before(&place.path("run/mission-2.rrd"));
