@@ -34,7 +34,8 @@ fn missed_before(recording: &Path) -> Range<i64> {
 /// says that the viewer missed; returns the last.
 fn assert_whole_from(begin: i64, recording: &Path) -> i64 {
     let recorded = slots(recording, EACH_SLOT);
-    let (&first, &last) = (recorded.first().unwrap(), recorded.last().unwrap());
+    let first = *recorded.first().expect("the first slot of a file is written at once");
+    let last = *recorded.last().unwrap();
     assert!(begin <= first, "from {begin}: {recorded:?}");
     let missing = last + 1 - begin - recorded.len() as i64;
     let (_, missed) = rows(recording, "/metrics/missed_slots").pop_last().unwrap();
