@@ -33,7 +33,7 @@ fn assert_same(what: &str, ours: &str, theirs: &str, tolerance_m: f64) {
 /// Flies a fixture and compares it slot by slot.
 fn agrees(fixture: &str, strategy: &str, solver: &str, tolerance_m: f64) {
     let place = Place::new();
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(fixture);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/fixtures").join(fixture);
     let scenario = fs::read_to_string(folder.join("scenario.toml")).unwrap();
     fs::copy(folder.join("sensors.csv"), place.path("sensors.csv")).unwrap();
     place.write("scenario.toml", &(scenario + &format!("waypoint_solver = \"{solver}\"\n")));
