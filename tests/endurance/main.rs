@@ -1,5 +1,26 @@
-//! What takes minutes: runs whose processes are killed again and again.
+//! What takes minutes: runs whose processes are killed, stopped and started again, and whose result stays what it is.
 
-mod reliability;
+mod kills;
+mod paced;
+mod resumed;
+mod silence;
+mod soaks;
 #[path = "../support/mod.rs"]
 mod support;
+#[cfg(feature = "viewer")]
+mod viewers;
+
+use support::Place;
+use support::flight::FlightOf;
+
+/// `long` with time for many kills: 9000 slots.
+fn longer(place: &Place) -> FlightOf<'_> {
+    place.flight("long").set("slots", 9000)
+}
+
+/// What the record of `run` says of the processes: which, and what has become of it.
+fn events(place: &Place) -> Vec<(String, String)> {
+    let summary = place.summary("run");
+    let events = summary["events"].as_array().unwrap().iter();
+    events.map(|event| ["process", "event"].map(|key| event[key].as_str().unwrap().to_owned()).into()).collect()
+}

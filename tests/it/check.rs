@@ -10,7 +10,7 @@ fn checked(place: &Place, keys: &str) -> Ended {
 
 /// What a strategy loses in the mission checked last, as a fraction.
 fn loss_rate(place: &Place, strategy: &str) -> f64 {
-    place.run_well(&["simulate", "a.toml", "--strategy", strategy, "--out", "run", "--force"]);
+    place.flight("a").strategy(strategy).force().simulate();
     place.summary("run")["loss_rate"].as_f64().unwrap()
 }
 

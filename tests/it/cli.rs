@@ -1,165 +1,22 @@
-//! The command line: what it refuses, what it prints, what it leaves.
+//! The command line: what it prints, what it leaves, and how it ends.
 
-use crate::support;
-use crate::support::{Ended, Place, end};
-
-const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
-
-/// Simulates a scenario with this text, which must be refused with one line that holds all of `says`, and leave
-/// nothing.
-fn refused(scenario: &str, says: &[&str]) {
-    let place = Place::new();
-    place.write("bad.toml", scenario);
-    for command in
-        [&["check", "bad.toml"][..], &["simulate", "bad.toml", "--out", "run"], &["run", "bad.toml", "--out", "run"]]
-    {
-        let ended = place.run(command);
-        assert_eq!(ended.code, Some(2), "{command:?}: {ended:?}");
-        assert_one_line(&ended, says);
-    }
-    assert!(!place.path("run").exists(), "half a run is left");
-}
-
-fn assert_one_line(ended: &Ended, says: &[&str]) {
-    assert_eq!(ended.stderr.lines().count(), 1, "{ended:?}");
-    for word in says {
-        assert!(ended.stderr.contains(word), "{word:?} is missing in {:?}", ended.stderr);
-    }
-}
-
-#[test]
-fn a_missing_scenario_is_refused() {
-    let place = Place::new();
-    for command in [["check", "no.toml"], ["simulate", "no.toml"], ["run", "no.toml"]] {
-        let ended = place.run(&command);
-        assert_eq!(ended.code, Some(2), "{ended:?}");
-        assert_one_line(&ended, &["no.toml", "No such file"]);
-    }
-}
-
-#[test]
-fn an_unknown_key_is_refused() {
-    refused("name = \"x\"\n[uav]\nspeed = 3.0\n", &["bad.toml", "uav.speed = 3.0", "expected one of", "max_speed_mps"]);
-}
-
-#[test]
-fn a_value_of_another_type_is_refused() {
-    refused("name = \"x\"\nslots = \"many\"\n", &["bad.toml", "slots = \"many\"", "expected a whole number"]);
-}
-
-#[test]
-fn nan_is_refused() {
-    refused(
-        "name = \"x\"\n[uav]\naltitude_m = nan\n",
-        &["bad.toml", "uav.altitude_m = nan", "expected a finite number"],
-    );
-}
-
-#[test]
-fn a_negative_value_is_refused() {
-    refused("name = \"x\"\n[link]\nbandwidth_hz = -5e6\n", &["bad.toml", "link.bandwidth_hz = -5000000", "above 0"]);
-    refused("name = \"x\"\n[sensors]\ncount = -1\n", &["bad.toml", "count = -1", "expected"]);
-}
-
-#[test]
-fn a_field_without_sensor_nodes_is_refused() {
-    refused("name = \"x\"\n[sensors]\ncount = 0\n", &["bad.toml", "sensors.count = 0", "expected 1 to"]);
-}
-
-#[test]
-fn a_uav_without_resource_blocks_is_refused() {
-    refused("name = \"x\"\n[link]\nresource_blocks = 0\n", &["bad.toml", "link.resource_blocks = 0", "1 to 64"]);
-}
-
-#[test]
-fn a_flight_beyond_the_endurance_is_refused() {
-    refused("name = \"x\"\nslots = 601\n", &["bad.toml", "uav.endurance_s = 600", "601 s"]);
-}
-
-#[test]
-fn a_level_that_is_none_is_refused() {
-    refused("name = \"x\"\n[link]\nnoise_dbm = 12\n", &["link.noise_dbm = 12", "expected a finite level below 0 dBm"]);
-}
-
-#[test]
-fn count_and_file_together_are_refused() {
-    refused("name = \"x\"\n[sensors]\ncount = 3\nfile = \"s.csv\"\n", &["sensors.count", "not both"]);
-}
-
-#[test]
-fn learnt_rates_without_estimated_queues_are_refused() {
-    let says = ["planner.rates = \"learnt\"", "expected \"known\", or planner.knowledge = \"estimated\""];
-    refused("name = \"x\"\n[planner]\nrates = \"learnt\"\n", &says);
-    refused("name = \"x\"\n[planner]\nknowledge = \"all\"\n", &["planner.knowledge = \"all\"", "oracle", "estimated"]);
-}
-
-#[test]
-fn a_range_that_is_none_is_refused() {
-    refused(
-        "name = \"x\"\n[sensors]\nsampling_bps = [2.0, 1.0]\n",
-        &["sensors.sampling_bps = [2.0, 1.0]", "lower first"],
-    );
-    refused(
-        "name = \"x\"\n[sensors]\nsampling_bps = [1.0]\n",
-        &["sensors.sampling_bps = [1.0]", "expected a number or [lowest, highest]"],
-    );
-}
-
-#[test]
-fn a_name_that_is_no_folder_is_refused() {
-    refused("name = \"../x\"\n", &["name = \"../x\"", "folder"]);
-}
-
-/// Simulates a sensor list with this text, which must be refused with one line that holds all of `says`.
-fn list_refused(list: &str, says: &[&str]) {
-    let place = Place::new();
-    place.write("listed.toml", "name = \"x\"\n[sensors]\nfile = \"sensors.csv\"\n");
-    place.write("sensors.csv", list);
-    let ended = place.run(&["simulate", "listed.toml", "--out", "run"]);
-    assert_eq!(ended.code, Some(2), "{ended:?}");
-    assert_one_line(&ended, says);
-    assert!(!place.path("run").exists());
-}
-
-#[test]
-fn a_sensor_node_outside_the_area_is_refused() {
-    list_refused("x_m,y_m\n1,2\n3,100.5\n", &["sensors.csv", "line 3", "y_m = 100.5", "0 to 100"]);
-}
-
-#[test]
-fn a_bad_row_is_refused_by_its_line() {
-    list_refused("x_m,y_m\n1,2\n3,four\n", &["sensors.csv", "line 3", "y_m = four"]);
-    list_refused("x_m,y_m\n1,2\n3\n", &["sensors.csv", "line 3", "1 fields", "expected 2"]);
-    list_refused("x_m,y_m,queue_bits\n1,2,30001\n", &["line 2", "queue_bits = 30001", "buffer"]);
-    list_refused("x_m,y_m\nNaN,2\n", &["line 2", "x_m = NaN"]);
-}
-
-#[test]
-fn a_list_with_another_header_or_without_rows_is_refused() {
-    list_refused("x_m,z_m\n1,2\n", &["line 1", "z_m", "x_m,y_m,lat_deg,lon_deg,queue_bits,gain_db,sampling_bps"]);
-    list_refused("x_m,queue_bits\n1,2\n", &["line 1", "expected x_m,y_m"]);
-    list_refused("x_m,y_m\n", &["expected at least one sensor node"]);
-}
-
-#[test]
-fn a_missing_list_is_refused() {
-    refused("name = \"x\"\n[sensors]\nfile = \"none.csv\"\n", &["none.csv", "No such file"]);
-}
+use crate::support::scenarios::SMOKE;
+use crate::support::{Place, assert_balanced, end, lines, pid, until};
+use rustix::process::{Signal, kill_process};
 
 #[test]
 fn an_output_folder_that_exists_is_refused_without_force() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "run"]);
-    let before = place.read("run/slots.csv");
+    place.flight("smoke").simulate();
+    let before = place.trace("run");
     place.write("run/notes.txt", "mine");
     for command in ["simulate", "run"] {
         let ended = place.run(&[command, SMOKE, "--out", "run", "--seed", "9"]);
-        assert_eq!(ended.code, Some(2), "{ended:?}");
-        assert_one_line(&ended, &["run", "exists", "--force"]);
+        ended.assert_code(2).assert_one_line(&["run", "exists", "--force"]);
     }
-    assert_eq!(place.read("run/slots.csv"), before);
-    place.run_well(&["simulate", SMOKE, "--out", "run", "--seed", "9", "--force"]);
-    assert_ne!(place.read("run/slots.csv"), before);
+    assert_eq!(place.trace("run"), before);
+    place.flight("smoke").seed(9).force().simulate();
+    assert_ne!(place.trace("run"), before);
     assert_eq!(place.read("run/notes.txt"), "mine", "what is not of a run stays");
 }
 
@@ -177,7 +34,7 @@ fn default_folders_are_numbered() {
 #[test]
 fn check_prints_every_default_and_its_output_is_a_scenario() {
     let place = Place::new();
-    place.write("short.toml", "name = \"short\"\n");
+    place.scenario("short");
     let printed = place.run_well(&["check", "short.toml"]).stdout;
     for line in [
         "side_m = 100.0",
@@ -203,8 +60,8 @@ fn any_key_can_be_set_from_the_command_line() {
     place.write("b.toml", "name = \"b\"\nslots = 40\n[link]\nbandwidth_hz = 5e3\n[planner]\nstrategy = \"gfs\"\n");
     let set = ["--set", "name=b", "--set", "slots = 40", "--set", "link.bandwidth_hz=5e3"];
     let strategy = ["--set", "planner.strategy=\"gfs\""];
-    place.run_well(&[&["simulate", "a.toml", "--out", "set"], &set[..], &strategy].concat());
-    place.run_well(&["simulate", "b.toml", "--out", "written"]);
+    place.flight("a").options(&[&set[..], &strategy].concat()).out("set").simulate();
+    place.flight("b").out("written").simulate();
     for file in ["scenario.toml", "slots.csv"] {
         assert_eq!(place.read(&format!("set/{file}")), place.read(&format!("written/{file}")), "{file}");
     }
@@ -213,7 +70,7 @@ fn any_key_can_be_set_from_the_command_line() {
 #[test]
 fn a_summary_holds_what_outside_programs_rely_on() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    place.flight("smoke").simulate();
     let summary = place.summary("run");
     for key in [
         "strategy",
@@ -236,11 +93,7 @@ fn a_summary_holds_what_outside_programs_rely_on() {
     ] {
         assert!(!summary[key].is_null(), "{key}");
     }
-    let bits = |key: &str| summary[key].as_u64().unwrap();
-    assert_eq!(
-        bits("initial_bits") + bits("sampled_bits"),
-        bits("delivered_bits") + bits("lost_bits") + bits("queued_bits")
-    );
+    assert_balanced(&summary);
     assert_eq!(summary["complete"], true);
 }
 
@@ -248,8 +101,8 @@ fn a_summary_holds_what_outside_programs_rely_on() {
 fn every_slot_of_a_trace_balances() {
     let place = Place::new();
     for strategy in ["uts", "gfs", "rfs"] {
-        place.run_well(&["simulate", SMOKE, "--out", strategy, "--strategy", strategy]);
-        let (summary, trace) = (place.summary(strategy), place.read(&format!("{strategy}/slots.csv")));
+        place.flight("smoke").strategy(strategy).out(strategy).simulate();
+        let (summary, trace) = (place.summary(strategy), place.trace(strategy));
         let mut queued_bits = summary["initial_bits"].as_u64().unwrap();
         let sampled_bits = summary["sampled_bits"].as_u64().unwrap() / summary["slots"].as_u64().unwrap();
         for line in trace.lines().skip(1) {
@@ -277,7 +130,7 @@ fn wrong_usage_is_refused() {
 #[test]
 fn a_reader_of_the_first_line_ends_a_command_quietly() {
     let place = Place::new();
-    place.write("short.toml", "name = \"short\"\n");
+    place.scenario("short");
     let commands = [&["check", "short.toml"][..], &["simulate", SMOKE, "--out", "run"], &["--help"]];
     for arguments in commands {
         let mut child = place.skysink(arguments).spawn().unwrap();
@@ -326,7 +179,7 @@ fn help_shows_examples_and_no_colour_when_piped() {
         assert!(help.contains("Examples:"), "{help}");
         assert!(!help.contains('\u{1b}'), "{help:?}");
     }
-    let run = place.run_well(&["run", SMOKE, "--no-viewer"]);
+    let run = place.flight("smoke").without_viewer().run();
     assert!(!run.stderr.contains('\u{1b}') && !run.stdout.contains('\u{1b}'), "{run:?}");
 }
 
@@ -335,7 +188,7 @@ fn help_shows_examples_and_no_colour_when_piped() {
 fn a_simulation_can_be_recorded_and_equal_simulations_leave_equal_recordings() {
     let place = Place::new();
     for folder in ["one", "two"] {
-        place.run_well(&["simulate", SMOKE, "--record", "--out", folder]);
+        place.flight("smoke").options(&["--record"]).out(folder).simulate();
     }
     let sizes = ["one", "two"].map(|folder| std::fs::metadata(place.path(folder).join("mission.rrd")).unwrap().len());
     assert!(sizes[0] > 10_000, "{sizes:?}");
@@ -350,7 +203,7 @@ fn a_full_standard_output_is_said_and_a_closed_one_is_not() {
         let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
         let ended = end(place.skysink(arguments).stdout(full).spawn().unwrap());
         assert_eq!(ended.code, Some(1), "{arguments:?}: {ended:?}");
-        assert_one_line(&ended, &["standard output", "No space left"]);
+        ended.assert_one_line(&["standard output", "No space left"]);
         let (reader, writer) = std::io::pipe().unwrap();
         drop(reader);
         let ended = end(place.skysink(arguments).stdout(writer).spawn().unwrap());
@@ -362,73 +215,16 @@ fn a_full_standard_output_is_said_and_a_closed_one_is_not() {
 }
 
 #[test]
-fn what_is_no_file_is_refused_at_once() {
-    let place = Place::new();
-    let pipe = place.path("pipe");
-    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
-    for path in [pipe.to_str().unwrap(), "/dev/zero", "."] {
-        let ended = place.run(&["check", path]);
-        assert_eq!(ended.code, Some(2), "{ended:?}");
-        assert_one_line(&ended, &[path, "expected a regular file"]);
-    }
-    refused(
-        "name = \"x\"\n[sensors]\nfile = \"/dev/zero\"\n",
-        &["/dev/zero", "expected a regular file", "sensors.file"],
-    );
-}
-
-#[test]
 fn a_second_signal_ends_a_command_at_once() {
     let place = Place::new();
     place.write("slow.toml", "name = \"slow\"\n[planner]\nstrategy = \"horizon\"\nhorizon.iterations = 1000000000\n[area]\nside_m = 1000.0\n");
     let child = place.skysink(&["simulate", "slow.toml", "--out", "run"]).spawn().unwrap();
-    support::until("folder", || place.path("run/run.toml").exists().then_some(()));
-    let pid = rustix::process::Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap();
+    until("folder", || place.path("run/run.toml").exists().then_some(()));
     for _ in 0..2 {
         std::thread::sleep(std::time::Duration::from_millis(300)); // two signals, not one
-        let _ = rustix::process::kill_process(pid, rustix::process::Signal::INT);
+        let _ = kill_process(pid(&child), Signal::INT);
     }
-    assert_eq!(end(child).code, Some(130));
-}
-
-#[test]
-fn a_refused_value_is_cut_and_obeyed_by_no_terminal() {
-    let place = Place::new();
-    let long = "x".repeat(2_000_000);
-    for text in [
-        format!("name = \"{long}\"\n"),
-        format!("name = \"x\"\n[link]\nmodel = \"{long}\"\n"),
-        format!("name = \"x\"\n{long} = 3\n"),
-        format!("{long}\n"),
-        format!("name = \"x\"\n[planner]\nstrategy = \"{long}\"\n"),
-        format!("name = \"x\"\n[planner]\nknowledge = \"{long}\"\n"),
-    ] {
-        place.write("long.toml", &text);
-        let ended = place.run(&["check", "long.toml"]);
-        assert_eq!(ended.code, Some(2), "{:?}", &ended.stderr[..200]);
-        assert_one_line(&ended, &["expected"]);
-        assert!(ended.stderr.len() < 1_000, "{} bytes: {:?}", ended.stderr.len(), &ended.stderr[..200]);
-    }
-    place.write("sensors.csv", "x_m,y_m\n1,\x1b[31m\x07red\n");
-    place.write("red.toml", "name = \"x\"\n[sensors]\nfile = \"sensors.csv\"\n");
-    let ended = place.run(&["check", "red.toml"]);
-    assert_one_line(&ended, &["line 2: y_m = \\u{1b}[31m\\u{7}red: expected a position"]);
-}
-
-#[test]
-fn a_refusal_says_what_was_probably_meant() {
-    refused("name = \"x\"\nslotz = 3\n", &["slotz = 3", "did you mean `slots`?"]);
-    refused("name = \"x\"\n[area]\nsid_m = 3\n", &["area.sid_m = 3", "did you mean `side_m`?"]);
-    refused("name = \"x\"\n[link]\nmodel = \"freespace\"\n", &["link.model", "did you mean `free-space`?"]);
-    refused("name = \"x\"\n[planner]\nstrategy = \"utz\"\n", &["planner.strategy = \"utz\"", "did you mean `uts`?"]);
-    refused("scenario = \"a.toml\"\nstrategies = [\"uts\"]\n", &["it is a sweep", "skysink sweep"]);
-    refused("name = \"x\"\n[[area]]\nside_m = 3\n", &["area = [{", "expected a table, [area]"]);
-    refused("seed = 1\n", &["missing `name`"]);
-    refused("name = \"x\"\nseed = 99999999999999999999\n", &["line 2", "below 2^63"]);
-    refused("name = \"x\"\n[uav]\nstart_m = [1, 2, 3]\n", &["uav.start_m = [1, 2, 3]", "two numbers"]);
-    let place = Place::new();
-    let ended = place.run(&["check", concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/meuse/meuse.toml")]);
-    assert_one_line(&ended, &["sensors.csv", "sensors.file", "SOURCE.md says how to get it"]);
+    end(child).assert_code(130);
 }
 
 #[test]
@@ -436,32 +232,29 @@ fn too_low_limits_are_named_before_the_start_and_a_quote_in_a_path_is_none() {
     let place = Place::new();
     let limited = format!("ulimit -n 64; exec {} run {SMOKE} --no-viewer --out run", env!("CARGO_BIN_EXE_skysink"));
     let ended = end(place.command("sh", &["-c", &limited]).spawn().unwrap());
-    assert_eq!(ended.code, Some(1), "{ended:?}");
-    assert_one_line(&ended, &["open files: at most 64: expected 256: raise ulimit -n"]);
+    ended.assert_code(1).assert_one_line(&["open files: at most 64: expected 256: raise ulimit -n"]);
     assert!(!place.path("run").exists());
     for name in ["a'b", "a\"b", "a\\b"] {
         let folder = place.path(name);
         std::fs::create_dir(&folder).unwrap();
-        let ended = end(place
-            .skysink(&["run", SMOKE, "--no-viewer", "--out", "run", "--force"])
-            .env("TMPDIR", &folder)
-            .spawn()
-            .unwrap());
-        assert_eq!(ended.code, Some(0), "{name}: {ended:?}");
+        let mut launcher = place.flight("smoke").without_viewer().force().launcher();
+        end(launcher.env("TMPDIR", &folder).spawn().unwrap()).assert_well();
     }
 }
 
 #[test]
 fn a_simulation_that_is_interrupted_says_how_to_go_on() {
     let place = Place::new();
-    place.write("long.toml", "name = \"long\"\nslots = 2000000\n[uav]\nendurance_s = 1e7\n");
-    let child = place.skysink(&["simulate", "long.toml", "--out", "run"]).spawn().unwrap();
-    support::until("flight", || (support::lines(&place.path("run/slots.csv")) > 100).then_some(()));
-    let pid = rustix::process::Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap();
+    let long = place.scenario("long");
+    let child = place.skysink(&["simulate", &long, "--set", "slots=2000000", "--out", "run"]).spawn().unwrap();
+    until("flight", || (lines(&place.path("run/slots.csv")) > 100).then_some(()));
     for _ in 0..2 {
-        let _ = rustix::process::kill_process(pid, rustix::process::Signal::INT); // two at once, as `timeout` sends them
+        let _ = kill_process(pid(&child), Signal::INT); // two at once, as `timeout` sends them
     }
     let ended = end(child);
-    assert_eq!(ended.code, Some(130), "{ended:?}");
-    assert_one_line(&ended, &["stopped by signal 2", "recorded up to slot", "`skysink run --resume run` continues it"]);
+    ended.assert_code(130).assert_one_line(&[
+        "stopped by signal 2",
+        "recorded up to slot",
+        "`skysink run --resume run` continues it",
+    ]);
 }

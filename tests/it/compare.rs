@@ -1,11 +1,14 @@
 //! `skysink compare`: strategies over the same fields, and runs on record.
 
-use crate::support::Place;
 #[cfg(feature = "viewer")]
 use crate::support::slots;
+use crate::support::{Place, scenarios};
 use serde_json::Value;
 
-const SMALL: &str = "name = \"small\"\nseed = 3\nslots = 250\n[area]\nside_m = 200.0\n[sensors]\ncount = 60\n";
+/// `small`, with another seed than the default.
+fn write_small(place: &Place) {
+    place.write("small.toml", &format!("seed = 3\n{}", scenarios::text("small")));
+}
 
 /// The standing of `label` by `metric`.
 fn standing<'a>(all: &'a Value, label: &str, metric: &str) -> &'a Value {
@@ -21,15 +24,15 @@ fn compared(place: &Place, arguments: &[&str]) -> Value {
 #[test]
 fn strategies_are_compared_over_the_same_seeds() {
     let place = Place::new();
-    place.write("small.toml", SMALL);
+    write_small(&place);
     let all = compared(&place, &["small.toml", "uts", "gfs", "--seeds", "3", "--out", "both"]);
-    let loss = |seed: &str, strategy: &str| {
+    let loss = |seed: u64, strategy: &str| {
         let out = format!("{strategy}-{seed}");
-        place.run_well(&["simulate", "small.toml", "--seed", seed, "--strategy", strategy, "--out", &out]);
+        place.flight("small").seed(seed).strategy(strategy).out(&out).simulate();
         let summary: Value = serde_json::from_str(&place.read(&format!("{out}/summary.json"))).unwrap();
         summary["loss_rate"].as_f64().unwrap()
     };
-    let losses: Vec<[f64; 2]> = ["3", "4", "5"].map(|seed| [loss(seed, "uts"), loss(seed, "gfs")]).to_vec();
+    let losses: Vec<[f64; 2]> = [3, 4, 5].map(|seed| [loss(seed, "uts"), loss(seed, "gfs")]).to_vec();
     let mean = |of: &dyn Fn(&[f64; 2]) -> f64| losses.iter().map(of).sum::<f64>() / 3.0;
     let is_near = |value: &Value, expected: f64| (value.as_f64().unwrap() - expected).abs() < 1e-12;
     let gfs = standing(&all, "gfs", "loss_rate");
@@ -45,10 +48,9 @@ fn strategies_are_compared_over_the_same_seeds() {
 #[test]
 fn runs_on_record_stand_as_their_summaries_say_and_keys_that_differ_come_first() {
     let place = Place::new();
-    place.write("small.toml", SMALL);
+    write_small(&place);
     for (strategy, bandwidth) in [("uts", "5e6"), ("gfs", "5e3")] {
-        let set = format!("link.bandwidth_hz={bandwidth}");
-        place.run_well(&["simulate", "small.toml", "--strategy", strategy, "--set", &set, "--out", strategy]);
+        place.flight("small").strategy(strategy).set("link.bandwidth_hz", bandwidth).out(strategy).simulate();
     }
     let all = compared(&place, &["uts", "gfs", "--out", "both"]);
     for strategy in ["uts", "gfs"] {
@@ -66,9 +68,9 @@ fn runs_on_record_stand_as_their_summaries_say_and_keys_that_differ_come_first()
 #[test]
 fn a_trace_that_was_changed_is_refused_by_its_line() {
     let place = Place::new();
-    place.write("small.toml", SMALL);
-    place.run_well(&["simulate", "small.toml", "--out", "a"]);
-    place.run_well(&["simulate", "small.toml", "--strategy", "gfs", "--out", "b"]);
+    write_small(&place);
+    place.flight("small").out("a").simulate();
+    place.flight("small").strategy("gfs").out("b").simulate();
     let trace = place.read("b/slots.csv");
     let line = trace.lines().nth(100).unwrap();
     let queued = line.split(',').nth(7).unwrap();
@@ -82,7 +84,7 @@ fn a_trace_that_was_changed_is_refused_by_its_line() {
 #[test]
 fn other_strategies_and_seeds_have_folders_of_their_own() {
     let place = Place::new();
-    place.write("small.toml", SMALL);
+    write_small(&place);
     let folder = |more: &[&str]| {
         let ended = place.run_well(&[&["compare", "small.toml", "gfs", "--no-record", "--seeds"], more].concat());
         let (_, rest) = ended.stdout.split_once("All metrics:     ").unwrap();
@@ -99,11 +101,11 @@ fn other_strategies_and_seeds_have_folders_of_their_own() {
 #[test]
 fn runs_of_the_same_names_in_other_folders_are_another_comparison() {
     let place = Place::new();
-    place.write("small.toml", SMALL);
-    for (parent, seed) in [("one", "1"), ("other", "2")] {
+    write_small(&place);
+    for (parent, seed) in [("one", 1), ("other", 2)] {
         for strategy in ["uts", "gfs"] {
             let out = format!("{parent}/{strategy}");
-            place.run_well(&["simulate", "small.toml", "--strategy", strategy, "--seed", seed, "--out", &out]);
+            place.flight("small").strategy(strategy).seed(seed).out(&out).simulate();
         }
     }
     let folder = |arguments: &[&str]| {
@@ -134,7 +136,7 @@ fn runs_of_the_same_names_in_other_folders_are_another_comparison() {
 #[test]
 fn the_tables_of_many_strategies_and_of_long_names_fit_into_a_terminal() {
     let place = Place::new();
-    place.write("small.toml", SMALL);
+    write_small(&place);
     let names = [
         "uts",
         "gfs",
@@ -163,7 +165,7 @@ fn the_tables_of_many_strategies_and_of_long_names_fit_into_a_terminal() {
     }
     for strategy in ["uts", "gfs"] {
         let out = format!("{}/a-run-with-a-long-name", ["deep"; 12].join("/") + strategy);
-        place.run_well(&["simulate", "small.toml", "--strategy", strategy, "--out", &out]);
+        place.flight("small").strategy(strategy).out(&out).simulate();
     }
     let runs = ["uts", "gfs"].map(|strategy| format!("{}/a-run-with-a-long-name", ["deep"; 12].join("/") + strategy));
     let ended = place.run_well(&["compare", &runs[0], &runs[1], "--no-record"]);
@@ -174,16 +176,16 @@ fn the_tables_of_many_strategies_and_of_long_names_fit_into_a_terminal() {
 #[test]
 fn a_run_that_ended_early_is_not_compared_but_reported_as_such() {
     let place = Place::new();
-    place.write("small.toml", SMALL);
-    place.run_well(&["simulate", "small.toml", "--out", "a"]);
-    place.run_well(&["simulate", "small.toml", "--strategy", "gfs", "--out", "b"]);
+    write_small(&place);
+    place.flight("small").out("a").simulate();
+    place.flight("small").strategy("gfs").out("b").simulate();
     let trace = place.read("b/slots.csv");
     let cut: String = trace.split_inclusive('\n').take(101).collect();
     place.write("b/slots.csv", &cut);
     let refused = place.run(&["compare", "a", "b", "--no-record"]);
     assert!(refused.code == Some(2) && refused.stderr.contains("100 slots of hash"), "{refused:?}");
     // As if it had ended there; the first slots of a shorter mission are the same, and so is their hash.
-    place.run_well(&["simulate", "small.toml", "--strategy", "gfs", "--set", "slots=100", "--out", "c"]);
+    place.flight("small").strategy("gfs").set("slots", 100).out("c").simulate();
     let hash = |run: &str| place.summary(run)["trace_hash"].as_str().unwrap().to_owned();
     let summary = place.read("b/summary.json").replace("\"complete\": true", "\"complete\": false");
     let summary = summary.replacen("\"slots\": 250", "\"slots\": 100", 1).replace(&hash("b"), &hash("c"));
@@ -195,9 +197,9 @@ fn a_run_that_ended_early_is_not_compared_but_reported_as_such() {
 #[test]
 fn what_cannot_be_compared_is_refused() {
     let place = Place::new();
-    place.write("small.toml", SMALL);
-    place.run_well(&["simulate", "small.toml", "--out", "a"]);
-    place.run_well(&["simulate", "small.toml", "--strategy", "gfs", "--out", "b"]);
+    write_small(&place);
+    place.flight("small").out("a").simulate();
+    place.flight("small").strategy("gfs").out("b").simulate();
     std::fs::create_dir(place.path("taken")).unwrap();
     place.write("taken/file", "");
     for (arguments, says) in [
@@ -223,7 +225,7 @@ fn what_cannot_be_compared_is_refused() {
 #[test]
 fn one_recording_holds_every_slot_of_every_mission() {
     let place = Place::new();
-    place.write("small.toml", SMALL);
+    write_small(&place);
     let compare = ["compare", "small.toml", "uts", "gfs", "--seeds", "1", "--out", "both"];
     place.run_well(&compare);
     let recording = place.path("both/comparison.rrd");

@@ -9,7 +9,6 @@ use skysink_common::scenario::Origin;
 use skysink_common::sensors::projection::Projection;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
-const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
 const ORIGIN: &str = "47.3977,8.5456";
 
 /// A corridor of 100 m, with two sensor nodes at its end.
@@ -19,8 +18,7 @@ const CORRIDOR: &str = "name = \"corridor\"\nslots = 6\n[area]\nwidth_m = 100.0\
 
 /// Fails unless the command is refused with one line that holds `expected`.
 fn refused(place: &Place, arguments: &[&str], expected: &str) {
-    let ended = place.run(arguments);
-    assert_eq!(ended.code, Some(2), "{arguments:?}: {ended:?}");
+    let ended = place.run(arguments).assert_code(2);
     assert!(ended.stderr.contains(expected), "{arguments:?}: {ended:?}");
 }
 
@@ -35,7 +33,7 @@ fn files(place: &Place) -> Vec<String> {
 #[test]
 fn bad_input_is_refused_in_a_line_and_nothing_is_written() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    place.flight("smoke").simulate();
     let kml = ["export", "run", "--format", "kml"];
     let with = |more: &[&'static str]| [&kml[..], more].concat();
     refused(&place, &kml, "no area.origin_lat_deg, area.origin_lon_deg: expected --origin LAT,LON");
@@ -47,15 +45,15 @@ fn bad_input_is_refused_in_a_line_and_nothing_is_written() {
     refused(&place, &with(&["--origin", ORIGIN, "--out", "run"]), "it is not a regular file");
     refused(&place, &with(&["--origin", ORIGIN, "--out", "no/a.kml"]), "its folder does not exist");
     refused(&place, &["export", "run", "--format", "qgc-plan", "--most-items", "4"], "4 is not in 5..");
-    assert_eq!(files(&place), ["run"]);
+    assert_eq!(files(&place), ["run", "smoke.toml"]);
 }
 
 #[test]
 fn a_trace_that_was_not_flown_so_is_refused() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    place.flight("smoke").simulate();
     let kml = ["export", "run", "--format", "kml", "--origin", ORIGIN];
-    let whole = place.read("run/slots.csv");
+    let whole = place.trace("run");
     let lines: Vec<&str> = whole.split_inclusive('\n').collect();
     let without_last = lines[..lines.len() - 1].concat();
     let swapped = [&lines[..5], &[lines[6], lines[5]], &lines[7..]].concat().concat();
@@ -87,7 +85,7 @@ fn a_scenario_with_an_origin_takes_no_other() {
     let place = Place::new();
     place.write("two.csv", "x_m,y_m\n90,5\n92,5\n");
     place.write("corridor.toml", CORRIDOR);
-    place.run_well(&["simulate", "corridor.toml", "--out", "run"]);
+    place.flight("corridor").simulate();
     refused(&place, &["export", "run", "--format", "kml", "--origin", ORIGIN], "omit --origin");
 }
 
@@ -99,10 +97,10 @@ fn a_short_mission_is_written_as_worked_by_hand() {
     let place = Place::new();
     place.write("two.csv", "x_m,y_m,queue_bits,gain_db,sampling_bps\n90,5,1000,-50,100\n92,5,1000,-50,100\n");
     place.write("corridor.toml", CORRIDOR);
-    place.run_well(&["simulate", "corridor.toml", "--out", "run"]);
+    place.flight("corridor").simulate();
     place.run_well(&["export", "run", "--format", "waypoints"]);
     let golden = std::fs::read_to_string(format!("{ROOT}/tests/golden/corridor.waypoints")).unwrap();
-    assert_eq!(place.read("run.waypoints"), golden, "{}", place.read("run/slots.csv"));
+    assert_eq!(place.read("run.waypoints"), golden, "{}", place.trace("run"));
 }
 
 /// Position [m] and altitude [m] of every waypoint of the files, in order.
@@ -126,8 +124,7 @@ fn every_service_point_is_in_the_mission_in_order() {
     for (scenario, strategy) in
         missions.into_iter().flat_map(|(scenario, strategy)| [(scenario, strategy), (scenario, "rfs")])
     {
-        let file = format!("{ROOT}/scenarios/{scenario}.toml");
-        place.run_well(&["simulate", &file, "--strategy", strategy, "--out", "run", "--force"]);
+        place.flight(scenario).strategy(strategy).force().simulate();
         let most = ["--most-items", "100", "--origin", "-33.9,18.4", "--force"];
         let ended = place.run_well(&[&["export", "run", "--format", "waypoints"][..], &most].concat());
         let names = ended.stdout.lines().filter(|line| line.ends_with(".waypoints"));
@@ -136,7 +133,7 @@ fn every_service_point_is_in_the_mission_in_order() {
             assert!(place.read(name).lines().count() <= 101, "{name}: too long");
         }
         let mut waypoints = waypoints(&place, &names, origin).into_iter().peekable();
-        for line in place.read("run/slots.csv").lines().skip(1) {
+        for line in place.trace("run").lines().skip(1) {
             let columns: Vec<&str> = line.split(',').collect();
             let [x_m, y_m, z_m] = [1, 2, 3].map(|column: usize| columns[column].parse::<f64>().unwrap());
             let is_here = |&(position, altitude_m): &(Position, f64)| {
@@ -164,7 +161,7 @@ fn every_format_is_in_the_help_which_fits_a_terminal() {
 #[test]
 fn parquet_holds_the_slots_with_the_bits_of_each_sensor_node_and_needs_no_origin() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--strategy", "gfs", "--out", "run"]);
+    place.flight("smoke").strategy("gfs").simulate();
     refused(&place, &["export", "run", "--format", "parquet", "--origin", ORIGIN], "parquet has no coordinates");
     place.run_well(&["export", "run", "--format", "parquet"]);
     let file = std::fs::File::open(place.path("run.parquet")).unwrap();
@@ -176,7 +173,7 @@ fn parquet_holds_the_slots_with_the_bits_of_each_sensor_node_and_needs_no_origin
     let [slot, delivered] = ["slot", "delivered_bits"].map(|name| column(name).as_primitive::<UInt64Type>().clone());
     let x_m = column("x_m").as_primitive::<Float64Type>().clone();
     let mode = column("mode").as_string::<i32>().clone();
-    let text = place.read("run/slots.csv");
+    let text = place.trace("run");
     assert_eq!(batch.num_rows(), text.lines().count() - 1);
     let mut served = 0;
     for (row, line) in text.lines().skip(1).enumerate() {

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::support::{Place, end, lines, until};
-use rustix::process::{Pid, Signal, kill_process};
+use crate::support::{Place, end_by, lines, until};
+use rustix::process::Signal;
 
 /// Draws some figures from a few missions, with a short search so that it does not take long.
 fn draw(place: &Place, parts: &str, runs: &str) -> String {
@@ -164,8 +164,7 @@ fn figures_that_are_interrupted_end_with_the_same_bytes_and_never_show_half_a_fi
             _ => drawn(interruption - 4).exists().then_some(()),
         });
         let signal = if interruption % 2 == 0 { Signal::INT } else { Signal::KILL };
-        kill_process(Pid::from_raw(i32::try_from(cut.id()).unwrap()).unwrap(), signal).unwrap();
-        let ended = end(cut);
+        let ended = end_by(signal, cut);
         assert!(ended.signal == Some(9) || ended.code == Some(130), "{ended:?}");
         let says = "stopped by signal 2: the finished missions are in cut; run the command again to continue";
         assert!(ended.signal == Some(9) || ended.stderr.contains(says), "{ended:?}");

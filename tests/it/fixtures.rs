@@ -33,13 +33,13 @@ fn assert_same(what: &str, ours: &str, theirs: &str, tolerance_m: f64) {
 /// Flies a fixture and compares it slot by slot.
 fn agrees(fixture: &str, strategy: &str, solver: &str, tolerance_m: f64) {
     let place = Place::new();
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(fixture);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/fixtures").join(fixture);
     let scenario = fs::read_to_string(folder.join("scenario.toml")).unwrap();
     fs::copy(folder.join("sensors.csv"), place.path("sensors.csv")).unwrap();
     place.write("scenario.toml", &(scenario + &format!("waypoint_solver = \"{solver}\"\n")));
-    place.run_well(&["simulate", "scenario.toml", "--strategy", strategy, "--out", "run"]);
+    place.flight("scenario").strategy(strategy).simulate();
     let expected = fs::read_to_string(folder.join(format!("expected_{strategy}.csv"))).unwrap();
-    assert_same(&format!("{fixture}/{strategy}/{solver}"), &place.read("run/slots.csv"), &expected, tolerance_m);
+    assert_same(&format!("{fixture}/{strategy}/{solver}"), &place.trace("run"), &expected, tolerance_m);
 }
 
 #[test]
@@ -60,8 +60,8 @@ fn gfs_agrees_with_an_independent_implementation() {
 #[test]
 fn a_resolved_scenario_flies_the_same_mission_again() {
     let place = Place::new();
-    place.run_well(&["simulate", concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml"), "--out", "first"]);
-    place.run_well(&["simulate", "first/scenario.toml", "--out", "second"]);
+    place.flight("smoke").out("first").simulate();
+    place.flight("first/scenario").out("second").simulate();
     for file in ["scenario.toml", "sensors.csv", "slots.csv"] {
         assert_eq!(place.read(&format!("first/{file}")), place.read(&format!("second/{file}")), "{file}");
     }
@@ -72,10 +72,9 @@ fn a_resolved_scenario_flies_the_same_mission_again() {
 fn seeded_missions_stay_what_they_are() {
     for strategy in ["uts", "gfs", "rfs"] {
         let place = Place::new();
-        let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
-        place.run_well(&["simulate", scenario, "--strategy", strategy, "--out", "run"]);
+        place.flight("smoke").strategy(strategy).simulate();
         let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/golden/smoke-{strategy}.csv"));
         // Positions to 1e-9 m: the C library's functions may round differently on another machine.
-        assert_same(strategy, &place.read("run/slots.csv"), &fs::read_to_string(golden).unwrap(), 1e-9);
+        assert_same(strategy, &place.trace("run"), &fs::read_to_string(golden).unwrap(), 1e-9);
     }
 }

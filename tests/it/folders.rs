@@ -3,20 +3,10 @@
 use std::fs;
 use std::os::unix::fs::symlink;
 
-use crate::support::{Place, end, lines, until};
+use crate::support::scenarios::SMOKE;
+use crate::support::{Place, end};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rustix::process::{Pid, Signal, kill_process};
-
-const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
-
-/// Fails unless the command is refused with one line that holds `expected`.
-fn refused(place: &Place, arguments: &[&str], expected: &str) {
-    let ended = place.run(arguments);
-    assert_eq!(ended.code, Some(2), "{arguments:?}: {ended:?}");
-    assert_eq!(ended.stderr.lines().count(), 1, "{arguments:?}: {ended:?}");
-    assert!(ended.stderr.contains(expected), "{arguments:?}: {ended:?}");
-}
 
 #[test]
 fn two_runs_that_replace_one_folder_leave_one_mission_whole() {
@@ -65,17 +55,17 @@ fn only_a_run_is_replaced() {
         ("folder", "expected a file of a run"),
         ("/proc/skysink", "/proc/skysink"),
     ] {
-        refused(&place, &["simulate", SMOKE, "--out", out, "--force"], expected);
+        place.run_refused(&["simulate", SMOKE, "--out", out, "--force"], expected);
     }
-    refused(&place, &["simulate", SMOKE, "--out", "file"], "it is no folder");
-    refused(&place, &["simulate", SMOKE, "--out", "mine"], "it exists");
+    place.run_refused(&["simulate", SMOKE, "--out", "file"], "it is no folder");
+    place.run_refused(&["simulate", SMOKE, "--out", "mine"], "it exists");
     fs::create_dir(place.path("new")).unwrap();
-    place.run_well(&["simulate", SMOKE, "--out", "new"]);
+    place.flight("smoke").out("new").simulate();
     assert_eq!(place.read("mine/scenario.toml"), "name = \"mine\"\n");
     fs::create_dir(place.path("empty")).unwrap();
-    place.run_well(&["simulate", SMOKE, "--out", "empty", "--force"]);
+    place.flight("smoke").out("empty").force().simulate();
     place.write("empty/notes.md", "kept");
-    place.run_well(&["simulate", SMOKE, "--out", "empty", "--force"]);
+    place.flight("smoke").out("empty").force().simulate();
     assert_eq!(place.read("empty/notes.md"), "kept");
 }
 
@@ -125,7 +115,7 @@ fn assert_never_silent(place: &Place, whole: &str, resume: &[&str], rounds: u32,
         let ended = place.run(&[&["run", "--no-viewer", "--resume", "run"], resume].concat());
         let case = format!("seed {seed}, round {round}, {name}: {ended:?}");
         if ended.code == Some(0) {
-            assert_eq!(place.read("run/slots.csv"), whole, "{case}");
+            assert_eq!(place.trace("run"), whole, "{case}");
             continue;
         }
         refused += 1;
@@ -138,7 +128,7 @@ fn assert_never_silent(place: &Place, whole: &str, resume: &[&str], rounds: u32,
     }
     begin();
     place.run_well(&[&["run", "--no-viewer", "--resume", "run"], resume].concat());
-    assert_eq!(place.read("run/slots.csv"), whole, "what was not spoilt");
+    assert_eq!(place.trace("run"), whole, "what was not spoilt");
     assert!(refused > rounds / 3, "{refused} of {rounds}");
     println!("{refused} of {rounds} refused, the others with the same bytes");
 }
@@ -156,10 +146,9 @@ fn a_thousand_spoilt_runs_are_refused_or_end_with_the_same_bytes() {
 
 fn spoil_runs(rounds: u32, seed: u64) {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "begun"]);
-    let whole = place.read("begun/slots.csv");
-    let half: String = whole.split_inclusive('\n').take(31).collect();
-    fs::write(place.path("begun/slots.csv"), half).unwrap();
+    place.flight("smoke").out("begun").simulate();
+    let whole = place.trace("begun");
+    place.cut_trace("begun", 30);
     fs::remove_file(place.path("begun/summary.json")).unwrap();
     assert_never_silent(&place, &whole, &[], rounds, seed);
     place.assert_clean();
@@ -170,37 +159,32 @@ fn a_spoilt_run_of_an_outside_planner_is_refused_or_ends_with_the_same_bytes() {
     let place = Place::new();
     let planner =
         concat!("sh -c 'exec ", env!("CARGO_BIN_EXE_planner"), " --scenario $SKYSINK_SCENARIO --ring $SKYSINK_RING'");
-    let long = place.write("long.toml", "name = \"long\"\nslots = 3000\nslot_s = 0.1\n");
-    let long = long.to_str().unwrap();
-    place.run_well(&["simulate", long, "--out", "alone"]);
-    let run = place.skysink(&["run", long, "--out", "begun", "--no-viewer", "--planner", planner]).spawn().unwrap();
-    until("flight", || (lines(&place.path("begun/slots.csv")) > 60).then_some(()));
-    kill_process(Pid::from_raw(i32::try_from(run.id()).unwrap()).unwrap(), Signal::KILL).unwrap();
-    end(run);
-    assert_never_silent(&place, &place.read("alone/slots.csv"), &["--planner", planner], 25, 2);
+    let long = place.flight("long").set("slots", 3000);
+    long.out("alone").simulate();
+    let run = long.out("begun").without_viewer().planner(planner).start();
+    run.until_slot(60);
+    run.kill_launcher();
+    assert_never_silent(&place, &place.trace("alone"), &["--planner", planner], 25, 2);
     place.assert_clean();
 }
 
 #[test]
 fn a_paced_record_that_was_cut_is_not_flown_otherwise() {
     let place = Place::new();
-    let paced = place.write("paced.toml", "name = \"paced\"\nslots = 400\nslot_s = 0.5\n");
-    let arguments = ["run", paced.to_str().unwrap(), "--out", "run", "--no-viewer", "--pace", "50x"];
-    let run = place.skysink(&arguments).spawn().unwrap();
-    until("flight", || (lines(&place.path("run/slots.csv")) > 60).then_some(()));
-    kill_process(Pid::from_raw(i32::try_from(run.id()).unwrap()).unwrap(), Signal::KILL).unwrap();
-    end(run);
-    let trace = place.read("run/slots.csv");
-    let cut: String = trace.split_inclusive('\n').take(41).collect();
-    fs::write(place.path("run/slots.csv"), &cut).unwrap();
-    refused(&place, &["run", "--resume", "run", "--no-viewer"], "slots.csv: it ends before slot ");
-    assert_eq!(place.read("run/slots.csv"), cut);
+    let run = place.flight("paced").set("slots", 400).pace("50x").without_viewer().start();
+    run.until_slot(60);
+    run.kill_launcher();
+    let trace = place.trace("run");
+    place.cut_trace("run", 40);
+    let cut = place.trace("run");
+    place.run_refused(&["run", "--resume", "run", "--no-viewer"], "slots.csv: it ends before slot ");
+    assert_eq!(place.trace("run"), cut);
     fs::write(place.path("run/slots.csv"), &trace).unwrap();
     let check = fs::read(place.path("run/slots.check")).unwrap();
     fs::remove_file(place.path("run/slots.check")).unwrap();
-    refused(&place, &["run", "--resume", "run", "--no-viewer"], "slots.check is missing");
+    place.run_refused(&["run", "--resume", "run", "--no-viewer"], "slots.check is missing");
     assert!(!place.path("run/slots.check").exists());
     fs::write(place.path("run/slots.check"), check).unwrap();
-    place.run_well(&["run", "--resume", "run", "--no-viewer"]);
-    assert!(place.read("run/slots.csv").starts_with(trace.rsplit_once('\n').unwrap().0));
+    place.resume("run");
+    assert!(place.trace("run").starts_with(trace.rsplit_once('\n').unwrap().0));
 }

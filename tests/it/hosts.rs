@@ -10,13 +10,12 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+use crate::support::scenarios::{self, SMOKE};
 use crate::support::{Ended, Place, end};
 use skysink::run::link;
 use skysink_common::scenario::{Overrides, Scenario};
-use skysink_planner::settings;
 use skysink_ring::topics::SCHEMA;
 
-const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/hosts/three_hosts.sh");
 const LONG: &str = "name = 'long'\nslots = 400\nuav.endurance_s = 1e6\n";
 
@@ -106,8 +105,7 @@ fn join(place: &Place, path: &OsString) -> Ended {
 }
 
 fn hash_of_smoke() -> u64 {
-    let scenario = Scenario::read(SMOKE.as_ref(), Overrides::default()).and_then(settings::resolve).unwrap();
-    link::terms(&scenario).unwrap().scenario
+    link::terms(&scenarios::smoke("uts")).unwrap().scenario
 }
 
 #[test]

@@ -24,6 +24,7 @@ mod outside;
 mod plot;
 #[cfg(feature = "viewer")]
 mod recording;
+mod refusals;
 mod replay;
 mod report;
 mod resume;

@@ -28,8 +28,8 @@ const SKYSINK: &str = env!("CARGO_BIN_EXE_skysink");
 #[test]
 fn a_full_disk_ends_a_run_with_whole_lines() {
     let place = Place::new();
-    place.write("long.toml", "name = \"long\"\nslots = 200000\nslot_s = 0.1\n[uav]\nendurance_s = 1e6\n");
-    for command in ["run long.toml --no-viewer", "simulate long.toml"] {
+    place.scenario("long");
+    for command in ["run long.toml --no-viewer --set slots=200000", "simulate long.toml --set slots=200000"] {
         let script = format!("{SKYSINK} {command} --out medium/run; code=$?; cp medium/run/* .; exit $code");
         let Some(ended) = on_medium(&place, "size=200k", &script) else { return };
         assert_said(&ended, &["slots.csv", "No space left"]);
@@ -46,8 +46,8 @@ fn a_full_disk_ends_a_run_with_whole_lines() {
 #[test]
 fn a_full_disk_ends_a_run_with_a_viewer_too() {
     let place = Place::new();
-    place.write("long.toml", "name = \"long\"\nslots = 200000\nslot_s = 0.1\n[uav]\nendurance_s = 1e6\n");
-    let script = format!("{SKYSINK} run long.toml --out medium/run");
+    place.scenario("long");
+    let script = format!("{SKYSINK} run long.toml --set slots=200000 --out medium/run");
     let Some(ended) = on_medium(&place, "size=600k", &script) else { return };
     assert_eq!(ended.code, Some(1), "{ended:?}");
     assert!(ended.stderr.contains("No space left") || ended.stderr.contains("viewer"), "{ended:?}");
@@ -57,7 +57,7 @@ fn a_full_disk_ends_a_run_with_a_viewer_too() {
 #[test]
 fn a_folder_that_cannot_be_written_is_named() {
     let place = Place::new();
-    place.write("smoke.toml", include_str!("../../scenarios/smoke.toml"));
+    place.scenario("smoke");
     for command in ["run smoke.toml --no-viewer", "simulate smoke.toml"] {
         let script = format!("{SKYSINK} {command} --out medium/run");
         let Some(ended) = on_medium(&place, "ro", &script) else { return };
@@ -74,7 +74,7 @@ fn a_folder_that_cannot_be_written_is_named() {
 #[test]
 fn a_shared_memory_that_is_too_small_is_refused_before_anything_is_written() {
     let place = Place::new();
-    place.write("smoke.toml", include_str!("../../scenarios/smoke.toml"));
+    place.scenario("smoke");
     let script = format!("mount -t tmpfs -o size=4m none /dev/shm && {SKYSINK} run smoke.toml --no-viewer --out run");
     let Some(ended) = on_medium(&place, "size=1m", &script) else { return };
     assert_said(&ended, &["/dev/shm", "MiB free", "--shm-size"]);

@@ -9,10 +9,10 @@ fn a_new_scenario_is_the_papers_mission() {
     assert!(printed.contains("city/city.toml: 200 sensor nodes in 100 m × 100 m\n"), "{printed}");
     let checked = place.run_well(&["check", "city/city.toml"]);
     assert_eq!(checked.stderr, "");
-    place.run_well(&["simulate", "city/city.toml", "--out", "mine"]);
+    place.flight("city/city").out("mine").simulate();
     place.write("letter.toml", "name = \"city\"\n");
-    place.run_well(&["simulate", "letter.toml", "--out", "letter"]);
-    assert_eq!(place.read("mine/slots.csv"), place.read("letter/slots.csv"));
+    place.flight("letter").out("letter").simulate();
+    place.assert_same_trace("mine", "letter");
 }
 
 #[test]
@@ -73,7 +73,7 @@ mod imports {
                 line.rsplit(' ').next().unwrap().parse().unwrap()
             };
             assert!((side("width_m") - 699.0).abs() < 5.0 && (side("height_m") - 1133.0).abs() < 5.0, "{checked}");
-            place.run_well(&["simulate", "city/city.toml", "--out", "run", "--force"]);
+            place.flight("city/city").force().simulate();
         }
     }
 
@@ -104,7 +104,7 @@ mod imports {
         place.write("a.csv", "lat,lon\n-16.8,179.99\n-16.79,-179.99\n");
         let printed = place.run_well(&["new", "fiji", "--sensors", "a.csv"]).stdout;
         assert!(printed.contains("2 sensor nodes in 2153 m × 1127 m"), "{printed}");
-        place.run_well(&["simulate", "fiji/fiji.toml", "--out", "run"]);
+        place.flight("fiji/fiji").simulate();
         // The margin alone lies west of it.
         place.write("b.csv", "lat,lon\n10,-179.99999\n10,-179.99\n");
         place.run_well(&["new", "east", "--sensors", "b.csv"]);

@@ -18,7 +18,6 @@ use skysink_mission::mission::Mission;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
-use skysink_planner::settings;
 use skysink_planner::strategies::horizon::{self, HorizonKeys};
 use skysink_planner::strategies::offline::{self, OfflineKeys};
 use skysink_planner::strategies::{Registered, names};
@@ -28,10 +27,11 @@ use skysink_ring::role::Role;
 use skysink_ring::topics::{PATH_BUFFER, Ring, VIEWER_BUFFER};
 use skysink_ring::wait::Waiting;
 
+use crate::support::scenarios;
+
 fn smoke(strategy: &'static str, seed: u64) -> Scenario {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/smoke.toml");
     let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), ..Overrides::default() };
-    let mut scenario = Scenario::read(&path, overrides).and_then(settings::resolve).unwrap();
+    let mut scenario = scenarios::read(Path::new(scenarios::SMOKE), overrides);
     offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: Count::clamped(5_000) });
     scenario
 }
@@ -51,8 +51,15 @@ fn alone(scenario: &Scenario, out: &Path) -> String {
 /// A node that runs as a thread.
 type Node = fn(&Scenario, &RingFolder, &Stop) -> Result<(), NodeError>;
 
-/// The same as a ring of threads, started in the given order.
-fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, order: [usize; 3]) -> String {
+/// Flies a ring of threads, started in the given order once `spectate` has passed the barrier; returns what that has
+/// seen.
+fn fly_in_threads<S: Service + 'static, T: Send>(
+    scenario: &Scenario,
+    wait: Waiting,
+    out: &Path,
+    order: [usize; 3],
+    spectate: impl FnOnce(&RingFolder, &Stop, &Barrier) -> T + Send,
+) -> T {
     let list = SensorList::of(scenario).unwrap();
     let folder = RunFolder::create(Some(out), false, scenario, &list, &RunMode::default()).unwrap();
     let ring_folder = RingFolder::create(Pace::Max, wait, 60.0, false, None).unwrap();
@@ -62,7 +69,10 @@ fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, or
     let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(scenario, &list));
     let nodes: [Node; 3] =
         [skysink_field_sim::node::run::<S>, skysink_flight_sim::node::run::<S>, skysink_planner::node::run::<S>];
-    thread::scope(|scope| {
+    let there = Barrier::new(2);
+    let seen = thread::scope(|scope| {
+        let spectator = scope.spawn(|| spectate(&RingFolder::open(ring_folder.path()).unwrap(), &stop, &there));
+        there.wait();
         let threads = order.map(|node| {
             let (stop, path) = (stop.clone(), ring_folder.path());
             scope.spawn(move || nodes[node](scenario, &RingFolder::open(path)?, &stop))
@@ -75,12 +85,21 @@ fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, or
         for thread in threads {
             thread.join().unwrap().unwrap();
         }
+        spectator.join().unwrap()
     });
     let mut mission = Mission::new(scenario, &list).unwrap();
     mission.by_ref().for_each(drop);
     let ours = tally.summary(None, Duration::ZERO, log.hash());
     assert_eq!(ours.totals.queued_bits, mission.header().totals.queued_bits);
     assert!(ours.complete);
+    seen
+}
+
+/// The trace of a ring of threads, started in the given order.
+fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, order: [usize; 3]) -> String {
+    fly_in_threads::<S, _>(scenario, wait, out, order, |_, _, there| {
+        there.wait();
+    });
     fs::read_to_string(out.join("slots.csv")).unwrap()
 }
 
@@ -106,44 +125,17 @@ type Seen = Vec<(Plan, Option<Vec<PathPoint>>)>;
 
 /// Looks on at a ring of threads from before they start.
 fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
-    let list = SensorList::of(scenario).unwrap();
-    let folder = RunFolder::create(Some(out), false, scenario, &list, &RunMode::default()).unwrap();
-    let ring_folder = RingFolder::create(Pace::Max, Waiting::Event, 60.0, false, None).unwrap();
-    let stop = Stop::default();
-    let (ring, wait) = Ring::<S>::join(&ring_folder, scenario, Role::Launcher, &stop).unwrap();
-    let mut recorder = Recorder::new(&ring, wait).unwrap();
-    let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(scenario, &list));
-    let nodes: [Node; 3] =
-        [skysink_field_sim::node::run::<S>, skysink_flight_sim::node::run::<S>, skysink_planner::node::run::<S>];
-    let there = Barrier::new(2);
-    thread::scope(|scope| {
-        let spectator = scope.spawn(|| {
-            let folder = RingFolder::open(ring_folder.path()).unwrap();
-            let (ring, mut wait) = Ring::<S>::join(&folder, scenario, Role::Viewer, &stop).unwrap();
-            let mut paths = ring.path.reader(PATH_BUFFER).unwrap();
-            let mut plans = ring.plan.reader(VIEWER_BUFFER).unwrap();
-            there.wait();
-            let see = |slot| {
-                let plan = plans.wait_for_slot(&mut wait, slot).unwrap().unwrap();
-                let path = paths.poll_slot(slot).unwrap().available();
-                (*plan.payload(), path.map(|path| path.payload().to_vec()))
-            };
-            (1..=scenario.slots).map(see).collect()
-        });
+    fly_in_threads::<S, _>(scenario, Waiting::Event, out, [0, 1, 2], |folder, stop, there| {
+        let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Viewer, stop).unwrap();
+        let mut paths = ring.path.reader(PATH_BUFFER).unwrap();
+        let mut plans = ring.plan.reader(VIEWER_BUFFER).unwrap();
         there.wait();
-        let threads = nodes.map(|node| {
-            let (stop, path) = (stop.clone(), ring_folder.path());
-            scope.spawn(move || node(scenario, &RingFolder::open(path)?, &stop))
-        });
-        recorder.record(scenario.slots, &mut log, &mut tally, &mut |_, _| Ok(0)).unwrap();
-        recorder.release(scenario.slots, log.hash()).unwrap();
-        while threads.iter().any(|thread| !thread.is_finished()) {
-            recorder.pause(Duration::from_millis(1)).unwrap(); // serves those that ask late
-        }
-        for thread in threads {
-            thread.join().unwrap().unwrap();
-        }
-        spectator.join().unwrap()
+        let see = |slot| {
+            let plan = plans.wait_for_slot(&mut wait, slot).unwrap().unwrap();
+            let path = paths.poll_slot(slot).unwrap().available();
+            (*plan.payload(), path.map(|path| path.payload().to_vec()))
+        };
+        (1..=scenario.slots).map(see).collect()
     })
 }
 

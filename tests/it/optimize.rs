@@ -3,8 +3,8 @@
 use std::fs;
 use std::process::Child;
 
-use crate::support::{Place, end, until};
-use rustix::process::{Pid, Signal, kill_process};
+use crate::support::{Place, end, pid, until};
+use rustix::process::{Signal, kill_process};
 use skysink_planner::strategies::STRATEGIES;
 
 /// A field too large for strategies that look one slot ahead, in which nobody can avoid all loss.
@@ -44,12 +44,12 @@ fn the_best_known_is_above_the_bound_below_every_strategy_and_flies_again() {
     assert_eq!(losses.len(), STRATEGIES.len(), "{optimum}");
     // The figures are those of the flight in the folder, and of every strategy by itself.
     assert_eq!(place.summary("best")["loss_rate"].as_f64(), Some(least));
-    place.run_well(&["simulate", "far.toml", "--strategy", "gfs", "--out", "gfs"]);
+    place.flight("far").strategy("gfs").out("gfs").simulate();
     let gfs = standings.iter().find(|standing| standing["strategy"] == "gfs").unwrap();
     assert_eq!(gfs["loss_rate"], place.summary("gfs")["loss_rate"]);
     // The folder's scenario finds and flies it again, in one process and in the ring.
-    place.run_well(&["simulate", "best/scenario.toml", "--out", "again"]);
-    place.run_well(&["run", "best/scenario.toml", "--no-viewer", "--out", "ring"]);
+    place.flight("best/scenario").out("again").simulate();
+    place.flight("best/scenario").out("ring").without_viewer().run();
     for again in ["again", "ring"] {
         assert!(place.read("best/slots.csv") == place.read(&format!("{again}/slots.csv")), "{again}");
     }
@@ -171,5 +171,5 @@ fn interrupt(process: &Child) {
         let caught = status.lines().find_map(|line| line.strip_prefix("SigCgt:")).unwrap().trim();
         (u64::from_str_radix(caught, 16).unwrap() >> 1 & 1 == 1).then_some(())
     });
-    kill_process(Pid::from_raw(i32::try_from(process.id()).unwrap()).unwrap(), Signal::INT).unwrap();
+    kill_process(pid(process), Signal::INT).unwrap();
 }

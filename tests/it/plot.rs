@@ -9,7 +9,7 @@ use serde_json::Value;
 /// A place with a flown sweep of the smoke scenario, `flown`.
 fn swept() -> Place {
     let place = Place::new();
-    fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml"), place.path("smoke.toml")).unwrap();
+    place.scenario("smoke");
     let axes = "\"area.side_m\" = [90, 40.0, 60.0]\n\"link.gain\" = [\"static\", \"per-slot\"]\n";
     let head = "scenario = \"smoke.toml\"\nstrategies = [\"uts\", \"gfs\", \"rfs\"]\nseeds = 3\n[axes]\n";
     place.write("sweep.toml", &format!("{head}{axes}"));

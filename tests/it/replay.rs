@@ -1,29 +1,24 @@
 //! `skysink replay`: a run on record through the ring once more, and what another planner would have done.
 
-use crate::support;
 use std::fs;
-use std::path::Path;
 use std::time::Duration;
 
-use crate::support::{Place, end, until};
-use rustix::process::{Signal, kill_process};
+use crate::support::flight::{RunningFlight, executable};
+use crate::support::{Place, end, scenarios, until};
 use serde_json::Value;
 use skysink_common::message::FlightReport;
 use skysink_common::pace::Pace;
-use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_flight_sim::Flight;
 use skysink_mission::Mission;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
-use skysink_planner::{Planner, settings};
-
-const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
+use skysink_planner::Planner;
 
 fn smoke(strategy: &'static str) -> (Scenario, SensorList) {
-    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
-    let scenario = Scenario::read(Path::new(SMOKE), overrides).and_then(settings::resolve).unwrap();
+    let scenario = scenarios::smoke(strategy);
     let list = SensorList::of(&scenario).unwrap();
     (scenario, list)
 }
@@ -47,13 +42,13 @@ const DECISION: [&str; 7] = ["slot", "x_m", "y_m", "z_m", "scheduled", "mode", "
 #[cfg(feature = "viewer")]
 fn a_run_without_a_recording_is_replayed_into_the_one_that_it_would_have_had() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "dark"]);
-    place.run_well(&["simulate", SMOKE, "--record", "--out", "lit"]);
+    place.flight("smoke").out("dark").simulate();
+    place.flight("smoke").out("lit").options(&["--record"]).simulate();
     let ended = place.run_well(&["replay", "dark"]);
     assert!(ended.stdout.contains("the recorded decision in 60 of 60 slots"), "{ended:?}");
     for entity in ["/world/uav", "/world/links", "/world/candidates", "/world/queues", "/metrics/loss_rate"] {
         let [lit, replay] =
-            ["lit", "dark-replay"].map(|run| support::rows(&place.path(&format!("{run}/mission.rrd")), entity));
+            ["lit", "dark-replay"].map(|run| crate::support::rows(&place.path(&format!("{run}/mission.rrd")), entity));
         assert_eq!(replay.keys().copied().collect::<Vec<_>>(), lit.keys().copied().collect::<Vec<_>>(), "{entity}");
         assert!(lit == replay, "{entity}");
     }
@@ -63,7 +58,7 @@ fn a_run_without_a_recording_is_replayed_into_the_one_that_it_would_have_had() {
 #[test]
 fn the_planner_of_the_run_decides_again_as_recorded() {
     let place = Place::new();
-    place.run_well(&["run", SMOKE, "--no-viewer", "--out", "run"]);
+    place.flight("smoke").without_viewer().run();
     let before = place.read("run/summary.json");
     place.run_well(&["replay", "run", "--no-viewer", "--out", "again"]);
     let outcome = outcome(&place, "again");
@@ -100,7 +95,7 @@ fn asked(flown: &'static str, asked: &'static str) -> Vec<Vec<String>> {
 #[test]
 fn another_strategy_is_asked_in_each_recorded_state_and_not_followed() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    place.flight("smoke").simulate();
     place.run_well(&["replay", "run", "--no-viewer", "--strategy", "gfs"]);
     let outcome = outcome(&place, "run-replay");
     assert_eq!((&outcome["strategy"], &outcome["planner"]), (&"uts".into(), &"gfs".into()));
@@ -119,7 +114,7 @@ fn another_strategy_is_asked_in_each_recorded_state_and_not_followed() {
 fn an_outside_planner_is_asked_and_its_own_run_is_replayed_by_its_decisions_on_record() {
     let place = Place::new();
     let command = place.outside_planner();
-    place.run_well(&["run", SMOKE, "--no-viewer", "--out", "run", "--planner", &command, "--label", "mine"]);
+    place.flight("smoke").without_viewer().planner(&command).options(&["--label", "mine"]).run();
     place.run_well(&["replay", "run", "--no-viewer", "--out", "recorded"]);
     let recorded = outcome(&place, "recorded");
     assert_eq!((&recorded["strategy"], &recorded["planner"]), (&"mine".into(), &"mine".into()));
@@ -159,18 +154,14 @@ fn slots_without_a_plan_in_time_are_held_again_and_counted_as_undecided() {
 #[test]
 fn a_replay_survives_the_death_of_its_processes() {
     let place = Place::new();
-    place.write("long.toml", "name = \"long\"\nslots = 3000\nslot_s = 0.1\n[uav]\nendurance_s = 1e6\n");
-    place.run_well(&["simulate", "long.toml", "--out", "run"]);
-    let replay = place.skysink(&["replay", "run", "--no-viewer", "--pace", "100x"]).spawn().unwrap();
-    let ring = until("ring", || place.rings().into_iter().find(|ring| place.ring_file(ring).exists()));
-    let flights = place.ring_file(&ring).with_file_name("flights.journal");
+    place.flight("long").set("slots", 3000).simulate();
+    let replay = place.skysink(&["replay", "run", "--no-viewer", "--pace", "100x"]);
+    let replay = RunningFlight::start(&place, replay, "run-replay");
+    let flights = replay.folder().join("flights.journal");
     let size = || fs::metadata(&flights).map_or(0, |file| file.len());
     until("flight", || (size() > 12_000).then_some(())); // three places of 4096 bytes
-    for role in ["flight-sim", "planner", "field-sim"] {
-        kill_process(place.worker(role, &ring), Signal::KILL).unwrap();
-    }
-    let ended = end(replay);
-    assert_eq!(ended.code, Some(0), "{ended:?}");
+    ["flight-sim", "planner", "field-sim"].iter().for_each(|role| replay.kill(role));
+    let ended = replay.end_well();
     assert!(ended.stderr.contains("flight-sim was started again"), "{ended:?}");
     let outcome = outcome(&place, "run-replay");
     assert_eq!((&outcome["same"], &outcome["trace_hash"]), (&3000.into(), &place.summary("run")["trace_hash"]));
@@ -180,7 +171,7 @@ fn a_replay_survives_the_death_of_its_processes() {
 #[test]
 fn what_is_no_finished_run_or_contradicts_itself_is_refused_and_nothing_is_written() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    place.flight("smoke").simulate();
     place.write("other.txt", "");
     for (arguments, says) in [
         (&["nowhere"][..], "nowhere"),
@@ -188,11 +179,9 @@ fn what_is_no_finished_run_or_contradicts_itself_is_refused_and_nothing_is_writt
         (&["run", "--strategy", "gfs", "--planner", "true"], "--strategy with --planner"),
         (&["run", "--out", "."], "output folder .: it contains"),
     ] {
-        let ended = place.run(&[&["replay", "--no-viewer"], arguments].concat());
-        assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
-        assert!(ended.stderr.contains(says), "{ended:?}");
+        place.run_refused(&[&["replay", "--no-viewer"], arguments].concat(), says);
     }
-    let trace = place.read("run/slots.csv");
+    let trace = place.trace("run");
     let cut: String = trace.split_inclusive('\n').take(31).collect();
     for (damaged, says) in [(trace.replacen("\n7,", "\n8,", 1), "line 8"), (cut, "30 slots")] {
         place.write("run/slots.csv", &damaged);
@@ -206,7 +195,7 @@ fn what_is_no_finished_run_or_contradicts_itself_is_refused_and_nothing_is_writt
 #[test]
 fn a_replay_is_replaced_by_force_alone() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    place.flight("smoke").simulate();
     place.run_well(&["replay", "run", "--no-viewer"]);
     let ended = place.run(&["replay", "run", "--no-viewer", "--strategy", "gfs"]);
     assert!(ended.code == Some(2) && ended.stderr.contains("run-replay: it exists"), "{ended:?}");
@@ -221,7 +210,7 @@ fn a_replay_is_replaced_by_force_alone() {
 #[test]
 fn a_replay_that_was_killed_leaves_nothing_that_is_in_the_way_of_the_next() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    place.flight("smoke").simulate();
     fs::create_dir(place.path("run-replay")).unwrap();
     place.write("run-replay/lock", "");
     place.write("run-replay/.plans.csv.a1b2c3.new", "slot,x_m\n");
@@ -238,7 +227,7 @@ fn a_replay_that_was_killed_leaves_nothing_that_is_in_the_way_of_the_next() {
 #[test]
 fn a_replay_stays_until_the_one_that_replaces_it_is_whole() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    place.flight("smoke").simulate();
     place.run_well(&["replay", "run", "--no-viewer"]);
     let files = || ["plans.csv", "replay.json", "scenario.toml"].map(|name| place.read(&format!("run-replay/{name}")));
     let before = files();
@@ -254,34 +243,30 @@ fn a_replay_stays_until_the_one_that_replaces_it_is_whole() {
 #[test]
 fn what_is_no_replay_is_not_replaced_and_a_run_is_no_place_for_one() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    place.flight("smoke").simulate();
     fs::create_dir(place.path("own")).unwrap();
     place.write("own/scenario.toml", "# mine");
     for (arguments, message) in [
         (["--out", "own", "--force"], "it contains own/scenario.toml: expected a separate folder"),
         (["--out", "run/replay", "--force"], "it is inside the run folder, which must not change"),
     ] {
-        let ended = place.run(&[&["replay", "run", "--no-viewer"][..], &arguments].concat());
-        assert_eq!(ended.code, Some(2), "{ended:?}");
-        assert!(ended.stderr.contains(message), "{ended:?}");
+        place.run_refused(&[&["replay", "run", "--no-viewer"][..], &arguments].concat(), message);
     }
     assert_eq!(place.read("own/scenario.toml"), "# mine");
     let mut inside = place.skysink(&["replay", ".", "--no-viewer"]);
-    let ended = end(inside.current_dir(place.path("run")).spawn().unwrap());
-    assert_eq!(ended.code, Some(0), "{ended:?}");
+    end(inside.current_dir(place.path("run")).spawn().unwrap()).assert_well();
     assert!(place.path("run-replay/replay.json").exists());
 }
 
 #[test]
 fn a_folder_has_one_replay_at_a_time() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    place.flight("smoke").simulate();
     place.run_well(&["replay", "run", "--no-viewer"]);
     let lock = fs::File::open(place.path("run-replay/lock")).unwrap();
     lock.try_lock().unwrap();
     let ended = place.run(&["replay", "run", "--no-viewer", "--force"]);
-    assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
-    assert!(ended.stderr.contains("run-replay: another replay is writing it"), "{ended:?}");
+    ended.assert_refused("run-replay: another replay is writing it");
     assert_eq!(outcome(&place, "run-replay")["planner"], "uts", "it stays as it was");
     drop(lock);
     place.run_well(&["replay", "run", "--no-viewer", "--force"]);
@@ -291,7 +276,7 @@ fn a_folder_has_one_replay_at_a_time() {
 fn only_flight_sim_takes_the_pace_of_a_replay() {
     let place = Place::new();
     let help = |program: &str| end(place.command(program, &["--help"]).spawn().unwrap()).stdout;
-    let [flight_sim, planner] = [env!("CARGO_BIN_EXE_flight-sim"), env!("CARGO_BIN_EXE_planner")].map(help);
+    let [flight_sim, planner] = ["flight-sim", "planner"].map(|role| help(executable(role)));
     assert!(flight_sim.contains("--replay <RUN>") && flight_sim.contains("--pace <PACE>"), "{flight_sim}");
     assert!(planner.contains("--replay <RUN>") && !planner.contains("--pace"), "{planner}");
     let replay = place.run_well(&["replay", "--help"]).stdout;

@@ -3,8 +3,6 @@
 use crate::support::Place;
 use serde_json::Value;
 
-const SMALL: &str = "name = \"small\"\nslots = 250\n[area]\nside_m = 200.0\n[sensors]\ncount = 60\n";
-
 /// The column `name` of a table.
 fn column<T: std::str::FromStr>(text: &str, name: &str) -> Vec<T> {
     let mut lines = text.lines();
@@ -15,8 +13,7 @@ fn column<T: std::str::FromStr>(text: &str, name: &str) -> Vec<T> {
 #[test]
 fn the_table_of_a_run_is_printed_again() {
     let place = Place::new();
-    place.write("small.toml", SMALL);
-    let flown = place.run_well(&["simulate", "small.toml", "--out", "run"]);
+    let flown = place.flight("small").simulate();
     let again = place.run_well(&["report", "run"]);
     assert_eq!(again.stdout, flown.stdout);
     let json: Value = serde_json::from_str(&place.run_well(&["report", "run", "--json"]).stdout).unwrap();
@@ -32,15 +29,14 @@ fn the_table_of_a_run_is_printed_again() {
 #[test]
 fn what_the_sensor_nodes_lost_and_delivered_adds_up() {
     let place = Place::new();
-    place.write("small.toml", SMALL);
-    place.run_well(&["simulate", "small.toml", "--out", "run"]);
+    place.flight("small").simulate();
     place.run_well(&["report", "run", "--sensors"]);
     let sensors = place.read("run/sensors_out.csv");
     let summary = place.summary("run");
     for name in ["sampled_bits", "delivered_bits", "lost_bits", "queued_bits"] {
         assert_eq!(column::<u64>(&sensors, name).iter().sum::<u64>(), summary[name].as_u64().unwrap(), "{name}");
     }
-    let trace = place.read("run/slots.csv");
+    let trace = place.trace("run");
     let mut served = vec![Vec::new(); 60];
     for (line, slot) in trace.lines().skip(1).zip(1u64..) {
         let ids = line.split(',').nth(4).unwrap().split_ascii_whitespace();
@@ -63,9 +59,8 @@ fn what_the_sensor_nodes_lost_and_delivered_adds_up() {
 #[test]
 fn a_run_through_the_ring_has_the_same_sensor_results() {
     let place = Place::new();
-    place.write("small.toml", SMALL);
-    place.run_well(&["simulate", "small.toml", "--out", "alone"]);
-    place.run_well(&["run", "small.toml", "--no-viewer", "--out", "ring"]);
+    place.flight("small").out("alone").simulate();
+    place.flight("small").out("ring").without_viewer().run();
     for run in ["alone", "ring"] {
         place.run_well(&["report", run, "--sensors"]);
     }
@@ -76,9 +71,8 @@ fn a_run_through_the_ring_has_the_same_sensor_results() {
 #[test]
 fn the_figures_of_a_trace_that_was_changed_are_not_shown() {
     let place = Place::new();
-    place.write("small.toml", SMALL);
-    place.run_well(&["simulate", "small.toml", "--out", "run"]);
-    let trace = place.read("run/slots.csv");
+    place.flight("small").simulate();
+    let trace = place.trace("run");
     let line = trace.lines().nth(100).unwrap();
     let queued = line.split(',').nth(7).unwrap();
     for (changed, says) in [
@@ -100,9 +94,8 @@ fn the_figures_of_a_trace_that_was_changed_are_not_shown() {
 #[test]
 fn what_is_no_run_or_was_changed_is_refused_and_nothing_is_written() {
     let place = Place::new();
-    place.write("small.toml", SMALL);
-    place.run_well(&["simulate", "small.toml", "--out", "run"]);
-    let trace = place.read("run/slots.csv");
+    place.flight("small").simulate();
+    let trace = place.trace("run");
     place.write("run/slots.csv", &trace.replacen("\n7,", "\n8,", 1));
     for (folder, says) in [("nowhere", "nowhere"), ("run", "run/slots.csv: line 8")] {
         let ended = place.run(&["report", folder, "--sensors", "--json"]);

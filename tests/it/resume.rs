@@ -5,14 +5,15 @@ use std::path::{Path, PathBuf};
 use skysink::run::resume::resume;
 use skysink_common::message::Plan;
 use skysink_common::pace::Pace;
-use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_mission::Mission;
 use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
-use skysink_planner::settings;
+
+use crate::support::scenarios;
 
 /// Slots on record.
 const SLOTS: u64 = 30;
@@ -28,10 +29,7 @@ enum PlansBy {
 type Substitute = fn(slot: u64, own: Plan) -> Option<Plan>;
 
 fn smoke(strategy: &'static str) -> (Scenario, SensorList) {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/smoke.toml");
-    let scenario = Scenario::read(&path, Overrides { strategy: Some(strategy), ..Overrides::default() })
-        .and_then(settings::resolve)
-        .unwrap();
+    let scenario = scenarios::smoke(strategy);
     let list = SensorList::of(&scenario).unwrap();
     (scenario, list)
 }

@@ -1,41 +1,18 @@
 //! The ring as processes: the same trace as in one process, and an end in order whatever happens.
 
-use crate::support;
-use std::fs;
-use std::process::{Child, Command};
+use std::collections::BTreeSet;
 
-use crate::support::{Place, assert_no_shared_memory, end, lines, until};
-use rustix::process::{Pid, Signal, kill_process};
-
-const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
-
-/// A scenario whose run lasts long enough to be disturbed.
-const LONG: &str = "name = \"long\"\nslots = 5000\nslot_s = 0.1\n";
+use crate::support::flight::{RING, executable};
+use crate::support::scenarios::{self, SMOKE};
+use crate::support::{self, Place, assert_balanced, assert_no_shared_memory, end, until_gone};
+use rustix::process::Signal;
 
 /// What a planner that does not see the queues adds to a scenario.
 const BELIEVES: &str = "\n[planner]\nhorizon.iterations = 200\nknowledge = \"estimated\"\nrates = \"learnt\"\n";
 
-/// Starts `skysink run` in the place, and waits until it has flown some slots. Returns its ring's name, too.
-fn under_way(place: &Place, arguments: &[&str]) -> (Child, String) {
-    place.write("long.toml", LONG);
-    let mut all = vec!["run", "long.toml", "--out", "run"];
-    all.extend(arguments);
-    if !cfg!(feature = "viewer") && !arguments.contains(&"--no-viewer") {
-        all.push("--no-viewer");
-    }
-    let child = place.skysink(&all).spawn().unwrap();
-    until("slot", || (lines(&place.path("run/slots.csv")) > 20).then_some(()));
-    let ring = place.rings().into_iter().next().expect("a ring under way");
-    (child, ring)
-}
-
-fn pid(child: &Child) -> Pid {
-    Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap()
-}
-
 /// Fails unless the trace in `run` holds whole lines of the slots 1, 2, 3, ...; returns how many.
 fn assert_whole(place: &Place) -> usize {
-    let trace = place.read("run/slots.csv");
+    let trace = place.trace("run");
     assert!(trace.ends_with('\n'), "a line is cut");
     for (slot, line) in trace.lines().enumerate().skip(1) {
         assert_eq!(line.split(',').next().unwrap(), slot.to_string());
@@ -44,24 +21,32 @@ fn assert_whole(place: &Place) -> usize {
     trace.lines().count() - 1
 }
 
+/// Fails unless `run` has a whole trace and the figures of a mission that was cut; returns its slots.
+fn assert_cut(place: &Place) -> usize {
+    let slots = assert_whole(place);
+    let summary = place.summary("run");
+    assert_eq!((&summary["complete"], &summary["slots"]), (&false.into(), &slots.into()));
+    slots
+}
+
 #[test]
 fn processes_and_one_process_leave_the_same_trace() {
     let place = Place::new();
     for strategy in ["uts", "gfs", "rfs"] {
-        for seed in ["1", "2", "3"] {
-            let choice = ["--strategy", strategy, "--seed", seed, "--force", "--out"];
-            place.run_well(&[&["simulate", SMOKE][..], &choice, &["alone"]].concat());
-            let viewers: &[&[&str]] =
-                if cfg!(feature = "viewer") { &[&[], &["--no-viewer"]] } else { &[&["--no-viewer"]] };
-            for viewer in viewers {
-                place.run_well(&[&["run", SMOKE][..], &choice, &["ring"], viewer].concat());
+        for seed in 1..=3 {
+            let flight = place.flight("smoke").strategy(strategy).seed(seed).force();
+            flight.out("alone").simulate();
+            for ring in [flight.out("ring"), flight.out("ring").without_viewer()] {
+                ring.run();
                 for file in ["slots.csv", "scenario.toml", "sensors.csv"] {
                     let [alone, ring] = ["alone", "ring"].map(|run| place.read(&format!("{run}/{file}")));
-                    assert_eq!(alone, ring, "{strategy}, seed {seed}, {viewer:?}: {file}");
+                    assert_eq!(alone, ring, "{strategy}, seed {seed}: {file}");
                 }
                 let [mut alone, mut ring] = ["alone", "ring"].map(|run| place.summary(run));
-                alone["timing"] = serde_json::Value::Null;
-                ring["timing"] = serde_json::Value::Null;
+                for key in ["timing", "events"] {
+                    alone[key] = serde_json::Value::Null;
+                    ring[key] = serde_json::Value::Null; // on a busy machine a process is reported as silent
+                }
                 assert_eq!(alone, ring);
             }
         }
@@ -72,16 +57,13 @@ fn processes_and_one_process_leave_the_same_trace() {
 #[test]
 fn processes_and_one_process_fly_the_same_in_three_dimensions() {
     let place = Place::new();
-    let scenario = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/plos-high-rise.toml")).unwrap();
-    place.write("plos.toml", &scenario.replace("slots = 300", "slots = 40"));
     for strategy in ["uts", "gfs", "rfs", "uts-wide", "exact"] {
-        let choice = ["--strategy", strategy, "--force", "--out"];
-        place.run_well(&[&["simulate", "plos.toml"][..], &choice, &["alone"]].concat());
-        place.run_well(&[&["run", "plos.toml", "--no-viewer"][..], &choice, &["ring"]].concat());
-        let [alone, ring] = ["alone", "ring"].map(|run| place.read(&format!("{run}/slots.csv")));
+        let flight = place.flight("plos-high-rise").set("slots", 40).strategy(strategy).force().without_viewer();
+        flight.out("alone").simulate();
+        flight.out("ring").run();
+        let [alone, ring] = ["alone", "ring"].map(|run| place.trace(run));
         assert_eq!(alone, ring, "{strategy}");
-        let altitudes: std::collections::BTreeSet<_> =
-            alone.lines().skip(1).filter_map(|line| line.split(',').nth(3)).collect();
+        let altitudes: BTreeSet<_> = alone.lines().skip(1).filter_map(|line| line.split(',').nth(3)).collect();
         assert!(altitudes.len() > 1, "{strategy} does not use its altitude: {altitudes:?}");
     }
 }
@@ -89,16 +71,16 @@ fn processes_and_one_process_fly_the_same_in_three_dimensions() {
 #[test]
 fn processes_and_one_process_believe_the_same() {
     let place = Place::new();
-    let smoke = fs::read_to_string(SMOKE).unwrap().replace("[sensors]", "[sensors]\nsampling_bps = [50.0, 800.0]");
+    let smoke = scenarios::text("smoke").replace("[sensors]", "[sensors]\nsampling_bps = [50.0, 800.0]");
     place.write("known.toml", &smoke);
     place.write("believed.toml", &(smoke + BELIEVES));
     for strategy in ["uts", "horizon"] {
-        let choice = ["--strategy", strategy, "--force", "--out"];
-        place.run_well(&[&["simulate", "known.toml"][..], &choice, &["known"]].concat());
-        place.run_well(&[&["simulate", "believed.toml"][..], &choice, &["alone"]].concat());
-        place.run_well(&[&["run", "believed.toml", "--no-viewer"][..], &choice, &["ring"]].concat());
-        assert_eq!(place.read("alone/slots.csv"), place.read("ring/slots.csv"), "{strategy}");
-        assert_ne!(place.read("alone/slots.csv"), place.read("known/slots.csv"), "{strategy} sees the queues");
+        let [known, believed] = ["known", "believed"].map(|name| place.flight(name).strategy(strategy).force());
+        known.out("known").simulate();
+        believed.out("alone").simulate();
+        believed.out("ring").without_viewer().run();
+        assert_eq!(place.trace("alone"), place.trace("ring"), "{strategy}");
+        assert_ne!(place.trace("alone"), place.trace("known"), "{strategy} sees the queues");
     }
     place.assert_clean();
 }
@@ -106,13 +88,13 @@ fn processes_and_one_process_believe_the_same() {
 #[test]
 fn processes_that_poll_leave_the_same_trace() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
+    let smoke = place.flight("smoke").without_viewer();
+    smoke.out("alone").simulate();
     for wait in ["adaptive", "event", "poll"] {
-        place.run_well(&["run", SMOKE, "--no-viewer", "--wait", wait, "--out", wait]);
-        assert_eq!(place.read("alone/slots.csv"), place.read(&format!("{wait}/slots.csv")), "{wait}");
+        smoke.options(&["--wait", wait]).out(wait).run();
+        assert_eq!(place.trace("alone"), place.trace(wait), "{wait}");
     }
-    let ended = place.run(&["run", SMOKE, "--no-viewer", "--wait", "spin"]);
-    assert_eq!(ended.code, Some(2), "{ended:?}");
+    let ended = smoke.options(&["--wait", "spin"]).try_run().assert_code(2);
     assert!(
         ended.stderr.contains("invalid value 'spin' for '--wait") && ended.stderr.contains("adaptive, event, poll"),
         "{ended:?}"
@@ -124,31 +106,23 @@ fn processes_that_poll_leave_the_same_trace() {
 fn the_letters_mission_is_built_in() {
     let place = Place::new();
     place.run_well(&["run", "--no-viewer", "--out", "built-in"]);
-    place.run_well(&["simulate", concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/letter.toml"), "--out", "file"]);
-    assert_eq!(place.read("built-in/slots.csv"), place.read("file/slots.csv"));
-    assert_eq!(place.read("built-in/slots.csv").lines().count(), 601);
+    place.flight("letter").out("file").simulate();
+    place.assert_same_trace("built-in", "file");
+    assert_eq!(place.trace("built-in").lines().count(), 601);
 }
 
 #[test]
 fn killing_a_worker_that_is_not_to_be_started_again_ends_the_run_with_its_name() {
-    for role in ["field-sim", "flight-sim", "planner", "viewer"] {
-        if role == "viewer" && !cfg!(feature = "viewer") {
-            continue;
-        }
+    for role in RING.into_iter().chain(cfg!(feature = "viewer").then_some("viewer")) {
         let place = Place::new();
-        let (run, ring) = under_way(&place, &["--pace", "20x", "--restart", "never"]);
-        if role == "viewer" {
-            until("recording", || (lines(&place.path("run/slots.csv")) > 500).then_some(())); // 2.5 s
-        }
-        kill_process(place.worker(role, &ring), Signal::KILL).unwrap();
-        let killed = std::time::Instant::now();
-        let ended = end(run);
-        assert_eq!(ended.code, Some(1), "{role}: {ended:?}");
+        let run = place.flight("long").pace("20x").options(&["--restart", "never"]).start();
+        run.until_slot(if role == "viewer" { 500 } else { 20 }); // 2.5 s, which it has recorded
+        run.kill(role);
+        let ring = run.ring().to_owned();
+        let ended = run.end().assert_code(1);
         assert!(ended.stderr.contains(&format!("{role} ended with signal 9")), "{role}: {ended:?}");
-        assert!(killed.elapsed().as_secs() < 5, "{role}: {:?}", killed.elapsed());
-        let slots = assert_whole(&place);
-        let summary = place.summary("run");
-        assert_eq!((&summary["complete"], &summary["slots"]), (&false.into(), &slots.into()), "{role}");
+        assert!(!ended.stderr.contains("has not sent"), "its death was noticed, not its silence: {ended:?}");
+        let slots = assert_cut(&place);
         if cfg!(feature = "viewer") {
             let recorded = support::slots(&place.path("run/mission.rrd"), "/metrics/loss_rate");
             if role == "viewer" {
@@ -166,18 +140,13 @@ fn killing_a_worker_that_is_not_to_be_started_again_ends_the_run_with_its_name()
 
 #[test]
 fn a_worker_killed_at_full_speed_ends_the_run_too() {
-    for role in ["field-sim", "flight-sim", "planner"] {
+    for role in RING {
         let place = Place::new();
-        place.write("endless.toml", "name = \"endless\"\nslots = 100000000\nslot_s = 1e-6\n[link]\ncomm_s = 1e-6\n");
-        let run = place
-            .skysink(&["run", "endless.toml", "--out", "run", "--no-viewer", "--restart", "never"])
-            .spawn()
-            .unwrap();
-        until("slot", || (lines(&place.path("run/slots.csv")) > 20).then_some(()));
-        let ring = place.rings().remove(0);
-        kill_process(place.worker(role, &ring), Signal::KILL).unwrap();
-        let ended = end(run);
-        assert_eq!(ended.code, Some(1), "{role}: {ended:?}");
+        let run = place.flight("endless").without_viewer().options(&["--restart", "never"]).start();
+        run.until_slot(20);
+        run.kill(role);
+        let ring = run.ring().to_owned();
+        let ended = run.end().assert_code(1);
         assert!(ended.stderr.contains(&format!("{role} ended with signal 9")), "{role}: {ended:?}");
         assert_whole(&place);
         place.assert_clean();
@@ -189,13 +158,12 @@ fn a_worker_killed_at_full_speed_ends_the_run_too() {
 fn signals_end_a_run_in_order() {
     for (signal, code) in [(Signal::INT, 130), (Signal::TERM, 143)] {
         let place = Place::new();
-        let (run, ring) = under_way(&place, &["--pace", "20x"]);
-        kill_process(pid(&run), signal).unwrap();
-        let ended = end(run);
-        assert_eq!(ended.code, Some(code), "{ended:?}");
-        let slots = assert_whole(&place);
-        let summary = place.summary("run");
-        assert_eq!((&summary["complete"], &summary["slots"]), (&false.into(), &slots.into()));
+        let run = place.flight("long").pace("20x").start();
+        run.until_slot(20);
+        run.signal(signal);
+        let ring = run.ring().to_owned();
+        let ended = run.end().assert_code(code);
+        let slots = assert_cut(&place);
         let remedy = format!("recorded up to slot {slots}; `skysink run --resume run` continues it");
         assert!(ended.stderr.contains(&remedy), "{ended:?}");
         place.assert_clean();
@@ -206,19 +174,15 @@ fn signals_end_a_run_in_order() {
 #[test]
 fn killing_the_launcher_ends_the_workers_and_the_next_run_clears_up() {
     let place = Place::new();
-    let (run, ring) = under_way(&place, &["--pace", "20x"]);
-    let roles = ["field-sim", "flight-sim", "planner"];
-    let workers = roles.map(|role| place.worker(role, &ring));
-    kill_process(pid(&run), Signal::KILL).unwrap();
-    let killed = std::time::Instant::now();
-    assert_eq!(end(run).signal, Some(9));
-    for worker in workers {
-        let gone = || (!fs::exists(format!("/proc/{}", worker.as_raw_nonzero())).unwrap()).then_some(());
-        until("end of the worker", gone);
-    }
-    assert!(killed.elapsed().as_secs() < 5, "{:?}", killed.elapsed());
+    // The mission and the time-out last longer than the test would wait: only the launcher's death can end the workers.
+    let run = place.flight("long").pace("1x").timeout("3600").start();
+    run.until_slot(5);
+    let ring = run.ring().to_owned();
+    let workers = RING.map(|role| run.worker(role));
+    run.kill_launcher();
+    workers.into_iter().for_each(until_gone);
     assert_whole(&place);
-    place.run_well(&["run", SMOKE, "--no-viewer"]);
+    place.flight("smoke").without_viewer().out("next").run();
     place.assert_clean();
     assert_no_shared_memory(&ring);
 }
@@ -226,16 +190,13 @@ fn killing_the_launcher_ends_the_workers_and_the_next_run_clears_up() {
 #[test]
 fn two_runs_at_the_same_time_do_not_meet() {
     let place = Place::new();
-    let seeds = ["4", "5"];
-    for seed in seeds {
-        place.run_well(&["simulate", SMOKE, "--seed", seed, "--out", &format!("alone-{seed}")]);
-    }
-    let both = seeds.map(|seed| place.skysink(&["run", SMOKE, "--no-viewer", "--seed", seed]).spawn().unwrap());
-    for (run, seed) in both.into_iter().zip(seeds) {
-        let ended = end(run);
-        assert_eq!(ended.code, Some(0), "{ended:?}");
-        let trace = place.read(&format!("runs/smoke-uts-{seed}/slots.csv"));
-        assert_eq!(trace, place.read(&format!("alone-{seed}/slots.csv")));
+    let seeds = [4, 5];
+    let flights = seeds.map(|seed| place.flight("smoke").seed(seed).without_viewer());
+    let both = [0, 1].map(|i| flights[i].out(&format!("ring-{i}")).launcher().spawn().unwrap());
+    for (i, run) in both.into_iter().enumerate() {
+        end(run).assert_well();
+        flights[i].out(&format!("alone-{i}")).simulate();
+        place.assert_same_trace(&format!("ring-{i}"), &format!("alone-{i}"));
     }
     place.assert_clean();
 }
@@ -245,25 +206,25 @@ fn the_same_run_twice_at_the_same_time_takes_two_folders() {
     let place = Place::new();
     let both = [(); 2].map(|()| place.skysink(&["run", SMOKE, "--no-viewer"]).spawn().unwrap());
     for run in both {
-        let ended = end(run);
-        assert_eq!(ended.code, Some(0), "{ended:?}");
+        end(run).assert_well();
     }
-    assert_eq!(place.read("runs/smoke-uts-1/slots.csv"), place.read("runs/smoke-uts-1-2/slots.csv"));
+    place.assert_same_trace("runs/smoke-uts-1", "runs/smoke-uts-1-2");
 }
 
 #[test]
 fn a_paced_run_that_keeps_its_deadlines_flies_the_same_mission() {
     let place = Place::new();
-    let believed = place.write("believed.toml", &(fs::read_to_string(SMOKE).unwrap() + BELIEVES));
-    for scenario in [SMOKE, believed.to_str().unwrap()] {
-        place.run_well(&["simulate", scenario, "--force", "--out", "alone"]);
+    place.write("believed.toml", &(scenarios::text("smoke") + BELIEVES));
+    for scenario in ["smoke", "believed"] {
+        let flight = place.flight(scenario).force();
+        flight.out("alone").simulate();
         let begin = std::time::Instant::now();
-        place.run_well(&["run", scenario, "--pace", "20x", "--no-viewer", "--force", "--out", "paced"]);
+        flight.out("paced").pace("20x").without_viewer().run();
         assert!(begin.elapsed().as_secs_f64() >= 60.0 / 20.0, "faster than its clock: {:?}", begin.elapsed());
         let summary = place.summary("paced");
         assert_eq!(summary["timing"]["missed_deadlines"], summary["held_slots"]);
         if summary["held_slots"] == 0 {
-            assert_eq!(place.read("alone/slots.csv"), place.read("paced/slots.csv"), "{scenario}");
+            assert_eq!(place.trace("alone"), place.trace("paced"), "{scenario}");
         }
     }
 }
@@ -271,27 +232,21 @@ fn a_paced_run_that_keeps_its_deadlines_flies_the_same_mission() {
 #[test]
 fn a_planner_that_stops_makes_the_uav_hold_and_every_miss_is_counted() {
     let place = Place::new();
-    let (run, ring) = under_way(&place, &["--pace", "20x"]);
-    let planner = place.worker("planner", &ring);
-    kill_process(planner, Signal::STOP).unwrap();
-    let held = || place.read("run/slots.csv").lines().filter(|line| line.contains(",hold,")).count();
-    until("held slots", || (held() > 20).then_some(()));
-    kill_process(planner, Signal::CONT).unwrap();
-    let resumed =
-        || place.read("run/slots.csv").lines().rev().take(5).all(|line| !line.contains(",hold,")).then_some(());
-    until("flight after the planner is back", resumed);
-    kill_process(pid(&run), Signal::TERM).unwrap();
-    assert_eq!(end(run).code, Some(143));
+    let run = place.flight("long").pace("20x").start();
+    run.until_slot(20);
+    run.signal_to("planner", Signal::STOP);
+    let held = || place.trace("run").lines().filter(|line| line.contains(",hold,")).count();
+    support::until("held slots", || (held() > 20).then_some(()));
+    run.signal_to("planner", Signal::CONT);
+    let resumed = || place.trace("run").lines().rev().take(5).all(|line| !line.contains(",hold,")).then_some(());
+    support::until("flight after the planner is back", resumed);
+    run.terminate();
     assert_whole(&place);
     let summary = place.summary("run");
     assert_eq!(summary["held_slots"], held());
     assert_eq!(summary["timing"]["missed_deadlines"], held());
-    let bits = |key: &str| summary[key].as_u64().unwrap();
-    assert_eq!(
-        bits("initial_bits") + bits("sampled_bits"),
-        bits("delivered_bits") + bits("lost_bits") + bits("queued_bits")
-    );
-    for line in place.read("run/slots.csv").lines().filter(|line| line.contains(",hold,")) {
+    assert_balanced(&summary);
+    for line in place.trace("run").lines().filter(|line| line.contains(",hold,")) {
         let columns: Vec<_> = line.split(',').collect();
         assert_eq!((columns[4], columns[5]), ("", "0"), "a held slot serves nobody: {line}");
     }
@@ -299,37 +254,22 @@ fn a_planner_that_stops_makes_the_uav_hold_and_every_miss_is_counted() {
 
 #[test]
 fn a_role_can_be_left_to_a_process_started_by_hand() {
-    for (role, executable) in [
-        ("planner", env!("CARGO_BIN_EXE_planner")),
-        ("field-sim", env!("CARGO_BIN_EXE_field-sim")),
-        ("flight-sim", env!("CARGO_BIN_EXE_flight-sim")),
-    ] {
+    for role in RING {
         let place = Place::new();
-        place.run_well(&["simulate", SMOKE, "--out", "alone"]);
-        let run = place.skysink(&["run", SMOKE, "--no-viewer", "--out", "run", "--external", role]).spawn().unwrap();
-        let ring = until("ring", || place.rings().into_iter().find(|ring| place.ring_file(ring).exists()));
-        until("scenario", || place.path("run/scenario.toml").exists().then_some(()));
-        let folder = place.ring_file(&ring).parent().unwrap().to_owned();
-        let by_hand = |scenario: &str| -> Command {
-            place.command(executable, &["--scenario", scenario, "--ring", folder.to_str().unwrap()])
-        };
-        let services = folder.join("services");
-        until("services", || fs::read_dir(&services).is_ok_and(|entries| entries.count() >= 18).then_some(()));
+        place.flight("smoke").out("alone").simulate();
+        let run = place.flight("smoke").without_viewer().external(role).start();
 
         place.write("other.toml", "name = \"other\"\n");
-        let other = end(by_hand("other.toml").spawn().unwrap());
-        assert_eq!(other.code, Some(2), "{other:?}");
+        let other = end(run.by_hand_with(role, "other.toml").spawn().unwrap()).assert_code(2);
         assert!(other.stderr.contains("scenario is") && other.stderr.contains("scenario.toml"), "{other:?}");
 
-        let worker = end(by_hand("run/scenario.toml").spawn().unwrap());
-        assert_eq!(worker.code, Some(0), "{role}: {worker:?}");
-        let ended = end(run);
-        assert_eq!(ended.code, Some(0), "{role}: {ended:?}");
-        let folder = folder.display();
+        end(run.by_hand(role).spawn().unwrap()).assert_well();
+        let (program, folder) = (executable(role), run.folder().display().to_string());
+        let ended = run.end_well();
         let scenario = place.path("run/scenario.toml").display().to_string();
-        let hint = format!("waiting up to 600 s for {role}: {executable} --scenario {scenario} --ring {folder}\n");
+        let hint = format!("waiting up to 600 s for {role}: {program} --scenario {scenario} --ring {folder}\n");
         assert!(ended.stderr.contains(&hint), "{ended:?}");
-        assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"), "{role}");
+        assert_eq!(place.trace("alone"), place.trace("run"), "{role}");
         place.assert_clean();
     }
 }
@@ -337,8 +277,7 @@ fn a_role_can_be_left_to_a_process_started_by_hand() {
 #[test]
 fn a_process_that_does_not_come_is_named_in_the_time_out() {
     let place = Place::new();
-    let ended = place.run(&["run", SMOKE, "--no-viewer", "--external", "planner", "--timeout", "1", "--out", "run"]);
-    assert_eq!(ended.code, Some(1), "{ended:?}");
+    let ended = place.flight("smoke").without_viewer().external("planner").timeout("1").try_run().assert_code(1);
     assert!(ended.stderr.contains("planner"), "{ended:?}");
     assert_eq!(place.summary("run")["complete"], false);
     place.assert_clean();
@@ -347,8 +286,7 @@ fn a_process_that_does_not_come_is_named_in_the_time_out() {
 #[test]
 fn a_worker_without_a_ring_says_what_it_needs() {
     let place = Place::new();
-    let ended =
-        end(place.command(env!("CARGO_BIN_EXE_planner"), &["--scenario", SMOKE, "--ring", "nowhere"]).spawn().unwrap());
-    assert_eq!(ended.code, Some(2), "{ended:?}");
+    let arguments = ["--scenario", SMOKE, "--ring", "nowhere"];
+    let ended = end(place.command(executable("planner"), &arguments).spawn().unwrap()).assert_code(2);
     assert!(ended.stderr.contains("nowhere") && ended.stderr.contains("skysink run prints"), "{ended:?}");
 }

@@ -4,17 +4,17 @@ mod folders;
 mod shards;
 use std::collections::BTreeMap;
 use std::fs;
+use std::process::Child;
 
-use crate::support::{Place, end, lines, until};
-use rustix::process::{Pid, Signal, kill_process};
+use crate::support::{Place, end_by, lines, until};
+use rustix::process::Signal;
 
 /// The files whose bytes depend on the sweep alone.
 const FILES: [&str; 3] = ["results.csv", "results.parquet", "summary.csv"];
 
 /// Writes a sweep of the smoke scenario into the place.
 fn write_sweep(place: &Place, seeds: u64) {
-    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
-    fs::copy(scenario, place.path("smoke.toml")).unwrap();
+    place.scenario("smoke");
     let axes = "\"area.side_m\" = [40.0, 60.0, 90.0]\n\"link.gain\" = [\"static\", \"per-slot\"]\n";
     place.write(
         "sweep.toml",
@@ -22,6 +22,14 @@ fn write_sweep(place: &Place, seeds: u64) {
             "scenario = \"smoke.toml\"\nstrategies = [\"uts\", \"gfs\", \"rfs\"]\nseeds = {seeds}\n[axes]\n{axes}"
         ),
     );
+}
+
+/// Flies the place's sweep into `out` until more than so many missions are on record.
+fn sweep_until(place: &Place, out: &str, options: &[&str], missions: usize) -> Child {
+    let sweep = place.skysink(&[&["sweep", "sweep.toml", "--out", out], options].concat()).spawn().unwrap();
+    let journal = place.path(out).join("journal.csv");
+    until("mission", || (lines(&journal) > missions).then_some(()));
+    sweep
 }
 
 fn assert_equal(place: &Place, one: &str, other: &str) {
@@ -62,7 +70,7 @@ fn a_row_is_the_mission_that_simulate_flies() {
     let place = Place::new();
     write_sweep(&place, 2);
     place.run_well(&["sweep", "sweep.toml", "--out", "sweep"]);
-    place.run_well(&["simulate", "smoke.toml", "--seed", "2", "--strategy", "gfs", "--out", "run"]);
+    place.flight("smoke").seed(2).strategy("gfs").simulate();
     let (results, summary) = (rows(&place.read("sweep/results.csv")), place.summary("run"));
     let wanted = [("area.side_m", "60"), ("link.gain", "static"), ("strategy", "gfs"), ("seed", "2")];
     let row = results.iter().find(|row| wanted.iter().all(|(key, value)| row[*key] == *value)).unwrap();
@@ -129,14 +137,10 @@ fn a_sweep_that_is_interrupted_ends_with_the_same_bytes() {
     place.run_well(&["sweep", "sweep.toml", "--out", "whole"]);
     let missions = 3 * 2 * 3 * 60;
     for interruption in 1..=10 {
-        let sweep = place.skysink(&["sweep", "sweep.toml", "--out", "cut", "--threads", "2"]).spawn().unwrap();
         // Moments that are spread over the sweep, and not in step with the lines of the journal.
-        let journal = place.path("cut/journal.csv");
-        let flown = missions * interruption / 11;
-        until("mission", || (lines(&journal) > flown).then_some(()));
+        let sweep = sweep_until(&place, "cut", &["--threads", "2"], missions * interruption / 11);
         let signal = if interruption % 2 == 0 { Signal::INT } else { Signal::KILL };
-        kill_process(Pid::from_raw(i32::try_from(sweep.id()).unwrap()).unwrap(), signal).unwrap();
-        let ended = end(sweep);
+        let ended = end_by(signal, sweep);
         assert!(ended.signal == Some(9) || ended.code == Some(130), "{ended:?}");
         assert!(!place.path("cut/results.csv").exists(), "results of a part of the sweep look whole");
     }
@@ -293,10 +297,7 @@ fn a_stopped_sweep_leaves_its_mission_at_once_and_says_how_to_go_on() {
     let axes = "\"planner.horizon.iterations\" = [1000000000]\n\"planner.offline.steps\" = [1000000000000]\n";
     let head = "scenario = \"far.toml\"\nstrategies = [\"uts\", \"horizon\", \"offline\"]\nseeds = 2\n[axes]\n";
     place.write("sweep.toml", &format!("{head}{axes}"));
-    let sweep = place.skysink(&["sweep", "sweep.toml", "--out", "out", "--threads", "3"]).spawn().unwrap();
-    until("mission", || (lines(&place.path("out/journal.csv")) > 0).then_some(()));
-    kill_process(Pid::from_raw(i32::try_from(sweep.id()).unwrap()).unwrap(), Signal::TERM).unwrap();
-    let ended = end(sweep);
+    let ended = end_by(Signal::TERM, sweep_until(&place, "out", &["--threads", "3"], 0));
     let says = "skysink: stopped by signal 15: the finished missions are in out; run the command again to continue\n";
     assert_eq!((ended.code, ended.stderr.as_str()), (Some(143), says));
     assert!(place.read("out/journal.csv").lines().all(|line| line.split(',').nth(1) == Some("0")), "half a mission");

@@ -7,10 +7,8 @@ use std::net::{TcpListener, TcpStream};
 use std::process::Child;
 use std::sync::mpsc::channel;
 
-use crate::support::{Place, end, until};
-use rustix::process::{Pid, Signal, kill_process};
-
-const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
+use crate::support::{Place, end, end_by, until};
+use rustix::process::Signal;
 
 /// An answer to a request.
 struct Answer {
@@ -68,14 +66,18 @@ fn view(place: &Place, arguments: &[&str]) -> (Child, String, u16) {
 }
 
 fn stop(child: Child) -> Option<i32> {
-    kill_process(Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap(), Signal::INT).unwrap();
-    end(child).code
+    end_by(Signal::INT, child).code
+}
+
+/// Leaves a recording of the smoke test in the folder.
+fn recorded(place: &Place, out: &str) {
+    place.flight("smoke").out(out).options(&["--record"]).simulate();
 }
 
 #[test]
 fn the_page_its_viewer_and_the_recording_are_served_and_nothing_else() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--record", "--out", "run"]);
+    recorded(&place, "run");
     let (child, said, port) = view(&place, &["run"]);
     assert!(said.contains("run/mission.rrd") && said.contains(&format!("ssh -C -L {port}:127.0.0.1:{port} HOST")));
 
@@ -126,7 +128,7 @@ fn the_page_its_viewer_and_the_recording_are_served_and_nothing_else() {
 fn several_recordings_are_shown_on_one_page_and_without_a_name_the_newest() {
     let place = Place::new();
     for out in ["runs/first", "runs/second"] {
-        place.run_well(&["simulate", SMOKE, "--record", "--out", out]);
+        recorded(&place, out);
     }
     let old = std::time::SystemTime::now() - std::time::Duration::from_secs(60);
     fs::File::open(place.path("runs/second/mission.rrd")).unwrap().set_modified(old).unwrap();
@@ -141,7 +143,7 @@ fn several_recordings_are_shown_on_one_page_and_without_a_name_the_newest() {
 #[test]
 fn what_cannot_be_shown_is_refused_in_one_line() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "dark"]);
+    place.flight("smoke").out("dark").simulate();
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
     let live = "--live=1"; // nobody listens there: the port has been out of use for decades
@@ -154,11 +156,9 @@ fn what_cannot_be_shown_is_refused_in_one_line() {
         (&[live], "skysink run --live"),
         (&["--live", "--bind", "0.0.0.0"], "--live with --bind 0.0.0.0"),
     ] {
-        let ended = place.run(&[&["view", "--port", "0"], arguments].concat());
-        assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
-        assert!(ended.stderr.contains(says), "{ended:?}");
+        place.run_refused(&[&["view", "--port", "0"], arguments].concat(), says);
     }
-    place.run_well(&["simulate", SMOKE, "--record", "--out", "run"]);
+    recorded(&place, "run");
     let ended = place.run(&["view", "run", "--port", &port]);
     assert_eq!(ended.code, Some(2), "{ended:?}");
     assert!(ended.stderr.contains(&format!("127.0.0.1:{port}: ")) && ended.stderr.contains("free --port"), "{ended:?}");
@@ -168,9 +168,8 @@ fn what_cannot_be_shown_is_refused_in_one_line() {
 fn run_live(place: &Place) -> (Child, u16) {
     loop {
         let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-        let live = format!("--live={port}");
-        let arguments = ["run", "long.toml", "--out", "run", "--force", "--pace", "1x", &live];
-        let mut run = place.skysink(&arguments).spawn().unwrap();
+        let flight = place.flight("long").force().pace("1x").options(&[&format!("--live={port}")]);
+        let mut run = flight.launcher().spawn().unwrap();
         let is_served = until("server", || match run.try_wait().unwrap() {
             Some(_) => Some(false),
             None => TcpStream::connect(("127.0.0.1", port)).is_ok().then_some(true),
@@ -186,7 +185,6 @@ fn run_live(place: &Place) -> (Child, u16) {
 #[test]
 fn a_mission_under_way_is_shown_from_its_port() {
     let place = Place::new();
-    place.write("long.toml", "name = \"long\"\nslots = 6000\nslot_s = 0.1\n[uav]\nendurance_s = 1e6\n");
     let (run, free) = run_live(&place);
     let live = format!("--live={free}");
     let (child, said, port) = view(&place, &[&live]);
@@ -201,7 +199,7 @@ fn a_mission_under_way_is_shown_from_its_port() {
 #[test]
 fn a_page_is_a_folder_that_any_server_can_serve() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--record", "--out", "run"]);
+    recorded(&place, "run");
     let ended = place.run_well(&["page", "run", "page"]);
     assert!(ended.stdout.contains("page/index.html"), "{ended:?}");
     assert!(place.read("page/index.html").contains("[\"run/mission.rrd\"]"));
@@ -214,9 +212,7 @@ fn a_page_is_a_folder_that_any_server_can_serve() {
         (["page", "run", "run/mission.rrd"], "page folder run/mission.rrd: "),
         (["page", "nowhere", "other"], "recording nowhere"),
     ] {
-        let ended = place.run(&arguments);
-        assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
-        assert!(ended.stderr.contains(says), "{ended:?}");
+        place.run_refused(&arguments, says);
     }
     assert!(!place.path("other").exists());
 }
@@ -224,7 +220,7 @@ fn a_page_is_a_folder_that_any_server_can_serve() {
 #[test]
 fn a_server_that_can_accept_no_more_connections_ends_with_an_error() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--record", "--out", "run"]);
+    recorded(&place, "run");
     for files in [40, 41] {
         // A connection takes two: the limit is met by the first of one, or by its second.
         let script = format!("ulimit -n {files} && exec \"$0\" view --port 0 run");

@@ -10,18 +10,19 @@ mod ring_planner;
 mod support;
 
 use std::env;
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitCode};
 
 use libtest_mimic::{Arguments, Trial};
-use support::{Place, end, lines, until};
+use rustix::process::Signal;
+use support::flight::RunningFlight;
+use support::{Place, end, end_by};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
 /// A scenario long enough to kill a planner in, which begins in transit: from the start no SN is within reach.
-const LONG: &str = "\
-name = 'long'
+const TRANSIT: &str = "\
+name = 'transit'
 slots = 3000
 area.side_m = 900.0
 sensors.count = 60
@@ -91,12 +92,11 @@ fn compiled(place: &Place) -> Option<PathBuf> {
 /// Fails unless the planner, started and supervised by `skysink run`, leaves the trace of `gfs` in one process.
 fn assert_flies_smoke_as_gfs(planner: &Path) {
     let place = Place::new();
-    let smoke = format!("{ROOT}/scenarios/smoke.toml");
-    place.run_well(&["simulate", &smoke, "--strategy", "gfs", "--out", "alone"]);
-    let run = ["run", &smoke, "--no-viewer", "--out", "run", "--planner", planner.to_str().unwrap(), "--label", "mine"];
-    let ended = place.run_well(&run);
+    let smoke = place.flight("smoke");
+    smoke.strategy("gfs").out("alone").simulate();
+    let ended = smoke.without_viewer().planner(planner.to_str().unwrap()).options(&["--label", "mine"]).run();
     assert!(ended.stdout.contains(" · mine · "), "{ended:?}");
-    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"), "{}", planner.display());
+    assert_eq!(place.trace("alone"), place.trace("run"), "{}", planner.display());
     let summary = place.summary("run");
     assert_eq!((&summary["restarts"], &summary["refused_messages"]), (&0.into(), &0.into()), "{summary}");
     place.assert_clean();
@@ -105,32 +105,28 @@ fn assert_flies_smoke_as_gfs(planner: &Path) {
 /// Fails unless the planner, started by hand, killed and started again, leaves the same trace.
 fn assert_survives_being_killed(planner: &Path) {
     let place = Place::new();
-    place.write("long.toml", LONG);
-    place.run_well(&["simulate", "long.toml", "--strategy", "gfs", "--out", "alone"]);
-    let alone = place.read("alone/slots.csv");
+    place.write("transit.toml", TRANSIT);
+    let flight = place.flight("transit");
+    flight.strategy("gfs").out("alone").simulate();
+    let alone = place.trace("alone");
     for mode in ["serve", "transit"] {
         assert!(alone.contains(mode), "the scenario shows no {mode}");
     }
-    let said = File::create(place.path("said")).unwrap();
-    let run = ["run", "long.toml", "--no-viewer", "--out", "run", "--external", "planner"];
-    let run = place.skysink(&run).stderr(said).spawn().unwrap();
-    until("ring", || place.read("said").contains("waiting up to 600 s for planner").then_some(()));
+    let run = flight.without_viewer().external("planner").start();
+    run.until_said("waiting up to 600 s for planner");
     for killed_after in [100, 1000] {
-        let mut planner = by_hand(&place, planner);
-        until("flight", || (lines(&place.path("run/slots.csv")) > killed_after).then_some(()));
-        planner.kill().unwrap();
-        assert_eq!(end(planner).signal, Some(9));
+        let planner = by_hand(&place, &run, planner);
+        run.until_slot(killed_after);
+        assert_eq!(end_by(Signal::KILL, planner).signal, Some(9));
     }
-    assert_eq!(end(by_hand(&place, planner)).code, Some(0));
-    assert_eq!(end(run).code, Some(0), "{}", place.read("said"));
-    assert_eq!(alone, place.read("run/slots.csv"), "{}", planner.display());
+    end(by_hand(&place, &run, planner)).assert_well();
+    run.end_well();
+    assert_eq!(alone, place.trace("run"), "{}", planner.display());
     place.assert_clean();
 }
 
-/// The planner, started for the ring of the place.
-fn by_hand(place: &Place, planner: &Path) -> Child {
-    let ring = until("ring", || place.rings().into_iter().find(|ring| place.ring_file(ring).exists()));
-    let folder = place.ring_file(&ring).parent().unwrap().to_owned();
+/// The planner, started for a ring.
+fn by_hand(place: &Place, run: &RunningFlight, planner: &Path) -> Child {
     let mut command = place.command(planner.to_str().unwrap(), &[]);
-    command.env("SKYSINK_RING", folder).env("SKYSINK_SCENARIO", place.path("run/scenario.toml")).spawn().unwrap()
+    command.env("SKYSINK_RING", run.folder()).env("SKYSINK_SCENARIO", run.path("scenario.toml")).spawn().unwrap()
 }

@@ -1,6 +1,9 @@
 //! What the tests of the executables share: a place of their own, and no waiting for ever.
 #![allow(dead_code)] // each test program uses its part
 
+pub mod flight;
+pub mod scenarios;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
 use std::os::unix::process::ExitStatusExt;
@@ -8,12 +11,15 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use flight::FlightOf;
+use rustix::process::{Pid, Signal, kill_process};
 use wait_timeout::ChildExt;
 
 /// The longest that a test waits for anything, on a machine that is busy with others, too.
 pub const WATCHDOG: Duration = Duration::from_secs(300);
 
 /// A folder of its own, which is also where the runs of the test meet.
+#[derive(Debug)]
 pub struct Place {
     folder: tempfile::TempDir,
 }
@@ -25,6 +31,38 @@ pub struct Ended {
     pub signal: Option<i32>,
     pub stdout: String,
     pub stderr: String,
+}
+
+impl Ended {
+    /// Fails unless it ended with this exit code.
+    #[track_caller]
+    pub fn assert_code(self, code: i32) -> Self {
+        let said = &self.stderr[self.stderr.floor_char_boundary(self.stderr.len().saturating_sub(2000))..];
+        assert_eq!(self.code, Some(code), "signal {:?}, {said}", self.signal);
+        self
+    }
+
+    /// Fails unless it ended well.
+    #[track_caller]
+    pub fn assert_well(self) -> Self {
+        self.assert_code(0)
+    }
+
+    /// Fails unless it has said one line, which holds all of `says`.
+    #[track_caller]
+    pub fn assert_one_line(self, says: &[&str]) -> Self {
+        assert_eq!(self.stderr.lines().count(), 1, "{self:?}");
+        for word in says {
+            assert!(self.stderr.contains(word), "{word:?} is missing in {self:?}");
+        }
+        self
+    }
+
+    /// Fails unless it was refused with one line that holds `says`.
+    #[track_caller]
+    pub fn assert_refused(self, says: &str) -> Self {
+        self.assert_code(2).assert_one_line(&[says])
+    }
 }
 
 impl Place {
@@ -44,6 +82,20 @@ impl Place {
 
     pub fn read(&self, name: &str) -> String {
         fs::read_to_string(self.path(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    /// A flight of a scenario: `name.toml` if the test has written it, otherwise one of [`scenarios`].
+    pub fn flight(&self, name: &str) -> FlightOf<'_> {
+        FlightOf::new(self, self.scenario(name))
+    }
+
+    /// The file of a scenario, relative to this place, which it is copied to unless the test has written it.
+    pub fn scenario(&self, name: &str) -> String {
+        let file = format!("{name}.toml");
+        if !self.path(&file).exists() {
+            self.write(&file, &scenarios::text(name));
+        }
+        file
     }
 
     /// `skysink` with these arguments, in this place.
@@ -73,10 +125,23 @@ impl Place {
     }
 
     /// The same, which must end well.
+    #[track_caller]
     pub fn run_well(&self, arguments: &[&str]) -> Ended {
         let ended = self.run(arguments);
         assert_eq!(ended.code, Some(0), "{arguments:?}: {ended:?}");
         ended
+    }
+
+    /// Flies the rest of a run in a ring without a viewer, which must end well.
+    #[track_caller]
+    pub fn resume(&self, run: &str) -> Ended {
+        self.run_well(&["run", "--resume", run, "--no-viewer"])
+    }
+
+    /// The same as [`Place::run`], which must be refused with one line that holds `says`.
+    #[track_caller]
+    pub fn run_refused(&self, arguments: &[&str], says: &str) {
+        self.run(arguments).assert_refused(says);
     }
 
     /// The rings of this place, by the name of their folder.
@@ -92,13 +157,13 @@ impl Place {
     }
 
     /// The worker of this role in the ring of this name.
-    pub fn worker(&self, role: &str, ring: &str) -> rustix::process::Pid {
+    pub fn worker(&self, role: &str, ring: &str) -> Pid {
         let ring = self.ring_file(ring).parent().unwrap().to_owned();
         until(role, || process(role, ring.to_str().unwrap()))
     }
 
     /// The same, if it is there at this moment.
-    pub fn worker_now(&self, role: &str, ring: &str) -> Option<rustix::process::Pid> {
+    pub fn worker_now(&self, role: &str, ring: &str) -> Option<Pid> {
         process(role, self.ring_file(ring).parent().unwrap().to_str().unwrap())
     }
 
@@ -109,10 +174,40 @@ impl Place {
         assert!(left.is_empty(), "left behind: {left:?}");
     }
 
+    /// The trace of a run.
+    pub fn trace(&self, run: &str) -> String {
+        self.read(&format!("{run}/slots.csv"))
+    }
+
+    /// Leaves of a run's trace so many slots.
+    pub fn cut_trace(&self, run: &str, slots: usize) {
+        let begun: String = self.trace(run).split_inclusive('\n').take(slots + 1).collect();
+        self.write(&format!("{run}/slots.csv"), &begun);
+    }
+
+    /// Fails unless two runs have the same trace.
+    #[track_caller]
+    pub fn assert_same_trace(&self, one: &str, other: &str) {
+        let [ours, theirs] = [one, other].map(|run| self.trace(run));
+        let mut lines = ours.lines().zip(theirs.lines());
+        let differing = lines.find(|(ours, theirs)| ours != theirs);
+        assert!(ours == theirs, "{one} and {other}, of {} and {} bytes: {differing:?}", ours.len(), theirs.len());
+    }
+
     /// The figures of a run.
     pub fn summary(&self, run: &str) -> serde_json::Value {
         serde_json::from_str(&self.read(&format!("{run}/summary.json"))).unwrap()
     }
+}
+
+/// Fails unless every bit is accounted for.
+#[track_caller]
+pub fn assert_balanced(summary: &serde_json::Value) {
+    let bits = |key: &str| summary[key].as_u64().unwrap();
+    assert_eq!(
+        bits("initial_bits") + bits("sampled_bits"),
+        bits("delivered_bits") + bits("lost_bits") + bits("queued_bits")
+    );
 }
 
 /// Fails if the ring of this name has left anything in shared memory.
@@ -124,6 +219,22 @@ pub fn assert_no_shared_memory(ring: &str) {
         .filter(|name| name.starts_with(&format!("sky{ring}_")))
         .collect();
     assert!(left.is_empty(), "left behind: {left:?}");
+}
+
+/// The id of a child.
+pub fn pid(child: &Child) -> Pid {
+    Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap()
+}
+
+/// Sends a signal to a child, and waits for its end.
+pub fn end_by(signal: Signal, child: Child) -> Ended {
+    kill_process(pid(&child), signal).unwrap();
+    end(child)
+}
+
+/// Waits for the end of a process that is no child of the test.
+pub fn until_gone(process: Pid) {
+    until("end", || (!fs::exists(format!("/proc/{}", process.as_raw_nonzero())).unwrap()).then_some(()));
 }
 
 /// Waits for a process to end, and takes what it has written.
@@ -171,14 +282,14 @@ pub fn lines(path: &Path) -> usize {
 }
 
 /// The process that runs `executable` with `argument` among its arguments.
-fn process(executable: &str, argument: &str) -> Option<rustix::process::Pid> {
+fn process(executable: &str, argument: &str) -> Option<Pid> {
     for entry in fs::read_dir("/proc").unwrap().flatten() {
         let Some(pid) = entry.file_name().to_str().and_then(|name| name.parse::<i32>().ok()) else { continue };
         let Ok(line) = fs::read(entry.path().join("cmdline")) else { continue };
         let words: Vec<_> = line.split(|&byte| byte == 0).map(String::from_utf8_lossy).collect();
         let program = Path::new(words[0].as_ref()).file_name().map(|name| name.to_string_lossy().into_owned());
         if program.as_deref() == Some(executable) && words.iter().any(|word| word == argument) {
-            return rustix::process::Pid::from_raw(pid);
+            return Pid::from_raw(pid);
         }
     }
     None

@@ -66,7 +66,7 @@ fn upload(ledger: &mut Ledger, sensors: &[SensorNode], scenario: &Scenario, wayp
 
 /// Flies the mission of fixture `name` and compares every slot; waypoints may differ by `tolerance_m`.
 fn replay(name: &str, strategy: &'static str, solver: WaypointSolver, tolerance_m: f64) {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures").join(name);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/it/fixtures").join(name);
     let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
     let scenario = Scenario::read(&folder.join("scenario.toml"), overrides).unwrap();
     let scenario = change(scenario, |settings| settings.waypoint_solver = solver).unwrap();

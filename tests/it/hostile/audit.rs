@@ -2,11 +2,10 @@
 
 use skysink_common::channel::{Channel, Uplink};
 use skysink_common::geometry::{Position, distance_squared, within};
-use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::scenario::Overrides;
 use skysink_common::sensors::SensorList;
-use skysink_planner::settings;
 
-use crate::support::Place;
+use crate::support::{Place, scenarios};
 
 /// A line of `slots.csv`.
 #[derive(Debug)]
@@ -23,7 +22,7 @@ pub struct TraceLine {
 
 /// The lines of the run in `place`.
 pub fn trace(place: &Place) -> Vec<TraceLine> {
-    place.read("run/slots.csv").lines().skip(1).map(line).collect()
+    place.trace("run").lines().skip(1).map(line).collect()
 }
 
 fn line(text: &str) -> TraceLine {
@@ -44,8 +43,7 @@ fn line(text: &str) -> TraceLine {
 /// Fails unless every bit is accounted for, and the UAV flew and served as its scenario allows. All sensor nodes sample
 /// the same whole number of bits a slot. Returns the trace.
 pub fn audit(place: &Place) -> Vec<TraceLine> {
-    let scenario =
-        Scenario::read(&place.path("run/scenario.toml"), Overrides::default()).and_then(settings::resolve).unwrap();
+    let scenario = scenarios::read(&place.path("run/scenario.toml"), Overrides::default());
     let list = SensorList::of(&scenario).unwrap();
     let nodes = list.nodes();
     let sampled_bits = nodes.iter().map(|node| (node.sampling_bps * scenario.slot_s) as u64).sum::<u64>();

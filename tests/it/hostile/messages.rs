@@ -5,7 +5,7 @@ use skysink_ring::folder::RingFolder;
 
 use super::audit::{audit, said, trace};
 use super::intruder::{Intruder, send};
-use super::rogue::{LONG_S, Rogue, SHORT_S, SMOKE, Turn, begin_with_rogue};
+use super::rogue::{LONG_S, Rogue, SHORT_S, Turn, start_with_rogue};
 use crate::support::{Ended, Place, end, until};
 
 const OLD: &str = "its writer has sent that slot, or a later one, before";
@@ -21,14 +21,13 @@ fn nobody(turn: &Turn) -> Plan {
 /// Flies the smoke test with good plans; before each, `disturb` may send other samples, and returns how many of them
 /// have to be refused. The trace must be that of a run without them.
 fn fly_disturbed(place: &Place, mut disturb: impl FnMut(&Rogue, &Turn) -> u64) -> Ended {
-    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
-    let (run, mut rogue) = begin_with_rogue(place, SMOKE, LONG_S, &[]);
+    place.flight("smoke").out("alone").simulate();
+    let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     let mut refused = 0;
     rogue.fly_well(|rogue, turn| refused += disturb(rogue, turn));
-    let ended = end(run);
-    assert_eq!(ended.code, Some(0), "{ended:?}");
+    let ended = run.end_well();
     audit(place);
-    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    place.assert_same_trace("alone", "run");
     let summary = place.summary("run");
     assert_eq!((&summary["refused_messages"], &summary["refused"]), (&refused.into(), &0.into()));
     place.assert_clean();
@@ -114,49 +113,40 @@ fn a_flood_of_ten_thousand_plans_is_counted_to_the_last_one_and_said_five_times(
 #[test]
 fn what_a_header_says_of_restarts_flags_and_times_changes_nothing() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
-    let (run, mut rogue) = begin_with_rogue(&place, SMOKE, LONG_S, &[]);
+    place.flight("smoke").out("alone").simulate();
+    let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     while let Some(turn) = rogue.next() {
         let flags = (turn.slot % 4) as u32;
         let header = SlotHeader { epoch: u32::MAX, flags, sent_ns: u64::MAX, ..rogue.header(turn.slot) };
         rogue.send(header, turn.good);
     }
-    let ended = end(run);
-    assert_eq!(ended.code, Some(0), "{ended:?}");
-    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    run.end_well();
+    place.assert_same_trace("alone", "run");
     assert_eq!(place.summary("run")["refused_messages"], 0);
 }
 
 #[test]
 fn a_mission_of_another_ring_of_the_same_user_is_another_mission() {
     let place = Place::new();
-    let other = place.skysink(&["run", SMOKE, "--seed", "2", "--no-viewer", "--external", "planner", "--out", "other"]);
-    let other = { other }.spawn().unwrap();
-    let theirs = until("other ring", || place.rings().into_iter().find(|ring| place.ring_file(ring).exists()));
-    let theirs = place.ring_file(&theirs).parent().unwrap().to_owned();
-    let terms = until("terms", || RingFolder::open(&theirs).ok()).terms();
-    until("scenario", || place.path("other/scenario.toml").exists().then_some(()));
+    let smoke = place.flight("smoke").without_viewer();
+    smoke.out("alone").simulate();
+    let other = smoke.seed(2).external("planner").out("other").start();
+    other.until_topics();
+    let terms = RingFolder::open(&other.folder()).unwrap().terms();
 
-    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
-    let run = place.skysink(&["run", SMOKE, "--no-viewer", "--external", "planner", "--out", "run"]).spawn().unwrap();
-    let ours = until("ring", || {
-        let is_ours = |ring: &String| place.ring_file(ring).exists() && !theirs.ends_with(ring);
-        place.rings().into_iter().find(is_ours)
-    });
-    let mut rogue = Rogue::join(&place, &ours);
+    let run = smoke.external("planner").start();
+    let mut rogue = Rogue::join(&run);
     assert_ne!(rogue.ring.terms.mission, terms.mission);
     rogue.fly_well(|rogue, turn| {
         rogue.send(SlotHeader { mission: terms.mission, ..rogue.header(turn.slot) }, nobody(turn));
     });
-    let ended = end(run);
-    assert_eq!(ended.code, Some(0), "{ended:?}");
-    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    let ended = run.end_well();
+    place.assert_same_trace("alone", "run");
     assert_eq!(place.summary("run")["refused_messages"], 60);
     assert_said(&ended, MISSION, 60);
 
-    let planner = ["--scenario", "other/scenario.toml", "--ring", theirs.to_str().unwrap()];
-    assert_eq!(end(place.command(env!("CARGO_BIN_EXE_planner"), &planner).spawn().unwrap()).code, Some(0));
-    assert_eq!(end(other).code, Some(0));
+    end(other.by_hand("planner").spawn().unwrap()).assert_well();
+    other.end_well();
     assert_eq!(place.summary("other")["refused_messages"], 0, "the other ring has heard of nothing");
     place.assert_clean();
 }
@@ -164,7 +154,7 @@ fn a_mission_of_another_ring_of_the_same_user_is_another_mission() {
 #[test]
 fn a_planner_that_skips_a_slot_ends_a_run_in_lock_step_by_its_time_out() {
     let place = Place::new();
-    let (run, mut rogue) = begin_with_rogue(&place, SMOKE, SHORT_S, &[]);
+    let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), SHORT_S);
     while let Some(turn) = rogue.next() {
         let skipped = u64::from(turn.slot == 20);
         rogue.send(rogue.header(turn.slot + skipped), turn.good);
@@ -173,8 +163,7 @@ fn a_planner_that_skips_a_slot_ends_a_run_in_lock_step_by_its_time_out() {
             break;
         }
     }
-    let ended = end(run);
-    assert_eq!(ended.code, Some(1), "{ended:?}");
+    let ended = run.end().assert_code(1);
     assert!(ended.stderr.contains("skysink: planner has not sent plan("), "{ended:?}");
     assert_eq!(said(&ended.stderr, OLD).len(), 1, "{ended:?}");
     assert_eq!(audit(&place).len(), 19);
@@ -186,16 +175,13 @@ fn a_planner_that_skips_a_slot_ends_a_run_in_lock_step_by_its_time_out() {
 #[test]
 fn a_planner_that_skips_a_slot_of_a_paced_run_makes_the_uav_hold_in_it() {
     let place = Place::new();
-    let scenario = std::fs::read_to_string(SMOKE).unwrap().replace("slots = 60", "slots = 12");
-    place.write("short.toml", &scenario);
-    let (run, mut rogue) = begin_with_rogue(&place, "short.toml", LONG_S, &["--pace", "5x"]);
+    let (run, mut rogue) = start_with_rogue(&place.flight("smoke").set("slots", 12).pace("5x"), LONG_S);
     while let Some(turn) = rogue.next() {
         if turn.slot != 6 {
             rogue.send(rogue.header(turn.slot), turn.good);
         }
     }
-    let ended = end(run);
-    assert_eq!(ended.code, Some(0), "{ended:?}");
+    run.end_well();
     let lines = audit(&place);
     assert_eq!((lines.len(), lines[5].mode.as_str(), lines[5].refused), (12, "hold", 0));
     let held = lines.iter().filter(|line| line.mode == "hold").count();
@@ -205,7 +191,7 @@ fn a_planner_that_skips_a_slot_of_a_paced_run_makes_the_uav_hold_in_it() {
 #[test]
 fn an_intruder_that_writes_before_the_planner_is_named_when_the_run_times_out() {
     let place = Place::new();
-    let (run, mut rogue) = begin_with_rogue(&place, SMOKE, SHORT_S, &[]);
+    let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), SHORT_S);
     let turn = rogue.next().unwrap();
     let intruder = Intruder::join(&rogue.folder).writer("plan");
     send(&intruder, rogue.header(1), turn.good);
@@ -213,8 +199,7 @@ fn an_intruder_that_writes_before_the_planner_is_named_when_the_run_times_out() 
     rogue.send(rogue.header(1), turn.good);
     let turn = rogue.next().unwrap();
     rogue.send(rogue.header(2), turn.good);
-    let ended = end(run);
-    assert_eq!(ended.code, Some(1), "{ended:?}");
+    let ended = run.end().assert_code(1);
     assert!(!said(&ended.stderr, SECOND).is_empty(), "{ended:?}");
     assert!(ended.stderr.contains("skysink: planner has not sent plan("), "{ended:?}");
     assert_eq!(audit(&place).len(), 1);

@@ -4,8 +4,9 @@ use std::fs;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
-use super::rogue::{LONG_S, Rogue, SMOKE};
-use crate::support::{Place, end, until};
+use super::rogue::{LONG_S, Rogue};
+use crate::support::Place;
+use crate::support::flight::RunningFlight;
 
 /// What is open to others, beside the owner.
 const OTHERS: u32 = 0o077;
@@ -59,19 +60,17 @@ fn assert_private(rogue: &Rogue) {
 fn what_belongs_to_a_running_ring_is_its_owners_alone_whatever_the_umask() {
     for umask in ["022", "000"] {
         let place = Place::new();
-        let run = format!(
-            "umask {umask}; exec {} run {SMOKE} --no-viewer --external planner --timeout {LONG_S} --out run",
-            env!("CARGO_BIN_EXE_skysink")
-        );
-        let run = place.command("sh", &["-c", &run]).spawn().unwrap();
-        let ring = until("ring", || place.rings().into_iter().find(|ring| place.ring_file(ring).exists()));
-        let mut rogue = Rogue::join(&place, &ring);
+        let flight = place.flight("smoke").without_viewer().external("planner").timeout(LONG_S);
+        let mut command = place.command("sh", &["-c", &format!("umask {umask}; exec \"$0\" \"$@\"")]);
+        command.arg(flight.launcher().get_program()).args(flight.launcher().get_args());
+        let run = RunningFlight::start(&place, command, "run");
+        let mut rogue = Rogue::join(&run);
         rogue.fly_well(|rogue, turn| {
             if turn.slot % 30 == 3 {
                 assert_private(rogue);
             }
         });
-        let ended = end(run);
+        let ended = run.end();
         assert_eq!(ended.code, Some(0), "{ended:?}");
         place.assert_clean();
     }

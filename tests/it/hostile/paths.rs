@@ -1,14 +1,13 @@
 //! Paths that lead nowhere, and what a viewer makes of them.
 
-use std::process::Child;
-
 use iceoryx2::prelude::ipc;
 use skysink_common::message::{MAX_PATH_POINTS, PathPoint, SlotHeader};
 use skysink_ring::writer::Writer;
 
 use super::audit::said;
 use super::intruder::{Intruder, send_list};
-use super::rogue::{LONG_S, Rogue, SHORT_S, SMOKE, Turn, begin, open_folder};
+use super::rogue::{LONG_S, Rogue, SHORT_S, Turn, open_folder};
+use crate::support::flight::RunningFlight;
 use crate::support::{Place, end, rows, slots, until};
 
 const NOWHERE: &str = "expected 1 to 64 points, finite and in the area";
@@ -17,11 +16,10 @@ const OLD: &str = "its writer has sent that slot, or a later one, before";
 const SECOND: &str = "another process is writing this topic already";
 
 /// A run with a viewer and without a planner, whose place the test takes.
-fn begin_with_viewer(place: &Place) -> (Child, Rogue) {
-    let arguments = ["run", SMOKE, "--out", "run", "--external", "planner", "--timeout", LONG_S];
-    let run = place.skysink(&arguments).spawn().unwrap();
-    let ring = until("ring", || place.rings().into_iter().find(|ring| place.ring_file(ring).exists()));
-    (run, Rogue::join(place, &ring))
+fn start_with_viewer(place: &Place) -> (RunningFlight<'_>, Rogue) {
+    let run = place.flight("smoke").external("planner").timeout(LONG_S).start();
+    let rogue = Rogue::join(&run);
+    (run, rogue)
 }
 
 fn writer(rogue: &Rogue) -> Writer<ipc::Service, [PathPoint], SlotHeader> {
@@ -60,17 +58,16 @@ const KINDS: u64 = 8;
 #[test]
 fn paths_that_cannot_be_are_refused_one_by_one_and_the_run_goes_on() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
-    let (run, mut rogue) = begin_with_viewer(&place);
+    place.flight("smoke").out("alone").simulate();
+    let (run, mut rogue) = start_with_viewer(&place);
     let paths = writer(&rogue);
     rogue.fly_well(|rogue, turn| {
         if turn.slot >= THERE {
             paths.send_list(rogue.header(turn.slot), &spoilt(turn, turn.slot % KINDS)).unwrap();
         }
     });
-    let ended = end(run);
-    assert_eq!(ended.code, Some(0), "{ended:?}");
-    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    let ended = run.end_well();
+    place.assert_same_trace("alone", "run");
     let recording = place.path("run/mission.rrd");
     assert_eq!(slots(&recording, "/metrics/loss_rate"), (0..=60).collect());
     let good = |slot: &i64| slot % KINDS as i64 == 0;
@@ -93,8 +90,8 @@ fn drawn(recording: &std::path::Path) -> Vec<i64> {
 #[test]
 fn paths_of_another_run_slot_or_writer_are_refused_and_the_good_ones_drawn() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
-    let (run, mut rogue) = begin_with_viewer(&place);
+    place.flight("smoke").out("alone").simulate();
+    let (run, mut rogue) = start_with_viewer(&place);
     let (paths, intruder) = (writer(&rogue), Intruder::join(&rogue.folder));
     let second = intruder.list_writer::<PathPoint, SlotHeader>("path", 4);
     rogue.fly_well(|rogue, turn| {
@@ -109,9 +106,8 @@ fn paths_of_another_run_slot_or_writer_are_refused_and_the_good_ones_drawn() {
             send_list(&second, header, &good);
         }
     });
-    let ended = end(run);
-    assert_eq!(ended.code, Some(0), "{ended:?}");
-    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    let ended = run.end_well();
+    place.assert_same_trace("alone", "run");
     assert_eq!(drawn(&place.path("run/mission.rrd")), (THERE as i64..=60).collect::<Vec<_>>());
     for refusal in [MISSION, OLD, SECOND] {
         let lines = said(&ended.stderr, refusal);
@@ -126,21 +122,16 @@ fn paths_of_another_run_slot_or_writer_are_refused_and_the_good_ones_drawn() {
 #[test]
 fn a_reader_that_is_deaf_to_paths_does_not_hold_up_the_ring() {
     let place = Place::new();
-    let scenario = std::fs::read_to_string(SMOKE).unwrap() + "[planner]\nhorizon.iterations = 100\n";
-    place.write("ahead.toml", &scenario);
-    let choice = ["--strategy", "horizon"];
-    place.run_well(&[&["simulate", "ahead.toml", "--out", "alone"][..], &choice].concat());
-    let external = ["--strategy", "horizon", "--external", "planner", "--timeout", SHORT_S];
-    let (run, ring) = begin(&place, "ahead.toml", &external);
-    let (_, folder) = open_folder(&place, &ring);
-    let intruder = Intruder::join(&folder);
+    let flight = place.flight("smoke").strategy("horizon").set("planner.horizon.iterations", 100);
+    flight.out("alone").simulate();
+    let run = flight.without_viewer().external("planner").timeout(SHORT_S).start();
+    let intruder = Intruder::join(&open_folder(&run));
     let deaf = intruder.list_reader::<PathPoint, SlotHeader>("path");
-    let arguments = ["--scenario", "run/scenario.toml", "--ring", folder.path().to_str().unwrap()];
-    let planner = place.command(env!("CARGO_BIN_EXE_planner"), &arguments).spawn().unwrap();
+    let planner = run.by_hand("planner").spawn().unwrap();
     let first = until("path", || deaf.receive().unwrap()); // from now on the writer knows that it is there
-    let (planner, ended) = (end(planner), end(run));
-    assert_eq!((planner.code, ended.code), (Some(0), Some(0)), "{planner:?}, {ended:?}");
-    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    end(planner).assert_well();
+    run.end_well();
+    place.assert_same_trace("alone", "run");
     assert_eq!(first.user_header().slot, 1, "there was room for it alone");
     drop((first, deaf, intruder));
     place.assert_clean();

@@ -3,37 +3,28 @@
 use iceoryx2::prelude::*;
 use skysink_common::message::{SensorNode, SensorsHeader};
 use skysink_common::pace::Pace;
-use skysink_common::scenario::{Overrides, Scenario};
-use skysink_planner::settings;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::wait::Waiting;
 
-use super::rogue::{LONG_S, SMOKE, begin_with_rogue};
+use super::rogue::{LONG_S, start_with_rogue};
+use crate::support::flight::{RING, executable};
+use crate::support::scenarios::{self, SMOKE};
 use crate::support::{Place, end};
-
-const WORKERS: [(&str, &str); 3] = [
-    ("field-sim", env!("CARGO_BIN_EXE_field-sim")),
-    ("flight-sim", env!("CARGO_BIN_EXE_flight-sim")),
-    ("planner", env!("CARGO_BIN_EXE_planner")),
-];
 
 #[test]
 fn a_second_process_for_a_place_is_refused_and_the_run_does_not_notice() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
-    let (run, mut rogue) = begin_with_rogue(&place, SMOKE, LONG_S, &[]);
-    let folder = rogue.folder.path().display().to_string();
+    place.flight("smoke").out("alone").simulate();
+    let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
+    let folder = run.folder().display().to_string();
     rogue.fly_well(|_, turn| {
-        for (role, executable) in WORKERS.iter().filter(|_| turn.slot % 20 == 0) {
-            let arguments = ["--scenario", "run/scenario.toml", "--ring", &folder];
-            let second = end(place.command(executable, &arguments).spawn().unwrap());
-            assert_eq!(second.code, Some(2), "{second:?}");
+        for role in RING.iter().filter(|_| turn.slot % 20 == 0) {
+            let second = end(run.by_hand(role).spawn().unwrap()).assert_code(2);
             assert_eq!(second.stderr, format!("{role}: ring {folder}: there is a {role} already: end it first\n"));
         }
     });
-    let ended = end(run);
-    assert_eq!(ended.code, Some(0), "{ended:?}");
-    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    run.end_well();
+    place.assert_same_trace("alone", "run");
     let summary = place.summary("run");
     assert_eq!((&summary["refused_messages"], &summary["restarts"]), (&0.into(), &0.into()));
     place.assert_clean();
@@ -58,7 +49,7 @@ fn ring_with_terms(terms: &[(&str, &str)]) -> (RingFolder, impl Sized) {
 #[test]
 fn a_ring_of_another_version_or_scenario_is_refused_with_the_remedy() {
     let place = Place::new();
-    let scenario = Scenario::read(SMOKE.as_ref(), Overrides::default()).and_then(settings::resolve).unwrap();
+    let scenario = scenarios::smoke("uts");
     let hash = format!("{:016x}", scenario.hash());
     let number = skysink_ring::topics::SCHEMA.to_string();
     let (version, program) = (&*number, env!("CARGO_PKG_VERSION"));
@@ -84,9 +75,9 @@ fn a_ring_of_another_version_or_scenario_is_refused_with_the_remedy() {
     ] {
         let (folder, _ring) = ring_with_terms(&terms);
         let folder = folder.path().display().to_string();
-        for (role, executable) in WORKERS {
-            let ended = end(place.command(executable, &["--scenario", SMOKE, "--ring", &folder]).spawn().unwrap());
-            assert_eq!(ended.code, Some(2), "{ended:?}");
+        for role in RING {
+            let arguments = ["--scenario", SMOKE, "--ring", &folder];
+            let ended = end(place.command(executable(role), &arguments).spawn().unwrap()).assert_code(2);
             assert_eq!(ended.stderr, format!("{role}: ring {folder}: {what}: {remedy}\n"));
         }
     }

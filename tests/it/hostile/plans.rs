@@ -4,8 +4,8 @@ use skysink_common::geometry::Position;
 use skysink_common::message::{MAX_SERVED, Mode, NOBODY, Plan};
 
 use super::audit::{audit, said};
-use super::rogue::{LONG_S, Rogue, SMOKE, Turn, begin_with_rogue};
-use crate::support::{Place, end};
+use super::rogue::{LONG_S, Rogue, Turn, start_with_rogue};
+use crate::support::Place;
 
 /// How a plan is spoilt: its name, what becomes of the good plan, and whether the waypoint is what is wrong.
 type Nonsense = (&'static str, fn(&Rogue, &Turn) -> Plan, Wrong);
@@ -108,7 +108,7 @@ const NONSENSE: [Nonsense; 21] = [
 #[test]
 fn whatever_a_plan_asks_for_is_flown_as_far_as_it_can_be_and_the_rest_is_counted() {
     let place = Place::new();
-    let (run, mut rogue) = begin_with_rogue(&place, SMOKE, LONG_S, &[]);
+    let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     let mut sent = Vec::new();
     while let Some(turn) = rogue.next() {
         // Every other plan is good, so that the UAV is where there is something to serve.
@@ -116,8 +116,7 @@ fn whatever_a_plan_asks_for_is_flown_as_far_as_it_can_be_and_the_rest_is_counted
         rogue.send(rogue.header(turn.slot), nonsense.map_or(turn.good, |(_, spoil, _)| spoil(&rogue, &turn)));
         sent.push((turn, nonsense));
     }
-    let ended = end(run);
-    assert_eq!(ended.code, Some(0), "{ended:?}");
+    let ended = run.end_well();
     let lines = audit(&place);
     assert_eq!((lines.len(), sent.len()), (60, 60));
     let (mut kinds, mut refused) = (0, 0);

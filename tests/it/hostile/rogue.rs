@@ -1,15 +1,11 @@
 //! A planner of the test's own in a ring of real processes: it knows the good plan of each slot, and may send others.
 
-use std::fs;
-use std::process::Child;
-
 use iceoryx2::prelude::ipc;
 use skysink::worker::silence_iceoryx2;
 use skysink_common::message::{FLAG_END, FlightReport, Limits, Plan, QueuesHeader, SensorNode, SlotHeader};
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
 use skysink_planner::Planner;
-use skysink_planner::settings;
 use skysink_ring::error::{NodeError, RingError};
 use skysink_ring::folder::RingFolder;
 use skysink_ring::reader::Reader;
@@ -18,9 +14,14 @@ use skysink_ring::topics::{RING_BUFFER, Ring};
 use skysink_ring::wait::WaitContext;
 use skysink_ring::writer::Writer;
 
-use crate::support::{Place, until};
+use crate::support::flight::{FlightOf, RunningFlight};
+use crate::support::{scenarios, until};
 
-pub const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
+/// How long the processes of a run wait that is to end well [s].
+pub const LONG_S: &str = "60";
+
+/// The same of one that is to time out [s].
+pub const SHORT_S: &str = "5";
 
 /// The planner.
 pub struct Rogue {
@@ -49,47 +50,25 @@ pub struct Turn {
     pub queues_bits: Vec<u32>,
 }
 
-/// Starts `skysink run` of `scenario` into `run`; returns its ring, too.
-pub fn begin(place: &Place, scenario: &str, arguments: &[&str]) -> (Child, String) {
-    let child = place.skysink(&[&["run", scenario, "--no-viewer", "--out", "run"][..], arguments].concat()).spawn();
-    let ring = until("ring", || place.rings().into_iter().find(|ring| place.ring_file(ring).exists()));
-    (child.unwrap(), ring)
-}
-
-/// The services of a ring: nine topics, and the wake-ups of each.
-const SERVICES: usize = 18;
-
-/// How long the processes of a run wait that is to end well [s].
-pub const LONG_S: &str = "60";
-
-/// The same of one that is to time out [s].
-pub const SHORT_S: &str = "5";
-
-/// The same without its planner, whose place the test takes; its processes wait `timeout_s` for each other.
-pub fn begin_with_rogue(place: &Place, scenario: &str, timeout_s: &str, arguments: &[&str]) -> (Child, Rogue) {
-    let (run, ring) =
-        begin(place, scenario, &[&["--external", "planner", "--timeout", timeout_s][..], arguments].concat());
-    let rogue = Rogue::join(place, &ring);
+/// Starts a flight without viewer and planner, whose place the test takes; its processes wait `timeout_s` for each
+/// other.
+pub fn start_with_rogue<'a>(flight: &FlightOf<'a>, timeout_s: &str) -> (RunningFlight<'a>, Rogue) {
+    let run = flight.without_viewer().external("planner").timeout(timeout_s).start();
+    let rogue = Rogue::join(&run);
     (run, rogue)
 }
 
-/// The folder of a ring, once all its topics are there, and the scenario that it flies.
-pub fn open_folder(place: &Place, ring: &str) -> (Scenario, RingFolder) {
+/// The folder of a ring, once all its topics are there.
+pub fn open_folder(run: &RunningFlight) -> RingFolder {
     silence_iceoryx2();
-    let path = place.ring_file(ring).parent().unwrap().to_owned();
-    let folder = until("terms of the ring", || RingFolder::open(&path).ok());
-    until("scenario", || place.path("run/scenario.toml").exists().then_some(()));
-    let services = || fs::read_dir(path.join("services")).is_ok_and(|entries| entries.count() >= SERVICES);
-    until("services", || services().then_some(()));
-    (
-        Scenario::read(&place.path("run/scenario.toml"), Overrides::default()).and_then(settings::resolve).unwrap(),
-        folder,
-    )
+    run.until_topics();
+    until("terms of the ring", || RingFolder::open(&run.folder()).ok())
 }
 
 impl Rogue {
-    pub fn join(place: &Place, ring: &str) -> Self {
-        let (scenario, folder) = open_folder(place, ring);
+    pub fn join(run: &RunningFlight) -> Self {
+        let folder = open_folder(run);
+        let scenario = scenarios::read(&run.path("scenario.toml"), Overrides::default());
         let stop = Stop::default();
         let open = || Ring::<ipc::Service>::join(&folder, &scenario, Role::Planner, &stop).ok();
         let (ring, mut wait) = until("topics", open);

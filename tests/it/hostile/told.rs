@@ -5,28 +5,27 @@ use skysink_common::message::Limits;
 use skysink_ring::reader::SlotSample;
 use skysink_ring::topics::RING_BUFFER;
 
-use super::rogue::{LONG_S, SMOKE, begin_with_rogue};
-use crate::support::{Place, end};
+use super::rogue::{LONG_S, start_with_rogue};
+use crate::support::Place;
 
 #[test]
 fn what_a_plan_has_to_keep_comes_with_the_sensor_nodes() {
     let place = Place::new();
-    let (run, mut rogue) = begin_with_rogue(&place, SMOKE, LONG_S, &[]);
+    let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     assert_eq!(rogue.limits, Limits::of(&rogue.scenario));
     assert!(rogue.limits.reach_m > 0.0 && rogue.limits.resource_blocks > 0, "{:?}", rogue.limits);
     while let Some(turn) = rogue.next() {
         rogue.send(rogue.header(turn.slot), turn.good);
     }
-    assert_eq!(end(run).code, Some(0));
+    run.end_well();
     place.assert_clean();
 }
 
 #[test]
 fn an_outside_planner_is_told_what_the_uav_knows_and_the_recorder_the_truth() {
     let place = Place::new();
-    let text = include_str!("../../../scenarios/smoke.toml").to_owned() + "[planner]\nknowledge = \"estimated\"\n";
-    let scenario = place.write("estimated.toml", &text);
-    let (run, mut rogue) = begin_with_rogue(&place, scenario.to_str().unwrap(), LONG_S, &[]);
+    let flight = place.flight("smoke").set("planner.knowledge", "estimated");
+    let (run, mut rogue) = start_with_rogue(&flight, LONG_S);
     assert_eq!(rogue.ring.terms.estimated, Some(Rates::Known));
     let mut truth = rogue.ring.truth.reader(RING_BUFFER).unwrap();
     let mut known = Estimate::new(&rogue.scenario, Rates::Known, &rogue.sensors);
@@ -49,8 +48,7 @@ fn an_outside_planner_is_told_what_the_uav_knows_and_the_recorder_the_truth() {
         rogue.send(rogue.header(turn.slot), turn.good);
     }
     assert!(differing > 30, "in {differing} slots the truth was something else");
-    let ended = end(run);
-    assert_eq!(ended.code, Some(0), "{ended:?}");
+    run.end_well();
     let summary = place.summary("run");
     assert!(summary["sampled_bits"].as_u64().unwrap() > 0, "the record has the truth");
 }

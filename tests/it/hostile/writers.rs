@@ -1,17 +1,13 @@
 //! Second writers of the ring's topics, which ask nobody for a place.
 
-use rustix::process::{Signal, kill_process};
 use skysink_common::message::{Commit, FLAG_END, FlightReport, Mode, Plan, QueuesHeader, SlotHeader, Totals};
 
 use super::audit::{audit, said, trace};
 use super::intruder::{Intruder, send, send_list};
-use super::rogue::{LONG_S, SHORT_S, SMOKE, begin, begin_with_rogue, open_folder};
-use crate::support::{Place, end, lines, until};
+use super::rogue::{LONG_S, SHORT_S, open_folder, start_with_rogue};
+use crate::support::{Place, end, until};
 
 const SECOND: &str = "another process is writing this topic already";
-
-/// A mission that lasts long enough to be disturbed.
-const LONG: &str = "name = \"long\"\nslots = 3000\nslot_s = 0.1\n";
 
 /// A plan that would be seen in the trace.
 fn forged_plan() -> Plan {
@@ -21,8 +17,8 @@ fn forged_plan() -> Plan {
 #[test]
 fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_slot() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
-    let (run, mut rogue) = begin_with_rogue(&place, SMOKE, LONG_S, &[]);
+    place.flight("smoke").out("alone").simulate();
+    let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     let intruder = Intruder::join(&rogue.folder);
     let plans = intruder.writer::<Plan, SlotHeader>("plan");
     let flights = intruder.writer::<FlightReport, SlotHeader>("flight");
@@ -45,10 +41,9 @@ fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_s
             sent += 3; // the recorder does not read its own commits
         }
     });
-    let ended = end(run);
-    assert_eq!(ended.code, Some(0), "{ended:?}");
+    let ended = run.end_well();
     audit(&place);
-    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    place.assert_same_trace("alone", "run");
     // In the last slot the real ones may have left before the recorder reads what was sent in vain.
     let refused = place.summary("run")["refused_messages"].as_u64().unwrap();
     assert!((sent - 6..=sent).contains(&refused), "{refused} of {sent}");
@@ -64,25 +59,23 @@ fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_s
 #[test]
 fn a_second_planner_that_never_stops_writing_does_not_disturb_the_real_one() {
     let place = Place::new();
-    place.write("long.toml", LONG);
-    place.run_well(&["simulate", "long.toml", "--out", "alone"]);
-    let (mut run, ring) = begin(&place, "long.toml", &[]);
-    let (_, folder) = open_folder(&place, &ring);
-    let flown = || lines(&place.path("run/slots.csv")).saturating_sub(1) as u64;
-    until("slot", || (flown() > 5).then_some(()));
+    let long = place.flight("long").set("slots", 3000).without_viewer();
+    long.out("alone").simulate();
+    let mut run = long.start();
+    let folder = open_folder(&run);
+    run.until_slot(5);
     let intruder = Intruder::join(&folder);
     let plans = intruder.writer::<Plan, SlotHeader>("plan");
     until("end of the run", || {
-        let slot = flown();
+        let slot = run.slots() as u64;
         for i in 0..256 {
             let header = SlotHeader { mission: folder.terms().mission, slot: slot + i % 3, ..SlotHeader::default() };
             send(&plans, header, forged_plan());
         }
-        run.try_wait().unwrap()
+        run.is_over().then_some(())
     });
-    let ended = end(run);
-    assert_eq!(ended.code, Some(0), "{ended:?}");
-    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    let ended = run.end_well();
+    place.assert_same_trace("alone", "run");
     assert!(place.summary("run")["refused_messages"].as_u64().unwrap() > 0, "{ended:?}");
     assert!(!said(&ended.stderr, SECOND).is_empty(), "{ended:?}");
     drop((plans, intruder));
@@ -92,23 +85,21 @@ fn a_second_planner_that_never_stops_writing_does_not_disturb_the_real_one() {
 #[test]
 fn a_flood_that_was_there_before_the_planner_does_not_drown_it() {
     let place = Place::new();
-    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
-    let (mut run, ring) = begin(&place, SMOKE, &["--external", "planner", "--timeout", LONG_S]);
-    let (_, folder) = open_folder(&place, &ring);
-    let intruder = Intruder::join(&folder);
+    place.flight("smoke").out("alone").simulate();
+    let mut run = place.flight("smoke").without_viewer().external("planner").timeout(LONG_S).start();
+    let intruder = Intruder::join(&open_folder(&run));
     let plans = intruder.writer::<Plan, SlotHeader>("plan");
-    let arguments = ["--scenario", "run/scenario.toml", "--ring", folder.path().to_str().unwrap()];
     let other = SlotHeader { mission: 1, slot: 1, ..SlotHeader::default() };
     let flood = || (0..100_000).for_each(|_| send(&plans, other, forged_plan()));
     flood();
-    let planner = place.command(env!("CARGO_BIN_EXE_planner"), &arguments).spawn().unwrap();
+    let planner = run.by_hand("planner").spawn().unwrap();
     until("end of the run", || {
         flood();
-        run.try_wait().unwrap()
+        run.is_over().then_some(())
     });
-    let (planner, ended) = (end(planner), end(run));
-    assert_eq!((planner.code, ended.code), (Some(0), Some(0)), "{planner:?}, {ended:?}");
-    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    end(planner).assert_well();
+    let ended = run.end_well();
+    place.assert_same_trace("alone", "run");
     assert!(place.summary("run")["refused_messages"].as_u64().unwrap() > 0, "{ended:?}");
     drop((plans, intruder));
     place.assert_clean();
@@ -117,10 +108,9 @@ fn a_flood_that_was_there_before_the_planner_does_not_drown_it() {
 #[test]
 fn with_one_place_of_each_topic_taken_killed_processes_still_come_back() {
     let place = Place::new();
-    place.write("long.toml", LONG);
-    place.run_well(&["simulate", "long.toml", "--out", "alone"]);
-    let (run, mut rogue) = begin_with_rogue(&place, "long.toml", LONG_S, &[]);
-    let ring = rogue.folder.path().file_name().unwrap().to_str().unwrap().to_owned();
+    let long = place.flight("long").set("slots", 3000);
+    long.out("alone").simulate();
+    let (run, mut rogue) = start_with_rogue(&long, LONG_S);
     let intruder = Intruder::join(&rogue.folder);
     let silent = (
         intruder.writer::<Plan, SlotHeader>("plan"),
@@ -129,14 +119,11 @@ fn with_one_place_of_each_topic_taken_killed_processes_still_come_back() {
     );
     rogue.fly_well(|_, turn| {
         for role in ["flight-sim", "field-sim"].iter().filter(|_| turn.slot % 1000 == 500) {
-            let worker = place.worker(role, &ring);
-            kill_process(worker, Signal::KILL).unwrap();
-            until("restart", || place.worker_now(role, &ring).filter(|&now| now != worker));
+            run.kill_and_await(role);
         }
     });
-    let ended = end(run);
-    assert_eq!(ended.code, Some(0), "{ended:?}");
-    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    run.end_well();
+    place.assert_same_trace("alone", "run");
     let summary = place.summary("run");
     assert_eq!((&summary["restarts"], &summary["refused_messages"]), (&6.into(), &0.into()));
     drop((silent, intruder, rogue));
@@ -146,13 +133,11 @@ fn with_one_place_of_each_topic_taken_killed_processes_still_come_back() {
 #[test]
 fn a_process_that_finds_all_places_of_its_topic_taken_says_so() {
     let place = Place::new();
-    let (run, ring) = begin(&place, SMOKE, &["--external", "planner", "--timeout", SHORT_S]);
-    let (_, folder) = open_folder(&place, &ring);
+    let run = place.flight("smoke").without_viewer().external("planner").timeout(SHORT_S).start();
+    let folder = open_folder(&run);
     let intruders = [(); 2].map(|()| Intruder::join(&folder));
     let writers = intruders.each_ref().map(|intruder| intruder.writer::<Plan, SlotHeader>("plan"));
-    let arguments = ["--scenario", "run/scenario.toml", "--ring", folder.path().to_str().unwrap()];
-    let planner = end(place.command(env!("CARGO_BIN_EXE_planner"), &arguments).spawn().unwrap());
-    assert_eq!(planner.code, Some(1), "{planner:?}");
+    let planner = end(run.by_hand("planner").spawn().unwrap()).assert_code(1);
     assert!(
         planner
             .stderr
@@ -160,8 +145,7 @@ fn a_process_that_finds_all_places_of_its_topic_taken_says_so() {
         "{planner:?}"
     );
     assert_eq!(planner.stderr.lines().count(), 1, "{planner:?}");
-    let ended = end(run);
-    assert_eq!(ended.code, Some(1), "{ended:?}");
+    let ended = run.end().assert_code(1);
     assert!(trace(&place).is_empty());
     assert!(ended.stderr.contains("planner"), "{ended:?}");
     drop((writers, intruders));

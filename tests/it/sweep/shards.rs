@@ -76,8 +76,7 @@ fn shards_of_other_numbers_are_merged_unless_they_contradict_each_other() {
 #[test]
 fn any_number_of_shards_divides_any_sweep() {
     let place = Place::new();
-    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
-    fs::copy(scenario, place.path("smoke.toml")).unwrap();
+    place.scenario("smoke");
     place.write("sweep.toml", "scenario = \"smoke.toml\"\nstrategies = [\"uts\", \"gfs\"]\nseeds = 5\n");
     place.run_well(&["sweep", "sweep.toml", "--out", "whole"]);
     let folders: Vec<String> = (1..=7).map(|k| format!("s{k}")).collect();

@@ -1,0 +1,151 @@
+//! Processes of the ring are killed and started again, and the trace is that of the undisturbed mission.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rustix::process::{Signal, kill_process};
+
+use crate::support::flight::{RING, RunningFlight};
+use crate::support::{Place, assert_no_shared_memory, end, end_by, until};
+use crate::{events, longer};
+
+/// Kills workers at random instants while the run lasts; returns how many. Between two rounds of kills it lets the ring
+/// turn, however long a restart takes on this machine.
+fn kill_at_random(place: &Place, run: &mut RunningFlight, random: &mut ChaCha8Rng) -> u64 {
+    let mut kills = 0;
+    let pause = |random: &mut ChaCha8Rng| {
+        std::thread::sleep(std::time::Duration::from_micros(random.random_range(0..60_000)));
+    };
+    while !run.is_over() {
+        pause(random);
+        // Several at once, the same one twice, one that is just starting.
+        for _ in 0..random.random_range(1..=4) {
+            let role = RING[random.random_range(0..RING.len())];
+            if let Some(worker) = place.worker_now(role, run.ring()) {
+                kills += u64::from(kill_process(worker, Signal::KILL).is_ok());
+            }
+            pause(random);
+        }
+        let before = run.slots();
+        until("flight", || (run.slots() > before || run.is_over()).then_some(()));
+    }
+    kills
+}
+
+#[test]
+fn kills_at_any_instant_change_nothing() {
+    let place = Place::new();
+    let mut kills = 0;
+    for (seed, strategy) in (1..=6).zip(["uts", "gfs", "rfs"].into_iter().cycle()) {
+        let flight = longer(&place).strategy(strategy).force();
+        flight.out("alone").simulate();
+        let mut run = flight.without_viewer().start();
+        kills += kill_at_random(&place, &mut run, &mut ChaCha8Rng::seed_from_u64(seed));
+        let ring = run.ring().to_owned();
+        run.end_well();
+        assert_eq!(place.trace("alone"), place.trace("run"), "seed {seed}, {strategy}");
+        let [alone, ring_summary] = ["alone", "run"].map(|run| place.summary(run));
+        for key in ["trace_hash", "lost_bits", "delivered_bits", "queued_bits", "eta_letter", "mean_served", "complete"]
+        {
+            assert_eq!(alone[key], ring_summary[key], "seed {seed}: {key}");
+        }
+        assert_no_shared_memory(&ring);
+    }
+    assert!(kills >= 100, "{kills} kills"); // usually some hundred
+    place.assert_clean();
+}
+
+#[test]
+fn a_planner_that_remembers_comes_back_as_it_was() {
+    let place = Place::new();
+    let few = place
+        .flight("long")
+        .set("slots", 3000)
+        .set("sensors.count", 30)
+        .set("sensors.sampling_bps", "[50.0, 900.0]")
+        .set("area.side_m", 300)
+        .set("planner.horizon.iterations", 200)
+        .force();
+    let (oracle, known) = (few.clone(), few.set("planner.knowledge", "estimated"));
+    let learnt = known.set("planner.rates", "learnt");
+    for (strategy, flight) in [
+        ("horizon", &oracle),
+        ("max-age-first", &oracle),
+        ("tour", &oracle),
+        ("uts", &known),
+        ("exact", &learnt),
+        ("horizon", &learnt),
+    ] {
+        let flight = flight.strategy(strategy);
+        flight.out("alone").simulate();
+        let run = flight.without_viewer().start();
+        for kill in 1..=4 {
+            run.until_slot(300 * kill);
+            RING[kill % 3..].iter().for_each(|role| run.kill(role));
+        }
+        run.end_well();
+        assert_eq!(place.trace("alone"), place.trace("run"), "{flight:?}");
+        // And after its launcher.
+        place.cut_trace("run", 400);
+        place.resume("run");
+        assert_eq!(place.trace("alone"), place.trace("run"), "{flight:?}, resumed");
+    }
+    place.assert_clean();
+}
+
+#[test]
+fn killed_processes_come_back_where_everybody_polls() {
+    let place = Place::new();
+    longer(&place).out("alone").simulate();
+    let run = longer(&place).without_viewer().options(&["--wait", "poll"]).start();
+    for role in RING {
+        run.until_slots_more(20);
+        run.kill(role);
+    }
+    let ring = run.ring().to_owned();
+    run.end_well();
+    place.assert_same_trace("alone", "run");
+    assert_eq!(place.summary("run")["restarts"], 3);
+    assert_no_shared_memory(&ring);
+    place.assert_clean();
+}
+
+#[test]
+fn every_restart_is_on_record() {
+    let place = Place::new();
+    let run = longer(&place).without_viewer().pace("1000x").start();
+    for role in RING {
+        run.until_slots_more(20);
+        run.kill_and_await(role);
+        run.until_slots_more(20);
+    }
+    let ended = run.end_well();
+    let summary = place.summary("run");
+    assert_eq!(summary["restarts"], 3);
+    let expected: Vec<_> = RING
+        .iter()
+        .flat_map(|role| [("was ended by signal 9", role), ("was started again (restart 1)", role)])
+        .map(|(event, role)| ((*role).to_owned(), event.to_owned()))
+        .collect();
+    assert_eq!(events(&place), expected);
+    for (process, event) in expected {
+        assert!(ended.stderr.contains(&format!("{process} {event}")), "{ended:?}");
+    }
+    assert_eq!(summary["slots"], 9000);
+    place.assert_clean();
+}
+
+#[test]
+fn a_process_started_by_hand_may_die_and_be_started_by_hand_again() {
+    let place = Place::new();
+    longer(&place).out("alone").simulate();
+    let run = longer(&place).without_viewer().external("planner").start();
+    for kill in 1..=3 {
+        let by_hand = run.by_hand("planner").spawn().unwrap();
+        run.until_slots_more(50);
+        assert_eq!(end_by(Signal::KILL, by_hand).signal, Some(9), "kill {kill}");
+    }
+    end(run.by_hand("planner").spawn().unwrap()).assert_well();
+    run.end_well();
+    place.assert_same_trace("alone", "run");
+    place.assert_clean();
+}

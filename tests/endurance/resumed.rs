@@ -1,0 +1,97 @@
+//! Runs that were cut are resumed with the same bytes, or refused.
+
+use std::fs;
+
+use crate::longer;
+use crate::support::flight::RING;
+use crate::support::{Place, assert_no_shared_memory, until_gone};
+
+#[test]
+fn a_run_whose_launcher_was_killed_is_resumed_with_the_same_bytes() {
+    let place = Place::new();
+    longer(&place).out("alone").simulate();
+    let run = longer(&place).without_viewer().start();
+    let (ring, workers) = (run.ring().to_owned(), RING.map(|role| run.worker(role)));
+    run.until_slot(300);
+    run.kill_launcher();
+    workers.into_iter().for_each(until_gone);
+    // A line that was cut is flown again.
+    let trace = place.trace("run");
+    place.write("run/slots.csv", &trace[..trace.len() - 7]);
+    let before = trace.lines().count() as u64 - 2;
+    place.resume("run");
+    place.assert_same_trace("alone", "run");
+    let [mut alone, mut resumed] = ["alone", "run"].map(|run| place.summary(run));
+    assert_eq!(resumed["resumed_after"], before);
+    for summary in [&mut alone, &mut resumed] {
+        summary["timing"] = serde_json::Value::Null;
+        summary["resumed_after"] = serde_json::Value::Null;
+    }
+    assert_eq!(alone, resumed);
+    // Nothing is left to fly, and nothing changes.
+    let summary = place.read("run/summary.json");
+    let again = place.resume("run");
+    assert!(again.stderr.is_empty(), "{again:?}");
+    assert_eq!(place.read("run/summary.json"), summary);
+    place.assert_same_trace("alone", "run");
+    place.assert_clean();
+    assert_no_shared_memory(&ring);
+}
+
+#[test]
+fn a_run_may_be_resumed_from_any_slot_again_and_again() {
+    let place = Place::new();
+    let smoke = place.flight("smoke").force();
+    smoke.out("alone").simulate();
+    for slots in [0, 1, 2, 30, 59] {
+        smoke.simulate();
+        place.cut_trace("run", slots);
+        fs::remove_file(place.path("run/summary.json")).unwrap();
+        let viewer: &[&str] = if cfg!(feature = "viewer") && slots == 30 { &[] } else { &["--no-viewer"] };
+        place.run_well(&[&["run", "--resume", "run"][..], viewer].concat());
+        assert_eq!(place.trace("run"), place.trace("alone"), "after {slots} slots");
+    }
+    place.assert_clean();
+}
+
+#[test]
+fn what_cannot_be_resumed_is_refused() {
+    let place = Place::new();
+    longer(&place).strategy("gfs").simulate();
+    let trace = place.trace("run");
+    let refused = |parts: &[&str]| {
+        place.run(&["run", "--resume", "run", "--no-viewer"]).assert_code(2).assert_one_line(parts);
+    };
+    let damage = |from: &str, to: &str| {
+        assert!(trace.contains(from), "{from}");
+        place.write("run/slots.csv", &trace.replacen(from, to, 1));
+    };
+    damage("\n3,", "\n4,");
+    refused(&["slots.csv: line 4: `4,", "`: slot 4: expected slot 3 of 9000"]);
+    damage(",serve,0\n", ",serve,zero\n");
+    refused(&["slots.csv: line 3: `2,", ",serve,z...`: expected a slot as skysink run writes it"]);
+    let third = trace.lines().nth(2).unwrap();
+    let mut columns: Vec<_> = third.split(',').collect();
+    columns[7] = "1"; // bits queued
+    damage(third, &columns.join(","));
+    refused(&["slots.csv: line 3: `2,", "`: the mission does not lead to this line"]);
+    damage("slot,x_m", "slot,x");
+    refused(&["slots.csv: line 1: `slot,x,", "`: expected slot,x_m,y_m"]);
+    place.write("run/slots.csv", &trace);
+    fs::remove_file(place.path("run/slots.csv")).unwrap();
+    refused(&["slots.csv is missing"]);
+    assert_eq!(place.run(&["run", "--resume", "nowhere"]).code, Some(2));
+    place.assert_clean();
+}
+
+#[test]
+fn a_run_under_way_is_neither_resumed_nor_replaced() {
+    let place = Place::new();
+    let run = longer(&place).without_viewer().pace("4x").start();
+    run.until_slot(5);
+    for arguments in [&["run", "--resume", "run"][..], &["run", "long.toml", "--out", "run", "--force"]] {
+        let ended = place.run(&[arguments, &["--no-viewer"]].concat()).assert_code(2);
+        assert!(ended.stderr.contains("slots.csv: a run is writing it"), "{ended:?}");
+    }
+    run.terminate();
+}

@@ -1,0 +1,57 @@
+//! Processes that are stopped: reported, waited for, and replaced when they stay silent.
+
+use std::thread::sleep;
+use std::time::Duration;
+
+use rustix::process::{Signal, kill_process};
+
+use crate::support::Place;
+use crate::support::flight::RING;
+use crate::{events, longer};
+
+#[test]
+fn a_silent_process_is_reported_and_welcomed_back() {
+    let place = Place::new();
+    longer(&place).out("alone").simulate();
+    let run = longer(&place).without_viewer().start();
+    run.until_slot(100);
+    run.signal_to("planner", Signal::STOP);
+    sleep(Duration::from_millis(1500)); // what is tested is that time passes
+    run.signal_to("planner", Signal::CONT);
+    run.end_well();
+    place.assert_same_trace("alone", "run");
+    let events = events(&place);
+    let said: Vec<_> =
+        events.iter().map(|(process, event)| (process.as_str(), event.split(' ').nth(1).unwrap())).collect();
+    assert_eq!(said, [("planner", "given"), ("planner", "back")], "{events:?}");
+}
+
+#[test]
+fn a_process_that_stays_silent_is_replaced() {
+    let place = Place::new();
+    longer(&place).out("alone").simulate();
+    let run = longer(&place).without_viewer().timeout("6").start();
+    run.until_slot(100);
+    run.signal_to("flight-sim", Signal::STOP);
+    run.end_well();
+    place.assert_same_trace("alone", "run");
+    assert_eq!(place.summary("run")["restarts"], 1);
+    place.assert_clean();
+}
+
+#[test]
+fn a_machine_that_sleeps_wakes_up_to_a_whole_mission() {
+    let place = Place::new();
+    longer(&place).out("alone").simulate();
+    let run = longer(&place).without_viewer().timeout("6").start();
+    run.until_slot(100);
+    let processes: Vec<_> = RING.into_iter().map(|role| run.worker(role)).chain([run.pid()]).collect();
+    for signal in [Signal::STOP, Signal::CONT] {
+        processes.iter().for_each(|&process| kill_process(process, signal).unwrap());
+        sleep(Duration::from_secs(7)); // longer than the time-out
+    }
+    run.end_well();
+    place.assert_same_trace("alone", "run");
+    assert_eq!(place.summary("run")["restarts"], 0);
+    place.assert_clean();
+}

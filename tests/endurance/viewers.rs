@@ -1,0 +1,134 @@
+//! Viewers that are killed, stopped or late: what the ring does about them, and what their recordings hold.
+
+use std::collections::BTreeSet;
+use std::ops::Range;
+use std::path::Path;
+
+use rustix::process::Signal;
+
+use crate::support::flight::RunningFlight;
+use crate::support::{Place, end, recordings, rows, slots, until};
+use crate::{events, longer};
+
+/// What is recorded of every slot.
+const EACH_SLOT: &str = "/metrics/loss_rate";
+
+/// Most slots that a killed viewer had not written in a run of 40 slots a second: a batch in the making and one on its
+/// way to the file. A batch ends after 64 slots and a second, and may begin with the 64 that a reader has room for.
+const UNWRITTEN: i64 = 2 * (64 + 64);
+
+/// Checks that a later file of a recording begins with the slots that were missed before it; returns these.
+fn missed_before(recording: &Path) -> Range<i64> {
+    let [lane, log, count] =
+        ["/state/uav", "/log/events", "/metrics/missed_slots"].map(|entity| rows(recording, entity));
+    let (&begin, state) = lane.first_key_value().unwrap();
+    let (&shown, count) = count.first_key_value().unwrap();
+    assert!(log[&begin].contains("recording continued in a new file"), "{log:?}");
+    assert_eq!(log[&begin].contains("missed by the viewer"), begin < shown, "{log:?}");
+    assert_eq!(state.contains("gap"), begin < shown, "{lane:?}");
+    assert!(count.contains(&format!(" {}.0,", shown - begin)), "from {begin}, shown {shown}: {count}");
+    begin..shown
+}
+
+/// Checks that a file which begins with the slot `begin` holds every slot up to its last one, but for as many as it
+/// says that the viewer missed; returns the last.
+fn assert_whole_from(begin: i64, recording: &Path) -> i64 {
+    let recorded = slots(recording, EACH_SLOT);
+    let first = *recorded.first().expect("the first slot of a file is written at once");
+    let last = *recorded.last().unwrap();
+    assert!(begin <= first, "from {begin}: {recorded:?}");
+    let missing = last + 1 - begin - recorded.len() as i64;
+    let (_, missed) = rows(recording, "/metrics/missed_slots").pop_last().unwrap();
+    assert!(missed.contains(&format!(" {missing}.0,")), "{missing} missing from {begin} on: {missed}, {recorded:?}");
+    last
+}
+
+#[test]
+fn a_killed_viewer_comes_back_and_its_recording_is_continued_in_other_files() {
+    let place = Place::new();
+    let run = place.flight("long").pace("4x").start(); // 40 slots a second
+    for file in ["mission.rrd", "mission-2.rrd"] {
+        let before = run.slots();
+        until("recording", || run.path(file).exists().then_some(()));
+        run.until_slot(before + 300); // less than the ten seconds after which the library writes by itself
+        run.kill_and_await("viewer");
+    }
+    until("third file", || run.path("mission-3.rrd").exists().then_some(()));
+    run.until_slots_more(100);
+    run.terminate();
+    assert_eq!(recordings(&place.path("run")).len(), 3);
+    let [first, second, third] =
+        ["mission.rrd", "mission-2.rrd", "mission-3.rrd"].map(|file| place.path("run").join(file));
+    let mut last = assert_whole_from(0, &first);
+    for file in [second, third] {
+        let missed = missed_before(&file);
+        assert!(!missed.is_empty(), "{}: nobody waits for the viewer", file.display());
+        // The killed viewer had shown all slots before these, the last of them perhaps without having noted it.
+        assert!(last <= missed.start, "files overlap by {} slots", last + 1 - missed.start);
+        let unwritten = missed.start - 1 - last;
+        assert!(unwritten <= UNWRITTEN, "{unwritten} slots before {missed:?} were not written");
+        last = assert_whole_from(missed.start, &file);
+    }
+    let flown = place.summary("run")["slots"].as_i64().unwrap();
+    assert!((flown..=flown + 1).contains(&last), "recorded up to {last} of {flown} slots"); // one may be under way
+    place.assert_clean();
+}
+
+#[test]
+fn in_lock_step_the_ring_waits_for_a_viewer_that_comes_back() {
+    let place = Place::new();
+    longer(&place).out("alone").simulate();
+    let run = longer(&place).start();
+    run.until_slot(200);
+    run.kill("viewer");
+    run.end_well();
+    place.assert_same_trace("alone", "run");
+    let summary = place.summary("run");
+    let is_kill = |event: &&serde_json::Value| event["event"] == "was ended by signal 9";
+    let killed = summary["events"].as_array().unwrap().iter().find(is_kill).unwrap()["slot"].as_i64().unwrap();
+    let [first, second] = ["run/mission.rrd", "run/mission-2.rrd"].map(|file| slots(&place.path(file), EACH_SLOT));
+    assert!(first.intersection(&second).count() <= 1, "no more than the slot in which it was killed is there twice");
+    let missed = missed_before(&place.path("run/mission-2.rrd"));
+    assert!(missed.end - missed.start <= 70, "no more than what was under way to it: {missed:?}");
+    let recorded: BTreeSet<_> = first.union(&second).copied().collect();
+    // What the viewer had not yet written is gone, and the few slots that were under way.
+    let missing: Vec<i64> = (0..=9000).filter(|slot| !recorded.contains(slot)).collect();
+    assert!(missing.iter().all(|&slot| slot <= killed + 70), "killed in slot {killed}, missing {missing:?}");
+    place.assert_clean();
+}
+
+#[test]
+fn flight_sim_and_planner_may_die_before_the_viewer_is_there() {
+    let place = Place::new();
+    let flight = place.flight("long").set("slots", 300);
+    flight.out("alone").simulate();
+    let run = flight.external("viewer").timeout("20").start();
+    for (role, journal) in [("flight-sim", "flights.journal"), ("planner", "plans.journal")] {
+        until_waiting_for_the_viewer(&run, journal);
+        run.kill_and_await(role);
+    }
+    end(run.by_hand("viewer").args(["--save", "run/mission.rrd"]).spawn().unwrap()).assert_well();
+    run.end_well();
+    place.assert_same_trace("alone", "run");
+    place.assert_clean();
+}
+
+/// Waits until the process with this journal has joined.
+fn until_waiting_for_the_viewer(run: &RunningFlight, journal: &str) {
+    until(journal, || run.folder().join(journal).exists().then_some(()));
+}
+
+#[test]
+fn a_stopped_viewer_costs_nobody_else_a_restart() {
+    let place = Place::new();
+    longer(&place).out("alone").simulate();
+    let run = longer(&place).timeout("6").start();
+    run.until_slot(100);
+    run.signal_to("viewer", Signal::STOP);
+    run.end_well();
+    place.assert_same_trace("alone", "run");
+    let events = events(&place);
+    assert!(events.iter().any(|(_, event)| event == "was ended by signal 9"), "{events:?}");
+    assert!(events.iter().all(|(process, _)| process == "viewer"), "{events:?}");
+    place.assert_clean();
+}

@@ -1,0 +1,323 @@
+//! One builder for the flights of the tests, and what they do to a ring that is under way.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command};
+
+use rustix::process::{Pid, Signal, kill_process};
+
+use super::{Ended, Place, end, lines, pid, until};
+
+/// The processes of a ring that the launcher starts, without the viewer.
+pub const RING: [&str; 3] = ["field-sim", "flight-sim", "planner"];
+
+/// The services of a ring: nine topics, and the wake-ups of each.
+const SERVICES: usize = 18;
+
+/// A flight to be made: a scenario and options. Each option makes another flight, so that flights which differ little
+/// share the rest.
+#[derive(Debug, Clone)]
+pub struct FlightOf<'a> {
+    place: &'a Place,
+    scenario: String,
+    out: String,
+    options: Vec<String>,
+    has_viewer: bool,
+}
+
+impl<'a> FlightOf<'a> {
+    /// A flight of the scenario file into `run`.
+    pub(super) fn new(place: &'a Place, scenario: String) -> Self {
+        let has_viewer = cfg!(feature = "viewer");
+        Self { place, scenario, out: "run".to_owned(), options: Vec::new(), has_viewer }
+    }
+
+    /// With more options.
+    #[must_use]
+    pub fn options(&self, options: &[&str]) -> Self {
+        let mut flight = self.clone();
+        flight.options.extend(options.iter().map(|&option| option.to_owned()));
+        flight
+    }
+
+    /// Into this folder.
+    #[must_use]
+    pub fn out(&self, out: &str) -> Self {
+        Self { out: out.to_owned(), ..self.clone() }
+    }
+
+    /// With another value of a key of the scenario.
+    #[must_use]
+    pub fn set(&self, key: &str, value: impl std::fmt::Display) -> Self {
+        self.options(&["--set", &format!("{key}={value}")])
+    }
+
+    /// By another strategy than the scenario's.
+    #[must_use]
+    pub fn strategy(&self, strategy: &str) -> Self {
+        self.options(&["--strategy", strategy])
+    }
+
+    /// Over another field and channel than the scenario's.
+    #[must_use]
+    pub fn seed(&self, seed: u64) -> Self {
+        self.options(&["--seed", &seed.to_string()])
+    }
+
+    /// By the clock.
+    #[must_use]
+    pub fn pace(&self, pace: &str) -> Self {
+        self.options(&["--pace", pace])
+    }
+
+    /// With processes that wait for each other no longer than this [s].
+    #[must_use]
+    pub fn timeout(&self, timeout_s: &str) -> Self {
+        self.options(&["--timeout", timeout_s])
+    }
+
+    /// With a role that the test takes.
+    #[must_use]
+    pub fn external(&self, role: &str) -> Self {
+        self.options(&["--external", role])
+    }
+
+    /// With a command as its planner.
+    #[must_use]
+    pub fn planner(&self, command: &str) -> Self {
+        self.options(&["--planner", command])
+    }
+
+    /// In a ring without the viewer, which otherwise records; programs that are built without it have none.
+    #[must_use]
+    pub fn without_viewer(&self) -> Self {
+        Self { has_viewer: false, ..self.clone() }
+    }
+
+    /// Over the flight that is in the folder.
+    #[must_use]
+    pub fn force(&self) -> Self {
+        self.options(&["--force"])
+    }
+
+    /// Flies in one process, which must end well.
+    #[track_caller]
+    pub fn simulate(&self) -> Ended {
+        self.place.run_well(&self.arguments("simulate"))
+    }
+
+    /// Flies in a ring, which must end well.
+    #[track_caller]
+    pub fn run(&self) -> Ended {
+        self.try_run().assert_well()
+    }
+
+    /// Flies in a ring, however it ends.
+    pub fn try_run(&self) -> Ended {
+        end(self.launcher().spawn().unwrap())
+    }
+
+    /// Flies in a ring, which is there when this returns.
+    pub fn start(&self) -> RunningFlight<'a> {
+        RunningFlight::start(self.place, self.launcher(), &self.out)
+    }
+
+    /// `skysink run`, not yet started.
+    pub fn launcher(&self) -> Command {
+        let mut command = self.place.skysink(&self.arguments("run"));
+        if !self.has_viewer {
+            command.arg("--no-viewer");
+        }
+        command
+    }
+
+    fn arguments(&self, command: &'a str) -> Vec<&str> {
+        let words = [command, &self.scenario, "--out", &self.out];
+        words.into_iter().chain(self.options.iter().map(String::as_str)).collect()
+    }
+}
+
+/// A launcher and its ring. Dropped while it lives, it and its workers are killed.
+#[derive(Debug)]
+pub struct RunningFlight<'a> {
+    place: &'a Place,
+    /// None once it has ended.
+    child: Option<Child>,
+    ring: String,
+    out: String,
+    /// What the launcher and its workers say on standard error.
+    said: PathBuf,
+}
+
+impl<'a> RunningFlight<'a> {
+    /// Starts a command that flies into the folder `out`, and waits until its ring is there.
+    pub fn start(place: &'a Place, mut command: Command, out: &str) -> Self {
+        let before = place.rings();
+        // A file, because a pipe that nobody reads may fill up, and the test may want to read it before the end.
+        let (file, said) = tempfile::Builder::new().prefix("said").tempfile_in(place.path("")).unwrap().keep().unwrap();
+        let child = command.stderr(file).spawn().unwrap();
+        let mut flight = Self { place, child: Some(child), ring: String::new(), out: out.to_owned(), said };
+        flight.ring = until("ring", || {
+            assert!(!flight.is_over(), "ended before its ring was there: {}", flight.said());
+            place.rings().into_iter().find(|ring| !before.contains(ring) && place.ring_file(ring).exists())
+        });
+        flight
+    }
+
+    /// The name of its ring.
+    pub fn ring(&self) -> &str {
+        &self.ring
+    }
+
+    /// The folder of its ring.
+    pub fn folder(&self) -> PathBuf {
+        self.place.ring_file(&self.ring).parent().unwrap().to_owned()
+    }
+
+    /// The process id of the launcher.
+    pub fn pid(&self) -> Pid {
+        pid(self.child.as_ref().expect("it has not ended"))
+    }
+
+    /// Whether the launcher has ended.
+    pub fn is_over(&mut self) -> bool {
+        self.child.as_mut().is_none_or(|child| child.try_wait().unwrap().is_some())
+    }
+
+    /// What it has said on standard error.
+    pub fn said(&self) -> String {
+        fs::read_to_string(&self.said).unwrap()
+    }
+
+    /// Waits until it has said this.
+    pub fn until_said(&self, text: &str) {
+        until(text, || self.said().contains(text).then_some(()));
+    }
+
+    /// Slots on record.
+    pub fn slots(&self) -> usize {
+        lines(&self.trace()).saturating_sub(1)
+    }
+
+    /// Waits until so many slots are on record.
+    pub fn until_slot(&self, slot: usize) {
+        until("slot", || (self.slots() >= slot).then_some(()));
+    }
+
+    /// Waits until so many more slots are on record.
+    pub fn until_slots_more(&self, slots: usize) {
+        self.until_slot(self.slots() + slots);
+    }
+
+    /// The process of a role.
+    pub fn worker(&self, role: &str) -> Pid {
+        self.place.worker(role, &self.ring)
+    }
+
+    /// Waits until the process of a role is another one.
+    pub fn until_restarted(&self, role: &str, before: Pid) {
+        until("restart", || self.place.worker_now(role, &self.ring).filter(|&now| now != before));
+    }
+
+    /// Sends a signal to the process of a role, and returns which it was.
+    pub fn signal_to(&self, role: &str, signal: Signal) -> Pid {
+        let worker = self.worker(role);
+        kill_process(worker, signal).unwrap();
+        worker
+    }
+
+    /// Kills the process of a role.
+    pub fn kill(&self, role: &str) {
+        self.signal_to(role, Signal::KILL);
+    }
+
+    /// Kills the process of a role, and waits until it is there again.
+    pub fn kill_and_await(&self, role: &str) {
+        let killed = self.signal_to(role, Signal::KILL);
+        self.until_restarted(role, killed);
+    }
+
+    /// The program of a role with the arguments with which it joins this ring, whose topics are there.
+    pub fn by_hand(&self, role: &str) -> Command {
+        self.by_hand_with(role, Path::new(&self.out).join("scenario.toml").to_str().unwrap())
+    }
+
+    /// The same with another scenario.
+    pub fn by_hand_with(&self, role: &str, scenario: &str) -> Command {
+        self.until_topics();
+        let folder = self.folder();
+        self.place.command(executable(role), &["--scenario", scenario, "--ring", folder.to_str().unwrap()])
+    }
+
+    /// Waits until the topics of its ring are there, and the scenario that it flies.
+    pub fn until_topics(&self) {
+        until("scenario", || self.path("scenario.toml").exists().then_some(()));
+        let services = self.folder().join("services");
+        until("services", || fs::read_dir(&services).is_ok_and(|files| files.count() >= SERVICES).then_some(()));
+    }
+
+    /// Sends a signal to the launcher.
+    pub fn signal(&self, signal: Signal) {
+        kill_process(self.pid(), signal).unwrap();
+    }
+
+    /// Waits for its end.
+    pub fn end(mut self) -> Ended {
+        let mut ended = end(self.child.take().expect("it has not ended"));
+        ended.stderr = self.said();
+        ended
+    }
+
+    /// Waits for its end, which must be a good one.
+    #[track_caller]
+    pub fn end_well(self) -> Ended {
+        self.end().assert_well()
+    }
+
+    /// Stops the launcher by SIGTERM, which must end the run in order.
+    #[track_caller]
+    pub fn terminate(self) -> Ended {
+        self.signal(Signal::TERM);
+        self.end().assert_code(143)
+    }
+
+    /// Kills the launcher.
+    #[track_caller]
+    pub fn kill_launcher(self) {
+        self.signal(Signal::KILL);
+        assert_eq!(self.end().signal, Some(9));
+    }
+
+    /// A file of its run folder.
+    pub fn path(&self, file: &str) -> PathBuf {
+        self.place.path(&self.out).join(file)
+    }
+
+    fn trace(&self) -> PathBuf {
+        self.path("slots.csv")
+    }
+}
+
+impl Drop for RunningFlight<'_> {
+    fn drop(&mut self) {
+        let Some(mut child) = self.child.take() else { return };
+        let _ = child.kill();
+        let _ = child.wait();
+        let workers = RING.into_iter().chain(["viewer"]).filter(|_| !self.ring.is_empty());
+        for worker in workers.filter_map(|role| self.place.worker_now(role, &self.ring)) {
+            let _ = kill_process(worker, Signal::KILL); // it may be stopped, and then would not notice
+        }
+    }
+}
+
+/// The executable of a role.
+pub fn executable(role: &str) -> &'static str {
+    match role {
+        "field-sim" => env!("CARGO_BIN_EXE_field-sim"),
+        "flight-sim" => env!("CARGO_BIN_EXE_flight-sim"),
+        "planner" => env!("CARGO_BIN_EXE_planner"),
+        #[cfg(feature = "viewer")]
+        "viewer" => env!("CARGO_BIN_EXE_viewer"),
+        _ => panic!("{role} is no role"),
+    }
+}
