@@ -415,7 +415,7 @@ fn a_live_scene_listens_on_this_machine_and_writes_the_same_file() {
 #[test]
 fn the_environment_variable_rerun_is_ignored() {
     let again = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "a_recording_contains_a_legend"])
+        .args(["--exact", "recording::a_recording_contains_a_legend"])
         .env("RERUN", "off")
         .output()
         .unwrap();
