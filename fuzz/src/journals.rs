@@ -1,0 +1,149 @@
+//! The journals of the processes: what is restored from a spoilt one was saved.
+
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+
+use arbitrary::{Result, Unstructured};
+use skysink_common::message::{FlightReport, LinkReport, Mode};
+use skysink_field_sim::Field;
+use skysink_field_sim::journal::FieldJournal;
+use skysink_flight_sim::journal as flights;
+use skysink_ring::folder::RingFolder;
+use skysink_ring::journal::{Journal, Record};
+
+use crate::messages::{balanced, report};
+use crate::scratch::{bytes, file, ring_without, spoil};
+use crate::world::WORLDS;
+
+/// Places of the journal.
+const PLACES: u64 = 3;
+
+/// Longest record: a head and a record of one page, and one that takes two.
+const ROOMS: [usize; 2] = [200, 5000];
+
+/// Slots flown by a field, with two states among them beside the first.
+const FLOWN_SLOTS: u64 = 140;
+
+/// The first world from the beginning, and the flight of each slot: another sensor node is served in each.
+static FLOWN: LazyLock<Vec<(FlightReport, Field)>> = LazyLock::new(|| {
+    let mut scenario = WORLDS[0].scenario.clone();
+    scenario.slots = FLOWN_SLOTS;
+    let mut field = Field::new(&scenario, &WORLDS[0].list);
+    let mut flown = vec![(FlightReport::at([1.0, 2.0, 20.0], Mode::Hold), field.clone())];
+    for slot in 1..FLOWN_SLOTS {
+        let mut flight = FlightReport::at([1.0, 2.0, 20.0], Mode::Serve);
+        let sensor = u32::try_from(slot % 10).expect("below 10");
+        flight.links[0] = LinkReport { sensor, capacity_bits: 7 * slot, ..LinkReport::default() };
+        flight.served = 1;
+        field.step(slot, &flight).expect("the sensor node is known");
+        flown.push((flight, field.clone()));
+    }
+    flown
+});
+
+/// Records are written and the file is spoilt: whatever is found was written, in ascending order; an unspoilt file
+/// holds the last record of each place. Afterwards the journal can be written again.
+pub fn journal(u: &mut Unstructured) -> Result<()> {
+    let path = file("journal", &[]);
+    let room = ROOMS[usize::from(u.arbitrary::<u8>()?) % ROOMS.len()];
+    let journal = Journal::open(&path, PLACES, room).expect("the journal opens");
+    let mut written = Vec::new();
+    let mut last = BTreeMap::new();
+    for _ in 0..u.arbitrary::<u8>()? % 8 {
+        let slot = u.arbitrary()?;
+        let length = usize::from(u.arbitrary::<u16>()?) % (room + 1);
+        let mut record = bytes(u, length.min(64))?.to_vec();
+        record.resize(length, u.arbitrary()?);
+        let (head, tail) = record.split_at(length / 3);
+        journal.write(slot, &[head, tail]).expect("the record is written");
+        let record = Record { slot, bytes: record };
+        last.insert(slot % PLACES, record.clone());
+        written.push(record);
+    }
+    let spoilt = spoil(&path, u)?;
+    let found = journal.read().expect("the journal is read");
+    assert!(found.iter().all(|record| written.contains(record)), "found what was not written");
+    assert!(found.is_sorted_by(|a, b| a.slot < b.slot), "{found:?}");
+    if !spoilt {
+        let mut last: Vec<Record> = last.into_values().collect();
+        last.sort_unstable_by_key(|record| record.slot);
+        assert_eq!(found, last);
+    }
+    let slot = u64::MAX;
+    journal.write(slot, &[b"last"]).expect("the record is written");
+    let found = journal.read().expect("the journal is read").pop().expect("a record was just written");
+    assert_eq!(found, Record { slot, bytes: b"last".to_vec() });
+    Ok(())
+}
+
+/// Flights are saved and the journal is spoilt: whatever is restored was saved, three at most, without a gap; an
+/// unspoilt journal restores the last.
+pub fn flight_journal(u: &mut Unstructured) -> Result<()> {
+    let ring = ring_without("flights");
+    let journal = flights::journal(ring).expect("the journal opens");
+    let mut saved = Vec::new();
+    let mut slot: u64 = u.arbitrary()?;
+    for _ in 0..u.arbitrary::<u8>()? % 7 {
+        let flight = report(u, 2)?;
+        flights::save(&journal, slot, &flight).expect("the flight is written");
+        saved.push((slot, bytemuck::bytes_of(&flight).to_vec())); // a report may hold NaN
+        slot = slot.saturating_add(u64::from(u.arbitrary::<u8>()? % 4));
+    }
+    let spoilt = spoil(&ring.journal("flights"), u)?;
+    let restored = flights::journal(ring).and_then(|journal| flights::restore(&journal));
+    let restored = restored.expect("the journal is read");
+    assert!(restored.len() <= 3);
+    assert!(restored.windows(2).all(|pair| pair[0].0 + 1 == pair[1].0), "{restored:?}");
+    for (slot, flight) in &restored {
+        let same = (*slot, bytemuck::bytes_of(flight).to_vec());
+        assert!(saved.contains(&same), "restored a flight of slot {slot} that was not saved");
+    }
+    if !spoilt {
+        assert_eq!(restored.last().map(|(slot, _)| *slot), saved.iter().map(|(slot, _)| *slot).max());
+    }
+    Ok(())
+}
+
+/// From the spoilt journal of a field comes a state that it has been in; from a journal that somebody else has written
+/// comes a field whose ledger balances.
+pub fn field_journal(u: &mut Unstructured) -> Result<()> {
+    let mut field = FLOWN[0].1.clone();
+    let restore = if u.arbitrary::<u8>()? % 2 == 1 { forged } else { saved };
+    restore(ring_without("field"), &mut field, u)?;
+    balanced(&field, WORLDS[0].scenario.sensors.capacity_bits);
+    Ok(())
+}
+
+/// Saves some slots, spoils the journal and compares what is restored with what was.
+fn saved(ring: &RingFolder, field: &mut Field, u: &mut Unstructured) -> Result<()> {
+    let slots = u64::from(u.arbitrary::<u8>()?) % FLOWN_SLOTS;
+    let (mut journal, _) = FieldJournal::open(ring, field).expect("the journal opens");
+    for (flight, field) in FLOWN.iter().skip(1).take(slots as usize) {
+        journal.save(flight, field).expect("the slot is written");
+    }
+    let spoilt = spoil(&ring.journal("field"), u)?;
+    let (_, last) = FieldJournal::open(ring, field).expect("the journal is read");
+    assert!(field.slot() <= slots && *field == FLOWN[field.slot() as usize].1, "{}", field.slot());
+    if let Some(last) = last {
+        assert_eq!(FLOWN[field.slot() as usize + 1].0, last);
+    }
+    if !spoilt {
+        assert_eq!((field.slot(), last.is_some()), (slots.saturating_sub(1), slots > 0));
+    }
+    Ok(())
+}
+
+/// Writes flights and states of any numbers, whole and with their hashes, and restores them.
+fn forged(ring: &RingFolder, field: &mut Field, u: &mut Unstructured) -> Result<()> {
+    let room = size_of::<FlightReport>() + 200;
+    let journal = Journal::open(&ring.journal("field"), 128, room).expect("the journal opens");
+    let slot: u64 = u.arbitrary()?;
+    for next in 0..u64::from(u.arbitrary::<u8>()? % 5) {
+        let flight = report(u, 2)?;
+        let state = bytes(u, 200)?;
+        let state = if u.arbitrary::<u8>()?.is_multiple_of(2) { state } else { &[] };
+        journal.write(slot.wrapping_add(next), &[bytemuck::bytes_of(&flight), state]).expect("the slot is written");
+    }
+    FieldJournal::open(ring, field).expect("the journal is read");
+    Ok(())
+}

@@ -1,0 +1,63 @@
+//! Files for the targets that need some.
+
+use std::fs::{self, OpenOptions};
+use std::io::ErrorKind;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+use arbitrary::{Result, Unstructured};
+use skysink_common::pace::Pace;
+use skysink_ring::folder::RingFolder;
+use skysink_ring::wait::Waiting;
+use tempfile::TempDir;
+
+/// Where the process may write. What an input before has left there is there.
+pub static FOLDER: LazyLock<TempDir> = LazyLock::new(|| tempfile::tempdir().expect("a temporary folder can be made"));
+
+static RING: LazyLock<RingFolder> = LazyLock::new(|| {
+    RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).expect("a ring's folder can be made")
+});
+
+/// A file with this name and content. One that is there is removed, not cut: some file systems wait for the disk then.
+pub fn file(name: &str, bytes: &[u8]) -> PathBuf {
+    let path = FOLDER.path().join(name);
+    remove(&path);
+    fs::write(&path, bytes).expect("a file can be written");
+    path
+}
+
+/// The folder of a ring without this journal.
+pub fn ring_without(journal: &str) -> &'static RingFolder {
+    remove(&RING.journal(journal));
+    &RING
+}
+
+fn remove(path: &Path) {
+    if let Err(error) = fs::remove_file(path) {
+        assert_eq!(error.kind(), ErrorKind::NotFound, "{}: {error}", path.display());
+    }
+}
+
+/// At most `length` bytes, fewer at the end of the input.
+pub fn bytes<'a>(u: &mut Unstructured<'a>, length: usize) -> Result<&'a [u8]> {
+    u.bytes(length.min(u.len()))
+}
+
+/// What a crash or a disk may do to a file: the input says where bytes change, and where it ends. Says whether it did
+/// anything.
+pub fn spoil(path: &Path, u: &mut Unstructured) -> Result<bool> {
+    let file = OpenOptions::new().write(true).open(path).expect("the file is there");
+    let length = file.metadata().expect("the file is there").len();
+    let done = !u.is_empty();
+    while !u.is_empty() {
+        let kind: u8 = u.arbitrary()?;
+        let at = u64::from(u.arbitrary::<u32>()?) % (length + 64);
+        let spoilt = match kind {
+            0 => file.set_len(at),
+            _ => file.write_all_at(bytes(u, usize::from(kind % 32))?, at),
+        };
+        spoilt.expect("the file can be changed");
+    }
+    Ok(done)
+}
