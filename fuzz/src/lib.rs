@@ -13,8 +13,11 @@ mod world;
 
 use arbitrary::{Result, Unstructured};
 
-/// What is fuzzed, with the names of the corpora. A check panics if the input makes something go wrong.
-pub const TARGETS: [(&str, fn(&[u8])); 14] = [
+/// Panics if the input makes something go wrong.
+pub type Check = fn(&[u8]);
+
+/// What is fuzzed, with the names of the corpora.
+pub const TARGETS: [(&str, Check); 14] = [
     ("scenario", text::scenario),
     ("sensors", text::sensors),
     ("mission", text::mission),
