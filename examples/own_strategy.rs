@@ -36,5 +36,5 @@ pub fn main() {
     let mission = Mission::with_strategy(&scenario, &list, Box::new(Nearest)).expect("a checked scenario");
     let totals = mission.last().expect("at least one slot").header.totals;
     println!("lost {} of {} bit", totals.lost_bits, totals.sampled_bits);
-    assert!(totals.balanced() && totals.delivered_bits > 0);
+    assert!(totals.is_balanced() && totals.delivered_bits > 0);
 }

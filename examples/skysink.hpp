@@ -8,10 +8,10 @@
 
 namespace skysink {
 
-/// Most resource blocks of a UAV: messages hold this many served sensor nodes.
+/// Most resource blocks of a UAV, and so most served sensor nodes in a message.
 constexpr static const size_t MAX_RESOURCE_BLOCKS = 64;
 
-/// Largest seed, which is TOML's largest number.
+/// Largest seed: the largest integer of TOML.
 constexpr static const uint64_t MAX_SEED = (uint64_t)INT64_MAX;
 
 /// Most sensor nodes in one plan.
@@ -26,35 +26,35 @@ constexpr static const uint32_t NOBODY = UINT32_MAX;
 /// [`SlotHeader::flags`]: the last slot of the mission; nothing follows.
 constexpr static const uint32_t FLAG_END = 1;
 
-/// [`SlotHeader::flags`]: sent before; a link between hosts may have lost it. Whoever has the slot drops it.
+/// [`SlotHeader::flags`]: sent before, because a link between hosts may have lost it. Readers drop a slot that they
+/// have.
 constexpr static const uint32_t FLAG_REPEAT = 2;
 
-/// What the UAV does in a slot, by its number in messages and its name in `slots.csv`; an unknown number is a hold.
+/// Mode of the UAV in a slot, by its number in messages and its name in `slots.csv`; an unknown number is a hold.
 enum class Mode : uint32_t {
     /// Flies to the strategy's own waypoint and serves there.
     Serve,
-    /// Flies straight toward the fullest queue because nobody can be served from the strategy's reach.
+    /// Flies straight toward the fullest queue, because the strategy finds no sensor node in reach.
     Transit,
     /// Stays where it is and serves nobody.
     Hold,
 };
 
-/// How the waypoint was found, by its number in messages; an unknown one, from a planner of somebody else, is its own
-/// rule.
+/// How the waypoint was found, by its number in messages; an unknown one, from an external planner, is its own rule.
 enum class SolverOutcome : uint32_t {
     /// By the strategy's own rule; no problem was solved.
     Rule,
     /// By the chosen solver.
     Solved,
-    /// Not by the chosen solver, which gave no usable point: by the geometric one, or the centre that `exact` found.
+    /// The chosen solver gave no usable point: by the geometric solver, or the centre that `exact` found.
     Fallback,
 };
 
-/// Why the UAV held its position, by its number in messages; an unknown one is none.
+/// Why the UAV held its position, by its number in messages; an unknown number is read as `None`.
 enum class HoldReason : uint32_t {
     /// It did not hold.
     None,
-    /// No plan was there when the slot began.
+    /// No plan had arrived when the slot began.
     NoPlan,
     /// The waypoint was not finite, out of reach or outside the area.
     Waypoint,
@@ -139,12 +139,12 @@ struct Totals {
     uint64_t sampled_bits;
     /// Uploaded to the UAV.
     uint64_t delivered_bits;
-    /// Thrown away by full buffers, `Σ D_i` (UTS eq. 8).
+    /// Lost to full buffers, `Σ D_i` (UTS eq. 8).
     uint64_t lost_bits;
     /// Queued now.
     uint64_t queued_bits;
-    /// `Σ_t Σ_i D_i(t) / (s_i τ)`: the loss in slots' worth of sampling, for the paper's own figure of merit. 0 in a
-    /// [`Ledger`], which does not know the rates.
+    /// `Σ_t Σ_i D_i(t) / (s_i τ)`: the loss in slots of sampling, for the paper's loss rate. 0 in a [`Ledger`], which
+    /// does not know the rates.
     double lost_slots;
 };
 
@@ -161,7 +161,7 @@ struct QueuesHeader {
     uint64_t lost_bits;
 };
 
-/// Payload of `plan`: whom to serve in the slot, and from where.
+/// Payload of `plan`: the schedule and the waypoint of the slot.
 struct Plan {
     static constexpr const char* IOX2_TYPE_NAME = "skysink.Plan.v1";
     /// Waypoint at the end of the slot, east [m].
@@ -172,7 +172,7 @@ struct Plan {
     double z_m;
     /// Bits that the planner expects to collect in the slot.
     uint64_t expected_bits;
-    /// Time that planning took [ns]; 0 where nobody measured.
+    /// Time that planning took [ns]; 0 if not measured.
     uint64_t plan_ns;
     /// Centres [m] of the five candidate circles of the winning anchor, C1 to C5; NaN where there are none.
     double circles_m[5][2];
@@ -220,7 +220,7 @@ struct LinkReport {
     uint64_t capacity_bits;
 };
 
-/// Payload of `flight`: where the UAV is after the slot, and what each of its links can carry.
+/// Payload of `flight`: the position of the UAV after the slot, and the capacity of each of its links.
 struct FlightReport {
     static constexpr const char* IOX2_TYPE_NAME = "skysink.FlightReport.v1";
     /// Position, east [m].

@@ -1,6 +1,6 @@
-//! `skysink check`: the scenario with every default, and what follows from it before anything is flown.
+//! `skysink check`: prints the scenario with every default, derived figures and warnings.
 //!
-//! [`figures`] computes, [`warnings`] judges; here both are put into words.
+//! [`figures`] computes the figures and [`warnings`] evaluates them; this module prints both.
 
 pub mod clusters;
 pub mod figures;
@@ -24,7 +24,7 @@ use figures::Figures;
 use quantity::{joined, percent, scaled};
 use verdict::LossFree;
 
-/// What `--json` prints.
+/// The output of `--json`.
 #[derive(Debug, Serialize)]
 struct Report<'a> {
     scenario: &'a str,
@@ -33,11 +33,11 @@ struct Report<'a> {
     warnings: &'a [String],
 }
 
-/// Checks the scenario `path`: prints every key of it and its figures as comments, or the figures alone as JSON, and
-/// says on standard error what is probably not meant.
+/// Checks the scenario `path`: prints all its keys, with the figures as comments, or only the figures as JSON. Prints
+/// warnings on standard error.
 ///
 /// # Errors
-/// If the scenario or its sensor list is refused, or nothing can be printed.
+/// If the scenario or its sensor list is refused, or the output cannot be written.
 pub fn check(path: &Path, overrides: Overrides, as_json: bool) -> Result<(), Error> {
     let scenario = Scenario::read(path, overrides).and_then(settings::resolve)?;
     let list = SensorList::of(&scenario)?;
@@ -47,11 +47,11 @@ pub fn check(path: &Path, overrides: Overrides, as_json: bool) -> Result<(), Err
         let report = Report { scenario: &scenario.name, figures: &figures, warnings: &warnings };
         print(serde_json::to_string_pretty(&report).expect("plain keys and numbers"))?;
     } else {
-        // The figures last, so that they and the warnings are what is left on the screen.
+        // The figures come last, so that they and the warnings stay visible.
         print(format_args!("{}\n", scenario.to_toml().trim_end()))?;
         print(format_args!("# {}: {} sensor nodes", path.display(), list.sensors().len()))?;
         print(commented(&figures).trim_end())?;
-        warnings.iter().for_each(|warning| Role::Launcher.say(format_args!("warning: {warning}")));
+        warnings.iter().for_each(|warning| Role::Launcher.log(format_args!("warning: {warning}")));
     }
     Ok(())
 }
@@ -71,14 +71,14 @@ fn rows(figures: &Figures) -> Vec<(&'static str, String)> {
     let bits = |bits: u64| scaled(bits as f64, "bit");
     let rates = |rates_bps: [f64; 2]| joined(rates_bps.map(|rate_bps| scaled(rate_bps, "bit/s")));
     let visits = |visits: [Option<u64>; 2]| {
-        joined(visits.map(|visits| visits.map_or_else(|| "endless".to_owned(), |visits| visits.to_string())))
+        joined(visits.map(|visits| visits.map_or_else(|| "infinite".to_owned(), |visits| visits.to_string())))
     };
     let Figures { above, rim, round, .. } = figures;
     vec![
         ("reach in a slot, V τ", metres(figures.reach_m)),
         ("communication radius, d_c", metres(figures.comm_radius_m)),
         ("anchor radius of uts, V τ − d_c", anchors(figures)),
-        ("nearest other SN, mean distance", figures.neighbour_m.map_or_else(none, metres)),
+        ("mean distance to the nearest SN", figures.neighbour_m.map_or_else(none, metres)),
         ("rate straight below the UAV", rates(above.rates_bps)),
         ("rate at distance d_c", rates(rim.rates_bps)),
         ("bits per visit straight below", joined(above.visit_bits.map(bits))),
@@ -97,11 +97,11 @@ fn anchors(figures: &Figures) -> String {
     match figures.uts_group {
         _ if figures.anchor_radius_m <= 0.0 => radius,
         Some(group) => format!("{radius}, connects {group} of {}", figures.sensors),
-        None => format!("{radius}, too crowded to say whom it connects"),
+        None => format!("{radius}, connectivity unknown: too many SN pairs"),
     }
 }
 
-/// What is known of flights without loss, in a few words.
+/// Whether a flight without loss exists, in a few words.
 fn loss_free(known: &LossFree) -> String {
     match known {
         LossFree::Unserved => "yes: no buffer overflows in the mission".to_owned(),
@@ -109,8 +109,8 @@ fn loss_free(known: &LossFree) -> String {
         LossFree::Impossible { lost_bits } => {
             format!("no: every flight loses at least {}", scaled(*lost_bits as f64, "bit"))
         }
-        LossFree::Open { strategy, loss_rate } => format!("open: {strategy} loses {}", percent(*loss_rate)),
-        LossFree::NotFlown => "open: not flown, the field is large".to_owned(),
+        LossFree::Open { strategy, loss_rate } => format!("unknown: {strategy} loses {}", percent(*loss_rate)),
+        LossFree::NotFlown => "unknown: not simulated, the field is large".to_owned(),
     }
 }
 

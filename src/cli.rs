@@ -29,15 +29,15 @@ use skysink_ring::role::Role;
 use skysink_ring::wait::{exit_on_second_signal, stop_on_signals};
 
 #[cfg(feature = "lab")]
-use crate::bench::{BenchOptions, hop::HopProcess};
+use crate::bench::BenchOptions;
 use crate::check::check;
 use crate::error::Error;
 use crate::join::JoinOptions;
 use crate::new::NewScenario;
 use crate::replay::ReplayArguments;
 use crate::report::OutputForm;
+use crate::run::process::ProcessTable;
 use crate::run::run;
-use crate::run::supervise::ProcessTable;
 use crate::simulate::{NewFolder, RecordingOptions, Simulation, simulate};
 use crate::topics::TopicsOptions;
 use crate::view::{PageOptions, ViewOptions};
@@ -55,12 +55,12 @@ Examples:
   skysink run                                the paper's mission
   skysink run scenarios/sparse.toml --strategy gfs --pace 10x --live
   skysink simulate scenarios/letter.toml     the same in one process
-  skysink check scenarios/letter.toml        every key, what follows from it
-  skysink new city --sensors nodes.csv       a scenario over your sensors
+  skysink check scenarios/letter.toml        every key and derived figures
+  skysink new city --sensors nodes.csv       a scenario with your sensor nodes
 
 The paper is the UTS letter, arXiv 2103.00753.
 
-Exit codes: 0 done, 1 failed while running, 2 bad input or usage, 130 Ctrl-C, 143 SIGTERM."
+Exit codes: 0 success, 1 failure while running, 2 bad input or usage, 130 Ctrl-C, 143 SIGTERM."
 )]
 struct Cli {
     #[command(subcommand)]
@@ -69,27 +69,27 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Print the scenario with every default and the figures that follow from it, or why it is refused.
+    /// Validate a scenario and print it with all defaults and derived figures.
     #[command(after_help = "\
 Examples:
   skysink check scenarios/letter.toml
-  skysink check city.toml > whole.toml     the output is a scenario, too
+  skysink check city.toml > full.toml      the output is a valid scenario
   skysink check city.toml --json | jq .load
 
-Warnings go to standard error, and the exit code stays 0.")]
+Warnings go to standard error and do not change the exit code.")]
     Check {
         /// Scenario file.
         scenario: PathBuf,
         #[command(flatten)]
         changes: Changes,
-        /// Print the derived figures and the warnings alone, as JSON.
+        /// Print only the derived figures and the warnings, as JSON.
         #[arg(long)]
         json: bool,
     },
-    /// Write a scenario to edit: the paper's values, with a comment on each key.
+    /// Create a scenario file with the paper's values and a comment on each key.
     #[command(after_help = NEW_HELP)]
     New(NewScenario),
-    /// Fly a mission in one process.
+    /// Simulate a mission in one process.
     #[command(after_help = "\
 Examples:
   skysink simulate scenarios/letter.toml
@@ -105,41 +105,41 @@ Examples:
         #[command(flatten)]
         form: OutputForm,
     },
-    /// Fly a mission with a process for each part of the ring, and record it.
+    /// Fly a mission as a ring of processes over shared memory, and record it.
     #[command(after_help = "\
 Examples:
-  skysink run                          the paper's mission, as fast as it goes
-  skysink run --pace realtime --live   watch by
+  skysink run                          the paper's mission, unpaced
+  skysink run --pace realtime --live   watch it with
                                        rerun rerun+http://127.0.0.1:9876/proxy
-  skysink run --external planner       waits for your planner, and says where
+  skysink run --external planner       waits for a planner that you start
   skysink run --resume runs/letter-uts-1")]
     Run(RunArguments),
-    /// Run processes of a mission that skysink run --link flies on another host.
+    /// Run processes of a mission whose launcher, skysink run --link, is on another host.
     #[command(after_help = "\
 Examples:
   skysink run city.toml --external planner --link link.json5    on one host
   skysink join planner --ring ring.toml --scenario scenario.toml \\
     --link link.json5                                           on another
 
-The two files are copies from the first host, whose skysink run says where
-they are.")]
+Copy ring.toml and scenario.toml from the first host; skysink run prints
+their paths there.")]
     Join(JoinOptions),
-    /// Replay a finished run in the ring: for a new recording, or to ask another planner.
+    /// Replay a finished run in the ring, to make a new recording or to evaluate another planner on it.
     #[command(after_help = "\
 Examples:
-  skysink replay runs/letter-uts-1                     leaves a new recording
+  skysink replay runs/letter-uts-1                     makes a new recording
   skysink replay runs/letter-uts-1 --pace 10x --live   to watch it
   skysink replay runs/letter-uts-1 --strategy gfs      what gfs would have done
   skysink replay runs/letter-uts-1 --planner \"python3 mine.py\"
 
-The recorded flight is flown. plans.csv holds what the planner would have done
-in each slot, from the recorded state.")]
+The UAV flies the recorded flight. plans.csv contains the planner's decision
+for each slot, made from the recorded state.")]
     Replay(ReplayArguments),
-    /// Show the topics of a running ring: payloads, writers, readers and rates.
+    /// List the topics of a running ring with payloads, writers, readers and rates.
     #[command(after_help = "\
 Examples:
-  skysink topics                        the only ring that runs
-  skysink topics runs/letter-uts-1      the ring of a run under way
+  skysink topics                        the only running ring
+  skysink topics runs/letter-uts-1      the ring of this run
   skysink topics --every 10 --json | jq '.[] | {service, rate_hz}'")]
     Topics(TopicsOptions),
     /// Show recordings in a browser.
@@ -148,56 +148,53 @@ Examples:
   skysink view                          the newest recording in runs/
   skysink view runs/letter-uts-1 runs/letter-gfs-1
   skysink view comparison/comparison.rrd
-  skysink view --live                   a mission under way: skysink run --live
+  skysink view --live                   a running mission of skysink run --live
 
-Nothing is fetched from any other host. If the browser is on another machine,
-the command prints the ssh line to type there.")]
+The page loads nothing from other hosts. For a browser on another machine, the
+command prints the ssh command that forwards the port.")]
     View(ViewOptions),
-    /// Write a recording and its viewer into a folder for any web server.
+    /// Export a recording and its viewer as a static web page.
     #[command(after_help = "\
 Examples:
   skysink page runs/letter-uts-1 page
   python3 -m http.server --directory page   then http://127.0.0.1:8000/")]
     Page(PageOptions),
-    /// Print the figures of a run again.
+    /// Print the results of a run.
     #[command(after_help = "\
 Examples:
   skysink report runs/letter-uts-1
-  skysink report runs/letter-uts-1 --sensors   what each sensor node lost, too")]
+  skysink report runs/letter-uts-1 --sensors   also per sensor node")]
     Report {
-        /// Folder of a run.
+        /// Run folder.
         #[arg(value_name = "RUN")]
         folder: PathBuf,
-        /// Write sensors_out.csv beside the trace: bits lost and delivered, ages and gaps of each sensor node.
+        /// Write sensors_out.csv into the run folder: bits lost and delivered, service ages and service gaps of each
+        /// sensor node.
         #[arg(long)]
         sensors: bool,
         /// Print summary.json instead of the table.
         #[arg(long)]
         json: bool,
     },
-    /// Fly a long mission whose processes are killed at random, and check its trace, ledger and memory.
+    /// Fly a long mission, kill its processes at random, and check trace, ledger and memory.
     Soak(SoakArguments),
     #[cfg(feature = "lab")]
     #[command(flatten)]
     Research(research::Research),
     #[cfg(feature = "lab")]
-    /// Write a finished run in the format of a map, log viewer, ground station or table.
+    /// Convert a finished run to a format for maps, log viewers, ground stations or tables.
     #[command(after_help = export::EXAMPLES)]
     Export(export::ExportOptions),
     #[cfg(feature = "lab")]
     /// Benchmark planner, field, missions and ring against their lower bounds.
     #[command(after_help = "\
 Examples:
-  skysink bench --quick               rough figures, in seconds
-  skysink bench --only ring           slot latency of the ring, beside bare hops
-  skysink bench --json > bench.json   everything as JSON, in minutes")]
+  skysink bench --quick               less accurate, takes seconds
+  skysink bench --only ring           slot latency of the ring and of bare hops
+  skysink bench --json > bench.json   all results as JSON, takes minutes")]
     Bench(BenchOptions),
     #[command(flatten)]
     Manual(manual::Manual),
-    /// A process of a benchmark.
-    #[cfg(feature = "lab")]
-    #[command(hide = true)]
-    Hop(HopProcess),
 }
 
 /// Examples of `skysink new`.
@@ -208,18 +205,18 @@ Examples:
   skysink new city --sensors nodes.geojson
   skysink new city --sensors nodes.csv --out scenarios/city
 
-With --sensors it writes sensors.csv beside the scenario, and an area around
-them. CSV columns are found by name, in any order: x, y [m] or lat, lon [°],
-and sampling_bps, gain_db, queue_bits.";
+With --sensors, it also writes sensors.csv and sets the area to enclose the
+sensor nodes. CSV columns are matched by name: x, y [m] or lat, lon [°], and
+optionally sampling_bps, gain_db, queue_bits.";
 
-/// The same without imports.
+/// Examples of `skysink new` in a build without imports.
 #[cfg(not(feature = "lab"))]
 const NEW_HELP: &str = "Example:\n  skysink new city    writes city/city.toml";
 
-/// What every flight lets choose.
+/// Options of every command that flies one mission.
 #[derive(Debug, Args)]
 struct Choice {
-    /// Strategy, instead of the scenario's.
+    /// Strategy [default: the scenario's].
     #[arg(long, value_parser = values::strategy())]
     strategy: Option<&'static str>,
     #[command(flatten)]
@@ -234,13 +231,13 @@ impl Choice {
     }
 }
 
-/// What every command that takes a scenario lets change in it.
+/// Options of every command that takes a scenario: changes of its keys.
 #[derive(Debug, Clone, Args)]
 struct Changes {
-    /// Seed, instead of the scenario's.
+    /// Random seed [default: the scenario's].
     #[arg(long, value_parser = seed_parser())]
     seed: Option<u64>,
-    /// Change a key of the scenario, such as link.bandwidth_hz=5e3 (repeatable).
+    /// Override a scenario key, for example link.bandwidth_hz=5e3 (repeatable).
     #[arg(long = "set", value_name = "KEY=VALUE")]
     keys: Vec<Setting>,
 }
@@ -255,42 +252,42 @@ fn seed_parser() -> impl TypedValueParser<Value = u64> {
     clap::value_parser!(u64).range(..=i64::MAX as u64)
 }
 
-/// Runs a command line, which begins with what the program was called by, and returns its exit code.
+/// Runs a command line, program name first, and returns its exit code.
 #[must_use]
 pub fn execute(arguments: Vec<OsString>) -> u8 {
-    worker::quiet_iceoryx2();
+    worker::silence_iceoryx2();
     let stop = stop_on_signals();
-    // Behind the handler that asks for the end, so that no first signal is lost. The processes of a ring are ended by
-    // their launcher.
+    // Installed after the handler that requests the stop, so that the first signal is not lost. The launcher stops the
+    // processes of its ring.
     exit_on_second_signal();
     let cli: Cli = match usage::parse(arguments) {
         Ok(cli) => cli,
-        Err(message) => return refused(&message),
+        Err(message) => return print_usage_error(&message),
     };
-    match command(cli.command, &stop) {
+    match run_command(cli.command, &stop) {
         Ok(()) => 0,
-        Err(Error::Output(error)) if error.kind() == ErrorKind::BrokenPipe => 0, // read as far as wanted
+        Err(Error::Output(error)) if error.kind() == ErrorKind::BrokenPipe => 0, // the reader has closed the pipe
         Err(error) => {
-            Role::Launcher.say(&error);
+            Role::Launcher.log(&error);
             error.exit_code()
         }
     }
 }
 
-/// Prints the help that was asked for, or what is wrong with the arguments.
-fn refused(message: &clap::Error) -> u8 {
+/// Prints the requested help, or what is wrong with the arguments, and returns the exit code.
+fn print_usage_error(message: &clap::Error) -> u8 {
     let printed =
         message.print().or_else(|error| if error.kind() == ErrorKind::BrokenPipe { Ok(()) } else { Err(error) });
     match printed {
         Err(error) if !message.use_stderr() => {
-            Role::Launcher.say(Error::Output(error));
+            Role::Launcher.log(Error::Output(error));
             1
         }
         _ => u8::try_from(message.exit_code()).unwrap_or(2),
     }
 }
 
-fn command(command: Command, stop: &Stop) -> Result<(), Error> {
+fn run_command(command: Command, stop: &Stop) -> Result<(), Error> {
     let (folder, summary, form) = match command {
         Command::Check { scenario, changes, json } => return check(&scenario, changes.overrides(), json),
         Command::New(new) => return new.write(),
@@ -321,8 +318,6 @@ fn command(command: Command, stop: &Stop) -> Result<(), Error> {
         Command::Export(options) => return options.export(stop),
         #[cfg(feature = "lab")]
         Command::Bench(options) => return options.bench(stop),
-        #[cfg(feature = "lab")]
-        Command::Hop(process) => return process.run(stop),
     };
     form.print(&summary, || report::print_run(&folder, &summary))
 }

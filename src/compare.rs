@@ -1,4 +1,4 @@
-//! `skysink compare`: missions side by side, as a table and as one recording.
+//! `skysink compare`: compares missions in tables and in one recording.
 
 mod folder;
 #[cfg(feature = "viewer")]
@@ -22,65 +22,65 @@ use toml::Table;
 use crate::error::{Error, ended_early, flown_in};
 use crate::report::{TerminalProgress, print};
 
-/// The standings, beside the recording.
+/// File name of the standings.
 const STANDINGS: &str = "comparison.json";
 
-/// The recording.
+/// File name of the recording.
 const RECORDING: &str = "comparison.rrd";
 
-/// What is compared, and where it is put.
+/// A comparison and its outputs.
 #[derive(Debug)]
 pub struct Compare {
-    /// What is compared.
+    /// The strategies or runs.
     pub what: Compared,
-    /// Folder to write, instead of the usual one.
+    /// Output folder; `None` for the default.
     pub out: Option<PathBuf>,
-    /// Whether to leave a recording.
+    /// Whether to write a recording.
     pub record: bool,
-    /// Whether the standings are printed for machines.
+    /// Whether to print the standings as JSON.
     pub json: bool,
 }
 
-/// What is compared.
+/// The strategies or runs to compare.
 #[derive(Debug)]
 pub enum Compared {
     /// Strategies over the fields of a scenario.
     Strategies {
         /// The scenario file.
         scenario: PathBuf,
-        /// What is changed in it.
+        /// Changes of its keys.
         overrides: Overrides,
         /// The strategies.
         strategies: Vec<&'static Registered>,
-        /// How many seeds, from the scenario's on.
+        /// Number of consecutive seeds, starting at the scenario's.
         seeds: u64,
     },
-    /// Runs on record.
+    /// Finished runs.
     Runs(Vec<PathBuf>),
 }
 
-/// One that is compared, as far as it is shown.
-#[cfg_attr(not(feature = "viewer"), expect(dead_code, reason = "only recordings fly it again"))]
-struct Shown {
+/// A contender, and its mission in the recording.
+#[cfg_attr(not(feature = "viewer"), expect(dead_code, reason = "only the recording simulates it"))]
+struct ShownContender {
     contender: Contender,
-    /// The seed of the mission that the recording shows.
+    /// The seed of the mission in the recording.
     seed: u64,
-    flight: Flight,
+    flight: FlightSource,
 }
 
-/// How the mission of the recording is flown.
-#[cfg_attr(not(feature = "viewer"), expect(dead_code, reason = "only recordings fly it again"))]
-enum Flight {
-    /// By the strategy of a scenario.
+/// The source of the mission in the recording.
+#[cfg_attr(not(feature = "viewer"), expect(dead_code, reason = "only the recording simulates it"))]
+enum FlightSource {
+    /// Planned by the strategy of a scenario.
     Planned(Box<Scenario>),
-    /// As on record.
-    OnRecord(PathBuf),
+    /// Replayed from a run folder.
+    Recorded(PathBuf),
 }
 
-/// Flies what is missing, prints how it stands, and leaves a recording.
+/// Simulates missing missions, prints the standings, and writes a recording.
 ///
 /// # Errors
-/// If an input is refused, something cannot be written, or on a stop.
+/// If an input is refused, a file cannot be written, or on a stop.
 pub fn compare(compare: &Compare, stop: &Stop) -> Result<(), Error> {
     #[cfg(not(feature = "viewer"))]
     if compare.record {
@@ -93,7 +93,7 @@ pub fn compare(compare: &Compare, stop: &Stop) -> Result<(), Error> {
             (out.clone(), fly(&sweep, strategies, scenario, overrides, &out, stop)?, Vec::new())
         }
         Compared::Runs(folders) => {
-            let shown = on_record(folders, stop)?;
+            let shown = read_runs(folders, stop)?;
             let out = folder::make_for_runs(folders, compare.out.as_deref())?;
             (out, shown, differing_keys(folders)?)
         }
@@ -135,7 +135,7 @@ fn one_point(
     Ok(Sweep::new(path, base, Table::new(), strategies, seeds, Vec::new())?)
 }
 
-/// Flies a sweep in `out` as far as it is not yet flown.
+/// Runs or resumes the sweep in `out`.
 fn fly(
     plan: &Sweep,
     strategies: &[&'static Registered],
@@ -143,41 +143,41 @@ fn fly(
     overrides: &Overrides,
     out: &Path,
     stop: &Stop,
-) -> Result<Vec<Shown>, Error> {
+) -> Result<Vec<ShownContender>, Error> {
     let journal = sweep(plan, out, Shard::WHOLE, 0, stop, &TerminalProgress::of_missions());
     let rows = journal.and_then(|journal| journal.all()).map_err(|error| ended_early(error, &flown_in(out)))?;
     let contenders = Contender::of_sweep(&plan.definition, &rows);
     let shown = |(contender, strategy): (Contender, &&'static Registered)| {
         let overrides = Overrides { strategy: Some(strategy.name), ..overrides.clone() };
         let scenario = Scenario::read(path, overrides).and_then(settings::resolve)?;
-        Ok(Shown { contender, seed: scenario.seed, flight: Flight::Planned(Box::new(scenario)) })
+        Ok(ShownContender { contender, seed: scenario.seed, flight: FlightSource::Planned(Box::new(scenario)) })
     };
     contenders.into_iter().zip(strategies).map(shown).collect()
 }
 
-/// The runs in these folders.
-fn on_record(folders: &[PathBuf], stop: &Stop) -> Result<Vec<Shown>, Error> {
+/// Reads the runs in these folders.
+fn read_runs(folders: &[PathBuf], stop: &Stop) -> Result<Vec<ShownContender>, Error> {
     for (index, folder) in folders.iter().enumerate() {
         let same = |other: &PathBuf| fs::canonicalize(other).ok() == fs::canonicalize(folder).ok();
         if folder.is_dir() && folders[..index].iter().any(same) {
             return Err(InputError::new("run folder", folder, "it is named twice: expected each once").into());
         }
     }
-    let shown = |folder: &PathBuf| -> Result<Shown, Error> {
+    let shown = |folder: &PathBuf| -> Result<ShownContender, Error> {
         let contender = Contender::of_run(folder, &label(folder, folders), stop)?;
         let scenario = Scenario::read(&folder.join("scenario.toml"), Overrides::default())?;
-        Ok(Shown { contender, seed: scenario.seed, flight: Flight::OnRecord(folder.clone()) })
+        Ok(ShownContender { contender, seed: scenario.seed, flight: FlightSource::Recorded(folder.clone()) })
     };
     folders.iter().map(shown).collect()
 }
 
-/// The name of a run's folder; its whole path if another has the same name.
+/// The name of a run folder, or its path if another folder has the same name.
 fn label(folder: &Path, folders: &[PathBuf]) -> String {
     let same = folders.iter().filter(|other| name_of(other) == name_of(folder)).count();
     if same > 1 { folder.display().to_string() } else { name_of(folder) }
 }
 
-/// The last part of a path, without its ending.
+/// The last component of a path; for a file, without its extension.
 fn name_of(path: &Path) -> String {
     let name = if path.is_dir() { path.file_name() } else { path.file_stem() };
     name.map_or_else(|| "run".to_owned(), |name| name.to_string_lossy().into_owned())
@@ -197,9 +197,9 @@ fn differing_keys(folders: &[PathBuf]) -> Result<Vec<(String, Vec<String>)>, Err
     names.sort_unstable();
     names.dedup();
     let values = |name: &String| -> Vec<String> {
-        let of =
+        let find =
             |keys: &Vec<(String, String)>| keys.iter().find(|(key, _)| key == name).map(|(_, value)| value.clone());
-        all.iter().map(|keys| of(keys).unwrap_or_else(|| "-".to_owned())).collect()
+        all.iter().map(|keys| find(keys).unwrap_or_else(|| "-".to_owned())).collect()
     };
     let pairs = names.into_iter().map(|name| (name.clone(), values(name)));
     Ok(pairs.filter(|(_, values)| values.iter().any(|value| *value != values[0])).collect())

@@ -1,4 +1,4 @@
-//! What can go wrong in the program, and the exit code that says so.
+//! Errors of the commands, and their exit codes.
 
 use std::borrow::Cow;
 use std::io;
@@ -10,32 +10,32 @@ use skysink_mission::MissionError;
 use skysink_mission::record::RunFolder;
 use skysink_ring::error::{NodeError, RingError};
 
-/// Version of the rerun viewer whose recordings these are.
+/// Version of rerun that the recordings are written with.
 pub const RERUN: &str = "0.36.3";
 
-/// Why a command fails; the display is one line.
+/// An error of a command. Its `Display` is one line.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The scenario, the sensor list or a folder is refused.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// A signal asks for the end.
+    /// A signal has requested the end.
     #[error(transparent)]
     Stopped(#[from] Stopped),
-    /// A mission is refused, stopped, or cannot be put on record.
+    /// A mission is refused or stopped, or its run folder cannot be written.
     #[error(transparent)]
     Mission(#[from] MissionError),
-    /// A process of the ring cannot take part.
+    /// A process cannot join the ring.
     #[error(transparent)]
     Node(#[from] NodeError),
-    /// The ring cannot be used.
+    /// The ring is broken.
     #[error(transparent)]
     Ring(#[from] RingError),
     /// A sweep, a figure or a search fails.
     #[cfg(feature = "lab")]
     #[error(transparent)]
     Lab(#[from] skysink_lab::LabError),
-    /// The recording cannot be made.
+    /// The recording cannot be written.
     #[cfg(feature = "viewer")]
     #[error(transparent)]
     Scene(#[from] skysink_viewer::SceneError),
@@ -43,59 +43,57 @@ pub enum Error {
     #[error("{0}")]
     Usage(String),
     /// This build cannot record.
-    #[error("this build has no viewer: pass --no-viewer, leave the recording out, or build with the default features")]
+    #[error("this build has no viewer: pass --no-viewer, omit --record, or build with the default features")]
     NoViewer,
-    /// This build cannot show recordings in a browser; what opens them without it.
+    /// This build cannot show recordings in a browser. Contains the rerun command that can.
     #[error(
         "this build has no web viewer: build with the default features, or `pip install rerun-sdk=={RERUN}` and `{0}`"
     )]
     NoWebViewer(String),
-    /// The server of a page has failed.
+    /// The web server has failed.
     #[cfg(feature = "viewer")]
-    #[error(
-        "the page is served no longer: {0}: start `skysink view` again, by a higher `ulimit -n` if files are short"
-    )]
+    #[error("the web server failed: {0}: restart `skysink view`, with a higher `ulimit -n` if it ran out of files")]
     NotServed(String),
-    /// A page of recordings cannot be left.
+    /// The web page cannot be written.
     #[cfg(feature = "viewer")]
     #[error(transparent)]
     Page(#[from] skysink_web::PageError),
-    /// An executable is not where it should be.
+    /// An executable is missing.
     #[error("{}: not found beside skysink: build all executables with `cargo build --release`", .0.display())]
     ExecutableMissing(PathBuf),
-    /// A process of the ring has ended before the mission.
+    /// A process of the ring has ended before the mission and is not restarted.
     #[error("{role} ended with {status} in slot {slot}")]
     WorkerEnded {
-        /// Its name.
+        /// Its role.
         role: &'static str,
-        /// How it ended.
+        /// Its exit code or signal.
         status: String,
-        /// The slot under way.
+        /// The current slot.
         slot: u64,
     },
-    /// The link to other hosts has ended as soon as it was started.
-    #[error("link: {program} ended with {status}: expected a zenoh configuration that it takes, and a free port")]
+    /// The link to other hosts has ended right after its start.
+    #[error("link: {program} ended with {status}: expected a valid zenoh configuration and a free port")]
     LinkEnded {
         /// The executable.
         program: &'static str,
-        /// How it ended.
+        /// Its exit status.
         status: String,
     },
-    /// The launcher, on another host, shows no sign of life.
-    #[error("no sign of life of the launcher for {seconds} s after slot {slot}: does it run, and is the link up?")]
+    /// The launcher on another host sends no heartbeat.
+    #[error("no heartbeat from the launcher for {seconds} s after slot {slot}: is it running, and is the link up?")]
     LauncherSilent {
-        /// For how long.
+        /// Time since the last heartbeat [s].
         seconds: f64,
-        /// The last slot that was put on record.
+        /// The last committed slot.
         slot: u64,
     },
-    /// A replay has left its record.
+    /// A replayed slot differs from the record.
     #[error("slot {0} was not flown as recorded: was the run recorded by another version?")]
-    NotAsRecorded(u64),
+    ReplayDiverged(u64),
     /// The viewer does not end after the mission.
-    #[error("viewer did not end within {seconds} s after slot {slot}, the last: is its disk slow? Raise --timeout")]
-    ViewerStays {
-        /// How long it was waited for.
+    #[error("viewer did not end within {seconds} s after the last slot, {slot}: is its disk slow? Raise --timeout")]
+    ViewerTimeout {
+        /// The timeout [s].
         seconds: f64,
         /// The last slot.
         slot: u64,
@@ -103,27 +101,27 @@ pub enum Error {
     /// A run has ended before its mission.
     #[error("{cause}: {left}")]
     EndedEarly {
-        /// Why.
+        /// The error that ended it.
         cause: Box<Error>,
-        /// What is left of it.
+        /// The state of the output, and how to continue.
         left: String,
     },
-    /// What a command has to say cannot be written.
+    /// Standard output cannot be written.
     #[error("standard output: {0}")]
     Output(io::Error),
-    /// The machine has too little of something.
+    /// The machine has too little of a resource.
     #[error("{what}: {found}: expected {expected}: {remedy}")]
-    Short {
-        /// What is short.
+    Insufficient {
+        /// The resource.
         what: String,
-        /// How much of it there is.
+        /// The available amount.
         found: String,
-        /// How much is needed.
+        /// The required amount.
         expected: String,
-        /// What to do.
+        /// How to get more.
         remedy: &'static str,
     },
-    /// A soak has found something.
+    /// A soak test fails.
     #[error("soak: {0}")]
     Soak(String),
     /// A benchmark fails.
@@ -132,23 +130,22 @@ pub enum Error {
 }
 
 impl Error {
-    /// The early end of a run after its first `slots`, which `skysink run --resume` with the options `by` flies on.
+    /// The error of a run that has ended early, after `slots` slots. Its message contains the command that resumes it,
+    /// with the additional options `options`.
     #[must_use]
-    pub fn ended_early(self, folder: &RunFolder, slots: u64, by: &str) -> Self {
+    pub fn ended_early(self, folder: &RunFolder, slots: u64, options: &str) -> Self {
         let left = match slots {
             0 => "nothing was flown".to_owned(),
             slots => {
                 let folder = folder.path().to_string_lossy();
                 let folder = shlex::try_quote(&folder).unwrap_or(Cow::Borrowed(&folder));
-                format!(
-                    "the run folder is whole up to slot {slots}, and `skysink run --resume {folder}{by}` flies the rest"
-                )
+                format!("the run is recorded up to slot {slots}; `skysink run --resume {folder}{options}` continues it")
             }
         };
         Self::EndedEarly { cause: Box::new(self), left }
     }
 
-    /// Exit code: 1 failed while running, 2 bad input or usage, 130 and 143 after a signal.
+    /// The exit code: 1 failure while running, 2 bad input or usage, 130 and 143 after a signal.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
@@ -167,13 +164,13 @@ impl Error {
     }
 }
 
-/// What is left in the folder of a stopped sweep.
+/// The state of the output folder of a stopped sweep.
 #[cfg(feature = "lab")]
 pub(crate) fn flown_in(out: &std::path::Path) -> String {
-    format!("the missions flown are in {}: the same command flies the rest", out.display())
+    format!("the finished missions are in {}; run the command again to continue", out.display())
 }
 
-/// A stop with what is `left`; any other error as it is.
+/// Adds `left` to the message of a stop; converts any other error unchanged.
 #[cfg(feature = "lab")]
 pub(crate) fn ended_early(error: skysink_lab::LabError, left: &str) -> Error {
     let is_stop = matches!(error, skysink_lab::LabError::Mission(MissionError::Stopped(_)));

@@ -1,4 +1,4 @@
-//! `skysink join`: processes of this host take part in a run of another.
+//! `skysink join`: runs processes of a ring whose launcher is on another host.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -21,11 +21,12 @@ use crate::report::TerminalProgress;
 use crate::run::END_TIMEOUT;
 use crate::run::limits;
 use crate::run::link::{self, Link};
-use crate::run::options::{CommandLine, Launch, RunOptions, command_line, seconds};
+use crate::run::options::{CommandLine, Launch, RunOptions, parse_command, parse_seconds};
+use crate::run::process::{POLL_EVERY, Process, ProcessTable};
 use crate::run::restart::{Rule, worker};
-use crate::run::supervise::{Process, ProcessTable, REAP, Workers};
+use crate::run::supervise::Workers;
 
-/// The processes that take part on another host than the launcher's.
+/// The roles that can run on another host than the launcher.
 const ROLES: [Role; 3] = [Role::FieldSim, Role::FlightSim, Role::Planner];
 
 /// Options of `skysink join`.
@@ -35,50 +36,51 @@ pub struct JoinOptions {
     #[arg(value_name = "ROLE", required = true, value_parser = PossibleValuesParser::new(ROLES.map(Role::name))
         .map(|name| worker(&name).expect("one of the possible values")))]
     roles: Vec<Role>,
-    /// A copy of ring.toml, from the folder of the ring that skysink run prints.
+    /// Copy of ring.toml from the ring folder, whose path skysink run prints.
     #[arg(long, value_name = "FILE")]
     ring: PathBuf,
-    /// Scenario file: a copy of scenario.toml, from the folder of the run.
+    /// Copy of scenario.toml from the run folder.
     #[arg(long, value_name = "FILE")]
     scenario: PathBuf,
-    /// zenoh configuration of the link to the other hosts.
+    /// zenoh configuration file of the link to the other hosts.
     #[arg(long, value_name = "FILE")]
     link: PathBuf,
-    /// Start and supervise this command as the planner, as skysink run does.
-    #[arg(long, value_name = "COMMAND", value_parser = command_line)]
+    /// Start and supervise this command as the planner, as in skysink run.
+    #[arg(long, value_name = "COMMAND", value_parser = parse_command)]
     planner: Option<CommandLine>,
-    /// Whether a process that ends too early is restarted: never, or on-failure; planner=never for one of them
-    /// (repeatable).
+    /// Whether to restart a process that ends before the mission: never or on-failure; planner=never sets one process
+    /// (repeatable) [default: on-failure].
     #[arg(long, value_name = "POLICY")]
     restart: Vec<Rule>,
-    /// How long the launcher may send no heartbeat [s].
-    #[arg(long, value_name = "SECONDS", default_value = "600", value_parser = seconds)]
+    /// Timeout for the launcher's heartbeat [s].
+    #[arg(long, value_name = "SECONDS", default_value = "600", value_parser = parse_seconds)]
     timeout: f64,
 }
 
 impl JoinOptions {
-    /// Takes part until the launcher releases the ring.
+    /// Runs the processes until the launcher releases the ring.
     ///
     /// # Errors
-    /// If the ring flies another scenario or is of another version, a process ends for good, the launcher is silent for
-    /// too long, or on a stop.
+    /// If the ring uses another scenario or protocol version, a process ends and is not restarted, the launcher's
+    /// heartbeat times out, or on a stop.
     pub fn join(self, stop: &Stop) -> Result<(), Error> {
         self.check()?;
         let scenario = Scenario::read(&self.scenario, Overrides::default()).and_then(settings::resolve)?;
         limits::check(&SensorList::of(&scenario)?, false)?;
         let folder = RingFolder::join(&self.ring)?;
         let refuse = |message: &str| Error::from(InputError::new("ring", &self.ring, message));
-        let (theirs, ours) = (folder.terms().link, link::terms(&scenario)?);
+        let theirs = folder.terms().link;
+        let ours = link::terms(&scenario)?;
         if theirs.is_some_and(|theirs| theirs.version != ours.version) {
-            return Err(refuse("it is of another version: use the executables of one build"));
+            return Err(refuse("it has another protocol version: use executables of the same build"));
         }
         if theirs != Some(ours) {
             return Err(refuse(
-                "it flies another scenario or sensor list: pass copies of scenario.toml and sensors.csv of the run's folder",
+                "it flies another scenario or sensor list: pass copies of scenario.toml and sensors.csv of the run folder",
             ));
         }
-        folder.install()?;
-        self.take_part(&scenario, &folder, stop)
+        folder.set_global_config()?;
+        self.run(&scenario, &folder, stop)
     }
 
     fn check(&self) -> Result<(), Error> {
@@ -92,12 +94,12 @@ impl JoinOptions {
         link::check(&self.link)
     }
 
-    fn take_part(self, scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), Error> {
+    fn run(self, scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), Error> {
         let timeout = Duration::from_secs_f64(self.timeout);
         let progress = TerminalProgress::of_slots();
         let table = ProcessTable::default();
         let (ring, mut wait) = Ring::<ipc::Service>::join(folder, scenario, Role::Launcher, stop)?;
-        let _janitor = Janitor::of(folder);
+        let _janitor = Janitor::start(folder);
         let mut commits = ring.commit.reader(RING_BUFFER)?;
         let options = RunOptions { planner: self.planner, ..RunOptions::default() };
         let launch = Launch { scenario: self.scenario, recording: PathBuf::new(), label: None, recorded: None };
@@ -106,9 +108,9 @@ impl JoinOptions {
         };
         let processes = self.roles.iter().map(process).collect::<Result<_, Error>>()?;
         let link = Link::start(folder, &self.link, &self.roles, &progress)?;
-        let outside = [Role::Launcher];
+        let external = [Role::Launcher];
         let last = scenario.slots;
-        let workers = Workers::start(&ring, folder, &table, &progress, processes, &outside, last)?;
+        let workers = Workers::start(&ring, folder, &table, &progress, processes, &external, last)?;
         let mut workers = workers.with_link(Some(link));
         let mut slot = 0;
         let mut released: Option<Instant> = None;
@@ -121,10 +123,10 @@ impl JoinOptions {
                 }
             }
             workers.watch(slot + 1, None)?;
-            if released.is_none() && workers.misses_others(timeout) {
+            if released.is_none() && workers.is_external_silent_for(timeout) {
                 return Err(Error::LauncherSilent { seconds: self.timeout, slot });
             }
-            wait.sleep_until(Instant::now() + REAP)?;
+            wait.sleep_until(Instant::now() + POLL_EVERY)?;
         }
         drop(workers);
         ring.remove_dead_nodes();

@@ -1,9 +1,9 @@
-//! The product: the command line, the ring as processes ([`run`]), endurance tests and benchmarks.
+//! The command line, the launcher of the ring's processes ([`run`]), endurance tests and benchmarks.
 //!
-//! What is computed lives in the crates of the workspace; here it is only put together.
+//! The model, the planner and the evaluation are in the other crates of the workspace.
 
 #[cfg(feature = "lab")]
-pub mod bench;
+mod bench;
 pub mod check;
 pub mod cli;
 #[cfg(feature = "lab")]

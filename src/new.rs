@@ -1,4 +1,4 @@
-//! `skysink new`: a scenario to begin with, and the sensor list beside it.
+//! `skysink new`: creates a scenario file, and a sensor list if positions are imported.
 
 #[cfg(feature = "lab")]
 mod import;
@@ -16,19 +16,19 @@ use skysink_planner::settings;
 use crate::error::Error;
 use crate::report::print;
 
-/// The scenario, with places for what depends on the field.
+/// The scenario file with the placeholders `{name}`, `{area}` and `{sensors}`.
 const TEMPLATE: &str = include_str!("new/template.toml");
 
-/// Keys of `[area]` without a list.
+/// Keys of `[area]` without imported positions.
 const AREA: &str = "side_m = 100.0                    # a square [m]; or width_m and height_m";
 
-/// Keys of `[sensors]` without a list.
+/// Keys of `[sensors]` without imported positions.
 const SENSORS: &str = "count = 200                       # drawn uniformly from the seed; or file = \"sensors.csv\"";
 
-/// The sensor list, beside the scenario.
+/// The file name of the sensor list.
 const LIST: &str = "sensors.csv";
 
-/// What is refused.
+/// The kind of input in error messages.
 const WHAT: &str = "scenario";
 
 /// Arguments of `skysink new`.
@@ -36,19 +36,19 @@ const WHAT: &str = "scenario";
 pub struct NewScenario {
     /// Name of the mission.
     name: String,
-    /// Positions of the sensor nodes: CSV with columns x and y [m] or lat and lon, KML, GPX or GeoJSON.
+    /// Positions of the sensor nodes: CSV with columns x, y [m] or lat, lon [°], KML, GPX or GeoJSON.
     #[cfg(feature = "lab")]
     #[arg(long, value_name = "FILE")]
     sensors: Option<PathBuf>,
-    /// Folder to write into [default: ./NAME].
+    /// Output folder [default: ./NAME].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Replace the files of an earlier one.
+    /// Replace existing files.
     #[arg(long)]
     force: bool,
 }
 
-/// What a scenario is made of besides the template.
+/// The parts of a new scenario that depend on its field.
 struct NewField {
     /// Keys of `[area]`.
     area: String,
@@ -56,21 +56,21 @@ struct NewField {
     sensors: String,
     /// The sensor list, if there is one.
     list: Option<NewList>,
-    /// What to tell about it.
+    /// Notes to print about the import.
     notes: Vec<String>,
 }
 
-/// The sensor list of a new scenario, made of a file of other software.
+/// The sensor list of a new scenario, converted from an imported file.
 struct NewList {
     text: String,
-    /// Where in the file each row is from.
+    /// The location of each row in the imported file, for error messages.
     places: Vec<String>,
-    /// The file.
+    /// The imported file.
     source: PathBuf,
 }
 
 impl NewList {
-    /// The sensor nodes in `scenario`. What is refused is named by its place in the file.
+    /// Checks the sensor nodes in `scenario`. Errors name the location in the imported file.
     fn sensors(&self, scenario: &Scenario) -> Result<SensorList, InputError> {
         SensorList::parse_rows(&self.text, &self.source, scenario, |row, _| self.places[row].clone())
     }
@@ -80,11 +80,11 @@ impl NewScenario {
     /// Writes the scenario and its sensor list, both or none.
     ///
     /// # Errors
-    /// If the name or the positions are refused, a file is there already, or one cannot be written.
+    /// If the name or the positions are refused, a file exists, or a file cannot be written.
     pub fn write(&self) -> Result<(), Error> {
         let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(&self.name));
         let path = folder.join(format!("{}.toml", self.name));
-        scenario(&self.name, &NewField::drawn(), &path)?; // the name, before anything is read
+        scenario(&self.name, &NewField::drawn(), &path)?; // checks the name before the import
         let field = self.field()?;
         let text = text(&self.name, &field);
         let checked = scenario(&self.name, &field, &path)?;
@@ -126,12 +126,12 @@ fn text(name: &str, field: &NewField) -> String {
     TEMPLATE.replace("{name}", &name).replace("{area}", &field.area).replace("{sensors}", &field.sensors)
 }
 
-/// The scenario that `path` will hold, checked.
+/// Checks the scenario that will be written to `path`.
 fn scenario(name: &str, field: &NewField, path: &Path) -> Result<Scenario, InputError> {
     Scenario::parse(&text(name, field), path, Overrides::default()).and_then(settings::resolve)
 }
 
-/// Writes files into `folder`: each under another name first, so that none is half-written.
+/// Writes files into `folder`, via temporary names, so that none is incomplete.
 fn write_all(folder: &Path, files: &[(PathBuf, &str)], force: bool) -> Result<(), InputError> {
     for (path, _) in files {
         if !force && fs::symlink_metadata(path).is_ok() {
@@ -156,7 +156,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_new_scenario_is_the_letter_under_another_name() {
+    fn a_new_scenario_equals_the_letter_except_for_its_name() {
         let path = Path::new("letter (built in)");
         let mut new = scenario("letter", &NewField::drawn(), path).unwrap();
         let letter = Scenario::letter(Overrides::default()).and_then(settings::resolve).unwrap();
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_is_a_string_whatever_is_in_it() {
+    fn a_name_cannot_inject_toml() {
         let refused = scenario("a\"\nseed = 7", &NewField::drawn(), Path::new("a.toml")).unwrap_err();
         assert!(refused.to_string().contains("expected 1 to 100 of"), "{refused}");
     }

@@ -1,9 +1,9 @@
-//! The programs of the ring: what each does, and how one starts another.
+//! The programs of the ring: their entry points, and the commands that start them.
 
 use std::env;
 use std::ffi::OsString;
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use iceoryx2::prelude::ipc;
@@ -12,27 +12,27 @@ use skysink_ring::role::Role;
 use crate::replay::process;
 use crate::worker::{self, NoArguments};
 
-/// The words that start a program where there are no executables beside each other, such as `python3 -m
-/// skysink.programs`; its name and its arguments follow.
+/// A command that runs the programs of the ring, such as `python3 -m skysink.programs`. The name of the program and its
+/// arguments are appended.
 #[derive(Debug)]
 pub struct Interpreter(pub Vec<OsString>);
 
-/// How programs are started, if not from the folder of this executable.
+/// The interpreter; if unset, programs are executables in the folder of this one.
 static INTERPRETER: OnceLock<Interpreter> = OnceLock::new();
 
-/// The name of the command line.
+/// The name of the command line program.
 const COMMAND_LINE: &str = "skysink";
 
-/// Has programs started by an interpreter from now on; the first one counts.
-pub fn start_by(interpreter: Interpreter) {
+/// Sets the interpreter that starts programs from now on. Only the first call has an effect.
+pub fn set_interpreter(interpreter: Interpreter) {
     let _ = INTERPRETER.set(interpreter);
 }
 
-/// The words that start the program of this name.
+/// The executable and the first arguments that start the program `name`.
 ///
 /// # Errors
-/// If the place of this executable is not known.
-pub fn words(name: &str) -> io::Result<(PathBuf, Vec<OsString>)> {
+/// If the path of this executable is unknown.
+pub fn command_of(name: &str) -> io::Result<(PathBuf, Vec<OsString>)> {
     if let Some((program, words)) = INTERPRETER.get().and_then(|Interpreter(words)| words.split_first()) {
         return Ok((program.into(), [words, &[name.into()]].concat()));
     }
@@ -40,7 +40,20 @@ pub fn words(name: &str) -> io::Result<(PathBuf, Vec<OsString>)> {
     Ok((if name == COMMAND_LINE { this } else { this.with_file_name(name) }, Vec::new()))
 }
 
-/// field-sim: runs it by its arguments, the first of which is what it was called by, and returns its exit code.
+/// Whether `program` is an executable file: a path, or a name in a folder of PATH.
+pub(crate) fn is_command(program: &str) -> bool {
+    if program.contains('/') {
+        return is_executable(Path::new(program));
+    }
+    let folders = env::var_os("PATH").unwrap_or_default();
+    env::split_paths(&folders).any(|folder| is_executable(&folder.join(program)))
+}
+
+fn is_executable(path: &Path) -> bool {
+    path.is_file() && rustix::fs::access(path, rustix::fs::Access::EXEC_OK).is_ok()
+}
+
+/// Runs field-sim with these arguments, program name first, and returns its exit code.
 #[must_use]
 pub fn field_sim(arguments: Vec<OsString>) -> u8 {
     worker::run(Role::FieldSim, arguments, |scenario, folder, stop, NoArguments {}| {
@@ -48,13 +61,13 @@ pub fn field_sim(arguments: Vec<OsString>) -> u8 {
     })
 }
 
-/// flight-sim, likewise.
+/// Runs flight-sim with these arguments, program name first, and returns its exit code.
 #[must_use]
 pub fn flight_sim(arguments: Vec<OsString>) -> u8 {
     worker::run(Role::FlightSim, arguments, process::flight_sim)
 }
 
-/// planner, likewise.
+/// Runs planner with these arguments, program name first, and returns its exit code.
 #[must_use]
 pub fn planner(arguments: Vec<OsString>) -> u8 {
     worker::run(Role::Planner, arguments, process::planner)

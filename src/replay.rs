@@ -1,7 +1,7 @@
-//! `skysink replay`: a mission on record through the ring once more.
+//! `skysink replay`: replays a recorded mission in the ring.
 //!
-//! field-sim, planner and viewer take part as in any run; flight-sim flies what is on record, whatever the plans say. So
-//! every process gets what it got in the run, and a planner is asked what it would have done in each recorded state.
+//! field-sim, planner and viewer run as usual. flight-sim flies the recorded flight and ignores the plans. Every process
+//! therefore receives the same messages as in the run, and the planner decides from each recorded state.
 
 mod outcome;
 pub mod process;
@@ -17,7 +17,7 @@ use skysink_common::pace::Pace;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::stop::Stop;
 use skysink_mission::error::FileContext;
-use skysink_mission::origin::Manner;
+use skysink_mission::origin::RunMode;
 use skysink_mission::record::{RunFolder, is_unfinished, write_whole};
 use skysink_mission::recorded::RecordedRun;
 use skysink_mission::summary::Tally;
@@ -27,43 +27,42 @@ use tempfile::TempDir;
 
 use crate::error::Error;
 use crate::report::{OutputForm, print};
-use crate::run::options::{Launch, PlansOf, RecordedRing, RunOptions};
-use crate::run::supervise::ProcessTable;
-use crate::run::{Flown, fly, make_ring};
+use crate::run::options::{Launch, PlanSource, RecordedRing, RunOptions};
+use crate::run::process::ProcessTable;
+use crate::run::{RingMission, fly, make_ring};
 use outcome::{PlanCounts, Replayed};
 
-/// What the planner would have done, slot by slot.
+/// The decision of the planner in each slot.
 const PLANS: &str = "plans.csv";
 
-/// What the replay comes to.
+/// The outcome of the replay.
 const OUTCOME: &str = "replay.json";
 
-/// Held locked by the process that writes the folder.
+/// Locked by the process that writes the folder.
 const LOCK: &str = "lock";
 
-/// Begin of the name of the folder into which a replay is put that another is to replace.
-const ASIDE: &str = ".earlier-";
+/// Prefix of the temporary folder for an earlier replay that is being replaced.
+const BACKUP: &str = ".earlier-";
 
-/// The files of a replay, but for its recordings and the lock.
+/// The files of a replay, except its recordings and the lock.
 const FILES: [&str; 4] = ["scenario.toml", "sensors.csv", PLANS, OUTCOME];
 
-/// What `--pace` means here: nobody misses a slot.
-const PACE: &str =
-    "How fast the slots follow each other at most: max, realtime, or a factor such as 10x [default: max]";
+/// Help of `--pace` for a replay, in which no deadline is missed.
+const PACE: &str = "Maximum speed of the slots: max, realtime, or a factor, for example 10x [default: max]";
 
-/// What to replay, and how.
+/// Arguments of `skysink replay`.
 #[derive(Debug, Args)]
 #[command(mut_arg("pace", |pace| pace.help(PACE)))]
 pub struct ReplayArguments {
     /// Folder of a finished run.
     run: PathBuf,
-    /// Ask this strategy what it would have done, instead of the one that flew.
+    /// Strategy to evaluate on the recorded states [default: the one that flew].
     #[arg(long, value_parser = crate::cli::values::strategy())]
     strategy: Option<&'static str>,
-    /// Folder to write [default: RUN-replay].
+    /// Output folder [default: RUN-replay].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Replace the replay in the folder, if there is one.
+    /// Replace an existing replay in the folder.
     #[arg(long)]
     force: bool,
     #[command(flatten)]
@@ -72,28 +71,28 @@ pub struct ReplayArguments {
     form: OutputForm,
 }
 
-/// What a replay comes to, as in `replay.json`.
+/// The outcome of a replay, as in `replay.json`.
 #[derive(Debug, Serialize)]
 struct ReplayOutcome<'a> {
     /// The run.
     run: &'a Path,
-    /// The strategy that flew it, or the label of an outside planner.
+    /// The strategy that flew it, or the label of an external planner.
     strategy: &'a str,
-    /// Whose plans were compared.
+    /// The planner whose plans were compared.
     planner: &'a str,
     #[serde(flatten)]
     counts: PlanCounts,
-    /// That of the run, and of the replay.
+    /// The hash of the trace, equal for the run and the replay.
     trace_hash: String,
     version: &'static str,
 }
 
 impl ReplayArguments {
-    /// Replays the run, and prints what it comes to.
+    /// Replays the run and prints the outcome.
     ///
     /// # Errors
-    /// If the run is unfinished or was changed, options contradict each other, a process ends for good or does not
-    /// answer, something cannot be written, or on a stop.
+    /// If the run is unfinished or was changed, options contradict each other, a process ends and is not restarted or
+    /// does not answer, a file cannot be written, or on a stop.
     pub fn replay(mut self, stop: &Stop) -> Result<(), Error> {
         self.check()?;
         let recorded = RecordedRun::read(&self.run, stop)?;
@@ -105,18 +104,18 @@ impl ReplayArguments {
         }
         self.options.check(&recorded.list)?;
 
-        let is_asked = self.strategy.is_some() || self.options.has_outside_planner();
-        let plans = match &folder.manner().outside_planner {
-            Some(_) if !is_asked => PlansOf::Record,
-            _ => PlansOf::Planner,
+        let has_planner = self.strategy.is_some() || self.options.has_external_planner();
+        let plans = match &folder.run_mode().external_planner {
+            Some(_) if !has_planner => PlanSource::Record,
+            _ => PlanSource::Planner,
         };
-        let outside = self.options.has_outside_planner().then(|| self.options.label_or_default());
+        let external = self.options.has_external_planner().then(|| self.options.label_or_default());
         let planner = match plans {
-            PlansOf::Record => recorded.strategy.clone(),
-            PlansOf::Planner => outside.clone().unwrap_or_else(|| scenario.planner.strategy.clone()),
+            PlanSource::Record => recorded.strategy.clone(),
+            PlanSource::Planner => external.clone().unwrap_or_else(|| scenario.planner.strategy.clone()),
         };
-        let out = self.folder()?;
-        let earlier = self.clear(&out)?;
+        let out = self.output_folder()?;
+        let earlier = self.prepare(&out)?;
         write_whole(&out.join("scenario.toml"), scenario.to_toml_with_list("sensors.csv").as_bytes())?;
         write_whole(&out.join("sensors.csv"), recorded.list.to_csv().as_bytes())?;
         let launch = Launch {
@@ -125,7 +124,7 @@ impl ReplayArguments {
             label: Some(recorded.strategy.clone()),
             recorded: Some(RecordedRing { run: self.run.clone(), pace: self.options.pace.unwrap_or_default(), plans }),
         };
-        let manner = Manner { pace: Some(Pace::Max), outside_planner: outside };
+        let manner = RunMode { pace: Some(Pace::Max), external_planner: external };
 
         let mut replayed = Replayed::new(&scenario, &recorded, &out.join(PLANS))?;
         let flown = self.fly(&scenario, &launch, &manner, stop, &mut replayed).and_then(|()| replayed.finish());
@@ -148,35 +147,35 @@ impl ReplayArguments {
         self.form.print(&outcome, || self.print(&outcome, plans, &out))
     }
 
-    /// Fails where options make no sense for a flight on record.
+    /// Refuses options that do not apply to a replay.
     fn check(&self) -> Result<(), Error> {
         let refuse = |message: &str| Err(Error::Usage(message.to_owned()));
         if self.options.external.contains(&Role::FlightSim) {
-            return refuse("--external flight-sim: expected another role: what was flown is on record");
+            return refuse("--external flight-sim: expected another role: the replay uses the recorded flight");
         }
-        if self.strategy.is_some() && self.options.has_outside_planner() {
+        if self.strategy.is_some() && self.options.has_external_planner() {
             return refuse("--strategy with --planner or --external planner: expected one of them");
         }
         Ok(())
     }
 
-    /// Flies it in a ring. The slots are in lock-step at every pace, so that nobody misses one.
+    /// Flies the mission in a ring. It is in lock-step at every pace, so that no deadline is missed.
     fn fly(
         &mut self,
         scenario: &Scenario,
         launch: &Launch,
-        manner: &Manner,
+        manner: &RunMode,
         stop: &Stop,
         replayed: &mut Replayed,
     ) -> Result<(), Error> {
         let ring = make_ring(scenario, &self.options, manner, self.options.pace.unwrap_or_default())?;
         let mut tally = Tally::new(scenario, replayed.list());
-        let mission = Flown { scenario, options: &self.options, launch };
+        let mission = RingMission { scenario, options: &self.options, launch };
         fly(&mission, &ring, &ProcessTable::default(), stop, replayed, &mut tally).map(drop)
     }
 
-    /// The folder of the replay: beside the run, unless the user says otherwise.
-    fn folder(&self) -> Result<PathBuf, Error> {
+    /// The folder of the replay: `--out`, or a folder beside the run.
+    fn output_folder(&self) -> Result<PathBuf, Error> {
         let run = fs::canonicalize(&self.run).at(&self.run)?;
         let beside = || {
             let mut name = run.file_name().unwrap_or_default().to_owned();
@@ -188,36 +187,37 @@ impl ReplayArguments {
             None => beside(), // `.` and the like
         });
         if std::path::absolute(&out).at(&out)?.starts_with(&run) {
-            let message = "it is in the run, which stays as it is: expected another --out";
+            let message = "it is inside the run folder, which must not change: expected another --out";
             return Err(InputError::new("output folder", &out, message).into());
         }
         Ok(out)
     }
 
-    /// Makes the folder `out`, locks it, and puts the replay aside that is to be replaced.
-    fn clear(&self, out: &Path) -> Result<EarlierReplay, Error> {
+    /// Creates and locks the folder `out`, and moves an earlier replay to a backup folder.
+    fn prepare(&self, out: &Path) -> Result<EarlierReplay, Error> {
         let refuse = |message: &str| InputError::new("output folder", out, message);
         fs::create_dir_all(out).map_err(|error| refuse(&format!("{error}: expected the name of a folder")))?;
-        self.replaced(out)?; // before a lock file is made
+        self.earlier_files(out)?; // refuses the folder before the lock file is created
         let path = out.join(LOCK);
         let lock = File::options().write(true).create(true).truncate(false).open(&path).at(&path)?;
         match lock.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
-                return Err(refuse("another replay is writing it: end that one, or choose another --out").into());
+                return Err(refuse("another replay is writing it: stop that one, or choose another --out").into());
             }
             Err(TryLockError::Error(error)) => Err(error).at(&path)?,
         }
-        let files = self.replaced(out)?;
-        let aside = tempfile::Builder::new().prefix(ASIDE).tempdir_in(out).at(out)?;
+        let files = self.earlier_files(out)?;
+        let backup = tempfile::Builder::new().prefix(BACKUP).tempdir_in(out).at(out)?;
         for path in &files {
-            fs::rename(path, aside.path().join(path.file_name().unwrap_or_default())).at(path)?;
+            fs::rename(path, backup.path().join(path.file_name().unwrap_or_default())).at(path)?;
         }
-        Ok(EarlierReplay { out: out.to_owned(), is_none: files.is_empty(), aside, _lock: lock })
+        Ok(EarlierReplay { out: out.to_owned(), is_empty: files.is_empty(), backup, _lock: lock })
     }
 
-    /// The files of the replay in `out` that is to be replaced; an error if it is not to be, or something else is there.
-    fn replaced(&self, out: &Path) -> Result<Vec<PathBuf>, Error> {
+    /// The files of an earlier replay in `out`. Fails if there are some without `--force`, or the folder contains other
+    /// files.
+    fn earlier_files(&self, out: &Path) -> Result<Vec<PathBuf>, Error> {
         let refuse = |message: &str| Err(InputError::new("output folder", out, message).into());
         let mut paths = Vec::new();
         let is_replay = out.join(LOCK).exists();
@@ -226,42 +226,42 @@ impl ReplayArguments {
             let name = entry.file_name();
             let text = name.to_string_lossy();
             let is_recording = text.starts_with("mission") && text.ends_with(".rrd");
-            if is_earlier(&name) {
-                continue; // of a replay that was killed
+            if is_backup(&name) {
+                continue; // of a killed replay
             }
             let is_file_of_replay = FILES.contains(&&*text) || is_recording || is_unfinished(&name);
             if text != LOCK && !(is_replay && is_file_of_replay) {
                 let path = entry.path();
-                return refuse(&format!("it holds {}: expected a folder of its own, by --out", path.display()));
+                return refuse(&format!("it contains {}: expected a separate folder, by --out", path.display()));
             }
             if text != LOCK {
                 paths.push(entry.path());
             }
         }
         if !paths.is_empty() && !self.force {
-            return refuse("it exists: choose another --out, or pass --force to replace the replay in it");
+            return refuse("it exists: choose another --out, or pass --force to replace the replay");
         }
         Ok(paths)
     }
 
-    fn print(&self, outcome: &ReplayOutcome, plans: PlansOf, out: &Path) -> Result<(), Error> {
+    fn print(&self, outcome: &ReplayOutcome, plans: PlanSource, out: &Path) -> Result<(), Error> {
         let ReplayOutcome { planner, strategy, counts, .. } = outcome;
         let PlanCounts { slots, same, undecided, first_difference, .. } = counts;
-        print(format_args!("{}: {slots} slots of {strategy} again, each as recorded", self.run.display()))?;
+        print(format_args!("{}: replayed {slots} slots of {strategy}, all as recorded", self.run.display()))?;
         match plans {
-            PlansOf::Record => {
-                print(format_args!("Plans:           those on record; ask a planner by --planner or --strategy"))?
+            PlanSource::Record => {
+                print("Plans:           as recorded; evaluate a planner with --planner or --strategy")?;
             }
-            PlansOf::Planner => {
+            PlanSource::Planner => {
                 let first =
-                    first_difference.map_or_else(String::new, |slot| format!(", another one first in slot {slot}"));
+                    first_difference.map_or_else(String::new, |slot| format!(", first difference in slot {slot}"));
+                let decided = slots - undecided;
                 print(format_args!(
-                    "Plans of {planner}: the recorded decision in {same} of {} slots{first}",
-                    slots - undecided
+                    "Plans of {planner}: equal to the recorded decision in {same} of {decided} slots{first}"
                 ))?;
                 if *undecided > 0 {
                     print(format_args!(
-                        "                 ({undecided} slots have none: the UAV held without a plan to fly)"
+                        "                 ({undecided} slots have no decision: the UAV held its position)"
                     ))?;
                 }
             }
@@ -274,36 +274,36 @@ impl ReplayArguments {
     }
 }
 
-/// The replay that another is to replace, put aside until that one is whole; and the lock of their folder, which the
-/// system releases when it is dropped or the process ends.
+/// The backup of an earlier replay until the new one is complete, and the lock of the folder. The lock is released on
+/// drop or when the process ends.
 struct EarlierReplay {
     out: PathBuf,
-    /// Whether there was none.
-    is_none: bool,
-    aside: TempDir,
+    /// Whether there was no earlier replay.
+    is_empty: bool,
+    backup: TempDir,
     _lock: File,
 }
 
 impl EarlierReplay {
-    /// Puts it back in place of what has become of the other; does nothing without one.
+    /// Replaces the incomplete new replay by the earlier one, if there was one.
     fn restore(self) -> Result<(), Error> {
-        if self.is_none {
+        if self.is_empty {
             return Ok(());
         }
         for entry in fs::read_dir(&self.out).at(&self.out)?.flatten() {
             let name = entry.file_name();
-            if name != LOCK && !is_earlier(&name) {
+            if name != LOCK && !is_backup(&name) {
                 fs::remove_file(entry.path()).at(&entry.path())?;
             }
         }
-        for entry in fs::read_dir(self.aside.path()).at(self.aside.path())?.flatten() {
+        for entry in fs::read_dir(self.backup.path()).at(self.backup.path())?.flatten() {
             fs::rename(entry.path(), self.out.join(entry.file_name())).at(&entry.path())?;
         }
         Ok(())
     }
 }
 
-/// Whether something of this name is a replay that was put aside.
-fn is_earlier(name: &OsStr) -> bool {
-    name.as_encoded_bytes().starts_with(ASIDE.as_bytes())
+/// Whether this is the name of a backup of an earlier replay.
+fn is_backup(name: &OsStr) -> bool {
+    name.as_encoded_bytes().starts_with(BACKUP.as_bytes())
 }

@@ -1,4 +1,4 @@
-//! What a person sees in the terminal: the progress of a run, and the table at its end.
+//! Terminal output: progress bars, and tables of results.
 
 use std::fmt;
 use std::io::{IsTerminal, Write as _};
@@ -25,8 +25,7 @@ use skysink_mission::summary::{Summary, Tally};
 
 use crate::error::{Error, RERUN};
 
-/// A progress bar on standard error, or several in a row; nothing at all where that is not a terminal. It is removed
-/// with its last clone.
+/// A progress bar on standard error, hidden unless that is a terminal. Dropping the last clone removes it.
 #[derive(Debug, Clone)]
 pub struct TerminalProgress(ProgressBar);
 
@@ -40,7 +39,7 @@ impl TerminalProgress {
         Self::new(style("{bar:25} slot {pos}/{len}  {speed} slots/s  {msg}").with_key("speed", speed))
     }
 
-    /// Shows the progress of a sweep in a bar, which is removed with what is returned.
+    /// Returns a callback that shows the progress of a sweep. Dropping it removes the bar.
     #[cfg(feature = "lab")]
     pub fn of_missions() -> impl Fn(LabProgress) {
         let end = Arc::new(Mutex::new(None::<Instant>));
@@ -52,7 +51,7 @@ impl TerminalProgress {
             }
         };
         let bar = Self::new(style("{bar:25} {msg}mission {pos}/{len}  {left}").with_key("left", left));
-        bar.0.enable_steady_tick(Duration::from_secs(1)); // the time counts down between two missions
+        bar.0.enable_steady_tick(Duration::from_secs(1)); // updates the remaining time between two missions
         move |progress| {
             let now = Instant::now();
             let ends = progress.left.and_then(|left| now.checked_add(left));
@@ -63,7 +62,7 @@ impl TerminalProgress {
         }
     }
 
-    /// Shows the progress of a search in a bar, which is removed with what is returned.
+    /// Returns a callback that shows the progress of a search. Dropping it removes the bar.
     #[cfg(feature = "lab")]
     pub fn of_steps() -> impl Fn(LabProgress) {
         let bar = Self::new(style("{bar:25} step {human_pos}/{human_len}  {msg}  {eta} left"));
@@ -74,16 +73,16 @@ impl TerminalProgress {
     }
 
     fn new(style: ProgressStyle) -> Self {
-        let is_seen = std::io::stderr().is_terminal();
-        Self(if is_seen { ProgressBar::new(0).with_style(style) } else { ProgressBar::hidden() })
+        let is_visible = std::io::stderr().is_terminal();
+        Self(if is_visible { ProgressBar::new(0).with_style(style) } else { ProgressBar::hidden() })
     }
 
-    /// Shows that `done` of `of` are done, and a message.
-    fn show(&self, done: u64, of: u64, message: String) {
+    /// Sets the position of the bar to `done` of `total`, and its message.
+    fn show(&self, done: u64, total: u64, message: String) {
         let Self(bar) = self;
-        if bar.length() != Some(of) || done < bar.position() {
-            bar.reset(); // another one begins
-            bar.set_length(of);
+        if bar.length() != Some(total) || done < bar.position() {
+            bar.reset(); // a new sweep or mission
+            bar.set_length(total);
             bar.set_position(done);
             bar.reset_eta();
         }
@@ -91,7 +90,7 @@ impl TerminalProgress {
         bar.set_message(message);
     }
 
-    /// Shows how far a run over `slots` slots is.
+    /// Shows the progress of a run over `slots` slots.
     pub fn show_run(&self, tally: &Tally, slots: u64) {
         if self.0.is_hidden() {
             return;
@@ -105,11 +104,11 @@ impl TerminalProgress {
 
     /// Writes a line to standard error without breaking the bar.
     pub fn say(&self, line: &str) {
-        self.0.suspend(|| drop(writeln!(std::io::stderr(), "{line}"))); // or there is nobody to tell
+        self.0.suspend(|| drop(writeln!(std::io::stderr(), "{line}"))); // an error is ignored: stderr may be closed
     }
 }
 
-/// The look of a bar.
+/// The style of a bar.
 fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).expect("a valid template")
 }
@@ -117,12 +116,12 @@ fn style(template: &str) -> ProgressStyle {
 /// Writes a line to standard output.
 ///
 /// # Errors
-/// If nobody reads it any more, or it cannot be written.
+/// If standard output is closed or cannot be written.
 pub fn print(line: impl fmt::Display) -> Result<(), Error> {
     writeln!(std::io::stdout(), "{line}").map_err(Error::Output)
 }
 
-/// How figures are printed.
+/// How results are printed.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct OutputForm {
     /// Print JSON instead of the table.
@@ -131,7 +130,7 @@ pub struct OutputForm {
 }
 
 impl OutputForm {
-    /// Prints `figures` as JSON if that is asked for, else what `as_table` prints.
+    /// Prints `figures` as JSON with `--json`, else calls `as_table`.
     ///
     /// # Errors
     /// As [`print`].
@@ -143,7 +142,7 @@ impl OutputForm {
     }
 }
 
-/// Prints what an optimisation came to: the bound, the best known, and what every strategy loses.
+/// Prints the result of a search: the lower bound, the best known loss rate, and that of every strategy.
 ///
 /// # Errors
 /// As [`print`].
@@ -152,7 +151,7 @@ pub fn print_optimum(found: &BestKnown) -> Result<(), Error> {
     let optimum = &found.optimum;
     let best = optimum.best_known;
     let mut table = table();
-    table.set_header(["", "η", "of the best known"]);
+    table.set_header(["", "η", "relative to best"]);
     let ratio = |loss_rate: f64| match loss_rate / best.loss_rate {
         ratio if ratio.is_finite() => format!("{ratio:.3}"),
         _ => String::new(),
@@ -170,29 +169,29 @@ pub fn print_optimum(found: &BestKnown) -> Result<(), Error> {
     }
     print(with_numbers_right(table))?;
     let done = HumanCount(optimum.steps_done);
-    let most = HumanCount(optimum.steps);
+    let budget = HumanCount(optimum.steps);
     let took = format!("{:.2} s", found.took.as_secs_f64());
     let searched = match optimum.search_end {
         SearchEnd::AllSteps => format!("Searched {done} steps in {took}, the whole budget."),
         SearchEnd::Optimal => {
             let reason = match optimum.loss_bound {
-                0.0 => "its plan loses nothing",
-                _ => "the best known flight loses no more than the lower bound",
+                0.0 => "the plan loses nothing",
+                _ => "the best known flight reaches the lower bound",
             };
-            format!("Searched {done} of up to {most} steps in {took}: {reason}, so none can be better.")
+            format!("Searched {done} of up to {budget} steps in {took}: {reason}, so it is optimal.")
         }
         SearchEnd::ModelOptimal => {
-            let reason = "in its model, with parts of bits and expected rates, no plan loses less";
-            format!("Searched {done} of up to {most} steps in {took}: {reason}.")
+            let reason = "the plan is optimal in the search model (fractional bits, expected rates)";
+            format!("Searched {done} of up to {budget} steps in {took}: {reason}.")
         }
         SearchEnd::NothingInReach => {
             "Nothing to search: no sensor node that can lose data can be reached in time.".to_owned()
         }
     };
-    print(format_args!("{searched} --steps {} finds the same again.", optimum.steps))
+    print(format_args!("{searched} Repeat the search with --steps {}.", optimum.steps))
 }
 
-/// Prints the figures of a run and what to do next.
+/// Prints the results of a run, its folder, and how to open the recording.
 ///
 /// # Errors
 /// As [`print`].
@@ -202,7 +201,7 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     let title = format!("{} · {} · seed {}", summary.name, summary.strategy, summary.seed);
     match summary.slots {
         slots if summary.resumed_after == Some(slots) => {
-            print(format_args!("{title}: all {slots} slots are on record, nothing was left to fly"))?;
+            print(format_args!("{title}: all {slots} slots were already recorded"))?;
         }
         slots => {
             let flown = summary.resumed_after.map_or_else(String::new, |last| format!(", the last {}", slots - last));
@@ -215,11 +214,11 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     let mut rows = vec![
         ("data loss rate η", format!("{:.6}", summary.loss_rate)),
         ("η as in the paper", format!("{:.6}", summary.eta_letter)),
-        ("bits queued at first", HumanCount(summary.totals.initial_bits).to_string()),
+        ("bits queued at start", HumanCount(summary.totals.initial_bits).to_string()),
         ("bits sampled", HumanCount(summary.totals.sampled_bits).to_string()),
         ("bits delivered", HumanCount(summary.totals.delivered_bits).to_string()),
         ("bits lost", HumanCount(summary.totals.lost_bits).to_string()),
-        ("bits queued at last", HumanCount(summary.totals.queued_bits).to_string()),
+        ("bits queued at end", HumanCount(summary.totals.queued_bits).to_string()),
         ("bits per waypoint", format!("{:.1}", summary.bits_per_waypoint)),
         ("SNs served per slot", format!("{:.3}", summary.mean_served)),
         ("slots in transit", HumanCount(summary.transit_slots).to_string()),
@@ -232,7 +231,7 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     ];
     if timing.pace.is_some_and(|pace| pace != Pace::Max) {
         rows.push(("deadlines missed", HumanCount(timing.missed_deadlines).to_string()));
-        rows.push(("slots begun late", HumanCount(timing.late_slots).to_string()));
+        rows.push(("late slots", HumanCount(timing.late_slots).to_string()));
     }
     if let Some(latency) = timing.latency.filter(|_| timing.pace != Some(Pace::Max)) {
         let spread = |spread: Spread| {
@@ -241,10 +240,10 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
         };
         rows.push(("latency p50 / p99 / p99.9 / max", String::new()));
         rows.push(("  queues to plan", spread(latency.queues_to_plan)));
-        rows.push(("  slot's begin to flight", spread(latency.to_flight)));
+        rows.push(("  slot start to flight", spread(latency.to_flight)));
         rows.push(("  flight to queues", spread(latency.flight_to_queues)));
-        rows.push(("  slot's begin to next plan", spread(latency.slot)));
-        rows.extend(latency.jitter.map(|jitter| ("  jitter of the slots", spread(jitter))));
+        rows.push(("  slot start to next plan", spread(latency.slot)));
+        rows.extend(latency.jitter.map(|jitter| ("  jitter of the slot start", spread(jitter))));
     }
     for (name, value) in rows {
         table.add_row([name, &value]);
@@ -252,24 +251,24 @@ pub fn print_run(folder: &RunFolder, summary: &Summary) -> Result<(), Error> {
     print(with_numbers_right(table))?;
     print(format_args!("Run folder:      {}", folder.path().display()))?;
     if let Some(recording) = folder.recording_pattern() {
-        let mut begin = "Open recording:";
+        let mut label = "Open recording:";
         if cfg!(feature = "viewer") {
-            print(format_args!("{begin}  skysink view {}", folder.path().display()))?;
-            begin = "            or:";
+            print(format_args!("{label}  skysink view {}", folder.path().display()))?;
+            label = "            or:";
         }
-        print(format_args!("{begin}  rerun {}", recording.display()))?;
-        print(format_args!("                 (the viewer: pip install rerun-sdk=={RERUN})"))?;
+        print(format_args!("{label}  rerun {}", recording.display()))?;
+        print(format_args!("                 (install rerun with pip install rerun-sdk=={RERUN})"))?;
     }
     Ok(())
 }
 
-/// Columns of the narrowest terminal, which help, usage and tables fit into.
+/// Maximum width of help, usage and tables [columns].
 pub(crate) const TERMINAL_WIDTH: u16 = 80;
 
-/// Columns of numbers from which on they stand close to each other.
+/// From this number of numeric columns on, they have less padding.
 const CLOSE_COLUMNS: usize = 4;
 
-/// An empty table, which fits into a terminal if its numbers do: names and headings take more lines instead.
+/// An empty table with the terminal's width. Names and headings are wrapped if necessary.
 #[must_use]
 pub fn table() -> Table {
     let mut table = Table::new();
@@ -278,13 +277,13 @@ pub fn table() -> Table {
     table
 }
 
-/// The table with every column but the first aligned to the right, and its numbers on one line each.
+/// Aligns every column but the first to the right, and keeps its numbers on one line.
 #[must_use]
 pub fn with_numbers_right(table: Table) -> Table {
     with_numbers_from(1, table)
 }
 
-/// The same from the column `first` on, counted from 0.
+/// Aligns the columns from index `first` on to the right, and keeps their numbers on one line.
 #[must_use]
 pub fn with_numbers_from(first: usize, mut table: Table) -> Table {
     let last = table.column_count().saturating_sub(1);

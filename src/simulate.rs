@@ -20,66 +20,66 @@ use crate::error::Error;
 use crate::report::TerminalProgress;
 use skysink_mission::MissionError;
 use skysink_mission::mission::Mission;
-use skysink_mission::origin::Manner;
+use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
 
-/// Slots after which the progress is shown again.
+/// Slots between two updates of the progress bar.
 const SHOW_EVERY: u64 = 1000;
 
-/// Where a new run is put on record.
+/// The folder of a new run.
 #[derive(Debug, Args)]
 pub struct NewFolder {
-    /// Folder to write [default: runs/NAME-STRATEGY-SEED].
+    /// Run folder [default: runs/NAME-STRATEGY-SEED].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Replace the run in the folder of --out, if there is one.
+    /// Replace an existing run in the folder --out.
     #[arg(long, requires = "out")]
     pub force: bool,
 }
 
 impl NewFolder {
-    /// Makes it.
+    /// Creates the folder.
     ///
     /// # Errors
     /// As [`RunFolder::create`].
-    pub fn create(&self, scenario: &Scenario, list: &SensorList, manner: &Manner) -> Result<RunFolder, MissionError> {
+    pub fn create(&self, scenario: &Scenario, list: &SensorList, manner: &RunMode) -> Result<RunFolder, MissionError> {
         RunFolder::create(self.out.as_deref(), self.force, scenario, list, manner)
     }
 }
 
-/// Whether a recording is left.
+/// Options for the recording of a simulation.
 #[derive(Debug, Args)]
 pub struct RecordingOptions {
-    /// Leave a recording for rerun, mission.rrd.
+    /// Write a recording for rerun, mission.rrd.
     #[arg(long)]
     record: bool,
-    /// Leave one in which one slot in so many is drawn; events are there at any rate.
-    #[arg(long, value_name = "SLOTS")]
+    /// Write a recording with every K-th slot only; events are always recorded.
+    #[arg(long, value_name = "K")]
     record_every: Option<NonZeroU64>,
 }
 
 impl RecordingOptions {
-    /// Slots of which one is drawn; no recording if none.
+    /// K of the recording, which contains every K-th slot; `None` for no recording.
     #[must_use]
     pub fn every(&self) -> Option<NonZeroU64> {
         self.record_every.or(self.record.then_some(NonZeroU64::MIN))
     }
 }
 
-/// What to simulate and where to put it.
+/// A simulation and where its run is written.
 #[derive(Debug)]
 pub struct Simulation {
     /// The scenario.
     pub scenario: Scenario,
     /// The folder of the run.
     pub folder: NewFolder,
-    /// Slots of which one is drawn in a recording for rerun; no recording if none.
+    /// K of the recording for rerun, which contains every K-th slot; `None` for no recording.
     pub record: Option<NonZeroU64>,
 }
 
-/// Flies a mission over the sensor nodes `list`, and returns its folder and its figures. A stop leaves a folder that is
-/// whole up to the last slot.
+/// Simulates a mission over the sensor nodes `list` and returns its folder and summary. After a stop, the folder is
+/// complete up to the last slot.
 ///
 /// # Errors
 /// If something cannot be written, or on a stop.
@@ -90,7 +90,7 @@ pub fn simulate(
     stop: &Stop,
 ) -> Result<(RunFolder, Summary), Error> {
     let scenario = &simulation.scenario;
-    let folder = simulation.folder.create(scenario, list, &Manner::default())?;
+    let folder = simulation.folder.create(scenario, list, &RunMode::default())?;
     #[cfg(not(feature = "viewer"))]
     if simulation.record.is_some() {
         return Err(Error::NoViewer);
@@ -108,7 +108,7 @@ pub fn simulate(
     mission.set_stop(stop);
     #[cfg_attr(
         not(feature = "viewer"),
-        expect(clippy::while_let_on_iterator, reason = "the viewer looks at the mission")
+        expect(clippy::while_let_on_iterator, reason = "the viewer borrows the mission")
     )]
     while let Some(flown) = mission.next() {
         log.add(&flown.flight, &flown.header)?;
@@ -131,7 +131,7 @@ pub fn simulate(
     }
 }
 
-/// The recording of a simulation. It knows no clock, so that equal missions leave equal recordings.
+/// Opens the recording of a simulation. It contains no wall-clock times, so that equal missions give equal recordings.
 #[cfg(feature = "viewer")]
 fn recording(scenario: &Scenario, folder: &RunFolder, list: &SensorList, every: NonZeroU64) -> Result<Scene, Error> {
     let sinks = Sinks { save: Some(folder.recording()), every: Some(every), ..Sinks::default() };
@@ -140,7 +140,7 @@ fn recording(scenario: &Scenario, folder: &RunFolder, list: &SensorList, every: 
     Ok(Scene::open(&sinks, scenario, &list.nodes(), &name, WallClock::Unmeasured, estimated)?)
 }
 
-/// Records the slot flown last, if there is a recording; `flown` is none before slot 1.
+/// Records the last slot, if there is a recording. `flown` is `None` before slot 1.
 #[cfg(feature = "viewer")]
 fn record(recording: &mut Option<Scene>, mission: &Mission, flown: Option<&FlownSlot>) -> Result<(), SceneError> {
     let Some(scene) = recording else { return Ok(()) };

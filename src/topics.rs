@@ -1,4 +1,4 @@
-//! `skysink topics`: what a running ring carries, who writes and reads it, and how fast.
+//! `skysink topics`: lists the topics of a running ring with payloads, writers, readers and rates.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,28 +9,28 @@ use iceoryx2::prelude::ipc;
 use serde::Serialize;
 use skysink_common::error::InputError;
 use skysink_common::stop::Stop;
-use skysink_ring::folder::{RingFolder, record_of, running_rings};
+use skysink_ring::folder::{RingFolder, record_path, running_rings};
 use skysink_ring::survey::TopicState;
 use skysink_ring::topics::Ring;
 
 use crate::error::Error;
 use crate::report::{print, table, with_numbers_from};
-use crate::run::options::seconds;
+use crate::run::options::parse_seconds;
 
-/// The first column of the table that holds numbers.
+/// Index of the first numeric column of the table.
 const FIRST_NUMBERS: usize = 4;
 
-/// How often a stop is looked for.
+/// Time between two checks for a stop.
 const PAUSE: Duration = Duration::from_millis(20);
 
 /// Options of `skysink topics`.
 #[derive(Debug, Args)]
 pub struct TopicsOptions {
-    /// Folder of the ring, or of the run under way [default: the only ring that runs].
+    /// Ring folder, or run folder of a running ring [default: the only running ring].
     #[arg(value_name = "DIR")]
     folder: Option<PathBuf>,
-    /// Time between the two polls that the rates are computed from [s].
-    #[arg(long, value_name = "SECONDS", default_value = "1", value_parser = seconds)]
+    /// Time over which the rates are measured [s].
+    #[arg(long, value_name = "SECONDS", default_value = "1", value_parser = parse_seconds)]
     every: f64,
     /// Print JSON instead of the table.
     #[arg(long)]
@@ -42,25 +42,25 @@ pub struct TopicsOptions {
 struct RatedTopic {
     #[serde(flatten)]
     state: TopicState,
-    /// Samples a second: slots between the newest samples of two looks, by the time between these; none where a slot may
-    /// have several.
+    /// Samples per second: slots between the newest samples of two polls, divided by the time between these samples.
+    /// `None` for topics with several samples per slot.
     rate_hz: Option<f64>,
 }
 
 impl TopicsOptions {
-    /// Looks twice, and prints what it has seen.
+    /// Polls the topics twice and prints them.
     ///
     /// # Errors
-    /// If there is no such ring, it cannot be read, or on a stop.
+    /// If the ring does not exist or cannot be read, or on a stop.
     pub fn show(self, stop: &Stop) -> Result<(), Error> {
-        let ring = self.ring()?;
+        let ring = self.open_ring()?;
         let begin = Instant::now();
-        let first = ring.look()?;
+        let first = ring.topic_states()?;
         while begin.elapsed().as_secs_f64() < self.every {
             stop.check()?;
             std::thread::sleep(PAUSE);
         }
-        let second = ring.look()?;
+        let second = ring.topic_states()?;
         let rated: Vec<_> = second.into_iter().zip(&first).map(|(now, before)| rate(now, before)).collect();
         if self.json {
             return print(serde_json::to_string_pretty(&rated).expect("plain numbers and strings"));
@@ -68,33 +68,33 @@ impl TopicsOptions {
         print_table(&rated)
     }
 
-    /// The ring that is meant.
-    fn ring(&self) -> Result<Ring<ipc::Service>, Error> {
+    /// Opens the ring given by the argument, or the only running one.
+    fn open_ring(&self) -> Result<Ring<ipc::Service>, Error> {
         let open = |path: &Path| Ok(Ring::observe(&RingFolder::open(path)?)?);
         let rings = running_rings();
         let Some(folder) = &self.folder else {
             return match &rings[..] {
                 [ring] => open(ring),
-                [] => Err(Error::Usage("no run is under way".to_owned())),
-                rings => Err(Error::Usage(format!("several runs are under way: expected one of {}", named(rings)))),
+                [] => Err(Error::Usage("no ring is running".to_owned())),
+                rings => Err(Error::Usage(format!("several rings are running: expected one of {}", list_of(rings)))),
             };
         };
         let path = fs::canonicalize(folder).map_err(|error| InputError::new("run folder", folder, error))?;
         if path.join("ring.toml").exists() {
             return open(&path);
         }
-        let Some(ring) = rings.iter().find(|ring| record_of(ring).as_ref() == Some(&path)) else {
-            let others = if rings.is_empty() { String::new() } else { format!("; under way: {}", named(&rings)) };
-            let message = format!("it is not under way: expected a run that is, or the folder of its ring{others}");
+        let Some(ring) = rings.iter().find(|ring| record_path(ring).as_ref() == Some(&path)) else {
+            let others = if rings.is_empty() { String::new() } else { format!("; running: {}", list_of(&rings)) };
+            let message = format!("it is not running: expected a running one, or its ring folder{others}");
             return Err(InputError::new("run folder", folder, message).into());
         };
         open(ring)
     }
 }
 
-/// What the rings are put on record as, or else the rings.
-fn named(rings: &[PathBuf]) -> String {
-    let name = |ring: &PathBuf| record_of(ring).unwrap_or_else(|| ring.clone()).display().to_string();
+/// The run folders of the rings, or the ring folders where there is none, separated by commas.
+fn list_of(rings: &[PathBuf]) -> String {
+    let name = |ring: &PathBuf| record_path(ring).unwrap_or_else(|| ring.clone()).display().to_string();
     rings.iter().map(name).collect::<Vec<_>>().join(", ")
 }
 

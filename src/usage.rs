@@ -1,4 +1,4 @@
-//! The command line of an executable, with help and usage that fit into a terminal of 80 columns.
+//! Parses the command line of an executable, with help and usage that fit into 80 columns.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -7,40 +7,40 @@ use clap::{Command, Error, Parser};
 
 use crate::report::TERMINAL_WIDTH;
 
-/// Columns that help and usage fit into everywhere.
+/// Maximum width of help and usage [columns].
 const COLUMNS: usize = TERMINAL_WIDTH as usize;
 
 /// What clap writes before a usage line.
 const HEADING: &str = "Usage: ";
 
-/// Reads a command line, which begins with what the program was called by.
+/// Parses a command line, program name first.
 ///
 /// # Errors
-/// If it is refused, or asks for help.
+/// If an argument is refused, or help is requested.
 pub fn parse<C: Parser>(arguments: impl IntoIterator<Item = OsString>) -> Result<C, Error> {
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     let called = arguments.first().map(PathBuf::from);
     let name = called.as_deref().and_then(Path::file_name).unwrap_or_default().to_string_lossy();
-    let mut command = fitting(C::command().bin_name(name.into_owned()));
+    let mut command = with_wrapped_usage(C::command().bin_name(name.into_owned()));
     let matches = command.try_get_matches_from_mut(arguments)?;
     C::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
 }
 
-/// The command and its subcommands, each with one usage line, in errors, too, which is broken where it is long.
-fn fitting(command: Command) -> Command {
+/// The command and its subcommands with wrapped usage lines, which clap also prints in errors.
+fn with_wrapped_usage(command: Command) -> Command {
     let mut command = command.max_term_width(COLUMNS);
     command.build();
-    with_usage(command.mut_subcommands(with_usage))
+    wrap_usage(command.mut_subcommands(wrap_usage))
 }
 
-fn with_usage(mut command: Command) -> Command {
+fn wrap_usage(mut command: Command) -> Command {
     let usage = command.render_usage().to_string();
-    let usage = broken(usage.trim().trim_start_matches(HEADING));
+    let usage = wrap(usage.trim().trim_start_matches(HEADING));
     command.override_usage(usage)
 }
 
-/// A usage line in as many lines as it takes; an option stays with its value.
-fn broken(usage: &str) -> String {
+/// Wraps a usage line. An option stays on one line with its value.
+fn wrap(usage: &str) -> String {
     let mut text = String::new();
     let mut column = HEADING.len();
     for part in parts(usage) {
@@ -58,14 +58,14 @@ fn broken(usage: &str) -> String {
     text
 }
 
-/// The words of a usage line: brackets are not broken, nor is an option from its value.
+/// Splits a usage line at spaces, except within brackets and between an option and its value.
 fn parts(usage: &str) -> Vec<&str> {
     let is_option = |part: &str| part.starts_with('-') && !part.contains(' '); // without its value
     let mut parts = Vec::new();
     let mut depth = 0usize;
     let mut begin = 0;
-    for (at, letter) in usage.char_indices() {
-        match letter {
+    for (at, character) in usage.char_indices() {
+        match character {
             '<' | '[' => depth += 1,
             '>' | ']' => depth = depth.saturating_sub(1),
             ' ' if depth == 0 && !(is_option(&usage[begin..at]) && usage[at..].starts_with(" <")) => {
@@ -84,12 +84,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_long_usage_is_broken_between_its_parts() {
+    fn a_long_usage_is_wrapped_between_its_parts() {
         let usage = "viewer [OPTIONS] --scenario <FILE> --ring <DIR> <--save <FILE>|--live[=<PORT>]>";
         let expected = ["viewer", "[OPTIONS]", "--scenario <FILE>", "--ring <DIR>", "<--save <FILE>|--live[=<PORT>]>"];
         assert_eq!(parts(usage), expected);
-        let broken_usage = "viewer [OPTIONS] --scenario <FILE> --ring <DIR>\n       <--save <FILE>|--live[=<PORT>]>";
-        assert_eq!(broken(usage), broken_usage);
-        assert_eq!(broken("skysink compare [OPTIONS] <A B | C>..."), "skysink compare [OPTIONS] <A B | C>...");
+        let wrapped = "viewer [OPTIONS] --scenario <FILE> --ring <DIR>\n       <--save <FILE>|--live[=<PORT>]>";
+        assert_eq!(wrap(usage), wrapped);
+        assert_eq!(wrap("skysink compare [OPTIONS] <A B | C>..."), "skysink compare [OPTIONS] <A B | C>...");
     }
 }

@@ -1,4 +1,4 @@
-//! `skysink view` and `skysink page`: recordings in a browser, served or left as a folder.
+//! `skysink view` and `skysink page`: recordings in a browser, served or exported as a static page.
 
 #[cfg(feature = "viewer")]
 mod browser;
@@ -16,30 +16,30 @@ use skysink_mission::error::FileContext;
 
 use crate::error::Error;
 #[cfg(feature = "viewer")]
-use browser::{leave, serve};
+use browser::{serve, write};
 
-/// Where runs are put if nothing else is said.
+/// The default folder of runs.
 const RUNS: &str = "runs";
 
-/// Beginning of every recording of rerun.
+/// The first bytes of every rerun recording.
 const MAGIC: &[u8] = b"RRF2";
 
-/// How long a server of this machine may take to answer.
-const ANSWER: Duration = Duration::from_secs(1);
+/// Timeout for a connection to a server on this machine.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Options of `skysink view`.
 #[derive(Debug, Args)]
 pub struct ViewOptions {
-    /// Run folders, or recordings (.rrd) [default: the newest in runs/].
+    /// Run folders or recordings (.rrd) [default: the newest in runs/].
     #[arg(value_name = "RUN")]
     runs: Vec<PathBuf>,
-    /// Show the mission under way that skysink run --live serves, on port 9876 if none is given.
+    /// Show the running mission that skysink run --live serves on PORT or 9876.
     #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "9876")]
     live: Option<u16>,
-    /// Address to serve on; whoever reaches it can read the recordings.
+    /// Address to listen on; anyone who can connect to it can read the recordings.
     #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     bind: IpAddr,
-    /// Port to serve on; 0 takes a free one.
+    /// Port to listen on; 0 selects a free port.
     #[arg(long, default_value_t = 9090)]
     port: u16,
 }
@@ -47,9 +47,9 @@ pub struct ViewOptions {
 /// Options of `skysink page`.
 #[derive(Debug, Args)]
 pub struct PageOptions {
-    /// Run folder, or recording (.rrd).
+    /// Run folder or recording (.rrd).
     run: PathBuf,
-    /// Folder to write.
+    /// Output folder.
     #[arg(value_name = "DIR")]
     folder: PathBuf,
 }
@@ -58,7 +58,7 @@ impl ViewOptions {
     /// Serves the recordings until a stop.
     ///
     /// # Errors
-    /// If there is no such recording, or the address is taken; on the stop.
+    /// If a recording does not exist, or the address is in use; always on the stop.
     pub fn view(self, stop: &Stop) -> Result<(), Error> {
         if let Some(port) = self.live {
             self.check_live(port)?;
@@ -67,63 +67,64 @@ impl ViewOptions {
             ([], None) => vec![newest(Path::new(RUNS))?],
             _ => self.runs.clone(),
         };
-        let shown = Shown { recordings: recordings(&runs)?, live: self.live };
-        serve(&shown, SocketAddr::new(self.bind, self.port), stop)
+        let content = PageContent { recordings: recordings(&runs)?, live: self.live };
+        serve(&content, SocketAddr::new(self.bind, self.port), stop)
     }
 
-    /// Fails where no mission is served, or the browser could not reach it.
+    /// Fails if no mission is served on `port`, or the browser could not connect to it.
     fn check_live(&self, port: u16) -> Result<(), Error> {
         if self.bind != Ipv4Addr::LOCALHOST {
-            let message =
-                "expected it without --bind: the mission is served on 127.0.0.1 alone; an ssh tunnel leads there";
+            let message = "expected --live without --bind: the mission is served on 127.0.0.1 only; use an ssh tunnel";
             return Err(Error::Usage(format!("--live with --bind {}: {message}", self.bind)));
         }
-        TcpStream::connect_timeout(&SocketAddr::from((Ipv4Addr::LOCALHOST, port)), ANSWER).map(drop).map_err(|error| {
-            let message = format!("expected a mission under way, by `skysink run --live={port}` in another terminal");
-            Error::Usage(format!("--live={port}: port {port} of 127.0.0.1: {error}: {message}"))
-        })
+        TcpStream::connect_timeout(&SocketAddr::from((Ipv4Addr::LOCALHOST, port)), CONNECT_TIMEOUT).map(drop).map_err(
+            |error| {
+                let message = format!("expected a running mission, by `skysink run --live={port}` in another terminal");
+                Error::Usage(format!("--live={port}: port {port} of 127.0.0.1: {error}: {message}"))
+            },
+        )
     }
 }
 
 impl PageOptions {
-    /// Leaves the page.
+    /// Writes the page.
     ///
     /// # Errors
-    /// If there is no such recording, the folder is not free or cannot be written, or on a stop.
+    /// If the recording does not exist, the folder is in use or cannot be written, or on a stop.
     pub fn write(self, stop: &Stop) -> Result<(), Error> {
         let Self { run, folder } = self;
         let runs = [run];
-        leave(&Shown { recordings: recordings(&runs)?, live: None }, &folder, stop)
+        write(&PageContent { recordings: recordings(&runs)?, live: None }, &folder, stop)
     }
 }
 
-/// What a page shows.
-struct Shown {
+/// The content of a page.
+struct PageContent {
     recordings: Vec<PathBuf>,
     live: Option<u16>,
 }
 
 #[cfg(not(feature = "viewer"))]
-fn serve(shown: &Shown, _: SocketAddr, _: &Stop) -> Result<(), Error> {
-    Err(Error::NoWebViewer(shown.rerun()))
+fn serve(content: &PageContent, _: SocketAddr, _: &Stop) -> Result<(), Error> {
+    Err(Error::NoWebViewer(content.rerun_command()))
 }
 
 #[cfg(not(feature = "viewer"))]
-fn leave(shown: &Shown, _: &Path, _: &Stop) -> Result<(), Error> {
-    Err(Error::NoWebViewer(shown.rerun()))
+fn write(content: &PageContent, _: &Path, _: &Stop) -> Result<(), Error> {
+    Err(Error::NoWebViewer(content.rerun_command()))
 }
 
 #[cfg(not(feature = "viewer"))]
-impl Shown {
-    /// How to open it without this build.
-    fn rerun(&self) -> String {
+impl PageContent {
+    /// The command that opens the content with rerun.
+    fn rerun_command(&self) -> String {
         let files = self.recordings.iter().map(|recording| format!(" {}", recording.display()));
         let live = self.live.map(|port| format!(" rerun+http://127.0.0.1:{port}/proxy"));
         format!("rerun{}", files.chain(live).collect::<String>())
     }
 }
 
-/// The folder in `runs` whose recording was written last: of a run, a replay or a comparison.
+/// The folder in `runs` with the newest recording: of a run, a replay or a comparison.
 fn newest(runs: &Path) -> Result<PathBuf, InputError> {
     let written = |folder: &PathBuf| {
         let recordings = recordings_in(folder).ok()?;
@@ -132,12 +133,12 @@ fn newest(runs: &Path) -> Result<PathBuf, InputError> {
     let folders = fs::read_dir(runs).into_iter().flatten().flatten().map(|entry| entry.path());
     let newest = folders.filter_map(|folder| Some((written(&folder)?, folder))).max();
     newest.map(|(_, folder)| folder).ok_or_else(|| {
-        let message = "no recording in it: expected one by `skysink run`, or the name of a run or recording";
+        let message = "it contains no recording: make one with `skysink run`, or name a run or recording";
         InputError::new("folder", runs, message)
     })
 }
 
-/// All recordings of the runs, or these files themselves.
+/// All recordings in these run folders; a file is a recording itself.
 fn recordings(runs: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
     let mut recordings = Vec::new();
     for run in runs {
@@ -149,9 +150,7 @@ fn recordings(runs: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
         }
         let found = recordings_in(run).at(run)?;
         if found.is_empty() {
-            return refuse(
-                "no recording in it: expected a run with one (`skysink replay RUN` makes one of a finished run)",
-            );
+            return refuse("it contains no recording: make one of a finished run with `skysink replay RUN`");
         }
         found.iter().try_for_each(|recording| check(recording))?;
         recordings.extend(found);
@@ -159,22 +158,23 @@ fn recordings(runs: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
     Ok(recordings)
 }
 
-/// The files in a folder that are named as recordings and hold something, in the order in which they were begun.
+/// The non-empty files with the extension of recordings in a folder, in the order of their creation.
 fn recordings_in(folder: &Path) -> io::Result<Vec<PathBuf>> {
-    let is_begun = |entry: &DirEntry| {
+    let is_recording = |entry: &DirEntry| {
         let is_named = entry.path().extension().is_some_and(|ending| ending == "rrd");
         is_named && entry.metadata().is_ok_and(|file| file.is_file() && file.len() > 0)
     };
-    let mut found: Vec<PathBuf> = fs::read_dir(folder)?.flatten().filter(is_begun).map(|entry| entry.path()).collect();
+    let mut found: Vec<PathBuf> =
+        fs::read_dir(folder)?.flatten().filter(is_recording).map(|entry| entry.path()).collect();
     found.sort_by_key(|path| (path.as_os_str().len(), path.clone())); // mission.rrd before mission-2.rrd
     Ok(found)
 }
 
-/// Refuses what is no file that begins as a recording does.
+/// Checks that the path is a file that starts like a recording.
 fn check(path: &Path) -> Result<(), InputError> {
     let is_recording = || {
         let mut begin = Vec::new();
-        let is_file = fs::metadata(path)?.is_file(); // to open a pipe would wait for its writer
+        let is_file = fs::metadata(path)?.is_file(); // opening a pipe would block until it has a writer
         if is_file {
             File::open(path)?.take(MAGIC.len() as u64).read_to_end(&mut begin)?;
         }
@@ -196,12 +196,12 @@ mod tests {
     use std::process::Command;
 
     #[test]
-    fn a_folder_shows_the_regular_files_that_hold_a_recording() {
+    fn the_recordings_of_a_folder_are_its_regular_files_with_a_recording() {
         let place = tempfile::tempdir().unwrap();
         let [run, secret] = ["run", "secret.txt"].map(|name| place.path().join(name));
         fs::create_dir(&run).unwrap();
         fs::write(&secret, "secret").unwrap();
-        assert!(recordings(std::slice::from_ref(&run)).unwrap_err().to_string().contains("no recording in it"));
+        assert!(recordings(std::slice::from_ref(&run)).unwrap_err().to_string().contains("it contains no recording"));
         symlink(&secret, run.join("mission-3.rrd")).unwrap();
         fs::create_dir(run.join("mission-4.rrd")).unwrap();
         fs::write(run.join("mission-5.rrd"), "").unwrap(); // just begun

@@ -1,4 +1,4 @@
-//! What the executables of the ring have in common: arguments, joining the run, and how they end.
+//! Common code of the executables of the ring: arguments, joining the run, and exit codes.
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -17,47 +17,46 @@ use skysink_ring::wait::stop_on_signals;
 
 use crate::usage;
 
-/// Where the ring of a process is: its arguments.
+/// The arguments of every process of a ring.
 #[derive(Debug, Args)]
 pub struct RingArguments {
-    /// Scenario file: the scenario.toml of the run's folder.
+    /// Scenario file: scenario.toml in the run folder.
     #[arg(long, value_name = "FILE", env = "SKYSINK_SCENARIO", hide_env_values = true)]
     pub scenario: PathBuf,
-    /// The run's own iceoryx2 folder, as skysink run prints it.
+    /// Ring folder, which contains the iceoryx2 configuration of the run; skysink run prints it.
     #[arg(long, value_name = "DIR", env = "SKYSINK_RING", hide_env_values = true)]
     pub ring: PathBuf,
 }
 
-/// A process of a run that skysink run supervises.
+/// A process of the ring; skysink run starts and supervises it.
 #[derive(Debug, Parser)]
 #[command(version)]
 struct Cli<A: Args> {
     #[command(flatten)]
-    place: RingArguments,
+    ring: RingArguments,
     #[command(flatten)]
-    own: A,
+    additional: A,
 }
 
-/// The own arguments of an executable that has none.
+/// No additional arguments.
 #[derive(Debug, Args)]
 pub struct NoArguments {}
 
-/// Runs the program of `role`, which takes the arguments `A` beside those of every process of the ring, and returns its
-/// exit code.
+/// Runs the program of `role` with the additional arguments `A`, and returns its exit code.
 #[must_use]
 pub fn run<A: Args>(
     role: Role,
     arguments: Vec<OsString>,
     node: impl FnOnce(&Scenario, &RingFolder, &Stop, &A) -> Result<(), NodeError>,
 ) -> u8 {
-    let Cli { place, own } = usage::parse(arguments).unwrap_or_else(|message| message.exit());
+    let Cli { ring, additional } = usage::parse(arguments).unwrap_or_else(|message| message.exit());
     let stop = stop_on_signals();
-    let ended = join(&place).and_then(|(scenario, folder)| node(&scenario, &folder, &stop, &own));
-    exit(role, ended)
+    let result = join(&ring).and_then(|(scenario, folder)| node(&scenario, &folder, &stop, &additional));
+    exit_code(role, result)
 }
 
-/// Runs an executable that plans by `strategy`, in the place of Skysink's planner: started by `skysink run --planner`,
-/// or by hand with `--scenario` and `--ring` for `skysink run --external planner`.
+/// Runs `strategy` as the planner of a ring. `skysink run --planner` starts such an executable; for `skysink run
+/// --external planner`, start it with `--scenario` and `--ring`.
 #[must_use]
 pub fn plan_by(strategy: Box<dyn Strategy>) -> ExitCode {
     let node = |scenario: &_, folder: &_, stop: &_, NoArguments {}: &_| {
@@ -66,30 +65,30 @@ pub fn plan_by(strategy: Box<dyn Strategy>) -> ExitCode {
     run(Role::Planner, std::env::args_os().collect(), node).into()
 }
 
-/// Joins the run: reads its scenario and makes its iceoryx2 domain that of this process.
+/// Joins the run: reads its scenario and enters its iceoryx2 domain.
 ///
 /// # Errors
-/// If there is no such run, or the scenario is refused.
-pub fn join(place: &RingArguments) -> Result<(Scenario, RingFolder), NodeError> {
-    quiet_iceoryx2();
-    let scenario = Scenario::read(&place.scenario, Overrides::default()).and_then(settings::resolve)?;
-    let folder = RingFolder::open(&place.ring)?;
-    folder.install()?;
+/// If the ring folder does not exist, or the scenario is refused.
+pub fn join(arguments: &RingArguments) -> Result<(Scenario, RingFolder), NodeError> {
+    silence_iceoryx2();
+    let scenario = Scenario::read(&arguments.scenario, Overrides::default()).and_then(settings::resolve)?;
+    let folder = RingFolder::open(&arguments.ring)?;
+    folder.set_global_config()?;
     Ok((scenario, folder))
 }
 
-/// The exit code of the program of `role`, with one line on standard error unless a signal asked for the end.
+/// The exit code of the program of `role`. Prints the error, unless a signal has requested the end.
 #[must_use]
-pub fn exit(role: Role, ended: Result<(), NodeError>) -> u8 {
-    let Err(error) = ended else { return 0 };
+pub fn exit_code(role: Role, result: Result<(), NodeError>) -> u8 {
+    let Err(error) = result else { return 0 };
     let code = error.exit_code();
     if code < 128 {
-        role.say(error);
+        role.log(error);
     }
     code
 }
 
-/// Leaves iceoryx2's own messages to those who ask for them by `IOX2_LOG_LEVEL`; what matters comes back as an error.
-pub fn quiet_iceoryx2() {
+/// Turns the log of iceoryx2 off unless `IOX2_LOG_LEVEL` is set. Its failures are returned as errors.
+pub fn silence_iceoryx2() {
     set_log_level_from_env_or(LogLevel::Fatal);
 }

@@ -1,26 +1,26 @@
-//! What a sensor node samples, in whole bits and without drift (decision D2).
+//! Arrivals: the bits that a sensor node samples, whole and without drift (decision D2).
 //!
-//! field-sim fills the queues by it, and a planner that has to estimate them counts by it.
+//! field-sim fills the queues with them. A planner that estimates the queues counts the same way.
 
-/// Keeps a product such as `0.1 × 30`, which is just below its integer, from losing a bit.
+/// Added before `floor`, so that a product just below its integer, such as `0.1 × 30`, does not lose a bit.
 const ROUNDING_BITS: f64 = 1e-9;
 
-/// Bits sampled up to the end of `slot` at `mean_bits` [bit] per slot, `s_i τ`: `A_i(t) = floor(s_i τ t)`, a whole
-/// number below 2^53 in every mission.
+/// Bits sampled up to the end of `slot` at `mean_bits` [bit] per slot, `s_i τ`: `A_i(t) = floor(s_i τ t)`, below 2^53
+/// in every mission.
 #[inline(always)]
 #[must_use]
 pub fn sampled(mean_bits: f64, slot: u64) -> f64 {
     (mean_bits * slot as f64 + ROUNDING_BITS).floor()
 }
 
-/// The same as an integer.
+/// [`sampled`] as an integer.
 #[inline]
 #[must_use]
 pub fn sampled_bits(mean_bits: f64, slot: u64) -> u64 {
     sampled(mean_bits, slot) as u64
 }
 
-/// Bits sampled in the slots after `from` up to `to`, `A_i(to) − A_i(from)`; none if `to` is not later.
+/// Bits sampled in the slots after `from` up to `to`, `A_i(to) − A_i(from)`; 0 if `to ≤ from`.
 #[inline]
 #[must_use]
 pub fn bits_between(mean_bits: f64, from: u64, to: u64) -> u64 {
@@ -30,7 +30,7 @@ pub fn bits_between(mean_bits: f64, from: u64, to: u64) -> u64 {
 /// The slot in which bit number `bit` (from 1) is sampled: the first with `A_i(slot) ≥ bit`.
 ///
 /// # Panics
-/// If it is not sampled up to slot `last`.
+/// If the bit is not sampled by the end of slot `last`.
 #[must_use]
 pub fn slot_of_bit(mean_bits: f64, bit: u64, last: u64) -> u64 {
     if last == 0 || sampled_bits(mean_bits, last - 1) < bit {
@@ -58,7 +58,7 @@ mod tests {
     }
 
     #[test]
-    fn what_comes_between_two_slots_is_what_the_slots_between_them_bring() {
+    fn the_bits_between_two_slots_are_those_of_the_slots_between_them() {
         // s τ = 2.5: A = 0, 2, 5, 7, 10
         assert_eq!([0, 1, 2, 3, 4].map(|slot| sampled_bits(2.5, slot)), [0, 2, 5, 7, 10]);
         assert_eq!((bits_between(2.5, 1, 4), bits_between(2.5, 0, 3), bits_between(2.5, 3, 3)), (8, 7, 0));
@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bit_is_of_the_first_slot_up_to_which_it_is_sampled() {
+    fn a_bit_belongs_to_the_slot_in_which_it_is_sampled() {
         assert_eq!([1, 2, 3, 5, 6].map(|bit| slot_of_bit(2.5, bit, 9)), [1, 1, 2, 2, 3]);
         for mean_bits in [0.1, 0.3, 1.0 / 3.0, 0.9999999999, 1.0, 2.5, 7.7, 100.0, 4e9] {
             for last in [1, 2, 30, 1_000] {

@@ -1,13 +1,13 @@
-//! Checkpoints: the state that a process saves after a slot, so that its successor resumes as if nothing had happened.
+//! Checkpoints: the state that a process saves after a slot, from which its successor resumes.
 //!
-//! Where the bytes are stored is left to whoever saves them.
+//! Storing the bytes is left to the caller.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 /// A state that outlives its process.
 ///
-/// A type without state needs neither method: it saves nothing.
+/// A type without state needs neither method: it saves no bytes.
 pub trait Checkpoint {
     /// Appends the state to `bytes`.
     fn save(&self, _bytes: &mut Vec<u8>) {}
@@ -15,23 +15,23 @@ pub trait Checkpoint {
     /// Resumes from exactly the bytes that [`Checkpoint::save`] of an equally constructed value appended.
     ///
     /// # Errors
-    /// If the bytes are no state that this value can be in; it then stays as it was.
+    /// If the bytes are not a possible state of this value, which is then unchanged.
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         decode::<()>(bytes)
     }
 }
 
-/// Why a checkpoint is refused: what was expected of it.
+/// A refused checkpoint, with what was expected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("checkpoint: expected {0}")]
 pub struct CheckpointError(&'static str);
 
 impl CheckpointError {
-    /// Refuses a state unless it is as `expected`.
+    /// Refuses a state that is not as `expected`.
     ///
     /// # Errors
-    /// If it is not.
-    pub fn unless(is_expected: bool, expected: &'static str) -> Result<(), Self> {
+    /// If `is_expected` is false.
+    pub fn ensure(is_expected: bool, expected: &'static str) -> Result<(), Self> {
         if is_expected { Ok(()) } else { Err(Self(expected)) }
     }
 }
@@ -41,23 +41,23 @@ impl CheckpointError {
 /// # Panics
 /// If `value` serializes a sequence of unknown length, which no derived implementation does.
 pub fn encode(value: &impl Serialize, bytes: &mut Vec<u8>) {
-    postcard::to_io(value, bytes).expect("a vector takes every byte, and the lengths of its sequences are known");
+    postcard::to_io(value, bytes).expect("writing to a vector cannot fail, and all lengths are known");
 }
 
-/// The value that `bytes` encode, to the last byte.
+/// Decodes a value from all of `bytes`.
 ///
 /// # Errors
-/// If they are malformed, or some are left over.
+/// If the bytes are malformed, or some are left over.
 pub fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, CheckpointError> {
     let (value, left) = decode_first(bytes)?;
-    CheckpointError::unless(left.is_empty(), "no bytes after the state")?;
+    CheckpointError::ensure(left.is_empty(), "no bytes after the state")?;
     Ok(value)
 }
 
-/// The value that `bytes` begin with, and the bytes after it.
+/// Decodes a value from the beginning of `bytes`, and returns it with the remaining bytes.
 ///
 /// # Errors
-/// If they are malformed.
+/// If the bytes are malformed.
 pub fn decode_first<T: DeserializeOwned>(bytes: &[u8]) -> Result<(T, &[u8]), CheckpointError> {
     postcard::take_from_bytes(bytes).map_err(|_| CheckpointError("what this version of the program saved"))
 }
@@ -75,7 +75,7 @@ mod tests {
 
         fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
             let counts: Vec<u64> = decode(bytes)?;
-            CheckpointError::unless(counts.len() == self.0.len(), "as many counts")?;
+            CheckpointError::ensure(counts.len() == self.0.len(), "as many counts")?;
             self.0 = counts;
             Ok(())
         }
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_cut_or_too_long_is_refused_and_changes_nothing() {
+    fn a_state_that_is_cut_or_too_long_is_refused_and_changes_nothing() {
         let bytes = saved(&Counter(vec![1, 300]));
         let mut counter = Counter(vec![5, 6]);
         for length in 0..bytes.len() {
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn a_length_beyond_the_bytes_is_refused_without_making_room_for_it() {
+    fn a_length_beyond_the_bytes_is_refused_without_allocating_it() {
         assert!(Counter(vec![0]).restore(&[0xff, 0xff, 0xff, 0xff, 0xff, 0x7f]).is_err());
     }
 

@@ -1,4 +1,4 @@
-//! Input files: how they are read, and how they are refused.
+//! Reading of input files, and the error of a refused one.
 
 use std::fmt::Display;
 use std::fs;
@@ -10,28 +10,27 @@ const MAX_QUOTED: usize = 80;
 /// Most characters of a path.
 const MAX_PATH: usize = 400;
 
-/// Most characters of a message; what other libraries say may hold a value of any length.
+/// Most characters of a message; those of other libraries may hold a value of any length.
 const MAX_MESSAGE: usize = 600;
 
-/// Likeness (Jaro and Winkler, 0 to 1) above which a word may be meant by another.
-const LEAST_LIKENESS: f64 = 0.8;
+/// Jaro-Winkler similarity, 0 to 1, above which a name is suggested for another.
+const MIN_SIMILARITY: f64 = 0.8;
 
-/// A file or folder that is refused; the display is one line that names it, the key or line, the value, and what was
+/// A refused file, folder or option. The display is one line with its name, the key or line, the value, and what was
 /// expected.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{what} {}: {message}", shown(path))]
+#[error("{what} {}: {message}", one_line(path))]
 pub struct InputError {
-    /// What it is, such as `scenario`.
+    /// Kind of input, such as `scenario`.
     pub what: &'static str,
-    /// The file or folder, or what an option was given.
+    /// The file or folder, or the argument of an option.
     pub path: PathBuf,
-    /// What is wrong where, and what was expected; on one line.
+    /// The key or line, the value, and what was expected, on one line.
     pub message: String,
 }
 
 impl InputError {
-    /// Refuses `path`. Control characters in the message, which a file's text may bring in, are escaped, and the middle
-    /// of a long one is left out.
+    /// Refuses `path`. Control characters in the message are escaped, and the middle of a long message is left out.
     #[must_use]
     pub fn new(what: &'static str, path: &Path, message: impl Display) -> Self {
         Self { what, path: path.to_owned(), message: shortened(&escaped(&message.to_string()), MAX_MESSAGE) }
@@ -43,13 +42,13 @@ impl InputError {
         Self::new(what, Path::new(argument), message)
     }
 
-    /// Refuses `line`, from 1, of `path`, and quotes the beginning of its `text`.
+    /// Refuses line number `line`, from 1, of `path`, and quotes the beginning of its `text`.
     #[must_use]
     pub fn line(what: &'static str, path: &Path, line: usize, text: &str, message: impl Display) -> Self {
         Self::new(what, path, format_args!("line {line}: `{}`: {message}", quoted(text)))
     }
 
-    /// Refuses `path`, whose `text` is not the TOML that was expected: says the line, the text there, and why.
+    /// Refuses `path`, whose `text` is not the expected TOML, with the line, its text and the reason.
     #[must_use]
     pub fn toml(what: &'static str, path: &Path, text: &str, error: &toml::de::Error) -> Self {
         let message = match error.message().trim() {
@@ -62,18 +61,18 @@ impl InputError {
     }
 }
 
-/// The candidate that `name` was probably meant to be, if one is alike enough; the first of equals.
+/// The candidate most similar to `name`, if one is similar enough; the first of equals.
 #[must_use]
 pub fn did_you_mean<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let alike = candidates.into_iter().map(|candidate| (strsim::jaro_winkler(name, candidate), candidate));
-    let alike = alike.filter(|&(likeness, _)| likeness > LEAST_LIKENESS);
-    alike.reduce(|best, next| if next.0 > best.0 { next } else { best }).map(|(_, candidate)| candidate)
+    let scored = candidates.into_iter().map(|candidate| (strsim::jaro_winkler(name, candidate), candidate));
+    let similar = scored.filter(|&(similarity, _)| similarity > MIN_SIMILARITY);
+    similar.reduce(|best, next| if next.0 > best.0 { next } else { best }).map(|(_, candidate)| candidate)
 }
 
-/// Reads the text file `path`, which is `what`.
+/// Reads the text file `path`, of the kind `what`.
 ///
 /// # Errors
-/// If it cannot be read, is no regular file (a pipe may never end), or is not UTF-8.
+/// If it cannot be read, is not a regular file (a pipe may never end), or is not UTF-8.
 pub fn read_text(what: &'static str, path: &Path) -> Result<String, InputError> {
     let refuse = |message: &dyn Display| InputError::new(what, path, message);
     let kind = fs::metadata(path).map_err(|error| refuse(&error))?;
@@ -83,13 +82,13 @@ pub fn read_text(what: &'static str, path: &Path) -> Result<String, InputError> 
     }
     let bytes = fs::read(path).map_err(|error| refuse(&error))?;
     String::from_utf8(bytes).map_err(|error| {
-        let whole = &error.as_bytes()[..error.utf8_error().valid_up_to()];
-        let line = whole.iter().filter(|&&byte| byte == b'\n').count() + 1;
+        let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+        let line = valid.iter().filter(|&&byte| byte == b'\n').count() + 1;
         refuse(&format_args!("line {line}: expected UTF-8 text"))
     })
 }
 
-/// The beginning of a refused text, as far as a terminal shows it in a line.
+/// The beginning of a refused text, short enough for one line of a terminal, control characters escaped.
 #[must_use]
 pub fn quoted(text: &str) -> String {
     let text = text.trim();
@@ -98,31 +97,31 @@ pub fn quoted(text: &str) -> String {
     escaped(&text[..end]) + dots
 }
 
-/// The text with its control characters escaped: a terminal would obey them.
+/// The text with its control characters escaped, which a terminal would interpret.
 fn escaped(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
-    for letter in text.chars() {
-        if letter.is_control() {
-            escaped.extend(letter.escape_default());
+    for character in text.chars() {
+        if character.is_control() {
+            escaped.extend(character.escape_default());
         } else {
-            escaped.push(letter);
+            escaped.push(character);
         }
     }
     escaped
 }
 
-/// The text, or its beginning and its end.
-fn shortened(text: &str, most: usize) -> String {
+/// The text, or only its beginning and its end if it has more than `limit` characters.
+fn shortened(text: &str, limit: usize) -> String {
     let count = text.chars().count();
-    if count <= most {
+    if count <= limit {
         return text.to_owned();
     }
-    let beginning: String = text.chars().take(most / 2).collect();
-    let end: String = text.chars().skip(count - most / 2).collect();
+    let beginning: String = text.chars().take(limit / 2).collect();
+    let end: String = text.chars().skip(count - limit / 2).collect();
     format!("{beginning} ... {end}")
 }
 
-/// What an unknown name probably means, from a message of serde: the first name in it, among those that are expected.
+/// A hint for a message of serde about an unknown name: the expected name most similar to it, or an empty text.
 #[must_use]
 pub fn suggestion(message: &str) -> String {
     let mut names = message.split('`').skip(1).step_by(2);
@@ -130,8 +129,8 @@ pub fn suggestion(message: &str) -> String {
     meant.map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"))
 }
 
-/// A path on one line, whatever is in it.
-fn shown(path: &Path) -> String {
+/// A path on one line, control characters escaped.
+fn one_line(path: &Path) -> String {
     shortened(&escaped(&path.display().to_string()), MAX_PATH)
 }
 
@@ -140,7 +139,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_refused_text_is_cut_and_obeyed_by_no_terminal() {
+    fn a_refused_text_is_cut_and_its_control_characters_are_escaped() {
         let error =
             InputError::line("scenario", Path::new("a\nb"), 1, &format!("\x1b[31m{}", "x".repeat(1 << 20)), "no");
         assert_eq!(error.to_string(), format!("scenario a\\nb: line 1: `\\u{{1b}}[31m{}...`: no", "x".repeat(75)));
@@ -150,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_text_file_is_refused() {
+    fn a_path_that_is_not_a_text_file_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
         let refused = |path: &Path| read_text("scenario", path).unwrap_err().message;

@@ -1,12 +1,11 @@
-//! What the UAV can know of the queues: what it was told on contact, and what must have come since.
+//! The UAV's estimate of the queues, from the reports on contact and the sampling rates.
 //!
-//! A contact is a slot whose flight serves the sensor node (SN). The SN then says what it holds as the slot begins,
-//! `B_i(t−1)`, and what it still holds at its end, `B_i(t)`. How contacts become a checkpoint is left to `saved`,
-//! what is made of the believed queues to the strategies.
+//! A contact is a slot in which the UAV serves the sensor node (SN). The SN reports its queue at the beginning of the
+//! slot, `B_i(t−1)`, and at its end, `B_i(t)`. The checkpoint of an estimate is left to `saved_estimate`.
 
-mod saved;
+mod saved_estimate;
 
-pub use saved::{BYTES_EACH, Saved};
+pub use saved_estimate::{BYTES_PER_SENSOR, SavedEstimate};
 
 use crate::arrivals::bits_between;
 use crate::message::{FlightReport, SensorNode};
@@ -17,17 +16,17 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Rates {
-    /// Each sensor node's own.
+    /// The rate of each sensor node.
     Known,
-    /// The mean over all of them, until contacts tell more.
+    /// The mean rate of all sensor nodes, and what contacts reveal of each.
     Learnt,
 }
 
-/// The queues of a mission as the UAV believes them to be.
+/// The queues of a mission as estimated by the UAV.
 ///
-/// At the end of slot t it takes SN i, told of last in slot t0, to hold `min(B, B_i(t0) + A_i(t) − A_i(t0))`, where A
-/// counts whole bits as the SN does (decision D2): where the rate is known that is what it holds. Before the first
-/// contact t0 is 0, and `B_i(0)` the mean of the scenario's initial queues.
+/// After slot t the estimate of SN i, last contacted in slot t0, is `min(B, B_i(t0) + A_i(t) − A_i(t0))`, where `A_i`
+/// counts whole bits as the SN does (decision D2). With a known rate it is exact after the first contact. Before, t0 is
+/// 0, and `B_i(0)` the mean of the scenario's initial queues.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Estimate {
     rates: Rates,
@@ -37,31 +36,32 @@ pub struct Estimate {
     initial_half_bits: f64,
     /// Half the width of the range of the rates, as a fraction of their mean.
     rate_half_fraction: f64,
-    beliefs: Vec<Belief>,
-    /// The last slot whose flight was observed; nobody is served before slot 1.
+    /// By id.
+    sensors: Vec<SensorEstimate>,
+    /// The last observed slot; 0 before the first.
     observed: u64,
-    /// Of the contacts since this slot none was missed.
-    whole_since: u64,
-    /// The slot planned last.
-    announced_slot: u64,
-    /// The SNs scheduled in it, each with what it holds as that slot begins [bit].
-    announced: Vec<(u32, u32)>,
-    /// What the SNs are believed to hold [bit].
+    /// No contact was missed since this slot.
+    gapless_since: u64,
+    /// The last planned slot.
+    scheduled_slot: u64,
+    /// The SNs scheduled in it, each with its queue at the beginning of that slot [bit].
+    scheduled: Vec<(u32, u32)>,
+    /// The estimated queues [bit].
     queues_bits: Vec<u32>,
 }
 
-/// How far an SN may be from what is believed of it.
+/// Uncertainty of the estimate of an SN.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Uncertainty {
-    /// What it would hold if its buffer had no end [bit].
-    pub endless_bits: f64,
+    /// The estimated queue if the buffer were unbounded [bit].
+    pub unbounded_bits: f64,
     /// Half-width of the uniform distribution of its initial queue [bit]; 0 after the first contact.
     pub initial_bits: f64,
-    /// Half-width of the uniform distribution of its rate, as a fraction of what is believed; 0 once contacts told it.
+    /// Half-width of the uniform distribution of its rate, as a fraction of the estimate; 0 once contacts revealed it.
     pub rate: f64,
-    /// What it is believed to have sampled since the last contact, or since the mission's start [bit]: the part of
-    /// `endless_bits` that depends on the rate.
-    pub since_bits: f64,
+    /// Estimate of the bits sampled since the last contact, or since the mission's start: the part of `unbounded_bits`
+    /// that depends on the rate.
+    pub since_contact_bits: f64,
 }
 
 /// Half-width [bit] of the uniform distribution with the variance of a Poisson variable whose mean is uniform on a
@@ -76,12 +76,12 @@ fn half_fraction([lowest, highest]: [f64; 2]) -> f64 {
     if highest > 0.0 { (highest - lowest) / (highest + lowest) } else { 0.0 }
 }
 
-/// What is believed of an SN.
+/// The estimate of one SN.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Belief {
+struct SensorEstimate {
     /// Buffer `B` [bit].
     capacity_bits: u32,
-    /// Sampled per slot, `s_i τ` [bit], as far as is known before any contact.
+    /// Bits sampled per slot, `s_i τ`, as known before any contact.
     prior_mean_bits: f64,
     contact: Contact,
 }
@@ -92,32 +92,34 @@ struct Contact {
     id: u32,
     /// Its slot; 0 before the first contact.
     slot: u64,
-    /// What it left in the queue [bit].
+    /// The queue at the end of that slot [bit].
     left_bits: u32,
-    /// What the gaps between contacts tell of the rate, where rates are learnt.
-    learnt: Option<Learnt>,
+    /// What the gaps between contacts reveal of the rate, if rates are learnt.
+    learnt: Option<LearntRate>,
 }
 
 impl Contact {
-    /// Whether there was any.
-    fn is_past(&self) -> bool {
+    /// Whether there was a contact.
+    fn has_happened(&self) -> bool {
         self.slot > 0
     }
 }
 
-/// What the gaps between contacts tell of a rate. A gap lasts from the end of a contact to the beginning of the next.
+/// The rate as observed in the gaps between contacts. A gap lasts from the end of a contact to the beginning of the
+/// next.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-struct Learnt {
-    /// Sampled in the gaps that ended with room in the buffer [bit].
+struct LearntRate {
+    /// Bits sampled in the gaps that ended with room in the buffer.
     bits: u64,
-    /// How long these were [slots].
+    /// Total length of these gaps [slots].
     slots: u64,
-    /// Least mean [bit per slot] that the gaps that ended with a full buffer allow.
+    /// Lower bound on the mean [bit per slot], from the gaps that ended with a full buffer.
     least_mean_bits: f64,
 }
 
-impl Learnt {
-    /// A gap of `slots` slots that began with `left_bits` and ended with `found_bits` in a buffer of `capacity_bits`.
+impl LearntRate {
+    /// Adds a gap of `slots` slots that began with `left_bits` and ended with `found_bits` in a buffer of
+    /// `capacity_bits`.
     fn add(&mut self, slots: u64, left_bits: u32, found_bits: u32, capacity_bits: u32) {
         if slots == 0 {
             return;
@@ -132,22 +134,22 @@ impl Learnt {
     }
 }
 
-impl Belief {
-    /// Sampled per slot [bit], as far as is known now.
+impl SensorEstimate {
+    /// Estimate of the bits sampled per slot.
     fn mean_bits(&self) -> f64 {
-        let Learnt { bits, slots, least_mean_bits } = self.contact.learnt.unwrap_or_default();
+        let LearntRate { bits, slots, least_mean_bits } = self.contact.learnt.unwrap_or_default();
         let counted = if slots == 0 { self.prior_mean_bits } else { bits as f64 / slots as f64 };
         counted.max(least_mean_bits)
     }
 
-    /// What the SN would hold at the end of `slot` if its buffer had no end [bit].
-    fn endless_bits(&self, slot: u64) -> u64 {
+    /// Estimate of the queue at the end of `slot` if the buffer were unbounded [bit].
+    fn unbounded_bits(&self, slot: u64) -> u64 {
         bits_between(self.mean_bits(), self.contact.slot, slot).saturating_add(self.contact.left_bits.into())
     }
 }
 
 impl Estimate {
-    /// What is believed before slot 1 of a scenario with these SNs, by a planner that knows `rates` of their sampling.
+    /// The estimate before slot 1, for a scenario with these SNs and a planner that knows `rates` of their sampling.
     #[must_use]
     pub fn new(scenario: &Scenario, rates: Rates, sensors: &[SensorNode]) -> Self {
         let mut estimate = Self {
@@ -155,11 +157,11 @@ impl Estimate {
             initial_bits: scenario.sensors.initial_queue_mean_bits.mean() as u32,
             initial_half_bits: half_bits(scenario.sensors.initial_queue_mean_bits.ends()),
             rate_half_fraction: half_fraction(scenario.sensors.sampling_bps.ends()),
-            beliefs: Vec::with_capacity(sensors.len()),
+            sensors: Vec::with_capacity(sensors.len()),
             observed: 0,
-            whole_since: 0,
-            announced_slot: 0,
-            announced: Vec::with_capacity(scenario.link.resource_blocks),
+            gapless_since: 0,
+            scheduled_slot: 0,
+            scheduled: Vec::with_capacity(scenario.link.resource_blocks),
             queues_bits: vec![0; sensors.len()],
         };
         for (id, sensor) in (0..).zip(sensors) {
@@ -168,14 +170,15 @@ impl Estimate {
                 Rates::Learnt => scenario.sensors.sampling_bps.mean(),
             };
             let capacity_bits = sensor.capacity_bits;
-            let contact = estimate.before_any_contact(id, capacity_bits);
-            estimate.beliefs.push(Belief { capacity_bits, prior_mean_bits: mean_bps * scenario.slot_s, contact });
+            let contact = estimate.without_contact(id, capacity_bits);
+            let prior_mean_bits = mean_bps * scenario.slot_s;
+            estimate.sensors.push(SensorEstimate { capacity_bits, prior_mean_bits, contact });
         }
         estimate
     }
 
-    fn before_any_contact(&self, id: u32, capacity_bits: u32) -> Contact {
-        let learnt = self.has_learnt_rates().then(Learnt::default);
+    fn without_contact(&self, id: u32, capacity_bits: u32) -> Contact {
+        let learnt = self.has_learnt_rates().then(LearntRate::default);
         Contact { id, slot: 0, left_bits: self.initial_bits.min(capacity_bits), learnt }
     }
 
@@ -185,22 +188,22 @@ impl Estimate {
         self.rates == Rates::Learnt
     }
 
-    /// What SN `id` is believed to sample per slot [bit].
+    /// Estimate of the bits that SN `id` samples per slot.
     #[must_use]
     pub fn mean_bits(&self, id: u32) -> f64 {
-        self.beliefs[id as usize].mean_bits()
+        self.sensors[id as usize].mean_bits()
     }
 
-    /// How far SN `id` may be from what is believed of it at the end of `slot`.
+    /// Uncertainty of the estimate of SN `id` at the end of `slot`.
     #[must_use]
     pub fn uncertainty(&self, slot: u64, id: u32) -> Uncertainty {
-        let belief = &self.beliefs[id as usize];
-        let is_unlearnt = belief.contact.learnt.is_some_and(|learnt| learnt.slots == 0);
-        let endless_bits = belief.endless_bits(slot) as f64;
+        let sensor = &self.sensors[id as usize];
+        let is_unlearnt = sensor.contact.learnt.is_some_and(|learnt| learnt.slots == 0);
+        let unbounded_bits = sensor.unbounded_bits(slot) as f64;
         Uncertainty {
-            endless_bits,
-            since_bits: endless_bits - f64::from(belief.contact.left_bits),
-            initial_bits: if belief.contact.is_past() { 0.0 } else { self.initial_half_bits },
+            unbounded_bits,
+            since_contact_bits: unbounded_bits - f64::from(sensor.contact.left_bits),
+            initial_bits: if sensor.contact.has_happened() { 0.0 } else { self.initial_half_bits },
             rate: if is_unlearnt { self.rate_half_fraction } else { 0.0 },
         }
     }
@@ -208,58 +211,58 @@ impl Estimate {
     /// Buffer of SN `id` [bit].
     #[must_use]
     pub fn capacity_bits(&self, id: u32) -> u32 {
-        self.beliefs[id as usize].capacity_bits
+        self.sensors[id as usize].capacity_bits
     }
 
-    /// What the SNs are believed to hold at the end of `slot` [bit], by id. Takes time in proportion to their number.
-    pub fn believe(&mut self, slot: u64) -> &[u32] {
-        for (queue_bits, belief) in self.queues_bits.iter_mut().zip(&self.beliefs) {
-            *queue_bits = belief.endless_bits(slot).min(belief.capacity_bits.into()) as u32;
+    /// Estimates the queues at the end of `slot` [bit], by id. Takes O(N).
+    pub fn predict(&mut self, slot: u64) -> &[u32] {
+        for (queue_bits, sensor) in self.queues_bits.iter_mut().zip(&self.sensors) {
+            *queue_bits = sensor.unbounded_bits(slot).min(sensor.capacity_bits.into()) as u32;
         }
         &self.queues_bits
     }
 
-    /// What was last believed, see [`Estimate::believe`].
+    /// The result of the last [`Estimate::predict`].
     #[must_use]
     pub fn queues_bits(&self) -> &[u32] {
         &self.queues_bits
     }
 
-    /// Keeps what the `scheduled` SNs will say when the contact of `slot` begins: their queues `queues_bits` [bit]
-    /// before it, by id.
-    pub fn announce(&mut self, slot: u64, scheduled: &[u32], queues_bits: &[u32]) {
-        self.announced_slot = slot;
-        self.announced.clear();
-        self.announced.extend(scheduled.iter().map(|&id| (id, queues_bits[id as usize])));
+    /// Stores the queues of the `scheduled` SNs at the beginning of `slot`, which they report on contact. `queues_bits`
+    /// [bit] are by id.
+    pub fn record_before_contact(&mut self, slot: u64, scheduled: &[u32], queues_bits: &[u32]) {
+        self.scheduled_slot = slot;
+        self.scheduled.clear();
+        self.scheduled.extend(scheduled.iter().map(|&id| (id, queues_bits[id as usize])));
     }
 
-    /// Takes in the contacts of `slot`: its flight, and the queues after it [bit], by id, of which only those of the
-    /// served SNs are looked at. A slot that is not later than the last one observed says nothing new.
+    /// Updates the estimate with the contacts of `slot`: its flight, and the queues after it [bit], by id, of which only
+    /// those of the served SNs are read. A slot that was observed already, or a later one was, is ignored.
     ///
-    /// Slots may be left out. What is believed then is only older, and gaps that began before them, in which there may
-    /// have been contacts that nobody knows of, teach nothing.
+    /// Slots may be skipped. The estimate is then older, and gaps that began before a skipped slot are not learnt from,
+    /// because they may hold an unknown contact.
     pub fn observe(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) {
-        if slot <= self.observed || queues_bits.len() != self.beliefs.len() {
+        if slot <= self.observed || queues_bits.len() != self.sensors.len() {
             return;
         }
         if slot != self.observed + 1 {
-            self.whole_since = slot;
+            self.gapless_since = slot;
         }
         self.observed = slot;
         for link in flight.served_links() {
             let found_bits = self.found_bits(slot, link.sensor);
-            let Some(Belief { contact, capacity_bits, .. }) = self.beliefs.get_mut(link.sensor as usize) else {
+            let Some(SensorEstimate { contact, capacity_bits, .. }) = self.sensors.get_mut(link.sensor as usize) else {
                 continue;
             };
             let left_bits = queues_bits[link.sensor as usize].min(*capacity_bits);
             if let Some(learnt) = &mut contact.learnt
                 && let Some(found_bits) = found_bits.map(|found_bits| found_bits.min(*capacity_bits))
             {
-                if contact.slot > 0 && contact.slot >= self.whole_since {
+                if contact.slot > 0 && contact.slot >= self.gapless_since {
                     let gap = (slot - 1).saturating_sub(contact.slot);
                     learnt.add(gap, contact.left_bits, found_bits, *capacity_bits);
                 }
-                // A link that leaves something has carried all that it can, so what the slot brought is known, too.
+                // A link that leaves data carried its full capacity, so the bits sampled in this slot are known, too.
                 let held_bits = link.capacity_bits.saturating_add(left_bits.into()).min((*capacity_bits).into()) as u32;
                 if left_bits > 0 && held_bits >= found_bits {
                     learnt.add(1, found_bits, held_bits, *capacity_bits);
@@ -270,10 +273,10 @@ impl Estimate {
         }
     }
 
-    /// What SN `id` held as `slot` began [bit], if it was to be served in it.
+    /// The queue of SN `id` at the beginning of `slot` [bit], if it was scheduled in it.
     fn found_bits(&self, slot: u64, id: u32) -> Option<u32> {
-        let found = self.announced.iter().find(|(announced_id, _)| *announced_id == id)?;
-        (self.announced_slot == slot).then_some(found.1)
+        let &(_, queue_bits) = self.scheduled.iter().find(|(scheduled_id, _)| *scheduled_id == id)?;
+        (self.scheduled_slot == slot).then_some(queue_bits)
     }
 }
 
@@ -284,8 +287,8 @@ mod tests {
     use crate::scenario::Overrides;
     use std::path::Path;
 
-    /// Three SNs that sample 2.5, 100 and 0 bit/s into 1 000 bit, with initial queues of 300 bit and rates of 100 bit/s
-    /// in the mean.
+    /// Three SNs that sample 2.5, 100 and 0 bit/s into buffers of 1 000 bit. The means of the scenario are initial
+    /// queues of 300 bit and rates of 100 bit/s.
     fn estimate_of(rates: Rates) -> Estimate {
         let text = "name = 'x'\n[sensors]\nsampling_bps = [50.0, 150.0]\ninitial_queue_mean_bits = [0.0, 600.0]\n";
         let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
@@ -303,14 +306,14 @@ mod tests {
         report
     }
 
-    /// Slot `slot` serves SN 0, which holds `found` [bit] before it and `left` after it, over a link of 0 bit: where less
-    /// is left than was found, that cannot have been, and tells nothing of the slot itself.
+    /// Slot `slot` serves SN 0, with the queue `found` [bit] before it and `left` after it, over a link of 0 bit. If
+    /// less is left than was found, the link contradicts it, and the rate in the slot itself is not learnt.
     fn contact(estimate: &mut Estimate, slot: u64, found: u32, left: u32) {
-        estimate.announce(slot, &[0], &[found, 0, 0]);
+        estimate.record_before_contact(slot, &[0], &[found, 0, 0]);
         estimate.observe(slot, &serving(&[0]), &[left, 0, 0]);
     }
 
-    /// Slots that serve nobody.
+    /// Slots without a contact.
     fn pass(estimate: &mut Estimate, slots: std::ops::RangeInclusive<u64>) {
         slots.for_each(|slot| estimate.observe(slot, &serving(&[]), &[7; 3]));
     }
@@ -318,73 +321,73 @@ mod tests {
     #[test]
     fn before_the_first_contact_the_mean_queue_grows_at_the_rate_up_to_the_buffer() {
         let mut estimate = estimate_of(Rates::Known);
-        assert_eq!(estimate.believe(0), [300, 300, 300]);
-        assert_eq!(estimate.believe(3), [307, 600, 300]); // floor(2.5 · 3) = 7
-        assert_eq!(estimate.believe(8), [320, 1_000, 300]); // 300 + 800 is more than 1 000
+        assert_eq!(estimate.predict(0), [300, 300, 300]);
+        assert_eq!(estimate.predict(3), [307, 600, 300]); // floor(2.5 · 3) = 7
+        assert_eq!(estimate.predict(8), [320, 1_000, 300]); // 300 + 800 is more than 1 000
         assert!(estimate.uncertainty(8, 1).initial_bits > 0.0, "no contact");
-        assert_eq!(estimate_of(Rates::Learnt).believe(3), [600, 600, 600], "of unknown rates the mean");
+        assert_eq!(estimate_of(Rates::Learnt).predict(3), [600, 600, 600], "at the mean of unknown rates");
     }
 
     #[test]
     fn since_a_contact_whole_bits_are_counted_as_the_sensor_node_counts_them() {
         let mut estimate = estimate_of(Rates::Known);
         estimate.observe(1, &serving(&[0, 2]), &[40, 999, 60]);
-        // A(1) = 2, A(2) = 5, A(3) = 7, A(4) = 10: what came since slot 1 is 3, 5, 8.
-        assert_eq!(estimate.believe(1), [40, 400, 60], "SN 1 was not asked");
-        assert_eq!([2, 3, 4].map(|slot| estimate.believe(slot)[0]), [43, 45, 48]);
+        // A(1) = 2, A(2) = 5, A(3) = 7, A(4) = 10: 3, 5 and 8 since slot 1.
+        assert_eq!(estimate.predict(1), [40, 400, 60], "no contact with SN 1");
+        assert_eq!([2, 3, 4].map(|slot| estimate.predict(slot)[0]), [43, 45, 48]);
         assert_eq!(
             [0, 1].map(|id| estimate.uncertainty(1, id).initial_bits == 0.0),
             [true, false],
             "a contact ends it"
         );
-        assert_eq!(estimate.believe(5_000), [1_000, 1_000, 60]);
+        assert_eq!(estimate.predict(5_000), [1_000, 1_000, 60]);
     }
 
     #[test]
-    fn a_rate_is_what_came_in_all_gaps_over_how_long_they_were() {
+    fn a_rate_is_the_bits_of_all_gaps_over_their_length() {
         let mut estimate = estimate_of(Rates::Learnt);
         contact(&mut estimate, 1, 500, 100);
-        assert_eq!(estimate.mean_bits(0), 100.0, "one contact tells no rate");
+        assert_eq!(estimate.mean_bits(0), 100.0, "one contact reveals no rate");
         pass(&mut estimate, 2..=10);
         contact(&mut estimate, 11, 280, 0); // 9 slots, 180 bit
         assert_eq!(estimate.mean_bits(0), 20.0);
         contact(&mut estimate, 12, 40, 20); // right after a contact: no slot between them, nothing learnt
         assert_eq!(estimate.mean_bits(0), 20.0);
         contact(&mut estimate, 14, 50, 0); // 1 slot, 30 bit
-        assert_eq!(estimate.mean_bits(0), 20.0, "slot 13 was left out, so it may have seen a contact");
+        assert_eq!(estimate.mean_bits(0), 20.0, "slot 13 was skipped, so it may have had a contact");
         pass(&mut estimate, 15..=15);
         contact(&mut estimate, 16, 40, 0); // 1 slot, 40 bit
         assert_eq!(estimate.mean_bits(0), 22.0, "(180 + 40) / (9 + 1)");
-        assert_eq!(estimate.believe(20)[0], 88, "since slot 16");
-        assert_eq!(estimate.mean_bits(1), 100.0, "SN 1 is the prior's");
+        assert_eq!(estimate.predict(20)[0], 88, "since slot 16");
+        assert_eq!(estimate.mean_bits(1), 100.0, "the prior of SN 1");
     }
 
     #[test]
-    fn a_contact_that_leaves_something_tells_what_its_slot_brought() {
+    fn a_contact_that_leaves_data_reveals_the_bits_sampled_in_its_slot() {
         let mut estimate = estimate_of(Rates::Learnt);
         let contact = |estimate: &mut Estimate, slot: u64, found: u32, left: u32| {
             let mut flight = serving(&[0]);
             flight.links[0].capacity_bits = 60;
-            estimate.announce(slot, &[0], &[found, 0, 0]);
+            estimate.record_before_contact(slot, &[0], &[found, 0, 0]);
             estimate.observe(slot, &flight, &[left, 0, 0]);
         };
-        contact(&mut estimate, 1, 500, 470); // 500 + 30 − 60: the first contact tells the rate
+        contact(&mut estimate, 1, 500, 470); // 500 + 30 − 60: the first contact reveals the rate
         assert_eq!((estimate.mean_bits(0), estimate.uncertainty(1, 0).rate), (30.0, 0.0));
         contact(&mut estimate, 2, 470, 460); // right after it, 50 more
         assert_eq!(estimate.mean_bits(0), 40.0);
-        contact(&mut estimate, 3, 40, 0); // all is taken: how much that was is not told
+        contact(&mut estimate, 3, 40, 0); // the queue is emptied: the bits of the slot are unknown
         assert_eq!(estimate.mean_bits(0), 40.0);
         contact(&mut estimate, 4, 900, 940); // full before the upload: at least 100 came
         assert_eq!(estimate.mean_bits(0), 100.0);
     }
 
     #[test]
-    fn what_was_announced_for_another_slot_teaches_nothing() {
+    fn a_rate_is_not_learnt_from_the_schedule_of_another_slot() {
         let mut estimate = estimate_of(Rates::Learnt);
         contact(&mut estimate, 1, 500, 100);
         pass(&mut estimate, 2..=6);
-        estimate.announce(6, &[0], &[900, 0, 0]);
-        estimate.observe(7, &serving(&[0]), &[0; 3]); // what SN 0 held as slot 7 began is not known
+        estimate.record_before_contact(6, &[0], &[900, 0, 0]);
+        estimate.observe(7, &serving(&[0]), &[0; 3]); // the queue of SN 0 at the beginning of slot 7 is unknown
         assert_eq!(estimate.mean_bits(0), 100.0);
     }
 
@@ -396,7 +399,7 @@ mod tests {
         contact(&mut estimate, 7, 1_000, 0); // at least 900 bit in 5 slots
         assert_eq!(estimate.mean_bits(0), 180.0);
         pass(&mut estimate, 8..=27);
-        contact(&mut estimate, 28, 1_000, 0); // at least 1 000 bit in 20 slots, which says less
+        contact(&mut estimate, 28, 1_000, 0); // at least 1 000 bit in 20 slots, a weaker bound
         assert_eq!(estimate.mean_bits(0), 180.0);
         pass(&mut estimate, 29..=30);
         contact(&mut estimate, 31, 400, 0); // 2 slots, 400 bit
@@ -409,27 +412,27 @@ mod tests {
     }
 
     #[test]
-    fn one_that_does_not_sample_is_believed_not_to() {
+    fn the_estimate_of_a_sensor_node_that_does_not_sample_stays() {
         let mut estimate = estimate_of(Rates::Learnt);
         contact(&mut estimate, 1, 500, 30);
         pass(&mut estimate, 2..=9);
         contact(&mut estimate, 10, 30, 30);
-        assert_eq!((estimate.mean_bits(0), estimate.believe(1_000)[0]), (0.0, 30));
+        assert_eq!((estimate.mean_bits(0), estimate.predict(1_000)[0]), (0.0, 30));
     }
 
     #[test]
-    fn what_does_not_belong_here_changes_nothing() {
+    fn impossible_observations_change_nothing() {
         let mut estimate = estimate_of(Rates::Learnt);
         contact(&mut estimate, 5, 500, 30);
-        let before = estimate.believe(9).to_vec();
-        estimate.observe(5, &serving(&[1]), &[9; 3]); // a slot that is known
+        let before = estimate.predict(9).to_vec();
+        estimate.observe(5, &serving(&[1]), &[9; 3]); // observed before
         estimate.observe(4, &serving(&[1]), &[9; 3]);
         estimate.observe(6, &serving(&[1]), &[9; 2]); // queues of another field
-        estimate.observe(6, &serving(&[3, u32::MAX]), &[9; 3]); // nobody
-        assert_eq!(estimate.believe(9), before);
-        estimate.announce(7, &[0], &[500, 0, 0]);
+        estimate.observe(6, &serving(&[3, u32::MAX]), &[9; 3]); // unknown SNs
+        assert_eq!(estimate.predict(9), before);
+        estimate.record_before_contact(7, &[0], &[500, 0, 0]);
         estimate.observe(7, &serving(&[0, 0]), &[2_000, 0, 0]); // twice, and more than the buffer
         // (500 − 30)/1 before slot 7, and at least 1 000 − 500 in it
-        assert_eq!((estimate.believe(7)[0], estimate.mean_bits(0)), (1_000, 500.0));
+        assert_eq!((estimate.predict(7)[0], estimate.mean_bits(0)), (1_000, 500.0));
     }
 }

@@ -1,4 +1,4 @@
-//! Positions on the ground plane and the one meaning of "within range".
+//! Positions on the ground plane, and the definition of "within range".
 
 /// A position on the ground [m], in the frame of the area: origin in its south-west corner, x east, y north.
 pub type Position = nalgebra::Point2<f64>;
@@ -11,7 +11,7 @@ pub fn above(ground: &Position, z_m: f64) -> nalgebra::Point3<f64> {
 
 /// Slack of [`within`], relative to the radius.
 ///
-/// The candidate circles of Algorithm 1 pass exactly *through* sensor nodes; a bare `≤` would drop them by rounding.
+/// The candidate circles of Algorithm 1 pass exactly *through* sensor nodes; without slack, rounding would drop them.
 pub const RANGE_SLACK: f64 = 1e-9;
 
 /// Squared distance [m²] between two positions.
@@ -29,8 +29,8 @@ pub fn within(a: &Position, b: &Position, radius_m: f64) -> bool {
     distance_squared(a, b) <= limit_m * limit_m
 }
 
-/// Elevation angle `θ` [deg] under which a sensor node sees the UAV, at the squared horizontal distance `d2_m2` [m²]
-/// and the altitude `z_m` [m].
+/// Elevation angle `θ` [deg] of the UAV as seen from a sensor node, at the squared horizontal distance `d2_m2` [m²] and
+/// the altitude `z_m` [m].
 #[must_use]
 pub fn elevation_deg(d2_m2: f64, z_m: f64) -> f64 {
     z_m.atan2(d2_m2.sqrt()).to_degrees()

@@ -1,7 +1,7 @@
 //! The queue ledger: every bit of every sensor node (SN), accounted for exactly.
 //!
-//! It keeps `initial + sampled = delivered + lost + queued` as an equality of integers, for each SN and for the field;
-//! what arrives and what a link carries is decided by the caller.
+//! `initial + sampled = delivered + lost + queued` holds as an equality of integers, for each SN and for the field. The
+//! caller decides what arrives and what a link carries.
 
 use std::iter::repeat;
 use std::ops::Range;
@@ -23,12 +23,12 @@ pub struct Totals {
     pub sampled_bits: u64,
     /// Uploaded to the UAV.
     pub delivered_bits: u64,
-    /// Thrown away by full buffers, `Σ D_i` (UTS eq. 8).
+    /// Lost to full buffers, `Σ D_i` (UTS eq. 8).
     pub lost_bits: u64,
     /// Queued now.
     pub queued_bits: u64,
-    /// `Σ_t Σ_i D_i(t) / (s_i τ)`: the loss in slots' worth of sampling, for the paper's own figure of merit. 0 in a
-    /// [`Ledger`], which does not know the rates.
+    /// `Σ_t Σ_i D_i(t) / (s_i τ)`: the loss in slots of sampling, for the paper's loss rate. 0 in a [`Ledger`], which
+    /// does not know the rates.
     #[serde(skip)]
     pub lost_slots: f64,
 }
@@ -36,8 +36,8 @@ pub struct Totals {
 impl Totals {
     /// Whether every bit is accounted for.
     #[must_use]
-    pub fn balanced(&self) -> bool {
-        let sum = |bits: [u64; 3]| bits.into_iter().map(u128::from).sum::<u128>(); // totals from outside may be anything
+    pub fn is_balanced(&self) -> bool {
+        let sum = |bits: [u64; 3]| bits.into_iter().map(u128::from).sum::<u128>(); // received totals may be any numbers
         sum([self.initial_bits, self.sampled_bits, 0]) == sum([self.delivered_bits, self.lost_bits, self.queued_bits])
     }
 }
@@ -47,7 +47,7 @@ impl Totals {
 pub struct Ledger {
     capacity_bits: u32,
     initial_bits: Vec<u32>,
-    /// Copied before a change where somebody else holds it, too.
+    /// Copied before a change if a caller holds a reference.
     queues_bits: Arc<Vec<u32>>,
     delivered_bits: Vec<u64>,
     totals: Totals,
@@ -57,7 +57,7 @@ impl Ledger {
     /// A ledger over the initial queues [bit], none of which exceeds `capacity_bits`.
     ///
     /// # Panics
-    /// If a queue exceeds the buffer: the sensor list guarantees that none does.
+    /// If a queue exceeds the buffer, which a sensor list rules out.
     #[must_use]
     pub fn new(capacity_bits: u32, queues_bits: Vec<u32>) -> Self {
         assert!(queues_bits.iter().all(|&queue| queue <= capacity_bits), "an initial queue exceeds the buffer");
@@ -73,11 +73,11 @@ impl Ledger {
         }
     }
 
-    /// Restores the queues [bit] and the bits delivered so far, by sensor node, of a ledger in which sensor node i has
-    /// sampled `sampled_bits(i)`. Says whether this can have been; otherwise nothing changes.
+    /// Restores the queues [bit] and the bits delivered so far, by sensor node, if sensor node i has sampled
+    /// `sampled_bits(i)`. Returns false, and changes nothing, if the state is impossible.
     ///
-    /// It can have been if there is an entry for each sensor node, and none holds more than its buffer, or holds and
-    /// has delivered more than it ever had.
+    /// A state is possible if it has an entry for each sensor node, no queue exceeds the buffer, and no sensor node has
+    /// delivered and still holds more bits than it had.
     #[must_use]
     pub fn restore(
         &mut self,
@@ -111,7 +111,8 @@ impl Ledger {
         &self.queues_bits
     }
 
-    /// The same, to be kept without a copy: what is held stays as it is when the ledger changes.
+    /// A snapshot of the queue lengths [bit], by sensor node, without a copy. Later changes of the ledger do not affect
+    /// it.
     #[must_use]
     pub fn shared_queues_bits(&self) -> Arc<Vec<u32>> {
         Arc::clone(&self.queues_bits)
@@ -123,9 +124,11 @@ impl Ledger {
         &self.delivered_bits
     }
 
-    /// Bits lost so far by each of the neighbours `sensors`, which have sampled `sampled_bits` so far: what they had
-    /// and neither delivered nor hold. They are not counted one by one: eight bytes more for each would cost a slot of
-    /// 10^6 full sensor nodes twice its time (0.57 instead of 0.28 ms).
+    /// Bits lost so far by each of the consecutive `sensors`, which have sampled `sampled_bits` so far: what they had
+    /// and neither delivered nor hold.
+    ///
+    /// The ledger does not store them: eight more bytes per sensor node would double the time of a slot with 10^6 full
+    /// sensor nodes (0.57 instead of 0.28 ms).
     ///
     /// # Panics
     /// If `sensors` reaches beyond the field.
@@ -147,16 +150,16 @@ impl Ledger {
         &self.totals
     }
 
-    /// Adds `bits`, sampled by each of the neighbours `sensors`, and returns the excess over their buffers, as
-    /// [`Ledger::sample`] does.
+    /// Adds the same number of `bits` to each of the consecutive `sensors`, and returns the excess over their buffers,
+    /// as [`Ledger::sample`] does.
     ///
-    /// Where nothing overflows, adding without counting makes a slot half as long: 0.8 instead of 1.8 µs at 10^4 sensor
-    /// nodes, 0.17 instead of 0.23 ms at 10^6 (`cargo bench -p skysink-field-sim --bench field`).
+    /// Without an overflow the bits are added without counting, which shortens a slot from 1.8 to 0.8 µs at 10^4 sensor
+    /// nodes, and from 0.23 to 0.17 ms at 10^6 (`cargo bench -p skysink-field-sim --bench field`).
     ///
     /// # Panics
     /// If `sensors` reaches beyond the field.
     #[inline(always)]
-    pub fn sample_alike(&mut self, sensors: Range<usize>, bits: u64) -> u64 {
+    pub fn sample_equally(&mut self, sensors: Range<usize>, bits: u64) -> u64 {
         let queues_bits = &mut Arc::make_mut(&mut self.queues_bits)[sensors.clone()];
         let longest_bits = queues_bits.iter().fold(0, |longest, &queue_bits| queue_bits.max(longest));
         match u32::try_from(bits) {
@@ -168,10 +171,10 @@ impl Ledger {
         }
     }
 
-    /// Adds `bits`, sampled by the neighbours `sensors` in their order, and returns the excess over their buffers,
-    /// `Σ D_i` (UTS eq. 8), which is lost.
+    /// Adds `bits`, one entry for each of the consecutive `sensors`, and returns the excess over their buffers, which
+    /// is lost: `Σ D_i` (UTS eq. 8).
     ///
-    /// One pass without a branch, to be compiled by [`wide`](crate::wide::wide).
+    /// One pass without a branch, so that [`vectorized`](crate::simd::vectorized) applies.
     ///
     /// # Panics
     /// If `sensors` reaches beyond the field.
@@ -190,7 +193,7 @@ impl Ledger {
         self.count(sampled_bits, sampled_bits - stored_bits)
     }
 
-    /// Adds to the totals what was sampled and what of it was lost, and returns the latter [bit].
+    /// Adds the sampled bits and the lost part of them to the totals, and returns the lost bits.
     fn count(&mut self, sampled_bits: u64, lost_bits: u64) -> u64 {
         self.totals.sampled_bits += sampled_bits;
         self.totals.lost_bits += lost_bits;
@@ -198,7 +201,7 @@ impl Ledger {
         lost_bits
     }
 
-    /// Removes up to `capacity_bits` and returns what was really taken: a link cannot carry bits that do not exist.
+    /// Removes up to `capacity_bits` from a queue, and returns the bits removed: at most the queue.
     #[must_use]
     pub fn upload(&mut self, sensor: usize, capacity_bits: u64) -> u64 {
         let queue_bits = u64::from(self.queues_bits[sensor]);
@@ -219,18 +222,18 @@ mod tests {
     use std::iter::once;
 
     #[test]
-    fn held_queues_stay_as_they_are_and_are_copied_only_while_they_are_held() {
+    fn a_snapshot_of_the_queues_does_not_change_and_is_copied_only_while_it_is_held() {
         let mut ledger = Ledger::new(30_000, vec![100, 200]);
         let held = ledger.shared_queues_bits();
         let _ = ledger.upload(0, 40);
         assert_eq!((&held[..], ledger.queues_bits()), (&[100, 200][..], &[60, 200][..]));
         drop(held);
-        let place = ledger.queues_bits().as_ptr();
+        let address = ledger.queues_bits().as_ptr();
         let held = ledger.shared_queues_bits();
-        assert_eq!(held.as_ptr(), place, "no copy");
+        assert_eq!(held.as_ptr(), address, "no copy");
         drop(held);
         let _ = ledger.sample(0..2, [5, 5].into_iter());
-        assert_eq!((ledger.queues_bits(), ledger.queues_bits().as_ptr()), (&[65, 205][..], place));
+        assert_eq!((ledger.queues_bits(), ledger.queues_bits().as_ptr()), (&[65, 205][..], address));
     }
 
     #[test]
@@ -239,16 +242,16 @@ mod tests {
         assert_eq!(ledger.sample(0..2, [100, 30_001].into_iter()), 51); // 29 950 + 100 − 30 000, and 1
         assert_eq!(ledger.queues_bits(), [30_000, 30_000]);
         assert_eq!(ledger.lost_bits(0..2, [100, 30_001].into_iter()).collect::<Vec<_>>(), [50, 1]);
-        assert!(ledger.totals().balanced());
+        assert!(ledger.totals().is_balanced());
     }
 
     #[test]
     fn more_bits_than_any_buffer_holds_are_counted_to_the_last() {
         let mut ledger = Ledger::new(u32::MAX, vec![7]);
         assert_eq!(ledger.sample(0..1, once(1 << 33)), (1 << 33) + 7 - u64::from(u32::MAX));
-        assert_eq!(ledger.sample_alike(0..1, 1 << 33), 1 << 33);
+        assert_eq!(ledger.sample_equally(0..1, 1 << 33), 1 << 33);
         assert_eq!(ledger.totals().sampled_bits, 1 << 34);
-        assert!(ledger.totals().balanced());
+        assert!(ledger.totals().is_balanced());
     }
 
     #[test]
@@ -289,7 +292,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn neighbours_sample_alike_as_they_do_one_by_one(
+        fn sampling_equally_is_sampling_one_by_one(
             capacity_bits in prop_oneof![1u32..1_000, Just(u32::MAX)],
             bits in prop_oneof![0u64..500, any::<u64>().prop_map(|bits| bits >> 12)],
             step in prop_oneof![Just(0u32), Just(1), any::<u32>()],
@@ -299,7 +302,7 @@ mod tests {
             let mut singly = together.clone();
             for _ in 0..3 {
                 let lost_bits: u64 = (0..99).map(|sensor| singly.sample(sensor..sensor + 1, once(bits))).sum();
-                prop_assert_eq!(together.sample_alike(0..99, bits), lost_bits);
+                prop_assert_eq!(together.sample_equally(0..99, bits), lost_bits);
                 prop_assert_eq!(&together, &singly);
             }
         }
@@ -319,7 +322,7 @@ mod tests {
                 let _ = ledger.upload(sensor, capacity);
                 let queued_bits: u64 = ledger.queues_bits().iter().copied().map(u64::from).sum();
                 prop_assert_eq!(queued_bits, ledger.totals().queued_bits);
-                prop_assert!(ledger.totals().balanced());
+                prop_assert!(ledger.totals().is_balanced());
                 prop_assert_eq!(ledger.lost_bits(0..4, sampled_bits.into_iter()).collect::<Vec<_>>(), lost_bits);
             }
             let mut restored = Ledger::new(capacity_bits, initial_bits);

@@ -1,7 +1,7 @@
 //! The model: the scenario, the sensor list, the queue ledger, the channel, counted random streams, and the messages of
 //! the ring.
 //!
-//! It decides nothing: scheduling, flight and bookkeeping live in the crates that depend on this one.
+//! Scheduling, flight and bookkeeping are left to the crates that depend on this one.
 
 pub mod arrivals;
 pub mod channel;
@@ -17,6 +17,6 @@ pub mod propulsion;
 pub mod random;
 pub mod scenario;
 pub mod sensors;
+pub mod simd;
 pub mod stop;
 pub mod units;
-pub mod wide;

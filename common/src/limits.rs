@@ -1,4 +1,4 @@
-//! What every plan of a mission has to keep, as it comes with the sensor nodes.
+//! The limits that every plan of a mission has to keep, published with the sensor nodes.
 
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "node")]

@@ -1,7 +1,7 @@
-//! The messages of the ring, as they lie in shared memory.
+//! The messages of the ring, with their layout in shared memory.
 //!
-//! Plain `repr(C)` numbers without implicit padding, so that any language can read them. A number that means nothing is
-//! read as the default of its enum. The layout's version is in each type name.
+//! Plain `repr(C)` numbers without implicit padding, so that any language can read them. An unknown number is read as
+//! the default of its enum. The version of a layout is part of its type name.
 
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "node")]
@@ -26,7 +26,8 @@ pub const NOBODY: u32 = u32::MAX;
 /// [`SlotHeader::flags`]: the last slot of the mission; nothing follows.
 pub const FLAG_END: u32 = 1;
 
-/// [`SlotHeader::flags`]: sent before; a link between hosts may have lost it. Whoever has the slot drops it.
+/// [`SlotHeader::flags`]: sent before, because a link between hosts may have lost it. Readers drop a slot that they
+/// have.
 pub const FLAG_REPEAT: u32 = 2;
 
 /// User header of every sample; that of `sensors` and `queues` begins with it.
@@ -91,22 +92,21 @@ pub struct SensorNode {
     pub reserved: u32,
 }
 
-/// What the UAV does in a slot, by its number in messages and its name in `slots.csv`; an unknown number is a hold.
+/// Mode of the UAV in a slot, by its number in messages and its name in `slots.csv`; an unknown number is a hold.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Display, EnumString, FromRepr, IntoStaticStr)]
 #[strum(serialize_all = "lowercase")]
 #[repr(u32)]
 pub enum Mode {
     /// Flies to the strategy's own waypoint and serves there.
     Serve,
-    /// Flies straight toward the fullest queue because nobody can be served from the strategy's reach.
+    /// Flies straight toward the fullest queue, because the strategy finds no sensor node in reach.
     Transit,
     /// Stays where it is and serves nobody.
     #[default]
     Hold,
 }
 
-/// How the waypoint was found, by its number in messages; an unknown one, from a planner of somebody else, is its own
-/// rule.
+/// How the waypoint was found, by its number in messages; an unknown one, from an external planner, is its own rule.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, FromRepr)]
 #[repr(u32)]
 pub enum SolverOutcome {
@@ -115,11 +115,11 @@ pub enum SolverOutcome {
     Rule,
     /// By the chosen solver.
     Solved,
-    /// Not by the chosen solver, which gave no usable point: by the geometric one, or the centre that `exact` found.
+    /// The chosen solver gave no usable point: by the geometric solver, or the centre that `exact` found.
     Fallback,
 }
 
-/// Payload of `plan`: whom to serve in the slot, and from where.
+/// Payload of `plan`: the schedule and the waypoint of the slot.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.Plan.v1"))]
@@ -132,7 +132,7 @@ pub struct Plan {
     pub z_m: f64,
     /// Bits that the planner expects to collect in the slot.
     pub expected_bits: u64,
-    /// Time that planning took [ns]; 0 where nobody measured.
+    /// Time that planning took [ns]; 0 if not measured.
     pub plan_ns: u64,
     /// Centres [m] of the five candidate circles of the winning anchor, C1 to C5; NaN where there are none.
     pub circles_m: [[f64; 2]; 5],
@@ -174,7 +174,7 @@ impl Plan {
         }
     }
 
-    /// Where the slot ends [m].
+    /// Waypoint at the end of the slot [m].
     #[must_use]
     pub fn waypoint(&self) -> Point3<f64> {
         Point3::new(self.x_m, self.y_m, self.z_m)
@@ -190,7 +190,7 @@ impl Plan {
         self.served = u32::try_from(ids.len()).expect("at most MAX_SERVED");
     }
 
-    /// The scheduled sensor nodes, whatever the count says.
+    /// The scheduled sensor nodes, at most [`MAX_SERVED`] for any `served`.
     #[must_use]
     pub fn scheduled(&self) -> &[u32] {
         &self.ids[..(self.served as usize).min(MAX_SERVED)]
@@ -216,20 +216,20 @@ pub struct LinkReport {
     pub capacity_bits: u64,
 }
 
-/// Why the UAV held its position, by its number in messages; an unknown one is none.
+/// Why the UAV held its position, by its number in messages; an unknown number is read as `None`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, FromRepr)]
 #[repr(u32)]
 pub enum HoldReason {
     /// It did not hold.
     #[default]
     None,
-    /// No plan was there when the slot began.
+    /// No plan had arrived when the slot began.
     NoPlan,
     /// The waypoint was not finite, out of reach or outside the area.
     Waypoint,
 }
 
-/// Payload of `flight`: where the UAV is after the slot, and what each of its links can carry.
+/// Payload of `flight`: the position of the UAV after the slot, and the capacity of each of its links.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.FlightReport.v1"))]
@@ -253,20 +253,20 @@ pub struct FlightReport {
 }
 
 impl FlightReport {
-    /// A report from `position` [m] with nobody served.
+    /// A report from `position` [m] that serves no sensor node.
     #[must_use]
     pub fn at(position: impl Into<Point3<f64>>, mode: Mode) -> Self {
         let position = position.into();
         Self { x_m: position.x, y_m: position.y, z_m: position.z, mode: mode as u32, ..Self::zeroed() }
     }
 
-    /// The served links, whatever the count says.
+    /// The served links, at most [`MAX_SERVED`] for any `served`.
     #[must_use]
     pub fn served_links(&self) -> &[LinkReport] {
         &self.links[..(self.served as usize).min(MAX_SERVED)]
     }
 
-    /// Where the UAV is at the end of the slot, `L_u(t)` [m].
+    /// Position of the UAV at the end of the slot, `L_u(t)` [m].
     #[must_use]
     pub fn position(&self) -> Point3<f64> {
         Point3::new(self.x_m, self.y_m, self.z_m)
@@ -292,14 +292,14 @@ impl From<Point3<f64>> for PathPoint {
     }
 }
 
-/// Whether these are 1 to [`MAX_PATH_POINTS`] points over the area, at altitudes that single precision, in which they
-/// are drawn, can hold.
+/// Whether these are 1 to [`MAX_PATH_POINTS`] points over the area, with altitudes that are finite in single precision,
+/// in which they are drawn.
 #[must_use]
 pub fn is_possible_path(points: &[PathPoint], area: &Area) -> bool {
     let border_m = RANGE_SLACK * area.width_m().max(area.height_m());
-    let over = |point: &PathPoint| area.contains(&Position::new(point.x_m, point.y_m), border_m);
+    let is_over_area = |point: &PathPoint| area.contains(&Position::new(point.x_m, point.y_m), border_m);
     (1..=MAX_PATH_POINTS).contains(&points.len())
-        && points.iter().all(|point| over(point) && (point.z_m as f32).is_finite())
+        && points.iter().all(|point| is_over_area(point) && (point.z_m as f32).is_finite())
 }
 
 /// Payload of `commit`: the slot in the sample's header is on record.
@@ -325,7 +325,7 @@ mod tests {
     use super::*;
     use std::mem::{offset_of, size_of};
 
-    /// Outside programs declare the same structs: a size that changes needs a new version in the type's name.
+    /// External programs declare the same structs: a new layout needs a new version in the type name.
     #[test]
     fn the_layouts_stay_what_they_are() {
         assert_eq!(size_of::<SlotHeader>(), 32);
@@ -357,7 +357,7 @@ mod tests {
             assert_eq!((Mode::from_repr(code), mode as u32), (Some(mode), code));
             assert_eq!((name.parse(), mode.to_string()), (Ok(mode), name.to_owned()));
         }
-        assert_eq!(Mode::default(), Mode::Hold, "what an unknown number is");
+        assert_eq!(Mode::default(), Mode::Hold, "for an unknown number");
     }
 
     const AREA: Area = Area::new(100.0, 50.0);
@@ -370,13 +370,13 @@ mod tests {
 
     #[test]
     fn one_to_sixty_four_points_are_a_path() {
-        for (count, believed) in [(0, false), (1, true), (64, true), (65, false), (100_000, false)] {
-            assert_eq!(is_possible_path(&vec![PathPoint::default(); count], &AREA), believed, "{count} points");
+        for (count, is_possible) in [(0, false), (1, true), (64, true), (65, false), (100_000, false)] {
+            assert_eq!(is_possible_path(&vec![PathPoint::default(); count], &AREA), is_possible, "{count} points");
         }
     }
 
     #[test]
-    fn one_point_that_is_nowhere_spoils_a_path() {
+    fn a_path_with_one_impossible_point_is_refused() {
         let good = [100.0, 50.0, 20.0];
         assert!(
             is_possible_path(&[PathPoint::from(Point3::from(good)), Point3::new(0.0, 0.0, 1e9).into()], &AREA),

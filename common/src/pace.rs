@@ -1,4 +1,4 @@
-//! How fast the slots of a run follow each other.
+//! The pace of a run: lock-step, or slots by the clock.
 
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -10,21 +10,21 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 /// Pace of a run.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub enum Pace {
-    /// Lock-step: each process waits for its input, no process reads a clock.
+    /// Lock-step: each process waits for its input, and none reads a clock.
     #[default]
     Max,
-    /// By the clock of field-sim, this many times as fast as real time; a plan that is late is void.
+    /// Slots by the clock of field-sim, at this multiple of real time; a late plan is void.
     Factor(f64),
 }
 
-/// Factors of a clock: a slot's start cannot be timed beyond the fastest, nor waited for beyond the slowest.
+/// Allowed factors.
 const FACTORS: RangeInclusive<f64> = 1e-6..=1e6;
 
-/// Longest time between two slots, longer than any run: a clock can still be added to it.
+/// Longest time between two slots, longer than any run, and short enough to be added to an instant.
 const LONGEST: Duration = Duration::from_secs(u32::MAX as u64);
 
 impl Pace {
-    /// Wall time between the starts of two slots of `slot_s` [s]; none in lock-step.
+    /// Wall time between the starts of two slots of `slot_s` [s]; `None` in lock-step.
     #[must_use]
     pub fn period(self, slot_s: f64) -> Option<Duration> {
         match self {
@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pace_that_is_no_pace_is_refused() {
+    fn an_invalid_pace_is_refused() {
         for text in ["", "fast", "10", "x", "0x", "-1x", "NaNx", "infx", "1e-25x", "2e6x"] {
             assert!(text.parse::<Pace>().is_err(), "{text}");
         }

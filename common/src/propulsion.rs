@@ -1,4 +1,4 @@
-//! What flying costs: the propulsion power of a rotary-wing UAV in level flight.
+//! Propulsion power of a rotary-wing UAV in level flight.
 //!
 //! Model and default values: Y. Zeng, J. Xu, R. Zhang, "Energy Minimization for Wireless Communication With Rotary-Wing
 //! UAV", IEEE Transactions on Wireless Communications 18(4), 2019, with the values of its table I.
@@ -12,7 +12,7 @@ use crate::scenario::Propulsion;
 pub fn power_w(aircraft: &Propulsion, speed_mps: f64) -> f64 {
     let v2 = speed_mps * speed_mps;
     let blade_w = aircraft.blade_profile_w * (1.0 + 3.0 * v2 / aircraft.tip_speed_mps.powi(2));
-    // sqrt(1 + x²) − x loses all digits at high speed; its reciprocal form does not.
+    // sqrt(1 + x²) − x cancels at high speed; its reciprocal form does not.
     let x = v2 / (2.0 * aircraft.hover_induced_mps.powi(2));
     let induced_w = aircraft.induced_w / (x + (1.0 + x * x).sqrt()).sqrt();
     let drag = aircraft.drag_ratio * aircraft.air_density_kgpm3 * aircraft.rotor_solidity * aircraft.rotor_disc_m2;

@@ -1,12 +1,12 @@
-//! Random numbers by counting: one stream per (seed, purpose, slot, sensor node), whoever draws first.
+//! Counter-based random numbers: one stream per (seed, purpose, slot, sensor node).
 //!
-//! The generator is ChaCha8 with those four numbers as its key, so that the order of calls, threads, processes and
-//! restarts cannot change a draw.
+//! The generator is ChaCha8 with these four numbers as its key. The order of calls, threads, processes and restarts
+//! cannot change a draw.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-/// What a stream is drawn for. The numbers are part of the results: never change or reuse one.
+/// Purpose of a stream. The numbers are part of the results: never change or reuse one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u64)]
 pub enum Purpose {
@@ -14,7 +14,7 @@ pub enum Purpose {
     Position = 1,
     /// Initial queue of a sensor node.
     InitialQueue = 2,
-    /// Reference channel gain of a sensor node, of the mission (slot 0) or of a slot.
+    /// Reference channel gain of a sensor node, for the mission (slot 0) or for a slot.
     Gain = 3,
     /// Waypoint of the random flight strategy in a slot.
     RandomFlight = 4,
@@ -28,7 +28,7 @@ pub enum Purpose {
     SamplingRate = 8,
     /// Mean of the initial queue of a sensor node.
     InitialQueueMean = 9,
-    /// A future of the look-ahead's rollouts: channel draws, queues and rates.
+    /// A sample of a rollout of the look-ahead: channel draws, queues and rates.
     Rollout = 10,
 }
 
@@ -45,7 +45,7 @@ impl Streams {
         Self { seed }
     }
 
-    /// The stream for `purpose` in `slot` (0 before the first) of `sensor` (0 where none is meant), from its start.
+    /// The stream for `purpose` in `slot` (0 before the first) of `sensor` (0 if there is none), from its start.
     #[must_use]
     pub fn stream(&self, purpose: Purpose, slot: u64, sensor: u32) -> ChaCha8Rng {
         let mut key = [0; 32];

@@ -1,8 +1,8 @@
-//! The scenario: what is flown, over which field, through which channel, by which strategy.
+//! The scenario: the mission, its field, channel and strategy.
 //!
-//! A [`Scenario`] that exists is valid. It is read from TOML: `keys` has the keys of each table, `defaults`, `forms` and
-//! `rules` what becomes of them. [`Scenario::to_toml`] writes it back with every default visible. Sensor lists
-//! are read by [`crate::sensors`], `[planner]` by the planner.
+//! A [`Scenario`] is valid by construction. It is read from TOML: `keys` declares the keys of each table, `defaults`
+//! fills them in, `forms` handles alternative keys, and `rules` checks the values. [`Scenario::to_toml`] writes it back
+//! with all defaults. Sensor lists are read by [`crate::sensors`], `[planner]` by the planner.
 
 mod defaults;
 mod forms;
@@ -29,10 +29,10 @@ use value::{Source, count, name};
 
 use crate::error::{InputError, read_text};
 
-/// Most resource blocks of a UAV: messages hold this many served sensor nodes.
+/// Most resource blocks of a UAV, and so most served sensor nodes in a message.
 pub const MAX_RESOURCE_BLOCKS: usize = 64;
 
-/// Largest seed, which is TOML's largest number.
+/// Largest seed: the largest integer of TOML.
 pub const MAX_SEED: u64 = i64::MAX as u64;
 
 /// Slots of the longest mission.
@@ -41,16 +41,16 @@ const MAX_SLOTS: u64 = 1_000_000_000;
 /// Most sensor nodes of a field.
 pub(crate) const MAX_SENSORS: u64 = 10_000_000;
 
-/// Bits that one sensor node may sample in a mission: counted through `f64`, exact up to 2^53.
+/// Most bits that one sensor node may sample in a mission: counted through `f64`, which is exact up to 2^53.
 pub(crate) const MAX_SAMPLED_BITS: f64 = 9.0e15;
 
-/// Bits that all sensor nodes together may sample in a mission: the ledger's totals are 64 bits wide.
+/// Most bits that all sensor nodes together may sample in a mission: the totals of the ledger are `u64`.
 pub(crate) const MAX_FIELD_BITS: f64 = 9.0e18;
 
-/// The letter's mission (section V), which needs no file.
-pub const LETTER: &str = include_str!("../../scenarios/letter.toml");
+/// The built-in `letter.toml`: the mission of the UTS letter (arXiv 2103.00753, section V).
+pub const LETTER: &str = include_str!("../letter.toml");
 
-/// A checked scenario: the keys of its file, every default filled in.
+/// A checked scenario: the keys of its file with all defaults.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, expecting = "a table")]
 pub struct Scenario {
@@ -78,21 +78,21 @@ pub struct Scenario {
     /// The file that it was read from, for messages.
     #[serde(skip)]
     pub path: PathBuf,
-    /// What was set instead of the file's values, for messages.
+    /// The settings that replaced values of the file, for messages.
     #[serde(skip)]
     pub settings: Vec<Setting>,
 }
 
-/// What the command line changes in a scenario before it is checked.
+/// Changes to a scenario from the command line, made before it is checked.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Overrides {
-    /// Instead of `seed`.
+    /// Replaces `seed`.
     pub seed: Option<u64>,
-    /// Instead of `planner.strategy`.
+    /// Replaces `planner.strategy`.
     pub strategy: Option<&'static str>,
-    /// Instead of `slots`; `uav.endurance_s` becomes at least as long as they last.
+    /// Replaces `slots`; `uav.endurance_s` is raised to the length of the mission if it is less.
     pub slots: Option<u64>,
-    /// Any keys; those above come after them.
+    /// Replaces any keys, before the replacements above.
     pub keys: Vec<Setting>,
 }
 
@@ -100,16 +100,16 @@ impl Scenario {
     /// Reads and checks a file. A relative sensor list is relative to the file's folder.
     ///
     /// # Errors
-    /// If the file cannot be read, is not a scenario, or holds a value out of its range.
+    /// If the file cannot be read, is not a scenario, or has a value out of range.
     pub fn read(path: &Path, overrides: Overrides) -> Result<Self, InputError> {
         let text = read_text("scenario", path)?;
         Self::parse(&text, path, overrides)
     }
 
-    /// The letter's mission.
+    /// The mission of the paper, [`LETTER`].
     ///
     /// # Errors
-    /// If an override is out of its range.
+    /// If an override is out of range.
     pub fn letter(overrides: Overrides) -> Result<Self, InputError> {
         Self::parse(LETTER, Path::new("letter.toml (built in)"), overrides)
     }
@@ -117,7 +117,7 @@ impl Scenario {
     /// Checks the text of the scenario file `path`.
     ///
     /// # Errors
-    /// If the text is not a scenario or holds a value out of its range.
+    /// If the text is not a scenario or has a value out of range.
     pub fn parse(text: &str, path: &Path, overrides: Overrides) -> Result<Self, InputError> {
         let mut table: Table = text.parse().map_err(|error| InputError::toml("scenario", path, text, &error))?;
         if table.contains_key("axes") || table.contains_key("strategies") {
@@ -127,7 +127,7 @@ impl Scenario {
         Setting::apply_all(&overrides.keys, &mut table)?;
         for (key, number) in [("seed", overrides.seed), ("slots", overrides.slots)] {
             if let Some(number) = number {
-                // What TOML cannot write is more than either may be.
+                // A number beyond TOML's range is beyond that of either key; -1 is refused.
                 table.insert(key.to_owned(), Value::Integer(i64::try_from(number).unwrap_or(-1)));
             }
         }
@@ -147,48 +147,47 @@ impl Scenario {
         Ok(scenario)
     }
 
-    /// Where its values come from.
+    /// The origin of its values, for messages.
     fn source(&self) -> Source<'_> {
         Source { path: &self.path, settings: &self.settings }
     }
 
-    /// The scenario as a file, every key present.
+    /// The scenario as a TOML file with all keys.
     ///
     /// # Panics
-    /// Never: a scenario is plain tables of numbers and strings.
+    /// Never: a scenario consists of tables of numbers and strings.
     #[must_use]
     pub fn to_toml(&self) -> String {
-        toml::to_string(self).expect("a scenario is plain tables of numbers and strings")
+        toml::to_string(self).expect("a scenario consists of tables of numbers and strings")
     }
 
-    /// The scenario as a file whose sensor list is the neighbouring file `list`.
+    /// The scenario as a TOML file, with the sensor list in the file `list` of the same folder.
     #[must_use]
     pub fn to_toml_with_list(&self, list: &str) -> String {
         let sensors = Sensors { count: None, file: Some(list.into()), ..self.sensors.clone() };
         Self { sensors, ..self.clone() }.to_toml()
     }
 
-    /// A number that two scenarios share only if they fly the same: of every key but where the sensor list comes from,
-    /// which the topic `sensors` carries.
+    /// Hash (XXH3) of all keys except the origin of the sensor list, which is published on the topic `sensors`.
     #[must_use]
     pub fn hash(&self) -> u64 {
         xxhash_rust::xxh3::xxh3_64(self.to_toml_with_list("").as_bytes())
     }
 
-    /// The file with the sensor list, if it is not drawn.
+    /// The file of the sensor list; `None` if the list is drawn.
     #[must_use]
     pub fn sensor_file(&self) -> Option<PathBuf> {
         self.sensors.file.as_ref().map(|file| self.path.parent().unwrap_or(Path::new("")).join(file))
     }
 
-    /// Where the UAV starts [m].
+    /// Start of the UAV [m].
     #[must_use]
     pub fn start(&self) -> Point3<f64> {
         let [x_m, y_m] = self.uav.start_m.unwrap_or([f64::NAN; 2]);
         Point3::new(x_m, y_m, self.uav.altitude_m)
     }
 
-    /// Altitudes that can be reached in one slot from `altitude_m` [m], the lowest and the highest.
+    /// The lowest and the highest altitude that can be reached in one slot from `altitude_m` [m].
     #[must_use]
     pub fn altitudes_m(&self, altitude_m: f64) -> [f64; 2] {
         self.uav.climb().map_or([altitude_m; 2], |climb| {

@@ -1,6 +1,6 @@
-//! The sensor nodes as flown: drawn from the seed or read from a CSV list, and written back with every column.
+//! The sensor list: drawn from the seed or read from a CSV file, and written back with all columns.
 //!
-//! `table` reads the rows of a list, [`projection`] brings latitude and longitude onto the area, and back.
+//! `table` reads the rows of a file; [`projection`] projects latitude and longitude onto the area, and back.
 
 pub mod projection;
 mod table;
@@ -23,9 +23,9 @@ use crate::units::ratio_of_db;
 /// One sensor node of the list.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sensor {
-    /// Where it stands, `L_i`.
+    /// Position, `L_i`.
     pub position: Position,
-    /// What it holds before slot 1 [bit], at most its buffer.
+    /// Queue before slot 1 [bit], at most the buffer.
     pub queue_bits: u32,
     /// Reference channel gain at 1 m, `α_i` [dB].
     pub gain_db: f64,
@@ -45,7 +45,7 @@ impl SensorList {
     /// The sensor nodes of a scenario: drawn from its seed, or read from its file.
     ///
     /// # Errors
-    /// If the file cannot be read or holds a bad row.
+    /// If the file cannot be read or has an invalid row.
     pub fn of(scenario: &Scenario) -> Result<Self, InputError> {
         let Some(path) = scenario.sensor_file() else {
             let count = scenario.sensors.count.map_or(0, |count| count.get() as u32);
@@ -62,41 +62,41 @@ impl SensorList {
         Self::parse(&text, &path, scenario)
     }
 
-    /// Checks the text of the list `path`. Columns that it leaves out are drawn, or the scenario's value; latitude and
-    /// longitude are projected onto the area.
+    /// Parses the text of the list `path`. Missing columns are drawn, or filled with the value of the scenario; latitude
+    /// and longitude are projected onto the area.
     ///
     /// # Errors
-    /// If a row is bad, or there is none.
+    /// If a row is invalid, or there is none.
     pub fn parse(text: &str, path: &Path, scenario: &Scenario) -> Result<Self, InputError> {
         Self::parse_rows(text, path, scenario, |_, line| format!("line {line}"))
     }
 
-    /// The same of a list that was made of the file `path`: `place` says where a row comes from, given its index and its
-    /// line in the text.
+    /// Parses a list that was converted from the file `path`. For errors, `locate` describes the origin of a row, given
+    /// its index and its line in the text.
     ///
     /// # Errors
-    /// If a row is bad, or there is none.
+    /// If a row is invalid, or there is none.
     pub fn parse_rows(
         text: &str,
         path: &Path,
         scenario: &Scenario,
-        place: impl Fn(usize, u64) -> String,
+        locate: impl Fn(usize, u64) -> String,
     ) -> Result<Self, InputError> {
         let refuse = |message| InputError::new("sensor list", path, message);
-        table::read(text, scenario, place).map(|sensors| Self::new(sensors, scenario)).map_err(refuse)
+        table::read(text, scenario, locate).map(|sensors| Self::new(sensors, scenario)).map_err(refuse)
     }
 
     fn new(sensors: Vec<Sensor>, scenario: &Scenario) -> Self {
         Self { sensors, capacity_bits: scenario.sensors.capacity_bits }
     }
 
-    /// XXH3 of the list as a CSV file, seeded with that of its scenario.
+    /// Hash (XXH3) of the list as a CSV file, seeded with the hash of its scenario.
     #[must_use]
-    pub fn hash(&self, scenario: u64) -> u64 {
-        xxhash_rust::xxh3::xxh3_64_with_seed(self.to_csv().as_bytes(), scenario)
+    pub fn hash(&self, scenario_hash: u64) -> u64 {
+        xxhash_rust::xxh3::xxh3_64_with_seed(self.to_csv().as_bytes(), scenario_hash)
     }
 
-    /// The list as a CSV file with every column; floats read back exactly.
+    /// The list as a CSV file with all columns; floats round-trip exactly.
     #[must_use]
     pub fn to_csv(&self) -> String {
         let mut text = table::WRITTEN.join(",") + "\n";
@@ -119,7 +119,7 @@ impl SensorList {
         self.sensors.iter().map(|sensor| sensor.queue_bits).collect()
     }
 
-    /// The list as it is published on the topic `sensors`.
+    /// The list as published on the topic `sensors`.
     #[must_use]
     pub fn nodes(&self) -> Vec<SensorNode> {
         let node = |sensor: &Sensor| SensorNode {
@@ -134,7 +134,7 @@ impl SensorList {
     }
 }
 
-/// Sensor node `id` of a field that is drawn from the seed.
+/// Draws sensor node `id` from the seed.
 fn draw(scenario: &Scenario, id: u32) -> Sensor {
     let mut stream = Streams::new(scenario.seed).stream(Purpose::Position, 0, id);
     let x_m = stream.random::<f64>() * scenario.area.width_m();
@@ -152,7 +152,7 @@ fn draw_sampling_bps(scenario: &Scenario, id: u32) -> f64 {
     draw_between(scenario, scenario.sensors.sampling_bps, Purpose::SamplingRate, id)
 }
 
-/// A number for sensor node `id`, uniform between the ends, which may be one number.
+/// Draws a number for sensor node `id`, uniform in the interval.
 fn draw_between(scenario: &Scenario, interval: Interval, purpose: Purpose, id: u32) -> f64 {
     let [lowest, highest] = interval.ends();
     if lowest == highest {
@@ -162,7 +162,7 @@ fn draw_between(scenario: &Scenario, interval: Interval, purpose: Purpose, id: u
     (lowest + (highest - lowest) * fraction).min(highest)
 }
 
-/// Initial queue [bit] of sensor node `id`: Poisson with a mean of its own, capped at the buffer.
+/// Initial queue [bit] of sensor node `id`: Poisson with a mean drawn for it, capped at the buffer.
 fn draw_queue_bits(scenario: &Scenario, id: u32) -> u32 {
     let mean_bits = draw_between(scenario, scenario.sensors.initial_queue_mean_bits, Purpose::InitialQueueMean, id);
     if mean_bits == 0.0 {

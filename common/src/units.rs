@@ -1,4 +1,4 @@
-//! Levels in decibels, where they enter the program. Messages and channel models are linear SI.
+//! Conversion of levels in decibels from input files. Messages and channel models are linear SI.
 
 /// Linear power ratio of a level in dB: `10^(dB/10)`.
 #[must_use]

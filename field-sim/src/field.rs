@@ -7,12 +7,12 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use skysink_common::arrivals::{bits_between, sampled, sampled_bits};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
-use skysink_common::estimate::{Estimate, Saved};
+use skysink_common::estimate::{Estimate, SavedEstimate};
 use skysink_common::ledger::{Ledger, Totals};
 use skysink_common::message::{FlightReport, QueuesHeader, SlotHeader};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
-use skysink_common::wide::{BLOCK, wide};
+use skysink_common::simd::{BLOCK, vectorized};
 
 use crate::arrivals::{SamplingMeans, is_quick, quick_integer};
 
@@ -20,20 +20,20 @@ use crate::arrivals::{SamplingMeans, is_quick, quick_integer};
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
     ledger: Ledger,
-    rates: SamplingMeans,
-    /// The highest of the rates [bit/slot].
-    most_bits: f64,
-    /// Where the rates differ, the loss of each block of SNs in slots' worth of sampling.
+    means: SamplingMeans,
+    /// The highest mean [bit/slot].
+    highest_mean_bits: f64,
+    /// Loss of each block of SNs [slots of sampling], if the means differ.
     lost_slots: Vec<f64>,
     /// Slots of the mission.
     slots: u64,
     slot: u64,
-    moved: SlotBits,
-    /// What the UAV knows of the queues, where that is told.
-    told: Option<Box<Estimate>>,
+    slot_bits: SlotBits,
+    /// The UAV's estimate of the queues, for external planners.
+    estimate: Option<Box<Estimate>>,
 }
 
-/// What one slot moved.
+/// Bits delivered and lost in one slot.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SlotBits {
     /// Uploaded, `Σ Thr_i(t)`.
@@ -42,7 +42,7 @@ pub struct SlotBits {
     pub lost_bits: u64,
 }
 
-/// A flight that cannot have been: it has a link to nobody.
+/// An impossible flight: it serves an unknown sensor node.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("flight({slot}) serves SN {sensor}: expected ids below {count}")]
 pub struct FieldError {
@@ -59,120 +59,120 @@ impl Field {
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
         let mean_bits: Vec<f64> = list.sensors().iter().map(|sensor| sensor.sampling_bps * scenario.slot_s).collect();
-        let most_bits = mean_bits.iter().copied().fold(0.0, f64::max);
-        let rates = SamplingMeans::new(mean_bits);
+        let highest_mean_bits = mean_bits.iter().copied().fold(0.0, f64::max);
+        let means = SamplingMeans::new(mean_bits);
         Self {
             ledger: Ledger::new(scenario.sensors.capacity_bits, list.queues_bits()),
-            most_bits,
-            lost_slots: match rates {
-                SamplingMeans::Alike(_) => Vec::new(),
+            highest_mean_bits,
+            lost_slots: match means {
+                SamplingMeans::Equal(_) => Vec::new(),
                 SamplingMeans::Each(_) => vec![0.0; list.sensors().len().div_ceil(BLOCK)],
             },
-            rates,
+            means,
             slots: scenario.slots,
             slot: 0,
-            moved: SlotBits::default(),
-            told: None,
+            slot_bits: SlotBits::default(),
+            estimate: None,
         }
     }
 
-    /// Keeps account of what the UAV knows of the queues, too, from slot 1 on.
+    /// Also maintains the UAV's estimate of the queues, from slot 1 on.
     #[must_use]
-    pub fn telling(mut self, estimate: Estimate) -> Self {
-        self.told = Some(Box::new(estimate));
+    pub fn with_estimate(mut self, estimate: Estimate) -> Self {
+        self.estimate = Some(Box::new(estimate));
         self
     }
 
-    /// Whether account is kept of what the UAV knows.
+    /// Whether the UAV's estimate is maintained.
     #[must_use]
-    pub fn is_telling(&self) -> bool {
-        self.told.is_some()
+    pub fn has_estimate(&self) -> bool {
+        self.estimate.is_some()
     }
 
-    /// What the UAV knows of the queues after the slot [bit], by sensor node, if account is kept of it.
-    pub fn told_bits(&mut self) -> Option<&[u32]> {
-        self.told.as_mut().map(|told| told.believe(self.slot))
+    /// The UAV's estimate of the queues after the slot [bit], by sensor node; `None` if it is not maintained.
+    pub fn estimated_bits(&mut self) -> Option<&[u32]> {
+        self.estimate.as_mut().map(|estimate| estimate.predict(self.slot))
     }
 
-    /// Advances by `slot`, from 1: every sensor node samples, full ones lose the excess, then the served ones upload
-    /// what their links can carry, `Thr_i = min(floor(r_i τ_c), q)` (UTS eq. 7 in the order of decision D1).
+    /// Advances by `slot`, from 1: all sensor nodes sample, full ones lose the excess, and the served ones upload
+    /// `Thr_i = min(floor(r_i τ_c), q)` (UTS eq. 7 in the order of decision D1).
     ///
     /// # Errors
-    /// If the report serves a sensor node that does not exist; nothing has changed then.
+    /// If the report serves an unknown sensor node; the field is then unchanged.
     ///
     /// # Panics
-    /// If it is not the slot after the last.
+    /// If `slot` is not the next slot.
     pub fn step(&mut self, slot: u64, flight: &FlightReport) -> Result<SlotBits, FieldError> {
         self.step_into(slot, flight, None)
     }
 
-    /// Advances by `slot` as [`Field::step`] does, and writes the new queues [bit] to `queues_bits`, too, by sensor
-    /// node: into a message, block by block, while a block is in the fastest cache. A copy afterwards would make the
-    /// slot 1.15 times as long at 10^4 sensor nodes, and 1.5 times at 10^6.
+    /// Advances by `slot` as [`Field::step`] does, and also writes the new queues [bit] to `queues_bits`, by sensor node,
+    /// such as a message. It writes block by block, while a block is in the L1 cache: a copy afterwards would take 1.15
+    /// times as long per slot at 10^4 sensor nodes, and 1.5 times at 10^6.
     ///
     /// All of `queues_bits` is written, unless an error is returned.
     ///
     /// # Errors
-    /// If the report serves a sensor node that does not exist; nothing has changed then.
+    /// If the report serves an unknown sensor node; the field is then unchanged.
     ///
     /// # Panics
-    /// If it is not the slot after the last, or there is not one place per sensor node.
+    /// If `slot` is not the next slot, or the length of `queues_bits` is not the number of sensor nodes.
     pub fn step_into(
         &mut self,
         slot: u64,
         flight: &FlightReport,
         mut queues_bits: Option<&mut [MaybeUninit<u32>]>,
     ) -> Result<SlotBits, FieldError> {
-        assert_eq!(slot, self.slot + 1, "expected the slot after the last");
+        assert_eq!(slot, self.slot + 1, "expected the next slot");
         let count = self.queues_bits().len();
-        assert!(queues_bits.as_ref().is_none_or(|copy| copy.len() == count), "expected one place per sensor node");
+        assert!(queues_bits.as_ref().is_none_or(|copy| copy.len() == count), "expected one queue per sensor node");
         if let Some(link) = flight.served_links().iter().find(|link| link.sensor as usize >= count) {
             return Err(FieldError { slot, sensor: link.sensor, count });
         }
-        if let Some(told) = &mut self.told {
+        if let Some(estimate) = &mut self.estimate {
             let served: Vec<u32> = flight.served_links().iter().map(|link| link.sensor).collect();
-            told.announce(slot, &served, self.ledger.queues_bits());
+            estimate.record_before_contact(slot, &served, self.ledger.queues_bits());
         }
         self.slot = slot;
-        self.moved = SlotBits::default();
+        self.slot_bits = SlotBits::default();
         for sensors in blocks(count) {
-            self.moved.lost_bits += self.sample(sensors.clone());
+            self.slot_bits.lost_bits += self.sample(sensors.clone());
             if let Some(copy) = &mut queues_bits {
                 copy[sensors.clone()].write_copy_of_slice(&self.ledger.queues_bits()[sensors]);
             }
         }
         for link in flight.served_links() {
             let sensor = link.sensor as usize;
-            self.moved.delivered_bits += self.ledger.upload(sensor, link.capacity_bits);
+            self.slot_bits.delivered_bits += self.ledger.upload(sensor, link.capacity_bits);
             if let Some(copy) = &mut queues_bits {
                 copy[sensor].write(self.ledger.queues_bits()[sensor]);
             }
         }
-        if let Some(told) = &mut self.told {
-            told.observe(slot, flight, self.ledger.queues_bits());
+        if let Some(estimate) = &mut self.estimate {
+            estimate.observe(slot, flight, self.ledger.queues_bits());
         }
-        Ok(self.moved)
+        Ok(self.slot_bits)
     }
 
-    /// The sensor nodes of a block sample; what they lose is returned [bit].
+    /// Samples at the sensor nodes of a block, and returns the bits that they lose.
     fn sample(&mut self, sensors: Range<usize>) -> u64 {
-        let Self { ledger, rates, slot, .. } = self;
-        let mean_bits = match rates {
-            SamplingMeans::Alike(mean_bits) => {
+        let Self { ledger, means, slot, .. } = self;
+        let mean_bits = match means {
+            SamplingMeans::Equal(mean_bits) => {
                 let bits = bits_between(*mean_bits, *slot - 1, *slot);
-                return wide(|| ledger.sample_alike(sensors, bits));
+                return vectorized(|| ledger.sample_equally(sensors, bits));
             }
             SamplingMeans::Each(mean_bits) => &mean_bits[sensors.clone()],
         };
         let lost_slots = &mut self.lost_slots[sensors.start / BLOCK];
-        if is_quick(sampled(self.most_bits, *slot)) {
-            wide(|| sample_each(ledger, sensors, mean_bits, *slot, quick_integer, lost_slots))
+        if is_quick(sampled(self.highest_mean_bits, *slot)) {
+            vectorized(|| sample_each(ledger, sensors, mean_bits, *slot, quick_integer, lost_slots))
         } else {
             sample_each(ledger, sensors, mean_bits, *slot, |whole| whole as u64, lost_slots)
         }
     }
 
-    /// The slot that is over.
+    /// The last slot; 0 before the first.
     #[must_use]
     pub fn slot(&self) -> u64 {
         self.slot
@@ -184,7 +184,7 @@ impl Field {
         self.ledger.queues_bits()
     }
 
-    /// The same, to be kept without a copy: what is held stays as it is when the field advances.
+    /// A snapshot of the queue lengths [bit], by sensor node, without a copy. Later steps do not affect it.
     #[must_use]
     pub fn shared_queues_bits(&self) -> Arc<Vec<u32>> {
         self.ledger.shared_queues_bits()
@@ -196,13 +196,13 @@ impl Field {
         self.ledger.delivered_bits()
     }
 
-    /// Bits that the sensor node `sensor` has sampled so far.
+    /// Bits sampled so far by the sensor node `sensor`.
     ///
     /// # Panics
-    /// If there is no such sensor node.
+    /// If the sensor node is unknown.
     #[must_use]
     pub fn sampled_bits(&self, sensor: usize) -> u64 {
-        sampled_bits(self.rates.mean_bits(sensor), self.slot)
+        sampled_bits(self.means.mean_bits(sensor), self.slot)
     }
 
     /// Bits lost so far, by sensor node.
@@ -211,12 +211,12 @@ impl Field {
         self.ledger.lost_bits(sensors.clone(), sensors.map(|sensor| self.sampled_bits(sensor)))
     }
 
-    /// Every bit since the mission's start.
+    /// Totals since the mission's start.
     #[must_use]
     pub fn totals(&self) -> Totals {
         let totals = *self.ledger.totals();
-        let lost_slots = match self.rates {
-            SamplingMeans::Alike(mean_bits) => totals.lost_bits as f64 / mean_bits.max(f64::MIN_POSITIVE),
+        let lost_slots = match self.means {
+            SamplingMeans::Equal(mean_bits) => totals.lost_bits as f64 / mean_bits.max(f64::MIN_POSITIVE),
             SamplingMeans::Each(_) => self.lost_slots.iter().sum(),
         };
         Totals { lost_slots, ..totals }
@@ -225,48 +225,51 @@ impl Field {
     /// The header of the message with these queues.
     #[must_use]
     pub fn header(&self, head: SlotHeader) -> QueuesHeader {
-        let SlotBits { delivered_bits, lost_bits } = self.moved;
+        let SlotBits { delivered_bits, lost_bits } = self.slot_bits;
         QueuesHeader { head, totals: self.totals(), delivered_bits, lost_bits }
     }
 }
 
-/// A field after a slot, as it is saved: 12 bytes for each sensor node, and those of what is told.
+/// The checkpoint of a field: 12 bytes per sensor node, and those of the estimate.
 #[derive(Serialize, Deserialize)]
 struct State {
     slot: u64,
-    moved: SlotBits,
-    /// `u32` by sensor node, as they lie in memory.
+    slot_bits: SlotBits,
+    /// `u32` by sensor node, in native byte order.
     #[serde(with = "serde_bytes")]
     queues_bits: Vec<u8>,
-    /// `u64` by sensor node.
+    /// `u64` by sensor node, in native byte order.
     #[serde(with = "serde_bytes")]
     delivered_bits: Vec<u8>,
-    told: Option<Saved>,
+    estimate: Option<SavedEstimate>,
 }
 
 impl Checkpoint for Field {
     fn save(&self, bytes: &mut Vec<u8>) {
         let queues_bits = bytemuck::cast_slice(self.queues_bits()).to_vec();
         let delivered_bits = bytemuck::cast_slice(self.delivered_bits()).to_vec();
-        let told = self.told.as_ref().map(|told| told.saved());
-        encode(&State { slot: self.slot, moved: self.moved, queues_bits, delivered_bits, told }, bytes);
+        let estimate = self.estimate.as_ref().map(|estimate| estimate.saved());
+        let Self { slot, slot_bits, .. } = *self;
+        encode(&State { slot, slot_bits, queues_bits, delivered_bits, estimate }, bytes);
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let State { slot, moved, queues_bits, delivered_bits, told } = decode(bytes)?;
-        CheckpointError::unless(told.is_some() == self.told.is_some(), "the same account of what is told")?;
-        let told = self.told.as_ref().zip(told).map(|(own, saved)| own.restored(slot, saved)).transpose()?;
+        let State { slot, slot_bits, queues_bits, delivered_bits, estimate } = decode(bytes)?;
+        let is_same_kind = estimate.is_some() == self.estimate.is_some();
+        CheckpointError::ensure(is_same_kind, "an estimate of the queues in both fields or in none")?;
+        let estimate =
+            self.estimate.as_ref().zip(estimate).map(|(own, saved)| own.restored(slot, saved)).transpose()?;
         let queues_bits: Vec<u32> = bytemuck::pod_collect_to_vec(&queues_bits);
         let delivered_bits: Vec<u64> = bytemuck::pod_collect_to_vec(&delivered_bits);
-        let Self { ledger, rates, .. } = self;
-        let sampled_bits = |sensor| sampled_bits(rates.mean_bits(sensor), slot);
+        let Self { ledger, means, .. } = self;
+        let sampled_bits = |sensor| sampled_bits(means.mean_bits(sensor), slot);
         let is_possible = slot <= self.slots && ledger.restore(&queues_bits, &delivered_bits, sampled_bits);
-        CheckpointError::unless(is_possible, "a state that this field can be in")?;
+        CheckpointError::ensure(is_possible, "a possible state of this field")?;
         self.slot = slot;
-        self.moved = moved;
-        self.told = told.map(Box::new);
+        self.slot_bits = slot_bits;
+        self.estimate = estimate.map(Box::new);
         for (lost_slots, sensors) in self.lost_slots.iter_mut().zip(blocks(queues_bits.len())) {
-            let mean_bits = sensors.clone().map(|sensor| rates.mean_bits(sensor));
+            let mean_bits = sensors.clone().map(|sensor| means.mean_bits(sensor));
             *lost_slots = in_slots(ledger.lost_bits(sensors.clone(), sensors.map(sampled_bits)), mean_bits);
         }
         Ok(())
@@ -278,8 +281,8 @@ fn blocks(count: usize) -> impl Iterator<Item = Range<usize>> {
     (0..count).step_by(BLOCK).map(move |first| first..count.min(first + BLOCK))
 }
 
-/// The sensor nodes of a block sample at rates of their own; what they lose is returned [bit]. `lost_slots` becomes
-/// their loss so far, where there is a new one.
+/// Samples at the sensor nodes of a block with different rates, and returns the bits that they lose. `lost_slots` becomes
+/// their total loss [slots of sampling], if it has changed.
 #[inline(always)]
 fn sample_each(
     ledger: &mut Ledger,
@@ -298,13 +301,13 @@ fn sample_each(
     lost_bits
 }
 
-/// What the sensor nodes of a block have lost in slots' worth of sampling, `Σ_i lost_i / (s_i τ)`, added in pairs: for
-/// several at a time, and in the same order on every processor.
+/// The loss of the sensor nodes of a block [slots of sampling], `Σ_i lost_i / (s_i τ)`. Pairwise summation vectorizes and
+/// has the same order on every processor.
 #[inline(always)]
 fn in_slots(lost_bits: impl Iterator<Item = u64>, mean_bits: impl Iterator<Item = f64>) -> f64 {
     let mut slots = [0.0; BLOCK];
     for ((slots, lost_bits), mean_bits) in slots.iter_mut().zip(lost_bits).zip(mean_bits) {
-        *slots = lost_bits as f64 / mean_bits.max(f64::MIN_POSITIVE); // who does not sample loses nothing
+        *slots = lost_bits as f64 / mean_bits.max(f64::MIN_POSITIVE); // 0 for one that does not sample
     }
     let mut sums = &mut slots[..];
     while sums.len() > 1 {
@@ -345,7 +348,7 @@ mod tests {
         // sample: 29 950 + 100 = 30 050; overflow: 50 lost; upload: all of the 30 000
         assert_eq!(bits, SlotBits { delivered_bits: 30_000, lost_bits: 50 });
         assert_eq!(field.queues_bits(), [0, 105]);
-        assert!(field.totals().balanced());
+        assert!(field.totals().is_balanced());
     }
 
     #[test]
@@ -356,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn a_link_to_nobody_is_refused_and_changes_nothing() {
+    fn a_link_to_an_unknown_sensor_node_is_refused_and_changes_nothing() {
         let mut field = field(10_000);
         let error = field.step(1, &serving(2, 1)).unwrap_err();
         assert_eq!(error.to_string(), "flight(1) serves SN 2: expected ids below 2");
@@ -375,7 +378,8 @@ mod tests {
             let queues_bits = bytemuck::cast_slice(queues_bits).to_vec();
             let delivered_bits = bytemuck::cast_slice(delivered_bits).to_vec();
             let mut bytes = Vec::new();
-            encode(&State { slot, moved: SlotBits::default(), queues_bits, delivered_bits, told: None }, &mut bytes);
+            let slot_bits = SlotBits::default();
+            encode(&State { slot, slot_bits, queues_bits, delivered_bits, estimate: None }, &mut bytes);
             bytes
         };
         let mut restored = field(10_000);
@@ -392,7 +396,7 @@ mod tests {
         assert_eq!((restored.slot(), restored.totals().delivered_bits), (1, 100));
     }
 
-    /// More SNs than a block holds, at their own rates [bit/s] or at one, with buffers that some fill.
+    /// Up to more SNs than a block holds, with equal or different rates [bit/s], some of which fill their buffers.
     fn lists() -> impl Strategy<Value = (Scenario, SensorList)> {
         let rates = prop_oneof![
             prop::collection::vec(prop_oneof![Just(100.0), Just(2.5), 0.0..1e3, 0.0..4e9], 1..1_500),
@@ -414,11 +418,13 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(100))]
 
         #[test]
-        fn a_field_advances_as_its_sensor_nodes_would_one_by_one((scenario, list) in lists(), served in 0u32..3_000) {
-            let (count, capacity_bits) = (list.sensors().len(), scenario.sensors.capacity_bits);
+        fn a_field_advances_like_its_sensor_nodes_one_by_one((scenario, list) in lists(), served in 0u32..3_000) {
+            let count = list.sensors().len();
+            let capacity_bits = scenario.sensors.capacity_bits;
             let mean_bits: Vec<f64> = list.sensors().iter().map(|sensor| sensor.sampling_bps * scenario.slot_s).collect();
             let mut singly = Ledger::new(capacity_bits, list.queues_bits());
-            let (mut in_place, mut into_message) = (Field::new(&scenario, &list), Field::new(&scenario, &list));
+            let mut in_place = Field::new(&scenario, &list);
+            let mut into_message = Field::new(&scenario, &list);
             let report = serving(served % count as u32, 700);
             let mut lost_slots = 0.0;
             for slot in 1..=6 {
@@ -447,7 +453,7 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "expected one place per sensor node")]
+    #[should_panic(expected = "expected one queue per sensor node")]
     fn a_message_of_another_length_is_refused() {
         let _ = field(10_000).step_into(1, &serving(0, 1), Some(&mut [MaybeUninit::uninit(); 3]));
     }

@@ -1,10 +1,10 @@
-//! What field-sim saves once a slot: the flight, and now and then the whole field.
+//! The journal of field-sim: the flight of each slot, and periodically the state of the field.
 //!
-//! A state is as large as the field, a flight is not: so a slot costs the same however many sensor nodes there are.
+//! The size of a state grows with the field, that of a flight does not, so the mean cost of a slot stays low.
 
 use bytemuck::Zeroable;
 use skysink_common::checkpoint::Checkpoint;
-use skysink_common::estimate::BYTES_EACH;
+use skysink_common::estimate::BYTES_PER_SENSOR;
 use skysink_common::message::FlightReport;
 use skysink_ring::error::RingError;
 use skysink_ring::folder::RingFolder;
@@ -12,15 +12,15 @@ use skysink_ring::journal::{Journal, Record};
 
 use crate::field::Field;
 
-/// Slots from one state to the next. Of 10^6 sensor nodes a state takes as long as ten slots: it is to be seen in less than
-/// one slot in a hundred.
+/// Period of the states [slots]. With 10^6 sensor nodes a state takes as long as ten slots: less than one slot in a
+/// hundred should be affected.
 const STATE_EVERY: u64 = 256;
 
-/// Slots on record: those since the state before the last, which counts where the last is cut.
+/// Slots on record: those since the last state but one, which is used if the last is cut.
 const SLOTS: u64 = 2 * STATE_EVERY;
 
-/// Bytes of a state beside those of its sensor nodes, and for each of them.
-const STATE_BYTES: [usize; 2] = [1024, size_of::<u32>() + size_of::<u64>() + BYTES_EACH];
+/// Bytes of a state: constant, and per sensor node.
+const STATE_BYTES: [usize; 2] = [1024, size_of::<u32>() + size_of::<u64>() + BYTES_PER_SENSOR];
 
 /// The journal of field-sim.
 #[derive(Debug)]
@@ -30,11 +30,10 @@ pub struct FieldJournal {
 }
 
 impl FieldJournal {
-    /// Opens the journal in the ring's folder and restores `field`, before slot 1, to the last slot but one that is on
-    /// record, so that what the last two led to is published again: a peer may have died without it. Returns the flight
-    /// of the last slot.
+    /// Opens the journal in the ring's folder, restores `field` to the last recorded slot but one, and returns the flight
+    /// of the last. So the results of the last two slots are published again, which a peer may have missed.
     ///
-    /// An empty journal begins with the state that `field` is in.
+    /// The state of `field` is written to an empty journal.
     ///
     /// # Errors
     /// If the file cannot be opened, read or written.
@@ -49,11 +48,11 @@ impl FieldJournal {
         Ok((opened, restore(field, &records)))
     }
 
-    /// Saves the flight that has led to the state of the field, and now and then the state; to be done before it is
+    /// Saves the flight of the last slot, and periodically the state of the field. Must be called before the queues are
     /// published.
     ///
     /// # Errors
-    /// If the system refuses.
+    /// If the file cannot be written.
     pub fn save(&mut self, flight: &FlightReport, field: &Field) -> Result<(), RingError> {
         if field.slot().is_multiple_of(STATE_EVERY) {
             self.save_state(flight, field)
@@ -69,8 +68,8 @@ impl FieldJournal {
     }
 }
 
-/// Restores the last state before the last record, or else that of the last record, and steps through the flights after
-/// it. Returns the last flight, which is left to the caller.
+/// Restores the last state before the last record, or else that of the last record, and replays the flights after it
+/// except the last, which it returns.
 fn restore(field: &mut Field, records: &[Record]) -> Option<FlightReport> {
     let (last, before) = records.split_last()?;
     for record in before.iter().rev().chain([last]) {
@@ -136,7 +135,7 @@ mod tests {
             stepped.step(slot, &flight(slot)).unwrap();
             journal.save(&flight(slot), &stepped).unwrap();
             if (slot + 5) % STATE_EVERY > 10 {
-                continue; // it is the slots about a state that differ
+                continue; // only slots near a state differ
             }
             let mut restored = field();
             let (_, last) = FieldJournal::open(&folder, &mut restored).unwrap();
@@ -145,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn a_journal_begins_with_the_state_that_it_is_opened_with() {
+    fn an_empty_journal_begins_with_the_state_of_the_field() {
         let folder = folder();
         let mut stepped = field();
         (1..=77).for_each(|slot| assert!(stepped.step(slot, &flight(slot)).is_ok()));
@@ -164,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn a_state_of_another_field_does_not_count() {
+    fn a_state_of_another_field_is_ignored() {
         let folder = folder();
         let (journal, _) = FieldJournal::open(&folder, &mut field()).unwrap();
         journal.journal.write(0, &[&[1; 20]]).unwrap();

@@ -1,6 +1,6 @@
-//! The sensor field: what the sensor nodes sample, store, lose and upload, and the slot clock of the ring.
+//! The sensor field: sampling, queues, losses and uploads of the sensor nodes, and the slot clock of the ring.
 //!
-//! It owns the queues. Where the UAV is and what its links carry is flight-sim's.
+//! The UAV and its links are left to flight-sim.
 
 pub mod arrivals;
 pub mod field;

@@ -17,26 +17,26 @@ use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 use crate::field::Field;
 use crate::journal::FieldJournal;
 
-/// Runs the slots until the mission ends. Started again, it resumes where it was killed: it publishes the last two
-/// slots that it has saved once more, because a peer may have died without them.
+/// Runs the slots until the mission ends. A restarted process resumes from its journal, and publishes the last two saved
+/// slots again, which a peer may have missed.
 ///
 /// # Errors
-/// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
+/// If a peer is missing or sends an impossible flight, the ring fails, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
     let list = SensorList::of(scenario)?;
     let count = list.sensors().len();
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::FieldSim, stop)?;
     let sensors = ring.sensors.list_writer(count)?;
     let truth = ring.truth.list_writer(count)?;
-    let told = ring.terms.told.map(|_| ring.queues.list_writer(count)).transpose()?;
+    let estimates = ring.terms.estimated.map(|_| ring.queues.list_writer(count)).transpose()?;
     let ticks = ring.tick.writer()?;
     let mut flights = ring.flight.reader(RING_BUFFER)?;
     let mut commits = ring.commit.reader(RING_BUFFER)?;
     let mut clock = ring.terms.pace.period(scenario.slot_s).map(Clock::new);
 
     let mut field = Field::new(scenario, &list);
-    if let Some(rates) = ring.terms.told {
-        field = field.telling(Estimate::new(scenario, rates, &list.nodes()));
+    if let Some(rates) = ring.terms.estimated {
+        field = field.with_estimate(Estimate::new(scenario, rates, &list.nodes()));
     }
     let (mut journal, mut saved) = FieldJournal::open(folder, &mut field)?;
     let header = |field: &Field, flags: u32| {
@@ -44,19 +44,19 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         field.header(ring.header(field.slot(), end | flags))
     };
     sensors.send_list(SensorsHeader { head: ring.header(0, 0), limits: Limits::of(scenario) }, &list.nodes())?;
-    // Told before the truth: where that has arrived, the planner has what it needs.
-    let tell = |field: &mut Field, flags: u32| {
-        let Some(told) = &told else { return Ok(()) };
-        let known = QueuesHeader { head: header(field, flags).head, ..QueuesHeader::default() };
-        told.send_list(known, field.told_bits().unwrap_or_default())
+    // Sent before the truth: a process that has the truth of a slot then has the estimate, too.
+    let send_estimate = |field: &mut Field, flags: u32| {
+        let Some(estimates) = &estimates else { return Ok(()) };
+        let without_totals = QueuesHeader { head: header(field, flags).head, ..QueuesHeader::default() };
+        estimates.send_list(without_totals, field.estimated_bits().unwrap_or_default())
     };
-    tell(&mut field, 0)?;
+    send_estimate(&mut field, 0)?;
     truth.send_list(header(&field, 0), field.queues_bits())?;
 
     for slot in field.slot() + 1..=scenario.slots {
         if let Some(clock) = clock.as_mut().filter(|_| saved.is_none()) {
             if clock.next.is_none() {
-                commits.wait_until(&mut wait, slot - 1)?; // everybody is there
+                commits.wait_until(&mut wait, slot - 1)?; // all processes have joined
             }
             wait.sleep_until(clock.next_slot())?;
             ticks.send(ring.header(slot, 0), Tick { period_ns: clock.period_ns() })?;
@@ -70,10 +70,10 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         };
         let mut loaned = truth.loan(count)?;
         field.step_into(slot, &flight, Some(loaned.elements())).map_err(|error| NodeError::Peer(error.to_string()))?;
-        // Saved no earlier: started again before, it publishes the slot before the last once more, too.
+        // Saved only after the last slot is committed: a restart before that publishes the last slot again, too.
         commits.wait_until(&mut wait, slot - 1)?;
         journal.save(&flight, &field)?;
-        tell(&mut field, 0)?;
+        send_estimate(&mut field, 0)?;
         // SAFETY: the step has not failed, so it has written every element.
         unsafe { loaned.send(header(&field, 0)) }?;
     }
@@ -81,16 +81,16 @@ pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop:
         Pace::Max => Ok(()),
         // The buffer of a reader that lags may have been full.
         Pace::Factor(_) => {
-            tell(&mut field, FLAG_REPEAT)?;
+            send_estimate(&mut field, FLAG_REPEAT)?;
             truth.send_list(header(&field, FLAG_REPEAT), field.queues_bits())
         }
     })
 }
 
-/// The starts of the slots on a grid of wall time.
+/// The periodic starts of the slots in wall time.
 struct Clock {
     period: Duration,
-    /// None before the first slot.
+    /// `None` before the first slot.
     next: Option<Instant>,
 }
 
@@ -103,8 +103,8 @@ impl Clock {
         u64::try_from(self.period.as_nanos()).unwrap_or(u64::MAX)
     }
 
-    /// When the next slot begins. The first begins one period from now, so that its plan has as much time as any other.
-    /// A ring that was held up does not hurry to catch up: the grid moves.
+    /// Start of the next slot. The first starts one period from now, so that its plan has as much time as the others.
+    /// After a delay the clock does not catch up: later starts are shifted.
     fn next_slot(&mut self) -> Instant {
         let now = Instant::now();
         let slot = self.next.unwrap_or(now + self.period).max(now);

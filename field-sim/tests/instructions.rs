@@ -12,11 +12,11 @@ use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
 use skysink_field_sim::Field;
 
-/// Slots that are lived through.
+/// Slots of each case.
 const SLOTS: u64 = 20;
 
-/// A field of 10^4 sensor nodes with 10 000 bit each, that hold `capacity_bits` and sample `rate_bps(i)`.
-fn live(capacity_bits: u32, rate_bps: impl Fn(u32) -> f64) {
+/// Advances a field of 10^4 sensor nodes with queues of 10 000 bit, buffers of `capacity_bits` and rates `rate_bps(i)`.
+fn advance(capacity_bits: u32, rate_bps: impl Fn(u32) -> f64) {
     let text = format!("name = 'a'\n[sensors]\ncapacity_bits = {capacity_bits}\n");
     let scenario = Scenario::parse(&text, Path::new("a.toml"), Overrides::default()).unwrap();
     let mut list = "x_m,y_m,queue_bits,sampling_bps,gain_db\n".to_owned();
@@ -30,12 +30,12 @@ fn live(capacity_bits: u32, rate_bps: impl Fn(u32) -> f64) {
 
 fn main() {
     let cases = [
-        Case { name: "field, one rate, N = 10^4", steps: SLOTS, work: || live(30_000, |_| 100.0) },
-        Case { name: "field, all full, N = 10^4", steps: SLOTS, work: || live(10_000, |_| 100.0) },
+        Case { name: "field, one rate, N = 10^4", steps: SLOTS, work: || advance(30_000, |_| 100.0) },
+        Case { name: "field, all full, N = 10^4", steps: SLOTS, work: || advance(10_000, |_| 100.0) },
         Case {
             name: "field, a rate each, N = 10^4",
             steps: SLOTS,
-            work: || live(30_000, |id| 100.0 + f64::from(id % 100) / 10.0),
+            work: || advance(30_000, |id| 100.0 + f64::from(id % 100) / 10.0),
         },
     ];
     instructions::main(&cases, &Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/instructions.txt"));

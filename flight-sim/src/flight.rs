@@ -1,4 +1,4 @@
-//! One slot of flight: fly to the waypoint, then talk to the sensor nodes that are really in range.
+//! One slot of flight: fly to the waypoint, then serve the scheduled sensor nodes in range.
 
 use skysink_common::channel::{Channel, Draw, Uplink};
 use skysink_common::geometry::{Position, within};
@@ -41,14 +41,14 @@ impl Flight {
         self.report(Mode::Hold)
     }
 
-    /// Restores the UAV to where a flight of this mission has ended.
+    /// Moves the UAV to the end of a recorded flight of this mission.
     pub fn restore(&mut self, report: &FlightReport) {
         self.vehicle.position = report.position();
     }
 
-    /// Flies `slot`, from 1. Without a plan, and with an impossible waypoint, the UAV holds and serves nobody; a sensor
-    /// node that is unknown, out of range (UTS eq. 5), named before, or beyond the n resource blocks (UTS eq. 6) is not
-    /// served. Every refusal is counted.
+    /// Flies `slot`, from 1. Without a plan, or with an impossible waypoint, the UAV holds and serves no sensor node. A
+    /// sensor node that is unknown, out of range (UTS eq. 5), scheduled twice, or beyond the n resource blocks (UTS
+    /// eq. 6) is not served. All refusals are counted.
     #[must_use]
     pub fn step(&mut self, slot: u64, plan: Option<&Plan>) -> FlightReport {
         let Some(plan) = plan else {
@@ -65,13 +65,13 @@ impl Flight {
         report
     }
 
-    /// Fills in the links of those scheduled sensor nodes that can be served.
+    /// Fills in the links of the scheduled sensor nodes that can be served.
     fn serve(&self, slot: u64, plan: &Plan, report: &mut FlightReport) {
         let scheduled = plan.scheduled();
         let mut served = 0;
         for (block, &sensor) in scheduled.iter().enumerate() {
-            let blocked = block >= self.resource_blocks || scheduled[..block].contains(&sensor);
-            if blocked || !self.in_range(sensor) {
+            let is_refused = block >= self.resource_blocks || scheduled[..block].contains(&sensor);
+            if is_refused || !self.is_in_range(sensor) {
                 continue;
             }
             report.links[served] = self.link_report(slot, sensor);
@@ -79,10 +79,10 @@ impl Flight {
         }
         report.links[..served].sort_unstable_by_key(|link| link.sensor);
         report.served = u32::try_from(served).expect("at most MAX_SERVED");
-        report.refused = plan.served - report.served; // also what the plan claims to name beyond its message
+        report.refused = plan.served - report.served; // includes a count beyond the length of the message
     }
 
-    fn in_range(&self, sensor: u32) -> bool {
+    fn is_in_range(&self, sensor: u32) -> bool {
         let uav = self.vehicle.position.xy();
         self.positions.get(sensor as usize).is_some_and(|position| within(&uav, position, self.comm_radius_m))
     }
@@ -113,7 +113,7 @@ mod tests {
     use skysink_common::message::MAX_SERVED;
     use skysink_common::scenario::Overrides;
 
-    /// The letter's UAV at (50, 50) with n = 4, over SNs at x = 50, 55, 60, 60 + 1 µm, 52, 51, all at y = 50.
+    /// The paper's UAV at (50, 50) with n = 4, over SNs at x = 50, 55, 60, 60 + 1 µm, 52, 51, all at y = 50.
     fn flight() -> Flight {
         let sensor = |x_m: f64| SensorNode { x_m, y_m: 50.0, gain: 1e-5, ..SensorNode::default() };
         let sensors = [50.0, 55.0, 60.0, 60.000_001, 52.0, 51.0].map(sensor);
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn twice_the_same_an_unknown_one_and_too_many_are_refused() {
+    fn repeated_unknown_and_too_many_sensor_nodes_are_refused() {
         assert_eq!(served(&flight().step(1, Some(&plan(&[1, 1, 0])))), [0, 1]);
         assert_eq!(served(&flight().step(1, Some(&plan(&[6, u32::MAX, 0])))), [0]);
         let report = flight().step(1, Some(&plan(&[0, 1, 2, 4, 5])));
@@ -154,14 +154,14 @@ mod tests {
     }
 
     #[test]
-    fn without_a_plan_the_uav_holds_and_serves_nobody() {
+    fn without_a_plan_the_uav_holds_and_serves_no_sensor_node() {
         let report = flight().step(1, None);
         assert_eq!((report.mode, report.hold), (Mode::Hold as u32, HoldReason::NoPlan as u32));
         assert_eq!((report.served, report.refused), (0, 0));
     }
 
     #[test]
-    fn an_impossible_waypoint_is_one_refusal_and_serves_nobody() {
+    fn an_impossible_waypoint_is_one_refusal_and_serves_no_sensor_node() {
         let mut plan = plan(&[0]);
         plan.z_m = f64::NAN;
         let report = flight().step(1, Some(&plan));
@@ -209,7 +209,8 @@ mod tests {
         let error = (probability * (1.0 - probability) / 20_000.0).sqrt();
         assert!((fraction - probability).abs() < 5.0 * error, "{fraction} against {probability}");
         // The expected rate is the mean of the draws, within five standard errors.
-        let (los, nlos) = (link.los_rate_bps(900.0, 40.0), link.nlos_rate_bps(900.0, 40.0));
+        let los = link.los_rate_bps(900.0, 40.0);
+        let nlos = link.nlos_rate_bps(900.0, 40.0);
         let mean = links.iter().map(|link| link.rate_bps).sum::<f64>() / 20_000.0;
         assert!((mean - link.expected_rate_bps(900.0, 40.0)).abs() < 5.0 * error * (los - nlos));
         assert_eq!(Flight::new(&scenario, &[sensor]).step(7, Some(&plan(&[0]))).links[0], links[6]);
@@ -217,7 +218,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_plan_makes_the_uav_do_what_it_cannot(
+        fn no_plan_makes_the_uav_violate_its_limits(
             x_m in prop::num::f64::ANY, y_m in prop::num::f64::ANY, z_m in prop::num::f64::ANY,
             count in any::<u32>(), ids in prop::collection::vec(0u32..8, MAX_SERVED), mode in any::<u32>(),
         ) {

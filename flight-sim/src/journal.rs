@@ -1,4 +1,4 @@
-//! What flight-sim saves across its own death: its last flights, so that what was flown stays flown.
+//! The journal of flight-sim: its last flights, so that a restarted process does not fly a slot twice.
 
 use skysink_common::message::FlightReport;
 use skysink_ring::error::RingError;
@@ -6,7 +6,7 @@ use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::Journal;
 use skysink_ring::topics::FLIGHT_HISTORY;
 
-/// Flights that are saved: the last ones, and room for one that is cut.
+/// Saved flights: the last ones, and one that may be cut.
 const FLIGHTS: u64 = FLIGHT_HISTORY as u64 + 1;
 
 /// The journal of flight-sim in the ring's folder.
@@ -17,15 +17,15 @@ pub fn journal(folder: &RingFolder) -> Result<Journal, RingError> {
     Journal::open(&folder.journal("flights"), FLIGHTS, size_of::<FlightReport>())
 }
 
-/// Saves the flight of a slot; to be done before it is published.
+/// Saves the flight of a slot. Must be called before it is published.
 ///
 /// # Errors
-/// If the system refuses.
+/// If the file cannot be written.
 pub fn save(journal: &Journal, slot: u64, flight: &FlightReport) -> Result<(), RingError> {
     journal.write(slot, &[bytemuck::bytes_of(flight)])
 }
 
-/// The last flights on record, as many as late joiners get, by slot, in ascending order without a gap.
+/// The last flights on record, as many as late joiners receive: consecutive slots, ascending.
 ///
 /// # Errors
 /// If the file cannot be read.

@@ -1,6 +1,6 @@
-//! The UAV and its radio channel: flies what it is told if it can, and reports what its links can carry.
+//! The UAV and its radio channel: flies plans within the limits of the UAV, and reports the capacities of the links.
 //!
-//! It never trusts the planner. The queues are field-sim's.
+//! Every plan is checked. The queues are left to field-sim.
 
 pub mod flight;
 #[cfg(feature = "node")]

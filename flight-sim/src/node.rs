@@ -16,28 +16,28 @@ use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 use crate::flight::Flight;
 use crate::journal::{journal, restore, save};
 
-/// A flight on record, which is flown again whatever the plans that arrive say.
+/// A flight on record, which is flown again regardless of the plans received.
 pub struct RecordedFlight<'a> {
-    /// The plan that leads to what was flown in a slot, from 1; none where there was none in time.
+    /// The plan for the recorded flight of a slot, from 1; `None` if the slot had no plan in time.
     pub plan_of: &'a dyn Fn(u64) -> Option<Plan>,
-    /// Shortest time from one slot to the next.
+    /// Shortest time between two slots.
     pub period: Option<Duration>,
 }
 
-/// Flies until the mission ends. Started again, it resumes where it was killed: what was flown stays flown, and the
-/// last flights are published once more, because a peer may have died without them.
+/// Flies until the mission ends. A restarted process resumes from its journal, and publishes the last flights again,
+/// which a peer may have missed.
 ///
 /// # Errors
-/// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
+/// If a peer is missing, the ring fails, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
     fly::<S>(scenario, folder, stop, None)
 }
 
-/// Flies until the mission ends what is on record: it waits for the plan of each slot, but does not follow it.
+/// Flies the recorded flight until the mission ends. Waits for the plan of each slot, but does not follow it.
 ///
 /// # Errors
 /// As [`run`].
-pub fn repeat<S: Service + 'static>(
+pub fn replay<S: Service + 'static>(
     scenario: &Scenario,
     folder: &RingFolder,
     stop: &Stop,
@@ -80,7 +80,7 @@ fn fly<S: Service + 'static>(
             Pace::Max => plans.wait_for_slot(&mut wait, slot)?,
             Pace::Factor(_) => {
                 ticks.wait_until(&mut wait, slot)?;
-                plans.of_slot(slot)?.here()
+                plans.poll_slot(slot)?.available()
             }
         };
         let report = match recorded {
@@ -101,7 +101,7 @@ fn fly<S: Service + 'static>(
     ring.wait_for_commit(&mut wait, is_release, || Ok(()))
 }
 
-/// What was refused of the slot's plan, in words.
+/// Counts the refusals of the slot's plan.
 fn count_refusals(refusals: &Refusals, slot: u64, report: &FlightReport) {
     if report.refused > 0 {
         let refusal = match HoldReason::from_repr(report.hold).unwrap_or_default() {

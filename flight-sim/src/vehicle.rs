@@ -1,42 +1,43 @@
-//! The UAV: where it is, and which waypoints it can reach.
+//! The UAV: its position, and the waypoints that it can reach.
 
 use nalgebra::Point3;
 use skysink_common::geometry::within;
 use skysink_common::scenario::Scenario;
 
-/// Slack at the area's border and at the ends of a climb, relative to them: a waypoint on them may be rounded outside.
+/// Relative slack at the border of the area and at the limits of a climb, for waypoints that are rounded outside.
 const SLACK: f64 = 1e-9;
 
 /// A UAV at a fixed altitude, or with a range of altitudes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Vehicle {
     scenario: Scenario,
-    /// Where it is [m].
+    /// Position [m].
     pub position: Point3<f64>,
 }
 
 impl Vehicle {
-    /// The UAV of a scenario, where it starts.
+    /// The UAV of a scenario at its start.
     #[must_use]
     pub fn new(scenario: &Scenario) -> Self {
         Self { scenario: scenario.clone(), position: scenario.start() }
     }
 
-    /// Flies to `waypoint` [m] if it lies in the area and in reach of one slot (UTS eq. 3, and the climb); otherwise
-    /// stays, and says false. At a fixed altitude it stays at its own, if only the waypoint's is a number.
+    /// Flies to `waypoint` [m] if it lies in the area and in reach of one slot (UTS eq. 3, and the climb); otherwise holds
+    /// its position and returns false. At a fixed altitude, the altitude of the waypoint only has to be finite.
     #[must_use]
     pub fn fly_to(&mut self, waypoint: Point3<f64>) -> bool {
         let area = self.scenario.area;
         let border_m = SLACK * area.width_m().max(area.height_m());
         let ground = waypoint.xy();
-        let is_over = area.contains(&ground, border_m) && within(&self.position.xy(), &ground, self.scenario.reach_m());
+        let is_in_reach =
+            area.contains(&ground, border_m) && within(&self.position.xy(), &ground, self.scenario.reach_m());
         let [lowest_m, highest_m] = self.scenario.altitudes_m(self.position.z);
         let z_m = match self.scenario.uav.climb() {
             None if waypoint.z.is_finite() => self.position.z,
             _ => waypoint.z,
         };
         let slack_m = SLACK * highest_m;
-        let is_possible = is_over && (lowest_m - slack_m..=highest_m + slack_m).contains(&z_m);
+        let is_possible = is_in_reach && (lowest_m - slack_m..=highest_m + slack_m).contains(&z_m);
         if is_possible {
             self.position = Point3::new(ground.x, ground.y, z_m.clamp(lowest_m, highest_m));
         }
@@ -49,20 +50,20 @@ mod tests {
     use super::*;
     use skysink_common::scenario::Overrides;
 
-    fn letter() -> Vehicle {
+    fn vehicle() -> Vehicle {
         Vehicle::new(&Scenario::letter(Overrides::default()).unwrap()) // at (50, 50), reach 30 m, area 100 m × 100 m
     }
 
     #[test]
     fn a_waypoint_in_reach_is_flown_to() {
-        let mut vehicle = letter();
+        let mut vehicle = vehicle();
         assert!(vehicle.fly_to(Point3::new(80.0, 50.0, 20.0)));
         assert_eq!(vehicle.position, Point3::new(80.0, 50.0, 20.0));
         assert!(vehicle.fly_to(Point3::new(100.0, 50.0, 20.0)), "the area is closed");
     }
 
     #[test]
-    fn a_climb_ends_at_its_speed_and_its_range() {
+    fn a_climb_is_limited_by_its_speed_and_its_range() {
         let text =
             "name = \"x\"\n[link]\nmodel = \"probabilistic-los\"\n[uav]\naltitude = \"free\"\naltitude_m = 118.0\n";
         let scenario = Scenario::parse(text, std::path::Path::new("x.toml"), Overrides::default()).unwrap();
@@ -74,8 +75,8 @@ mod tests {
     }
 
     #[test]
-    fn a_fixed_altitude_stays_whatever_is_asked_for() {
-        let mut vehicle = letter();
+    fn a_fixed_altitude_is_kept_for_any_waypoint() {
+        let mut vehicle = vehicle();
         assert!(vehicle.fly_to(Point3::new(50.0, 50.0, 99.0)));
         assert_eq!(vehicle.position.z, 20.0);
         assert!(!vehicle.fly_to(Point3::new(50.0, 50.0, f64::INFINITY)));
@@ -84,11 +85,11 @@ mod tests {
     #[test]
     fn an_impossible_waypoint_is_a_hold() {
         for waypoint in [[80.001, 50.0, 20.0], [f64::NAN, 50.0, 20.0], [50.0, f64::INFINITY, 20.0]] {
-            let mut vehicle = letter();
+            let mut vehicle = vehicle();
             assert!(!vehicle.fly_to(Point3::from(waypoint)), "{waypoint:?}");
             assert_eq!(vehicle.position, Point3::new(50.0, 50.0, 20.0));
         }
-        let mut vehicle = letter();
+        let mut vehicle = vehicle();
         assert!(vehicle.fly_to(Point3::new(80.0, 50.0, 20.0)));
         assert!(!vehicle.fly_to(Point3::new(100.001, 50.0, 20.0)), "outside the area");
     }

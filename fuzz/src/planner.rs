@@ -3,22 +3,22 @@
 use arbitrary::{Result, Unstructured};
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::{Position, above};
-use skysink_common::message::{FlightReport, HoldReason, PathPoint, SensorNode, is_possible_path};
+use skysink_common::message::{FlightReport, Mode, PathPoint, Plan, SensorNode, is_possible_path};
 use skysink_common::scenario::Scenario;
 use skysink_flight_sim::Flight;
+use skysink_mission::mission::Mission;
 use skysink_planner::Planner;
 use skysink_planner::settings::Knowledge;
 use skysink_planner::strategies::names;
 
 use crate::messages::report;
-use crate::scratch::bytes;
+use crate::scratch::{file, spoil};
 use crate::world::{SEEN, WORLDS, World, planned};
 
-/// Slots of the life that a checkpoint is taken from.
-const LIFE_SLOTS: u64 = 6;
+/// Slots that are flown before a checkpoint is saved.
+const FLOWN_SLOTS: u64 = 6;
 
-/// Whatever it is told, the planner answers with at most n known sensor nodes; and if the UAV is where it can be, over
-/// the scenario's own sensor nodes, the UAV can do all that the plan says, and the path is one.
+/// Whatever it is told, the planner schedules known sensor nodes; the UAV can fly the plan from wherever it can be.
 pub fn message(u: &mut Unstructured) -> Result<()> {
     let choice = usize::from(u.arbitrary::<u8>()?);
     let world = &WORLDS[choice % WORLDS.len()];
@@ -44,11 +44,8 @@ pub fn message(u: &mut Unstructured) -> Result<()> {
         assert!(plan.served as usize == ids.len() && ids.len() <= scenario.link.resource_blocks, "{plan:?}");
         assert!(ids.iter().all(|&id| (id as usize) < nodes.len()) && ids.is_sorted_by(|a, b| a < b), "{plan:?}");
         if foreign == 0 && possible(&scenario, &position, altitude_m) {
-            let mut flight = Flight::new(&scenario, &nodes);
-            let here = FlightReport { x_m, y_m, z_m: altitude_m, ..flight.start() };
-            flight.restore(&here);
-            let report = flight.step(slot, Some(&plan));
-            assert_eq!((report.hold, report.refused), (HoldReason::None as u32, 0), "{plan:?} from {here:?}");
+            let here = FlightReport::at(above(&position, altitude_m), Mode::Hold);
+            fly(&scenario, world, &here, slot, &plan);
             let path: Vec<_> = planner.path().iter().copied().map(PathPoint::from).collect();
             assert!(is_possible_path(&path, &scenario.area), "{path:?} from {here:?}");
         }
@@ -56,32 +53,33 @@ pub fn message(u: &mut Unstructured) -> Result<()> {
     Ok(())
 }
 
-/// A planner that is given any bytes refuses them and is as it was, or resumes from them and plans what the UAV can do.
-/// An unspoilt checkpoint is never refused.
+/// A planner refuses a spoilt checkpoint and is as it was, or resumes from it and plans what the UAV can do.
 pub fn checkpoint(u: &mut Unstructured) -> Result<()> {
     let world = &WORLDS[usize::from(u.arbitrary::<u8>()?) % WORLDS.len()];
     let strategy = strategy(u)?;
     let scenario = planned(&world.scenario, strategy, SEEN[usize::from(u.arbitrary::<u8>()?) % SEEN.len()]);
-    let (mut planner, here) = life(world, &scenario);
-    let lived = saved(&planner);
-    let checkpoint = spoilt(&lived, u)?;
+    let queues = queues(u, world)?;
+    let mut mission = Mission::new(&scenario, &world.list).expect("its keys were checked");
+    mission.by_ref().take(FLOWN_SLOTS as usize).for_each(drop);
+    let here = *mission.last_flight();
+    let planner = mission.planner_mut();
+    let lived = saved(planner);
+    let path = file("checkpoint", &lived);
+    spoil(&path, u)?;
+    let checkpoint = std::fs::read(path).expect("the checkpoint is there");
     if planner.restore(&checkpoint).is_err() {
-        assert_eq!(saved(&planner), lived);
+        assert_eq!(saved(planner), lived);
         assert_ne!(checkpoint, lived, "a checkpoint of its own is refused");
     }
-    let queues = queues(u, world)?;
-    planner.observe(LIFE_SLOTS, &here, &queues);
-    let plan = planner.step(LIFE_SLOTS + 1, here.position(), &queues);
-    let mut flight = Flight::new(&scenario, &world.nodes);
-    flight.restore(&here);
-    let report = flight.step(LIFE_SLOTS + 1, Some(&plan));
-    assert_eq!((report.hold, report.refused), (0, 0), "{plan:?} from {here:?}");
-    let mut again = Planner::new(&scenario, &world.nodes).expect("a scenario with a change that is allowed");
-    again.restore(&saved(&planner)).expect("what a planner saves is a checkpoint");
-    assert_eq!(saved(&again), saved(&planner));
-    let [plan, same] = [&mut planner, &mut again].map(|planner| {
-        planner.observe(LIFE_SLOTS + 1, &report, &queues);
-        planner.step(LIFE_SLOTS + 2, report.position(), &queues)
+    planner.observe(FLOWN_SLOTS, &here, &queues);
+    let plan = planner.step(FLOWN_SLOTS + 1, here.position(), &queues);
+    let report = fly(&scenario, world, &here, FLOWN_SLOTS + 1, &plan);
+    let mut again = Planner::new(&scenario, &world.nodes).expect("its keys were checked");
+    again.restore(&saved(planner)).expect("what a planner saves is a checkpoint");
+    assert_eq!(saved(&again), saved(planner));
+    let [plan, same] = [planner, &mut again].map(|planner| {
+        planner.observe(FLOWN_SLOTS + 1, &report, &queues);
+        planner.step(FLOWN_SLOTS + 2, report.position(), &queues)
     });
     assert_eq!(format!("{plan:?}"), format!("{same:?}"));
     Ok(())
@@ -111,40 +109,11 @@ fn saved(planner: &Planner) -> Vec<u8> {
     bytes
 }
 
-/// A planner after some slots, and the flight of the last.
-fn life(world: &World, scenario: &Scenario) -> (Planner, FlightReport) {
-    let mut planner = Planner::new(scenario, &world.nodes).expect("its keys were checked");
+/// Flies the plan of a slot, all of which must be possible from `here`.
+fn fly(scenario: &Scenario, world: &World, here: &FlightReport, slot: u64, plan: &Plan) -> FlightReport {
     let mut flight = Flight::new(scenario, &world.nodes);
-    let mut report = flight.start();
-    let queues = world.list.queues_bits();
-    for slot in 1..=LIFE_SLOTS {
-        planner.observe(slot - 1, &report, &queues);
-        let plan = planner.step(slot, report.position(), &queues);
-        report = flight.step(slot, Some(&plan));
-    }
-    (planner, report)
-}
-
-/// A checkpoint with some of its bytes replaced, cut, or any bytes instead.
-fn spoilt(checkpoint: &[u8], u: &mut Unstructured) -> Result<Vec<u8>> {
-    let mut spoilt = checkpoint.to_vec();
-    match u.arbitrary::<u8>()? % 4 {
-        0 => {}
-        1 => spoilt.truncate(usize::from(u.arbitrary::<u16>()?) % (checkpoint.len() + 1)),
-        2 => {
-            for _ in 0..u.arbitrary::<u8>()? % 4 {
-                let at = usize::from(u.arbitrary::<u16>()?);
-                let length = usize::from(u.arbitrary::<u8>()?) % 9;
-                let new = bytes(u, length)?;
-                if let Some(old) = spoilt.get_mut(at..at + new.len()) {
-                    old.copy_from_slice(new);
-                }
-            }
-        }
-        _ => {
-            let length = usize::from(u.arbitrary::<u16>()?) % 400;
-            spoilt = bytes(u, length)?.to_vec();
-        }
-    }
-    Ok(spoilt)
+    flight.restore(here);
+    let report = flight.step(slot, Some(plan));
+    assert_eq!((report.hold, report.refused), (0, 0), "{plan:?} from {here:?}");
+    report
 }

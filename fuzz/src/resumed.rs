@@ -5,7 +5,7 @@ use skysink::run::resume::resume;
 use skysink_common::stop::Stop;
 use skysink_lab::sweep::journal::{MissionRows, SweepJournal, check_seed, checked_line, read};
 use skysink_lab::sweep::plan::Definition;
-use skysink_mission::origin::Manner;
+use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
 use skysink_mission::trace::RecordedSlot;
@@ -16,8 +16,7 @@ use crate::assert_one_line;
 use crate::scratch::{FOLDER, file};
 use crate::world::{WORLDS, World};
 
-/// A trace is refused in one line, or every whole line of it is what the scenario leads to: its hash is that of the
-/// lines as they stand, and the run goes on behind them.
+/// A trace is refused in one line, or its whole lines are what the scenario leads to, and the run resumes behind them.
 pub fn trace(bytes: &[u8]) {
     for line in bytes.split_inclusive(|&byte| byte == b'\n') {
         let columns = line.iter().filter(|&&byte| byte == b',').count() + 1;
@@ -39,7 +38,7 @@ pub fn trace(bytes: &[u8]) {
 /// Goes on with a trace, and returns the hash of its lines.
 fn go_on(bytes: &[u8]) -> Result<u64, Error> {
     let World { scenario, list, .. } = &WORLDS[0];
-    let folder = RunFolder::create(Some(FOLDER.path()), true, scenario, list, &Manner::default())?;
+    let folder = RunFolder::create(Some(FOLDER.path()), true, scenario, list, &RunMode::default())?;
     std::fs::write(folder.slots(), bytes).expect("a file can be written"); // the same file: it is locked
     let mut tally = Tally::new(scenario, list);
     let mut resumed = resume(&folder, scenario, list, &mut tally, &Stop::default())?;
@@ -47,9 +46,7 @@ fn go_on(bytes: &[u8]) -> Result<u64, Error> {
     Ok(resumed.log.hash())
 }
 
-/// A journal is refused in one line, or its missions are the same however they are read, and written again they read
-/// back as themselves; opened, it ends with a whole line. The same holds when each line is given the check that it
-/// needs to be taken for one of the sweep.
+/// A journal is refused in one line, or its missions read the same twice; also if each line gets the sweep's check.
 pub fn sweep_journal(bytes: &[u8]) {
     let seed = check_seed(&sweep());
     let lines = bytes.split(|&byte| byte == b'\n').map(|line| checked_line(line, seed));
@@ -58,6 +55,7 @@ pub fn sweep_journal(bytes: &[u8]) {
 }
 
 fn read_and_opened(bytes: &[u8]) {
+    let words = |rows: &MissionRows| format!("{rows:?}"); // a figure may be NaN, which equals nothing
     let path = file("missions.csv", bytes);
     let sweep = sweep();
     match (read(&path, &sweep), SweepJournal::open(&path, &sweep)) {
@@ -67,14 +65,14 @@ fn read_and_opened(bytes: &[u8]) {
         }
         (Ok(found), Ok(journal)) => {
             let rows = journal.all().expect("its lines were just read");
-            assert_eq!(told(&found), told(&rows));
+            assert_eq!(words(&found), words(&rows));
             let left = std::fs::read(&path).expect("the journal is there");
             assert!(bytes.starts_with(&left) && left.last().is_none_or(|&byte| byte == b'\n'));
             let copy = file("copy.csv", &[]);
             let mut journal = SweepJournal::open(&copy, &sweep).expect("an empty journal opens");
             assert_eq!(journal.count(), 0);
             rows.values().for_each(|row| journal.add(row).expect("the row is written"));
-            assert_eq!(told(&read(&copy, &sweep).expect("what was just written is a journal")), told(&rows));
+            assert_eq!(words(&read(&copy, &sweep).expect("what was just written is a journal")), words(&rows));
         }
         (found, opened) => panic!("read: {found:?}, opened: {opened:?}"),
     }
@@ -90,9 +88,4 @@ fn sweep() -> Definition {
         strategies: names().map(str::to_owned).to_vec(),
         seeds: (0..10).collect(),
     }
-}
-
-/// The missions in words: a figure may be NaN, which equals nothing.
-fn told(rows: &MissionRows) -> String {
-    format!("{rows:?}")
 }

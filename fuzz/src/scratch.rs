@@ -44,8 +44,7 @@ pub fn bytes<'a>(u: &mut Unstructured<'a>, length: usize) -> Result<&'a [u8]> {
     u.bytes(length.min(u.len()))
 }
 
-/// What a crash or a disk may do to a file: the input says where bytes change, and where it ends. Says whether it did
-/// anything.
+/// Changes bytes of a file, cuts it or replaces it, as the input says. Returns whether it did anything.
 pub fn spoil(path: &Path, u: &mut Unstructured) -> Result<bool> {
     let file = OpenOptions::new().write(true).open(path).expect("the file is there");
     let length = file.metadata().expect("the file is there").len();
@@ -55,6 +54,7 @@ pub fn spoil(path: &Path, u: &mut Unstructured) -> Result<bool> {
         let at = u64::from(u.arbitrary::<u32>()?) % (length + 64);
         let spoilt = match kind {
             0 => file.set_len(at),
+            u8::MAX => fs::write(path, u.bytes(u.len())?),
             _ => file.write_all_at(bytes(u, usize::from(kind % 32))?, at),
         };
         spoilt.expect("the file can be changed");

@@ -1,4 +1,4 @@
-//! Missions side by side: what strategies come to over the same fields, or runs on record.
+//! Compares strategies over the same fields, or finished runs.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -15,30 +15,30 @@ use crate::sweep::journal::{MissionRows, missions_of};
 use crate::sweep::plan::Definition;
 use crate::sweep::statistics::{MeanInterval, paired_differences};
 
-/// What is compared: a strategy over several fields, or a run.
+/// A strategy over several fields, or a run, in a comparison.
 #[derive(Debug, Clone)]
 pub struct Contender {
-    /// The strategy, or the run's folder.
+    /// The strategy, or the run folder.
     pub label: String,
     missions: BTreeMap<u64, MetricValues>,
 }
 
-/// A metric of a contender.
+/// One metric of one contender.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MetricStanding {
     /// The contender.
     pub label: String,
     /// The metric, as in `docs/src/metrics.md`.
     pub metric: &'static str,
-    /// Missions.
+    /// Number of missions.
     pub n: usize,
     /// Mean over the missions.
     pub mean: f64,
-    /// Limits of its 95 % confidence interval; none of a single mission.
+    /// Limits of the 95 % confidence interval of the mean; `None` for a single mission.
     pub ci95: Option<[f64; 2]>,
-    /// Mean of the differences from the first contender, by mission; none of the first, or where no seed is shared.
+    /// Mean difference to the first contender, paired by seed; `None` for the first, or without a common seed.
     pub difference: Option<f64>,
-    /// Limits of its 95 % confidence interval.
+    /// Limits of the 95 % confidence interval of the difference.
     pub difference_ci95: Option<[f64; 2]>,
 }
 
@@ -51,10 +51,10 @@ impl Contender {
         strategies.map(|(index, strategy)| Self { label: strategy.clone(), missions: missions(index) }).collect()
     }
 
-    /// A run on record, from its trace. Its plan times are those of its summary.
+    /// A finished run, from its trace. The planning times are taken from its summary.
     ///
     /// # Errors
-    /// If the folder is none of a run, was changed, the run ended early, or on a stop.
+    /// If the folder is not a run folder or was changed, the run ended early, or on a stop.
     pub fn of_run(folder: &Path, label: &str, stop: &Stop) -> Result<Self, LabError> {
         let mut replay = Replay::open(folder)?;
         let mut meter = MissionMeter::new(replay.scenario(), replay.list(), &replay.mission().header());
@@ -65,7 +65,7 @@ impl Contender {
         let planned = replay.scenario().slots;
         if meter.tally().last_slot() != planned {
             let flown = meter.tally().last_slot();
-            let message = format_args!("it ended early, after slot {flown} of {planned}: expected a whole run");
+            let message = format_args!("it ended early, after slot {flown} of {planned}: expected a complete run");
             return Err(InputError::new("run folder", folder, message).into());
         }
         let values = meter.values(replay.mission().field(), Some(&replay.summary().timing), None);
@@ -83,7 +83,7 @@ impl Contender {
         self.missions.iter().filter_map(value).filter(|(_, value)| !value.is_nan()).collect()
     }
 
-    /// How it stands by a metric, beside `reference`; none if it has no such value.
+    /// Mean of a metric and its difference to `reference`; `None` if no mission has a value.
     #[must_use]
     pub fn standing(&self, metric: Metric, reference: Option<&Self>) -> Option<MetricStanding> {
         let values = self.values(metric);
@@ -105,14 +105,14 @@ impl Contender {
     }
 }
 
-/// How all stand by all metrics, each beside the first.
+/// All metrics of all contenders, with differences to the first.
 #[must_use]
 pub fn standings(contenders: &[Contender]) -> Vec<MetricStanding> {
-    let beside_first = |(index, contender): (usize, &Contender)| {
+    let of_contender = |(index, contender): (usize, &Contender)| {
         let reference = contenders.first().filter(|_| index > 0);
         Metric::VARIANTS.iter().filter_map(|&metric| contender.standing(metric, reference)).collect::<Vec<_>>()
     };
-    contenders.iter().enumerate().flat_map(beside_first).collect()
+    contenders.iter().enumerate().flat_map(of_contender).collect()
 }
 
 #[cfg(test)]
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_differs_from_nobody_and_what_nobody_has_is_left_out() {
+    fn the_first_has_no_difference_and_metrics_without_values_are_omitted() {
         let all = standings(&[contender("uts", &[(1, 0.5)]), contender("gfs", &[(9, 0.5)])]);
         assert!(all.iter().all(|standing| standing.difference.is_none() && standing.ci95.is_none()));
         assert!(all.iter().all(|standing| standing.metric != "loss_bound"));

@@ -1,7 +1,7 @@
-//! `skysink figures`: curves with confidence bands (`chart`) and trajectory maps (`map`), each drawn once and
-//! written as SVG, PDF and PNG, with the sweeps behind them. `skysink plot` draws with the same.
+//! `skysink figures`: the sweeps of the paper's figures, drawn as curves with confidence bands (`chart`) and trajectory
+//! maps (`map`), and written as SVG, PDF and PNG. `skysink plot` uses the same charts.
 //!
-//! The same missions give the same bytes: no system font, no clock, no random number takes part.
+//! The same missions give the same bytes: the output depends on no system font, clock or random number.
 
 mod axis;
 pub mod chart;
@@ -28,18 +28,18 @@ use crate::progress::{OnProgress, SweepNumber};
 use choice::{Choice, FigurePart};
 use study::Study;
 
-/// Flies what is wanted and draws everything, with the tables of all charts; returns the figures' paths without their
+/// Runs or resumes the sweeps, draws the figures and writes their tables. Returns the paths of the figures without
 /// extensions.
 ///
 /// # Errors
-/// If a sweep is refused, something cannot be written, or on a stop.
+/// If a sweep is refused, a file cannot be written, or on a stop.
 pub fn draw(choice: &Choice, stop: &Stop, on_progress: OnProgress) -> Result<Vec<PathBuf>, LabError> {
     fs::create_dir_all(&choice.out).at(&choice.out)?;
     let mut tables = head(choice);
     let mut seeds = String::new();
     let mut stems = Vec::new();
     let mut studies = study::studies();
-    studies.retain(|study| choice.wants(study.part));
+    studies.retain(|study| choice.includes(study.part));
     let mut next = SweepNumber { number: 1, of: studies.iter().map(Study::sweeps).sum() };
     for study in &studies {
         let charts = study.charts(choice, next, stop, on_progress)?;
@@ -56,7 +56,7 @@ pub fn draw(choice: &Choice, stop: &Stop, on_progress: OnProgress) -> Result<Vec
             stems.push(stem);
         }
     }
-    let sheets = if choice.wants(FigurePart::Maps) { trajectories::sheets(choice, stop)? } else { Vec::new() };
+    let sheets = if choice.includes(FigurePart::Maps) { trajectories::sheets(choice, stop)? } else { Vec::new() };
     for (name, sheet) in sheets {
         stop.check()?;
         let stem = choice.out.join(name);
@@ -67,7 +67,7 @@ pub fn draw(choice: &Choice, stop: &Stop, on_progress: OnProgress) -> Result<Vec
     Ok(stems)
 }
 
-/// What is said of all tables.
+/// The text above the tables.
 fn head(choice: &Choice) -> String {
     let intervals = "Means over fields with 95 % confidence intervals, by Student's t; those of fractions and of their \
                      differences on the logit scale of their range (docs/src/metrics.md). A difference is of the same \

@@ -1,6 +1,6 @@
-//! Positions of sensor nodes from the files of other programs: CSV with any columns, KML, GPX and GeoJSON.
+//! Imports positions of sensor nodes from CSV, KML, GPX and GeoJSON.
 //!
-//! Each format has a file, and returns points; what becomes of them is left to the caller.
+//! Each format has its own file and returns points. The caller derives the scenario.
 
 mod csv;
 mod geojson;
@@ -12,17 +12,17 @@ use std::path::Path;
 
 use skysink_common::error::{InputError, read_text};
 
-/// What is refused.
+/// The kind of input in error messages.
 const WHAT: &str = "sensor positions";
 
-/// Formats by the end of a file's name, with their readers.
+/// File extensions with their readers.
 const FORMATS: [(&str, Reader); 5] =
     [("csv", csv::read), ("kml", kml::read), ("gpx", gpx::read), ("geojson", geojson::read), ("json", geojson::read)];
 
-/// Reads the text of a file; the error says where, what is there and what was expected.
+/// Reads the text of a file. The error contains location, value and expectation.
 type Reader = fn(&str) -> Result<Imported, String>;
 
-/// Longitudes that are so far apart are one [°].
+/// Longitudes are equal modulo this angle [°].
 const FULL_CIRCLE_DEG: f64 = 360.0;
 
 /// The frame of imported positions.
@@ -34,14 +34,14 @@ pub enum Frame {
     Geodetic,
 }
 
-/// What a file says of one sensor node.
+/// An imported sensor node.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImportedSensor {
-    /// Where the file says so, such as `line 3` or `point 2`.
+    /// Its location in the file, such as `line 3` or `point 2`.
     pub place: String,
     /// x and y [m], or latitude and longitude [°].
     pub position: [f64; 2],
-    /// Further columns of a sensor list, as they are written there.
+    /// Values of further columns of the sensor list.
     pub others: Vec<String>,
 }
 
@@ -52,13 +52,13 @@ pub struct Imported {
     pub frame: Frame,
     /// The sensor nodes.
     pub sensors: Vec<ImportedSensor>,
-    /// Names of the further columns that the file has.
+    /// Names of the further columns.
     pub others: Vec<&'static str>,
-    /// What was left out of the file, for people.
+    /// Descriptions of ignored content.
     pub ignored: Vec<String>,
 }
 
-/// The points of a file, by latitude and longitude [°], and how many items it holds that carry none.
+/// The points of a file, as latitude and longitude [°], and the number of ignored items.
 #[derive(Default)]
 struct FoundPoints {
     points: Vec<[f64; 2]>,
@@ -66,19 +66,19 @@ struct FoundPoints {
 }
 
 impl Imported {
-    /// Points by latitude and longitude [°] and nothing else.
+    /// Sensor nodes with only latitude and longitude [°].
     fn geodetic(FoundPoints { points, ignored }: FoundPoints) -> Result<Self, String> {
         let mut sensors = Vec::with_capacity(points.len());
         for (position, number) in points.into_iter().zip(1..) {
             let place = format!("point {number}");
-            on_earth(position).map_err(|message| format!("{place}: {message}"))?;
+            check_geodetic(position).map_err(|message| format!("{place}: {message}"))?;
             sensors.push(ImportedSensor { place, position, others: Vec::new() });
         }
-        let ignored = (ignored > 0).then(|| format!("{ignored} lines, polygons or others that carry no point"));
+        let ignored = (ignored > 0).then(|| format!("{ignored} lines, polygons or other items without a point"));
         Ok(Self { frame: Frame::Geodetic, sensors, others: Vec::new(), ignored: ignored.into_iter().collect() })
     }
 
-    /// The sensor nodes as a sensor list of Skysink, shifted by `shift` [m or °].
+    /// The sensor list (CSV) of Skysink with all positions translated by `shift` [m or °].
     #[must_use]
     pub fn to_csv(&self, shift: [f64; 2]) -> String {
         let axes = match self.frame {
@@ -94,8 +94,8 @@ impl Imported {
         text
     }
 
-    /// The latitude [°] of the southernmost sensor node, and the longitude [°] of the westernmost: the one behind the
-    /// widest gap, wherever that is, so that a field may lie on both sides of the 180th meridian.
+    /// The latitude [°] of the southernmost sensor node and the longitude [°] of the westernmost one. The westernmost node
+    /// is the one east of the widest gap, so that a field may cross the 180th meridian.
     #[must_use]
     pub fn south_west(&self) -> [f64; 2] {
         let mut longitudes: Vec<f64> = self.sensors.iter().map(|sensor| sensor.position[1]).collect();
@@ -106,7 +106,7 @@ impl Imported {
         [self.bounds()[0][0], widest.map_or(f64::NAN, |(east, _)| *east)]
     }
 
-    /// The lowest coordinates and the highest.
+    /// The lower and upper corner of the bounding box.
     #[must_use]
     pub fn bounds(&self) -> [[f64; 2]; 2] {
         let fold = |start: f64, pick: fn(f64, f64) -> f64| {
@@ -116,10 +116,10 @@ impl Imported {
     }
 }
 
-/// Reads the sensor nodes of the file `path`; the end of its name says the format.
+/// Reads the sensor nodes of the file `path`. Its extension determines the format.
 ///
 /// # Errors
-/// If the format is unknown, the file cannot be read, a position is none, or there is no point.
+/// If the format is unknown, the file cannot be read, a position is invalid, or there is no point.
 pub fn read(path: &Path) -> Result<Imported, InputError> {
     let refuse = |message: String| InputError::new(WHAT, path, message);
     let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default().to_lowercase();
@@ -134,8 +134,8 @@ pub fn read(path: &Path) -> Result<Imported, InputError> {
     Ok(imported)
 }
 
-/// Refuses what is no latitude and longitude.
-fn on_earth([lat_deg, lon_deg]: [f64; 2]) -> Result<(), String> {
+/// Checks the range of a latitude and a longitude.
+fn check_geodetic([lat_deg, lon_deg]: [f64; 2]) -> Result<(), String> {
     if !(-90.0..=90.0).contains(&lat_deg) {
         return Err(format!("latitude {lat_deg}: expected -90 to 90"));
     }
@@ -145,7 +145,7 @@ fn on_earth([lat_deg, lon_deg]: [f64; 2]) -> Result<(), String> {
     Ok(())
 }
 
-/// An error with what it stems from, on one line.
+/// An error with its causes, on one line.
 fn with_causes(error: &dyn std::error::Error) -> String {
     let causes = std::iter::successors(error.source(), |cause| cause.source());
     let mut message = error.to_string();
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn the_westernmost_place_lies_behind_the_widest_gap() {
+    fn the_westernmost_point_is_east_of_the_widest_gap() {
         let west = |longitudes: &[f64]| {
             let points = longitudes.iter().map(|&lon_deg| [1.0, lon_deg]).collect();
             Imported::geodetic(FoundPoints { points, ignored: 0 }).unwrap().south_west()
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_that_is_not_on_earth_is_refused_by_its_number() {
+    fn a_point_with_invalid_coordinates_is_refused_by_its_number() {
         assert_eq!(
             Imported::geodetic(FoundPoints { points: vec![[1.0, 2.0], [91.0, 0.0]], ignored: 0 }).unwrap_err(),
             "point 2: latitude 91: expected -90 to 90"

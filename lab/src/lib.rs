@@ -1,5 +1,5 @@
-//! Research: sweeps, metrics, figures, comparisons, the search for the best known flight, positions from and runs to the
-//! formats of maps and vehicles. The only crate that knows arrow, resvg, krilla and those formats.
+//! Evaluation: sweeps, metrics, figures, comparisons, the search for the best known flight, import of positions and export
+//! of runs. The only crate that depends on arrow, resvg, krilla and map formats.
 
 pub mod compare;
 mod error;

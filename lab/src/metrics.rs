@@ -1,4 +1,4 @@
-//! What a mission comes to: the columns of a sweep's results. Definitions in `docs/src/metrics.md`.
+//! The metrics of a mission, which are the columns of a sweep's results. Defined in `docs/src/metrics.md`.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ use strum::{EnumCount, IntoStaticStr, VariantArray};
 use crate::optimize::LossBounds;
 use crate::sweep::statistics::Support;
 
-/// A column of the results, by its name there; defined in `docs/src/metrics.md`.
+/// A metric, which is a column of the results; defined in `docs/src/metrics.md`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, EnumCount, IntoStaticStr, VariantArray)]
 #[serde(rename_all = "snake_case")]
 #[strum(serialize_all = "snake_case")]
@@ -36,9 +36,9 @@ pub enum Metric {
     #[strum(serialize = "data_age_p99_s")]
     DataAgeP99S,
     Jain,
-    /// NaN unless a plan of `offline` was flown.
+    /// NaN unless the strategy is `offline`.
     LossBound,
-    /// NaN unless a plan of `offline` was flown over a random channel.
+    /// NaN unless the strategy is `offline` and the channel is random.
     ExpectedLossBound,
     #[strum(serialize = "plan_p50_us")]
     PlanP50Us,
@@ -46,21 +46,21 @@ pub enum Metric {
     PlanP99Us,
 }
 
-/// The values of all metrics, in their order.
+/// The values of all metrics, in the order of [`Metric`].
 pub type MetricValues = [f64; Metric::COUNT];
 
 impl Metric {
-    /// All of them, in their order.
+    /// All metrics.
     pub fn all() -> impl Iterator<Item = Self> {
         Self::VARIANTS.iter().copied()
     }
 
-    /// Its column.
+    /// The name of its column.
     pub fn name(self) -> &'static str {
         self.into()
     }
 
-    /// What it is, with its unit, for people.
+    /// A description with its unit.
     pub fn label(self) -> &'static str {
         match self {
             Self::LossRate => "data loss rate η",
@@ -82,12 +82,12 @@ impl Metric {
         }
     }
 
-    /// Whether it is a time of the wall clock, and different each time.
+    /// Whether it is a wall-clock time, which is not reproducible.
     pub fn is_timing(self) -> bool {
         matches!(self, Self::PlanP50Us | Self::PlanP99Us)
     }
 
-    /// Which values it can have, as far as its confidence interval respects that.
+    /// The range of its values that its confidence interval respects.
     pub fn support(self) -> Support {
         match self {
             Self::LossRate | Self::LossBound | Self::ExpectedLossBound | Self::Jain => Support::Fraction,
@@ -101,7 +101,7 @@ impl Metric {
     }
 }
 
-/// Running sums of a mission, beside those of its summary.
+/// Running sums of a mission, in addition to those of its summary.
 #[derive(Debug, Clone)]
 struct MissionSums {
     slot_s: f64,
@@ -115,7 +115,7 @@ struct MissionSums {
 }
 
 impl MissionSums {
-    /// Nothing flown yet.
+    /// The sums before slot 1.
     fn new(scenario: &Scenario, list: &SensorList) -> Self {
         Self {
             slot_s: scenario.slot_s,
@@ -129,11 +129,11 @@ impl MissionSums {
         }
     }
 
-    /// Adds the next slot, after which the sensor nodes hold `queues_bits` and have delivered `delivered_bits` since the
-    /// mission's start.
+    /// Adds the next slot. `queues_bits` are the queues after the slot, `delivered_bits` the bits delivered since the start,
+    /// both by sensor node.
     ///
     /// # Panics
-    /// If it serves a sensor node that the mission does not have.
+    /// If the slot serves an unknown sensor node.
     fn add(&mut self, flight: &FlightReport, queues_bits: &[u32], delivered_bits: &[u64]) {
         self.slot += 1;
         let position = flight.position();
@@ -148,7 +148,7 @@ impl MissionSums {
         }
     }
 
-    /// The metrics of a mission that comes to `summary`; `delivered_bits` by sensor node.
+    /// The metrics of a mission with this summary; `delivered_bits` by sensor node.
     fn values(&self, summary: &Summary, delivered_bits: &[u64], bounds: Option<LossBounds>) -> MetricValues {
         let service_ages = self.service_ages.counts(self.slot, |_| true);
         let data_ages = self.data.counts(self.slot);
@@ -177,7 +177,7 @@ impl MissionSums {
     }
 }
 
-/// Everything that a mission is measured by, slot by slot.
+/// Computes the metrics of a mission, slot by slot.
 #[derive(Debug)]
 pub struct MissionMeter {
     tally: Tally,
@@ -185,7 +185,7 @@ pub struct MissionMeter {
 }
 
 impl MissionMeter {
-    /// Nothing flown yet; `header` is the ledger before slot 1.
+    /// The meter before slot 1; `header` contains the ledger.
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList, header: &QueuesHeader) -> Self {
         let mut tally = Tally::new(scenario, list);
@@ -193,11 +193,11 @@ impl MissionMeter {
         Self { tally, sums: MissionSums::new(scenario, list) }
     }
 
-    /// Adds the next slot, after which the ledger is `header` and the field `field`. Without its plan it counts for no
+    /// Adds the next slot. `header` and `field` are the ledger and the field after it. Without a plan, the slot has no
     /// planning time.
     ///
     /// # Panics
-    /// If it serves a sensor node that the mission does not have.
+    /// If the slot serves an unknown sensor node.
     pub fn add(&mut self, plan: Option<&Plan>, flight: &FlightReport, header: &QueuesHeader, field: &Field) {
         self.tally.add(plan, flight, header);
         self.sums.add(flight, field.queues_bits(), field.delivered_bits());

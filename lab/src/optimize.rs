@@ -1,7 +1,7 @@
-//! `skysink optimize`: the best flight that is known of a mission, beside the loss that no flight avoids.
+//! `skysink optimize`: the best known flight of a mission, and a lower bound on the loss of every flight.
 //!
-//! The candidates are the plan that a long search finds before take-off (`offline`), knowing the queues, and what every
-//! strategy flies; the best is left as a run folder.
+//! The candidates are the plan of a long search before take-off (`offline`, with known queues) and the flights of all
+//! strategies. The best one is written as a run.
 
 use std::ops::ControlFlow;
 use std::sync::OnceLock;
@@ -22,36 +22,36 @@ use skysink_planner::strategies::offline::{self, Offline, OfflineKeys};
 use crate::error::LabError;
 use crate::progress::{LabProgress, OnProgress, SweepNumber};
 
-/// Steps by which the speed of the search is measured.
+/// Search steps of the trial that measures the speed of the search.
 const TRIAL_STEPS: u64 = 100_000;
 
-/// Least time that a trial counts for: one that ends at once tells nothing of the speed.
-const LEAST_TRIAL: Duration = Duration::from_millis(1);
+/// Minimum duration of the trial in the computation of the speed.
+const MIN_TRIAL: Duration = Duration::from_millis(1);
 
-/// Most search steps, as in scenarios.
+/// Maximum number of search steps, as in scenarios.
 pub const MAX_STEPS: u64 = 1_000_000_000_000;
 
-/// How long the search may take.
+/// The budget of the search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Budget {
-    /// Search steps: the result is the same everywhere.
+    /// Search steps; the result is the same on every machine.
     Steps(u64),
-    /// Time of this machine, turned into steps by a trial.
+    /// Time, converted to steps by a trial.
     Time(Duration),
 }
 
-/// What an optimisation comes to, and the flight that is the best known.
+/// The result of the search, and the best known flight.
 #[derive(Debug)]
 pub struct BestKnown {
-    /// Bound, best known, and every strategy.
+    /// Lower bound, best known loss, and the loss of every strategy.
     pub optimum: Optimum,
     /// The scenario of the best known flight.
     pub scenario: Scenario,
     /// The sensor nodes.
     pub list: SensorList,
-    /// How long the search took.
+    /// Duration of the search.
     pub took: Duration,
-    /// The plan of `offline`, if it is the best.
+    /// The plan of `offline`, if it is the best flight.
     plan: Option<Vec<u8>>,
 }
 
@@ -59,13 +59,13 @@ impl BestKnown {
     /// The best known flight, before slot 1.
     ///
     /// # Errors
-    /// Never for the scenario that was found.
+    /// Never for the scenario of a search result.
     pub fn mission(&self) -> Result<Mission, InputError> {
         mission(&self.scenario, self.plan.as_deref(), &self.list)
     }
 }
 
-/// What a strategy loses.
+/// The loss of a strategy.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Standing {
     /// The strategy.
@@ -78,33 +78,32 @@ pub struct Standing {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SearchEnd {
-    /// All steps are done.
+    /// The budget is used up.
     AllSteps,
-    /// The best known flight loses no more than the bound: none can be better.
+    /// The best known flight reaches the lower bound, and is therefore optimal.
     Optimal,
-    /// Its plan loses no more than any plan in the search's own model of the mission, which has links at their expected
-    /// rates.
+    /// The plan is optimal in the model of the search, which has fractional bits and expected rates.
     ModelOptimal,
-    /// No sensor node that can lose data can be reached in time: there is nothing to search.
+    /// No sensor node that can lose data can be reached in time.
     NothingInReach,
 }
 
-/// What an optimisation comes to, as in `optimum.json`.
+/// The result of the search, as in `optimum.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Optimum {
     /// Name of the scenario.
     pub name: String,
     /// Seed.
     pub seed: u64,
-    /// Most search steps of `offline`.
+    /// Maximum number of search steps of `offline`.
     pub steps: u64,
-    /// Those of them that were done.
+    /// Search steps done.
     pub steps_done: u64,
     /// Why the search ended.
     pub search_end: SearchEnd,
-    /// Loss rate η that no flight avoids, even of somebody who knows every draw of the channel.
+    /// Lower bound of the loss rate η of every flight, even with all draws of the channel known in advance.
     pub loss_bound: f64,
-    /// Where the channel is random: the mean of η over its draws that nobody avoids who does not know them in advance.
+    /// For a random channel: lower bound of the mean η over its draws, if they are not known in advance.
     pub expected_loss_bound: Option<f64>,
     /// The least loss rate of all strategies.
     pub best_known: Standing,
@@ -114,16 +113,16 @@ pub struct Optimum {
     pub version: &'static str,
 }
 
-/// Lower bounds on the loss rate η of a mission (`docs/src/look-ahead.md`); 0 where nothing is sampled.
+/// Lower bounds of the loss rate η of a mission (`docs/src/look-ahead.md`); 0 if nothing is sampled.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LossBounds {
-    /// Of every flight.
+    /// For every flight.
     pub loss_bound: f64,
-    /// Of the mean over the draws of the channel, where it is random.
+    /// For the mean over the draws of a random channel.
     pub expected_loss_bound: Option<f64>,
 }
 
-/// The bounds of a mission of which some flight loses `known_bits` [bit].
+/// The bounds of a mission. `known_bits` is the loss of a known flight [bit].
 #[must_use]
 pub fn loss_bounds(scenario: &Scenario, list: &SensorList, known_bits: u64) -> LossBounds {
     let MissionBound { loss_bits, expected_loss_bits } =
@@ -134,14 +133,13 @@ pub fn loss_bounds(scenario: &Scenario, list: &SensorList, known_bits: u64) -> L
     }
 }
 
-/// Searches for the plan of `offline`, and flies every strategy. `scenarios` are the mission by each of them. A stop
-/// leaves nothing.
+/// Searches for the plan of `offline` and simulates every strategy. `scenarios` contains the mission once per strategy.
 ///
 /// # Errors
 /// If the sensor list is refused, or on a stop.
 ///
 /// # Panics
-/// If no scenario is by `offline`.
+/// If no scenario has the strategy `offline`.
 pub fn optimize(
     scenarios: &[Scenario],
     budget: Budget,
@@ -149,33 +147,33 @@ pub fn optimize(
     on_progress: OnProgress,
 ) -> Result<BestKnown, LabError> {
     let is_offline = |scenario: &&Scenario| scenario.planner.strategy == offline::STRATEGY.name;
-    let rivals = || scenarios.iter().filter(|scenario| !is_offline(scenario));
-    let offline = scenarios.iter().find(is_offline).expect("the mission by every strategy");
+    let others = || scenarios.iter().filter(|scenario| !is_offline(scenario));
+    let offline = scenarios.iter().find(is_offline).expect("the mission with every strategy");
     let list = SensorList::of(offline)?;
     let steps = match budget {
         Budget::Steps(steps) => steps,
         Budget::Time(time) => steps_in(time, offline, &list, stop)?,
     };
-    let offline = searching(offline, steps)?;
-    let fly_rivals = || rivals().map(|scenario| standing(scenario, None, &list, stop)).collect();
+    let offline = with_search(offline, steps)?;
+    let fly_others = || others().map(|scenario| standing(scenario, None, &list, stop)).collect();
     let (searched, took, flown) = std::thread::scope(|scope| {
-        let flown = scope.spawn(fly_rivals);
+        let flown = scope.spawn(fly_others);
         let begin = Instant::now();
         let searched = search(&offline, steps, &list, stop, on_progress);
         let took = begin.elapsed();
         let flown: Result<Vec<(Standing, u64)>, LabError> = flown.join().expect("a flight does not panic");
         (searched, took, flown)
     });
-    let Searched { plan, steps_done, end } = searched?;
+    let SearchResult { plan, steps_done, end } = searched?;
     let mut flown = flown?;
-    flown.insert(0, standing(&offline, plan.as_deref(), &list, stop)?); // the first of equals
+    flown.insert(0, standing(&offline, plan.as_deref(), &list, stop)?); // stays first among equals
     flown.sort_by_key(|(_, lost_bits)| *lost_bits);
     let (best, known_bits) = flown[0];
     let standings = flown.into_iter().map(|(standing, _)| standing).collect();
     let LossBounds { loss_bound, expected_loss_bound } = loss_bounds(&offline, &list, known_bits);
-    let best_rival = rivals().find(|scenario| scenario.planner.strategy == best.strategy);
-    let scenario = best_rival.unwrap_or(&offline).clone();
-    let plan = plan.filter(|_| best_rival.is_none());
+    let best_other = others().find(|scenario| scenario.planner.strategy == best.strategy);
+    let scenario = best_other.unwrap_or(&offline).clone();
+    let plan = plan.filter(|_| best_other.is_none());
     let optimum = Optimum {
         name: offline.name.clone(),
         seed: offline.seed,
@@ -194,21 +192,21 @@ pub fn optimize(
     Ok(BestKnown { optimum, scenario, list, took, plan })
 }
 
-/// About as many steps as this machine takes in `time`, by a trial, which is part of it.
+/// The approximate number of search steps that this machine does in `time`, including the trial that measures it.
 fn steps_in(time: Duration, offline: &Scenario, list: &SensorList, stop: &Stop) -> Result<u64, LabError> {
-    let trial = searching(offline, TRIAL_STEPS)?;
+    let trial = with_search(offline, TRIAL_STEPS)?;
     let begin = Instant::now();
-    let searching = OnceLock::new(); // before that the plans to start from are made
+    let search_begin = OnceLock::new(); // after the initial plans have been made
     search(&trial, TRIAL_STEPS, list, stop, &|_| {
-        searching.get_or_init(Instant::now);
+        search_begin.get_or_init(Instant::now);
     })?;
-    let took = searching.get().map_or(Duration::ZERO, Instant::elapsed).max(LEAST_TRIAL);
+    let took = search_begin.get().map_or(Duration::ZERO, Instant::elapsed).max(MIN_TRIAL);
     let trials = time.saturating_sub(begin.elapsed()).as_secs_f64() / took.as_secs_f64();
     Ok(((TRIAL_STEPS as f64 * trials) as u64).clamp(TRIAL_STEPS, MAX_STEPS))
 }
 
-/// The mission with an offline search of `steps` steps that knows the queues.
-fn searching(offline: &Scenario, steps: u64) -> Result<Scenario, InputError> {
+/// The mission with known queues and `steps` steps of the offline search.
+fn with_search(offline: &Scenario, steps: u64) -> Result<Scenario, InputError> {
     let mut scenario = offline.clone();
     offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: Count::clamped(steps) });
     change(scenario, |settings| {
@@ -217,9 +215,9 @@ fn searching(offline: &Scenario, steps: u64) -> Result<Scenario, InputError> {
     })
 }
 
-/// What a search comes to.
-struct Searched {
-    /// The plan of `offline`, as the checkpoint of the strategy before slot 1; none if no sensor node can be reached.
+/// The result of the offline search.
+struct SearchResult {
+    /// The plan, as the checkpoint of the strategy before slot 1; `None` if no sensor node can be reached.
     plan: Option<Vec<u8>>,
     steps_done: u64,
     end: SearchEnd,
@@ -232,7 +230,7 @@ fn search(
     list: &SensorList,
     stop: &Stop,
     on_progress: OnProgress,
-) -> Result<Searched, LabError> {
+) -> Result<SearchResult, LabError> {
     let nodes = list.nodes();
     let mut stopped = Ok(());
     let found = Offline::search(offline, &nodes, &list.queues_bits(), stop, &mut |search| {
@@ -243,25 +241,25 @@ fn search(
     });
     stopped?;
     let Some((planned, found)) = found? else {
-        return Ok(Searched { plan: None, steps_done: 0, end: SearchEnd::NothingInReach });
+        return Ok(SearchResult { plan: None, steps_done: 0, end: SearchEnd::NothingInReach });
     };
     let mut plan = Vec::new();
     planned.save(&mut plan);
     let end = if found.is_optimal && found.steps < steps { SearchEnd::ModelOptimal } else { SearchEnd::AllSteps };
-    Ok(Searched { plan: Some(plan), steps_done: found.steps, end })
+    Ok(SearchResult { plan: Some(plan), steps_done: found.steps, end })
 }
 
-/// The mission before slot 1, with the plan of `offline` if there is one.
+/// The mission before slot 1, with the plan of `offline` if given.
 fn mission(scenario: &Scenario, plan: Option<&[u8]>, list: &SensorList) -> Result<Mission, InputError> {
     let Some(plan) = plan else {
         return Mission::new(scenario, list);
     };
     let mut planned = Offline::of(scenario, &list.nodes())?;
-    planned.restore(plan).expect("the plan of this very mission");
+    planned.restore(plan).expect("the plan of this mission");
     Mission::with_strategy(scenario, list, Box::new(planned))
 }
 
-/// What the strategy of a scenario loses, as a loss rate and in bits.
+/// Simulates the strategy of a scenario and returns its loss, as a loss rate and in bits.
 fn standing(
     scenario: &Scenario,
     plan: Option<&[u8]>,
@@ -276,7 +274,7 @@ fn standing(
     Ok((Standing { strategy, loss_rate: loss_rate(lost_bits as f64, scenario, list) }, lost_bits))
 }
 
-/// A loss [bit] as the fraction of what the mission samples (decision D3); 0 where nothing is sampled.
+/// A loss [bit] as a fraction of the bits that the mission samples (decision D3); 0 if nothing is sampled.
 fn loss_rate(lost_bits: f64, scenario: &Scenario, list: &SensorList) -> f64 {
     let sampled_bps: f64 = list.sensors().iter().map(|sensor| sensor.sampling_bps).sum();
     let sampled_bits = sampled_bps * scenario.slot_s * scenario.slots as f64;

@@ -1,4 +1,4 @@
-//! Tables as Parquet: what sweeps and exports of runs write.
+//! Writes Parquet files, for sweeps and exports.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -9,20 +9,20 @@ use parquet::arrow::ArrowWriter;
 use parquet::basic::Compression;
 use parquet::file::properties::WriterProperties;
 
-/// Rows of a row group: what is held in memory while a file is written.
+/// Maximum number of rows of a row group, which is held in memory while a file is written.
 pub(crate) const ROWS_PER_GROUP: usize = 65_536;
 
-/// A file that is written part by part; equal parts give equal bytes.
+/// A Parquet file that is written in parts. Equal parts give equal bytes.
 pub struct ParquetFile<W: Write + Send> {
     schema: Arc<Schema>,
     writer: ArrowWriter<W>,
 }
 
 impl<W: Write + Send> ParquetFile<W> {
-    /// Begins a file of columns with these names and types.
+    /// Starts a file with columns of these names and types.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the file cannot be written.
     pub fn begin(writer: W, columns: &[(&str, ArrayRef)]) -> io::Result<Self> {
         let field = |(name, column): &(&str, ArrayRef)| Field::new(*name, column.data_type().clone(), true);
         let schema = Arc::new(Schema::new(columns.iter().map(field).collect::<Vec<_>>()));
@@ -34,13 +34,13 @@ impl<W: Write + Send> ParquetFile<W> {
         Ok(Self { schema, writer })
     }
 
-    /// Adds rows of these columns, which are those that it was begun with.
+    /// Adds rows to the columns given to [`ParquetFile::begin`].
     ///
     /// # Errors
-    /// If they cannot be written.
+    /// If the file cannot be written.
     ///
     /// # Panics
-    /// If the columns are others, or their lengths differ.
+    /// If the columns have other types, or their lengths differ.
     pub fn add(&mut self, columns: Vec<(&str, ArrayRef)>) -> io::Result<()> {
         let schema = Arc::clone(&self.schema);
         let columns = columns.into_iter().map(|(_, column)| column).collect();
@@ -48,16 +48,16 @@ impl<W: Write + Send> ParquetFile<W> {
         self.writer.write(&batch).map_err(io::Error::other)
     }
 
-    /// Ends the file, and returns what it was written to.
+    /// Completes the file and returns the writer.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the file cannot be written.
     pub fn finish(self) -> io::Result<W> {
         self.writer.into_inner().map_err(io::Error::other)
     }
 }
 
-/// A file of these columns, which have names and equal lengths; equal columns give equal bytes.
+/// The bytes of a Parquet file with these columns.
 ///
 /// # Panics
 /// If the lengths differ.

@@ -1,5 +1,5 @@
-//! `skysink plot`: a metric of a flown sweep over one of its keys, as a figure and as tables. It is drawn as
-//! `skysink figures` draws, from the journal in the folder of the sweep.
+//! `skysink plot`: plots a metric of a sweep against one of its keys, as a figure and as tables. The data are from the
+//! journal in the folder of the sweep.
 
 mod selection;
 
@@ -25,42 +25,42 @@ use crate::sweep::folder::FlownSweep;
 use crate::sweep::results::{number, text};
 use selection::Selection;
 
-/// What is drawn of a sweep.
+/// The parameters of a plot.
 #[derive(Debug, Clone)]
 pub struct PlotRequest {
     /// The folder of the sweep.
     pub sweep: PathBuf,
-    /// The key along the x axis.
+    /// The key on the x axis.
     pub x: String,
-    /// The metric along the y axis.
+    /// The metric on the y axis.
     pub metric: Metric,
-    /// The strategies, in the order of the legend; all of the sweep if none is named.
+    /// The strategies, in the order of the legend; all of the sweep if empty.
     pub strategies: Vec<String>,
-    /// From which of them the differences of the others are drawn, by seed, instead of the values themselves.
+    /// If set, the plot shows the differences to this strategy, paired by seed.
     pub reference: Option<String>,
-    /// Values of other keys, to which the missions drawn are limited.
+    /// Selects the missions with these values of other keys.
     pub conditions: Vec<Setting>,
     /// Scale of the y axis; linear for differences.
     pub y_scale: Scale,
-    /// Label of the x axis, instead of the key.
+    /// Label of the x axis; `None` for the key.
     pub x_label: Option<String>,
-    /// Label of the y axis, instead of what the metric is.
+    /// Label of the y axis; `None` for that of the metric.
     pub y_label: Option<String>,
-    /// Above the figure; nothing if empty.
+    /// Title above the figure, or empty.
     pub title: String,
     /// Whether seeds, intervals and version are shown below the figure.
     pub footer: Footer,
-    /// Width in print [mm]; none for a screen.
+    /// Printed width [mm]; `None` for a screen.
     pub width_mm: Option<f64>,
-    /// Folder to write, instead of `plots` in that of the sweep.
+    /// Output folder; `None` for `plots` in the folder of the sweep.
     pub out: Option<PathBuf>,
 }
 
 impl PlotRequest {
-    /// Refuses texts that the embedded font cannot set.
+    /// Refuses texts with characters that the embedded font lacks.
     fn check_texts(&self) -> Result<(), InputError> {
-        let none = String::new();
-        let labels = [&self.x_label, &self.y_label].map(|label| label.as_ref().unwrap_or(&none));
+        let empty = String::new();
+        let labels = [&self.x_label, &self.y_label].map(|label| label.as_ref().unwrap_or(&empty));
         for (option, text) in zip(["--title", "--x-label", "--y-label"], [&self.title, labels[0], labels[1]]) {
             check_text(text).map_err(|message| InputError::of_argument(option, text, message))?;
         }
@@ -68,31 +68,31 @@ impl PlotRequest {
     }
 }
 
-/// Whether a figure says below the axis what it was made of.
+/// Whether the footer with seeds, intervals and version is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Footer {
-    /// Only in the file.
+    /// Only contained as metadata.
     Hidden,
-    /// In a line.
+    /// Drawn below the axis.
     Shown,
 }
 
-/// What was drawn.
+/// A plot that has been drawn.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Plot {
-    /// The key along the x axis.
+    /// The key on the x axis.
     pub x: String,
     /// The metric.
     pub metric: &'static str,
-    /// From which strategy the differences are.
+    /// The reference of the differences, if any.
     pub difference_to: Option<String>,
     /// Every point of every curve.
     pub points: Vec<PlotPoint>,
-    /// What is missing of the sweep.
+    /// A note on missing missions of the sweep.
     pub missing: Option<String>,
     /// Figure and tables.
     pub files: Vec<PathBuf>,
-    /// What the texts of the points are.
+    /// Describes the texts of the points.
     #[serde(skip)]
     pub about: String,
 }
@@ -100,26 +100,26 @@ pub struct Plot {
 /// A point of a curve.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PlotPoint {
-    /// Value of the key along the x axis.
+    /// Value of the key on the x axis.
     pub x: toml::Value,
     /// The strategy.
     pub strategy: String,
-    /// Missions.
+    /// Number of missions.
     pub n: usize,
     /// Mean of the metric, or of its differences.
     pub mean: f64,
-    /// Limits of its 95 % confidence interval; none of a single mission, nor of the reference's difference from itself.
+    /// Limits of its 95 % confidence interval; `None` for a single mission, and for the reference itself.
     pub ci95: Option<[f64; 2]>,
-    /// The value of the key, and mean and interval, for people.
+    /// Formatted: the value of the key, and mean with interval.
     #[serde(skip)]
     pub texts: [String; 2],
 }
 
-/// Draws a figure, and writes its numbers as tables beside it. Files of an earlier one of the same name are replaced.
+/// Draws a figure and writes its numbers as tables. Existing files of the same name are replaced.
 ///
 /// # Errors
-/// If the folder is none of a sweep, the request does not fit the sweep, the missions for it are not there, or a file
-/// cannot be written.
+/// If the folder is not that of a sweep, the request does not fit the sweep, missions are missing, or a file cannot be
+/// written.
 pub fn plot(request: &PlotRequest) -> Result<Plot, LabError> {
     request.check_texts()?;
     let flown = FlownSweep::read("sweep", &request.sweep)?;
@@ -128,7 +128,7 @@ pub fn plot(request: &PlotRequest) -> Result<Plot, LabError> {
     if request.y_scale == Scale::Log
         && chart.series.iter().flat_map(|series| &series.points).all(|point| point.mean <= 0.0)
     {
-        let message = format!("--log-y: {} is 0 in all missions drawn: expected none", request.metric.name());
+        let message = format!("--log-y: {} is 0 in all missions: expected a linear axis", request.metric.name());
         return Err(InputError::new("sweep", &request.sweep, message).into());
     }
     let folder = request.out.clone().unwrap_or_else(|| request.sweep.join("plots"));
@@ -164,7 +164,7 @@ pub fn plot(request: &PlotRequest) -> Result<Plot, LabError> {
     })
 }
 
-/// The chart of what is selected.
+/// The chart of the selected missions.
 fn chart(request: &PlotRequest, flown: &FlownSweep, selection: &Selection) -> Chart {
     let PlotRequest { metric, reference, .. } = request;
     let numbers: Option<Vec<f64>> = selection.xs.iter().map(number).collect();
@@ -206,7 +206,7 @@ fn chart(request: &PlotRequest, flown: &FlownSweep, selection: &Selection) -> Ch
     }
 }
 
-/// The name of the files: metric, key, the values of other keys, and the reference.
+/// The file name without extension: metric, key, the values of other keys, and the reference.
 fn name(request: &PlotRequest) -> String {
     let mut name = format!("{}-{}", request.metric.name(), request.x);
     for Setting { key, value, .. } in &request.conditions {
@@ -219,7 +219,7 @@ fn name(request: &PlotRequest) -> String {
     name.chars().map(|character| if is_plain(character) { character } else { '-' }).collect()
 }
 
-/// The seeds of all missions, ascending and at least one, in words.
+/// Describes the seeds, which are ascending and not empty.
 fn seeds(seeds: &[u64]) -> String {
     match seeds {
         [only] => format!("seed {only}"),
@@ -228,7 +228,7 @@ fn seeds(seeds: &[u64]) -> String {
     }
 }
 
-/// A refusal of the sweep in `folder`.
+/// An error about the sweep in `folder`.
 fn refuse(folder: &Path, message: String) -> LabError {
     InputError::new("sweep", folder, message).into()
 }

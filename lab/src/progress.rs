@@ -1,57 +1,57 @@
-//! How far a piece of research is, for whoever shows it: the lab itself prints nothing.
+//! The progress of sweeps and searches. The lab reports it to a callback and prints nothing.
 
 use std::time::Duration;
 
-/// How far a sweep or a search is.
+/// The progress of a sweep or a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LabProgress {
-    /// Missions flown of a sweep, or steps taken of a search.
+    /// Finished missions of a sweep, or steps of a search.
     pub done: u64,
-    /// All missions or steps.
+    /// Total number of missions or steps.
     pub of: u64,
-    /// Loss rate η of the best flight so far, of a search.
+    /// In a search: loss rate η of the best flight so far.
     pub loss_rate: Option<f64>,
-    /// The time that is left of a sweep; none until it can be told.
+    /// In a sweep: the estimated remaining time; `None` until there is an estimate.
     pub left: Option<Duration>,
-    /// Which of several sweeps it is.
+    /// The number of the current sweep.
     pub sweep: SweepNumber,
 }
 
-/// A sweep as one of several that are flown one after the other.
+/// The number of a sweep in a sequence of sweeps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SweepNumber {
     /// Its number, from 1.
     pub number: usize,
-    /// All of them.
+    /// Total number of sweeps.
     pub of: usize,
 }
 
 impl SweepNumber {
-    /// The only one.
+    /// A single sweep.
     pub const ONLY: Self = Self { number: 1, of: 1 };
 }
 
-/// Hears of progress, from any thread: once at the beginning, and then as it is made.
+/// Callback for progress, called from any thread: once at the beginning, and after every mission or batch of steps.
 pub type OnProgress<'a> = &'a (dyn Fn(LabProgress) + Sync);
 
-/// The missions of a sweep that are left and what they take, by the strategy's index: a search takes ten thousand times
-/// as long as a rule.
+/// Estimates the remaining time of a sweep, from the remaining missions and their duration per strategy. A strategy with a
+/// search can take ten thousand times as long as a simple rule.
 #[derive(Debug, Clone)]
 pub struct Workload(Vec<StrategyWork>);
 
-/// The same of one strategy.
+/// The workload of one strategy.
 #[derive(Debug, Clone, Copy, Default)]
 struct StrategyWork {
-    /// Missions that are left.
+    /// Remaining missions.
     missing: u32,
-    /// Missions flown.
+    /// Finished missions.
     flown: u32,
-    /// What these took together.
+    /// Total duration of the finished missions.
     took: Duration,
 }
 
 impl Workload {
-    /// Before the first mission; `missing` are the strategies of all that are left.
+    /// The workload before the first mission. `missing` yields the strategy index of every remaining mission.
     pub fn new(missing: impl Iterator<Item = usize>) -> Self {
         let mut work = Vec::<StrategyWork>::new();
         for strategy in missing {
@@ -63,7 +63,7 @@ impl Workload {
         Self(work)
     }
 
-    /// Takes in that a mission was flown, and how long it took.
+    /// Adds a finished mission and its duration.
     pub fn add(&mut self, strategy: usize, took: Duration) {
         let work = &mut self.0[strategy];
         work.missing -= 1;
@@ -71,12 +71,12 @@ impl Workload {
         work.took += took;
     }
 
-    /// The missions that are left.
+    /// The number of remaining missions.
     pub fn missing(&self) -> usize {
         self.0.iter().map(|work| work.missing as usize).sum()
     }
 
-    /// The time that is left on `threads` threads; none before a mission of every strategy was flown.
+    /// The remaining time on `threads` threads; `None` until every strategy has finished a mission.
     pub fn left(&self, threads: usize) -> Option<Duration> {
         let threads = threads.clamp(1, self.missing().max(1));
         let missing = self.0.iter().filter(|work| work.missing > 0);
@@ -94,10 +94,10 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_is_weighed_by_what_each_strategy_takes() {
+    fn the_remaining_time_depends_on_the_strategies() {
         let mut work = Workload::new([0, 0, 0, 0, 2, 2, 2].into_iter());
         work.add(0, seconds(1));
-        assert_eq!(work.left(1), None, "strategy 2 is not known");
+        assert_eq!(work.left(1), None, "strategy 2 has no estimate");
         work.add(2, seconds(40));
         assert_eq!(work.left(1), Some(seconds(3 + 80)));
         assert_eq!(work.left(2), Some(seconds(83) / 2));

@@ -1,4 +1,5 @@
-//! `skysink sweep`: many missions, in parallel, resumable, with the same bytes however it was done.
+//! `skysink sweep`: simulates many missions in parallel. A sweep can be interrupted, resumed and split into shards; the
+//! results have the same bytes.
 
 pub mod estimate;
 pub mod folder;
@@ -30,11 +31,11 @@ use folder::SweepRecord;
 use journal::{MissionRow, SweepJournal};
 use plan::{MissionKey, Shard, Sweep};
 
-/// Flies what is missing of a shard of the sweep, on `threads` threads (0: one per core), and writes the results into
-/// `out`. Returns their journal. Interrupted, it resumes when it is called again.
+/// Simulates the missing missions of a shard on `threads` threads (0: one per core), writes the results into `out`, and
+/// returns the journal. Calling it again resumes an interrupted sweep.
 ///
 /// # Errors
-/// If the folder holds something else, a mission is refused, something cannot be written, or on a stop.
+/// If the folder contains other files, a mission is refused, a file cannot be written, or on a stop.
 pub fn sweep(
     sweep: &Sweep,
     out: &Path,
@@ -45,7 +46,7 @@ pub fn sweep(
 ) -> Result<SweepJournal, LabError> {
     let record = SweepRecord::open(sweep, out, shard)?;
     let mut missing: Vec<_> = record.missing().collect();
-    first_of_each_strategy_first(&mut missing);
+    move_first_of_each_strategy_to_front(&mut missing);
     let pool = ThreadPoolBuilder::new().num_threads(threads).build().map_err(io::Error::other);
     let pool = pool.at(Path::new("threads"))?;
     let of = sweep.definition.missions(shard).count() as u64;
@@ -74,8 +75,8 @@ pub fn sweep(
     record.finish(stop)
 }
 
-/// Puts the first mission of each strategy before all others: what the rest takes is then soon known.
-fn first_of_each_strategy_first(missions: &mut [MissionKey]) {
+/// Moves the first mission of each strategy to the front, so that the remaining time can be estimated early.
+fn move_first_of_each_strategy_to_front(missions: &mut [MissionKey]) {
     let mut seen = BTreeSet::new();
     for index in 0..missions.len() {
         if seen.insert(missions[index].strategy) {
@@ -84,13 +85,13 @@ fn first_of_each_strategy_first(missions: &mut [MissionKey]) {
     }
 }
 
-/// Flies a mission of the sweep whose strategy is of the registry.
+/// Simulates a mission of the sweep with a strategy of the registry.
 ///
 /// # Errors
 /// If the mission is refused, or on a stop.
 ///
 /// # Panics
-/// If the mission is not of this sweep.
+/// If the mission does not belong to this sweep.
 pub fn fly(sweep: &Sweep, key: MissionKey, stop: &Stop) -> Result<MissionRow, LabError> {
     let scenario = sweep.scenario(key)?;
     let list = SensorList::of(&scenario)?;

@@ -1,7 +1,7 @@
-//! iceoryx2's own link over zenoh, for a ring: `iox2-link-tunnel-zenoh` by the same crates and with the same options.
+//! iceoryx2's link over zenoh, for a ring: `iox2-link-tunnel-zenoh` with the same crates and options, and one change.
 //!
-//! One thing differs. That one looks for new services before each sample that it moves (`spin` in its tunnel.rs), which
-//! reads a file for each service and for each process that has opened it: some 10 ms. This one does so twice a second.
+//! `iox2-link-tunnel-zenoh` discovers new services before each sample (`spin` in its tunnel.rs), which reads a file for
+//! each service and each process that has opened it: some 10 ms. This program does so twice a second.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -14,7 +14,7 @@ use iceoryx2_link::Link;
 use iceoryx2_link_backend::AllowList;
 use iceoryx2_link_tunnel::Tunnel;
 
-/// How often new services are looked for, on this host and on the others.
+/// Period of the discovery of new services on all hosts.
 const DISCOVER_EVERY: Duration = Duration::from_millis(500);
 
 /// iceoryx2's link over zenoh. It runs in the folder of a ring, where it finds config/iceoryx2.toml.
@@ -61,7 +61,7 @@ fn main() -> Result<()> {
     let mut discovered: Option<Instant> = None;
     wait_set
         .wait_and_process(|_| {
-            // Until nothing is left: a notification in between may wake nobody.
+            // Drain all notifications: one that arrives meanwhile may not wake the set again.
             while remote.try_wait(|_| {}).is_ok_and(|woken| woken > 0) {}
             for listener in &local {
                 while listener.try_wait(|_| {}).is_ok_and(|woken| woken > 0) {}

@@ -1,4 +1,4 @@
-//! Ages of information: of the last service of each sensor node (SN), and of the data delivered.
+//! Ages of information: since the last service of each sensor node (SN), and of the delivered data.
 //!
 //! Definitions in `docs/src/metrics.md`. Ages are counted in whole slots, so that their mean and quantiles are exact.
 
@@ -9,7 +9,7 @@ use skysink_common::arrivals::{sampled_bits, slot_of_bit};
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::{Sensor, SensorList};
 
-/// The age of one SN after each slot: `slot − stamp` from slot `from` on.
+/// The age of one SN after each slot: `slot − stamp` from slot `from` on, until the next refresh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AgeRun {
     from: u64,
@@ -17,7 +17,7 @@ pub struct AgeRun {
 }
 
 impl AgeRun {
-    /// An age that counts from the mission's start.
+    /// An age since the mission's start.
     pub const FIRST: Self = Self { from: 1, stamp: 0 };
 
     /// The ages [slots] after the slots before `end`.
@@ -26,7 +26,7 @@ impl AgeRun {
         self.from - self.stamp..end - self.stamp
     }
 
-    /// From `slot` on the age counts from slot `stamp`. Returns the ages [slots] up to there.
+    /// Lets the age count from slot `stamp`, from `slot` on. Returns the ages [slots] of the slots before `slot`.
     pub fn refresh(&mut self, slot: u64, stamp: u64) -> Range<u64> {
         let ages = self.ages(slot);
         *self = Self { from: slot, stamp };
@@ -42,18 +42,19 @@ pub struct Ages {
 }
 
 impl Ages {
-    /// Ages that begin with the mission.
+    /// Ages since the mission's start.
     #[must_use]
     pub fn new(sensors: usize) -> Self {
         Self { runs: vec![AgeRun::FIRST; sensors], counts: AgeCounts::default() }
     }
 
-    /// From `slot` on the age of the SN counts from slot `stamp`.
+    /// Lets the age of the SN count from slot `stamp`, from `slot` on.
     pub fn refresh(&mut self, sensor: usize, slot: u64, stamp: u64) {
         self.counts.add(self.runs[sensor].refresh(slot, stamp));
     }
 
-    /// How often each age occurs up to the end of `slot`, over the SNs that count; only SNs that count were refreshed.
+    /// Histogram of the ages up to the end of `slot`, over the SNs that `is_counted` selects. Only these may have been
+    /// refreshed.
     #[must_use]
     pub fn counts(&self, slot: u64, is_counted: impl Fn(usize) -> bool) -> AgeCounts {
         let mut counts = self.counts.clone();
@@ -63,7 +64,7 @@ impl Ages {
     }
 }
 
-/// How often each age [slots] occurs, as differences from age to age.
+/// Histogram of ages [slots], stored as differences of consecutive counts.
 #[derive(Debug, Clone, Default)]
 pub struct AgeCounts(Vec<i64>);
 
@@ -79,7 +80,7 @@ impl AgeCounts {
         self.0[end] -= 1;
     }
 
-    /// Every age with how often it occurs, by ascending age.
+    /// The ages with their counts, ascending.
     fn by_age(&self) -> impl Iterator<Item = (u64, u64)> {
         let count = |count: &mut i64, change: &i64| {
             *count += change;
@@ -92,7 +93,7 @@ impl AgeCounts {
         self.by_age().map(|(_, count)| count).sum()
     }
 
-    /// Mean age [slots]; 0 where none is counted.
+    /// Mean age [slots]; 0 without samples.
     #[must_use]
     pub fn mean(&self) -> f64 {
         let sum: u64 = self.by_age().map(|(age, count)| age * count).sum();
@@ -115,39 +116,39 @@ impl AgeCounts {
     }
 }
 
-/// What tells the age of the data delivered: which of an SN's bits were stored when.
+/// The ages of the delivered data, from the sampling times of the stored bits.
 ///
-/// A buffer is a queue, and a full one refuses the newest bits (decision D1). So the bits that an SN has stored between
-/// two uploads are the first of those that it sampled then, and the freshest bit delivered is the last one uploaded.
+/// A buffer is a first-in-first-out queue, and a full one drops the newest bits (decision D1). So the bits stored between
+/// two uploads are the first of those sampled then, and the freshest delivered bit is the last one uploaded.
 #[derive(Debug, Clone)]
 pub struct DeliveredData {
     backlogs: Vec<Backlog>,
     ages: Ages,
 }
 
-/// The stored bits of one SN, by when they were sampled.
+/// The stored bits of one SN, by sampling time.
 #[derive(Debug, Clone)]
 struct Backlog {
-    /// Bits that it samples in a slot, `s_i τ`.
+    /// Mean bits sampled per slot, `s_i τ`.
     mean_bits: f64,
     delivered_bits: u64,
-    /// The batch of the last bit delivered, or of the next.
+    /// The batch of the last delivered bit, or of the next.
     batch: Batch,
-    /// The batches after it, ascending; none of an SN whose buffer was emptied.
+    /// The batches after it, ascending; empty after the buffer was emptied.
     later: VecDeque<Batch>,
 }
 
 /// The bits stored from one upload to the next.
 #[derive(Debug, Clone, Copy)]
 struct Batch {
-    /// Bits sampled up to the upload before, `A_i`; those lost, too.
+    /// Bits sampled up to the first upload, `A_i`, including lost ones.
     after_sampled_bits: u64,
-    /// Bits stored before, from those of the initial queue on.
+    /// Bits stored up to the first upload, including the initial queue.
     after_bits: u64,
 }
 
 impl DeliveredData {
-    /// Nothing delivered yet.
+    /// The state before slot 1.
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
         let backlog = |sensor: &Sensor| Backlog::new(sensor.sampling_bps * scenario.slot_s, sensor.queue_bits);
@@ -156,7 +157,7 @@ impl DeliveredData {
     }
 
     /// Adds a service of an SN in `slot`, after which it has delivered `delivered_bits` since the mission's start and
-    /// holds `queue_bits`. Without a bit delivered it changes nothing, and with bits of the initial queue alone no age.
+    /// holds `queue_bits`. A service without data is ignored, and bits of the initial queue do not change the age.
     pub fn add(&mut self, sensor: usize, slot: u64, delivered_bits: u64, queue_bits: u64) {
         let backlog = &mut self.backlogs[sensor];
         if delivered_bits > backlog.delivered_bits
@@ -166,7 +167,7 @@ impl DeliveredData {
         }
     }
 
-    /// How often each age occurs up to the end of `slot`, over the SNs that sample.
+    /// Histogram of the ages up to the end of `slot`, over the SNs that sample.
     #[must_use]
     pub fn counts(&self, slot: u64) -> AgeCounts {
         self.ages.counts(slot, |sensor| self.backlogs[sensor].mean_bits > 0.0)
@@ -179,13 +180,13 @@ impl Backlog {
         Self { mean_bits, delivered_bits: 0, batch, later: VecDeque::new() }
     }
 
-    /// Takes in an upload, and returns the slot in which the last bit of it was sampled; none of the initial queue.
+    /// Adds an upload, and returns the slot in which its last bit was sampled; `None` for a bit of the initial queue.
     fn deliver(&mut self, slot: u64, delivered_bits: u64, queue_bits: u64) -> Option<u64> {
         while let Some(next) = self.later.pop_front_if(|next| next.after_bits < delivered_bits) {
             self.batch = next;
         }
-        let place = delivered_bits.saturating_sub(self.batch.after_bits);
-        let bit = self.batch.after_sampled_bits + place;
+        let offset_bits = delivered_bits.saturating_sub(self.batch.after_bits);
+        let bit = self.batch.after_sampled_bits + offset_bits;
         let next =
             Batch { after_sampled_bits: sampled_bits(self.mean_bits, slot), after_bits: delivered_bits + queue_bits };
         self.delivered_bits = delivered_bits;
@@ -195,7 +196,7 @@ impl Backlog {
         } else {
             self.later.push_back(next);
         }
-        (place > 0).then(|| slot_of_bit(self.mean_bits, bit, slot))
+        (offset_bits > 0).then(|| slot_of_bit(self.mean_bits, bit, slot))
     }
 }
 
@@ -220,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_has_no_age() {
+    fn without_sensor_nodes_the_ages_are_0() {
         let counts = Ages::new(2).counts(9, |_| false);
         assert_eq!((counts.mean(), counts.quantile(0.99)), (0.0, 0));
     }
@@ -244,7 +245,9 @@ mod tests {
         #[test]
         fn ages_agree_with_counting_one_by_one(services in prop::collection::vec((0usize..7, 1u64..40), 0..60)) {
             let mut ages = Ages::new(7);
-            let (mut last, mut seen, mut slot) = ([0; 7], Vec::new(), 0);
+            let mut last = [0; 7];
+            let mut seen = Vec::new();
+            let mut slot = 0;
             for (sensor, wait) in services {
                 for _ in 0..wait {
                     slot += 1;

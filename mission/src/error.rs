@@ -1,4 +1,4 @@
-//! Why a mission is refused or cannot be put on record.
+//! Errors of missions and of their run folders.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -7,13 +7,13 @@ use skysink_common::error::InputError;
 use skysink_common::ledger::Totals;
 use skysink_common::stop::Stopped;
 
-/// Why a mission is refused or cannot be put on record; the display is one line.
+/// A refused mission, or a failure to record it. The display is one line.
 #[derive(Debug, thiserror::Error)]
 pub enum MissionError {
-    /// The scenario, the sensor list, or a run's folder or trace is refused.
+    /// The scenario, the sensor list, or a run folder or its trace is refused.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// A signal asks for the end.
+    /// A signal requested the stop.
     #[error(transparent)]
     Stopped(#[from] Stopped),
     /// A file cannot be read or written.
@@ -21,10 +21,10 @@ pub enum MissionError {
     File {
         /// The file or folder.
         path: PathBuf,
-        /// Why not.
+        /// The error of the system.
         source: io::Error,
     },
-    /// Bits have appeared or vanished.
+    /// The totals do not balance.
     #[error("slot {slot}: initial + sampled is not delivered + lost + queued: {totals:?}")]
     Unbalanced {
         /// The slot.
@@ -35,7 +35,7 @@ pub enum MissionError {
 }
 
 impl MissionError {
-    /// Exit code: 1 failed while running, 2 bad input or usage, 130 and 143 after a signal.
+    /// Exit code: 1 for a failure while running, 2 for invalid input or usage, 130 and 143 after a signal.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
@@ -46,7 +46,7 @@ impl MissionError {
     }
 }
 
-/// Names the file in a failure to read or write it.
+/// Adds the file name to an I/O error.
 pub trait FileContext<T> {
     /// The value, or [`MissionError::File`] about `path`.
     ///

@@ -1,4 +1,4 @@
-//! How long the ring takes, hop by hop: from the times at which samples were sent.
+//! Latencies of the ring by hop, from the times at which samples were sent.
 
 use std::time::Duration;
 
@@ -6,7 +6,7 @@ use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use skysink_common::pace::Pace;
 
-/// A histogram of times [ns] up to an hour, in three digits.
+/// A histogram of times [ns] up to an hour, with three significant digits.
 ///
 /// # Panics
 /// Never: its bounds are valid.
@@ -16,10 +16,10 @@ pub fn histogram() -> Histogram<u64> {
     Histogram::new_with_bounds(1, HOUR_NS, 3).expect("valid bounds and digits")
 }
 
-/// When the samples of a slot were sent; `None` for those that were missed.
+/// Send times of the samples of a slot; `None` for missed samples.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SlotTimes {
-    /// The slot's beginning by the clock, in paced runs.
+    /// The beginning of the slot, in paced runs.
     pub tick_ns: Option<u64>,
     /// The plan.
     pub plan_ns: Option<u64>,
@@ -56,24 +56,24 @@ impl Spread {
 pub struct Latencies {
     /// `queues(t−1)` to `plan(t)`.
     pub queues_to_plan: Spread,
-    /// `plan(t)` to `flight(t)`; in paced runs from the slot's beginning.
+    /// `plan(t)` to `flight(t)`; in paced runs from the beginning of the slot.
     pub to_flight: Spread,
     /// `flight(t)` to `queues(t)`.
     pub flight_to_queues: Spread,
-    /// `queues(t−1)` to `queues(t)`; in paced runs from the slot's beginning to the plan of the next, which must be
-    /// less than the period.
+    /// `queues(t−1)` to `queues(t)`; in paced runs from the beginning of the slot to the next plan, which must be less
+    /// than the period.
     pub slot: Spread,
-    /// Distance of the slots' beginnings from their period, in paced runs.
+    /// Deviation of the time between two slots from the period, in paced runs.
     pub jitter: Option<Spread>,
 }
 
-/// The times of a run so far.
+/// Collects the latencies of a run.
 #[derive(Debug)]
 pub struct Latency {
-    /// Of a paced run.
+    /// Period of the slots; `None` in lock-step.
     period: Option<Duration>,
     last: Option<SlotTimes>,
-    /// Slots that began more than one and a half periods after the one before.
+    /// Slots that began more than 1.5 periods after the one before.
     pub(crate) late_slots: u64,
     plan: Histogram<u64>,
     flight: Histogram<u64>,
@@ -83,7 +83,7 @@ pub struct Latency {
 }
 
 impl Latency {
-    /// Nothing measured yet, at a pace.
+    /// Starts the measurement of a run at `pace`.
     #[must_use]
     pub fn new(pace: Pace, slot_s: f64) -> Self {
         Self {
@@ -98,7 +98,7 @@ impl Latency {
         }
     }
 
-    /// Adds a slot. Its predecessor has been added before, or it is the first.
+    /// Adds a slot, the first or the successor of the last one.
     pub fn add(&mut self, times: SlotTimes) {
         let flight_begin_ns = if self.period.is_some() { times.tick_ns } else { times.plan_ns };
         record(&mut self.flight, flight_begin_ns, Some(times.flight_ns));
@@ -130,7 +130,7 @@ impl Latency {
     }
 }
 
-/// Adds the time between two samples, if both are known and in order: after a restart one may have been sent again.
+/// Adds the time between two samples, if both are known and in order. After a restart one may have been sent again.
 fn record(histogram: &mut Histogram<u64>, from_ns: Option<u64>, to_ns: Option<u64>) {
     if let (Some(from_ns), Some(to_ns)) = (from_ns, to_ns)
         && let Some(ns) = to_ns.checked_sub(from_ns)

@@ -1,9 +1,15 @@
-//! A mission in one process and on record.
+//! Missions in one process, and their records.
 //!
-//! [`mission`] is the round trip as plain calls, [`record`] the run folder, [`origin`] how a run was begun, [`slot_log`]
-//! the trace under way, [`trace`] its lines, [`replay`] a mission on record flown again, [`recorded`] all of its slots,
-//! [`summary`] what a run comes to, [`sensor_results`] what it comes to for each sensor node, [`ages`] how ages are
-//! counted, [`latency`] how its times are kept. The ring as processes is left to the product.
+//! | module | contents |
+//! |---|---|
+//! | [`mission`] | a mission as plain calls of field-sim, flight-sim and planner |
+//! | [`record`], [`origin`] | the run folder; its `run.toml` |
+//! | [`slot_log`], [`trace`] | writing `slots.csv`; its lines |
+//! | [`replay`], [`recorded`] | a recorded mission flown again; all of its slots |
+//! | [`summary`], [`sensor_results`] | the results of a run; those of each sensor node |
+//! | [`ages`], [`latency`] | ages of information; latencies of the ring |
+//!
+//! The ring of processes is left to the root crate.
 
 pub mod ages;
 pub mod error;

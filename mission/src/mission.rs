@@ -1,4 +1,4 @@
-//! The round trip as plain calls: a whole mission in one process, by the same steps as the executables.
+//! A mission in one process, by the same steps as the executables.
 
 use std::time::Instant;
 
@@ -16,7 +16,7 @@ use skysink_flight_sim::Flight;
 use skysink_planner::Planner;
 use skysink_planner::strategies::Strategy;
 
-/// The plant that a planner controls: the field and the UAV of a mission. A clone is independent from then on.
+/// The plant that a planner controls: the field and the UAV of a mission. Clones are independent.
 #[derive(Debug, Clone)]
 pub struct Plant {
     field: Field,
@@ -34,10 +34,10 @@ impl Plant {
         Self { field: Field::new(scenario, list), report: flight.start(), flight, slot: 0, slots: scenario.slots }
     }
 
-    /// The same with an account of what the UAV knows of the queues, for planners that are not Skysink's.
+    /// Also maintains the UAV's estimate of the queues, for external planners.
     #[must_use]
-    pub fn telling(mut self, estimate: Estimate) -> Self {
-        self.field = self.field.telling(estimate);
+    pub fn with_estimate(mut self, estimate: Estimate) -> Self {
+        self.field = self.field.with_estimate(estimate);
         self
     }
 
@@ -48,7 +48,7 @@ impl Plant {
         self.field.header(SlotHeader { slot: self.slot, flags, ..SlotHeader::default() })
     }
 
-    /// The last slot flown; 0 before the first.
+    /// The last flown slot; 0 before the first.
     #[must_use]
     pub fn slot(&self) -> u64 {
         self.slot
@@ -72,28 +72,28 @@ impl Plant {
         &self.field
     }
 
-    /// What the UAV knows of the queues after the last slot [bit], by sensor node: the queues themselves, unless account
-    /// is kept of it.
+    /// The queues as known to the UAV after the last slot [bit], by sensor node: its estimate if it is maintained, else
+    /// the true queues.
     pub fn known_bits(&mut self) -> &[u32] {
-        if self.field.is_telling() {
-            return self.field.told_bits().unwrap_or_default();
+        if self.field.has_estimate() {
+            return self.field.estimated_bits().unwrap_or_default();
         }
         self.field.queues_bits()
     }
 
-    /// Flies the next slot by a plan, or holds where there is none, and returns the ledger after it.
+    /// Flies the next slot by `plan`, or holds without one, and returns the ledger after it.
     ///
     /// # Panics
-    /// Never: flight-sim serves known sensor nodes alone.
+    /// Never: flight-sim serves only known sensor nodes.
     pub fn fly(&mut self, plan: Option<&Plan>) -> QueuesHeader {
         self.slot += 1;
         self.report = self.flight.step(self.slot, plan);
-        self.field.step(self.slot, &self.report).expect("flight-sim serves known sensor nodes alone");
+        self.field.step(self.slot, &self.report).expect("flight-sim serves only known sensor nodes");
         self.header()
     }
 }
 
-/// A plant as it is saved.
+/// The checkpoint of a plant.
 #[derive(Serialize, Deserialize)]
 struct SavedPlant {
     slot: u64,
@@ -114,10 +114,10 @@ impl Checkpoint for Plant {
         let SavedPlant { slot, report, field } = decode(bytes)?;
         let report: Option<FlightReport> = try_pod_read_unaligned(&report).ok();
         let report = report.filter(|_| slot <= self.slots);
-        CheckpointError::unless(report.is_some(), "a slot and a flight of the mission")?;
+        CheckpointError::ensure(report.is_some(), "a slot and a flight of the mission")?;
         let mut restored = self.field.clone();
         restored.restore(&field)?;
-        CheckpointError::unless(restored.slot() == slot, "a field after the same slot")?;
+        CheckpointError::ensure(restored.slot() == slot, "a field after the same slot")?;
         self.field = restored;
         self.slot = slot;
         self.report = report.unwrap_or(self.report);
@@ -126,18 +126,18 @@ impl Checkpoint for Plant {
     }
 }
 
-/// A mission under way, as an iterator over its slots.
+/// A mission, as an iterator over its slots.
 pub struct Mission {
     plant: Plant,
     planner: Planner,
 }
 
-/// What one slot was, as the processes would have published it.
+/// The messages of one slot, as the processes would have published them.
 #[derive(Debug, Clone, Copy)]
 pub struct FlownSlot {
-    /// The schedule and the waypoint.
+    /// The plan.
     pub plan: Plan,
-    /// What was flown.
+    /// The flight.
     pub flight: FlightReport,
     /// The ledger after it.
     pub header: QueuesHeader,
@@ -152,7 +152,7 @@ impl Mission {
         Ok(Self { planner: Planner::new(scenario, &list.nodes())?, plant: Plant::new(scenario, list) })
     }
 
-    /// The mission before slot 1, planned by `strategy`, whatever the scenario names.
+    /// The mission before slot 1, planned by `strategy` instead of the scenario's.
     ///
     /// # Errors
     /// As [`Mission::new`].
@@ -165,11 +165,10 @@ impl Mission {
         Ok(Self { planner, plant: Plant::new(scenario, list) })
     }
 
-    /// The mission before slot 1 with an account of what the UAV knows of the queues, for planners that are not
-    /// Skysink's.
+    /// Also maintains the UAV's estimate of the queues, for external planners.
     #[must_use]
-    pub fn telling(mut self, estimate: Estimate) -> Self {
-        self.plant = self.plant.telling(estimate);
+    pub fn with_estimate(mut self, estimate: Estimate) -> Self {
+        self.plant = self.plant.with_estimate(estimate);
         self
     }
 
@@ -191,7 +190,7 @@ impl Mission {
         &self.plant.report
     }
 
-    /// The last slot flown; 0 before the first.
+    /// The last flown slot; 0 before the first.
     #[must_use]
     pub fn slot(&self) -> u64 {
         self.plant.slot
@@ -209,17 +208,17 @@ impl Mission {
         &self.planner
     }
 
-    /// The planner, to restore a checkpoint or to set its timing before the next slot.
+    /// Mutable access to the planner, to restore a checkpoint or to set its timing.
     pub fn planner_mut(&mut self) -> &mut Planner {
         &mut self.planner
     }
 
-    /// Has the mission end early, between two slots or in a search before one, once `stop` is requested.
+    /// Ends the mission early, between two slots or in a search, once `stop` is requested.
     pub fn set_stop(&mut self, stop: &Stop) {
         self.planner.set_stop(stop);
     }
 
-    /// Plans the next slot, from the flight and the queues after the last; to be done once, before [`Mission::fly`].
+    /// Plans the next slot from the last flight and the queues. Must be called once, before [`Mission::fly`].
     pub fn plan(&mut self) -> Plan {
         let begin = Instant::now();
         let Self { planner, plant } = self;
@@ -229,7 +228,7 @@ impl Mission {
         plan
     }
 
-    /// Flies the next slot by a plan, whoever made it, or holds where there is none, and returns the ledger after it.
+    /// Flies the next slot by any `plan`, or holds without one, and returns the ledger after it.
     pub fn fly(&mut self, plan: Option<&Plan>) -> QueuesHeader {
         self.plant.fly(plan)
     }
@@ -238,14 +237,14 @@ impl Mission {
 impl Iterator for Mission {
     type Item = FlownSlot;
 
-    /// Flies the next slot: plan, fly, account. `None` after the last, and once a stop is requested.
+    /// Plans and flies the next slot; `None` after the last, and once a stop is requested.
     fn next(&mut self) -> Option<FlownSlot> {
         if self.plant.is_over() {
             return None;
         }
         let plan = self.plan();
         if self.planner.stop().requested().is_some() {
-            return None; // the plan may be cut short
+            return None; // the search may be incomplete
         }
         let header = self.fly(Some(&plan));
         Some(FlownSlot { plan, flight: self.plant.report, header })
@@ -268,7 +267,7 @@ mod tests {
         let plans = Mission::new(&scenario, &list).unwrap().map(|flown| flown.plan).collect();
         let plant = Plant::new(&scenario, &list);
         let estimate = knowledge.map(|rates| Estimate::new(&scenario, rates, &list.nodes()));
-        (estimate.into_iter().fold(plant, Plant::telling), plans)
+        (estimate.into_iter().fold(plant, Plant::with_estimate), plans)
     }
 
     fn saved(plant: &Plant) -> Vec<u8> {
@@ -278,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn a_restored_plant_and_a_clone_fly_on_as_the_first_would() {
+    fn a_restored_plant_and_a_clone_continue_like_the_original() {
         for knowledge in [None, Some(skysink_common::estimate::Rates::Learnt)] {
             let (mut plant, plans) = plant(knowledge);
             for plan in &plans[..25] {
@@ -302,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_plant_has_saved_is_refused_and_changes_nothing() {
+    fn an_impossible_state_is_refused_and_changes_nothing() {
         let (mut flown, plans) = plant(None);
         flown.fly(Some(&plans[0]));
         let bytes = saved(&flown);
@@ -310,11 +309,11 @@ mod tests {
         for bytes in [&bytes[..bytes.len() - 1], &[], &[&bytes[..], &[0]].concat()] {
             assert!(plant.restore(bytes).is_err());
         }
-        let mut elsewhere = bytes.clone();
-        elsewhere[0] = 2; // the slot, which is not that of the field
-        assert!(plant.restore(&elsewhere).is_err());
-        elsewhere[0] = 41; // beyond the mission
-        assert!(plant.restore(&elsewhere).is_err());
+        let mut other_slot = bytes.clone();
+        other_slot[0] = 2; // not the slot of the field
+        assert!(plant.restore(&other_slot).is_err());
+        other_slot[0] = 41; // beyond the mission
+        assert!(plant.restore(&other_slot).is_err());
         assert_eq!((plant.slot(), plant.last_flight().mode), (0, Mode::Hold as u32));
     }
 }

@@ -1,4 +1,4 @@
-//! How a run was begun, as in `run.toml` of its folder: what resuming it needs, and hashes that show later changes.
+//! The file `run.toml` of a run folder: what is needed to resume the run, and hashes that reveal later changes.
 
 use std::fs;
 use std::path::Path;
@@ -15,22 +15,22 @@ pub(crate) const FILE: &str = "run.toml";
 const CHECK: &str = "check = ";
 
 /// How a mission is flown.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Manner {
-    /// The pace of the ring; none in one process.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RunMode {
+    /// The pace of the ring; `None` in one process.
     pub pace: Option<Pace>,
-    /// What the missions of a planner that is not Skysink's are booked as; none if the scenario's strategy plans.
-    pub outside_planner: Option<String>,
+    /// Label of an external planner; `None` if the scenario's strategy plans.
+    pub external_planner: Option<String>,
 }
 
-/// How a run was begun, and the hashes of what it was begun with.
+/// The content of `run.toml`.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Origin {
     version: String,
     pace: Option<Pace>,
-    outside_planner: Option<String>,
+    #[serde(rename = "outside_planner")]
+    external_planner: Option<String>,
     /// XXH3 of the bytes of `scenario.toml`.
     scenario: String,
     /// XXH3 of the bytes of `sensors.csv`.
@@ -38,17 +38,21 @@ struct Origin {
 }
 
 /// The text of `run.toml`.
-pub(crate) fn write(manner: &Manner, scenario: &str, sensors: &str) -> String {
-    let Manner { pace, outside_planner } = manner.clone();
-    let [scenario, sensors] = [scenario, sensors].map(|text| hash(text.as_bytes()));
-    let origin = Origin { version: env!("CARGO_PKG_VERSION").to_owned(), pace, outside_planner, scenario, sensors };
+pub(crate) fn write(mode: &RunMode, scenario: &str, sensors: &str) -> String {
+    let origin = Origin {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        pace: mode.pace,
+        external_planner: mode.external_planner.clone(),
+        scenario: hash(scenario.as_bytes()),
+        sensors: hash(sensors.as_bytes()),
+    };
     let text = toml::to_string(&origin).expect("plain keys and values");
     let check = hash(text.as_bytes());
     format!("{text}{CHECK}\"{check}\"\n")
 }
 
 /// Reads `run.toml` in `folder`, and compares the scenario and the sensor list with it.
-pub(crate) fn read(folder: &Path) -> Result<Manner, InputError> {
+pub(crate) fn read(folder: &Path) -> Result<RunMode, InputError> {
     let refuse = |name: &str, message: &str| InputError::new("run folder", &folder.join(name), message);
     let bytes = |name: &str| fs::read(folder.join(name)).map_err(|error| refuse(name, &error.to_string()));
     let changed =
@@ -68,7 +72,7 @@ pub(crate) fn read(folder: &Path) -> Result<Manner, InputError> {
             return Err(changed(name));
         }
     }
-    Ok(Manner { pace: origin.pace, outside_planner: origin.outside_planner })
+    Ok(RunMode { pace: origin.pace, external_planner: origin.external_planner })
 }
 
 fn hash(bytes: &[u8]) -> String {
@@ -79,29 +83,29 @@ fn hash(bytes: &[u8]) -> String {
 mod tests {
     use super::*;
 
-    fn folder(manner: &Manner) -> tempfile::TempDir {
+    fn folder(mode: &RunMode) -> tempfile::TempDir {
         let folder = tempfile::tempdir().unwrap();
-        for (name, text) in [("scenario.toml", "a"), ("sensors.csv", "b"), (FILE, &write(manner, "a", "b")[..])] {
+        for (name, text) in [("scenario.toml", "a"), ("sensors.csv", "b"), (FILE, &write(mode, "a", "b")[..])] {
             fs::write(folder.path().join(name), text).unwrap();
         }
         folder
     }
 
     #[test]
-    fn what_is_written_is_read() {
-        let manners = [
-            Manner::default(),
-            Manner { pace: Some("10x".parse().unwrap()), outside_planner: Some("mine \"1\"".to_owned()) },
+    fn a_written_file_is_read_back() {
+        let modes = [
+            RunMode::default(),
+            RunMode { pace: Some("10x".parse().unwrap()), external_planner: Some("mine \"1\"".to_owned()) },
         ];
-        for manner in manners {
-            assert_eq!(read(folder(&manner).path()).unwrap(), manner);
+        for mode in modes {
+            assert_eq!(read(folder(&mode).path()).unwrap(), mode);
         }
     }
 
     #[test]
     fn a_changed_byte_of_any_file_is_refused_and_named() {
         for name in ["scenario.toml", "sensors.csv", FILE] {
-            let folder = folder(&Manner::default());
+            let folder = folder(&RunMode::default());
             let path = folder.path().join(name);
             let whole = fs::read(&path).unwrap();
             for at in 0..whole.len() {

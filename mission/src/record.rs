@@ -1,6 +1,6 @@
 //! The run folder: the scenario and the sensor nodes as flown, a line per slot, and the summary.
 //!
-//! Whoever has `slots.csv` locked has the folder: the lock comes before any change of it.
+//! A process locks `slots.csv` before it changes anything in the folder.
 
 use std::ffi::OsStr;
 use std::fs::{self, File, OpenOptions, TryLockError};
@@ -15,50 +15,50 @@ use skysink_common::sensors::SensorList;
 use tempfile::NamedTempFile;
 
 use crate::error::{FileContext, MissionError};
-use crate::origin::{self, Manner};
+use crate::origin::{self, RunMode};
 use crate::slot_log::{CHECK, SlotLog};
 use crate::summary::Summary;
 
-/// What every sensor node lost, delivered and waited for.
+/// The results of each sensor node.
 pub(crate) const SENSOR_RESULTS: &str = "sensors_out.csv";
 
-/// The trace, by which a folder is known to hold a run.
+/// The trace, which identifies a run folder.
 const TRACE: &str = "slots.csv";
 
-/// The other files of a run, but for its recordings.
+/// The other files of a run, except its recordings.
 const FILES: [&str; 7] =
     [origin::FILE, "scenario.toml", "sensors.csv", CHECK, "summary.json", "optimum.json", SENSOR_RESULTS];
 
-/// End of the names of files under way.
+/// Suffix of unfinished files.
 pub const UNFINISHED: &str = ".new";
 
-/// Letters of a file's name that are in the name of what becomes it; file systems end at 255 bytes.
-const MOST_LETTERS: usize = 40;
+/// Characters of a file's name that are used for its unfinished file, whose name may have at most 255 bytes.
+const NAME_CHARACTERS: usize = 40;
 
-/// A run's folder, which this process has to itself.
+/// A run folder, locked by this process.
 #[derive(Debug)]
 pub struct RunFolder {
     path: PathBuf,
-    manner: Manner,
+    mode: RunMode,
     /// `slots.csv`, locked.
     trace: File,
-    /// Whether slots are flown in a ring, where plans may be known to the trace alone: then each is checked.
+    /// Whether the slots are flown in a ring. The plans may then not be reproducible, so each slot is checked.
     in_a_ring: bool,
 }
 
 impl RunFolder {
-    /// Makes the folder `out`, or `runs/<name>-<strategy>-<seed>` with the first free suffix, and writes how the run is
-    /// begun, the scenario and the sensor nodes into it. `force` allows to replace a run in `out`, whole.
+    /// Creates the folder `out`, or `runs/<name>-<strategy>-<seed>` with the first free suffix, and writes `run.toml`, the
+    /// scenario and the sensor list. With `force`, a run in `out` is replaced.
     ///
     /// # Errors
-    /// If `out` is not empty and not to be replaced, holds anything but a run, or has one under way; or something
-    /// cannot be written.
+    /// If `out` is not empty and not to be replaced, holds anything but a run, or holds a running one; or if a file cannot
+    /// be written.
     pub fn create(
         out: Option<&Path>,
         force: bool,
         scenario: &Scenario,
         list: &SensorList,
-        manner: &Manner,
+        mode: &RunMode,
     ) -> Result<Self, MissionError> {
         let path = match out {
             Some(out) => {
@@ -66,14 +66,14 @@ impl RunFolder {
                 out.parent().map_or(Ok(()), fs::create_dir_all).map_err(|error| cannot_make(out, error))?;
                 match fs::create_dir(out) {
                     Err(error) if error.kind() == io::ErrorKind::AlreadyExists && (force || is_empty(out)) => {}
-                    made => made.map_err(|error| cannot_make(out, error))?, // or another process was quicker
+                    made => made.map_err(|error| cannot_make(out, error))?, // another process may have created it
                 }
                 out.to_owned()
             }
-            None => make_default(scenario, manner)?,
+            None => make_default(scenario, mode)?,
         };
-        let in_a_ring = manner.pace.is_some();
-        let folder = Self { trace: lock(&path, true)?, manner: manner.clone(), path, in_a_ring };
+        let in_a_ring = mode.pace.is_some();
+        let folder = Self { trace: lock(&path, true)?, mode: mode.clone(), path, in_a_ring };
         for name in file_names(&folder.path).at(&folder.path)? {
             if name != TRACE && is_of_run(&name) {
                 let file = folder.path.join(name);
@@ -81,14 +81,15 @@ impl RunFolder {
             }
         }
         folder.trace.set_len(0).at(&folder.slots())?;
-        let [scenario, sensors] = [scenario.to_toml_with_list("sensors.csv"), list.to_csv()];
+        let scenario = scenario.to_toml_with_list("sensors.csv");
+        let sensors = list.to_csv();
         folder.write("scenario.toml", &scenario)?;
         folder.write("sensors.csv", &sensors)?;
-        folder.write(origin::FILE, &origin::write(manner, &scenario, &sensors))?;
+        folder.write(origin::FILE, &origin::write(mode, &scenario, &sensors))?;
         Ok(folder)
     }
 
-    /// Whether a run may be put into `out`: before something takes long, and without making it.
+    /// Checks whether a run may be written to `out`, without creating it, such as before a long computation.
     ///
     /// # Errors
     /// If `out` exists and is not to be replaced, or holds anything but a run.
@@ -124,13 +125,13 @@ impl RunFolder {
         self.path.join("scenario.toml")
     }
 
-    /// The recording for rerun; its first file, if the viewer was started again.
+    /// The rerun recording; its first file, if the viewer was restarted.
     #[must_use]
     pub fn recording(&self) -> PathBuf {
         self.path.join("mission.rrd")
     }
 
-    /// How to name all files of the recording to rerun; none if there is no recording.
+    /// The path or glob pattern of all files of the recording; `None` without a recording.
     #[must_use]
     pub fn recording_pattern(&self) -> Option<PathBuf> {
         let mut names = file_names(&self.path).unwrap_or_default();
@@ -144,8 +145,8 @@ impl RunFolder {
 
     /// How the run is flown.
     #[must_use]
-    pub fn manner(&self) -> &Manner {
-        &self.manner
+    pub fn run_mode(&self) -> &RunMode {
+        &self.mode
     }
 
     /// Starts `slots.csv`.
@@ -161,35 +162,35 @@ impl RunFolder {
     /// Opens the folder of a run that has ended early.
     ///
     /// # Errors
-    /// If it is none, its scenario or sensor list was changed since, or the run is still under way.
+    /// If `path` is not a run folder, its scenario or sensor list was changed, or the run is not over.
     pub fn reopen(path: &Path) -> Result<Self, MissionError> {
         require(path)?;
         let trace = lock(path, false)?;
-        Ok(Self { manner: origin::read(path)?, path: path.to_owned(), trace, in_a_ring: true })
+        Ok(Self { mode: origin::read(path)?, path: path.to_owned(), trace, in_a_ring: true })
     }
 
-    /// Opens the folder of a run to read it: others may read it, too, but nobody may write it meanwhile.
+    /// Opens a run folder for reading, with a shared lock.
     ///
     /// # Errors
-    /// If it is none, its scenario or sensor list was changed since, or the run is still under way.
+    /// If `path` is not a run folder, its scenario or sensor list was changed, or the run is not over.
     pub fn open_to_read(path: &Path) -> Result<Self, MissionError> {
         require(path)?;
         let slots = path.join(TRACE);
         let trace = File::open(&slots).at(&slots)?;
-        held(trace.try_lock_shared(), &slots)?;
-        Ok(Self { manner: origin::read(path)?, path: path.to_owned(), trace, in_a_ring: false })
+        check_lock(trace.try_lock_shared(), &slots)?;
+        Ok(Self { mode: origin::read(path)?, path: path.to_owned(), trace, in_a_ring: false })
     }
 
-    /// The trace.
+    /// The path of the trace.
     #[must_use]
     pub fn slots(&self) -> PathBuf {
         self.path.join(TRACE)
     }
 
-    /// Opens `slots.csv` to read what is on record and to resume it.
+    /// Opens `slots.csv` to read the recorded slots and to resume it.
     ///
     /// # Errors
-    /// If it does not begin as a trace.
+    /// If it does not begin with the header of a trace.
     pub fn reopen_slot_log(&self) -> Result<(SlotLog, BufReader<File>), MissionError> {
         let file = self.trace.try_clone().at(&self.slots())?;
         SlotLog::open(&self.path, self.slots(), file, self.in_a_ring)
@@ -202,10 +203,10 @@ impl RunFolder {
         serde_json::from_slice(&text).is_ok_and(|summary: serde_json::Value| summary["complete"] == true)
     }
 
-    /// Removes what the run came to for each SN, if that was written.
+    /// Removes the results of each SN, if present.
     ///
     /// # Errors
-    /// If it cannot be removed.
+    /// If the file cannot be removed.
     pub fn remove_sensor_results(&self) -> Result<(), MissionError> {
         let path = self.path.join(SENSOR_RESULTS);
         match fs::remove_file(&path) {
@@ -214,10 +215,10 @@ impl RunFolder {
         }
     }
 
-    /// The figures of the run, as it ended.
+    /// The summary of the run.
     ///
     /// # Errors
-    /// If it has not ended, or they were written by another version.
+    /// If the run has not ended, or the summary was written by another version.
     pub fn summary(&self) -> Result<Summary, MissionError> {
         let path = self.path.join("summary.json");
         let refuse = |message: String| InputError::new("summary", &path, message);
@@ -249,29 +250,29 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), MissionError> {
     write_unfinished(path, bytes).and_then(|file| file.persist(path).map_err(io::Error::from)).map(drop).at(path)
 }
 
-/// Writes what will be the file `path` into a new file beside it, `.NAME.*.new`, that nobody else has or can have put
-/// there. It becomes `path` by [`NamedTempFile::persist`]; dropped, it is removed.
+/// Writes the content of `path` to a new temporary file beside it, `.NAME.*.new`. [`NamedTempFile::persist`] renames it to
+/// `path`; dropping removes it.
 ///
 /// # Errors
 /// If it cannot be written.
 pub fn write_unfinished(path: &Path, bytes: &[u8]) -> io::Result<NamedTempFile> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let prefix = format!(".{}.", name.chars().take(MOST_LETTERS).collect::<String>());
-    let begin = |path: &Path| File::options().write(true).create_new(true).open(path); // with the usual permissions
-    let mut file = tempfile::Builder::new().prefix(&prefix).suffix(UNFINISHED).make_in(folder, begin)?;
+    let prefix = format!(".{}.", name.chars().take(NAME_CHARACTERS).collect::<String>());
+    let create = |path: &Path| File::options().write(true).create_new(true).open(path); // with the usual permissions
+    let mut file = tempfile::Builder::new().prefix(&prefix).suffix(UNFINISHED).make_in(folder, create)?;
     file.write_all(bytes)?;
     Ok(file)
 }
 
-/// Whether something of this name is what a process that was killed has begun to write.
+/// Whether this is the name of an unfinished file, such as a killed process leaves.
 #[must_use]
 pub fn is_unfinished(name: &OsStr) -> bool {
     let name = name.as_encoded_bytes();
     name.starts_with(b".") && name.ends_with(UNFINISHED.as_bytes())
 }
 
-/// Refuses what is no folder of a run, or has something else under the name of a file of a run.
+/// Refuses a path that is not a run folder, or in which a file of a run is something else than a file.
 fn require(path: &Path) -> Result<(), MissionError> {
     let files = ["scenario.toml", TRACE, origin::FILE];
     if let Some(missing) = files.into_iter().find(|name| !path.join(name).is_file()) {
@@ -286,8 +287,8 @@ fn require(path: &Path) -> Result<(), MissionError> {
     }
 }
 
-/// Says that a run has the trace `path`, if one has.
-fn held(locked: Result<(), TryLockError>, path: &Path) -> Result<(), MissionError> {
+/// The result of locking the trace `path`; an error if a run has locked it.
+fn check_lock(locked: Result<(), TryLockError>, path: &Path) -> Result<(), MissionError> {
     match locked {
         Ok(()) => Ok(()),
         Err(TryLockError::WouldBlock) => {
@@ -298,7 +299,7 @@ fn held(locked: Result<(), TryLockError>, path: &Path) -> Result<(), MissionErro
     }
 }
 
-/// Opens the trace in `folder`, or makes it if `create` allows, and keeps a second run from the folder.
+/// Opens and locks the trace in `folder`; creates it if `create`.
 fn lock(folder: &Path, create: bool) -> Result<File, MissionError> {
     let path = folder.join(TRACE);
     let mut open = OpenOptions::new();
@@ -308,7 +309,7 @@ fn lock(folder: &Path, create: bool) -> Result<File, MissionError> {
         .truncate(false)
         .custom_flags(rustix::fs::OFlags::NOFOLLOW.bits().cast_signed());
     let file = open.open(&path).at(&path)?;
-    held(file.try_lock(), &path)?;
+    check_lock(file.try_lock(), &path)?;
     Ok(file)
 }
 
@@ -317,7 +318,7 @@ fn refuse(out: &Path, message: impl std::fmt::Display) -> MissionError {
     InputError::new("output folder", out, message).into()
 }
 
-/// Why the folder `out` cannot be made: because of its name, or of what it lies on.
+/// The error for a folder `out` that cannot be created: a refusal of its path, or a failure of the system.
 fn cannot_make(out: &Path, error: io::Error) -> MissionError {
     use io::ErrorKind::{AlreadyExists, InvalidFilename, NotADirectory, NotFound};
     match error.kind() {
@@ -326,7 +327,7 @@ fn cannot_make(out: &Path, error: io::Error) -> MissionError {
     }
 }
 
-/// Whether it is a file, and no link to one.
+/// Whether `path` is a regular file, not a link.
 fn is_plain_file(path: &Path) -> bool {
     fs::symlink_metadata(path).is_ok_and(|file| file.is_file())
 }
@@ -353,11 +354,11 @@ fn is_recording(name: &str) -> bool {
     })
 }
 
-/// Makes the first free of `runs/<name>-<strategy>-<seed>`, `...-2`, `...-3`.
-fn make_default(scenario: &Scenario, manner: &Manner) -> Result<PathBuf, MissionError> {
+/// Creates the first free folder of `runs/<name>-<strategy>-<seed>`, `...-2`, `...-3`.
+fn make_default(scenario: &Scenario, mode: &RunMode) -> Result<PathBuf, MissionError> {
     let runs = Path::new("runs");
     fs::create_dir_all(runs).at(runs)?;
-    let planner = manner.outside_planner.as_ref().unwrap_or(&scenario.planner.strategy);
+    let planner = mode.external_planner.as_ref().unwrap_or(&scenario.planner.strategy);
     let name = format!("{}-{planner}-{}", scenario.name, scenario.seed);
     let mut number = 1u64;
     loop {
@@ -376,7 +377,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_link_that_somebody_has_planted_is_not_followed() {
+    fn a_planted_link_is_not_followed() {
         let folder = tempfile::tempdir().unwrap();
         let [path, victim] = ["summary.json", "victim"].map(|name| folder.path().join(name));
         fs::write(&victim, "mine").unwrap();
@@ -388,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_written_leaves_nothing_and_what_is_written_others_may_read() {
+    fn a_failed_write_leaves_no_file_and_a_written_file_has_the_usual_permissions() {
         let folder = tempfile::tempdir().unwrap();
         fs::create_dir(folder.path().join("taken")).unwrap();
         assert!(write_whole(&folder.path().join("taken"), b"new").is_err());
@@ -402,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_killed_process_has_begun_is_known_by_its_name() {
+    fn an_unfinished_file_is_recognised_by_its_name() {
         let folder = tempfile::tempdir().unwrap();
         let begun = write_unfinished(&folder.path().join("sweep.json"), b"{").unwrap();
         assert!(is_unfinished(begun.path().file_name().unwrap()));

@@ -1,4 +1,4 @@
-//! All slots of a run that has ended, read from its folder.
+//! All slots of a finished run, read from its folder.
 
 use std::path::Path;
 
@@ -18,11 +18,11 @@ pub struct RecordedRun {
     pub scenario: Scenario,
     /// The sensor nodes as flown.
     pub list: SensorList,
-    /// The strategy flown, or the label of an outside planner.
+    /// The strategy, or the label of an external planner.
     pub strategy: String,
     /// Slot t is entry t − 1.
     pub slots: Vec<RecordedSlot>,
-    /// What each of the served sensor nodes of a slot has uploaded [bit], in their order there; by slot as well.
+    /// By slot: bits uploaded by each served sensor node, in the order of `scheduled`.
     pub uploads_bits: Vec<Vec<u64>>,
 }
 
@@ -30,8 +30,8 @@ impl RecordedRun {
     /// Reads the run in `folder`, and flies it again to check it.
     ///
     /// # Errors
-    /// If it is no such folder, a run is writing it, the run has ended early, or the scenario, the sensor list or the
-    /// trace was changed since; or on a stop.
+    /// If `folder` is not a run folder, the run is not over or ended early, the scenario, the sensor list or the trace was
+    /// changed, or on a stop.
     pub fn read(folder: &Path, stop: &Stop) -> Result<Self, MissionError> {
         let mut replay = Replay::open(folder)?;
         let mut slots: Vec<RecordedSlot> = Vec::new();

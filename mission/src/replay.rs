@@ -1,5 +1,5 @@
-//! A mission on record, read line by line and flown again by the recorded plans: what the trace does not hold, such as
-//! the queues of every slot, comes back, and every line is compared.
+//! Replay of a recorded mission: its trace is read line by line and flown again by the recorded plans. This recovers what
+//! the trace does not hold, such as the queues, and verifies every line.
 
 use std::fs::File;
 use std::io::{BufRead as _, BufReader};
@@ -17,7 +17,7 @@ use crate::mission::{FlownSlot, Mission};
 use crate::record::RunFolder;
 use crate::slot_log::SlotLog;
 use crate::summary::Summary;
-use crate::trace::{RecordedSlot, chained};
+use crate::trace::{RecordedSlot, chain_hash};
 
 /// The lines of a trace, one after the other.
 pub struct RecordedLines {
@@ -29,13 +29,13 @@ pub struct RecordedLines {
 }
 
 impl RecordedLines {
-    /// The lines behind the header of the trace in `folder`, of a mission of `slots` slots.
+    /// The lines after the header of the trace in `folder`, of a mission of `slots` slots.
     #[must_use]
     pub fn new(folder: &RunFolder, reader: BufReader<File>, slots: u64) -> Self {
         Self { path: folder.slots(), reader, slots, slot: 0, line: Vec::new() }
     }
 
-    /// The next slot on record; `None` after the last whole line.
+    /// The next recorded slot; `None` after the last complete line.
     ///
     /// # Errors
     /// If the line is not that of the next slot, or cannot be read.
@@ -58,7 +58,7 @@ impl RecordedLines {
         Ok(Some(recorded))
     }
 
-    /// Refuses a trace of whose lines, up to the last, `hash` is the hash, if that is not the one of `summary`.
+    /// Refuses a trace whose hash of all lines, `hash`, is not that of `summary`.
     fn check_end(&self, hash: u64, summary: &Summary) -> Result<(), MissionError> {
         let found = format!("{} slots of hash {hash:016x}", self.slot);
         let expected = format!("{} slots of hash {}", summary.slots, summary.trace_hash);
@@ -69,30 +69,30 @@ impl RecordedLines {
         Err(InputError::new("trace", &self.path, message).into())
     }
 
-    /// The last line, with its end.
+    /// The last line, with its newline.
     #[must_use]
     pub fn line(&self) -> &[u8] {
         &self.line
     }
 
-    /// The refusal of the last line.
+    /// The error for the last line.
     #[must_use]
     pub fn refuse(&self, what: &str) -> MissionError {
         let line = String::from_utf8_lossy(&self.line);
         InputError::line("trace", &self.path, self.slot as usize + 1, &line, what).into()
     }
 
-    /// The refusal of a line to which the mission does not lead.
+    /// The error for a line that the mission does not reproduce.
     #[must_use]
     pub fn changed(&self) -> MissionError {
         self.refuse("the mission does not lead to this line, or one before it was changed since it was written")
     }
 }
 
-/// All slots on record in the folder of a run that has ended, as they are written.
+/// All recorded slots in the folder of a run that has ended, without a replay.
 ///
 /// # Errors
-/// If it is no such folder, its scenario or sensor list was changed since, or a line is not that of its slot.
+/// If `path` is not a run folder, its scenario or sensor list was changed, or a line is not that of its slot.
 pub fn recorded_slots(path: &Path) -> Result<Vec<RecordedSlot>, MissionError> {
     let folder = RunFolder::open_to_read(path)?;
     let scenario = Scenario::read(&folder.scenario(), Overrides::default())?;
@@ -101,7 +101,7 @@ pub fn recorded_slots(path: &Path) -> Result<Vec<RecordedSlot>, MissionError> {
     std::iter::from_fn(|| lines.next_slot().transpose()).collect()
 }
 
-/// A mission on record that is flown again.
+/// A recorded mission that is flown again.
 pub struct Replay {
     scenario: Scenario,
     list: SensorList,
@@ -117,7 +117,7 @@ impl Replay {
     /// Opens the folder of a run that has ended, early or not.
     ///
     /// # Errors
-    /// If it is none, its scenario or sensor list was changed since, it has no summary, or is still under way.
+    /// If `path` is not a run folder, its scenario or sensor list was changed, or the run is not over.
     pub fn open(path: &Path) -> Result<Self, MissionError> {
         let folder = RunFolder::open_to_read(path)?;
         let summary = folder.summary()?;
@@ -125,8 +125,8 @@ impl Replay {
         let list = SensorList::of(&scenario)?;
         let (log, reader) = folder.reopen_slot_log()?;
         let lines = RecordedLines::new(&folder, reader, scenario.slots);
-        let label = folder.manner().outside_planner.as_ref().unwrap_or(&scenario.planner.strategy).clone();
-        // The plans are on record: the planner is the one that takes least to set up.
+        let label = folder.run_mode().external_planner.as_ref().unwrap_or(&scenario.planner.strategy).clone();
+        // The plans are recorded, so the planner is not used: `rfs` is the cheapest to construct.
         let mut flown = scenario.clone();
         rfs::STRATEGY.name.clone_into(&mut flown.planner.strategy);
         let mission = Mission::new(&flown, &list)?;
@@ -145,13 +145,13 @@ impl Replay {
         &self.list
     }
 
-    /// The strategy that planned it, or the label of an outside planner.
+    /// The strategy, or the label of an external planner.
     #[must_use]
     pub fn label(&self) -> &str {
         &self.label
     }
 
-    /// The figures of the run, as it ended.
+    /// The summary of the run.
     #[must_use]
     pub fn summary(&self) -> &Summary {
         &self.summary
@@ -163,16 +163,17 @@ impl Replay {
         &self.mission
     }
 
-    /// What the trace says of the last slot.
+    /// The last slot, as recorded in the trace.
     #[must_use]
     pub fn last_recorded(&self) -> Option<&RecordedSlot> {
         self.recorded.as_ref()
     }
 
-    /// The next slot; `None` after the last on record. In a slot that had no plan in time the plan is to hold.
+    /// Flies the next slot; `None` after the last recorded one. A slot that had no plan in time is returned with a plan to
+    /// hold.
     ///
     /// # Errors
-    /// If the trace cannot be read, or the mission does not lead to its next line.
+    /// If the trace cannot be read, or the mission does not reproduce its next line.
     pub fn next_slot(&mut self) -> Result<Option<FlownSlot>, MissionError> {
         let Some(recorded) = self.lines.next_slot()? else { return self.check_end().map(|()| None) };
         let plan = (!recorded.is_missed()).then(|| recorded.plan());
@@ -186,24 +187,23 @@ impl Replay {
         Ok(Some(FlownSlot { plan, flight, header }))
     }
 
-    /// Refuses a trace whose end is not that of the run's summary.
+    /// Refuses a trace that does not match the summary.
     fn check_end(&self) -> Result<(), MissionError> {
         self.lines.check_end(self.log.hash(), &self.summary)
     }
 }
 
-/// The figures of a run that has ended, if its trace is the one that they are of. The lines are read, but not flown
-/// again.
+/// The summary of a run that has ended, after a check that it matches the trace, without a replay.
 ///
 /// # Errors
-/// If it has not ended, or its trace was changed since.
+/// If the run has not ended, or its trace was changed.
 pub fn checked_summary(folder: &RunFolder) -> Result<Summary, MissionError> {
     let summary = folder.summary()?;
     let (_, reader) = folder.reopen_slot_log()?;
     let mut lines = RecordedLines::new(folder, reader, summary.planned_slots);
     let mut hash = 0;
     while lines.next_slot()?.is_some() {
-        hash = chained(hash, lines.line());
+        hash = chain_hash(hash, lines.line());
     }
     lines.check_end(hash, &summary)?;
     Ok(summary)

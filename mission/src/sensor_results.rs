@@ -1,4 +1,4 @@
-//! What a mission comes to for each sensor node (SN): `sensors_out.csv`.
+//! The results of each sensor node (SN) of a mission: `sensors_out.csv`.
 
 use std::fmt::Write as _;
 use std::ops::Range;
@@ -23,7 +23,7 @@ struct SensorSums {
     served_slots: u64,
     /// The age since the last service.
     age: AgeRun,
-    /// Sum of the ages after every slot before that service [slots].
+    /// Sum of the ages [slots] after all slots before that service.
     ages: u64,
     longest_gap: u64,
     lost_bits: u64,
@@ -34,7 +34,7 @@ impl SensorSums {
     const NONE: Self =
         Self { served_slots: 0, age: AgeRun::FIRST, ages: 0, longest_gap: 0, lost_bits: 0, first_loss: None };
 
-    /// The service in `slot`, after which the age is 0.
+    /// Adds a service in `slot`, after which the age is 0.
     fn serve(&mut self, slot: u64) {
         let ages = self.age.refresh(slot, slot);
         self.longest_gap = self.longest_gap.max(ages.end);
@@ -42,8 +42,8 @@ impl SensorSums {
         self.served_slots += 1;
     }
 
-    /// Sum of the ages after all slots up to `slot`, the last, and the longest gap, both in slots.
-    fn until(&self, slot: u64) -> [u64; 2] {
+    /// Sum of the ages after all slots, and the longest gap [slots], if `slot` is the last slot.
+    fn totals_after(&self, slot: u64) -> [u64; 2] {
         let ages = self.age.ages(slot + 1);
         let last_gap = ages.end.saturating_sub(1);
         [self.ages + sum(&ages), self.longest_gap.max(last_gap)]
@@ -75,10 +75,10 @@ impl SensorTally {
     }
 }
 
-/// Flies the run in `folder` again, and writes what it comes to for each SN beside its trace. Returns the file.
+/// Flies the run in `folder` again, and writes the results of each SN to the folder. Returns the path of the file.
 ///
 /// # Errors
-/// If the folder is none of a run or was changed, the file cannot be written, or on a stop.
+/// If `folder` is not a run folder or was changed, the file cannot be written, or on a stop.
 pub fn write(folder: &Path, stop: &Stop) -> Result<PathBuf, MissionError> {
     let mut replay = Replay::open(folder)?;
     let mut tally = SensorTally(vec![SensorSums::NONE; replay.list().sensors().len()]);
@@ -98,7 +98,7 @@ fn csv(replay: &Replay, tally: SensorTally) -> String {
     let field = replay.mission().field();
     let mut text = COLUMNS.to_owned();
     for (id, sums) in tally.0.into_iter().enumerate() {
-        let [ages, longest_gap] = sums.until(slots);
+        let [ages, longest_gap] = sums.totals_after(slots);
         let node = &replay.list().sensors()[id];
         let delivered_bits = field.delivered_bits()[id];
         let queued_bits = field.queues_bits()[id];
@@ -129,19 +129,19 @@ mod tests {
         let mut sums = SensorSums::NONE;
         sums.serve(2);
         sums.serve(5);
-        assert_eq!((sums.until(7), sums.served_slots), ([7, 3], 2));
+        assert_eq!((sums.totals_after(7), sums.served_slots), ([7, 3], 2));
     }
 
     #[test]
-    fn who_is_never_served_grows_old_from_the_start() {
-        assert_eq!(SensorSums::NONE.until(4), [1 + 2 + 3 + 4, 4]);
-        assert_eq!(SensorSums::NONE.until(0), [0, 0]);
+    fn the_age_of_a_sensor_node_that_is_never_served_counts_from_the_start() {
+        assert_eq!(SensorSums::NONE.totals_after(4), [1 + 2 + 3 + 4, 4]);
+        assert_eq!(SensorSums::NONE.totals_after(0), [0, 0]);
     }
 
     #[test]
-    fn who_is_served_in_every_slot_stays_young() {
+    fn the_age_of_a_sensor_node_that_is_served_in_every_slot_is_0() {
         let mut sums = SensorSums::NONE;
         (1..=4).for_each(|slot| sums.serve(slot));
-        assert_eq!(sums.until(4), [0, 1]);
+        assert_eq!(sums.totals_after(4), [0, 1]);
     }
 }

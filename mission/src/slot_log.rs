@@ -1,4 +1,4 @@
-//! The trace on record: `slots.csv`, written line by line, and the check beside it.
+//! Writing of the trace `slots.csv`, line by line, and of its check file.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead as _, BufReader, Seek as _, SeekFrom, Write as _};
@@ -11,31 +11,31 @@ use skysink_common::message::{FlightReport, QueuesHeader};
 use crate::error::{FileContext, MissionError};
 use crate::trace::{SLOT_COLUMNS, TraceHash};
 
-/// What [`Check`] writes.
+/// The file of [`Check`].
 pub(crate) const CHECK: &str = "slots.check";
 
-/// `slots.csv` under way. Each line reaches the system when its slot is recorded, so that nothing recorded is lost.
+/// The trace `slots.csv` of a run. Each line is written when its slot is recorded, so that a kill loses no recorded slot.
 #[derive(Debug)]
 pub struct SlotLog {
     path: PathBuf,
     file: File,
-    /// Bytes of whole lines.
+    /// Bytes of complete lines.
     length: u64,
     trace: TraceHash,
-    /// Where slots are flown in a ring, see [`RunFolder`].
+    /// Present if the slots are flown in a ring.
     check: Option<Check>,
 }
 
-/// The last slot on record and the hash of all lines up to it, in a file beside the trace: 16 bytes, written in each
-/// slot after its line.
+/// The check file of a trace: the last recorded slot and the hash of all lines up to it, 16 bytes, written in each slot
+/// after its line.
 #[derive(Debug)]
 struct Check {
     path: PathBuf,
-    /// None before the first slot.
+    /// `None` before the first slot.
     file: Option<File>,
-    /// Slot and hash that were written before this process.
+    /// Slot and hash that an earlier process has written.
     before: Option<(u64, u64)>,
-    /// The last slot that was gone over.
+    /// The last repeated slot.
     repeated: u64,
 }
 
@@ -64,7 +64,7 @@ impl Check {
 }
 
 impl SlotLog {
-    /// Opens the trace `path` in `folder`, which is the locked `file`, to be read and resumed. In a ring each slot is
+    /// Opens the trace `path` in `folder`, which is the locked `file`, to read and resume it. In a ring each slot is
     /// checked.
     pub(crate) fn open(
         folder: &Path,
@@ -81,23 +81,22 @@ impl SlotLog {
             let expected = SLOT_COLUMNS.trim_end();
             return Err(InputError::line("trace", &path, 1, &found, format_args!("expected {expected}")).into());
         }
-        // Where the header is cut, nothing is on record.
+        // With a cut header, no slot was recorded.
         let length = if header.len() == SLOT_COLUMNS.len() { header.len() as u64 } else { 0 };
         let check = in_a_ring.then(|| Check::open(folder)).transpose()?;
         Ok((Self { length, path, file, trace: TraceHash::default(), check }, reader))
     }
 
-    /// Adds the slot, and returns the hash of all lines so far.
+    /// Adds a slot, and returns the hash of all lines so far.
     ///
     /// # Errors
-    /// If a bit of the ledger is unaccounted for, or the line cannot be written; then it is as if it had not been
-    /// tried.
+    /// If the ledger does not balance, or the line cannot be written; the trace is then unchanged.
     pub fn add(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, MissionError> {
         let line = self.trace.write(flight, header)?;
         let written = self.file.write_all(line.as_bytes());
         if written.is_err() {
             let cut = self.file.set_len(self.length).and_then(|()| self.file.seek(SeekFrom::Start(self.length)));
-            let _ = cut; // of a part of a line at best, which a resumed run cuts, too
+            let _ = cut; // a resumed run cuts an incomplete line, too
         }
         written.at(&self.path)?;
         self.length += line.len() as u64;
@@ -106,11 +105,10 @@ impl SlotLog {
         Ok(self.trace.value())
     }
 
-    /// Goes over a line that is on record already. Says whether it is that of the slot, and all lines so far those that
-    /// were written.
+    /// Repeats a recorded line. Returns whether it is that of the slot, and all lines so far are those that were written.
     ///
     /// # Errors
-    /// If a bit of the ledger is unaccounted for.
+    /// If the ledger does not balance.
     pub fn repeat(&mut self, line: &[u8], flight: &FlightReport, header: &QueuesHeader) -> Result<bool, MissionError> {
         let is_same = self.trace.write(flight, header)?.as_bytes() == line;
         self.length += line.len() as u64;
@@ -121,27 +119,27 @@ impl SlotLog {
         Ok(is_same && before.is_none_or(|(_, hash)| hash == self.trace.value()))
     }
 
-    /// Whether slots of the trace were flown in a ring.
+    /// Whether the recorded slots were flown in a ring.
     #[must_use]
     pub fn was_in_a_ring(&self) -> bool {
         self.check.as_ref().is_some_and(|check| check.before.is_some())
     }
 
-    /// The last slot that was on record before this process, as far as was checked.
+    /// The last slot of the check file that an earlier process has written.
     #[must_use]
     pub fn last_checked(&self) -> Option<u64> {
         self.check.as_ref().and_then(|check| check.before).map(|(slot, _)| slot)
     }
 
-    /// Whether the lines that were gone over are those that were written: but for the last, which may have come after
-    /// the check.
+    /// Whether the repeated lines were covered by the check file, except for the last, which may have been written after
+    /// it.
     #[must_use]
     pub fn was_checked(&self) -> bool {
         let check = self.check.as_ref();
         check.is_some_and(|check| check.before.is_some_and(|(slot, _)| slot + 1 >= check.repeated))
     }
 
-    /// Cuts the trace behind the last line that was gone over, to resume it there.
+    /// Truncates the trace after the last repeated line, to resume it there.
     ///
     /// # Errors
     /// If the file cannot be changed.
@@ -158,7 +156,7 @@ impl SlotLog {
         cut().at(&self.path)
     }
 
-    /// Hash of all lines so far, chained.
+    /// Chained hash of all lines so far.
     #[must_use]
     pub fn hash(&self) -> u64 {
         self.trace.value()

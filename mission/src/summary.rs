@@ -1,4 +1,4 @@
-//! What a run comes to: tallied slot by slot, written as `summary.json`.
+//! The summary of a run, collected slot by slot and written as `summary.json`.
 
 use std::borrow::Cow;
 use std::time::Duration;
@@ -12,28 +12,28 @@ use skysink_common::sensors::SensorList;
 
 use crate::latency::{Latencies, Latency, SlotTimes, histogram};
 
-/// Events that are kept: a run that has more is beyond reading.
+/// Most events in a summary.
 const MAX_EVENTS: usize = 10_000;
 
-/// What has become of a process, as in `summary.json`.
+/// An event of a process, as in `summary.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Event {
-    /// The slot under way.
+    /// The current slot.
     pub slot: u64,
     /// Wall time since the run began [s].
     pub at_s: f64,
     /// The process.
     pub process: Cow<'static, str>,
-    /// What has become of it.
+    /// Description of the event.
     pub event: String,
 }
 
-/// The figures of a run, as in `summary.json`.
+/// The results of a run, as in `summary.json`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Name of the scenario.
     pub name: String,
-    /// Strategy flown, or the label of an outside planner.
+    /// Strategy, or the label of an external planner.
     pub strategy: String,
     /// Seed.
     pub seed: u64,
@@ -45,7 +45,7 @@ pub struct Summary {
     pub sensors: usize,
     /// `η = Σ_t Σ_i D_i(t) / (Σ_i s_i τ T)` (decision D3).
     pub loss_rate: f64,
-    /// `Σ_i Σ_t D_i(t) / (s_i τ T)`, the letter's figure, which grows with N (decision D3).
+    /// `Σ_i Σ_t D_i(t) / (s_i τ T)`, the loss rate of the paper, which grows with N (decision D3).
     pub eta_letter: f64,
     /// Bits before slot 1, sampled, uploaded, lost, and queued at the end.
     #[serde(flatten)]
@@ -56,20 +56,19 @@ pub struct Summary {
     pub mean_served: f64,
     /// Slots in which the UAV held its position.
     pub held_slots: u64,
-    /// Slots in which it was on its way (decision D8).
+    /// Slots in transit (decision D8).
     pub transit_slots: u64,
     /// Requests of plans that were refused.
     pub refused: u64,
-    /// Waypoints to which the chosen solver contributed nothing: the geometric solver's, or the centre that `exact`
-    /// found.
+    /// Waypoints that the chosen solver did not find: those of the geometric solver, or the centre that `exact` found.
     pub solver_fallbacks: u64,
-    /// Samples of the ring that were refused: of another run, a second writer, or a slot that cannot be.
+    /// Refused samples of the ring: of another run, a second writer, or an impossible slot.
     pub refused_messages: u64,
-    /// How often a process was started again.
+    /// Restarts of processes.
     pub restarts: u64,
-    /// What has become of the processes.
+    /// Events of the processes.
     pub events: Vec<Event>,
-    /// The slot after which the run was resumed; counts of wall time begin there.
+    /// The slot after which the run was resumed; wall times count from there.
     pub resumed_after: Option<u64>,
     /// Chained hash (XXH3) of the lines of `slots.csv`: equal for equal traces.
     pub trace_hash: String,
@@ -77,22 +76,22 @@ pub struct Summary {
     pub complete: bool,
     /// Version of Skysink.
     pub version: Cow<'static, str>,
-    /// By the wall clock; different each time.
+    /// Wall-clock figures; not reproducible.
     pub timing: RunTiming,
 }
 
 /// The wall-clock figures of a run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunTiming {
-    /// Pace, or none in one process.
+    /// Pace; `None` in one process.
     pub pace: Option<Pace>,
     /// Duration [s], from the first slot to the last.
     pub wall_s: f64,
     /// Slots per second.
     pub slots_per_s: f64,
-    /// Slots whose plan was not there when they began; in a resumed run those before it, too.
+    /// Slots whose plan had not arrived when they began, including those before a resumption.
     pub missed_deadlines: u64,
-    /// Slots that began late, because the ring could not keep up with the clock.
+    /// Slots that began late, because the ring did not keep up with the clock.
     pub late_slots: u64,
     /// Planning time, median [µs].
     pub plan_p50_us: f64,
@@ -100,15 +99,15 @@ pub struct RunTiming {
     pub plan_p99_us: f64,
     /// Planning time, longest [µs].
     pub plan_max_us: f64,
-    /// From sample to sample; none in one process.
+    /// Latencies between samples; `None` in one process.
     pub latency: Option<Latencies>,
 }
 
-/// Running sums of a run: a summary in the making, and what its quotients are made of.
+/// Running sums from which the summary of a run is computed.
 #[derive(Debug)]
 pub struct Tally {
     summary: Summary,
-    /// Bits that the field samples in a slot on average, `Σ_i s_i τ`.
+    /// Mean bits sampled per slot by the field, `Σ_i s_i τ`.
     mean_bits: f64,
     served: u64,
     plan_ns: Histogram<u64>,
@@ -116,7 +115,7 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Nothing flown yet.
+    /// The sums before slot 1.
     #[must_use]
     pub fn new(scenario: &Scenario, list: &SensorList) -> Self {
         let summary = Summary {
@@ -137,21 +136,21 @@ impl Tally {
         }
     }
 
-    /// Measures latencies, too, at a pace.
+    /// Also measures latencies, of a run at `pace`.
     #[must_use]
     pub fn with_latency(mut self, pace: Pace, slot_s: f64) -> Self {
         self.latency = Some(Latency::new(pace, slot_s));
         self
     }
 
-    /// Books the mission as that of a planner that is not Skysink's.
+    /// Labels the mission with the name of an external planner.
     #[must_use]
     pub fn with_planner(mut self, name: &str) -> Self {
         name.clone_into(&mut self.summary.strategy);
         self
     }
 
-    /// What was added so far was on record before this run.
+    /// Marks the slots added so far as recorded by an earlier run that is now resumed.
     pub fn resume(&mut self) {
         self.summary.resumed_after = Some(self.summary.slots);
     }
@@ -180,19 +179,19 @@ impl Tally {
         }
     }
 
-    /// Adds when the samples of the slot were sent.
+    /// Adds the send times of the samples of a slot.
     pub fn add_times(&mut self, times: SlotTimes) {
         if let Some(latency) = &mut self.latency {
             latency.add(times);
         }
     }
 
-    /// Sets how many samples were refused so far.
+    /// Sets the number of samples refused so far.
     pub fn set_refused_messages(&mut self, refused_messages: u64) {
         self.summary.refused_messages = refused_messages;
     }
 
-    /// Adds what has become of a process; after the first 10 000 such events only the restarts are counted.
+    /// Adds an event of a process. After the first 10 000 events only restarts are counted.
     pub fn add_event(&mut self, event: Event, is_restart: bool) {
         self.summary.restarts += u64::from(is_restart);
         if self.summary.events.len() < MAX_EVENTS {
@@ -200,25 +199,25 @@ impl Tally {
         }
     }
 
-    /// The last slot on record; 0 before the first.
+    /// The last recorded slot; 0 before the first.
     #[must_use]
     pub fn last_slot(&self) -> u64 {
         self.summary.slots
     }
 
-    /// Slots whose plan was not there when they began.
+    /// Slots whose plan had not arrived when they began.
     #[must_use]
     pub fn missed_deadlines(&self) -> u64 {
         self.summary.timing.missed_deadlines
     }
 
-    /// The loss rate so far, `η` (decision D3); 0 where nothing is sampled.
+    /// The loss rate so far, `η` (decision D3); 0 without sampling.
     #[must_use]
     pub fn loss_rate(&self) -> f64 {
         ratio(self.summary.totals.lost_bits as f64, self.mean_bits * self.summary.slots as f64)
     }
 
-    /// The figures of the run so far, after `wall` of wall time at a pace (`None` in one process).
+    /// The summary of the run so far, after the wall time `wall`, at a pace (`None` in one process).
     #[must_use]
     pub fn summary(&self, pace: Option<Pace>, wall: Duration, trace_hash: u64) -> Summary {
         let mut summary = self.summary.clone();
@@ -245,7 +244,7 @@ impl Tally {
     }
 }
 
-/// `part / whole`, 0 where there is nothing.
+/// `part / whole`; 0 if `whole` is not positive.
 fn ratio(part: f64, whole: f64) -> f64 {
     if whole > 0.0 { part / whole } else { 0.0 }
 }

@@ -11,7 +11,7 @@ use crate::error::MissionError;
 /// Header of `slots.csv`.
 pub(crate) const SLOT_COLUMNS: &str = "slot,x_m,y_m,z_m,scheduled,delivered_bits,lost_bits,queued_bits,mode,refused\n";
 
-/// Hash of the lines of a trace, without the trace.
+/// Computes the hash of a trace, line by line.
 #[derive(Debug, Default)]
 pub struct TraceHash {
     line: String,
@@ -19,12 +19,12 @@ pub struct TraceHash {
 }
 
 impl TraceHash {
-    /// Writes the line of a slot, with its end; it is not in the hash yet.
+    /// Formats the line of a slot, with its newline, without adding it to the hash.
     ///
     /// # Errors
-    /// If a bit of the ledger is unaccounted for.
+    /// If the ledger does not balance.
     pub fn write(&mut self, flight: &FlightReport, header: &QueuesHeader) -> Result<&str, MissionError> {
-        if !header.totals.balanced() {
+        if !header.totals.is_balanced() {
             return Err(MissionError::Unbalanced { slot: header.head.slot, totals: header.totals });
         }
         self.line.clear();
@@ -32,58 +32,58 @@ impl TraceHash {
         Ok(&self.line)
     }
 
-    /// Adds the line that was written last.
+    /// Adds the last formatted line to the hash.
     pub fn add(&mut self) {
-        self.hash = chained(self.hash, self.line.as_bytes());
+        self.hash = chain_hash(self.hash, self.line.as_bytes());
     }
 
-    /// The hash of all lines so far, chained.
+    /// The chained hash of all lines so far.
     #[must_use]
     pub fn value(&self) -> u64 {
         self.hash
     }
 }
 
-/// The hash of a trace after one more line, with its end; before the first it is 0.
-pub(crate) fn chained(hash: u64, line: &[u8]) -> u64 {
+/// The hash of a trace after one more line, with its newline; 0 before the first line.
+pub(crate) fn chain_hash(hash: u64, line: &[u8]) -> u64 {
     xxh3_64_with_seed(line, hash)
 }
 
-/// One line of `slots.csv`. Floats read back exactly, and no clock is in it.
+/// Writes one line of `slots.csv`. Floats round-trip exactly. The line holds no times of a clock.
 fn write_line(line: &mut String, flight: &FlightReport, header: &QueuesHeader) -> std::fmt::Result {
     write!(line, "{},{},{},{},", header.head.slot, flight.x_m, flight.y_m, flight.z_m)?;
     for (i, link) in flight.served_links().iter().enumerate() {
         let separator = if i > 0 { " " } else { "" };
         write!(line, "{separator}{}", link.sensor)?;
     }
-    let (delivered, lost, queued) = (header.delivered_bits, header.lost_bits, header.totals.queued_bits);
+    let QueuesHeader { delivered_bits, lost_bits, totals, .. } = header;
     let mode = Mode::from_repr(flight.mode).unwrap_or_default();
-    writeln!(line, ",{delivered},{lost},{queued},{mode},{}", flight.refused)
+    writeln!(line, ",{delivered_bits},{lost_bits},{},{mode},{}", totals.queued_bits, flight.refused)
 }
 
-/// What a line of the trace says of a slot.
+/// A slot, as recorded in a line of the trace.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedSlot {
     /// The slot, from 1.
     pub slot: u64,
-    /// The UAV's position after it [m].
+    /// Position of the UAV after the slot [m].
     pub position: Point3<f64>,
     /// The served sensor nodes, ascending.
     pub scheduled: Vec<u32>,
-    /// Uploaded in the slot [bit].
+    /// Bits uploaded in the slot.
     pub delivered_bits: u64,
-    /// Lost in the slot [bit].
+    /// Bits lost in the slot.
     pub lost_bits: u64,
-    /// The sum of all queues after it [bit].
+    /// Sum of all queues after the slot [bit].
     pub queued_bits: u64,
-    /// What the UAV did.
+    /// Mode of the UAV.
     pub mode: Mode,
     /// Requests of the plan that were refused.
     pub refused: u32,
 }
 
 impl RecordedSlot {
-    /// Reads a line of `slots.csv`, with its end; `None` if it is no such line.
+    /// Parses a line of `slots.csv`, with its newline; `None` if it is malformed.
     #[must_use]
     pub fn parse(line: &[u8]) -> Option<Self> {
         let line = std::str::from_utf8(line).ok()?.strip_suffix('\n')?;
@@ -110,7 +110,7 @@ impl RecordedSlot {
         self.mode == Mode::Hold && self.refused == 0
     }
 
-    /// A plan that leads to the recorded flight: where requests were refused, with as many that are.
+    /// A plan that leads to the recorded flight, with as many refused requests as recorded.
     #[must_use]
     pub fn plan(&self) -> Plan {
         let mut plan = Plan::fly_to(self.position, self.mode);
@@ -119,7 +119,7 @@ impl RecordedSlot {
             return plan;
         }
         plan.schedule(&self.scheduled[..self.scheduled.len().min(plan.ids.len())]);
-        plan.served = plan.served.saturating_add(self.refused); // ids behind the schedule are nobody's
+        plan.served = plan.served.saturating_add(self.refused); // the ids after the schedule are `NOBODY`
         plan
     }
 }

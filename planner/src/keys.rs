@@ -1,4 +1,4 @@
-//! The keys of `[planner]` that concern every strategy: defaults and ranges.
+//! The keys of `[planner]` that apply to all strategies.
 
 use serde::{Deserialize, Serialize};
 use skysink_common::error::InputError;
@@ -7,17 +7,17 @@ use skysink_common::scenario::{Count, Scenario};
 use crate::waypoint::WaypointSolver;
 use skysink_common::estimate::Rates;
 
-/// The keys of `[planner]` beside the name of the strategy and the tables of some strategies.
+/// The keys of `[planner]` except the name of the strategy and the tables of single strategies.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Settings {
-    /// Most expansions of sP2*; the letter takes one.
+    /// Most expansions of sP2*; 1 in the paper.
     pub sca_iterations: Count<1, 1000>,
-    /// What solves sP2*.
+    /// Solver of sP2*.
     pub waypoint_solver: WaypointSolver,
-    /// What it sees of the queues.
+    /// Knowledge of the queues.
     pub knowledge: Knowledge,
-    /// What it knows of the sampling rates; with [`Knowledge::Oracle`] each one.
+    /// Knowledge of the sampling rates; all are known with [`Knowledge::Oracle`].
     pub rates: Rates,
 }
 
@@ -33,10 +33,10 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// The keys of a scenario. What else `[planner]` holds is checked by [`crate::settings`].
+    /// The keys of a scenario. The rest of `[planner]` is checked by [`crate::settings`].
     ///
     /// # Errors
-    /// If a value is out of its range.
+    /// If a value is out of range.
     pub fn of(scenario: &Scenario) -> Result<Self, InputError> {
         let settings: Self = scenario.planner_keys("planner")?;
         if settings.knowledge == Knowledge::Oracle && settings.rates == Rates::Learnt {
@@ -47,13 +47,12 @@ impl Settings {
     }
 }
 
-/// What the planner sees of the queues.
+/// The planner's knowledge of the queues.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Knowledge {
-    /// All of them, in every slot.
+    /// All queues, in every slot.
     Oracle,
-    /// What the UAV can know: the queues that it is told of on contact, and what must have come since at the rates that
-    /// it knows.
+    /// The UAV's estimate, from the queues reported on contact and the sampling rates.
     Estimated,
 }

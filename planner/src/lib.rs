@@ -1,19 +1,18 @@
 //! Schedule and waypoint of each slot: the strategies and their waypoint solvers.
 //!
-//! [`Planner::step`] turns the UAV's position and the queues into a [`Plan`](skysink_common::message::Plan). It reads
-//! no clock and moves nothing: flying, drawing the channel and keeping the queues are left to the other nodes of the
-//! ring.
+//! [`Planner::step`] computes a [`Plan`](skysink_common::message::Plan) from the UAV's position and the queues. Flight,
+//! channel draws and queues are left to the other nodes of the ring.
 //!
-//! | module | job |
+//! | module | contents |
 //! |---|---|
 //! | [`settings`], [`keys`] | `[planner]` of the scenario file |
 //! | [`planner`] | one slot: schedule, then waypoint |
-//! | [`sensor_table`] | what stays the same in every slot |
+//! | [`sensor_table`] | the constant data of a mission |
 //! | [`strategies`] | schedule and waypoint by each strategy |
-//! | [`waypoint`] | sP2, from where to serve them: in the plane and in three dimensions |
+//! | [`waypoint`] | sP2, the waypoint of a schedule, in the plane and in three dimensions |
 //! | [`horizon`] | the look-ahead over many slots |
-//! | [`bound`] | the loss that no flight of a mission avoids |
-//! | [`geometry`] | disks, grids and tours, which all of these use |
+//! | [`bound`] | lower bounds on the loss of a mission |
+//! | [`geometry`] | disks, grids and tours |
 //! | [`node`] | the planner as a process of the ring |
 
 pub mod bound;

@@ -1,4 +1,4 @@
-//! planner as a process of the ring: answers the queues of a slot with the plan of the next.
+//! planner as a process of the ring: receives the queues after a slot, and publishes the plan of the next.
 
 use std::time::Instant;
 
@@ -17,12 +17,12 @@ use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 
 use crate::planner::Planner;
 use crate::strategies::{Registered, Strategy, Timing};
-use skysink_common::estimate::BYTES_EACH;
+use skysink_common::estimate::BYTES_PER_SENSOR;
 
-/// Slots in the journal: the three that a planner may be asked for again, and room for one that is cut.
+/// Slots in the journal: the three that may be planned again, and one that may be cut.
 const SLOTS: u64 = 4;
 
-/// Most bytes of a checkpoint beside those for each sensor node.
+/// Most bytes of a checkpoint besides those per sensor node.
 const ROOM: usize = 1 << 23;
 
 /// The journal in the ring's folder of a planner over `count` sensor nodes.
@@ -30,7 +30,7 @@ const ROOM: usize = 1 << 23;
 /// # Errors
 /// If the file cannot be opened.
 pub fn journal(folder: &RingFolder, count: usize) -> Result<Journal, RingError> {
-    Journal::open(&folder.journal("plans"), SLOTS, ROOM + BYTES_EACH * count)
+    Journal::open(&folder.journal("plans"), SLOTS, ROOM + BYTES_PER_SENSOR * count)
 }
 
 /// A planner whose state is saved after each slot that it plans.
@@ -40,8 +40,8 @@ struct Journaled {
 }
 
 impl Journaled {
-    /// Brings a planner that is new to where its predecessor was before it planned `slot`, or after the last slot
-    /// before that which is in the journal. In paced runs slots may be skipped; it then resumes from what there is.
+    /// Restores a new planner to the last recorded state before `slot`. In paced runs, in which slots may be skipped, that
+    /// may be several slots before.
     fn resume(&mut self, slot: u64) -> Result<(), RingError> {
         if self.planner.slot() == 0 {
             self.journal.restore_before(slot, &mut self.planner)?;
@@ -49,8 +49,8 @@ impl Journaled {
         Ok(())
     }
 
-    /// Takes in what was flown in the slot before `slot`, plans `slot` and saves the state, before the plan is
-    /// published. A plan that a stop has cut short is neither saved nor published.
+    /// Observes the flight before `slot`, plans `slot`, and saves the state before the plan is published. After a requested
+    /// stop the plan is neither saved nor published.
     fn plan(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) -> Result<Plan, RingError> {
         self.resume(slot)?;
         let begin = Instant::now();
@@ -63,15 +63,15 @@ impl Journaled {
     }
 }
 
-/// Plans until the mission ends. Started again, it answers what the others still have, as it did before.
+/// Plans until the mission ends. A restarted process resumes from its journal, and repeats its plans.
 ///
 /// # Errors
-/// If a peer is missing or wrong, the ring breaks, or `stop` is requested.
+/// If a peer is missing, the ring fails, or `stop` is requested.
 pub fn run<S: Service + 'static>(scenario: &Scenario, folder: &RingFolder, stop: &Stop) -> Result<(), NodeError> {
     run_with::<S>(scenario, folder, stop, None)
 }
 
-/// The same by `strategy`, whatever the scenario names.
+/// As [`run`], with `strategy` instead of the scenario's.
 ///
 /// # Errors
 /// As [`run`].
@@ -92,10 +92,10 @@ fn run_with<S: Service + 'static>(
 ) -> Result<(), NodeError> {
     let has_path = own.is_some() || Registered::of(scenario)?.has_path;
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Planner, stop)?;
-    // Before the plans, so that whoever has a plan finds the writer of its path.
+    // Before that of the plans, so that a process that has a plan finds the writer of its path.
     let paths = has_path.then(|| ring.path.list_writer(MAX_PATH_POINTS)).transpose()?;
     let plans = ring.plan.writer()?;
-    let mut queues = ring.truth.reader(RING_BUFFER)?; // it keeps to the scenario's knowledge by itself
+    let mut queues = ring.truth.reader(RING_BUFFER)?; // the planner maintains its own estimate
     let mut flights = ring.flight.reader(RING_BUFFER)?;
 
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
@@ -115,13 +115,13 @@ fn run_with<S: Service + 'static>(
     loop {
         let mut state = queues.wait_for_next(&mut wait, next)?;
         if is_paced {
-            // Only the newest is planned for, because a plan for a slot that has begun is void; what the UAV was told
-            // in the others counts all the same.
+            // Only the newest slot is planned, because plans for past slots are void. The contacts of the others still
+            // update the estimate.
             while let Some(newer) = queues.next_sample()? {
                 let older = std::mem::replace(&mut state, newer);
                 let slot = older.user_header().head.slot;
                 if slot >= next
-                    && let SlotSample::Here(flight) = flights.of_slot(slot)?
+                    && let SlotSample::Available(flight) = flights.poll_slot(slot)?
                 {
                     journaled.resume(slot + 1)?;
                     journaled.planner.observe(slot, &flight, older.payload());
@@ -133,22 +133,22 @@ fn run_with<S: Service + 'static>(
             break;
         }
         if slot < next {
-            continue; // a field-sim that was started again repeats itself; the plan is there for whoever needs it
+            continue; // repeated by a restarted field-sim
         }
         if state.payload().len() != nodes.payload().len() {
             ring.refusals.add("queues", slot, Refusal::Length, 1);
             continue;
         }
-        // A writer that waits for another reader's buffer may reach this one later than the queues do. A flight that
-        // has passed was sent before this process was there: others have flown on since, so its plan is not missing.
+        // The flight may arrive after the queues, if its writer waits for another reader. A flight that has passed was sent
+        // before this process joined, and the ring has its plan.
         let Some(flight) = flights.wait_for_slot(&mut wait, slot)? else { continue };
         next = slot + 1;
         let plan = journaled.plan(next, &flight, state.payload())?;
         let path: Vec<_> = journaled.planner.path().iter().copied().map(PathPoint::from).collect();
         if let Some(paths) = paths.as_ref().filter(|_| path.len() > 1) {
-            paths.send_list(ring.header(next, 0), &path)?; // whoever has the plan then has the path
+            paths.send_list(ring.header(next, 0), &path)?; // before the plan, so that its readers have the path
         }
-        flights.receive_all()?; // a flight that was repeated meanwhile must not keep the next one from being sent
+        flights.receive_all()?; // repeated flights must not fill the buffer
         plans.send(ring.header(next, 0), plan)?;
     }
     ring.wait_for_commit(&mut wait, is_release, || Ok(()))
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn a_planner_that_comes_back_plans_the_last_slots_as_before() {
+    fn a_restarted_planner_repeats_the_plans_of_the_last_slots() {
         for scenario in scenarios() {
             let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).unwrap();
             let mut flights = vec![FlightReport::at(scenario.start(), Mode::Hold)];
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn a_strategy_of_ones_own_comes_back_with_its_state() {
+    fn a_custom_strategy_is_restored_with_its_state() {
         let scenario = Scenario::letter(Overrides::default()).and_then(settings::resolve).unwrap();
         let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).unwrap();
         let process = || {
@@ -298,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn a_planner_that_comes_back_late_believes_what_it_believed_last() {
+    fn a_planner_that_is_restarted_late_has_its_last_estimate() {
         let letter = Scenario::letter(Overrides::default()).and_then(settings::resolve).unwrap();
         let scenario = change(letter, |settings| settings.knowledge = Knowledge::Estimated).unwrap();
         let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).unwrap();
@@ -310,9 +310,9 @@ mod tests {
         let mut late = process(&scenario, &folder);
         let hold = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
         let _ = late.plan(15, &hold, &queues(15)).unwrap();
-        let beliefs =
+        let uncertainties =
             |planner: &Planner| (0..12).map(|id| planner.estimate().unwrap().uncertainty(15, id)).collect::<Vec<_>>();
-        assert!(beliefs(&first.planner).iter().any(|belief| belief.initial_bits == 0.0), "a contact");
-        assert_eq!(beliefs(&late.planner), beliefs(&first.planner));
+        assert!(uncertainties(&first.planner).iter().any(|sensor| sensor.initial_bits == 0.0), "a contact");
+        assert_eq!(uncertainties(&late.planner), uncertainties(&first.planner));
     }
 }

@@ -1,6 +1,6 @@
-//! One slot of planning: what is known or believed of the queues, the strategy's decision, the message.
+//! One slot of planning: the known or estimated queues, the strategy's decision, and the message.
 //!
-//! The rules are left to [`crate::strategies`], what is believed to [`skysink_common::estimate`].
+//! Decisions are left to [`crate::strategies`], estimates to [`skysink_common::estimate`].
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
@@ -15,35 +15,34 @@ use crate::settings::{self, Knowledge};
 use crate::strategies::serving::Serving;
 use crate::strategies::transit::transit_waypoint;
 use crate::strategies::{Decision, Registered, Setup, Strategy, Timing, View};
-use skysink_common::estimate::{self, Estimate};
+use skysink_common::estimate::{Estimate, SavedEstimate};
 
 /// The planner of a mission.
 ///
-/// Its checkpoint is what it carries from slot to slot: the state of the strategy, and what is believed of the queues.
-/// Everything else it could rebuild from the scenario and the sensor nodes. Where the queues are known, most strategies
-/// carry nothing: their plan of a slot does not depend on the slots planned before.
+/// Its checkpoint holds the state of the strategy and the estimate of the queues; the rest is rebuilt from the scenario and
+/// the sensor nodes. With known queues most strategies are stateless: a plan does not depend on the slots before.
 pub struct Planner {
-    /// As the scenario names it.
+    /// The name in the scenario.
     strategy_name: String,
     table: SensorTable,
     strategy: Box<dyn Strategy>,
     transit: Serving,
-    /// What is believed of the queues; none where they are known.
+    /// The estimate of the queues; `None` if they are known.
     estimate: Option<Box<Estimate>>,
     timing: Timing,
     stop: Stop,
-    /// The slot planned last, 0 before the first.
+    /// The last planned slot; 0 before the first.
     slot: u64,
-    /// Where the last plan leads.
+    /// The waypoints of the last plan.
     path: Vec<Point3<f64>>,
 }
 
-/// What a checkpoint begins with; the state of the strategy follows.
+/// Beginning of a checkpoint; the state of the strategy follows.
 #[derive(Serialize, Deserialize)]
 struct Head {
     slot: u64,
     strategy: String,
-    estimate: Option<estimate::Saved>,
+    estimate: Option<SavedEstimate>,
 }
 
 impl Planner {
@@ -55,7 +54,7 @@ impl Planner {
         Self::over(scenario, sensors, SensorTable::new(scenario, sensors))
     }
 
-    /// The planner of a scenario over a table of its own, such as one with another grid.
+    /// The planner of a scenario with a given table, such as one with another grid.
     ///
     /// # Errors
     /// As [`Planner::new`].
@@ -63,7 +62,7 @@ impl Planner {
         Self::build(scenario, sensors, table, Registered::of(scenario)?.make)
     }
 
-    /// The planner that decides by `strategy`, whatever the scenario names.
+    /// The planner with `strategy` instead of the scenario's.
     ///
     /// # Errors
     /// As [`Planner::new`].
@@ -98,26 +97,26 @@ impl Planner {
         })
     }
 
-    /// Says what paces the mission: a search may end by time in a paced one, and results then depend on time. At first
-    /// no clock is read.
+    /// Sets what paces the mission; [`Timing::Free`] by default. In a paced mission a search may end by time, so that
+    /// results depend on time.
     pub fn set_timing(&mut self, timing: Timing) {
         self.timing = timing;
     }
 
-    /// Lets `stop` end a search that takes long. A plan that was made while it was requested is not to be flown.
+    /// Lets `stop` end long searches. A plan made after the request must not be flown.
     pub fn set_stop(&mut self, stop: &Stop) {
         self.stop = stop.clone();
     }
 
-    /// What ends a search that takes long.
+    /// The stop request that ends long searches.
     #[must_use]
     pub fn stop(&self) -> &Stop {
         &self.stop
     }
 
-    /// Takes in what was flown in `slot`, and the queues after it [bit], by id; to be done for every slot before the
-    /// next one is planned. Where the queues are estimated, only those of the SNs that the flight serves are looked at,
-    /// and a slot that is left out makes the estimate older, but not wrong.
+    /// Observes the flight of `slot`, and the queues after it [bit], by id. Must be called for every slot before the next
+    /// is planned. If the queues are estimated, only those of served SNs are read, and a skipped slot only makes the
+    /// estimate older.
     pub fn observe(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) {
         if let Some(estimate) = &mut self.estimate {
             estimate.observe(slot, flight, queues_bits);
@@ -125,13 +124,13 @@ impl Planner {
         self.strategy.observe(flight, self.estimate.as_deref());
     }
 
-    /// Plans `slot` from where the UAV is, `position`, `L_u(t−1)` [m], and the queues `B_i(t−1)` [bit], by id.
-    /// Where the queues are estimated, the plan is made from what is believed of them, see [`Planner::observe`]; of
-    /// `queues_bits` only the entries of the scheduled SNs are kept: what these will report at contact.
+    /// Plans `slot` from the position of the UAV, `L_u(t−1)` [m], and the queues `B_i(t−1)` [bit], by id. If the queues are
+    /// estimated, the plan is based on the estimate, and `queues_bits` is read only for the scheduled SNs, which report
+    /// them on contact.
     ///
-    /// Its time depends on the SNs near the UAV, not on their number in all. Exceptions, which read every queue:
-    /// transit, an estimate, and the strategies `edf`, `mes`, `whittle`, `max-age-first`, `horizon` and `offline`.
-    /// `plan_ns` stays 0; the caller measures. A step reads a clock only with [`Timing::Paced`].
+    /// Takes time by the number of SNs near the UAV. Transit, an estimate, and the strategies `edf`, `mes`, `whittle`,
+    /// `max-age-first`, `horizon` and `offline` read all queues. `plan_ns` stays 0; the caller measures. A clock is read
+    /// only with [`Timing::Paced`].
     ///
     /// # Panics
     /// If there is not one queue per sensor node.
@@ -139,7 +138,7 @@ impl Planner {
     pub fn step(&mut self, slot: u64, position: Point3<f64>, queues_bits: &[u32]) -> Plan {
         assert_eq!(queues_bits.len(), self.table.positions.len(), "expected one queue per sensor node");
         if let Some(estimate) = &mut self.estimate {
-            estimate.believe(slot.saturating_sub(1));
+            estimate.predict(slot.saturating_sub(1));
         }
         let estimate = self.estimate.as_deref();
         let view = View {
@@ -151,9 +150,9 @@ impl Planner {
             timing: self.timing,
             stop: &self.stop,
         };
-        let decided = self.strategy.plan(&view);
-        let mode = if decided.is_some() { Mode::Serve } else { Mode::Transit };
-        let decision = decided.unwrap_or_else(|| {
+        let decision = self.strategy.plan(&view);
+        let mode = if decision.is_some() { Mode::Serve } else { Mode::Transit };
+        let decision = decision.unwrap_or_else(|| {
             let waypoint =
                 transit_waypoint(&view.table.positions, view.table.reach_m, &view.ground(), view.queues_bits);
             self.transit.serve_fullest(&view, &waypoint)
@@ -165,13 +164,13 @@ impl Planner {
             self.path.extend(self.strategy.path().iter().take(MAX_PATH_POINTS - 1));
         }
         if let Some(estimate) = &mut self.estimate {
-            estimate.announce(slot, plan.scheduled(), queues_bits);
+            estimate.record_before_contact(slot, plan.scheduled(), queues_bits);
         }
         self.slot = slot;
         plan
     }
 
-    /// The slot planned last, by this planner or the one whose checkpoint it has restored; 0 before the first.
+    /// The last slot planned by this planner or its restored predecessor; 0 before the first.
     #[must_use]
     pub fn slot(&self) -> u64 {
         self.slot
@@ -185,14 +184,14 @@ impl Planner {
         !bytes.is_empty()
     }
 
-    /// What is believed of the queues; `None` where they are known.
+    /// The estimate of the queues; `None` if they are known.
     #[must_use]
     pub fn estimate(&self) -> Option<&Estimate> {
         self.estimate.as_deref()
     }
 
-    /// Where the last plan leads [m], its own waypoint first: at most [`MAX_PATH_POINTS`], more than one for strategies
-    /// that look ahead.
+    /// The waypoints of the last plan [m], that of its slot first; at most [`MAX_PATH_POINTS`], and more than one only from
+    /// strategies that look ahead.
     #[must_use]
     pub fn path(&self) -> &[Point3<f64>] {
         &self.path
@@ -200,7 +199,7 @@ impl Planner {
 }
 
 impl Checkpoint for Planner {
-    /// Appends nothing where the queues are known and the strategy has no state.
+    /// Appends nothing if the queues are known and the strategy is stateless.
     fn save(&self, bytes: &mut Vec<u8>) {
         let begin = bytes.len();
         let estimate = self.estimate().map(Estimate::saved);
@@ -219,8 +218,8 @@ impl Checkpoint for Planner {
             return self.strategy.restore(bytes);
         }
         let (Head { slot, strategy, estimate }, state) = decode_first(bytes)?;
-        CheckpointError::unless(strategy == self.strategy_name, "this strategy")?;
-        CheckpointError::unless(estimate.is_some() == self.estimate.is_some(), "the same knowledge of the queues")?;
+        CheckpointError::ensure(strategy == self.strategy_name, "this strategy")?;
+        CheckpointError::ensure(estimate.is_some() == self.estimate.is_some(), "the same knowledge of the queues")?;
         let restored = self.estimate.as_ref().zip(estimate).map(|(own, saved)| own.restored(slot, saved));
         let estimate = restored.transpose()?.map(Box::new);
         self.strategy.restore(state)?;
@@ -230,7 +229,7 @@ impl Checkpoint for Planner {
     }
 }
 
-/// The plan that says `decision`.
+/// The message for `decision`.
 fn message(view: &View, decision: &Decision, mode: Mode) -> Plan {
     let Decision { waypoint, schedule, outcome, winner } = decision;
     let mut plan = Plan::fly_to(*waypoint, mode);
@@ -257,18 +256,18 @@ mod tests {
     use skysink_common::scenario::Overrides;
     use skysink_common::sensors::SensorList;
 
-    /// A planner over the letter's scenario with the SNs at `places_m` [m], gain −52 dB, and a top speed.
-    fn planner_of(strategy: &'static str, places_m: &[[f64; 2]], max_speed_mps: f64) -> Planner {
-        changed(strategy, places_m, |scenario| scenario.uav.max_speed_mps = max_speed_mps)
+    /// A planner for the paper's scenario with SNs at `positions_m` [m], gain −52 dB, and a top speed.
+    fn planner_of(strategy: &'static str, positions_m: &[[f64; 2]], max_speed_mps: f64) -> Planner {
+        changed(strategy, positions_m, |scenario| scenario.uav.max_speed_mps = max_speed_mps)
     }
 
     /// The same with other changes.
-    fn changed(strategy: &'static str, places_m: &[[f64; 2]], adapt: impl Fn(&mut Scenario)) -> Planner {
+    fn changed(strategy: &'static str, positions_m: &[[f64; 2]], adapt: impl Fn(&mut Scenario)) -> Planner {
         let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
         let mut scenario = Scenario::letter(overrides).and_then(settings::resolve).unwrap();
         adapt(&mut scenario);
         let sensor = |&[x_m, y_m]: &[f64; 2]| SensorNode { x_m, y_m, gain: 10f64.powf(-5.2), ..SensorNode::default() };
-        Planner::new(&scenario, &places_m.iter().map(sensor).collect::<Vec<_>>()).unwrap()
+        Planner::new(&scenario, &positions_m.iter().map(sensor).collect::<Vec<_>>()).unwrap()
     }
 
     /// Over the middle of the area.
@@ -287,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn the_letters_plan_shows_how_it_came_about() {
+    fn a_plan_of_the_papers_strategy_reports_its_winning_circle() {
         // Two SNs 12 m apart: C1 to C5 as in the search's own test; equal gains, so that the middle is the waypoint.
         let plan = planner_of("uts", &[[56.0, 50.0], [44.0, 50.0]], 30.0).step(1, here(), &[700, 800]);
         assert!((Position::new(plan.x_m, plan.y_m) - middle()).norm() < 1e-12);
@@ -307,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn without_an_anchor_the_uav_is_in_transit_and_serves_what_it_meets() {
+    fn without_an_anchor_the_uav_is_in_transit_and_serves_sensor_nodes_on_the_way() {
         // The fullest queue is 50 m away, (30, 40): 30 m of that are (18, 24). SN 1 is no anchor
         // (24² + 16² = 28.8²), but it is exactly in range of the waypoint, 6² + 8² = 10².
         let mut planner = planner_of("uts", &[[80.0, 90.0], [74.0, 66.0], [0.0, 0.0]], 30.0);
@@ -354,14 +353,14 @@ mod tests {
     }
 
     #[test]
-    fn an_exact_plan_without_anybody_in_range_of_reach_is_transit() {
+    fn an_exact_plan_with_no_sensor_node_in_reach_is_transit() {
         let plan = planner_of("exact", &[[50.0, 91.0]], 30.0).step(1, here(), &[700]);
         assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 80.0, &[][..]));
         assert_eq!((plan.mode, plan.solver), (Mode::Transit as u32, SolverOutcome::Rule as u32));
     }
 
     #[test]
-    fn a_set_that_only_the_slack_holds_together_is_served_from_where_it_was_found_and_says_so() {
+    fn a_set_that_is_feasible_only_with_slack_is_served_from_its_centre_as_a_fallback() {
         // SNs 0, 1, 2 surround (50, 50). SN 0 is exactly 10 m away, the others 0.9e-9 farther: decision D5 serves them
         // from there, but the three circles leave a gap, and where two of them cross, the third SN is out of range. The
         // crossing with SN 3's circle, exactly 10 m away, too, is at (50, 50).
@@ -382,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn greedy_flight_serves_what_is_in_range_of_its_goal_and_else_is_in_transit() {
+    fn greedy_flight_serves_queues_in_range_of_its_goal_or_is_in_transit() {
         let places = [[50.0, 70.0], [55.0, 70.0], [50.0, 59.0], [50.0, 99.0]];
         let mut planner = planner_of("gfs", &places, 30.0);
         let plan = planner.step(1, here(), &[80, 70, 60, 90]);
@@ -393,13 +392,13 @@ mod tests {
     }
 
     #[test]
-    fn random_flight_serves_nobody_where_nobody_is() {
+    fn random_flight_serves_no_sensor_node_out_of_range() {
         let plan = planner_of("rfs", &[[99.0, 99.0]], 30.0).step(1, here(), &[80]);
         assert_eq!((plan.scheduled(), plan.mode), (&[][..], Mode::Serve as u32));
         assert_eq!((plan.anchor, plan.expected_bits), (NOBODY, 0));
     }
 
-    /// Four slots of the letter's mission, at a top speed, without arrivals, queues emptied where they are served:
+    /// Four slots of the paper's mission, at a top speed, without arrivals, queues emptied where they are served:
     /// waypoint [m] and schedule.
     fn trace_of(strategy: &'static str, max_speed_mps: f64) -> Vec<String> {
         let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
@@ -418,7 +417,7 @@ mod tests {
     }
 
     #[test]
-    fn the_letters_mission_stays_what_it_is() {
+    fn the_papers_mission_stays_what_it_is() {
         let expected = [
             "49.282 69.589 [10, 53, 73, 115]",
             "76.835 70.328 [43, 93, 124, 186]",

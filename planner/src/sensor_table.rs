@@ -1,6 +1,4 @@
-//! What a planner knows that stays the same in every slot: the sensor nodes, their channel and the UAV's limits.
-//!
-//! It decides nothing; queues and the UAV's position are passed in by whoever asks.
+//! The constant data of a mission for planning: the sensor nodes, their channel and the UAV's limits.
 
 use std::ops::Range;
 
@@ -15,10 +13,9 @@ use crate::geometry::grid::Grid;
 /// The sensor nodes (SNs) and the limits that a plan has to keep.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SensorTable {
-    /// Where the SNs stand, `L_i`, by id.
+    /// Positions of the SNs, `L_i`, by id.
     pub positions: Vec<Position>,
-    /// The same SNs by place, in cells of the side `d_c`: who is near a point. It is made of `positions`, and has to be
-    /// made anew if they change.
+    /// Spatial index of `positions`, in cells of the side `d_c`. Must be rebuilt if they change.
     pub grid: Grid,
     /// Their reference channel gains at 1 m, `α_i`, as linear ratios, by id.
     pub gains: Vec<f64>,
@@ -54,20 +51,20 @@ impl SensorTable {
     /// The ids of all SNs, ascending.
     ///
     /// # Panics
-    /// If there are more than ids; a scenario has at most 10^7 SNs.
+    /// If there are more SNs than ids; a scenario has at most 10^7 SNs.
     #[must_use]
     pub fn ids(&self) -> Range<u32> {
         0..u32::try_from(self.positions.len()).expect("a scenario has at most 10^7 sensor nodes")
     }
 
-    /// Where SN `id` stands.
+    /// Position of SN `id`.
     #[must_use]
     pub fn position(&self, id: u32) -> &Position {
         &self.positions[id as usize]
     }
 
-    /// Bits that a visit at `uav` is expected to collect from the SNs `ids`: `Σ min(floor(r_i τ_c), B_i(t−1))`, `r_i`
-    /// the expected rate.
+    /// Expected bits collected from the SNs `ids` with the UAV at `uav`: `Σ min(floor(r_i τ_c), B_i(t−1))`, with the
+    /// expected rates `r_i`.
     #[must_use]
     pub fn expected_bits(&self, uav: &Point3<f64>, ids: &[u32], queues_bits: &[u32]) -> u64 {
         let uplink = |id: u32| Uplink::new(self.gains[id as usize], self.position(id), uav);
@@ -77,10 +74,10 @@ impl SensorTable {
 
     /// The point of the area nearest to `position`.
     ///
-    /// The area is convex and holds every SN and the UAV, so that this brings a point nearer to each of them: a
-    /// waypoint that rounding put outside stays in range and in reach.
+    /// The area is convex and contains the SNs and the UAV, so the result is nearer to each of them: a waypoint that
+    /// rounding put outside stays in range and in reach.
     #[must_use]
-    pub fn into_area(&self, position: &Position) -> Position {
+    pub fn clamp_to_area(&self, position: &Position) -> Position {
         Position::new(position.x.clamp(0.0, self.area.width_m()), position.y.clamp(0.0, self.area.height_m()))
     }
 }
@@ -93,11 +90,11 @@ pub(crate) mod tests {
     use skysink_common::message::Limits;
     use skysink_common::scenario::Overrides;
 
-    /// The letter's field (d_c = 10 m, V τ = 30 m, n = 4) over 100 m × 100 m with SNs of gain −52 dB at `places_m` [m].
-    pub(crate) fn table_of(places_m: &[[f64; 2]]) -> SensorTable {
+    /// The paper's field (d_c = 10 m, V τ = 30 m, n = 4) of 100 m × 100 m with SNs of gain −52 dB at `positions_m` [m].
+    pub(crate) fn table_of(positions_m: &[[f64; 2]]) -> SensorTable {
         let sensor = |&[x_m, y_m]: &[f64; 2]| SensorNode { x_m, y_m, gain: 10f64.powf(-5.2), ..SensorNode::default() };
         let scenario = Scenario::letter(Overrides::default()).unwrap();
-        SensorTable::new(&scenario, &places_m.iter().map(sensor).collect::<Vec<_>>())
+        SensorTable::new(&scenario, &positions_m.iter().map(sensor).collect::<Vec<_>>())
     }
 
     #[test]
@@ -145,7 +142,7 @@ pub(crate) mod tests {
     #[test]
     fn a_point_outside_the_area_moves_to_its_border() {
         let table = table_of(&[[50.0, 50.0]]);
-        assert_eq!(table.into_area(&Position::new(-1e-9, 100.1)), Position::new(0.0, 100.0));
-        assert_eq!(table.into_area(&Position::new(3.0, 4.0)), Position::new(3.0, 4.0));
+        assert_eq!(table.clamp_to_area(&Position::new(-1e-9, 100.1)), Position::new(0.0, 100.0));
+        assert_eq!(table.clamp_to_area(&Position::new(3.0, 4.0)), Position::new(3.0, 4.0));
     }
 }

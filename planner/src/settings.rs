@@ -1,7 +1,6 @@
-//! `[planner]` of a scenario: every key of it, checked.
+//! Checks of all keys of `[planner]`.
 //!
-//! Keys that concern every strategy are left to [`crate::keys`], those of one strategy to its file in
-//! [`crate::strategies`], the rest of the scenario to [`skysink_common::scenario`].
+//! Keys of all strategies are declared in [`crate::keys`], those of one strategy in its file in [`crate::strategies`].
 
 use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
@@ -12,22 +11,22 @@ use crate::strategies::{Registered, STRATEGIES, one_of};
 pub use crate::waypoint::WaypointSolver;
 pub use skysink_common::estimate::Rates;
 
-/// Keys that have moved, and where to.
+/// Renamed keys: the old and the new name.
 const MOVED: [(&str, &str); 3] = [
     ("horizon_iterations", "planner.horizon.iterations"),
     ("horizon_budget_ms", "planner.horizon.budget_ms"),
     ("offline_steps", "planner.offline.steps"),
 ];
 
-/// Checks `[planner]` of a scenario, and fills in every key of it.
+/// Checks `[planner]` of a scenario, and fills in its defaults.
 ///
 /// # Errors
-/// If a key is unknown or has moved, or a value is out of its range.
+/// If a key is unknown or was renamed, or a value is out of range.
 pub fn resolve(scenario: Scenario) -> Result<Scenario, InputError> {
     change(scenario, |_| {})
 }
 
-/// A scenario with a change of its settings, and every key of `[planner]`.
+/// Changes the settings of a scenario, and fills in the defaults of `[planner]`.
 ///
 /// # Errors
 /// If a key is refused, before the change or after it.
@@ -43,13 +42,13 @@ pub fn change(scenario: Scenario, change: impl FnOnce(&mut Settings)) -> Result<
 /// Checks `[planner]` of a scenario.
 ///
 /// # Errors
-/// If a key is unknown or has moved, or a value is out of its range.
+/// If a key is unknown or was renamed, or a value is out of range.
 pub fn check(scenario: &Scenario) -> Result<Settings, InputError> {
     let settings = Settings::of(scenario)?;
     every_key(scenario, &settings).map(|_| settings)
 }
 
-/// What the planner of a scenario knows of the rates where it has to estimate the queues; none where it sees them.
+/// The planner's knowledge of the rates, if the scenario's queues are estimated; `None` if they are known.
 ///
 /// # Errors
 /// As [`check`].
@@ -58,7 +57,7 @@ pub fn estimated(scenario: &Scenario) -> Result<Option<Rates>, InputError> {
     Ok((settings.knowledge == Knowledge::Estimated).then_some(settings.rates))
 }
 
-/// All keys of `[planner]`, with defaults where the scenario has none.
+/// All keys of `[planner]`, with defaults.
 fn every_key(scenario: &Scenario, settings: &Settings) -> Result<Table, InputError> {
     let mut keys = Table::new();
     keys.insert("strategy".to_owned(), Registered::of(scenario)?.name.into());

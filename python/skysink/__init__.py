@@ -1,11 +1,11 @@
-"""Skysink: a UAV as a mobile data sink over wireless sensor nodes (SNs), in Python.
+"""Skysink: planning for a UAV as mobile data sink over wireless sensor nodes (SNs).
 
 >>> import skysink
 >>> scenario = skysink.Scenario.letter().replace({"area.side_m": 300.0, "seed": 7})
 >>> run = skysink.simulate(scenario, "exact")
 >>> run.loss_rate, run.slots["lost_bits"].sum(), run.queues.shape   # doctest: +SKIP
 
-Units are in the names: ``_m``, ``_s``, ``_bits``, ``_bps``. Results are those of the command line, to the bit.
+Names end with their units: ``_m``, ``_s``, ``_bits``, ``_bps``. Results equal those of the command line exactly.
 """
 
 from contextlib import suppress
@@ -15,7 +15,7 @@ from skysink.flight import compare, simulate
 from skysink.strategy import Strategy
 from skysink.sweeps import sweep
 
-with suppress(ImportError):  # without Gymnasium, or beside one before 1.1, there are no environments
+with suppress(ImportError):  # the environments need Gymnasium 1.1 or newer
     from skysink.environment import register
 
     register()

@@ -1,4 +1,4 @@
-"""The native part of Skysink: its classes, with shapes and units."""
+"""The native classes of Skysink, with shapes and units."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from os import PathLike
@@ -31,17 +31,17 @@ __all__ = [
 
 __version__: Final[str]
 STRATEGIES: Final[list[str]]
-"""Names of the strategies of Skysink."""
+"""Names of the built-in strategies."""
 
 class InputError(ValueError):
-    """A scenario, sweep, folder or value is refused: one line that names it, and what was expected."""
+    """Invalid scenario, sweep, folder or value. The message is one line with the value and the expectation."""
 
 @final
 class Scenario:
-    """A checked scenario: what is flown, over which field, through which channel, by which strategy.
+    """A validated scenario: mission, sensor field, channel and strategy.
 
-    Its keys are those of a scenario file (``docs/src/interfaces.md``). It cannot be changed, equals one with the same
-    keys, and can be pickled; a sensor list that it names stays a file.
+    The keys are those of a scenario file (``docs/src/interfaces.md``). Scenarios are immutable, compare equal if their
+    keys do, and can be pickled; a sensor list is stored as the path of its file.
     """
 
     @staticmethod
@@ -50,14 +50,14 @@ class Scenario:
 
     @staticmethod
     def letter() -> Scenario:
-        """The mission of the UTS letter (arXiv 2103.00753), which needs no file."""
+        """The built-in mission of the UTS letter (arXiv 2103.00753)."""
 
     @staticmethod
     def parse(text: str, path: str | PathLike[str] = ...) -> Scenario:
-        """Checks the text of a scenario file; ``path`` is where it would be. Raises :class:`InputError`."""
+        """Parses a scenario file's text. ``path`` is for errors and relative paths. Raises :class:`InputError`."""
 
     def replace(self, changes: Mapping[str, Any]) -> Scenario:
-        """The same with other values of dotted keys, such as ``{"area.side_m": 500.0}``. Raises :class:`InputError`."""
+        """A copy with changed keys, for example ``{"area.side_m": 500.0}``. Raises :class:`InputError`."""
 
     @property
     def name(self) -> str: ...
@@ -65,21 +65,21 @@ class Scenario:
     def seed(self) -> int: ...
     @property
     def slots(self) -> int:
-        """Slots of the mission, T."""
+        """Number of slots of the mission, T."""
 
     @property
     def strategy(self) -> str: ...
     def __getitem__(self, key: str, /) -> Any:
-        """The value of a dotted key, or a table of them."""
+        """The value of a dotted key, or a table as a dictionary."""
 
     def to_dict(self) -> dict[str, Any]:
-        """All keys, with every default."""
+        """All keys, including defaults."""
 
     def to_toml(self) -> str:
-        """The same as a scenario file."""
+        """All keys, including defaults, as the text of a scenario file."""
 
     def sensors(self) -> Table:
-        """The sensor nodes, drawn or read: ``x_m``, ``y_m``, ``queue_bits``, ``gain_db``, ``sampling_bps``, by id."""
+        """The sensor nodes by id, with ``x_m``, ``y_m``, ``queue_bits``, ``gain_db`` and ``sampling_bps``."""
 
     def field(self) -> Field:
         """The sensor nodes and the limits of plans."""
@@ -89,12 +89,12 @@ class Scenario:
 
 @final
 class Field:
-    """What stays the same in every slot of a mission: sensor nodes (SNs) and limits. ``len`` is N."""
+    """The constant data of a mission: sensor nodes (SNs) and limits. ``len`` is N."""
 
     def __len__(self) -> int: ...
     @property
     def positions_m(self) -> NDArray[np.float64]:
-        """Where the SNs stand, east and north [m], [N, 2]; made anew at each access: keep it."""
+        """Positions of the SNs, east and north [m], [N, 2]. Every access creates a new array."""
 
     @property
     def gains(self) -> NDArray[np.float64]:
@@ -114,51 +114,51 @@ class Field:
 
     @property
     def reach_m(self) -> float:
-        """Farthest horizontal flight in a slot, V_max tau [m]."""
+        """Maximum horizontal distance flown in a slot, V_max tau [m]."""
 
     @property
     def comm_radius_m(self) -> float:
-        """Farthest horizontal distance at which an SN can be served, d_c [m]."""
+        """Maximum horizontal distance for serving an SN, d_c [m]."""
 
     @property
     def resource_blocks(self) -> int:
-        """Most SNs served in a slot, n."""
+        """Maximum number of SNs served in a slot, n."""
 
     @property
     def altitudes_m(self) -> tuple[float, float]:
-        """Lowest and highest altitude [m]; equal where it is fixed."""
+        """Minimum and maximum altitude [m]; equal if the altitude is fixed."""
 
     @property
     def climb_m(self) -> float:
-        """Farthest climb or descent in a slot [m]; 0 where the altitude is fixed."""
+        """Maximum climb or descent in a slot [m]; 0 if the altitude is fixed."""
 
     @property
     def slots(self) -> int:
-        """Slots of the mission, T."""
+        """Number of slots of the mission, T."""
 
     @property
     def slot_s(self) -> float:
-        """Length of a slot, tau [s]."""
+        """Duration of a slot, tau [s]."""
 
     @property
     def comm_s(self) -> float:
-        """Time to communicate in a slot, tau_c [s]."""
+        """Communication time in a slot, tau_c [s]."""
 
     def within(self, point: ArrayLike, radius_m: float) -> NDArray[np.uint32]:
-        """The SNs at most ``radius_m`` [m] from ``point`` on the ground, ascending; with the slack of decision D5."""
+        """Ids of the SNs within ``radius_m`` [m] of ``point`` on the ground, ascending; tolerance as in decision D5."""
 
     def fullest(self, point: ArrayLike, queues_bits: NDArray[np.uint32]) -> NDArray[np.uint32]:
-        """The n SNs with the fullest queues within d_c of ``point``, ascending; of equals those with the lowest id."""
+        """Ids of the n SNs with the fullest queues within d_c of ``point``, ascending. Ties go to the lowest id."""
 
     def toward(self, from_: ArrayLike, to: ArrayLike, /) -> NDArray[np.float64]:
-        """Where one slot at full speed leads from ``from_`` toward ``to``, at most there [m], [2]."""
+        """The point that one slot at full speed reaches from ``from_`` toward ``to``, at most ``to`` [m], [2]."""
 
     @staticmethod
     def _from_messages(limits: bytes, nodes: bytes) -> Field: ...
 
 @final
 class View:
-    """What a strategy sees of a slot."""
+    """The input of a strategy in one slot."""
 
     @property
     def slot(self) -> int:
@@ -166,14 +166,14 @@ class View:
 
     @property
     def uav(self) -> NDArray[np.float64]:
-        """Where the UAV is as it begins, L_u(t-1) [m], [3], read-only."""
+        """Position of the UAV at the start of the slot, L_u(t-1) [m], [3], read-only."""
 
     @property
     def queues_bits(self) -> NDArray[np.uint32]:
-        """What the SNs hold as it begins, B_i(t-1) [bit], [N], read-only: known, or believed.
+        """Queues at the start of the slot, true or estimated, B_i(t-1) [bit], [N], read-only.
 
-        The memory of the field itself. In ``simulate`` and sweeps an array that is kept stays as it is; in a ring it is
-        valid only during ``plan``: copy what is to be kept. Unsigned: differences need ``astype(np.int64)``.
+        The array shares memory with the field. In ``simulate`` and sweeps, a stored array does not change. In a ring, it
+        is valid only during ``plan``; copy it to store it. It is unsigned: use ``astype(np.int64)`` for differences.
         """
 
     @property
@@ -181,10 +181,10 @@ class View:
 
 @final
 class Decision:
-    """What a strategy decides: ``Decision((x, y))`` or ``Decision((x, y, z), serve=[3, 7])``."""
+    """The decision of a strategy: ``Decision((x, y))`` or ``Decision((x, y, z), serve=[3, 7])``."""
 
     def __new__(cls, waypoint: ArrayLike, serve: Iterable[int] | None = None) -> Self:
-        """``waypoint`` [m]; without z the UAV keeps its altitude. ``serve`` are ids, by default the n fullest in range.
+        """``waypoint`` [m]; without z, the altitude is kept. ``serve`` contains ids, by default the n fullest in range.
 
         Raises :class:`InputError` for a waypoint of another shape or more than 64 SNs.
         """
@@ -196,10 +196,10 @@ class Decision:
 
 @final
 class Table:
-    """Columns that other libraries take over without a copy, by Arrow's C stream interface.
+    """A table of columns that other libraries import without a copy, by Arrow's C stream interface.
 
-    ``polars.DataFrame(table)``, ``pyarrow.table(table)`` and others take it as it is. ``table["name"]`` is a
-    NumPy array over the same memory, read-only; a list where a column holds text or lists.
+    ``polars.DataFrame(table)``, ``pyarrow.table(table)`` and others accept it. ``table["name"]`` is a
+    read-only NumPy array over the same memory, or a list for columns with text or lists.
     """
 
     @property
@@ -216,25 +216,25 @@ class Table:
 
 @final
 class Run:
-    """A mission that was flown. ``len`` is its number of slots."""
+    """A finished mission. ``len`` is its number of slots."""
 
     @staticmethod
     def load(folder: str | PathLike[str]) -> Run:
-        """The run in a folder, flown again to check every slot. Raises :class:`InputError` if it is none or changed."""
+        """Loads a run folder and checks every slot by simulation. Raises :class:`InputError` if it is invalid."""
 
     @property
     def loss_rate(self) -> float:
-        """Data loss rate: lost bits as a fraction of those sampled."""
+        """Data loss rate: lost bits as a fraction of the sampled bits."""
 
     @property
     def strategy(self) -> str: ...
     @property
     def summary(self) -> dict[str, Any]:
-        """The figures of ``summary.json``."""
+        """The content of ``summary.json``."""
 
     @property
     def metrics(self) -> dict[str, float]:
-        """The columns of a sweep's results (``docs/src/metrics.md``)."""
+        """All metrics, as in the results of a sweep (``docs/src/metrics.md``)."""
 
     @property
     def scenario(self) -> Scenario: ...
@@ -242,23 +242,23 @@ class Run:
     def field(self) -> Field: ...
     @property
     def slots(self) -> Table:
-        """A row per slot, the columns of ``slots.csv``; ``scheduled`` holds lists of ids."""
+        """One row per slot with the columns of ``slots.csv``; ``scheduled`` contains lists of ids."""
 
     @property
     def queues(self) -> NDArray[np.uint32]:
-        """The queue of every SN before slot 1 and after each slot [bit], [slots + 1, N]; flown again for it: keep it.
+        """The queue of every SN before slot 1 and after each slot [bit], [slots + 1, N]. Every access simulates the run.
 
-        Unsigned: differences need ``astype(np.int64)``.
+        It is unsigned: use ``astype(np.int64)`` for differences.
         """
 
     def save(self, folder: str | PathLike[str], force: bool = False) -> Path:
-        """Writes a run folder as ``skysink simulate`` does, and returns it. ``force`` replaces a run that is there.
+        """Writes a run folder like ``skysink simulate``, and returns its path. ``force`` replaces an existing run.
 
-        Raises :class:`InputError` if something else is there, :class:`OSError` if it cannot be written.
+        Raises :class:`InputError` if the folder contains other files, :class:`OSError` if it cannot be written.
         """
 
     def show(self, width: int | None = None, height: int | None = None) -> None:
-        """Shows the run in the notebook, or elsewhere in a window, by rerun (``pip install skysink[notebook]``)."""
+        """Shows the run in the notebook, or in a window, with rerun (``pip install skysink[notebook]``)."""
 
     def __len__(self) -> int: ...
 
@@ -320,10 +320,10 @@ class PlanMaker:
 @final
 class SweepPlan:
     @staticmethod
-    def read(path: str | PathLike[str], outside: Sequence[tuple[str, str]]) -> SweepPlan: ...
+    def read(path: str | PathLike[str], external: Sequence[tuple[str, str]]) -> SweepPlan: ...
     @staticmethod
     def compare(
-        scenario: Scenario, names: Sequence[str], seeds: Sequence[int], outside: Sequence[tuple[str, str]]
+        scenario: Scenario, names: Sequence[str], seeds: Sequence[int], external: Sequence[tuple[str, str]]
     ) -> SweepPlan: ...
     @property
     def identity(self) -> str: ...

@@ -1,20 +1,20 @@
 """Gymnasium environments: ``skysink/DataCollection-v0``, single and vectorised.
 
-Observation: ``uav`` float32 [3], x and y as fractions of the area and the altitude within its range (0 where it is
+Observation: ``uav`` float32 [3], x and y as fractions of the area and the altitude within its range (0 if it is
 fixed); ``queues`` float32 [N], each queue as a fraction of its buffer; ``slot`` float32 [1], the slot as a fraction of
-the mission; on request ``positions`` float32 [N, 2], as fractions of the area. Where the scenario has
-``planner.knowledge = "estimated"``, ``queues`` is what the UAV knows.
+the mission; optionally ``positions`` float32 [N, 2], as fractions of the area. If the scenario has
+``planner.knowledge = "estimated"``, ``queues`` is the estimate of the UAV.
 
 Action: float32 [2], or [3] with a free altitude, each -1 to 1: the displacement of the slot as a fraction of the
-farthest flight, V_max tau, and of the farthest climb. A displacement longer than 1 is shortened to it, and a waypoint
-outside the area moved to its border. Then the n fullest queues within d_c are served.
+maximum distance, V_max tau, and of the maximum climb. A displacement longer than 1 is scaled to 1, and a waypoint
+outside the area is moved to its border. The n fullest queues within d_c are served.
 
 Reward: minus the fraction of the bits sampled in the slot that was lost. An episode is truncated after the mission's
 last slot; it never terminates.
 
-Seeds are Skysink's: ``reset(seed=s)`` flies over the field of the scenario with seed s. Without a seed the next
-episode has the next seed: the scenario's first, then one more each (``num_envs`` more in a vector). With ``fields=k``
-there are only the k fields from the scenario's seed on, and seeds count modulo k.
+Seeds are Skysink seeds: ``reset(seed=s)`` uses the field of the scenario with seed s. Without a seed, the next
+episode has the next seed: first the scenario's, then one more each (``num_envs`` more in a vector). With ``fields=k``,
+there are only k fields, starting at the scenario's seed, and seeds count modulo k.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def register() -> None:
             ID,
             entry_point=f"{place}:DataCollectionEnv",
             vector_entry_point=f"{place}:DataCollectionVectorEnv",
-            disable_env_checker=True,  # tested; the check of every step would take longer than the step
+            disable_env_checker=True,  # the environment is tested; checking every step would take longer than the step
             order_enforce=False,
         )
 
@@ -60,7 +60,7 @@ def _spaces(field: Field, observation: Sequence[str]) -> tuple[Any, Any]:
     shapes = {"uav": (3,), "queues": (count,), "slot": (1,), "positions": (count, 2)}
     unknown = [name for name in observation if name not in shapes]
     if unknown or not set(OBSERVED) <= set(observation):
-        raise InputError(f"observation={tuple(observation)}: expected {OBSERVED}, and positions if wanted")
+        raise InputError(f"observation={tuple(observation)}: expected {OBSERVED}, and optionally positions")
     observed = [name for name in shapes if name in observation]
     boxes: dict[str, spaces.Space[Any]] = {name: spaces.Box(0.0, 1.0, shapes[name], np.float32) for name in observed}
     axes = 3 if field.climb_m > 0 else 2
@@ -68,16 +68,16 @@ def _spaces(field: Field, observation: Sequence[str]) -> tuple[Any, Any]:
 
 
 class Copyable:
-    """Clones, copies and pickles of an environment: its core is cloned, or saved and restored."""
+    """Clone, copy and pickle support for environments."""
 
     _core: Any
 
     def _new_core(self) -> Any:
-        """A core as the environment began with."""
+        """A new core with the arguments of the environment."""
         raise NotImplementedError
 
     def clone(self) -> Self:
-        """A twin in the same slot, independent from then on; spaces are shared. For tree search."""
+        """An independent copy in the same slot, for tree search. Spaces are shared."""
         twin: Self = object.__new__(type(self))
         twin.__dict__.update(self.__dict__)
         twin._core = self._core.clone()
@@ -104,10 +104,10 @@ class Copyable:
 
 
 class DataCollectionEnv(Copyable, gymnasium.Env[Observation, Action]):
-    """A mission flown by actions; see the module for spaces, reward and seeds.
+    """An environment for one mission. See the module for spaces, reward and seeds.
 
-    ``scenario`` is a :class:`skysink.Scenario` or a file, by default the paper's; ``fields`` how many fields there
-    are; ``observation`` what is observed.
+    ``scenario`` is a :class:`skysink.Scenario` or a file, by default the paper's; ``fields`` is the number of fields;
+    ``observation`` lists the observed quantities.
     """
 
     metadata: dict[str, Any] = {"render_modes": []}
@@ -131,37 +131,37 @@ class DataCollectionEnv(Copyable, gymnasium.Env[Observation, Action]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begins an episode; ``info["seed"]`` is its seed of Skysink."""
+        """Begins an episode; ``info["seed"]`` is its Skysink seed."""
         super().reset(seed=seed)
         following = self._core.number if self._is_new else self._core.number + 1
         self._is_new = False
         return self._core.reset(following if seed is None else int(seed))
 
     def step(self, action: Action) -> Step:
-        """Flies a slot; ``info`` has ``lost_bits`` and ``delivered_bits`` of it."""
+        """Flies one slot; ``info`` contains its ``lost_bits`` and ``delivered_bits``."""
         return self._core.step(action)
 
     def fly(self, decision: Decision, *, transit: bool = False) -> Step:
-        """Flies a slot to an exact waypoint [m] with a schedule of one's own, as a strategy would."""
+        """Flies one slot with an exact waypoint [m] and schedule, like a strategy."""
         return self._core.fly(decision, transit)
 
     @property
     def field(self) -> Field:
-        """Sensor nodes and limits of this episode."""
+        """The sensor nodes and limits of this episode."""
         return self._core.field
 
     @property
     def uav(self) -> tuple[float, float, float]:
-        """Where the UAV is [m]."""
+        """Position of the UAV [m]."""
         return self._core.uav
 
     @property
     def queues_bits(self) -> NDArray[np.uint32]:
-        """What is queued, or what the UAV knows of it, uint32 [N]: a copy."""
+        """The queues, true or estimated, uint32 [N], as a copy."""
         return self._core.queues_bits
 
     def run(self, label: str = "environment") -> Run:
-        """The episode so far as a run: to save, to show, or to compare."""
+        """The episode so far as a run, which can be saved, shown or compared."""
         return self._core.run(label)
 
     def _new_core(self) -> EnvironmentCore:
@@ -169,9 +169,9 @@ class DataCollectionEnv(Copyable, gymnasium.Env[Observation, Action]):
 
 
 class DataCollectionVectorEnv(Copyable, VectorEnv[Observation, Action, NDArray[Any]]):
-    """Many missions at once, on all cores; see the module for spaces, reward and seeds.
+    """An environment for many missions in parallel. See the module for spaces, reward and seeds.
 
-    Autoreset is ``NEXT_STEP``: the step after a truncation begins the next episode instead of flying, with reward 0.
+    Autoreset is ``NEXT_STEP``: the step after a truncation begins the next episode, with reward 0.
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
@@ -199,7 +199,7 @@ class DataCollectionVectorEnv(Copyable, VectorEnv[Observation, Action, NDArray[A
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begins episodes: all of them, or those of ``options["reset_mask"]``, bool [num_envs]."""
+        """Begins all episodes, or those selected by ``options["reset_mask"]``, bool [num_envs]."""
         first = None if seed is None or isinstance(seed, Sequence) else int(seed)
         super().reset(seed=first)
         mask = (options or {}).get("reset_mask")
@@ -219,7 +219,7 @@ class DataCollectionVectorEnv(Copyable, VectorEnv[Observation, Action, NDArray[A
     def step(
         self, actions: Action
     ) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Flies a slot of each; ``actions`` float32 [num_envs, 2 or 3]."""
+        """Flies one slot of each mission; ``actions`` is float32 [num_envs, 2 or 3]."""
         return self._core.step(np.asarray(actions, np.float32))
 
     def _new_core(self) -> VectorCore:

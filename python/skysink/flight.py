@@ -1,4 +1,4 @@
-"""Missions in this process: one, or several strategies over the same fields."""
+"""Simulates missions in this process, and compares strategies over the same fields."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skysink.sweeps import ComparisonSource, fly_all, load
 
 
 def scenario_of(scenario: Scenario | str | PathLike[str]) -> Scenario:
-    """The scenario, or that of a file."""
+    """Returns the scenario, or loads it from a file."""
     return scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
 
 
@@ -25,14 +25,14 @@ def simulate(
     seed: int | None = None,
     label: str | None = None,
 ) -> Run:
-    """Flies a mission in this process and returns it.
+    """Simulates a mission in this process and returns it.
 
-    ``strategy`` is the name of one of Skysink's (:data:`skysink.STRATEGIES`), one in Python, or
-    ``"python:FILE:CLASS"``; by default the scenario's. ``seed`` replaces the scenario's. ``label`` names a strategy in
-    Python in the results; by default its class does. The interpreter is released while a strategy of Skysink flies.
+    ``strategy`` is the name of a built-in strategy (:data:`skysink.STRATEGIES`), a Python strategy, or
+    ``"python:FILE:CLASS"``; by default the scenario's. ``seed`` overrides the scenario's. ``label`` is the name of a
+    Python strategy in the results, by default that of its class. Built-in strategies release the interpreter lock.
 
-    Raises :class:`skysink.InputError` for bad input. What a strategy in Python raises comes through, with a note of
-    the slot.
+    Raises :class:`skysink.InputError` for bad input. Exceptions of a Python strategy are propagated with a note that
+    names the slot.
     """
     flown = None if strategy is None else make(strategy)
     return _skysink.simulate(scenario_of(scenario), flown, seed=seed, label=label)
@@ -45,14 +45,14 @@ def compare(
     seeds: int | Sequence[int] = 20,
     executor: Executor | Any | None = None,
 ) -> list[dict[str, Any]]:
-    """How strategies stand over the same fields: an entry for each strategy and metric.
+    """Compares strategies over the same fields. Returns an entry per strategy and metric.
 
-    A mapping names what makes strategies in Python: ``{"uts": "uts", "near": lambda: Mine(2.0)}``.
+    A mapping labels the strategies and may contain factories: ``{"uts": "uts", "near": lambda: Mine(2.0)}``.
 
-    ``seeds`` is how many missions each flies, from the scenario's seed on, or a list of seeds. An entry has ``label``,
-    ``metric`` (as in ``docs/src/metrics.md``), ``n``, ``mean``, ``ci95`` (limits of the 95 % confidence interval), and
-    ``difference`` and ``difference_ci95`` from the first strategy, paired by seed. ``pandas.DataFrame`` takes the list
-    as it is. ``executor`` as in :func:`skysink.sweep`.
+    ``seeds`` is the number of missions per strategy, with consecutive seeds starting at the scenario's, or a list of
+    seeds. An entry has ``label``, ``metric`` (as in ``docs/src/metrics.md``), ``n``, ``mean``, ``ci95`` (limits of the
+    95 % confidence interval), and ``difference`` and ``difference_ci95`` relative to the first strategy, paired by
+    seed. ``pandas.DataFrame`` accepts the list. ``executor`` as in :func:`skysink.sweep`.
     """
     base = scenario_of(scenario)
     if isinstance(strategies, Mapping):

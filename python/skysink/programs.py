@@ -9,8 +9,8 @@ from skysink._skysink import run_program
 
 
 def run(name: str, arguments: list[str]) -> int:
-    """Runs a program by its name; the first argument is what it was called by."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # the program has handlers of its own
+    """Runs the program ``name`` with these arguments, program name first."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # the program installs its own handlers
     return run_program(name, arguments, [sys.executable, "-P", "-m", "skysink.programs"])
 
 

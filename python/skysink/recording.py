@@ -1,4 +1,4 @@
-"""What a run looks like: frames of other libraries, and rerun's viewer."""
+"""Converts runs to data frames and rerun recordings."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from skysink._skysink import Run, Table
 
 RAMP = 256
-"""Steps of the colours."""
+"""Number of colours."""
 
 
 def need(module: str, extra: str) -> Any:
-    """A module of an optional dependency. Raises ImportError with the command that installs it."""
+    """Imports a module of an optional dependency. Raises ImportError with the command that installs it."""
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
@@ -22,19 +22,19 @@ def need(module: str, extra: str) -> Any:
 
 
 def to_pandas(table: Table) -> Any:
-    """The table as a ``pandas.DataFrame``; columns of numbers keep their memory."""
+    """The table as a ``pandas.DataFrame``; numeric columns share memory."""
     pyarrow = need("pyarrow", "frames")
     return pyarrow.table(table).to_pandas(split_blocks=True)
 
 
 def to_polars(table: Table) -> Any:
-    """The table as a ``polars.DataFrame``, over the same memory."""
+    """The table as a ``polars.DataFrame``, which shares memory."""
     polars = need("polars", "frames")
     return polars.DataFrame(table)
 
 
 def show(run: Run, width: int | None = None, height: int | None = None) -> None:
-    """Shows a run in the notebook, or elsewhere in rerun's viewer."""
+    """Shows a run in the notebook, or in rerun's viewer."""
     rr = need("rerun", "notebook")
     stream = record(run)
     try:
@@ -46,14 +46,14 @@ def show(run: Run, width: int | None = None, height: int | None = None) -> None:
 
 
 def record(run: Run) -> Any:
-    """The run as a stream of rerun: sensor nodes by how full they are, the UAV, its path, and loss over the slots."""
+    """The run as a rerun stream: sensor nodes coloured by queue fill, the UAV, its path, and the loss over the slots."""
     rr = need("rerun", "notebook")
     rrb = need("rerun.blueprint", "notebook")
 
     field, slots, queues = run.field, run.slots, run.queues
     stream = rr.RecordingStream("skysink")
     height_m = field.area_m[1]
-    path = np.column_stack((slots["x_m"], height_m - slots["y_m"]))  # in a picture y points down: north is up
+    path = np.column_stack((slots["x_m"], height_m - slots["y_m"]))  # y points down in 2D views; this makes north up
     sensors = np.column_stack((field.positions_m[:, 0], height_m - field.positions_m[:, 1]))
     full = (queues[1:].astype(np.float64) / max(field.capacity_bits, 1) * (RAMP - 1)).astype(np.uint32)
     colours = _ramp()[full].ravel()
@@ -74,7 +74,7 @@ def record(run: Run) -> Any:
 
 
 def _ramp() -> np.ndarray[Any, np.dtype[np.uint32]]:
-    """Colours 0xRRGGBBAA from empty (blue) to full (yellow), which differ in lightness too."""
+    """Colours 0xRRGGBBAA from empty (blue) to full (yellow), which also differ in lightness."""
     fraction = np.linspace(0.0, 1.0, RAMP)
     ends = np.array([[0, 34, 78], [254, 232, 56]])
     red, green, blue = (ends[0] + fraction[:, None] * (ends[1] - ends[0])).astype(np.uint32).T

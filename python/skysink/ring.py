@@ -1,7 +1,7 @@
-"""A strategy in Python as the planner of a running ring, over iceoryx2.
+"""Runs a Python strategy as the planner of a ring, over iceoryx2.
 
 ``skysink run SCENARIO --planner "python3 mine.py"`` starts a program that ends with ``skysink.ring.planner(Mine())``;
-``skysink run SCENARIO --external planner`` waits for one that is started by hand, with the folder that it prints.
+``skysink run SCENARIO --external planner`` waits for one that you start, with the folder that it prints.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ END = 1
 """Flag of the last slot's queues, and of the commit that releases the ring."""
 
 POLL_S = 0.1
-"""How often to look whether somebody has joined [s]."""
+"""Time between two updates of the connections [s]."""
 
 POLL = iox2.Duration.from_secs_f64(POLL_S)
-"""How long to wait at most before looking for samples again: notifications can be lost."""
+"""Maximum wait for a notification, because notifications can be lost."""
 
 STATE = "planner-state.json"
-"""What a strategy saved before its last slots, in the folder of the ring."""
+"""File with the saved states of the strategy, in the ring folder."""
 
 LOCK = "planner-state.lock"
-"""Held locked by the planner that has the state."""
+"""Locked by the running planner."""
 
 SAVED_SLOTS = 4
-"""Slots whose states are saved: a planner that is started again answers the last two again."""
+"""Number of slots whose states are saved. A restarted planner plans the last two slots again."""
 
 
 def message(name: str, length: int) -> type[ctypes.Structure]:
-    """A message of the ring as words of 8 bytes; ``docs/src/interfaces.md`` says what they mean."""
+    """A message of the ring as words of 8 bytes; ``docs/src/interfaces.md`` defines them."""
     members = {"_fields_": [("words", ctypes.c_uint64 * (length // 8))]}
     return type(name, (ctypes.Structure,), {**members, "type_name": staticmethod(lambda: f"skysink.{name}.v1")})
 
@@ -64,7 +64,7 @@ Commit = message("Commit", 8)
 
 
 class Topic:
-    """One end of a topic: its samples, and the notifications that wake."""
+    """A topic: its samples and its notifications."""
 
     def __init__(self, node: Any, name: str, payload: Any, header: Any) -> None:
         service = iox2.ServiceName.new(f"skysink/{name}")
@@ -72,7 +72,7 @@ class Topic:
         self.events = node.service_builder(service).event().open()
 
     def reader(self) -> Any:
-        """A subscriber with room for the slots that a planner may lag."""
+        """A subscriber with a buffer for the slots that a planner may lag behind."""
         return self.samples.subscriber_builder().buffer_size(16).create()
 
 
@@ -83,13 +83,13 @@ def words(pointer: Any) -> tuple[int, int, int]:
 
 
 def view(sample: Any, count: int) -> NDArray[np.uint32]:
-    """The queues of a sample, over its memory."""
+    """The queues of a sample, without a copy."""
     memory = memoryview((ctypes.c_char * (4 * count)).from_address(sample.payload_ptr))
     return np.frombuffer(memory.toreadonly(), dtype=np.uint32)
 
 
 class Ring:
-    """What a planner reads and writes of a ring."""
+    """The topics of a ring that a planner reads and writes."""
 
     def __init__(self, folder: Path) -> None:
         config = folder / "config" / "iceoryx2.toml"
@@ -118,10 +118,10 @@ class Ring:
         self.launcher = folder.with_suffix(".lock").open()
 
     def wait(self) -> None:
-        """Waits for a notification, but not for ever; ends the program on SIGTERM and SIGINT."""
+        """Waits for a notification, at most ``POLL``. Exits on SIGTERM and SIGINT."""
         _, result = self.wait_set.wait_and_process_with_timeout(POLL)
         now = time.monotonic()
-        if now - self.connected >= POLL_S:  # whoever was started again meanwhile gets the last plans
+        if now - self.connected >= POLL_S:  # restarted processes get the last plans
             self.connected = now
             self.plans.update_connections()
             self.plan_events.notify()
@@ -133,7 +133,7 @@ class Ring:
                 pass
 
     def check_launcher(self) -> None:
-        """Ends the program if the launcher has died: it holds this file locked as long as it lives."""
+        """Exits if the launcher has died, which releases its lock of this file."""
         try:
             fcntl.flock(self.launcher, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -141,7 +141,7 @@ class Ring:
         raise SystemExit("planner: the launcher has ended")
 
     def field(self) -> Field:
-        """The sensor nodes and the limits, once they are there."""
+        """Waits for the sensor nodes and the limits."""
         while (sample := self.sensors.receive()) is None:
             self.wait()
         limits = bytes(sample.user_header().contents)[32:]
@@ -149,7 +149,7 @@ class Ring:
         return Field._from_messages(limits, nodes)
 
     def position(self, slot: int) -> tuple[float, float, float] | None:
-        """Where the UAV was after ``slot`` [m]; None if others have flown on since."""
+        """Position of the UAV after ``slot`` [m]; None if the mission has advanced since."""
         while slot not in self.positions:
             while (sample := self.flights.receive()) is not None:
                 at = np.frombuffer(bytes(sample.payload().contents.words)[:24], dtype=np.float64)
@@ -165,9 +165,9 @@ class Ring:
         return self.positions[slot]
 
     def states(self) -> Iterator[Any]:
-        """The samples of the queues, each once, up to that of the last slot.
+        """Yields each sample of the queues once, up to that of the last slot.
 
-        In a paced ring only the newest: a plan for a slot that has begun is void.
+        In a paced ring, yields only the newest, because a plan for a slot that has begun is ignored.
         """
         last = -1
         while True:
@@ -193,8 +193,8 @@ class Ring:
         self.plan_events.notify()
 
     def wait_for_release(self) -> None:
-        """Waits until everything is on record."""
-        commits = self.commits.reader()  # the last two commits are there for it
+        """Waits for the final commit."""
+        commits = self.commits.reader()  # a new reader gets the last two commits
         while True:
             while (sample := commits.receive()) is not None:
                 if words(sample.user_header())[2] & END:
@@ -204,14 +204,14 @@ class Ring:
 
 
 class States:
-    """What a strategy carried into its last slots, on disk."""
+    """The saved states of a strategy for its last slots."""
 
     def __init__(self, folder: Path) -> None:
         self.lock = (folder / LOCK).open("w")
         try:
             fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise InputError(f"ring {folder}: there is a planner already: end it first") from None
+            raise InputError(f"ring {folder}: another planner is running: stop it first") from None
         self.path = folder / STATE
         self.saved: dict[int, str] = {}
         with suppress(FileNotFoundError):
@@ -219,18 +219,18 @@ class States:
         self.is_fresh = True
 
     def resume(self, slot: int, strategy: Strategy) -> None:
-        """Brings a strategy that was started again to where it was before ``slot``, or as near as was saved."""
+        """Restores a restarted strategy to its state before ``slot``, or to the latest saved one before that."""
         earlier = [saved for saved in self.saved if saved <= slot]
         if self.is_fresh and earlier:
             if max(earlier) < slot:
-                print(f"planner: in slot {slot} with the state before slot {max(earlier)}", file=sys.stderr)
+                print(f"planner: resumes slot {slot} with the state before slot {max(earlier)}", file=sys.stderr)
             strategy.restore(base64.b64decode(self.saved[max(earlier)]))
         elif self.is_fresh and slot > 1:
-            print(f"planner: in slot {slot} without a saved state (a strategy that has one: save())", file=sys.stderr)
+            print(f"planner: resumes slot {slot} without a saved state (see Strategy.save)", file=sys.stderr)
         self.is_fresh = False
 
     def save(self, slot: int, strategy: Strategy) -> None:
-        """Saves what the strategy carries into ``slot``, if it carries anything."""
+        """Saves the state of the strategy before ``slot``, if it has one."""
         state = strategy.save()
         if not isinstance(state, bytes):
             raise InputError(f"save() of the strategy returned {type(state).__name__}: expected bytes")
@@ -245,12 +245,12 @@ class States:
 def planner(strategy: Strategy | type[Strategy], ring: str | PathLike[str] | None = None) -> None:
     """Plans for a running ring until its mission ends.
 
-    ``ring`` is its folder, as ``skysink run`` prints it; by default that of the environment variable ``SKYSINK_RING``,
-    which ``skysink run --planner`` sets. The strategy sees the queues in shared memory, without a copy: keep none of
-    them beyond :meth:`skysink.Strategy.plan`. In a paced ring it plans for the newest queues only. Killed and started
-    again it resumes: without anything to do if the strategy has no state, else by its ``save`` and ``restore``.
+    ``ring`` is the ring folder that ``skysink run`` prints, by default the environment variable ``SKYSINK_RING``,
+    which ``skysink run --planner`` sets. The queues are in shared memory, without a copy: do not store them
+    beyond :meth:`skysink.Strategy.plan`. In a paced ring, only the newest queues are planned for. After a restart, a
+    stateless strategy simply continues; one with state is restored by ``save`` and ``restore``.
 
-    Raises :class:`skysink.InputError` if there is no such ring. SIGTERM and Ctrl-C end the program.
+    Raises :class:`skysink.InputError` if the ring does not exist. SIGTERM and Ctrl-C end the program.
     """
     folder = ring if ring is not None else os.environ.get("SKYSINK_RING")
     if folder is None:
@@ -260,7 +260,7 @@ def planner(strategy: Strategy | type[Strategy], ring: str | PathLike[str] | Non
     states = States(place)
     flown = make(strategy)
     if isinstance(flown, str):
-        raise InputError(f"strategy {flown}: expected one in Python; skysink run flies those of Skysink")
+        raise InputError(f"strategy {flown}: expected a Python strategy; skysink run supports built-in ones directly")
     field = joined.field()
     maker = PlanMaker(flown, field)
     for sample in joined.states():

@@ -1,4 +1,4 @@
-"""Strategies in Python: the base class, and how one is found by its name."""
+"""Python strategies: the base class, and loading by name."""
 
 from __future__ import annotations
 
@@ -16,57 +16,57 @@ from skysink._skysink import STRATEGIES, Decision, Field, InputError, View
 PREFIX = "python:"
 
 _FOLDERS: set[str] = set()
-"""Folders that strategies were loaded from."""
+"""Folders from which strategies have been loaded."""
 
 
 class Strategy(ABC):
-    """A planning strategy: decides the waypoint and the schedule, slot by slot.
+    """A planning strategy: decides waypoint and schedule of every slot.
 
-    The same class flies in :func:`skysink.simulate`, in :func:`skysink.compare`, in :func:`skysink.sweep` and in a
-    running ring (:func:`skysink.ring.planner`). Given as a class, it is made anew for each mission.
+    The same class works in :func:`skysink.simulate`, :func:`skysink.compare`, :func:`skysink.sweep` and in a
+    running ring (:func:`skysink.ring.planner`). If a class is passed, each mission creates an instance.
     """
 
     def begin(self, field: Field) -> None:
-        """Called once before slot 1, with what stays the same in every slot."""
+        """Called once before slot 1, with the constant data of the mission."""
 
     @abstractmethod
     def plan(self, view: View) -> Decision | None:
-        """The decision for slot ``view.slot``.
+        """Returns the decision for slot ``view.slot``.
 
-        ``None`` leaves the slot to the transit rule: straight at full speed toward the fullest queue, serving the
-        fullest in range on the way. A waypoint that is out of reach or outside the area is refused: the UAV holds, and
-        ``refused`` in the results counts it; the same for SNs out of range.
+        ``None`` applies the transit rule: fly straight at full speed toward the fullest queue, and serve the
+        fullest queues in range. A waypoint that is out of reach or outside the area is refused: the UAV holds its
+        position. SNs out of range are not served. ``refused`` in the results counts both.
         """
 
     def save(self) -> bytes:
-        """What the strategy carries from slot to slot, for a ring in which it may be killed and started again."""
+        """Returns the state of the strategy, so that it can be restarted in a ring."""
         return b""
 
     def restore(self, state: bytes) -> None:
-        """Resumes from what :meth:`save` returned."""
+        """Restores a state returned by :meth:`save`."""
 
 
 @dataclass(frozen=True)
 class PythonStrategy:
-    """A strategy in Python by its name in sweeps and results."""
+    """A Python strategy with its name in sweeps and results."""
 
     name: str
     make: Callable[[], Strategy]
     version: str
-    """Tells one source from another."""
+    """Hash of the source code."""
 
     spec: str | Callable[[], Strategy]
-    """What a worker makes it of: its file and class, or what makes it, which must be picklable."""
+    """How a worker creates it: file and class, or a picklable factory."""
 
 
 def named(strategy: str | type[Strategy] | Callable[[], Strategy], folder: Path | None = None) -> str | PythonStrategy:
-    """The name of a strategy of Skysink, or the strategy in Python that is meant.
+    """Resolves a strategy: returns the name of a built-in one, or a Python strategy.
 
-    Raises :class:`skysink.InputError` if there is none.
+    Raises :class:`skysink.InputError` if it does not exist.
     """
     if not isinstance(strategy, str):
         if isinstance(strategy, Strategy) or not callable(strategy):
-            raise InputError(f"strategy {strategy}: expected a class, of which each mission gets an object of its own")
+            raise InputError(f"strategy {strategy}: expected a class, so that each mission can create an instance")
         name = getattr(strategy, "__name__", type(strategy).__name__)
         return PythonStrategy(name, strategy, _source(strategy), strategy)
     if not strategy.startswith(PREFIX):
@@ -83,19 +83,19 @@ def named(strategy: str | type[Strategy] | Callable[[], Strategy], folder: Path 
 
 
 def labelled(label: str, strategy: str | Callable[[], Strategy]) -> str | PythonStrategy:
-    """A strategy under a name of its own; those of Skysink keep theirs."""
+    """Resolves a strategy under a label; built-in ones must keep their name."""
     found = named(strategy)
     if isinstance(found, str):
         if label != found:
             raise InputError(f"strategy {found} as {label}: expected its own name")
         return found
     if label in STRATEGIES:
-        raise InputError(f"strategy in Python as {label}: it is one of Skysink's: expected another name")
+        raise InputError(f"Python strategy as {label}: it is the name of a built-in strategy: expected another name")
     return PythonStrategy(label, found.make, found.version, found.spec)
 
 
 def make(strategy: Strategy | type[Strategy] | str) -> str | Strategy:
-    """The name of a strategy of Skysink, or an object in Python."""
+    """The name of a built-in strategy, or an instance of a Python strategy."""
     if isinstance(strategy, Strategy):
         return strategy
     found = named(strategy)
@@ -103,18 +103,19 @@ def make(strategy: Strategy | type[Strategy] | str) -> str | Strategy:
 
 
 def _load(path: Path) -> tuple[object, str]:
-    """The module in a file, which may import its neighbours, and the hash of them all."""
+    """Loads the module in a file, which may import its neighbours. Returns it with the hash of all these files."""
     name = f"skysink_strategy_{hashlib.sha256(str(path).encode()).hexdigest()[:16]}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None:
-        raise InputError(f"strategy file {path}: expected a file of Python")
+        raise InputError(f"strategy file {path}: expected a Python file")
     folder = str(path.parent)
     _FOLDERS.add(folder)
     for neighbour in [other for other, loaded in sys.modules.items() if any(_is_in(each, loaded) for each in _FOLDERS)]:
-        del sys.modules[neighbour]  # it may have changed since, or be another one of the same name
+        del sys.modules[neighbour]  # it may have changed, or be another module of the same name
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
     sys.path.insert(0, folder)
-    writes_bytecode, sys.dont_write_bytecode = not sys.dont_write_bytecode, True  # it may be older than the file
+    writes_bytecode = not sys.dont_write_bytecode
+    sys.dont_write_bytecode = True  # cached bytecode may be older than the file
     try:
         exec(compile(path.read_bytes(), path, "exec"), module.__dict__)
     finally:
@@ -128,7 +129,7 @@ def _load(path: Path) -> tuple[object, str]:
 
 
 def _is_in(folder: str, module: object) -> bool:
-    """Whether a module is a file of the folder."""
+    """Whether a module is a file in the folder."""
     file = getattr(module, "__file__", None)
     return isinstance(file, str) and str(Path(file).parent) == folder
 

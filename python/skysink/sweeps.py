@@ -21,26 +21,26 @@ Row = tuple[Key, list[float]]
 """A mission with its metrics."""
 
 Makers = dict[str, Callable[[], Strategy]]
-"""What makes the strategies in Python, by name."""
+"""Factories of Python strategies, by name."""
 
 MAX_MISSIONS_PER_TASK = 32
 
 MAX_THREADS = 1024
 
 TASKS = 64
-"""Tasks of a sweep that is not long: enough for its workers to end together."""
+"""Minimum number of tasks of a sweep, so that workers finish at about the same time."""
 
 
 @dataclass(frozen=True)
 class FileSource:
-    """A sweep by its file, which a worker reads again."""
+    """A sweep by its file, which every worker reads."""
 
     path: str
 
 
 @dataclass(frozen=True)
 class ComparisonSource:
-    """A sweep of strategies over the fields of a scenario, as it goes to a worker."""
+    """A comparison of strategies over one scenario, in a form that can be sent to workers."""
 
     scenario: Scenario
     names: tuple[str, ...]
@@ -59,15 +59,15 @@ def sweep(
     executor: Executor | Any | None = None,
     threads: int = 0,
 ) -> Table:
-    """Flies a sweep file and returns its results, a row per mission; the folder has the bytes of ``skysink sweep``.
+    """Runs a sweep file and returns its results, one row per mission. The folder equals that of ``skysink sweep``.
 
-    ``out`` is the folder, by default ``runs/<file's name>``. Without an ``executor`` the missions are flown in this
-    process, on ``threads`` threads (0: one per core); strategies in Python (``"python:FILE:CLASS"``, the file relative
-    to the sweep file) one mission at a time. An ``executor`` is anything with ``submit(function, *arguments)`` that
+    ``out`` is the folder, by default ``runs/<name of the file>``. Without an ``executor``, missions run in this
+    process on ``threads`` threads (0: one per core); Python strategies (``"python:FILE:CLASS"``, the file relative
+    to the sweep file) run one mission at a time. An ``executor`` is an object with ``submit(function, *arguments)`` that
     returns a ``concurrent.futures.Future``; its workers need this package and the same file system.
 
-    Every mission is on record as soon as it arrives here: after an interruption, or when workers died and the executor
-    gave up, the same call flies the rest. Raises :class:`skysink.InputError` for a bad file or folder.
+    Every mission is written as soon as it is finished. After an interruption, or if workers died and the executor
+    gave up, calling ``sweep`` again continues. Raises :class:`skysink.InputError` for a bad file or folder.
     """
     if not 0 <= threads <= MAX_THREADS:
         raise InputError(f"threads = {threads}: expected 0 to {MAX_THREADS}")
@@ -89,7 +89,7 @@ def sweep(
 
 
 def load(source: Source) -> tuple[SweepPlan, Makers]:
-    """The sweep of a source. Raises :class:`skysink.InputError` if it is refused."""
+    """Loads the sweep of a source. Raises :class:`skysink.InputError` if it is refused."""
     if isinstance(source, ComparisonSource):
         plan = SweepPlan.compare(source.scenario, source.names, source.seeds, source.versions)
         return plan, {name: maker(spec) for name, spec in source.specs}
@@ -105,25 +105,25 @@ def load(source: Source) -> tuple[SweepPlan, Makers]:
 
 
 def maker(spec: str | Callable[[], Strategy]) -> Callable[[], Strategy]:
-    """What makes a strategy in Python."""
+    """The factory of a Python strategy."""
     found = named(spec)
     if isinstance(found, str):
-        raise InputError(f"strategy {found}: expected one in Python")
+        raise InputError(f"strategy {found}: expected a Python strategy")
     return found.make
 
 
 @lru_cache(maxsize=8)
 def load_once(source: FileSource, identity: str) -> tuple[SweepPlan, Makers]:
-    """The sweep of a file, read once in a worker as long as it is the one with this identity."""
+    """The sweep of a file, read once per worker and identity."""
     plan, makers = load(source)
     if plan.identity != identity:
-        other = "a worker has another one, or another version of Skysink: expected the same"
+        other = "a worker has another file or version of Skysink: expected the same"
         raise InputError(f"sweep {source.path}: {other}")
     return plan, makers
 
 
 def fly(source: Source, identity: str, missions: list[Key]) -> list[Row]:
-    """Flies missions of a sweep: what an executor's workers do."""
+    """Runs missions of a sweep, in a worker of an executor."""
     plan, makers = load_once(source, identity) if isinstance(source, FileSource) else load(source)
     return plan.fly(missions, makers)
 
@@ -131,7 +131,7 @@ def fly(source: Source, identity: str, missions: list[Key]) -> list[Row]:
 def fly_all(
     plan: SweepPlan, makers: Makers, missions: list[Key], source: Source, executor: Executor | Any | None
 ) -> Iterator[Row]:
-    """Flies missions, here or by an executor, and yields them as they are done, in any order."""
+    """Runs missions, here or on an executor, and yields their results in any order."""
     if executor is None and makers:
         for mission in missions:
             yield from plan.fly([mission], makers)
@@ -150,7 +150,7 @@ def fly_all(
         for future in as_completed(futures):
             rows = future.result()
             if sorted(key for key, _ in rows) != sorted(task_of[future]):
-                raise InputError(f"executor: {len(rows)} missions of a task: expected those that it was given")
+                raise InputError(f"executor: {len(rows)} missions of a task: expected the missions of that task")
             yield from rows
     finally:
         for future in futures:

@@ -1,4 +1,4 @@
-//! The core of the vectorised Gymnasium environment: many episodes, on all cores.
+//! The core of the vectorised Gymnasium environment: many episodes in parallel.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -17,13 +17,13 @@ use crate::errors::{of_checkpoint, refused};
 use crate::field::PyField;
 use crate::scenario::PyScenario;
 
-/// Episodes that a thread takes at once.
+/// Episodes per task.
 const BATCH: usize = 8;
 
-/// Most environments of a vector.
+/// Maximum number of environments of a vector.
 const MAX_ENVIRONMENTS: usize = 100_000;
 
-/// The threads of this process: those of one that it was forked from are not there.
+/// The thread pool of this process. A forked process needs its own.
 fn pool() -> PyResult<Arc<ThreadPool>> {
     static POOL: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
     let mut pool = POOL.lock().unwrap_or_else(PoisonError::into_inner);
@@ -32,20 +32,20 @@ fn pool() -> PyResult<Arc<ThreadPool>> {
         Some((owner, threads)) if *owner == process => Ok(Arc::clone(threads)),
         _ => {
             let threads = Arc::new(ThreadPoolBuilder::new().build().map_err(refused)?);
-            std::mem::forget(pool.replace((process, Arc::clone(&threads)))); // to end it would wait for its threads
+            std::mem::forget(pool.replace((process, Arc::clone(&threads)))); // dropping it would wait for its threads
             Ok(threads)
         }
     }
 }
 
-/// What was observed of all episodes.
+/// The observations of all episodes.
 struct Observed {
     uav: Array2<f32>,
     queues: Array2<f32>,
     slot: Array2<f32>,
 }
 
-/// Environments without their spaces.
+/// The environments without their spaces.
 #[pyclass(name = "VectorCore", module = "skysink")]
 pub struct PyVectorCore {
     episodes: Vec<Episode>,
@@ -53,20 +53,21 @@ pub struct PyVectorCore {
 }
 
 impl PyVectorCore {
-    /// Does `work` with every episode and its entry of `entries`, and observes it.
+    /// Calls `work` with every episode and its entry of `entries`, then observes the episode.
     fn each<T: Send>(
         &mut self,
         entries: impl IndexedParallelIterator<Item = T>,
         work: impl Fn(&mut Episode, T) -> PyResult<()> + Sync,
     ) -> PyResult<Observed> {
-        let (count, sensors) = (self.episodes.len(), self.episodes[0].field.count());
+        let count = self.episodes.len();
+        let sensors = self.episodes[0].field.count();
         let mut observed = Observed {
             uav: Array2::zeros((count, 3)),
             queues: Array2::zeros((count, sensors)),
             slot: Array2::zeros((count, 1)),
         };
         let slices = [&mut observed.uav, &mut observed.queues, &mut observed.slot];
-        let [uav, queues, slot] = slices.map(|array| array.as_slice_mut().expect("made in one piece"));
+        let [uav, queues, slot] = slices.map(|array| array.as_slice_mut().expect("the array is contiguous"));
         let rows = uav.par_chunks_mut(3).zip(queues.par_chunks_mut(sensors)).zip(slot.par_iter_mut());
         let all = self.episodes.par_iter_mut().zip(entries).zip(rows).with_min_len(BATCH);
         let fly = || {
@@ -88,7 +89,7 @@ impl PyVectorCore {
         if self.positions {
             let sensors = self.episodes[0].field.count();
             let mut positions = Array3::zeros((self.episodes.len(), sensors, 2));
-            let rows = positions.as_slice_mut().expect("made in one piece").chunks_exact_mut(2 * sensors);
+            let rows = positions.as_slice_mut().expect("the array is contiguous").chunks_exact_mut(2 * sensors);
             rows.zip(&self.episodes).for_each(|(row, episode)| episode.observe_positions(row));
             observation.set_item(intern!(py, "positions"), positions.into_pyarray(py))?;
         }
@@ -126,7 +127,7 @@ impl PyVectorCore {
         PyField(Arc::clone(&self.episodes[0].field))
     }
 
-    /// Begins the episodes with these numbers, where `mask` is true or none is given.
+    /// Begins the episodes with these numbers, where `mask` is true or `None`.
     fn reset<'py>(
         &mut self,
         py: Python<'py>,
@@ -150,10 +151,11 @@ impl PyVectorCore {
         self.observation(py, observed)
     }
 
-    /// Flies a slot of every episode; one that is over begins anew instead, with the next number of its environment.
+    /// Flies one slot of every episode. An episode that is over is replaced by the next one of its environment instead.
     fn step<'py>(&mut self, py: Python<'py>, actions: PyReadonlyArray2<'py, f32>) -> PyResult<Bound<'py, PyTuple>> {
-        let (count, axes) = (self.episodes.len(), self.episodes[0].axes());
-        let actions = actions.as_array().to_owned(); // somebody else may change theirs
+        let count = self.episodes.len();
+        let axes = self.episodes[0].axes();
+        let actions = actions.as_array().to_owned(); // the caller may change the array
         if actions.dim() != (count, axes) || actions.iter().any(|component| !component.is_finite()) {
             return Err(refused(format!("actions of shape {:?}: expected ({count}, {axes}), finite", actions.dim())));
         }

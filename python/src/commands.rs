@@ -1,4 +1,4 @@
-//! The command line of Skysink, and the processes of its ring, by the interpreter.
+//! Runs the command line and the processes of the ring with the Python interpreter.
 
 use std::ffi::OsString;
 
@@ -7,8 +7,8 @@ use skysink::programs::{self, Interpreter};
 
 use crate::errors::refused;
 
-/// Runs a program of Skysink by its name and arguments, the first of which is what it was called by, and returns its
-/// exit code. `interpreter` are the words that start `python -m skysink.programs`.
+/// Runs the program `name` with these arguments, program name first, and returns its
+/// exit code. `interpreter` is the command `python -m skysink.programs`.
 #[pyfunction]
 pub fn run_program(py: Python<'_>, name: &str, arguments: Vec<OsString>, interpreter: Vec<OsString>) -> PyResult<u8> {
     let program = match name {
@@ -18,6 +18,6 @@ pub fn run_program(py: Python<'_>, name: &str, arguments: Vec<OsString>, interpr
         "planner" => programs::planner,
         _ => return Err(refused(format!("{name}: expected skysink, field-sim, flight-sim or planner"))),
     };
-    programs::start_by(Interpreter(interpreter));
+    programs::set_interpreter(Interpreter(interpreter));
     Ok(py.detach(|| program(arguments)))
 }

@@ -21,19 +21,21 @@ use crate::simulate::checked_label;
 /// Observation, reward, terminated, truncated, information.
 type Step<'py> = (Bound<'py, PyDict>, f64, bool, bool, Bound<'py, PyDict>);
 
-/// An environment without its spaces.
+/// The environment without its spaces.
 #[pyclass(name = "EnvironmentCore", module = "skysink")]
 pub struct PyEnvironmentCore {
     episode: Episode,
-    /// Those of the episode so far, shared with clones.
+    /// The plans of the episode so far, shared with clones.
     plans: Vec<Arc<Plan>>,
-    /// Whether it is observed where the sensor nodes stand.
+    /// Whether the positions of the sensor nodes are observed.
     positions: bool,
 }
 
 impl PyEnvironmentCore {
     fn observation<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let (mut uav, mut queues, mut slot) = ([0.0; 3], vec![0.0; self.episode.field.count()], 0.0);
+        let mut uav = [0.0; 3];
+        let mut queues = vec![0.0; self.episode.field.count()];
+        let mut slot = 0.0;
         self.episode.observe(&mut uav, &mut queues, &mut slot);
         let observation = PyDict::new(py);
         observation.set_item(intern!(py, "uav"), PyArray1::from_slice(py, &uav))?;

@@ -17,22 +17,22 @@ use skysink_planner::settings;
 use crate::errors::refused;
 use crate::field::{FieldData, PyField};
 
-/// The field and the UAV of a scenario, with an account of what the UAV knows where the planner does not see the
+/// The field and the UAV of a scenario, with the estimate of the UAV if it does not observe the
 /// queues.
 pub fn plant(scenario: &Scenario, list: &SensorList) -> PyResult<Plant> {
     let plant = Plant::new(scenario, list);
     Ok(match settings::estimated(scenario).map_err(refused)? {
-        Some(rates) => plant.telling(Estimate::new(scenario, rates, &list.nodes())),
+        Some(rates) => plant.with_estimate(Estimate::new(scenario, rates, &list.nodes())),
         None => plant,
     })
 }
 
-/// Over which fields episodes fly.
+/// The fields of the episodes.
 #[derive(Clone)]
 pub struct Fields {
-    /// The mission; its seed is that of the first field.
+    /// The scenario; its seed is that of the first field.
     pub scenario: Scenario,
-    /// How many fields there are; none for as many as there are seeds.
+    /// The number of fields; `None` for unlimited.
     pub count: Option<u64>,
 }
 
@@ -43,7 +43,7 @@ impl Fields {
     }
 }
 
-/// An episode under way.
+/// A running episode.
 #[derive(Clone)]
 pub struct Episode {
     fields: Arc<Fields>,
@@ -55,18 +55,18 @@ pub struct Episode {
     ids: Vec<u32>,
 }
 
-/// What a slot of an episode comes to.
+/// The result of one slot of an episode.
 #[derive(Clone, Copy)]
 pub struct Outcome {
-    /// Minus the fraction of the sampled bits that was lost; 0 where nothing was sampled.
+    /// Minus the fraction of the sampled bits that was lost; 0 if nothing was sampled.
     pub reward: f64,
     pub delivered_bits: u64,
     pub lost_bits: u64,
-    /// Whether all slots are flown.
+    /// Whether the episode is over.
     pub is_over: bool,
 }
 
-/// An episode as it is saved.
+/// The saved state of an episode.
 #[derive(serde::Serialize, serde::Deserialize)]
 struct SavedEpisode {
     number: u64,
@@ -83,7 +83,7 @@ impl Episode {
         Ok(Self { fields, number, header: plant.header(), plant, field, list: Arc::new(list), ids: Vec::new() })
     }
 
-    /// The episode with this number, over the same sensor nodes where it has them.
+    /// The episode with this number. It reuses the sensor nodes if they are the same.
     pub fn begin(&mut self, number: u64) -> PyResult<()> {
         if self.fields.seed(number) != self.seed() {
             *self = Self::new(Arc::clone(&self.fields), number)?;
@@ -95,17 +95,17 @@ impl Episode {
         Ok(())
     }
 
-    /// Refuses numbers of which one has no seed.
+    /// Checks that all numbers have a seed.
     pub fn check(&self, numbers: &[u64]) -> PyResult<()> {
         numbers.iter().try_for_each(|&number| seeded(&self.fields, number).map(|_| ()))
     }
 
-    /// Its number; in a vector of n, environment i has the numbers i, i + n, i + 2 n ... from that of the first on.
+    /// Its number. In a vector of n, environment i has the numbers i, i + n, i + 2n and so on, plus that of the first.
     pub fn number(&self) -> u64 {
         self.number
     }
 
-    /// Skysink's seed of it.
+    /// Its Skysink seed.
     pub fn seed(&self) -> u64 {
         self.fields.seed(self.number)
     }
@@ -115,12 +115,12 @@ impl Episode {
         seeded(&self.fields, self.number)
     }
 
-    /// Coordinates of an action: 3 where the altitude is free.
+    /// Number of coordinates of an action: 3 if the altitude is free, else 2.
     pub fn axes(&self) -> usize {
         if self.field.limits.climb_m > 0.0 { 3 } else { 2 }
     }
 
-    /// The plan of an action: a displacement as a fraction of what one slot reaches, then the fullest queues in range.
+    /// The plan of an action: a displacement as a fraction of the reach of a slot. Serves the fullest queues in range.
     pub fn plan(&mut self, action: &[f64]) -> Plan {
         let limits = self.field.limits;
         let uav = self.plant.last_flight().position();
@@ -156,8 +156,8 @@ impl Episode {
         Outcome { reward, delivered_bits, lost_bits, is_over: self.plant.is_over() }
     }
 
-    /// Writes what is seen: the UAV's position within area and altitudes, the queues as fractions of their buffers, the
-    /// slot as a fraction of the mission.
+    /// Writes the observation: the UAV's position relative to area and altitudes, the queues as fractions of the buffers,
+    /// and the slot as a fraction of the mission.
     pub fn observe(&mut self, uav: &mut [f32], queues: &mut [f32], slot: &mut f32) {
         let limits = self.field.limits;
         let position = self.plant.last_flight().position();
@@ -171,7 +171,7 @@ impl Episode {
         pairs.for_each(|(queue, &bits)| *queue = bits as f32 / capacity_bits);
     }
 
-    /// Writes where the sensor nodes stand, x and y in turn, as fractions of the area.
+    /// Writes the positions of the sensor nodes, x and y alternating, as fractions of the area.
     pub fn observe_positions(&self, positions: &mut [f32]) {
         let area_m = [self.field.limits.width_m, self.field.limits.height_m];
         for (pair, position) in positions.chunks_exact_mut(2).zip(self.field.positions()) {
@@ -190,7 +190,7 @@ impl Checkpoint for Episode {
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let SavedEpisode { number, plant } = decode(bytes)?;
         let mut episode = self.clone();
-        CheckpointError::unless(episode.begin(number).is_ok(), "a field that can be made")?;
+        CheckpointError::ensure(episode.begin(number).is_ok(), "a field that can be made")?;
         episode.plant.restore(&plant)?;
         episode.header = episode.plant.header();
         *self = episode;

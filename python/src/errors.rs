@@ -1,4 +1,4 @@
-//! How Skysink's errors become Python's.
+//! Converts Skysink's errors to Python exceptions.
 
 use pyo3::PyErr;
 use pyo3::create_exception;
@@ -11,7 +11,7 @@ create_exception!(
     skysink,
     InputError,
     PyValueError,
-    "A scenario, sweep, folder or value is refused: one line that names it, and what was expected."
+    "Invalid scenario, sweep, folder or value. The message is one line with the value and the expectation."
 );
 
 /// The error of bad input.

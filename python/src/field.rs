@@ -1,4 +1,4 @@
-//! `skysink.Field`: what stays the same in every slot of a mission.
+//! `skysink.Field`: the constant data of a mission.
 
 use std::sync::Arc;
 
@@ -19,17 +19,17 @@ use crate::errors::refused;
 
 /// The sensor nodes of a mission and the limits of its plans.
 pub struct FieldData {
-    /// What every plan has to keep.
+    /// The limits of plans.
     pub limits: Limits,
-    /// Where the sensor nodes stand, by id.
+    /// Positions of the sensor nodes, by id.
     positions: Vec<Position>,
-    /// The same by place.
+    /// Spatial index of the positions.
     grid: Grid,
     nodes: Vec<SensorNode>,
 }
 
 impl FieldData {
-    /// Of these limits and sensor nodes.
+    /// The field with these limits and sensor nodes.
     pub fn new(limits: Limits, nodes: Vec<SensorNode>) -> Self {
         let positions: Vec<Position> = nodes.iter().map(|node| Position::new(node.x_m, node.y_m)).collect();
         Self { grid: Grid::new(&positions, limits.comm_radius_m), limits, positions, nodes }
@@ -53,7 +53,7 @@ impl FieldData {
         self.nodes.first().map_or(0, |node| node.capacity_bits)
     }
 
-    /// Where they stand, by id.
+    /// Positions of the sensor nodes, by id.
     pub fn positions(&self) -> &[Position] {
         &self.positions
     }
@@ -64,7 +64,7 @@ impl FieldData {
         fill_fullest_in_range(&self.grid, comm_radius_m, resource_blocks as usize, ground, queues_bits, ids);
     }
 
-    /// Where the transit rule (decision D8) flies.
+    /// The waypoint of the transit rule (decision D8).
     pub fn transit(&self, uav: &Point3<f64>, queues_bits: &[u32]) -> Position {
         transit_waypoint(&self.positions, self.limits.reach_m, &uav.xy(), queues_bits)
     }
@@ -75,10 +75,10 @@ impl FieldData {
     }
 }
 
-/// Limits and sensor nodes, as they lie in the messages of the ring.
+/// Limits and sensor nodes in the layout of the messages of the ring.
 type Messages<'py> = (Bound<'py, PyBytes>, Bound<'py, PyBytes>);
 
-/// What stays the same in every slot of a mission: sensor nodes (SNs) and limits. ``len`` is N.
+/// The constant data of a mission: sensor nodes (SNs) and limits. ``len`` is N.
 #[pyclass(name = "Field", module = "skysink", frozen)]
 pub struct PyField(pub Arc<FieldData>);
 
@@ -93,13 +93,13 @@ impl PyField {
     }
 }
 
-/// The same array, which nobody may write to.
+/// Makes the array read-only.
 pub fn read_only<'py, T>(array: Bound<'py, T>) -> PyResult<Bound<'py, T>> {
     array.as_any().call_method1("setflags", (false,))?;
     Ok(array)
 }
 
-/// A point on the ground: the first two coordinates.
+/// Parses a point on the ground: the first two coordinates.
 pub fn ground(point: &Bound<'_, PyAny>) -> PyResult<Position> {
     let [x_m, y_m] = match coordinates(point)?[..] {
         [x_m, y_m, ..] => [x_m, y_m],
@@ -108,7 +108,7 @@ pub fn ground(point: &Bound<'_, PyAny>) -> PyResult<Position> {
     Ok(Position::new(x_m, y_m))
 }
 
-/// The coordinates [m] of a point, two or three.
+/// Parses the coordinates of a point, two or three [m].
 pub fn coordinates(point: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
     if let Ok(array) = point.extract::<PyReadonlyArray1<'_, f64>>() {
         return Ok(array.as_array().to_vec());
@@ -126,7 +126,7 @@ impl PyField {
         Ok((slf.get_type().getattr("_from_messages")?, messages))
     }
 
-    /// Of the limits and the sensor nodes as they lie in the messages of the ring.
+    /// Creates a field from limits and sensor nodes in the layout of the messages of the ring.
     #[staticmethod]
     fn _from_messages(limits: &[u8], nodes: &[u8]) -> PyResult<Self> {
         let refuse = |_| refused("messages of another version: use the package of the running Skysink");
@@ -138,7 +138,7 @@ impl PyField {
         self.0.count()
     }
 
-    /// Where the SNs stand, east and north [m], [N, 2]; made anew at each access: keep it.
+    /// Positions of the SNs, east and north [m], [N, 2]. Every access creates a new array.
     #[getter]
     fn positions_m<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let positions = &self.0.positions;
@@ -170,55 +170,55 @@ impl PyField {
         (self.0.limits.width_m, self.0.limits.height_m)
     }
 
-    /// Farthest horizontal flight in a slot, V_max tau [m].
+    /// Maximum horizontal distance flown in a slot, V_max tau [m].
     #[getter]
     fn reach_m(&self) -> f64 {
         self.0.limits.reach_m
     }
 
-    /// Farthest horizontal distance at which an SN can be served, d_c [m].
+    /// Maximum horizontal distance for serving an SN, d_c [m].
     #[getter]
     fn comm_radius_m(&self) -> f64 {
         self.0.limits.comm_radius_m
     }
 
-    /// Most SNs served in a slot, n.
+    /// Maximum number of SNs served in a slot, n.
     #[getter]
     fn resource_blocks(&self) -> u32 {
         self.0.limits.resource_blocks
     }
 
-    /// Lowest and highest altitude [m]; equal where it is fixed.
+    /// Minimum and maximum altitude [m]; equal if the altitude is fixed.
     #[getter]
     fn altitudes_m(&self) -> (f64, f64) {
         (self.0.limits.min_altitude_m, self.0.limits.max_altitude_m)
     }
 
-    /// Farthest climb or descent in a slot [m]; 0 where the altitude is fixed.
+    /// Maximum climb or descent in a slot [m]; 0 if the altitude is fixed.
     #[getter]
     fn climb_m(&self) -> f64 {
         self.0.limits.climb_m
     }
 
-    /// Slots of the mission, T.
+    /// Number of slots of the mission, T.
     #[getter]
     fn slots(&self) -> u64 {
         self.0.limits.slots
     }
 
-    /// Length of a slot, tau [s].
+    /// Duration of a slot, tau [s].
     #[getter]
     fn slot_s(&self) -> f64 {
         self.0.limits.slot_s
     }
 
-    /// Time to communicate in a slot, tau_c [s].
+    /// Communication time in a slot, tau_c [s].
     #[getter]
     fn comm_s(&self) -> f64 {
         self.0.limits.comm_s
     }
 
-    /// The SNs at most ``radius_m`` [m] from ``point`` on the ground, ascending; with the slack of decision D5.
+    /// Ids of the SNs within ``radius_m`` [m] of ``point`` on the ground, ascending; tolerance as in decision D5.
     fn within<'py>(
         &self,
         py: Python<'py>,
@@ -231,7 +231,7 @@ impl PyField {
         Ok(ids.into_pyarray(py))
     }
 
-    /// The n SNs with the fullest queues within d_c of ``point``, ascending; of equals those with the lowest id.
+    /// Ids of the n SNs with the fullest queues within d_c of ``point``, ascending. Ties go to the lowest id.
     fn fullest<'py>(
         &self,
         py: Python<'py>,
@@ -244,7 +244,7 @@ impl PyField {
         Ok(ids.into_pyarray(py))
     }
 
-    /// Where one slot at full speed leads from ``from_`` toward ``to``, at most there [m], [2].
+    /// The point that one slot at full speed reaches from ``from_`` toward ``to``, at most ``to`` [m], [2].
     fn toward<'py>(
         &self,
         py: Python<'py>,

@@ -1,7 +1,7 @@
-//! The native part of the Python package `skysink`: what takes long or has to give the bytes of Skysink.
+//! The native part of the Python package `skysink`: everything that must be fast or reproduce Skysink's results exactly.
 //!
 //! Names, shapes and units are documented in the package's stubs, `skysink/_skysink.pyi`, and in its modules. Spaces,
-//! registration, executors and the ring are left to Python.
+//! registration, executors and the ring are implemented in Python.
 
 mod batch;
 mod commands;
@@ -47,7 +47,7 @@ mod _skysink {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        // NumPy's interface is looked up now, not by whoever needs it first.
+        // Initialise NumPy's interface on import, not on first use.
         let _ = numpy::PyArray1::<u32>::zeros(module.py(), 0, false);
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
         module.add("STRATEGIES", skysink_planner::strategies::names().to_vec())

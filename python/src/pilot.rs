@@ -1,4 +1,4 @@
-//! A strategy in Python: what it sees of a slot, what it decides, and the plan that becomes of it.
+//! Python strategies: their view of a slot, their decision, and the resulting plan.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -16,23 +16,23 @@ use skysink_mission::mission::Plant;
 use crate::errors::refused;
 use crate::field::{FieldData, PyField, coordinates, read_only};
 
-/// Queues that Python holds, too.
+/// Queues that are shared with Python.
 #[pyclass(module = "skysink", frozen)]
 struct HeldQueues(Arc<Vec<u32>>);
 
-/// What a strategy sees of a slot.
+/// The input of a strategy in one slot.
 #[pyclass(name = "View", module = "skysink", frozen)]
 pub struct PyView {
     /// The slot to plan, t, from 1.
     #[pyo3(get)]
     slot: u64,
-    /// Where the UAV is as it begins, L_u(t-1) [m], [3], read-only.
+    /// Position of the UAV at the start of the slot, L_u(t-1) [m], [3], read-only.
     #[pyo3(get)]
     uav: Py<PyArray1<f64>>,
-    /// What the SNs hold as it begins, B_i(t-1) [bit], [N], read-only: known, or believed.
+    /// Queues at the start of the slot, true or estimated, B_i(t-1) [bit], [N], read-only.
     ///
-    /// The memory of the field itself. In ``simulate`` and sweeps an array that is kept stays as it is; in a ring it is
-    /// valid only during ``plan``: copy what is to be kept. Unsigned: differences need ``astype(np.int64)``.
+    /// The array shares memory with the field. In ``simulate`` and sweeps, a stored array does not change. In a ring, it
+    /// is valid only during ``plan``; copy it to store it. It is unsigned: use ``astype(np.int64)`` for differences.
     #[pyo3(get)]
     queues_bits: Py<PyArray1<u32>>,
     /// What stays the same.
@@ -40,19 +40,19 @@ pub struct PyView {
     field: Py<PyField>,
 }
 
-/// What a strategy decides: ``Decision((x, y))`` or ``Decision((x, y, z), serve=[3, 7])``.
+/// The decision of a strategy: ``Decision((x, y))`` or ``Decision((x, y, z), serve=[3, 7])``.
 #[pyclass(name = "Decision", module = "skysink", frozen)]
 pub struct PyDecision {
     waypoint_m: Vec<f64>,
     serve: Option<Vec<u32>>,
 }
 
-/// What a decision is made of: waypoint [m] and schedule.
+/// The components of a decision: waypoint [m] and schedule.
 type Arguments = (Vec<f64>, Option<Vec<u32>>);
 
 #[pymethods]
 impl PyDecision {
-    /// ``waypoint`` [m]; without z the UAV keeps its altitude. ``serve`` are ids, by default the n fullest in range.
+    /// ``waypoint`` [m]; without z, the altitude is kept. ``serve`` contains ids, by default the n fullest in range.
     ///
     /// Raises :class:`InputError` for a waypoint of another shape or more than 64 SNs.
     #[new]
@@ -97,18 +97,18 @@ impl PyDecision {
 }
 
 impl PyDecision {
-    /// Where to fly [m]; at this altitude if it names none.
+    /// The waypoint [m]; `altitude_m` if it has no z.
     pub fn waypoint_from(&self, altitude_m: f64) -> Point3<f64> {
         Point3::new(self.waypoint_m[0], self.waypoint_m[1], self.waypoint_m.get(2).copied().unwrap_or(altitude_m))
     }
 
-    /// Whom to serve; none for the fullest in range.
+    /// The schedule; `None` for the fullest in range.
     pub fn schedule(&self) -> Option<&[u32]> {
         self.serve.as_deref()
     }
 }
 
-/// A strategy in Python over its field.
+/// A Python strategy with its field.
 pub struct Pilot {
     strategy: Py<PyAny>,
     field: Py<PyField>,
@@ -117,7 +117,7 @@ pub struct Pilot {
 }
 
 impl Pilot {
-    /// With this strategy, whose `begin(field)` is called.
+    /// Wraps this strategy and calls its `begin(field)`.
     pub fn new(py: Python<'_>, strategy: Py<PyAny>, field: PyField) -> PyResult<Self> {
         let data = Arc::clone(&field.0);
         let field = Py::new(py, field)?;
@@ -125,7 +125,7 @@ impl Pilot {
         Ok(Self { strategy, field, data, ids: Vec::new() })
     }
 
-    /// The plan of a slot from where the UAV is and what is queued [bit].
+    /// The plan of a slot, from the position of the UAV and the queues [bit].
     pub fn plan<'py>(
         &mut self,
         py: Python<'py>,
@@ -136,7 +136,7 @@ impl Pilot {
         let view = PyView {
             slot,
             uav: read_only([uav.x, uav.y, uav.z].to_pyarray(py))?.unbind(),
-            // An array of their own, whose shape they may change; the memory stays.
+            // A new array object, whose shape the strategy may change; the memory is shared.
             queues_bits: queues_bits.call_method0(intern!(py, "view"))?.cast_into()?.unbind(),
             field: self.field.clone_ref(py),
         };
@@ -162,10 +162,10 @@ impl Pilot {
         plan
     }
 
-    /// The plan of the next slot of a mission. Where the UAV has to know the queues from its contacts, the strategy
-    /// sees what it knows.
+    /// The plan of the next slot of a mission. If the UAV has to estimate the queues from its contacts, the strategy
+    /// gets the estimate.
     pub fn plan_next(&mut self, py: Python<'_>, plant: &mut Plant) -> PyResult<Plan> {
-        let queues_bits = if plant.field().is_telling() {
+        let queues_bits = if plant.field().has_estimate() {
             plant.known_bits().to_pyarray(py)
         } else {
             held(py, plant.field().shared_queues_bits())?
@@ -178,16 +178,16 @@ fn wrong(decided: &Py<PyAny>) -> PyErr {
     refused(format!("plan() returned {decided}: expected a skysink.Decision, or None for the transit rule"))
 }
 
-/// The queues as an array over the memory of the field, which is copied before it changes only if the array is still
-/// held then.
+/// The queues as an array over the memory of the field. That memory is copied before a change only if the array is still
+/// referenced.
 fn held(py: Python<'_>, queues_bits: Arc<Vec<u32>>) -> PyResult<Bound<'_, PyArray1<u32>>> {
     let holder = Bound::new(py, HeldQueues(queues_bits))?;
     let queues_bits = ArrayView1::from(&holder.get().0[..]);
-    // SAFETY: the vector belongs to `holder`, which the array keeps alive; it is not changed while it is held twice.
+    // SAFETY: the array keeps `holder`, the owner of the vector, alive; the vector is not changed while it is shared.
     Ok(unsafe { PyArray1::borrow_from_array(&queues_bits, holder.clone().into_any()) })
 }
 
-/// A strategy that plans for a ring.
+/// A Python strategy that plans for a ring.
 #[pyclass(name = "PlanMaker", module = "skysink", unsendable)]
 pub struct PyPlanMaker(Pilot);
 

@@ -1,4 +1,4 @@
-//! `skysink.Run`: a mission that was flown, and what it comes to.
+//! `skysink.Run`: a finished mission and its results.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use skysink_common::stop::Stop;
 use skysink_field_sim::Field;
 use skysink_lab::metrics::{Metric, MissionMeter};
 use skysink_mission::mission::Plant;
-use skysink_mission::origin::Manner;
+use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Summary;
 use skysink_mission::trace::{RecordedSlot, TraceHash};
@@ -28,7 +28,7 @@ use crate::signals::interruptible;
 use crate::table::{PyTable, id_lists};
 use crate::values::json;
 
-/// A mission as it is flown.
+/// A running mission.
 pub struct RunRecorder {
     slots: Vec<RecordedSlot>,
     hash: TraceHash,
@@ -36,13 +36,13 @@ pub struct RunRecorder {
 }
 
 impl RunRecorder {
-    /// Nothing flown yet; `start` is the ledger before slot 1.
+    /// The mission before slot 1; `start` contains the ledger.
     pub fn new(scenario: &Scenario, list: &SensorList, start: &QueuesHeader) -> Self {
         let meter = MissionMeter::new(scenario, list, start);
         Self { slots: Vec::new(), hash: TraceHash::default(), meter }
     }
 
-    /// Adds the next slot; without its plan it counts for no planning time.
+    /// Adds the next slot. Without a plan, it has no planning time.
     pub fn add(
         &mut self,
         plan: Option<&Plan>,
@@ -66,7 +66,7 @@ impl RunRecorder {
         Ok(())
     }
 
-    /// The mission whose last slot was added after `wall`.
+    /// Finishes the mission, which took `wall`.
     pub fn end(
         self,
         scenario: PyScenario,
@@ -86,12 +86,12 @@ impl RunRecorder {
     }
 }
 
-/// A mission that was flown. ``len`` is its number of slots.
+/// A finished mission. ``len`` is its number of slots.
 #[pyclass(name = "Run", module = "skysink", frozen)]
 pub struct PyRun {
     scenario: PyScenario,
     list: SensorList,
-    /// The planner, if it is not Skysink's.
+    /// The name of the planner, if it is not a built-in strategy.
     label: Option<String>,
     slots: Vec<RecordedSlot>,
     summary: Summary,
@@ -99,7 +99,7 @@ pub struct PyRun {
 }
 
 impl PyRun {
-    /// The mission flown again by its plans, each slot told to `on_slot`.
+    /// Simulates the mission with its plans, and calls `on_slot` for each slot.
     fn fly_again<E>(&self, mut on_slot: impl FnMut(&Plant, &QueuesHeader) -> Result<(), E>) -> Result<(), E> {
         let mut plant = Plant::new(&self.scenario.scenario, &self.list);
         for slot in &self.slots {
@@ -114,12 +114,12 @@ impl PyRun {
         Arc::new(Float64Array::from_iter_values(self.slots.iter().map(of)))
     }
 
-    /// Signed, so that differences are what they seem; no count of a mission is above 2^63.
+    /// Signed, so that differences are correct. No count of a mission exceeds 2^63.
     fn counts(&self, of: impl Fn(&RecordedSlot) -> u64) -> ArrayRef {
         Arc::new(Int64Array::from_iter_values(self.slots.iter().map(|slot| of(slot) as i64)))
     }
 
-    /// The mission flown by these plans, which nobody timed.
+    /// The mission flown by these plans, without planning times.
     pub fn of_plans(
         scenario: PyScenario,
         list: SensorList,
@@ -142,7 +142,7 @@ impl PyRun {
         self
     }
 
-    /// The lines of `slots.csv` behind its header.
+    /// The lines of `slots.csv` without the header.
     fn trace(&self) -> Result<String, MissionError> {
         let mut text = String::new();
         let mut hash = TraceHash::default();
@@ -153,7 +153,7 @@ impl PyRun {
 
 #[pymethods]
 impl PyRun {
-    /// The run in a folder, flown again to check every slot. Raises :class:`InputError` if it is none or changed.
+    /// Loads a run folder and checks every slot by simulation. Raises :class:`InputError` if it is invalid.
     #[staticmethod]
     fn load(py: Python<'_>, folder: PathBuf) -> PyResult<Self> {
         let read = move |stop: &Stop| -> Result<_, MissionError> {
@@ -173,7 +173,7 @@ impl PyRun {
         Ok(PyRun { summary, ..recorder.end(scenario, list, &field, Duration::ZERO, label).untimed() })
     }
 
-    /// Data loss rate: lost bits as a fraction of those sampled.
+    /// Data loss rate: lost bits as a fraction of the sampled bits.
     #[getter]
     fn loss_rate(&self) -> f64 {
         self.summary.loss_rate
@@ -184,13 +184,13 @@ impl PyRun {
         &self.summary.strategy
     }
 
-    /// The figures of ``summary.json``.
+    /// The content of ``summary.json``.
     #[getter]
     fn summary<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         json(py, &self.summary)
     }
 
-    /// The columns of a sweep's results (``docs/src/metrics.md``).
+    /// All metrics, as in the results of a sweep (``docs/src/metrics.md``).
     #[getter]
     fn metrics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let metrics = PyDict::new(py);
@@ -208,7 +208,7 @@ impl PyRun {
         PyField::of(&self.scenario.scenario, &self.list)
     }
 
-    /// A row per slot, the columns of ``slots.csv``; ``scheduled`` holds lists of ids.
+    /// One row per slot with the columns of ``slots.csv``; ``scheduled`` contains lists of ids.
     #[getter]
     fn slots(&self) -> PyResult<PyTable> {
         let modes = self.slots.iter().map(|slot| <&str>::from(slot.mode));
@@ -227,9 +227,9 @@ impl PyRun {
         ])
     }
 
-    /// The queue of every SN before slot 1 and after each slot [bit], [slots + 1, N]; flown again for it: keep it.
+    /// The queue of every SN before slot 1 and after each slot [bit], [slots + 1, N]. Every access simulates the run.
     ///
-    /// Unsigned: differences need ``astype(np.int64)``.
+    /// It is unsigned: use ``astype(np.int64)`` for differences.
     #[getter]
     fn queues<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u32>>> {
         let count = self.list.sensors().len();
@@ -245,13 +245,13 @@ impl PyRun {
         Ok(PyArray2::from_owned_array(py, array))
     }
 
-    /// Writes a run folder as ``skysink simulate`` does, and returns it. ``force`` replaces a run that is there.
+    /// Writes a run folder like ``skysink simulate``, and returns its path. ``force`` replaces an existing run.
     ///
-    /// Raises :class:`InputError` if something else is there, :class:`OSError` if it cannot be written.
+    /// Raises :class:`InputError` if the folder contains other files, :class:`OSError` if it cannot be written.
     #[pyo3(signature = (folder, force = false))]
     fn save(&self, py: Python<'_>, folder: PathBuf, force: bool) -> PyResult<PathBuf> {
         let write = || -> Result<PathBuf, MissionError> {
-            let manner = Manner { outside_planner: self.label.clone(), ..Manner::default() };
+            let manner = RunMode { external_planner: self.label.clone(), ..RunMode::default() };
             let folder = RunFolder::create(Some(&folder), force, &self.scenario.scenario, &self.list, &manner)?;
             let mut log = folder.slot_log()?;
             self.fly_again(|plant, header| log.add(plant.last_flight(), header).map(|_| ()))?;
@@ -261,7 +261,7 @@ impl PyRun {
         py.detach(write).map_err(of_mission)
     }
 
-    /// Shows the run in the notebook, or elsewhere in a window, by rerun (``pip install skysink[notebook]``).
+    /// Shows the run in the notebook, or in a window, with rerun (``pip install skysink[notebook]``).
     #[pyo3(signature = (width = None, height = None))]
     fn show<'py>(slf: &Bound<'py, Self>, width: Option<u32>, height: Option<u32>) -> PyResult<Bound<'py, PyAny>> {
         slf.py().import("skysink.recording")?.call_method1("show", (slf, width, height))

@@ -17,16 +17,16 @@ use crate::field::PyField;
 use crate::table::PyTable;
 use crate::values::{to_python, to_toml};
 
-/// A checked scenario: what is flown, over which field, through which channel, by which strategy.
+/// A validated scenario: mission, sensor field, channel and strategy.
 ///
-/// Its keys are those of a scenario file (``docs/src/interfaces.md``). It cannot be changed, equals one with the same
-/// keys, and can be pickled; a sensor list that it names stays a file.
+/// The keys are those of a scenario file (``docs/src/interfaces.md``). Scenarios are immutable, compare equal if their
+/// keys do, and can be pickled; a sensor list is stored as the path of its file.
 #[pyclass(name = "Scenario", module = "skysink", frozen)]
 #[derive(Clone)]
 pub struct PyScenario {
     /// The text of the file.
     text: String,
-    /// What comes of it.
+    /// The parsed scenario.
     pub scenario: Scenario,
 }
 
@@ -37,17 +37,17 @@ impl PyScenario {
         Ok(Self { text, scenario })
     }
 
-    /// The same with other values of keys, which displace earlier ones in other forms.
+    /// A copy with changed keys. A key replaces earlier spellings of the same quantity.
     pub fn with(&self, changes: impl IntoIterator<Item = (String, Value)>) -> PyResult<Self> {
         let setting = |(key, value)| Setting { key, value, origin: SettingOrigin::Replacement };
         let settings: Vec<Setting> = changes.into_iter().map(setting).collect();
         let changed = Self::new(self.text.clone(), &self.scenario.path, settings.clone())?;
-        let mut table: Table = self.text.parse().expect("it was read before");
+        let mut table: Table = self.text.parse().expect("it has been parsed before");
         Setting::apply_all(&settings, &mut table).map_err(refused)?;
-        Ok(Self { text: toml::to_string(&table).expect("it was just read"), ..changed })
+        Ok(Self { text: toml::to_string(&table).expect("it has just been parsed"), ..changed })
     }
 
-    /// A scenario that is on record.
+    /// A scenario from a run folder.
     pub fn on_record(scenario: &Scenario) -> PyResult<Self> {
         Self::new(scenario.to_toml(), &scenario.path, Vec::new())
     }
@@ -58,7 +58,7 @@ impl PyScenario {
     }
 
     fn table(&self) -> Table {
-        self.scenario.to_toml().parse().expect("it was just written")
+        self.scenario.to_toml().parse().expect("it has just been written")
     }
 }
 
@@ -71,20 +71,20 @@ impl PyScenario {
         Self::new(text, &std::path::absolute(&path)?, Vec::new())
     }
 
-    /// The mission of the UTS letter (arXiv 2103.00753), which needs no file.
+    /// The built-in mission of the UTS letter (arXiv 2103.00753).
     #[staticmethod]
     fn letter() -> PyResult<Self> {
         Self::new(LETTER.to_owned(), Path::new("letter.toml (built in)"), Vec::new())
     }
 
-    /// Checks the text of a scenario file; ``path`` is where it would be. Raises :class:`InputError`.
+    /// Parses a scenario file's text. ``path`` is for errors and relative paths. Raises :class:`InputError`.
     #[staticmethod]
     #[pyo3(signature = (text, path = PathBuf::from("scenario.toml")))]
     fn parse(text: String, path: PathBuf) -> PyResult<Self> {
         Self::new(text, &std::path::absolute(&path)?, Vec::new())
     }
 
-    /// The same with other values of dotted keys, such as ``{"area.side_m": 500.0}``. Raises :class:`InputError`.
+    /// A copy with changed keys, for example ``{"area.side_m": 500.0}``. Raises :class:`InputError`.
     fn replace(&self, changes: &Bound<'_, PyAny>) -> PyResult<Self> {
         let pair = |pair: PyResult<Bound<'_, PyAny>>| {
             let (key, value): (String, Bound<'_, PyAny>) = pair?.extract()?;
@@ -103,7 +103,7 @@ impl PyScenario {
         self.scenario.seed
     }
 
-    /// Slots of the mission, T.
+    /// Number of slots of the mission, T.
     #[getter]
     fn slots(&self) -> u64 {
         self.scenario.slots
@@ -114,7 +114,7 @@ impl PyScenario {
         &self.scenario.planner.strategy
     }
 
-    /// The value of a dotted key, or a table of them.
+    /// The value of a dotted key, or a table as a dictionary.
     fn __getitem__<'py>(&self, py: Python<'py>, key: &str) -> PyResult<Bound<'py, PyAny>> {
         let mut value = &Value::Table(self.table());
         for part in key.split('.') {
@@ -124,17 +124,17 @@ impl PyScenario {
         to_python(py, value)
     }
 
-    /// All keys, with every default.
+    /// All keys, including defaults.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         to_python(py, &Value::Table(self.table()))
     }
 
-    /// The same as a scenario file.
+    /// All keys, including defaults, as the text of a scenario file.
     fn to_toml(&self) -> String {
         self.scenario.to_toml()
     }
 
-    /// The sensor nodes, drawn or read: ``x_m``, ``y_m``, ``queue_bits``, ``gain_db``, ``sampling_bps``, by id.
+    /// The sensor nodes by id, with ``x_m``, ``y_m``, ``queue_bits``, ``gain_db`` and ``sampling_bps``.
     fn sensors(&self) -> PyResult<PyTable> {
         let list = self.list()?;
         let numbers = |of: fn(&Sensor) -> f64| -> ArrayRef {

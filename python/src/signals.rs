@@ -1,4 +1,4 @@
-//! Long work without the interpreter, which Ctrl-C ends all the same.
+//! Runs long work without the interpreter lock, interruptible by Ctrl-C.
 
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{RecvTimeoutError, channel};
@@ -8,14 +8,14 @@ use std::time::Duration;
 use pyo3::prelude::*;
 use skysink_common::stop::Stop;
 
-/// How often Python's signals are looked for.
+/// Time between two checks for signals in Python.
 const POLL: Duration = Duration::from_millis(50);
 
 /// SIGINT.
 const INTERRUPT: usize = 2;
 
-/// Does `work` on a thread of its own, without the interpreter. Where Python has a signal that ends the program, `work`
-/// is stopped, and its exception raised.
+/// Runs `work` on a separate thread, without the interpreter lock. If a signal handler in Python raises an exception,
+/// `work` is stopped and the exception is raised.
 ///
 /// # Errors
 /// The exception of a signal's handler.
@@ -28,7 +28,7 @@ pub fn interruptible<T: Send>(py: Python<'_>, work: impl FnOnce(&Stop) -> T + Se
             let stop_work = stop.clone();
             let worker = scope.spawn(move || {
                 let result = work(&stop_work);
-                let _ = done.send(()); // whoever waits sees the end of the thread, too
+                let _ = done.send(()); // the receiver also notices the end of the thread
                 result
             });
             while is_done.recv_timeout(POLL) == Err(RecvTimeoutError::Timeout) {

@@ -1,4 +1,4 @@
-//! `skysink.simulate`: a mission by a strategy of Skysink, or by one in Python.
+//! `skysink.simulate`: simulates a mission with a built-in or a Python strategy.
 
 use std::cell::Cell;
 use std::time::Instant;
@@ -6,7 +6,7 @@ use std::time::Instant;
 use pyo3::exceptions::{PyRecursionError, PyRuntimeError};
 use pyo3::prelude::*;
 use pyo3::types::PyString;
-use skysink::run::options::label;
+use skysink::run::options::parse_label;
 use skysink_common::message::{Plan, QueuesHeader};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
@@ -22,7 +22,7 @@ use crate::run::{PyRun, RunRecorder};
 use crate::scenario::PyScenario;
 use crate::signals::interruptible;
 
-/// Flies a mission in this process: by a strategy of Skysink, given by its name, or by one in Python.
+/// Simulates a mission in this process, with a built-in strategy, given by name, or a Python strategy.
 #[pyfunction]
 #[pyo3(signature = (scenario, strategy = None, *, seed = None, label = None))]
 pub fn simulate(
@@ -44,12 +44,12 @@ pub fn simulate(
     }
 }
 
-/// What a mission may be booked as: a name of its own.
+/// Checks the label of a mission.
 pub fn checked_label(text: &str) -> PyResult<String> {
     let is_taken = Registered::find(text).is_some();
-    match label(text) {
+    match parse_label(text) {
         Ok(label) if !is_taken => Ok(label),
-        Ok(_) => Err(refused(format!("label {text:?}: it is a strategy of Skysink: expected another"))),
+        Ok(_) => Err(refused(format!("label {text:?}: it is the name of a built-in strategy: expected another name"))),
         Err(expected) => Err(refused(format!("label {text:?}: {expected}"))),
     }
 }
@@ -66,14 +66,14 @@ fn by_registry(scenario: PyScenario, list: SensorList, stop: &Stop) -> Result<Py
     Ok(recorder.end(scenario, list, mission.field(), begin.elapsed(), None))
 }
 
-/// Missions in missions: a strategy may fly some.
+/// Counts nested missions: a strategy may simulate missions.
 struct Depth;
 
 impl Depth {
-    /// More of them would not fit onto the stack.
+    /// Maximum depth, limited by the stack.
     const MOST: u32 = 10;
 
-    /// How many there are on this thread.
+    /// The depth on this thread.
     fn on_thread(change: impl FnOnce(u32) -> u32) -> u32 {
         thread_local!(static DEPTH: Cell<u32> = const { Cell::new(0) });
         DEPTH.with(|depth| {
@@ -86,7 +86,7 @@ impl Depth {
         let depth = Self::on_thread(|depth| depth + 1);
         let entered = Self; // counts down when it is dropped
         if depth > Self::MOST {
-            return Err(PyRecursionError::new_err("a mission in a mission in a mission ...: expected at most ten"));
+            return Err(PyRecursionError::new_err("nested missions: expected a depth of at most ten"));
         }
         Ok(entered)
     }
@@ -117,7 +117,7 @@ fn by_python(
     Ok(recorder.end(scenario, list, plant.field(), begin.elapsed(), Some(label)))
 }
 
-/// Flies a whole mission by a strategy in Python, each slot told to `on_slot`.
+/// Simulates a mission with a Python strategy, and calls `on_slot` for each slot.
 pub fn fly(
     py: Python<'_>,
     pilot: &mut Pilot,

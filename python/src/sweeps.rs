@@ -1,4 +1,4 @@
-//! Sweeps and comparisons whose missions are flown by any executor.
+//! Sweeps and comparisons whose missions any executor can run.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use skysink_lab::metrics::{MetricValues, MissionMeter};
 use skysink_lab::sweep;
 use skysink_lab::sweep::folder::SweepRecord;
 use skysink_lab::sweep::journal::{MissionRow, MissionRows, SweepJournal};
-use skysink_lab::sweep::plan::{MissionKey, OutsideStrategy, Shard, Sweep, SweepBase};
+use skysink_lab::sweep::plan::{ExternalStrategy, MissionKey, Shard, Sweep, SweepBase};
 use skysink_lab::sweep::results::mission_columns;
 use toml::Table;
 
@@ -44,30 +44,30 @@ fn rows(all: Vec<Row>) -> PyResult<MissionRows> {
     all.into_iter().map(|one| row(one).map(|row| (row.key, row))).collect()
 }
 
-/// A sweep that can be flown.
+/// A sweep with its scenarios.
 #[pyclass(name = "SweepPlan", module = "skysink", frozen)]
 pub struct PySweepPlan(Sweep);
 
 #[pymethods]
 impl PySweepPlan {
-    /// The sweep of a file; `outside` are the names and versions of its strategies in Python.
+    /// Reads a sweep file; `external` are the names and versions of its Python strategies.
     #[staticmethod]
-    fn read(path: PathBuf, outside: Vec<(String, String)>) -> PyResult<Self> {
-        Sweep::read(&path, strategies(outside)).map(Self).map_err(of_lab)
+    fn read(path: PathBuf, external: Vec<(String, String)>) -> PyResult<Self> {
+        Sweep::read(&path, strategies(external)).map(Self).map_err(of_lab)
     }
 
-    /// The sweep of strategies over the fields of a scenario, which has one point.
+    /// The sweep of strategies over one scenario.
     #[staticmethod]
     fn compare(
         scenario: &Bound<'_, PyScenario>,
         names: Vec<String>,
         seeds: Vec<u64>,
-        outside: Vec<(String, String)>,
+        external: Vec<(String, String)>,
     ) -> PyResult<Self> {
         let scenario = &scenario.get().scenario;
-        let table = scenario.to_toml().parse::<Table>().expect("it was just written");
+        let table = scenario.to_toml().parse::<Table>().expect("it has just been written");
         let base = SweepBase { path: scenario.path.clone(), table };
-        let sweep = Sweep::new(Path::new("comparison"), base, Table::new(), names, seeds, strategies(outside));
+        let sweep = Sweep::new(Path::new("comparison"), base, Table::new(), names, seeds, strategies(external));
         sweep.map(Self).map_err(of_lab)
     }
 
@@ -82,12 +82,12 @@ impl PySweepPlan {
         missions.map(|MissionKey { point, strategy, seed }| (point, strategy, seed)).collect()
     }
 
-    /// The folder of the sweep, which this process then has to itself.
+    /// Opens and locks the folder of the sweep.
     fn open(&self, out: PathBuf) -> PyResult<PySweepRecord> {
         SweepRecord::open(&self.0, &out, Shard::WHOLE).map(|record| PySweepRecord(Some(record))).map_err(of_lab)
     }
 
-    /// Flies these missions, one after the other; `strategies` makes those in Python, by name.
+    /// Runs these missions one after another. `strategies` creates the Python strategies by name.
     fn fly(&self, py: Python<'_>, missions: Vec<Key>, strategies: HashMap<String, Py<PyAny>>) -> PyResult<Vec<Row>> {
         let fly_one = |mission: Key| {
             let name = &self.0.definition.strategies[mission.1];
@@ -100,18 +100,18 @@ impl PySweepPlan {
         missions.into_iter().map(fly_one).collect()
     }
 
-    /// Flies what is missing on `threads` threads of this process, where all strategies are Skysink's.
+    /// Runs the missing missions on `threads` threads of this process, for built-in strategies only.
     fn fly_all(&self, py: Python<'_>, out: PathBuf, threads: usize) -> PyResult<PyTable> {
         let journal = interruptible(py, |stop| sweep::sweep(&self.0, &out, Shard::WHOLE, threads, stop, &|_| ()))?;
         self.table(&journal.map_err(of_lab)?)
     }
 
-    /// How the strategies of a comparison stand by all metrics.
+    /// All metrics of the strategies of a comparison.
     fn standings<'py>(&self, py: Python<'py>, all: Vec<Row>) -> PyResult<Bound<'py, PyAny>> {
         json(py, &of_contenders(&Contender::of_sweep(&self.0.definition, &rows(all)?)))
     }
 
-    /// Writes the results of the folder that `record` has, and returns them.
+    /// Writes the results into the folder of `record`, and returns them.
     fn finish(&self, py: Python<'_>, record: &Bound<'_, PySweepRecord>) -> PyResult<PyTable> {
         let record = record.borrow_mut().0.take().ok_or_else(|| refused("the sweep is finished"))?;
         self.table(&interruptible(py, |stop| record.finish(stop))?.map_err(of_lab)?)
@@ -139,7 +139,7 @@ impl PySweepPlan {
     }
 }
 
-/// The folder of a sweep under way.
+/// The locked folder of a running sweep.
 #[pyclass(name = "SweepRecord", module = "skysink")]
 pub struct PySweepRecord(Option<SweepRecord>);
 
@@ -151,19 +151,19 @@ impl PySweepRecord {
         missing.map(|MissionKey { point, strategy, seed }| (point, strategy, seed)).collect()
     }
 
-    /// Adds a mission; it is on record when this returns, whatever happens to the process.
+    /// Adds a mission. When this returns, it survives a crash of the process.
     fn add(&mut self, mission: Row) -> PyResult<()> {
         let row = row(mission)?;
         let record = self.0.as_mut().ok_or_else(|| refused("the sweep is finished: expected no more missions"))?;
         record.add(&row).map_err(of_lab)
     }
 
-    /// Gives the folder free; a sweep that is not finished can be resumed.
+    /// Releases the folder. An unfinished sweep can be resumed.
     fn close(&mut self) {
         self.0 = None;
     }
 }
 
-fn strategies(outside: Vec<(String, String)>) -> Vec<OutsideStrategy> {
-    outside.into_iter().map(|(name, version)| OutsideStrategy { name, version }).collect()
+fn strategies(external: Vec<(String, String)>) -> Vec<ExternalStrategy> {
+    external.into_iter().map(|(name, version)| ExternalStrategy { name, version }).collect()
 }

@@ -1,4 +1,4 @@
-//! `skysink.Table`: columns that other libraries take over without a copy, by Arrow's C data interface.
+//! `skysink.Table`: columns that other libraries import without a copy, by Arrow's C data interface.
 
 use std::ffi::CStr;
 use std::sync::Arc;
@@ -19,13 +19,13 @@ use pyo3::types::{PyBytes, PyCapsule, PyList};
 use crate::errors::refused;
 use crate::field::read_only;
 
-/// The name by which Arrow's consumers know the capsule.
+/// The name of the capsule in Arrow's interface.
 const STREAM: &CStr = c"arrow_array_stream";
 
-/// Columns that other libraries take over without a copy, by Arrow's C stream interface.
+/// A table of columns that other libraries import without a copy, by Arrow's C stream interface.
 ///
-/// ``polars.DataFrame(table)``, ``pyarrow.table(table)`` and others take it as it is. ``table["name"]`` is a
-/// NumPy array over the same memory, read-only; a list where a column holds text or lists.
+/// ``polars.DataFrame(table)``, ``pyarrow.table(table)`` and others accept it. ``table["name"]`` is a
+/// read-only NumPy array over the same memory, or a list for columns with text or lists.
 #[pyclass(name = "Table", module = "skysink", frozen)]
 pub struct PyTable(RecordBatch);
 
@@ -80,7 +80,7 @@ impl PyTable {
         py: Python<'py>,
         requested_schema: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyCapsule>> {
-        let _ = requested_schema; // a wish, which a producer may leave to its consumer
+        let _ = requested_schema; // optional: a producer may ignore it
         let batches = RecordBatchIterator::new([Ok(self.0.clone())], self.0.schema());
         PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(Box::new(batches)), STREAM)
     }

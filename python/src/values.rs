@@ -1,11 +1,11 @@
-//! Python's values as those of a scenario file, and back.
+//! Converts Python values to values of a scenario file, and back.
 
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString};
 use toml::Value;
 
-/// Lists and tables in each other, at most: more than any key has.
+/// Maximum depth of nested lists and tables; no key has more.
 const MAX_DEPTH: usize = 8;
 
 /// A value of a scenario: a number, text, or a list or table of them.

@@ -178,7 +178,7 @@ def test_it_ends_with_its_launcher(place: Path) -> None:
         [sys.executable, "mine.py"], cwd=place, capture_output=True, text=True, timeout=60,
         env={**os.environ, "SKYSINK_RING": found[1]},
     )  # fmt: skip
-    assert "there is a planner already" in second.stderr
+    assert "another planner is running" in second.stderr
     process.kill()
     process.wait(TIMEOUT_S)
     assert planner.wait(TIMEOUT_S) != 0

@@ -9,42 +9,43 @@ use skysink_common::message::{FLAG_END, FLAG_REPEAT, SlotHeader};
 use crate::cleanup::remove_dead_nodes;
 use crate::refusals::Refusal;
 use crate::sample::{Header, Payload};
-use crate::topic::Shared;
+use crate::topic::TopicShared;
 
-/// The writers that a reader knows.
+/// The admitted writer of a topic.
 #[derive(Debug, Default)]
 pub(crate) struct Admission {
-    /// The writer that is heard, and the last that it sent. A link to other hosts writes for all of their processes.
+    /// The admitted writer, and the order of its last sample. A link writes for all processes of other hosts.
     writer: Option<(UniquePublisherId, u64)>,
-    /// The restart count of the process that is heard.
+    /// The restart count of the admitted process.
     epoch: u32,
-    /// The last other writer that was refused while the one that is heard was there.
+    /// The last other writer that was refused while the admitted one was attached.
     second_writer: Option<UniquePublisherId>,
 }
 
-/// What becomes of a sample.
-pub(crate) enum Entry {
-    Known,
-    /// The writer before it is gone. What that one sent still counts: the new one repeats it.
-    New,
-    /// Its slot may have passed already: its writer has sent it, or a later one, before.
+/// How a sample is treated.
+pub(crate) enum Verdict {
+    /// The next sample of the admitted writer.
+    Next,
+    /// The first sample of a new writer, whose predecessor is gone. Samples of the predecessor stay valid: the new writer
+    /// repeats them.
+    NewWriter,
+    /// A slot that its writer has sent before, or that comes after a later one.
     Repeated,
     Refused,
 }
 
 impl Admission {
-    /// Whether the sample of `publisher` on `topic` is admitted; `limit` is the last slot that can have been reached,
-    /// if that is known.
+    /// Decides on a sample of `publisher` on `topic`. `limit` is the last slot that the ring can have reached, if known.
     pub(crate) fn check<S: Service + 'static, P: Payload + ?Sized, H: Header>(
         &mut self,
-        topic: &Shared<S, P, H>,
+        topic: &TopicShared<S, P, H>,
         publisher: UniquePublisherId,
         header: &SlotHeader,
         limit: Option<u64>,
-    ) -> Entry {
+    ) -> Verdict {
         let refuse = |refusal| {
             topic.member.refusals.add(topic.row.name, header.slot, refusal, 1);
-            Entry::Refused
+            Verdict::Refused
         };
         if header.mission != topic.member.terms.mission {
             return refuse(Refusal::Mission);
@@ -55,16 +56,16 @@ impl Admission {
         let order = order(header);
         let is_linked = topic.member.terms.link.is_some();
         match &mut self.writer {
-            // Behind a link, a process that was started again has the writer of the one before it; and a link that was
-            // started again brings samples once more.
+            // Behind a link, a restarted process has the writer of its predecessor, and a restarted link sends samples
+            // again.
             Some((writer, _)) if is_linked && *writer == publisher && header.epoch > self.epoch => {}
             Some((writer, last)) if *writer == publisher => {
-                if order < *last || order == *last && !topic.row.several {
+                if order < *last || order == *last && !topic.row.has_several_per_slot {
                     let is_repeated = is_linked || header.flags & FLAG_REPEAT != 0;
-                    return if is_repeated { Entry::Repeated } else { refuse(Refusal::OldSlot) };
+                    return if is_repeated { Verdict::Repeated } else { refuse(Refusal::OldSlot) };
                 }
                 *last = order;
-                return Entry::Known;
+                return Verdict::Next;
             }
             Some((writer, _)) => {
                 let writer = *writer;
@@ -76,7 +77,7 @@ impl Admission {
                     return refuse(Refusal::SecondWriter);
                 }
                 if !writes(topic, publisher) {
-                    return Entry::Refused; // both are dead: whoever comes next sends it again
+                    return Verdict::Refused; // both are dead: the next writer repeats the sample
                 }
             }
             None => {}
@@ -84,17 +85,16 @@ impl Admission {
         self.writer = Some((publisher, order));
         self.epoch = header.epoch;
         self.second_writer = None;
-        Entry::New
+        Verdict::NewWriter
     }
 }
 
-/// How long a dead writer may stay listed while another process removes what it has left behind; that takes up to 26
-/// ms.
+/// How long a dead writer may stay listed while another process removes its resources, which takes up to 26 ms.
 const REMOVAL: Duration = Duration::from_millis(50);
 
-/// Whether a writer is attached to the topic and no dead process's.
+/// Whether a writer is attached to the topic, and its process is alive.
 fn is_alive<S: Service + 'static, P: Payload + ?Sized, H: Header>(
-    topic: &Shared<S, P, H>,
+    topic: &TopicShared<S, P, H>,
     writer: UniquePublisherId,
 ) -> bool {
     let begin = Instant::now();
@@ -102,7 +102,7 @@ fn is_alive<S: Service + 'static, P: Payload + ?Sized, H: Header>(
         if begin.elapsed() > REMOVAL {
             return true;
         }
-        remove_dead_nodes::<S>(&topic.config); // in vain while another process does so
+        remove_dead_nodes::<S>(&topic.config); // no effect while another process does it
         std::thread::sleep(Duration::from_millis(1));
     }
     false
@@ -110,7 +110,7 @@ fn is_alive<S: Service + 'static, P: Payload + ?Sized, H: Header>(
 
 /// Whether a writer is attached to the topic.
 fn writes<S: Service + 'static, P: Payload + ?Sized, H: Header>(
-    topic: &Shared<S, P, H>,
+    topic: &TopicShared<S, P, H>,
     writer: UniquePublisherId,
 ) -> bool {
     let mut found = false;
@@ -121,7 +121,7 @@ fn writes<S: Service + 'static, P: Payload + ?Sized, H: Header>(
     found
 }
 
-/// The order in which a writer sends: slot by slot; the end comes after the last slot.
+/// Sort key of the samples of a writer: by slot, with the end of the mission after the last slot.
 pub(crate) fn order(header: &SlotHeader) -> u64 {
     header.slot.saturating_mul(2).saturating_add(u64::from(header.flags & FLAG_END))
 }

@@ -1,8 +1,8 @@
-//! Cleans up after processes that were killed: iceoryx2 frees what they held when it is asked to, but not everything.
+//! Removal of the resources of killed processes. iceoryx2 frees them on request, but not all.
 //!
-//! iceoryx2 makes a piece of shared memory write-only, sets its size, fills it, and then makes it readable. A process
-//! that opens one whose maker has died before the size was set waits for ever, and a second for one that is not
-//! readable. So the janitor runs beside the launcher's own work, which may be what waits.
+//! iceoryx2 creates shared memory write-only, sets its size, fills it, and then makes it readable. Opening memory whose
+//! creator died before the size was set blocks for ever, and opening memory that is not readable blocks for a second.
+//! So the janitor runs in its own thread: the launcher itself may be blocked.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -17,23 +17,24 @@ use iceoryx2::prelude::{CallbackProgression, Config, Node, NodeState, SemanticSt
 
 use crate::folder::{RingFolder, SHARED_MEMORY};
 
-/// Frees what processes that died have left behind; a writer would wait for their buffers for ever.
+/// Removes the resources of dead processes, whose buffers would block a writer for ever.
 pub fn remove_dead_nodes<S: Service>(config: &Config) {
     let _ = Node::<S>::list(config, |state| {
         if let NodeState::Dead(node) = state {
-            let _ = node.try_remove_stale_resources(); // another process may have been quicker
+            let _ = node.try_remove_stale_resources(); // another process may have removed them
         }
         CallbackProgression::Continue
     });
 }
 
-/// The same, and removes what iceoryx2 leaves of a process that was killed while it joined: a node without details,
-/// which would be looked at again by every process that joins. To be done by one process of the ring.
+/// As [`remove_dead_nodes`], and also removes nodes without details: iceoryx2 leaves those of processes that were killed
+/// while joining, and every joining process would scan them again. Only one process of the ring may call it.
 pub(crate) fn purge_dead_nodes<S: Service>(config: &Config) {
     let _ = Node::<S>::list(config, |state| {
         if let NodeState::Dead(node) = state {
-            let (id, bare) = (node.id().value(), node.details().is_none());
-            if node.try_remove_stale_resources().is_err() && bare {
+            let id = node.id().value();
+            let has_no_details = node.details().is_none();
+            if node.try_remove_stale_resources().is_err() && has_no_details {
                 remove_files(config, id);
             }
         }
@@ -41,7 +42,7 @@ pub(crate) fn purge_dead_nodes<S: Service>(config: &Config) {
     });
 }
 
-/// Whether no other process lives that uses the same services.
+/// Whether no other process uses the same services.
 pub(crate) fn is_only_node<S: Service>(own: &Node<S>) -> bool {
     let mut is_only = true;
     let _ = Node::<S>::list(own.config(), |state| {
@@ -63,13 +64,13 @@ fn remove_files(config: &Config, id: u128) {
     }
 }
 
-/// How often the janitor scans.
-const ROUND: Duration = Duration::from_millis(40);
+/// Period of the janitor's scans.
+const SCAN_PERIOD: Duration = Duration::from_millis(40);
 
-/// Rounds in which a piece is unfinished before it counts as abandoned: a living maker needs microseconds.
-const MAX_ROUNDS: u32 = 3;
+/// Scans that find a file unfinished before it counts as abandoned; a running creator needs microseconds.
+const MAX_SCANS: u32 = 3;
 
-/// Watches over the shared memory of a ring until it is dropped.
+/// A thread that removes abandoned shared memory of a ring until it is dropped.
 #[derive(Debug)]
 pub struct Janitor {
     end: Option<Sender<()>>,
@@ -77,15 +78,15 @@ pub struct Janitor {
 }
 
 impl Janitor {
-    /// Begins to watch over the ring of `folder`.
+    /// Starts the thread for the ring of `folder`.
     #[must_use]
-    pub fn of(folder: &RingFolder) -> Self {
+    pub fn start(folder: &RingFolder) -> Self {
         let (end, ended) = channel();
         let prefix = folder.prefix();
         let thread = std::thread::spawn(move || {
             let mut unfinished = BTreeMap::new();
-            while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(ROUND) {
-                unfinished = tidy(Path::new(SHARED_MEMORY), &prefix, &unfinished);
+            while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(SCAN_PERIOD) {
+                unfinished = remove_abandoned(Path::new(SHARED_MEMORY), &prefix, &unfinished);
             }
         });
         Self { end: Some(end), thread: Some(thread) }
@@ -101,21 +102,22 @@ impl Drop for Janitor {
     }
 }
 
-/// One round: removes what has been unfinished for too long; returns what is, with the rounds.
-fn tidy(folder: &Path, prefix: &str, before: &BTreeMap<PathBuf, u32>) -> BTreeMap<PathBuf, u32> {
+/// Scans once: removes files that were unfinished in [`MAX_SCANS`] scans, and returns the other unfinished ones, each
+/// with its number of scans. `before` is the result of the last scan.
+fn remove_abandoned(folder: &Path, prefix: &str, before: &BTreeMap<PathBuf, u32>) -> BTreeMap<PathBuf, u32> {
     const OWNER_READ: u32 = 0o400;
     let mut unfinished = BTreeMap::new();
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-        let ours = entry.file_name().to_string_lossy().starts_with(prefix);
-        if !ours || entry.metadata().is_ok_and(|file| file.mode() & OWNER_READ != 0) {
+        let is_of_ring = entry.file_name().to_string_lossy().starts_with(prefix);
+        if !is_of_ring || entry.metadata().is_ok_and(|file| file.mode() & OWNER_READ != 0) {
             continue;
         }
         let path = entry.path();
-        let rounds = before.get(&path).map_or(1, |rounds| rounds + 1);
-        if rounds < MAX_ROUNDS {
-            unfinished.insert(path, rounds);
+        let scans = before.get(&path).map_or(1, |scans| scans + 1);
+        if scans < MAX_SCANS {
+            unfinished.insert(path, scans);
         } else {
-            let _ = fs::remove_file(path); // its maker may have been alive after all
+            let _ = fs::remove_file(path); // its creator may have removed it
         }
     }
     unfinished
@@ -127,7 +129,7 @@ mod tests {
     use std::os::unix::fs::PermissionsExt;
 
     #[test]
-    fn what_stays_unfinished_is_removed_and_nothing_else() {
+    fn only_files_that_stay_unfinished_are_removed() {
         let folder = tempfile::tempdir().unwrap();
         let file = |name: &str, mode: u32| {
             let path = folder.path().join(name);
@@ -135,14 +137,16 @@ mod tests {
             fs::set_permissions(&path, fs::Permissions::from_mode(mode)).unwrap();
             path
         };
-        let (mine, late) = (file("sky1_a.connection", 0o200), file("sky1_b.connection", 0o200));
-        let (whole, other) = (file("sky1_c.data", 0o600), file("sky2_a.connection", 0o200));
-        let mut unfinished = tidy(folder.path(), "sky1_", &BTreeMap::new());
-        unfinished = tidy(folder.path(), "sky1_", &unfinished);
-        assert!(mine.exists());
+        let abandoned = file("sky1_a.connection", 0o200);
+        let late = file("sky1_b.connection", 0o200);
+        let finished = file("sky1_c.data", 0o600);
+        let of_other_ring = file("sky2_a.connection", 0o200);
+        let mut unfinished = remove_abandoned(folder.path(), "sky1_", &BTreeMap::new());
+        unfinished = remove_abandoned(folder.path(), "sky1_", &unfinished);
+        assert!(abandoned.exists());
         fs::set_permissions(&late, fs::Permissions::from_mode(0o600)).unwrap();
-        unfinished = tidy(folder.path(), "sky1_", &unfinished);
+        unfinished = remove_abandoned(folder.path(), "sky1_", &unfinished);
         assert!(unfinished.is_empty());
-        assert_eq!([mine, late, whole, other].map(|path| path.exists()), [false, true, true, true]);
+        assert_eq!([abandoned, late, finished, of_other_ring].map(|path| path.exists()), [false, true, true, true]);
     }
 }

@@ -1,4 +1,4 @@
-//! Why a ring cannot be used, and why one of its processes ends early.
+//! Errors of a ring and of its processes.
 
 use std::fmt::{Debug, Display};
 use std::io;
@@ -10,10 +10,10 @@ use skysink_common::stop::Stopped;
 /// Why a ring cannot be used; the display is one line that names the remedy where there is one.
 #[derive(Debug, thiserror::Error)]
 pub enum RingError {
-    /// The folder is not that of a running ring, the ring flies something else, or another process has the seat.
+    /// The folder is not that of a running ring, the ring flies another mission, or another process has the role.
     #[error(transparent)]
     Folder(#[from] InputError),
-    /// A signal asked for the end while a full buffer was waited for.
+    /// A signal requested the stop during a wait for a full buffer.
     #[error(transparent)]
     Stopped(#[from] Stopped),
     /// A process cannot save its state, or restore it.
@@ -21,27 +21,27 @@ pub enum RingError {
     Journal {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The error of the system.
         source: io::Error,
     },
-    /// A reader is stuck.
+    /// A reader does not take its samples.
     #[error(
         "topic {topic}: a reader has not taken its samples for {seconds:.1} s: is one stopped, or the viewer too slow?"
     )]
     Full {
         /// The topic.
         topic: &'static str,
-        /// How long it was waited for.
+        /// Time waited [s].
         seconds: f64,
     },
-    /// iceoryx2 refuses.
+    /// An operation of iceoryx2 failed.
     #[error("topic {topic}: cannot {action}: {detail}")]
     Topic {
         /// The topic, or `ring`.
         topic: &'static str,
-        /// What was tried.
+        /// The operation.
         action: &'static str,
-        /// What iceoryx2 says.
+        /// The error of iceoryx2.
         detail: String,
     },
 }
@@ -69,26 +69,26 @@ impl RingError {
 /// Why a process of the ring ends before the mission does.
 #[derive(Debug, thiserror::Error)]
 pub enum NodeError {
-    /// A signal asked for it.
+    /// A signal requested the stop.
     #[error(transparent)]
     Stopped(#[from] Stopped),
-    /// A process does not send what is due; everybody else waits for it.
+    /// A process does not send the sample that the others wait for.
     #[error("{from} has not sent {what} for {seconds} s: is it running? If it is slow, raise --timeout")]
     TimedOut {
-        /// What did not come.
+        /// The sample.
         what: String,
-        /// Who should have sent it.
+        /// The process that should have sent it.
         from: &'static str,
-        /// How long it was waited for.
+        /// Time waited [s].
         seconds: f64,
     },
-    /// Nobody supervises the ring any more.
+    /// The launcher has ended.
     #[error("skysink run has ended")]
     Orphaned,
     /// The viewer cannot record.
     #[error(transparent)]
     Recording(Box<dyn std::error::Error + Send + Sync>),
-    /// A peer sent what cannot be.
+    /// A peer sent an impossible sample.
     #[error("{0}")]
     Peer(String),
     /// The ring cannot be used.

@@ -1,7 +1,7 @@
-//! The folder of a ring: made by the launcher, named to the other processes, removed with everything in it.
+//! The folder of a ring: created by the launcher, opened by the other processes, and removed with its contents.
 //!
-//! Beside it lies a lock file that the launcher holds as long as it lives, so that the processes notice its death and
-//! the next launcher clears what it left.
+//! The launcher holds a lock file beside it. By that the processes notice its death, and the next launcher removes the
+//! folder.
 
 use std::fmt::Debug;
 use std::fs::{self, DirBuilder, File, OpenOptions, TryLockError};
@@ -21,10 +21,10 @@ use crate::wait::{PAUSE, Waiting};
 use skysink_common::estimate::Rates;
 use skysink_common::pace::Pace;
 
-/// Where iceoryx2 keeps its shared memory on Linux.
+/// The shared memory of iceoryx2 on Linux.
 pub const SHARED_MEMORY: &str = "/dev/shm";
 
-/// `iceoryx2.toml`, as far as a run has its own.
+/// The keys of `iceoryx2.toml` that a run sets.
 #[derive(Serialize)]
 struct Domain {
     global: Global,
@@ -32,7 +32,7 @@ struct Domain {
     defaults: Option<Defaults>,
 }
 
-/// What ports have that ask for nothing else, as those of a link do.
+/// Defaults of ports, such as those of a link.
 #[derive(Serialize)]
 #[serde(rename_all = "kebab-case")]
 struct Defaults {
@@ -52,64 +52,65 @@ struct Global {
     prefix: String,
 }
 
-/// The folder of a ring. The launcher's is removed with everything in it when it is dropped.
+/// The folder of a ring. That of the launcher is removed with its contents on drop.
 #[derive(Debug)]
 pub struct RingFolder {
     path: PathBuf,
     terms: Terms,
-    /// The launcher's: held locked.
+    /// The locked file; `None` except in the launcher.
     lock: Option<File>,
 }
 
 impl RingFolder {
-    /// Makes a folder for a new ring, and clears those whose launcher has died.
+    /// Creates the folder of a new ring, and removes the folders of dead launchers.
     ///
     /// # Errors
-    /// If the folder cannot be made.
+    /// If the folder cannot be created.
     pub fn create(
         pace: Pace,
         wait: Waiting,
         timeout_s: f64,
         viewer: bool,
-        told: Option<Rates>,
+        estimated: Option<Rates>,
     ) -> Result<Self, RingError> {
         let home = prepare_home()?;
         loop {
             let mission = rand::rng().random();
-            let terms = Terms { mission, pace, wait, timeout_s, viewer, told, link: None };
-            if let Some(folder) = Self::make(&home, terms)? {
+            let terms = Terms { mission, pace, wait, timeout_s, viewer, estimated, link: None };
+            if let Some(folder) = Self::create_in(&home, terms)? {
                 return Ok(folder);
             }
         }
     }
 
-    /// Makes a folder for the processes of this host in the ring of another, of which `file` is a copy of `ring.toml`.
+    /// Creates the folder for the processes of this host in the ring of another host. `file` is a copy of its
+    /// `ring.toml`.
     ///
     /// # Errors
-    /// If the ring has no link to other hosts, it is here already, or the folder cannot be made.
+    /// If the ring has no link to other hosts, this host has joined it already, or the folder cannot be created.
     pub fn join(file: &Path) -> Result<Self, RingError> {
         let terms = Terms::read(file).map_err(|message| RingError::folder(file, message))?;
         if terms.link.is_none() {
             return Err(RingError::folder(file, "it has no link to other hosts: expected that of skysink run --link"));
         }
-        let here = || RingError::folder(file, "this host has joined it already: end that skysink join first");
-        Self::make(&prepare_home()?, terms)?.ok_or_else(here)
+        let refusal = || RingError::folder(file, "this host has joined it already: end that skysink join first");
+        Self::create_in(&prepare_home()?, terms)?.ok_or_else(refusal)
     }
 
-    /// Makes the folder of a ring; none if there is one of that name.
-    fn make(home: &Path, terms: Terms) -> Result<Option<Self>, RingError> {
+    /// Creates the folder of a ring; `None` if one of that name exists.
+    fn create_in(home: &Path, terms: Terms) -> Result<Option<Self>, RingError> {
         let path = home.join(format!("{:08x}", terms.mission >> 32));
         let lock = lock_new(&lock_path(&path)).map_err(|error| RingError::folder(home, error))?;
         let Some(lock) = lock else { return Ok(None) };
         let folder = Self { path, terms, lock: Some(lock) };
-        folder.furnish().map_err(|error| RingError::folder(&folder.path, error))?;
+        folder.create_files().map_err(|error| RingError::folder(&folder.path, error))?;
         Ok(Some(folder))
     }
 
-    /// Lets a link carry the samples to other hosts; to be done before any process joins.
+    /// Enables a link that carries the samples to other hosts. Must be called before any process joins.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the files cannot be written.
     pub fn link(&mut self, terms: LinkTerms) -> Result<(), RingError> {
         self.terms.link = Some(terms);
         let files = [self.path.join(DOMAIN), self.path.join(TERMS)];
@@ -117,10 +118,10 @@ impl RingFolder {
         rewritten.map_err(|error| RingError::folder(&self.path, error))
     }
 
-    /// The folder that a launcher has made.
+    /// Opens the folder of a running launcher.
     ///
     /// # Errors
-    /// If it is none.
+    /// If `path` is not such a folder.
     pub fn open(path: &Path) -> Result<Self, RingError> {
         const EXPECTED: &str = "expected the folder that skysink run prints";
         let refuse = |message: String| RingError::folder(path, message);
@@ -135,26 +136,26 @@ impl RingFolder {
         &self.path
     }
 
-    /// What the run has agreed on.
+    /// The terms of the run.
     #[must_use]
     pub fn terms(&self) -> Terms {
         self.terms
     }
 
-    /// The run's own iceoryx2 domain.
+    /// The iceoryx2 configuration of the run.
     ///
     /// # Errors
-    /// If the folder has lost its configuration.
+    /// If the file is missing or invalid.
     pub fn config(&self) -> Result<Config, RingError> {
         Config::from_file(&self.config_file()?).map_err(|error| self.refuse_config(&error))
     }
 
-    /// Makes the run's domain that of the whole process, which iceoryx2 needs to clear up after the dead. Must be the
-    /// process's first use of iceoryx2.
+    /// Makes the configuration of the run the global one of this process, which iceoryx2 needs to clean up after dead
+    /// processes. Must be the first use of iceoryx2 in the process.
     ///
     /// # Errors
-    /// If the folder has lost its configuration.
-    pub fn install(&self) -> Result<(), RingError> {
+    /// If the file is missing or invalid.
+    pub fn set_global_config(&self) -> Result<(), RingError> {
         let installed = Config::setup_global_config_from_file(&self.config_file()?);
         installed.map(drop).map_err(|error| self.refuse_config(&error))
     }
@@ -168,10 +169,10 @@ impl RingFolder {
         RingError::folder(&self.path, format_args!("{DOMAIN}: {error:?}"))
     }
 
-    /// The file that the launcher holds locked as long as it lives; none in the launcher itself.
+    /// The lock file of the launcher; `None` in the launcher itself.
     ///
     /// # Errors
-    /// If the file is gone, and the run with it.
+    /// If the file is missing: the run has ended.
     pub(crate) fn supervisor(&self) -> Result<Option<File>, RingError> {
         if self.lock.is_some() {
             return Ok(None);
@@ -180,17 +181,17 @@ impl RingFolder {
         File::open(lock_path(&self.path)).map(Some).map_err(refuse)
     }
 
-    /// The file of the journal `name`.
+    /// The path of the journal `name`.
     #[must_use]
     pub fn journal(&self, name: &str) -> PathBuf {
         self.path.join(format!("{name}.journal"))
     }
 
-    /// Closes iceoryx2's counter of processes, which it makes for every user, to all but the owner.
+    /// Restricts iceoryx2's process counter, which is created writable for every user, to the owner.
     ///
     /// # Errors
-    /// If the system refuses.
-    pub(crate) fn close_counter(&self) -> io::Result<()> {
+    /// If the permissions cannot be changed.
+    pub(crate) fn restrict_process_counter(&self) -> io::Result<()> {
         for entry in fs::read_dir(SHARED_MEMORY)?.flatten() {
             let name = entry.file_name().to_string_lossy().into_owned();
             if name.starts_with(&self.prefix()) && name.ends_with(".global_mgmt") {
@@ -206,27 +207,27 @@ impl RingFolder {
         prefix(&self.path)
     }
 
-    /// Notes the folder in which the mission is put on record, for whoever looks for its ring.
+    /// Writes the path of the run folder, by which `skysink topics` finds the ring of a run.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub fn note_record(&self, folder: &Path) -> Result<(), RingError> {
-        let note = || write_private(&self.path.join(RECORD), &fs::canonicalize(folder)?.to_string_lossy());
-        note().map_err(|error| RingError::folder(&self.path, error))
+    pub fn write_record_path(&self, folder: &Path) -> Result<(), RingError> {
+        let write = || write_private(&self.path.join(RECORD), &fs::canonicalize(folder)?.to_string_lossy());
+        write().map_err(|error| RingError::folder(&self.path, error))
     }
 
-    /// Makes the folder, with what the other processes read.
-    fn furnish(&self) -> io::Result<()> {
+    /// Creates the folder and its files.
+    fn create_files(&self) -> io::Result<()> {
         DirBuilder::new().mode(0o700).create(&self.path)?;
         DirBuilder::new().mode(0o700).create(self.path.join("config"))?;
         self.write_terms()
     }
 
-    /// Writes what the other processes read.
+    /// Writes the files that the other processes read.
     fn write_terms(&self) -> io::Result<()> {
         let path = self.path.to_str().ok_or(io::ErrorKind::InvalidFilename)?;
         let global = Global { root_path: format!("{path}/"), prefix: self.prefix() };
-        // A link never waits for a reader: what one misses comes again.
+        // A link never waits for a reader: missed samples are repeated.
         let ports = PortDefaults { backpressure_strategy: BackpressureStrategy::DiscardData };
         let defaults = self.terms.link.map(|_| Defaults { publish_subscribe: ports });
         let domain = toml::to_string(&Domain { global, defaults }).expect("plain keys and values");
@@ -244,8 +245,8 @@ impl Drop for RingFolder {
     }
 }
 
-/// Where the rings of this user are: in the folder for temporary files, or in `/tmp` if that has a path that iceoryx2
-/// does not take.
+/// The parent folder of this user's rings: in the folder for temporary files, or in `/tmp` if iceoryx2 does not accept
+/// that path.
 #[must_use]
 pub fn home() -> PathBuf {
     let user = format!("skysink-{}", rustix::process::getuid().as_raw());
@@ -253,21 +254,21 @@ pub fn home() -> PathBuf {
     if std::env::temp_dir().is_dir() && is_usable(&home.join("12345678")) { home } else { Path::new("/tmp").join(user) }
 }
 
-/// Whether `path` can be a ring's folder: iceoryx2 takes no quotes and other special letters, and puts UNIX sockets
-/// there, whose paths end at 108 bytes.
+/// Whether `path` can be a ring's folder: iceoryx2 accepts no quotes and other special characters, and creates UNIX
+/// sockets there, whose paths are limited to 108 bytes.
 fn is_usable(path: &Path) -> bool {
     path.is_absolute()
         && path.to_str().is_some_and(|path| path.len() <= 48)
         && FilePath::new(path.as_os_str().as_encoded_bytes()).is_ok()
 }
 
-/// The run's iceoryx2 domain, in the ring's folder.
+/// The iceoryx2 configuration of the run, in the ring's folder.
 const DOMAIN: &str = "config/iceoryx2.toml";
 
-/// What all processes of a run are told, in the ring's folder.
+/// The terms of the run, in the ring's folder.
 const TERMS: &str = "ring.toml";
 
-/// Makes the folder of this user's rings, and clears those whose launcher has died.
+/// Creates the parent folder of this user's rings, and removes the folders of dead launchers.
 fn prepare_home() -> Result<PathBuf, RingError> {
     let home = home();
     let refuse = |error: io::Error| RingError::folder(&home, error);
@@ -285,18 +286,18 @@ fn lock_path(folder: &Path) -> PathBuf {
     folder.with_extension("lock")
 }
 
-/// Beginning of the names of a ring's shared-memory files; two homes may hold rings of the same name.
+/// Beginning of the names of a ring's shared-memory files.
 fn prefix(folder: &Path) -> String {
     let name = folder.file_name().map_or_else(Default::default, |name| name.to_string_lossy());
     format!("sky{name}_")
 }
 
-/// Writes a new file for the owner alone.
+/// Writes a new file, readable by the owner alone.
 fn write_private(path: &Path, text: &str) -> io::Result<()> {
     OpenOptions::new().write(true).create_new(true).mode(0o600).open(path)?.write_all(text.as_bytes())
 }
 
-/// A new lock file, held; none if another process clears it at this moment or has it already.
+/// Creates and locks a lock file; `None` if it exists, or if another process removes or locks it at the same time.
 fn lock_new(path: &Path) -> io::Result<Option<File>> {
     let lock = match OpenOptions::new().write(true).create_new(true).mode(0o600).open(path) {
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists => return Ok(None),
@@ -305,20 +306,20 @@ fn lock_new(path: &Path) -> io::Result<Option<File>> {
     if lock.try_lock().is_err() {
         return Ok(None);
     }
-    let same = fs::metadata(path).is_ok_and(|named| lock.metadata().is_ok_and(|held| held.ino() == named.ino()));
-    Ok(same.then_some(lock))
+    let is_same = fs::metadata(path).is_ok_and(|named| lock.metadata().is_ok_and(|held| held.ino() == named.ino()));
+    Ok(is_same.then_some(lock))
 }
 
-/// What names the folder in which the mission of a ring is put on record.
+/// The file with the path of the run folder.
 const RECORD: &str = "record";
 
-/// Where the mission of a ring is put on record; none if its launcher has not noted it yet.
+/// The run folder of a ring; `None` if its launcher has not written it yet.
 #[must_use]
-pub fn record_of(ring: &Path) -> Option<PathBuf> {
+pub fn record_path(ring: &Path) -> Option<PathBuf> {
     fs::read_to_string(ring.join(RECORD)).ok().map(PathBuf::from)
 }
 
-/// The folders of this user's rings whose launchers live.
+/// The folders of this user's rings whose launchers are running.
 #[must_use]
 pub fn running_rings() -> Vec<PathBuf> {
     let entries = fs::read_dir(home()).into_iter().flatten().flatten().map(|entry| entry.path());
@@ -329,19 +330,19 @@ pub fn running_rings() -> Vec<PathBuf> {
     locks.filter(is_held).map(|path| path.with_extension("")).collect()
 }
 
-/// Removes every ring of this user whose launcher does not live any more, once its other processes have ended, too;
-/// waits for them for so long.
-pub fn clear_abandoned(patience: Duration) {
+/// Removes the rings of this user whose launchers are dead. Waits up to `timeout` for their other processes to end, and
+/// leaves the rings of those that do not.
+pub fn clear_abandoned(timeout: Duration) {
     let begin = Instant::now();
     let Ok(entries) = fs::read_dir(home()) else { return };
     for path in entries.flatten().map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|e| e == "lock"))
     {
         let Ok(lock) = File::open(&path) else { continue };
         if lock.try_lock_shared().is_err() {
-            continue; // shared: the processes of the ring must find it free, too
+            continue; // a shared lock, because the processes of the ring test it, too
         }
         let folder = path.with_extension("");
-        while has_processes(&folder) && begin.elapsed() < patience {
+        while has_processes(&folder) && begin.elapsed() < timeout {
             std::thread::sleep(PAUSE);
         }
         if !has_processes(&folder) {
@@ -350,20 +351,20 @@ pub fn clear_abandoned(patience: Duration) {
     }
 }
 
-/// Whether a process has a seat of the ring.
+/// Whether a process has a role in the ring.
 fn has_processes(folder: &Path) -> bool {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let mut seats = entries.filter(|path| path.extension().is_some_and(|extension| extension == "seat"));
     seats.any(|seat| File::open(seat).is_ok_and(|seat| matches!(seat.try_lock_shared(), Err(TryLockError::WouldBlock))))
 }
 
-/// How often the removal of a ring's folder is tried.
+/// Attempts to remove a ring's folder.
 const REMOVALS: u32 = 100;
 
 /// Between two attempts.
 const REMOVAL_PAUSE: Duration = Duration::from_millis(10);
 
-/// Removes a ring: its shared memory, its folder, its lock. What is gone already is no matter.
+/// Removes the shared memory, the folder and the lock of a ring, as far as they exist.
 fn remove(folder: &Path) {
     let prefix = prefix(folder);
     for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
@@ -371,7 +372,7 @@ fn remove(folder: &Path) {
             let _ = fs::remove_file(entry.path());
         }
     }
-    // What others of the ring remove at the same time ends an attempt early.
+    // An attempt fails if another process removes files at the same time.
     let is_gone = || fs::remove_dir_all(folder).is_ok() || !folder.exists();
     for _ in 0..REMOVALS {
         if is_gone() {
@@ -393,7 +394,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ring_with_a_link_says_so_and_its_ports_wait_for_nobody() {
+    fn the_ports_of_a_ring_with_a_link_never_wait() {
         let mut folder = new();
         let domain = |folder: &RingFolder| fs::read_to_string(folder.path().join(DOMAIN)).unwrap();
         assert!(!domain(&folder).contains("defaults"), "{}", domain(&folder));

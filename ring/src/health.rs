@@ -1,5 +1,4 @@
-//! What becomes of the processes of a ring: the message, and the same words for the terminal, the recording and the
-//! summary.
+//! Events of the processes of a ring: the message, and its text in the terminal, the recording and the summary.
 
 use std::fmt;
 
@@ -7,24 +6,24 @@ use iceoryx2::prelude::ZeroCopySend;
 
 use crate::role::Role;
 
-/// What has become of a process.
+/// An event of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Fate {
-    /// It was ended by a signal.
+pub enum ProcessEvent {
+    /// Ended by this signal.
     Killed(i32),
-    /// It has ended by itself with this exit code, and too early.
+    /// Ended too early, with this exit code.
     Exited(i32),
-    /// It was started again, and so often by now.
+    /// Restarted; the number of restarts so far.
     Restarted(i32),
-    /// It has given no sign of life for so long [ms].
+    /// No heartbeat for this time [ms].
     Silent(i32),
-    /// It gives signs of life again, after so long [ms].
+    /// Heartbeats again, after this time [ms] without.
     Back(i32),
-    /// It has not sent, for so long [ms], what everybody waits for.
+    /// Has not sent the sample that the others wait for, for this time [ms].
     Overdue(i32),
-    /// Nobody writes its topic any more; the launcher did not start it, and waits.
+    /// An external process, not started by the launcher, no longer writes its topic. The launcher waits for another.
     Gone,
-    /// A process that the launcher did not start writes its topic.
+    /// An external process, not started by the launcher, writes its topic.
     Joined,
 }
 
@@ -43,53 +42,53 @@ pub struct Health {
     pub reserved: u32,
 }
 
-/// Payload of `ready`: the process is connected to every writer; the sample's slot is the first that it has shown.
+/// Payload of `ready`: the process is connected to all writers; the sample's slot is the first that it has drawn.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
 #[type_name("skysink.Ready.v1")]
 pub struct Ready {
     /// The process, by its number in [`Health`]: 3, the viewer.
     pub process: u32,
-    /// How often the process was started before.
+    /// Restart count of the process.
     pub restarts: u32,
 }
 
 impl Health {
-    /// The message that `role` has met with `fate`.
+    /// The message for an event of the process `role`.
     #[must_use]
-    pub fn of(role: Role, fate: Fate) -> Self {
-        let (fate, detail) = match fate {
-            Fate::Killed(signal) => (0, signal),
-            Fate::Exited(code) => (1, code),
-            Fate::Restarted(times) => (2, times),
-            Fate::Silent(ms) => (3, ms),
-            Fate::Back(ms) => (4, ms),
-            Fate::Overdue(ms) => (5, ms),
-            Fate::Gone => (6, 0),
-            Fate::Joined => (7, 0),
+    pub fn of(role: Role, event: ProcessEvent) -> Self {
+        let (fate, detail) = match event {
+            ProcessEvent::Killed(signal) => (0, signal),
+            ProcessEvent::Exited(code) => (1, code),
+            ProcessEvent::Restarted(times) => (2, times),
+            ProcessEvent::Silent(ms) => (3, ms),
+            ProcessEvent::Back(ms) => (4, ms),
+            ProcessEvent::Overdue(ms) => (5, ms),
+            ProcessEvent::Gone => (6, 0),
+            ProcessEvent::Joined => (7, 0),
         };
         Self { process: role as u32, fate, detail, reserved: 0 }
     }
 
-    /// Who has met with what; none if the numbers mean nothing.
+    /// The process and its event; `None` for unknown numbers.
     #[must_use]
-    pub fn read(&self) -> Option<(Role, Fate)> {
-        let fate = match self.fate {
-            0 => Fate::Killed(self.detail),
-            1 => Fate::Exited(self.detail),
-            2 => Fate::Restarted(self.detail),
-            3 => Fate::Silent(self.detail),
-            4 => Fate::Back(self.detail),
-            5 => Fate::Overdue(self.detail),
-            6 => Fate::Gone,
-            7 => Fate::Joined,
+    pub fn decode(&self) -> Option<(Role, ProcessEvent)> {
+        let event = match self.fate {
+            0 => ProcessEvent::Killed(self.detail),
+            1 => ProcessEvent::Exited(self.detail),
+            2 => ProcessEvent::Restarted(self.detail),
+            3 => ProcessEvent::Silent(self.detail),
+            4 => ProcessEvent::Back(self.detail),
+            5 => ProcessEvent::Overdue(self.detail),
+            6 => ProcessEvent::Gone,
+            7 => ProcessEvent::Joined,
             _ => return None,
         };
-        (self.detail >= 0).then_some((Role::from_repr(self.process)?, fate))
+        (self.detail >= 0).then_some((Role::from_repr(self.process)?, event))
     }
 }
 
-impl Fate {
+impl ProcessEvent {
     /// Whether the process recovered.
     #[must_use]
     pub fn is_recovery(self) -> bool {
@@ -97,7 +96,7 @@ impl Fate {
     }
 }
 
-impl fmt::Display for Fate {
+impl fmt::Display for ProcessEvent {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let seconds = |ms: i32| f64::from(ms) / 1e3;
         match *self {
@@ -118,29 +117,29 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_message_says_what_was_put_into_it() {
-        let fates = [
-            Fate::Killed(9),
-            Fate::Exited(1),
-            Fate::Restarted(3),
-            Fate::Silent(1_500),
-            Fate::Back(i32::MAX),
-            Fate::Overdue(22_500),
-            Fate::Gone,
-            Fate::Joined,
+    fn a_message_decodes_to_its_event() {
+        let events = [
+            ProcessEvent::Killed(9),
+            ProcessEvent::Exited(1),
+            ProcessEvent::Restarted(3),
+            ProcessEvent::Silent(1_500),
+            ProcessEvent::Back(i32::MAX),
+            ProcessEvent::Overdue(22_500),
+            ProcessEvent::Gone,
+            ProcessEvent::Joined,
         ];
-        for (number, fate) in (0..).zip(fates) {
+        for (number, event) in (0..).zip(events) {
             let role = Role::from_repr(number % 5).unwrap();
-            assert_eq!(Health::of(role, fate).read(), Some((role, fate)));
+            assert_eq!(Health::of(role, event).decode(), Some((role, event)));
         }
-        assert_eq!(Fate::Silent(1_500).to_string(), "has given no sign of life for 1.5 s");
+        assert_eq!(ProcessEvent::Silent(1_500).to_string(), "has given no sign of life for 1.5 s");
     }
 
     #[test]
-    fn numbers_that_mean_nothing_are_nothing() {
-        assert_eq!(Health { process: 5, ..Health::default() }.read(), None);
-        assert_eq!(Health { fate: 8, ..Health::default() }.read(), None);
-        assert_eq!(Health { detail: -1, ..Health::default() }.read(), None);
+    fn unknown_numbers_decode_to_none() {
+        assert_eq!(Health { process: 5, ..Health::default() }.decode(), None);
+        assert_eq!(Health { fate: 8, ..Health::default() }.decode(), None);
+        assert_eq!(Health { detail: -1, ..Health::default() }.decode(), None);
         assert_eq!(size_of::<Health>(), 16);
     }
 }

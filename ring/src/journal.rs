@@ -1,8 +1,8 @@
-//! What a process of the ring saves across its own death: its last records, in a file of the ring's folder.
+//! The journal of a process: its last records, in a file of the ring's folder, from which a restarted process resumes.
 //!
-//! A record is written each time before what it says is published. It is not synced to the disk: what a killed process
-//! has written stays with the operating system, and only a crash of the machine, which ends the ring too, loses it.
-//! What the records mean is known to the process alone.
+//! A record is written before its content is published. It is not synced to the disk: the operating system keeps the
+//! writes of a killed process, and a crash of the machine ends the ring, too. The content of a record is left to the
+//! process.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, IoSlice};
@@ -15,53 +15,55 @@ use xxhash_rust::xxh3::Xxh3;
 
 use crate::error::RingError;
 
-/// The last records of a process, by slot, each in its place of a file. A record that was cut by a kill is as if it had
-/// not been written, and leaves the others whole.
+/// The last records of a process by slot, each in its own entry of a file. A record that was cut by a kill is ignored,
+/// and does not damage the others.
 #[derive(Debug)]
 pub struct Journal {
     file: File,
     path: PathBuf,
-    places: u64,
-    room: usize,
+    /// Number of entries.
+    entries: u64,
+    /// Most bytes of a record.
+    max_bytes: usize,
 }
 
-/// A record that was found whole.
+/// A valid record.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Record {
     /// The slot it was written for.
     pub slot: u64,
-    /// What was written.
+    /// The content.
     pub bytes: Vec<u8>,
 }
 
 /// Bytes before a record: slot, length, hash.
 const HEAD: usize = 24;
 
-/// Records begin on their own pages, so that one that is cut cannot touch another.
+/// Entries begin on page boundaries, so that a cut record cannot damage another.
 const PAGE: u64 = 4096;
 
 impl Journal {
-    /// Opens the journal at `path`, or makes it, with `places` for records of at most `room` bytes. The record of a
-    /// slot replaces that of `places` slots before.
+    /// Opens or creates the journal at `path`, with `entries` entries for records of at most `max_bytes` bytes. The
+    /// record of a slot replaces that of the slot `entries` before.
     ///
     /// # Errors
     /// If the file cannot be opened.
-    pub fn open(path: &Path, places: u64, room: usize) -> Result<Self, RingError> {
+    pub fn open(path: &Path, entries: u64, max_bytes: usize) -> Result<Self, RingError> {
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).mode(0o600).open(path);
         let file = file.map_err(|source| RingError::Journal { path: path.to_owned(), source })?;
-        Ok(Self { file, path: path.to_owned(), places, room })
+        Ok(Self { file, path: path.to_owned(), entries, max_bytes })
     }
 
-    /// Writes the record of `slot`: `parts`, one after the other.
+    /// Writes the record of `slot`: the concatenated `parts`.
     ///
     /// # Errors
-    /// If the system refuses, for example because the disk is full.
+    /// If the file cannot be written, for example because the disk is full.
     ///
     /// # Panics
-    /// If the parts are longer than the journal's room.
+    /// If the record is longer than `max_bytes`.
     pub fn write(&self, slot: u64, parts: &[&[u8]]) -> Result<(), RingError> {
         let length: usize = parts.iter().map(|part| part.len()).sum();
-        assert!(length <= self.room, "a record of {length} bytes in a journal for {}", self.room);
+        assert!(length <= self.max_bytes, "a record of {length} bytes: expected at most {}", self.max_bytes);
         let mut hash = begin_hash(slot, length as u64);
         parts.iter().for_each(|part| hash.update(part));
         let mut head = [0; HEAD];
@@ -71,16 +73,16 @@ impl Journal {
         self.write_at(self.start(slot), &head, parts).map_err(|source| self.refuse(source))
     }
 
-    /// Head and parts, by one call of the system where it takes them all at once.
-    fn write_at(&self, mut place: u64, head: &[u8], parts: &[&[u8]]) -> io::Result<()> {
+    /// Writes head and parts at `offset`, usually by one system call.
+    fn write_at(&self, mut offset: u64, head: &[u8], parts: &[&[u8]]) -> io::Result<()> {
         let mut slices: Vec<IoSlice> = [head].iter().chain(parts).map(|part| IoSlice::new(part)).collect();
         let mut slices = &mut slices[..];
         IoSlice::advance_slices(&mut slices, 0); // skips parts that are empty
         while !slices.is_empty() {
-            match pwritev(&self.file, slices, place) {
+            match pwritev(&self.file, slices, offset) {
                 Ok(0) => return Err(io::ErrorKind::WriteZero.into()),
                 Ok(written) => {
-                    place += written as u64;
+                    offset += written as u64;
                     IoSlice::advance_slices(&mut slices, written);
                 }
                 Err(Errno::INTR) => {}
@@ -90,7 +92,7 @@ impl Journal {
         Ok(())
     }
 
-    /// Writes the state as the record of `slot`; one without bytes leaves none.
+    /// Writes the state as the record of `slot`; a state without bytes is not written.
     ///
     /// # Errors
     /// As [`Journal::write`].
@@ -100,8 +102,8 @@ impl Journal {
         if bytes.is_empty() { Ok(()) } else { self.write(slot, &[&bytes]) }
     }
 
-    /// Restores the newest state of a slot before `slot` that `state` accepts, and returns its slot; `None` if there is
-    /// none, and `state` is as it was.
+    /// Restores the newest state before `slot` that `state` accepts, and returns its slot; `None`, with `state`
+    /// unchanged, if there is none.
     ///
     /// # Errors
     /// If the file cannot be read.
@@ -111,35 +113,35 @@ impl Journal {
         Ok(before.find(|record| state.restore(&record.bytes).is_ok()).map(|record| record.slot))
     }
 
-    /// All records that are whole, in ascending order of their slots. Whatever else is in the file does not count.
+    /// All valid records, ascending by slot. Anything else in the file is ignored.
     ///
     /// # Errors
     /// If the file cannot be read.
     pub fn read(&self) -> Result<Vec<Record>, RingError> {
         let mut records = Vec::new();
-        for place in 0..self.places {
-            records.extend(self.read_place(place).map_err(|source| self.refuse(source))?);
+        for entry in 0..self.entries {
+            records.extend(self.read_entry(entry).map_err(|source| self.refuse(source))?);
         }
         records.sort_unstable_by_key(|record| record.slot);
         Ok(records)
     }
 
-    fn read_place(&self, place: u64) -> io::Result<Option<Record>> {
-        let start = self.start(place);
+    fn read_entry(&self, entry: u64) -> io::Result<Option<Record>> {
+        let start = self.start(entry);
         let Some(head) = self.read_at(start, HEAD)? else { return Ok(None) };
         let number = |i: usize| u64::from_le_bytes(head[8 * i..8 * i + 8].try_into().expect("eight bytes"));
-        let (slot, length, hash) = (number(0), number(1), number(2));
-        if slot % self.places != place || length > self.room as u64 {
+        let [slot, length, hash] = [0, 1, 2].map(number);
+        if slot % self.entries != entry || length > self.max_bytes as u64 {
             return Ok(None);
         }
-        let length = usize::try_from(length).expect("at most the room");
+        let length = usize::try_from(length).expect("at most `max_bytes`");
         let Some(bytes) = self.read_at(start + HEAD as u64, length)? else { return Ok(None) };
         let mut hasher = begin_hash(slot, length as u64);
         hasher.update(&bytes);
         Ok((hasher.digest() == hash).then_some(Record { slot, bytes }))
     }
 
-    /// `length` bytes of the file, or none if it ends before.
+    /// Reads `length` bytes; `None` if the file ends before.
     fn read_at(&self, start: u64, length: usize) -> io::Result<Option<Vec<u8>>> {
         let mut bytes = vec![0; length];
         match self.file.read_exact_at(&mut bytes, start) {
@@ -149,9 +151,9 @@ impl Journal {
         }
     }
 
-    /// Where the record of a slot lies in the file.
+    /// Offset of the entry of `slot` in the file.
     fn start(&self, slot: u64) -> u64 {
-        slot % self.places * (HEAD as u64 + self.room as u64).next_multiple_of(PAGE)
+        slot % self.entries * (HEAD as u64 + self.max_bytes as u64).next_multiple_of(PAGE)
     }
 
     fn refuse(&self, source: io::Error) -> RingError {
@@ -192,13 +194,13 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "a record of 5001 bytes")]
-    fn a_record_without_room_is_refused() {
+    fn a_record_that_is_too_long_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let _ = journal(&folder).write(1, &[&[0; 5001]]);
     }
 
     #[test]
-    fn a_folder_that_is_not_there_is_named() {
+    fn the_error_for_a_missing_folder_names_it() {
         let error = Journal::open(Path::new("/nowhere/journal"), 1, 1).unwrap_err().to_string();
         assert!(error.starts_with("journal /nowhere/journal: No such file"), "{error}");
     }
@@ -206,7 +208,7 @@ mod tests {
     proptest! {
         /// A kill leaves the first of the new bytes, and after them those of the record before.
         #[test]
-        fn a_record_that_is_cut_anywhere_costs_only_itself(cut in 0usize..=4024, new in any::<u8>()) {
+        fn a_record_that_is_cut_anywhere_does_not_damage_the_others(cut in 0usize..=4024, new in any::<u8>()) {
             let folder = tempfile::tempdir().unwrap();
             let journal = journal(&folder);
             for slot in 1..=3u64 {
@@ -225,7 +227,7 @@ mod tests {
         }
 
         #[test]
-        fn no_file_makes_it_fail_or_find_what_was_not_written(bytes in prop::collection::vec(any::<u8>(), 0..20_000)) {
+        fn no_record_is_found_in_a_file_of_arbitrary_bytes(bytes in prop::collection::vec(any::<u8>(), 0..20_000)) {
             let folder = tempfile::tempdir().unwrap();
             std::fs::write(folder.path().join("journal"), bytes).unwrap();
             prop_assert_eq!(journal(&folder).read().unwrap(), []);

@@ -1,21 +1,20 @@
-//! The transport of the ring: what its processes share beside the model. With the nodes, the
-//! launcher and the benchmarks all that knows iceoryx2.
+//! The transport of the ring. Only this crate, the nodes, the launcher and the benchmarks depend on iceoryx2.
 //!
-//! What the messages mean is left to `skysink-common`. Each file imports only files above it:
+//! The messages themselves are left to `skysink-common`. Each file imports only files above it:
 //!
-//! | file | holds |
+//! | file | contents |
 //! |---|---|
-//! | [`error`] | why a ring cannot be used, why a process ends early |
-//! | [`role`] | who takes part; the seat of a role |
-//! | [`wait`] | how a process waits, and what ends a wait |
-//! | [`terms`] | what the processes of a run agree on |
-//! | [`folder`] | where they meet |
-//! | [`health`], [`refusals`] | what becomes of processes; what they do not accept |
-//! | [`cleanup`] | what killed processes leave behind |
-//! | [`journal`] | what a process saves across its own death |
-//! | [`sample`], [`topic`] | what a sample is; a topic |
+//! | [`error`] | errors of a ring and of its processes |
+//! | [`role`] | the roles of the processes, and their locks |
+//! | [`wait`] | waiting for samples, stops and time-outs |
+//! | [`terms`] | the parameters of a run, common to its processes |
+//! | [`folder`] | the folder of a ring |
+//! | [`health`], [`refusals`] | events of processes; refused samples |
+//! | [`cleanup`] | removal of the resources of killed processes |
+//! | [`journal`] | records from which a restarted process resumes |
+//! | [`sample`], [`topic`] | samples; a topic |
 //! | [`admission`], [`reader`], [`writer`] | the two ends of a topic |
-//! | [`survey`] | what a look at a topic from outside shows |
+//! | [`survey`] | the state of the topics, as observed from outside |
 //! | [`topics`] | the table of topics |
 
 pub mod admission;

@@ -1,4 +1,4 @@
-//! The reading end of a topic: the sample of a slot or the next one, with or without waiting.
+//! The reading end of a topic: reads the sample of a slot, or the next one, with or without waiting.
 
 use std::collections::VecDeque;
 use std::rc::Rc;
@@ -9,43 +9,44 @@ use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
 use skysink_common::message::{FLAG_REPEAT, SlotHeader};
 
-use crate::admission::{Admission, Entry, order};
+use crate::admission::{Admission, Verdict, order};
 use crate::error::{NodeError, RingError};
 use crate::refusals::Refusal;
 use crate::sample::{Header, Payload};
-use crate::topic::{MAX_EARLY, Shared, Topic};
+use crate::topic::{MAX_EARLY, Topic, TopicShared};
 use crate::wait::WaitContext;
 
-/// Samples received in a row before the process does something else: a flood must not keep it from ending.
-const MAX_IN_A_ROW: usize = 256;
+/// Most samples received before control returns to the caller, so that a flood of samples cannot block a stop.
+const MAX_BATCH: usize = 256;
 
-/// Slots by which its peers can be ahead of a process without which the ring cannot go on.
+/// Most slots by which the ring can be ahead of a process that it waits for.
 pub(crate) const MAX_AHEAD: u64 = 2;
 
-/// The reading end of a topic. Samples of slots that have passed are dropped, those that came early are held; foreign,
-/// old and far samples are refused.
+/// The reading end of a topic. Samples of past slots are dropped, those of later slots are kept; samples of other runs
+/// or writers, repeated ones and those of impossible slots are refused.
 #[derive(Debug)]
 pub struct Reader<S: Service + 'static, P: Payload + ?Sized, H: Header> {
-    topic: Rc<Shared<S, P, H>>,
+    topic: Rc<TopicShared<S, P, H>>,
     subscriber: Subscriber<S, P, H>,
-    /// The wake-ups of the topic; attached by the first wait.
+    /// The notifications of the topic; attached by the first wait.
     listener: Option<Listener<S>>,
+    /// Samples that were received but not taken, by order.
     early: VecDeque<Sample<S, P, H>>,
-    /// The order of the last sample that was taken, or dropped because its slot had passed.
+    /// The order of the last sample that was taken or dropped.
     taken: Option<u64>,
-    /// Whether the first sample that is held is the oldest that comes. Behind a link, a new reader begins anywhere among
-    /// those that a writer repeats: it waits until one comes twice, or a new one.
+    /// Whether no sample older than those in `early` will come. Behind a link, a new reader may begin in the middle of
+    /// the samples that a writer repeats: it waits until one comes twice, or a new one.
     is_settled: bool,
     admission: Admission,
-    /// The last slot that [`Reader::wait_until`] has seen.
+    /// The last slot received by [`Reader::wait_until`].
     reached: Option<u64>,
 }
 
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
-    /// A reader with room for `buffer` samples, which gets the newest samples even if they were sent before.
+    /// A reader with a buffer of `buffer` samples, which first receives the history of the topic.
     ///
     /// # Errors
-    /// If all readers' places are taken, or the system refuses.
+    /// If the topic has its maximum of readers, or iceoryx2 fails.
     pub fn reader(&self, buffer: usize) -> Result<Reader<S, P, H>, RingError> {
         let topic = Rc::clone(&self.0);
         let builder = topic.data.subscriber_builder().history_request(topic.row.history).buffer_size(buffer);
@@ -63,66 +64,66 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
     }
 }
 
-/// What a reader finds of a slot.
+/// The result of polling for the sample of a slot.
 #[derive(Debug)]
 pub enum SlotSample<T> {
-    /// Its sample.
-    Here(T),
-    /// Nothing yet.
-    NotYet,
-    /// A later sample; its own was sent before this process listened, and will not come. Only a process that may lag is
-    /// told so.
+    /// The sample.
+    Available(T),
+    /// The sample has not arrived yet.
+    Pending,
+    /// Only a later sample has arrived: the sample was sent before this process joined, and will not come. Returned only
+    /// to processes that may lag.
     Passed,
 }
 
 impl<T> SlotSample<T> {
-    /// The sample, if it is here.
-    pub fn here(self) -> Option<T> {
+    /// The sample, if it is available.
+    pub fn available(self) -> Option<T> {
         match self {
-            Self::Here(sample) => Some(sample),
-            Self::NotYet | Self::Passed => None,
+            Self::Available(sample) => Some(sample),
+            Self::Pending | Self::Passed => None,
         }
     }
 }
 
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
-    /// The sample of `slot`.
+    /// Polls for the sample of `slot`.
     ///
     /// # Errors
     /// If the writer's memory cannot be mapped.
-    pub fn of_slot(&mut self, slot: u64) -> Result<SlotSample<Sample<S, P, H>>, RingError> {
+    pub fn poll_slot(&mut self, slot: u64) -> Result<SlotSample<Sample<S, P, H>>, RingError> {
         let limit = self.topic.member.max_ahead.map(|ahead| slot.saturating_add(ahead));
         let mut received = 0;
         loop {
-            let all = self.receive(limit, &mut received)?;
+            let has_received_all = self.receive(limit, &mut received)?;
             while self.early.front().is_some_and(|sample| sample.user_header().head().slot < slot) {
                 self.take();
             }
             match self.early.front() {
                 Some(sample) if sample.user_header().head().slot == slot => {
-                    return Ok(self.take().map_or(SlotSample::NotYet, SlotSample::Here));
+                    return Ok(self.take().map_or(SlotSample::Pending, SlotSample::Available));
                 }
                 Some(_) if self.topic.member.max_ahead.is_none() && self.is_settled => return Ok(SlotSample::Passed),
-                Some(_) => return Ok(SlotSample::NotYet),
-                None if all || received >= MAX_IN_A_ROW => return Ok(SlotSample::NotYet),
+                Some(_) => return Ok(SlotSample::Pending),
+                None if has_received_all || received >= MAX_BATCH => return Ok(SlotSample::Pending),
                 None => {}
             }
         }
     }
 
-    /// Waits for the sample of `slot`; none if it has passed, which only happens to a process that may lag.
+    /// Waits for the sample of `slot`; `None` if it has passed, which happens only in processes that may lag.
     ///
     /// # Errors
-    /// A requested stop, the supervisor's death, or a broken ring.
+    /// On a requested stop, on the launcher's death, or if iceoryx2 fails.
     pub fn wait_for_slot(&mut self, wait: &mut WaitContext, slot: u64) -> Result<Option<Sample<S, P, H>>, NodeError> {
-        self.wait(wait, slot, |reader| match reader.of_slot(slot)? {
-            SlotSample::Here(sample) => Ok(Some(Some(sample))),
-            SlotSample::NotYet => Ok(None),
+        self.wait(wait, slot, |reader| match reader.poll_slot(slot)? {
+            SlotSample::Available(sample) => Ok(Some(Some(sample))),
+            SlotSample::Pending => Ok(None),
             SlotSample::Passed => Ok(Some(None)),
         })
     }
 
-    /// The next sample, in the order in which they were sent.
+    /// The next sample in sending order; `None` if there is none yet.
     ///
     /// # Errors
     /// If the writer's memory cannot be mapped.
@@ -131,7 +132,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
         Ok(if self.is_settled { self.take() } else { None })
     }
 
-    /// Receives what has arrived, as far as there is room, so that its writer finds room in the buffer.
+    /// Receives pending samples, as far as there is room, which frees the buffer for the writer.
     ///
     /// # Errors
     /// If the writer's memory cannot be mapped.
@@ -139,7 +140,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
         self.receive(None, &mut 0).map(drop)
     }
 
-    /// Waits for the next sample, which should be that of `slot`.
+    /// Waits for the next sample, expected to be that of `slot`.
     ///
     /// # Errors
     /// As [`Reader::wait_for_slot`].
@@ -147,7 +148,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
         self.wait(wait, slot, Self::next_sample)
     }
 
-    /// Takes in samples until one is of `slot`, or of a later one.
+    /// Waits for a sample of `slot` or a later slot, and drops all samples.
     ///
     /// # Errors
     /// As [`Reader::wait_for_slot`].
@@ -158,14 +159,15 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
         Ok(())
     }
 
-    /// Waits until `poll` finds something. It polls before the first pause and after each: notifications may be lost.
+    /// Waits until `poll` returns a value. It polls before the first pause and after each, because notifications may be
+    /// lost.
     fn wait<T>(
         &mut self,
         wait: &mut WaitContext,
         slot: u64,
         mut poll: impl FnMut(&mut Self) -> Result<Option<T>, RingError>,
     ) -> Result<T, NodeError> {
-        let mut awaited = wait.begin(self.topic.row.name, slot, self.topic.row.from)?;
+        let mut awaited = wait.begin(self.topic.row.name, slot, self.topic.row.writer)?;
         loop {
             if let Some(found) = poll(self)? {
                 wait.end(awaited);
@@ -178,52 +180,54 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
         }
     }
 
-    /// Receives what has arrived, as far as there is room; true if that was all. Samples beyond slot `limit` are
-    /// refused.
+    /// Receives pending samples, as far as there is room, and adds their number to `received`; true if none is left.
+    /// Samples after slot `limit` are refused.
     fn receive(&mut self, limit: Option<u64>, received: &mut usize) -> Result<bool, RingError> {
-        while self.early.len() < MAX_EARLY && *received < MAX_IN_A_ROW {
+        while self.early.len() < MAX_EARLY && *received < MAX_BATCH {
             *received += 1;
             let sample = P::receive(&self.subscriber).map_err(|error| self.topic.refuse("receive", &error))?;
             let Some(sample) = sample else { return Ok(true) };
             let publisher = sample.header().publisher_id();
-            let entry = self.admission.check(&self.topic, publisher, sample.user_header().head(), limit);
-            self.settle(&entry, sample.user_header().head());
-            match entry {
-                Entry::Refused => {}
-                Entry::Known => self.early.push_back(sample),
-                Entry::Repeated if self.has(sample.user_header().head()) => {}
-                Entry::New | Entry::Repeated => {
+            let verdict = self.admission.check(&self.topic, publisher, sample.user_header().head(), limit);
+            self.settle(&verdict, sample.user_header().head());
+            match verdict {
+                Verdict::Refused => {}
+                Verdict::Next => self.early.push_back(sample),
+                Verdict::Repeated if self.has_seen(sample.user_header().head()) => {}
+                Verdict::NewWriter | Verdict::Repeated => {
                     self.early.push_back(sample);
                     self.early.make_contiguous().sort_by_key(|sample| order(sample.user_header().head()));
                 }
             }
         }
-        self.is_settled |= self.early.len() >= MAX_EARLY; // there is no room for older ones
+        self.is_settled |= self.early.len() >= MAX_EARLY; // no room for older samples
         Ok(false)
     }
 
-    /// Notes whether an admitted sample shows that none that is older will come: it is the first of all, new, or held.
-    fn settle(&mut self, entry: &Entry, header: &SlotHeader) {
+    /// Sets `is_settled` if an admitted sample shows that no older one will come: it is that of slot 0, not a repeat, or
+    /// seen before.
+    fn settle(&mut self, verdict: &Verdict, header: &SlotHeader) {
+        let is_admitted = !matches!(verdict, Verdict::Refused);
         let is_repeated = header.flags & FLAG_REPEAT != 0;
-        self.is_settled |= !matches!(entry, Entry::Refused) && (header.slot == 0 || !is_repeated || self.has(header));
+        self.is_settled |= is_admitted && (header.slot == 0 || !is_repeated || self.has_seen(header));
     }
 
-    /// Whether a sample of this order was taken, or is held.
-    fn has(&self, header: &SlotHeader) -> bool {
+    /// Whether a sample of this order was taken, or is in `early`.
+    fn has_seen(&self, header: &SlotHeader) -> bool {
         let order_of = order(header);
-        self.topic.row.several
+        self.topic.row.has_several_per_slot
             || self.taken.is_some_and(|taken| order_of <= taken)
             || self.early.iter().any(|sample| order(sample.user_header().head()) == order_of)
     }
 
-    /// The first of the samples that are held.
+    /// Takes the first sample of `early`.
     fn take(&mut self) -> Option<Sample<S, P, H>> {
         let sample = self.early.pop_front()?;
         self.taken = Some(order(sample.user_header().head()));
         Some(sample)
     }
 
-    /// Counts a sample of `slot` that was admitted and then refused for its content.
+    /// Counts the refusal of an admitted sample of `slot` because of its content.
     pub fn refuse(&self, slot: u64, refusal: Refusal) {
         self.topic.member.refusals.add(self.topic.row.name, slot, refusal, 1);
     }
@@ -245,7 +249,7 @@ mod tests {
 
     type Commits = Reader<local::Service, Commit, SlotHeader>;
 
-    /// A ring, and a writer of `commit` that is a link.
+    /// A ring, and a writer of `commit` that acts as a link.
     struct Linked {
         ring: Ring<local::Service>,
         link: Publisher<local::Service, Commit, SlotHeader>,
@@ -271,8 +275,8 @@ mod tests {
 
     const LINK: Option<LinkTerms> = Some(LinkTerms { version: 0, scenario: 0 });
 
-    fn here(reader: &mut Commits, slot: u64) -> Option<u64> {
-        reader.of_slot(slot).unwrap().here().map(|sample| sample.payload().hash)
+    fn poll(reader: &mut Commits, slot: u64) -> Option<u64> {
+        reader.poll_slot(slot).unwrap().available().map(|sample| sample.payload().hash)
     }
 
     fn next(reader: &mut Commits) -> Option<u64> {
@@ -284,11 +288,11 @@ mod tests {
         let linked = Linked::new(LINK);
         let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
         [1, 3].into_iter().for_each(|slot| linked.send(slot, 0, 0));
-        assert_eq!([1, 2].map(|slot| here(&mut reader, slot)), [Some(1), None]);
+        assert_eq!([1, 2].map(|slot| poll(&mut reader, slot)), [Some(1), None]);
         [2, 3, 2, 3].into_iter().for_each(|slot| linked.send(slot, FLAG_REPEAT, 0));
-        assert_eq!([2, 3, 4].map(|slot| here(&mut reader, slot)), [Some(2), Some(3), None], "each once");
+        assert_eq!([2, 3, 4].map(|slot| poll(&mut reader, slot)), [Some(2), Some(3), None], "each once");
         linked.send(4, 0, 0);
-        assert_eq!(here(&mut reader, 4), Some(4));
+        assert_eq!(poll(&mut reader, 4), Some(4));
         assert_eq!(linked.ring.refusals.total(), 0);
     }
 
@@ -297,13 +301,13 @@ mod tests {
         let linked = Linked::new(LINK);
         let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
         linked.send(1, 0, 0);
-        assert_eq!(here(&mut reader, 1), Some(1));
+        assert_eq!(poll(&mut reader, 1), Some(1));
         for _ in 0..2 {
             (1..RING_BUFFER).for_each(|_| linked.send(1, FLAG_REPEAT, 0));
             reader.receive_all().unwrap();
         }
         linked.send(2, 0, 0);
-        assert_eq!(here(&mut reader, 2), Some(2));
+        assert_eq!(poll(&mut reader, 2), Some(2));
     }
 
     #[test]
@@ -331,26 +335,26 @@ mod tests {
     }
 
     #[test]
-    fn a_process_that_was_started_again_is_heard_behind_the_same_link() {
+    fn a_restarted_process_is_admitted_behind_the_same_link() {
         let linked = Linked::new(LINK);
         let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
         [1, 2].into_iter().for_each(|slot| linked.send(slot, 0, 0));
-        assert_eq!([1, 2].map(|slot| here(&mut reader, slot)), [Some(1), Some(2)]);
+        assert_eq!([1, 2].map(|slot| poll(&mut reader, slot)), [Some(1), Some(2)]);
         [1, 2, 3].into_iter().for_each(|slot| linked.send(slot, 0, 1));
-        assert_eq!(here(&mut reader, 3), Some(3));
+        assert_eq!(poll(&mut reader, 3), Some(3));
         assert_eq!(linked.ring.refusals.total(), 0);
     }
 
     #[test]
-    fn without_a_link_a_writer_that_repeats_itself_unsaid_is_refused() {
+    fn without_a_link_a_repeat_without_its_flag_is_refused() {
         let linked = Linked::new(None);
         let mut reader = linked.ring.commit.reader(RING_BUFFER).unwrap();
         [1, 2, 1].into_iter().for_each(|slot| linked.send(slot, 0, 0));
-        assert_eq!([1, 2].map(|slot| here(&mut reader, slot)), [Some(1), Some(2)]);
-        assert_eq!(here(&mut reader, 3), None);
+        assert_eq!([1, 2].map(|slot| poll(&mut reader, slot)), [Some(1), Some(2)]);
+        assert_eq!(poll(&mut reader, 3), None);
         assert_eq!(linked.ring.refusals.total(), 1);
         linked.send(2, FLAG_REPEAT, 0);
-        assert_eq!(here(&mut reader, 3), None);
-        assert_eq!(linked.ring.refusals.total(), 1, "it said so");
+        assert_eq!(poll(&mut reader, 3), None);
+        assert_eq!(linked.ring.refusals.total(), 1, "with the flag");
     }
 }

@@ -1,4 +1,4 @@
-//! What a process does not accept from its peers: counted, and said in one line, but not a thousand times.
+//! Samples that a process refuses: counted, and logged with increasing intervals.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -7,31 +7,31 @@ use strum::{Display, EnumCount};
 
 use crate::role::Role;
 
-/// Why a sample is not accepted.
+/// Why a sample is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Display, EnumCount)]
 pub enum Refusal {
-    /// It belongs to another run.
+    /// The sample belongs to another run.
     #[strum(to_string = "it belongs to another run")]
     Mission,
-    /// Its writer is not the one that is heard, and that one is still there.
+    /// Its writer is not the admitted one, which is still attached.
     #[strum(to_string = "another process is writing this topic already")]
     SecondWriter,
-    /// Its writer has sent a slot that is not after the last one.
+    /// Its slot is not after the last one of its writer.
     #[strum(to_string = "its writer has sent that slot, or a later one, before")]
     OldSlot,
     /// Its slot is further ahead than the ring can be.
     #[strum(to_string = "the ring cannot be that far")]
     FarSlot,
-    /// It has another length than the field has sensor nodes.
+    /// Its length is not the number of sensor nodes.
     #[strum(to_string = "expected a queue for each SN")]
     Length,
-    /// The waypoint of a plan is no number, out of reach, or outside the area.
+    /// The waypoint of a plan is not finite, out of reach, or outside the area.
     #[strum(to_string = "waypoint not finite, out of reach, or outside the area: the UAV holds")]
     Waypoint,
-    /// A plan names a sensor node that is out of range, unknown, named before, or beyond the resource blocks.
+    /// A plan schedules a sensor node that is out of range, unknown, named twice, or beyond the resource blocks.
     #[strum(to_string = "SN out of range, unknown, named twice, or beyond the resource blocks")]
     Sensor,
-    /// A path has no point, more than there is room for, or one that is no number or outside the area.
+    /// A path has no point, too many, or one that is not finite or outside the area.
     #[strum(to_string = "expected 1 to 64 points, finite and in the area")]
     Path,
 }
@@ -43,37 +43,38 @@ pub struct Refusals(Rc<RefCell<State>>);
 #[derive(Debug)]
 struct State {
     counts: [u64; Refusal::COUNT],
-    speaker: Option<Role>,
+    /// The process in whose name refusals are logged; `None` to log nothing.
+    logger: Option<Role>,
 }
 
 impl Refusals {
-    /// Refusals that `speaker`, if there is one, says on standard error: the first of its kind, the 10th, the 100th...
+    /// Counters whose 1st, 10th, 100th... refusal of each kind is logged to standard error in the name of `logger`.
     #[must_use]
-    pub fn new(speaker: Option<Role>) -> Self {
-        Self(Rc::new(RefCell::new(State { counts: [0; Refusal::COUNT], speaker })))
+    pub fn new(logger: Option<Role>) -> Self {
+        Self(Rc::new(RefCell::new(State { counts: [0; Refusal::COUNT], logger })))
     }
 
-    /// Counts the refusal of the sample of `slot` on `topic`, which is `count` of its kind.
+    /// Counts `count` refusals of one kind in the sample of `slot` on `topic`.
     pub fn add(&self, topic: &str, slot: u64, refusal: Refusal, count: u64) {
         let mut state = self.0.borrow_mut();
         let total = &mut state.counts[refusal as usize];
         let before = *total;
         *total += count;
         if let Some(line) = line(topic, slot, refusal, before, *total)
-            && let Some(speaker) = state.speaker
+            && let Some(logger) = state.logger
         {
-            speaker.say(line);
+            logger.log(line);
         }
     }
 
-    /// How many were refused, of all kinds.
+    /// The number of refusals of all kinds.
     #[must_use]
     pub fn total(&self) -> u64 {
         self.0.borrow().counts.iter().sum()
     }
 }
 
-/// What is said when the count goes from `before` to `now`: something whenever it reaches a further power of ten.
+/// The line to log when a count rises from `before` to `now`, if it has reached another power of ten.
 fn line(topic: &str, slot: u64, refusal: Refusal, before: u64, now: u64) -> Option<String> {
     let magnitude = |count: u64| count.checked_ilog10().map_or(0, |log| log + 1);
     if magnitude(now) == magnitude(before) {
@@ -88,7 +89,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_power_of_ten_is_said() {
+    fn every_power_of_ten_is_logged() {
         let said = |before, now| line("plan", 7, Refusal::Mission, before, now);
         assert_eq!(said(0, 1).unwrap(), "plan(7) refused: it belongs to another run");
         assert_eq!(said(1, 2), None);
@@ -98,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn readers_count_together() {
+    fn clones_share_their_counts() {
         let refusals = Refusals::new(None);
         refusals.clone().add("plan", 1, Refusal::FarSlot, 1);
         refusals.add("queues", 2, Refusal::Mission, 3);

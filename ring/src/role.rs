@@ -1,6 +1,6 @@
-//! Who takes part in a ring: the roles, and the seat of each, which one process has at a time.
+//! The roles of the processes of a ring, and the lock file of each role, which one process holds at a time.
 //!
-//! A seat counts how often it was taken; its holder shows by heartbeats that it is alive.
+//! The file counts the starts of the process, and its time of modification is the last heartbeat.
 
 use std::fmt::Display;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -24,9 +24,9 @@ pub enum Role {
     FieldSim,
     /// Owns the UAV and the channel.
     FlightSim,
-    /// Decides the schedule and the waypoint.
+    /// Plans the schedule and the waypoint.
     Planner,
-    /// Logs everything to rerun.
+    /// Records everything with rerun.
     Viewer,
     /// `skysink run`: launches the others and records.
     #[strum(serialize = "skysink")]
@@ -34,15 +34,15 @@ pub enum Role {
 }
 
 impl Role {
-    /// Whether the ring cannot go on without the process, so that its peers are never far ahead. The others may lag:
-    /// the viewer, and in paced runs the planner.
+    /// Whether the ring waits for the process in every slot, so that it is never far ahead of it. The others may lag: the
+    /// viewer, and in paced runs the planner.
     #[must_use]
-    pub fn keeps_the_ring_waiting(self) -> bool {
+    pub fn blocks_ring(self) -> bool {
         matches!(self, Self::FieldSim | Self::FlightSim | Self::Launcher)
     }
 
-    /// Writes a line to standard error. Where it cannot be written there is nobody to tell.
-    pub fn say(self, line: impl Display) {
+    /// Writes a line to standard error, in the name of the process. Errors are ignored.
+    pub fn log(self, line: impl Display) {
         let _ = writeln!(io::stderr(), "{}: {line}", self.name());
     }
 
@@ -53,24 +53,24 @@ impl Role {
     }
 }
 
-/// How often a process shows that it is alive.
+/// Period of the heartbeats.
 pub const HEARTBEAT: Duration = Duration::from_millis(100);
 
-/// The seat of a role, held as long as the process lives: a file, locked.
+/// The lock file of a role, `ROLE.seat`, locked while the process lives.
 #[derive(Debug)]
-pub struct Seat {
+pub struct RoleLock {
     file: File,
-    /// How often it was taken before: the restart count of its holder.
+    /// Restart count of the process.
     pub(crate) restarts: u32,
     last_beat: Mutex<Instant>,
 }
 
-impl Seat {
-    /// Takes the seat of `role` in the ring of `folder`.
+impl RoleLock {
+    /// Locks the file of `role` in the ring of `folder`, and counts the start.
     ///
     /// # Errors
-    /// If another process has it, or the file cannot be written.
-    pub(crate) fn take(folder: &Path, role: Role) -> Result<Self, RingError> {
+    /// If another process has locked it, or the file cannot be written.
+    pub(crate) fn acquire(folder: &Path, role: Role) -> Result<Self, RingError> {
         let io = |error: io::Error| RingError::folder(folder, format_args!("{}: {error}", file_name(role)));
         let mut open = OpenOptions::new();
         let open = open.read(true).write(true).create(true).truncate(false).mode(0o600);
@@ -88,27 +88,28 @@ impl Seat {
         Ok(Self { file, restarts, last_beat: Mutex::new(Instant::now()) })
     }
 
-    /// Shows that the process is alive, if it is time to.
+    /// Sends a heartbeat if one is due.
     pub fn beat(&self, now: Instant) {
         let mut last_beat = self.last_beat.lock().unwrap_or_else(PoisonError::into_inner);
         if now.saturating_duration_since(*last_beat) >= HEARTBEAT {
             *last_beat = now;
             let touch = Timespec { tv_sec: 0, tv_nsec: UTIME_NOW };
-            let _ = futimens(&self.file, &Timestamps { last_access: touch, last_modification: touch }); // seen by its absence
+            // An error is noticed by the missing heartbeat.
+            let _ = futimens(&self.file, &Timestamps { last_access: touch, last_modification: touch });
         }
     }
 }
 
-/// When the process in the seat of `role` last showed that it is alive, by the clock of the file system; none if there
-/// never was one. Only a change of it means something: that clock may be set.
+/// Time of the last heartbeat of `role`, by the clock of the file system; `None` if the process was never started. Only
+/// changes are meaningful, because that clock may be set.
 #[must_use]
 pub fn last_heartbeat(folder: &Path, role: Role) -> Option<SystemTime> {
     std::fs::metadata(folder.join(file_name(role))).and_then(|file| file.modified()).ok()
 }
 
-/// How often the seat of `role` was taken: the restart count of its last holder, and one.
+/// Number of starts of the process `role`.
 #[must_use]
-pub fn times_taken(folder: &Path, role: Role) -> u32 {
+pub fn start_count(folder: &Path, role: Role) -> u32 {
     File::open(folder.join(file_name(role))).and_then(|file| read_count(&file)).unwrap_or(0)
 }
 
@@ -130,28 +131,28 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_seat_is_taken_by_one_at_a_time_and_counts_how_often() {
+    fn one_process_at_a_time_has_a_role_and_its_starts_are_counted() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(last_heartbeat(folder.path(), Role::Planner), None);
-        let first = Seat::take(folder.path(), Role::Planner).unwrap();
-        let error = Seat::take(folder.path(), Role::Planner).unwrap_err().to_string();
+        let first = RoleLock::acquire(folder.path(), Role::Planner).unwrap();
+        let error = RoleLock::acquire(folder.path(), Role::Planner).unwrap_err().to_string();
         assert!(error.contains("planner") && error.contains("already"), "{error}");
-        assert_eq!(Seat::take(folder.path(), Role::FieldSim).unwrap().restarts, 0, "another seat is free");
+        assert_eq!(RoleLock::acquire(folder.path(), Role::FieldSim).unwrap().restarts, 0, "another role is free");
         assert_eq!(first.restarts, 0);
         drop(first);
-        assert_eq!(Seat::take(folder.path(), Role::Planner).unwrap().restarts, 1);
+        assert_eq!(RoleLock::acquire(folder.path(), Role::Planner).unwrap().restarts, 1);
     }
 
     #[test]
-    fn a_beat_is_seen_from_outside() {
+    fn a_heartbeat_is_seen_from_outside() {
         let folder = tempfile::tempdir().unwrap();
-        let seat = Seat::take(folder.path(), Role::Planner).unwrap();
+        let lock = RoleLock::acquire(folder.path(), Role::Planner).unwrap();
         let long_ago = SystemTime::now() - Duration::from_secs(60);
-        seat.file.set_modified(long_ago).unwrap();
+        lock.file.set_modified(long_ago).unwrap();
         let begin = Instant::now();
-        seat.beat(begin); // too early: nothing happens
+        lock.beat(begin); // not due yet
         assert_eq!(last_heartbeat(folder.path(), Role::Planner), Some(long_ago));
-        seat.beat(begin + HEARTBEAT);
+        lock.beat(begin + HEARTBEAT);
         assert!(last_heartbeat(folder.path(), Role::Planner).unwrap() > long_ago);
     }
 }

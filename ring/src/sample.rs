@@ -1,4 +1,4 @@
-//! What a sample of a topic is: a user header, and one message or a list of messages.
+//! The samples of a topic: a user header, and one message or a list of messages.
 
 use std::fmt::Debug;
 
@@ -11,12 +11,12 @@ use iceoryx2::service::builder::publish_subscribe::Builder;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use skysink_common::message::{QueuesHeader, SensorsHeader, SlotHeader};
 
-/// User header of a sample, whatever the topic.
+/// User header of a sample of any topic.
 pub trait Header: Debug + Default + Copy + ZeroCopySend + 'static {
     /// Mission, slot and flags.
     fn head(&self) -> &SlotHeader;
 
-    /// The same, to be changed.
+    /// Mission, slot and flags, mutable.
     fn head_mut(&mut self) -> &mut SlotHeader;
 }
 
@@ -50,18 +50,18 @@ impl Header for SensorsHeader {
     }
 }
 
-/// One message or a list: what iceoryx2 has twice, by the same names.
+/// One message or a list of messages, which are separate types with the same methods in iceoryx2.
 pub trait Payload: IceoryxSend + Debug + 'static {
     /// A copy outside shared memory.
     type Copied: Debug + Default;
 
-    /// Overwrites `copied` with a copy of this.
+    /// Overwrites `copied` with a copy of the payload.
     fn copy_to(&self, copied: &mut Self::Copied);
 
     /// Sends a copy.
     ///
     /// # Errors
-    /// What iceoryx2 says.
+    /// That of iceoryx2.
     fn send<S: Service, H: Header>(
         publisher: &Publisher<S, Self, H>,
         header: H,
@@ -71,13 +71,13 @@ pub trait Payload: IceoryxSend + Debug + 'static {
     /// Creates a topic's service with the attributes `terms`, or opens it if there are none.
     ///
     /// # Errors
-    /// What iceoryx2 says.
+    /// That of iceoryx2.
     fn service<S: Service, H: Header>(
         builder: Builder<Self, H, S>,
         terms: Option<&AttributeSpecifier>,
     ) -> Result<PortFactory<S, Self, H>, Box<dyn Debug>>;
 
-    /// The next sample that has arrived.
+    /// Receives the next sample, if there is one.
     ///
     /// # Errors
     /// If the writer's memory cannot be mapped.
@@ -86,7 +86,7 @@ pub trait Payload: IceoryxSend + Debug + 'static {
     ) -> Result<Option<Sample<S, Self, H>>, ReceiveError>;
 }
 
-/// The same words for a message and for a list.
+/// Implements [`Payload`] for a message or a list.
 macro_rules! payload {
     ($payload:ty { $($own:tt)* }) => {
         impl<T: Debug + Copy + ZeroCopySend + 'static> Payload for $payload {

@@ -1,7 +1,7 @@
-//! What a look at a topic from outside shows: its types, who writes and reads it, and how far it is.
+//! The state of the topics as observed from outside: types, writers, readers and progress.
 //!
-//! Whoever looks takes no role. It reads each topic for an instant, as a late joiner, by a subscriber that no writer
-//! waits for: while it is stopped it misses samples.
+//! An observer has no role. It reads each topic shortly, as a late joiner, by a subscriber that no writer waits for, and
+//! may miss samples.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -18,13 +18,13 @@ use crate::error::RingError;
 use crate::sample::{Header, Payload};
 use crate::topic::{OBSERVER, Topic};
 
-/// How long a topic is read: writers serve late joiners whenever they wait, every 10 ms.
-const LOOK: Duration = Duration::from_millis(100);
+/// How long the topics are read: writers serve late joiners every 10 ms while they wait.
+const OBSERVATION: Duration = Duration::from_millis(100);
 
-/// How often it is polled meanwhile.
+/// Period of the polls.
 const POLL: Duration = Duration::from_millis(1);
 
-/// A topic as it is found.
+/// The state of a topic.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct TopicState {
     /// Name of its two services.
@@ -33,44 +33,44 @@ pub struct TopicState {
     pub payload: String,
     /// Type of its user header.
     pub header: String,
-    /// Processes that write it, by name; `?` if they have none.
+    /// Names of the processes that write it; `?` for one without a name.
     pub writers: Vec<String>,
-    /// Processes that read it.
+    /// Names of the processes that read it.
     pub readers: Vec<String>,
-    /// Slot of its newest sample; none if nothing was sent.
+    /// Slot of its newest sample; `None` if nothing was sent.
     pub slot: Option<u64>,
-    /// When that was sent, on the monotonic clock [ns].
+    /// When that sample was sent, on the monotonic clock [ns].
     pub sent_ns: Option<u64>,
-    /// Whether a slot has one sample, so that slots count samples.
+    /// Whether each slot has one sample, so that slots count samples.
     #[serde(skip)]
     pub is_once_a_slot: bool,
 }
 
-/// A topic that is looked at.
-pub(crate) trait Watch {
-    /// Who writes and who reads it, and everything that stays.
+/// A topic under observation.
+pub(crate) trait ObserveTopic {
+    /// The state of the topic without its samples. `name` returns the name of a process.
     fn state(&self, name: &dyn Fn(&UniqueNodeId) -> String) -> TopicState;
 
     /// Attaches a reader.
     fn attach(&mut self) -> Result<(), RingError>;
 
-    /// Takes what has arrived; returns the head of the newest sample so far.
-    fn take(&mut self) -> Result<Option<SlotHeader>, RingError>;
+    /// Receives pending samples; returns the header of the newest sample so far.
+    fn receive(&mut self) -> Result<Option<SlotHeader>, RingError>;
 }
 
-struct Watched<'a, S: Service + 'static, P: Payload + ?Sized, H: Header> {
+struct ObservedTopic<'a, S: Service + 'static, P: Payload + ?Sized, H: Header> {
     topic: &'a Topic<S, P, H>,
     subscriber: Option<Subscriber<S, P, H>>,
     newest: Option<SlotHeader>,
 }
 
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
-    pub(crate) fn watch(&self) -> Box<dyn Watch + '_> {
-        Box::new(Watched { topic: self, subscriber: None, newest: None })
+    pub(crate) fn observer(&self) -> Box<dyn ObserveTopic + '_> {
+        Box::new(ObservedTopic { topic: self, subscriber: None, newest: None })
     }
 }
 
-impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Watch for Watched<'_, S, P, H> {
+impl<S: Service + 'static, P: Payload + ?Sized, H: Header> ObserveTopic for ObservedTopic<'_, S, P, H> {
     fn state(&self, name: &dyn Fn(&UniqueNodeId) -> String) -> TopicState {
         let shared = &self.topic.0;
         let types = shared.data.static_config().message_type_details();
@@ -94,7 +94,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Watch for Watched<'_,
             readers,
             slot: None,
             sent_ns: None,
-            is_once_a_slot: !shared.row.several,
+            is_once_a_slot: !shared.row.has_several_per_slot,
         }
     }
 
@@ -107,7 +107,7 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Watch for Watched<'_,
         Ok(())
     }
 
-    fn take(&mut self) -> Result<Option<SlotHeader>, RingError> {
+    fn receive(&mut self) -> Result<Option<SlotHeader>, RingError> {
         let Some(subscriber) = &self.subscriber else { return Ok(self.newest) };
         let mut received = 0;
         while received < self.topic.0.row.buffer
@@ -123,20 +123,20 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Watch for Watched<'_,
     }
 }
 
-/// Looks at all of these topics at once.
-pub(crate) fn look<S: Service>(
-    mut watches: Vec<Box<dyn Watch + '_>>,
+/// Observes these topics at the same time.
+pub(crate) fn observe_all<S: Service>(
+    mut observers: Vec<Box<dyn ObserveTopic + '_>>,
     node: &Node<S>,
 ) -> Result<Vec<TopicState>, RingError> {
     let names = node_names(node);
     let name = |id: &UniqueNodeId| names.get(&id.value()).cloned().unwrap_or_else(|| "?".to_owned());
-    let mut states: Vec<TopicState> = watches.iter().map(|watch| watch.state(&name)).collect();
-    watches.iter_mut().try_for_each(|watch| watch.attach())?;
+    let mut states: Vec<TopicState> = observers.iter().map(|observer| observer.state(&name)).collect();
+    observers.iter_mut().try_for_each(|observer| observer.attach())?;
     let begin = Instant::now();
     loop {
-        let is_over = begin.elapsed() >= LOOK;
-        for (watch, state) in watches.iter_mut().zip(&mut states) {
-            let newest = watch.take()?;
+        let is_over = begin.elapsed() >= OBSERVATION;
+        for (observer, state) in observers.iter_mut().zip(&mut states) {
+            let newest = observer.receive()?;
             state.slot = newest.map(|head| head.slot);
             state.sent_ns = newest.map(|head| head.sent_ns);
         }
@@ -147,7 +147,7 @@ pub(crate) fn look<S: Service>(
     }
 }
 
-/// The names of the ring's processes that have one.
+/// The names of the ring's processes, by node.
 fn node_names<S: Service>(node: &Node<S>) -> BTreeMap<u128, String> {
     let mut names = BTreeMap::new();
     let _ = Node::<S>::list(node.config(), |state| {

@@ -1,4 +1,4 @@
-//! What all processes of a run are told, in `ring.toml`.
+//! The parameters of a run that are common to its processes, in `ring.toml`.
 
 use std::fs;
 use std::path::Path;
@@ -10,33 +10,34 @@ use skysink_common::pace::Pace;
 
 use crate::wait::Waiting;
 
-/// What the processes of a run agree on.
+/// The parameters of a run that are common to its processes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Terms {
     /// Id of the run; every sample carries it.
     #[serde(with = "hexadecimal")]
     pub mission: u64,
-    /// How fast its slots follow each other.
+    /// Pace of the run.
     pub pace: Pace,
-    /// How its processes wait for each other.
+    /// How its processes wait for samples.
     pub wait: Waiting,
     /// How long the launcher waits for a sample [s].
     pub timeout_s: f64,
-    /// Whether a viewer takes part.
+    /// Whether the ring has a viewer.
     pub viewer: bool,
-    /// Where `queues` holds what the UAV knows of them: what it knows of the sampling rates. Else the topic holds the
-    /// queues themselves.
-    pub told: Option<Rates>,
-    /// Where a link carries the samples to processes of other hosts: what these hosts compare.
+    /// What the UAV knows of the sampling rates, if the topic `queues` holds its estimate; `None` if the topic holds the
+    /// true queues.
+    #[serde(rename = "told")]
+    pub estimated: Option<Rates>,
+    /// What the hosts compare, if a link carries the samples to processes of other hosts.
     pub link: Option<LinkTerms>,
 }
 
-/// What the hosts of a ring must agree on; a link does not carry the attributes of services.
+/// What the hosts of a ring must agree on, because a link does not carry the attributes of services.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LinkTerms {
-    /// Version of the messages and of what they mean.
+    /// Version of the messages and their semantics.
     pub version: u32,
     /// Hash of the scenario and its sensor list.
     #[serde(with = "hexadecimal")]
@@ -44,7 +45,7 @@ pub struct LinkTerms {
 }
 
 impl Terms {
-    /// Reads `ring.toml`; says what is wrong with it.
+    /// Reads `ring.toml`; the error says what is wrong.
     pub(crate) fn read(file: &Path) -> Result<Self, String> {
         let expected = "expected the folder of a ring, as skysink run prints it, or a copy of the ring.toml in it";
         let text = fs::read_to_string(file).map_err(|error| format!("{error}: {expected}"))?;
@@ -61,7 +62,7 @@ impl Terms {
         Duration::from_secs_f64(self.timeout_s)
     }
 
-    /// After so long without a sign of life a process is killed and started again.
+    /// After this time without a heartbeat, a process is killed and restarted.
     #[must_use]
     pub fn silence_limit(&self) -> Duration {
         self.timeout() / 2
@@ -73,14 +74,14 @@ impl Terms {
         self.timeout() * 2 / 3
     }
 
-    /// After so long without the sample that all wait for, its sender is killed and started again.
+    /// After this time without the sample that the others wait for, its sender is killed and restarted.
     #[must_use]
     pub fn overdue_limit(&self) -> Duration {
         self.timeout() * 3 / 4
     }
 }
 
-/// `u64` as hexadecimal text: TOML's integers end at 2^63.
+/// Serializes `u64` as hexadecimal text, because integers of TOML end at 2^63.
 mod hexadecimal {
     use serde::{Deserialize, Deserializer, Serializer};
 

@@ -1,4 +1,4 @@
-//! A topic: a publish-subscribe service and an event service of the same name. Its two ends are `reader` and `writer`.
+//! A topic: a publish-subscribe service and an event service of the same name. Its ends are in `reader` and `writer`.
 
 use std::fmt::Debug;
 use std::rc::Rc;
@@ -18,89 +18,90 @@ use skysink_common::stop::Stop;
 use crate::cleanup::remove_dead_nodes;
 use crate::error::RingError;
 use crate::refusals::Refusals;
-use crate::role::{Role, Seat};
+use crate::role::{Role, RoleLock};
 use crate::sample::{Header, Payload};
 use crate::terms::Terms;
 use crate::wait::{LateJoiners, Stopwatch};
 
-/// Samples that a reader holds because they came early. With the one that is worked on they are all that it may hold.
+/// Most samples of later slots that a reader keeps.
 pub(crate) const MAX_EARLY: usize = 3;
 
-/// Samples that a reader holds at once: one it works on, and those that came early.
+/// Most samples that a reader borrows: those of later slots, and the one in use.
 const MAX_BORROWED: usize = MAX_EARLY + 1;
 
-/// Readers of a topic: the ring, the viewer, and room for programs from outside.
+/// Most readers of a topic: the ring, the viewer, and external programs.
 const MAX_READERS: usize = 8;
 
-/// Writers of a topic: one by its role; the second place is for restarts and links between hosts.
+/// Most writers of a topic: the process of its role, and one for restarts and links between hosts.
 const MAX_WRITERS: usize = 2;
 
-/// Name of a subscriber that no writer waits for: if its buffer is full it misses samples.
+/// Name of a subscriber that no writer waits for: it misses samples while its buffer is full.
 pub(crate) const OBSERVER: &str = "observer";
 
-/// Processes that open a topic.
+/// Most processes that open a topic.
 const MAX_NODES: usize = 20;
 
-/// How long a full reader is waited for before dead ones are looked for.
+/// How long a writer waits for a full reader before it removes dead processes.
 const CLEAN_UP_AFTER: Duration = Duration::from_millis(20);
 
 /// A row of the table of topics.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Row {
+pub(crate) struct TopicRow {
     pub(crate) name: &'static str,
-    /// Who writes it.
-    pub(crate) from: Role,
-    /// Most samples that wait for a reader.
+    /// The process that writes it.
+    pub(crate) writer: Role,
+    /// Largest buffer of a reader [samples].
     pub(crate) buffer: usize,
+    /// Samples that a late joiner receives.
     pub(crate) history: usize,
-    pub(crate) full: Full,
+    pub(crate) on_full: OnFullBuffer,
     /// Whether a slot may have several samples.
-    pub(crate) several: bool,
+    pub(crate) has_several_per_slot: bool,
 }
 
-/// What a writer does about a reader whose buffer is full.
+/// What a writer does if the buffer of a reader is full.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Full {
-    /// Waits for it in lock-step, so that nothing is lost; in paced runs nobody waits.
-    WaitInLockStep,
-    /// Sends no sample, and the reader misses it.
-    Miss,
+pub(crate) enum OnFullBuffer {
+    /// In lock-step, blocks until the reader takes a sample; in paced runs, drops the sample.
+    BlockInLockStep,
+    /// Drops the sample for this reader.
+    DropSample,
 }
 
-/// What a process brings to each of its topics.
+/// The state of a process that its topics share.
 #[derive(Debug, Clone)]
-pub(crate) struct Member {
+pub(crate) struct Participant {
     pub(crate) terms: Terms,
-    /// How far ahead the ring can be of this process; none if it may lag.
+    /// Most slots by which the ring can be ahead of this process; `None` if it may lag.
     pub(crate) max_ahead: Option<u64>,
-    /// Where it counts what it does not accept.
+    /// Counts of refused samples.
     pub(crate) refusals: Refusals,
     pub(crate) late_joiners: LateJoiners,
-    /// Where it shows that it is alive; none in the launcher.
-    pub(crate) seat: Option<Arc<Seat>>,
+    /// The lock of its role, for heartbeats; `None` in the launcher.
+    pub(crate) role_lock: Option<Arc<RoleLock>>,
     pub(crate) stop: Stop,
 }
 
 /// A topic of the ring.
 #[derive(Debug)]
-pub struct Topic<S: Service + 'static, P: Payload + ?Sized, H: Header>(pub(crate) Rc<Shared<S, P, H>>);
+pub struct Topic<S: Service + 'static, P: Payload + ?Sized, H: Header>(pub(crate) Rc<TopicShared<S, P, H>>);
 
-/// What a topic shares with its readers and writers.
+/// The state that a topic shares with its readers and writers.
 #[derive(Debug)]
-pub(crate) struct Shared<S: Service + 'static, P: Payload + ?Sized, H: Header> {
-    pub(crate) row: Row,
+pub(crate) struct TopicShared<S: Service + 'static, P: Payload + ?Sized, H: Header> {
+    pub(crate) row: TopicRow,
     pub(crate) config: Config,
     pub(crate) data: Arc<publish_subscribe::PortFactory<S, P, H>>,
     event: event::PortFactory<S>,
-    pub(crate) member: Member,
+    pub(crate) member: Participant,
 }
 
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
-    /// The topic of a row: created if there are `terms`, which the launcher has; opened if there are none.
+    /// The topic of a row: created with the attributes `terms`, or opened if there are none. Only the launcher creates.
     pub(crate) fn new(
         node: &Node<S>,
-        member: &Member,
-        row: Row,
+        member: &Participant,
+        row: TopicRow,
         terms: Option<&AttributeSpecifier>,
     ) -> Result<Self, RingError> {
         let action = if terms.is_some() { "create it" } else { "open it" };
@@ -123,16 +124,16 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
             Some(_) => events.max_nodes(MAX_NODES).create().map_err(|error| refuse(&error))?,
             None => events.open().map_err(|error| refuse(&error))?,
         };
-        Ok(Self(Rc::new(Shared { row, config: node.config().clone(), data, event, member: member.clone() })))
+        Ok(Self(Rc::new(TopicShared { row, config: node.config().clone(), data, event, member: member.clone() })))
     }
 
-    /// Whether a process is attached to write the topic, or a link.
+    /// Whether a process or a link is attached as a writer.
     #[must_use]
     pub fn has_writer(&self) -> bool {
         !self.writers().is_empty()
     }
 
-    /// The processes that are attached to write the topic.
+    /// The attached writers.
     pub(crate) fn writers(&self) -> Vec<UniqueNodeId> {
         let mut writers = Vec::new();
         self.0.data.dynamic_config().list_publishers(|port| {
@@ -142,21 +143,21 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
         writers
     }
 
-    /// The terms under which the topic was created.
+    /// The attributes with which the topic was created.
     pub(crate) fn terms(&self) -> &AttributeSet {
         self.0.data.attributes()
     }
 
-    /// The wake-ups of the topic, without its samples. Listeners that were attached earlier are notified first.
+    /// A listener to the notifications of the topic. Listeners that were attached earlier are notified first.
     ///
     /// # Errors
-    /// If all listeners' places are taken, or the system refuses.
+    /// If the topic has its maximum of listeners, or iceoryx2 fails.
     pub fn listener(&self) -> Result<Listener<S>, RingError> {
         self.0.listener()
     }
 }
 
-impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Shared<S, P, H> {
+impl<S: Service + 'static, P: Payload + ?Sized, H: Header> TopicShared<S, P, H> {
     pub(crate) fn listener(&self) -> Result<Listener<S>, RingError> {
         self.event.listener_builder().create().map_err(|error| self.refuse("listen", &error))
     }
@@ -165,12 +166,12 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Shared<S, P, H> {
         self.event.notifier_builder().create().map_err(|error| self.refuse("notify", &error))
     }
 
-    /// What iceoryx2 refuses to do.
+    /// The error of a failed `action`.
     pub(crate) fn refuse(&self, action: &'static str, error: &dyn Debug) -> RingError {
         RingError::topic(self.row.name, action, error)
     }
 
-    /// What is done about a full reader; while `is_repeating`, nothing.
+    /// The handler for full buffers of readers. While `is_repeating`, samples are dropped.
     pub(crate) fn backpressure(
         &self,
         is_repeating: Arc<AtomicBool>,
@@ -178,24 +179,24 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Shared<S, P, H> {
         let config = self.config.clone();
         let data = Arc::clone(&self.data);
         let stop = self.member.stop.clone();
-        let seat = self.member.seat.clone();
+        let role_lock = self.member.role_lock.clone();
         let limit = self.member.terms.full_limit();
         let waited = Mutex::new(Stopwatch::start(Instant::now()));
-        let waits = self.row.full == Full::WaitInLockStep && self.member.terms.pace == Pace::Max;
+        let is_blocking = self.row.on_full == OnFullBuffer::BlockInLockStep && self.member.terms.pace == Pace::Max;
         move |info| {
-            if !waits || is_repeating.load(Ordering::Relaxed) || is_observer(&data, info.receiver_port_id) {
+            if !is_blocking || is_repeating.load(Ordering::Relaxed) || is_observer(&data, info.receiver_port_id) {
                 return BackpressureAction::DiscardData;
             }
             let now = Instant::now();
             let mut waited = waited.lock().unwrap_or_else(PoisonError::into_inner);
             if info.retries == 0 {
-                *waited = Stopwatch::start(now); // another buffer is full
+                *waited = Stopwatch::start(now); // a new wait
             }
             if stop.requested().is_some() || waited.advance(now) > limit {
                 return BackpressureAction::DiscardDataAndFail;
             }
             if info.elapsed_time > CLEAN_UP_AFTER {
-                seat.iter().for_each(|seat| seat.beat(now));
+                role_lock.iter().for_each(|lock| lock.beat(now));
                 remove_dead_nodes::<S>(&config);
             }
             BackpressureAction::Retry
@@ -208,7 +209,7 @@ pub(crate) fn service_name(topic: &'static str) -> Result<ServiceName, RingError
     ServiceName::new(&format!("skysink/{topic}")).map_err(|error| RingError::topic(topic, "name it", &error))
 }
 
-/// Whether this subscriber only observes.
+/// Whether this subscriber is an [`OBSERVER`].
 fn is_observer<S: Service, P: Payload + ?Sized, H: Header>(
     data: &publish_subscribe::PortFactory<S, P, H>,
     subscriber: u128,

@@ -1,7 +1,7 @@
 //! The table of topics, and the ring: all topics of a run.
 //!
-//! Every run has a folder and a prefix of its own, so that two runs never meet. The launcher creates the topics and
-//! holds them; a process of the ring only opens them.
+//! Each run has its own folder and iceoryx2 prefix, which isolates concurrent runs. The launcher creates the topics; the
+//! other processes only open them.
 
 use std::fmt::Debug;
 use std::rc::Rc;
@@ -23,73 +23,83 @@ use crate::folder::RingFolder;
 use crate::health::{Health, Ready};
 use crate::reader::MAX_AHEAD;
 use crate::refusals::Refusals;
-use crate::role::{Role, Seat};
-use crate::survey::{TopicState, Watch, look};
+use crate::role::{Role, RoleLock};
+use crate::survey::{ObserveTopic, TopicState, observe_all};
 use crate::terms::Terms;
-use crate::topic::{Full, Member, OBSERVER, Row, Topic, service_name};
-use crate::wait::{LateJoiners, PAUSE, SharedCore, WaitContext};
+use crate::topic::{OBSERVER, OnFullBuffer, Participant, Topic, TopicRow, service_name};
+use crate::wait::{CoreContention, LateJoiners, PAUSE, WaitContext};
 
-/// Version of the messages and of what they mean; processes of different versions do not meet.
+/// Version of the messages and their semantics; processes of different versions refuse each other.
 pub const SCHEMA: u32 = 5;
 
-/// Samples that wait for a process of the ring: it is never more than two slots behind, but writers that are started
-/// again repeat themselves. Memory that is not used costs nothing.
+/// Buffer of a process of the ring [samples]: it is at most two slots behind, but restarted writers repeat samples.
+/// Unused memory costs nothing.
 pub const RING_BUFFER: usize = 16;
 
-/// Samples that wait for the viewer or the recorder.
+/// Buffer of the viewer and of the recorder [samples].
 pub const VIEWER_BUFFER: usize = 64;
 
-/// The same of `path`. Its writer waits for nobody; where it waits for the viewer with the plan of a slot, none of the
-/// paths before is missing, those that it repeats after a restart included.
+/// Buffer of a reader of `path` [samples]. The writer of `path` does not wait for readers, but the writer of `plan`
+/// does: this buffer holds all paths until then, and those repeated after a restart.
 pub const PATH_BUFFER: usize = 2 * VIEWER_BUFFER;
 
-/// Samples that a late joiner still gets: slot 1 may be flown before the last process has seen the state before it.
+/// Samples that a late joiner receives: slot 1 may be flown before the last process has read the state before it.
 const HISTORY: usize = 2;
 
-/// The same of `flight`, which may be two slots ahead of the record: a planner that is started again then finds the
-/// flight before each plan that the recorder may still wait for.
+/// Samples of `flight` that a late joiner receives. Flights may be two slots ahead of the record: so a restarted planner
+/// finds the flight before each plan that the recorder may still wait for.
 pub const FLIGHT_HISTORY: usize = 3;
 
-/// How often late joiners are served, and woken, where a link does the same on every host: each wake-up costs it some
-/// milliseconds.
+/// Period of serving late joiners in a ring with a link, in which each notification costs some milliseconds.
 const SERVE_LINKED_EVERY: Duration = Duration::from_millis(100);
 
-/// A topic that every process of the ring needs.
-const fn row(name: &'static str, from: Role, buffer: usize) -> Row {
-    Row { name, from, buffer, history: HISTORY, full: Full::WaitInLockStep, several: false }
+/// A topic with the default history and backpressure.
+const fn row(name: &'static str, writer: Role, buffer: usize) -> TopicRow {
+    TopicRow {
+        name,
+        writer,
+        buffer,
+        history: HISTORY,
+        on_full: OnFullBuffer::BlockInLockStep,
+        has_several_per_slot: false,
+    }
 }
 
-const SENSORS: Row = row("sensors", Role::FieldSim, RING_BUFFER);
-const QUEUES: Row = row("queues", Role::FieldSim, VIEWER_BUFFER);
-const TRUTH: Row = row("truth", Role::FieldSim, VIEWER_BUFFER);
-const TICK: Row = row("tick", Role::FieldSim, VIEWER_BUFFER);
-const PLAN: Row = row("plan", Role::Planner, VIEWER_BUFFER);
-const PATH: Row = Row { full: Full::Miss, ..row("path", Role::Planner, PATH_BUFFER) };
-const FLIGHT: Row = Row { history: FLIGHT_HISTORY, ..row("flight", Role::FlightSim, VIEWER_BUFFER) };
-const COMMIT: Row = row("commit", Role::Launcher, RING_BUFFER);
-const HEALTH: Row = Row { full: Full::Miss, several: true, ..row("health", Role::Launcher, VIEWER_BUFFER) };
-const READY: Row = row("ready", Role::Viewer, RING_BUFFER);
+const SENSORS: TopicRow = row("sensors", Role::FieldSim, RING_BUFFER);
+const QUEUES: TopicRow = row("queues", Role::FieldSim, VIEWER_BUFFER);
+const TRUTH: TopicRow = row("truth", Role::FieldSim, VIEWER_BUFFER);
+const TICK: TopicRow = row("tick", Role::FieldSim, VIEWER_BUFFER);
+const PLAN: TopicRow = row("plan", Role::Planner, VIEWER_BUFFER);
+const PATH: TopicRow = TopicRow { on_full: OnFullBuffer::DropSample, ..row("path", Role::Planner, PATH_BUFFER) };
+const FLIGHT: TopicRow = TopicRow { history: FLIGHT_HISTORY, ..row("flight", Role::FlightSim, VIEWER_BUFFER) };
+const COMMIT: TopicRow = row("commit", Role::Launcher, RING_BUFFER);
+const HEALTH: TopicRow = TopicRow {
+    on_full: OnFullBuffer::DropSample,
+    has_several_per_slot: true,
+    ..row("health", Role::Launcher, VIEWER_BUFFER)
+};
+const READY: TopicRow = row("ready", Role::Viewer, RING_BUFFER);
 
 /// All topics, in the order of a slot.
-const ROWS: [Row; 10] = [SENSORS, QUEUES, TRUTH, TICK, PATH, PLAN, FLIGHT, COMMIT, READY, HEALTH];
+const ROWS: [TopicRow; 10] = [SENSORS, QUEUES, TRUTH, TICK, PATH, PLAN, FLIGHT, COMMIT, READY, HEALTH];
 
-/// The services of a ring that a link carries from and to one of its hosts, by their names.
+/// The names of the services that a link carries to and from one host of a ring.
 #[derive(Debug, PartialEq, Eq)]
 pub struct LinkedServices {
     /// All of them.
     pub all: Vec<String>,
-    /// Those that processes of this host write.
+    /// Those written by processes of this host.
     pub written_here: Vec<String>,
 }
 
 impl LinkedServices {
-    /// Those of a host with the processes `here`. `health` is of each host alone.
+    /// The services of a host with the processes `roles`. `health` is not carried.
     #[must_use]
-    pub fn of(terms: &Terms, here: &[Role]) -> Self {
-        let exists = |row: &&Row| row.name != HEALTH.name && (terms.told.is_some() || row.name != TRUTH.name);
-        let service = |row: &Row| format!("skysink/{}", row.name);
-        let is_read = |row: &Row| here.iter().any(|&role| row.is_read_by(role));
-        let is_written = |row: &Row| here.contains(&row.from);
+    pub fn of(terms: &Terms, roles: &[Role]) -> Self {
+        let exists = |row: &&TopicRow| row.name != HEALTH.name && (terms.estimated.is_some() || row.name != TRUTH.name);
+        let service = |row: &TopicRow| format!("skysink/{}", row.name);
+        let is_read = |row: &TopicRow| roles.iter().any(|&role| row.is_read_by(role));
+        let is_written = |row: &TopicRow| roles.contains(&row.writer);
         Self {
             all: ROWS.iter().filter(exists).filter(|row| is_read(row) || is_written(row)).map(service).collect(),
             written_here: ROWS.iter().filter(exists).filter(|row| is_written(row)).map(service).collect(),
@@ -97,8 +107,8 @@ impl LinkedServices {
     }
 }
 
-impl Row {
-    /// Whether the process of `role` reads it.
+impl TopicRow {
+    /// Whether the process `role` reads it.
     fn is_read_by(&self, role: Role) -> bool {
         let topics: &[Self] = match role {
             Role::FieldSim => &[FLIGHT, COMMIT],
@@ -110,45 +120,45 @@ impl Row {
     }
 }
 
-/// The topics of a run, opened.
+/// The open topics of a run.
 #[derive(Debug)]
 pub struct Ring<S: Service + 'static> {
-    /// What the run has agreed on.
+    /// The terms of the run.
     pub terms: Terms,
-    /// Every sensor node, once; the mission's limits in the header.
+    /// All sensor nodes, once; the mission's limits in the header.
     pub sensors: Topic<S, [SensorNode], SensorsHeader>,
-    /// The queue of every sensor node after each slot [bit]; ledger totals in the header.
+    /// The queue of each sensor node after each slot [bit]; ledger totals in the header.
     pub truth: Topic<S, [u32], QueuesHeader>,
-    /// The same for a planner: where the queues are estimated and the planner is not Skysink's, what the served sensor
-    /// nodes told and what is believed of the others, without totals.
+    /// The queues for an external planner: the UAV's estimate, without totals, if the queues are estimated; otherwise
+    /// this is `truth`.
     pub queues: Topic<S, [u32], QueuesHeader>,
     /// The beginning of each slot, in paced runs.
     pub tick: Topic<S, Tick, SlotHeader>,
-    /// Whom to serve in each slot and where to fly.
+    /// The schedule and the waypoint of each slot.
     pub plan: Topic<S, Plan, SlotHeader>,
-    /// Where the plan leads after its slot, of planners that know.
+    /// The planned waypoints after the slot, from planners that look ahead.
     pub path: Topic<S, [PathPoint], SlotHeader>,
-    /// Where the UAV is after each slot, and what its links can carry.
+    /// The position of the UAV after each slot, and the capacities of its links.
     pub flight: Topic<S, FlightReport, SlotHeader>,
     /// The slots on record.
     pub commit: Topic<S, Commit, SlotHeader>,
-    /// What becomes of the processes.
+    /// The events of the processes.
     pub health: Topic<S, Health, SlotHeader>,
-    /// Which viewer is ready for the slots to come.
+    /// The viewer that is ready for the slots to come.
     pub ready: Topic<S, Ready, SlotHeader>,
-    /// What this process did not accept.
+    /// Samples that this process refused.
     pub refusals: Refusals,
-    /// How often its seat was taken before.
+    /// Restart count of this process.
     pub restarts: u32,
     node: Node<S>,
 }
 
 impl<S: Service + 'static> Ring<S> {
-    /// Takes the seat of `role` in the ring of the folder and opens its topics, with the process's wait context. The
-    /// launcher has no seat; it creates the topics, and holds them for the whole run.
+    /// Locks `role` in the ring of the folder and opens its topics; returns them with the wait context of the process. The
+    /// launcher has no lock; it creates the topics.
     ///
     /// # Errors
-    /// If the seat is taken, the ring is not there or flies another scenario, or iceoryx2 cannot create its services.
+    /// If another process has the role, the ring does not exist or flies another scenario, or iceoryx2 fails.
     pub fn join(
         folder: &RingFolder,
         scenario: &Scenario,
@@ -159,22 +169,23 @@ impl<S: Service + 'static> Ring<S> {
         let is_launcher = role == Role::Launcher;
         let agreed = if is_launcher { Some(attributes(&terms, scenario)?) } else { None };
         let agreed = agreed.as_ref();
-        let seat = if is_launcher { None } else { Some(Arc::new(Seat::take(folder.path(), role)?)) };
+        let role_lock = if is_launcher { None } else { Some(Arc::new(RoleLock::acquire(folder.path(), role)?)) };
         let node = node::<S>(folder, role.name())?;
         if is_launcher {
-            folder.close_counter().map_err(|error| RingError::topic("ring", "close its counter", &error))?;
+            let restricted = folder.restrict_process_counter();
+            restricted.map_err(|error| RingError::topic("ring", "restrict its process counter", &error))?;
         }
-        let member = Member {
+        let member = Participant {
             terms,
-            max_ahead: role.keeps_the_ring_waiting().then_some(MAX_AHEAD),
-            // The ring's own processes report what they refuse; the viewer only listens, but nobody else reads paths.
+            max_ahead: role.blocks_ring().then_some(MAX_AHEAD),
+            // The viewer and the launcher do not log refusals: the ring's other processes read the same samples.
             refusals: Refusals::new(Some(role).filter(|&role| role != Role::Viewer && !is_launcher)),
             late_joiners: LateJoiners::default(),
-            seat: seat.clone(),
+            role_lock: role_lock.clone(),
             stop: stop.clone(),
         };
-        if !is_launcher && let Some(theirs) = terms_of(&node)? {
-            agree(folder, &theirs, scenario)?;
+        if !is_launcher && let Some(attributes) = attributes_of(&node)? {
+            check_attributes(folder, &attributes, scenario)?;
         }
         let sensors = Topic::new(&node, &member, SENSORS, agreed)?;
         let wait = WaitContext {
@@ -183,30 +194,30 @@ impl<S: Service + 'static> Ring<S> {
             late_joiners: member.late_joiners.clone(),
             timeout: is_launcher.then(|| terms.timeout()),
             waiting: terms.wait,
-            supervised: Instant::now(),
-            served: Instant::now(),
+            last_supervisor_check: Instant::now(),
+            last_served: Instant::now(),
             serve_every: if terms.link.is_some() { SERVE_LINKED_EVERY } else { PAUSE },
             polls: 0,
-            shared_core: SharedCore::default(),
+            contention: CoreContention::default(),
             slow_topics: Vec::new(),
-            seat,
+            role_lock,
         };
-        let only_reader = Refusals::new(Some(role));
+        let only_reader = Refusals::new(Some(role)); // of `path`, which only the viewer and the launcher read
         let ring = Self::with_topics(node, sensors, &member, only_reader, agreed)?;
         Ok((ring, wait))
     }
 
-    /// Opens the topics of the ring in the folder for one who takes no role, to look at them.
+    /// Opens the topics of the ring in the folder as an observer without a role.
     ///
     /// # Errors
-    /// If the ring is not there, or is of another version.
+    /// If the ring does not exist, or has another version.
     pub fn observe(folder: &RingFolder) -> Result<Self, RingError> {
-        let member = Member {
+        let member = Participant {
             terms: folder.terms(),
             max_ahead: None,
             refusals: Refusals::new(None),
             late_joiners: LateJoiners::default(),
-            seat: None,
+            role_lock: None,
             stop: Stop::default(),
         };
         let node = node::<S>(folder, OBSERVER)?;
@@ -214,17 +225,17 @@ impl<S: Service + 'static> Ring<S> {
         Self::with_topics(node, sensors, &member, Refusals::new(None), None)
     }
 
-    /// The ring with all topics but the first, created if there are terms.
+    /// Opens the remaining topics, or creates them with the attributes `agreed`.
     fn with_topics(
         node: Node<S>,
         sensors: Topic<S, [SensorNode], SensorsHeader>,
-        member: &Member,
+        member: &Participant,
         only_reader: Refusals,
         agreed: Option<&AttributeSpecifier>,
     ) -> Result<Self, RingError> {
-        let only_reader = Member { refusals: only_reader, ..member.clone() };
+        let only_reader = Participant { refusals: only_reader, ..member.clone() };
         let queues = Topic::new(&node, member, QUEUES, agreed)?;
-        let truth = match member.terms.told {
+        let truth = match member.terms.estimated {
             Some(_) => Topic::new(&node, member, TRUTH, agreed)?,
             None => Topic(Rc::clone(&queues.0)),
         };
@@ -241,45 +252,45 @@ impl<S: Service + 'static> Ring<S> {
             health: Topic::new(&node, member, HEALTH, agreed)?,
             ready: Topic::new(&node, member, READY, agreed)?,
             refusals: member.refusals.clone(),
-            restarts: member.seat.as_ref().map_or(0, |seat| seat.restarts),
+            restarts: member.role_lock.as_ref().map_or(0, |lock| lock.restarts),
             node,
         })
     }
 
-    /// What a look at each topic shows, in the order of a slot.
+    /// The states of all topics, in the order of a slot.
     ///
     /// # Errors
     /// If a topic cannot be read.
-    pub fn look(&self) -> Result<Vec<TopicState>, RingError> {
-        let mut watches: Vec<Box<dyn Watch + '_>> = vec![self.sensors.watch(), self.queues.watch()];
-        if self.terms.told.is_some() {
-            watches.push(self.truth.watch());
+    pub fn topic_states(&self) -> Result<Vec<TopicState>, RingError> {
+        let mut observers: Vec<Box<dyn ObserveTopic + '_>> = vec![self.sensors.observer(), self.queues.observer()];
+        if self.terms.estimated.is_some() {
+            observers.push(self.truth.observer());
         }
-        watches.extend([self.tick.watch(), self.path.watch(), self.plan.watch(), self.flight.watch()]);
-        watches.extend([self.commit.watch(), self.ready.watch(), self.health.watch()]);
-        look(watches, &self.node)
+        observers.extend([self.tick.observer(), self.path.observer(), self.plan.observer(), self.flight.observer()]);
+        observers.extend([self.commit.observer(), self.ready.observer(), self.health.observer()]);
+        observe_all(observers, &self.node)
     }
 
-    /// Hash of the scenario that the ring flies, as hexadecimal text.
+    /// Hash of the ring's scenario, as hexadecimal text.
     #[must_use]
     pub fn scenario_hash(&self) -> Option<String> {
         let key = "scenario".try_into().ok()?;
         self.sensors.terms().key_value(&key, 0).map(ToString::to_string)
     }
 
-    /// Frees what processes that died have left behind; the launcher does. What it cannot free goes with the folder.
+    /// Removes the resources of dead processes; called by the launcher. The rest is removed with the folder.
     pub fn remove_dead_nodes(&self) {
         purge_dead_nodes::<S>(self.node.config());
     }
 
-    /// Whether no other process is in the ring.
+    /// Whether the ring has no other process.
     #[must_use]
     pub fn is_alone(&self) -> bool {
         is_only_node(&self.node)
     }
 
-    /// Whether a process of this host is attached that writes what `role` sends in every slot; the viewer, what it
-    /// sends once. A link writes every topic: who writes `commit` and is not the launcher is one.
+    /// Whether a process of this host is attached as the writer of the topic of `role`: that of each slot, or `ready` of
+    /// the viewer. A link writes all topics: a writer of `commit` other than the launcher is a link.
     #[must_use]
     pub fn has_writer(&self, role: Role) -> bool {
         let mut links = if self.terms.link.is_some() { self.commit.writers() } else { Vec::new() };
@@ -294,11 +305,11 @@ impl<S: Service + 'static> Ring<S> {
         writers.iter().any(|writer| !links.contains(writer))
     }
 
-    /// The wake-ups of what `role` sends in every slot, from wherever it is: a process wakes its readers whenever it
-    /// waits, so that they show that it is alive.
+    /// A listener to the topic of `role`, on this host or another. A process also notifies its readers while it waits, so
+    /// that notifications serve as heartbeats.
     ///
     /// # Errors
-    /// If all listeners' places are taken, or the system refuses.
+    /// If the topic has its maximum of listeners, or iceoryx2 fails.
     pub fn listener_of(&self, role: Role) -> Result<Listener<S>, RingError> {
         match role {
             Role::FieldSim => self.truth.listener(),
@@ -309,17 +320,17 @@ impl<S: Service + 'static> Ring<S> {
         }
     }
 
-    /// A header of this run, sent now.
+    /// A header of this run with the current time.
     #[must_use]
     pub fn header(&self, slot: u64, flags: u32) -> SlotHeader {
         SlotHeader { mission: self.terms.mission, slot, epoch: self.restarts, flags, sent_ns: monotonic_ns() }
     }
 
-    /// Waits after the last slot until the record has what `is_awaited` (such as [`is_release`]), or the launcher has
-    /// ended: until then this process is there for those that are started again. `repeat` runs now and then.
+    /// Waits after the last slot for a commit that `is_awaited`, such as [`is_release`], or for the end of the launcher.
+    /// Until then this process serves restarted ones. `repeat` is called every 10 ms.
     ///
     /// # Errors
-    /// Those of `repeat`, a requested stop, or a broken ring.
+    /// Those of `repeat`, on a requested stop, or if iceoryx2 fails.
     pub fn wait_for_commit(
         &self,
         wait: &mut WaitContext,
@@ -352,7 +363,7 @@ pub fn is_release(commit: &SlotHeader) -> bool {
 #[must_use]
 pub fn monotonic_ns() -> u64 {
     let time = clock_gettime(ClockId::Monotonic);
-    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64 // the clock starts at boot: both are positive
+    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64 // both are positive: the clock starts at boot
 }
 
 fn node<S: Service>(folder: &RingFolder, name: &str) -> Result<Node<S>, RingError> {
@@ -365,7 +376,7 @@ fn node<S: Service>(folder: &RingFolder, name: &str) -> Result<Node<S>, RingErro
         .map_err(|error| RingError::topic("ring", "join", &error))
 }
 
-/// What every process must agree on, by key.
+/// The attributes on which all processes must agree: key, value, and the remedy if they differ.
 fn agreement(scenario: &Scenario) -> [(&'static str, String, &'static str); 3] {
     [
         ("version", SCHEMA.to_string(), "use the executables of one build"),
@@ -379,15 +390,15 @@ fn attributes(terms: &Terms, scenario: &Scenario) -> Result<AttributeSpecifier, 
     let mut specifier = AttributeSpecifier::new();
     for (key, value, _) in agreement(scenario).into_iter().chain([mission]) {
         let refuse = |error: &dyn Debug| RingError::topic("ring", "define its terms", error);
-        let (key, value) = (key.try_into().map_err(|error| refuse(&error))?, value.as_str().try_into());
-        let value = value.map_err(|error| refuse(&error))?;
+        let key = key.try_into().map_err(|error| refuse(&error))?;
+        let value = value.as_str().try_into().map_err(|error| refuse(&error))?;
         specifier = specifier.define(&key, &value).map_err(|error| refuse(&error))?;
     }
     Ok(specifier)
 }
 
-/// The terms under which the ring was created, whatever the types of its messages; none if it is not there.
-fn terms_of<S: Service>(node: &Node<S>) -> Result<Option<AttributeSet>, RingError> {
+/// The attributes with which the ring was created, for any message types; `None` if the ring does not exist.
+fn attributes_of<S: Service>(node: &Node<S>) -> Result<Option<AttributeSet>, RingError> {
     let refuse = |error: &dyn Debug| RingError::topic("ring", "read its terms", error);
     let name = service_name(SENSORS.name)?;
     let details =
@@ -395,12 +406,13 @@ fn terms_of<S: Service>(node: &Node<S>) -> Result<Option<AttributeSet>, RingErro
     Ok(details.map(|details| details.static_details.attributes().clone()))
 }
 
-fn agree(folder: &RingFolder, theirs: &AttributeSet, scenario: &Scenario) -> Result<(), RingError> {
-    for (what, ours, remedy) in agreement(scenario) {
-        let key = what.try_into().map_err(|error| RingError::topic("ring", "read its terms", &error))?;
-        let theirs = theirs.key_value(&key, 0).map_or_else(|| "missing".to_owned(), ToString::to_string);
-        if theirs != ours {
-            let message = format_args!("{what} is {theirs}, here {ours}: {remedy}");
+/// Refuses a ring whose attributes differ from those of this process.
+fn check_attributes(folder: &RingFolder, attributes: &AttributeSet, scenario: &Scenario) -> Result<(), RingError> {
+    for (name, expected, remedy) in agreement(scenario) {
+        let key = name.try_into().map_err(|error| RingError::topic("ring", "read its terms", &error))?;
+        let found = attributes.key_value(&key, 0).map_or_else(|| "missing".to_owned(), ToString::to_string);
+        if found != expected {
+            let message = format_args!("{name} is {found}, here {expected}: {remedy}");
             return Err(RingError::folder(folder.path(), message));
         }
     }
@@ -411,14 +423,14 @@ fn agree(folder: &RingFolder, theirs: &AttributeSet, scenario: &Scenario) -> Res
 mod tests {
     use super::*;
 
-    fn terms(told: Option<skysink_common::estimate::Rates>) -> Terms {
-        let folder = RingFolder::create(Default::default(), Default::default(), 1.0, false, told).unwrap();
+    fn terms(estimated: Option<skysink_common::estimate::Rates>) -> Terms {
+        let folder = RingFolder::create(Default::default(), Default::default(), 1.0, false, estimated).unwrap();
         folder.terms()
     }
 
     #[test]
-    fn a_host_gets_what_its_processes_read_and_wakes_the_link_with_what_they_write() {
-        let of = |here: &[Role]| LinkedServices::of(&terms(None), here);
+    fn a_link_carries_the_topics_that_the_processes_of_a_host_read_or_write() {
+        let of = |roles: &[Role]| LinkedServices::of(&terms(None), roles);
         let services = |names: &[&str]| names.iter().map(|name| format!("skysink/{name}")).collect::<Vec<_>>();
         let planner = of(&[Role::Planner]);
         assert_eq!(planner.all, services(&["sensors", "queues", "path", "plan", "flight", "commit"]));
@@ -428,13 +440,13 @@ mod tests {
         assert_eq!(flight_sim.written_here, services(&["flight"]));
         let launcher = of(&[Role::FieldSim, Role::Launcher]);
         assert_eq!(launcher.written_here, services(&["sensors", "queues", "tick", "commit"]));
-        assert!(!launcher.all.contains(&"skysink/health".to_owned()), "it is of each host alone");
+        assert!(!launcher.all.contains(&"skysink/health".to_owned()), "each host has its own");
     }
 
     #[test]
-    fn the_true_queues_cross_where_others_are_told_less() {
-        let told = terms(Some(skysink_common::estimate::Rates::Known));
-        let planner = LinkedServices::of(&told, &[Role::Planner]);
+    fn a_link_carries_the_true_queues_if_external_planners_read_an_estimate() {
+        let estimated = terms(Some(skysink_common::estimate::Rates::Known));
+        let planner = LinkedServices::of(&estimated, &[Role::Planner]);
         assert!(planner.all.contains(&"skysink/truth".to_owned()), "{planner:?}");
     }
 }

@@ -1,4 +1,5 @@
-//! How the processes of a ring wait for messages: asleep until they are woken, or polling, and what ends a wait.
+//! Waiting for messages: by polling, or asleep until a notification. Stops, time-outs and the launcher's death end a
+//! wait.
 
 use std::cell::RefCell;
 use std::fmt::Debug;
@@ -16,7 +17,7 @@ use skysink_common::stop::Stop;
 use strum::{Display, EnumString, VariantArray, VariantNames};
 
 use crate::error::{NodeError, RingError};
-use crate::role::{Role, Seat};
+use crate::role::{Role, RoleLock};
 
 /// How a process waits for messages.
 #[derive(
@@ -25,50 +26,49 @@ use crate::role::{Role, Seat};
 #[serde(rename_all = "lowercase")]
 #[strum(serialize_all = "lowercase")]
 pub enum Waiting {
-    /// Polling for as long as a sleep and its wake-up take, then asleep.
+    /// Polls for as long as a sleep and its wake-up take, then sleeps.
     #[default]
     Adaptive,
-    /// Asleep, until the writer wakes it.
+    /// Sleeps until the writer notifies it.
     Event,
-    /// Polling, which is quicker and keeps every core busy.
+    /// Polls, which is faster and keeps a core busy.
     Poll,
 }
 
-/// Longest sleep: somebody may have just joined, and a ring that stands still should not wait for long.
+/// Longest sleep, after which late joiners are served and stops are checked.
 pub(crate) const PAUSE: Duration = Duration::from_millis(10);
 
-/// Polls in a row before the core is offered to others: where there are fewer cores than processes, the one whose
-/// message is awaited needs it.
-const POLLS: u32 = 8;
+/// Polls before the process yields its core: with fewer cores than processes, the sender of the awaited message needs it.
+const POLLS_BEFORE_YIELD: u32 = 8;
 
-/// Polls in a row before an adaptive wait sleeps: some 50 µs, about as long as a sleep and its wake-up take.
+/// Polls before an adaptive wait sleeps: some 50 µs, about as long as a sleep and its wake-up take.
 const POLLS_BEFORE_SLEEP: u32 = 512;
 
-/// After a wait that took longer, the next one for the same topic sleeps at once: nothing comes while it polls.
+/// After a longer wait, the next wait for the same topic sleeps at once, because polling would be in vain.
 const LONG_WAIT: Duration = Duration::from_micros(150);
 
-/// Of so many slots in so many every wait polls at first: where all sleep because all have slept, nobody would find that
-/// polling is quicker.
-const PROBED: u64 = 2;
+/// In this many slots of each [`PROBE_PERIOD`], waits poll first even after long waits, to detect that polling has become
+/// faster.
+const PROBE_SLOTS: u64 = 2;
 
-/// See [`PROBED`].
-const PROBE_EVERY: u64 = 64;
+/// Period of the probes [slots].
+const PROBE_PERIOD: u64 = 64;
 
-/// Whoever offers its core and does not get it back for so long shares it with a program that computes all the time.
-const CORE_TAKEN: Duration = Duration::from_micros(200);
+/// A yield that takes longer indicates that the core is shared with a busy program.
+const CONTENDED_YIELD: Duration = Duration::from_micros(200);
 
-/// Fewest and most waits that then sleep at once: whoever sleeps is woken when its message comes, whoever offers its core
-/// comes back when the other's time slice ends.
-const ASLEEP_WAITS: [u32; 2] = [64, 16_384];
+/// Fewest and most waits that sleep at once after a contended yield. A sleeping process is woken by its message; a
+/// yielding one continues only after the time slice of the other program.
+const BACKOFF_WAITS: [u32; 2] = [64, 16_384];
 
 impl Waiting {
-    /// All of them.
+    /// All variants.
     pub const ALL: &'static [Self] = <Self as VariantArray>::VARIANTS;
 
-    /// The names of all.
+    /// The names of all variants.
     pub const NAMES: &'static [&'static str] = <Self as VariantNames>::VARIANTS;
 
-    /// Whether a process sleeps after so many polls in vain.
+    /// Whether a process sleeps after this number of polls in vain.
     fn sleeps_after(self, polls: u32) -> bool {
         match self {
             Self::Adaptive => polls >= POLLS_BEFORE_SLEEP,
@@ -77,13 +77,13 @@ impl Waiting {
         }
     }
 
-    /// Pauses after so many polls in vain: until `listener` is notified, for 10 ms at most, or until the next poll.
+    /// Pauses after this number of polls in vain: until `listener` is notified, for at most 10 ms, or until the next poll.
     ///
-    /// Whoever polls leaves the listener alone: notifying it once more costs its writer next to nothing.
+    /// A poll does not consume notifications: repeated ones cost the writer almost nothing.
     pub fn pause<S: Service>(self, listener: &Listener<S>, polls: u32) {
         if self.sleeps_after(polls) {
-            let _ = listener.timed_wait(|_| {}, PAUSE); // an interrupted wait is a short one
-        } else if polls.is_multiple_of(POLLS) {
+            let _ = listener.timed_wait(|_| {}, PAUSE); // an interrupted wait is a short pause
+        } else if polls.is_multiple_of(POLLS_BEFORE_YIELD) {
             std::thread::yield_now();
         } else {
             std::hint::spin_loop();
@@ -94,7 +94,7 @@ impl Waiting {
 /// A [`Stop`] that SIGINT and SIGTERM request.
 ///
 /// # Panics
-/// If the operating system refuses a handler for them, which it never does.
+/// If the signal handlers cannot be installed.
 #[must_use]
 pub fn stop_on_signals() -> Stop {
     let stop = Stop::default();
@@ -105,10 +105,10 @@ pub fn stop_on_signals() -> Stop {
     stop
 }
 
-/// Signals that follow each other so closely are one: `timeout` sends a process two.
-const ONE_SIGNAL: Duration = Duration::from_millis(200);
+/// Signals within this time count as one: `timeout` sends a process two.
+const SIGNAL_WINDOW: Duration = Duration::from_millis(200);
 
-/// Ends the process at once with the second SIGINT or SIGTERM, whatever it waits for.
+/// Ends the process at once on the second SIGINT or SIGTERM, even during a wait.
 ///
 /// # Panics
 /// As [`stop_on_signals`].
@@ -117,7 +117,7 @@ pub fn exit_on_second_signal() {
     std::thread::spawn(move || {
         let mut first: Option<Instant> = None;
         for signal in signals.forever() {
-            if first.get_or_insert_with(Instant::now).elapsed() >= ONE_SIGNAL {
+            if first.get_or_insert_with(Instant::now).elapsed() >= SIGNAL_WINDOW {
                 signal_hook::low_level::exit(128 + signal);
             }
         }
@@ -126,101 +126,101 @@ pub fn exit_on_second_signal() {
 
 /// A writer with readers that may join late.
 pub(crate) trait ServeJoiners: Debug {
-    /// Sends late joiners the newest samples, and wakes them.
+    /// Sends late joiners the newest samples, and notifies them.
     fn serve_joiners(&self) -> Result<(), RingError>;
 }
 
-/// The writers of a process, whose late joiners are served as long as they live.
+/// The writers of a process whose late joiners are served.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct LateJoiners(pub(crate) Rc<RefCell<Vec<Weak<dyn ServeJoiners>>>>);
 
-/// A wait context: ends waits on a requested stop, on the supervisor's death or, in the launcher, after a time-out;
-/// keeps the heartbeat going, and serves late joiners.
+/// A wait context: ends waits on a requested stop, on the launcher's death or, in the launcher, after a time-out; keeps
+/// the heartbeat going, and serves late joiners.
 #[derive(Debug)]
 pub struct WaitContext {
     pub(crate) stop: Stop,
-    /// The supervisor's lock file; none in the launcher.
+    /// The launcher's lock file; `None` in the launcher.
     pub(crate) supervisor: Option<File>,
-    /// None in the launcher.
-    pub(crate) seat: Option<Arc<Seat>>,
+    /// `None` in the launcher.
+    pub(crate) role_lock: Option<Arc<RoleLock>>,
     pub(crate) late_joiners: LateJoiners,
-    /// How long a sample is waited for: in the launcher alone, which knows who is at the beginning of the chain.
+    /// Longest wait for a sample; `None` except in the launcher, which finds out which process is overdue.
     pub(crate) timeout: Option<Duration>,
     pub(crate) waiting: Waiting,
-    pub(crate) supervised: Instant,
-    pub(crate) served: Instant,
-    /// How often late joiners are served.
+    pub(crate) last_supervisor_check: Instant,
+    pub(crate) last_served: Instant,
+    /// Period of serving late joiners.
     pub(crate) serve_every: Duration,
     pub(crate) polls: u32,
-    pub(crate) shared_core: SharedCore,
-    /// Topics whose last sample was waited for so long that polling for the next one would be in vain.
+    pub(crate) contention: CoreContention,
+    /// Topics whose last wait was longer than [`LONG_WAIT`].
     pub(crate) slow_topics: Vec<&'static str>,
 }
 
-/// Whether others compute on the cores that an adaptive wait offers while it polls.
+/// Detects other programs on the cores that polling waits yield.
 #[derive(Debug, Default)]
-pub(crate) struct SharedCore {
-    /// Waits that sleep at once.
-    asleep: u32,
-    /// How many they were the last time.
+pub(crate) struct CoreContention {
+    /// Remaining waits that sleep at once.
+    sleeping_waits: u32,
+    /// Length of the last backoff [waits].
     backoff: u32,
-    /// Waits since then that polled and kept their core.
-    undisturbed: u32,
+    /// Polling waits since then.
+    polling_waits: u32,
 }
 
-/// So many of them in a row, and the next core that is taken is the first again.
-const UNDISTURBED_WAITS: u32 = 64;
+/// Polling waits without contention after which the backoff starts again with the shortest.
+const UNCONTENDED_WAITS: u32 = 64;
 
-impl SharedCore {
-    /// Counts a wait; whether it polls before it sleeps.
+impl CoreContention {
+    /// Counts a wait; returns whether it may poll before it sleeps.
     fn may_poll(&mut self) -> bool {
-        if self.asleep > 0 {
-            self.asleep -= 1;
+        if self.sleeping_waits > 0 {
+            self.sleeping_waits -= 1;
             return false;
         }
-        self.undisturbed = self.undisturbed.saturating_add(1);
-        if self.undisturbed > UNDISTURBED_WAITS {
+        self.polling_waits = self.polling_waits.saturating_add(1);
+        if self.polling_waits > UNCONTENDED_WAITS {
             self.backoff = 0;
         }
         true
     }
 
-    /// Notes how long the core was away that was offered. If too long, the next waits sleep at once, twice as many as the
-    /// last time.
-    fn note(&mut self, away: Duration) {
-        if away >= CORE_TAKEN {
-            let [fewest, most] = ASLEEP_WAITS;
+    /// Records the duration of a yield. After a contended one the next waits sleep at once, twice as many as the last
+    /// time.
+    fn record(&mut self, yielded: Duration) {
+        if yielded >= CONTENDED_YIELD {
+            let [fewest, most] = BACKOFF_WAITS;
             self.backoff = (2 * self.backoff).clamp(fewest, most);
-            self.asleep = self.backoff;
-            self.undisturbed = 0;
+            self.sleeping_waits = self.backoff;
+            self.polling_waits = 0;
         }
     }
 }
 
-/// What a process waits for.
+/// A wait for a sample.
 #[derive(Debug)]
 pub struct Awaited {
     /// The topic.
     pub topic: &'static str,
     /// The slot of the sample.
     pub slot: u64,
-    /// Who should send it.
+    /// The process that should send it.
     pub from: Role,
-    /// How long it has been waited for.
+    /// Time waited.
     pub waited: Stopwatch,
-    /// How long it is waited for; none in the processes of the ring, which leave that to the launcher.
+    /// Longest wait; `None` except in the launcher.
     pub timeout: Option<Duration>,
 }
 
-/// Measures time only while this process runs: a longer gap between two looks at the clock is that of a process, or a
-/// machine, that was stopped.
+/// Measures the time in which this process runs. A longer gap between two readings of the clock means that the process
+/// or the machine was stopped.
 #[derive(Debug, Clone, Copy)]
 pub struct Stopwatch {
     last: Instant,
     elapsed: Duration,
 }
 
-/// Longest time between two looks at the clock that counts.
+/// Most time that counts between two readings of the clock.
 const MAX_GAP: Duration = Duration::from_millis(200);
 
 impl Stopwatch {
@@ -244,7 +244,7 @@ impl Stopwatch {
     }
 }
 
-/// How often the supervisor's lock is tried.
+/// Period of the checks of the launcher's lock.
 const SUPERVISOR_CHECK: Duration = Duration::from_millis(500);
 
 impl WaitContext {
@@ -254,15 +254,15 @@ impl WaitContext {
     /// If a late joiner cannot be served.
     pub fn begin(&mut self, topic: &'static str, slot: u64, from: Role) -> Result<Awaited, RingError> {
         let now = Instant::now();
-        self.stay_present(now)?; // a process that always finds its sample gets no further
-        // The first poll in vain offers the core to whoever is to send the sample.
-        let is_slow = slot % PROBE_EVERY >= PROBED && self.slow_topics.contains(&topic);
-        let may_poll = self.shared_core.may_poll() && !is_slow;
+        self.keep_alive(now)?; // a process that always finds its sample never pauses
+        // The first poll in vain yields the core to the sender.
+        let is_slow = slot % PROBE_PERIOD >= PROBE_SLOTS && self.slow_topics.contains(&topic);
+        let may_poll = self.contention.may_poll() && !is_slow;
         self.polls = if may_poll { 0 } else { POLLS_BEFORE_SLEEP };
         Ok(Awaited { topic, slot, from, waited: Stopwatch::start(now), timeout: self.timeout })
     }
 
-    /// Ends a wait whose sample is there.
+    /// Ends a wait whose sample has arrived.
     pub fn end(&mut self, mut awaited: Awaited) {
         let was_slow = awaited.waited.advance(Instant::now()) > LONG_WAIT;
         if was_slow != self.slow_topics.contains(&awaited.topic) {
@@ -271,24 +271,24 @@ impl WaitContext {
         }
     }
 
-    /// Pauses until `listener` is notified, for 10 ms at most.
+    /// Pauses until `listener` is notified, for at most 10 ms.
     ///
     /// # Errors
-    /// A requested stop, the supervisor's death, or, in the launcher, the time-out.
+    /// On a requested stop, on the launcher's death or, in the launcher, after the time-out.
     pub fn pause<S: Service>(&mut self, listener: &Listener<S>, awaited: &mut Awaited) -> Result<(), NodeError> {
         let has_slept = self.waiting.sleeps_after(self.polls);
-        if self.waiting == Waiting::Adaptive && !has_slept && self.polls.is_multiple_of(POLLS) {
-            let offered = Instant::now();
+        if self.waiting == Waiting::Adaptive && !has_slept && self.polls.is_multiple_of(POLLS_BEFORE_YIELD) {
+            let begin = Instant::now();
             self.waiting.pause(listener, self.polls);
-            self.shared_core.note(offered.elapsed());
-            if self.shared_core.asleep > 0 {
+            self.contention.record(begin.elapsed());
+            if self.contention.sleeping_waits > 0 {
                 self.polls = POLLS_BEFORE_SLEEP;
             }
         } else {
             self.waiting.pause(listener, self.polls);
         }
         self.polls = self.polls.wrapping_add(1);
-        if !has_slept && !self.polls.is_multiple_of(POLLS) {
+        if !has_slept && !self.polls.is_multiple_of(POLLS_BEFORE_YIELD) {
             return Ok(());
         }
         let now = Instant::now();
@@ -306,7 +306,7 @@ impl WaitContext {
     /// Sleeps until `deadline`.
     ///
     /// # Errors
-    /// A requested stop, the supervisor's death, or a broken ring.
+    /// On a requested stop, on the launcher's death, or if iceoryx2 fails.
     pub fn sleep_until(&mut self, deadline: Instant) -> Result<(), NodeError> {
         loop {
             let now = Instant::now();
@@ -319,31 +319,31 @@ impl WaitContext {
         }
     }
 
-    /// Fails once a stop is requested or the supervisor is dead.
+    /// Fails once a stop is requested or the launcher is dead.
     fn check(&mut self, now: Instant) -> Result<(), NodeError> {
         self.stop.check()?;
-        self.stay_present(now)?;
+        self.keep_alive(now)?;
         if let Some(lock) = &self.supervisor
-            && now - self.supervised >= SUPERVISOR_CHECK
+            && now - self.last_supervisor_check >= SUPERVISOR_CHECK
         {
-            self.supervised = now;
+            self.last_supervisor_check = now;
             if lock.try_lock_shared().is_ok() {
-                let _ = lock.unlock(); // for the others, who try it, too
+                let _ = lock.unlock(); // the other processes try it, too
                 return Err(NodeError::Orphaned);
             }
         }
         Ok(())
     }
 
-    /// Keeps the heartbeat going, and serves late joiners now and then.
-    fn stay_present(&mut self, now: Instant) -> Result<(), RingError> {
-        if let Some(seat) = &self.seat {
-            seat.beat(now);
+    /// Keeps the heartbeat going, and serves late joiners if it is time to.
+    fn keep_alive(&mut self, now: Instant) -> Result<(), RingError> {
+        if let Some(lock) = &self.role_lock {
+            lock.beat(now);
         }
-        if now.saturating_duration_since(self.served) >= self.serve_every {
-            self.served = now;
-            // The newest writer first: a reader that attaches to topics in the order of their writers, and has a sample
-            // of the last one, then soon has those of the others.
+        if now.saturating_duration_since(self.last_served) >= self.serve_every {
+            self.last_served = now;
+            // The newest writer first: a reader that attaches to the topics in the order of their writers has a sample of
+            // the last topic only after those of the others.
             let writers = self.late_joiners.0.borrow();
             writers.iter().rev().filter_map(Weak::upgrade).try_for_each(|writer| writer.serve_joiners())?;
         }
@@ -356,22 +356,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn waits_sleep_at_once_while_another_program_takes_the_core() {
-        let mut core = SharedCore::default();
-        let poll = |core: &mut SharedCore, away_us| {
+    fn waits_sleep_at_once_while_another_program_uses_the_core() {
+        let mut core = CoreContention::default();
+        let poll = |core: &mut CoreContention, yielded_us| {
             let slept = (0..).take_while(|_| !core.may_poll()).count();
-            core.note(Duration::from_micros(away_us));
+            core.record(Duration::from_micros(yielded_us));
             slept
         };
-        assert_eq!([2, 199, 200, 5_000, 5_000].map(|away_us| poll(&mut core, away_us)), [0, 0, 0, 64, 128]);
-        assert_eq!([2, 200, 2].map(|away_us| poll(&mut core, away_us)), [256, 0, 512]);
+        assert_eq!([2, 199, 200, 5_000, 5_000].map(|yielded_us| poll(&mut core, yielded_us)), [0, 0, 0, 64, 128]);
+        assert_eq!([2, 200, 2].map(|yielded_us| poll(&mut core, yielded_us)), [256, 0, 512]);
         assert_eq!((0..64).map(|_| poll(&mut core, 2)).max(), Some(0));
-        assert_eq!([200, 2].map(|away_us| poll(&mut core, away_us)), [0, 64], "forgotten after as many waits");
+        assert_eq!([200, 2].map(|yielded_us| poll(&mut core, yielded_us)), [0, 64], "reset after 64 waits");
         assert_eq!((0..20).map(|_| poll(&mut core, 5_000)).max(), Some(16_384), "at most");
     }
 
     #[test]
-    fn a_way_of_waiting_is_read_as_it_is_written() {
+    fn the_names_of_waiting_round_trip() {
         for (waiting, text) in [(Waiting::Adaptive, "adaptive"), (Waiting::Event, "event"), (Waiting::Poll, "poll")] {
             assert_eq!(text.parse(), Ok(waiting));
             assert_eq!(waiting.to_string(), text);
@@ -379,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_that_is_none_is_refused() {
+    fn an_unknown_name_is_refused() {
         for text in ["", "Event", "spin", "events"] {
             assert!(text.parse::<Waiting>().is_err(), "{text}");
         }

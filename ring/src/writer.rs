@@ -1,4 +1,4 @@
-//! The writing end of a topic: the sample first, then the wake-up.
+//! The writing end of a topic: sends a sample, then notifies the readers.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -20,22 +20,22 @@ use skysink_common::message::FLAG_REPEAT;
 
 use crate::error::RingError;
 use crate::sample::{Header, Payload};
-use crate::topic::{Full, Shared, Topic};
+use crate::topic::{OnFullBuffer, Topic, TopicShared};
 use crate::wait::ServeJoiners;
 
 /// The writing end of a topic.
 #[derive(Debug)]
 pub struct Writer<S: Service + 'static, P: Payload + ?Sized, H: Header>(Rc<Ports<S, P, H>>);
 
-/// What iceoryx2 has of a writer.
+/// The iceoryx2 ports of a writer.
 #[derive(Debug)]
 struct Ports<S: Service + 'static, P: Payload + ?Sized, H: Header> {
-    topic: Rc<Shared<S, P, H>>,
+    topic: Rc<TopicShared<S, P, H>>,
     publisher: Publisher<S, P, H>,
     notifier: Notifier<S>,
-    /// Where a link to other hosts may lose samples.
+    /// The last samples, if a link to other hosts may lose them.
     repeats: Option<RefCell<Repeats<P, H>>>,
-    /// While true, full readers are not waited for.
+    /// While true, the writer does not wait for full readers.
     is_repeating: Arc<AtomicBool>,
 }
 
@@ -43,17 +43,17 @@ struct Ports<S: Service + 'static, P: Payload + ?Sized, H: Header> {
 #[derive(Debug)]
 struct Repeats<P: Payload + ?Sized, H: Header> {
     samples: VecDeque<(H, P::Copied)>,
-    /// How many there are at most.
+    /// Most samples.
     depth: usize,
-    /// They are repeated after so long without a new one.
+    /// Time without a new sample after which they are repeated.
     after: Duration,
     last_sent: Instant,
 }
 
-/// Where a link to other hosts may lose samples: after so long without a new one a writer repeats its last ones.
+/// Time without a new sample after which a writer repeats its last ones over a link.
 const REPEAT_AFTER: Duration = Duration::from_millis(500);
 
-/// What is added to that for each megabyte of a sample, so that repeats leave the link to others.
+/// Added to [`REPEAT_AFTER`] for each megabyte of a sample, so that repeats do not fill the link.
 const REPEAT_LATER_PER_MB: Duration = Duration::from_millis(250);
 
 impl<P: Payload + ?Sized, H: Header> Repeats<P, H> {
@@ -62,7 +62,7 @@ impl<P: Payload + ?Sized, H: Header> Repeats<P, H> {
         Self { samples, depth, after: REPEAT_AFTER, last_sent: Instant::now() }
     }
 
-    fn note(&mut self, header: H, payload: &P) {
+    fn store(&mut self, header: H, payload: &P) {
         let is_full = self.samples.len() >= self.depth;
         let oldest = if is_full { self.samples.pop_front() } else { None };
         let mut copied = oldest.map(|(_, copied)| copied).unwrap_or_default();
@@ -73,16 +73,16 @@ impl<P: Payload + ?Sized, H: Header> Repeats<P, H> {
     }
 }
 
-/// What is tried when a writer's place is taken.
+/// The action in the error for a topic with its maximum of writers.
 const WRITE: &str = "write (if all places are taken, end the other program)";
 
 impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> Topic<S, P, H> {
     /// A writer of single messages.
     ///
     /// # Errors
-    /// If all writers' places are taken, or the system refuses.
+    /// If the topic has its maximum of writers, or iceoryx2 fails.
     pub fn writer(&self) -> Result<Writer<S, P, H>, RingError> {
-        self.write_by(self.0.data.publisher_builder())
+        self.build_writer(self.0.data.publisher_builder())
     }
 }
 
@@ -90,20 +90,20 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
     /// A writer of lists of at most `len` elements.
     ///
     /// # Errors
-    /// If all writers' places are taken, or the system refuses.
+    /// If the topic has its maximum of writers, or iceoryx2 fails.
     pub fn list_writer(&self, len: usize) -> Result<Writer<S, [T], H>, RingError> {
-        self.write_by(self.0.data.publisher_builder().initial_max_slice_len(len))
+        self.build_writer(self.0.data.publisher_builder().initial_max_slice_len(len))
     }
 }
 
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Topic<S, P, H> {
-    /// A writer whose late joiners are served whenever the process waits.
-    fn write_by(&self, builder: PortFactoryPublisher<'_, S, P, H>) -> Result<Writer<S, P, H>, RingError> {
+    /// A writer whose late joiners are served while the process waits.
+    fn build_writer(&self, builder: PortFactoryPublisher<'_, S, P, H>) -> Result<Writer<S, P, H>, RingError> {
         let topic = Rc::clone(&self.0);
         let is_repeating = Arc::new(AtomicBool::new(false));
-        let is_repeated = topic.member.terms.link.is_some() && topic.row.full == Full::WaitInLockStep;
+        let is_repeated = topic.member.terms.link.is_some() && topic.row.on_full == OnFullBuffer::BlockInLockStep;
         let repeats = is_repeated.then(|| RefCell::new(Repeats::of(topic.row.history)));
-        // A repeat may be due while a list is on loan.
+        // A repeat may be due while a list is loaned.
         let builder = builder.max_loaned_samples(1 + usize::from(repeats.is_some()));
         let builder = builder.set_backpressure_handler(topic.backpressure(Arc::clone(&is_repeating)));
         let publisher = builder.create().map_err(|error| topic.refuse(WRITE, &error))?;
@@ -117,14 +117,14 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> ServeJoiners for Port
     fn serve_joiners(&self) -> Result<(), RingError> {
         self.publisher.update_connections().map_err(|error| self.topic.refuse("connect", &error))?;
         self.repeat_if_due()?;
-        self.wake()
+        self.notify()
     }
 }
 
 impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Ports<S, P, H> {
-    fn undelivered(&self, error: SendError) -> RingError {
+    fn send_error(&self, error: SendError) -> RingError {
         if let Err(stopped) = self.topic.member.stop.check() {
-            return stopped.into(); // the wait for a full buffer ends with an error of its own
+            return stopped.into(); // a stop ends the wait for a full buffer with an error
         }
         let seconds = self.topic.member.terms.full_limit().as_secs_f64();
         match error {
@@ -133,15 +133,15 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Ports<S, P, H> {
         }
     }
 
-    /// Notes a sample that is about to be sent, if it may have to be repeated.
-    fn note(&self, header: H, payload: &P) {
+    /// Stores a sample for repeats, if a link may lose it.
+    fn store(&self, header: H, payload: &P) {
         if let Some(repeats) = &self.repeats {
-            repeats.borrow_mut().note(header, payload);
+            repeats.borrow_mut().store(header, payload);
         }
     }
 
-    /// Sends the last samples once more if nothing was sent for long: a link may have lost them, and those of its hosts
-    /// that wait for them send nothing, either.
+    /// Sends the last samples again if nothing was sent for long: a link may have lost them, and then the processes that
+    /// wait for them send nothing, either.
     fn repeat_if_due(&self) -> Result<(), RingError> {
         let Some(repeats) = &self.repeats else { return Ok(()) };
         let Repeats { samples, after, last_sent, .. } = &mut *repeats.borrow_mut();
@@ -159,32 +159,32 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Ports<S, P, H> {
         sent.map_err(|error| self.topic.refuse("send", &error))
     }
 
-    fn wake(&self) -> Result<(), RingError> {
+    fn notify(&self) -> Result<(), RingError> {
         self.notifier.notify().map(drop).map_err(|error| self.topic.refuse("notify", &error))
     }
 }
 
 impl<S: Service + 'static, P: Debug + Copy + ZeroCopySend + 'static, H: Header> Writer<S, P, H> {
-    /// Sends one message, then the wake-up.
+    /// Sends one message, and notifies the readers.
     ///
     /// # Errors
-    /// If a reader does not take it in time, or the system refuses.
+    /// If a reader does not take it in time, or iceoryx2 fails.
     pub fn send(&self, header: H, message: P) -> Result<(), RingError> {
         let ports = &self.0;
         let loaned = ports.publisher.loan_uninit();
         let mut sample = loaned.map_err(|error| ports.topic.refuse("loan a sample", &error))?;
         *sample.user_header_mut() = header;
-        ports.note(header, &message);
-        sample.write_payload(message).send().map_err(|error| ports.undelivered(error))?;
-        ports.wake()
+        ports.store(header, &message);
+        sample.write_payload(message).send().map_err(|error| ports.send_error(error))?;
+        ports.notify()
     }
 }
 
 impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> Writer<S, [T], H> {
-    /// Sends a list, then the wake-up.
+    /// Sends a list, and notifies the readers.
     ///
     /// # Errors
-    /// If a reader does not take it in time, or the system refuses.
+    /// If a reader does not take it in time, or iceoryx2 fails.
     pub fn send_list(&self, header: H, list: &[T]) -> Result<(), RingError> {
         let mut loaned = self.loan(list.len())?;
         loaned.elements().write_copy_of_slice(list);
@@ -192,10 +192,10 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
         unsafe { loaned.send(header) }
     }
 
-    /// Loans a list of `len` elements, to be written where its readers will find it. A writer has one at a time.
+    /// Loans a list of `len` elements in shared memory. A writer has one loan at a time.
     ///
     /// # Errors
-    /// If `len` is more than the writer was made for, or the system refuses.
+    /// If `len` exceeds the length for which the writer was created, or iceoryx2 fails.
     pub fn loan(&self, len: usize) -> Result<LoanedList<'_, S, T, H>, RingError> {
         let sample = self.0.publisher.loan_slice_uninit(len);
         let sample = sample.map_err(|error| self.0.topic.refuse("loan a sample", &error))?;
@@ -215,20 +215,20 @@ impl<S: Service + 'static, T: Debug + Copy + ZeroCopySend + 'static, H: Header> 
         self.sample.payload_mut()
     }
 
-    /// Sends the list, then the wake-up.
+    /// Sends the list, and notifies the readers.
     ///
     /// # Safety
     /// Every element must have been written.
     ///
     /// # Errors
-    /// If a reader does not take it in time, or the system refuses.
+    /// If a reader does not take it in time, or iceoryx2 fails.
     pub unsafe fn send(mut self, header: H) -> Result<(), RingError> {
         *self.sample.user_header_mut() = header;
         // SAFETY: the caller has written every element.
         let sample = unsafe { self.sample.assume_init() };
-        self.writer.0.note(header, sample.payload());
-        sample.send().map_err(|error| self.writer.0.undelivered(error))?;
-        self.writer.0.wake()
+        self.writer.0.store(header, sample.payload());
+        sample.send().map_err(|error| self.writer.0.send_error(error))?;
+        self.writer.0.notify()
     }
 }
 
@@ -261,20 +261,20 @@ mod tests {
         let nodes = [1.0, 2.0].map(|x_m| SensorNode { x_m, ..SensorNode::default() });
         let header = SensorsHeader { head: ring.header(0, 0), ..SensorsHeader::default() };
         sensors.send_list(header, &nodes).unwrap();
-        // Readers that join too late for anything but repeats.
+        // Readers that join late and receive only repeats.
         let late = ring.commit.0.data.subscriber_builder().history_request(0).create().unwrap();
         let late_list = ring.sensors.0.data.subscriber_builder().history_request(0).create().unwrap();
-        let mut heard = Vec::new();
+        let mut received = Vec::new();
         let mut list = None;
         let begin = Instant::now();
-        while (heard.len() < 4 || list.is_none()) && begin.elapsed() < Duration::from_secs(60) {
+        while (received.len() < 4 || list.is_none()) && begin.elapsed() < Duration::from_secs(60) {
             wait.sleep_until(Instant::now() + Duration::from_millis(1)).unwrap();
             while let Some(sample) = late.receive().unwrap() {
-                heard.push((sample.user_header().flags, sample.payload().hash));
+                received.push((sample.user_header().flags, sample.payload().hash));
             }
             list = late_list.receive().unwrap().map(|sample| sample.payload().to_vec()).or(list);
         }
-        assert_eq!(heard, [(FLAG_REPEAT, 2), (FLAG_REPEAT, 3), (FLAG_REPEAT, 2), (FLAG_REPEAT, 3)]);
+        assert_eq!(received, [(FLAG_REPEAT, 2), (FLAG_REPEAT, 3), (FLAG_REPEAT, 2), (FLAG_REPEAT, 3)]);
         assert_eq!(list.unwrap(), nodes);
     }
 
@@ -288,9 +288,9 @@ mod tests {
     #[test]
     fn large_samples_are_repeated_later() {
         let mut repeats = Repeats::<[u32], skysink_common::message::SlotHeader>::of(2);
-        repeats.note(Default::default(), &[0; 1_000]);
+        repeats.store(Default::default(), &[0; 1_000]);
         assert!(repeats.after < Duration::from_millis(510), "{:?}", repeats.after);
-        repeats.note(Default::default(), &vec![0; 1_000_000]);
+        repeats.store(Default::default(), &vec![0; 1_000_000]);
         assert_eq!(repeats.after, Duration::from_millis(1_500), "4 MB");
     }
 }

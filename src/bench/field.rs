@@ -1,4 +1,4 @@
-//! A slot of the field, written into a message, beside a copy of its queues.
+//! A slot of the field, written into a message, against a copy of its queues.
 
 use std::hint::black_box;
 use std::mem::MaybeUninit;
@@ -9,13 +9,13 @@ use skysink_common::message::{FlightReport, Mode};
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
 use skysink_field_sim::Field;
+use skysink_mission::latency::{Spread, histogram};
 
-use super::{Effort, Times, counts, letter};
+use super::{Effort, letter, nanoseconds};
 use crate::error::Error;
-use skysink_mission::latency::Spread;
 
-/// Sensor nodes whose slots are timed together: few of them take no longer than reading the clock.
-const TOGETHER: u64 = 100_000;
+/// SNs whose slots are timed together: a slot of few SNs takes no longer than reading the clock.
+const BATCH: u64 = 100_000;
 
 /// A slot with so many sensor nodes.
 #[derive(Debug, Serialize)]
@@ -30,16 +30,13 @@ pub struct FieldRow {
     pub step_over_copy: f64,
 }
 
-/// Measures slots and copies alternately.
-///
-/// # Errors
-/// If the sensor list is refused, or on a stop.
-pub fn measure(effort: Effort, stop: &Stop) -> Result<Vec<FieldRow>, Error> {
-    let row = |&sensors: &u32| {
-        stop.check()?;
-        row(sensors, effort)
-    };
-    counts(effort).iter().map(row).collect()
+/// Measures slots and copies in turns.
+pub(super) fn measure(effort: Effort, stop: &Stop) -> Result<Vec<FieldRow>, Error> {
+    effort
+        .counts()
+        .iter()
+        .map(|&sensors| stop.check().map_err(Error::from).and_then(|()| row(sensors, effort)))
+        .collect()
 }
 
 fn row(sensors: u32, effort: Effort) -> Result<FieldRow, Error> {
@@ -48,26 +45,25 @@ fn row(sensors: u32, effort: Effort) -> Result<FieldRow, Error> {
     let mut field = Field::new(&scenario, &list);
     let idle = FlightReport::at([50.0, 50.0, 20.0], Mode::Hold);
     let mut message = vec![MaybeUninit::new(0); sensors as usize];
-    let (queues_bits, mut copy) = (list.queues_bits(), vec![0; sensors as usize]);
-    let (mut steps, mut copies, mut slot) = (Times::new(), Times::new(), 0);
-    let together = (TOGETHER / u64::from(sensors)).max(1);
-    let budget = effort.choose(Duration::from_secs(2), Duration::from_millis(50));
+    let queues_bits = list.queues_bits();
+    let mut copied_bits = queues_bits.clone();
+    let batch = (BATCH / u64::from(sensors)).max(1);
+    let [mut copies, mut steps] = [(); 2].map(|()| histogram());
+    let mut slot = 0;
     let start = Instant::now();
-    while start.elapsed() < budget {
+    while start.elapsed() < effort.choose(Duration::from_secs(2), Duration::from_millis(50)) {
         let begin = Instant::now();
-        for _ in 0..together {
-            black_box(&mut copy).copy_from_slice(black_box(&queues_bits));
+        for _ in 0..batch {
+            black_box(&mut copied_bits).copy_from_slice(black_box(&queues_bits));
         }
-        copies.add(begin, together);
+        copies.saturating_record((nanoseconds(begin) / batch).max(1));
         let begin = Instant::now();
-        for _ in 0..together {
+        for _ in 0..batch {
             slot += 1;
-            black_box(
-                field.step_into(slot, &idle, Some(black_box(&mut message))).expect("a flight that serves nobody"),
-            );
+            black_box(field.step_into(slot, &idle, Some(black_box(&mut message))).expect("a flight without uploads"));
         }
-        steps.add(begin, together);
+        steps.saturating_record((nanoseconds(begin) / batch).max(1));
     }
-    let (step, copy) = (steps.spread(), copies.spread());
+    let [copy, step] = [copies, steps].map(|times| Spread::of(&times));
     Ok(FieldRow { sensors, step, copy, step_over_copy: step.p50_us / copy.p50_us })
 }

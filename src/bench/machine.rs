@@ -11,10 +11,6 @@ pub struct Machine {
     pub cpu: String,
     /// Cores that this process may use.
     pub cores: usize,
-    /// Memory [MiB].
-    pub memory_mib: u64,
-    /// Release of the kernel.
-    pub kernel: String,
     /// The compiler.
     pub rustc: &'static str,
     /// How it was built: `release` or `debug`.
@@ -24,23 +20,18 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// This one; what the system does not say is empty or 0.
+    /// This machine; what the system does not tell is empty or 0.
     pub fn this() -> Self {
         let read = |path| fs::read_to_string(path).unwrap_or_default();
-        let value = |text: &str, key: &str| {
-            let line = text.lines().find(|line| line.starts_with(key));
-            line.and_then(|line| line.split_once(':')).map_or_else(String::new, |(_, value)| value.trim().to_owned())
-        };
-        let memory = value(&read("/proc/meminfo"), "MemTotal");
-        let first_word = |text: &str| text.split_ascii_whitespace().next().unwrap_or_default().to_owned();
+        let processor = read("/proc/cpuinfo");
+        let model = processor.lines().find_map(|line| line.strip_prefix("model name")).unwrap_or_default();
+        let load = read("/proc/loadavg");
         Self {
-            cpu: value(&read("/proc/cpuinfo"), "model name"),
+            cpu: model.trim_start_matches([' ', '\t', ':']).to_owned(),
             cores: cores(),
-            memory_mib: first_word(&memory).parse::<u64>().unwrap_or(0) / 1024,
-            kernel: read("/proc/sys/kernel/osrelease").trim().to_owned(),
             rustc: env!("SKYSINK_RUSTC"),
             build: if cfg!(debug_assertions) { "debug" } else { "release" },
-            load_average: first_word(&read("/proc/loadavg")).parse().unwrap_or(0.0),
+            load_average: load.split(' ').next().and_then(|minute| minute.parse().ok()).unwrap_or(0.0),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The report as tables that a person can read: a column for each key of a row.
+//! The report as tables: a column for each key of a row.
 
 use std::fmt;
 use std::time::Duration;
@@ -14,13 +14,7 @@ impl fmt::Display for Report {
         for (part, value) in report {
             match value {
                 Value::Array(rows) => show(formatter, &part, &rows)?,
-                Value::Table(mut row) => {
-                    for rows in row.values().filter_map(Value::as_array) {
-                        show(formatter, &part, rows)?;
-                    }
-                    row.retain(|_, value| !value.is_array());
-                    show(formatter, &part, &[Value::Table(row)])?;
-                }
+                Value::Table(row) => show(formatter, &part, &[Value::Table(row)])?,
                 value => write!(formatter, "skysink {part} {}", text(&part, &value))?,
             }
         }
@@ -29,52 +23,44 @@ impl fmt::Display for Report {
 }
 
 /// Writes the rows of a part as a table; a single row as a column, which stays narrow. The first distribution of a row
-/// is shown whole, the others, which it is compared with, by median and 99th percentile.
+/// is shown whole, later ones by median and 99th percentile.
 fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::Result {
     let mut table = report::table();
     for row in rows.iter().filter_map(Value::as_table) {
-        let mut header = Vec::new();
-        let mut cells = Vec::new();
+        let mut columns = Vec::new();
         let mut quantiles = usize::MAX;
         for (key, value) in row {
             let heading = key.trim_end_matches("_us").replace('_', " ");
-            if let Value::Table(spread) = value {
-                for (key, value) in spread.iter().take(quantiles) {
-                    let quantile = key.trim_end_matches("_us");
-                    header.push(if quantile == "p50" { format!("{heading} p50") } else { quantile.to_owned() });
-                    cells.push(text(key, value));
-                }
-                quantiles = 2;
-            } else {
-                header.push(heading);
-                cells.push(text(key, value));
+            let Value::Table(spread) = value else {
+                columns.push([heading, text(key, value)]);
+                continue;
+            };
+            for (key, value) in spread.iter().take(quantiles) {
+                let quantile = key.trim_end_matches("_us");
+                columns.push([quantile.replace("p50", &format!("{heading} p50")), text(key, value)]);
             }
+            quantiles = 2;
         }
         if rows.len() == 1 {
-            table.add_rows(header.into_iter().zip(cells).map(|(heading, cell)| [heading, cell]));
+            table.add_rows(columns);
         } else {
+            let [header, cells] = [0, 1].map(|part| columns.iter().map(move |column| column[part].as_str()));
             table.set_header(header).add_row(cells);
         }
     }
     write!(formatter, "\n\n{part}\n{}", report::with_numbers_right(table))
 }
 
-/// A single value: a time, if its key ends so, or a ratio.
+/// A single value: a time if its key ends in `_us`, else a ratio.
 fn text(key: &str, value: &Value) -> String {
     match value {
         Value::Float(time_us) if key.ends_with("_us") => {
             format!("{:.2?}", Duration::try_from_secs_f64(time_us / 1e6).unwrap_or_default())
         }
-        Value::Float(number) => ratio(*number),
+        Value::Float(ratio) if *ratio < 100.0 => format!("{ratio:.2}"),
+        Value::Float(ratio) => format!("{ratio:.0}"),
         Value::String(text) => text.clone(),
         other => other.to_string(),
-    }
-}
-
-fn ratio(ratio: f64) -> String {
-    match ratio {
-        ..100.0 => format!("{ratio:.2}"),
-        _ => format!("{ratio:.0}"),
     }
 }
 
@@ -84,8 +70,9 @@ mod tests {
 
     #[test]
     fn times_have_a_unit_and_ratios_about_three_digits() {
-        let said = [0.05, 1.234, 567.8, 5_678.0].map(|time_us| text("p50_us", &Value::Float(time_us)));
-        assert_eq!(said, ["50.00ns", "1.23µs", "567.80µs", "5.68ms"]);
-        assert_eq!([0.914, 12.34, 1234.5].map(ratio), ["0.91", "12.34", "1234"]);
+        let times = [0.05, 1.234, 567.8, 5_678.0].map(|time_us| text("p50_us", &Value::Float(time_us)));
+        assert_eq!(times, ["50.00ns", "1.23µs", "567.80µs", "5.68ms"]);
+        let ratios = [0.914, 12.34, 1234.5].map(|ratio| text("ratio", &Value::Float(ratio)));
+        assert_eq!(ratios, ["0.91", "12.34", "1234"]);
     }
 }

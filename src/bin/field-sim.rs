@@ -1,4 +1,4 @@
-//! The sensor nodes and the slot clock, as a process of the ring.
+//! The field-sim process of the ring: simulates the sensor nodes and owns the slot clock.
 
 fn main() -> std::process::ExitCode {
     skysink::programs::field_sim(std::env::args_os().collect()).into()

@@ -1,4 +1,4 @@
-//! The planner, schedule and waypoint of each slot, as a process of the ring.
+//! The planner process of the ring: plans schedule and waypoint of each slot.
 
 fn main() -> std::process::ExitCode {
     skysink::programs::planner(std::env::args_os().collect()).into()

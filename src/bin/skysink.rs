@@ -1,4 +1,4 @@
-//! The launcher and command line.
+//! The command line program `skysink`, also the launcher of the ring.
 
 fn main() -> std::process::ExitCode {
     skysink::cli::execute(std::env::args_os().collect()).into()

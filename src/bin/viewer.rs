@@ -1,4 +1,4 @@
-//! Everything to rerun, as a process of the ring.
+//! The viewer process of the ring: writes the rerun recording.
 
 use std::num::NonZeroU64;
 use std::path::PathBuf;
@@ -15,46 +15,46 @@ use skysink_ring::wait::stop_on_signals;
 use skysink_viewer::Sinks;
 use skysink_viewer::node::run;
 
-/// Records a run that skysink run supervises.
+/// The viewer process of the ring: records a run for rerun; skysink run starts and supervises it.
 #[derive(Debug, Parser)]
 #[command(version)]
 #[group(id = "sinks", required = true, multiple = true, args = ["save", "live"])]
 struct Cli {
     #[command(flatten)]
-    place: RingArguments,
-    /// Write the recording to this file, or to the next of FILE-2, FILE-3 ... if it is begun.
+    ring: RingArguments,
+    /// Write the recording to this file; if it exists, to FILE-2, FILE-3 and so on.
     #[arg(long, value_name = "FILE")]
     save: Option<PathBuf>,
-    /// Serve it live on 127.0.0.1.
+    /// Serve the recording live on 127.0.0.1, on PORT or 9876.
     #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "9876")]
     live: Option<u16>,
-    /// Draw one slot in so many, the first, the last and what happens in between.
-    #[arg(long, value_name = "SLOTS")]
+    /// Record only every K-th slot, and always the first, the last and all events [default: 1].
+    #[arg(long, value_name = "K")]
     record_every: Option<NonZeroU64>,
-    /// What the mission of an outside planner is booked as.
+    /// Name of the external planner in the recording.
     #[arg(long, value_name = "NAME")]
     label: Option<String>,
 }
 
 fn main() -> ExitCode {
     let cli: Cli = usage::parse(std::env::args_os()).unwrap_or_else(|message| message.exit());
-    // What rerun has to say would be lost otherwise.
+    // Without a subscriber, warnings of rerun would be lost.
     tracing_subscriber::fmt()
         .with_max_level(tracing_subscriber::filter::LevelFilter::WARN)
         .with_writer(std::io::stderr)
         .init();
     let stop = stop_on_signals();
-    let ended = record(&cli, &stop);
-    worker::exit(Role::Viewer, ended).into()
+    let result = record(&cli, &stop);
+    worker::exit_code(Role::Viewer, result).into()
 }
 
 fn record(cli: &Cli, stop: &Stop) -> Result<(), NodeError> {
-    let (scenario, folder) = worker::join(&cli.place)?;
+    let (scenario, folder) = worker::join(&cli.ring)?;
     let sinks = Sinks { save: cli.save.clone(), live: cli.live, every: cli.record_every };
     let estimated = skysink_planner::settings::estimated(&scenario)?;
     let missed = run::<ipc::Service>(&scenario, &folder, stop, &sinks, cli.label.as_deref(), estimated)?;
     if missed > 0 {
-        Role::Viewer.say(format_args!("missed {missed} slots, marked in the recording"));
+        Role::Viewer.log(format_args!("missed {missed} slots, marked in the recording"));
     }
     Ok(())
 }

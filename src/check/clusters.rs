@@ -1,4 +1,4 @@
-//! How near to each other the sensor nodes (SNs) stand: the nearest neighbour, and the groups that short steps connect.
+//! Distances between the sensor nodes (SNs): the mean nearest-neighbour distance, and the largest connected group.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -6,27 +6,27 @@ use std::ops::Range;
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_planner::geometry::grid::Grid;
 
-/// SNs whose nearest neighbour is looked for, about; of more, every second, third and so on.
-const MOST_ASKED: usize = 50_000;
+/// Maximum number of SNs whose nearest neighbour is searched, approximately. In larger fields, every k-th SN is sampled.
+const MAX_SAMPLED: usize = 50_000;
 
-/// Pairs that are looked at, at most; of a field that needs more it is not known which groups there are.
-const MOST_PAIRS: u64 = 10_000_000;
+/// Maximum number of pairs whose distance is computed. The groups of a field that needs more are unknown.
+const MAX_PAIRS: u64 = 10_000_000;
 
-/// Cells on a step: so many that all of a cell are within a step of each other, √2 and a little for rounding.
+/// Cells per step length. With more than √2, all SNs of a cell are within a step of each other, despite rounding.
 const CELLS_PER_STEP: f64 = 1.5;
 
-/// Cells beyond which nobody is within a step of a cell.
-const CELLS_ASIDE: i64 = 2;
+/// SNs within a step of each other are at most this many cells apart, per axis.
+const MAX_CELL_DISTANCE: i64 = 2;
 
-/// Mean distance [m] of an SN to the SN nearest to it; `None` for a lone one.
+/// Mean distance [m] of an SN to its nearest neighbour; `None` for a single SN.
 #[must_use]
 pub fn mean_neighbour_m(positions: &[Position], grid: &Grid) -> Option<f64> {
     if positions.len() < 2 {
         return None;
     }
-    let stride = positions.len().div_ceil(MOST_ASKED);
-    let asked = (0u32..).zip(positions).step_by(stride);
-    let distances_m = asked.filter_map(|(id, position)| {
+    let stride = positions.len().div_ceil(MAX_SAMPLED);
+    let sampled = (0u32..).zip(positions).step_by(stride);
+    let distances_m = sampled.filter_map(|(id, position)| {
         let near = grid.nearest(position, 2);
         let other = near.into_iter().find(|&other| other != id)?;
         Some((position - positions[other as usize]).norm())
@@ -34,16 +34,16 @@ pub fn mean_neighbour_m(positions: &[Position], grid: &Grid) -> Option<f64> {
     Some(distances_m.sum::<f64>() / positions.len().div_ceil(stride) as f64)
 }
 
-/// How many SNs the largest group has, in which steps of at most `step_m` [m] lead from each to each; `None` if there
-/// are too many pairs to look at.
+/// Size of the largest connected component of the graph that connects SNs at most `step_m` [m] apart. `None` if more than
+/// [`MAX_PAIRS`] pairs would have to be compared.
 ///
-/// All of a small cell are one group, however many they are. Two cells are one group once any of the first is within a
-/// step of any of the second; who is farther than that from all of the other cell is not looked at.
+/// All SNs of a cell are connected, because a cell is smaller than a step. Two cells are connected if any pair of their
+/// SNs is; SNs farther than a step from the bounding box of the other cell are skipped.
 #[must_use]
 pub fn largest_group(positions: &[Position], step_m: f64) -> Option<usize> {
     let cells = Cells::of(positions, step_m / CELLS_PER_STEP);
     let mut groups = Groups::of_one(positions.len());
-    let mut pairs_left = MOST_PAIRS;
+    let mut pairs_left = MAX_PAIRS;
     for (cell, members) in &cells.members {
         for pair in cells.ids[members.clone()].windows(2) {
             groups.join(pair[0], pair[1]);
@@ -60,7 +60,7 @@ pub fn largest_group(positions: &[Position], step_m: f64) -> Option<usize> {
     groups.sizes.iter().max().map(|&size| size as usize)
 }
 
-/// Whether any of `own` is within `step_m` [m] of any of `others`; `None` once no pairs are left to look at.
+/// Whether any SN of `own` is within `step_m` [m] of any SN of `others`; `None` once `pairs_left` is used up.
 fn is_step_between(
     positions: &[Position],
     own: &[u32],
@@ -69,41 +69,41 @@ fn is_step_between(
     pairs_left: &mut u64,
 ) -> Option<bool> {
     let near = |ids: &[u32], corners: [Position; 2]| -> Vec<Position> {
-        let places = ids.iter().map(|&id| positions[id as usize]);
-        places
-            .filter(|place| distance_squared(place, &place.sup(&corners[0]).inf(&corners[1])) <= step_m * step_m)
-            .collect()
+        let positions = ids.iter().map(|&id| positions[id as usize]);
+        let nearest = |position: &Position| position.sup(&corners[0]).inf(&corners[1]);
+        positions.filter(|position| distance_squared(position, &nearest(position)) <= step_m * step_m).collect()
     };
-    let [own, others] = [near(own, corners(positions, others)), near(others, corners(positions, own))];
-    for place in &own {
-        *pairs_left = pairs_left.checked_sub(others.len() as u64)?;
-        if others.iter().any(|other| distance_squared(place, other) <= step_m * step_m) {
+    let near_own = near(own, corners(positions, others));
+    let near_others = near(others, corners(positions, own));
+    for position in &near_own {
+        *pairs_left = pairs_left.checked_sub(near_others.len() as u64)?;
+        if near_others.iter().any(|other| distance_squared(position, other) <= step_m * step_m) {
             return Some(true);
         }
     }
     Some(false)
 }
 
-/// The lowest coordinates and the highest.
+/// The lower and upper corner of the bounding box.
 fn corners(positions: &[Position], ids: &[u32]) -> [Position; 2] {
     let first = positions[ids[0] as usize];
     ids.iter()
         .map(|&id| positions[id as usize])
-        .fold([first; 2], |[low, high], place| [low.inf(&place), high.sup(&place)])
+        .fold([first; 2], |[low, high], position| [low.inf(&position), high.sup(&position)])
 }
 
-/// SNs by the square cell that they stand in.
+/// The SNs by square cell.
 struct Cells {
     /// Ids, cell by cell.
     ids: Vec<u32>,
-    /// The cells in which anybody stands, ascending, and where in `ids` those are.
+    /// The non-empty cells, ascending, with the range of their ids in `ids`.
     members: Vec<([i64; 2], Range<usize>)>,
-    /// Indices of the cells in `members`.
+    /// The index of each cell in `members`.
     indices: HashMap<[i64; 2], usize>,
 }
 
 impl Cells {
-    /// Cells of the side `side_m` [m].
+    /// Sorts the SNs into cells with the side `side_m` [m].
     fn of(positions: &[Position], side_m: f64) -> Self {
         let cell = |id: &u32| positions[*id as usize].coords.map(|metres| (metres / side_m).floor() as i64).into();
         let mut ids: Vec<u32> = (0u32..).take(positions.len()).collect();
@@ -117,16 +117,16 @@ impl Cells {
         Self { ids, members, indices }
     }
 
-    /// Those of the cells behind `[x, y]` in their order that may be within a step of it.
+    /// The cells after `[x, y]` in ascending order that may contain an SN within a step.
     fn neighbours(&self, [x, y]: [i64; 2]) -> impl Iterator<Item = &Range<usize>> {
-        let columns =
-            (0..=CELLS_ASIDE).flat_map(move |east| (-CELLS_ASIDE..=CELLS_ASIDE).map(move |north| [east, north]));
-        let behind = columns.filter(|&step| step > [0, 0]).map(move |[east, north]| [x + east, y + north]);
-        behind.filter_map(|cell| Some(&self.members[*self.indices.get(&cell)?].1))
+        let norths = -MAX_CELL_DISTANCE..=MAX_CELL_DISTANCE;
+        let offsets = (0..=MAX_CELL_DISTANCE).flat_map(move |east| norths.clone().map(move |north| [east, north]));
+        let later = offsets.filter(|&offset| offset > [0, 0]).map(move |[east, north]| [x + east, y + north]);
+        later.filter_map(|cell| Some(&self.members[*self.indices.get(&cell)?].1))
     }
 }
 
-/// Disjoint groups, each a tree whose root counts it.
+/// Disjoint sets (union-find); each root stores the size of its set.
 struct Groups {
     parents: Vec<u32>,
     sizes: Vec<u32>,
@@ -137,7 +137,7 @@ impl Groups {
         Self { parents: (0u32..).take(count).collect(), sizes: vec![1; count] }
     }
 
-    /// The root of the group of `member`; halves the path to it.
+    /// The root of the set of `member`, with path halving.
     fn root(&mut self, mut member: u32) -> u32 {
         while self.parents[member as usize] != member {
             let above = self.parents[member as usize];
@@ -147,7 +147,7 @@ impl Groups {
         member
     }
 
-    /// Makes one group of two, under the root of the larger.
+    /// Merges two sets, by size.
     fn join(&mut self, a: u32, b: u32) {
         let [a, b] = [a, b].map(|member| self.root(member));
         if a != b {
@@ -163,8 +163,8 @@ impl Groups {
 mod tests {
     use super::*;
 
-    fn row(places_m: &[f64]) -> Vec<Position> {
-        places_m.iter().map(|&x_m| Position::new(x_m, 0.0)).collect()
+    fn row(xs_m: &[f64]) -> Vec<Position> {
+        xs_m.iter().map(|&x_m| Position::new(x_m, 0.0)).collect()
     }
 
     #[test]
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn crowds_of_thousands_are_told_apart() {
+    fn dense_clusters_of_thousands_are_separated() {
         let crowd =
             |x_m: f64| (0..4_000).map(move |id| Position::new(x_m + f64::from(id % 10) / 5.0, f64::from(id % 7)));
         let positions: Vec<Position> = crowd(0.0).chain(crowd(90.0)).collect();
@@ -224,15 +224,15 @@ mod tests {
     }
 
     #[test]
-    fn pairs_beyond_the_limit_are_not_looked_at() {
-        // Two crowds on slanted lines that face each other, 10.001 m apart: no step of 10 m leads across, but all are
-        // near to the corners of the other crowd.
-        let place = |id: u32| {
+    fn a_field_with_too_many_pairs_has_no_answer() {
+        // Two clusters on parallel slanted lines, 10.001 m apart: no step of 10 m connects them, but all SNs are near
+        // the bounding box of the other cluster.
+        let position = |id: u32| {
             let along_m = f64::from(id % 4_000) * 1e-3;
-            let aside_m = if id < 4_000 { 0.0 } else { 7.0718 };
-            Position::new(along_m + aside_m, along_m - aside_m)
+            let across_m = if id < 4_000 { 0.0 } else { 7.0718 };
+            Position::new(along_m + across_m, along_m - across_m)
         };
-        let positions: Vec<Position> = (0..8_000).map(place).collect();
+        let positions: Vec<Position> = (0..8_000).map(position).collect();
         assert_eq!(largest_group(&positions, 10.0), None); // 16 million pairs
     }
 }

@@ -1,4 +1,4 @@
-//! What follows from a scenario, mostly before anything is flown.
+//! The derived figures of a scenario.
 
 use std::fmt;
 
@@ -18,40 +18,40 @@ use super::links::LinkFigures;
 use super::quantity::{percent, scaled, short};
 use super::verdict::{Bounds, LossFree, Round};
 
-/// The figures of a scenario; SNs are its sensor nodes.
+/// The derived figures of a scenario with its sensor nodes (SNs).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Figures {
     /// The strategy that the scenario names.
     pub strategy: String,
-    /// SNs, `N`.
+    /// Number of SNs, `N`.
     pub sensors: usize,
-    /// Slots of the mission, `T`.
+    /// Number of slots, `T`.
     pub slots: u64,
-    /// Farthest flight in a slot, `V τ` [m].
+    /// Maximum distance flown in a slot, `V τ` [m].
     pub reach_m: f64,
     /// `d_c` [m].
     pub comm_radius_m: f64,
-    /// How far `uts` looks for anchors, `V τ − d_c` [m]; where that is not above 0, it takes `V τ` instead.
+    /// Radius in which `uts` searches anchors, `V τ − d_c` [m]. If this is not above 0, `uts` uses `V τ`.
     pub anchor_radius_m: f64,
-    /// SNs in the largest group that steps within the anchor radius of `uts` connect; none if that was not looked for.
+    /// Size of the largest group of SNs connected by steps within the anchor radius of `uts`; `None` if unknown.
     pub uts_group: Option<usize>,
-    /// The same for `uts-wide`, whose anchors lie within `V τ + d_c`.
+    /// The same for `uts-wide`, whose anchor radius is `V τ + d_c`.
     pub uts_wide_group: Option<usize>,
-    /// Mean distance of an SN to the SN nearest to it [m]; none for a lone SN.
+    /// Mean distance of an SN to its nearest neighbour [m]; `None` for a single SN.
     pub neighbour_m: Option<f64>,
-    /// Links with the UAV straight above the SN.
+    /// Links with the UAV directly above the SN.
     pub above: LinkFigures,
     /// Links at the horizontal distance `d_c`.
     pub rim: LinkFigures,
-    /// In how many slots empty buffers fill; none if no SN samples.
+    /// Slots until empty buffers are full; `None` if no SN samples.
     pub fill_slots: Option<FillSlots>,
-    /// Slots in which every SN is served once.
+    /// Slots until every SN has been served once.
     pub round: Round,
-    /// What the SNs sample, beside what the radio takes.
+    /// Offered load relative to the capacity of the radio.
     pub load: Load,
-    /// SNs that sample, and cannot be reached before the mission ends.
+    /// Number of sampling SNs that cannot be reached before the end of the mission.
     pub unreachable: usize,
-    /// Whether there is a flight that loses nothing.
+    /// Whether a flight without loss exists.
     pub loss_free: LossFree,
 }
 
@@ -93,14 +93,14 @@ impl Figures {
     }
 }
 
-/// In how many slots the empty buffers of the SNs that sample fill, `B / (s_i τ)`.
+/// Slots until the empty buffers of the sampling SNs are full, `B / (s_i τ)`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FillSlots {
-    /// The quickest.
+    /// The minimum.
     pub least: f64,
-    /// On average.
+    /// The mean.
     pub mean: f64,
-    /// The slowest.
+    /// The maximum.
     pub most: f64,
 }
 
@@ -122,16 +122,16 @@ impl fmt::Display for FillSlots {
     }
 }
 
-/// What all SNs sample in a slot, beside the most that the radio takes.
+/// The offered load per slot relative to the maximum that the radio carries.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Load {
-    /// Sampled in a slot, `Σ s_i τ` [bit].
+    /// Sampled per slot, `Σ s_i τ` [bit].
     pub offered_bits: f64,
-    /// What n visits carry in a slot from straight above the SNs with the strongest links, full buffers at most [bit].
+    /// Maximum upload per slot [bit]: all visits from directly above, over the strongest link, at most full buffers.
     pub carried_bits: f64,
-    /// The first as a fraction of the second; none where the radio takes nothing.
+    /// `offered_bits / carried_bits`; `None` if the radio carries nothing.
     pub fraction: Option<f64>,
-    /// The visits of a slot, n, or fewer SNs.
+    /// Visits per slot, `min(n, N)`.
     pub visits: usize,
 }
 

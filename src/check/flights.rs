@@ -1,52 +1,53 @@
-//! A few quick strategies, flown to see what they lose and how long they take to serve everybody.
+//! Simulates a few fast strategies for their loss and the length of their first round.
 
 use skysink_common::error::InputError;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_mission::Mission;
 
-/// Strategies that are flown until one loses nothing. The first is that of the round.
-const FLOWN: [&str; 3] = ["tour", "uts-wide", "edf"];
+/// Strategies to simulate, in this order, until one loses nothing. The first one determines the round.
+const STRATEGIES: [&str; 3] = ["tour", "uts-wide", "edf"];
 
-/// Most sensor nodes (SNs) whose mission is flown: a tour over more takes long to make.
-pub const MOST_FLOWN: usize = 5_000;
+/// Maximum number of sensor nodes (SNs) of a simulated mission. Computing a tour over more takes too long.
+pub const MAX_SENSORS: usize = 5_000;
 
-/// Most SNs times slots of a mission that is flown.
-const MOST_FLOWN_SLOTS: u64 = 5_000_000;
+/// Maximum number of SNs times slots of a simulated mission.
+const MAX_SENSOR_SLOTS: u64 = 5_000_000;
 
-/// What one strategy makes of the mission.
+/// The result of one strategy.
 pub struct TrialFlight {
-    /// Its name.
+    /// Name of the strategy.
     pub strategy: &'static str,
-    /// What overflowed [bit].
+    /// Bits lost by overflow.
     pub lost_bits: u64,
-    /// The same as a fraction of what was sampled.
+    /// Bits lost as a fraction of the bits sampled.
     pub loss_rate: f64,
-    /// The slot by whose end every SN was served.
+    /// The slot at whose end every SN had been served; `None` if that did not happen.
     pub round_slots: Option<u64>,
 }
 
-/// The flights of a mission, up to the first that loses nothing; none of a mission that takes long to fly.
+/// Simulates the mission with the strategies up to the first that loses nothing. Returns nothing for a mission that is
+/// too large.
 ///
 /// # Errors
 /// If `[planner]` is refused.
 pub fn fly(scenario: &Scenario, list: &SensorList) -> Result<Vec<TrialFlight>, InputError> {
     let sensors = list.sensors().len();
     let mut flights: Vec<TrialFlight> = Vec::new();
-    if sensors > MOST_FLOWN || (sensors as u64).saturating_mul(scenario.slots) > MOST_FLOWN_SLOTS {
+    if sensors > MAX_SENSORS || (sensors as u64).saturating_mul(scenario.slots) > MAX_SENSOR_SLOTS {
         return Ok(flights);
     }
-    for strategy in FLOWN {
+    for strategy in STRATEGIES {
         if flights.iter().all(|flight| flight.lost_bits > 0) {
-            flights.push(TrialFlight::by(strategy, scenario, list)?);
+            flights.push(TrialFlight::simulate(strategy, scenario, list)?);
         }
     }
     Ok(flights)
 }
 
 impl TrialFlight {
-    /// Flies the mission by `strategy`.
-    fn by(strategy: &'static str, scenario: &Scenario, list: &SensorList) -> Result<Self, InputError> {
+    /// Simulates the mission with `strategy`.
+    fn simulate(strategy: &'static str, scenario: &Scenario, list: &SensorList) -> Result<Self, InputError> {
         let mut scenario = scenario.clone();
         strategy.clone_into(&mut scenario.planner.strategy);
         let mut mission = Mission::new(&scenario, list)?;

@@ -1,4 +1,4 @@
-//! What a visit carries, from the weakest sensor node (SN) to the strongest.
+//! The bits that one visit uploads, over the weakest and the strongest link.
 
 use serde::Serialize;
 use skysink_common::channel::{Channel, Uplink};
@@ -6,18 +6,18 @@ use skysink_common::message::SensorNode;
 use skysink_common::scenario::{GainMode, Scenario};
 use skysink_common::units::ratio_of_db;
 
-/// Steps between the altitudes that are compared where the UAV may choose.
+/// Number of altitude steps that are compared if the UAV can change its altitude.
 const LEVELS: u32 = 16;
 
-/// Uplinks at one horizontal distance, of the weakest SN and of the strongest; expected rates over a random channel,
-/// from the altitude that is best for it.
+/// The uplinks of the weakest and the strongest sensor node (SN) at one horizontal distance: expected rates, at the best
+/// altitude.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct LinkFigures {
-    /// Rates [bit/s].
+    /// Rates of the weakest and the strongest link [bit/s].
     pub rates_bps: [f64; 2],
-    /// Bits that a visit carries, `floor(r τ_c)`.
+    /// Bits per visit, `floor(r τ_c)`.
     pub visit_bits: [u64; 2],
-    /// Visits that empty a full buffer, the least and the most; none where the link carries nothing.
+    /// Minimum and maximum number of visits that empty a full buffer; `None` if the link carries nothing.
     pub visits: [Option<u64>; 2],
 }
 
@@ -35,7 +35,7 @@ impl LinkFigures {
     }
 }
 
-/// The lowest gain and the highest: of the SNs, or of the range that they are drawn from in every slot.
+/// The lowest and the highest gain: of the SNs, or of the range from which they are drawn in every slot.
 fn gains(scenario: &Scenario, nodes: &[SensorNode]) -> [f64; 2] {
     if scenario.link.gain == Some(GainMode::PerSlot) {
         return scenario.link.gain_range_db().map(ratio_of_db);
@@ -44,7 +44,7 @@ fn gains(scenario: &Scenario, nodes: &[SensorNode]) -> [f64; 2] {
     [lowest, nodes.iter().map(|node| node.gain).fold(0.0, f64::max)]
 }
 
-/// The expected rate [bit/s] at the squared distance `d2_m2` [m²], from the best of some altitudes that may be flown.
+/// The expected rate [bit/s] at the squared horizontal distance `d2_m2` [m²], at the best of several allowed altitudes.
 fn best_rate_bps(scenario: &Scenario, channel: &Channel, gain: f64, d2_m2: f64) -> f64 {
     let uav = &scenario.uav;
     let [low_m, high_m] = uav.climb().map_or([uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);
@@ -69,7 +69,7 @@ mod tests {
     }
 
     #[test]
-    fn a_visit_carries_what_the_closed_form_says() {
+    fn a_visit_carries_the_bits_of_the_closed_form() {
         // p/σ² = 0.05 W/10^−13 W = 5·10^11. −55 dB: γ = 3.16228e6 · 0.5 = 1.58114e6; above, x = 400 m²:
         // log2(1 + 3952.85) = 11.94906; 5 MHz · 11.94906 = 59.745 Mbit/s. −50 dB: γ = 5·10^6, log2(12501) = 13.60976:
         // 68.049 Mbit/s. In τ_c = 0.1 s 5.97 Mbit and 6.80 Mbit: one visit empties 30 kbit.

@@ -3,8 +3,8 @@
 /// Prefixes of units, the largest first.
 const PREFIXES: [(f64, &str); 5] = [(1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, "")];
 
-/// A quantity with three digits and a prefix: `5.88 Mbit`. Lengths stay in metres up to 10 km, numbers below 1 have
-/// four decimals at most.
+/// Formats a quantity with three digits and a prefix: `5.88 Mbit`. Lengths below 10 km are in metres. Numbers below 1 have
+/// at most four decimals.
 #[must_use]
 pub fn scaled(value: f64, unit: &str) -> String {
     let least = if unit == "m" { 1e4 } else { 1e3 };
@@ -13,13 +13,13 @@ pub fn scaled(value: f64, unit: &str) -> String {
     format!("{} {prefix}{unit}", short(value / size))
 }
 
-/// A fraction in percent.
+/// Formats a fraction in percent.
 #[must_use]
 pub fn percent(fraction: f64) -> String {
     format!("{} %", short(100.0 * fraction))
 }
 
-/// A number with three digits, or all of those before the decimal point, without trailing zeros.
+/// Formats a number with three significant digits, or all integer digits, without trailing zeros.
 #[must_use]
 pub fn short(value: f64) -> String {
     let digits = value.abs().log10().floor();
@@ -28,7 +28,7 @@ pub fn short(value: f64) -> String {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
-/// Both ends of a range, or one if they read the same.
+/// Formats a range, or one value if both ends are equal.
 #[must_use]
 pub fn joined([low, high]: [String; 2]) -> String {
     if low == high { low } else { format!("{low} to {high}") }
@@ -45,7 +45,7 @@ mod tests {
         assert_eq!(scaled(999.0, "bit"), "999 bit");
         assert_eq!(scaled(0.0, "bit"), "0 bit");
         assert_eq!(scaled(-2.0, "m"), "-2 m");
-        assert_eq!(scaled(1234.5, "m"), "1234 m"); // lengths of a field are compared with each other: one unit
+        assert_eq!(scaled(1234.5, "m"), "1234 m"); // one unit for all lengths of a field, for comparison
         assert_eq!(scaled(12_345.0, "m"), "12.3 km");
         assert_eq!(percent(0.166_66), "16.7 %");
         assert_eq!(percent(0.000_004), "0.0004 %");

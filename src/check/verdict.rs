@@ -1,4 +1,4 @@
-//! What can be told of all flights of a mission without a search: the length of a round, and whether loss is avoidable.
+//! Bounds for all flights of a mission, without a search: the length of a round, and whether loss is avoidable.
 
 use std::fmt;
 
@@ -14,86 +14,86 @@ use skysink_planner::sensor_table::SensorTable;
 use super::flights::TrialFlight;
 use super::links::LinkFigures;
 
-/// Whether a mission can be flown without loss, as far as can be told quickly.
+/// Whether the mission can be flown without loss, as far as fast bounds and simulations tell.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "answer", rename_all = "kebab-case")]
 pub enum LossFree {
-    /// No buffer overflows, even if nobody is served.
+    /// No buffer overflows, even if no SN is served.
     Unserved,
-    /// A strategy was flown, and lost nothing.
+    /// A simulated strategy loses nothing.
     Flown {
-        /// Which.
+        /// The strategy.
         strategy: &'static str,
     },
     /// Every flight loses data.
     Impossible {
-        /// At least this much [bit].
+        /// Lower bound of the loss [bit].
         lost_bits: u64,
     },
-    /// Strategies were flown, and all of them lost data.
+    /// All simulated strategies lose data.
     Open {
-        /// The one that lost least.
+        /// The strategy with the least loss.
         strategy: &'static str,
-        /// What it lost, as a fraction of what was sampled.
+        /// Its loss as a fraction of the bits sampled.
         loss_rate: f64,
     },
-    /// The field is too large to fly it quickly.
+    /// The field is too large for a fast simulation.
     NotFlown,
 }
 
-/// Slots from the start of the mission until every SN was served once.
+/// Slots from the start of the mission until every SN has been served once.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Round {
-    /// No flight takes fewer.
+    /// Lower bound for all flights.
     pub least_slots: u64,
-    /// Why.
-    pub because: Because,
-    /// What the strategy `tour` takes, if it was flown and the mission is long enough.
+    /// The reason for this bound.
+    pub because: RoundBound,
+    /// Slots that the strategy `tour` takes, if it was simulated and the mission is long enough.
     pub tour_slots: Option<u64>,
 }
 
-/// What a lower bound on a round comes from.
+/// The reason for the lower bound of a round.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Because {
+pub enum RoundBound {
     /// At most n SNs are served in a slot: `⌈N / n⌉`.
     Blocks,
-    /// The UAV has to get from the start to the SN farthest away.
+    /// Flight from the start to the farthest SN.
     Farthest,
-    /// The UAV has to get from SN to SN: [`PathBound`].
+    /// Flight between the SNs: [`PathBound`].
     Paths,
 }
 
 impl fmt::Display for Round {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let because = match self.because {
-            Because::Blocks => "N / n",
-            Because::Farthest => "the farthest SN",
-            Because::Paths => "by paths",
+        let reason = match self.because {
+            RoundBound::Blocks => "N / n",
+            RoundBound::Farthest => "farthest SN",
+            RoundBound::Paths => "path length",
         };
-        write!(formatter, "at least {} ({because})", self.least_slots)?;
+        write!(formatter, "at least {} ({reason})", self.least_slots)?;
         self.tour_slots.map_or(Ok(()), |slots| write!(formatter, "; tour takes {slots}"))
     }
 }
 
-/// What the bounds of a mission are computed from; SNs are its sensor nodes.
+/// Inputs of the bounds of a mission with its sensor nodes (SNs).
 pub struct Bounds<'a> {
     /// The scenario.
     pub scenario: &'a Scenario,
     /// All SNs.
     pub table: &'a SensorTable,
-    /// Those that sample.
+    /// The sampling SNs.
     pub field: &'a FieldBits,
-    /// Their links.
+    /// The links of the sampling SNs.
     pub links: BestLinks,
-    /// The links straight below the UAV.
+    /// The links with the UAV directly above.
     pub above: LinkFigures,
-    /// Between all SNs.
+    /// The bound on paths between all SNs.
     pub paths: PathBound,
 }
 
 impl Bounds<'_> {
-    /// What is known of the loss after these flights.
+    /// Whether loss is avoidable, given the results of these flights.
     #[must_use]
     pub fn loss_free(&self, flights: &[TrialFlight]) -> LossFree {
         let field = self.field;
@@ -101,7 +101,7 @@ impl Bounds<'_> {
             return LossFree::Unserved;
         }
         let Some(best) = flights.iter().min_by_key(|flight| flight.lost_bits) else {
-            let lost_bits = self.by_load();
+            let lost_bits = self.load_bound_bits();
             return if lost_bits > 0 { LossFree::Impossible { lost_bits } } else { LossFree::NotFlown };
         };
         let TrialFlight { strategy, loss_rate, .. } = *best;
@@ -113,10 +113,10 @@ impl Bounds<'_> {
         if lost_bits > 0 { LossFree::Impossible { lost_bits } } else { LossFree::Open { strategy, loss_rate } }
     }
 
-    /// A lower bound on the loss [bit] of every flight that costs no more than a sum over the SNs: what overflows if
-    /// nobody is served, less what the strongest link carries n times in every slot but the last, whose overflow comes
-    /// before its upload (decision D1). With probabilistic line of sight, where a draw may beat the expected rate, 0.
-    fn by_load(&self) -> u64 {
+    /// A cheap lower bound on the loss of every flight [bit]: the overflow if no SN is served, minus n uploads over the
+    /// strongest link in every slot but the last, where the overflow precedes the upload (decision D1). 0 for
+    /// probabilistic line of sight, because a drawn rate may exceed the expected rate.
+    fn load_bound_bits(&self) -> u64 {
         let field = self.field;
         if self.scenario.link.model == LinkModel::ProbabilisticLos {
             return 0;
@@ -127,21 +127,21 @@ impl Bounds<'_> {
         excess_bits.saturating_sub(visits.saturating_mul(visit_bits))
     }
 
-    /// A lower bound on the slots of a round, beside what `tour` takes.
+    /// The lower bound of a round, combined with the result of `tour`.
     #[must_use]
     pub fn round(&self, tour_slots: Option<u64>) -> Round {
         let sensors = self.table.positions.len();
         let blocks = sensors.div_ceil(self.table.resource_blocks) as u64;
         let farthest = self.field.sensors.iter().map(|sensor| sensor.first_slot).max().unwrap_or(1);
         let paths = least_slots(&self.paths, sensors);
-        let bounds = [(blocks, Because::Blocks), (farthest, Because::Farthest), (paths, Because::Paths)];
+        let bounds = [(blocks, RoundBound::Blocks), (farthest, RoundBound::Farthest), (paths, RoundBound::Paths)];
         let best = bounds.into_iter().reduce(|best, next| if next.0 > best.0 { next } else { best });
         let (least_slots, because) = best.expect("three bounds");
         Round { least_slots, because, tour_slots }
     }
 }
 
-/// The fewest slots in which `sensors` SNs may be served, by bisection.
+/// The smallest number of slots in which [`PathBound`] allows `sensors` SNs to be served, by bisection.
 fn least_slots(paths: &PathBound, sensors: usize) -> u64 {
     let mut high = 1u64;
     while paths.most(high) < sensors && high < 1 << 53 {
@@ -164,7 +164,7 @@ mod tests {
     use skysink_common::scenario::Overrides;
     use skysink_common::sensors::SensorList;
 
-    /// What is known of a scenario with these keys and the SNs of `list`.
+    /// Round and verdict of a scenario with these keys and the SNs of `list`.
     fn known(keys: &str, list: &str) -> (Round, LossFree) {
         let path = Path::new("a.toml");
         let text = format!("name = 'a'\n{keys}");
@@ -178,18 +178,18 @@ mod tests {
     fn a_round_is_bounded_by_blocks_paths_and_the_farthest() {
         // Five SNs in one spot below the UAV, n = 4: two slots, and `tour` takes as many.
         let (round, _) = known("", &format!("x_m,y_m\n{}", "50,50\n".repeat(5)));
-        assert_eq!((round.least_slots, round.because, round.tour_slots), (2, Because::Blocks, Some(2)));
-        // 200 m from the start: 190 m to the rim, 6.33 slots of 30 m, so 7.
+        assert_eq!((round.least_slots, round.because, round.tour_slots), (2, RoundBound::Blocks, Some(2)));
+        // 200 m from the start: 190 m to within d_c, 6.33 slots of 30 m, so 7.
         let (round, _) = known("[area]\nside_m = 400.0\n", "x_m,y_m\n200,400\n");
-        assert_eq!((round.least_slots, round.because, round.tour_slots), (7, Because::Farthest, Some(7)));
-        // Two SNs 200 m apart, the UAV between them: 90 m to the first rim, 3 slots; then 180 m from rim to rim, 6. A
+        assert_eq!((round.least_slots, round.because, round.tour_slots), (7, RoundBound::Farthest, Some(7)));
+        // Two SNs 200 m apart, the UAV between them: 90 m to within d_c of the first, 3 slots; then 180 m, 6 slots. The
         // path alone takes 1 + 6.
         let (round, _) = known("[area]\nside_m = 200.0\n", "x_m,y_m\n0,100\n200,100\n");
-        assert_eq!((round.least_slots, round.because, round.tour_slots), (7, Because::Paths, Some(9)));
+        assert_eq!((round.least_slots, round.because, round.tour_slots), (7, RoundBound::Paths, Some(9)));
     }
 
     #[test]
-    fn the_verdict_is_what_bounds_and_flights_say() {
+    fn the_verdict_combines_bounds_and_flights() {
         let near = "x_m,y_m,queue_bits\n50,50,0\n";
         assert_eq!(known("slots = 300\n", near).1, LossFree::Unserved, "300 slots of 100 bit fit into 30 000 bit");
         assert_eq!(known("slots = 400\n", near).1, LossFree::Flown { strategy: "tour" });
@@ -201,9 +201,9 @@ mod tests {
 
     #[test]
     fn a_field_that_is_too_large_is_not_flown() {
-        let list = "x_m,y_m,queue_bits\n".to_owned() + &"50,50,0\n".repeat(super::super::flights::MOST_FLOWN + 1);
+        let list = "x_m,y_m,queue_bits\n".to_owned() + &"50,50,0\n".repeat(super::super::flights::MAX_SENSORS + 1);
         let (round, verdict) = known("slots = 301\n", &list);
-        // 5 001 SNs that sample 100 bit overflow by 100 bit each in slot 301; 300 · 4 visits can take more than that.
+        // 5 001 SNs that sample 100 bit overflow by 100 bit each in slot 301; 300 · 4 visits can carry more than that.
         assert_eq!((round.least_slots, round.tour_slots, verdict), (1_251, None, LossFree::NotFlown));
     }
 }

@@ -1,4 +1,4 @@
-//! The command export.
+//! `skysink export`: arguments.
 
 use std::path::PathBuf;
 
@@ -12,14 +12,14 @@ use skysink_lab::export::{Export, ExportFormat, FORMATS, export};
 use crate::error::Error;
 use crate::report::print;
 
-/// Shown under the help.
+/// Printed below the options of `skysink export --help`.
 pub const EXAMPLES: &str = "\
 Examples:
   skysink export runs/chicago-uts-1 --format kml
   skysink export runs/letter-uts-1 --format qgc-plan --origin 47.3977,8.5456
 
-A mission is planned for the model's UAV, in still air over flat ground. The
-pilot in command is responsible.";
+Vehicle missions assume the UAV model, still air and flat ground. The pilot in
+command is responsible.";
 
 /// Options of `skysink export`.
 #[derive(Debug, Args)]
@@ -29,22 +29,24 @@ pub struct ExportOptions {
     /// Format of the file.
     #[arg(long, value_parser = format_parser())]
     format: &'static ExportFormat,
-    /// Where the south-west corner of the area is [°], for scenarios without area.origin_lat_deg, area.origin_lon_deg.
-    #[arg(long, value_name = "LAT,LON", value_parser = origin, allow_hyphen_values = true)]
+    /// Latitude and longitude of the south-west corner of the area [°]; required if the scenario does not set
+    /// area.origin_lat_deg and area.origin_lon_deg.
+    #[arg(long, value_name = "LAT,LON", value_parser = parse_origin, allow_hyphen_values = true)]
     origin: Option<Origin>,
-    /// File to write [default: RUN and the format's ending].
+    /// Output file [default: RUN with the extension of the format].
     #[arg(long, value_name = "PATH")]
     out: Option<PathBuf>,
-    /// Replace the file, if there is one.
+    /// Replace an existing file.
     #[arg(long)]
     force: bool,
-    /// Most items of a vehicle's mission, home among them; longer ones become several files [default: 500].
+    /// Maximum number of items in a vehicle mission, including home; longer missions are split into several files
+    /// [default: 500].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(MIN_ITEMS as i64..))]
     most_items: Option<u32>,
 }
 
 impl ExportOptions {
-    /// Writes the files, and says what is in them.
+    /// Writes the files and prints a summary of their content.
     ///
     /// # Errors
     /// As [`export`].
@@ -57,13 +59,14 @@ impl ExportOptions {
     }
 }
 
-/// A format by its name.
+/// Parses the name of a format.
 fn format_parser() -> impl TypedValueParser<Value = &'static ExportFormat> {
     PossibleValuesParser::new(FORMATS.map(|format| PossibleValue::new(format.name).help(format.about)))
         .map(|name| FORMATS.into_iter().find(|format| format.name == name).expect("one of the possible values"))
 }
 
-fn origin(text: &str) -> Result<Origin, String> {
+/// Parses `LAT,LON` [°].
+fn parse_origin(text: &str) -> Result<Origin, String> {
     let parts = text.split_once(',').and_then(|(lat, lon)| Some((lat.trim().parse().ok()?, lon.trim().parse().ok()?)));
     parts
         .map(|(lat_deg, lon_deg)| Origin { lat_deg, lon_deg })

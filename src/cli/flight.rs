@@ -1,4 +1,4 @@
-//! The arguments of `skysink run` and `skysink soak`.
+//! `skysink run` and `skysink soak`: arguments.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -14,30 +14,30 @@ use super::Choice;
 use crate::error::Error;
 use crate::report::OutputForm;
 use crate::run::Run;
-use crate::run::options::{RunOptions, seconds};
+use crate::run::options::{RunOptions, parse_seconds};
 use crate::simulate::{Simulation, simulate};
-use crate::soak::anywhere::Anywhere;
+use crate::soak::anywhere::KillAnywhere;
 use crate::soak::soak;
 
 /// Arguments of `skysink run`.
 #[derive(Debug, Args)]
 pub struct RunArguments {
-    /// Scenario file; the paper's mission if left out.
+    /// Scenario file [default: the paper's mission].
     scenario: Option<PathBuf>,
     #[command(flatten)]
     choice: Choice,
-    /// Resume a run that has ended early, in its folder.
+    /// Resume the interrupted run in this folder.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["scenario", "strategy", "seed", "keys", "out", "force"])]
     resume: Option<PathBuf>,
     #[command(flatten)]
     options: RunOptions,
-    /// How its figures are printed.
+    /// How the results are printed.
     #[command(flatten)]
     pub form: OutputForm,
 }
 
 impl RunArguments {
-    /// What to run.
+    /// Reads the scenario and returns the run.
     ///
     /// # Errors
     /// If the scenario is refused.
@@ -55,36 +55,37 @@ impl RunArguments {
 /// Arguments of `skysink soak`.
 #[derive(Debug, Args)]
 pub struct SoakArguments {
-    /// Scenario file; the paper's field if left out.
+    /// Scenario file [default: the paper's field].
     scenario: Option<PathBuf>,
     #[command(flatten)]
     choice: Choice,
-    /// Slots to fly, instead of the scenario's [default: 1000000; with --anywhere 2000].
+    /// Number of slots, overrides the scenario [default: 1000000, with --anywhere 2000].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
     slots: Option<u64>,
-    /// Mean time between two kills [s] in the first half of the mission; the second half is calm.
-    #[arg(long, value_name = "SECONDS", default_value = "0.1", value_parser = seconds)]
+    /// Mean time between kills in the first half of the mission [s]; no process is killed in the second half.
+    #[arg(long, value_name = "SECONDS", default_value = "0.1", value_parser = parse_seconds)]
     kill_every: f64,
-    /// Include the viewer.
+    /// Run the viewer process, too.
     #[arg(long)]
     viewer: bool,
-    /// Fly many short missions instead, and kill any process, the launcher included, at any instant: while they start,
-    /// in between, and at their end.
+    /// Fly many short missions and kill any process, including the launcher, at any time, including start-up and
+    /// shutdown.
     #[arg(long, conflicts_with = "kill_every")]
     anywhere: bool,
-    /// Number of missions.
+    /// Number of missions with --anywhere.
     #[arg(long, value_name = "N", default_value_t = 100, requires = "anywhere")]
     missions: u64,
-    /// Kills in each mission; those that would come after its end are left out.
+    /// Maximum number of kills per mission with --anywhere.
     #[arg(long, value_name = "N", default_value_t = 10, requires = "anywhere")]
     kills: u32,
 }
 
 impl SoakArguments {
-    /// Flies it, and prints what became of it.
+    /// Flies the missions and prints the result.
     ///
     /// # Errors
-    /// As the run, or if the trace is not that of the undisturbed mission, or something has grown.
+    /// Those of the run. [`Error::Soak`] if the trace differs from that of the undisturbed mission, or a process leaks
+    /// memory or file descriptors.
     pub fn soak(self, stop: &Stop) -> Result<(), Error> {
         let slots = self.slots.unwrap_or(if self.anywhere { 2000 } else { 1_000_000 });
         let overrides = Overrides { slots: Some(slots), ..self.choice.overrides() };
@@ -97,9 +98,9 @@ impl SoakArguments {
             let mission = Mission::new(&scenario, &list)?;
             let seed = scenario.seed;
             let simulation = Simulation { scenario, folder: self.choice.folder, record: None };
-            let (alone, _) = simulate(&simulation, &list, mission, stop)?;
+            let (undisturbed, _) = simulate(&simulation, &list, mission, stop)?;
             let Self { missions, kills, viewer, .. } = self;
-            return Anywhere { alone, missions, kills, seed, viewer }.fly(stop);
+            return KillAnywhere { undisturbed, missions, kills, seed, viewer }.fly(stop);
         }
         let options = RunOptions { no_viewer: !self.viewer, ..RunOptions::default() };
         let run = Run { scenario, folder: self.choice.folder, resume: None, options };

@@ -1,16 +1,16 @@
-//! Which part of a sweep a job of a job array flies, as its scheduler says.
+//! The shard of a sweep for a job of a job array, from the environment variables of the scheduler.
 
 use skysink_lab::sweep::plan::Shard;
 
-/// The variables of a scheduler's job array.
+/// The environment variables of a job array.
 struct Scheduler {
-    /// The job's number.
+    /// The index of the job.
     task: &'static str,
-    /// The highest number of the array; none if the scheduler does not say.
+    /// The highest index of the array, if the scheduler sets it.
     last: Option<&'static str>,
-    /// Jobs of the array, if the scheduler says so: as many as the highest number.
+    /// The number of jobs, if the scheduler sets it. It must equal the highest index.
     count: Option<&'static str>,
-    /// What is 1 in an array of all numbers from 1 on.
+    /// Variables that are 1 if the array has every index from 1 on.
     ones: &'static [&'static str],
 }
 
@@ -31,32 +31,32 @@ const SCHEDULERS: [Scheduler; 3] = [
     },
 ];
 
-/// The shard of the job that has these variables: k is its number, n is `shards`, or else the number of jobs of an array
-/// of all numbers from 1 on.
+/// The shard k/n of this job: k is its index, n is `shards` or else the number of jobs.
 ///
 /// # Errors
-/// If it is no job of an array, a variable is missing, or the array is another one.
+/// If the process is not a job of an array, or a variable is missing. Without `shards`, also if the indices of the array
+/// are not 1, 2, …, n.
 pub fn shard(variable: impl Fn(&str) -> Option<String>, shards: Option<usize>) -> Result<Shard, String> {
     let number = |name: &str| -> Result<usize, String> {
         let text =
             variable(name).ok_or_else(|| format!("{name} is not set: expected auto/N with the number of shards"))?;
         text.parse().map_err(|_| format!("{name}={text}: expected a whole number"))
     };
-    let is_there = |scheduler: &&Scheduler| variable(scheduler.task).is_some_and(|task| task != "undefined");
+    let is_active = |scheduler: &&Scheduler| variable(scheduler.task).is_some_and(|task| task != "undefined");
     let names = SCHEDULERS.map(|scheduler| scheduler.task).join(", ");
-    let scheduler = SCHEDULERS.iter().find(is_there);
+    let scheduler = SCHEDULERS.iter().find(is_active);
     let Scheduler { task, last, count, ones } =
         scheduler.ok_or_else(|| format!("expected a job array, which sets one of {names}"))?;
     let k = number(task)?;
     let n = match (shards, last) {
         (Some(shards), _) => shards,
-        (None, None) => return Err(format!("{task} comes without the number of jobs: expected auto/N")),
+        (None, None) => return Err(format!("{task} does not tell the number of jobs: expected auto/N")),
         (None, Some(last)) => {
             let n = number(last)?;
-            let wanted = ones.iter().map(|&name| (name, 1)).chain(count.map(|name| (name, n)));
-            for (name, wanted) in wanted {
+            let required = ones.iter().map(|&name| (name, 1)).chain(count.map(|name| (name, n)));
+            for (name, required) in required {
                 let found = number(name)?;
-                if found != wanted {
+                if found != required {
                     let expected = "expected an array such as 1-8, or auto/N with the number of shards";
                     return Err(format!("{name}={found}: {expected}"));
                 }
@@ -90,14 +90,14 @@ mod tests {
     }
 
     #[test]
-    fn a_job_flies_the_shard_of_its_number() {
+    fn a_job_flies_the_shard_of_its_index() {
         assert_eq!(shard_of(&slurm("8", "1", "8", "8"), None), Ok(Shard::new(8, 8).unwrap()));
         assert_eq!(shard_of(&[("PBS_ARRAY_INDEX", "3")], Some(4)), Ok(Shard::new(3, 4).unwrap()));
         assert_eq!(shard_of(&grid_engine("5", "1", "1"), None), Ok(Shard::new(5, 9).unwrap()));
     }
 
     #[test]
-    fn a_part_of_an_array_that_is_submitted_again_says_how_many_shards_there_are() {
+    fn a_part_of_an_array_needs_the_number_of_shards() {
         for part in [
             slurm("3", "3", "4", "2"),
             slurm("1", "1", "4", "2"),
@@ -116,8 +116,8 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_job_of_an_array_is_refused() {
-        for (variables, shards, says) in [
+    fn a_process_outside_a_job_array_is_refused() {
+        for (variables, shards, expected) in [
             (&[][..], None, "SLURM_ARRAY_TASK_ID, PBS_ARRAY_INDEX, SGE_TASK_ID"),
             (&[("SGE_TASK_ID", "undefined")], None, "expected a job array"),
             (&[("PBS_ARRAY_INDEX", "3")], None, "expected auto/N"),
@@ -127,7 +127,7 @@ mod tests {
             (&grid_engine("0", "1", "1"), None, "SGE_TASK_ID=0: expected 1 to 9"),
         ] {
             let refusal = shard_of(variables, shards).unwrap_err();
-            assert!(refusal.contains(says), "{refusal}");
+            assert!(refusal.contains(expected), "{refusal}");
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Completions for shells, and man pages: both made of the command line itself.
+//! Shell completions and man pages, both generated from the command line definition.
 
 use std::fs;
 use std::io;
@@ -12,40 +12,40 @@ use super::Cli;
 use crate::error::Error;
 use crate::report::print;
 
-/// What helps to use the command line.
+/// Commands that document the command line.
 #[derive(Debug, Subcommand)]
 pub enum Manual {
-    /// Print shell completions of commands, options and strategies.
+    /// Print a completion script for a shell.
     #[command(after_help = "\
 Examples:
   skysink completions bash > ~/.local/share/bash-completion/completions/skysink
   skysink completions zsh > ~/.zfunc/_skysink    a folder of $fpath
   skysink completions fish > ~/.config/fish/completions/skysink.fish")]
     Completions {
-        /// The shell.
+        /// Shell.
         shell: Shell,
     },
-    /// Write a man page for every command.
+    /// Write a man page for each command.
     #[command(after_help = "\
 Examples:
   skysink man ~/.local/share/man/man1    then: man skysink-run")]
     Man {
-        /// Folder to write; it is created if it is missing.
+        /// Output folder; created if missing.
         #[arg(value_name = "DIR")]
         folder: PathBuf,
     },
 }
 
 impl Manual {
-    /// Writes it.
+    /// Writes the completion script or the man pages.
     ///
     /// # Errors
-    /// If it cannot be written.
+    /// If the output cannot be written.
     pub fn write(self) -> Result<(), Error> {
         let mut command = Cli::command();
         match self {
             Self::Completions { shell } => {
-                let mut text = Vec::new(); // clap_complete would panic where nobody reads
+                let mut text = Vec::new(); // clap_complete panics on a closed pipe
                 clap_complete::generate(shell, &mut command, "skysink", &mut text);
                 io::Write::write_all(&mut io::stdout(), &text).map_err(Error::Output)
             }

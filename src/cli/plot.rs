@@ -1,4 +1,4 @@
-//! The command plot.
+//! `skysink plot`: arguments and printed table.
 
 use std::path::PathBuf;
 
@@ -13,61 +13,61 @@ use skysink_ring::role::Role;
 use crate::error::Error;
 use crate::report::{print, table, with_numbers_right};
 
-/// Shown under the help.
+/// Printed below the options of `skysink plot --help`.
 pub const EXAMPLES: &str = "\
 Examples:
-  skysink sweep scenarios/sweeps/letter.toml         leaves runs/letter; then
+  skysink sweep scenarios/sweeps/letter.toml         writes runs/letter; then
   skysink plot runs/letter --x area.side_m --where link.bandwidth_hz=5e3
   skysink plot runs/letter --x area.side_m --where link.bandwidth_hz=5e3 \\
     --strategies uts,gfs --difference-to uts --width 88mm
 
-It leaves SVG, PDF and PNG, and the numbers as a LaTeX and a Markdown table.
-Where several keys have several values, all but that of the x axis take a
---where. docs/src/plot.md has the rest.";
+The output is SVG, PDF and PNG, and the numbers as LaTeX and Markdown tables.
+If several keys of the sweep vary, pass --where for each one except that of the
+x axis. See docs/src/plot.md.";
 
-/// Narrowest and widest page [mm].
+/// Allowed width of the figure [mm].
 const WIDTHS_MM: std::ops::RangeInclusive<f64> = 50.0..=1000.0;
 
 /// Options of `skysink plot`.
 #[derive(Debug, Args)]
 pub struct PlotOptions {
-    /// Folder of a sweep.
+    /// Output folder of a sweep.
     #[arg(value_name = "SWEEPDIR")]
     sweep: PathBuf,
-    /// Key of the sweep along the x axis, such as area.side_m.
+    /// Key on the x axis, for example area.side_m.
     #[arg(long, value_name = "KEY")]
     x: String,
-    /// Metric along the y axis.
+    /// Metric on the y axis.
     #[arg(long, value_name = "METRIC", default_value = "loss_rate", value_parser = metric_parser())]
     y: Metric,
-    /// Only these strategies, in this order, separated by commas [default: all of the sweep].
+    /// Strategies to draw, in this order, comma-separated [default: all of the sweep].
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     strategies: Vec<String>,
-    /// Draw the differences from this strategy, paired by seed.
+    /// Draw the differences to this strategy, paired by seed.
     #[arg(long, value_name = "STRATEGY")]
     difference_to: Option<String>,
-    /// Only missions with this value of another key of the sweep, such as link.bandwidth_hz=5e3 (repeatable).
+    /// Draw only missions with this value of another key, for example link.bandwidth_hz=5e3 (repeatable).
     #[arg(long = "where", value_name = "KEY=VALUE")]
     conditions: Vec<Setting>,
-    /// Logarithmic y axis; means of 0 lie at its low end.
+    /// Use a logarithmic y axis; means of 0 are drawn at its lower end.
     #[arg(long, conflicts_with = "difference_to")]
     log_y: bool,
     /// Label of the x axis [default: the key].
     #[arg(long, value_name = "TEXT")]
     x_label: Option<String>,
-    /// Label of the y axis [default: what the metric is].
+    /// Label of the y axis [default: that of the metric].
     #[arg(long, value_name = "TEXT")]
     y_label: Option<String>,
     /// Title above the figure [default: none].
     #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
     title: String,
-    /// Show seeds, intervals and version below the figure; they are in the SVG in any case.
+    /// Show seeds, intervals and version below the figure; the SVG always contains them as metadata.
     #[arg(long)]
     footer: bool,
-    /// Width in print, where text then has 8 pt: 88mm, 18cm, 3.5in or 252pt [default: for a screen].
-    #[arg(long, value_parser = width)]
+    /// Printed width, for example 88mm, 18cm, 3.5in or 252pt; text is then 8 pt [default: sized for a screen].
+    #[arg(long, value_parser = parse_width_mm)]
     width: Option<f64>,
-    /// Folder to write; files of the same name are replaced [default: SWEEPDIR/plots].
+    /// Output folder; existing files are replaced [default: SWEEPDIR/plots].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print the numbers as JSON instead of the table.
@@ -76,7 +76,7 @@ pub struct PlotOptions {
 }
 
 impl PlotOptions {
-    /// Draws, and prints the numbers.
+    /// Draws the figure and prints its numbers.
     ///
     /// # Errors
     /// As [`plot`].
@@ -100,13 +100,13 @@ impl PlotOptions {
             return print(serde_json::to_string_pretty(&drawn).expect("plain numbers and strings"));
         }
         if let Some(missing) = &drawn.missing {
-            Role::Launcher.say(missing);
+            Role::Launcher.log(missing);
         }
         print_points(&drawn)
     }
 }
 
-/// A line per point of every curve, and the files.
+/// Prints one line per point of each curve, then the files.
 fn print_points(drawn: &Plot) -> Result<(), Error> {
     print(&drawn.about)?;
     let mut table = table();
@@ -122,14 +122,14 @@ fn print_points(drawn: &Plot) -> Result<(), Error> {
     drawn.files.iter().try_for_each(|file| print(file.display()))
 }
 
-/// A metric by its name.
+/// Parses the name of a metric.
 fn metric_parser() -> impl TypedValueParser<Value = Metric> {
     PossibleValuesParser::new(Metric::all().map(|metric| PossibleValue::new(metric.name()).help(metric.label())))
         .map(|name| Metric::all().find(|metric| metric.name() == name).expect("one of the possible values"))
 }
 
-/// A length with its unit, in [mm].
-fn width(text: &str) -> Result<f64, String> {
+/// Parses a length with its unit and returns it in [mm].
+fn parse_width_mm(text: &str) -> Result<f64, String> {
     let number = text.trim_end_matches(|character: char| character.is_ascii_alphabetic());
     let unit_mm = match &text[number.len()..] {
         "mm" => 1.0,

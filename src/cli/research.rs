@@ -27,89 +27,89 @@ use crate::simulate::{NewFolder, RecordingOptions, Simulation, simulate};
 /// The research commands.
 #[derive(Debug, Subcommand)]
 pub enum Research {
-    /// Fly many missions: a grid of scenarios, by strategy and seed. The same command resumes an interrupted sweep.
+    /// Simulate a grid of scenarios with several strategies and seeds. Running the command again resumes the sweep.
     #[command(after_help = "\
 Examples:
   skysink sweep scenarios/sweeps/letter.toml
   skysink sweep area.toml --out area-1 --shard 1/2    on one machine,
   skysink sweep area.toml --out area-2 --shard 2/2    on another; then
-  skysink merge area-1 area-2 --out area              joins the two
+  skysink merge area-1 area-2 --out area              merges the two
   skysink sweep area.toml --out area-$SLURM_ARRAY_TASK_ID --shard auto
                                                       in a job array")]
     Sweep {
         /// Sweep file.
         sweep: PathBuf,
-        /// Folder to write, or to resume in [default: runs/<file's name>].
+        /// Output folder; a sweep in it is resumed [default: runs/<name of the file>].
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
-        /// Missions flown at the same time [default: one per core].
+        /// Missions simulated in parallel [default: one per core].
         #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
         threads: usize,
-        /// Fly every n-th field only, from the k-th; a field is a point of the grid with a seed. In a job array of Slurm
-        /// or Grid Engine that counts from 1: auto; in any job array: auto/N.
-        #[arg(long, value_name = "K/N", value_parser = shard, default_value = "1/1")]
+        /// Simulate only shard K of N; a point of the grid with a seed is never split. In a job array of Slurm or Grid
+        /// Engine with indices from 1: auto; in any job array: auto/N.
+        #[arg(long, value_name = "K/N", value_parser = parse_shard, default_value = "1/1")]
         shard: Shard,
-        /// Print the number of missions and about how long they take, and fly none.
+        /// Print the number of missions and the estimated time, and simulate none.
         #[arg(long, conflicts_with_all = ["out", "threads", "shard"])]
         plan: bool,
     },
-    /// Fly the sweeps behind the paper's figures and draw them. The same command resumes them.
+    /// Reproduce the paper's figures: run the sweeps and draw them. Running the command again resumes the sweeps.
     #[command(after_help = "\
 Examples:
-  skysink figures --quick             a first look, in minutes
+  skysink figures --quick             few missions, takes minutes
   skysink figures --only area,maps    some of them
   skysink figures --runs 300          the paper's number of missions per point")]
     Figures {
-        /// Draw only these figures (repeatable, or separated by commas).
+        /// Draw only these figures (repeatable or comma-separated).
         #[arg(long, value_name = "PART", value_enum, value_delimiter = ',')]
         only: Vec<FigurePart>,
-        /// 5 missions per point.
+        /// Simulate 5 missions per point.
         #[arg(long, conflicts_with = "runs")]
         quick: bool,
         /// Missions per point.
         #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
         runs: u64,
-        /// Folder to write, or to resume in [default: runs/figures-<runs>].
+        /// Output folder; sweeps in it are resumed [default: runs/figures-<runs>].
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
-        /// Search steps of horizon in a slot, and 200 times as many for the best known; four times that in sparse
-        /// fields.
+        /// Search steps of horizon per slot; the search for the best known flight takes 200 times as many. In sparse
+        /// fields, both take four times as many.
         #[arg(long, value_name = "N", default_value_t = HORIZON_ITERATIONS)]
         #[arg(value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
         horizon_iterations: u32,
-        /// Missions flown at the same time [default: one per core].
+        /// Missions simulated in parallel [default: one per core].
         #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
         threads: usize,
     },
-    /// Draw a figure from any sweep: a metric over one of its keys, with intervals, and its numbers as tables.
+    /// Plot a metric of a sweep against one of its keys, with confidence intervals and tables.
     #[command(after_help = plot::EXAMPLES)]
     Plot(PlotOptions),
-    /// Search for the flight that loses least, fly it, and compare every strategy with it.
+    /// Search for the flight with the least data loss and compare all strategies with it.
     #[command(after_help = "\
 Examples:
   skysink optimize scenarios/sparse.toml --budget 60s
   skysink optimize scenarios/letter.toml --seed 3 --steps 5000000 --record
 
-The result is the best known flight, not a proven optimum; a lower bound on the
-loss of every flight is shown beside it. The same number of steps finds the
-same flight on every machine; a time is converted into steps by a trial.")]
+The result is the best known flight, not a proven optimum; the command also
+prints a lower bound on the loss of any flight. The same --steps find the same
+flight on every machine; --budget is converted to steps by a short trial.")]
     Optimize(OptimizeOptions),
-    /// Compare strategies over the same fields, or runs on record: a table, and one recording with all side by side.
+    /// Compare strategies on the same fields, or finished runs: a table and a recording with all side by side.
     #[command(after_help = "\
 Examples:
   skysink compare scenarios/sparse.toml uts horizon
   skysink compare scenarios/letter.toml gfs uts exact --seeds 100 --no-record
   skysink compare runs/letter-uts-1 runs/letter-gfs-1")]
     Compare(CompareOptions),
-    /// Join the shards of a sweep.
+    /// Merge the shards of a sweep.
     Merge {
-        /// Folders of the shards.
+        /// Output folders of the shards.
         #[arg(required = true)]
         shards: Vec<PathBuf>,
-        /// Folder to write.
+        /// Output folder.
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
-        /// Merge the missions that are there, though others are missing.
+        /// Accept missing missions.
         #[arg(long)]
         partial: bool,
     },
@@ -156,7 +156,7 @@ impl Research {
             Self::Merge { shards, out, partial } => {
                 let completeness = if partial { Completeness::Partial } else { Completeness::Whole };
                 let merged = merge(&shards, &out, completeness, stop);
-                let merged = merged.map_err(|error| ended_early(error, "the shards are as they were"))?;
+                let merged = merged.map_err(|error| ended_early(error, "the shards are unchanged"))?;
                 let results = out.join("results.csv");
                 print(format_args!("{} missions: {}", merged.journal.count(), results.display()))?;
                 match merged.missing {
@@ -172,7 +172,7 @@ impl Research {
     }
 }
 
-/// Prints what a sweep is and takes.
+/// Prints the size of a sweep and its estimated time.
 fn print_plan(sweep: &Sweep, stop: &Stop) -> Result<(), Error> {
     let estimate = estimate(sweep, stop).map_err(|error| ended_early(error, "nothing was flown"))?;
     let SweepEstimate { missions, cpu_s, mission_s } = &estimate;
@@ -187,25 +187,24 @@ fn print_plan(sweep: &Sweep, stop: &Stop) -> Result<(), Error> {
     print(format_args!("CPU time:  about {cpu_s:.1} s, {:.1} s on {cores} cores", cpu_s / cores as f64))
 }
 
-/// Missions of each strategy that are compared, if not told otherwise.
+/// Default number of missions per strategy.
 const SEEDS: u64 = 20;
 
 /// Options of `skysink compare`.
 #[derive(Debug, Args)]
 pub struct CompareOptions {
-    /// A scenario file with two strategies or more, or the folders of two runs or more.
+    /// A scenario file followed by two or more strategies, or two or more run folders.
     #[arg(required = true, num_args = 1.., value_name = "SCENARIO STRATEGY | RUN")]
     what: Vec<PathBuf>,
-    /// Missions of each strategy, from the scenario's seed on.
-    /// [default: 20]
+    /// Missions per strategy, with consecutive seeds starting at the scenario's [default: 20].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     seeds: Option<u64>,
     #[command(flatten)]
     changes: Changes,
-    /// Folder to write [default: runs/compare-<what is compared>].
+    /// Output folder [default: runs/compare-<names>].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Write no recording.
+    /// Do not write a recording.
     #[arg(long)]
     no_record: bool,
     /// Print all metrics as JSON instead of the table.
@@ -214,7 +213,7 @@ pub struct CompareOptions {
 }
 
 impl CompareOptions {
-    /// Compares, and prints how all stand.
+    /// Compares the strategies or runs and prints the tables.
     ///
     /// # Errors
     /// If an input is refused, something cannot be written, or on a stop.
@@ -232,7 +231,7 @@ impl CompareOptions {
             }
             Compared::Runs(self.what)
         } else {
-            let strategies = self.what[1..].iter().map(|name| strategy(name)).collect::<Result<Vec<_>, _>>()?;
+            let strategies = self.what[1..].iter().map(|name| find_strategy(name)).collect::<Result<Vec<_>, _>>()?;
             if strategies.len() < 2 {
                 let expected = "expected a scenario file with two strategies or more behind it, or folders of runs";
                 let message = format!("{}: {expected}", self.what[0].display());
@@ -246,8 +245,8 @@ impl CompareOptions {
     }
 }
 
-/// The strategy of this name.
-fn strategy(name: &Path) -> Result<&'static Registered, Error> {
+/// Finds the strategy of this name.
+fn find_strategy(name: &Path) -> Result<&'static Registered, Error> {
     let name = name.to_string_lossy();
     Registered::find(&name).ok_or_else(|| {
         Error::Usage(format!("strategy {name}: expected one of {} (or the folders of runs alone)", names().join(", ")))
@@ -259,10 +258,10 @@ fn strategy(name: &Path) -> Result<&'static Registered, Error> {
 pub struct OptimizeOptions {
     /// Scenario file.
     scenario: PathBuf,
-    /// How long to search: seconds, or a time such as 500ms, 60s, 5m or 1h.
-    #[arg(long, value_name = "TIME", default_value = "10s", value_parser = time)]
+    /// Search time in seconds, or with a unit, for example 500ms, 60s, 5m or 1h.
+    #[arg(long, value_name = "TIME", default_value = "10s", value_parser = parse_time)]
     budget: Duration,
-    /// Number of search steps, instead of a time.
+    /// Number of search steps; replaces --budget.
     #[arg(long, value_name = "N", conflicts_with = "budget", value_parser = clap::value_parser!(u64).range(..=MAX_STEPS))]
     steps: Option<u64>,
     #[command(flatten)]
@@ -276,21 +275,21 @@ pub struct OptimizeOptions {
 }
 
 impl OptimizeOptions {
-    /// Searches, flies the best, and prints how every strategy compares.
+    /// Searches, flies the best known flight, and prints the comparison with all strategies.
     ///
     /// # Errors
     /// If the scenario is refused, something cannot be written, or on a stop.
     pub fn optimize(self, stop: &Stop) -> Result<(), Error> {
-        let by = |strategy: &Registered| {
+        let scenario_of = |strategy: &Registered| {
             let overrides = Overrides { strategy: Some(strategy.name), ..self.changes.overrides() };
             Scenario::read(&self.scenario, overrides).and_then(settings::resolve)
         };
-        let scenarios = STRATEGIES.into_iter().map(by).collect::<Result<Vec<_>, _>>()?;
+        let scenarios = STRATEGIES.into_iter().map(scenario_of).collect::<Result<Vec<_>, _>>()?;
         let Self { budget, steps, folder, recording, form, .. } = self;
         RunFolder::check(folder.out.as_deref(), folder.force)?;
         let budget = steps.map_or(Budget::Time(budget), Budget::Steps);
         let found = optimize(&scenarios, budget, stop, &TerminalProgress::of_steps());
-        let left = "nothing was written: the same command starts again, with a smaller --budget it ends earlier";
+        let left = "nothing was written; run the command again, with a smaller --budget to end earlier";
         let found = found.map_err(|error| ended_early(error, left))?;
         let simulation = Simulation { scenario: found.scenario.clone(), folder, record: recording.every() };
         let (folder, summary) = simulate(&simulation, &found.list, found.mission()?, stop)?;
@@ -302,11 +301,11 @@ impl OptimizeOptions {
     }
 }
 
-/// Longest that a search may be asked to take [s].
-const MOST_S: f64 = 1e6;
+/// Maximum search time [s].
+const MAX_BUDGET_S: f64 = 1e6;
 
-/// A time with its unit; without one, in seconds.
-fn time(text: &str) -> Result<Duration, String> {
+/// Parses a time with its unit; without a unit, in seconds.
+fn parse_time(text: &str) -> Result<Duration, String> {
     let digits = text.trim_end_matches(|character: char| character.is_ascii_alphabetic());
     let unit_s = match &text[digits.len()..] {
         "ms" => 1e-3,
@@ -316,13 +315,13 @@ fn time(text: &str) -> Result<Duration, String> {
         _ => f64::NAN,
     };
     let seconds = digits.parse().map_or(f64::NAN, |number: f64| number * unit_s);
-    let is_allowed = seconds > 0.0 && seconds <= MOST_S;
+    let is_allowed = seconds > 0.0 && seconds <= MAX_BUDGET_S;
     let expected = "expected a time above 0, such as 500ms, 60s, 5m or 1h, at most 1000000s; steps are --steps N";
     if is_allowed { Ok(Duration::from_secs_f64(seconds)) } else { Err(expected.to_owned()) }
 }
 
-/// Part k of n, as it is written or as a job array says.
-fn shard(text: &str) -> Result<Shard, String> {
+/// Parses `K/N`, or `auto` and `auto/N` in a job array.
+fn parse_shard(text: &str) -> Result<Shard, String> {
     let variable = |name: &str| std::env::var(name).ok();
     let expected = || "expected k/n with k from 1 to n, auto, or auto/n".to_owned();
     let parsed = |number: &str| number.parse::<usize>().ok().filter(|&number| number > 0).ok_or_else(expected);

@@ -1,4 +1,4 @@
-//! Where a comparison is put: in a folder that is its own, and that no other comparison replaces.
+//! The output folder of a comparison. Different comparisons have different default folders.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,13 +13,13 @@ use xxhash_rust::xxh3::xxh3_64;
 use super::{RECORDING, STANDINGS, name_of};
 use crate::error::Error;
 
-/// What says which runs a comparison is of; `sweep.json` does where it is of strategies.
+/// Lists the compared runs. For strategies, `sweep.json` is the manifest.
 const MANIFEST: &str = "runs.json";
 
-/// Most letters of a folder's name that are those of what is compared.
-const MOST_LETTERS: usize = 120;
+/// Maximum length of the names in the folder name [characters].
+const MAX_NAME: usize = 120;
 
-/// The runs that are compared, by the paths of their folders from the root.
+/// The absolute paths of the compared runs.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 struct ComparedRuns {
     runs: Vec<String>,
@@ -27,8 +27,8 @@ struct ComparedRuns {
 
 impl ComparedRuns {
     fn of(folders: &[PathBuf]) -> Result<Self, Error> {
-        let whole = |folder: &PathBuf| Ok(fs::canonicalize(folder).at(folder)?.to_string_lossy().into_owned());
-        Ok(Self { runs: folders.iter().map(whole).collect::<Result<_, Error>>()? })
+        let absolute = |folder: &PathBuf| Ok(fs::canonicalize(folder).at(folder)?.to_string_lossy().into_owned());
+        Ok(Self { runs: folders.iter().map(absolute).collect::<Result<_, Error>>()? })
     }
 
     fn to_json(&self) -> String {
@@ -36,23 +36,24 @@ impl ComparedRuns {
     }
 }
 
-/// The usual folder of strategies over a scenario.
+/// The default folder for a comparison of strategies.
 pub(super) fn of_strategies(sweep: &Sweep, scenario: &Path) -> PathBuf {
     let definition = &sweep.definition;
     let strategies = definition.strategies.iter().cloned();
     let names = [name_of(scenario)].into_iter().chain(strategies).chain([definition.seeds.len().to_string()]);
-    usual(&names.collect::<Vec<_>>(), &definition.identity)
+    default_folder(&names.collect::<Vec<_>>(), &definition.identity)
 }
 
-/// Makes the folder of a comparison of these runs, `out` or the usual one. An earlier comparison of them is replaced.
+/// Creates the folder for a comparison of these runs, `out` or the default one. Removes an earlier comparison of the same
+/// runs.
 ///
 /// # Errors
-/// If it holds something else, or cannot be made.
+/// If the folder contains other files, or cannot be created.
 pub(super) fn make_for_runs(runs: &[PathBuf], out: Option<&Path>) -> Result<PathBuf, Error> {
     let text = ComparedRuns::of(runs)?.to_json();
     let identity = format!("{:016x}", xxh3_64(text.as_bytes()));
-    let usual = || usual(&runs.iter().map(|run| name_of(run)).collect::<Vec<_>>(), &identity);
-    let out = out.map_or_else(usual, Path::to_owned);
+    let default = || default_folder(&runs.iter().map(|run| name_of(run)).collect::<Vec<_>>(), &identity);
+    let out = out.map_or_else(default, Path::to_owned);
     let refuse = |message: &str| Error::from(InputError::new("output folder", &out, message));
     let is_folder = out.is_dir();
     if !is_folder && fs::symlink_metadata(&out).is_ok() {
@@ -64,14 +65,14 @@ pub(super) fn make_for_runs(runs: &[PathBuf], out: Option<&Path>) -> Result<Path
         let name = entry.at(&out)?.file_name();
         is_empty &= is_unfinished(&name);
         if ![MANIFEST, STANDINGS, RECORDING].iter().any(|ours| name == *ours) && !is_unfinished(&name) {
-            return Err(refuse("it holds something else than a comparison of runs: choose another --out"));
+            return Err(refuse("it contains other files than a comparison of runs: choose another --out"));
         }
     }
     let manifest = out.join(MANIFEST);
     if !is_empty && fs::read(&manifest).ok().as_deref() != Some(text.as_bytes()) {
-        return Err(refuse("it holds a comparison of other runs: choose another --out"));
+        return Err(refuse("it contains a comparison of other runs: choose another --out"));
     }
-    // A run may have been flown anew since: nothing of the earlier comparison stays beside what is written now.
+    // A run may have changed since: no file of the earlier comparison may remain.
     for file in [STANDINGS, RECORDING].map(|name| out.join(name)) {
         if fs::symlink_metadata(&file).is_ok() {
             fs::remove_file(&file).at(&file)?;
@@ -81,9 +82,8 @@ pub(super) fn make_for_runs(runs: &[PathBuf], out: Option<&Path>) -> Result<Path
     Ok(out)
 }
 
-/// The usual folder of a comparison of what has these names: whatever they are, `identity` keeps it from those of
-/// others.
-fn usual(names: &[String], identity: &str) -> PathBuf {
-    let name: String = names.join("-").replace('/', "-").chars().take(MOST_LETTERS).collect();
+/// The default folder of a comparison. `identity` makes it unique where the names do not.
+fn default_folder(names: &[String], identity: &str) -> PathBuf {
+    let name: String = names.join("-").replace('/', "-").chars().take(MAX_NAME).collect();
     Path::new("runs").join(format!("compare-{name}-{identity:.8}"))
 }

@@ -1,4 +1,4 @@
-//! The recording of a comparison: every mission flown again, slot by slot beside the others.
+//! The recording of a comparison: simulates all missions in parallel, slot by slot.
 
 use skysink_common::message::{PathPoint, Plan};
 use skysink_common::sensors::SensorList;
@@ -8,54 +8,55 @@ use skysink_mission::record::UNFINISHED;
 use skysink_mission::{Mission, Replay};
 use skysink_viewer::{self as viewer, Comparison, Sinks, SlotView};
 
-use super::{Error, Flight, Path, RECORDING, Shown, Stop, fs};
+use super::{Error, FlightSource, Path, RECORDING, ShownContender, Stop, fs};
 
-/// A mission that is flown again.
-enum Again {
+/// A mission in the recording.
+enum RecordedMission {
     Planned(Box<Mission>),
-    OnRecord(Box<Replay>),
+    Replayed(Box<Replay>),
 }
 
-impl Again {
+impl RecordedMission {
     fn mission(&self) -> &Mission {
         match self {
             Self::Planned(mission) => mission,
-            Self::OnRecord(replay) => replay.mission(),
+            Self::Replayed(replay) => replay.mission(),
         }
     }
 
+    /// Advances by one slot and returns its plan, without its planning time; `None` after the last slot.
     fn next_plan(&mut self) -> Result<Option<Plan>, Error> {
         let flown = match self {
             Self::Planned(mission) => mission.next(),
-            Self::OnRecord(replay) => replay.next_slot()?,
+            Self::Replayed(replay) => replay.next_slot()?,
         };
         Ok(flown.map(|flown| Plan { plan_ns: 0, ..flown.plan }))
     }
 }
 
-/// Flies the missions again, slot by slot beside each other, into the recording `path`.
-pub(super) fn record(shown: &[Shown], path: &Path, stop: &Stop) -> Result<(), Error> {
-    // In a folder of its own until it is whole: nobody else can have put anything there.
+/// Simulates the missions in parallel, slot by slot, and writes the recording `path`.
+pub(super) fn record(shown: &[ShownContender], path: &Path, stop: &Stop) -> Result<(), Error> {
+    // Written to a temporary folder until it is complete.
     let folder = path.parent().unwrap_or(Path::new("."));
-    let own = tempfile::Builder::new().prefix(".comparison.").suffix(UNFINISHED).tempdir_in(folder).at(folder)?;
-    let begun = own.path().join(RECORDING);
+    let temporary = tempfile::Builder::new().prefix(".comparison.").suffix(UNFINISHED).tempdir_in(folder).at(folder)?;
+    let unfinished = temporary.path().join(RECORDING);
     let mut missions = Vec::new();
     let mut scenarios = Vec::new();
     for one in shown {
-        let (scenario, list, again) = match &one.flight {
-            Flight::Planned(scenario) => {
+        let (scenario, list, mission) = match &one.flight {
+            FlightSource::Planned(scenario) => {
                 let list = SensorList::of(scenario)?;
                 let mut mission = Mission::new(scenario, &list)?;
                 mission.set_stop(stop);
-                (scenario.as_ref().clone(), list, Again::Planned(Box::new(mission)))
+                (scenario.as_ref().clone(), list, RecordedMission::Planned(Box::new(mission)))
             }
-            Flight::OnRecord(folder) => {
+            FlightSource::Recorded(folder) => {
                 let replay = Replay::open(folder)?;
-                (replay.scenario().clone(), replay.list().clone(), Again::OnRecord(Box::new(replay)))
+                (replay.scenario().clone(), replay.list().clone(), RecordedMission::Replayed(Box::new(replay)))
             }
         };
         scenarios.push((scenario, list.nodes()));
-        missions.push(again);
+        missions.push(mission);
     }
     let titles: Vec<String> = shown.iter().map(title).collect();
     let compared: Vec<viewer::ComparedMission> = shown
@@ -69,27 +70,27 @@ pub(super) fn record(shown: &[Shown], path: &Path, stop: &Stop) -> Result<(), Er
             sensors,
         })
         .collect();
-    let sinks = Sinks { save: Some(begun.clone()), ..Sinks::default() };
+    let sinks = Sinks { save: Some(unfinished.clone()), ..Sinks::default() };
     let name = shown.iter().map(|one| one.contender.label.as_str()).collect::<Vec<_>>().join(" beside ");
     let mut comparison = Comparison::open(&sinks, &name, &compared, &page(shown))?;
     let mut plans: Vec<Option<Plan>> = vec![None; missions.len()];
-    let mut under_way: Vec<usize> = (0..missions.len()).collect();
-    while !under_way.is_empty() {
-        for &index in &under_way {
+    let mut running: Vec<usize> = (0..missions.len()).collect();
+    while !running.is_empty() {
+        for &index in &running {
             log(&mut comparison, index, missions[index].mission(), plans[index].as_ref())?;
         }
         stop.check()?;
         let mut next = Vec::new();
-        for &index in &under_way {
+        for &index in &running {
             plans[index] = missions[index].next_plan()?;
             if plans[index].is_some() {
                 next.push(index);
             }
         }
-        under_way = next;
+        running = next;
     }
     comparison.close()?;
-    fs::rename(&begun, path).at(path)?;
+    fs::rename(&unfinished, path).at(path)?;
     Ok(())
 }
 
@@ -109,15 +110,15 @@ fn log(comparison: &mut Comparison, index: usize, mission: &Mission, plan: Optio
     Ok(comparison.log_slot(index, &view)?)
 }
 
-/// Written over a scene.
-fn title(shown: &Shown) -> String {
+/// The title of a scene.
+fn title(shown: &ShownContender) -> String {
     let loss = shown.contender.value(shown.seed, Metric::LossRate);
     let loss = loss.map_or_else(String::new, |loss| format!(" · η {loss:.4}"));
     format!("{}{loss}", shown.contender.label)
 }
 
-/// The table beside the scenes.
-fn page(shown: &[Shown]) -> String {
+/// The Markdown table beside the scenes.
+fn page(shown: &[ShownContender]) -> String {
     let mut page = String::from("| | η | delivered [Mbit] | flown [km] |\n|---|---|---|---|\n");
     for one in shown {
         let value = |metric, factor, decimals: usize| {

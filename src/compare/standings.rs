@@ -1,4 +1,4 @@
-//! How all stand, as tables that fit into a terminal: a row for each that is compared.
+//! The tables of a comparison, with one row per contender.
 
 use skysink_lab::compare::{Contender, MetricStanding};
 use skysink_lab::metrics::Metric;
@@ -6,13 +6,13 @@ use skysink_lab::metrics::Metric;
 use crate::error::Error;
 use crate::report::{print, table, with_numbers_right};
 
-/// A column: its heading, and the cell of each that is compared.
+/// A column: its heading, and one cell per contender.
 struct Column {
     heading: String,
     cells: Vec<String>,
 }
 
-/// A metric in a column: its heading, what it is multiplied by, and its decimals.
+/// A metric in a column: its heading, unit factor, and number of decimals.
 struct ShownMetric {
     heading: &'static str,
     metric: Metric,
@@ -30,10 +30,10 @@ const OTHERS: [ShownMetric; 7] = [
     ShownMetric { heading: "plan\np50 [µs]", metric: Metric::PlanP50Us, factor: 1.0, decimals: 1 },
 ];
 
-/// Characters of a number in a cell, if it can do with fewer decimals.
-const MOST_CHARACTERS: usize = 7;
+/// Maximum length of a number in a cell; longer ones get fewer decimals.
+const MAX_CHARACTERS: usize = 7;
 
-/// Prints η with its 95 % confidence interval and the differences from the first, then the other metrics.
+/// Prints η with its 95 % confidence interval and the differences to the first contender, then the other metrics.
 pub(super) fn print_tables(contenders: &[Contender], standings: &[MetricStanding]) -> Result<(), Error> {
     let find = |contender: &Contender, metric: Metric| {
         standings.iter().find(|standing| standing.label == contender.label && standing.metric == metric.name())
@@ -46,7 +46,7 @@ pub(super) fn print_tables(contenders: &[Contender], standings: &[MetricStanding
     let losses = [
         column("data loss\nrate η", &|contender| Some(format!("{:.4}", loss(contender)?.mean))),
         column("95 %\ninterval", &|contender| interval(loss(contender)?.ci95?)),
-        column("minus that\nof the first", &|contender| Some(format!("{:+.4}", loss(contender)?.difference?))),
+        column("difference\nto the first", &|contender| Some(format!("{:+.4}", loss(contender)?.difference?))),
         column("95 %\ninterval", &|contender| interval(loss(contender)?.difference_ci95?)),
     ];
     let other = |shown: &ShownMetric| {
@@ -58,12 +58,12 @@ pub(super) fn print_tables(contenders: &[Contender], standings: &[MetricStanding
     print(rows(&labels, &losses))?;
     print(rows(&labels, &OTHERS.each_ref().map(other)))?;
     match contenders.iter().filter_map(loss).map(|standing| standing.n).max() {
-        Some(missions) if missions > 1 => print(format_args!("{missions} missions each; differences by seed.")),
+        Some(missions) if missions > 1 => print(format_args!("{missions} missions each; differences paired by seed.")),
         _ => Ok(()),
     }
 }
 
-/// The table of the columns in which anything is.
+/// The table of all columns that are not empty.
 fn rows(labels: &[&str], columns: &[Column]) -> comfy_table::Table {
     let columns: Vec<&Column> =
         columns.iter().filter(|column| column.cells.iter().any(|cell| !cell.is_empty())).collect();
@@ -79,9 +79,9 @@ fn interval([low, high]: [f64; 2]) -> Option<String> {
     Some(format!("[{low:.3}, {high:.3}]"))
 }
 
-/// A number with so many decimals, or with fewer where it is large.
+/// Formats a number with `decimals` decimals, or fewer if it is too long.
 fn number(value: f64, decimals: usize) -> String {
     let texts = (0..=decimals).rev().map(|decimals| format!("{value:.decimals$}"));
-    let fitting = texts.filter(|text| text.len() <= MOST_CHARACTERS).max_by_key(String::len);
+    let fitting = texts.filter(|text| text.len() <= MAX_CHARACTERS).max_by_key(String::len);
     fitting.unwrap_or_else(|| format!("{value:.0}"))
 }

@@ -1,4 +1,4 @@
-//! The field of imported positions: an area around them, with a place on the Earth if they have one.
+//! The field of imported positions: the sensor list and an area around it, georeferenced for geodetic positions.
 
 use std::path::Path;
 
@@ -8,20 +8,20 @@ use skysink_lab::import::{self, Frame, Imported};
 
 use super::{LIST, NewField, NewList};
 
-/// Ground around the sensor nodes [m].
+/// Margin between the sensor nodes and the border of the area [m].
 const MARGIN_M: f64 = 10.0;
 
-/// Length of a degree of latitude [m], about.
+/// Approximate length of a degree of latitude [m].
 const DEGREE_M: f64 = 111_000.0;
 
-/// Side of an area that holds all places that a plane about a corner is good for [m].
+/// Side of an area that contains all positions for which the tangent plane is accurate [m].
 const VAST_M: f64 = 1e6;
 
-/// How far the corner of the area is moved away from the sensor nodes, one after the other [m]: the plane leaves the
-/// ground, and far to the east of its corner what lies due east has a y below 0 on the southern hemisphere.
+/// Distances of the corner of the area from the sensor nodes, tried in this order [m]. A small one can fail: on the
+/// southern hemisphere, a point far to the east of the corner, on the same parallel, has y < 0 in the tangent plane.
 const CORNERS_M: [f64; 4] = [MARGIN_M, 100.0, 1e3, 1e4];
 
-/// The field of the positions in the file `path`.
+/// Imports the positions in the file `path`.
 pub(super) fn field(path: &Path) -> Result<NewField, InputError> {
     let imported = import::read(path)?;
     let (area, list) = match imported.frame {
@@ -29,18 +29,18 @@ pub(super) fn field(path: &Path) -> Result<NewField, InputError> {
         Frame::Geodetic => geodetic(&imported, path)?,
     };
     let sensors = format!("file = \"{LIST}\"              # a row for each; metres, or degrees about the origin");
-    let notes = imported.ignored.iter().map(|what| format!("left out: {what}")).collect();
+    let notes = imported.ignored.iter().map(|what| format!("ignored: {what}")).collect();
     Ok(NewField { area, sensors, list: Some(list), notes })
 }
 
-/// The sensor list of the positions in the file `path`, moved by `shift` [m or °].
+/// The sensor list of the positions in the file `path`, translated by `shift` [m or °].
 fn list(imported: &Imported, shift: [f64; 2], path: &Path) -> NewList {
     let places = imported.sensors.iter().map(|sensor| sensor.place.clone()).collect();
     NewList { text: imported.to_csv(shift), places, source: path.to_owned() }
 }
 
-/// The area from the origin to beyond the last position; moved there if some are negative, or if all are farther away
-/// from it than the area would be wide.
+/// The area from the origin to beyond the last position. The positions are translated to the origin if some are negative,
+/// or if all are farther from it than their extent.
 fn plane(imported: &Imported, path: &Path) -> (String, NewList) {
     let [low, high] = imported.bounds();
     let shift = [0, 1].map(|axis| {
@@ -51,7 +51,7 @@ fn plane(imported: &Imported, path: &Path) -> (String, NewList) {
     let moved = if shift == [0.0; 2] {
         String::new()
     } else {
-        format!("\n# Positions are those of the source plus {} m and {} m.", shift[0], shift[1])
+        format!("\n# Positions are translated by {} m and {} m.", shift[0], shift[1])
     };
     (
         format!("width_m = {width_m:?} # around the sensor nodes [m]\nheight_m = {height_m:?}{moved}"),
@@ -59,7 +59,7 @@ fn plane(imported: &Imported, path: &Path) -> (String, NewList) {
     )
 }
 
-/// The area north and east of a corner, in whose plane all positions have coordinates above 0.
+/// The area north and east of a corner, in whose tangent plane all positions have positive coordinates.
 fn geodetic(imported: &Imported, path: &Path) -> Result<(String, NewList), InputError> {
     let [low_lat_deg, low_lon_deg] = imported.south_west();
     let list = list(imported, [0.0; 2], path);

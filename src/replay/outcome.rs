@@ -1,4 +1,4 @@
-//! What becomes of the slots of a replay: each is compared with the record, and so is the plan for it.
+//! Compares every replayed slot and its plan with the record.
 
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
@@ -20,37 +20,37 @@ use crate::run::recorder::SlotSink;
 /// Header of `plans.csv`.
 const COLUMNS: &str = "slot,x_m,y_m,z_m,scheduled,mode,refused,expected_bits,distance_m,same\n";
 
-/// How the plans compare with the recorded decisions.
+/// Comparison of the plans with the recorded decisions.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct PlanCounts {
     /// Slots of the run.
     pub slots: u64,
     /// Slots in which the plan leads to the recorded position and serves the recorded sensor nodes.
     pub same: u64,
-    /// Slots without a decision on record: the UAV held because there was no plan in time, or none that it could fly.
+    /// Slots without a recorded decision: the UAV held its position because no plan was in time or feasible.
     pub undecided: u64,
-    /// The first slot with another plan.
+    /// The first slot whose plan differs.
     pub first_difference: Option<u64>,
-    /// From the recorded position to the planned one, mean over the slots with a decision [m].
+    /// Mean distance from the recorded to the planned position, over the slots with a decision [m].
     pub mean_distance_m: f64,
 }
 
-/// A replay under way.
+/// The comparison of a running replay with its record.
 pub struct Replayed<'a> {
     recorded: &'a RecordedRun,
     trace: TraceHash,
-    /// Flies each plan from the recorded state before its slot.
+    /// Simulates each plan from the recorded state before its slot.
     flight: Flight,
     counts: PlanCounts,
     distance_m: f64,
-    /// Where the plans will be.
+    /// The final path of `plans.csv`.
     path: PathBuf,
-    /// The plans so far, under another name.
+    /// The plans so far, in a temporary file.
     csv: BufWriter<NamedTempFile>,
 }
 
 impl<'a> Replayed<'a> {
-    /// Nothing replayed yet; the plans will be in the file `path`, once all are.
+    /// Starts the comparison. [`Replayed::finish`] creates the file `path`.
     ///
     /// # Errors
     /// If the file cannot be created.
@@ -72,7 +72,7 @@ impl<'a> Replayed<'a> {
         &self.recorded.list
     }
 
-    /// Leaves the plans, and returns how they compare, and the hash of the trace.
+    /// Writes `plans.csv`, and returns the counts and the hash of the trace.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -84,19 +84,19 @@ impl<'a> Replayed<'a> {
         Ok((PlanCounts { mean_distance_m, ..self.counts }, self.trace.value()))
     }
 
-    /// Compares the plan of a slot with the recorded decision, and writes it.
+    /// Compares the plan of a slot with the recorded decision and writes its row.
     fn compare(&mut self, recorded: &RecordedSlot, plan: Option<&Plan>) -> std::io::Result<()> {
         let slot = recorded.slot;
         self.counts.slots += 1;
         let is_decided = recorded.mode != Mode::Hold;
         self.counts.undecided += u64::from(!is_decided);
-        let would = self.flight.step(slot, plan);
-        let distance_m = (would.position() - recorded.position).norm();
-        let served = would.served_links().iter().map(|link| link.sensor);
+        let planned = self.flight.step(slot, plan);
+        let distance_m = (planned.position() - recorded.position).norm();
+        let served = planned.served_links().iter().map(|link| link.sensor);
         let is_same = is_decided
             && distance_m == 0.0
             && served.clone().eq(recorded.scheduled.iter().copied())
-            && Mode::from_repr(would.mode) == Some(recorded.mode);
+            && Mode::from_repr(planned.mode) == Some(recorded.mode);
         if is_decided {
             self.counts.same += u64::from(is_same);
             self.distance_m += distance_m;
@@ -105,9 +105,9 @@ impl<'a> Replayed<'a> {
             }
         }
         let scheduled = served.map(|sensor| sensor.to_string()).collect::<Vec<_>>().join(" ");
-        let mode = Mode::from_repr(would.mode).unwrap_or_default();
+        let mode = Mode::from_repr(planned.mode).unwrap_or_default();
         let expected_bits = plan.map_or(0, |plan| plan.expected_bits);
-        let FlightReport { x_m, y_m, z_m, refused, .. } = would;
+        let FlightReport { x_m, y_m, z_m, refused, .. } = planned;
         let same = if is_decided { is_same.to_string() } else { String::new() };
         writeln!(self.csv, "{slot},{x_m},{y_m},{z_m},{scheduled},{mode},{refused},{expected_bits},{distance_m},{same}")
     }
@@ -119,7 +119,7 @@ impl SlotSink for Replayed<'_> {
         let flown = RecordedSlot::parse(self.trace.write(flight, header)?.as_bytes());
         let recorded = usize::try_from(slot - 1).ok().and_then(|index| self.recorded.slots.get(index));
         let Some(recorded) = recorded.filter(|recorded| flown.as_ref() == Some(*recorded)) else {
-            return Err(Error::NotAsRecorded(slot));
+            return Err(Error::ReplayDiverged(slot));
         };
         self.trace.add();
         self.compare(recorded, plan).at(&self.path)?;

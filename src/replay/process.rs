@@ -1,4 +1,4 @@
-//! flight-sim and planner, which may repeat what is on record.
+//! The entry points of flight-sim and planner, which can also replay a recorded run.
 
 use std::path::{Path, PathBuf};
 
@@ -17,29 +17,29 @@ use skysink_ring::folder::RingFolder;
 use skysink_ring::role::Role;
 use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 
-/// What flight-sim takes beside its ring.
+/// Additional arguments of flight-sim.
 #[derive(Debug, Args)]
 pub struct FlightSimArguments {
-    /// Fly what the run in this folder has on record, as skysink replay does.
+    /// Replay the flight recorded in this run folder (used by skysink replay).
     #[arg(long, value_name = "RUN")]
     replay: Option<PathBuf>,
-    /// How fast its slots follow each other at most.
+    /// Maximum speed of the replayed slots: max, realtime, or a factor, for example 10x.
     #[arg(long, default_value = "max", requires = "replay")]
     pace: Pace,
 }
 
-/// What planner takes beside its ring.
+/// Additional arguments of planner.
 #[derive(Debug, Args)]
 pub struct PlannerArguments {
-    /// Send what the run in this folder has on record, as skysink replay does.
+    /// Send the plans recorded in this run folder (used by skysink replay).
     #[arg(long, value_name = "RUN")]
     replay: Option<PathBuf>,
 }
 
-/// flight-sim: flies what is planned, or what is on record.
+/// Runs flight-sim: flies the plans, or replays a recorded flight.
 ///
 /// # Errors
-/// As those of [`skysink_flight_sim::node`]; or if there is no such record.
+/// Those of [`skysink_flight_sim::node`], or if the record cannot be read.
 pub fn flight_sim(
     scenario: &Scenario,
     folder: &RingFolder,
@@ -49,19 +49,20 @@ pub fn flight_sim(
     let Some(run) = &arguments.replay else {
         return skysink_flight_sim::node::run::<ipc::Service>(scenario, folder, stop);
     };
-    let slots = read(run)?;
+    let slots = read_slots(run)?;
     let plan_of = |slot: u64| {
         let recorded = usize::try_from(slot - 1).ok().and_then(|index| slots.get(index));
         recorded.filter(|recorded| !recorded.is_missed()).map(RecordedSlot::plan)
     };
     let recorded = RecordedFlight { plan_of: &plan_of, period: arguments.pace.period(scenario.slot_s) };
-    skysink_flight_sim::node::repeat::<ipc::Service>(scenario, folder, stop, &recorded)
+    skysink_flight_sim::node::replay::<ipc::Service>(scenario, folder, stop, &recorded)
 }
 
-/// planner: plans, or sends the recorded decisions, waypoint and schedule. In a slot without one it is to hold.
+/// Runs planner: plans, or sends the recorded waypoints and schedules. For a slot without a recorded decision it sends a
+/// plan that holds the position.
 ///
 /// # Errors
-/// If a peer is missing or wrong, the ring breaks, or `stop` is requested; or if there is no such record.
+/// If a peer is missing or wrong, the ring is broken, the record cannot be read, or on a stop.
 pub fn planner(
     scenario: &Scenario,
     folder: &RingFolder,
@@ -70,12 +71,12 @@ pub fn planner(
 ) -> Result<(), NodeError> {
     match &arguments.replay {
         None => skysink_planner::node::run::<ipc::Service>(scenario, folder, stop),
-        Some(run) => send_plans::<ipc::Service>(scenario, folder, stop, &read(run)?),
+        Some(run) => send_plans::<ipc::Service>(scenario, folder, stop, &read_slots(run)?),
     }
 }
 
-/// The slots of the run in this folder.
-fn read(run: &Path) -> Result<Vec<RecordedSlot>, NodeError> {
+/// Reads the slots of the run in this folder.
+fn read_slots(run: &Path) -> Result<Vec<RecordedSlot>, NodeError> {
     recorded_slots(run).map_err(|error| match error {
         MissionError::Input(error) => error.into(),
         error => NodeError::Recording(Box::new(error)),
@@ -98,7 +99,7 @@ fn send_plans<S: Service + 'static>(
             return ring.wait_for_commit(&mut wait, is_release, || Ok(()));
         }
         if head.slot < next {
-            continue; // a field-sim that was started again repeats itself
+            continue; // a restarted field-sim sends its last samples again
         }
         let recorded = usize::try_from(head.slot).ok().and_then(|index| slots.get(index));
         let Some(recorded) = recorded else {

@@ -1,58 +1,60 @@
-//! The signs of life of a process, as its supervisor sees them.
+//! The heartbeat of a process, as seen by its supervisor.
 
 use std::time::{Duration, Instant, SystemTime};
 
-use skysink_ring::health::Fate;
+use skysink_ring::health::ProcessEvent;
 use skysink_ring::wait::Stopwatch;
 
-/// A process that has shown itself and then gives no sign of life for so long is reported. Time in which the supervisor
-/// does not run either does not count: after a laptop's sleep everybody was silent.
+/// A process whose heartbeat stops for this long is reported as silent. Time in which the supervisor was suspended, too,
+/// does not count.
 pub(crate) const SILENT_AFTER: Duration = Duration::from_secs(1);
 
-/// The signs of life of a process.
+/// The heartbeat of a process.
 #[derive(Debug)]
 pub struct Heartbeat {
+    /// Time of the last beat.
     last: Option<SystemTime>,
+    /// Time since that beat was noticed.
     since: Stopwatch,
-    state: State,
+    state: HeartbeatState,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum State {
-    /// No sign yet: it is on its way.
+enum HeartbeatState {
+    /// No beat yet: the process is starting.
     Awaited,
     Alive,
     Silent,
 }
 
 impl Heartbeat {
-    /// No sign yet but `last`, which the process before it has left.
+    /// The heartbeat of a process that is starting. `last` is the last beat of its predecessor.
     #[must_use]
     pub fn after(last: Option<SystemTime>) -> Self {
-        Self { last, since: Stopwatch::start(Instant::now()), state: State::Awaited }
+        Self { last, since: Stopwatch::start(Instant::now()), state: HeartbeatState::Awaited }
     }
 
-    /// Notes the last sign of life; returns what is new.
-    pub fn note(&mut self, last: Option<SystemTime>, now: Instant) -> Option<Fate> {
+    /// Takes in the time of the last beat; returns the change of state, if any.
+    pub fn update(&mut self, last: Option<SystemTime>, now: Instant) -> Option<ProcessEvent> {
         let silence = self.since.advance(now);
         let ms = i32::try_from(silence.as_millis()).unwrap_or(i32::MAX);
         if self.last != last {
-            let before = std::mem::replace(&mut self.state, State::Alive);
+            let before = std::mem::replace(&mut self.state, HeartbeatState::Alive);
             self.last = last;
             self.since = Stopwatch::start(now);
-            return (before == State::Silent).then_some(Fate::Back(ms));
+            return (before == HeartbeatState::Silent).then_some(ProcessEvent::Back(ms));
         }
-        if self.state == State::Alive && silence >= SILENT_AFTER {
-            self.state = State::Silent;
-            return Some(Fate::Silent(ms));
+        if self.state == HeartbeatState::Alive && silence >= SILENT_AFTER {
+            self.state = HeartbeatState::Silent;
+            return Some(ProcessEvent::Silent(ms));
         }
         None
     }
 
-    /// Whether there has been no sign of life for so long.
+    /// Whether the process is silent, for at least `limit`.
     #[must_use]
-    pub fn is_silent_for(&self, long: Duration) -> bool {
-        self.state == State::Silent && self.since.elapsed() >= long
+    pub fn is_silent_for(&self, limit: Duration) -> bool {
+        self.state == HeartbeatState::Silent && self.since.elapsed() >= limit
     }
 }
 
@@ -64,29 +66,29 @@ mod tests {
         Some(SystemTime::UNIX_EPOCH + Duration::from_millis(ms))
     }
 
-    /// What is new in polls every 100 ms, from one time [ms] to another, with the last beat at `last`.
+    /// The changes in polls every 100 ms over `times` [ms], with the last beat at `last`.
     fn poll(
         heartbeat: &mut Heartbeat,
         start: Instant,
         times: std::ops::Range<u64>,
         last: Option<SystemTime>,
-    ) -> Vec<Fate> {
-        times.step_by(100).filter_map(|ms| heartbeat.note(last, start + Duration::from_millis(ms))).collect()
+    ) -> Vec<ProcessEvent> {
+        times.step_by(100).filter_map(|ms| heartbeat.update(last, start + Duration::from_millis(ms))).collect()
     }
 
     #[test]
-    fn a_process_without_a_heartbeat_is_reported_once_and_so_is_its_return() {
+    fn a_silent_process_and_its_return_are_reported_once() {
         let start = Instant::now();
         let mut heartbeat = Heartbeat { since: Stopwatch::start(start), ..Heartbeat::after(None) };
-        assert_eq!(poll(&mut heartbeat, start, 0..5_000, None), [], "it may still be on its way");
+        assert_eq!(poll(&mut heartbeat, start, 0..5_000, None), [], "it may still be starting");
         assert_eq!(poll(&mut heartbeat, start, 5_000..6_000, beat(1)), []);
-        assert_eq!(poll(&mut heartbeat, start, 6_000..7_500, beat(1)), [Fate::Silent(1_000)]);
+        assert_eq!(poll(&mut heartbeat, start, 6_000..7_500, beat(1)), [ProcessEvent::Silent(1_000)]);
         assert!(heartbeat.is_silent_for(Duration::from_secs(2)) && !heartbeat.is_silent_for(Duration::from_secs(3)));
-        assert_eq!(poll(&mut heartbeat, start, 7_500..8_000, beat(2)), [Fate::Back(2_500)]);
+        assert_eq!(poll(&mut heartbeat, start, 7_500..8_000, beat(2)), [ProcessEvent::Back(2_500)]);
     }
 
     #[test]
-    fn a_machine_that_slept_has_no_silent_processes() {
+    fn suspending_the_machine_makes_no_process_silent() {
         let start = Instant::now();
         let mut heartbeat = Heartbeat { since: Stopwatch::start(start), ..Heartbeat::after(None) };
         assert_eq!(poll(&mut heartbeat, start, 0..100, beat(1)), []);

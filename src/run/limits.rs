@@ -1,4 +1,4 @@
-//! What a run needs of the machine, checked before it starts: running short of it later kills processes.
+//! Checks the resources of the machine before a run: running out of them later would kill processes.
 
 use std::path::{Path, PathBuf};
 
@@ -12,30 +12,29 @@ use crate::error::Error;
 
 const MIB: u64 = 1 << 20;
 
-/// Open files that a process of the ring may need, peers that are just started again included.
+/// Maximum number of open files of a process of the ring, including connections to restarted peers.
 const FILES: u64 = 256;
 
-/// Room for what processes save of their state, and inodes for sockets and files.
+/// Disk space for checkpoints, and inodes for sockets and files, in the ring folder.
 const RING_BYTES: u64 = 16 * MIB;
 const RING_INODES: u64 = 256;
 
-/// Fails if the machine has too little for a run over these sensor nodes: open files, shared memory, or space for the
-/// ring's folder.
+/// Checks that the machine has enough open files, shared memory, and disk space for a run over these sensor nodes.
 ///
 /// # Errors
-/// [`Error::Short`].
+/// [`Error::Insufficient`].
 pub fn check(list: &SensorList, viewer: bool) -> Result<(), Error> {
     check_files()?;
     let sensors = list.sensors().len() as u64;
     let samples = if viewer { VIEWER_BUFFER as u64 + 8 } else { 8 };
-    let bytes_per_sensor = samples * 4 + 3 * 40; // queues in flight, the sensor list
+    let bytes_per_sensor = samples * 4 + 3 * 40; // buffered queue samples, and the sensor list
     let remedy = "make it larger (docker: --shm-size), or pass --no-viewer, which needs less";
     check_space(Path::new(SHARED_MEMORY), 8 * MIB + bytes_per_sensor * sensors, 0, remedy)?;
     let state_bytes = 100 * sensors;
     check_space(&existing(home()), RING_BYTES + state_bytes, RING_INODES, "free some, or set TMPDIR to another folder")
 }
 
-/// Raises the limit of open files as far as it has to be.
+/// Raises the soft limit of open files if necessary.
 fn check_files() -> Result<(), Error> {
     let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
     let is_enough = |limit: Option<u64>| limit.is_none_or(|limit| limit >= FILES);
@@ -45,28 +44,33 @@ fn check_files() -> Result<(), Error> {
         return Ok(());
     }
     let found = format!("at most {}", maximum.or(current).unwrap_or_default());
-    Err(Error::Short { what: "open files".to_owned(), found, expected: FILES.to_string(), remedy: "raise ulimit -n" })
+    Err(Error::Insufficient {
+        what: "open files".to_owned(),
+        found,
+        expected: FILES.to_string(),
+        remedy: "raise ulimit -n",
+    })
 }
 
-/// Fails unless files of so many bytes, and so many files, can be made in `folder`.
+/// Checks that `folder` is writable and has this many free bytes and inodes.
 fn check_space(folder: &Path, bytes: u64, inodes: u64, remedy: &'static str) -> Result<(), Error> {
-    let short = |found: String| {
+    let refuse = |found: String| {
         let expected = format!("{} MiB for this run", bytes.div_ceil(MIB));
-        Error::Short { what: folder.display().to_string(), found, expected, remedy }
+        Error::Insufficient { what: folder.display().to_string(), found, expected, remedy }
     };
     let StatVfs { f_bavail, f_frsize, f_favail, f_files, .. } =
-        statvfs(folder).map_err(|error| short(error.to_string()))?;
-    access(folder, Access::WRITE_OK).map_err(|error| short(format!("not writable ({error})")))?;
+        statvfs(folder).map_err(|error| refuse(error.to_string()))?;
+    access(folder, Access::WRITE_OK).map_err(|error| refuse(format!("not writable ({error})")))?;
     if f_bavail * f_frsize < bytes {
-        return Err(short(format!("{} MiB free", f_bavail * f_frsize / MIB)));
+        return Err(refuse(format!("{} MiB free", f_bavail * f_frsize / MIB)));
     }
     if f_files > 0 && f_favail < inodes {
-        return Err(short(format!("room for {f_favail} files")));
+        return Err(refuse(format!("room for {f_favail} files")));
     }
     Ok(())
 }
 
-/// The folder, or the nearest one above it that exists.
+/// The folder, or its nearest ancestor that exists.
 fn existing(folder: PathBuf) -> PathBuf {
     folder.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new("/")).to_owned()
 }
@@ -76,7 +80,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_short_is_named_with_what_is_needed() {
+    fn a_refusal_names_the_resource_and_the_required_amount() {
         let error = check_space(Path::new("/dev/shm"), 1 << 60, 0, "free some").unwrap_err().to_string();
         assert!(error.starts_with("/dev/shm: ") && error.contains(" MiB free: expected 1099511627776 MiB"), "{error}");
         let error = check_space(Path::new("/nowhere"), 1, 0, "free some").unwrap_err().to_string();
@@ -85,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn the_folder_that_is_looked_at_exists() {
+    fn the_nearest_ancestor_exists() {
         assert_eq!(existing("/tmp/nowhere/at/all".into()), Path::new("/tmp"));
     }
 }

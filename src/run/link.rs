@@ -1,4 +1,4 @@
-//! The link of a ring to other hosts: iceoryx2's own, over zenoh, as a process beside those of the ring.
+//! The link of a ring to other hosts: a process that runs iceoryx2's tunnel over zenoh.
 
 use std::io::{BufRead, BufReader, pipe};
 use std::os::unix::process::CommandExt;
@@ -18,22 +18,22 @@ use skysink_ring::terms::LinkTerms;
 use skysink_ring::topics::{LinkedServices, SCHEMA};
 
 use crate::error::Error;
+use crate::programs::is_command;
 use crate::report::TerminalProgress;
-use crate::run::options::is_command;
-use crate::run::supervise::{LAST_LINES, REAP};
+use crate::run::process::{OUTPUT_TIMEOUT, POLL_EVERY};
 
-/// Programs that are iceoryx2's link over zenoh: the first that is found in the PATH is started. The first is in the
-/// folder `link` of Skysink, the other is iceoryx2's own.
+/// Link programs; the first one found in PATH is started. `skysink-link` is in the folder `link` of this repository,
+/// `iox2-link-tunnel-zenoh` is part of iceoryx2.
 pub const PROGRAMS: [&str; 2] = ["skysink-link", "iox2-link-tunnel-zenoh"];
 
-/// How often it scans for samples of which no wake-up has reached it [ms].
+/// Time between two scans of the link for samples without an event [ms].
 const POLL_MS: u64 = 10;
 
-/// A first link that ends by itself sooner than this would do so again: its configuration is refused.
-const LEAST_LIFE: Duration = Duration::from_secs(2);
+/// If the first link exits sooner than this, its configuration is considered invalid and it is not restarted.
+const MIN_LIFETIME: Duration = Duration::from_secs(2);
 
-/// What it finds in its environment if that has nothing else: the messages that matter; and threads enough that the
-/// connection to a host that is gone, whose end may block one for 10 s, does not hold up those to the others.
+/// Environment variables of the link, unless they are set already. They limit the log to errors, and set enough threads
+/// that closing the connection to a lost host, which can block a thread for 10 s, does not delay other connections.
 const ENVIRONMENT: [(&str, &str); 2] = [
     ("IOX2_LOG_LEVEL", "error"),
     (
@@ -42,13 +42,13 @@ const ENVIRONMENT: [(&str, &str); 2] = [
     ),
 ];
 
-/// Between the end of a link and the start of the next.
+/// Minimum time between two starts of the link.
 const BACK_OFF: Duration = Duration::from_millis(500);
 
-/// How long it may take to end.
+/// Time from SIGTERM to SIGKILL.
 const GRACE: Duration = Duration::from_secs(2);
 
-/// What the hosts of a ring that flies `scenario` must agree on.
+/// The terms that all hosts of a ring with this scenario must agree on.
 ///
 /// # Errors
 /// If its sensor list is refused.
@@ -57,18 +57,18 @@ pub fn terms(scenario: &Scenario) -> Result<LinkTerms, InputError> {
     Ok(LinkTerms { version: SCHEMA, scenario: list.hash(scenario.hash()) })
 }
 
-/// The link that is installed.
-fn program() -> Option<&'static str> {
+/// The installed link program.
+fn find_program() -> Option<&'static str> {
     PROGRAMS.into_iter().find(|program| is_command(program))
 }
 
-fn missing() -> Error {
+fn missing_program() -> Error {
     let [ours, theirs] = PROGRAMS;
     let message = format!("--link: neither {ours} nor {theirs} is in the PATH: `cargo install --locked --path link`");
     Error::Usage(message)
 }
 
-/// Fails if there is no zenoh configuration of this name, or nothing that it configures.
+/// Checks that the configuration file exists and a link program is installed.
 ///
 /// # Errors
 /// [`Error::Usage`].
@@ -77,32 +77,33 @@ pub fn check(config: &Path) -> Result<(), Error> {
         let config = config.display();
         return Err(Error::Usage(format!("--link {config}: expected a zenoh configuration file, such as link.json5")));
     }
-    program().map(drop).ok_or_else(missing)
+    find_program().map(drop).ok_or_else(missing_program)
 }
 
-/// A link to other hosts, which is started again when it ends.
+/// A link to other hosts. It is restarted when it ends.
 #[derive(Debug)]
 pub struct Link {
     program: &'static str,
     arguments: Vec<String>,
     ring: PathBuf,
     child: Option<Child>,
-    /// Passes on what it says.
+    /// Thread that forwards the output.
     messages: Option<JoinHandle<()>>,
     started: Instant,
-    /// Whether one has lived for so long that its configuration is good.
-    is_proven: bool,
+    /// Whether a link has run long enough to consider its configuration valid.
+    is_config_valid: bool,
 }
 
 impl Link {
-    /// Starts the link of `ring` for the processes `here` on this host, with the zenoh configuration file `config`.
+    /// Starts the link of `ring` with the zenoh configuration file `config`. `local` are the roles of the processes on
+    /// this host.
     ///
     /// # Errors
-    /// If it cannot be started.
-    pub fn start(ring: &RingFolder, config: &Path, here: &[Role], progress: &TerminalProgress) -> Result<Self, Error> {
-        let program = program().ok_or_else(missing)?;
+    /// If the link cannot be started.
+    pub fn start(ring: &RingFolder, config: &Path, local: &[Role], progress: &TerminalProgress) -> Result<Self, Error> {
+        let program = find_program().ok_or_else(missing_program)?;
         let config = std::path::absolute(config).at(config)?;
-        let LinkedServices { all, written_here } = LinkedServices::of(&ring.terms(), here);
+        let LinkedServices { all, written_here } = LinkedServices::of(&ring.terms(), local);
         let mut arguments = vec!["--zenoh-config".to_owned(), config.display().to_string()];
         arguments.extend(["--reactive".to_owned(), "--poll".to_owned(), POLL_MS.to_string()]);
         arguments.extend(all.into_iter().flat_map(|service| ["--allow".to_owned(), service]));
@@ -114,26 +115,26 @@ impl Link {
             child: None,
             messages: None,
             started: Instant::now(),
-            is_proven: false,
+            is_config_valid: false,
         };
         link.spawn(progress)?;
         Ok(link)
     }
 
-    /// Starts it again once it has ended.
+    /// Restarts the link if it has ended.
     ///
     /// # Errors
-    /// [`Error::LinkEnded`] if it has ended at once.
+    /// [`Error::LinkEnded`] if the first link exits within [`MIN_LIFETIME`].
     pub fn supervise(&mut self, progress: &TerminalProgress) -> Result<(), Error> {
         let ended = self.child.as_mut().and_then(|child| child.try_wait().ok().flatten());
         if let Some(status) = ended {
             self.child = None;
-            self.is_proven |= self.started.elapsed() >= LEAST_LIFE;
-            if status.code().is_some() && !self.is_proven {
+            self.is_config_valid |= self.started.elapsed() >= MIN_LIFETIME;
+            if status.code().is_some() && !self.is_config_valid {
                 self.wait_for_messages();
                 return Err(Error::LinkEnded { program: self.program, status: status.to_string() });
             }
-            progress.say(&format!("link: ended with {status}: starting it again"));
+            progress.say(&format!("link: ended with {status}: restarting"));
             self.started = Instant::now();
         }
         if self.child.is_none() && self.started.elapsed() >= BACK_OFF {
@@ -142,23 +143,23 @@ impl Link {
         Ok(())
     }
 
-    /// It finds the ring's iceoryx2 domain in the folder where it runs.
+    /// Starts the process in the ring folder, where it finds the iceoryx2 configuration of the ring.
     fn spawn(&mut self, progress: &TerminalProgress) -> Result<(), Error> {
         let program = Path::new(self.program);
-        let (output, said) = pipe().at(program)?;
+        let (output, input) = pipe().at(program)?;
         let mut command = Command::new(program);
         command.args(&self.arguments).current_dir(&self.ring).stdin(Stdio::null());
-        command.process_group(0); // Ctrl-C is for the launcher
+        command.process_group(0); // only the launcher receives Ctrl-C
         for (name, value) in ENVIRONMENT {
             if std::env::var_os(name).is_none() {
                 command.env(name, value);
             }
         }
-        // A link has no lock by which it would notice that the launcher has died.
+        // Unlike the processes of the ring, the link does not detect the death of the launcher.
         let end_with_launcher = || Ok(set_parent_process_death_signal(Some(Signal::TERM))?);
-        // SAFETY: a system call, which neither allocates nor locks.
+        // SAFETY: the closure makes one system call; it neither allocates nor locks.
         unsafe { command.pre_exec(end_with_launcher) };
-        let child = command.stdout(said.try_clone().at(program)?).stderr(said).spawn().at(program)?;
+        let child = command.stdout(input.try_clone().at(program)?).stderr(input).spawn().at(program)?;
         let progress = progress.clone();
         let lines = BufReader::new(output).split(b'\n').map_while(Result::ok);
         let messages = std::thread::spawn(move || {
@@ -170,11 +171,12 @@ impl Link {
         Ok(())
     }
 
-    /// Waits for the last lines of a link that has ended.
+    /// Waits for the last output of a link that has ended.
     fn wait_for_messages(&self) {
         let begin = Instant::now();
-        while self.messages.as_ref().is_some_and(|messages| !messages.is_finished()) && begin.elapsed() < LAST_LINES {
-            std::thread::sleep(REAP);
+        while self.messages.as_ref().is_some_and(|messages| !messages.is_finished()) && begin.elapsed() < OUTPUT_TIMEOUT
+        {
+            std::thread::sleep(POLL_EVERY);
         }
     }
 }
@@ -189,7 +191,7 @@ impl Drop for Link {
             if matches!(child.try_wait(), Ok(Some(_))) {
                 return;
             }
-            std::thread::sleep(REAP);
+            std::thread::sleep(POLL_EVERY);
         }
         let _ = child.kill();
         let _ = child.wait();

@@ -1,10 +1,11 @@
-//! `skysink run`: a mission with a process for every part of the ring.
+//! `skysink run`: flies a mission as a ring of processes.
 
+pub mod external;
 pub mod heartbeat;
 pub mod limits;
 pub mod link;
 pub mod options;
-pub mod outside;
+pub mod process;
 pub mod recorder;
 pub mod restart;
 pub mod resume;
@@ -19,7 +20,7 @@ use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 use skysink_common::stop::Stop;
-use skysink_mission::origin::Manner;
+use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::{Summary, Tally};
 use skysink_ring::cleanup::Janitor;
@@ -33,30 +34,31 @@ use crate::report::TerminalProgress;
 use crate::simulate::NewFolder;
 use link::Link;
 use options::{Launch, RunOptions};
+use process::{POLL_EVERY, Process, ProcessTable};
 use recorder::{Recorder, SlotSink};
 use restart::{Rule, WORKERS};
 use resume::resume;
-use supervise::{Process, ProcessTable, REAP, Workers};
+use supervise::Workers;
 
-/// What to run, where and how.
+/// A run: its scenario, folder and options.
 #[derive(Debug)]
 pub struct Run {
     /// The scenario.
     pub scenario: Scenario,
-    /// Where a new run is put on record.
+    /// The folder of a new run.
     pub folder: NewFolder,
-    /// The folder of a run that has ended early, if it is to be resumed.
+    /// The folder of an interrupted run to resume.
     pub resume: Option<PathBuf>,
-    /// How.
+    /// The options of the processes.
     pub options: RunOptions,
 }
 
-/// Flies the mission, and returns its folder and its figures. However it ends, the folder is whole up to the last slot
-/// and nothing is left in shared memory. `table` tells other threads of its processes.
+/// Flies the mission and returns its folder and summary. However the run ends, the folder is complete up to the last slot
+/// and shared memory is cleaned up. `table` publishes the processes to other threads.
 ///
 /// # Errors
-/// If this build has no viewer, the sensor list is refused, a process ends for good or does not answer, something
-/// cannot be written, or on a stop.
+/// If this build has no viewer, the sensor list is refused, a process ends and is not restarted or does not answer, a
+/// file cannot be written, or on a stop.
 pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, Summary), Error> {
     let Run { scenario, options, .. } = run;
     let list = SensorList::of(scenario)?;
@@ -71,146 +73,150 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
             (folder, Some((resumed, tally)))
         }
     };
-    let manner = options.manner(Some(folder.manner()));
+    let manner = options.manner(Some(folder.run_mode()));
     let pace = manner.pace.unwrap_or_default();
     let (resumed, tally) =
         resumed.map_or_else(|| (None, Tally::new(scenario, &list)), |(resumed, tally)| (Some(resumed), tally));
     let mut tally = tally.with_latency(pace, scenario.slot_s);
-    if let Some(planner) = &manner.outside_planner {
+    if let Some(planner) = &manner.external_planner {
         tally = tally.with_planner(planner);
     }
     if tally.last_slot() == scenario.slots {
         let hash = resumed.map_or(0, |resumed| resumed.log.hash());
         let summary = tally.summary(Some(pace), Duration::ZERO, hash);
         if !folder.is_complete() {
-            folder.write_json("summary.json", &summary)?; // only that was missing
+            folder.write_json("summary.json", &summary)?; // the only missing file
         }
-        tidy(&folder.recording());
+        clean_up(&folder.recording());
         return Ok((folder, summary));
     }
     let ring_folder = make_ring(scenario, options, &manner, pace)?;
     let mut log = match resumed {
         None => folder.slot_log()?,
         Some(resumed) => {
-            folder.remove_sensor_results()?; // they were of the slots so far
-            resumed.hand_over(&ring_folder)?
+            folder.remove_sensor_results()?; // they covered the slots so far
+            resumed.save_checkpoints(&ring_folder)?
         }
     };
     let begin = Instant::now();
     let launch = Launch::of(&folder);
-    let flown = fly(&Flown { scenario, options, launch: &launch }, &ring_folder, table, stop, &mut log, &mut tally);
+    let flown =
+        fly(&RingMission { scenario, options, launch: &launch }, &ring_folder, table, stop, &mut log, &mut tally);
     let wall = *flown.as_ref().unwrap_or(&begin.elapsed());
     let mut summary = tally.summary(Some(pace), wall, log.hash());
     summary.complete &= flown.is_ok();
     let written = folder.write_json("summary.json", &summary);
     if let Err(cause) = flown {
-        return Err(cause.ended_early(&folder, summary.slots, &options.resume_by())); // not what it led to
+        return Err(cause.ended_early(&folder, summary.slots, &options.resume_options())); // the first error
     }
     written?;
     Ok((folder, summary))
 }
 
-/// How long a sample is waited for unless the user says otherwise [s].
-const SAMPLE_TIMEOUT_S: f64 = 30.0;
+/// Default timeout for a message [s].
+const MESSAGE_TIMEOUT_S: f64 = 30.0;
 
-/// Makes the ring of a mission that is flown in this manner, and its domain that of this process. Its slots follow each
-/// other at most at `pace`.
+/// Default timeout for a message from an external process [s].
+const EXTERNAL_TIMEOUT_S: f64 = 600.0;
+
+/// Creates the ring folder of a mission and joins its iceoryx2 domain. `pace` limits the speed of the slots.
 ///
 /// # Errors
-/// If what the ring is told is refused, or the folder cannot be made.
+/// If the scenario is refused, or the folder cannot be created.
 pub(crate) fn make_ring(
     scenario: &Scenario,
     options: &RunOptions,
-    manner: &Manner,
+    manner: &RunMode,
     pace: Pace,
 ) -> Result<RingFolder, Error> {
-    let timeout_s = options.timeout_s(SAMPLE_TIMEOUT_S, pace, scenario.slot_s);
-    let told = resume::told(scenario, manner)?;
+    let timeout_s = options.timeout_s(MESSAGE_TIMEOUT_S, pace, scenario.slot_s);
+    let rates = resume::estimated_rates(scenario, manner)?;
     let viewer = !options.no_viewer;
-    let mut ring = RingFolder::create(manner.pace.unwrap_or_default(), options.wait, timeout_s, viewer, told)?;
+    let mut ring = RingFolder::create(manner.pace.unwrap_or_default(), options.wait, timeout_s, viewer, rates)?;
     if options.link.is_some() {
         ring.link(link::terms(scenario)?)?;
     }
-    ring.install()?;
+    ring.set_global_config()?;
     Ok(ring)
 }
 
-/// How long the processes of a killed launcher may take to notice.
-const ORPHANS_END: Duration = Duration::from_secs(2);
+/// Time that the processes of a killed launcher may take to end.
+const ORPHAN_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Removes what a killed launcher has left of its ring, and ends the files of viewers that were killed. Where that
-/// fails they can be opened all the same.
-fn tidy(recording: &Path) {
-    clear_abandoned(ORPHANS_END);
+/// Removes the rings of killed launchers, and completes recordings of killed viewers. Recordings that cannot be completed
+/// are still readable.
+fn clean_up(recording: &Path) {
+    clear_abandoned(ORPHAN_TIMEOUT);
     #[cfg(feature = "viewer")]
     let _ = skysink_viewer::complete(recording);
     #[cfg(not(feature = "viewer"))]
     let _ = recording;
 }
 
-/// Tidies up when it is dropped.
-struct Tidied<'a>(&'a Path);
+/// Calls [`clean_up`] when it is dropped.
+struct CleanUpGuard<'a>(&'a Path);
 
-impl Drop for Tidied<'_> {
+impl Drop for CleanUpGuard<'_> {
     fn drop(&mut self) {
-        tidy(self.0);
+        clean_up(self.0);
     }
 }
 
-/// What a ring of processes flies, and how.
-pub struct Flown<'a> {
+/// The mission of a ring of processes.
+pub struct RingMission<'a> {
     /// The scenario.
     pub scenario: &'a Scenario,
-    /// How the processes work together.
+    /// The options of the processes.
     pub options: &'a RunOptions,
-    /// What they are started with.
+    /// Their inputs and outputs.
     pub launch: &'a Launch,
 }
 
-/// Starts the processes, records what they do, ends them, and tidies up behind them. Returns how long they flew.
+/// Starts the processes, records the mission, stops the processes, and cleans up. Returns the wall time of the mission.
 ///
 /// # Errors
 /// As [`run`].
 pub fn fly(
-    mission: &Flown,
+    mission: &RingMission,
     ring_folder: &RingFolder,
     table: &ProcessTable,
     stop: &Stop,
     log: &mut dyn SlotSink,
     tally: &mut Tally,
 ) -> Result<Duration, Error> {
-    let Flown { scenario, options, launch } = mission;
-    ring_folder.note_record(launch.scenario.parent().unwrap_or(Path::new(".")))?;
-    let _tidied = Tidied(&launch.recording); // after all processes have ended
+    let RingMission { scenario, options, launch } = mission;
+    ring_folder.write_record_path(launch.scenario.parent().unwrap_or(Path::new(".")))?;
+    let _guard = CleanUpGuard(&launch.recording); // dropped after all processes have ended
     let progress = TerminalProgress::of_slots();
     let (ring, wait) = Ring::<ipc::Service>::join(ring_folder, scenario, Role::Launcher, stop)?;
-    let _janitor = Janitor::of(ring_folder);
+    let _janitor = Janitor::start(ring_folder);
     let _ = table.shared_prefix.set(ring_folder.prefix());
-    let outside_timeout = Duration::from_secs_f64(options.timeout_s(600.0, ring.terms.pace, scenario.slot_s));
-    let mut recorder = Recorder::new(&ring, wait)?.with_outside(&options.external, outside_timeout);
+    let external_timeout_s = options.timeout_s(EXTERNAL_TIMEOUT_S, ring.terms.pace, scenario.slot_s);
+    let external_timeout = Duration::from_secs_f64(external_timeout_s);
+    let mut recorder = Recorder::new(&ring, wait)?.with_external(&options.external, external_timeout);
     let mut processes = Vec::new();
     for role in WORKERS.into_iter().filter(|role| *role != Role::Viewer || !options.no_viewer) {
         let invocation = options.invocation(role, launch, ring_folder)?;
         if options.external.contains(&role) {
             let command = match &options.link {
-                Some(config) if role != Role::Viewer => joining(role, launch, ring_folder, config),
-                _ => in_words(&invocation.program, &invocation.arguments),
+                Some(config) if role != Role::Viewer => join_command(role, launch, ring_folder, config),
+                _ => shell_command(&invocation.program, &invocation.arguments),
             };
-            let seconds = outside_timeout.as_secs_f64();
+            let seconds = external_timeout.as_secs_f64();
             progress.say(&format!("waiting up to {seconds} s for {}: {command}", role.name()));
         } else {
             processes.push(Process::new(role, invocation, Rule::policy(&options.restart, role)));
         }
     }
-    let here: Vec<_> = WORKERS.into_iter().filter(|role| !options.external.contains(role)).collect();
-    let here = [&here[..], &[Role::Launcher]].concat();
-    let link = options.link.as_ref().map(|config| Link::start(ring_folder, config, &here, &progress)).transpose()?;
+    let local = WORKERS.into_iter().filter(|role| !options.external.contains(role));
+    let local: Vec<_> = local.chain([Role::Launcher]).collect();
+    let link = options.link.as_ref().map(|config| Link::start(ring_folder, config, &local, &progress)).transpose()?;
     let external = &options.external;
     let workers = Workers::start(&ring, ring_folder, table, &progress, processes, external, scenario.slots)?;
     let mut workers = workers.with_link(link);
     let recorded = recorder.record(scenario.slots, log, tally, &mut |tally, overdue| workers.supervise(tally, overdue));
     let ended = match recorded {
-        Ok(wall) => finish(&mut recorder, &mut workers, tally, log.hash(), ring.terms.timeout()).map(|()| wall),
+        Ok(wall) => wait_for_end(&mut recorder, &mut workers, tally, log.hash(), ring.terms.timeout()).map(|()| wall),
         Err(error) => Err(match workers.supervise(tally, None) {
             Err(cause @ Error::WorkerEnded { .. }) if stop.requested().is_none() => cause,
             _ => error,
@@ -218,37 +224,36 @@ pub fn fly(
     };
     drop(workers);
     ring.remove_dead_nodes();
-    // Processes that the launcher has not started end by themselves, and clean up where the ring still is.
+    // External processes end by themselves and clean up their shared memory, for which the ring must still exist.
     let released = Instant::now();
     while ended.is_ok() && !ring.is_alone() && released.elapsed() < END_TIMEOUT {
-        std::thread::sleep(REAP);
+        std::thread::sleep(POLL_EVERY);
     }
     ended
 }
 
-/// What a person enters to start a program with these arguments.
-fn in_words(program: &Path, arguments: &[OsString]) -> String {
+/// The shell command that starts a program with these arguments.
+fn shell_command(program: &Path, arguments: &[OsString]) -> String {
     let words = std::iter::once(program.as_os_str()).chain(arguments.iter().map(OsString::as_os_str));
     let words: Vec<_> = words.map(|word| word.to_string_lossy().into_owned()).collect();
     shlex::try_join(words.iter().map(String::as_str)).unwrap_or_else(|_| words.join(" "))
 }
 
-/// What a person enters on another host to start the process of `role` there.
-fn joining(role: Role, launch: &Launch, ring: &RingFolder, config: &Path) -> String {
+/// The shell command that starts the process of `role` on another host.
+fn join_command(role: Role, launch: &Launch, ring: &RingFolder, config: &Path) -> String {
     let file = ring.path().join("ring.toml");
     let scenario = std::path::absolute(&launch.scenario).unwrap_or_else(|_| launch.scenario.clone());
     let options = [("--ring", file), ("--scenario", scenario), ("--link", config.to_owned())];
     let mut arguments = vec!["join".into(), role.name().into()];
     arguments.extend(options.into_iter().flat_map(|(name, file)| [name.into(), file.into_os_string()]));
-    in_words(Path::new("skysink"), &arguments) + " (on another host, with copies of these files)"
+    shell_command(Path::new("skysink"), &arguments) + " (on another host, with copies of these files)"
 }
 
-/// How long a process may take to end by itself once it is released.
+/// Time that a process may take to end after the final commit.
 pub(crate) const END_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Waits until all processes have ended, the viewer first: the others are there for it, and for one that is started
-/// again.
-fn finish(
+/// Waits until all processes have ended. The viewer ends first, while the others can still serve a restarted viewer.
+fn wait_for_end(
     recorder: &mut Recorder<ipc::Service>,
     workers: &mut Workers<ipc::Service>,
     tally: &mut Tally,
@@ -259,21 +264,21 @@ fn finish(
     let mut viewer = workers.supervise(tally, None)?;
     let mut waited = Stopwatch::start(Instant::now());
     while !workers.have_ended(|role| role == Role::Viewer) {
-        recorder.pause(REAP)?;
+        recorder.pause(POLL_EVERY)?;
         let current = workers.supervise(tally, None)?;
         if current != viewer {
             viewer = current;
             waited = Stopwatch::start(Instant::now());
         }
         if waited.advance(Instant::now()) > timeout {
-            return Err(Error::ViewerStays { seconds: timeout.as_secs_f64(), slot });
+            return Err(Error::ViewerTimeout { seconds: timeout.as_secs_f64(), slot });
         }
     }
     workers.release();
     recorder.release(slot, hash)?;
     let released = Instant::now();
-    while (workers.hears_others() || !workers.have_ended(|_| true)) && released.elapsed() < END_TIMEOUT {
-        recorder.pause(REAP)?;
+    while (workers.is_external_alive() || !workers.have_ended(|_| true)) && released.elapsed() < END_TIMEOUT {
+        recorder.pause(POLL_EVERY)?;
         workers.supervise(tally, None)?;
     }
     Ok(())

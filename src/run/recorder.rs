@@ -1,4 +1,4 @@
-//! The recorder: waits for the parts of every slot, puts it on record, and commits it to field-sim.
+//! The recorder: receives the messages of every slot, writes the slot to the run folder, and commits it to field-sim.
 
 use std::time::{Duration, Instant};
 
@@ -19,21 +19,21 @@ use skysink_ring::writer::Writer;
 
 use crate::error::Error;
 
-/// How often the processes are supervised.
-const SUPERVISE: Duration = Duration::from_millis(10);
+/// Time between two polls of the processes.
+const SUPERVISE_EVERY: Duration = Duration::from_millis(10);
 
-/// A wait after which a process may have died that is not the launcher's.
+/// After waiting this long for a message, the recorder checks for dead external processes.
 const STALL: Duration = Duration::from_millis(200);
 
-/// What becomes of the slots of a ring.
+/// Receives the slots of a ring.
 pub trait SlotSink {
-    /// Adds a slot, with the plan that was there, in time or not, and returns the hash of all so far.
+    /// Adds a slot with the received plan, in time or late, and returns the chained hash of all slots so far.
     ///
     /// # Errors
-    /// If the slot cannot be, or cannot be written; then it is as if it had not been tried.
+    /// If the slot is invalid or cannot be written; the sink is then unchanged.
     fn add(&mut self, plan: Option<&Plan>, flight: &FlightReport, header: &QueuesHeader) -> Result<u64, Error>;
 
-    /// The hash of all slots so far, chained.
+    /// The chained hash of all slots so far.
     fn hash(&self) -> u64;
 }
 
@@ -47,11 +47,11 @@ impl SlotSink for SlotLog {
     }
 }
 
-/// Puts a mission on record while the ring runs.
+/// Records the mission of a running ring.
 pub struct Recorder<'a, S: Service + 'static> {
     ring: &'a Ring<S>,
     wait: WaitContext,
-    /// The wake-ups of `queues`, which are the last part of a slot.
+    /// Notified with `queues`, the last message of a slot.
     listener: Listener<S>,
     queues: Reader<S, [u32], QueuesHeader>,
     plans: Reader<S, Plan, SlotHeader>,
@@ -59,20 +59,20 @@ pub struct Recorder<'a, S: Service + 'static> {
     ticks: Reader<S, Tick, SlotHeader>,
     ready: Reader<S, Ready, SlotHeader>,
     commits: Writer<S, Commit, SlotHeader>,
-    /// Roles of processes that the launcher did not start, and how long it waits for their samples.
-    outside: Vec<Role>,
-    outside_timeout: Duration,
-    parts: Parts,
-    /// Restart count of the viewer that is there, or will be started next.
+    /// Roles of the external processes, and the timeout for their messages.
+    external: Vec<Role>,
+    external_timeout: Duration,
+    received: SlotMessages,
+    /// Restart count of the current viewer, or of the next one if there is none.
     viewer: u32,
-    /// That of the newest viewer that is ready.
+    /// Restart count of the newest viewer that is ready.
     ready_viewer: Option<u32>,
     supervised: Instant,
 }
 
-/// What has arrived of a slot.
+/// The messages of a slot that have arrived.
 #[derive(Default)]
-struct Parts {
+struct SlotMessages {
     queues: Option<QueuesHeader>,
     flight: Option<(SlotHeader, FlightReport)>,
     plan: Option<(SlotHeader, Plan)>,
@@ -80,15 +80,15 @@ struct Parts {
     tick_ns: Option<u64>,
 }
 
-/// Supervises the processes of the run, of which one may be overdue, for so long; may end the run. Returns the restart
-/// count of the current viewer.
+/// Callback that supervises the processes of the run; an error ends the run. Its second argument is the role whose
+/// message is overdue, and how long it has been awaited. Returns the restart count of the current viewer.
 pub type Supervise<'a> = dyn FnMut(&mut Tally, Option<(Role, Duration)>) -> Result<u32, Error> + 'a;
 
 impl<'a, S: Service + 'static> Recorder<'a, S> {
-    /// Connects to the ring; to be done before any other process is started.
+    /// Connects to the ring. Call it before any other process is started.
     ///
     /// # Errors
-    /// If a topic cannot be read or written.
+    /// If a topic cannot be opened.
     pub fn new(ring: &'a Ring<S>, wait: WaitContext) -> Result<Self, Error> {
         Ok(Self {
             ring,
@@ -100,28 +100,28 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             ticks: ring.tick.reader(VIEWER_BUFFER)?,
             ready: ring.ready.reader(RING_BUFFER)?,
             commits: ring.commit.writer()?,
-            outside: Vec::new(),
-            outside_timeout: Duration::ZERO,
-            parts: Parts::default(),
+            external: Vec::new(),
+            external_timeout: Duration::ZERO,
+            received: SlotMessages::default(),
             viewer: 0,
             ready_viewer: None,
             supervised: Instant::now(),
         })
     }
 
-    /// Waits so long for the samples of these roles, whose processes the launcher did not start.
+    /// Sets the timeout for messages from the external processes of these roles.
     #[must_use]
-    pub fn with_outside(mut self, roles: &[Role], timeout: Duration) -> Self {
-        self.outside = roles.to_vec();
-        self.outside_timeout = timeout;
+    pub fn with_external(mut self, roles: &[Role], timeout: Duration) -> Self {
+        self.external = roles.to_vec();
+        self.external_timeout = timeout;
         self
     }
 
     /// Records all slots after those of the tally, up to `slots`, into the log and the tally, and returns the wall time
-    /// from the first to the last. `supervise` runs now and then.
+    /// from the first to the last. Calls `supervise` periodically.
     ///
     /// # Errors
-    /// Those of `supervise` and of the log; a peer that is missing or wrong, a broken ring, or a requested stop.
+    /// Those of `supervise` and of the log; if a peer is missing or wrong, the ring is broken, or on a stop.
     pub fn record(
         &mut self,
         slots: u64,
@@ -130,9 +130,9 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         supervise: &mut Supervise,
     ) -> Result<Duration, Error> {
         let first = tally.last_slot();
-        // Every process has shown itself once the plan of the first slot is there.
-        let (header, _) = self.wait_for_parts(first, Some(first + 1), tally, supervise)?;
-        self.listener = self.ring.truth.listener()?; // behind the planner's, which is in a hurry; a record is not
+        // The first plan proves that all processes are connected.
+        let (header, _) = self.wait_for_slot(first, Some(first + 1), tally, supervise)?;
+        self.listener = self.ring.truth.listener()?; // re-attached, so that the planner's listener is notified first
         if first == 0 {
             tally.start(&header);
         }
@@ -141,10 +141,10 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         for slot in first + 1..=slots {
             self.supervise(tally, None, supervise)?;
             let plan_of = (self.ring.terms.pace == Pace::Max).then_some(slot);
-            let (header, (flight_head, flight)) = self.wait_for_parts(slot, plan_of, tally, supervise)?;
-            let plan = self.parts.plan.take();
+            let (header, (flight_head, flight)) = self.wait_for_slot(slot, plan_of, tally, supervise)?;
+            let plan = self.received.plan.take();
             let times = SlotTimes {
-                tick_ns: self.parts.tick_ns.take(),
+                tick_ns: self.received.tick_ns.take(),
                 plan_ns: plan.as_ref().map(|(head, _)| head.sent_ns),
                 flight_ns: flight_head.sent_ns,
                 queues_ns: header.head.sent_ns,
@@ -155,7 +155,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
             let plan = plan.filter(|_| in_time);
             tally.add(plan.as_ref(), &flight, &header);
             if self.ring.terms.link.is_none() {
-                tally.add_times(times); // the clocks of two hosts have nothing in common
+                tally.add_times(times); // the clocks of two hosts are not comparable
             }
             tally.set_refused_messages(self.ring.refusals.total());
             self.commit(slot, hash)?;
@@ -163,7 +163,7 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         Ok(begin.elapsed())
     }
 
-    /// Lets the processes end. Until then they are there for those that are started again.
+    /// Sends the final commit, after which the processes end. Until then, they serve restarted peers.
     ///
     /// # Errors
     /// If the ring is broken.
@@ -171,44 +171,46 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         Ok(self.commits.send(self.ring.header(slot, FLAG_END), Commit { hash })?)
     }
 
-    /// Pauses after the last slot; processes that are started again get the last commits.
+    /// Sleeps for `duration` after the last slot. The last commits stay available to restarted processes.
     ///
     /// # Errors
-    /// A requested stop, or a broken ring.
-    pub fn pause(&mut self, long: Duration) -> Result<(), Error> {
-        Ok(self.wait.sleep_until(Instant::now() + long)?)
+    /// If the ring is broken, or on a stop.
+    pub fn pause(&mut self, duration: Duration) -> Result<(), Error> {
+        Ok(self.wait.sleep_until(Instant::now() + duration)?)
     }
 
-    /// Waits for the parts of `slot`, and returns its queues and its flight. In lock-step, the plan of the slot
-    /// `plan_of` must be there, too, and the viewer, which would otherwise miss what comes next; in paced runs, a plan
-    /// may be late and a viewer may lag.
-    fn wait_for_parts(
+    /// Waits for the messages of `slot`, and returns its queues and its flight. In lock-step (`plan_of` is set), also
+    /// waits for the plan of the slot `plan_of` and for the viewer, which would otherwise miss messages. In paced runs, a
+    /// plan may be late and a viewer may lag.
+    fn wait_for_slot(
         &mut self,
         slot: u64,
         plan_of: Option<u64>,
         tally: &mut Tally,
         supervise: &mut Supervise,
     ) -> Result<(QueuesHeader, (SlotHeader, FlightReport)), Error> {
-        let mut awaited = self.begin("queues", slot, Role::FieldSim)?;
-        let mut is_told = false; // whoever is overdue is killed once
+        let mut awaited = self.begin_wait("queues", slot, Role::FieldSim)?;
+        let mut is_reported = false; // an overdue process is reported and killed once
         loop {
             let missing = self.poll(slot, plan_of)?;
-            if let (None, Parts { queues: Some(queues), flight: Some(flight), .. }) = (missing, &mut self.parts) {
-                let parts = (*queues, *flight);
-                self.parts.queues = None;
-                self.parts.flight = None;
+            if let (None, SlotMessages { queues: Some(queues), flight: Some(flight), .. }) =
+                (missing, &mut self.received)
+            {
+                let messages = (*queues, *flight);
+                self.received.queues = None;
+                self.received.flight = None;
                 self.wait.end(awaited);
-                return Ok(parts);
+                return Ok(messages);
             }
             let (topic, topic_slot, from) = missing.unwrap_or(("queues", slot, Role::FieldSim));
             if (topic, topic_slot) != (awaited.topic, awaited.slot) {
                 self.wait.end(awaited);
-                awaited = self.begin(topic, topic_slot, from)?;
-                is_told = false;
+                awaited = self.begin_wait(topic, topic_slot, from)?;
+                is_reported = false;
             }
             let waited = awaited.waited.elapsed();
-            let is_overdue = !is_told && waited >= self.ring.terms.overdue_limit();
-            is_told |= is_overdue;
+            let is_overdue = !is_reported && waited >= self.ring.terms.overdue_limit();
+            is_reported |= is_overdue;
             self.supervise(tally, is_overdue.then_some((from, waited)), supervise)?;
             if waited >= STALL {
                 self.ring.remove_dead_nodes();
@@ -217,51 +219,52 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         }
     }
 
-    /// Begins to wait for a sample.
-    fn begin(&mut self, topic: &'static str, slot: u64, from: Role) -> Result<Awaited, RingError> {
+    /// Starts the wait for a message.
+    fn begin_wait(&mut self, topic: &'static str, slot: u64, from: Role) -> Result<Awaited, RingError> {
         let mut awaited = self.wait.begin(topic, slot, from)?;
-        if self.outside.contains(&from) {
-            awaited.timeout = Some(self.outside_timeout);
+        if self.external.contains(&from) {
+            awaited.timeout = Some(self.external_timeout);
         }
         Ok(awaited)
     }
 
-    /// Takes what has arrived, and returns the first sample of the chain that is missing and who sends it: those behind
-    /// it wait as well. It reads every topic: a writer must not wait because of what is refused here.
+    /// Takes the messages that have arrived, and returns topic, slot and sender of the first missing message in the
+    /// order of the ring; later ones depend on it. Reads every topic, so that no writer blocks on a full buffer.
     fn poll(&mut self, slot: u64, plan_of: Option<u64>) -> Result<Option<(&'static str, u64, Role)>, RingError> {
-        let Parts { queues, flight, plan, tick_ns } = &mut self.parts;
+        let SlotMessages { queues, flight, plan, tick_ns } = &mut self.received;
         if queues.is_none() {
-            *queues = self.queues.of_slot(slot)?.here().map(|sample| *sample.user_header());
+            *queues = self.queues.poll_slot(slot)?.available().map(|sample| *sample.user_header());
         }
         if flight.is_none() {
-            *flight = self.flights.of_slot(slot)?.here().map(|sample| (*sample.user_header(), *sample.payload()));
+            *flight =
+                self.flights.poll_slot(slot)?.available().map(|sample| (*sample.user_header(), *sample.payload()));
         }
         if plan.is_none() {
-            let found = self.plans.of_slot(plan_of.unwrap_or(slot))?.here();
+            let found = self.plans.poll_slot(plan_of.unwrap_or(slot))?.available();
             *plan = found.map(|sample| (*sample.user_header(), *sample.payload()));
         }
         if plan_of.is_none() && tick_ns.is_none() {
-            *tick_ns = self.ticks.of_slot(slot)?.here().map(|sample| sample.user_header().sent_ns);
+            *tick_ns = self.ticks.poll_slot(slot)?.available().map(|sample| sample.user_header().sent_ns);
         }
-        let queues_here = queues.is_some();
-        let flight_here = flight.is_some();
-        let plan_here = plan.is_some();
-        let tick_here = tick_ns.is_some();
-        let next_plan = plan_of.filter(|&of| of > slot); // the state before a slot comes before its plan
+        let has_queues = queues.is_some();
+        let has_flight = flight.is_some();
+        let has_plan = plan.is_some();
+        let has_tick = tick_ns.is_some();
+        let next_plan = plan_of.filter(|&of| of > slot); // the queues before a slot precede its plan
         Ok(match plan_of {
-            Some(_) if next_plan.is_some() && !queues_here => Some(("queues", slot, Role::FieldSim)),
-            Some(of) if next_plan.is_none() && !plan_here => Some(("plan", of, Role::Planner)),
-            None if !flight_here && !tick_here => Some(("tick", slot, Role::FieldSim)),
-            _ if !flight_here => Some(("flight", slot, Role::FlightSim)),
-            _ if !queues_here => Some(("queues", slot, Role::FieldSim)),
-            Some(of) if !plan_here => Some(("plan", of, Role::Planner)),
-            Some(_) if !self.viewer_is_ready()? => Some(("ready", slot, Role::Viewer)), // one time-out for all its restarts
+            Some(_) if next_plan.is_some() && !has_queues => Some(("queues", slot, Role::FieldSim)),
+            Some(of) if next_plan.is_none() && !has_plan => Some(("plan", of, Role::Planner)),
+            None if !has_flight && !has_tick => Some(("tick", slot, Role::FieldSim)),
+            _ if !has_flight => Some(("flight", slot, Role::FlightSim)),
+            _ if !has_queues => Some(("queues", slot, Role::FieldSim)),
+            Some(of) if !has_plan => Some(("plan", of, Role::Planner)),
+            Some(_) if !self.is_viewer_ready()? => Some(("ready", slot, Role::Viewer)), // one timeout for all restarts
             _ => None,
         })
     }
 
-    /// Whether the current viewer is ready, if one takes part.
-    fn viewer_is_ready(&mut self) -> Result<bool, RingError> {
+    /// Whether the current viewer is ready; true for a run without one.
+    fn is_viewer_ready(&mut self) -> Result<bool, RingError> {
         if !self.ring.terms.viewer {
             return Ok(true);
         }
@@ -273,14 +276,14 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
         Ok(self.ready_viewer >= Some(self.viewer))
     }
 
-    /// Supervises the processes now and then, and when one is overdue.
+    /// Supervises the processes if a message is overdue or [`SUPERVISE_EVERY`] has passed.
     fn supervise(
         &mut self,
         tally: &mut Tally,
         overdue: Option<(Role, Duration)>,
         supervise: &mut Supervise,
     ) -> Result<(), Error> {
-        if overdue.is_some() || self.supervised.elapsed() >= SUPERVISE {
+        if overdue.is_some() || self.supervised.elapsed() >= SUPERVISE_EVERY {
             self.supervised = Instant::now();
             self.viewer = supervise(tally, overdue)?;
         }

@@ -1,4 +1,4 @@
-//! When a process that has ended is started again, and how soon.
+//! The restart policy of a process: whether it is restarted after it has ended, and when.
 
 use std::collections::VecDeque;
 use std::str::FromStr;
@@ -10,101 +10,108 @@ use skysink_ring::role::Role;
 /// The processes that `skysink run` starts.
 pub const WORKERS: [Role; 4] = [Role::FieldSim, Role::FlightSim, Role::Planner, Role::Viewer];
 
-/// What is done about a process that ends before the mission does.
+/// What to do if a process ends before the mission.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Restart {
-    /// The run ends.
+    /// End the run.
     Never,
-    /// It is started again, unless it was refused its input.
+    /// Restart the process, unless it has refused its input.
     OnFailure,
 }
 
-/// Restarts within [`WINDOW`] after which it is given up.
+/// Maximum number of restarts within [`WINDOW`].
 const MAX_RESTARTS: usize = 50;
 
-/// Times in a row that it may end by itself in one slot: it would again.
+/// Maximum number of consecutive exits in the same slot.
 const MAX_EXITS: u32 = 8;
 
 /// See [`MAX_RESTARTS`].
 const WINDOW: Duration = Duration::from_secs(10);
 
-/// Shortest and longest wait before a restart; it doubles with each one in the last second.
+/// Minimum and maximum delay before a restart. The delay doubles with each restart within [`BACK_OFF_WINDOW`].
 const BACK_OFF: [Duration; 2] = [Duration::from_millis(10), Duration::from_millis(200)];
 
-/// How long a restart lengthens the wait before the next.
+/// See [`BACK_OFF`].
 const BACK_OFF_WINDOW: Duration = Duration::from_secs(1);
 
 /// The restarts of one process.
 #[derive(Debug)]
 pub struct Restarts {
-    /// What is done when it ends too early.
+    /// The policy.
     pub policy: Restart,
     recent: VecDeque<Instant>,
-    /// How often it was started again.
+    /// Number of restarts.
     pub count: i32,
-    /// The slot in which it has ended by itself, and how often in a row.
-    exits: (u64, u32),
+    /// Slot of the last exit.
+    exit_slot: u64,
+    /// Number of consecutive exits in that slot.
+    exits: u32,
 }
 
-/// How a process has ended too early.
+/// Why a process has ended before the mission.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum End {
-    /// By a signal.
+pub enum EndCause {
+    /// SIGKILL or SIGTERM.
     Killed,
-    /// By itself, in this slot.
+    /// It exited or crashed in this slot.
     Exited(u64),
-    /// It was refused its input, and would be again.
+    /// It refused its input, and would again.
     Refused,
 }
 
 impl Restarts {
-    /// None yet.
+    /// No restarts yet.
     #[must_use]
     pub fn new(policy: Restart) -> Self {
-        Self { policy, recent: VecDeque::new(), count: 0, exits: (0, 0) }
+        Self { policy, recent: VecDeque::new(), count: 0, exit_slot: 0, exits: 0 }
     }
 
-    /// When the process that has ended at `now` is to be started again; `None` if it is given up: by its policy, after
-    /// too many restarts, or because it would end so again.
-    pub fn next(&mut self, now: Instant, end: End) -> Option<Instant> {
-        self.exits = match end {
-            End::Exited(slot) if self.exits.0 == slot => (slot, self.exits.1 + 1),
-            End::Exited(slot) => (slot, 1),
-            End::Killed | End::Refused => (0, 0),
-        };
+    /// Schedules the restart of a process that has ended at `now`. Returns its time, or `None` if the process is not
+    /// restarted: by its policy, after too many restarts, or because it would end again for the same cause.
+    pub fn schedule(&mut self, now: Instant, cause: EndCause) -> Option<Instant> {
+        match cause {
+            EndCause::Exited(slot) => {
+                self.exits = if slot == self.exit_slot { self.exits + 1 } else { 1 };
+                self.exit_slot = slot;
+            }
+            EndCause::Killed | EndCause::Refused => {
+                self.exits = 0;
+                self.exit_slot = 0;
+            }
+        }
         while self.recent.front().is_some_and(|&restart| now.saturating_duration_since(restart) > WINDOW) {
             self.recent.pop_front();
         }
-        let is_useless = end == End::Refused || self.exits.1 >= MAX_EXITS;
-        if self.policy == Restart::Never || is_useless || self.recent.len() >= MAX_RESTARTS {
+        let is_futile = cause == EndCause::Refused || self.exits >= MAX_EXITS;
+        if self.policy == Restart::Never || is_futile || self.recent.len() >= MAX_RESTARTS {
             return None;
         }
-        let just_now = |restart: &&Instant| now.saturating_duration_since(**restart) <= BACK_OFF_WINDOW;
-        let doublings = u32::try_from(self.recent.iter().filter(just_now).count()).unwrap_or(u32::MAX).min(16);
+        let is_recent = |restart: &&Instant| now.saturating_duration_since(**restart) <= BACK_OFF_WINDOW;
+        let doublings = u32::try_from(self.recent.iter().filter(is_recent).count()).unwrap_or(u32::MAX).min(16);
         let due = now + (BACK_OFF[0] * 2u32.pow(doublings)).min(BACK_OFF[1]);
         self.recent.push_back(now);
         self.count += 1;
         Some(due)
     }
 
-    /// What to add to the end of a process that is given up: the limit, if it has reached it.
+    /// The limit that prevents a restart, as a suffix of the error message; empty if none is reached.
     #[must_use]
-    pub fn limit(&self) -> String {
+    pub fn reached_limit(&self) -> String {
         if self.recent.len() >= MAX_RESTARTS {
             return format!(", after {MAX_RESTARTS} restarts within {} s", WINDOW.as_secs());
         }
-        if self.exits.1 >= MAX_EXITS { format!(", {MAX_EXITS} times in a row") } else { String::new() }
+        if self.exits >= MAX_EXITS { format!(", {MAX_EXITS} times in a row") } else { String::new() }
     }
 }
 
-/// A policy for one process, or for all.
+/// The policy of one process, or of all.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Rule {
     role: Option<Role>,
     policy: Restart,
 }
 
-/// The process of that name, if `skysink run` starts it.
+/// The role of this name, if `skysink run` starts its process.
 #[must_use]
 pub fn worker(name: &str) -> Option<Role> {
     name.parse().ok().filter(|role| *role != Role::Launcher)
@@ -125,10 +132,10 @@ impl FromStr for Rule {
 }
 
 impl Rule {
-    /// The policy of a process: the last rule that names it, else the last for all, else on-failure.
+    /// The policy of a process: the last rule that names it, else the last rule for all, else on-failure.
     #[must_use]
     pub fn policy(rules: &[Self], role: Role) -> Restart {
-        let last = |wanted: Option<Role>| rules.iter().rev().find(|rule| rule.role == wanted).map(|rule| rule.policy);
+        let last = |role: Option<Role>| rules.iter().rev().find(|rule| rule.role == role).map(|rule| rule.policy);
         last(Some(role)).or_else(|| last(None)).unwrap_or(Restart::OnFailure)
     }
 }
@@ -138,11 +145,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_back_off_doubles_up_to_its_limit_and_is_forgotten() {
+    fn the_back_off_doubles_up_to_its_limit_and_is_reset() {
         let mut restarts = Restarts::new(Restart::OnFailure);
         let start = Instant::now();
         let wait =
-            |restarts: &mut Restarts, now: Instant| restarts.next(now, End::Killed).map(|due| (due - now).as_millis());
+            |restarts: &mut Restarts, now| restarts.schedule(now, EndCause::Killed).map(|due| (due - now).as_millis());
         let waits: Vec<_> = (0..6).map(|_| wait(&mut restarts, start).unwrap()).collect();
         assert_eq!(waits, [10, 20, 40, 80, 160, 200]);
         assert_eq!(wait(&mut restarts, start + Duration::from_secs(2)), Some(10));
@@ -150,38 +157,39 @@ mod tests {
     }
 
     #[test]
-    fn the_51st_restart_within_ten_seconds_is_one_too_many() {
+    fn the_51st_restart_within_ten_seconds_is_refused() {
         let mut restarts = Restarts::new(Restart::OnFailure);
         let start = Instant::now();
         for i in 0..50 {
-            assert!(restarts.next(start + Duration::from_millis(i * 100), End::Killed).is_some());
+            assert!(restarts.schedule(start + Duration::from_millis(i * 100), EndCause::Killed).is_some());
         }
-        assert_eq!(restarts.next(start + Duration::from_secs(6), End::Killed), None);
-        assert_eq!(restarts.limit(), ", after 50 restarts within 10 s");
-        assert!(restarts.next(start + Duration::from_secs(11), End::Killed).is_some(), "the first ones are long ago");
+        assert_eq!(restarts.schedule(start + Duration::from_secs(6), EndCause::Killed), None);
+        assert_eq!(restarts.reached_limit(), ", after 50 restarts within 10 s");
+        let later = restarts.schedule(start + Duration::from_secs(11), EndCause::Killed);
+        assert!(later.is_some(), "the first restarts are outside the window");
     }
 
     #[test]
-    fn what_would_fail_again_is_not_tried_again() {
-        for (policy, end) in [(Restart::Never, End::Killed), (Restart::OnFailure, End::Refused)] {
+    fn a_process_that_would_fail_again_is_not_restarted() {
+        for (policy, cause) in [(Restart::Never, EndCause::Killed), (Restart::OnFailure, EndCause::Refused)] {
             let mut restarts = Restarts::new(policy);
-            assert_eq!(restarts.next(Instant::now(), end), None);
-            assert_eq!(restarts.limit(), "");
+            assert_eq!(restarts.schedule(Instant::now(), cause), None);
+            assert_eq!(restarts.reached_limit(), "");
         }
     }
 
     #[test]
-    fn a_process_that_ends_by_itself_again_and_again_in_one_slot_is_given_up() {
+    fn a_process_that_exits_eight_times_in_a_row_in_one_slot_is_not_restarted() {
         let mut restarts = Restarts::new(Restart::OnFailure);
         let now = Instant::now();
         let slots = [1, 1, 1, 1, 1, 1, 1, 2, 1, 1, 1, 1, 1, 1, 1];
-        assert!(slots.iter().all(|&slot| restarts.next(now, End::Exited(slot)).is_some()));
-        assert_eq!(restarts.next(now, End::Exited(1)), None);
-        assert_eq!(restarts.limit(), ", 8 times in a row");
+        assert!(slots.iter().all(|&slot| restarts.schedule(now, EndCause::Exited(slot)).is_some()));
+        assert_eq!(restarts.schedule(now, EndCause::Exited(1)), None);
+        assert_eq!(restarts.reached_limit(), ", 8 times in a row");
     }
 
     #[test]
-    fn a_rule_for_a_process_comes_before_one_for_all() {
+    fn a_rule_for_one_process_overrides_a_rule_for_all() {
         let rules = ["planner=on-failure", "never"].map(|rule| rule.parse().unwrap());
         assert_eq!(Rule::policy(&rules, Role::Planner), Restart::OnFailure);
         assert_eq!(Rule::policy(&rules, Role::Viewer), Restart::Never);

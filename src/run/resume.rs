@@ -1,6 +1,6 @@
-//! Resuming a run that has ended early: the record is flown again in one process, line by line, and compared.
+//! Resumes an interrupted run: simulates the recorded slots in one process and compares them with the record.
 //!
-//! The state after the last line becomes the checkpoints from which the processes of a new ring resume.
+//! The state after the last recorded slot becomes the checkpoints from which the processes of a new ring resume.
 
 use skysink_common::error::InputError;
 use skysink_common::estimate::{Estimate, Rates};
@@ -11,7 +11,7 @@ use skysink_common::stop::Stop;
 use skysink_field_sim::journal::FieldJournal;
 use skysink_flight_sim::journal as flights;
 use skysink_mission::Mission;
-use skysink_mission::origin::Manner;
+use skysink_mission::origin::RunMode;
 use skysink_mission::record::RunFolder;
 use skysink_mission::replay::RecordedLines;
 use skysink_mission::slot_log::SlotLog;
@@ -23,38 +23,38 @@ use skysink_ring::folder::RingFolder;
 
 use crate::error::Error;
 
-/// A run as far as it is on record.
-pub struct Resumed {
-    /// The trace, to be written on.
+/// The state of an interrupted run after its last recorded slot.
+pub struct ResumedRun {
+    /// The trace, to be continued.
     pub log: SlotLog,
     mission: Mission,
 }
 
-/// Flies what is on record in `folder` again and adds it to `tally`. A last line that is cut is dropped: its slot is
-/// flown by the ring.
+/// Simulates the recorded slots of `folder` and adds them to `tally`. An incomplete last line is dropped, and its slot is
+/// flown again by the ring.
 ///
-/// Slots without a plan in time are taken from the record, and so are plans that the record alone knows: those from
-/// outside, those of a search that was limited by the clock, and, where the planner has a state, those after a plan
-/// that came too late, because the record does not tell what the planner did meanwhile.
+/// Most plans are computed again. These are taken from the record, because they cannot be reproduced: slots without a
+/// plan in time, plans of an external planner, plans of a search with a time limit, and, for a planner with state, all
+/// plans after a late one.
 ///
 /// # Errors
-/// If a run is still writing it, or a line is not what the mission leads to.
+/// If another process is writing the folder, or a line differs from the simulation.
 pub fn resume(
     folder: &RunFolder,
     scenario: &Scenario,
     list: &SensorList,
     tally: &mut Tally,
     stop: &Stop,
-) -> Result<Resumed, Error> {
+) -> Result<ResumedRun, Error> {
     let (mut log, trace) = folder.reopen_slot_log()?;
     let mut lines = RecordedLines::new(folder, trace, scenario.slots);
     let HorizonKeys { budget_ms, .. } = scenario.planner_keys("planner.horizon")?;
     let mut mission = Mission::new(scenario, list)?;
-    if let Some(rates) = told(scenario, folder.manner())? {
-        mission = mission.telling(Estimate::new(scenario, rates, &list.nodes()));
+    if let Some(rates) = estimated_rates(scenario, folder.run_mode())? {
+        mission = mission.with_estimate(Estimate::new(scenario, rates, &list.nodes()));
     }
     mission.set_stop(stop);
-    let mut repeatable = folder.manner().outside_planner.is_none() && (budget_ms.is_none() || !log.was_in_a_ring());
+    let mut repeatable = folder.run_mode().external_planner.is_none() && (budget_ms.is_none() || !log.was_in_a_ring());
     tally.start(&mission.header());
     while let Some(recorded) = lines.next_slot()? {
         stop.check()?;
@@ -73,35 +73,35 @@ pub fn resume(
         }
         tally.add(None, mission.last_flight(), &header);
     }
-    let is_lockstep = folder.manner().pace.is_none_or(|pace| pace == Pace::Max);
-    let is_flown_again = is_lockstep && folder.manner().outside_planner.is_none();
-    if let Some(last) = log.last_checked().filter(|last| *last > tally.last_slot() && !is_flown_again) {
-        let message = format_args!("it ends before slot {last}, which was on record and would be flown otherwise");
+    let is_lockstep = folder.run_mode().pace.is_none_or(|pace| pace == Pace::Max);
+    let is_repeatable = is_lockstep && folder.run_mode().external_planner.is_none();
+    if let Some(last) = log.last_checked().filter(|last| *last > tally.last_slot() && !is_repeatable) {
+        let message = format_args!("it ends before slot {last}, which was recorded and would be flown differently");
         return Err(InputError::new("trace", &folder.slots(), message).into());
     }
-    if folder.manner().pace.is_some() && tally.last_slot() > 1 && !log.was_checked() {
-        let message = "slots.check is missing, or not that of this trace: expected the one that was written with it";
+    if folder.run_mode().pace.is_some() && tally.last_slot() > 1 && !log.was_checked() {
+        let message = "slots.check is missing or belongs to another trace: expected the one written with this trace";
         return Err(InputError::new("run folder", folder.path(), message).into());
     }
     tally.resume();
-    Ok(Resumed { log, mission })
+    Ok(ResumedRun { log, mission })
 }
 
-/// What the field tells a planner that is not Skysink's: by what it knows of the rates, if the queues are estimated.
+/// How an external planner knows the sampling rates if the queues are estimated; `None` if it gets the true queues.
 ///
 /// # Errors
 /// If `[planner]` of the scenario is refused.
-pub fn told(scenario: &Scenario, manner: &Manner) -> Result<Option<Rates>, InputError> {
-    Ok(settings::estimated(scenario)?.filter(|_| manner.outside_planner.is_some()))
+pub fn estimated_rates(scenario: &Scenario, manner: &RunMode) -> Result<Option<Rates>, InputError> {
+    Ok(settings::estimated(scenario)?.filter(|_| manner.external_planner.is_some()))
 }
 
-impl Resumed {
-    /// Saves the state after the last line, from which the processes of the ring in `ring_folder` resume, and returns
-    /// the trace, cut behind that line.
+impl ResumedRun {
+    /// Writes the checkpoints for the processes of the ring in `ring_folder`, and returns the trace, truncated after the
+    /// last complete line.
     ///
     /// # Errors
-    /// If the trace or the ring's folder cannot be written.
-    pub fn hand_over(mut self, ring_folder: &RingFolder) -> Result<SlotLog, Error> {
+    /// If the trace or the ring folder cannot be written.
+    pub fn save_checkpoints(mut self, ring_folder: &RingFolder) -> Result<SlotLog, Error> {
         self.log.resume()?;
         let slot = self.mission.slot();
         if slot == 0 {
@@ -111,7 +111,7 @@ impl Resumed {
         let count = field.queues_bits().len();
         let planner = self.mission.planner();
         journal(ring_folder, count)?.save(slot, planner)?;
-        FieldJournal::open(ring_folder, &mut field)?; // an empty one begins with this state
+        FieldJournal::open(ring_folder, &mut field)?; // an empty journal starts with this state
         flights::save(&flights::journal(ring_folder)?, slot, self.mission.last_flight())?;
         Ok(self.log)
     }

@@ -1,6 +1,6 @@
-//! `skysink soak --anywhere`: short missions whose processes are killed at any instant, from the start of the first to
-//! the end of the last, the launcher included, which is then resumed. Each must end with the trace of the undisturbed
-//! mission and whole recordings, and leave nothing behind.
+//! `skysink soak --anywhere`: flies short missions and kills any process, including the launcher, at any time. A mission
+//! whose launcher was killed is resumed. Each must end with the trace of the undisturbed mission and complete recordings,
+//! and leave no files or shared memory behind.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -20,52 +20,53 @@ use crate::error::Error;
 use crate::programs;
 use crate::report::print;
 
-/// How often a mission is looked at.
+/// Time between two polls of a mission.
 const POLL: Duration = Duration::from_millis(1);
 
-/// Longest delay of a kill after its part of the mission is flown; and of one while it starts, which takes about as
-/// long.
+/// Maximum delay of a kill after its trigger.
 const MAX_DELAY: Duration = Duration::from_millis(10);
+
+/// Maximum delay of a kill during start-up, about as long as the start-up.
 const MAX_START: Duration = Duration::from_millis(150);
 
-/// A mission that takes longer hangs.
+/// A mission that takes longer is considered hung.
 const MAX_MISSION: Duration = Duration::from_secs(120);
 
-/// How long a process may live on after its launcher was killed.
+/// Time that a viewer may take to end after its launcher was killed.
 #[cfg(feature = "viewer")]
 const MAX_END: Duration = Duration::from_secs(10);
 
-/// What is flown, and how often it is disturbed.
+/// The missions and their kills.
 #[derive(Debug)]
-pub struct Anywhere {
-    /// Folder of the undisturbed mission; those that are disturbed are flown in it.
-    pub alone: RunFolder,
-    /// Missions.
+pub struct KillAnywhere {
+    /// Folder of the undisturbed mission. The other missions are flown in subfolders.
+    pub undisturbed: RunFolder,
+    /// Number of missions.
     pub missions: u64,
-    /// Kills in each, if it lasts long enough.
+    /// Maximum number of kills per mission.
     pub kills: u32,
     /// Seed of the kills.
     pub seed: u64,
-    /// Whether the viewer takes part.
+    /// Whether the viewer runs.
     pub viewer: bool,
 }
 
-/// A kill: of any process, once so much of the trace is on record, and a little later.
+/// The kill of a random process, `delay` after the trace has reached a length of `bytes`.
 #[derive(Debug, Clone, Copy)]
 struct Kill {
     bytes: u64,
     delay: Duration,
 }
 
-impl Anywhere {
-    /// Flies the missions, and prints what became of them.
+impl KillAnywhere {
+    /// Flies the missions and prints the number of kills.
     ///
     /// # Errors
-    /// [`Error::Soak`] at the first that does not end as it should; its folder is left.
+    /// [`Error::Soak`] for the first mission that fails; its folder is kept.
     pub fn fly(&self, stop: &Stop) -> Result<(), Error> {
-        let folder = fs::canonicalize(self.alone.path()).at(self.alone.path())?;
+        let folder = fs::canonicalize(self.undisturbed.path()).at(self.undisturbed.path())?;
         let place = tempfile::tempdir_in(&folder).at(&folder)?.keep();
-        let expected = fs::read(self.alone.slots()).at(&self.alone.slots())?;
+        let expected = fs::read(self.undisturbed.slots()).at(&self.undisturbed.slots())?;
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         let mut killed = BTreeMap::<String, u64>::new();
         for mission in 1..=self.missions {
@@ -73,13 +74,13 @@ impl Anywhere {
             let out = place.join(format!("mission-{mission}"));
             let fault = |what: String| Error::Soak(format!("mission {mission}: {what} ({})", out.display()));
             self.fly_one(&place, &out, expected.len() as u64, &mut random, &mut killed).map_err(fault)?;
-            judge(&place, &out, &expected).map_err(fault)?;
+            check_mission(&place, &out, &expected).map_err(fault)?;
             fs::remove_dir_all(&out).at(&out)?;
         }
         fs::remove_dir_all(&place).at(&place)?;
         let kills: u64 = killed.values().sum();
         print(format_args!(
-            "{} missions with {kills} kills: the same traces, whole recordings, nothing left",
+            "{} missions with {kills} kills: equal traces, complete recordings, nothing left behind",
             self.missions
         ))?;
         for (name, count) in killed {
@@ -88,7 +89,7 @@ impl Anywhere {
         Ok(())
     }
 
-    /// Flies a mission to its end, however often its launcher is killed.
+    /// Flies a mission to its end; resumes it each time its launcher is killed.
     fn fly_one(
         &self,
         place: &Path,
@@ -97,7 +98,7 @@ impl Anywhere {
         random: &mut ChaCha8Rng,
         killed: &mut BTreeMap<String, u64>,
     ) -> Result<(), String> {
-        let mut kills: Vec<Kill> = (0..self.kills).map(|_| draw(bytes, random)).collect();
+        let mut kills: Vec<Kill> = (0..self.kills).map(|_| draw_kill(bytes, random)).collect();
         kills.sort_by_key(|kill| std::cmp::Reverse(kill.bytes));
         let begin = Instant::now();
         loop {
@@ -107,23 +108,23 @@ impl Anywhere {
                 return Ok(());
             }
             if ended.code().is_some() {
-                let said = fs::read_to_string(place.join("messages")).unwrap_or_default();
-                return Err(format!("{ended}: {}", said.lines().last().unwrap_or_default()));
+                let messages = fs::read_to_string(place.join("messages")).unwrap_or_default();
+                return Err(format!("{ended}: {}", messages.lines().last().unwrap_or_default()));
             }
         }
     }
 
-    /// Starts the mission, or resumes it as far as it is on record.
+    /// Starts the mission, or resumes it if some slots are recorded.
     fn launch(&self, place: &Path, out: &Path) -> std::io::Result<Child> {
-        let (program, words) = programs::words("skysink")?;
+        let (program, words) = programs::command_of("skysink")?;
         let mut command = Command::new(program);
         command.args(words).arg("run");
         let is_begun = fs::read_to_string(out.join("slots.csv")).is_ok_and(|trace| trace.lines().count() > 1);
         if is_begun {
             command.arg("--resume").arg(out);
         } else {
-            let _ = fs::remove_dir_all(out); // it was killed before anything was flown
-            command.arg(self.alone.scenario()).arg("--out").arg(out);
+            let _ = fs::remove_dir_all(out); // left by a launcher that was killed before slot 1
+            command.arg(self.undisturbed.scenario()).arg("--out").arg(out);
         }
         if !self.viewer {
             command.arg("--no-viewer");
@@ -133,15 +134,15 @@ impl Anywhere {
     }
 }
 
-/// A third of the kills comes while the mission starts, a third in its last tenth or after it, a third between.
-fn draw(bytes: u64, random: &mut ChaCha8Rng) -> Kill {
-    let part = match random.random_range(0..3) {
+/// Draws a kill: with equal probability during start-up, in the first nine tenths, or in the last tenth of the mission.
+fn draw_kill(bytes: u64, random: &mut ChaCha8Rng) -> Kill {
+    let fraction = match random.random_range(0..3) {
         0 => 0.0,
         1 => random.random_range(0.0..0.9),
         _ => random.random_range(0.9..=1.0),
     };
-    let most = if part == 0.0 { MAX_START } else { MAX_DELAY };
-    Kill { bytes: (part * bytes as f64) as u64, delay: most.mul_f64(random.random::<f64>()) }
+    let max_delay = if fraction == 0.0 { MAX_START } else { MAX_DELAY };
+    Kill { bytes: (fraction * bytes as f64) as u64, delay: max_delay.mul_f64(random.random::<f64>()) }
 }
 
 /// Kills processes of the mission until it ends or its launcher is killed.
@@ -178,7 +179,7 @@ fn disturb(
     }
 }
 
-/// The processes that the launcher has started, by id and name.
+/// The ids and names of the processes that the launcher has started.
 fn children(launcher: u32) -> Vec<(u32, String)> {
     let tasks = fs::read_dir(format!("/proc/{launcher}/task")).into_iter().flatten().flatten();
     let ids = tasks.filter_map(|task| fs::read_to_string(task.path().join("children")).ok());
@@ -188,15 +189,15 @@ fn children(launcher: u32) -> Vec<(u32, String)> {
     ids.split_ascii_whitespace().filter_map(named).collect()
 }
 
-/// What is wrong with a mission that has ended.
-fn judge(place: &Path, out: &Path, expected: &[u8]) -> Result<(), String> {
+/// Checks a mission that has ended: its trace, its recordings, and that nothing is left behind.
+fn check_mission(place: &Path, out: &Path, expected: &[u8]) -> Result<(), String> {
     let trace = fs::read(out.join("slots.csv")).map_err(|error| error.to_string())?;
     if trace != expected {
-        return Err("its trace is not that of the undisturbed mission".to_owned());
+        return Err("its trace differs from that of the undisturbed mission".to_owned());
     }
     #[cfg(feature = "viewer")]
     for path in files(out).filter(|path| path.extension().is_some_and(|extension| extension == "rrd")) {
-        let begin = Instant::now(); // the viewer of a killed launcher ends soon
+        let begin = Instant::now(); // the viewer of a killed launcher may take a moment to end
         while !skysink_viewer::has_footer(&path).unwrap_or(false) {
             if begin.elapsed() > MAX_END {
                 return Err(format!("{} has no footer", path.display()));

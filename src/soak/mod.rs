@@ -1,5 +1,5 @@
-//! `skysink soak`: a long mission through the ring of processes, which are killed at random in its first half. Its
-//! trace must be that of the undisturbed mission, and nothing may grow.
+//! `skysink soak`: flies a long mission in the ring and kills its processes at random in the first half. The trace must
+//! equal that of the undisturbed mission, and no process may leak memory or file descriptors.
 
 pub mod anywhere;
 
@@ -18,26 +18,26 @@ use skysink_common::stop::Stop;
 
 use crate::error::Error;
 use crate::report::{self, print, with_numbers_right};
-use crate::run::supervise::ProcessTable;
+use crate::run::process::ProcessTable;
 use crate::run::{self, Run};
 use skysink_mission::mission::Mission;
 use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Summary;
 use skysink_mission::trace::TraceHash;
 
-/// Time between two looks at the processes: whether a kill is due or, in the calm half, how large they are.
+/// Time between two polls: in the first half for a due kill, in the second half to measure the processes.
 const POLL_EVERY: Duration = Duration::from_millis(50);
 
-/// File descriptors by which a process may differ from itself.
+/// Tolerance for the number of open file descriptors of a process.
 const FD_SLACK: u64 = 2;
 
-/// Growth that is none: the allocator's own [MiB per 10⁶ slots].
+/// Tolerance for the growth of memory by the allocator [MiB].
 const MEMORY_SLACK_MIB: f64 = 4.0;
 
-/// What stands for the shared memory of the run among the processes.
+/// The row of the shared memory among the processes.
 const SHARED_MEMORY: &str = "/dev/shm";
 
-/// What was seen of a process at some time of the calm half.
+/// A measurement of a process in the second half.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Sample {
     slot: u64,
@@ -45,36 +45,37 @@ struct Sample {
     descriptors: u64,
 }
 
-/// What was seen from outside, by process.
+/// Kills and measurements by process.
 #[derive(Debug, Default)]
-struct Seen {
+struct Observations {
     kills: BTreeMap<&'static str, u64>,
     samples: BTreeMap<&'static str, Vec<Sample>>,
 }
 
-/// Flies it, with `kill_every` as the mean time between two kills, and prints what became of it.
+/// Flies the mission with `kill_every` as the mean time between two kills, and prints the result.
 ///
 /// # Errors
-/// Those of the run; [`Error::Soak`] if the trace is not that of the undisturbed mission, or something has grown.
+/// Those of the run. [`Error::Soak`] if the trace differs from that of the undisturbed mission, or a process leaks memory
+/// or file descriptors.
 pub fn soak(run: &Run, kill_every: Duration, stop: &Stop) -> Result<(), Error> {
     let begin = Instant::now();
-    let expected = undisturbed(run, stop)?;
+    let expected = undisturbed_hash(run, stop)?;
     let seconds = begin.elapsed().as_secs_f64();
     print(format_args!("undisturbed, in one process: {} slots in {seconds:.1} s", run.scenario.slots))?;
     let over = AtomicBool::new(false);
     let table = ProcessTable::default();
-    let (seen, flown) = std::thread::scope(|scope| {
+    let (observations, flown) = std::thread::scope(|scope| {
         let watcher = scope.spawn(|| disturb(&run.scenario, kill_every, &table, &over));
         let flown = run::run(run, stop, &table);
         over.store(true, Ordering::Relaxed);
         (watcher.join().unwrap_or_default(), flown)
     });
     let (folder, summary) = flown?;
-    judge(&seen, &folder, &summary, expected)
+    evaluate(&observations, &folder, &summary, expected)
 }
 
-/// The trace of the mission, by plain calls.
-fn undisturbed(run: &Run, stop: &Stop) -> Result<u64, Error> {
+/// The hash of the trace of the mission, simulated in this process.
+fn undisturbed_hash(run: &Run, stop: &Stop) -> Result<u64, Error> {
     let list = SensorList::of(&run.scenario)?;
     run.options.check(&list)?;
     let mut mission = Mission::new(&run.scenario, &list)?;
@@ -87,9 +88,9 @@ fn undisturbed(run: &Run, stop: &Stop) -> Result<u64, Error> {
     Ok(trace.value())
 }
 
-/// Kills and measures until the run is over.
-fn disturb(scenario: &Scenario, kill_every: Duration, table: &ProcessTable, over: &AtomicBool) -> Seen {
-    let mut seen = Seen::default();
+/// Kills processes and measures them until the run is over.
+fn disturb(scenario: &Scenario, kill_every: Duration, table: &ProcessTable, over: &AtomicBool) -> Observations {
+    let mut observations = Observations::default();
     let mut random = ChaCha8Rng::seed_from_u64(scenario.seed);
     let mut kill_at = Instant::now();
     while !over.load(Ordering::Relaxed) {
@@ -97,7 +98,7 @@ fn disturb(scenario: &Scenario, kill_every: Duration, table: &ProcessTable, over
         let slot = table.slot.load(Ordering::Relaxed);
         if slot >= scenario.slots / 2 {
             if slot < scenario.slots {
-                measure(table, slot, &mut seen);
+                measure(table, slot, &mut observations);
             }
             continue;
         }
@@ -106,22 +107,23 @@ fn disturb(scenario: &Scenario, kill_every: Duration, table: &ProcessTable, over
         }
         kill_at += kill_every.mul_f64(-(1.0 - random.random::<f64>()).ln()); // Poisson
         let ids = table.ids();
-        let living: Vec<_> = ids.iter().collect();
-        if slot > 0 && !living.is_empty() {
-            let (name, pid) = living[random.random_range(0..living.len())];
+        let running: Vec<_> = ids.iter().collect();
+        if slot > 0 && !running.is_empty() {
+            let (name, pid) = running[random.random_range(0..running.len())];
             if kill_process(*pid, Signal::KILL).is_ok() {
-                *seen.kills.entry(name).or_default() += 1;
+                *observations.kills.entry(name).or_default() += 1;
             }
         }
     }
-    seen
+    observations
 }
 
-fn measure(table: &ProcessTable, slot: u64, seen: &mut Seen) {
+/// Adds a measurement of every process, of the launcher, and of the shared memory.
+fn measure(table: &ProcessTable, slot: u64, observations: &mut Observations) {
     let ids = table.ids().clone();
     let pids = ids.iter().map(|(name, pid)| (*name, pid.as_raw_nonzero().to_string()));
     let mut add = |name, memory_bytes, descriptors| {
-        seen.samples.entry(name).or_default().push(Sample { slot, memory_bytes, descriptors });
+        observations.samples.entry(name).or_default().push(Sample { slot, memory_bytes, descriptors });
     };
     for (name, pid) in pids.chain([("skysink", "self".to_owned())]) {
         let process = PathBuf::from("/proc").join(pid);
@@ -134,18 +136,19 @@ fn measure(table: &ProcessTable, slot: u64, seen: &mut Seen) {
     }
 }
 
-/// Memory that is the process's own: resident, without what it shares (files, shared memory).
+/// Private resident memory of a process [byte], without files and shared memory.
 fn private_bytes(process: &Path) -> Option<u64> {
     let status = fs::read_to_string(process.join("status")).ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("RssAnon:"))?;
     line.split_ascii_whitespace().next()?.parse::<u64>().ok().map(|kib| kib * 1024)
 }
 
+/// Number of entries of a folder.
 fn entries(folder: &Path) -> Option<u64> {
     fs::read_dir(folder).ok().map(|entries| entries.count() as u64)
 }
 
-/// Shared memory under names with this beginning, as far as it is really there.
+/// Allocated shared memory in files with this prefix [byte].
 fn shared_bytes(prefix: &str) -> u64 {
     use std::os::unix::fs::MetadataExt;
     let ours = |entry: &fs::DirEntry| entry.file_name().to_string_lossy().starts_with(prefix);
@@ -157,51 +160,52 @@ fn shared_bytes(prefix: &str) -> u64 {
 fn slope(points: &[(f64, f64)]) -> f64 {
     let count = points.len() as f64;
     let mean = |of: fn(&(f64, f64)) -> f64| points.iter().map(of).sum::<f64>() / count;
-    let (x, y) = (mean(|point| point.0), mean(|point| point.1));
+    let x = mean(|point| point.0);
+    let y = mean(|point| point.1);
     let covariance: f64 = points.iter().map(|point| (point.0 - x) * (point.1 - y)).sum();
     let variance: f64 = points.iter().map(|point| (point.0 - x).powi(2)).sum();
     if variance > 0.0 { covariance / variance } else { 0.0 }
 }
 
-/// Prints the table; fails if something is not as it should be.
-fn judge(seen: &Seen, folder: &RunFolder, summary: &Summary, expected: u64) -> Result<(), Error> {
+/// Prints the table; fails if the trace differs, the ledger does not balance, or a process leaks.
+fn evaluate(observations: &Observations, folder: &RunFolder, summary: &Summary, expected: u64) -> Result<(), Error> {
     const MIB: f64 = (1u64 << 20) as f64;
     let speed = summary.timing.slots_per_s;
-    let kills: u64 = seen.kills.values().sum();
+    let kills: u64 = observations.kills.values().sum();
     let Summary { slots, restarts, totals, trace_hash, .. } = summary;
     print(format_args!("in the ring: {slots} slots, {speed:.0} slots/s, {kills} kills, {restarts} restarts"))?;
     let unaccounted = (totals.initial_bits + totals.sampled_bits)
         .abs_diff(totals.delivered_bits + totals.lost_bits + totals.queued_bits);
     let mut faults = Vec::new();
     if *trace_hash != format!("{expected:016x}") {
-        faults.push("the trace is not that of the undisturbed mission".to_owned());
+        faults.push("the trace differs from that of the undisturbed mission".to_owned());
     }
     if unaccounted != 0 {
         faults.push(format!("{unaccounted} bits are unaccounted for"));
     }
     let mut table = report::table();
-    table.set_header(["calm half", "kills", "memory [MiB]", "slope [MiB/10⁶ slots]", "descriptors"]);
-    for (name, samples) in &seen.samples {
+    table.set_header(["process", "kills", "memory [MiB]", "slope [MiB/10⁶ slots]", "descriptors"]);
+    for (name, samples) in &observations.samples {
         let (Some(first), Some(last)) = (samples.first(), samples.last()) else { continue };
-        // Skips the first quarter, in which a process that has just been started still fills its buffers.
+        // Skips the first quarter, in which a restarted process may still fill its buffers.
         let settled = samples[samples.len() / 4..].iter();
         let points: Vec<_> = settled.map(|sample| (sample.slot as f64, sample.memory_bytes as f64 / MIB)).collect();
         let slope = slope(&points) * 1e6;
         if slope * (*slots as f64 / 2e6) > MEMORY_SLACK_MIB {
-            faults.push(format!("grown: memory of {name}"));
+            faults.push(format!("memory of {name} has grown"));
         }
-        // The least at the end against the most at the beginning: while a peer is started again connections to it are
-        // missing, or there are some to both.
+        // Compares the minimum at the end with the maximum at the beginning: the number of connections varies while a
+        // peer is restarted.
         let quarter = samples.len().div_ceil(4);
         let descriptors = |samples: &[Sample]| samples.iter().map(|sample| sample.descriptors).collect::<Vec<_>>();
         let most = descriptors(&samples[..quarter]).into_iter().max();
         let least = descriptors(&samples[samples.len() - quarter..]).into_iter().min();
         if least > most.map(|most| most + FD_SLACK) {
-            faults.push(format!("grown: file descriptors of {name}"));
+            faults.push(format!("number of file descriptors of {name} has grown"));
         }
         table.add_row([
             (*name).to_owned(),
-            seen.kills.get(name).map_or_else(String::new, u64::to_string),
+            observations.kills.get(name).map_or_else(String::new, u64::to_string),
             format!("{:.2} → {:.2}", first.memory_bytes as f64 / MIB, last.memory_bytes as f64 / MIB),
             format!("{slope:.3}"),
             format!("{} → {}", first.descriptors, last.descriptors),
@@ -219,7 +223,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_slope_of_a_line_is_its_slope() {
+    fn the_slope_of_a_line_is_exact() {
         let line: Vec<_> = (0..10).map(|x| (f64::from(x), 3.0 - 0.5 * f64::from(x))).collect();
         assert!((slope(&line) + 0.5).abs() < 1e-12);
         assert_eq!(slope(&[(1.0, 2.0)]), 0.0);

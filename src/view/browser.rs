@@ -1,4 +1,4 @@
-//! What a browser is shown, where this build has the web viewer.
+//! Serves or writes the page, in builds with the web viewer.
 
 use std::net::SocketAddr;
 use std::path::Path;
@@ -8,25 +8,25 @@ use skysink_common::stop::Stop;
 use skysink_ring::role::Role;
 use skysink_web::{PageError, Server, WebPage};
 
-use super::Shown;
+use super::PageContent;
 use crate::error::Error;
 use crate::report::print;
 
-/// How often a stop is looked for.
+/// Time between two checks for a stop.
 const PAUSE: Duration = Duration::from_millis(50);
 
-/// Serves what is shown until a stop, and says where.
-pub fn serve(shown: &Shown, address: SocketAddr, stop: &Stop) -> Result<(), Error> {
-    end_on_panic();
-    let server = Server::start(address, page(shown)).map_err(|error| {
+/// Serves the page until a stop, and prints its address.
+pub fn serve(content: &PageContent, address: SocketAddr, stop: &Stop) -> Result<(), Error> {
+    exit_on_panic();
+    let server = Server::start(address, page(content)).map_err(|error| {
         Error::Usage(format!("{address}: {error}: expected a free --port, and a --bind of this machine"))
     })?;
     let address = server.address();
     let port = address.port();
-    for recording in &shown.recordings {
+    for recording in &content.recordings {
         print(format_args!("Recording:  {}", recording.display()))?;
     }
-    if let Some(live) = shown.live {
+    if let Some(live) = content.live {
         print(format_args!("Mission:    live on port {live} of 127.0.0.1"))?;
     }
     match address.ip() {
@@ -37,10 +37,10 @@ pub fn serve(shown: &Shown, address: SocketAddr, stop: &Stop) -> Result<(), Erro
     }
     if address.ip().is_loopback() {
         let tunnel = |port: u16| format!(" -L {port}:{}", SocketAddr::new(address.ip(), port));
-        let tunnels = tunnel(port) + &shown.live.map(tunnel).unwrap_or_default();
-        print(format_args!("Elsewhere:  ssh -C{tunnels} HOST\n            there, then the same address"))?;
+        let tunnels = tunnel(port) + &content.live.map(tunnel).unwrap_or_default();
+        print(format_args!("Remotely:   ssh -C{tunnels} HOST\n            then open the same address"))?;
     }
-    print("            Ctrl-C ends it")?;
+    print("            Ctrl-C stops the server")?;
     while stop.requested().is_none() {
         if let Some(error) = server.failure() {
             return Err(Error::NotServed(error.to_string()));
@@ -50,41 +50,41 @@ pub fn serve(shown: &Shown, address: SocketAddr, stop: &Stop) -> Result<(), Erro
     Ok(stop.check()?)
 }
 
-/// Ends the process where a thread of the server panics: nobody would be answered any more. tiny_http's does where it
-/// has accepted a connection with the last file that the process may open.
-fn end_on_panic() {
+/// Exits if a thread of the server panics, because the server would no longer answer. tiny_http panics if accepting a
+/// connection uses the last file descriptor.
+fn exit_on_panic() {
     std::panic::set_hook(Box::new(|panic| {
         let error = Error::NotServed(panic.payload_as_str().unwrap_or_default().to_owned());
-        Role::Launcher.say(&error);
+        Role::Launcher.log(&error);
         std::process::exit(i32::from(error.exit_code()));
     }));
 }
 
-/// Leaves what is shown as a folder, and says how to try it.
-pub fn leave(shown: &Shown, folder: &Path, stop: &Stop) -> Result<(), Error> {
-    let left = page(shown).write(folder, &|| stop.requested().is_some());
-    if matches!(left, Err(PageError::Stopped)) {
+/// Writes the page into a folder, and prints how to open it.
+pub fn write(content: &PageContent, folder: &Path, stop: &Stop) -> Result<(), Error> {
+    let written = page(content).write(folder, &|| stop.requested().is_some());
+    if matches!(written, Err(PageError::Stopped)) {
         stop.check()?;
     }
-    left?;
+    written?;
     print(format_args!("Page:    {}", folder.join("index.html").display()))?;
     print(format_args!("Try it:  python3 -m http.server --directory {}", folder.display()))?;
     print("         then http://127.0.0.1:8000/")
 }
 
-fn page(shown: &Shown) -> WebPage {
-    WebPage::new(&title(shown), &shown.recordings, shown.live)
+fn page(content: &PageContent) -> WebPage {
+    WebPage::new(&title(content), &content.recordings, content.live)
 }
 
-/// The folder of the recordings, if they have one alone.
-fn title(shown: &Shown) -> String {
+/// The name of the folder of the recordings, or their number if they are in several folders.
+fn title(content: &PageContent) -> String {
     let folder =
         |recording: &Path| std::path::absolute(recording).ok()?.parent()?.file_name()?.to_str().map(str::to_owned);
-    let mut folders: Vec<_> = shown.recordings.iter().filter_map(|recording| folder(recording)).collect();
+    let mut folders: Vec<_> = content.recordings.iter().filter_map(|recording| folder(recording)).collect();
     folders.dedup();
     match &folders[..] {
         [] => "Skysink".to_owned(),
         [folder] => folder.clone(),
-        _ => format!("{} recordings", shown.recordings.len()),
+        _ => format!("{} recordings", content.recordings.len()),
     }
 }

@@ -1,12 +1,12 @@
-//! What the UAV believes of the queues beside what they are, where it has to estimate them.
+//! The estimated queues compared with the true ones, if the UAV has to estimate them.
 //!
-//! It is counted as the planner counts, from the contacts of every slot that was seen. A planner that has missed
-//! contacts, in a paced run, believes what is older.
+//! The estimate is computed like that of the planner, from the contacts of every received slot. In a paced run, a planner
+//! that has missed contacts has an older estimate.
 
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::Scalars;
 use skysink_common::checkpoint::CheckpointError;
-use skysink_common::estimate::{Estimate, Rates, Saved};
+use skysink_common::estimate::{Estimate, Rates, SavedEstimate};
 use skysink_common::message::{FlightReport, SensorNode};
 use skysink_common::scenario::Scenario;
 
@@ -18,22 +18,22 @@ use crate::rhythm::Rhythm;
 use crate::shapes::curve_style;
 use crate::steps::Steps;
 
-/// Map of what the UAV believes.
+/// Map of the estimated queues.
 pub const BELIEVED: &str = "belief/believed";
-/// Map of what is true.
+/// Map of the true queues.
 pub const TRUE: &str = "belief/true";
 /// Map of the difference.
 pub const ERROR: &str = "belief/error";
-/// Mean of the errors' magnitudes, as a fraction of the buffer.
+/// Mean absolute error, as a fraction of the buffer.
 pub const MEAN_ERROR: &str = "metrics/belief/mean_error";
-/// The largest of them.
+/// Largest absolute error, as a fraction of the buffer.
 pub const LARGEST_ERROR: &str = "metrics/belief/largest_error";
 
-/// What is believed of the scene's queues.
+/// The estimated queues of the scene.
 pub(crate) struct Belief {
     estimate: Estimate,
     capacities_bits: Vec<u32>,
-    /// Whether it is known what the UAV was told: the mission has been followed from its beginning.
+    /// Whether the estimate is valid, because the mission has been followed from its start.
     is_followed: bool,
     steps: Steps,
     error_steps: Steps,
@@ -71,7 +71,7 @@ impl Belief {
         })
     }
 
-    /// Takes in the contacts of a slot, the first after `before`.
+    /// Updates the estimate with the contacts of a slot, which follows `before`.
     pub(crate) fn observe(&mut self, before: &SensorHistory, slot: u64, queues_bits: &[u32], flight: &FlightReport) {
         self.is_followed |= slot == 0;
         if !self.is_followed {
@@ -80,18 +80,18 @@ impl Belief {
         let is_known = |id: &u32| (*id as usize) < queues_bits.len();
         if slot > 0 && before.slot() == Some(slot - 1) {
             let served: Vec<u32> = flight.served_links().iter().map(|link| link.sensor).filter(is_known).collect();
-            self.estimate.announce(slot, &served, before.queues_bits());
+            self.estimate.record_before_contact(slot, &served, before.queues_bits());
         }
         self.estimate.observe(slot, flight, queues_bits);
     }
 
-    /// Draws what is believed after the slot that was observed last, beside what is true. Of a mission whose beginning
-    /// was not seen it is not known what the UAV was told, and nothing is drawn.
+    /// Draws the estimated and the true queues after the last observed slot. Draws nothing if the viewer has missed the
+    /// start of the mission, because the initial estimate is then unknown.
     pub(crate) fn draw(&mut self, canvas: &Canvas, slot: u64, queues_bits: &[u32]) -> RecordingStreamResult<()> {
         if !self.is_followed {
             return Ok(());
         }
-        let believed_bits = self.estimate.believe(slot);
+        let believed_bits = self.estimate.predict(slot);
         let fraction =
             |bits: f64, capacity_bits: u32| if capacity_bits == 0 { 0.0 } else { bits / f64::from(capacity_bits) };
         let pairs = || believed_bits.iter().zip(queues_bits).zip(&self.capacities_bits);
@@ -115,16 +115,16 @@ impl Belief {
         Ok(())
     }
 
-    /// What later slots have to know; nothing of a mission whose beginning was not seen.
-    pub(crate) fn saved(&self) -> Option<Saved> {
+    /// The state to save; `None` if the viewer has missed the start of the mission.
+    pub(crate) fn saved(&self) -> Option<SavedEstimate> {
         self.is_followed.then(|| self.estimate.saved())
     }
 
-    /// Resumes after `slot` from what was saved.
+    /// Restores the state after `slot`.
     ///
     /// # Errors
-    /// If it cannot have been.
-    pub(crate) fn restore(&mut self, slot: u64, saved: Saved) -> Result<(), CheckpointError> {
+    /// If the state is invalid.
+    pub(crate) fn restore(&mut self, slot: u64, saved: SavedEstimate) -> Result<(), CheckpointError> {
         self.estimate = self.estimate.restored(slot, saved)?;
         self.is_followed = true;
         Ok(())

@@ -1,7 +1,7 @@
-//! A blueprint, as the recording library calls a screen layout, written entity by entity into a store of its own.
+//! Writes a blueprint, which is rerun's name for a screen layout, entity by entity into its own store.
 //!
-//! The library's own builder knows no properties of views (cameras, axes), draws random ids, and panics where the
-//! environment says `RERUN=off`; the entities below are all that it would write.
+//! rerun's own builder does not support view properties (cameras, axes), draws random ids, and panics with `RERUN=off` in
+//! the environment. The entities here are those that it would write.
 
 use std::num::NonZeroU64;
 
@@ -22,7 +22,7 @@ use re_types_core::datatypes::{TimeInt, TimeRange, TimeRangeBoundary, VisibleTim
 
 use crate::recording::{Recording, SIM_TIME, SLOT};
 
-/// What a view shows, by the library's names.
+/// rerun's names of the view classes.
 pub(crate) mod class {
     pub(crate) const SCENE: &str = "3D";
     pub(crate) const PICTURE: &str = "2D";
@@ -32,7 +32,7 @@ pub(crate) mod class {
     pub(crate) const LOG: &str = "TextLog";
 }
 
-/// A view or a container that is already written.
+/// A view or a container in the blueprint.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Tile {
     kind: &'static str,
@@ -54,12 +54,12 @@ pub(crate) struct Blueprint {
     recorder: RecordingStream,
     messages: MemorySinkStorage,
     tiles: u8,
-    /// Slots of which one is drawn.
+    /// K of the recording, which contains every K-th slot.
     every: NonZeroU64,
 }
 
 impl Blueprint {
-    /// An empty one for a recording.
+    /// An empty blueprint for a recording.
     pub(crate) fn new(recording: &Recording) -> RecordingStreamResult<Self> {
         let Recording { application, name, .. } = recording;
         let store = StoreId::new(StoreKind::Blueprint, application.clone(), format!("{name}-layout"));
@@ -85,7 +85,7 @@ impl Blueprint {
         Ok(tile)
     }
 
-    /// Adds a container of tiles with their fractions of its height or width.
+    /// Adds a container of tiles, each with its weight in height or width.
     pub(crate) fn container(&mut self, kind: ContainerKind, tiles: &[(f32, Tile)]) -> RecordingStreamResult<Tile> {
         let fractions = tiles.iter().map(|&(fraction, _)| fraction);
         let container =
@@ -110,7 +110,7 @@ impl Blueprint {
         self.recorder.log(view.path().join(&EntityPath::from(A::name().short_name())), property)
     }
 
-    /// Lets a view show what an entity logged in the last `slots` slots of `slot_s` [s], or ever.
+    /// Sets the visible time range of an entity in a view: the last `slots` slots of `slot_s` [s], or all.
     pub(crate) fn show_past(
         &self,
         view: Tile,
@@ -120,7 +120,7 @@ impl Blueprint {
     ) -> RecordingStreamResult<()> {
         let range = |timeline: &str, per_slot: f64| {
             let start = slots.map_or(TimeRangeBoundary::Infinite, |slots| {
-                let slots = f64::from(slots).max(self.every.get() as f64); // the last that was drawn at least
+                let slots = f64::from(slots).max(self.every.get() as f64); // at least the last recorded slot
                 TimeRangeBoundary::CursorRelative(TimeInt(-(slots * per_slot).round() as i64))
             });
             let range = TimeRange { start, end: TimeRangeBoundary::AT_CURSOR };

@@ -1,4 +1,4 @@
-//! Where a mission is drawn: below a root of its own, so that one recording can hold several.
+//! Logs the entities of a mission below a root, so that one recording can contain several missions.
 
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -8,23 +8,23 @@ use re_sdk::{AsComponents, RecordingStream, RecordingStreamResult};
 use re_sdk_types::SerializedComponentBatch;
 use re_sdk_types::archetypes::Clear;
 
-/// A recording's stream, seen from a root.
+/// The stream of a recording, relative to a root entity.
 #[derive(Clone)]
 pub(crate) struct Canvas {
     stream: RecordingStream,
     root: String,
-    /// What each entity shows: its components as they were logged last in this file, none if it was taken away. Of others
-    /// an earlier file may show anything.
+    /// The components of each entity as last logged in this file; `None` if it was cleared. The state of other entities is
+    /// unknown, because an earlier file may contain them.
     shown: Rc<RefCell<HashMap<String, Vec<SerializedComponentBatch>>>>,
 }
 
 impl Canvas {
-    /// The stream from its own root.
+    /// The stream with its own root.
     pub(crate) fn whole(stream: &RecordingStream) -> Self {
         Self { stream: stream.clone(), root: String::new(), shown: Rc::default() }
     }
 
-    /// The stream from the entity `root`.
+    /// The stream below the entity `root`.
     pub(crate) fn below(stream: &RecordingStream, root: &str) -> Self {
         Self { root: format!("{root}/"), ..Self::whole(stream) }
     }
@@ -34,9 +34,9 @@ impl Canvas {
         format!("{}{entity}", self.root)
     }
 
-    /// Shows an entity as `shape` from the time on that the recording is set to: logs those components that differ from
-    /// what it shows. None of them may have been logged statically, which hides what has a time; and a transform is logged
-    /// by one component, because rerun takes the others back when any of them is logged.
+    /// Sets an entity to `shape` at the current time of the recording: logs the components that have changed. None of them
+    /// may have been logged statically, because static data override temporal data. A transform must have a single
+    /// component, because rerun resets the others when any of them is logged.
     pub(crate) fn show(&self, entity: impl AsRef<str>, shape: &impl AsComponents) -> RecordingStreamResult<()> {
         let name = self.name(entity.as_ref());
         let mut shown = self.shown.borrow_mut();
@@ -51,7 +51,7 @@ impl Canvas {
         self.stream.log_serialized_batches(name, false, changed)
     }
 
-    /// Takes an entity away, from the time on that the recording is set to.
+    /// Clears an entity at the current time of the recording.
     pub(crate) fn clear(&self, entity: impl AsRef<str>) -> RecordingStreamResult<()> {
         let name = self.name(entity.as_ref());
         let before = self.shown.borrow_mut().insert(name.clone(), Vec::new());
@@ -61,13 +61,13 @@ impl Canvas {
         self.stream.log(name, &Clear::flat())
     }
 
-    /// Adds to an entity that is seen over a span of time, such as a curve or a path, at the time that the recording is
-    /// set to.
+    /// Logs `shape` at the current time of the recording, for entities that are shown over a time range, such as curves and
+    /// paths.
     pub(crate) fn append(&self, entity: impl AsRef<str>, shape: &impl AsComponents) -> RecordingStreamResult<()> {
         self.stream.log(self.name(entity.as_ref()), shape)
     }
 
-    /// Logs what an entity is at all times.
+    /// Logs static components of an entity.
     pub(crate) fn log_static(&self, entity: impl AsRef<str>, shape: &impl AsComponents) -> RecordingStreamResult<()> {
         self.stream.log_static(self.name(entity.as_ref()), shape)
     }

@@ -1,19 +1,19 @@
-//! Colours of the scene, and its colour scales. Each hue means one thing: blue over grey to yellow how full a queue is,
-//! red loss, white the UAV and where it has flown, magenta the plan, cyan and its shades the range, green what is
-//! delivered; light blue and orange a link in line of sight and one that is blocked.
+//! Colours and colour scales of the scene. Each hue has one meaning: blue to grey to yellow for the queue fill, red for
+//! loss, white for the UAV and its flown path, magenta for the plan, cyan for the range, green for deliveries, light blue
+//! and orange for links with and without line of sight.
 
 use std::ops::RangeInclusive;
 
-/// Red, green, blue: what rerun takes as a colour.
+/// Red, green, blue.
 pub type Rgb = [u8; 3];
 
-/// Behind the scene.
+/// Background of the scene.
 pub const BACKGROUND: Rgb = [12, 13, 17];
 /// The ground of the area.
 pub const GROUND: Rgb = [30, 33, 40];
 /// Grid and frame of the area.
 pub const GRID: Rgb = [62, 67, 78];
-/// Writing in the scene.
+/// Text in the scene.
 pub const WRITING: Rgb = [190, 196, 206];
 /// Body and heading of the UAV.
 pub const UAV: Rgb = [245, 246, 250];
@@ -21,15 +21,15 @@ pub const UAV: Rgb = [245, 246, 250];
 pub const ROTOR: Rgb = [170, 175, 185];
 /// Flown path.
 pub const TRAIL: Rgb = [225, 228, 235];
-/// The same on the ground.
+/// Flown path on the ground.
 pub const TRACK: Rgb = [170, 175, 185];
 /// Planned waypoint, and the path to it.
 pub const PLAN: Rgb = [230, 80, 240];
-/// The path planned after it, near and far: fainter, for it will change.
+/// The planned path after the waypoint, near and far: fainter, because it may change.
 pub const PATH: [Rgb; 2] = [[205, 84, 222], [112, 52, 128]];
 /// Waypoints on that path, near and far.
 pub const STOP: [Rgb; 2] = [[236, 150, 245], [138, 76, 152]];
-/// Rim of the coverage circle.
+/// Border of the coverage circle.
 pub const COVERAGE: Rgb = [40, 205, 220];
 /// Ground in the coverage circle.
 pub const COVERED: Rgb = [16, 58, 66];
@@ -47,23 +47,23 @@ pub const TRANSIT: Rgb = [135, 130, 255];
 pub const HOLD: Rgb = [225, 228, 235];
 /// Wall-clock figures.
 pub const CLOCK: Rgb = [160, 165, 175];
-/// In line of sight. With [`BLOCKED`] a pair that the colour-blind tell apart: it differs in blue against orange.
+/// Line of sight. Blue and orange, as in [`BLOCKED`], are distinguishable for colour-blind readers.
 pub const SIGHT: Rgb = [105, 205, 255];
-/// Out of line of sight.
+/// No line of sight.
 pub const BLOCKED: Rgb = [255, 120, 20];
-/// Missions that are compared: those of Okabe and Ito that are seen on a dark ground, which the colour-blind tell
-/// apart.
+/// Missions of a comparison: the colours of the palette of Okabe and Ito that are visible on a dark background. The palette
+/// is suited for colour-blind readers.
 pub const COMPARED: [Rgb; 7] =
     [[230, 159, 0], [86, 180, 233], [0, 190, 140], [240, 228, 66], [213, 94, 0], [204, 121, 167], [200, 200, 200]];
 /// The fullest queue, in curves: the yellow end of the queue scale.
 pub const FULLEST: Rgb = [253, 234, 69];
 /// The mean queue, in curves: the middle of the queue scale.
 pub const FILL_MEAN: Rgb = [140, 140, 130];
-/// What the viewer missed, and marks in plots.
+/// Missed slots, and reference lines in plots.
 pub const MISSED: Rgb = [110, 114, 124];
 
-/// Colour of a queue fill, 0 (blue) over 0.5 (grey) to 1 (yellow): Cividis (Nunez, Anderton and Renslow, 2018), made
-/// for the colour-blind, its dark end lightened to be seen on a dark ground.
+/// Colour of a queue fill, from 0 (blue) over 0.5 (grey) to 1 (yellow): Cividis (Nunez, Anderton and Renslow, 2018), which
+/// is suited for colour-blind readers. The dark end is lightened for a dark background.
 pub(crate) fn of_fill(fill: f64) -> Rgb {
     const FIRST: f64 = 0.2;
     let lighter = 1.75 - 0.75 * fill;
@@ -71,30 +71,29 @@ pub(crate) fn of_fill(fill: f64) -> Rgb {
     map.map(|channel| (f64::from(channel) * lighter).round().min(255.0) as u8)
 }
 
-/// Colour of a loss, 0 (dark red) to 1 (pale): Reds (ColorBrewer), from the dark end.
+/// Colour of a loss, from 0 (dark red) to 1 (pale): Reds (ColorBrewer), reversed.
 pub(crate) fn of_loss(fraction: f64) -> Rgb {
     const LAST: f64 = 0.85;
     colorous::REDS.eval_continuous(LAST - 0.70 * fraction).into_array()
 }
 
-/// Colour of how long ago a place was in range, 0 (just now, pale) to 1 (long ago, deep blue): GnBu (ColorBrewer).
+/// Colour of the time since a cell was in range, from 0 (now, pale) to 1 (long ago, deep blue): GnBu (ColorBrewer).
 pub(crate) fn of_age(fraction: f64) -> Rgb {
     const FIRST: f64 = 0.1;
     colorous::GREEN_BLUE.eval_continuous(FIRST + (1.0 - FIRST) * fraction).into_array()
 }
 
-/// Colour of an error, −1 (too low, orange) over 0 (white) to 1 (too high, purple): PuOr (ColorBrewer).
+/// Colour of an error, from −1 (too low, orange) over 0 (white) to 1 (too high, purple): PuOr (ColorBrewer).
 pub(crate) fn of_error(error: f64) -> Rgb {
     colorous::PURPLE_ORANGE.eval_continuous(0.5 - 0.34 * error).into_array()
 }
 
-/// Colour of a probability of line of sight, 0 (black) to 1 (white), as in the slice.
+/// Colour of a probability of line of sight, from 0 (black) to 1 (white), as in the slice.
 pub(crate) fn of_probability(probability: f64) -> Rgb {
     [(255.0 * probability).round() as u8; 3]
 }
 
-/// Colour of a link rate within the range of rates that are possible: dark green for the lowest, pale green for the
-/// highest.
+/// Colour of a link rate in the range of possible rates, from dark green for the lowest to pale green for the highest.
 pub(crate) fn of_rate(rate_bps: f64, range_bps: &RangeInclusive<f64>) -> Rgb {
     const LOWEST: Rgb = [16, 120, 70];
     const HIGHEST: Rgb = [205, 255, 150];
@@ -103,7 +102,7 @@ pub(crate) fn of_rate(rate_bps: f64, range_bps: &RangeInclusive<f64>) -> Rgb {
     between(LOWEST, HIGHEST, fraction)
 }
 
-/// The colour between two others, at a fraction from 0 to 1.
+/// Interpolates between two colours, at a fraction from 0 to 1.
 pub(crate) fn between(from: Rgb, to: Rgb, fraction: f64) -> Rgb {
     let [from, to] = [from, to].map(|colour| colour.map(f64::from));
     std::array::from_fn(|channel| (from[channel] + (to[channel] - from[channel]) * fraction).round() as u8)

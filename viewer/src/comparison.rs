@@ -1,4 +1,4 @@
-//! Several missions in one recording, side by side: a scene of each, on one timeline, and their curves in one plot.
+//! A recording of several missions side by side: one scene per mission on a common timeline, and common plots.
 
 use re_sdk::{ApplicationId, RecordingStreamResult};
 use re_sdk_types::archetypes::{Scalars, TextDocument};
@@ -19,10 +19,10 @@ use crate::sizes::Sizes;
 use crate::slot::SlotView;
 use crate::{curves, path, queues, uav};
 
-/// What is compared, as a table in words.
+/// The page with the comparison table.
 const PAGE: &str = "comparison";
 
-/// A curve of every mission: its root, its title, its value in a slot, and what the axis shows.
+/// A plot with a curve per mission: its root entity, title, value in a slot, and axis range.
 struct Plot {
     root: &'static str,
     title: &'static str,
@@ -51,27 +51,27 @@ const PLOTS: [Plot; 3] = [
     },
 ];
 
-/// A mission that is compared.
+/// A mission of a comparison.
 #[derive(Debug, Clone, Copy)]
 pub struct ComparedMission<'a> {
-    /// Who flies, such as a strategy; it names the curves.
+    /// Name of its curves, such as the strategy.
     pub label: &'a str,
-    /// Written over its scene.
+    /// Title of its scene.
     pub title: &'a str,
-    /// What is flown.
+    /// Its scenario.
     pub scenario: &'a Scenario,
     /// Its sensor nodes.
     pub sensors: &'a [SensorNode],
 }
 
-/// A recording of several missions under way.
+/// A recording of several missions.
 pub struct Comparison {
     recording: Recording,
     canvas: Canvas,
     missions: Vec<Drawn>,
 }
 
-/// A mission as drawn.
+/// The drawing state of a mission.
 struct Drawn {
     root: String,
     picture: Picture,
@@ -79,10 +79,10 @@ struct Drawn {
 }
 
 impl Comparison {
-    /// Opens the sinks and draws everything that stays. `page` is shown beside the scenes, as Markdown.
+    /// Opens the sinks and logs everything static. `page` is shown beside the scenes, as Markdown.
     ///
     /// # Errors
-    /// If there is no sink, the file cannot be created, the port is taken, or the recording library refuses.
+    /// If there is no sink, the file cannot be created, the port is in use, or rerun fails.
     pub fn open(sinks: &Sinks, name: &str, missions: &[ComparedMission], page: &str) -> Result<Self, SceneError> {
         let recording = Recording::open(sinks, &ApplicationId::new_or_unknown("skysink-compare"), name)?;
         let canvas = Canvas::whole(&recording.stream);
@@ -106,10 +106,10 @@ impl Comparison {
     /// Adds a slot of the mission with this index. The slots of a mission come in ascending order.
     ///
     /// # Errors
-    /// If the slot does not fit the sensor list, or the recording library refuses.
+    /// If the slot does not fit the sensor list, or rerun fails.
     ///
     /// # Panics
-    /// If there is no such mission.
+    /// If the index is out of range.
     pub fn log_slot(&mut self, mission: usize, view: &SlotView) -> Result<(), SceneError> {
         let Drawn { root, picture, slot_s } = &mut self.missions[mission];
         self.recording.set_slot(view.slot, *slot_s);
@@ -125,12 +125,12 @@ impl Comparison {
     /// Ends the recording.
     ///
     /// # Errors
-    /// If something could not be written, now or earlier.
+    /// If data could not be written, now or earlier.
     pub fn close(self) -> Result<(), SceneError> {
         self.recording.close()
     }
 
-    /// Sends the layout of the screen: the scenes beside each other, beside them the curves.
+    /// Sends the layout: the scenes side by side, and the plots.
     fn arrange(&self, missions: &[ComparedMission]) -> RecordingStreamResult<()> {
         let mut layout = Blueprint::new(&self.recording)?;
         let mut fields = Vec::new();
@@ -141,7 +141,7 @@ impl Comparison {
             tops.push((1.0, top(&mut layout, drawn, mission)?));
             paths.push((1.0, whole_path(&mut layout, drawn, mission)?));
         }
-        // Two beside each other would be too narrow for a field seen at an angle.
+        // Two columns would be too narrow for a perspective view of a field.
         let fields_kind = if missions.len() == 2 { ContainerKind::Vertical } else { ContainerKind::Grid };
         let fields = layout.container(fields_kind, &fields)?;
         layout.name(fields, "Fields (3D)")?;
@@ -187,14 +187,14 @@ fn top(layout: &mut Blueprint, drawn: &Drawn, mission: &ComparedMission) -> Reco
     Ok(view)
 }
 
-/// All that a mission has flown so far, seen from above.
+/// The whole flown path of a mission, seen from above.
 fn whole_path(layout: &mut Blueprint, drawn: &Drawn, mission: &ComparedMission) -> RecordingStreamResult<Tile> {
     let below = |entity: &str| format!("{}/{entity}", drawn.root);
     let sizes = Sizes::of(mission.scenario, mission.sensors.len());
     flown(layout, mission.title, &below, &sizes, drawn.slot_s)
 }
 
-/// Entity below which a mission is drawn: unique, and made of letters that need no escape.
+/// The root entity of a mission: unique, without characters that need escaping.
 fn root(number: usize, label: &str) -> String {
     let label = label.replace(|letter: char| !letter.is_ascii_alphanumeric(), "-");
     format!("{}-{label}", number + 1)
@@ -215,7 +215,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn roots_differ_although_labels_do_not() {
+    fn equal_labels_have_different_roots() {
         assert_eq!(root(0, "uts wide/é"), "1-uts-wide--");
         assert_ne!(root(0, "uts"), root(1, "uts"));
     }

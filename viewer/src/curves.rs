@@ -1,4 +1,4 @@
-//! The curves beside the scene: what the mission achieves and how fast it is computed.
+//! The plotted curves: loss, queue fill, deliveries, planning time and pace.
 
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{Scalars, SeriesLines};
@@ -14,7 +14,7 @@ use crate::slot::SlotView;
 
 /// Lost ÷ sampled bits since the start.
 pub const LOSS: &str = "metrics/loss_rate";
-/// A constant beside it, so that its axis never ends below 1 % and a mission without loss has a readable one.
+/// A constant at 1 %, so that the axis of the loss rate is readable for a mission without loss.
 pub const LOSS_MARK: &str = "metrics/loss_rate/mark";
 /// Mean queue ÷ buffer.
 pub const FILL_MEAN: &str = "metrics/queue_fill/mean";
@@ -26,10 +26,10 @@ pub const DELIVERED: &str = "metrics/delivered";
 pub const PLAN_LATENCY: &str = "metrics/plan_latency";
 /// Slots per second of wall time.
 pub const PACE: &str = "metrics/slots_per_second";
-/// Slots that the viewer missed, counted in each file from its beginning.
+/// Slots that the viewer has missed since the start of the file.
 pub const MISSED: &str = "metrics/missed_slots";
 
-/// Entity, name with unit, colour, and the value in a slot, from its fill and the slots missed so far; none if it was
+/// Entity, name with unit, colour, and the value in a slot, from its fill and the number of missed slots; `None` if it was
 /// not measured.
 type Curve = (&'static str, &'static str, Rgb, fn(&SlotView, Fill, u64) -> Option<f64>);
 
@@ -49,34 +49,34 @@ pub(crate) fn loss_rate(totals: &Totals) -> f64 {
     if totals.sampled_bits == 0 { 0.0 } else { totals.lost_bits as f64 / totals.sampled_bits as f64 }
 }
 
-/// Names and colours, once.
+/// Logs names and colours.
 pub(crate) fn open(canvas: &Canvas) -> RecordingStreamResult<()> {
     CURVES.iter().try_for_each(|(entity, name, colour, _)| canvas.log_static(*entity, &curve_style(name, *colour)))?;
     let steps = SeriesLines::update_fields().with_interpolation_mode(InterpolationMode::StepAfter);
     canvas.log_static(MISSED, &steps) // whatever slots have points
 }
 
-/// Curves that hardly ever change, if at all.
+/// Curves that rarely change.
 const RARE: [&str; 2] = [LOSS_MARK, MISSED];
 
-/// Slots of which one has a point of those.
+/// Number of slots between two points of [`RARE`] curves.
 const RARE_EVERY: u64 = 10;
 
-/// The curves of a mission under way.
+/// The curves of a mission.
 #[derive(Debug)]
 pub(crate) struct Curves {
-    /// Slots missed until the one that was drawn last.
+    /// Missed slots up to the last drawn slot.
     missed_slots: Option<u64>,
     rare: Rhythm,
 }
 
 impl Curves {
-    /// Those of a mission of so many slots.
+    /// The curves of a mission with this number of slots.
     pub(crate) fn new(slots: u64) -> Self {
         Self { missed_slots: None, rare: Rhythm::every(RARE_EVERY, slots) }
     }
 
-    /// One point per curve.
+    /// Logs one point per curve.
     pub(crate) fn log_slot(
         &mut self,
         canvas: &Canvas,

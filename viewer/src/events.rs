@@ -1,4 +1,4 @@
-//! The event log, the lane of the UAV's state, and what has been reached so far in words.
+//! The event log, the state lane of the UAV, and the status text.
 
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{Scalars, SeriesPoints, StateChange, StateConfiguration, TextLog};
@@ -16,14 +16,15 @@ use crate::slot::SlotView;
 pub const LOG: &str = "log/events";
 /// Entity of the state lane.
 pub const LANE: &str = "state/uav";
-/// Root of the same as points of a plot, one entity for each state: the plot follows a live mission, a lane does not.
+/// Root of the states as points of a plot, one entity per state. In the live view, a plot follows the mission; a state lane
+/// does not.
 pub const STATES: &str = "metrics/state";
-/// What has been reached so far, in words.
+/// The status text.
 pub const STATUS: &str = "status";
-/// State of the lane where the viewer missed slots.
+/// State of the lane for slots that the viewer has missed.
 pub const GAP: &str = "gap";
 
-/// The line with which a later file of the recording begins.
+/// The first line of a later file of the recording.
 const CONTINUED: &str = "recording continued in a new file: the viewer was started again
 \
                          Up to ten seconds of the slots before may be missing.";
@@ -38,15 +39,15 @@ pub(crate) fn states() -> impl Iterator<Item = &'static str> {
     modes().map(Into::into).chain([GAP])
 }
 
-/// What has been logged so far.
+/// The state of the event log.
 #[derive(Debug)]
 pub(crate) struct Events {
     /// A line to log with the first slot.
     due: Option<&'static str>,
     state: Option<&'static str>,
-    /// Whether bits were lost up to the last slot; none before the first.
+    /// Whether bits were lost up to the last slot; `None` before the first.
     is_lossy: Option<bool>,
-    /// Whether the states are points of a plot, too.
+    /// Whether the states are also points of a plot.
     is_live: bool,
 }
 
@@ -68,7 +69,7 @@ impl Events {
         Ok(Self { due, state: None, is_lossy: None, is_live: recording.port.is_some() })
     }
 
-    /// Logs the events of a slot, and its state where it changes.
+    /// Logs the events of a slot, and the state of the UAV if it has changed.
     pub(crate) fn log_slot(&mut self, canvas: &Canvas, view: &SlotView) -> RecordingStreamResult<()> {
         let flight = view.flight;
         self.log_due(canvas)?;
@@ -95,7 +96,7 @@ impl Events {
             write(canvas, TextLogLevel::WARN, "waypoint by the geometric solver, as a fallback")?;
         }
         let totals = &view.header.totals;
-        // In a later file, a loss before this slot has been logged in an earlier one.
+        // In a later file, an earlier file contains the first loss if there was one before this slot.
         let was_lossy = self.is_lossy.unwrap_or(totals.lost_bits > view.header.lost_bits);
         self.is_lossy = Some(totals.lost_bits > 0);
         if !was_lossy && totals.lost_bits > 0 {
@@ -104,7 +105,7 @@ impl Events {
         Ok(())
     }
 
-    /// Marks slots that the viewer did not get.
+    /// Marks slots that the viewer has missed.
     pub(crate) fn log_missed(&mut self, canvas: &Canvas, first: u64, last: u64) -> RecordingStreamResult<()> {
         self.log_due(canvas)?;
         self.enter(canvas, GAP)?;
@@ -149,12 +150,12 @@ fn height(mode: Mode) -> f64 {
     }
 }
 
-/// Adds one line to the event log, at the time set before; `level` is one of [`TextLogLevel`].
+/// Adds one line to the event log, at the current time of the recording; `level` is one of [`TextLogLevel`].
 pub(crate) fn write(canvas: &Canvas, level: &'static str, text: &str) -> RecordingStreamResult<()> {
     canvas.append(LOG, &TextLog::new(text).with_level(level))
 }
 
-/// The line with which a mission begins.
+/// The line at the start of a mission.
 pub(crate) fn start(scenario: &Scenario, count: usize) -> String {
     let Scenario { name, seed, slots, slot_s, .. } = scenario;
     let strategy = &scenario.planner.strategy;
@@ -163,7 +164,7 @@ pub(crate) fn start(scenario: &Scenario, count: usize) -> String {
     )
 }
 
-/// The line with which it ends; without totals if there was no slot.
+/// The line at the end of a mission; without totals if there was no slot.
 pub(crate) fn end(scenario: &Scenario, last_slot: u64, totals: Option<&Totals>, missed_slots: u64) -> String {
     let missed = if missed_slots == 0 { String::new() } else { format!(", {missed_slots} slots missed by the viewer") };
     let totals = totals.map_or_else(String::new, |totals| {

@@ -1,7 +1,7 @@
-//! The files of a recording. Each has one writer; a viewer that is started again writes the next one.
+//! The files of a recording. Each has one writer; a restarted viewer writes the next one.
 //!
-//! `mission.rrd`, `mission-2.rrd`, `mission-3.rrd` ... share one recording id, by which rerun opens them as one
-//! recording. Each holds the style and the layout, and can be opened alone.
+//! `mission.rrd`, `mission-2.rrd`, `mission-3.rrd` and so on share one recording id, so that rerun opens them as one
+//! recording. Each contains the styles and the layout, and can be opened alone.
 
 use std::fs::{self, File, Permissions, TryLockError};
 use std::io::{self, BufReader, BufWriter, Read as _, Seek as _, SeekFrom};
@@ -13,12 +13,12 @@ use re_log_encoding::rrd::{Decodable as _, EncodingOptions, RRD_FOURCC, StreamFo
 use re_log_encoding::{DecoderApp, EncodeError, Encoder};
 use re_sdk::ApplicationId;
 
-/// Whether a file begins the recording.
+/// Whether a file is the first of its recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Part {
-    /// It does.
+    /// It is the first.
     First,
-    /// An earlier file does. What that one drew last stays on the screen until this one draws it anew.
+    /// It continues an earlier file, whose entities stay visible until this file replaces them.
     Later,
 }
 
@@ -27,15 +27,14 @@ pub(crate) enum Part {
 pub(crate) struct NextFile {
     /// Its path.
     pub(crate) path: PathBuf,
-    /// Held locked as long as it is written; none where the file system has no locks, or it cannot be made.
+    /// Locked while it is written; `None` if the file system has no locks, or the file cannot be created.
     pub(crate) _lock: Option<File>,
-    /// Id of the recording that the files before it have begun; none if they hold none.
+    /// Id of the recording in the earlier files; `None` if they contain none.
     pub(crate) recording_id: Option<String>,
 }
 
 impl NextFile {
-    /// The first of `first`, `first-2`, `first-3` ... to which nobody has written or is about to write, for a recording
-    /// of `application`.
+    /// The first of `first`, `first-2`, `first-3` and so on that is empty and not locked, for a recording of `application`.
     pub(crate) fn find(first: &Path, application: &ApplicationId) -> Self {
         let mut recording_id = None;
         let mut number = 1;
@@ -58,7 +57,7 @@ impl NextFile {
     }
 }
 
-/// The path of file `number`, counted from 1: `mission.rrd`, `mission-2.rrd` ...
+/// The path of the file with this number, from 1: `mission.rrd`, `mission-2.rrd` and so on.
 fn numbered(first: &Path, number: u32) -> PathBuf {
     if number == 1 {
         return first.to_owned();
@@ -72,10 +71,10 @@ fn numbered(first: &Path, number: u32) -> PathBuf {
     first.with_file_name(name)
 }
 
-/// Whether a file ends as a recording does that was closed.
+/// Whether a file ends with the footer of a closed recording.
 ///
 /// # Errors
-/// If it cannot be read.
+/// If the file cannot be read.
 pub fn has_footer(path: &Path) -> io::Result<bool> {
     let mut file = File::open(path)?;
     let mut end = [0; StreamFooter::ENCODED_SIZE_BYTES];
@@ -87,24 +86,24 @@ pub fn has_footer(path: &Path) -> io::Result<bool> {
     Ok(StreamFooter::from_rrd_bytes(&end).is_ok())
 }
 
-/// Whether a file begins as a recording does; another one is not ours to touch.
+/// Whether a file starts like a recording. Other files must not be changed.
 fn is_recording(path: &Path) -> bool {
     let mut begin = [0; 4];
     File::open(path).and_then(|mut file| file.read_exact(&mut begin)).is_ok() && begin == RRD_FOURCC
 }
 
-/// Locks the file of a recording, which its writer does as long as it lives.
+/// Locks the file of a recording. Its writer holds the lock until it ends.
 fn lock(path: &Path) -> io::Result<File> {
     let file = File::open(path)?;
     file.try_lock()?;
     Ok(file)
 }
 
-/// Gives all files of the recording that begins with `first` the footer that a killed writer left out. A file that a
-/// viewer still writes is left to that one.
+/// Adds the missing footer to all files of the recording that starts with `first`. Skips files that a viewer is still
+/// writing.
 ///
 /// # Errors
-/// If one cannot be written once more; it can be opened all the same.
+/// If a file cannot be rewritten. It can be opened nevertheless.
 pub fn complete(first: &Path) -> Result<(), EncodeError> {
     let files = (1..).map(|number| numbered(first, number)).take_while(|path| path.exists());
     for path in files {
@@ -118,7 +117,7 @@ pub fn complete(first: &Path) -> Result<(), EncodeError> {
     Ok(())
 }
 
-/// Writes a recording once more, with everything in it that is whole and with its footer, and puts it in its place.
+/// Replaces a recording by a copy with all its complete messages and a footer.
 fn rewrite(path: &Path) -> Result<(), EncodeError> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let messages = DecoderApp::decode_lazy(BufReader::new(File::open(path)?)).map_while(Result::ok);
@@ -133,7 +132,7 @@ fn rewrite(path: &Path) -> Result<(), EncodeError> {
     Ok(())
 }
 
-/// Id of the recording of `application` in a file, from its first messages; none if there is no such recording.
+/// Id of the recording of `application` in a file, from its first messages; `None` if there is no such recording.
 fn recording_id_of(path: &Path, application: &ApplicationId) -> Option<String> {
     let messages = DecoderApp::decode_lazy(BufReader::new(File::open(path).ok()?)).map_while(Result::ok);
     let mut stores = messages.map(|message| message.store_id().clone());

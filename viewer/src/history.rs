@@ -1,9 +1,8 @@
-//! What a mission has come to so far for each sensor node (SN) and each place: the bits lost, and when the place was in
-//! range for the last time.
+//! The history of a mission: the bits lost by each sensor node (SN), and the last slot in which each cell of the area was in
+//! range.
 //!
-//! It is counted from what every slot shows: `D_i(t) = max(0, B_i(t−1) + a_i(t) − B)` is lost (decision D1), and in
-//! range is what lies within the communication radius of where the UAV is at the end of the slot. Losses in slots that
-//! were not seen are not attributed to any SN.
+//! Losses are computed from the queues: `D_i(t) = max(0, B_i(t−1) + a_i(t) − B)` (decision D1). A cell is in range if it is
+//! within the communication radius of the UAV at the end of the slot. Losses in missed slots are not attributed to SNs.
 
 use serde::{Deserialize, Serialize};
 use skysink_common::arrivals::bits_between;
@@ -12,19 +11,19 @@ use skysink_common::geometry::{Position, distance_squared};
 use skysink_common::message::SensorNode;
 use skysink_common::scenario::Scenario;
 
-/// Fewest and most cells of the coverage grid along the longer side of the area.
+/// Minimum and maximum number of cells of the coverage grid along the longer side of the area.
 const CELLS: [f64; 2] = [40.0, 100.0];
 
-/// Most cells of the grid: along a side, one more than [`CELLS`] says where the last one ends outside the area.
+/// Maximum number of cells of the grid. A side has one more cell than [`CELLS`] if the last one extends beyond the area.
 const MAX_CELLS: usize = (CELLS[1] as usize + 1).pow(2);
 
-/// Most bytes of an encoded `u32`: seven bits in each.
+/// Maximum size of an encoded `u32` [byte], with seven bits per byte.
 const U32_BYTES: usize = 5;
 
-/// Most bytes of an encoded `u64`.
+/// Maximum size of an encoded `u64` [byte].
 const U64_BYTES: usize = 10;
 
-/// What is known of the sensor nodes and places of a mission so far.
+/// The history of the sensor nodes and cells of a mission.
 #[derive(Debug, Clone)]
 pub(crate) struct SensorHistory {
     samplers: Vec<Sampler>,
@@ -34,7 +33,7 @@ pub(crate) struct SensorHistory {
     sums: Sums,
 }
 
-/// How an SN fills its buffer.
+/// The sampling of an SN and its buffer.
 #[derive(Debug, Clone, Copy)]
 struct Sampler {
     mean_bits: f64,
@@ -42,10 +41,10 @@ struct Sampler {
     capacity_bits: u32,
 }
 
-/// What later slots have to know.
+/// The sums over all slots, which are saved.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Sums {
-    /// The last slot; none before the first.
+    /// The last slot; `None` before the first.
     slot: Option<u64>,
     queues_bits: Vec<u32>,
     lost_bits: Vec<u64>,
@@ -66,7 +65,7 @@ pub(crate) struct CoverageGrid {
 }
 
 impl SensorHistory {
-    /// Nothing lost, nothing seen.
+    /// The history before the first slot.
     pub(crate) fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
         let sampler = |sensor: &SensorNode| Sampler {
             mean_bits: sensor.sampling_bps * scenario.slot_s,
@@ -106,13 +105,12 @@ impl SensorHistory {
         self.lost_now_bits.iter().map(|&lost_bits| lost_bits > 0)
     }
 
-    /// How long it takes until the buffer of each SN is full if nobody visits it [s]; infinite for one that does not
-    /// sample.
+    /// The time until the buffer of each SN is full without service [s]; infinite for an SN that does not sample.
     pub(crate) fn overflow_s(&self) -> impl Iterator<Item = f64> {
         self.samplers.iter().zip(&self.sums.queues_bits).map(|(sampler, &queue_bits)| sampler.overflow_s(queue_bits))
     }
 
-    /// The longest that any of them takes to fill an empty buffer [s]; 0 if none samples.
+    /// The maximum time to fill an empty buffer, over all SNs [s]; 0 if none samples.
     pub(crate) fn longest_fill_s(&self) -> f64 {
         self.samplers
             .iter()
@@ -121,18 +119,18 @@ impl SensorHistory {
             .fold(0.0, f64::max)
     }
 
-    /// The most that an SN can sample in so many slots [bit].
+    /// The maximum that an SN can sample in this number of slots [bit].
     pub(crate) fn most_sampled_bits(&self, slots: u64) -> f64 {
         self.samplers.iter().map(|sampler| sampler.mean_bits).fold(0.0, f64::max) * slots as f64
     }
 
-    /// How many slots ago each cell was in range; none if it never was.
+    /// The number of slots since each cell was in range; `None` if it never was.
     pub(crate) fn ages(&self) -> impl Iterator<Item = Option<u64>> {
         let now = self.sums.slot.map_or(0, |slot| slot + 1);
         self.sums.in_range.iter().map(move |&last| (last > 0).then(|| now - last))
     }
 
-    /// The last slot added; none before the first.
+    /// The last slot; `None` before the first.
     pub(crate) fn slot(&self) -> Option<u64> {
         self.sums.slot
     }
@@ -142,47 +140,46 @@ impl SensorHistory {
         &self.sums.queues_bits
     }
 
-    /// The part of the cells that was ever in range, 0 to 1.
+    /// The fraction of the cells that have been in range.
     pub(crate) fn covered(&self) -> f64 {
         let seen = self.sums.in_range.iter().filter(|&&last| last > 0).count();
         seen as f64 / self.sums.in_range.len() as f64
     }
 
-    /// What later slots have to know.
+    /// The sums to save.
     pub(crate) fn sums(&self) -> &Sums {
         &self.sums
     }
 
-    /// Resumes from the sums of a history of the same mission.
+    /// Restores the sums of the same mission.
     ///
     /// # Errors
-    /// If they are of another field.
+    /// If they belong to another field.
     pub(crate) fn restore(&mut self, sums: Sums) -> Result<(), CheckpointError> {
         let lengths = |sums: &Sums| [sums.queues_bits.len(), sums.lost_bits.len(), sums.in_range.len()];
-        CheckpointError::unless(lengths(&sums) == lengths(&self.sums), "sums of this field")?;
+        CheckpointError::ensure(lengths(&sums) == lengths(&self.sums), "sums of this field")?;
         let latest = sums.slot.map_or(0, |slot| slot.saturating_add(1));
-        CheckpointError::unless(sums.in_range.iter().all(|&last| last <= latest), "places in range up to the slot")?;
+        CheckpointError::ensure(sums.in_range.iter().all(|&last| last <= latest), "places in range up to the slot")?;
         self.sums = sums;
         Ok(())
     }
 }
 
 impl Sums {
-    /// Most bytes of the encoded sums of so many SNs: whether there is a slot, it and the lengths of three lists, and
-    /// these.
+    /// Maximum size of the encoded sums for `count` SNs [byte]: an optional slot, the lengths of three lists, and the lists.
     pub(crate) fn room(count: usize) -> usize {
         1 + 4 * U64_BYTES + count * (U32_BYTES + U64_BYTES) + MAX_CELLS * U64_BYTES
     }
 }
 
 impl Sampler {
-    /// Lost in `slot` if the SN held `before_bits` at its beginning [bit].
+    /// Bits lost in `slot`, if the queue was `before_bits` before it.
     fn lost_bits(&self, slot: u64, before_bits: u32) -> u64 {
         let had_bits = u64::from(before_bits) + bits_between(self.mean_bits, slot - 1, slot);
         had_bits.saturating_sub(self.capacity_bits.into())
     }
 
-    /// How long the buffer takes to be full [s].
+    /// The time until the buffer is full [s].
     fn overflow_s(&self, queue_bits: u32) -> f64 {
         let room_bits = f64::from(self.capacity_bits.saturating_sub(queue_bits));
         if room_bits == 0.0 { 0.0 } else { room_bits / self.sampling_bps }
@@ -200,7 +197,7 @@ impl CoverageGrid {
         Self { columns, rows, cell_m, depth_m: extents_m[1], radius_m }
     }
 
-    /// The cells in range of a UAV above `uav`: those whose centre is, and the one that it is above.
+    /// The cells in range of a UAV above `uav`: those whose centre is in range, and the one below it.
     fn in_range(self, uav: Position) -> impl Iterator<Item = usize> {
         let index = |at_m: f64, count: usize| ((at_m / self.cell_m).floor().max(0.0) as usize).min(count - 1);
         let south_m = self.depth_m - uav.y;
@@ -233,7 +230,7 @@ mod tests {
     const MIDDLE: Position = Position::new(50.0, 50.0);
 
     #[test]
-    fn what_does_not_fit_into_a_buffer_is_lost_whoever_is_served_in_the_slot() {
+    fn bits_that_do_not_fit_into_a_buffer_are_lost() {
         let mut history = history();
         history.add(0, &[950, 999, 1_000], MIDDLE);
         assert_eq!(history.lost_bits(), [0, 0, 0]);
@@ -248,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn losses_in_slots_that_were_not_seen_belong_to_nobody() {
+    fn losses_in_missed_slots_are_attributed_to_no_sn() {
         let mut history = history();
         history.add(0, &[1_000; 3], MIDDLE);
         history.add(5, &[1_000; 3], MIDDLE);
@@ -285,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn the_largest_sums_fill_their_room() {
+    fn the_largest_sums_have_the_maximum_size() {
         for count in [0, 1, 300] {
             let sums = Sums {
                 slot: Some(u64::MAX),

@@ -1,35 +1,35 @@
-//! What viewer saves across its own death: in every slot which one it has shown, and now and then the sums until then.
+//! The checkpoints of the viewer: the number of the last shown slot, in every slot, and the sums, once in
+//! [`SUMS_EVERY`] slots, because their size grows with the field.
 //!
-//! The sums are as large as the field, the number of a slot is not, and most slots cost no more than that.
-//! What the slots since the last sums would have added is lost if the viewer is killed.
+//! If the viewer is killed, the contribution of the slots since the last sums is lost.
 
 use skysink_common::checkpoint::Checkpoint;
 use skysink_ring::error::RingError;
 use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::Journal;
 
-/// Slots from one saving of the sums to the next.
+/// Number of slots between two checkpoints of the sums.
 const SUMS_EVERY: u64 = 64;
 
-/// Records of each kind: the last, which may be cut, and the one before.
+/// Records of each kind: the last, which may be incomplete, and the one before.
 const PLACES: u64 = 2;
 
-/// The journal of viewer.
+/// The journals of the viewer.
 #[derive(Debug)]
 pub(crate) struct ViewerJournal {
-    /// A record without content for each slot.
+    /// An empty record per slot.
     shown: Journal,
-    /// A record for every [`SUMS_EVERY`] slots, by its number.
+    /// A numbered record once in [`SUMS_EVERY`] slots.
     sums: Journal,
-    /// The number of the last one; none if none is on record.
+    /// The number of the last record of the sums, if any.
     saved: Option<u64>,
-    /// The slot after the last one shown; none before the first.
+    /// The slot after the last one shown; `None` before the first.
     pub(crate) next: Option<u64>,
 }
 
 impl ViewerJournal {
-    /// Opens the journal in the ring's folder and restores `state`, of at most `room` bytes, to the last sums on
-    /// record.
+    /// Opens the journals in the ring folder and restores `state`, of at most `room` bytes, from the last record of the
+    /// sums.
     ///
     /// # Errors
     /// If a file cannot be opened or read.
@@ -41,11 +41,11 @@ impl ViewerJournal {
         Ok(Self { shown, sums, saved, next })
     }
 
-    /// Saves that `slot` has been shown, and now and then `state`, which includes it. In this order, so that a slot
-    /// that is on record in the sums is never shown, and added, again.
+    /// Records that `slot` has been shown, then, once in [`SUMS_EVERY`] slots, `state`, which includes the slot. In this
+    /// order, no slot can be added to the sums twice.
     ///
     /// # Errors
-    /// If the system refuses.
+    /// If a file cannot be written.
     pub(crate) fn save(&mut self, slot: u64, state: &dyn Checkpoint) -> Result<(), RingError> {
         self.shown.write(slot, &[])?;
         self.next = Some(slot + 1);
@@ -75,7 +75,7 @@ mod tests {
 
         fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
             let bytes = bytes.try_into();
-            CheckpointError::unless(bytes.is_ok(), "eight bytes")?;
+            CheckpointError::ensure(bytes.is_ok(), "eight bytes")?;
             self.0 = u64::from_le_bytes(bytes.unwrap());
             Ok(())
         }
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn every_slot_shown_is_on_record_and_the_sums_of_every_sixty_fourth() {
+    fn every_slot_and_every_64th_sums_are_saved() {
         let folder = folder();
         let (mut journal, sums) = opened(&folder);
         assert_eq!((journal.next, sums), (None, u64::MAX));
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn sums_that_are_due_in_a_slot_that_was_missed_are_saved_in_the_next() {
+    fn sums_due_in_a_missed_slot_are_saved_in_the_next() {
         let folder = folder();
         let (mut journal, _) = opened(&folder);
         for slot in [5, 63, 66, 70, 300] {
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn sums_that_are_cut_leave_those_before() {
+    fn after_incomplete_sums_the_previous_ones_are_restored() {
         let folder = folder();
         let (mut journal, _) = opened(&folder);
         (0..=64).for_each(|slot| journal.save(slot, &Sums(slot)).unwrap());

@@ -1,4 +1,4 @@
-//! How the scene is arranged on the screen: views, cameras, axes and timeline.
+//! The layout of the scene: views, cameras, axes and timeline.
 
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::blueprint::archetypes::{
@@ -18,10 +18,10 @@ use crate::sizes::Sizes;
 use crate::slot::WallClock;
 use crate::{belief, curves, events, legend, links, maps, path, queues, uav};
 
-/// Slots per second at which a viewer plays a file.
+/// Playback speed of a file [slot/s].
 pub(crate) const SLOTS_PER_S: f64 = 10.0;
 
-/// Sends the layout of the screen along with a recording.
+/// Sends the layout with a recording.
 pub(crate) fn send(
     recording: &Recording,
     sizes: &Sizes,
@@ -40,7 +40,7 @@ pub(crate) fn send(
     layout.send(&recording.stream, root, SLOTS_PER_S)
 }
 
-/// The UAV's state over time: a lane, or for a live viewer, on the port `live`, a plot, which follows.
+/// The UAV's state over time: a state lane, or a plot for a live viewer on the port `live`, which follows the mission.
 fn lane(layout: &mut Blueprint, live: Option<u16>) -> RecordingStreamResult<Tile> {
     if live.is_none() {
         return layout.view(class::STATES, "UAV: serve, transit, hold", "", &[select(events::LANE)]);
@@ -65,15 +65,15 @@ fn omit(entity: &str) -> String {
     format!("- /{entity}")
 }
 
-/// Leaves out an entity and all below it.
+/// Excludes an entity and all below it.
 fn omit_all(entity: &str) -> String {
     format!("- /{entity}/**")
 }
 
-/// Slots of the flown path in the view from above; all of it is on a map.
+/// Slots of the flown path in the top view. A map shows the whole path.
 pub(crate) const TRACK_SLOTS: u32 = 40;
 
-/// The 3D scene, seen in three ways, the maps, the legend, and what else a scenario has.
+/// The tabs: three views of the 3D scene, the maps, the legend, and those for estimated queues and line of sight.
 fn scenes(
     layout: &mut Blueprint,
     sizes: &Sizes,
@@ -109,7 +109,7 @@ fn scenes(
     layout.container(ContainerKind::Tabs, &tabs)
 }
 
-/// Which SNs lost data, when each overflows, how long ago each place was in range, and where the UAV was.
+/// The maps of loss, time to overflow, coverage, and the flown path.
 fn maps(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> RecordingStreamResult<Tile> {
     let loss = map(layout, "Data lost so far, by SN", maps::LOSS, sizes)?;
     let overflow = map(layout, "Time until each SN is full", maps::OVERFLOW, sizes)?;
@@ -118,7 +118,7 @@ fn maps(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> RecordingStreamRe
     four(layout, "Loss and coverage", [loss, overflow, coverage, flown])
 }
 
-/// The whole path from above; `name_of` gives the full name of an entity.
+/// The whole path from above; `name_of` returns the full name of an entity.
 pub(crate) fn flown(
     layout: &mut Blueprint,
     title: &str,
@@ -134,7 +134,7 @@ pub(crate) fn flown(
     Ok(view)
 }
 
-/// What is believed of the queues beside what they are.
+/// The estimated and the true queues.
 fn beliefs(layout: &mut Blueprint, sizes: &Sizes) -> RecordingStreamResult<Tile> {
     let believed = map(layout, "What the UAV believes: queues", belief::BELIEVED, sizes)?;
     let truth = map(layout, "What is true: queues", belief::TRUE, sizes)?;
@@ -145,7 +145,7 @@ fn beliefs(layout: &mut Blueprint, sizes: &Sizes) -> RecordingStreamResult<Tile>
     four(layout, "Belief and truth", [believed, truth, error, curve])
 }
 
-/// Four views in two rows, under a name.
+/// A named container of four views in two rows.
 fn four(layout: &mut Blueprint, name: &str, [a, b, c, d]: [Tile; 4]) -> RecordingStreamResult<Tile> {
     let above = layout.container(ContainerKind::Horizontal, &[(1.0, a), (1.0, b)])?;
     let below = layout.container(ContainerKind::Horizontal, &[(1.0, c), (1.0, d)])?;
@@ -154,13 +154,13 @@ fn four(layout: &mut Blueprint, name: &str, [a, b, c, d]: [Tile; 4]) -> Recordin
     Ok(tab)
 }
 
-/// A map below `root`, with what all maps show.
+/// A map of the entities below `root` and those that all maps share.
 fn map(layout: &mut Blueprint, name: &str, root: &str, sizes: &Sizes) -> RecordingStreamResult<Tile> {
     let shown = [select_all(root), select_all(maps::AREA), select(maps::UAV)];
     picture_of(layout, name, root, &shown, maps::bounds(sizes))
 }
 
-/// Camera and backdrop of a 3D view.
+/// Sets the camera and the background of a 3D view.
 pub(crate) fn film(layout: &Blueprint, view: Tile, camera: &EyeControls3D) -> RecordingStreamResult<()> {
     layout.set(view, camera)?;
     layout.set(view, &background())?;
@@ -168,7 +168,7 @@ pub(crate) fn film(layout: &Blueprint, view: Tile, camera: &EyeControls3D) -> Re
     layout.set(view, &SpatialInformation::update_fields().with_show_axes(false))
 }
 
-/// The room around the UAV, its legend, and the curves that say why it flies so high.
+/// The line-of-sight tab: the space around the UAV, its legend, and the curves behind the choice of the altitude.
 fn line_of_sight(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> RecordingStreamResult<Tile> {
     let shown = [select_all(queues::WORLD), select_all(los::SPACE), omit_all(path::TRACK)];
     let hidden = [uav::TRACK, uav::DOT, links::CANDIDATES, links::CHOSEN, legend::AXES].map(omit);
@@ -193,12 +193,12 @@ fn line_of_sight(layout: &mut Blueprint, sizes: &Sizes, slot_s: f64) -> Recordin
     Ok(tab)
 }
 
-/// The curves of the served links below a root.
+/// The curves of the served links below a root, by line of sight.
 fn by_draw(root: &str) -> [String; 3] {
     [los::MEAN, los::SIGHT, los::BLOCKED].map(|name| format!("{root}/{name}"))
 }
 
-/// Extent [m] of what a camera must get into the picture, and stay above: the area, and the room that is flown in.
+/// Extent of what a camera has to show [m]: the area and the flown altitudes.
 fn seen_m(sizes: &Sizes) -> f32 {
     sizes.width_m.max(sizes.depth_m).max(1.8 * sizes.highest_m)
 }
@@ -226,20 +226,20 @@ pub(crate) fn above(sizes: &Sizes) -> EyeControls3D {
     camera([x_m, y_m, 1.16 * seen_m(sizes)], [x_m, y_m, 0.0], [0.0, 1.0, 0.0])
 }
 
-/// In the UAV's frame, so that the camera flies along.
+/// In the UAV's frame, so that the camera follows.
 fn beside_uav(sizes: &Sizes) -> EyeControls3D {
     let near_m = sizes.radius_m + 0.5 * sizes.highest_m;
     let eye = [-1.2 * near_m, -1.9 * near_m, 0.9 * near_m];
     camera(eye, [0.0, 0.0, -0.55 * sizes.altitude_m], [0.0, 0.0, 1.0])
 }
 
-/// In a frame that moves with the UAV but does not climb with it, so that its altitude is seen.
+/// In a frame that follows the UAV horizontally only, so that its altitude is visible.
 fn around_uav(sizes: &Sizes) -> EyeControls3D {
     let far_m = (1.5 * sizes.radius_m).max(0.75 * sizes.highest_m);
     camera([-0.9 * far_m, -2.1 * far_m, 1.35 * far_m], [0.0, 0.0, 0.3 * sizes.highest_m], [0.0, 0.0, 1.0])
 }
 
-/// Curves, scales and text, beside the scene.
+/// The column with curves, colour scales and text.
 fn beside(layout: &mut Blueprint, scenario: &Scenario, clock: WallClock) -> RecordingStreamResult<Tile> {
     let losses = [curves::LOSS, curves::LOSS_MARK];
     let fills = [curves::FILL_MAX, curves::FILL_MEAN];
@@ -267,7 +267,7 @@ fn beside(layout: &mut Blueprint, scenario: &Scenario, clock: WallClock) -> Reco
     layout.container(ContainerKind::Vertical, &rows)
 }
 
-/// Curves whose names are in the title: a box of names would cover them.
+/// A plot whose title names the curves. A legend would cover them.
 fn plot<E: AsRef<str>>(layout: &mut Blueprint, name: &str, entities: &[E]) -> RecordingStreamResult<Tile> {
     let entities: Vec<_> = entities.iter().map(|entity| select(entity.as_ref())).collect();
     let view = layout.view(class::CURVES, name, "", &entities)?;
@@ -283,17 +283,17 @@ fn log(layout: &mut Blueprint) -> RecordingStreamResult<Tile> {
     Ok(view)
 }
 
-/// Shows the values of a plot in this range, whatever they are.
+/// Fixes the range of the y axis of a plot.
 pub(crate) fn lock_axis(layout: &Blueprint, plot: Tile, range: [f64; 2]) -> RecordingStreamResult<()> {
     layout.set(plot, &ScalarAxis::new().with_range(range).with_zoom_lock(true))
 }
 
-/// What is drawn in the plane below `root`, between these bounds in x and y.
+/// A 2D view of the entities below `root`, with these bounds in x and y.
 fn picture(layout: &mut Blueprint, name: &str, root: &str, bounds: [[f64; 2]; 2]) -> RecordingStreamResult<Tile> {
     picture_of(layout, name, root, &[select_all(root)], bounds)
 }
 
-/// The same of what `shown` selects.
+/// A 2D view of the entities that `shown` selects.
 fn picture_of(
     layout: &mut Blueprint,
     name: &str,

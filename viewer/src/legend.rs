@@ -1,4 +1,4 @@
-//! What the picture means, for a first-time viewer: pages of text and two colour scales.
+//! The legend for first-time users: pages of text and two colour scales.
 
 use std::ops::RangeInclusive;
 
@@ -16,7 +16,7 @@ use crate::los::field;
 use crate::shapes::{line_style, writing};
 use crate::sizes::{MAX_BARS, Sizes};
 
-/// The page of text.
+/// The main page.
 pub const PAGE: &str = "legend";
 /// The page on line of sight.
 pub const LOS_PAGE: &str = "legend/los";
@@ -27,10 +27,10 @@ pub const AREA: &str = "world/area";
 /// Numbers at the area's axes.
 pub const AXES: &str = "world/area/axes";
 
-/// Bounds of the scales' picture, in x and y (down).
+/// Bounds of the view of the scales, in x and y (down).
 pub const SCALE_BOUNDS: [[f64; 2]; 2] = [[-24.0, 624.0], [-12.0, 58.0]];
 
-/// Draws scales and area, which explain and never change.
+/// Draws the static scales and the area.
 pub(crate) fn log(
     canvas: &Canvas,
     sizes: &Sizes,
@@ -56,7 +56,7 @@ pub(crate) fn log_pages(
     Ok(())
 }
 
-/// What a legend says where queues are estimated.
+/// Text of the legend for estimated queues.
 const BELIEF: &str =
     " Tab *Belief and truth*: the queues as the UAV believes them to be, as they are, and the difference.";
 
@@ -94,14 +94,13 @@ fn page(scenario: &Scenario, count: usize, sizes: &Sizes, estimated: Option<Rate
     )
 }
 
-/// Why the UAV climbs, and what shows it.
+/// The page on line of sight and the altitude of the UAV.
 fn los_page(scenario: &Scenario, link: &LineOfSight) -> String {
     let fixed = if scenario.uav.climb().is_none() { " This UAV may not choose: its altitude is fixed." } else { "" };
     format!(include_str!("los.md"), fixed = fixed, percent = 100.0 * field::funnel_probability(link))
 }
 
-/// Two colour scales: queue fill to the left, and beside it the colour of an overflow; link rate, or the probability of
-/// line of sight, to the right.
+/// Two colour scales: queue fill and overflow at the left; link rate, or the probability of line of sight, at the right.
 fn log_scales(canvas: &Canvas, rates_bps: Option<&RangeInclusive<f64>>) -> RecordingStreamResult<()> {
     let per_cent = [0.0, 0.5, 1.0].map(|fraction| (fraction, format!("{:.0} %", 100.0 * fraction)));
     log_scale(canvas, "queue", 160, &colour::of_fill, per_cent.clone())?;
@@ -117,7 +116,7 @@ fn log_scales(canvas: &Canvas, rates_bps: Option<&RangeInclusive<f64>>) -> Recor
     log_scale(canvas, right, 200, &colour, [0.0, 1.0].map(|fraction| (fraction, format_rate(rate_bps(fraction)))))
 }
 
-/// A bar from the colour of 0 to that of 1, with what it means written below at fractions of its width.
+/// A bar from the colour of 0 to that of 1, with labels below at fractions of its width.
 fn log_scale(
     canvas: &Canvas,
     name: &str,
@@ -133,7 +132,7 @@ fn log_scale(
     canvas.log_static(format!("{SCALE}/{name}/text"), &writing(places))
 }
 
-/// A rate with three digits and its unit.
+/// Formats a rate with three digits and its unit.
 fn format_rate(rate_bps: f64) -> String {
     let (value, unit) = match rate_bps {
         rate if rate >= 1e6 => (rate / 1e6, "Mbit/s"),
@@ -144,7 +143,7 @@ fn format_rate(rate_bps: f64) -> String {
     format!("{value:.digits$} {unit}")
 }
 
-/// The ground, its frame, a grid, and the numbers at its axes. The ground is so thick that bars end in it.
+/// The ground, its frame, a grid, and the numbers at the axes. The ground is thick enough to hide the lower half of bars.
 fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
     let Sizes { width_m, depth_m, .. } = *sizes;
     let below_m = 0.01 * sizes.radius_m;
@@ -173,7 +172,7 @@ fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
     canvas.log_static(AXES, &axes)
 }
 
-/// The run's facts, which the viewer lists as properties of the recording.
+/// Logs the properties of the recording, which rerun lists.
 pub(crate) fn log_facts(stream: &RecordingStream, scenario: &Scenario, count: usize) -> RecordingStreamResult<()> {
     use re_sdk_types::components::{Scalar, Text};
     let facts = AnyValues::default()

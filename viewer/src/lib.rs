@@ -1,9 +1,7 @@
-//! Everything of a mission as a rerun recording: what happened in each slot becomes entities, curves, a state lane and
-//! events that the rerun viewer shows without further setting up.
+//! Writes missions as rerun recordings: entities, curves, a state lane and events, with a layout for the rerun viewer.
 //!
-//! It decides nothing and computes no physics: positions, queues and rates are shown as the other crates report them,
-//! and what was lost, what the UAV believes and probabilities of line of sight as `skysink-common` computes them. The
-//! only crate that knows rerun.
+//! Positions, queues and rates are those that the other crates report; losses, estimated queues and probabilities of line
+//! of sight are computed with `skysink-common`. This is the only crate that depends on rerun.
 
 pub mod belief;
 mod blueprint;

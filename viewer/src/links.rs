@@ -1,6 +1,6 @@
-//! The candidate circles of a slot's winning anchor, and the links that were served.
+//! The candidate circles of the winning anchor, and the served links.
 //!
-//! A link is coloured by its rate in free space, and by whether it was in line of sight where that is random.
+//! A link is coloured by its rate in free space, or by its line of sight if that is random.
 
 use std::ops::RangeInclusive;
 
@@ -19,7 +19,7 @@ use crate::sizes::Sizes;
 
 /// The candidate circles.
 pub const CANDIDATES: &str = "world/candidates";
-/// The chosen one of them.
+/// The chosen candidate circle.
 pub const CHOSEN: &str = "world/chosen";
 /// The served links.
 pub const LINKS: &str = "world/links";
@@ -28,11 +28,11 @@ pub const LINKS: &str = "world/links";
 pub(crate) struct Links {
     feet: Vec<Point>,
     radius_m: f32,
-    /// The rates [bit/s] between which links are coloured; none if they are coloured by line of sight.
+    /// The range of the colour scale [bit/s]; `None` if links are coloured by line of sight.
     pub(crate) rates_bps: Option<RangeInclusive<f64>>,
 }
 
-/// Width of a link, in points of the screen; the second where it is out of line of sight.
+/// Width of a link with and without line of sight, in points of the screen.
 const WIDTHS_UI: [f32; 2] = [3.0, 1.4];
 
 impl Links {
@@ -65,7 +65,7 @@ impl Links {
         })
     }
 
-    /// Replaces the circles by those of a plan; clears them without one.
+    /// Shows the circles of a plan; clears them without a plan.
     pub(crate) fn log_circles(&self, canvas: &Canvas, plan: Option<&Plan>) -> RecordingStreamResult<()> {
         let circles_m = plan.map_or(&[][..], |plan| &plan.circles_m);
         let is_drawn = |centre_m: &&[f64; 2]| centre_m.iter().all(|coordinate_m| coordinate_m.is_finite());
@@ -77,7 +77,7 @@ impl Links {
         show_circle(canvas, CHOSEN, chosen.map(centre), self.radius_m)
     }
 
-    /// Replaces the links by those of a flight; clears them without one.
+    /// Shows the links of a flight; clears them without a flight.
     pub(crate) fn log_links(&self, canvas: &Canvas, flight: Option<&FlightReport>) -> RecordingStreamResult<()> {
         let served = flight.map_or(&[][..], FlightReport::served_links);
         let links_drawn = || served.iter().filter_map(|link| Some((*self.feet.get(link.sensor as usize)?, link)));
@@ -95,12 +95,12 @@ impl Links {
     }
 }
 
-/// The first if a link is in line of sight, else the second.
+/// Selects the first value for a link with line of sight, else the second.
 fn of_draw<T>(link: &LinkReport, [sight, blocked]: [T; 2]) -> T {
     if link.line_of_sight == 1 { sight } else { blocked }
 }
 
-/// Rates [bit/s] from the weakest sensor node at the rim of the range to the strongest right below the UAV.
+/// The range of rates [bit/s]: from the weakest sensor node at the distance `d_c` to the strongest directly below the UAV.
 fn possible_rates_bps(model: &FreeSpace, scenario: &Scenario, sensors: &[SensorNode]) -> RangeInclusive<f64> {
     let drawn = model.redrawn_db.map_or([f64::INFINITY, 0.0], |range_db| range_db.map(ratio_of_db));
     let weakest = sensors.iter().map(|sensor| sensor.gain).fold(drawn[0], f64::min);

@@ -1,8 +1,8 @@
-//! Line of sight, where it is random: the elevation and the probability of line of sight of each served link, and
-//! whether it was in line of sight. A free-space recording has none of this.
+//! Random line of sight: the elevation, the probability and the outcome of line of sight of each served link. Recordings
+//! with the free-space model contain none of this.
 //!
-//! [`field`] draws the probability around the UAV, [`profile`] the choice of an altitude. A missing value is logged as
-//! NaN, which breaks a curve; the library would draw an empty row as 0.
+//! [`field`] draws the probability around the UAV, [`profile`] the rates over the altitude. A missing value is logged as
+//! NaN, which interrupts a curve; rerun would draw an empty row as 0.
 
 pub mod field;
 pub mod profile;
@@ -24,9 +24,9 @@ use crate::sizes::Sizes;
 use field::Surroundings;
 use profile::Profile;
 
-/// Root of what is drawn in space.
+/// Root of the 3D entities.
 pub const SPACE: &str = "los";
-/// The UAV's altitude, written beside it.
+/// The altitude label beside the UAV.
 pub const MARK: &str = "los/altitude";
 /// Altitude of the UAV [m].
 pub const ALTITUDE: &str = "metrics/los/altitude";
@@ -36,12 +36,12 @@ pub const ELEVATION: &str = "metrics/los/elevation";
 pub const PROBABILITY: &str = "metrics/los/probability";
 /// Below [`ELEVATION`] and [`PROBABILITY`]: the mean over the served links.
 pub const MEAN: &str = "mean";
-/// Below them: a point for each link in line of sight.
+/// Below them: a point per link with line of sight.
 pub const SIGHT: &str = "sight";
-/// Below them: a point for each link out of line of sight.
+/// Below them: a point per link without line of sight.
 pub const BLOCKED: &str = "blocked";
 
-/// Line of sight of the scene.
+/// The line-of-sight entities of the scene.
 pub(crate) struct Los {
     link: LineOfSight,
     positions: Vec<Position>,
@@ -52,7 +52,7 @@ pub(crate) struct Los {
 }
 
 impl Los {
-    /// Styles the curves and what is drawn in space; nothing in free space.
+    /// Styles the curves and the 3D entities; `None` for the free-space model.
     pub(crate) fn open(
         canvas: &Canvas,
         scenario: &Scenario,
@@ -84,7 +84,7 @@ impl Los {
         self.profile.log(canvas, &self.link, flight.position(), &served)
     }
 
-    /// Takes away what a missed slot would show wrongly.
+    /// Clears what is outdated in a missed slot.
     pub(crate) fn log_missed(&mut self, canvas: &Canvas) -> RecordingStreamResult<()> {
         canvas.append(ALTITUDE, &Scalars::single(f64::NAN))?;
         self.log_links(canvas, 0.0, &[])?;
@@ -99,7 +99,7 @@ impl Los {
         self.log_curve(canvas, PROBABILITY, links, probability)
     }
 
-    /// One curve's points, as many numbers in every slot.
+    /// The points of one curve, with the same number of values in every slot.
     fn log_curve(
         &self,
         canvas: &Canvas,

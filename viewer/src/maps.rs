@@ -1,5 +1,5 @@
-//! Maps of the area seen from above, in metres, with a legend beside each: which sensor nodes (SNs) have lost data,
-//! when each overflows, and how long ago each place was in range.
+//! Maps of the area in metres, each with a legend: data lost by sensor node (SN), time until each SN overflows, and time
+//! since each cell was in range.
 
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{Ellipses2D, LineStrips2D, Points2D, SegmentationImage, Transform3D};
@@ -18,7 +18,7 @@ use crate::shapes::writing;
 use crate::sizes::{MAX_BARS, Sizes};
 use crate::steps::{ScaleStep, Steps};
 
-/// Root of what all maps show: frame, grid, numbers at the axes.
+/// Root of the entities that all maps share: frame, grid, numbers at the axes.
 pub const AREA: &str = "maps/area";
 /// The UAV and its range.
 pub const UAV: &str = "maps/uav";
@@ -26,15 +26,15 @@ pub const UAV: &str = "maps/uav";
 pub const LOSS: &str = "maps/loss";
 /// Time until each SN overflows.
 pub const OVERFLOW: &str = "maps/overflow";
-/// How long ago each place was in range.
+/// Time since each cell was in range.
 pub const COVERAGE: &str = "maps/coverage";
-/// Below each of them: what changes.
+/// Below each map: the changing entity.
 pub const SHOWN: &str = "shown";
 
-/// Slots after which the coverage is drawn again.
+/// Number of slots between two updates of the coverage.
 const EVERY: u64 = 10;
 
-/// Where things are drawn on a map: x is east, y is down.
+/// The coordinates of a map: x east, y down.
 #[derive(Debug, Clone)]
 pub(crate) struct MapFrame {
     sizes: Sizes,
@@ -75,7 +75,7 @@ impl MapFrame {
         canvas.log_static(UAV, &range)
     }
 
-    /// Draws the legend of a map: its steps to the right of it, the first one at the top.
+    /// Draws the legend at the right of a map, with the first step at the top.
     fn log_legend(&self, canvas: &Canvas, map: &str, steps: &Steps) -> RecordingStreamResult<()> {
         let longer_m = self.longer_m();
         let x_m = self.sizes.width_m + 0.09 * longer_m;
@@ -91,21 +91,21 @@ impl MapFrame {
     }
 }
 
-/// What a map shows, in x and y (down) [m]: the area, the numbers at its axes, and the legend.
+/// The bounds of a map in x and y (down) [m]: the area, the numbers at its axes, and the legend.
 pub(crate) fn bounds(sizes: &Sizes) -> [[f64; 2]; 2] {
     let [width_m, depth_m] = [sizes.width_m, sizes.depth_m].map(f64::from);
     let longer_m = width_m.max(depth_m);
     [[-0.12 * longer_m, width_m + 0.52 * longer_m], [-0.05 * longer_m, depth_m.max(longer_m) + 0.1 * longer_m]]
 }
 
-/// A map on which each SN is a point of the colour of its step.
+/// A map with a point per SN, coloured by its step.
 #[derive(Debug)]
 pub(crate) struct SensorMap {
     shown: String,
 }
 
 impl SensorMap {
-    /// Draws what stays, with a legend of these steps.
+    /// Logs the static entities, with a legend of these steps.
     pub(crate) fn open(canvas: &Canvas, map: &str, frame: &MapFrame, steps: &Steps) -> RecordingStreamResult<Self> {
         frame.log_legend(canvas, map, steps)?;
         let shown = format!("{map}/{SHOWN}");
@@ -143,7 +143,7 @@ pub(crate) struct Maps {
 }
 
 impl Maps {
-    /// Draws what stays.
+    /// Logs the static entities.
     pub(crate) fn open(
         canvas: &Canvas,
         scenario: &Scenario,
@@ -196,7 +196,7 @@ impl Maps {
     }
 }
 
-/// The coverage as an image, a pixel for each cell.
+/// The coverage as an image with one pixel per cell.
 #[derive(Debug)]
 struct Coverage {
     shown: String,

@@ -1,4 +1,4 @@
-//! viewer as a process of the ring: shows each slot in the scene, and sends `ready` once it reads every topic.
+//! The viewer as a process of the ring: logs each slot to the scene, and sends `ready` once it reads every topic.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -28,7 +28,7 @@ use crate::journal::ViewerJournal;
 use crate::{Scene, SceneError, Sinks, SlotView, WallClock};
 
 impl From<SceneError> for NodeError {
-    /// A file that cannot be created is refused input: it could not be created the next time either.
+    /// A file that cannot be created is bad input, because a restart would fail, too.
     fn from(error: SceneError) -> Self {
         match error {
             SceneError::File { path, source } => {
@@ -40,25 +40,25 @@ impl From<SceneError> for NodeError {
     }
 }
 
-/// How long to wait for what may have been sent before this process was there.
+/// Timeout for messages that may have been sent before this process joined.
 const LEFT_OVERS: Duration = Duration::from_millis(500);
 
-/// How often it is polled for.
+/// Time between two polls for such messages.
 const POLL: Duration = Duration::from_millis(10);
 
-/// Slots whose path may have been sent before this process was there. It then arrives when the writer next serves late
-/// joiners, which may be after the plan.
+/// Number of slots whose path may have been sent before this process joined. Such a path arrives when the writer next serves
+/// late joiners, possibly after the plan.
 const PATHS_BEFORE: u32 = 2;
 
 /// Slots over which the pace is averaged.
 const PACE_WINDOW: usize = 32;
 
-/// Records until the mission ends, and returns how many slots this process missed: none in lock-step. However it ends,
-/// the recording holds what it got. Started again, it writes the recording's next file. `label` is what the mission of
-/// an outside planner is booked as, `estimated` what the UAV knows of the rates where it has to estimate the queues.
+/// Records until the mission ends, and returns the number of slots that this process has missed (0 in lock-step). However it
+/// ends, the recording contains all received slots. After a restart, it writes the next file of the recording. `label` is
+/// the name of an external planner. `estimated` is how the UAV knows the rates if it has to estimate the queues.
 ///
 /// # Errors
-/// If a peer is missing or wrong, the ring breaks, `stop` is requested, or the recording cannot be made.
+/// If a peer is missing or wrong, the ring is broken, the recording cannot be written, or on a stop.
 pub fn run<S: Service + 'static>(
     scenario: &Scenario,
     folder: &RingFolder,
@@ -70,7 +70,7 @@ pub fn run<S: Service + 'static>(
     let (ring, mut wait) = Ring::<S>::join(folder, scenario, Role::Viewer, stop)?;
     let mut sensors = ring.sensors.reader(RING_BUFFER)?;
     let nodes = sensors.wait_for_next(&mut wait, 0)?;
-    let _sensors = ring.terms.link.is_none().then_some(sensors); // behind a link its repeats would pile up
+    let _sensors = ring.terms.link.is_none().then_some(sensors); // over a link, repeated samples would accumulate
     let mut shown = scenario.clone();
     if let Some(label) = label {
         label.clone_into(&mut shown.planner.strategy);
@@ -80,7 +80,7 @@ pub fn run<S: Service + 'static>(
     let journal = ViewerJournal::open(folder, Scene::state_room(nodes.payload().len()), &mut scene)?;
     if let Some(port) = scene.port() {
         let address = format!("rerun+http://127.0.0.1:{port}/proxy");
-        Role::Viewer.say(format_args!("live at {address}: open it by `rerun {address}`"));
+        Role::Viewer.log(format_args!("live at {address}: open it by `rerun {address}`"));
     }
     let followed = Follower::open(&ring, &scenario.area, journal, &mut scene)
         .and_then(|mut follower| follower.follow(&mut wait).map(|()| follower.missed));
@@ -90,7 +90,7 @@ pub fn run<S: Service + 'static>(
     Ok(missed)
 }
 
-/// A viewer that has joined the ring: the topics that it reads, the scene that it shows them in, and how far it is.
+/// A viewer that has joined the ring: its readers, its scene, and its progress.
 struct Follower<'a, S: Service + 'static> {
     ring: &'a Ring<S>,
     area: &'a Area,
@@ -101,15 +101,15 @@ struct Follower<'a, S: Service + 'static> {
     flights: Reader<S, FlightReport, SlotHeader>,
     queues: Reader<S, [u32], QueuesHeader>,
     health: Reader<S, Health, SlotHeader>,
-    /// Slots whose path has been read.
+    /// Number of slots whose path has been read.
     paths_read: u32,
-    /// Whether this process has said that it is ready.
+    /// Whether `ready` has been sent.
     is_ready: bool,
-    /// The slot to show next; none before the first one is there.
+    /// The slot to show next; `None` before the first has arrived.
     next: Option<u64>,
     /// Slots missed by this process.
     missed: u64,
-    /// The last slots that were sent, the oldest first.
+    /// The last received slots, oldest first.
     recent: VecDeque<SlotHeader>,
 }
 
@@ -121,15 +121,14 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         scene: &'a mut Scene,
     ) -> Result<Self, NodeError> {
         Ok(Self {
-            paths: ring.path.reader(PATH_BUFFER)?, // before the plans: whoever has a plan then has its path
+            paths: ring.path.reader(PATH_BUFFER)?, // before the plans, so that the path of every received plan is available
             plans: ring.plan.reader(VIEWER_BUFFER)?,
             flights: ring.flight.reader(VIEWER_BUFFER)?,
             queues: ring.truth.reader(VIEWER_BUFFER)?,
             health: ring.health.reader(VIEWER_BUFFER)?,
             paths_read: 0,
             is_ready: false,
-            // After a resume the ring begins with the last slot on record; those before are in earlier files, if in
-            // any.
+            // A resumed ring begins with the last recorded slot. Earlier slots are in earlier files, if recorded.
             next: journal.next,
             missed: 0,
             recent: VecDeque::new(),
@@ -140,7 +139,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         })
     }
 
-    /// Shows every slot that arrives until the mission has ended, and saves to the journal which was the last.
+    /// Shows every slot until the mission has ended, and saves the progress to the journal.
     fn follow(&mut self, wait: &mut WaitContext) -> Result<(), NodeError> {
         let ready = self.ring.ready.writer()?;
         loop {
@@ -156,21 +155,21 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
             self.log_health()?;
             self.show(wait, &queues)?;
             if !self.is_ready {
-                // Its readers are attached to every topic: running writers deliver every slot from here on.
+                // All readers are attached, so that writers deliver every slot from here on.
                 self.is_ready = true;
                 let process = Role::Viewer as u32;
                 ready.send(self.ring.header(head.slot, 0), Ready { process, restarts: self.ring.restarts })?;
             }
             if is_end {
                 self.log_health()?;
-                // Until the last slot is committed, the recorder may read `ready`.
+                // The recorder may read `ready` until the last slot is committed.
                 self.ring.wait_for_commit(wait, |commit| commit.slot >= head.slot, || Ok(()))?;
                 return Ok(());
             }
         }
     }
 
-    /// Shows the slots that were flown before a stop, but arrive with it or a little later.
+    /// Shows the slots that were flown before a stop and arrive shortly after it.
     fn show_left_overs(&mut self, wait: &mut WaitContext) -> Result<(), NodeError> {
         let deadline = Instant::now() + LEFT_OVERS;
         while Instant::now() < deadline {
@@ -182,13 +181,13 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         Ok(())
     }
 
-    /// Shows the slot of these queues, after those that were missed before it.
+    /// Shows the slot of these queues. Marks missed slots before it.
     fn show(&mut self, wait: &mut WaitContext, queues: &Sample<S, [u32], QueuesHeader>) -> Result<(), NodeError> {
         let header = queues.user_header();
         let slot = header.head.slot;
         let expected = *self.next.get_or_insert(slot);
-        // In paced runs no writer waits for this reader, which may miss samples. In lock-step it may only miss a plan
-        // that was sent before it was ready: of the flights, flight-sim repeats more than one.
+        // In paced runs, writers do not wait for this reader, which may miss samples. In lock-step, it can only miss a plan
+        // that was sent before it was ready; flight-sim repeats its last flights.
         let flight_limit = (self.ring.terms.pace != Pace::Max).then_some(LEFT_OVERS);
         let plan_limit = if self.is_ready { flight_limit } else { Some(LEFT_OVERS) };
         let flight = read(&mut self.flights, wait, slot, flight_limit)?;
@@ -198,7 +197,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         let missed_until = match flight {
             Some(_) => slot,
             None if header.head.flags & FLAG_END != 0 => slot + 1,
-            None => expected, // not known before the next slot
+            None => expected, // unknown before the next slot
         };
         if expected < missed_until {
             self.scene.log_missed(expected..=missed_until - 1)?;
@@ -223,7 +222,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         Ok(())
     }
 
-    /// The path of a slot whose plan is there; none if there is none, or one that cannot be, which is refused.
+    /// The path of a slot whose plan has arrived; empty if there is none. An invalid path is refused.
     fn path(
         &mut self,
         wait: &mut WaitContext,
@@ -241,7 +240,7 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         Ok(path.filter(|_| is_good))
     }
 
-    /// Pace of the ring [slot/s] over the last slots, from the times at which their queues were sent.
+    /// Pace of the ring over the last slots, from the send times of their queues [slot/s].
     fn slots_per_s(&mut self, now: SlotHeader) -> Option<f64> {
         self.recent.push_back(now);
         if self.recent.len() > PACE_WINDOW {
@@ -252,10 +251,10 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         (elapsed_ns > 0).then(|| (now.slot - first.slot) as f64 * 1e9 / elapsed_ns as f64)
     }
 
-    /// Adds what has become of the processes to the event log.
+    /// Adds changes of the state of processes to the event log.
     fn log_health(&mut self) -> Result<(), NodeError> {
         while let Some(sample) = self.health.next_sample()? {
-            if let Some((role, fate)) = sample.payload().read() {
+            if let Some((role, fate)) = sample.payload().decode() {
                 let level = if fate.is_recovery() { TextLogLevel::INFO } else { TextLogLevel::WARN };
                 self.scene.log_event(sample.user_header().slot, level, &format!("{} {fate}", role.name()))?;
             }
@@ -264,8 +263,8 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
     }
 }
 
-/// The sample of a slot; none if it was missed. A sample may reach this reader later than the queues do: its writer
-/// serves the readers one after another. A requested stop does not cut a limited wait short, for the last slot's sake.
+/// Reads the sample of a slot; `None` if it was missed. It may arrive later than the queues, because a writer serves its
+/// readers one after another. A stop does not interrupt a limited wait, so that the last slot is complete.
 fn read<S: Service + 'static, P: Payload + ?Sized>(
     reader: &mut Reader<S, P, SlotHeader>,
     wait: &mut WaitContext,
@@ -275,16 +274,16 @@ fn read<S: Service + 'static, P: Payload + ?Sized>(
     let Some(limit) = limit else { return reader.wait_for_slot(wait, slot) };
     let deadline = Instant::now() + limit;
     loop {
-        match reader.of_slot(slot)? {
-            SlotSample::Here(sample) => return Ok(Some(sample)),
-            SlotSample::NotYet if Instant::now() < deadline => std::thread::sleep(POLL),
-            SlotSample::NotYet | SlotSample::Passed => return Ok(None),
+        match reader.poll_slot(slot)? {
+            SlotSample::Available(sample) => return Ok(Some(sample)),
+            SlotSample::Pending if Instant::now() < deadline => std::thread::sleep(POLL),
+            SlotSample::Pending | SlotSample::Passed => return Ok(None),
         }
     }
 }
 
-/// Name of the recording, and its id unless earlier files have one. rerun merges recordings of one id: each run has its
-/// own.
+/// Name of the recording, and its id unless earlier files have one. The id is unique per run, because rerun merges
+/// recordings with equal ids.
 fn run_name(scenario: &Scenario, mission: u64) -> String {
     let strategy = &scenario.planner.strategy;
     format!("{}-{strategy}-{} ({:08x})", scenario.name, scenario.seed, mission >> 32)

@@ -1,7 +1,7 @@
-//! The planned path: from the planned waypoint over the next ones, of planners that know them.
+//! The planned path: from the planned waypoint to the following ones, for planners with a path.
 //!
-//! A recording of a planner without a path holds nothing of it. From the first path on every slot has its own, or an
-//! empty one, so that none is left over from a slot before.
+//! A recording of a planner without a path contains none of these entities. From the first path on, every slot logs a path,
+//! which may be empty, so that no earlier path stays visible.
 
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{LineStrips3D, Points3D};
@@ -23,14 +23,14 @@ pub const TRACK: &str = "world/path_track";
 /// Its waypoints.
 pub const TRACK_STOPS: &str = "world/path_track/stops";
 
-/// Legs of each band of the path: the later a leg, the more likely the plan still changes, and the fainter it is.
+/// Number of legs of each band of the path. Later bands are fainter, because later legs are more likely to change.
 const BANDS: [usize; 4] = [4, 8, 16, MAX_PATH_POINTS];
 
 /// The path of the scene.
 pub(crate) struct Path {
-    /// Whether an earlier slot had a path, or may have had one in an earlier file.
+    /// Whether an earlier slot, possibly in an earlier file, had a path.
     begun: bool,
-    /// Height [m] of a band above the one after it: where a path crosses itself, its earlier legs are seen.
+    /// Height of a band above the next one [m], so that earlier legs are visible where a path crosses itself.
     step_m: f32,
 }
 
@@ -51,7 +51,7 @@ impl Path {
         Ok(Self { begun: part == Part::Later, step_m: 0.002 * sizes.radius_m })
     }
 
-    /// Replaces the path by that of a slot; a single point, which is the slot's own waypoint, is no path.
+    /// Shows the path of a slot. A single point is only the waypoint of the slot, and not shown.
     pub(crate) fn log(&mut self, canvas: &Canvas, path: &[PathPoint]) -> RecordingStreamResult<()> {
         self.begun |= path.len() > 1;
         if !self.begun {
@@ -68,7 +68,7 @@ impl Path {
         Ok(())
     }
 
-    /// The path's bands, each a little higher than the next.
+    /// The bands of the path, each slightly higher than the next.
     fn strips(&self, path: impl Iterator<Item = Point>) -> Vec<Vec<Point>> {
         let path: Vec<_> = path.collect();
         let rises_m = (1..=BANDS.len()).rev().map(|steps| steps as f32 * self.step_m);
@@ -78,7 +78,7 @@ impl Path {
     }
 }
 
-/// The strips of a path, each beginning where the one before it ends.
+/// Splits a path into bands. Each starts where the previous one ends.
 fn bands(path: &[Point]) -> impl Iterator<Item = &[Point]> {
     let mut begin = 0;
     BANDS.into_iter().map_while(move |legs| {

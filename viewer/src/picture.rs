@@ -1,9 +1,9 @@
-//! What is drawn of a mission: each part of the picture by a module of its own.
+//! All drawn parts of a mission; each part has its own module.
 
 use re_sdk_types::archetypes::TextDocument;
 use serde::{Deserialize, Serialize};
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
-use skysink_common::estimate::{BYTES_EACH, Rates, Saved};
+use skysink_common::estimate::{BYTES_PER_SENSOR, Rates, SavedEstimate};
 use skysink_common::geometry::Position;
 use skysink_common::message::{MAX_SERVED, SensorNode};
 use skysink_common::scenario::Scenario;
@@ -25,7 +25,7 @@ use crate::status::MissionStatus;
 use crate::uav::UavShape;
 use crate::{curves, events, legend};
 
-/// A mission's picture under way.
+/// The drawing state of a mission.
 pub(crate) struct Picture {
     canvas: Canvas,
     queues: Queues,
@@ -40,30 +40,30 @@ pub(crate) struct Picture {
     belief: Option<Belief>,
 }
 
-/// What later slots have to know of those before.
+/// The saved state.
 #[derive(Debug, Deserialize)]
 struct State {
     sums: Sums,
-    belief: Option<Saved>,
+    belief: Option<SavedEstimate>,
 }
 
-/// The same, to be saved.
+/// The state to save, borrowed.
 #[derive(Debug, Serialize)]
 struct StateRef<'a> {
     sums: &'a Sums,
-    belief: Option<Saved>,
+    belief: Option<SavedEstimate>,
 }
 
-/// Most bytes of a belief beside those of its sensor nodes: slots, and those announced last.
+/// Maximum size of the estimate without its sensor nodes [byte]: slots, and the last announced schedules.
 const BELIEF_BYTES: usize = 64 + size_of::<(u32, u32)>() * 2 * MAX_SERVED;
 
-/// Most bytes that [`Picture`] saves of so many sensor nodes.
+/// Maximum size of the saved state for `count` sensor nodes [byte].
 pub(crate) fn state_room(count: usize) -> usize {
-    Sums::room(count) + BELIEF_BYTES + BYTES_EACH * count
+    Sums::room(count) + BELIEF_BYTES + BYTES_PER_SENSOR * count
 }
 
 impl Picture {
-    /// Draws everything that stays.
+    /// Logs all static entities.
     pub(crate) fn open(
         canvas: Canvas,
         scenario: &Scenario,
@@ -85,8 +85,7 @@ impl Picture {
         Ok(Self { canvas, queues, uav, path, links, los, events, curves, history, maps: None, belief: None })
     }
 
-    /// Adds maps and the legend to the scene; `estimated` is what the UAV knows of the rates, where it has to estimate
-    /// the queues.
+    /// Adds maps and the legend to the scene. `estimated` is how the UAV knows the rates if it has to estimate the queues.
     pub(crate) fn with_maps(
         mut self,
         scenario: &Scenario,
@@ -102,10 +101,10 @@ impl Picture {
         Ok(self)
     }
 
-    /// Takes in a slot, and logs its events at the time that the recording is set to.
+    /// Updates the state with a slot, and logs its events at the current time of the recording.
     ///
     /// # Errors
-    /// If the slot does not fit the sensor list, or the recording library refuses.
+    /// If the slot does not fit the sensor list, or rerun fails.
     pub(crate) fn observe(&mut self, view: &SlotView) -> Result<(), SceneError> {
         let found = view.queues_bits.len();
         let expected = self.queues.count();
@@ -120,10 +119,11 @@ impl Picture {
         Ok(self.events.log_slot(&self.canvas, view)?)
     }
 
-    /// Draws the slot that was observed last, and returns how full the queues are; `missed_slots` were missed before.
+    /// Draws the last observed slot, and returns the fill of the queues. `missed_slots` is the number of missed slots so
+    /// far.
     ///
     /// # Errors
-    /// If the recording library refuses.
+    /// If rerun fails.
     pub(crate) fn draw(&mut self, view: &SlotView, missed_slots: u64) -> Result<Fill, SceneError> {
         let canvas = &self.canvas;
         if let Some(belief) = &mut self.belief {
@@ -146,8 +146,7 @@ impl Picture {
         Ok(fill)
     }
 
-    /// Marks slots that the viewer did not get: an event, a gap in the lane, and what the slot before had drawn is
-    /// cleared.
+    /// Marks missed slots: logs an event and a gap in the state lane, and clears outdated entities.
     pub(crate) fn log_missed(&mut self, first: u64, last: u64) -> Result<(), SceneError> {
         let canvas = &self.canvas;
         self.uav.log_missed(canvas)?;
@@ -168,7 +167,7 @@ impl Checkpoint for Picture {
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let State { sums, belief } = decode(bytes)?;
-        CheckpointError::unless(belief.is_none() || self.belief.is_some(), "a belief only where queues are estimated")?;
+        CheckpointError::ensure(belief.is_none() || self.belief.is_some(), "a belief only where queues are estimated")?;
         let mut history = self.history.clone();
         history.restore(sums)?;
         if let (Some(known), Some(saved), Some(slot)) = (&mut self.belief, belief, history.slot()) {

@@ -1,5 +1,5 @@
-//! The sensor nodes, coloured by how full their queues are: a point each, and a bar each where they are few enough. One
-//! that loses data in the slot has a colour of its own, and one that ever has lost any a mark above it.
+//! The sensor nodes, coloured by queue fill: a point each, and a bar each if they are few enough. A sensor node that loses
+//! data in the slot has a separate colour; one that has lost data in the mission has a mark above it.
 
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{AnnotationContext, Boxes3D, Points3D};
@@ -13,7 +13,7 @@ use crate::colour;
 use crate::history::SensorHistory;
 use crate::sizes::{MAX_BARS, Sizes};
 
-/// Root of the 3D scene; it holds the queue scale.
+/// Root of the 3D scene, with the queue scale.
 pub const WORLD: &str = "world";
 /// The points.
 pub const POINTS: &str = "world/sensors";
@@ -22,7 +22,7 @@ pub const BARS: &str = "world/queues";
 /// Marks above the sensor nodes that have lost data, where there are bars.
 pub const LOST: &str = "world/lost";
 
-/// Levels of the queue scale above empty, 5 % each. More look the same and compress worse.
+/// Number of levels of the queue scale above empty, 5 % each. More levels look the same and compress worse.
 const FULL_LEVEL: u16 = 20;
 /// The level of a sensor node that has lost data in the slot.
 const OVERFLOW_LEVEL: u16 = FULL_LEVEL + 1;
@@ -32,7 +32,7 @@ const OVERFLOW_LEVEL: u16 = FULL_LEVEL + 1;
 pub(crate) struct Fill {
     /// Mean over the sensor nodes.
     pub(crate) mean: f64,
-    /// Of the fullest.
+    /// The maximum.
     pub(crate) max: f64,
 }
 
@@ -40,11 +40,11 @@ pub(crate) struct Fill {
 pub(crate) struct Queues {
     capacities_bits: Vec<u32>,
     bars: Option<Bars>,
-    /// Whether points are drawn: instead of bars, or where a view leaves out bars that are too tall for it.
+    /// Whether points are drawn: instead of bars, or for views without bars, because these are too tall.
     has_points: bool,
 }
 
-/// Where the bars stand and how large they are.
+/// Positions and sizes of the bars.
 struct Bars {
     feet_m: Vec<[f32; 2]>,
     half_sides_m: Vec<f32>,
@@ -68,7 +68,7 @@ impl Queues {
         if !has_bars {
             return Ok(Self { capacities_bits, bars: None, has_points });
         }
-        // They reach into the ground as deep as they are high, so that their centres stay.
+        // A bar extends as far below the ground as above, so that its centre does not move.
         let style = Boxes3D::update_fields()
             .with_centers(feet_m.iter().map(|&[x_m, y_m]| [x_m, y_m, 0.0]))
             .with_fill_mode(FillMode::Solid)
@@ -81,7 +81,7 @@ impl Queues {
         Ok(Self { capacities_bits, bars: Some(bars), has_points })
     }
 
-    /// How many sensor nodes there are.
+    /// The number of sensor nodes.
     pub(crate) fn count(&self) -> usize {
         self.capacities_bits.len()
     }
@@ -124,8 +124,8 @@ impl Bars {
     }
 }
 
-/// Half the sides of bars, each a hair larger than the one before. No eye sees that, but compression does: it finds the
-/// same bar in the slot before, instead of another of the same height beside it, and what it leaves is half as large.
+/// Half the sides of the bars, each slightly larger than the one before. The difference is invisible, but halves the
+/// compressed size: the compressor matches a bar with itself in the previous slot, not with a neighbour of equal height.
 fn half_sides_m(half_side_m: f32) -> impl Iterator<Item = f32> {
     std::iter::successors(Some(half_side_m), |side_m| Some(side_m.next_up()))
 }

@@ -1,4 +1,4 @@
-//! The stream that a scene is written to: a file, a server for a live viewer, or both.
+//! The stream of a scene: written to a file, a server for live viewers, or both.
 
 use std::net::TcpListener;
 use std::num::NonZeroU64;
@@ -18,50 +18,49 @@ pub const SLOT: &str = "slot";
 /// The timeline of simulated seconds.
 pub const SIM_TIME: &str = "sim_time";
 
-/// Most that a killed process loses of a file.
+/// Maximum time between two batches of a file, which is what a killed process loses at most.
 const FILE_TICK: Duration = Duration::from_secs(10);
 
-/// Least time from one batch to the next, and fewest slots of one that is sent before [`FILE_TICK`]: each batch makes a
-/// chunk of every entity, which the file holds and, for the file's index, the memory of this process.
+/// Minimum time between two batches, and minimum number of slots of a batch that is sent before [`FILE_TICK`]. Each batch
+/// adds a chunk per entity to the file and, for its index, to the memory of this process.
 const MIN_TICK: Duration = Duration::from_secs(1);
 
 /// See [`MIN_TICK`].
 const MIN_SLOTS: u32 = 64;
 
-/// A batch of so much is sent at once. The library knows nothing of slots: it would send what one entity has when that is
-/// much, so that a killed process left each entity with another last slot.
+/// A batch of this size is sent immediately. rerun's own batching does not respect slots: after a kill, entities would end
+/// with different slots.
 const BATCH_BYTES: usize = 32 << 20;
 
-/// About what a slot takes, beside what it takes for each sensor node.
+/// Approximate size of a slot [byte]: a constant, and per sensor node.
 const SLOT_BYTES: [usize; 2] = [1024, 16];
 
-/// Least time from one batch for a live viewer to the next. A batch ends with a slot, so that a viewer never has one
-/// half.
+/// Minimum time between two batches for a live viewer. A batch contains complete slots only.
 const LIVE_TICK: Duration = Duration::from_millis(150);
 
-/// Longest wait for the last bytes at the end; a medium that takes longer does not work any more.
+/// Timeout for writing the last bytes. A disk that takes longer is considered broken.
 const FLUSH_LIMIT: Duration = Duration::from_secs(120);
 
-/// History that the server keeps for a viewer that joins late.
+/// Size of the history that the server keeps for late viewers [byte].
 const HISTORY_BYTES: u64 = 512 << 20;
 
-/// Where the recording goes.
+/// The destinations of a recording.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Sinks {
-    /// First file of the recording. If something was written to it already, a later one is written: `mission-2.rrd`
-    /// after `mission.rrd`, and so on.
+    /// First file of the recording. If it is not empty, the next free one is written: `mission-2.rrd` after `mission.rrd`,
+    /// and so on.
     pub save: Option<PathBuf>,
-    /// Port on 127.0.0.1 where a viewer may connect at any time; 0 takes a free one.
+    /// Port on 127.0.0.1 for live viewers; 0 selects a free port.
     pub live: Option<u16>,
-    /// Slots of which one is drawn, each if none. The first, the last of a whole mission and what happens in between are
-    /// there at any rate.
+    /// K of the recording, which contains every K-th slot; `None` for 1. The first and the last slot of a complete mission
+    /// and all events are always contained.
     pub every: Option<NonZeroU64>,
 }
 
-/// Why a scene cannot be recorded; the display is one line that names the place and the remedy.
+/// The error of recording a scene. Its `Display` is one line that names the location and the remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
-    /// Neither a file nor a port was named.
+    /// Neither a file nor a port is given.
     #[error("recording: no destination: expected a file, a port for a live viewer, or both")]
     Nowhere,
     /// The file cannot be created.
@@ -69,15 +68,15 @@ pub enum SceneError {
     File {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// The error of the system.
         source: FileSinkError,
     },
-    /// The port is taken.
-    #[error("live viewer: port {port} of 127.0.0.1: {source}: choose another port, or end what listens there")]
+    /// The port is in use.
+    #[error("live viewer: port {port} of 127.0.0.1: {source}: choose another port, or stop the process that uses it")]
     Port {
         /// The port.
         port: u16,
-        /// Why not.
+        /// The error of the system.
         source: std::io::Error,
     },
     /// A slot does not fit the sensor list.
@@ -85,12 +84,12 @@ pub enum SceneError {
     Queues {
         /// The slot.
         slot: u64,
-        /// How many queues it has.
+        /// Number of queues.
         found: usize,
-        /// How many sensor nodes there are.
+        /// Number of sensor nodes.
         expected: usize,
     },
-    /// The recording library refused.
+    /// rerun has failed.
     #[error("recording: {0}")]
     Stream(#[from] RecordingStreamError),
     /// The end of the recording could not be written.
@@ -98,7 +97,7 @@ pub enum SceneError {
     Unfinished {
         /// The file, if there is one.
         path: Option<PathBuf>,
-        /// What happened.
+        /// The error of the system.
         source: SinkFlushError,
     },
 }
@@ -107,7 +106,7 @@ fn at(path: &Option<PathBuf>) -> String {
     path.as_ref().map_or_else(String::new, |path| format!(" {}", path.display()))
 }
 
-/// An open stream, and what is needed to name and end it.
+/// An open stream.
 pub(crate) struct Recording {
     pub(crate) stream: RecordingStream,
     /// Name and id.
@@ -116,31 +115,31 @@ pub(crate) struct Recording {
     pub(crate) application: ApplicationId,
     /// Port of the live viewer.
     pub(crate) port: Option<u16>,
-    /// Whether its file begins it.
+    /// Whether its file is the first one.
     pub(crate) part: Part,
-    /// When the last batch was sent.
+    /// Time of the last batch.
     sent: Instant,
-    /// Slots since then.
+    /// Slots since the last batch.
     slots: u32,
-    /// About what they take.
+    /// Approximate size of these slots [byte].
     bytes: usize,
     /// Whether a slot was sent.
     is_begun: bool,
-    /// Slots of which one is drawn.
+    /// K of the recording, which contains every K-th slot.
     pub(crate) every: NonZeroU64,
-    /// Its file, held locked.
+    /// The locked file.
     file: Option<NextFile>,
 }
 
 impl Recording {
-    /// Opens the sinks. The recording's id is its name, unless earlier files have begun it with another. Nothing in it
-    /// depends on the clock.
+    /// Opens the sinks. The id of the recording is its name, or that of earlier files. The content does not depend on the
+    /// clock.
     ///
     /// # Errors
-    /// If there is no sink, the file cannot be created, or the port is taken.
+    /// If there is no sink, the file cannot be created, or the port is in use.
     pub(crate) fn open(sinks: &Sinks, application: &ApplicationId, name: &str) -> Result<Self, SceneError> {
         let mut open: Vec<Box<dyn LogSink>> = Vec::new();
-        let live = sinks.live.map(free_port).transpose()?; // before the file: a refusal must not truncate one
+        let live = sinks.live.map(free_port).transpose()?; // before the file, so that an error does not truncate it
         let next = sinks.save.as_deref().map(|first| NextFile::find(first, application));
         if let Some(NextFile { path, .. }) = &next {
             let file = FileSink::new(path).map_err(|source| SceneError::File { path: path.clone(), source })?;
@@ -159,8 +158,8 @@ impl Recording {
         let every = sinks.every.unwrap_or(NonZeroU64::MIN);
         let stream = RecordingStreamBuilder::new(application.clone())
             .recording_id(name.as_str())
-            .send_properties(false) // they would hold the wall clock
-            .enabled(true) // whatever the environment says: a recording was asked for
+            .send_properties(false) // they would contain the wall-clock time
+            .enabled(true) // regardless of the environment variable RERUN
             .batcher_config(ChunkBatcherConfig {
                 flush_tick,
                 flush_num_bytes: u64::MAX,
@@ -187,16 +186,15 @@ impl Recording {
         })
     }
 
-    /// Sets the time of what is logged next.
+    /// Sets the current time of the recording.
     pub(crate) fn set_slot(&self, slot: u64, slot_s: f64) {
         self.stream.set_time_sequence(SLOT, i64::try_from(slot).unwrap_or(i64::MAX));
         self.stream.set_duration_secs(SIM_TIME, slot as f64 * slot_s);
     }
 
-    /// Ends a slot of so many sensor nodes, and sends what was logged if it is time. What cannot be sent is reported by
-    /// [`Recording::close`].
+    /// Ends a slot with this number of sensor nodes, and sends the batch if it is due. [`Recording::close`] reports errors.
     ///
-    /// The first slot is sent at once, with all that stays: without them a file shows nothing.
+    /// The first slot is sent immediately, with all static data: without them, a file would be empty.
     pub(crate) fn end_slot(&mut self, sensors: usize) {
         let [base, each] = SLOT_BYTES;
         self.slots += 1;
@@ -214,10 +212,10 @@ impl Recording {
         }
     }
 
-    /// Writes what is still under way and ends the file with its footer.
+    /// Writes the last batch and the footer of the file.
     ///
     /// # Errors
-    /// If something could not be written, now or earlier.
+    /// If data could not be written, now or earlier.
     pub(crate) fn close(self) -> Result<(), SceneError> {
         let flushed = self.stream.flush_with_timeout(FLUSH_LIMIT);
         drop(self.stream);
@@ -225,7 +223,8 @@ impl Recording {
     }
 }
 
-/// The port, or a free one for 0. The server itself binds in the background and would only log a refusal.
+/// The port, or a free one for 0. Checks that it can be bound, because the server binds in the background and only logs
+/// failures.
 fn free_port(port: u16) -> Result<u16, SceneError> {
     let probe = TcpListener::bind(("127.0.0.1", port)).and_then(|listener| listener.local_addr());
     probe.map(|address| address.port()).map_err(|source| SceneError::Port { port, source })

@@ -1,6 +1,6 @@
-//! A mission as a scene: opened once, given every slot, closed.
+//! The recording of a mission: opened once, fed with every slot, closed.
 //!
-//! Each part of the picture is drawn by a module of its own; [`crate::layout`] arranges them on the screen.
+//! Each drawn part has its own module; [`crate::layout`] arranges the views.
 
 use std::ops::RangeInclusive;
 
@@ -20,34 +20,33 @@ use crate::sizes::Sizes;
 use crate::slot::{SlotView, WallClock};
 use crate::{events, layout, legend};
 
-/// The application id of a mission's recordings.
+/// The application id of the recordings of a mission.
 fn application(scenario: &Scenario) -> ApplicationId {
     let name = format!("skysink-{}-{}", scenario.name, scenario.planner.strategy);
-    // rerun warns of other characters, and replaces them.
+    // rerun replaces other characters, with a warning.
     ApplicationId::new_or_unknown(name.replace(|letter: char| !letter.is_ascii_alphanumeric(), "-"))
 }
 
-/// A recording under way.
+/// The recording of a mission.
 pub struct Scene {
     recording: Recording,
     canvas: Canvas,
     scenario: Scenario,
     picture: Picture,
-    /// Which slots are drawn.
+    /// Decides which slots are drawn.
     rhythm: Rhythm,
     last_slot: Option<u64>,
     last_totals: Option<Totals>,
-    /// Slots missed since the file began.
+    /// Slots missed since the start of the file.
     missed_slots: u64,
 }
 
 impl Scene {
-    /// Opens the sinks and draws everything that stays. If the file continues a recording, that keeps its name instead
-    /// of `run_name`. `estimated` is what the UAV knows of the sampling rates where it has to estimate the queues, and
-    /// none where it sees them.
+    /// Opens the sinks and logs all static entities. A file that continues a recording keeps its name instead of `run_name`.
+    /// `estimated` is how the UAV knows the sampling rates if it has to estimate the queues; `None` if it observes them.
     ///
     /// # Errors
-    /// If there is no sink, the file cannot be created, the port is taken, or the recording library refuses.
+    /// If there is no sink, the file cannot be created, the port is in use, or rerun fails.
     pub fn open(
         sinks: &Sinks,
         scenario: &Scenario,
@@ -80,16 +79,16 @@ impl Scene {
         Ok(scene)
     }
 
-    /// The port on 127.0.0.1 where a live viewer may connect.
+    /// The port on 127.0.0.1 for live viewers.
     #[must_use]
     pub fn port(&self) -> Option<u16> {
         self.recording.port
     }
 
-    /// Adds a slot. Slots come in ascending order, and none that was reported as missed.
+    /// Adds a slot. Slots must ascend, and exclude those reported as missed.
     ///
     /// # Errors
-    /// If the slot does not fit the sensor list, or the recording library refuses.
+    /// If the slot does not fit the sensor list, or rerun fails.
     pub fn log_slot(&mut self, view: &SlotView) -> Result<(), SceneError> {
         self.recording.set_slot(view.slot, self.scenario.slot_s);
         self.picture.observe(view)?;
@@ -102,22 +101,22 @@ impl Scene {
         Ok(())
     }
 
-    /// Most bytes that a scene of so many sensor nodes saves.
+    /// Maximum size of the saved state for `count` sensor nodes [byte].
     #[must_use]
     pub fn state_room(count: usize) -> usize {
         picture::state_room(count)
     }
 
-    /// Marks slots that the viewer did not get: an event, a gap in the lane, and what the slot before had drawn is
-    /// cleared. The next slot's curve of missed slots counts them.
+    /// Marks missed slots: logs an event and a gap in the state lane, and clears outdated entities. The next slot adds them
+    /// to the curve of missed slots.
     ///
     /// # Errors
-    /// If the recording library refuses.
+    /// If rerun fails.
     pub fn log_missed(&mut self, slots: RangeInclusive<u64>) -> Result<(), SceneError> {
         let (first, last) = slots.into_inner();
         self.missed_slots += last - first + 1;
         self.last_slot = Some(last);
-        self.rhythm.restart(); // what is cleared is drawn again in the next slot that is seen
+        self.rhythm.restart(); // the next slot draws the cleared entities again
         self.recording.set_slot(first, self.scenario.slot_s);
         self.picture.log_missed(first, last)
     }
@@ -125,7 +124,7 @@ impl Scene {
     /// Adds a line to the event log; `level` is one of [`TextLogLevel`].
     ///
     /// # Errors
-    /// If the recording library refuses.
+    /// If rerun fails.
     pub fn log_event(&self, slot: u64, level: &'static str, text: &str) -> Result<(), SceneError> {
         self.recording.set_slot(slot, self.scenario.slot_s);
         Ok(events::write(&self.canvas, level, text)?)
@@ -134,7 +133,7 @@ impl Scene {
     /// Adds the mission's totals to the event log and ends the recording.
     ///
     /// # Errors
-    /// If something could not be written, now or earlier.
+    /// If data could not be written, now or earlier.
     pub fn close(self) -> Result<(), SceneError> {
         if let Some(slot) = self.last_slot {
             let text = events::end(&self.scenario, slot, self.last_totals.as_ref(), self.missed_slots);
@@ -145,7 +144,7 @@ impl Scene {
 }
 
 impl Checkpoint for Scene {
-    /// What the sums so far are, and what the UAV was told, so that the scene of a later file continues them.
+    /// Saves the sums and the estimate, so that a later file continues them.
     fn save(&self, bytes: &mut Vec<u8>) {
         self.picture.save(bytes);
     }

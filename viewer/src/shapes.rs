@@ -13,7 +13,7 @@ use crate::colour::{self, Rgb};
 /// A position in the scene [m].
 pub(crate) type Point = [f32; 3];
 
-/// The same in single precision, in which the recording library draws.
+/// Converts a position to single precision, as rerun draws.
 pub(crate) fn drawn(point: Point3<f64>) -> Point {
     point.coords.map(|coordinate_m| coordinate_m as f32).into()
 }
@@ -27,7 +27,7 @@ pub(crate) fn circle([x_m, y_m, z_m]: Point, radius_m: f32) -> Vec<Point> {
         .collect()
 }
 
-/// Shows a horizontal circle that moves: its line stays, and a transform says where it is. None takes it away.
+/// Moves a horizontal circle, whose line is static, by a transform. `None` hides it.
 pub(crate) fn show_circle(
     canvas: &Canvas,
     entity: &str,
@@ -50,7 +50,7 @@ pub(crate) fn curve_style(name: &str, colour: Rgb) -> SeriesLines {
     SeriesLines::new().with_names([name]).with_colors([colour]).with_widths([1.5])
 }
 
-/// Writing in a picture, each text below its point.
+/// Text in a 2D view, each below its point.
 pub(crate) fn writing(texts: impl IntoIterator<Item = ([f32; 2], String)>) -> Points2D {
     let (points, texts): (Vec<_>, Vec<_>) = texts.into_iter().unzip();
     Points2D::new(points)

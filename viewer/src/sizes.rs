@@ -1,18 +1,18 @@
-//! How large things are drawn: everything relative to the area, the altitude and the communication radius.
+//! Sizes of drawn objects, relative to the area, the altitude and the communication radius.
 
 use skysink_common::scenario::Scenario;
 
-/// Most sensor nodes that are drawn as bars; beyond, a recording of bars takes hundreds of megabytes.
+/// Maximum number of sensor nodes that are drawn as bars. With more, a recording would take hundreds of megabytes.
 pub(crate) const MAX_BARS: usize = 2_000;
 
-/// Sizes [m] of what is drawn.
+/// Sizes of drawn objects [m].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Sizes {
     /// Extent of the area in x.
     pub(crate) width_m: f32,
     /// Extent of the area in y.
     pub(crate) depth_m: f32,
-    /// Altitude of the UAV; the middle of its range where it is free.
+    /// Altitude of the UAV, or the middle of its range.
     pub(crate) altitude_m: f32,
     /// Highest altitude of the UAV.
     pub(crate) highest_m: f32,
@@ -20,10 +20,10 @@ pub(crate) struct Sizes {
     pub(crate) radius_m: f32,
     /// Distance of grid lines.
     pub(crate) grid_m: f32,
-    /// Distance of those that have a number: every one, second, fifth, ... of them.
+    /// Distance of grid lines with a number: every first, second, fifth and so on.
     pub(crate) number_m: f32,
-    /// Height of a full queue's bar: half the lowest altitude, so that no bar hides the UAV, or more in a field so wide
-    /// that it would not be seen.
+    /// Height of the bar of a full queue: half the lowest altitude, so that no bar hides the UAV, or more in a wide field,
+    /// where bars would be invisible.
     pub(crate) bar_m: f32,
     /// Whether a bar beside the UAV would hide it.
     pub(crate) has_tall_bars: bool,
@@ -71,18 +71,18 @@ impl Sizes {
         }
     }
 
-    /// Where the numbers are at an axis of this length [m].
+    /// Positions of the numbers at an axis of this length [m].
     pub(crate) fn axis_numbers(&self, length_m: f32) -> impl Iterator<Item = f32> {
         multiples(self.number_m).take_while(move |&at_m| at_m <= length_m * 1.0001)
     }
 
-    /// Where grid lines cross an axis of this length, its end included [m].
+    /// Positions of the grid lines at an axis of this length, including its end [m].
     pub(crate) fn grid_lines(&self, length_m: f32) -> impl Iterator<Item = f32> {
         multiples(self.grid_m).take_while(move |&at_m| at_m < length_m).chain([length_m])
     }
 }
 
-/// 0, `step_m`, 2 `step_m`, ... without end.
+/// 0, `step_m`, 2 `step_m` and so on, infinitely.
 fn multiples(step_m: f32) -> impl Iterator<Item = f32> {
     (0..).map(move |step| step as f32 * step_m)
 }
@@ -93,7 +93,7 @@ fn round_step(length_m: f32) -> f32 {
     [5.0, 2.0].into_iter().map(|digit| digit * decade).find(|&step| step <= length_m).unwrap_or(decade)
 }
 
-/// Every first, second, fifth, ... grid line, so that at most six follow the first.
+/// Distance of numbers: a multiple of the grid distance with at most seven numbers.
 fn number_step(grid_m: f32, longer_m: f32) -> f32 {
     let lines = longer_m / grid_m;
     let every = [1.0, 2.0, 5.0].into_iter().find(|every| lines / every < 6.5).unwrap_or(10.0);

@@ -1,30 +1,30 @@
-//! What a scene shows: everything of one slot, and whether the wall clock is measured.
+//! The input of a scene: all data of one slot.
 
 use skysink_common::message::{FlightReport, PathPoint, Plan, QueuesHeader};
 
-/// Whether the wall clock is measured, so that its curves are laid out on the screen.
+/// Whether wall-clock times are measured, which determines whether their curves are shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WallClock {
-    /// Slots come with their plan latency and pace.
+    /// Slots contain planning time and pace.
     Measured,
-    /// They do not, and equal missions make equal recordings.
+    /// Slots contain no wall-clock times, so that equal missions give equal recordings.
     Unmeasured,
 }
 
-/// Everything that is known of one slot; slot 0 is the state before the first and has no plan.
+/// All data of one slot. Slot 0 is the state before the first slot and has no plan.
 #[derive(Debug, Clone, Copy)]
 pub struct SlotView<'a> {
     /// The slot.
     pub slot: u64,
-    /// Queue [bit] of every sensor node after it.
+    /// Queue of every sensor node after the slot [bit].
     pub queues_bits: &'a [u32],
     /// Bits of the slot and since the start.
     pub header: &'a QueuesHeader,
-    /// The plan, if one was there in time.
+    /// The plan, if it was in time.
     pub plan: Option<&'a Plan>,
-    /// Where it leads, its own waypoint first; empty if that is not known.
+    /// The planned path, with the waypoint of the slot first; empty if there is none.
     pub path: &'a [PathPoint],
-    /// What was flown and served.
+    /// The flight.
     pub flight: &'a FlightReport,
     /// Slots per second of wall time, if measured.
     pub slots_per_s: Option<f64>,

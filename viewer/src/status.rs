@@ -1,4 +1,4 @@
-//! What has been reached so far: counted from a slot and the history until then, and said in words.
+//! The status text: results so far, from a slot and the history.
 
 use std::fmt::{self, Display, Formatter};
 
@@ -8,7 +8,7 @@ use crate::curves;
 use crate::history::SensorHistory;
 use crate::slot::SlotView;
 
-/// Where a mission stands after a slot.
+/// The results of a mission after a slot.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct MissionStatus {
     slot: u64,
@@ -18,16 +18,16 @@ pub(crate) struct MissionStatus {
     losers: usize,
     /// SNs that lost data in the slot.
     overflowing: usize,
-    /// Lost in slots that the viewer did not see [bit].
+    /// Bits lost in slots that the viewer has missed.
     unseen_bits: u64,
-    /// The SN that is the next to be full, and in what time [s].
+    /// The SN whose buffer is full next, and the time until then [s].
     next_full: Option<(usize, f64)>,
-    /// The part of the area that was in range, 0 to 1.
+    /// The fraction of the area that has been in range.
     covered: f64,
 }
 
 impl MissionStatus {
-    /// Counts it; the history includes the slot.
+    /// Computes the results; the history includes the slot.
     pub(crate) fn of(view: &SlotView, history: &SensorHistory) -> Self {
         let totals = view.header.totals;
         let lost_bits = history.lost_bits();
@@ -46,7 +46,7 @@ impl MissionStatus {
 }
 
 impl Display for MissionStatus {
-    /// In two paragraphs of Markdown.
+    /// Formats two paragraphs of Markdown.
     fn fmt(&self, text: &mut Formatter<'_>) -> fmt::Result {
         let Totals { sampled_bits, delivered_bits, lost_bits, .. } = self.totals;
         let loss_rate = curves::loss_rate(&self.totals);

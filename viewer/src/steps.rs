@@ -1,18 +1,18 @@
-//! Colour scales in steps between round numbers: what a value is shown as, and what a legend says of it.
+//! Stepped colour scales with round limits, and their legend entries.
 
 use re_sdk_types::archetypes::AnnotationContext;
 use re_sdk_types::datatypes::AnnotationInfo;
 
 use crate::colour::{self, Rgb};
 
-/// A colour scale in steps. Step 0 ends with the first edge, the last begins after the last one.
+/// A stepped colour scale. Step 0 ends at the first edge; the last step starts at the last edge.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Steps {
     edges: Vec<f64>,
     entries: Vec<ScaleStep>,
 }
 
-/// What a step is called and how it is drawn.
+/// Name and colour of a step.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct ScaleStep {
     pub(crate) name: String,
@@ -23,8 +23,8 @@ pub(crate) struct ScaleStep {
 const EDGES: usize = 6;
 
 impl Steps {
-    /// Steps of values from 0, which has a step and a name of its own, over round numbers up to `highest`, the finer
-    /// the lower. `colour` is that of the steps after the first, from 0 to 1.
+    /// Steps from 0 to `highest` with round limits, finer for lower values. 0 has its own step, `zero`. `colour` maps 0 to 1
+    /// to the colours of the other steps.
     pub(crate) fn of(highest: f64, unit: &str, zero: ScaleStep, colour: impl Fn(f64) -> Rgb) -> Self {
         let edges: Vec<f64> = std::iter::once(0.0).chain(round_edges(highest)).collect();
         let between = edges.windows(2).map(|ends| format!("{} to {} {unit}", ends[0], ends[1]));
@@ -36,7 +36,7 @@ impl Steps {
         Self { edges, entries }
     }
 
-    /// Steps of queue fills, in per cent of the buffer.
+    /// Steps of queue fills, in percent of the buffer.
     pub(crate) fn of_fill() -> Self {
         const EDGES: [f64; 6] = [0.0, 20.0, 40.0, 60.0, 80.0, 100.0 - 1e-9];
         let between = EDGES.windows(2).map(|ends| format!("{} to {:.0} %", ends[0], ends[1]));
@@ -46,7 +46,7 @@ impl Steps {
         Self { edges: EDGES.to_vec(), entries: entries.collect() }
     }
 
-    /// Steps of errors, in per cent, the finer the smaller.
+    /// Steps of errors in percent, finer for smaller errors.
     pub(crate) fn of_errors() -> Self {
         const EDGES: [f64; 8] = [-50.0, -20.0, -5.0, -1.0, 1.0, 5.0, 20.0, 50.0];
         let between = EDGES.windows(2).map(|ends| format!("{:+} to {:+} %", ends[0], ends[1]));
@@ -58,7 +58,7 @@ impl Steps {
         Self { edges: EDGES.to_vec(), entries: entries.collect() }
     }
 
-    /// Adds a step after all others, for what has no value.
+    /// Adds a last step, for missing values.
     pub(crate) fn with_last(mut self, entry: ScaleStep) -> Self {
         self.entries.push(entry);
         self
@@ -74,12 +74,12 @@ impl Steps {
         (self.entries.len() - 1) as u16
     }
 
-    /// Every step, for a legend.
+    /// All steps, for a legend.
     pub(crate) fn entries(&self) -> &[ScaleStep] {
         &self.entries
     }
 
-    /// The steps as classes, so that a step is drawn by its number; the viewer shows the name on hovering.
+    /// The steps as rerun classes, so that entities refer to a step by its number. rerun shows the name on hover.
     pub(crate) fn classes(&self) -> AnnotationContext {
         AnnotationContext::new(self.entries.iter().zip(0..).map(|(entry, id)| AnnotationInfo {
             id,
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_is_in_the_step_that_its_name_says() {
+    fn a_value_is_in_the_step_with_its_range() {
         let steps = steps(300.0);
         let name = |value: f64| steps.entries()[usize::from(steps.step(value))].name.clone();
         assert_eq!([0.0, 0.1, 5.0, 5.1, 200.0].map(name), ["now", "0 to 5 s", "0 to 5 s", "5 to 10 s", "100 to 200 s"]);
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_full_buffer_is_called_full() {
+    fn only_a_full_buffer_is_labelled_full() {
         let steps = Steps::of_fill();
         let name = |percent| steps.entries()[usize::from(steps.step(percent))].name.clone();
         assert_eq!(

@@ -1,4 +1,4 @@
-//! The UAV: body and heading, flown path, planned waypoint, and the circle that it covers on the ground.
+//! The UAV: body and heading, flown path, planned waypoint, and coverage circle on the ground.
 
 use std::f32::consts::FRAC_1_SQRT_2;
 
@@ -14,16 +14,15 @@ use crate::shapes::{Point, circle, drawn, line_style, show_circle};
 use crate::sizes::Sizes;
 use crate::slot::SlotView;
 
-/// Frame of the UAV: it moves with the UAV but does not turn, so that a camera can be placed in it.
+/// Frame of the UAV. It follows the position but not the heading, for cameras.
 pub const UAV: &str = "world/uav";
-/// Frame that turns with the UAV.
+/// Frame that follows the heading.
 pub const BODY: &str = "world/uav/body";
-/// A dot where it is, of the same size on the screen at every distance.
+/// A dot at its position, with the same size on the screen at every distance.
 pub const DOT: &str = "world/uav/dot";
-/// The path flown in each slot, or since the last one that was drawn, where it was flown; a view chooses how many slots of
-/// it are seen.
+/// The path flown since the last drawn slot. Views select how many slots are visible.
 pub const TRAIL: &str = "world/uav_trail";
-/// The same on the ground, for the view from above.
+/// The flown path on the ground, for the top view.
 pub const TRACK: &str = "world/uav_track";
 /// The planned waypoint.
 pub const WAYPOINT: &str = "world/waypoint";
@@ -38,7 +37,7 @@ pub const PLUMB: &str = "world/uav/plumb";
 pub(crate) struct UavShape {
     ring_m: f32,
     track_z_m: f32,
-    /// Where it was after the slots since the last one that was drawn, that one first.
+    /// Positions since the last drawn slot, that slot first.
     flown: Vec<Point>,
 }
 
@@ -56,12 +55,12 @@ impl UavShape {
         Ok(Self { ring_m: 1.8 * sizes.arm_m, track_z_m: -0.006 * sizes.radius_m, flown: Vec::new() })
     }
 
-    /// Takes in where the UAV is after a slot.
+    /// Adds the position after a slot.
     pub(crate) fn observe(&mut self, flight: &FlightReport) {
         self.flown.push(drawn(flight.position()));
     }
 
-    /// Moves the UAV to where it is after the slot that was observed last.
+    /// Draws the UAV at its position after the last observed slot.
     pub(crate) fn draw(&mut self, canvas: &Canvas, view: &SlotView) -> RecordingStreamResult<()> {
         let here = drawn(view.flight.position());
         let before = self.flown.iter().rev().nth(1).copied();
@@ -79,13 +78,13 @@ impl UavShape {
         self.log_plan(canvas, view.plan, before.unwrap_or(here))
     }
 
-    /// Takes away what a missed slot would show wrongly, and breaks the path.
+    /// Clears what is outdated in a missed slot, and interrupts the path.
     pub(crate) fn log_missed(&mut self, canvas: &Canvas) -> RecordingStreamResult<()> {
         self.log_flown(canvas)?;
         self.log_plan(canvas, None, [0.0; 3])
     }
 
-    /// Logs the path since the last slot that was drawn, and begins another.
+    /// Logs the path since the last drawn slot, and starts the next one.
     fn log_flown(&mut self, canvas: &Canvas) -> RecordingStreamResult<()> {
         let flown = std::mem::take(&mut self.flown);
         let trail = (flown.len() > 1).then_some(flown);
@@ -104,7 +103,7 @@ impl UavShape {
     }
 }
 
-/// A quadrotor with arms of `arm_m` [m] that looks along x, and its dot.
+/// A quadrotor with arms of length `arm_m` [m] and heading along x, and its dot.
 fn log_body(canvas: &Canvas, arm_m: f32) -> RecordingStreamResult<()> {
     let hub = [0.38 * arm_m, 0.3 * arm_m, 0.13 * arm_m];
     let arm = [arm_m, 0.07 * arm_m, 0.05 * arm_m];
@@ -130,7 +129,7 @@ fn log_body(canvas: &Canvas, arm_m: f32) -> RecordingStreamResult<()> {
     canvas.log_static(DOT, &dot)
 }
 
-/// A disc just below the ground's sensor nodes, and its rim.
+/// A disc just below the sensor nodes, and its border.
 fn log_coverage(canvas: &Canvas, radius_m: f32) -> RecordingStreamResult<()> {
     let disc = Cylinders3D::from_lengths_and_radii([0.002 * radius_m], [radius_m])
         .with_centers([[0.0, 0.0, -0.004 * radius_m]])

@@ -1,7 +1,7 @@
-//! Recordings in a browser: a page of the rerun web viewer with the recordings that it shows.
+//! Shows recordings in a browser, with the rerun web viewer.
 //!
-//! [`page`] is what the page consists of, and leaves it as a folder; [`server`] serves it by HTTP. What is in a
-//! recording is left to `skysink-viewer`. The only crate that knows HTTP.
+//! [`page`] contains the files of the page and writes them to a folder; [`server`] serves them over HTTP. The content of
+//! recordings is defined in `skysink-viewer`. This is the only crate that depends on HTTP.
 
 pub mod page;
 pub mod server;

@@ -1,4 +1,4 @@
-//! What the page consists of: the viewer, the recordings, and the index that opens one in the other.
+//! The files of the page: the viewer, the recordings, and the index that opens the recordings in the viewer.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -6,16 +6,16 @@ use std::io::{self, Read as _};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
-/// The page itself, with its blanks.
+/// The index with its placeholders.
 const INDEX: &str = include_str!("index.html");
 
-/// Begin of the name of a page that is not whole yet.
+/// Prefix of the temporary folder of an incomplete page.
 const UNFINISHED: &str = ".page.";
 
-/// What is copied between two looks at whether it is over [byte].
+/// Bytes that are copied between two checks for a stop.
 const PART_BYTES: u64 = 1 << 24;
 
-/// Name of the page itself.
+/// File name of the index.
 const INDEX_NAME: &str = "index.html";
 
 /// The files of the viewer.
@@ -25,51 +25,50 @@ const VIEWER: [(&str, &[u8]); 3] = [
     ("favicon.ico", include_bytes!(concat!(env!("OUT_DIR"), "/favicon.ico"))),
 ];
 
-/// A page that shows recordings: all of its files.
+/// A web page that shows recordings, with all its files.
 #[derive(Debug)]
 pub struct WebPage {
-    /// By path below that of the page.
+    /// The files by path, relative to the page.
     files: BTreeMap<String, Content>,
 }
 
-/// What is in a file.
+/// The content of a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Content {
-    /// Made for this page.
+    /// Generated for this page.
     Text(String),
-    /// Of every page.
+    /// Embedded in the executable, the same for every page.
     Embedded(&'static [u8]),
-    /// Read whenever it is asked for: a recording may be under way.
+    /// A recording. It is read on every request, because it may still be growing.
     File(PathBuf),
 }
 
-/// Why a page cannot be left as a folder; the display is one line.
+/// The error of writing a page. Its `Display` is one line.
 #[derive(Debug, thiserror::Error)]
 pub enum PageError {
-    /// The folder is not free.
+    /// The folder is not empty.
     #[error("page folder {}: {found}: expected one that is empty, or does not exist", path.display())]
     Taken {
         /// The folder.
         path: PathBuf,
-        /// What is there.
+        /// Why it cannot be used.
         found: String,
     },
-    /// It was over before the page was whole.
-    #[error("stopped before the page was whole")]
+    /// Writing was stopped before the page was complete.
+    #[error("stopped before the page was complete")]
     Stopped,
     /// A file cannot be read or written.
     #[error("{}: {source}", path.display())]
     File {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// The error of the file system.
         source: io::Error,
     },
 }
 
 impl WebPage {
-    /// A page under `title`, of these recordings (.rrd), each beside others of its folder, and of the mission under way
-    /// that is served on the port `live`.
+    /// A page with these recordings (.rrd), grouped by folder, and the running mission that is served on the port `live`.
     #[must_use]
     pub fn new(title: &str, recordings: &[PathBuf], live: Option<u16>) -> Self {
         let mut files: BTreeMap<String, Content> =
@@ -90,8 +89,8 @@ impl WebPage {
         Self { files }
     }
 
-    /// The content of a file, and its type; none if the page has no such file. The path begins with `/`, and ends
-    /// before a query.
+    /// The content of a file and its MIME type; `None` if the file does not exist. The path starts with `/` and has no
+    /// query.
     pub(crate) fn find(&self, path: &str) -> Option<(&Content, &'static str)> {
         let name = match path.strip_prefix('/')? {
             "" => INDEX_NAME,
@@ -100,33 +99,33 @@ impl WebPage {
         Some((self.files.get(name)?, content_type(name)))
     }
 
-    /// Leaves the page as the folder `folder`, for any web server: whole or not at all.
+    /// Writes the page to `folder`, for any web server. The folder is complete or not created.
     ///
     /// # Errors
-    /// If the folder holds something, a file cannot be read or written, or once `is_over`.
-    pub fn write(&self, folder: &Path, is_over: &dyn Fn() -> bool) -> Result<(), PageError> {
+    /// If the folder is not empty, a file cannot be read or written, or `is_stopped` returns true.
+    pub fn write(&self, folder: &Path, is_stopped: &dyn Fn() -> bool) -> Result<(), PageError> {
         let taken = |found: String| PageError::Taken { path: folder.to_owned(), found };
         if folder.file_name().is_none() {
             return Err(taken("it has no name".to_owned()));
         }
         match fs::read_dir(folder).map(|mut entries| entries.next().is_none()) {
             Ok(true) => {}
-            Ok(false) => return Err(taken("it holds something".to_owned())),
+            Ok(false) => return Err(taken("it is not empty".to_owned())),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {}
             Err(error) => return Err(taken(error.to_string())),
         }
-        let above = folder.parent().filter(|above| !above.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let usual = fs::Permissions::from_mode(0o777); // less the umask: a web server must be able to read it
-        let new = fs::create_dir_all(above)
-            .and_then(|()| tempfile::Builder::new().prefix(UNFINISHED).permissions(usual).tempdir_in(above))
-            .map_err(|source| PageError::File { path: above.to_owned(), source })?;
-        self.write_files(new.path(), is_over)?;
-        fs::rename(new.path(), folder).map_err(|source| PageError::File { path: folder.to_owned(), source })?;
-        let _ = new.keep(); // it has gone
+        let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let permissions = fs::Permissions::from_mode(0o777); // minus the umask: a web server must be able to read it
+        let temporary = fs::create_dir_all(parent)
+            .and_then(|()| tempfile::Builder::new().prefix(UNFINISHED).permissions(permissions).tempdir_in(parent))
+            .map_err(|source| PageError::File { path: parent.to_owned(), source })?;
+        self.write_files(temporary.path(), is_stopped)?;
+        fs::rename(temporary.path(), folder).map_err(|source| PageError::File { path: folder.to_owned(), source })?;
+        let _ = temporary.keep(); // it has been renamed
         Ok(())
     }
 
-    fn write_files(&self, folder: &Path, is_over: &dyn Fn() -> bool) -> Result<(), PageError> {
+    fn write_files(&self, folder: &Path, is_stopped: &dyn Fn() -> bool) -> Result<(), PageError> {
         for (name, content) in &self.files {
             let path = folder.join(name);
             let write = || {
@@ -134,11 +133,11 @@ impl WebPage {
                 match content {
                     Content::Text(text) => fs::write(&path, text),
                     Content::Embedded(bytes) => fs::write(&path, bytes),
-                    // Not its permissions: a web server must be able to read it.
-                    Content::File(source) => copy(source, &path, is_over),
+                    // Without its permissions: a web server must be able to read it.
+                    Content::File(source) => copy(source, &path, is_stopped),
                 }
             };
-            if is_over() {
+            if is_stopped() {
                 return Err(PageError::Stopped);
             }
             let at = if let Content::File(source) = content { source } else { &path };
@@ -148,15 +147,15 @@ impl WebPage {
     }
 }
 
-/// Copies a file, or a part of it until it `is_over`.
-fn copy(source: &Path, path: &Path, is_over: &dyn Fn() -> bool) -> io::Result<()> {
+/// Copies a file until `is_stopped` returns true.
+fn copy(source: &Path, path: &Path, is_stopped: &dyn Fn() -> bool) -> io::Result<()> {
     let mut source = File::open(source)?;
     let mut file = File::create(path)?;
-    while !is_over() && io::copy(&mut (&mut source).take(PART_BYTES), &mut file)? > 0 {}
+    while !is_stopped() && io::copy(&mut (&mut source).take(PART_BYTES), &mut file)? > 0 {}
     Ok(())
 }
 
-/// A path for a recording on the page that no file has yet: that of its folder and of itself.
+/// An unused path for a recording on the page: the name of its folder and of the file.
 fn free_path(files: &BTreeMap<String, Content>, recording: &Path) -> String {
     let name = |path: Option<&Path>| {
         let name = path.and_then(Path::file_name).unwrap_or_default();
@@ -168,13 +167,13 @@ fn free_path(files: &BTreeMap<String, Content>, recording: &Path) -> String {
     (1..)
         .map(|number| if number == 1 { format!("{folder}/{file}") } else { format!("{folder}-{number}/{file}") })
         .find(|path| !files.contains_key(path))
-        .expect("numbers do not end")
+        .expect("the numbers are unbounded")
 }
 
-/// The text with nothing in it that means something in an address, in HTML or in a script; no path goes up.
+/// Replaces all characters with a meaning in URLs, HTML or scripts; the result is no relative path.
 fn plain(text: &str) -> String {
-    let is_plain = |letter: &char| letter.is_ascii_alphanumeric() || "-_. ".contains(*letter);
-    let text: String = text.chars().map(|letter| if is_plain(&letter) { letter } else { '-' }).collect();
+    let is_plain = |character: &char| character.is_ascii_alphanumeric() || "-_. ".contains(*character);
+    let text: String = text.chars().map(|character| if is_plain(&character) { character } else { '-' }).collect();
     let text = text.replace(' ', "-");
     if text.starts_with('.') { text.replacen('.', "-", 1) } else { text }
 }
@@ -194,23 +193,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn recordings_of_one_name_have_paths_of_their_own() {
-        let paths = ["/a/run/mission.rrd", "/b/run/mission.rrd", "/c/run/mission-2.rrd", "/mission.rrd"];
+    fn recordings_with_equal_names_have_different_paths() {
+        let paths = ["/a/run/mission.rrd", "/b/run/mission.rrd", "/c/run/mission-2.rrd", "/c/other/mission.rrd"];
         let page = WebPage::new("x", &paths.map(PathBuf::from), None);
         for (path, file) in [
             ("/run/mission.rrd", paths[0]),
             ("/run-2/mission.rrd", paths[1]),
             ("/run/mission-2.rrd", paths[2]),
-            ("/root/mission.rrd", paths[3]),
+            ("/other/mission.rrd", paths[3]),
         ] {
             assert_eq!(page.find(path).unwrap().0, &Content::File(file.into()), "{path}");
         }
+        let in_root = WebPage::new("x", &["/mission.rrd".into()], None);
+        assert!(in_root.files.keys().any(|path| path.ends_with("/mission.rrd")), "a folder without a name");
         let Content::Text(index) = page.find("/").unwrap().0 else { panic!("no text") };
         assert!(index.contains("[\"run/mission.rrd\", \"run-2/mission.rrd\", \"run/mission-2.rrd\""), "{index}");
     }
 
     #[test]
-    fn no_name_of_a_file_reaches_the_page_as_anything_but_a_name() {
+    fn file_names_cannot_inject_html_or_scripts() {
         let page = WebPage::new("</title><script>", &["/x/..%2f\"];alert(1)//.rrd".into()], None);
         let Content::Text(index) = page.find("/").unwrap().0 else { panic!("no text") };
         assert!(index.contains("<title>--title--script-</title>"), "{index}");
@@ -230,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_is_left_whole_in_an_empty_folder_and_in_no_other() {
+    fn a_page_is_written_completely_and_only_to_an_empty_folder() {
         let place = tempfile::tempdir().unwrap();
         let recording = place.path().join("run.rrd");
         fs::write(&recording, "RRF2").unwrap();
@@ -240,14 +241,14 @@ mod tests {
         let killed = tempfile::Builder::new().prefix(UNFINISHED).tempdir_in(place.path().join("a")).unwrap();
         fs::write(killed.path().join("old.rrd"), "left by another process").unwrap();
         page.write(&folder, &|| false).unwrap();
-        let usual = fs::metadata(place.path().join("a")).unwrap().permissions();
-        assert_eq!(fs::metadata(&folder).unwrap().permissions(), usual, "a web server may read it");
+        let expected = fs::metadata(place.path().join("a")).unwrap().permissions();
+        assert_eq!(fs::metadata(&folder).unwrap().permissions(), expected, "a web server may read it");
         assert!(!folder.join("old.rrd").exists() && killed.path().join("old.rrd").exists());
         assert_eq!(fs::metadata(folder.join("re_viewer_bg.wasm")).unwrap().len(), VIEWER[1].1.len() as u64);
         let name = plain(&place.path().file_name().unwrap().to_string_lossy());
         assert_eq!(fs::read(folder.join(name).join("run.rrd")).unwrap(), b"RRF2");
         let error = page.write(&folder, &|| false).unwrap_err().to_string();
-        assert!(error.contains("a/page: it holds something: expected one that is empty"), "{error}");
+        assert!(error.contains("a/page: it is not empty: expected one that is empty"), "{error}");
         let stopped = page.write(&place.path().join("c"), &|| true);
         assert!(matches!(stopped, Err(PageError::Stopped)), "{stopped:?}");
         fs::remove_file(&recording).unwrap();

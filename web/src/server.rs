@@ -1,4 +1,4 @@
-//! The page by HTTP: its own files by name, and nothing else.
+//! Serves the files of a page over HTTP, and no other files.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -10,10 +10,10 @@ use tiny_http::{Header, Method, Request, Response};
 
 use crate::page::{Content, WebPage};
 
-/// Threads that answer requests, one each at a time: up to seven clients that read slowly hold up no other.
+/// Number of threads, each of which answers one request at a time. Up to seven slow clients do not block others.
 const THREADS: usize = 8;
 
-/// A page that is served until the process ends.
+/// A server for a page, which runs until the process ends.
 #[derive(Debug)]
 pub struct Server {
     address: SocketAddr,
@@ -21,10 +21,10 @@ pub struct Server {
 }
 
 impl Server {
-    /// Begins to serve `page` on `address`; port 0 takes a free one.
+    /// Starts to serve `page` on `address`; port 0 selects a free port.
     ///
     /// # Errors
-    /// If the address is taken, or not of this machine.
+    /// If the address is in use, or does not belong to this machine.
     pub fn start(address: SocketAddr, page: WebPage) -> io::Result<Self> {
         let listener = TcpListener::bind(address)?;
         let address = listener.local_addr()?;
@@ -38,7 +38,7 @@ impl Server {
                 let (http, page) = &*shared;
                 loop {
                     match http.recv() {
-                        Ok(request) => drop(answer(page, request)), // or the browser has gone
+                        Ok(request) => drop(answer(page, request)), // an error means that the browser has disconnected
                         Err(error) => return drop(failed.send(error)),
                     }
                 }
@@ -47,12 +47,12 @@ impl Server {
         Ok(Self { address, failures: Mutex::new(failures) })
     }
 
-    /// Why no more connections are accepted; none while they are.
+    /// The error that has stopped a thread from accepting connections, if any.
     pub fn failure(&self) -> Option<io::Error> {
         self.failures.lock().unwrap_or_else(PoisonError::into_inner).try_recv().ok()
     }
 
-    /// Where it is served.
+    /// The address that the server listens on.
     #[must_use]
     pub fn address(&self) -> SocketAddr {
         self.address
@@ -74,13 +74,13 @@ fn answer(page: &WebPage, request: Request) -> io::Result<()> {
         header("Content-Type", kind),
         header("X-Content-Type-Options", "nosniff"),
         header("Cross-Origin-Resource-Policy", "same-origin"),
-        header("Cache-Control", "no-cache"), // a recording may have grown, and the next run may take the port
+        header("Cache-Control", "no-cache"), // a recording may grow, and another page may use the port later
     ];
     let response = Response::new(200.into(), headers, reader, usize::try_from(length).ok(), None);
-    request.respond(response.with_chunked_threshold(usize::MAX)) // the browser shows how much is still to come
+    request.respond(response.with_chunked_threshold(usize::MAX)) // with a length, the browser can show the progress
 }
 
-/// The bytes of a file and how many they are. One that grows meanwhile ends where it ended when it was opened.
+/// A reader for a file, and its length. A growing file is read up to its length at this moment.
 fn open(content: &Content) -> io::Result<(Box<dyn Read + Send + '_>, u64)> {
     Ok(match content {
         Content::Text(text) => (Box::new(text.as_bytes()), text.len() as u64),

@@ -1,4 +1,4 @@
-//! Free space: the rate falls with the distance alone, and each sensor node has a gain of its own.
+//! Free space: the rate depends on the distance alone, and each sensor node has its own gain.
 
 use std::f64::consts::LOG2_E;
 
@@ -20,7 +20,7 @@ pub struct FreeSpace {
     pub noise_w: f64,
     /// Time for communication in a slot, `τ_c` [s].
     pub comm_s: f64,
-    /// Range [dB] of the reference gain where it is redrawn in every slot; none where it stays the sensor node's.
+    /// Range [dB] of a reference gain that is redrawn in every slot; `None` if each sensor node keeps its gain.
     pub redrawn_db: Option<[f64; 2]>,
 }
 
@@ -52,7 +52,7 @@ impl FreeSpace {
         self.bandwidth_hz * (1.0 + snr).log2()
     }
 
-    /// The slopes of [`Self::rate_bps`]: `−W log2(e) γ / (x (x + γ))` with `x = H² + d²`, and none with the elevation.
+    /// The slopes of [`Self::rate_bps`]: `−W log2(e) γ / (x (x + γ))` with `x = H² + d²`, and 0 for the elevation.
     #[must_use]
     pub fn slopes(&self, uplink: &Uplink) -> Slopes {
         let snr = self.reference_snr(uplink.gain);
@@ -60,7 +60,7 @@ impl FreeSpace {
         Slopes { by_distance2: -(self.bandwidth_hz * LOG2_E * snr / (x_m2 * (x_m2 + snr))), by_elevation: 0.0 }
     }
 
-    /// The rate in `slot`: with the sensor node's own gain, or with the one drawn for the slot.
+    /// The rate in `slot`, with the gain of the sensor node or the one drawn for the slot.
     #[must_use]
     pub fn draw(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> Draw {
         let gain =
@@ -69,7 +69,7 @@ impl FreeSpace {
     }
 }
 
-/// Reference gain [dB] of `sensor` in `slot` (0: of the mission), uniform between two levels [dB].
+/// Reference gain [dB] of `sensor`, uniform between two levels [dB]; `slot` is 0 for a gain of the whole mission.
 #[must_use]
 pub fn draw_gain_db([lowest_db, highest_db]: [f64; 2], streams: &Streams, slot: u64, sensor: u32) -> f64 {
     let fraction: f64 = streams.stream(Purpose::Gain, slot, sensor).random();
@@ -80,7 +80,8 @@ pub fn draw_gain_db([lowest_db, highest_db]: [f64; 2], streams: &Streams, slot: 
 mod tests {
     use super::*;
 
-    fn letter() -> FreeSpace {
+    /// The channel of the paper.
+    fn paper_channel() -> FreeSpace {
         FreeSpace { bandwidth_hz: 5e6, tx_power_w: 0.05, noise_w: 1e-13, comm_s: 0.1, redrawn_db: None }
     }
 
@@ -93,22 +94,22 @@ mod tests {
     fn the_rate_follows_the_closed_form() {
         // γ = α · 0.05 / 10^−13 = 3.1548e6; d = 10 m: x = 20² + 10² = 500
         // r = 5e6 · log2(1 + 3.1548e6/500) = 5e6 · log2(6310.6) = 5e6 · 12.6236
-        let rate_bps = letter().rate_bps(&uplink(100.0));
+        let rate_bps = paper_channel().rate_bps(&uplink(100.0));
         assert!((rate_bps / 5e6 - 12.6236).abs() < 1e-4, "{rate_bps}");
     }
 
     #[test]
     fn the_slope_is_the_derivative_of_the_rate() {
         for d2_m2 in [0.5, 100.0, 2_500.0] {
-            let rate_bps = |step_m2: f64| letter().rate_bps(&uplink(d2_m2 + step_m2));
+            let rate_bps = |step_m2: f64| paper_channel().rate_bps(&uplink(d2_m2 + step_m2));
             let slope = (rate_bps(1e-3) - rate_bps(-1e-3)) / 2e-3;
-            assert!((letter().slopes(&uplink(d2_m2)).by_distance2 / slope - 1.0).abs() < 1e-4, "{slope}");
+            assert!((paper_channel().slopes(&uplink(d2_m2)).by_distance2 / slope - 1.0).abs() < 1e-4, "{slope}");
         }
     }
 
     #[test]
     fn a_link_carries_whole_bits_rounded_down() {
-        let channel = super::super::Channel::FreeSpace(letter());
+        let channel = super::super::Channel::FreeSpace(paper_channel());
         assert_eq!(channel.capacity_bits(99.99), 9);
         assert_eq!(channel.capacity_bits(0.0), 0);
     }

@@ -1,7 +1,7 @@
-//! Probabilistic line of sight: an air-to-ground channel that is in line of sight or not, at random.
+//! Probabilistic line of sight: an air-to-ground channel that is at random in or out of line of sight.
 //!
-//! The probability depends on the elevation angle under which a sensor node sees the UAV (UTS section IV). The planner
-//! knows the probability, never the draw.
+//! The probability depends on the elevation angle of the UAV as seen from the sensor node (UTS section IV). The planner
+//! knows the probability, but not the draw.
 
 use std::f64::consts::LOG2_E;
 
@@ -33,7 +33,7 @@ pub struct LineOfSight {
 }
 
 impl LineOfSight {
-    /// The channel of a scenario; none in free space.
+    /// The channel of a scenario; `None` in free space.
     #[must_use]
     pub fn of(scenario: &Scenario) -> Option<Self> {
         let link = &scenario.link;
@@ -83,16 +83,16 @@ impl LineOfSight {
     pub fn slopes(&self, d2_m2: f64, z_m: f64) -> Slopes {
         let probability = self.los_probability(d2_m2, z_m);
         let distance2_m2 = d2_m2 + z_m * z_m;
-        let fall = |snr: f64, exponent: f64| {
+        let decrease = |snr: f64, exponent: f64| {
             let kappa = exponent / 2.0;
             self.bandwidth_hz * LOG2_E * kappa * snr / (distance2_m2 * (distance2_m2.powf(kappa) + snr))
         };
-        let los_fall = fall(self.los_snr, self.los_exponent);
-        let nlos_fall = fall(self.nlos_snr, self.nlos_exponent);
-        let steepness = self.curve.steepness(elevation_deg(d2_m2, z_m));
+        let los_decrease = decrease(self.los_snr, self.los_exponent);
+        let nlos_decrease = decrease(self.nlos_snr, self.nlos_exponent);
+        let curve_slope = self.curve.slope(elevation_deg(d2_m2, z_m));
         Slopes {
-            by_distance2: -(probability * los_fall + (1.0 - probability) * nlos_fall),
-            by_elevation: steepness * (self.los_rate_bps(d2_m2, z_m) - self.nlos_rate_bps(d2_m2, z_m)),
+            by_distance2: -(probability * los_decrease + (1.0 - probability) * nlos_decrease),
+            by_elevation: curve_slope * (self.los_rate_bps(d2_m2, z_m) - self.nlos_rate_bps(d2_m2, z_m)),
         }
     }
 
@@ -122,13 +122,14 @@ impl LosCurve {
             Self::Logistic { b1, b2, b3, b4 } => (b3 + b4 / (1.0 + (-(b1 + b2 * theta_deg)).exp())).clamp(0.0, 1.0),
         }
     }
-    /// How fast the probability rises with the elevation angle `theta_deg` [deg], `P_L'` [1/°].
+
+    /// Slope of the probability at the elevation angle `theta_deg` [deg], `P_L'` [1/°].
     #[must_use]
-    pub fn steepness(&self, theta_deg: f64) -> f64 {
+    pub fn slope(&self, theta_deg: f64) -> f64 {
         let probability = self.probability(theta_deg);
         match *self {
             Self::Sigmoid { b, .. } => b * probability * (1.0 - probability),
-            // Where the curve is held at 0 it is flat; P_L = b3 + b4 σ and b3 + b4 = 1, so that 1 − P_L = b4 (1 − σ).
+            // Flat where it is clamped to 0. P_L = b3 + b4 σ and b3 + b4 = 1, so 1 − P_L = b4 (1 − σ).
             Self::Logistic { b2, b3, b4, .. } if probability > 0.0 => {
                 b2 * (probability - b3) / b4 * (1.0 - probability)
             }

@@ -1,7 +1,6 @@
-//! The radio channel of an uplink: what it is expected to carry, what it carries in a slot, and how both change with
-//! the position of the UAV.
+//! The radio channel of an uplink: its expected rate, its slopes with the position of the UAV, and its rate in a slot.
 //!
-//! Each model is a variant and a file. Whoever plans uses the expected rate; only flight-sim draws.
+//! Each model is a variant and a file. Planners use the expected rate; only flight-sim draws.
 
 mod free_space;
 mod line_of_sight;
@@ -18,13 +17,13 @@ use crate::scenario::Scenario;
 /// The channel of all uplinks of a mission, one resource block wide.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Channel {
-    /// Free space, with a gain of its own for each sensor node.
+    /// Free space, with one gain per sensor node.
     FreeSpace(FreeSpace),
-    /// In line of sight or not, with a probability that depends on the elevation angle; one gain for all.
+    /// Probabilistic line of sight, by the elevation angle, with one gain for all sensor nodes.
     LineOfSight(LineOfSight),
 }
 
-/// One uplink: the sensor node's gain, and where the UAV is as seen from it.
+/// One uplink: the gain of the sensor node, and the position of the UAV relative to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Uplink {
     /// Reference channel gain of the sensor node at 1 m, `α_i`, as a linear ratio.
@@ -35,7 +34,7 @@ pub struct Uplink {
     pub z_m: f64,
 }
 
-/// What a channel does in one slot.
+/// A channel in one slot, as drawn.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Draw {
     /// Whether the link is in line of sight.
@@ -44,24 +43,24 @@ pub struct Draw {
     pub rate_bps: f64,
 }
 
-/// The two parts of the slope of an expected rate.
+/// The partial derivatives of an expected rate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Slopes {
-    /// With the squared distance `D² = d² + z²`, at a constant elevation angle [bit/s/m²].
+    /// By the squared distance `D² = d² + z²`, at a constant elevation angle [bit/s/m²].
     pub by_distance2: f64,
-    /// With the elevation angle, at a constant distance [bit/s/°].
+    /// By the elevation angle, at a constant distance [bit/s/°].
     pub by_elevation: f64,
 }
 
 impl Uplink {
-    /// The uplink of a sensor node of `gain` that stands at `sensor`, with the UAV at `uav`.
+    /// The uplink of a sensor node with `gain` at the position `sensor`, to the UAV at `uav`.
     #[must_use]
     #[inline]
     pub fn new(gain: f64, sensor: &Position, uav: &Point3<f64>) -> Self {
         Self { gain, d2_m2: distance_squared(&uav.xy(), sensor), z_m: uav.z }
     }
 
-    /// Elevation angle `θ` [deg] under which the sensor node sees the UAV.
+    /// Elevation angle `θ` [deg] of the UAV as seen from the sensor node.
     #[must_use]
     pub fn elevation_deg(&self) -> f64 {
         elevation_deg(self.d2_m2, self.z_m)
@@ -75,9 +74,8 @@ impl Channel {
         LineOfSight::of(scenario).map_or_else(|| Self::FreeSpace(FreeSpace::of(scenario)), Self::LineOfSight)
     }
 
-    /// The probabilistic line-of-sight model, if that is what it is: then the rate depends on the elevation angle, and
-    /// there is a best altitude. Otherwise the gain is each sensor node's own, and the rate falls with the distance
-    /// alone.
+    /// The probabilistic line-of-sight model; `None` in free space. With it, the rate depends on the elevation angle,
+    /// and there is a best altitude.
     #[must_use]
     pub fn line_of_sight(&self) -> Option<&LineOfSight> {
         match self {
@@ -86,7 +84,7 @@ impl Channel {
         }
     }
 
-    /// Whether what a link carries is drawn in every slot.
+    /// Whether the rate is drawn in every slot.
     #[must_use]
     pub fn is_random(&self) -> bool {
         match self {
@@ -115,7 +113,7 @@ impl Channel {
         }
     }
 
-    /// Draws the uplink of `sensor` in `slot`, with random numbers counted by these two.
+    /// Draws the uplink of `sensor` in `slot`, from the random stream of the two.
     #[must_use]
     pub fn draw(&self, uplink: &Uplink, streams: &Streams, slot: u64, sensor: u32) -> Draw {
         match self {

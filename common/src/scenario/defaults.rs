@@ -1,4 +1,4 @@
-//! Defaults: the letter's values, and what the letter's mission does not have.
+//! Default values: those of the paper, and of keys that the paper's mission does not have.
 
 use toml::{Table, Value};
 
@@ -12,14 +12,14 @@ const CLIMB: &str = "[uav]\nmin_altitude_m = 20.0\nmax_altitude_m = 120.0\nmax_c
 const FADING: &str = "[link]\nreference_gain_db = -60.0\nlos_exponent = 2.5\nnlos_exponent = 3.5\nnlos_extra_db = -20.0\n\
                       snr_gap_db = 8.2\nenvironment = \"urban\"";
 
-/// Fills in every key that `file` leaves out and that what it says needs; the start of the UAV is left to the caller.
-/// Where it says something twice, neither is touched.
+/// Fills in the keys that `file` leaves out, except alternatives to keys that it has. The start of the UAV is left to
+/// the caller.
 pub(super) fn fill(file: &mut Table) {
     let is = |key, name| value(file, key).is_some_and(|value| value.as_str() == Some(name));
     let mut defaults = parse(LETTER);
     defaults.remove("name");
     if let Some(Value::Table(planner)) = defaults.get_mut("planner") {
-        planner.retain(|key, _| key == "strategy"); // the planner has defaults of its own
+        planner.retain(|key, _| key == "strategy"); // the planner has its own defaults
     }
     if is("uav.altitude", "free") {
         merge(&mut defaults, parse(CLIMB));
@@ -35,10 +35,10 @@ pub(super) fn fill(file: &mut Table) {
 }
 
 fn parse(defaults: &str) -> Table {
-    defaults.parse().expect("TOML, by the tests")
+    defaults.parse().expect("the built-in defaults are TOML")
 }
 
-/// Adds what `table` lacks.
+/// Adds the keys that `table` lacks.
 fn merge(table: &mut Table, defaults: Table) {
     for (key, default) in defaults {
         match (table.get_mut(&key), default) {

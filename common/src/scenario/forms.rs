@@ -1,16 +1,17 @@
-//! Keys that say one thing in two forms, of which a scenario takes one.
+//! Alternative forms: groups of keys for the same quantity, of which a scenario has one.
 //!
-//! A form that is given keeps the defaults of the other out, and a setting displaces the other form of the file.
+//! The defaults of a form are not filled in beside the other form. A setting in one form removes the other form of the
+//! file.
 
 use toml::{Table, Value};
 
-/// Two forms of one thing: the keys of each, and what is expected where both are given.
+/// Two alternative forms: the keys of each, and what is expected if both are present.
 pub(super) struct Forms {
     pub(super) forms: [&'static [&'static str]; 2],
     pub(super) expected: &'static str,
 }
 
-/// What can be said in two forms.
+/// All alternatives.
 pub(super) const FORMS: [Forms; 4] = [
     Forms {
         forms: [&["area.side_m"], &["area.width_m", "area.height_m"]],
@@ -24,7 +25,7 @@ pub(super) const FORMS: [Forms; 4] = [
     },
 ];
 
-/// The key whose value chooses between the next two.
+/// The key that chooses between [`FREE_SPACE`] and [`LINE_OF_SIGHT`].
 const MODEL: &str = "link.model";
 
 /// Keys of the link that belong to the model `free-space` only.
@@ -41,12 +42,12 @@ pub(super) const LINE_OF_SIGHT: [&str; 7] = [
     "link.snr_gap_db",
 ];
 
-/// Every key that has forms.
+/// All keys of alternative forms.
 pub(super) fn keys() -> impl Iterator<Item = &'static str> {
     FORMS.iter().flat_map(|forms| forms.forms).flatten().copied().chain([MODEL])
 }
 
-/// The keys that have no place beside `key` with this value: those of the other form.
+/// The keys of the other form, which must not be present beside `key` with this value.
 pub(super) fn displaced(key: &str, value: &Value) -> Vec<&'static str> {
     let is_in = |form: &[&str]| form.iter().any(|own| *own == key || is_below(key, own));
     let of_other_form = |forms: &Forms| match forms.forms.map(is_in) {
@@ -62,9 +63,9 @@ pub(super) fn displaced(key: &str, value: &Value) -> Vec<&'static str> {
     FORMS.iter().flat_map(of_other_form).chain(of_other_model).copied().collect()
 }
 
-/// Whether a dotted key is one of the table `above`.
-pub(super) fn is_below(key: &str, above: &str) -> bool {
-    key.strip_prefix(above).is_some_and(|rest| rest.starts_with('.'))
+/// Whether the dotted `key` lies in the table `table`.
+pub(super) fn is_below(key: &str, table: &str) -> bool {
+    key.strip_prefix(table).is_some_and(|rest| rest.starts_with('.'))
 }
 
 /// The value of a dotted key.
@@ -74,7 +75,7 @@ pub(super) fn value<'a>(table: &'a Table, key: &str) -> Option<&'a Value> {
     names.try_fold(first, |table, name| table.get(name))
 }
 
-/// Removes a dotted key, if it is there.
+/// Removes a dotted key, if present.
 pub(super) fn remove(mut table: &mut Table, key: &str) {
     let mut names: Vec<&str> = key.split('.').collect();
     let last = names.pop().unwrap_or_default();

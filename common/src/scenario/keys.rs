@@ -1,7 +1,7 @@
-//! The tables of a scenario file: each key with its unit, as read and as written.
+//! The tables of a scenario file: each key with its unit.
 //!
-//! `rules` says what a number may be, `defaults` fills in what a file leaves out. Levels are in dB here and in the
-//! sensor list; messages and channels are linear.
+//! Ranges of numbers are in `rules`, default values in `defaults`. Levels are in dB here and in the sensor list;
+//! messages and channels are linear.
 
 use std::path::PathBuf;
 
@@ -16,24 +16,30 @@ use crate::units::watts_of_dbm;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, expecting = "a table")]
 pub struct Area {
-    /// Side of a square [m], or else width and height.
+    /// Side of a square [m]; the alternative to width and height.
     pub side_m: Option<f64>,
     /// Extent in x [m].
     pub width_m: Option<f64>,
     /// Extent in y [m].
     pub height_m: Option<f64>,
-    /// Geodetic latitude of the south-west corner on the WGS84 ellipsoid [°], −90 to 90, if the area has a place there.
+    /// Geodetic latitude of the south-west corner on the WGS84 ellipsoid [°], −90 to 90; `None` without geodetic
+    /// coordinates.
     pub origin_lat_deg: Option<f64>,
-    /// Its longitude [°], −180 to 180.
+    /// Longitude of the same corner [°], −180 to 180.
     pub origin_lon_deg: Option<f64>,
 }
 
 impl Area {
-    /// An area without a place on the Earth.
+    /// An area without geodetic coordinates.
     #[must_use]
     pub const fn new(width_m: f64, height_m: f64) -> Self {
-        let [width_m, height_m] = [Some(width_m), Some(height_m)];
-        Self { side_m: None, width_m, height_m, origin_lat_deg: None, origin_lon_deg: None }
+        Self {
+            side_m: None,
+            width_m: Some(width_m),
+            height_m: Some(height_m),
+            origin_lat_deg: None,
+            origin_lon_deg: None,
+        }
     }
 
     /// Extent in x [m].
@@ -48,11 +54,10 @@ impl Area {
         self.height_m.or(self.side_m).unwrap_or(f64::NAN)
     }
 
-    /// Where it lies on the Earth, if the file says so.
+    /// Its south-west corner on the ellipsoid; `None` without geodetic coordinates.
     #[must_use]
     pub fn origin(&self) -> Option<Origin> {
-        let [lat_deg, lon_deg] = [self.origin_lat_deg?, self.origin_lon_deg?];
-        Some(Origin { lat_deg, lon_deg })
+        Some(Origin { lat_deg: self.origin_lat_deg?, lon_deg: self.origin_lon_deg? })
     }
 
     /// Whether a position lies in the closed area, up to `slack_m` [m]; false for NaN.
@@ -76,16 +81,16 @@ pub struct Origin {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, expecting = "a table")]
 pub struct Sensors {
-    /// This many, drawn uniformly over the area from the seed; none if there is a file.
+    /// Number of sensor nodes, drawn uniformly over the area from the seed; `None` if there is a file.
     pub count: Option<Count<1, MAX_SENSORS>>,
-    /// A CSV file, relative to the scenario's folder.
+    /// CSV file of the sensor list, relative to the scenario's folder.
     pub file: Option<PathBuf>,
     /// Buffer of each, `B` [bit].
     #[serde(deserialize_with = "count::<1, { u32::MAX as u64 }, _, _>")]
     pub capacity_bits: u32,
-    /// Sampling rate `s` [bit/s] of those whose list does not name one.
+    /// Sampling rate `s` [bit/s], unless the list has the column.
     pub sampling_bps: Interval,
-    /// Mean `λ` [bit] of the Poisson initial queue of those whose list does not name one.
+    /// Mean `λ` [bit] of the Poisson initial queue, unless the list has the column.
     pub initial_queue_mean_bits: Interval,
 }
 
@@ -96,9 +101,9 @@ pub struct UavKeys {
     /// Whether it may change its altitude.
     #[serde(default)]
     pub altitude: AltitudeMode,
-    /// Altitude `H` [m], or the one it starts at.
+    /// Altitude `H` [m]; the initial one if the altitude is free.
     pub altitude_m: f64,
-    /// Lowest altitude `H_min` [m]; present at a free one, as are the next two.
+    /// Lowest altitude `H_min` [m]; present if the altitude is free, as are the next two.
     pub min_altitude_m: Option<f64>,
     /// Highest altitude `H_max` [m].
     pub max_altitude_m: Option<f64>,
@@ -108,14 +113,14 @@ pub struct UavKeys {
     pub max_speed_mps: f64,
     /// Longest flight `T_e` [s].
     pub endurance_s: f64,
-    /// Where it starts [m], on the ground; always there in a scenario.
+    /// Start on the ground plane [m]; always present in a checked scenario.
     pub start_m: Option<[f64; 2]>,
-    /// What flying costs.
+    /// Parameters of the propulsion power.
     #[serde(default)]
     pub propulsion: Propulsion,
 }
 
-/// How the UAV may change its altitude.
+/// Limits of a free altitude.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Climb {
     /// Lowest altitude `H_min` [m].
@@ -127,11 +132,14 @@ pub struct Climb {
 }
 
 impl UavKeys {
-    /// The range in which it may change its altitude; none at a fixed one.
+    /// The limits of a free altitude; `None` if the altitude is fixed.
     #[must_use]
     pub fn climb(&self) -> Option<Climb> {
-        let [min_altitude_m, max_altitude_m] = [self.min_altitude_m?, self.max_altitude_m?];
-        let climb = Climb { min_altitude_m, max_altitude_m, max_climb_mps: self.max_climb_mps? };
+        let climb = Climb {
+            min_altitude_m: self.min_altitude_m?,
+            max_altitude_m: self.max_altitude_m?,
+            max_climb_mps: self.max_climb_mps?,
+        };
         (self.altitude == AltitudeMode::Free).then_some(climb)
     }
 }
@@ -174,7 +182,7 @@ impl Default for Propulsion {
     }
 }
 
-/// `[link]`: the radio. The keys of one channel model are none in the other.
+/// `[link]`: the radio. Each channel model has its own keys.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, expecting = "a table")]
 pub struct LinkBudget {
@@ -190,11 +198,11 @@ pub struct LinkBudget {
     pub gain_db: Option<Interval>,
     /// Free space: whether the gain is redrawn.
     pub gain: Option<GainMode>,
-    /// Line of sight: surroundings, or else `los`.
+    /// Probabilistic line of sight: the surroundings; the alternative to `los`.
     pub environment: Option<Environment>,
-    /// Line of sight: its probability.
+    /// Probabilistic line of sight: the probability over the elevation angle.
     pub los: Option<LosCurve>,
-    /// Line of sight: gain at 1 m, `β0` [dB].
+    /// Probabilistic line of sight: gain at 1 m, `β0` [dB].
     pub reference_gain_db: Option<f64>,
     /// Path loss exponent in line of sight, `α_L`.
     pub los_exponent: Option<f64>,
@@ -220,13 +228,13 @@ impl LinkBudget {
         watts_of_dbm(self.noise_dbm)
     }
 
-    /// Range [dB] of the reference gain at 1 m; `β0` twice in the probabilistic model, which has one gain for all.
+    /// Range [dB] of the reference gain at 1 m; in the probabilistic model, which has one gain, both ends are `β0`.
     #[must_use]
     pub fn gain_range_db(&self) -> [f64; 2] {
         self.gain_db.map_or([self.reference_gain_db.unwrap_or_default(); 2], Interval::ends)
     }
 
-    /// Probability of line of sight over the elevation angle; none in free space.
+    /// Probability of line of sight over the elevation angle; `None` in free space.
     #[must_use]
     pub fn los_curve(&self) -> Option<LosCurve> {
         self.los.or_else(|| self.environment.map(Environment::curve))
@@ -248,7 +256,7 @@ pub enum LosCurve {
         /// Parameter b.
         b: f64,
     },
-    /// `b3 + b4/(1 + e^{−(b1 + b2 θ)})`, `b3 + b4 = 1`; below 0 it is 0.
+    /// `b3 + b4/(1 + e^{−(b1 + b2 θ)})`, `b3 + b4 = 1`, clamped to 0.
     Logistic {
         /// Parameter b1.
         b1: f64,
@@ -267,7 +275,7 @@ pub enum LosCurve {
 pub enum LinkModel {
     /// Line of sight at a fixed altitude (UTS eq. 4).
     FreeSpace,
-    /// In line of sight or not, at random (UTS section IV).
+    /// At random in or out of line of sight (UTS section IV).
     ProbabilisticLos,
 }
 
@@ -275,14 +283,14 @@ pub enum LinkModel {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AltitudeMode {
-    /// It stays at its altitude.
+    /// Constant altitude.
     #[default]
     Fixed,
-    /// It climbs and descends within its range.
+    /// The UAV climbs and descends within a range.
     Free,
 }
 
-/// Surroundings with known parameters of line of sight, from open to built up.
+/// Surroundings with published parameters of the line-of-sight probability, from open to built up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Environment {
@@ -316,6 +324,6 @@ impl Environment {
 pub enum GainMode {
     /// One gain per sensor node and mission.
     Static,
-    /// Redrawn from `gain_db` in every slot; the planner knows only the sensor list's.
+    /// Redrawn from `gain_db` in every slot; the planner knows only that of the sensor list.
     PerSlot,
 }

@@ -1,6 +1,6 @@
-//! `[planner]` of a scenario: the name of a strategy, and keys and tables that this crate does not interpret.
+//! `[planner]` of a scenario: the name of the strategy, and keys and tables that this crate does not interpret.
 //!
-//! The planner reads them by [`Scenario::planner_keys`] and writes them back with every default by
+//! The planner reads them with [`Scenario::planner_keys`] and writes them back with all defaults by
 //! [`Scenario::with_planner_keys`].
 
 use serde::de::DeserializeOwned;
@@ -22,11 +22,11 @@ pub struct PlannerKeys {
 }
 
 impl Scenario {
-    /// Reads `[planner]` as a `T`: `table` is `"planner"`, or the dotted name of one of its tables,
-    /// `"planner.horizon"`. A table that is left out is an empty one.
+    /// Reads `[planner]` as a `T`: `table` is `"planner"`, or the dotted name of one of its tables, such as
+    /// `"planner.horizon"`. A missing table is read as an empty one.
     ///
     /// # Errors
-    /// If `T` refuses a value or a key; the error names it.
+    /// If `T` refuses a key or its value; the error names it.
     pub fn planner_keys<T: DeserializeOwned>(&self, table: &str) -> Result<T, InputError> {
         let keys = match table.strip_prefix("planner.").map(|name| self.planner.others.get(name)) {
             Some(Some(Value::Table(keys))) => keys.clone(),
@@ -37,20 +37,20 @@ impl Scenario {
         value::read(keys, table, self.source())
     }
 
-    /// The same scenario with the keys `keys` for `[planner]`, such as the checked ones with every default.
+    /// The same scenario with `keys` as `[planner]`, such as the checked keys with all defaults.
     ///
     /// # Errors
-    /// If they have no strategy.
+    /// If `keys` have no strategy.
     ///
     /// # Panics
-    /// If TOML cannot write them.
+    /// If `keys` cannot be written as TOML.
     pub fn with_planner_keys(mut self, keys: &impl Serialize) -> Result<Self, InputError> {
         let keys = Table::try_from(keys).expect("keys are plain tables of numbers and strings");
         self.planner = value::read(keys, "planner", self.source())?;
         Ok(self)
     }
 
-    /// The refusal of what `key` holds.
+    /// The error for the `value` of `key`.
     #[must_use]
     pub fn refusal(&self, key: &str, value: &Value, expected: &str) -> InputError {
         self.source().refusal(key, value, expected)

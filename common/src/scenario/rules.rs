@@ -1,4 +1,4 @@
-//! What each number of a scenario may be, and the rules between keys.
+//! The ranges of the numbers of a scenario, and the rules between keys.
 
 use toml::{Table, Value};
 
@@ -7,10 +7,10 @@ use super::keys::{Climb, LinkModel, LosCurve};
 use super::{MAX_FIELD_BITS, MAX_SAMPLED_BITS, Scenario};
 use crate::error::InputError;
 
-/// What is accepted, whether a number is that (NaN is not), and the keys that it is expected of.
+/// Description, test (false for NaN) and keys of a range.
 type Range = (&'static str, fn(f64) -> bool, &'static str);
 
-/// What the numbers of a scenario may be; both ends of an interval, too.
+/// The ranges of all numbers of a scenario. Both ends of an interval are tested.
 const RANGES: [Range; 10] = [
     (
         "a finite number above 0",
@@ -40,7 +40,7 @@ const RANGES: [Range; 10] = [
     ("an exponent from 1 to 10", |number| (1.0..=10.0).contains(&number), "link.los_exponent link.nlos_exponent"),
 ];
 
-/// Refuses numbers of `scenario`, which was read from `file`, that are not in their range.
+/// Checks the numbers of `scenario`, which was read from `file`.
 fn check_numbers(scenario: &Scenario, file: &Table) -> Result<(), InputError> {
     for (expected, is_accepted, keys) in RANGES {
         for key in keys.split_whitespace() {
@@ -57,11 +57,11 @@ fn check_numbers(scenario: &Scenario, file: &Table) -> Result<(), InputError> {
     Ok(())
 }
 
-/// The ranges of numbers, and the rules between the keys of `scenario`, which was read from `file`.
+/// Checks the numbers of `scenario`, which was read from `file`, and the rules between its keys.
 pub(super) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError> {
     check_numbers(scenario, file)?;
     let value = |key: &str| value(file, key);
-    let given = |key: &str| value(key).is_some();
+    let is_given = |key: &str| value(key).is_some();
     let rule = |holds: bool, key: &str, expected: &str| match value(key) {
         Some(value) if !holds => Err(scenario.refusal(key, value, expected)),
         _ => Ok(()),
@@ -69,19 +69,19 @@ pub(super) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
 
     for forms in FORMS {
         let [one, other] = forms.forms;
-        let is_other_given = other.iter().any(|key| given(key));
+        let is_other_given = other.iter().any(|key| is_given(key));
         one.iter().try_for_each(|key| rule(!is_other_given, key, forms.expected))?;
     }
-    rule(given("area.height_m"), "area.width_m", "width_m and height_m together, or side_m")?;
-    rule(given("area.width_m"), "area.height_m", "width_m and height_m together, or side_m")?;
+    rule(is_given("area.height_m"), "area.width_m", "width_m and height_m together, or side_m")?;
+    rule(is_given("area.width_m"), "area.height_m", "width_m and height_m together, or side_m")?;
     for (key, other) in [("area.origin_lat_deg", "area.origin_lon_deg"), ("area.origin_lon_deg", "area.origin_lat_deg")]
     {
-        rule(given(other), key, "origin_lat_deg and origin_lon_deg together")?;
+        rule(is_given(other), key, "origin_lat_deg and origin_lon_deg together")?;
     }
 
     let Scenario { area, sensors, uav, link, .. } = scenario;
-    let named = sensors.file.as_ref().is_some_and(|file| !file.as_os_str().is_empty());
-    rule(named, "sensors.file", "the path of a CSV file, relative to the scenario")?;
+    let is_named = sensors.file.as_ref().is_some_and(|file| !file.as_os_str().is_empty());
+    rule(is_named, "sensors.file", "the path of a CSV file, relative to the scenario")?;
     let flight_s = scenario.slots as f64 * scenario.slot_s;
     let sampled_bits = sensors.sampling_bps.ends()[1] * scenario.slot_s * scenario.slots as f64;
     rule(sampled_bits <= MAX_SAMPLED_BITS, "sensors.sampling_bps", "at most 9e15 bits over the mission")?;
@@ -98,8 +98,8 @@ pub(super) fn check(scenario: &Scenario, file: &Table) -> Result<(), InputError>
         rule(link.model == LinkModel::ProbabilisticLos, "uav.altitude", expected)?;
         let expected = format!("at least the lowest, uav.min_altitude_m = {min_altitude_m}");
         rule(min_altitude_m <= max_altitude_m, "uav.max_altitude_m", &expected)?;
-        let inside = (min_altitude_m..=max_altitude_m).contains(&uav.altitude_m);
-        rule(inside, "uav.altitude_m", &format!("a start from {min_altitude_m} to {max_altitude_m} m"))?;
+        let is_in_range = (min_altitude_m..=max_altitude_m).contains(&uav.altitude_m);
+        rule(is_in_range, "uav.altitude_m", &format!("a start from {min_altitude_m} to {max_altitude_m} m"))?;
     }
 
     let (foreign, expected) = match link.model {
@@ -123,10 +123,10 @@ mod tests {
     use super::*;
     use crate::scenario::Overrides;
 
-    /// Adds the dotted names of all numbers that are no counts.
-    fn add_numbers(table: &Table, above: &str, numbers: &mut Vec<String>) {
+    /// Adds the dotted names of all floats.
+    fn add_numbers(table: &Table, prefix: &str, numbers: &mut Vec<String>) {
         for (key, value) in table {
-            let key = format!("{above}{key}");
+            let key = format!("{prefix}{key}");
             match value {
                 Value::Table(inner) => add_numbers(inner, &format!("{key}."), numbers),
                 Value::Float(_) => numbers.push(key),

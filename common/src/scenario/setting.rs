@@ -1,4 +1,4 @@
-//! A key of the scenario with a value to take instead of the file's.
+//! Settings: keys of the scenario with values that replace those of the file.
 
 use std::fmt;
 use std::str::FromStr;
@@ -8,10 +8,10 @@ use toml::{Table, Value};
 use super::forms;
 use crate::error::{InputError, quoted};
 
-/// Letters of a key, at most: more than any has.
-const MOST_LETTERS: usize = 200;
+/// Longest accepted key [bytes].
+const MAX_KEY_BYTES: usize = 200;
 
-/// Who changes a key.
+/// Origin of a setting.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SettingOrigin {
     /// The option `--set`.
@@ -27,17 +27,17 @@ pub enum SettingOrigin {
 pub struct Setting {
     /// The key, such as `link.bandwidth_hz`.
     pub key: String,
-    /// What it becomes.
+    /// The value.
     pub value: Value,
-    /// Who says so.
+    /// Where the setting was made.
     pub origin: SettingOrigin,
 }
 
 impl Setting {
-    /// Changes the table of a scenario. What `settings` say in one form displaces what the table says in another.
+    /// Applies the settings to the table of a scenario. A setting in one form removes the alternative form of the table.
     ///
     /// # Errors
-    /// If a part of a key is there, but no table.
+    /// If a part of a key exists, but is not a table.
     pub fn apply_all(settings: &[Self], table: &mut Table) -> Result<(), InputError> {
         let displaced = settings.iter().flat_map(|setting| forms::displaced(&setting.key, &setting.value));
         displaced.for_each(|key| forms::remove(table, key));
@@ -50,21 +50,21 @@ impl Setting {
         for (index, part) in parts.iter().enumerate() {
             let inner = table.entry(*part).or_insert_with(|| Table::new().into());
             table = inner.as_table_mut().ok_or_else(|| {
-                let above = parts[..=index].join(".");
-                self.refusal(format_args!("{above} is no table: expected a key of the scenario"))
+                let parent = parts[..=index].join(".");
+                self.refusal(format_args!("{parent} is no table: expected a key of the scenario"))
             })?;
         }
         table.insert(last.to_owned(), self.value.clone());
         Ok(())
     }
 
-    /// Refuses the setting.
+    /// The error for this setting.
     pub(super) fn refusal(&self, message: impl fmt::Display) -> InputError {
-        InputError::of_argument(self.name(), &self.to_string(), message)
+        InputError::of_argument(self.origin_name(), &self.to_string(), message)
     }
 
-    /// What brings it, as users know it.
-    fn name(&self) -> &'static str {
+    /// Its origin, as named in messages.
+    fn origin_name(&self) -> &'static str {
         match self.origin {
             SettingOrigin::Option => "--set",
             SettingOrigin::Axis => "axis",
@@ -72,15 +72,16 @@ impl Setting {
         }
     }
 
-    /// The settings after what is refused because of another key, which they may have made wrong; nothing without any.
-    pub(super) fn all_beside(settings: &[Self]) -> String {
-        let texts: Vec<String> = settings.iter().map(|setting| format!("{} {setting}", setting.name())).collect();
+    /// The settings as an addition to the error for another key, which they may have caused; empty without settings.
+    pub(super) fn list(settings: &[Self]) -> String {
+        let texts: Vec<String> =
+            settings.iter().map(|setting| format!("{} {setting}", setting.origin_name())).collect();
         if texts.is_empty() { String::new() } else { format!(" (with {})", texts.join(" ")) }
     }
 }
 
 impl fmt::Display for Setting {
-    /// As on a command line.
+    /// Writes it as on a command line.
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let value = self.value.as_str().map_or_else(|| quoted(&self.value.to_string()), quoted);
         write!(formatter, "{}={value}", self.key)
@@ -90,10 +91,10 @@ impl fmt::Display for Setting {
 impl FromStr for Setting {
     type Err = &'static str;
 
-    /// From `key=value`. The value is written as in a scenario file; text needs no quotes.
+    /// Parses `key=value`, with the value as in a scenario file. Text needs no quotes.
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let is_key = |key: &str| {
-            key.len() <= MOST_LETTERS
+            key.len() <= MAX_KEY_BYTES
                 && key.split('.').all(|part| !part.is_empty() && !part.contains(char::is_whitespace))
         };
         let (key, value) = text.split_once('=').ok_or("expected key=value, such as link.bandwidth_hz=5e3")?;
@@ -105,7 +106,7 @@ impl FromStr for Setting {
         if value.is_empty() {
             return Err("expected a value behind the =");
         }
-        // One line, so that a value cannot bring in keys of its own.
+        // One line only: a value must not add further keys.
         let as_toml = if value.contains('\n') { None } else { format!("value = {value}").parse::<Table>().ok() };
         let as_toml = as_toml.and_then(|mut table| table.remove("value"));
         let value = match as_toml {
@@ -129,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_is_what_a_scenario_file_would_have_there() {
+    fn a_value_is_read_as_in_a_scenario_file() {
         assert_eq!(set("slots=7").value, Value::Integer(7));
         assert_eq!(set("link.bandwidth_hz = 5.5e3").value, Value::Float(5.5e3));
         assert_eq!(set("sensors.capacity_bits = 3e4").value, Value::Integer(30_000), "a count");
@@ -146,14 +147,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_key_with_a_value_is_refused() {
+    fn a_text_without_key_or_value_is_refused() {
         for text in ["", "slots", "=3", "slots=", ".slots=3", "a b=3", "link.=3"] {
             assert!(text.parse::<Setting>().is_err(), "{text}");
         }
     }
 
     #[test]
-    fn a_key_is_set_in_tables_that_are_made_for_it_but_not_below_a_number() {
+    fn a_setting_creates_missing_tables_but_does_not_replace_a_number_by_a_table() {
         let mut table: Table = "slots = 3".parse().unwrap();
         Setting::apply_all(&[set("planner.horizon.iterations=5")], &mut table).unwrap();
         assert_eq!(table["planner"]["horizon"]["iterations"].as_integer(), Some(5));
@@ -162,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn a_setting_displaces_the_other_form_of_the_file_but_not_another_setting() {
+    fn a_setting_removes_the_other_form_of_the_file_but_not_another_setting() {
         let file = "[area]\nside_m = 9.0\n[sensors]\ncount = 3\n";
         let mut table: Table = file.parse().unwrap();
         let settings = ["area.width_m=5.0", "area.height_m=6.0", "sensors.count=4", "sensors.file=a.csv"].map(set);

@@ -1,5 +1,4 @@
-//! Counts and names, which are checked as they are read, and the reader that says which key of which file it refuses,
-//! and why.
+//! Counts, intervals and names, which are checked as they are read, and a reader whose errors name the file and the key.
 
 use std::fmt::Display;
 use std::path::Path;
@@ -13,13 +12,13 @@ use super::Setting;
 use super::forms::is_below;
 use crate::error::{InputError, quoted, suggestion};
 
-/// A whole number from `MIN` to `MAX`, both at most TOML's largest, 2^63 − 1.
+/// A whole number from `MIN` to `MAX`, both at most 2^63 − 1, the largest integer of TOML.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "i64")]
 pub struct Count<const MIN: u64, const MAX: u64>(u64);
 
 impl<const MIN: u64, const MAX: u64> Count<MIN, MAX> {
-    /// The number `N`, which is checked when the program is built.
+    /// The number `N`, checked at compile time.
     #[must_use]
     pub const fn of<const N: u64>() -> Self {
         const { assert!(MIN <= N && N <= MAX) };
@@ -56,18 +55,18 @@ pub(super) fn count<'de, const MIN: u64, const MAX: u64, D: Deserializer<'de>, N
     N::try_from(count).map_err(|_| D::Error::custom(format!("expected {MIN} to {MAX}")))
 }
 
-/// One number for all sensor nodes, or the lowest and the highest of the range that each draws its own from.
+/// One number for all sensor nodes, or a range from which each draws its own.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(untagged, expecting = "expected a number or [lowest, highest]")]
 pub enum Interval {
     /// The same for all.
     One(f64),
-    /// Drawn uniformly; levels uniformly in dB.
+    /// The lowest and the highest; drawn uniformly, levels uniformly in dB.
     Range([f64; 2]),
 }
 
 impl Interval {
-    /// The lowest value and the highest.
+    /// The lowest and the highest value.
     #[must_use]
     pub fn ends(self) -> [f64; 2] {
         match self {
@@ -76,7 +75,7 @@ impl Interval {
         }
     }
 
-    /// The mean of what is drawn from it.
+    /// The mean of the interval.
     #[must_use]
     pub fn mean(self) -> f64 {
         let [lowest, highest] = self.ends();
@@ -84,31 +83,31 @@ impl Interval {
     }
 }
 
-/// Names become folders; file systems end at 255 bytes.
+/// Longest name of a mission [bytes]: names become folders, whose names end at 255 bytes.
 const MAX_NAME_BYTES: usize = 100;
 
 /// Reads the name of a mission.
 pub(super) fn name<'de, D: Deserializer<'de>>(deserializer: D) -> Result<String, D::Error> {
     let name = String::deserialize(deserializer)?;
-    let allowed = |byte: u8| byte.is_ascii_alphanumeric() || b"._-".contains(&byte);
-    let holds = (1..=MAX_NAME_BYTES).contains(&name.len())
-        && name.bytes().all(allowed)
+    let is_allowed = |byte: u8| byte.is_ascii_alphanumeric() || b"._-".contains(&byte);
+    let is_valid = (1..=MAX_NAME_BYTES).contains(&name.len())
+        && name.bytes().all(is_allowed)
         && !name.bytes().all(|byte| byte == b'.');
     let expected = "expected 1 to 100 of A-Z a-z 0-9 . _ - (it becomes a folder)";
-    if holds { Ok(name) } else { Err(D::Error::custom(expected)) }
+    if is_valid { Ok(name) } else { Err(D::Error::custom(expected)) }
 }
 
-/// Where the values of a scenario come from, for messages.
+/// Origin of the values of a scenario, for messages.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Source<'a> {
     /// The file.
     pub(super) path: &'a Path,
-    /// What was set instead of its values.
+    /// The settings that replaced its values.
     pub(super) settings: &'a [Setting],
 }
 
 impl Source<'_> {
-    /// The refusal of what the dotted `key` holds.
+    /// The error for the `value` of the dotted `key`.
     pub(super) fn refusal(self, key: &str, value: &Value, expected: &str) -> InputError {
         let value = match value {
             Value::String(text) => format!("\"{}\"", quoted(text)),
@@ -117,22 +116,22 @@ impl Source<'_> {
         self.refuse(key, &format!("{} = {value}: ", quoted(key)), format_args!("expected {expected}"))
     }
 
-    /// Refuses `key`, of which `found` says what the scenario holds: in the name of the setting that it comes from, or
-    /// else of the file.
+    /// The error for `key`, whose value is described by `found`. It names the setting that the value comes from, or else
+    /// the file.
     fn refuse(self, key: &str, found: &str, message: impl Display) -> InputError {
         let is_from = |setting: &&Setting| key == setting.key || is_below(key, &setting.key);
         match self.settings.iter().rfind(is_from) {
             Some(setting) if key == setting.key => setting.refusal(message),
             Some(setting) => setting.refusal(format_args!("{found}{message}")),
             None => {
-                let beside = Setting::all_beside(self.settings);
-                InputError::new("scenario", self.path, format_args!("{found}{message}{beside}"))
+                let settings = Setting::list(self.settings);
+                InputError::new("scenario", self.path, format_args!("{found}{message}{settings}"))
             }
         }
     }
 }
 
-/// Reads `table`, whose dotted name in the scenario is `name` (empty: the scenario itself), as a `T`.
+/// Reads `table` as a `T`. `name` is its dotted name in the scenario, empty for the scenario itself.
 pub(super) fn read<T: DeserializeOwned>(table: Table, name: &str, source: Source) -> Result<T, InputError> {
     let table = Value::Table(table);
     serde_path_to_error::deserialize(table.clone()).map_err(|error| {
@@ -168,12 +167,12 @@ pub(super) fn read<T: DeserializeOwned>(table: Table, name: &str, source: Source
                 source.refusal(&key, value, &(plain.to_owned() + &suggestion(message)))
             }
             _ => {
-                let place = if key.is_empty() { String::new() } else { format!("{key}: ") };
+                let location = if key.is_empty() { String::new() } else { format!("{key}: ") };
                 let message = match message.strip_prefix("missing field ") {
                     Some(name) => format!("missing {name}: expected this key"),
                     None => message.to_owned() + &suggestion(message),
                 };
-                source.refuse(&key, &place, message)
+                source.refuse(&key, &location, message)
             }
         }
     })

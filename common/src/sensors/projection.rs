@@ -1,6 +1,7 @@
-//! Latitude and longitude onto the plane of the area, metres east and north of its south-west corner, and back.
+//! Projection of latitude and longitude onto the plane of the area, in metres east and north of its south-west corner,
+//! and back.
 //!
-//! The plane touches the WGS84 ellipsoid at the corner. Whether a position lies in the area is left to the reader.
+//! The plane touches the WGS84 ellipsoid at that corner. Whether a position lies in the area is left to the caller.
 
 use nalgebra::Vector3;
 use sguaba::math::RigidBodyTransform;
@@ -19,14 +20,14 @@ system!(
     struct Corner using ENU
 );
 
-/// Depth [m] below the plane from which on the ground faces away from it, where two places share one position: the
-/// centre of the Earth lies 6357 to 6378 km deep, the horizon of a place on the ellipsoid at most 22 km higher.
+/// Depth [m] below the plane beyond which the ground faces away from it, so that the projection is not unique. The
+/// centre of the Earth lies 6357 to 6378 km below the plane, the horizon at most 22 km higher.
 const HORIZON_DEPTH_M: f64 = 6.3e6;
 
 /// Semi-axes of the WGS84 ellipsoid [m], equatorial and polar: `a`, and `b = a (1 − f)` with `1/f = 298.257223563`.
 const SEMI_AXES_M: [f64; 2] = [6_378_137.0, 6_378_137.0 * (1.0 - 1.0 / 298.257_223_563)];
 
-/// A place on the WGS84 ellipsoid, at altitude 0.
+/// A point on the WGS84 ellipsoid, at altitude 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GeodeticPosition {
     /// Geodetic latitude [°], −90 to 90.
@@ -40,29 +41,28 @@ pub struct GeodeticPosition {
 pub struct Projection(RigidBodyTransform<Ecef, Corner>);
 
 impl Projection {
-    /// The plane that touches the ellipsoid at `origin`, x east and y north.
-    pub fn about(origin: Origin) -> Self {
-        let corner = place(origin.lat_deg, origin.lon_deg);
-        // SAFETY: `Corner` is defined by nothing but its origin, and this is the origin; sguaba asks for `unsafe` where a
-        // wrong claim would mix up frames, no memory is at stake.
+    /// The projection onto the plane that touches the ellipsoid at `origin`, x east and y north.
+    pub fn at(origin: Origin) -> Self {
+        let corner = wgs84(origin.lat_deg, origin.lon_deg);
+        // SAFETY: `Corner` is defined by this origin alone. sguaba marks the call `unsafe` because a wrong origin would
+        // mix up frames; it does not affect memory safety.
         Self(unsafe { RigidBodyTransform::ecef_to_enu_at(&corner) })
     }
 
-    /// Where a place at altitude 0 meets the plane, looking straight down on it [m]; `None` on the far side of the
-    /// Earth.
+    /// Orthogonal projection of a point at altitude 0 onto the plane [m]; `None` on the far side of the Earth.
     ///
-    /// Latitude in [−90, 90]. The plane leaves the ground by `d²/2R` at the distance d (75 m at 31 km), and distances
-    /// shrink by about `d³/6R²` (0.12 m there).
+    /// Latitude in [−90, 90]. At the distance d the plane lies `d²/2R` above the ground (75 m at 31 km), and distances
+    /// are shortened by about `d³/6R²` (0.12 m there).
     pub fn project(&self, lat_deg: f64, lon_deg: f64) -> Option<Position> {
-        let place = Coordinate::<Ecef>::from_wgs84(&place(lat_deg, lon_deg));
-        let [east_m, north_m, up_m] = self.0.transform(place).to_cartesian().map(|length| length.get::<meter>());
+        let point = Coordinate::<Ecef>::from_wgs84(&wgs84(lat_deg, lon_deg));
+        let [east_m, north_m, up_m] = self.0.transform(point).to_cartesian().map(|length| length.get::<meter>());
         (up_m > -HORIZON_DEPTH_M).then(|| Position::new(east_m, north_m))
     }
 
-    /// The place that [`Self::project`] brings to `position`; `None` where the plane has no ground below it.
+    /// The inverse of [`Self::project`]; `None` if no point of the ellipsoid lies below `position`.
     ///
-    /// It is `P = F + u n`, with F the point of the plane, n its unit normal, both Earth-centred, and u the root nearest
-    /// 0 of `|S(F + u n)|² = 1`, `S = diag(1/a, 1/a, 1/b)`; on the ellipsoid `tan φ = (a/b)² z/√(x² + y²)` and
+    /// `P = F + u n`, with the point F of the plane and its unit normal n, both Earth-centred, and u the root nearest 0
+    /// of `|S(F + u n)|² = 1`, `S = diag(1/a, 1/a, 1/b)`. On the ellipsoid `tan φ = (a/b)² z/√(x² + y²)` and
     /// `tan λ = y/x` (Torge and Müller, "Geodesy", 4th ed., 2012, chapter 4, with `1 − e² = (b/a)²`).
     #[must_use]
     pub fn unproject(&self, position: &Position) -> Option<GeodeticPosition> {
@@ -73,14 +73,14 @@ impl Projection {
         let outside = scaled(foot).norm_squared() - 1.0;
         let slope = scaled(foot).dot(&scaled(normal));
         let discriminant = slope * slope - scaled(normal).norm_squared() * outside;
-        // NaN and what lies beyond the Earth's rim have no root; the quotient does not cancel where u is small.
+        // There is no root for NaN or beyond the rim of the Earth. This form does not cancel for a small u.
         let root = (discriminant >= 0.0).then(|| -outside / (slope + discriminant.sqrt()))?;
-        let place = foot + normal * root;
-        let lat_deg = ((a_m / b_m).powi(2) * place.z).atan2(place.x.hypot(place.y)).to_degrees();
-        Some(GeodeticPosition { lat_deg, lon_deg: place.y.atan2(place.x).to_degrees() })
+        let point = foot + normal * root;
+        let lat_deg = ((a_m / b_m).powi(2) * point.z).atan2(point.x.hypot(point.y)).to_degrees();
+        Some(GeodeticPosition { lat_deg, lon_deg: point.y.atan2(point.x).to_degrees() })
     }
 
-    /// A point of the frame of the plane [m], from the centre of the Earth [m].
+    /// Earth-centred coordinates [m] of a point in the frame of the plane [m].
     fn earth_centred(&self, [east_m, north_m, up_m]: [f64; 3]) -> Vector3<f64> {
         let point = Coordinate::<Corner>::builder()
             .enu_east(Length::new::<meter>(east_m))
@@ -92,10 +92,10 @@ impl Projection {
     }
 }
 
-fn place(lat_deg: f64, lon_deg: f64) -> Wgs84 {
+fn wgs84(lat_deg: f64, lon_deg: f64) -> Wgs84 {
     Wgs84::builder()
         .latitude(Angle::new::<degree>(lat_deg))
-        .expect("checked by the readers: −90 to 90")
+        .expect("the callers check that it is −90 to 90")
         .longitude(Angle::new::<degree>(lon_deg))
         .altitude(Length::ZERO)
         .build()
@@ -108,26 +108,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_lies_due_east_of_an_equatorial_origin_is_the_arc_sine_away() {
+    fn due_east_of_an_equatorial_origin_the_longitude_is_the_arc_sine_of_the_distance() {
         // On the equator, a circle of radius a: x = a sin λ, so x = a/2 is at 30°. Past the rim there is no ground.
-        let projection = Projection::about(Origin { lat_deg: 0.0, lon_deg: 10.0 });
-        let place = projection.unproject(&Position::new(SEMI_AXES_M[0] / 2.0, 0.0)).unwrap();
-        assert!(place.lat_deg.abs() < 1e-12 && (place.lon_deg - 40.0).abs() < 1e-12, "{place:?}");
+        let projection = Projection::at(Origin { lat_deg: 0.0, lon_deg: 10.0 });
+        let point = projection.unproject(&Position::new(SEMI_AXES_M[0] / 2.0, 0.0)).unwrap();
+        assert!(point.lat_deg.abs() < 1e-12 && (point.lon_deg - 40.0).abs() < 1e-12, "{point:?}");
         assert_eq!(projection.unproject(&Position::new(SEMI_AXES_M[0] * 1.001, 0.0)), None);
         assert_eq!(projection.unproject(&Position::new(f64::NAN, 0.0)), None);
     }
 
     proptest! {
         #[test]
-        fn a_position_comes_back_from_latitude_and_longitude(
+        fn projecting_an_unprojected_position_returns_it(
             lat_deg in -90.0..90.0f64,
             lon_deg in -180.0..180.0f64,
             [x_m, y_m] in prop::array::uniform2(-100e3..100e3f64),
         ) {
-            let projection = Projection::about(Origin { lat_deg, lon_deg });
-            let place = projection.unproject(&Position::new(x_m, y_m)).unwrap();
-            let back = projection.project(place.lat_deg, place.lon_deg).unwrap();
-            prop_assert!((back - Position::new(x_m, y_m)).norm() < 1e-7, "{place:?} is at {back}");
+            let projection = Projection::at(Origin { lat_deg, lon_deg });
+            let point = projection.unproject(&Position::new(x_m, y_m)).unwrap();
+            let back = projection.project(point.lat_deg, point.lon_deg).unwrap();
+            prop_assert!((back - Position::new(x_m, y_m)).norm() < 1e-7, "{point:?} is at {back}");
         }
     }
 }

@@ -1,6 +1,6 @@
-//! The rows of a sensor list: which columns it has, and one checked sensor node a row.
+//! The rows of a sensor list: its columns, and one checked sensor node per row.
 //!
-//! The list adds the file to what is refused. What a row leaves out is drawn by the parent module.
+//! The parent module draws the values of missing columns, and adds the file name to errors.
 
 use std::ops::RangeInclusive;
 
@@ -18,16 +18,16 @@ pub(super) const WRITTEN: [&str; 5] = ["x_m", "y_m", "queue_bits", "gain_db", "s
 /// Columns that a list may have.
 const COLUMNS: [&str; 7] = ["x_m", "y_m", "lat_deg", "lon_deg", "queue_bits", "gain_db", "sampling_bps"];
 
-/// A projected position may miss the rim of the area by this [m], and is then on the rim: the origin's own meridian
-/// must not fall outside by rounding.
+/// A projected position up to this far [m] outside the area is moved to its border, so that rounding does not exclude
+/// the meridian of the origin.
 const RIM_SLACK_M: f64 = 1e-6;
 
-/// Reads the text of a list; sensor node i is row i. The error says where, by `place` of the row's index and line, what
-/// is there and what was expected.
+/// Reads the text of a list; sensor node i is row i. The error names the row by `locate`, given its index and line, the
+/// value, and what was expected.
 pub(super) fn read(
     text: &str,
     scenario: &Scenario,
-    place: impl Fn(usize, u64) -> String,
+    locate: impl Fn(usize, u64) -> String,
 ) -> Result<Vec<Sensor>, String> {
     let in_header = |message: String| format!("line 1: {message}");
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(text.as_bytes());
@@ -38,7 +38,7 @@ pub(super) fn read(
     let mut field_bits = 0.0;
     for row in reader.records() {
         let at = |position: Option<&csv::Position>, message: String| {
-            format!("{}: {message}", place(sensors.len(), line_of(text, position)))
+            format!("{}: {message}", locate(sensors.len(), line_of(text, position)))
         };
         let row = row.map_err(|error| at(error.position(), "expected UTF-8 text".to_owned()))?;
         let line = row.position();
@@ -63,7 +63,7 @@ pub(super) fn read(
     Ok(sensors)
 }
 
-/// The line of a record in `text`, from 1: [`csv`] says where the empty lines before it begin.
+/// The line of a record in `text`, from 1. The position of [`csv`] is that of the first empty line before the record.
 #[must_use]
 pub fn line_of(text: &str, position: Option<&csv::Position>) -> u64 {
     let Some(position) = position else { return 0 };
@@ -72,22 +72,22 @@ pub fn line_of(text: &str, position: Option<&csv::Position>) -> u64 {
     position.line() + empty as u64
 }
 
-/// How the rows of one list are read.
+/// The columns of one list.
 struct Table<'a> {
     scenario: &'a Scenario,
     header: &'a csv::StringRecord,
-    /// None where positions are metres from the south-west corner of the area.
+    /// `None` if positions are in metres from the south-west corner of the area.
     projection: Option<Projection>,
 }
 
 impl<'a> Table<'a> {
     fn of(header: &'a csv::StringRecord, scenario: &'a Scenario) -> Result<Self, String> {
         let names: Vec<&str> = header.iter().collect();
-        for (place, name) in names.iter().enumerate() {
+        for (index, name) in names.iter().enumerate() {
             if !COLUMNS.contains(name) {
                 return Err(format!("column `{}`: expected some of {}", quoted(name), COLUMNS.join(",")));
             }
-            if names[..place].contains(name) {
+            if names[..index].contains(name) {
                 return Err(format!("column `{}` twice: expected it once", quoted(name)));
             }
         }
@@ -96,7 +96,7 @@ impl<'a> Table<'a> {
             [true, true, false, false] => None,
             [false, false, true, true] => {
                 let expected = "area.origin_lat_deg and area.origin_lon_deg in the scenario";
-                Some(Projection::about(scenario.area.origin().ok_or_else(|| refuse(expected))?))
+                Some(Projection::at(scenario.area.origin().ok_or_else(|| refuse(expected))?))
             }
             _ => {
                 let columns = "x_m,y_m or lat_deg,lon_deg, not both, and optionally queue_bits,gain_db,sampling_bps";
@@ -106,22 +106,24 @@ impl<'a> Table<'a> {
         Ok(Self { scenario, header, projection })
     }
 
-    /// One row; the error says which column, the value and what was expected.
+    /// Reads one row; the error names the column, the value and what was expected.
     fn sensor(&self, row: &csv::StringRecord, id: u32) -> Result<Sensor, String> {
         let scenario = self.scenario;
         let position = self.position(row)?;
         let capacity = f64::from(scenario.sensors.capacity_bits);
-        let whole = |value: f64| (0.0..=capacity).contains(&value) && value.fract() == 0.0;
-        let queue_bits = self.number(row, "queue_bits", &format!("whole bits, 0 to the buffer's {capacity}"), whole)?;
-        let level = |value: f64| (-300.0..=0.0).contains(&value);
-        let gain_db = self.number(row, "gain_db", "a level from -300 to 0 dB", level)?;
-        let rate = |value: f64| (0.0..=MAX_SAMPLED_BITS / (scenario.slot_s * scenario.slots as f64)).contains(&value);
+        let is_queue = |value: f64| (0.0..=capacity).contains(&value) && value.fract() == 0.0;
+        let expected = format!("whole bits, 0 to the buffer's {capacity}");
+        let queue_bits = self.number(row, "queue_bits", &expected, is_queue)?;
+        let is_level = |value: f64| (-300.0..=0.0).contains(&value);
+        let gain_db = self.number(row, "gain_db", "a level from -300 to 0 dB", is_level)?;
+        let highest_bps = MAX_SAMPLED_BITS / (scenario.slot_s * scenario.slots as f64);
+        let is_rate = |value: f64| (0.0..=highest_bps).contains(&value);
         let expected = "a finite rate, 0 or above, at most 9e15 bits over the mission";
-        let sampling_bps = self.number(row, "sampling_bps", expected, rate)?;
+        let sampling_bps = self.number(row, "sampling_bps", expected, is_rate)?;
         Ok(Sensor {
             position,
             queue_bits: queue_bits.map_or_else(|| draw_queue_bits(scenario, id), |bits| bits as u32),
-            // The probabilistic model has one reference gain for all, whatever the list says.
+            // The probabilistic model has one reference gain for all; the column is ignored.
             gain_db: gain_db
                 .filter(|_| scenario.link.model == LinkModel::FreeSpace)
                 .unwrap_or_else(|| draw_gain_db(scenario.link.gain_range_db(), &Streams::new(scenario.seed), 0, id)),
@@ -131,23 +133,24 @@ impl<'a> Table<'a> {
 
     fn position(&self, row: &csv::StringRecord) -> Result<Position, String> {
         let area = self.scenario.area;
-        let along = |column, expected: &str, range: RangeInclusive<f64>| {
+        let coordinate = |column, expected: &str, range: RangeInclusive<f64>| {
             let number = self.number(row, column, expected, |value| range.contains(&value))?;
             Ok::<f64, String>(number.expect("the header has both columns"))
         };
         let Some(projection) = &self.projection else {
             let within = |column, extent_m: f64| {
-                along(column, &format!("a position in the area, 0 to {extent_m}"), 0.0..=extent_m)
+                coordinate(column, &format!("a position in the area, 0 to {extent_m}"), 0.0..=extent_m)
             };
             return Ok(Position::new(within("x_m", area.width_m())?, within("y_m", area.height_m())?));
         };
-        let lat_deg = along("lat_deg", "a latitude, -90 to 90", -90.0..=90.0)?;
-        let lon_deg = along("lon_deg", "a longitude, -180 to 180", -180.0..=180.0)?;
+        let lat_deg = coordinate("lat_deg", "a latitude, -90 to 90", -90.0..=90.0)?;
+        let lon_deg = coordinate("lon_deg", "a longitude, -180 to 180", -180.0..=180.0)?;
         let projected = projection.project(lat_deg, lon_deg);
-        onto(area, projected).map_err(|reason| format!("lat_deg = {lat_deg}, lon_deg = {lon_deg}: {reason}"))
+        let located = clamp_to_area(area, projected);
+        located.map_err(|reason| format!("lat_deg = {lat_deg}, lon_deg = {lon_deg}: {reason}"))
     }
 
-    /// What a row has in a column; none if the list does not have it.
+    /// The number of a row in `column`; `None` if the list has no such column.
     fn number(
         &self,
         row: &csv::StringRecord,
@@ -155,21 +158,21 @@ impl<'a> Table<'a> {
         expected: &str,
         is_accepted: impl Fn(f64) -> bool,
     ) -> Result<Option<f64>, String> {
-        let Some(place) = self.header.iter().position(|name| name == column) else { return Ok(None) };
-        let number = row[place].parse::<f64>().ok().filter(|&value| is_accepted(value));
-        number.map(Some).ok_or_else(|| format!("{column} = {}: expected {expected}", quoted(&row[place])))
+        let Some(index) = self.header.iter().position(|name| name == column) else { return Ok(None) };
+        let number = row[index].parse::<f64>().ok().filter(|&value| is_accepted(value));
+        number.map(Some).ok_or_else(|| format!("{column} = {}: expected {expected}", quoted(&row[index])))
     }
 }
 
-/// A projected position in the area, [`RIM_SLACK_M`] taken back; else where it is and what was expected.
-fn onto(area: Area, projected: Option<Position>) -> Result<Position, String> {
+/// The projected position, clamped to the area if it is at most [`RIM_SLACK_M`] outside; otherwise an error with the
+/// position and what was expected.
+fn clamp_to_area(area: Area, projected: Option<Position>) -> Result<Position, String> {
     let expected = format!("a position in the area, [0, {}] × [0, {}]", area.width_m(), area.height_m());
     let Some(position) = projected else {
         return Err(format!("on the far side of the Earth: expected {expected}"));
     };
-    let (x_m, y_m) = (position.x, position.y);
     if area.contains(&position, RIM_SLACK_M) {
-        return Ok(Position::new(x_m.clamp(0.0, area.width_m()), y_m.clamp(0.0, area.height_m())));
+        return Ok(Position::new(position.x.clamp(0.0, area.width_m()), position.y.clamp(0.0, area.height_m())));
     }
-    Err(format!("{x_m:.3} m east and {y_m:.3} m north of the origin: expected {expected}"))
+    Err(format!("{:.3} m east and {:.3} m north of the origin: expected {expected}", position.x, position.y))
 }

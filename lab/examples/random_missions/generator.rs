@@ -13,7 +13,7 @@ pub struct RandomMission {
     pub scenario: String,
     /// The sensor list, `sensors.csv`.
     pub sensors: String,
-    /// Whether links are drawn in every slot, or queues or rates are not told.
+    /// Whether links are drawn in every slot, or queues or rates are unknown to the planner.
     pub is_hidden: bool,
 }
 
@@ -25,13 +25,13 @@ enum Channel {
     LineOfSight { is_free: bool },
 }
 
-/// Missions are drawn by their number; what the planner is not told, by their draw, too.
+/// Draws missions by their number. Quantities that are unknown to the planner also depend on the draw.
 pub struct Generator {
     number: u64,
     random: ChaCha8Rng,
 }
 
-/// What the planner is told.
+/// The knowledge of the planner.
 #[derive(Clone, Copy, PartialEq)]
 enum Knowledge {
     All,
@@ -127,7 +127,7 @@ impl Generator {
         RandomMission { scenario: text, sensors, is_hidden: channel != Channel::Static || knowledge != Knowledge::All }
     }
 
-    /// The list: uniform over the area, in clusters, or along a line. What is hidden from the planner is drawn anew.
+    /// The sensor list: uniform over the area, in clusters, or along a line. Unknown quantities depend on the draw.
     fn sensors(
         &mut self,
         count: usize,
@@ -184,7 +184,7 @@ fn rate(random: &mut ChaCha8Rng, [low_bps, high_bps]: [f64; 2], two_rates: bool)
 }
 
 impl RandomMission {
-    /// Leaves the mission in a folder that `skysink simulate` flies.
+    /// Writes the mission into a folder, for `skysink simulate`.
     pub fn write(&self, folder: &Path) -> std::io::Result<()> {
         std::fs::create_dir_all(folder)?;
         std::fs::write(folder.join("scenario.toml"), &self.scenario)?;

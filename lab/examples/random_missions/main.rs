@@ -1,11 +1,10 @@
-//! `horizon` against every other strategy over random missions.
+//! Compares `horizon` with all other strategies over random missions.
 //!
 //! `cargo run --release -p skysink-lab --example random_missions -- 1-2000`
 //!
-//! A mission is drawn from its number. Where links are random, or the planner is not told the queues or the rates, each
-//! strategy flies it with several draws of these, and the means are compared, so that no strategy wins by its luck. A
-//! second argument is the number of these draws, a
-//! third the search steps of `horizon` in a slot, a fourth a folder for the missions that it loses.
+//! A mission is drawn from its number. If links are random, or queues or rates are unknown to the planner, each mission is
+//! simulated with several draws of these, and the means are compared. The arguments are the range of missions, the number
+//! of these draws, the search steps of `horizon` per slot, and a folder for the missions that it loses.
 
 mod generator;
 
@@ -21,10 +20,10 @@ use skysink_planner::strategies::{STRATEGIES, horizon, offline};
 
 use generator::{Generator, RandomMission};
 
-/// Loss rate that counts as the same: below it nothing is lost or won.
+/// Loss rates that differ by less than this are considered equal.
 const TIE: f64 = 1e-4;
 
-/// A mission is lost clearly if `horizon` loses this much more, and this fraction more.
+/// A mission is clearly lost if the loss rate of `horizon` is larger by this amount and by this fraction.
 const CLEARLY: [f64; 2] = [0.005, 0.05];
 
 /// The mean loss rates of a mission, by strategy.
@@ -46,7 +45,7 @@ fn mission(number: u64, draw: u64) -> RandomMission {
     Generator::new(number).mission(draw)
 }
 
-/// Loss rate of a flight by `strategy`.
+/// The loss rate of a flight with `strategy`.
 fn fly(files: &RandomMission, strategy: &'static str, steps: u64) -> f64 {
     let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
     let text = format!("{}horizon.iterations = {steps}\n", files.scenario);

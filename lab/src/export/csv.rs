@@ -1,4 +1,6 @@
-//! The flight as a table: a row per slot, from the start in row 0.
+//! The flight as a table: one row per slot; row 0 is the start.
+
+use skysink_mission::trace::RecordedSlot;
 
 use super::track::GeodeticTrack;
 use super::{ExportFormat, WriteFormat};
@@ -18,10 +20,10 @@ fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
         let place = point.place;
         let [slot, time_s] = [point.slot.map_or(0, |slot| slot.slot) as f64, point.time_s];
         let figures = point.slot.map_or_else(
-            || ",,,,".to_owned(), // before slot 1 nothing is on record
+            || ",,,,".to_owned(), // the start has no results
             |slot| {
-                let (delivered, lost, queued) = (slot.delivered_bits, slot.lost_bits, slot.queued_bits);
-                format!("{},{delivered},{lost},{queued},{}", point.served_text(), slot.mode)
+                let RecordedSlot { delivered_bits, lost_bits, queued_bits, mode, .. } = slot;
+                format!("{},{delivered_bits},{lost_bits},{queued_bits},{mode}", point.served_text())
             },
         );
         let altitude_m = point.position.z;

@@ -17,8 +17,8 @@ pub static FORMAT: ExportFormat = ExportFormat {
 
 /// The features as text.
 pub(super) fn collection(track: &GeodeticTrack<'_>) -> String {
-    let rim = || track.rim.iter().chain(&track.rim[..1]).map(ground);
-    let area = feature(Geometry::new_polygon([rim()]), json!({ "kind": "area", "name": track.name() }));
+    let border = || track.border.iter().chain(&track.border[..1]).map(ground);
+    let area = feature(Geometry::new_polygon([border()]), json!({ "kind": "area", "name": track.name() }));
     let flight = feature(
         Geometry::new_line_string(track.points.iter().map(in_the_air)),
         json!({ "kind": "flight", "slot_s": track.run.scenario.slot_s }),

@@ -40,7 +40,7 @@ fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
 fn point(point: &TrackPoint<'_>) -> Waypoint {
     let mut waypoint = at(&point.place);
     waypoint.elevation = Some(point.position.z);
-    // Past the year 9999 there is no date to write.
+    // GPX has no dates after the year 9999.
     let since = Duration::checked_seconds_f64(point.time_s);
     waypoint.time = since.and_then(|since| OffsetDateTime::UNIX_EPOCH.checked_add(since)).map(Into::into);
     waypoint.comment = Some(point.served_text()).filter(|text| !text.is_empty()).map(|text| format!("SN {text}"));

@@ -18,8 +18,8 @@ pub static FORMAT: ExportFormat = ExportFormat {
 };
 
 fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
-    let rim = track.rim.iter().chain(&track.rim[..1]).map(ground).collect::<Vec<_>>();
-    let area = Geometry::Polygon(Polygon { tessellate: true, ..Polygon::new(LinearRing::from(rim), vec![]) });
+    let border = track.border.iter().chain(&track.border[..1]).map(ground).collect::<Vec<_>>();
+    let area = Geometry::Polygon(Polygon { tessellate: true, ..Polygon::new(LinearRing::from(border), vec![]) });
     let flight = Geometry::LineString(LineString {
         altitude_mode: AltitudeMode::RelativeToGround,
         ..LineString::from(track.points.iter().map(in_the_air).collect::<Vec<_>>())

@@ -1,7 +1,7 @@
 //! MCAP with JSON messages, for Foxglove: position, pose, the map's features, and the figures of each slot.
 //!
-//! Foxglove knows a message by the name of its schema (`foxglove.LocationFix` ...); the schemas here have the fields that
-//! are written. A mission has no date: its time counts from 0.
+//! Foxglove identifies messages by the name of their schema, such as `foxglove.LocationFix`. The schemas here contain only
+//! the fields that are written. A mission has no date: its time starts at 0.
 
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -21,7 +21,7 @@ pub static FORMAT: ExportFormat = ExportFormat {
     write: WriteFormat::Flight(write),
 };
 
-/// Frame of poses: that of the area, x east, y north, z up from its south-west corner.
+/// The frame of poses: origin in the south-west corner of the area, x east, y north, z up.
 const FRAME: &str = "area";
 
 fn write(track: &GeodeticTrack<'_>) -> Vec<u8> {
@@ -79,7 +79,7 @@ fn nanoseconds(time_s: f64) -> u64 {
 /// Why writing cannot fail.
 const TO_MEMORY: &str = "memory takes everything, and ids are few";
 
-/// A log in the making.
+/// A log under construction.
 struct Log {
     writer: Writer<Cursor<Vec<u8>>>,
     /// By topic.
@@ -87,7 +87,7 @@ struct Log {
 }
 
 impl Log {
-    /// Adds a message; its topic and schema with the first one.
+    /// Adds a message. The first message of a topic also adds the topic and its schema.
     fn write(&mut self, topic: &'static str, schema: &str, sequence: u32, time_s: f64, message: &Value) {
         let writer = &mut self.writer;
         let channel_id = *self.channels.entry(topic).or_insert_with(|| {
@@ -116,7 +116,7 @@ fn type_of(value: &Value) -> Value {
             let properties: Map<_, _> = fields.iter().map(|(name, field)| (name.clone(), type_of(field))).collect();
             json!({ "type": "object", "properties": properties })
         }
-        // Lists of one message may be empty where those of another are not: all hold numbers.
+        // A list may be empty in the first message; all lists contain numbers.
         Value::Array(_) => json!({ "type": "array", "items": { "type": "number" } }),
         Value::String(_) => json!({ "type": "string" }),
         number => json!({ "type": if number.is_u64() { "integer" } else { "number" } }),

@@ -1,7 +1,7 @@
-//! A finished run as a file that other programs open.
+//! Exports a finished run to the formats of other programs.
 //!
-//! A format is a file of this folder and a line of [`FORMATS`], from which everything else knows it. [`track`] has the
-//! flight in latitude and longitude, [`vehicle`] what a vehicle's mission is made of.
+//! A format is one file in this folder and one line in [`FORMATS`]. [`track`] converts the flight to latitude and
+//! longitude, [`vehicle`] to the items of a vehicle mission.
 
 mod csv;
 mod geojson;
@@ -29,7 +29,7 @@ use crate::LabError;
 use track::GeodeticTrack;
 use vehicle::VehicleItem;
 
-/// Every format, in the order in which they are listed to people.
+/// All formats, in the order of the help.
 pub static FORMATS: [&ExportFormat; 8] = [
     &qgc_plan::FORMAT,
     &waypoints::FORMAT,
@@ -41,60 +41,60 @@ pub static FORMATS: [&ExportFormat; 8] = [
     &parquet::FORMAT,
 ];
 
-/// Most items of a vehicle's mission, where none is asked for: PX4's limit; ArduPilot takes some 700.
+/// Default for the maximum number of items of a vehicle mission. This is the limit of PX4; ArduPilot allows about 700.
 pub const MOST_ITEMS: usize = 500;
 
-/// A format as the registry knows it.
+/// An export format.
 #[derive(Debug)]
 pub struct ExportFormat {
     /// Its name on the command line.
     pub name: &'static str,
-    /// What it is for, in a line.
+    /// Description in one line.
     pub about: &'static str,
-    /// Ending of its files.
+    /// File extension.
     pub extension: &'static str,
-    /// How it is written.
+    /// The function that writes it.
     pub write: WriteFormat,
 }
 
-/// How a format is written.
+/// The function that writes a format.
 #[derive(Debug)]
 pub enum WriteFormat {
     /// The whole flight in one file.
     Flight(fn(&GeodeticTrack<'_>) -> Vec<u8>),
-    /// The slots in the frame of the area, for which no place on the Earth is needed.
+    /// The slots in the frame of the area; needs no origin.
     Slots(fn(&RecordedRun) -> Vec<u8>),
-    /// A vehicle's mission, a file for each part; and what people are told of it.
+    /// A vehicle mission with one file per part, and a note for the summary.
     Mission(fn(&GeodeticTrack<'_>, &[VehicleItem]) -> Vec<u8>, &'static str),
 }
 
-/// What to export, and where to.
+/// The parameters of an export.
 #[derive(Debug)]
 pub struct Export {
     /// The run folder.
     pub run: PathBuf,
     /// The format.
     pub format: &'static ExportFormat,
-    /// Where the south-west corner of the area is, for scenarios without an origin.
+    /// The south-west corner of the area, for scenarios without an origin.
     pub origin: Option<Origin>,
-    /// The file; else it is beside the run folder and has its name.
+    /// The output file; `None` for the name of the run folder with the extension of the format.
     pub out: Option<PathBuf>,
-    /// Whether files may be replaced.
+    /// Whether existing files are replaced.
     pub force: bool,
-    /// Most items of a vehicle's mission; none asks for [`MOST_ITEMS`].
+    /// Maximum number of items of a vehicle mission; `None` for [`MOST_ITEMS`].
     pub most_items: Option<usize>,
 }
 
-/// What was written.
+/// The result of an export.
 #[derive(Debug)]
 pub struct Exported {
-    /// What the files hold, and what they do not.
+    /// A summary of the content of the files.
     pub summary: String,
     /// The files.
     pub files: Vec<PathBuf>,
 }
 
-/// Exports a run. Each file is written whole or not at all.
+/// Exports a run. No file is left incomplete.
 ///
 /// # Errors
 /// If the folder, the origin, the output file or an option is refused, a file cannot be written, or on a stop.
@@ -103,13 +103,13 @@ pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
     let track = || Ok::<_, LabError>(GeodeticTrack::new(&run, origin(&run.scenario, export.origin)?)?);
     let has_items = matches!(export.format.write, WriteFormat::Mission(..));
     if export.most_items.is_some() && !has_items {
-        let message = format_args!("--most-items: {} has no mission items: expected none", export.format.name);
+        let message = format_args!("--most-items: {} has no mission items: omit this option", export.format.name);
         return Err(InputError::new("run folder", &export.run, message).into());
     }
     let counts = format!("{} slots, {} sensor nodes → 1 file", run.slots.len(), run.list.sensors().len());
     let (summary, texts) = match export.format.write {
         WriteFormat::Slots(_) if export.origin.is_some() => {
-            let message = format_args!("--origin: {} has no places on the Earth: expected none", export.format.name);
+            let message = format_args!("--origin: {} has no coordinates: omit this option", export.format.name);
             return Err(InputError::new("run folder", &export.run, message).into());
         }
         WriteFormat::Slots(write) => (counts, vec![write(&run)]),
@@ -126,8 +126,7 @@ pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
     let other_parts = parts_of(&out).into_iter().filter(|part| !files.contains(part));
     for part in other_parts {
         if !export.force {
-            let message =
-                "it is a part of an export in other parts: choose another --out, or pass --force to remove it";
+            let message = "it is a part of an earlier export: choose another --out, or pass --force to remove it";
             return Err(InputError::new("output file", &part, message).into());
         }
         fs::remove_file(&part).at(&part)?;
@@ -138,22 +137,20 @@ pub fn export(export: &Export, stop: &Stop) -> Result<Exported, LabError> {
     Ok(Exported { summary, files })
 }
 
-/// The scenario's origin, or the one that is given where it has none.
+/// The origin of the scenario, or the `given` one if the scenario has none.
 fn origin(scenario: &Scenario, given: Option<Origin>) -> Result<Origin, InputError> {
     let refuse = |message| Err(InputError::new("scenario", &scenario.path, message));
     match (scenario.area.origin(), given) {
         (Some(origin), None) | (None, Some(origin)) => Ok(origin),
         (None, None) => refuse(
-            "no area.origin_lat_deg, area.origin_lon_deg: expected --origin LAT,LON, where the south-west corner of the \
-             area is [°]",
+            "no area.origin_lat_deg, area.origin_lon_deg: expected --origin LAT,LON, the south-west corner of the area \
+             [°]",
         ),
-        (Some(_), Some(_)) => {
-            refuse("area.origin_lat_deg, area.origin_lon_deg are where the area is: expected no --origin")
-        }
+        (Some(_), Some(_)) => refuse("it sets area.origin_lat_deg and area.origin_lon_deg: omit --origin"),
     }
 }
 
-/// The file to write: `--out`, or the run folder's name with the ending of the format.
+/// The output file: `--out`, or the name of the run folder with the extension of the format.
 fn out_file(export: &Export) -> Result<PathBuf, InputError> {
     if let Some(out) = &export.out {
         return Ok(out.clone());
@@ -167,7 +164,7 @@ fn out_file(export: &Export) -> Result<PathBuf, InputError> {
     Ok(whole.with_file_name(name))
 }
 
-/// The names of the parts of a file: its own if it is the only one, else `NAME-part-1-of-3.EXT` ...
+/// The file names of the parts: the given name for a single part, else `NAME-part-1-of-3.EXT` and so on.
 fn part_names(file: &Path, count: usize) -> Vec<PathBuf> {
     if count == 1 {
         return vec![file.to_owned()];
@@ -184,7 +181,7 @@ fn part_names(file: &Path, count: usize) -> Vec<PathBuf> {
     (1..=count).map(name).collect()
 }
 
-/// The parts of the file `out` that are there, of whatever number.
+/// The existing parts of the file `out`, of any number of parts.
 fn parts_of(out: &Path) -> Vec<PathBuf> {
     let parent = out.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let begin = format!("{}-part-", out.file_stem().unwrap_or_default().to_string_lossy());
@@ -199,14 +196,14 @@ fn parts_of(out: &Path) -> Vec<PathBuf> {
     entries.filter(is_part).collect()
 }
 
-/// Refuses a file that cannot be, or exists and is not to be replaced.
+/// Checks that the file can be created, and does not exist unless `force` is set.
 fn check_out(file: &Path, force: bool) -> Result<(), InputError> {
     let refuse = |message: &str| Err(InputError::new("output file", file, message));
     let parent = file.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     match fs::symlink_metadata(file) {
         _ if file.file_name().is_none() => refuse("no name: expected a file"),
-        _ if !parent.is_dir() => refuse("its folder is missing: expected one that exists"),
-        Ok(found) if !found.is_file() => refuse("it is no regular file: choose another --out"),
+        _ if !parent.is_dir() => refuse("its folder does not exist: expected an existing folder"),
+        Ok(found) if !found.is_file() => refuse("it is not a regular file: choose another --out"),
         Ok(_) if !force => refuse("it exists: choose another --out, or pass --force to replace it"),
         _ => Ok(()),
     }
@@ -224,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn names_and_endings_of_the_registry_differ() {
+    fn names_and_extensions_of_formats_are_unique() {
         for (index, format) in FORMATS.iter().enumerate() {
             assert!(FORMATS[..index].iter().all(|other| other.name != format.name));
             assert!(FORMATS[..index].iter().all(|other| other.extension != format.extension));

@@ -1,4 +1,4 @@
-//! The slots as a typed table, with the columns of `slots.csv` and what each sensor node served has uploaded.
+//! The slots as a typed table, with the columns of `slots.csv` and the uploads of each served sensor node.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use crate::parquet_file::parquet;
 /// The table.
 pub static FORMAT: ExportFormat = ExportFormat {
     name: "parquet",
-    about: "pandas, MATLAB: slots.csv with types, and the bits of each served sensor node",
+    about: "Parquet, for pandas and MATLAB: slots.csv with types, and uploads per sensor node",
     extension: "parquet",
     write: WriteFormat::Slots(write),
 };

@@ -8,7 +8,7 @@ use super::track::GeodeticTrack;
 use super::vehicle::VehicleItem;
 use super::{ExportFormat, WriteFormat};
 
-/// Altitudes relative to home, as QGroundControl numbers it.
+/// QGroundControl's code for altitudes relative to home.
 const RELATIVE: u32 = 1;
 
 /// The plan file.
@@ -22,7 +22,7 @@ pub static FORMAT: ExportFormat = ExportFormat {
 fn write(track: &GeodeticTrack<'_>, items: &[VehicleItem]) -> Vec<u8> {
     let home = track.points[0].place;
     let speed_mps = track.run.scenario.uav.max_speed_mps;
-    let fence: Vec<_> = track.rim.iter().map(|place| [place.lat_deg, place.lon_deg]).collect();
+    let fence: Vec<_> = track.border.iter().map(|place| [place.lat_deg, place.lon_deg]).collect();
     let plan = json!({
         "fileType": "Plan",
         "version": 1,
@@ -40,7 +40,7 @@ fn write(track: &GeodeticTrack<'_>, items: &[VehicleItem]) -> Vec<u8> {
             "cruiseSpeed": speed_mps,
             "hoverSpeed": speed_mps,
             "globalPlanAltitudeMode": RELATIVE,
-            // The vehicle replaces the altitude above the sea when it is armed.
+            // The vehicle sets the altitude above sea level when it is armed.
             "plannedHomePosition": [home.lat_deg, home.lon_deg, 0.0],
             "items": items.iter().zip(1..).map(|(item, number)| simple_item(item, number)).collect::<Vec<_>>(),
         },
@@ -48,7 +48,7 @@ fn write(track: &GeodeticTrack<'_>, items: &[VehicleItem]) -> Vec<u8> {
     (serde_json::to_string_pretty(&plan).expect("plain numbers and strings") + "\n").into_bytes()
 }
 
-/// An item as the plan has it, by its number from 1.
+/// An item in the format of the plan; `number` starts at 1.
 fn simple_item(item: &VehicleItem, number: u32) -> Value {
     let mavlink = item.mavlink();
     let mut value = json!({

@@ -1,23 +1,23 @@
-//! The items of a vehicle's mission (MAVLink): slots merged into legs and holds, split into missions of limited length.
+//! The items of a vehicle mission (MAVLink): merges slots into legs and holds, and splits long missions.
 
 use nalgebra::{Point3, Vector3};
 use skysink_common::sensors::projection::GeodeticPosition;
 
 use super::track::{GeodeticTrack, TrackPoint};
 
-/// Fewest items of a mission: home, take-off, speed, waypoint, return.
+/// Minimum number of items of a mission: home, take-off, speed, waypoint, return.
 pub const MIN_ITEMS: usize = 5;
 
-/// Items that come with the next waypoint of a part: itself, home and the return.
+/// Items that the next waypoint of a part needs: itself, home and the return.
 const NEXT_ITEMS: usize = 3;
 
-/// What is merged lies within this of where the UAV was [m].
+/// Tolerance for merging positions [m].
 const MERGE_M: f64 = 0.05;
 
-/// A speed is kept as long as the next ones are within this fraction of the highest.
+/// A speed is unchanged while the next ones are within this fraction of the maximum.
 const SPEED_STEP: f64 = 0.1;
 
-/// An item of a mission.
+/// An item of a vehicle mission.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[expect(missing_docs, reason = "the names of the fields say it")]
 pub enum VehicleItem {
@@ -31,19 +31,19 @@ pub enum VehicleItem {
     Return,
 }
 
-/// An item as MAVLink numbers it.
+/// An item with the codes of MAVLink.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MavlinkItem {
     /// `MAV_CMD`.
     pub command: u16,
-    /// `MAV_FRAME`: 3 altitudes above home, 2 no place.
+    /// `MAV_FRAME`: 3 for altitudes above home, 2 for no position.
     pub frame: u8,
-    /// Parameters 1 to 7; NaN leaves the heading to the vehicle.
+    /// Parameters 1 to 7; NaN lets the vehicle choose the heading.
     pub params: [f64; 7],
 }
 
 impl VehicleItem {
-    /// The item as MAVLink numbers it (`MAV_CMD` and `MAV_FRAME` of common.xml).
+    /// Converts the item to the codes of MAVLink (`MAV_CMD` and `MAV_FRAME` of common.xml).
     #[must_use]
     pub fn mavlink(&self) -> MavlinkItem {
         let at = |command, hold_s, place: GeodeticPosition, altitude_m| MavlinkItem {
@@ -62,19 +62,19 @@ impl VehicleItem {
     }
 }
 
-/// A mission, split where it has more items than a vehicle takes.
+/// A vehicle mission, split into parts if it has too many items.
 #[derive(Debug)]
 pub struct VehicleMission {
-    /// The items of each part, home not among them.
+    /// The items of each part, without home.
     pub parts: Vec<Vec<VehicleItem>>,
-    /// What was merged, for people.
+    /// A summary of what was merged.
     pub summary: String,
 }
 
-/// Merges the slots of a track, and splits what is left into parts of at most `most_items` items, home among them.
+/// Merges the slots of a track, and splits the mission into parts of at most `most_items` items, including home.
 ///
-/// A slot is merged into the hold before it if the UAV stays within 5 cm, and into the leg before it if nobody is served
-/// on the way and it flies straight on at equal speed. Each part takes off and returns.
+/// A slot is merged into the previous hold if the UAV stays within 5 cm. It is merged into the previous leg if it continues
+/// straight on at the same speed and no sensor node is served in between. Each part takes off and returns.
 #[must_use]
 pub fn plan(track: &GeodeticTrack<'_>, most_items: usize) -> VehicleMission {
     let stops = merge(track);
@@ -120,22 +120,22 @@ fn summary(track: &GeodeticTrack<'_>, stops: &[VehicleStop<'_>], parts: &[Vec<Ve
     )
 }
 
-/// A waypoint in the making.
+/// A waypoint under construction.
 #[derive(Debug)]
 struct VehicleStop<'a> {
     point: TrackPoint<'a>,
     hold_s: f64,
-    /// Over ground on the leg to it [m/s]; none if it is reached by climbing alone, or is where the UAV is already.
+    /// Ground speed on the leg to it [m/s]; `None` for a vertical leg or one of length 0.
     speed_mps: Option<f64>,
     is_service: bool,
-    /// Where the leg to it begins [m], its first step [m], and the slots that it takes.
+    /// The start of the leg to it [m], its first step [m], and its number of slots.
     from: Point3<f64>,
     step: Vector3<f64>,
     slots: u32,
 }
 
 impl VehicleStop<'_> {
-    /// Whether the leg leads straight on to `position` in its next slot, at equal speed, and nothing happens here.
+    /// Whether the leg continues straight to `position` in the next slot, at the same speed and without service here.
     fn leads_to(&self, position: &Point3<f64>) -> bool {
         self.hold_s == 0.0 && (self.from + self.step * f64::from(self.slots + 1) - position).norm() <= MERGE_M
     }
@@ -145,7 +145,8 @@ fn merge<'a>(track: &GeodeticTrack<'a>) -> Vec<VehicleStop<'a>> {
     let scenario = &track.run.scenario;
     let mut stops: Vec<VehicleStop<'a>> = Vec::new();
     for pair in track.points.windows(2) {
-        let (before, point) = (&pair[0], pair[1]);
+        let before = &pair[0];
+        let point = pair[1];
         let is_service = !point.served().is_empty();
         let comm_s = if is_service { scenario.link.comm_s } else { 0.0 };
         let step = point.position - before.position;

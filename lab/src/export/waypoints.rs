@@ -1,4 +1,4 @@
-//! The waypoint file of ArduPilot's ground stations, `QGC WPL 110`: a line per item, tab-separated.
+//! The waypoint file of ArduPilot's ground stations, `QGC WPL 110`: one tab-separated line per item.
 //!
 //! Format: MAVLink's developer guide, "Plain-Text File Format".
 
@@ -11,7 +11,7 @@ pub static FORMAT: ExportFormat = ExportFormat {
     name: "waypoints",
     about: "QGC WPL 110, for Mission Planner and MAVProxy: a vehicle's mission, no geofence",
     extension: "waypoints",
-    write: WriteFormat::Mission(write, "\nNo geofence: QGC WPL has no item for it, qgc-plan has"),
+    write: WriteFormat::Mission(write, "\nNo geofence: QGC WPL does not support it; use qgc-plan"),
 };
 
 fn write(track: &GeodeticTrack<'_>, items: &[VehicleItem]) -> Vec<u8> {
@@ -21,7 +21,7 @@ fn write(track: &GeodeticTrack<'_>, items: &[VehicleItem]) -> Vec<u8> {
     let mut text = "QGC WPL 110\n".to_owned();
     for (index, item) in std::iter::once(home).chain(items.iter().map(VehicleItem::mavlink)).enumerate() {
         let MavlinkItem { command, frame, params } = item;
-        // No reader takes NaN for a heading; vehicles of ArduPilot ignore it.
+        // Readers do not accept NaN for the heading, which ArduPilot ignores.
         let [hold, radius, orbit, heading, lat_deg, lon_deg, altitude_m] =
             params.map(|value| if value.is_nan() { 0.0 } else { value });
         let is_current = u8::from(index == 0);

@@ -1,13 +1,13 @@
-//! Axes: which range they show, where a value lies, which values are named, and the panel between two of them.
+//! Axes: their range, the position of values, the tick labels, and the panel of two axes.
 
 use super::page::{INK, Page, fitting, line, stroke, text, text_width};
 
-/// How values are spread over an axis.
+/// The scale of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scale {
-    /// Equal differences are equally far apart.
+    /// Linear.
     Linear,
-    /// Equal ratios are equally far apart; every value is above 0.
+    /// Logarithmic; every value is above 0.
     Log,
 }
 
@@ -21,18 +21,18 @@ pub struct Axis {
     naming: Naming,
 }
 
-/// Which values of an axis are named.
+/// The tick labels of an axis.
 #[derive(Debug, Clone)]
 enum Naming {
-    /// Round ones.
+    /// Round values.
     Round,
-    /// Round ones, and its low end as 0, which has no other place on a logarithmic scale.
+    /// Round values, and 0 at the lower end of a logarithmic scale.
     RoundAndZero,
-    /// 0, 1 ... by these words.
+    /// Words for 0, 1, 2 and so on.
     Words(Vec<String>),
 }
 
-/// A named value: its position, 0 at the low end of the axis and 1 at the high end, and its label.
+/// A tick: its position, from 0 at the lower end of the axis to 1 at the upper end, and its label.
 type Tick = (f64, String);
 
 impl Axis {
@@ -41,18 +41,18 @@ impl Axis {
         Self { label: label.to_owned(), low, high, scale: Scale::Linear, naming: Naming::Round }
     }
 
-    /// An axis on which words stand side by side, at 0, 1 ...
+    /// An axis of categories at 0, 1, 2 and so on.
     pub fn of_words(label: &str, words: &[String]) -> Self {
         let naming = Naming::Words(words.to_vec());
         Self { naming, ..Self::exact(label, [-0.5, words.len() as f64 - 0.5]) }
     }
 
-    /// A logarithmic axis that has room for 0 at its low end.
+    /// Extends a logarithmic axis by a position for 0 at its lower end.
     pub fn with_zero(self) -> Self {
         Self { low: self.low / (self.high / self.low).powf(0.15), naming: Naming::RoundAndZero, ..self }
     }
 
-    /// An axis that shows all `values` (finite; above 0 on a logarithmic scale) with a margin of 4 % at both ends.
+    /// An axis with the range of `values` (finite; above 0 on a logarithmic scale) and a margin of 4 % at both ends.
     pub fn around(label: &str, values: impl Iterator<Item = f64> + Clone, scale: Scale) -> Self {
         let low = values.clone().fold(f64::INFINITY, f64::min);
         let high = values.fold(f64::NEG_INFINITY, f64::max);
@@ -69,7 +69,7 @@ impl Axis {
         Self { label: label.to_owned(), low, high, scale, naming: Naming::Round }
     }
 
-    /// Position of `value`, 0 at the low end and 1 at the high end; on a logarithmic scale 0 below the low end, too.
+    /// Position of `value`: 0 at the lower end, 1 at the upper end. Clipped at 0 on a logarithmic scale.
     fn position(&self, value: f64) -> f64 {
         match self.scale {
             Scale::Linear => (value - self.low) / (self.high - self.low),
@@ -77,7 +77,7 @@ impl Axis {
         }
     }
 
-    /// The named values of the axis: all its words, or at most `most` round values.
+    /// The ticks of the axis: all its words, or at most `most` round values.
     fn ticks(&self, most: usize) -> Vec<Tick> {
         match &self.naming {
             Naming::Round => self.round_ticks(most),
@@ -115,7 +115,7 @@ impl Axis {
         steps.map(multiples).find(|ticks| ticks.len() <= most.max(1)).expect("steps become as wide as needed")
     }
 
-    /// Powers of ten, or 1, 2 and 5 times these where there is room for them, as mantissa and exponent of ten.
+    /// Powers of ten, or 1, 2 and 5 times powers of ten if they fit, as mantissa and exponent of ten.
     fn log_ticks(&self, most: usize) -> Vec<(i64, i32)> {
         let low = self.low.log10();
         let high = self.high.log10();
@@ -132,7 +132,7 @@ fn decimal(mantissa: i64, exponent: i32) -> f64 {
     format!("{mantissa}e{exponent}").parse().expect("a decimal number")
 }
 
-/// `mantissa` · 10^`exponent` with as many decimals as the exponent has, or as a power of ten where these are too many.
+/// Formats `mantissa` · 10^`exponent` with the decimals of the exponent, or in scientific notation if these are too many.
 fn label(mantissa: i64, exponent: i32) -> String {
     let value = decimal(mantissa, exponent);
     if mantissa == 0 && exponent < -4 {
@@ -147,33 +147,33 @@ fn label(mantissa: i64, exponent: i32) -> String {
     format!("{factor}10{}", superscript(exponent))
 }
 
-/// A whole number in raised digits.
+/// An integer in superscript digits.
 fn superscript(number: &str) -> String {
     const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     let raised = |character: char| character.to_digit(10).map_or('⁻', |digit| DIGITS[digit as usize]);
     number.chars().map(raised).collect()
 }
 
-/// A rectangle of a page [units] between two axes.
+/// The plot area of two axes on a page.
 #[derive(Debug)]
 pub struct Panel {
-    /// Left, upper end.
+    /// Upper left corner [units].
     pub corner: [f64; 2],
-    /// Width and height.
+    /// Width and height [units].
     pub size: [f64; 2],
-    /// Axis along the lower side.
+    /// Axis at the lower side.
     pub x: Axis,
-    /// Axis along the left side.
+    /// Axis at the left side.
     pub y: Axis,
-    /// Em of its text.
+    /// Font size [units].
     pub em: f64,
 }
 
-/// From the side of a panel to its tick labels [units]; half of it is the tick.
+/// Distance from the side of a panel to its tick labels [units]. A tick is half as long.
 const GAP: f64 = 16.0;
 
 impl Panel {
-    /// Where the point (`x`, `y`) is on the page [units].
+    /// The position of the point (`x`, `y`) on the page [units].
     pub fn at(&self, x: f64, y: f64) -> [f64; 2] {
         [self.corner[0] + self.x.position(x) * self.size[0], self.bottom() - self.y.position(y) * self.size[1]]
     }
@@ -187,13 +187,13 @@ impl Panel {
         self.y.ticks((self.size[1] / (2.5 * self.em)) as usize + 1)
     }
 
-    /// Room [units] left of it that ticks, their labels and the label of the axis take up.
+    /// Width of the ticks, tick labels and axis label at the left side [units].
     pub fn left_room(&self) -> f64 {
         let widest = self.y_ticks().iter().map(|(_, label)| text_width(label, self.em)).fold(0.0, f64::max);
         GAP + widest + 1.7 * self.em
     }
 
-    /// Draws a line across at every tick of the left side.
+    /// Draws a horizontal line at every tick of the y axis.
     pub fn draw_grid(&self, page: &mut Page) {
         let [left, _] = self.corner;
         for (position, _) in self.y_ticks() {
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lone_value_still_has_an_axis() {
+    fn a_single_value_has_an_axis() {
         for scale in [Scale::Linear, Scale::Log] {
             let position = Axis::around("", [7.0].into_iter(), scale).position(7.0);
             assert!((position - 0.5).abs() < 1e-12, "{scale:?}: {position}");

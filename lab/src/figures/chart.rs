@@ -1,4 +1,4 @@
-//! Curves of means with 95 % confidence bands, a curve per strategy.
+//! Charts: curves of means with 95 % confidence bands.
 
 use std::path::Path;
 
@@ -9,34 +9,34 @@ use super::style::SeriesStyle;
 use crate::error::LabError;
 use crate::sweep::statistics::Support;
 
-/// Lower end of the x axis with its labels on a screen [units].
+/// Lower end of the x axis with its labels, for a screen [units].
 const BOTTOM: f64 = 970.0;
-/// Height of the panel in print over the width of the page.
-const FLATNESS: f64 = 0.5;
-/// Em of the axes and the legend [units].
+/// Height of the panel over the width of the page, in print.
+const PANEL_ASPECT: f64 = 0.5;
+/// Font size of the axes and the legend [units].
 const EM: f64 = 28.0;
 
 /// A mean over missions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CurvePoint {
-    /// What was varied, in the unit of the x axis; the index of a word.
+    /// Value of the swept key in the unit of the x axis, or the index of a word.
     pub x: f64,
-    /// Missions.
+    /// Number of missions.
     pub n: usize,
     /// Mean, in the unit of the y axis.
     pub mean: f64,
-    /// Limits of its 95 % confidence interval, in the same unit; none of a single mission.
+    /// Limits of its 95 % confidence interval, in the same unit; `None` for a single mission.
     pub limits: Option<[f64; 2]>,
 }
 
 /// A curve.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
-    /// Name in the legend.
+    /// Label in the legend.
     pub label: String,
-    /// Which of the styles it is drawn in.
+    /// Index of the style.
     pub style: usize,
-    /// Its points by ascending `x`, at least one.
+    /// Its points by ascending `x`; at least one.
     pub points: Vec<CurvePoint>,
 }
 
@@ -45,20 +45,19 @@ pub struct Series {
 pub struct Chart {
     /// Texts and size of the page.
     pub look: Look,
-    /// What was varied, with its unit.
+    /// Label of the x axis, with its unit.
     pub x_label: String,
-    /// The words of the x axis; none if it has numbers.
+    /// The categories of the x axis; empty if it is numeric.
     pub x_words: Vec<String>,
-    /// What was measured, with its unit.
+    /// Label of the y axis, with its unit.
     pub y_label: String,
-    /// The curves, at least one.
+    /// The curves; at least one.
     pub series: Vec<Series>,
-    /// Over which fields the curves were flown.
+    /// Describes the seeds of the curves.
     pub seeds: String,
-    /// Which values the quantity can have.
+    /// The range of the quantity.
     pub support: Support,
-    /// Scale of the y axis; where it is logarithmic, a band that reaches below the axis ends there, and means of 0 are
-    /// at its low end.
+    /// Scale of the y axis. On a logarithmic scale, bands are clipped at its lower end, where means of 0 are drawn.
     pub y_scale: Scale,
 }
 
@@ -66,8 +65,8 @@ impl Chart {
     /// Writes `stem`.svg, `stem`.pdf and `stem`.png; the same chart gives the same bytes.
     ///
     /// # Errors
-    /// A mean that has no place, no mean above 0 for a logarithmic scale, a character that the embedded font lacks, a
-    /// file that cannot be written.
+    /// If a mean is not finite or negative on a logarithmic scale, all means are 0 on a logarithmic scale, the embedded font
+    /// lacks a character, or a file cannot be written.
     pub fn draw(&self, stem: &Path) -> Result<(), LabError> {
         self.check()?;
         let mut page = Page::new(&self.look);
@@ -76,7 +75,7 @@ impl Chart {
         let entries: Vec<_> = styled().map(|(series, style)| (style.sample(), series.label.as_str())).collect();
         let top = page.add_legend([MARGIN, self.look.top()], width - 2.0 * MARGIN, EM, &entries) + 10.0;
         let below = 3.0 * EM;
-        let bottom = self.look.width_mm.map_or(BOTTOM, |_| top + FLATNESS * width + below);
+        let bottom = self.look.width_mm.map_or(BOTTOM, |_| top + PANEL_ASPECT * width + below);
         let mut panel =
             Panel { corner: [0.0, top], size: [0.0, bottom - below - top], x: self.x_axis(), y: self.y_axis(), em: EM };
         panel.corner[0] = MARGIN + panel.left_room();
@@ -88,12 +87,12 @@ impl Chart {
             styled().for_each(|(series, style)| page.add(style.curve(&series.means(&panel))));
             styled().for_each(|(series, style)| page.add(style.markers(&series.means(&panel))));
         } else {
-            // There is nothing between two words: no curve, but a bar for each interval, side by side.
+            // Categories are not connected: one bar per interval, side by side.
             let step = 0.7 / self.series.len() as f64;
             for (place, (series, style)) in styled().enumerate() {
-                let aside = step * (place as f64 - (self.series.len() - 1) as f64 / 2.0);
-                let lone = |point: &CurvePoint| vec![CurvePoint { x: point.x + aside, ..*point }];
-                for points in series.points.iter().map(lone) {
+                let offset = step * (place as f64 - (self.series.len() - 1) as f64 / 2.0);
+                let single = |point: &CurvePoint| vec![CurvePoint { x: point.x + offset, ..*point }];
+                for points in series.points.iter().map(single) {
                     let series = Series { points, ..series.clone() };
                     series.draw_bands(&mut page, &panel, &style);
                     page.add(style.markers(&series.means(&panel)));
@@ -103,14 +102,14 @@ impl Chart {
         page.write(stem, bottom)
     }
 
-    /// Refuses means that have no place.
+    /// Refuses means that are not on the axis.
     fn check(&self) -> Result<(), LabError> {
         let is_log = self.y_scale == Scale::Log;
-        let has_place = |mean: f64| mean.is_finite() && (!is_log || mean >= 0.0);
+        let is_drawable = |mean: f64| mean.is_finite() && (!is_log || mean >= 0.0);
         let refuse = |what: String, expected: &str| {
             Err(LabError::Figure(format!("{:?}: {what}: expected {expected}", self.look.title)))
         };
-        match self.points().find(|point| !has_place(point.mean)) {
+        match self.points().find(|point| !is_drawable(point.mean)) {
             Some(CurvePoint { x, mean, .. }) => {
                 refuse(format!("mean {mean} at {x}"), "a finite number, not below 0 on a logarithmic scale")
             }
@@ -132,7 +131,7 @@ impl Chart {
         }
     }
 
-    /// All means and confidence limits, and zero if the values reach near it.
+    /// The y axis, with room for all means and confidence limits, and for zero if the values are near it.
     fn y_axis(&self) -> Axis {
         let is_at_end = |mean: &f64| self.y_scale == Scale::Log && *mean == 0.0;
         let means = self.points().map(|point| point.mean).filter(|mean| !is_at_end(mean));
@@ -149,20 +148,20 @@ impl Chart {
 }
 
 impl Series {
-    /// Where its means are on the page [units].
+    /// The positions of its means on the page [units].
     fn means(&self, panel: &Panel) -> Vec<[f64; 2]> {
         self.points.iter().map(|point| panel.at(point.x, point.mean)).collect()
     }
 
-    /// Draws an area over every stretch of points that have confidence limits, and a bar at a lone one.
+    /// Draws a band over every run of points with confidence limits, or a bar for a single point.
     fn draw_bands(&self, page: &mut Page, panel: &Panel, style: &SeriesStyle) {
-        for stretch in self.points.chunk_by(|a, b| a.limits.is_some() == b.limits.is_some()) {
-            let side = |i: usize| stretch.iter().filter_map(move |point| Some(panel.at(point.x, point.limits?[i])));
-            if stretch[0].limits.is_none() {
+        for run in self.points.chunk_by(|a, b| a.limits.is_some() == b.limits.is_some()) {
+            let side = |i: usize| run.iter().filter_map(move |point| Some(panel.at(point.x, point.limits?[i])));
+            if run[0].limits.is_none() {
                 continue;
             }
             let edge = line(side(0).chain(side(1).rev())) + "z";
-            let width = if stretch.len() == 1 { 6.0 } else { 1.0 };
+            let width = if run.len() == 1 { 6.0 } else { 1.0 };
             page.add(stroke(edge, width, style.colour).set("fill", style.colour).set("fill-opacity", 0.16));
         }
     }

@@ -1,57 +1,57 @@
-//! Which figures `skysink figures` makes, and of what.
+//! The figures of `skysink figures` and their settings.
 
 use std::path::PathBuf;
 
 use clap::ValueEnum;
 use serde::Deserialize;
 
-/// Search steps of `horizon` in a slot, if nothing else is wanted: the sparse fields take four times as many.
+/// Default number of search steps of `horizon` per slot. Sparse fields use four times as many.
 pub const HORIZON_ITERATIONS: u32 = 2_000;
 
-/// A group of figures with sweeps of its own.
+/// A group of figures with their own sweeps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum FigurePart {
-    /// Against the area, the letter's Fig. 2 (a).
+    /// Loss against the side of the area, the paper's Fig. 2 (a).
     Area,
-    /// Against the area, up to 1 000 m.
+    /// Loss against the side of the area, up to 1 000 m.
     Sparse,
-    /// Against the sampling rate, Fig. 2 (b).
+    /// Loss against the sampling rate, the paper's Fig. 2 (b).
     Rate,
-    /// Planning time of a slot.
+    /// Planning time per slot.
     Time,
-    /// Against the mission's time, Fig. 2 (c).
+    /// Loss against the duration of the mission, the paper's Fig. 2 (c).
     MissionTime,
-    /// What it costs not to know the queues.
+    /// Loss with estimated queues and rates.
     Knowledge,
-    /// What the third dimension is worth.
+    /// Loss with fixed and free altitude.
     Altitude,
-    /// Trajectories.
+    /// Maps of the trajectories.
     Maps,
 }
 
-/// What the figures are made of.
+/// The figures to draw and their settings.
 #[derive(Debug, Clone)]
 pub struct Choice {
-    /// Which of them; all if none is named.
+    /// The figures; all if empty.
     pub only: Vec<FigurePart>,
     /// Missions per point.
     pub runs: u64,
-    /// Search steps of `horizon` in a slot.
+    /// Search steps of `horizon` per slot.
     pub horizon_iterations: u32,
-    /// Missions at the same time, 0 for one per core.
+    /// Number of threads; 0 for one per core.
     pub threads: usize,
-    /// Folder of the figures.
+    /// Output folder.
     pub out: PathBuf,
 }
 
 impl Choice {
-    /// Whether figures of this part are to be drawn.
-    pub(super) fn wants(&self, part: FigurePart) -> bool {
+    /// Whether to draw the figures of this part.
+    pub(super) fn includes(&self, part: FigurePart) -> bool {
         self.only.is_empty() || self.only.contains(&part)
     }
 
-    /// Version and command, for descriptions and tables.
+    /// The version and the command line, for descriptions and tables.
     pub(super) fn command(&self) -> String {
         let steps = match self.horizon_iterations {
             HORIZON_ITERATIONS => String::new(),

@@ -1,5 +1,5 @@
-//! What the curves of a chart are made of: a value of each mission, by seed, of which the chart shows the means or the
-//! means of paired differences.
+//! The data of the curves of a chart: a value per mission, by seed. A chart shows their means or the means of paired
+//! differences.
 
 use std::collections::BTreeMap;
 
@@ -9,25 +9,25 @@ use crate::sweep::statistics::{MeanInterval, Support, paired_differences};
 /// The values of a curve.
 #[derive(Debug, Clone)]
 pub struct CurveValues {
-    /// Name in the legend.
+    /// Label in the legend.
     pub label: String,
-    /// Which of the styles it is drawn in.
+    /// Index of the style.
     pub style: usize,
-    /// Name of the curve that it is compared with; none if it is not compared.
+    /// Label of the reference curve for differences, if any.
     pub reference: Option<String>,
-    /// The missions' values by seed, for each point of the x axis.
+    /// For each point of the x axis, the values by seed.
     pub points: Vec<BTreeMap<u64, f64>>,
 }
 
 impl CurveValues {
-    /// The curve of their means over the points `xs`.
+    /// The curve of the means at the points `xs`.
     pub fn means(&self, xs: &[f64], support: Support) -> Series {
         let values = self.points.iter().map(|values| values.values().copied().collect());
         self.curve(xs, values.collect(), support)
     }
 
-    /// The curve of the mean differences from `reference` over the fields that both have flown over; that of the
-    /// reference itself is 0 and has no interval.
+    /// The curve of the mean differences to `reference` over common fields. That of the reference itself is 0 without an
+    /// interval.
     fn differences(&self, reference: &Self, xs: &[f64], support: Support) -> Series {
         let pairs = self.points.iter().zip(&reference.points);
         let differences = pairs.map(|(values, reference)| paired_differences(values, reference)).collect();
@@ -46,13 +46,13 @@ impl CurveValues {
         Series { label: self.label.clone(), style: self.style, points: xs.iter().zip(values).map(point).collect() }
     }
 
-    /// Fields per point.
+    /// The minimum number of fields per point.
     fn runs(&self) -> usize {
         self.points.iter().map(BTreeMap::len).min().unwrap_or(0)
     }
 }
 
-/// The curves of paired differences of all `curves` that are compared with one of them, in their order.
+/// The curves of paired differences, for all `curves` with a reference, in their order.
 pub fn differences(curves: &[CurveValues], xs: &[f64], support: Support) -> Vec<Series> {
     let compared = curves.iter().filter_map(|curve| {
         let reference = curves.iter().find(|other| Some(&other.label) == curve.reference.as_ref())?;
@@ -61,7 +61,7 @@ pub fn differences(curves: &[CurveValues], xs: &[f64], support: Support) -> Vec<
     compared.collect()
 }
 
-/// Over which fields the curves were flown: seeds from 1 on, of some fewer than of others.
+/// Describes the seeds of the curves, which start at 1. Some curves may have fewer than others.
 pub fn seeds(curves: &[CurveValues]) -> String {
     let most = curves.iter().map(CurveValues::runs).max().unwrap_or(0);
     let least = curves.iter().map(CurveValues::runs).min().unwrap_or(0);
@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn differences_are_of_the_same_fields_and_in_the_order_of_the_curves() {
+    fn differences_are_paired_by_field_in_the_order_of_the_curves() {
         let lone = CurveValues { reference: None, ..curve("lower bound", &[(1, 0.0)]) };
         let rfs = curve("rfs", &[(1, 0.25), (2, 0.5), (3, 1.0)]);
         let curves = [rfs, curve("uts", &[(1, 0.125), (2, 0.25), (3, 0.5)]), curve("horizon", &[(2, 0.125)]), lone];
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn a_difference_is_surer_than_the_values_where_fields_differ() {
+    fn paired_differences_have_narrower_intervals_than_the_values() {
         // Fields differ by up to 0.4, the strategies over each of them by 0.01 or 0.02.
         let uts: Vec<_> = (1..=20).map(|seed| (seed, 0.02 * seed as f64)).collect();
         let gfs: Vec<_> = uts.iter().map(|&(seed, loss)| (seed, loss + 0.01 * (1 + seed % 2) as f64)).collect();

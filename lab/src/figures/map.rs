@@ -1,4 +1,4 @@
-//! Where the UAV flew and what that left at the sensors: a panel per mission on one sheet, with a shared colour bar.
+//! Maps of trajectories and final queues: one panel per mission on one sheet, with a shared colour bar.
 
 use std::path::Path;
 
@@ -9,15 +9,15 @@ use super::page::{INK, Look, MARGIN, Page, SAMPLE, TOP, WIDTH, fitting, line, st
 use super::style::shade;
 use crate::error::LabError;
 
-/// Em of everything but the title [units].
+/// Font size of everything but the title [units].
 const EM: f64 = 24.0;
 /// Space [units] left of a panel (tick and axis labels) and right of it.
 const BESIDE: [f64; 2] = [110.0, 20.0];
 /// Space [units] above a panel (its title) and below it (tick and axis labels).
 const AROUND: [f64; 2] = [46.0, 84.0];
-/// Sign at the start, as SVG path data from there: a square.
+/// Marker at the start, as relative SVG path data: a square.
 const START: &str = "m-12,-12h24v24h-24z";
-/// Sign at the end: a cross.
+/// Marker at the end: a cross.
 const END: &str = "m-12,-12l24,24m0,-24l-24,24";
 /// Colour of a path.
 const PATH: &str = "#909090";
@@ -25,16 +25,16 @@ const PATH: &str = "#909090";
 /// A sensor of a map.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapSensor {
-    /// Where it is: x, y [m].
+    /// Position: x, y [m].
     pub position_m: [f64; 2],
-    /// What its colour shows, a fraction from 0 to 1.
+    /// The fraction that its colour shows, from 0 to 1.
     pub fraction: f64,
 }
 
 /// The trajectory of one mission.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrajectoryMap {
-    /// Above the panel.
+    /// Title above the panel.
     pub title: String,
     /// Extent of the area in x [m].
     pub width_m: f64,
@@ -42,9 +42,9 @@ pub struct TrajectoryMap {
     pub height_m: f64,
     /// The sensors.
     pub sensors: Vec<MapSensor>,
-    /// Where the UAV began: x, y [m].
+    /// Position of the UAV at the start: x, y [m].
     pub start_m: [f64; 2],
-    /// Where it was after each slot: x, y [m].
+    /// Position after each slot: x, y [m].
     pub path_m: Vec<[f64; 2]>,
 }
 
@@ -53,9 +53,9 @@ pub struct TrajectoryMap {
 pub struct MapSheet {
     /// Texts of the page.
     pub look: Look,
-    /// The maps, row by row, at least one.
+    /// The maps, row by row; at least one.
     pub maps: Vec<TrajectoryMap>,
-    /// What the colours of the sensors show.
+    /// Label of the colour bar.
     pub fraction_label: String,
 }
 
@@ -63,17 +63,18 @@ impl MapSheet {
     /// Writes `stem`.svg, `stem`.pdf and `stem`.png; the same sheet gives the same bytes.
     ///
     /// # Errors
-    /// A character that the embedded font lacks, a file that cannot be written.
+    /// If the embedded font lacks a character, or a file cannot be written.
     pub fn draw(&self, stem: &Path) -> Result<(), LabError> {
-        let cells = self.maps.len() + 1; // the last is for colour bar and signs
+        let cells = self.maps.len() + 1; // the last cell is the legend
         let columns = if cells == 2 || cells == 4 { 2 } else { 3 };
         let cell_width = (WIDTH - 2.0 * MARGIN) / columns as f64;
         let panel_width = cell_width - BESIDE[0] - BESIDE[1];
-        let slimness = self.maps.iter().map(TrajectoryMap::slimness).fold(0.0, f64::max).clamp(0.65, 1.5);
-        let room = [panel_width, panel_width * slimness];
+        let aspect = self.maps.iter().map(TrajectoryMap::aspect).fold(0.0, f64::max).clamp(0.65, 1.5);
+        let room = [panel_width, panel_width * aspect];
         let cell_height = room[1] + AROUND[0] + AROUND[1];
         let corner = |cell: usize| {
-            let (row, column) = (cell / columns, cell % columns);
+            let row = cell / columns;
+            let column = cell % columns;
             [MARGIN + cell_width * column as f64 + BESIDE[0], TOP + cell_height * row as f64 + AROUND[0]]
         };
         let mut page = Page::new(&self.look);
@@ -92,12 +93,12 @@ impl MapSheet {
         [0.01, 0.02, 0.05, 0.1, 0.2, 0.5].into_iter().find(|&end| highest <= end).unwrap_or(1.0)
     }
 
-    /// Draws colour bar and signs in the cell after the last map.
+    /// Draws the colour bar and the markers in the cell after the last map.
     fn draw_key(&self, page: &mut Page, [left, top]: [f64; 2], width: f64, highest: f64) {
         const STEPS: u32 = 64;
         page.add(text(&self.fraction_label, [left, top + EM], fitting(&self.fraction_label, EM, width), "start"));
         for step in 0..STEPS {
-            // Each step reaches to the end, under the next: no seams where a viewer smooths edges.
+            // Each step extends to the end below the next one, so that antialiasing shows no seams.
             let done = width * f64::from(step) / f64::from(STEPS);
             let bar = Rectangle::new().set("x", left + done).set("width", width - done);
             let colour = shade((f64::from(step) + 0.5) / f64::from(STEPS));
@@ -118,7 +119,7 @@ impl MapSheet {
 }
 
 impl TrajectoryMap {
-    /// Low and high end [m] of what the map shows in x and y: the area, and all that lies outside of it.
+    /// The range of the map in x and y [m]: the area, extended to all sensors and the path.
     fn extent_m(&self) -> [[f64; 2]; 2] {
         let positions = self.sensors.iter().map(|sensor| sensor.position_m).chain(self.path_m.iter().copied());
         let area = [[0.0, self.width_m], [0.0, self.height_m]];
@@ -127,13 +128,13 @@ impl TrajectoryMap {
             .fold(area, |[x_m, y_m], [x, y]| [[x_m[0].min(x), x_m[1].max(x)], [y_m[0].min(y), y_m[1].max(y)]])
     }
 
-    /// Height over width of what the map shows.
-    fn slimness(&self) -> f64 {
+    /// Height over width of the map.
+    fn aspect(&self) -> f64 {
         let [x_m, y_m] = self.extent_m();
         (y_m[1] - y_m[0]) / (x_m[1] - x_m[0])
     }
 
-    /// Draws the map to scale in the upper middle of `room` [units].
+    /// Draws the map to scale, centred horizontally at the top of `room` [units].
     fn draw(&self, page: &mut Page, [left, top]: [f64; 2], room: [f64; 2], highest: f64) {
         let [x_m, y_m] = self.extent_m();
         let units_per_m = (room[0] / (x_m[1] - x_m[0])).min(room[1] / (y_m[1] - y_m[0]));
@@ -153,13 +154,13 @@ impl TrajectoryMap {
     }
 }
 
-/// A disc with a dark edge, so that a light one is seen on white.
+/// A disc with a dark edge, so that light ones are visible on white.
 fn sensor([x, y]: [f64; 2], fraction: f64) -> Circle {
     let disc = Circle::new().set("cx", format!("{x:.1}")).set("cy", format!("{y:.1}")).set("r", 8);
     disc.set("fill", shade(fraction)).set("stroke", INK)
 }
 
-/// A sign on white.
+/// A marker with a white outline.
 fn sign([x, y]: [f64; 2], data: &str) -> Group {
     let data = format!("M{x:.1},{y:.1}{data}");
     Group::new().add(stroke(&*data, 8.0, "white")).add(stroke(&*data, 4.0, INK))

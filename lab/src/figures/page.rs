@@ -1,7 +1,6 @@
-//! The page of a figure: its size, title, legend, description, the embedded font, and the files it becomes.
+//! The page of a figure: its size, title, legend, description and font, and its files.
 //!
-//! Everything is drawn as SVG; PDF and PNG are the same document, made by krilla and resvg. Text stays text in SVG and
-//! PDF.
+//! Everything is drawn as SVG. krilla and resvg convert the same document to PDF and PNG. Text stays text in SVG and PDF.
 
 use std::path::Path;
 
@@ -17,19 +16,19 @@ use svg::{Document, Node};
 
 use crate::error::LabError;
 
-/// Width of a page for a screen [units], and the least of a PNG [pixels].
+/// Width of a page for a screen [units], and minimum width of a PNG [pixels].
 pub const WIDTH: f64 = 1600.0;
-/// Distance of everything from the edge of the page [units].
+/// Margin of the page [units].
 pub const MARGIN: f64 = 30.0;
 /// Lower end of the title [units].
 pub const TOP: f64 = 78.0;
-/// Room [units] for the sample of a legend entry.
+/// Width of the sample of a legend entry [units].
 pub const SAMPLE: f64 = 100.0;
-/// Axis lines and text.
+/// Colour of axis lines and text.
 pub const INK: &str = "#202020";
-/// Em of the title [units].
+/// Font size of the title [units].
 const TITLE_EM: f64 = 34.0;
-/// Em of the footer [units].
+/// Font size of the footer [units].
 const FOOTER_EM: f64 = 21.0;
 /// Units per point in print, so that the text of axes and legends (28 units) has 8 pt.
 const UNITS_PER_PT: f64 = 3.5;
@@ -38,25 +37,25 @@ const PT_PER_PIXEL: f32 = 0.75;
 /// Points per millimetre.
 const PT_PER_MM: f64 = 72.0 / 25.4;
 
-/// The font families that the SVG names; the first is the embedded one, by which text is measured.
+/// The font families in the SVG. Text is measured with the first one, which is embedded.
 const FAMILIES: &str = "DejaVu Sans, Verdana, Arial, sans-serif";
-/// DejaVu Sans reduced to what figures say; licence and command in `DejaVuSans-subset.LICENSE.txt`.
+/// A subset of DejaVu Sans; licence and command in `DejaVuSans-subset.LICENSE.txt`.
 const DEJAVU_SANS: &[u8] = include_bytes!("DejaVuSans-subset.ttf");
 
-/// How a figure is put on its page.
+/// The texts and the width of a page.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Look {
-    /// Above everything; nothing if empty.
+    /// Title at the top, or empty.
     pub title: String,
-    /// Below everything; nothing if empty.
+    /// Footer at the bottom, or empty.
     pub footer: String,
-    /// Missions, version, command: not drawn, but in the file.
+    /// Missions, version and command, as metadata of the file.
     pub description: String,
-    /// Width in print [mm]; none for a screen, [`WIDTH`].
+    /// Printed width [mm]; `None` for a screen, [`WIDTH`].
     pub width_mm: Option<f64>,
 }
 
-/// A white page; x to the right and y downwards from its upper left corner.
+/// A white page. The origin is its upper left corner; x points right and y down.
 pub struct Page {
     document: Document,
     look: Look,
@@ -68,7 +67,7 @@ impl Look {
         self.width_mm.map_or(WIDTH, |width_mm| (width_mm * PT_PER_MM * UNITS_PER_PT).round())
     }
 
-    /// Where the figure begins below the title [units].
+    /// Upper end of the figure, below the title [units].
     pub fn top(&self) -> f64 {
         if self.title.is_empty() { MARGIN } else { TOP }
     }
@@ -85,23 +84,23 @@ impl Page {
         page
     }
 
-    /// Adds a line of text over the whole width on the base line `y` [units], if there is one.
-    fn add_line(&mut self, words: &str, y: f64, em: f64) {
-        if !words.is_empty() {
+    /// Adds a line of text on the base line `y` [units], shrunk to the width of the page, unless it is empty.
+    fn add_line(&mut self, line: &str, y: f64, em: f64) {
+        if !line.is_empty() {
             let room = self.look.width() - 2.0 * MARGIN;
-            self.add(text(words, [MARGIN, y], fitting(words, em, room), "start"));
+            self.add(text(line, [MARGIN, y], fitting(line, em, room), "start"));
         }
     }
 
-    /// Adds something on top of the rest.
+    /// Adds a node on top of the others.
     pub fn add(&mut self, node: impl Into<Box<dyn Node>>) {
         self.document.append(node);
     }
 
-    /// Adds samples, drawn to the right of the origin, with their labels, in as many columns as fit into `width`.
-    /// Returns the lower end.
+    /// Adds a legend in as many columns as fit into `width`. An entry is a sample, drawn from the origin to the right, and
+    /// its label. Returns the lower end.
     pub fn add_legend(&mut self, [left, top]: [f64; 2], width: f64, em: f64, entries: &[(Group, &str)]) -> f64 {
-        // Somebody else's font may be wider.
+        // The viewer may use a wider font.
         let widest = entries.iter().map(|(_, label)| 1.1 * text_width(label, em)).fold(0.0, f64::max);
         let column = SAMPLE + widest + 1.4 * em;
         let columns = ((width / column) as usize).clamp(1, entries.len());
@@ -114,11 +113,10 @@ impl Page {
         top + 1.6 * em * entries.len().div_ceil(columns) as f64
     }
 
-    /// Writes `stem`.svg, `stem`.pdf and `stem`.png of a page that ends a margin, and the footer, below `bottom`
-    /// [units].
+    /// Writes `stem`.svg, `stem`.pdf and `stem`.png. The page ends with the footer and a margin below `bottom` [units].
     ///
     /// # Errors
-    /// A text that the embedded font cannot set, a file that cannot be written.
+    /// If the embedded font lacks a character, or a file cannot be written.
     pub fn write(mut self, stem: &Path, mut bottom: f64) -> Result<(), LabError> {
         let look = self.look.clone();
         if !look.footer.is_empty() {
@@ -134,14 +132,14 @@ impl Page {
         }
         let mut options = usvg::Options::default();
         options.fontdb_mut().load_font_data(DEJAVU_SANS.to_vec());
-        let tree = usvg::Tree::from_str(&svg, &options).expect("a document of ours is SVG");
+        let tree = usvg::Tree::from_str(&svg, &options).expect("the document is valid SVG");
         write_whole(&stem.with_added_extension("svg"), svg.as_bytes())?;
         write_whole(&stem.with_added_extension("pdf"), &pdf(&tree, &look))?;
         Ok(write_whole(&stem.with_added_extension("png"), &png(&tree, width.max(WIDTH)))?)
     }
 }
 
-/// Refuses a text that the embedded font cannot set.
+/// Refuses a text with characters that the embedded font lacks.
 pub fn check_text(text: &str) -> Result<(), String> {
     match text.chars().find(|&character| font().charmap().map(character).is_none()) {
         Some(character) => {
@@ -159,13 +157,13 @@ fn pdf(tree: &usvg::Tree, look: &Look) -> Vec<u8> {
     document.set_metadata(Metadata::new().title(look.title.clone()).description(look.description.clone()));
     let mut page = document.start_page_with(PageSettings::new(size));
     let mut surface = page.surface();
-    surface.draw_svg(tree, size, SvgSettings::default()).expect("all of it can be drawn");
+    surface.draw_svg(tree, size, SvgSettings::default()).expect("the document uses supported features only");
     surface.finish();
     page.finish();
-    document.finish().expect("a document of ours has nothing that fails")
+    document.finish().expect("the document uses supported features only")
 }
 
-/// The page as a picture that is `width` pixels wide.
+/// The page as PNG with this width [pixels].
 fn png(tree: &usvg::Tree, width: f64) -> Vec<u8> {
     let scale = width as f32 / tree.size().width();
     let [width, height] = [tree.size().width(), tree.size().height()].map(|pixels| (pixels * scale).round() as u32);
@@ -174,10 +172,10 @@ fn png(tree: &usvg::Tree, width: f64) -> Vec<u8> {
     pixels.encode_png().expect("memory takes everything")
 }
 
-/// Words with their `anchor` (`start`, `middle`, `end`) on the base line.
-pub fn text(words: &str, [x, y]: [f64; 2], em: f64, anchor: &str) -> Text {
+/// Text with its `anchor` (`start`, `middle`, `end`) at a point on the base line.
+pub fn text(content: &str, [x, y]: [f64; 2], em: f64, anchor: &str) -> Text {
     let rounded = |number: f64| (10.0 * number).round() / 10.0;
-    let text = Text::new(words).set("x", rounded(x)).set("y", rounded(y));
+    let text = Text::new(content).set("x", rounded(x)).set("y", rounded(y));
     text.set("font-size", rounded(em)).set("text-anchor", anchor)
 }
 
@@ -192,7 +190,7 @@ pub fn line(points: impl IntoIterator<Item = [f64; 2]>) -> String {
     format!("M{}", points.join(" "))
 }
 
-/// `em`, or the smaller em at which `text` fits into `room` [units] with some room left for a viewer's wider font.
+/// The font size `em`, reduced if necessary so that `text` fits into `room` [units], with a reserve for wider fonts.
 pub fn fitting(text: &str, em: f64, room: f64) -> f64 {
     em.min(em * room / (1.08 * text_width(text, em)).max(1.0))
 }

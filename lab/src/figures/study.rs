@@ -1,4 +1,4 @@
-//! Sweeps over one key of a mission, and the charts made of them; which there are says `studies.toml`.
+//! The studies of `skysink figures`: sweeps over one key, and their charts. `studies.toml` defines them.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -25,35 +25,35 @@ use crate::sweep::results::{BEST_KNOWN, best_known, number};
 use crate::sweep::statistics::Support;
 use crate::sweep::sweep;
 
-/// Search steps of an offline plan, for each step that `horizon` takes in a slot.
+/// Search steps of an offline plan per search step of `horizon` in a slot.
 const OFFLINE_PER_HORIZON_STEP: i64 = 200;
 
-/// Sweeps over the same points of a mission, and what is plotted of them.
+/// Sweeps over the same points, and the charts of their results.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Study {
-    /// The figures that it is; its sweeps have the same name.
+    /// The figures of the study; its sweeps have the same name.
     pub part: FigurePart,
     base: StudyBase,
-    /// Keys with their values, as in a sweep file; the last is the x axis, the one before has a value for each chart.
+    /// Keys with their values, as in a sweep file. The last key is the x axis; the one before has one value per chart.
     axes: toml::Table,
     x_label: String,
     /// The charts of each quantity: name in files, and title.
     charts: Vec<(String, String)>,
     quantities: Vec<Quantity>,
-    /// Label of the curve from which the differences of the others are shown, where the quantity is a fraction; `{}`
-    /// stands for the strategy of the other.
+    /// Label of the reference curve for differences, which are drawn if the quantity is a fraction. `{}` is replaced by
+    /// the strategy of the other curve.
     reference: Option<String>,
     flights: Vec<Flights>,
-    /// Missions at the same time; 1 where time itself is measured, 0 for as many as asked for.
+    /// Number of threads: 1 for time measurements, 0 for the number that the user has chosen.
     #[serde(default)]
     threads: usize,
-    /// Times as many search steps as elsewhere; 0 for as many.
+    /// Factor on the number of search steps; 0 means 1.
     #[serde(default)]
     effort: i64,
 }
 
-/// The mission that a study varies.
+/// The base scenario of a study.
 #[derive(Clone, Copy, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum StudyBase {
@@ -66,15 +66,15 @@ enum StudyBase {
 #[serde(deny_unknown_fields)]
 struct Flights {
     by: Flyers,
-    /// Name of a curve, in which `{}` stands for the strategy.
+    /// Label of a curve; `{}` is replaced by the strategy.
     label: String,
-    /// What the name of the sweep ends with.
+    /// Suffix of the name of the sweep.
     #[serde(default)]
     suffix: String,
-    /// Keys with the values that they have in this sweep.
+    /// Additional keys with their values in this sweep.
     #[serde(default)]
     axes: toml::Table,
-    /// Most fields per point.
+    /// Maximum number of fields per point.
     most_runs: Option<u64>,
 }
 
@@ -84,13 +84,13 @@ struct Flights {
 enum Flyers {
     /// [`AT_ONCE`], which decide in microseconds.
     AtOnce,
-    /// Those that search, for milliseconds; `offline` is only shown as a part of the best known.
+    /// Strategies with a search, which takes milliseconds. `offline` only contributes to the best known loss.
     Ahead,
-    /// These.
+    /// A list.
     Named(Vec<&'static Registered>),
 }
 
-/// What is plotted of the missions; of a loss the best known and the lower bounds, too, where offline plans are flown.
+/// A plotted metric. If it is the loss and offline plans are flown, best known loss and lower bounds are plotted, too.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Quantity {
@@ -99,27 +99,27 @@ struct Quantity {
     metric: Metric,
 }
 
-/// The curves of a chart and of that of their differences.
+/// The curves of a chart and of the chart of their differences.
 struct ShownCurves<'a> {
     curves: &'a [CurveValues],
-    /// Mission, for the title.
+    /// The mission, for the title.
     about: &'a str,
-    /// In files.
+    /// The file name.
     name: String,
 }
 
 /// All studies.
 ///
 /// # Panics
-/// Never: they are built in, and tested.
+/// Never: the studies are built in and tested.
 pub(super) fn studies() -> Vec<Study> {
     let studies = toml::from_str(include_str!("studies.toml"));
-    let mut studies: BTreeMap<String, Vec<Study>> = studies.expect("studies as described here");
+    let mut studies: BTreeMap<String, Vec<Study>> = studies.expect("studies.toml is valid");
     studies.remove("study").unwrap_or_default()
 }
 
-/// The strategies of the figures that decide without a search. The other baselines are not flown: the paper's
-/// comparison in `docs/src/results.md`, and with it the best known, is among these.
+/// The strategies of the figures that decide without a search. The comparison in `docs/src/results.md`, including the best
+/// known loss, is among these; other baselines are not simulated.
 pub(super) const AT_ONCE: [&Registered; 8] = [
     &rfs::STRATEGY,
     &gfs::STRATEGY,
@@ -131,8 +131,7 @@ pub(super) const AT_ONCE: [&Registered; 8] = [
     &max_age_first::STRATEGY,
 ];
 
-/// The style of a strategy's curve: that of the figures which show each strategy once, or one after those. None if it is
-/// not of the registry.
+/// The index of the style for a strategy's curve, the same in all figures. `None` if the strategy is not in the registry.
 pub(crate) fn style(name: &str) -> Option<usize> {
     let mut shown = AT_ONCE.into_iter().chain([&horizon::STRATEGY]);
     let place = || STRATEGIES.into_iter().position(|other| other.name == name);
@@ -140,17 +139,17 @@ pub(crate) fn style(name: &str) -> Option<usize> {
 }
 
 impl StudyBase {
-    /// Its file, and what that holds.
+    /// The file name and the content of the scenario.
     fn scenario(self) -> (&'static str, &'static str) {
         match self {
             Self::Letter => ("letter.toml", LETTER),
-            Self::PlosDenseUrban => ("plos-dense-urban.toml", include_str!("../../../scenarios/plos-dense-urban.toml")),
+            Self::PlosDenseUrban => ("plos-dense-urban.toml", include_str!("../../plos-dense-urban.toml")),
         }
     }
 }
 
 impl Quantity {
-    /// Scale of its axis.
+    /// The scale of its axis.
     fn scale(&self) -> Scale {
         if self.metric.is_timing() { Scale::Log } else { Scale::Linear }
     }
@@ -165,15 +164,15 @@ impl Flights {
         }
     }
 
-    /// Fields per point.
+    /// The number of fields per point.
     fn runs(&self, choice: &Choice) -> u64 {
         choice.runs.min(self.most_runs.unwrap_or(u64::MAX))
     }
 }
 
 impl Study {
-    /// Flies what is missing of its sweeps, and makes a chart of each quantity for every value of the last key but one;
-    /// each with its name. `first` is the number of its first sweep.
+    /// Runs or resumes the sweeps. Returns named charts: one per quantity and value of the last key but one, and those of
+    /// differences. `first` is the number of the first sweep.
     pub fn charts(
         &self,
         choice: &Choice,
@@ -209,7 +208,7 @@ impl Study {
         (shown.name.clone(), Chart { y_scale: quantity.scale(), ..chart })
     }
 
-    /// The chart of its differences from the reference, by field, if there is one.
+    /// The chart of the differences to the reference, paired by field, if there is a reference.
     fn chart_of_differences(
         &self,
         quantity: &Quantity,
@@ -217,10 +216,10 @@ impl Study {
         choice: &Choice,
     ) -> Option<(String, Chart)> {
         let reference = self.reference.as_ref().filter(|_| quantity.metric.support() == Support::Fraction)?;
-        let of = reference.replace("{} ", "");
+        let reference = reference.replace("{} ", "");
         let series = curves::differences(shown.curves, &self.xs(), Support::Fraction);
         let title = format!("{}, difference by field", quantity.title);
-        let y_label = format!("{} − that of “{of}”", quantity.metric.label());
+        let y_label = format!("{} − that of “{reference}”", quantity.metric.label());
         let chart = self.chart(&title, &y_label, series, Support::FractionDifference, shown, choice);
         Some((format!("{}-difference", shown.name), chart))
     }
@@ -251,20 +250,20 @@ impl Study {
         }
     }
 
-    /// How many sweeps it has.
+    /// The number of sweeps.
     pub fn sweeps(&self) -> usize {
         self.flights.len()
     }
 
-    /// Its name on the command line.
+    /// The name on the command line.
     fn name(&self) -> String {
         self.part.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
     }
 
-    /// The sweep of these flights; every strategy that searches has its number of steps.
+    /// The sweep of these flights, with the number of search steps of each strategy.
     fn sweep(&self, flights: &Flights, choice: &Choice) -> Result<Sweep, LabError> {
         let (file, text) = self.base.scenario();
-        let table = text.parse().expect("a scenario of ours is TOML");
+        let table = text.parse().expect("a built-in scenario is valid TOML");
         let base = SweepBase { path: format!("{file} (built in)").into(), table };
         let strategies = flights.strategies();
         let mut axes = flights.axes.clone();
@@ -283,8 +282,8 @@ impl Study {
         Sweep::new(Path::new(&self.name()), base, axes, strategies, seeds, Vec::new())
     }
 
-    /// One quantity in one of the charts, a curve for each strategy of each sweep; of a loss the best known and the
-    /// bound, too, over the fields that every strategy has flown over.
+    /// The curves of a quantity in the chart with the index `chart`: one per strategy of each sweep. For the loss, also the
+    /// best known loss and the lower bounds, over the fields of all strategies.
     fn curves(&self, quantity: &Quantity, flown: &[MissionRows], chart: usize, choice: &Choice) -> Vec<CurveValues> {
         let count = self.xs().len();
         let mut curves = Vec::new();
@@ -320,7 +319,7 @@ impl Study {
         curves
     }
 
-    /// Values of the x axis.
+    /// The values of the x axis.
     fn xs(&self) -> Vec<f64> {
         let values = self.axes.values().next_back().and_then(toml::Value::as_array).into_iter().flatten();
         values.filter_map(number).collect()
@@ -347,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn every_strategy_has_the_curve_that_it_is_compared_with() {
+    fn every_strategy_has_its_reference_curve() {
         for study in studies() {
             let curves = study.flights.iter().flat_map(|flights| {
                 let label = |strategy: &Registered| (strategy.name, flights.label.replace("{}", strategy.name));

@@ -1,20 +1,20 @@
-//! What tells the series of a chart apart, in colour and without it.
+//! The styles of the series of a chart, distinguishable with and without colour.
 
 use svg::node::element::{Group, Path};
 
 use super::page::{SAMPLE, line, stroke};
 
-/// What tells one series from another.
+/// The style of a series.
 #[derive(Debug, Clone, Copy)]
 pub struct SeriesStyle {
-    /// From the palette of Okabe and Ito, which colour-blind readers can tell apart; they differ in lightness too.
+    /// From the palette of Okabe and Ito, which is suited for colour-blind readers. The colours also differ in lightness.
     pub colour: &'static str,
-    /// Width [units] of the line: later series are thinner, so that they do not hide an earlier one.
+    /// Width [units] of the line. Later series are thinner, so that they do not hide earlier ones.
     width: f64,
     /// Lengths [units] of dash, gap, dash, gap ..., or [`SOLID`].
     dashes: &'static str,
-    /// Sign at every point, as SVG path data from there. They are of different size and open or small, so that all are
-    /// seen where curves coincide.
+    /// Marker at every point, as relative SVG path data. Markers have different sizes and are open or small, so that all
+    /// are visible where curves coincide.
     pub marker: &'static str,
 }
 
@@ -34,13 +34,13 @@ static SERIES: [SeriesStyle; 11] = [
     series("#555555", 3.0, "3 6", ""),
 ];
 
-/// How many styles there are before colours and lines begin again.
+/// The number of styles before colours and lines repeat.
 pub const STYLES: usize = SERIES.len();
 
 /// No dashes.
 const SOLID: &str = "none";
 
-/// The first of [`SERIES`] that have a marker.
+/// The number of styles with a marker, which come first in [`SERIES`].
 const MARKED: usize = 9;
 
 const fn series(colour: &'static str, width: f64, dashes: &'static str, marker: &'static str) -> SeriesStyle {
@@ -48,8 +48,7 @@ const fn series(colour: &'static str, width: f64, dashes: &'static str, marker: 
 }
 
 impl SeriesStyle {
-    /// The style of the series with this index. After the last of [`SERIES`] colours and lines begin again, each time
-    /// with other markers.
+    /// The style of the series with this index. After the last of [`SERIES`], colours and lines repeat with other markers.
     pub fn of(index: usize) -> Self {
         let style = SERIES[index % SERIES.len()];
         match index / SERIES.len() {
@@ -63,22 +62,22 @@ impl SeriesStyle {
         stroke(line(points.iter().copied()), self.width, self.colour).set("stroke-dasharray", self.dashes)
     }
 
-    /// A line with a sign, for the legend.
+    /// A line with a marker, for the legend.
     pub fn sample(&self) -> Group {
         let curve = self.curve(&[[0.0, 0.0], [SAMPLE, 0.0]]);
         Group::new().add(curve).add(self.markers(&[[SAMPLE / 2.0, 0.0]]))
     }
 
-    /// The signs at these points [units].
+    /// The markers at these points [units].
     pub fn markers(&self, points: &[[f64; 2]]) -> Path {
-        let sign = |[x, y]: &[f64; 2]| format!("M{x:.1},{y:.1}{}", self.marker);
-        stroke(points.iter().map(sign).collect::<String>(), 3.0, self.colour)
+        let marker = |[x, y]: &[f64; 2]| format!("M{x:.1},{y:.1}{}", self.marker);
+        stroke(points.iter().map(marker).collect::<String>(), 3.0, self.colour)
     }
 }
 
 /// Colour of a fraction: cividis (Nuñez, Anderton and Renslow, 2018) from light (0) to dark (1).
 ///
-/// Its lightness is monotonic, so that it reads in grey; what matters most, a high fraction, is darkest.
+/// Its lightness is monotonic, so that it works in grey. High fractions are dark.
 pub fn shade(fraction: f64) -> String {
     format!("#{:x}", colorous::CIVIDIS.eval_continuous(1.0 - fraction.clamp(0.0, 1.0)))
 }

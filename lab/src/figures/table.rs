@@ -6,13 +6,13 @@ use crate::sweep::statistics::Support;
 /// A table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
-    /// Above it in Markdown; nothing if empty.
+    /// Title above the table in Markdown, or empty.
     pub title: String,
-    /// What is in its cells.
+    /// Description of the cells.
     pub about: String,
     /// Names of the columns.
     pub head: Vec<String>,
-    /// Its rows, of a cell for each column.
+    /// Rows with one cell per column.
     pub rows: Vec<Vec<String>>,
 }
 
@@ -40,8 +40,8 @@ impl Chart {
 }
 
 impl CurvePoint {
-    /// The mean with its confidence interval, in as many digits as their size needs. By Student's t the interval is
-    /// symmetric; that of a bounded quantity need not be.
+    /// Formats the mean with its confidence interval, with decimals that depend on their magnitude. The interval is written
+    /// with ± if it is symmetric, which it is for unbounded quantities only.
     pub fn cell(&self, support: Support) -> String {
         let Self { mean, limits, .. } = self;
         let size = limits.iter().flatten().fold(mean.abs(), |size, limit| size.max(limit.abs()));
@@ -54,7 +54,7 @@ impl CurvePoint {
         };
         let number = |value: f64| {
             let text = format!("{value:.digits$}");
-            // Not −0.0000.
+            // No sign for −0.0000.
             text.strip_prefix('-')
                 .filter(|text| text.bytes().all(|byte| b"0.".contains(&byte)))
                 .unwrap_or(&text)
@@ -100,11 +100,11 @@ impl Table {
     }
 }
 
-/// The text of a cell as every LaTeX engine sets it.
+/// Escapes the text of a cell for every LaTeX engine.
 fn latex_cell(text: &str) -> String {
     let character = |character: char| match character {
         '#' | '$' | '%' | '&' | '_' | '{' | '}' => format!("\\{character}"),
-        '[' => "{[}".to_owned(), // at the beginning of a row it would belong to the line break before
+        '[' => "{[}".to_owned(), // at the start of a row it would be parsed as an argument of \\
         '\\' => "\\textbackslash{}".to_owned(),
         '~' => "\\textasciitilde{}".to_owned(),
         '^' => "\\textasciicircum{}".to_owned(),
@@ -124,7 +124,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_means_something_in_a_format_is_escaped_there() {
+    fn special_characters_are_escaped() {
         let cells = |cells: [&str; 2]| cells.map(str::to_owned).to_vec();
         let table = Table {
             title: "Loss & more".to_owned(),

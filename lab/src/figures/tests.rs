@@ -83,7 +83,7 @@ fn the_same_figure_gives_the_same_bytes() {
 }
 
 #[test]
-fn a_chart_says_what_it_shows() {
+fn a_chart_contains_its_labels_and_description() {
     let (svg, png) = files(|stem| {
         chart(vec![series("uts", &[(1.0, 0.1, 0.0), (2.0, 0.2, 0.0)]), series("exact", &[(1.0, 0.0, 0.0)])]).draw(stem)
     });
@@ -98,7 +98,7 @@ fn a_chart_says_what_it_shows() {
 }
 
 #[test]
-fn a_sheet_of_maps_says_what_it_shows() {
+fn a_map_sheet_contains_its_labels_and_description() {
     let (svg, _) = files(|stem| sheet().draw(stem));
     let texts = ["Trajectories", "rfs", "uts-wide", "bits lost / bits sampled [−]", "x [m]", "y [m]", "start"];
     for text in texts {
@@ -124,7 +124,7 @@ fn a_table_shows_symmetric_and_bounded_intervals() {
 }
 
 #[test]
-fn a_confidence_interval_that_is_not_known_draws_no_band() {
+fn a_point_without_an_interval_has_no_band() {
     let bands = |is_known: bool| {
         let mut curve = series("uts", &[(1.0, 0.1, 0.05), (2.0, 0.2, 0.05)]);
         if !is_known {
@@ -136,7 +136,7 @@ fn a_confidence_interval_that_is_not_known_draws_no_band() {
 }
 
 #[test]
-fn a_mean_that_has_no_place_is_refused() {
+fn a_mean_that_is_not_on_the_axis_is_refused() {
     let drawn =
         |mean: f64, y_scale| Chart { y_scale, ..chart(vec![series("uts", &[(0.5, 0.1, 0.0), (1.0, mean, 0.0)])]) };
     for (mean, scale) in [(f64::NAN, Scale::Linear), (f64::INFINITY, Scale::Linear), (-0.5, Scale::Log)] {
@@ -147,7 +147,7 @@ fn a_mean_that_has_no_place_is_refused() {
 }
 
 #[test]
-fn a_mean_of_0_is_at_the_low_end_of_a_logarithmic_axis_which_says_so() {
+fn a_mean_of_0_is_drawn_at_the_lower_end_of_a_logarithmic_axis() {
     let points = |first: f64| [(1.0, first, 0.0), (2.0, 0.001, 0.0), (3.0, 0.1, 0.0)];
     let log = |first: f64| Chart { y_scale: Scale::Log, ..chart(vec![series("uts", &points(first))]) };
     let (svg, _) = files(|stem| log(0.0).draw(stem));
@@ -184,7 +184,7 @@ fn latin_greek_and_common_symbols_have_glyphs() {
 }
 
 #[test]
-fn any_number_of_curves_is_told_apart() {
+fn any_number_of_curves_is_distinguishable() {
     let curves = (0..40).map(|i| series(&format!("curve {i}"), &[(f64::from(i), 0.1, 0.0)])).collect();
     let chart = chart(curves);
     let (svg, _) = files(|stem| chart.draw(stem));
@@ -194,7 +194,7 @@ fn any_number_of_curves_is_told_apart() {
 }
 
 #[test]
-fn a_higher_fraction_is_darker_so_that_maps_read_in_grey() {
+fn a_higher_fraction_is_darker() {
     let lightness = |fraction: f64| {
         let shade = style::shade(fraction);
         let channel = |at: usize| f64::from(u8::from_str_radix(&shade[at..at + 2], 16).unwrap());

@@ -1,4 +1,4 @@
-//! Trajectory maps: the flights of the strategies over one field.
+//! The trajectory maps of `skysink figures`: the flights of the strategies over the same field.
 
 use std::path::Path;
 
@@ -15,12 +15,12 @@ use super::page::Look;
 use super::study::AT_ONCE;
 use crate::error::LabError;
 
-/// The fields of the maps: the letter's, and one that is too large for Algorithm 1.
+/// The fields of the maps: the paper's, and one that is too large for Algorithm 1.
 const FIELDS: [(&str, &str); 2] = [("map-letter", ""), ("map-sparse", "[area]\nside_m = 300.0\n")];
 
-/// A sheet for each field, with the flights of all strategies and its name.
+/// A named sheet for each field, with a map per strategy.
 pub(super) fn sheets(choice: &Choice, stop: &Stop) -> Result<Vec<(&'static str, MapSheet)>, LabError> {
-    // Eight maps and the key fill the sheet; round-robin crosses the field without a pattern.
+    // Eight maps and the key fill the sheet; round-robin is omitted, because its flight has no pattern.
     let is_shown = |strategy: &&Registered| {
         **strategy == horizon::STRATEGY || AT_ONCE.contains(strategy) && **strategy != round_robin::STRATEGY
     };
@@ -42,7 +42,7 @@ pub(super) fn sheets(choice: &Choice, stop: &Stop) -> Result<Vec<(&'static str, 
     FIELDS.into_iter().map(sheet).collect()
 }
 
-/// The flight of a strategy over the letter's mission, changed.
+/// The flight of a strategy in the paper's mission with the keys `change`.
 fn map(change: &str, strategy: &Registered, choice: &Choice, stop: &Stop) -> Result<TrajectoryMap, LabError> {
     let steps = choice.horizon_iterations;
     let text = format!("name = \"map\"\nslots = 500\n{change}[planner]\nhorizon.iterations = {steps}\n");

@@ -1,12 +1,12 @@
-//! CSV: columns by their names, in any order, separated by commas, semicolons or tabs.
+//! CSV: columns by name in any order, separated by commas, semicolons or tabs.
 
 use ::csv::{ReaderBuilder, StringRecord, Trim};
 use skysink_common::error::quoted;
 use skysink_common::sensors::line_of;
 
-use super::{Frame, Imported, ImportedSensor, on_earth};
+use super::{Frame, Imported, ImportedSensor, check_geodetic};
 
-/// What a column may be called, in small letters, after the name that it has in a sensor list.
+/// The names of the columns in lower case: first the name in a sensor list, then its aliases.
 const COLUMNS: [&[&str]; 7] = [
     &["x_m", "x", "east", "easting"],
     &["y_m", "y", "north", "northing"],
@@ -17,7 +17,7 @@ const COLUMNS: [&[&str]; 7] = [
     &["sampling_bps", "sampling_rate", "sampling", "rate_bps", "rate"],
 ];
 
-/// How many of them are coordinates.
+/// The number of [`COLUMNS`] with coordinates, which come first.
 const COORDINATES: usize = 4;
 
 /// Reads the text of a file.
@@ -53,7 +53,7 @@ pub(super) fn read(text: &str) -> Result<Imported, String> {
     })
 }
 
-/// Where the columns of a file are.
+/// The indices of the columns in a file.
 struct Columns {
     frame: Frame,
     position: [(String, usize); 2],
@@ -89,12 +89,12 @@ impl Columns {
         Ok(Self { frame, position: [named(first), named(second)], others, ignored })
     }
 
-    /// One row, which is at `place`.
+    /// Parses a row at the location `place`.
     fn sensor(&self, row: &StringRecord, place: String) -> Result<ImportedSensor, String> {
         let [first, second] = &self.position;
         let position = [number(row, first)?, number(row, second)?];
         if self.frame == Frame::Geodetic {
-            on_earth(position)?;
+            check_geodetic(position)?;
         }
         let other =
             |&(name, place): &(&str, usize)| number(row, &(name.to_owned(), place)).map(|value| value.to_string());
@@ -103,7 +103,7 @@ impl Columns {
     }
 }
 
-/// The finite number in a column.
+/// Parses the finite number in a column.
 fn number(row: &StringRecord, (name, place): &(String, usize)) -> Result<f64, String> {
     let text = row.get(*place).unwrap_or_default();
     let value = text.parse().ok().filter(|value: &f64| value.is_finite());

@@ -61,7 +61,7 @@ mod tests {
     }
 
     #[test]
-    fn features_that_carry_no_point_are_counted() {
+    fn features_without_a_point_are_counted() {
         let point = "{\"type\":\"Point\",\"coordinates\":[13.4,52.5]}";
         let line = "{\"type\":\"LineString\",\"coordinates\":[[0,1],[2,3]]}";
         let nothing = "{\"type\":\"GeometryCollection\",\"geometries\":[]}";
@@ -71,12 +71,12 @@ mod tests {
         let text = format!("{{\"type\":\"FeatureCollection\",\"features\":[{}]}}", features.join(","));
         let imported = read(&text).unwrap();
         assert_eq!(imported.sensors.len(), 1);
-        assert_eq!(imported.ignored, ["4 lines, polygons or others that carry no point"]);
+        assert_eq!(imported.ignored, ["4 lines, polygons or other items without a point"]);
         assert!(read(&features[0]).unwrap().sensors.is_empty());
     }
 
     #[test]
-    fn what_is_no_geojson_is_refused() {
+    fn invalid_geojson_is_refused() {
         assert!(read("{\"a\": 1}").unwrap_err().ends_with("expected GeoJSON"));
         assert!(read("{\"type\":\"Point\",\"coordinates\":[200,2]}").unwrap_err().contains("longitude 200"));
         assert!(read("{\"type\":\"Point\",\"coordinates\":[1]}").is_err());

@@ -1,4 +1,4 @@
-//! GPX: the waypoints; tracks and routes are where somebody went.
+//! GPX: imports the waypoints; ignores tracks and routes.
 
 use super::{FoundPoints, Imported, with_causes, xml};
 
@@ -27,14 +27,14 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_cut_anywhere_is_refused() {
+    fn a_truncated_file_is_refused() {
         for cut in FILE.find("<wpt").unwrap()..FILE.len() - 1 {
             assert!(read(&FILE[..cut]).is_err(), "{}", &FILE[..cut]);
         }
     }
 
     #[test]
-    fn what_is_no_gpx_is_refused() {
+    fn invalid_gpx_is_refused() {
         assert!(read("<kml/>").unwrap_err().ends_with("expected a GPX file"));
         assert!(read(&FILE.replace("51.5", "north")).is_err());
         assert!(read(&FILE.replace("51.5", "95")).is_err());

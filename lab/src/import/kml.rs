@@ -1,4 +1,4 @@
-//! KML: the points of placemarks, in any depth of folders.
+//! KML: imports the points of placemarks, at any depth of folders.
 
 use ::kml::types::Geometry;
 use ::kml::{Kml, KmlReader};
@@ -7,7 +7,7 @@ use quick_xml::events::Event;
 
 use super::{FoundPoints, Imported, with_causes, xml};
 
-/// What has a place on the Earth, but is no point.
+/// Elements with a position that are not points.
 const NO_POINTS: [&[u8]; 11] = [
     b"LineString",
     b"LinearRing",
@@ -32,11 +32,10 @@ pub(super) fn read(text: &str) -> Result<Imported, String> {
     Imported::geodetic(found)
 }
 
-/// How many items carry no point: lines and the like, whatever is in them, and placemarks with nothing. The reader of KML
-/// leaves some of them out.
+/// The number of items without a point: lines and the like, and empty placemarks. The KML reader omits some of them.
 fn items_without_point(text: &str) -> Result<usize, String> {
     let mut reader = Reader::from_str(text);
-    let mut open: Vec<(Vec<u8>, bool)> = Vec::new(); // names, and whether anything with a place is within
+    let mut open: Vec<(Vec<u8>, bool)> = Vec::new(); // name, and whether it contains an item with a position
     let mut items = 0;
     loop {
         let event = reader.read_event().map_err(|error| format!("{error}: expected a KML file"))?;
@@ -68,7 +67,7 @@ impl FoundPoints {
             Kml::Document { elements, .. } => elements.iter().for_each(|inner| self.add_element(inner)),
             Kml::Folder(folder) => folder.elements.iter().for_each(|inner| self.add_element(inner)),
             Kml::Placemark(placemark) => placemark.geometry.iter().for_each(|geometry| self.add_kml(geometry)),
-            _ => {} // styles, schemas and the like are no places
+            _ => {} // styles, schemas and the like have no position
         }
     }
 
@@ -97,18 +96,18 @@ mod tests {
     }
 
     #[test]
-    fn placemarks_and_the_like_that_carry_no_point_are_counted() {
+    fn items_without_a_point_are_counted() {
         let inner = "<Placemark><name>a</name></Placemark><Placemark><MultiGeometry/></Placemark><Placemark/>\
                      <GroundOverlay><name>b</name></GroundOverlay><NetworkLink/><Style id=\"c\"/>\
                      <Placemark><gx:Track><when>2020</when></gx:Track></Placemark>";
         let text = FILE.replace("<Folder>", &format!("<Folder>{inner}"));
         let imported = read(&text).unwrap();
         assert_eq!(imported.sensors.len(), 1);
-        assert_eq!(imported.ignored, ["7 lines, polygons or others that carry no point"]);
+        assert_eq!(imported.ignored, ["7 lines, polygons or other items without a point"]);
     }
 
     #[test]
-    fn a_file_that_is_cut_anywhere_is_refused() {
+    fn a_truncated_file_is_refused() {
         let end = FILE.find("<Document>").unwrap();
         for cut in end..FILE.len() - 1 {
             assert!(read(&FILE[..cut]).is_err(), "{}", &FILE[..cut]);
@@ -116,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_kml_is_refused() {
+    fn invalid_kml_is_refused() {
         assert!(read("<gpx>").unwrap_err().contains("ends within an element"));
         assert!(read("<gpx></gpx></gpx>").is_err());
         for empty in ["<coordinates></coordinates>", "<coordinates/>", ""] {

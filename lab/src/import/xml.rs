@@ -1,16 +1,16 @@
-//! What the readers of KML and GPX do not check: they wait for the end of a cut file for ever, or take what is there, and
-//! have no limit of depth.
+//! Checks that the readers of KML and GPX lack: they hang on truncated files or accept them, and have no depth limit.
 
 use quick_xml::Reader;
 use quick_xml::events::Event;
 
-/// Elements in each other, at most.
+/// Maximum depth of nested elements.
 const MOST_NESTED: usize = 200;
 
-/// Refuses what is no whole XML, nests too deep, or has an element `point` in which no text is. `format` is expected.
+/// Refuses incomplete XML, elements that are nested too deep, and elements `point` without text. `format` is the expected
+/// format.
 pub(super) fn check(text: &str, format: &str, point: Option<&str>) -> Result<(), String> {
     let mut reader = Reader::from_str(text);
-    let mut open: Vec<(Vec<u8>, bool)> = Vec::new(); // names, and whether there is text within
+    let mut open: Vec<(Vec<u8>, bool)> = Vec::new(); // name, and whether it contains text
     let is_point = |name: &[u8]| point.is_some_and(|point| point.as_bytes() == name);
     let refuse = || Err(format!("{} without coordinates: expected some", point.unwrap_or_default()));
     loop {
@@ -25,7 +25,7 @@ pub(super) fn check(text: &str, format: &str, point: Option<&str>) -> Result<(),
                 _ => {}
             },
             Event::Eof if !open.is_empty() => {
-                return Err(format!("it ends within an element: expected a whole {format} file"));
+                return Err(format!("it ends within an element: expected a complete {format} file"));
             }
             Event::Eof => return Ok(()),
             _ => {}

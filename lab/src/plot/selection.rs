@@ -1,4 +1,4 @@
-//! Which missions of a sweep are drawn, and whether they are there.
+//! Selects the missions of a sweep that a plot shows, and checks that none is missing.
 
 use std::iter::zip;
 
@@ -12,25 +12,25 @@ use crate::sweep::folder::FlownSweep;
 use crate::sweep::plan::Definition;
 use crate::sweep::results::{number, text};
 
-/// What is drawn.
+/// The selected missions.
 #[derive(Debug)]
 pub struct Selection {
-    /// Values of the x axis: numbers by size, others as in the sweep.
+    /// Values of the x axis: numbers ascending, others in the order of the sweep.
     pub xs: Vec<Value>,
-    /// The point of the grid for each of them.
+    /// The point of the grid for each value.
     pub points: Vec<usize>,
     /// The strategies, by their index in the sweep.
     pub strategies: Vec<usize>,
-    /// What is missing of the sweep.
+    /// A note on missing missions of the sweep.
     pub missing: Option<String>,
 }
 
 impl Selection {
-    /// What is asked for, as far as all missions for it are there.
+    /// Selects the points of the request that have all their missions.
     ///
     /// # Errors
-    /// If the request does not fit the sweep, it leaves several points of the grid for one value of the x axis, or no
-    /// value has all its missions.
+    /// If the request does not fit the sweep, several points of the grid have the same value on the x axis, or no point
+    /// has all its missions.
     pub fn new(request: &PlotRequest, flown: &FlownSweep) -> Result<Self, LabError> {
         let definition = &flown.definition;
         let strategies = strategies(request, definition).map_err(|message| refuse(&request.sweep, message))?;
@@ -43,7 +43,7 @@ impl Selection {
         let missing = missing(request, flown, &partial);
         if whole.is_empty() {
             let flown = missing.unwrap_or_default();
-            let message = format!("{flown}: no value is left: fly the rest first, or draw less");
+            let message = format!("{flown}: no complete value is left: run the rest first, or plot fewer strategies");
             return Err(refuse(&request.sweep, message));
         }
         for &strategy in &strategies {
@@ -53,8 +53,8 @@ impl Selection {
             if whole.iter().any(has_none) {
                 let name = &definition.strategies[strategy];
                 let metric = request.metric.name();
-                let expected = "expected a metric that all strategies drawn have, or other --strategies";
-                return Err(refuse(&request.sweep, format!("--y {metric}: {name} has none: {expected}")));
+                let expected = "expected a metric of all plotted strategies, or other --strategies";
+                return Err(refuse(&request.sweep, format!("--y {metric}: {name} has no value: {expected}")));
             }
         }
         let (xs, points) = whole.into_iter().unzip();
@@ -62,14 +62,14 @@ impl Selection {
     }
 }
 
-/// The strategies that are drawn, the reference among them, each once.
+/// The indices of the selected strategies, including the reference, without duplicates.
 fn strategies(request: &PlotRequest, definition: &Definition) -> Result<Vec<usize>, String> {
     let find = |option: &str, strategy: &String| {
         let names = &definition.strategies;
         let expected = || {
             let meant = did_you_mean(strategy, names.iter().map(String::as_str));
             let hint = meant.map(|meant| format!("; did you mean `{meant}`?")).unwrap_or_default();
-            format!("{option} {strategy}: expected one that was flown: {}{hint}", names.join(", "))
+            format!("{option} {strategy}: expected a strategy of the sweep: {}{hint}", names.join(", "))
         };
         names.iter().position(|name| name == strategy).ok_or_else(expected)
     };
@@ -88,21 +88,22 @@ fn strategies(request: &PlotRequest, definition: &Definition) -> Result<Vec<usiz
     Ok(chosen)
 }
 
-/// The points of the grid that are drawn, with their value on the x axis.
+/// The selected points of the grid, with their values on the x axis.
 fn points(request: &PlotRequest, definition: &Definition) -> Result<Vec<(Value, usize)>, String> {
     let x = key(&request.x, "--x", definition)?;
     let mut fixed: Vec<Option<&Value>> = vec![None; definition.keys.len()];
     for Setting { key: name, value, .. } in &request.conditions {
         let place = key(name, "--where", definition)?;
-        let there = values(definition, place);
+        let existing = values(definition, place);
         if place == x {
             return Err(format!("--where {name}: it is the key of the x axis: expected another"));
         }
         if fixed[place].is_some() {
-            return Err(format!("--where {name}: it stands there twice: expected one value"));
+            return Err(format!("--where {name}: it is given twice: expected one value"));
         }
-        if !there.iter().any(|other| is_same(other, value)) {
-            return Err(format!("--where {name}={}: expected one that was flown: {}", text(value), listed(&there)));
+        if !existing.iter().any(|other| is_same(other, value)) {
+            let expected = format!("expected a value of the sweep: {}", listed(&existing));
+            return Err(format!("--where {name}={}: {expected}", text(value)));
         }
         fixed[place] = Some(value);
     }
@@ -126,7 +127,7 @@ fn points(request: &PlotRequest, definition: &Definition) -> Result<Vec<(Value, 
     Ok(drawn)
 }
 
-/// The place of a key among those of the sweep.
+/// The index of a key of the sweep.
 fn key(name: &str, option: &str, definition: &Definition) -> Result<usize, String> {
     let keys = || definition.keys.iter().map(String::as_str);
     definition.keys.iter().position(|key| key == name).ok_or_else(|| {
@@ -138,7 +139,7 @@ fn key(name: &str, option: &str, definition: &Definition) -> Result<usize, Strin
     })
 }
 
-/// The values of a key, each once, in the order of the sweep.
+/// The distinct values of a key, in the order of the sweep.
 fn values(definition: &Definition, place: usize) -> Vec<&Value> {
     let mut values: Vec<&Value> = Vec::new();
     for point in &definition.points {
@@ -149,7 +150,7 @@ fn values(definition: &Definition, place: usize) -> Vec<&Value> {
     values
 }
 
-/// Whether two values are the same, however they are written.
+/// Whether two values are equal; integers and floats are compared as numbers.
 fn is_same(one: &Value, other: &Value) -> bool {
     match (one, other) {
         (Value::Array(one), Value::Array(other)) => {
@@ -166,15 +167,15 @@ fn listed(values: &[&Value]) -> String {
     values.iter().map(|value| text(value)).collect::<Vec<_>>().join(", ")
 }
 
-/// What is to be said of missions that are not there, and of the values left out for it.
+/// Describes how many missions are missing, and which values are therefore omitted.
 fn missing(request: &PlotRequest, flown: &FlownSweep, partial: &[(Value, usize)]) -> Option<String> {
     let definition = &flown.definition;
     let all = definition.points.len() * definition.strategies.len() * definition.seeds.len();
-    let there = flown.rows.len();
-    let left_out: Vec<&Value> = partial.iter().map(|(value, _)| value).collect();
-    let what = match left_out.len() {
-        0 => "none of those drawn is missing".to_owned(),
-        _ => format!("left out for it: {} = {}", request.x, listed(&left_out)),
+    let present = flown.rows.len();
+    let omitted: Vec<&Value> = partial.iter().map(|(value, _)| value).collect();
+    let what = match omitted.len() {
+        0 => "the plot is complete".to_owned(),
+        _ => format!("omitted: {} = {}", request.x, listed(&omitted)),
     };
-    (there < all).then(|| format!("{there} of {all} missions are there; {what}"))
+    (present < all).then(|| format!("{present} of {all} missions are present; {what}"))
 }

@@ -1,4 +1,4 @@
-//! What a sweep takes, before it is flown: a mission of each strategy is begun, and its pace taken for all.
+//! Estimates the duration of a sweep from the first slots of a mission of each strategy.
 
 use std::time::{Duration, Instant};
 
@@ -9,22 +9,22 @@ use skysink_mission::Mission;
 use super::plan::{MissionKey, Sweep};
 use crate::error::LabError;
 
-/// How long a mission is flown for its pace.
+/// Duration of a trial, after its first slot.
 const TRIAL: Duration = Duration::from_secs(1);
 
-/// What a sweep takes.
+/// The estimated duration of a sweep.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepEstimate {
-    /// Missions of all strategies.
+    /// Number of missions.
     pub missions: usize,
     /// CPU time of all missions [s].
     pub cpu_s: f64,
-    /// Each strategy with the time of one of its missions [s].
+    /// Names of the strategies, each with the mean duration of its missions [s].
     pub mission_s: Vec<(String, f64)>,
 }
 
-/// Flies parts of missions over the first and the last point of a sweep: the first slot, in which a strategy may search
-/// for long, and then at most a second of each.
+/// Estimates the duration by trials at the first and the last point of the sweep. A trial simulates the first slot, in
+/// which a strategy may do a long search, and then further slots for at most [`TRIAL`].
 ///
 /// # Errors
 /// If a mission is refused, or on a stop.
@@ -41,7 +41,7 @@ pub fn estimate(sweep: &Sweep, stop: &Stop) -> Result<SweepEstimate, LabError> {
     Ok(SweepEstimate { missions: definition.mission_count(), cpu_s, mission_s })
 }
 
-/// How long a mission takes [s].
+/// The estimated duration of a mission [s].
 fn trial(sweep: &Sweep, key: MissionKey, stop: &Stop) -> Result<f64, LabError> {
     let begin = Instant::now();
     let scenario = sweep.scenario(key)?;
@@ -51,11 +51,12 @@ fn trial(sweep: &Sweep, key: MissionKey, stop: &Stop) -> Result<f64, LabError> {
     let first = begin.elapsed();
     while begin.elapsed() < first + TRIAL && mission.next().is_some() {}
     stop.check()?;
-    Ok(whole(first, begin.elapsed(), mission.slot(), scenario.slots).as_secs_f64())
+    Ok(extrapolate(first, begin.elapsed(), mission.slot(), scenario.slots).as_secs_f64())
 }
 
-/// The time of all `slots`, of which `flown` took `took` and the first of them, with what comes before it, `first`.
-fn whole(first: Duration, took: Duration, flown: u64, slots: u64) -> Duration {
+/// Extrapolates the duration of a mission with `slots` slots. `first` is the duration of set-up and first slot, `took` that
+/// of all `flown` slots.
+fn extrapolate(first: Duration, took: Duration, flown: u64, slots: u64) -> Duration {
     let others = flown.saturating_sub(1).max(1);
     first + (took - first).mul_f64(slots.saturating_sub(1) as f64 / others as f64)
 }
@@ -67,8 +68,8 @@ mod tests {
     #[test]
     fn only_the_slots_after_the_first_are_multiplied() {
         let seconds = Duration::from_secs;
-        assert_eq!(whole(seconds(30), seconds(31), 11, 501), seconds(30 + 50));
-        assert_eq!(whole(seconds(30), seconds(30), 1, 1), seconds(30));
-        assert_eq!(whole(seconds(2), seconds(6), 5, 5), seconds(6));
+        assert_eq!(extrapolate(seconds(30), seconds(31), 11, 501), seconds(30 + 50));
+        assert_eq!(extrapolate(seconds(30), seconds(30), 1, 1), seconds(30));
+        assert_eq!(extrapolate(seconds(2), seconds(6), 5, 5), seconds(6));
     }
 }

@@ -1,4 +1,4 @@
-//! The folder of a sweep: which sweep it is, whose it is at the moment, and what has been flown of it.
+//! The folder of a sweep: its manifest, its lock, and its journal.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, TryLockError};
@@ -18,26 +18,26 @@ use super::results;
 use crate::error::LabError;
 use crate::metrics::Metric;
 
-/// The journal in the folder of a sweep.
+/// File name of the journal.
 pub const JOURNAL: &str = "journal.csv";
 
-/// What says there which sweep it is.
+/// File name of the manifest.
 const MANIFEST: &str = "sweep.json";
 
-/// What `sweep.json` holds.
+/// The content of `sweep.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
-    /// Which part of it.
+    /// The shard in the folder.
     pub shard: Shard,
     /// The sweep.
     #[serde(flatten)]
     pub definition: Definition,
 }
 
-/// A sweep under way in its folder, which this process has to itself.
+/// The folder of a running sweep, locked by this process.
 #[derive(Debug)]
 pub struct SweepRecord {
-    /// Locked as long as the record is open; the system releases it when the process ends.
+    /// Released when the record is dropped or the process ends.
     _lock: File,
     folder: PathBuf,
     manifest: Manifest,
@@ -45,30 +45,30 @@ pub struct SweepRecord {
 }
 
 impl SweepRecord {
-    /// Makes the folder of a shard of a sweep, or opens it if it holds this very sweep.
+    /// Creates or opens the folder of a shard of a sweep.
     ///
     /// # Errors
-    /// If the folder holds something else, cannot be made, or another process flies the sweep.
+    /// If the folder contains another sweep or other files, cannot be created, or is in use by another process.
     pub fn open(sweep: &Sweep, folder: &Path, shard: Shard) -> Result<Self, LabError> {
         Self::of(Manifest { shard, definition: sweep.definition.clone() }, folder)
     }
 
-    /// The same of a sweep of which only the definition is known.
+    /// Creates or opens the folder with this manifest.
     pub(super) fn of(manifest: Manifest, folder: &Path) -> Result<Self, LabError> {
         let lock = lock_folder(folder, &manifest)?;
         let journal = SweepJournal::open(&folder.join(JOURNAL), &manifest.definition)?;
         Ok(Self { _lock: lock, folder: folder.to_owned(), manifest, journal })
     }
 
-    /// The missions that are not on record, in the order of the results.
+    /// The missions that are not in the journal, in the order of the results.
     pub fn missing(&self) -> impl Iterator<Item = MissionKey> {
         self.manifest.definition.missions(self.manifest.shard).filter(|&mission| !self.journal.has(mission))
     }
 
-    /// Adds a mission, if it is not there; it is on record when this returns, whatever happens to the process.
+    /// Adds a mission unless it exists. When this returns, the mission survives a crash of the process.
     ///
     /// # Errors
-    /// If the sweep has no such mission, or it cannot be written.
+    /// If the mission does not belong to the sweep, or the journal cannot be written.
     pub fn add(&mut self, row: &MissionRow) -> Result<(), LabError> {
         if self.journal.has(row.key) { Ok(()) } else { self.journal.add(row) }
     }
@@ -86,63 +86,63 @@ impl SweepRecord {
         self.write(stop)
     }
 
-    /// Writes the results of what is on record, and returns the journal.
+    /// Writes the results of the missions in the journal, and returns the journal.
     pub(super) fn write(self, stop: &Stop) -> Result<SweepJournal, LabError> {
         results::write(&self.folder, &self.manifest.definition, &self.journal, stop)?;
         Ok(self.journal)
     }
 }
 
-/// Makes the folder of a sweep, or opens it if it holds this very sweep, and locks it against other processes.
+/// Creates or opens the folder of a sweep, and locks it.
 ///
 /// # Errors
-/// If the folder holds something else, cannot be made, or another process flies the sweep.
+/// As [`SweepRecord::open`].
 fn lock_folder(path: &Path, manifest: &Manifest) -> Result<File, LabError> {
     let refuse = |message| InputError::new("sweep folder", path, message);
     if path.exists() && !path.is_dir() {
         return Err(refuse("it is a file: choose another --out").into());
     }
     fs::create_dir_all(path).at(path)?;
-    holds(path, manifest)?; // before a lock file is made
+    is_begun(path, manifest)?; // refuses the folder before the lock file is created
     let lock_path = path.join("lock");
     let lock = File::options().write(true).create(true).truncate(false).open(&lock_path).at(&lock_path)?;
     lock.try_lock().map_err(|error| match error {
         TryLockError::WouldBlock => {
-            MissionError::from(refuse("another process is flying this sweep: end it, or choose another --out"))
+            MissionError::from(refuse("another process is running this sweep: stop it, or choose another --out"))
         }
         TryLockError::Error(source) => MissionError::File { path: lock_path, source },
     })?;
     for entry in fs::read_dir(path).at(path)?.flatten().filter(|entry| is_unfinished(&entry.file_name())) {
-        let _ = fs::remove_file(entry.path()); // of a process that was killed
+        let _ = fs::remove_file(entry.path()); // left by a killed process
     }
-    if !holds(path, manifest)? {
+    if !is_begun(path, manifest)? {
         let text = serde_json::to_string_pretty(manifest).expect("plain values") + "\n";
         write_whole(&path.join(MANIFEST), text.as_bytes())?;
     }
     Ok(lock)
 }
 
-/// Whether the folder holds the sweep; an error if it holds something else.
-fn holds(path: &Path, manifest: &Manifest) -> Result<bool, LabError> {
+/// Whether the folder contains this sweep. Fails if it contains another sweep or other files.
+fn is_begun(path: &Path, manifest: &Manifest) -> Result<bool, LabError> {
     let refuse = |message| InputError::new("sweep folder", path, message);
     let file = path.join(MANIFEST);
     match fs::read(&file) {
         Ok(text) => {
             let held: Manifest = serde_json::from_slice(&text)
-                .map_err(|_| refuse("its sweep.json is of no sweep: delete the folder, or choose another --out"))?;
+                .map_err(|_| refuse("its sweep.json is invalid: delete the folder, or choose another --out"))?;
             if held.definition == manifest.definition && held.shard != manifest.shard {
                 let Manifest { shard, .. } = held;
-                let message = format_args!("it holds shard {shard} of this sweep: choose another --out");
+                let message = format_args!("it contains shard {shard} of this sweep: choose another --out");
                 return Err(InputError::new("sweep folder", path, message).into());
             }
             if held != *manifest {
-                return Err(refuse("its sweep.json is of another sweep: choose another --out").into());
+                return Err(refuse("its sweep.json describes another sweep: choose another --out").into());
             }
             Ok(true)
         }
         Err(error) if error.kind() == ErrorKind::NotFound => {
             if has_foreign_files(path)? {
-                return Err(refuse("it holds other files: choose another --out").into());
+                return Err(refuse("it contains other files: choose another --out").into());
             }
             Ok(false)
         }
@@ -150,10 +150,10 @@ fn holds(path: &Path, manifest: &Manifest) -> Result<bool, LabError> {
     }
 }
 
-/// Which sweep the folder `path`, which is `what`, holds, and which part of it; none if it was not begun there.
+/// Reads the manifest of the folder `path`; `None` if the sweep has not begun. `what` names the folder in errors.
 ///
 /// # Errors
-/// If it holds something else, or was flown by another version.
+/// If the folder is not that of a sweep, or was written by another version.
 pub fn manifest(what: &'static str, path: &Path) -> Result<Option<Manifest>, LabError> {
     let refuse = |message: String| InputError::new(what, path, message);
     if path.is_file() {
@@ -164,40 +164,40 @@ pub fn manifest(what: &'static str, path: &Path) -> Result<Option<Manifest>, Lab
         text => text.map_err(|error| refuse(format!("{MANIFEST}: {error}: expected the folder of a sweep")))?,
     };
     let manifest: Manifest = serde_json::from_slice(&text).map_err(|error| {
-        refuse(format!("{MANIFEST}: {error}: expected that of a sweep: delete the folder, and fly the {what} again"))
+        refuse(format!("{MANIFEST}: {error}: expected that of a sweep: delete the folder and run the {what} again"))
     })?;
     let version = &manifest.definition.version;
     if version != env!("CARGO_PKG_VERSION") {
-        let expected = concat!("expected ", env!("CARGO_PKG_VERSION"), ": fly the");
-        return Err(refuse(format!("it was flown by Skysink {version}: {expected} {what} again")).into());
+        let expected = concat!("expected ", env!("CARGO_PKG_VERSION"), ": run the");
+        return Err(refuse(format!("it was written by Skysink {version}: {expected} {what} again")).into());
     }
     Ok(Some(manifest))
 }
 
-/// Whether a folder holds anything but what is there before `sweep.json`: a process was killed at most while it wrote
-/// that.
+/// Whether a folder contains files other than the lock and temporary files, which a killed process can leave before it has
+/// written `sweep.json`.
 fn has_foreign_files(path: &Path) -> Result<bool, LabError> {
     let is_foreign = |entry: fs::DirEntry| entry.file_name() != "lock" && !is_unfinished(&entry.file_name());
     Ok(fs::read_dir(path).at(path)?.flatten().any(is_foreign))
 }
 
-/// What has been flown of a sweep.
+/// The finished missions of a sweep.
 #[derive(Debug, Clone)]
 pub struct FlownSweep {
     /// The sweep.
     pub definition: Definition,
-    /// Its missions, those that are there.
+    /// Its finished missions.
     pub rows: MissionRows,
 }
 
 impl FlownSweep {
-    /// Reads the folder `path`, which is `what`, also while it is written.
+    /// Reads the folder `path`, even while a process writes it. `what` names the folder in errors.
     ///
     /// # Errors
-    /// If it is none of a sweep, or its journal is not that of the sweep.
+    /// If the folder is not that of a sweep, or its journal belongs to another one.
     pub fn read(what: &'static str, path: &Path) -> Result<Self, LabError> {
         let refuse =
-            |missing: &str| InputError::new(what, path, format_args!("it has no {missing}: fly the {what} first"));
+            |missing: &str| InputError::new(what, path, format_args!("it has no {missing}: run the {what} first"));
         let Manifest { definition, .. } = manifest(what, path)?.ok_or_else(|| refuse(MANIFEST))?;
         let journal = path.join(JOURNAL);
         if !journal.is_file() {
@@ -207,7 +207,7 @@ impl FlownSweep {
         Ok(Self { definition, rows })
     }
 
-    /// A metric of the missions of a point by a strategy, by seed; NaN where a mission has none.
+    /// A metric of the missions of a point and a strategy, by seed; NaN if a mission has no value.
     #[must_use]
     pub fn values(&self, point: usize, strategy: usize, metric: Metric) -> BTreeMap<u64, f64> {
         missions_of(&self.rows, point, strategy).map(|row| (row.key.seed, row[metric])).collect()

@@ -1,7 +1,7 @@
-//! The journal of a sweep: a line for each mission that is flown, so that an interrupted sweep can be resumed.
+//! The journal of a sweep: one line per finished mission, so that an interrupted sweep can be resumed.
 //!
-//! Each line ends with a check of its bytes, seeded by the sweep: neither a changed line nor one of another sweep is
-//! used.
+//! Each line ends with a hash of its bytes, seeded by the sweep, so that changed lines and lines of other sweeps are
+//! detected.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -21,10 +21,10 @@ use super::plan::{Definition, MissionKey};
 use crate::error::LabError;
 use crate::metrics::{Metric, MetricValues};
 
-/// What a mission comes to, as in the journal.
+/// The metrics of a mission, as in the journal.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MissionRow {
-    /// Which mission it is.
+    /// The mission.
     pub key: MissionKey,
     /// Its metrics.
     pub values: MetricValues,
@@ -41,40 +41,40 @@ impl Index<Metric> for MissionRow {
 /// The missions of a sweep, in the order of the results.
 pub type MissionRows = BTreeMap<MissionKey, MissionRow>;
 
-/// The missions of a point by a strategy, by ascending seed.
+/// The missions of a point and a strategy, by ascending seed.
 pub fn missions_of(rows: &MissionRows, point: usize, strategy: usize) -> impl Iterator<Item = &MissionRow> {
     let key = |seed| MissionKey { point, strategy, seed };
     rows.range(key(0)..=key(u64::MAX)).map(|(_, row)| row)
 }
 
-/// Instead of the beginning of a line, of a mission that was not flown.
+/// The offset of a mission that was not flown.
 const NOT_FLOWN: u64 = u64::MAX;
 
-/// Most bytes of a line with its end.
+/// Maximum length of a line with its line break [byte].
 const MAX_LINE: usize = 4096;
 
-/// Most bytes of a number with its comma.
+/// Maximum length of a number with its comma [byte].
 const MAX_NUMBER: usize = 26;
 
 const _: () = assert!((4 + Metric::VARIANTS.len()) * MAX_NUMBER <= MAX_LINE);
 
-/// The journal of a sweep that is written. The rows stay in the file; here is where each of them begins.
+/// The journal of a running sweep. The rows stay in the file; only their offsets are in memory.
 #[derive(Debug)]
 pub struct SweepJournal {
     path: PathBuf,
     file: File,
     seed: u64,
     definition: Definition,
-    /// Where the line of each mission begins, in the order of the results; [`NOT_FLOWN`] where it was not flown.
+    /// The offset of each mission's line, in the order of the results, or [`NOT_FLOWN`].
     begins: Vec<u64>,
     end: u64,
 }
 
 impl SweepJournal {
-    /// Opens the journal of this sweep, or makes it, and drops a line that was cut off.
+    /// Opens or creates the journal of this sweep, and drops an incomplete last line.
     ///
     /// # Errors
-    /// If it cannot be read or written, or is not the journal of this sweep.
+    /// If the journal cannot be read or written, or belongs to another sweep.
     pub fn open(path: &Path, definition: &Definition) -> Result<Self, LabError> {
         if path.exists() && !path.is_file() {
             return Err(InputError::new("sweep journal", path, "expected a regular file").into());
@@ -92,22 +92,22 @@ impl SweepJournal {
         Ok(Self { path: path.to_owned(), file, seed, definition: definition.clone(), begins, end })
     }
 
-    /// Whether this mission of the sweep is on record.
+    /// Whether the journal contains this mission.
     #[must_use]
     pub fn has(&self, mission: MissionKey) -> bool {
         self.definition.index(mission).is_some_and(|index| self.begins[index] != NOT_FLOWN)
     }
 
-    /// The number of missions on record.
+    /// The number of missions in the journal.
     #[must_use]
     pub fn count(&self) -> usize {
         self.begins.iter().filter(|&&begin| begin != NOT_FLOWN).count()
     }
 
-    /// Adds a mission; it is on record when this returns, whatever happens to the process.
+    /// Adds a mission. When this returns, the line survives a crash of the process.
     ///
     /// # Errors
-    /// If the sweep has no such mission, or it cannot be written.
+    /// If the mission does not belong to the sweep, or the file cannot be written.
     pub fn add(&mut self, row: &MissionRow) -> Result<(), LabError> {
         let Some(index) = self.definition.index(row.key) else {
             let message = format_args!("{:?}: expected a mission of the sweep", row.key);
@@ -115,7 +115,7 @@ impl SweepJournal {
         };
         let line = line(row, self.seed);
         if let Err(error) = self.file.write_all(&line) {
-            self.file.set_len(self.end).at(&self.path)?; // what other threads add begins a line
+            self.file.set_len(self.end).at(&self.path)?; // the next mission starts on a new line
             return Err(error).at(&self.path)?;
         }
         self.begins[index] = self.end;
@@ -123,12 +123,12 @@ impl SweepJournal {
         Ok(())
     }
 
-    /// The missions on record, in the order of the results, read one by one.
+    /// Reads the missions one by one, in the order of the results.
     pub fn rows(&self) -> impl Iterator<Item = Result<MissionRow, LabError>> {
         self.rows_between(0, self.begins.len())
     }
 
-    /// Those of a point by a strategy, by ascending seed.
+    /// Reads the missions of a point and a strategy, by ascending seed.
     ///
     /// # Panics
     /// If the sweep has no such point or strategy.
@@ -139,10 +139,10 @@ impl SweepJournal {
         self.rows_between(first, first + seeds.len())
     }
 
-    /// All missions on record.
+    /// Reads all missions.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the file cannot be read.
     pub fn all(&self) -> Result<MissionRows, LabError> {
         self.rows().map(|row| row.map(|row| (row.key, row))).collect()
     }
@@ -160,7 +160,7 @@ impl SweepJournal {
     }
 }
 
-/// The missions in a journal in the order of its lines, up to one that was cut off.
+/// Iterator over the missions of a journal, in the order of its lines. It stops at an incomplete line.
 #[derive(Debug)]
 pub struct JournalLines<'a> {
     path: &'a Path,
@@ -168,15 +168,15 @@ pub struct JournalLines<'a> {
     seed: u64,
     reader: BufReader<File>,
     number: usize,
-    /// Where the last line that was read ends.
+    /// The offset after the last line that was read.
     end: u64,
 }
 
 impl<'a> JournalLines<'a> {
-    /// Begins to read the journal of this sweep, of which `seed` is the [`check_seed`].
+    /// Opens the journal of this sweep; `seed` is its [`check_seed`].
     ///
     /// # Errors
-    /// If it cannot be opened.
+    /// If the file cannot be opened.
     pub fn open(path: &'a Path, definition: &'a Definition, seed: u64) -> Result<Self, LabError> {
         let reader = BufReader::new(File::open(path).at(path)?);
         Ok(Self { path, definition, seed, reader, number: 0, end: 0 })
@@ -209,15 +209,15 @@ impl Iterator for JournalLines<'_> {
     }
 }
 
-/// The missions in a journal of this sweep.
+/// Reads all missions of the journal of this sweep.
 ///
 /// # Errors
-/// If it cannot be read, or is not the journal of this sweep.
+/// If the journal cannot be read, or belongs to another sweep.
 pub fn read(path: &Path, definition: &Definition) -> Result<MissionRows, LabError> {
     JournalLines::open(path, definition, check_seed(definition))?.map(|row| row.map(|row| (row.key, row))).collect()
 }
 
-/// The seed of the checks in a sweep's journal.
+/// The seed of the hashes in the journal of a sweep.
 ///
 /// # Panics
 /// Never: a definition is plain values.
@@ -234,24 +234,24 @@ fn line(row: &MissionRow, seed: u64) -> Vec<u8> {
     checked_line(text.trim_ascii_end(), seed)
 }
 
-/// The line of a mission whose numbers are `text`.
+/// The journal line with the numbers `text` and their hash.
 #[must_use]
 pub fn checked_line(text: &[u8], seed: u64) -> Vec<u8> {
     [text, b",", check(text, seed).as_bytes(), b"\n"].concat()
 }
 
-/// What the line that holds `text` ends with.
+/// The hash at the end of the line with the numbers `text`.
 fn check(text: &[u8], seed: u64) -> String {
     format!("{:016x}", xxh3_64_with_seed(text, seed))
 }
 
-/// The mission in a line, or what is wrong with it.
+/// Parses and checks a line.
 fn mission(line: &[u8], seed: u64) -> Result<MissionRow, String> {
     let (text, found) = line.split_at(line.iter().rposition(|&byte| byte == b',').unwrap_or(0));
     let expected = check(text, seed);
     if found.strip_prefix(b",") != Some(expected.as_bytes()) {
-        let remedy = "delete the line, and `skysink sweep` flies its mission again";
-        return Err(format!("expected the check {expected}: the line, or sweep.json beside it, was changed: {remedy}"));
+        let remedy = "delete the line, and `skysink sweep` runs its mission again";
+        return Err(format!("expected the check {expected}: the line or sweep.json was changed: {remedy}"));
     }
     let numbers: ByteRecord = text.split(|&byte| byte == b',').collect();
     numbers.deserialize(None).map_err(|error| error.to_string())
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn no_changed_byte_is_taken_over() {
+    fn a_changed_byte_is_detected() {
         let (_folder, path) = journal(&[row(0, 0, 1), row(0, 0, 2)]);
         let text = std::fs::read(&path).unwrap();
         let whole = read(&path, &definition("a")).unwrap();
@@ -313,11 +313,11 @@ mod tests {
     fn a_line_of_another_sweep_is_refused() {
         let (_folder, path) = journal(&[row(0, 0, 1)]);
         let refusal = read(&path, &definition("b")).unwrap_err().to_string();
-        assert!(refusal.contains("line 1: ") && refusal.contains("sweep.json beside it, was changed"), "{refusal}");
+        assert!(refusal.contains("line 1: ") && refusal.contains("the line or sweep.json was changed"), "{refusal}");
     }
 
     #[test]
-    fn a_mission_that_the_sweep_has_not_is_refused() {
+    fn a_mission_of_another_sweep_is_refused() {
         for (point, strategy, seed) in [(1, 0, 1), (0, 1, 1), (0, 0, 3), (usize::MAX, usize::MAX, 1)] {
             let (_folder, path) = journal(&[row(0, 0, 1)]);
             let foreign = row(point, strategy, seed);
@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_come_in_the_order_of_the_results_however_they_were_flown() {
+    fn rows_are_in_the_order_of_the_results() {
         let (_folder, path) = journal(&[row(0, 0, 2), row(0, 0, 1)]);
         let journal = SweepJournal::open(&path, &definition("a")).unwrap();
         let seeds = |rows: Vec<MissionRow>| rows.iter().map(|row| row.key.seed).collect::<Vec<_>>();
@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_that_changed_since_the_journal_was_opened_is_refused() {
+    fn a_row_changed_after_opening_is_refused() {
         let (_folder, path) = journal(&[row(0, 0, 1), row(0, 0, 2)]);
         let journal = SweepJournal::open(&path, &definition("a")).unwrap();
         let mut text = std::fs::read(&path).unwrap();
@@ -354,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_was_cut_off_is_dropped() {
+    fn an_incomplete_last_line_is_dropped() {
         let (_folder, path) = journal(&[row(0, 0, 1), row(0, 0, 2)]);
         let text = std::fs::read(&path).unwrap();
         std::fs::write(&path, &text[..text.len() - 1]).unwrap();
@@ -365,7 +365,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_is_too_long_is_refused_and_nothing_after_it_is_dropped() {
+    fn a_line_that_is_too_long_is_refused() {
         let (_folder, path) = journal(&[row(0, 0, 1)]);
         let good = std::fs::read(&path).unwrap();
         let text = [&[b'1'; MAX_LINE][..], b"\n", &good].concat();

@@ -1,4 +1,4 @@
-//! `skysink merge`: the shards of a sweep become what one sweep would have left.
+//! `skysink merge`: merges the shards of a sweep. The result equals that of the whole sweep.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -15,12 +15,12 @@ use super::plan::{Definition, Shard};
 use crate::error::LabError;
 use crate::metrics::Metric;
 
-/// What is done where missions are missing.
+/// Whether missions may be missing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Completeness {
-    /// The merge is refused.
+    /// Missing missions are an error.
     Whole,
-    /// The missions that are there are merged.
+    /// Missing missions are accepted.
     Partial,
 }
 
@@ -29,18 +29,18 @@ pub enum Completeness {
 pub struct Merged {
     /// Its missions.
     pub journal: SweepJournal,
-    /// What is missing of a partial merge: how many missions there are, and which shards to fly.
+    /// For a partial merge: the number of missions, and the shards to run.
     pub missing: Option<String>,
 }
 
-/// Merges shards of a sweep into `out`, which then holds what the whole sweep would have left there.
+/// Merges the shards of a sweep into `out`.
 ///
 /// # Errors
-/// If the shards are not of one sweep or contradict each other, if missions are missing that have to be there, or on a
-/// stop.
+/// If the shards belong to different sweeps or contradict each other, if missions are missing without
+/// [`Completeness::Partial`], or on a stop.
 ///
 /// # Panics
-/// Without a shard.
+/// If `shards` is empty.
 pub fn merge(shards: &[PathBuf], out: &Path, completeness: Completeness, stop: &Stop) -> Result<Merged, LabError> {
     let mut folders = BTreeSet::new();
     let mut first: Option<Shards> = None;
@@ -53,13 +53,13 @@ pub fn merge(shards: &[PathBuf], out: &Path, completeness: Completeness, stop: &
         let Some(Manifest { definition, shard }) = manifest else { continue };
         let found = first.get_or_insert_with(|| Shards::of(definition.clone()));
         if found.definition != definition {
-            return Err(refuse("it is of another sweep than the first").into());
+            return Err(refuse("it belongs to another sweep than the first").into());
         }
         found.n = found.n.max(shard.n());
         found.add(path, stop)?;
     }
     let Some(found) = first else {
-        return Err(InputError::new("shard", &shards[0], "no shard holds a mission: fly them first").into());
+        return Err(InputError::new("shard", &shards[0], "no shard contains a mission: run them first").into());
     };
     let missing = found.missing();
     if let (Completeness::Whole, Some(missing)) = (completeness, &missing) {
@@ -79,10 +79,10 @@ pub fn merge(shards: &[PathBuf], out: &Path, completeness: Completeness, stop: &
 struct Shards {
     definition: Definition,
     seed: u64,
-    /// The most shards that one of them says the sweep is cut into.
+    /// The largest number of shards in the manifests.
     n: usize,
     journals: Vec<PathBuf>,
-    /// Hash of what each mission came to, by the order of the results; 0 where it was not flown.
+    /// The hash of each mission's metrics, in the order of the results; 0 if it was not flown.
     hashes: Vec<u64>,
 }
 
@@ -104,8 +104,8 @@ impl Shards {
             let index = self.definition.index(row.key).expect("lines of other missions are refused");
             let hash = hash(&row);
             if self.hashes[index] != 0 && self.hashes[index] != hash {
-                let message = "it has other results of the same missions than another shard: \
-                               expected shards that were flown by the same executable";
+                let message = "its results differ from those of another shard for the same missions: \
+                               expected shards from the same executable";
                 return Err(InputError::new("shard", folder, message).into());
             }
             self.hashes[index] = hash;
@@ -114,7 +114,7 @@ impl Shards {
         Ok(())
     }
 
-    /// How many missions are there, and which shards have the others; none if all are there.
+    /// The number of missions, and the shards with missing ones; `None` if all are present.
     fn missing(&self) -> Option<String> {
         let expected = self.hashes.len();
         let is_missing = |&index: &usize| self.hashes[index] == 0;
@@ -126,12 +126,12 @@ impl Shards {
         let shards = (0..expected).filter(is_missing).map(|index| self.definition.shard_of(index, n));
         let shards = ranges(&shards.collect());
         let count = expected - missing;
-        let fly = format!("fly shards {shards} of {n}, as by --array={shards} and --shard auto/{n}");
-        Some(format!("{count} of {expected} missions are there: {fly}"))
+        let remedy = format!("run shards {shards} of {n}, for example by --array={shards} and --shard auto/{n}");
+        Some(format!("{count} of {expected} missions are present: {remedy}"))
     }
 }
 
-/// Hash of what does not depend on the clock; never 0.
+/// Hash of the metrics that do not depend on the clock; never 0.
 fn hash(row: &MissionRow) -> u64 {
     let mut hash = Xxh3::new();
     for metric in Metric::all().filter(|metric| !metric.is_timing()) {
@@ -140,7 +140,7 @@ fn hash(row: &MissionRow) -> u64 {
     hash.digest().max(1)
 }
 
-/// Numbers as a list of ranges, such as `1,3-5`.
+/// Formats numbers as a list of ranges, such as `1,3-5`.
 fn ranges(numbers: &BTreeSet<usize>) -> String {
     let mut ranges: Vec<[usize; 2]> = Vec::new();
     for &number in numbers {

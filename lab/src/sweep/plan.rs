@@ -1,4 +1,4 @@
-//! What a sweep flies: a grid of scenarios, by strategy and seed.
+//! The definition of a sweep: a grid of scenarios, by strategy and seed.
 
 use std::collections::BTreeSet;
 use std::fmt::{self, Display, Formatter};
@@ -35,41 +35,41 @@ enum Seeds {
     List(Vec<u64>),
 }
 
-/// Most missions of a sweep.
+/// Maximum number of missions of a sweep.
 const MAX_MISSIONS: usize = 100_000_000;
 
-/// What a sweep's results depend on; kept beside them as `sweep.json`.
+/// Everything that the results of a sweep depend on, as in `sweep.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Definition {
-    /// Hash of everything below and of the scenarios themselves.
+    /// Hash of the other fields and of the scenarios.
     pub identity: String,
     /// Version of Skysink.
     pub version: String,
-    /// Swept keys, dotted.
+    /// Dotted names of the swept keys.
     pub keys: Vec<String>,
-    /// Their values, by point of the grid; the last key varies fastest.
+    /// The values of the keys, by point of the grid; the last key varies fastest.
     pub points: Vec<Vec<toml::Value>>,
     /// Names of the strategies, in the order of the results.
     pub strategies: Vec<String>,
-    /// Seeds, ascending; the same for every strategy, so that all fly over the same fields.
+    /// Seeds, ascending. All strategies use the same seeds and thus the same fields.
     pub seeds: Vec<u64>,
 }
 
 impl Definition {
-    /// Fields of the sweep: a point of the grid with a seed, which all strategies fly over.
+    /// The number of fields: points of the grid times seeds.
     #[must_use]
     pub fn fields(&self) -> usize {
         self.points.len() * self.seeds.len()
     }
 
-    /// Missions of the sweep: every field by every strategy.
+    /// The number of missions: fields times strategies.
     #[must_use]
     pub fn mission_count(&self) -> usize {
         self.fields() * self.strategies.len()
     }
 
-    /// The missions of a shard, in the order of the results: those over every n-th field from the k-th, where fields are
-    /// counted by point and then by seed. There are none if n is more than the fields and k beyond them.
+    /// The missions of a shard, in the order of the results: those over every n-th field from the k-th, in the order of
+    /// points and seeds. Empty if k exceeds the number of fields.
     pub fn missions(&self, shard: Shard) -> impl Iterator<Item = MissionKey> {
         let indices = (0..self.mission_count()).filter(move |&index| self.shard_of(index, shard.n()) == shard.k());
         indices.map(|index| {
@@ -80,58 +80,58 @@ impl Definition {
         })
     }
 
-    /// Which of `n` shards has the mission at this place in the results of the whole sweep.
+    /// The shard, of `n`, that contains the mission with this index in the results of the whole sweep.
     pub(super) fn shard_of(&self, index: usize, n: usize) -> usize {
         let seeds = self.seeds.len();
         let point = index / seeds / self.strategies.len();
         (point * seeds + index % seeds) % n + 1
     }
 
-    /// The place of a mission in the results of the whole sweep; none if the sweep has no such mission.
+    /// The index of a mission in the results of the whole sweep; `None` if it does not belong to the sweep.
     #[must_use]
     pub fn index(&self, MissionKey { point, strategy, seed }: MissionKey) -> Option<usize> {
         let seed = self.seeds.binary_search(&seed).ok()?;
-        let is_there = point < self.points.len() && strategy < self.strategies.len();
-        is_there.then(|| (point * self.strategies.len() + strategy) * self.seeds.len() + seed)
+        let exists = point < self.points.len() && strategy < self.strategies.len();
+        exists.then(|| (point * self.strategies.len() + strategy) * self.seeds.len() + seed)
     }
 
-    /// Whether it has this mission.
+    /// Whether the sweep contains this mission.
     #[must_use]
     pub fn contains(&self, mission: MissionKey) -> bool {
         self.index(mission).is_some()
     }
 }
 
-/// A sweep that can be flown.
+/// A sweep with its scenarios.
 #[derive(Debug)]
 pub struct Sweep {
-    /// What it is.
+    /// The definition.
     pub definition: Definition,
     base: SweepBase,
-    outside: Vec<OutsideStrategy>,
-    /// That of the latest mission: the next one mostly differs in its seed only.
+    external: Vec<ExternalStrategy>,
+    /// Cache of the latest scenario, because the next mission usually differs only in its seed.
     latest: Mutex<Option<(MissionKey, Scenario)>>,
 }
 
-/// A strategy that is not Skysink's: whoever names it flies its missions.
+/// A strategy outside the registry, whose missions the caller simulates.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct OutsideStrategy {
+pub struct ExternalStrategy {
     /// Its name in the sweep file and in the results.
     pub name: String,
-    /// What tells one version of it from another, such as its source.
+    /// Identifies its version, for example by its source.
     pub version: String,
 }
 
-/// The scenario that a sweep varies.
+/// The base scenario of a sweep.
 #[derive(Debug)]
 pub struct SweepBase {
-    /// Its file; files that it names are beside it.
+    /// Its path; files that it names are relative to it.
     pub path: PathBuf,
     /// Its keys.
     pub table: toml::Table,
 }
 
-/// Part k of n of a sweep, k from 1 to n.
+/// Shard k of n of a sweep, k from 1 to n.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "(usize, usize)", into = "(usize, usize)")]
 pub struct Shard {
@@ -140,22 +140,22 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// All of it.
+    /// The whole sweep.
     pub const WHOLE: Self = Self { k: 1, n: 1 };
 
-    /// Part `k` of `n`; none unless k is 1 to n.
+    /// Shard `k` of `n`; `None` unless k is 1 to n.
     #[must_use]
     pub fn new(k: usize, n: usize) -> Option<Self> {
         (1..=n).contains(&k).then_some(Self { k, n })
     }
 
-    /// Which part it is.
+    /// The index of the shard, from 1.
     #[must_use]
     pub fn k(self) -> usize {
         self.k
     }
 
-    /// How many parts there are.
+    /// The number of shards.
     #[must_use]
     pub fn n(self) -> usize {
         self.n
@@ -194,12 +194,12 @@ pub struct MissionKey {
 }
 
 impl Sweep {
-    /// Reads a sweep file, which may name strategies of the registry and those `outside`, and checks every point of its
-    /// grid.
+    /// Reads a sweep file and checks every point of its grid. The file may name strategies of the registry and `external`
+    /// ones.
     ///
     /// # Errors
     /// If the file, its scenario, a strategy or a point is refused.
-    pub fn read(path: &Path, outside: Vec<OutsideStrategy>) -> Result<Self, LabError> {
+    pub fn read(path: &Path, external: Vec<ExternalStrategy>) -> Result<Self, LabError> {
         if path.is_dir() {
             let what = "it is a folder: expected a sweep file, and the folder as --out";
             return Err(InputError::new("sweep", path, what).into());
@@ -207,7 +207,7 @@ impl Sweep {
         let text = read_text("sweep", path)?;
         let is_scenario = text.parse::<toml::Table>().is_ok_and(|table| table.contains_key("name"));
         if is_scenario {
-            let what = "it is a scenario: expected a sweep (skysink simulate flies this file)";
+            let what = "it is a scenario: expected a sweep (use skysink simulate for this file)";
             return Err(InputError::new("sweep", path, what).into());
         }
         let file: File = toml::from_str(&text).map_err(|error| InputError::toml("sweep", path, &text, &error))?;
@@ -228,28 +228,28 @@ impl Sweep {
             Seeds::Count(count) => (1..=count).collect(),
             Seeds::List(list) => list,
         };
-        Self::new(path, base, file.axes, file.strategies, seeds, outside)
+        Self::new(path, base, file.axes, file.strategies, seeds, external)
     }
 
-    /// Checks a sweep and every point of its grid. `path` stands for the sweep in messages.
+    /// Checks a sweep and every point of its grid. `path` names the sweep in errors.
     ///
     /// # Errors
-    /// If the choice of axes, strategies or seeds, or a point of the grid is refused.
+    /// If the axes, strategies or seeds, or a point of the grid is refused.
     pub fn new(
         path: &Path,
         base: SweepBase,
         axes: toml::Table,
         strategies: Vec<String>,
         seeds: Vec<u64>,
-        outside: Vec<OutsideStrategy>,
+        external: Vec<ExternalStrategy>,
     ) -> Result<Self, LabError> {
         let refuse = |key: &str, expected: &str| InputError::new("sweep", path, format!("{key}: expected {expected}"));
         let names: Vec<&str> = strategies.iter().map(String::as_str).collect();
-        let is_outside = |name: &&&str| outside.iter().any(|strategy| strategy.name == **name);
-        let unknown = names.iter().find(|name| Registered::find(name).is_none() && !is_outside(name));
+        let is_external = |name: &&&str| external.iter().any(|strategy| strategy.name == **name);
+        let unknown = names.iter().find(|name| Registered::find(name).is_none() && !is_external(name));
         if let Some(name) = unknown {
             let is_python = name.starts_with("python:");
-            let by_python = "a strategy of Skysink; those in Python are flown by its Python package: skysink.sweep()";
+            let by_python = "a built-in strategy; use skysink.sweep() of the Python package for Python strategies";
             let expected = if is_python { by_python.to_owned() } else { expected(name) };
             return Err(refuse(&format!("strategies = {names:?}: {name:?}"), &expected).into());
         }
@@ -260,7 +260,9 @@ impl Sweep {
         }
         let axes = axes.into_iter().map(|(key, values)| match values {
             _ if key == "seed" => Err(refuse("axes.seed", "the seeds under `seeds`")),
-            _ if key == "planner.strategy" => Err(refuse("axes.\"planner.strategy\"", "them under `strategies`")),
+            _ if key == "planner.strategy" => {
+                Err(refuse("axes.\"planner.strategy\"", "the strategies under `strategies`"))
+            }
             toml::Value::Array(values) if !values.is_empty() => Ok((key, values)),
             toml::Value::Table(_) => {
                 let (key, value) = innermost(key, &values);
@@ -283,7 +285,7 @@ impl Sweep {
             strategies,
             seeds: ascending.into_iter().collect(),
         };
-        let mut sweep = Self { definition, base, outside, latest: Mutex::default() };
+        let mut sweep = Self { definition, base, external, latest: Mutex::default() };
         sweep.definition.identity = sweep.identity(path)?;
         Ok(sweep)
     }
@@ -291,10 +293,10 @@ impl Sweep {
     /// The scenario of a mission.
     ///
     /// # Errors
-    /// If the point or the seed is refused; reading the sweep has tried every point.
+    /// If the point or the seed is refused; [`Sweep::new`] has checked every point.
     ///
     /// # Panics
-    /// If the mission is not of this sweep.
+    /// If the mission does not belong to this sweep.
     pub fn scenario(&self, mission: MissionKey) -> Result<Scenario, LabError> {
         let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
         let scenario = match latest.take() {
@@ -313,7 +315,7 @@ impl Sweep {
         let text = toml::to_string(&self.base.table).expect("a table that was read can be written");
         let overrides = Overrides {
             seed: Some(mission.seed),
-            // The scenario's own plans nothing where the strategy is somebody else's.
+            // For an external strategy, the scenario's own is not used.
             strategy: self.strategy(mission).map(|strategy| strategy.name),
             slots: None,
             keys: zip(&self.definition.keys, &self.definition.points[mission.point]).map(setting).collect(),
@@ -321,21 +323,21 @@ impl Sweep {
         Ok(Scenario::parse(&text, &self.base.path, overrides).and_then(settings::resolve)?)
     }
 
-    /// The strategy of a mission; none if it is not Skysink's.
+    /// The strategy of a mission; `None` if it is external.
     ///
     /// # Panics
-    /// If the mission is not of this sweep.
+    /// If the mission does not belong to this sweep.
     #[must_use]
     pub fn strategy(&self, mission: MissionKey) -> Option<&'static Registered> {
         Registered::find(&self.definition.strategies[mission.strategy])
     }
 
-    /// Hash of everything that the results depend on; checks every point on the way.
+    /// Hash of everything that the results depend on. Checks every point of the grid.
     fn identity(&self, path: &Path) -> Result<String, LabError> {
         let mut hash = Xxh3::new();
         let description = serde_json::to_string(&self.definition).expect("plain values");
         hash.update(description.as_bytes());
-        self.outside.iter().for_each(|strategy| hash.update(strategy.version.as_bytes()));
+        self.external.iter().for_each(|strategy| hash.update(strategy.version.as_bytes()));
         for point in 0..self.definition.points.len() {
             let mission = MissionKey { point, strategy: 0, seed: self.definition.seeds[0] };
             let refuse = |error| InputError::new("sweep", path, format!("at {}: {error}", self.name(point)));
@@ -348,19 +350,19 @@ impl Sweep {
         Ok(format!("{:016x}", hash.digest()))
     }
 
-    /// A point, for people.
+    /// Describes a point, for messages.
     fn name(&self, point: usize) -> String {
         let values = self.definition.keys.iter().zip(&self.definition.points[point]);
         values.map(|(key, value)| format!("{key} = {value}")).collect::<Vec<_>>().join(", ")
     }
 }
 
-/// What a point of the grid sets one key to.
+/// The setting of one key at a point of the grid.
 fn setting((key, value): (&String, &toml::Value)) -> Setting {
     Setting { key: key.clone(), value: value.clone(), origin: SettingOrigin::Axis }
 }
 
-/// The values, ascending; what was expected instead if there is none, or one twice.
+/// The values, ascending. The error is the expectation, if there is no value or a duplicate.
 fn distinct<T: Ord + Copy>(values: &[T]) -> Result<BTreeSet<T>, &'static str> {
     let distinct: BTreeSet<T> = values.iter().copied().collect();
     match distinct.len() {
@@ -370,7 +372,7 @@ fn distinct<T: Ord + Copy>(values: &[T]) -> Result<BTreeSet<T>, &'static str> {
     }
 }
 
-/// The first value in tables of tables, under its dotted key.
+/// The first value in nested tables, with its dotted key.
 fn innermost(key: String, value: &toml::Value) -> (String, &toml::Value) {
     match value.as_table().and_then(|table| table.iter().next()) {
         Some((inner, value)) => innermost(format!("{key}.{inner}"), value),
@@ -378,7 +380,7 @@ fn innermost(key: String, value: &toml::Value) -> (String, &toml::Value) {
     }
 }
 
-/// Every combination of the axes' values; the last axis varies fastest. No axes: one point.
+/// All combinations of the values of the axes; the last axis varies fastest. Without axes, one point.
 fn grid(axes: &[(String, Vec<toml::Value>)]) -> Vec<Vec<toml::Value>> {
     let mut points = vec![Vec::new()];
     for (_, values) in axes {
@@ -398,12 +400,12 @@ mod tests {
     fn sweep(strategies: &[&str], version: &str) -> Result<Sweep, LabError> {
         let base = SweepBase { path: "letter.toml".into(), table: LETTER.parse().unwrap() };
         let names = strategies.iter().map(|&name| name.to_owned()).collect();
-        let outside = vec![OutsideStrategy { name: "python:mine.py:Mine".to_owned(), version: version.to_owned() }];
-        Sweep::new(Path::new("x"), base, toml::Table::new(), names, vec![1, 2], outside)
+        let external = vec![ExternalStrategy { name: "python:mine.py:Mine".to_owned(), version: version.to_owned() }];
+        Sweep::new(Path::new("x"), base, toml::Table::new(), names, vec![1, 2], external)
     }
 
     #[test]
-    fn an_outside_strategy_is_flown_by_whoever_names_it_over_the_same_field() {
+    fn an_external_strategy_gets_the_same_field() {
         let sweep = sweep(&["uts", "python:mine.py:Mine"], "1").unwrap();
         let key = |strategy| MissionKey { point: 0, strategy, seed: 2 };
         assert_eq!(sweep.strategy(key(0)).unwrap().name, "uts");
@@ -413,14 +415,14 @@ mod tests {
     }
 
     #[test]
-    fn another_version_of_an_outside_strategy_makes_another_sweep() {
+    fn another_version_of_an_external_strategy_makes_another_sweep() {
         let identity = |version: &str| sweep(&["python:mine.py:Mine"], version).unwrap().definition.identity;
         assert_eq!(identity("1"), identity("1"));
         assert_ne!(identity("1"), identity("2"));
     }
 
     #[test]
-    fn a_strategy_that_nobody_has_is_refused() {
+    fn an_unknown_strategy_is_refused() {
         for (name, expected) in [("utz", "did you mean `uts`?"), ("python:other.py:X", "skysink.sweep()")] {
             let refusal = sweep(&["uts", name], "1").unwrap_err().to_string();
             assert!(refusal.contains(name) && refusal.contains(expected), "{refusal}");

@@ -1,4 +1,4 @@
-//! The files that a sweep leaves: a row per mission, the summary with confidence intervals, and the timings.
+//! The result files of a sweep: one row per mission, a summary with confidence intervals, and the timings.
 
 use std::collections::BTreeMap;
 use std::io::{self, BufWriter};
@@ -20,10 +20,10 @@ use crate::error::LabError;
 use crate::metrics::Metric;
 use crate::parquet_file::{ParquetFile, ROWS_PER_GROUP};
 
-/// The name under which the least loss of all strategies over each field is summarised.
+/// The name of the minimum loss over all strategies, per field, in the summary.
 pub const BEST_KNOWN: &str = "best-known";
 
-/// Writes all files into `folder`; equal missions give equal bytes, but for the timings.
+/// Writes all files into `folder`. Equal missions give equal bytes, except for the timings.
 ///
 /// # Errors
 /// If a file cannot be written, or on a stop.
@@ -34,8 +34,7 @@ pub fn write(folder: &Path, definition: &Definition, journal: &SweepJournal, sto
     Ok(write_whole(&folder.join("summary.csv"), &summary_csv(definition, journal, &results, stop)?)?)
 }
 
-/// The files with a row per mission, which are written `part` rows at a time: two tables of these metrics, and the
-/// Parquet file.
+/// Writes the files with one row per mission, `part` rows at a time: two tables with these metrics, and the Parquet file.
 fn write_missions(
     folder: &Path,
     definition: &Definition,
@@ -77,18 +76,18 @@ fn write_missions(
     Ok(())
 }
 
-/// A mission: swept keys, strategy, seed, metrics, empty where it has none. Floats read back exactly.
+/// The row of a mission: swept keys, strategy, seed, metrics (empty for NaN). Floats can be parsed back exactly.
 fn mission_line(definition: &Definition, row: &MissionRow, metrics: &[Metric]) -> Vec<String> {
     let number = |metric: &Metric| Some(row[*metric]).filter(|value| !value.is_nan());
     let numbers = metrics.iter().map(|metric| number(metric).map_or_else(String::new, |value| value.to_string()));
-    let who = [definition.strategies[row.key.strategy].clone(), row.key.seed.to_string()];
-    definition.points[row.key.point].iter().map(text).chain(who).chain(numbers).collect()
+    let strategy_and_seed = [definition.strategies[row.key.strategy].clone(), row.key.seed.to_string()];
+    definition.points[row.key.point].iter().map(text).chain(strategy_and_seed).chain(numbers).collect()
 }
 
-/// A mission per row as columns, each with a type of its own: what `results.parquet` holds.
+/// The typed columns of `results.parquet`, with one row per mission.
 ///
 /// # Panics
-/// If a row is of no mission of the sweep.
+/// If a row does not belong to the sweep.
 #[must_use]
 pub fn mission_columns<'a>(definition: &'a Definition, rows: &[MissionRow]) -> Vec<(&'a str, ArrayRef)> {
     let mut columns: Vec<(&str, ArrayRef)> = Vec::new();
@@ -109,7 +108,7 @@ pub fn mission_columns<'a>(definition: &'a Definition, rows: &[MissionRow]) -> V
     columns
 }
 
-/// The column of a swept key: whole numbers, numbers, or text, as all its values in the sweep are.
+/// The column of a swept key: integers, floats or text, depending on all its values in the sweep.
 fn swept(definition: &Definition, rows: &[MissionRow], place: usize) -> ArrayRef {
     let all = || definition.points.iter().map(|point| &point[place]);
     let values = || rows.iter().map(|row| &definition.points[row.key.point][place]);
@@ -122,8 +121,8 @@ fn swept(definition: &Definition, rows: &[MissionRow], place: usize) -> ArrayRef
     }
 }
 
-/// A metric of a point and strategy per row: mean, standard deviation and confidence interval over the seeds. Where an
-/// offline plan was flown, too, the best known loss of each point follows.
+/// The summary, with one row per point, strategy and metric: mean, standard deviation and confidence interval over the
+/// seeds. If the sweep contains `offline`, the best known loss of each point follows.
 fn summary_csv(
     definition: &Definition,
     journal: &SweepJournal,
@@ -166,8 +165,8 @@ fn summary_csv(
     Ok(writer.into_inner().expect("memory takes everything"))
 }
 
-/// The mean of each of these metrics over the missions of a point by a strategy; none where a mission has none, or there
-/// is no mission. The missions are read twice and not kept.
+/// The mean of each metric over the missions of a point and a strategy; `None` if a mission has no value, or there is no
+/// mission. Reads the missions twice instead of keeping them in memory.
 fn intervals(
     journal: &SweepJournal,
     point: usize,
@@ -175,7 +174,7 @@ fn intervals(
     metrics: &[Metric],
 ) -> Result<Vec<Option<MeanInterval>>, LabError> {
     let mut n = 0;
-    let mut means = vec![-0.0; metrics.len()]; // as the sum of nothing
+    let mut means = vec![-0.0; metrics.len()]; // the neutral element of addition
     for row in journal.rows_of(point, strategy) {
         let row = row?;
         n += 1;
@@ -194,7 +193,7 @@ fn intervals(
     Ok(zip(zip(metrics, &means), &squares).map(interval).collect())
 }
 
-/// The least loss of all strategies over each field of a point that every strategy has flown over, by ascending seed.
+/// The minimum loss over all strategies, for each field of a point with results of all strategies, by ascending seed.
 fn best_known_of(journal: &SweepJournal, point: usize, strategies: usize) -> Result<Vec<f64>, LabError> {
     let mut fields: BTreeMap<u64, (usize, f64)> = BTreeMap::new();
     for strategy in 0..strategies {
@@ -208,7 +207,7 @@ fn best_known_of(journal: &SweepJournal, point: usize, strategies: usize) -> Res
     Ok(fields.into_values().filter(|(flown, _)| *flown == strategies).map(|(_, least)| least).collect())
 }
 
-/// The least loss of all strategies, by point and seed.
+/// The minimum loss over all strategies, by point and seed.
 pub fn best_known<'a>(rows: impl Iterator<Item = &'a MissionRow>) -> BTreeMap<usize, BTreeMap<u64, f64>> {
     let mut points: BTreeMap<usize, BTreeMap<u64, f64>> = BTreeMap::new();
     for row in rows {
@@ -218,12 +217,12 @@ pub fn best_known<'a>(rows: impl Iterator<Item = &'a MissionRow>) -> BTreeMap<us
     points
 }
 
-/// A swept value that is a number.
+/// A swept value as a number, if it is one.
 pub(crate) fn number(value: &toml::Value) -> Option<f64> {
     value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64))
 }
 
-/// A swept value as text: as in the sweep file, strings without quotes.
+/// A swept value as text: as in the sweep file, but strings without quotes.
 pub(crate) fn text(value: &toml::Value) -> String {
     match value {
         toml::Value::String(text) => text.clone(),
@@ -261,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn all_rows_are_written_whatever_the_size_of_the_parts() {
+    fn all_rows_are_written_for_every_part_size() {
         for seeds in 0..5 {
             let [csv, _] = written(seeds, 2);
             let rows: String = (0..seeds).map(|seed| format!("60,uts,{seed},0.5\n")).collect();

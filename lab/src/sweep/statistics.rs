@@ -1,10 +1,10 @@
-//! Means of repeated missions and of their differences, and how far they can be trusted.
+//! Means of repeated missions and of paired differences, with confidence intervals.
 
 use std::collections::BTreeMap;
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// Which values a quantity can have, and with it the mean of such a quantity.
+/// The range of a quantity and of its mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Support {
     /// Any number.
@@ -18,7 +18,7 @@ pub enum Support {
 }
 
 impl Support {
-    /// That of the difference of two such quantities.
+    /// The range of the difference of two such quantities.
     #[must_use]
     pub fn of_difference(self) -> Self {
         match self {
@@ -27,8 +27,8 @@ impl Support {
         }
     }
 
-    /// The limits of the mean, if the t quantile times the standard error is `half_width`: `g⁻¹(g(mean) ± g′(mean)
-    /// half_width)` (delta method), with the identity, the logarithm, or the logit between the ends of the range as g.
+    /// The confidence limits of the mean for a half-width (t quantile times standard error) on the linear scale. Delta
+    /// method: `g⁻¹(g(mean) ± g′(mean) half_width)`, where g is the identity, the logarithm, or the logit on the range.
     fn limits(self, mean: f64, half_width: f64) -> [f64; 2] {
         let [low, high] = match self {
             Self::Real => [f64::NEG_INFINITY, f64::INFINITY],
@@ -41,7 +41,7 @@ impl Support {
         if half_width == 0.0 || below <= 0.0 || above <= 0.0 {
             return [mean; 2];
         }
-        let transformed = half_width / below + half_width / above; // 0 for the side without an end
+        let transformed = half_width / below + half_width / above; // an infinite side contributes 0
         let limits = match self {
             Self::Real => [mean - half_width, mean + half_width],
             Self::NonNegative => [mean * (-transformed).exp(), mean * transformed.exp()],
@@ -50,7 +50,7 @@ impl Support {
                 if factor.is_finite() { mean + below * above * (factor - 1.0) / (above + below * factor) } else { high }
             }),
         };
-        // The mean itself, where the interval is within its rounding.
+        // Rounding must not move a limit across the mean.
         [limits[0].clamp(low, mean), limits[1].clamp(mean, high)]
     }
 }
@@ -62,31 +62,30 @@ pub struct MeanInterval {
     pub n: usize,
     /// Their mean.
     pub mean: f64,
-    /// Their standard deviation, with n − 1; none of a single value.
+    /// Their sample standard deviation (n − 1); `None` for a single value.
     pub deviation: Option<f64>,
-    /// Limits of the 95 % confidence interval of the mean, by Student's t; none of a single value.
+    /// Limits of the 95 % confidence interval of the mean, by Student's t; `None` for a single value.
     ///
-    /// Within the range of the values: on the logit scale of a fraction, or the log scale of what is not negative, both
-    /// by the delta method. They are approximate, as those by Student's t are: they know of no value that the sample
-    /// does not show, and equal values have an interval without width.
+    /// They lie within the range of the values: computed on the logit scale for fractions and on the log scale for
+    /// non-negative quantities, by the delta method. They are approximate. Equal values give an interval of width 0.
     pub limits: Option<[f64; 2]>,
 }
 
 impl MeanInterval {
-    /// The mean of these values of a quantity, added in their order.
+    /// The mean of these values, summed in their order.
     ///
     /// # Panics
-    /// If there are none.
+    /// If `values` is empty.
     #[must_use]
     pub fn of(values: &[f64], support: Support) -> Self {
         let mean = values.iter().sum::<f64>() / values.len() as f64;
         Self::of_moments(values.len(), mean, values.iter().map(|value| (value - mean).powi(2)).sum(), support)
     }
 
-    /// The same from the number of values, their mean, and the sum of the squares of their distances from it.
+    /// The same from the number of values, their mean, and the sum of squared deviations.
     ///
     /// # Panics
-    /// If there are none.
+    /// If `n` is 0.
     #[must_use]
     pub fn of_moments(n: usize, mean: f64, squares: f64, support: Support) -> Self {
         assert!(n > 0, "a mean needs a value");
@@ -101,7 +100,7 @@ impl MeanInterval {
     }
 }
 
-/// `values − reference` of each seed that both have, by ascending seed.
+/// `values − reference` for each common seed, ascending.
 #[must_use]
 pub fn paired_differences(values: &BTreeMap<u64, f64>, reference: &BTreeMap<u64, f64>) -> Vec<f64> {
     values.iter().filter_map(|(seed, value)| Some(value - reference.get(seed)?)).collect()
@@ -123,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn the_interval_of_any_number_is_students() {
+    fn the_interval_of_a_real_number_is_students_t() {
         // 1, 2, 3, 4: mean 2.5, s = sqrt(5/3) = 1.290994; t(0.975, 3) = 3.182446; 3.182446 · 1.290994/2 = 2.054260
         let estimate = MeanInterval::of(&[1.0, 2.0, 3.0, 4.0], Support::Real);
         assert_eq!((estimate.n, estimate.mean), (4, 2.5));
@@ -132,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn the_interval_of_a_fraction_is_students_on_the_logit_scale() {
+    fn the_interval_of_a_fraction_is_computed_on_the_logit_scale() {
         // The same / 10: mean 0.25, half width h = 0.205426; logit(0.25) = −1.098612, its slope 1/(0.25 · 0.75) =
         // 5.333333; −1.098612 ± 1.095605; the logistic function of −2.194217 is 0.100271, of −0.003007 0.499248
         let fractions = [0.1, 0.2, 0.3, 0.4];
@@ -143,13 +142,13 @@ mod tests {
     }
 
     #[test]
-    fn the_interval_of_what_is_not_negative_is_students_on_the_log_scale() {
+    fn the_interval_of_a_non_negative_number_is_computed_on_the_log_scale() {
         // 2.5 · exp(∓2.054260/2.5) = 2.5 · exp(∓0.821704)
         assert_near(limits(&[1.0, 2.0, 3.0, 4.0], Support::NonNegative), [1.099_204, 5.685_931]);
     }
 
     #[test]
-    fn one_value_has_a_mean_and_nothing_else() {
+    fn a_single_value_has_a_mean_only() {
         for support in [Support::Real, Support::NonNegative, Support::Fraction, Support::FractionDifference] {
             let estimate = MeanInterval::of(&[0.7], support);
             assert_eq!((estimate.mean, estimate.deviation, estimate.limits), (0.7, None, None));
@@ -166,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn differences_are_those_of_the_seeds_that_both_have() {
+    fn differences_are_computed_for_common_seeds() {
         let values = BTreeMap::from([(1, 0.5), (2, 0.25), (4, 1.0)]);
         let reference = BTreeMap::from([(2, 0.125), (3, 0.0), (4, 0.25)]);
         assert_eq!(paired_differences(&values, &reference), [0.125, 0.75]);
@@ -220,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn intervals_of_fractions_hold_the_mean_as_often_as_they_say_or_nearly() {
+    fn intervals_of_fractions_cover_the_mean_about_as_often_as_stated() {
         // The standard error of a coverage of 95 % over 2 000 samples is 0.5 %.
         for (name, draw, mean) in POPULATIONS {
             for (n, least) in [(20, 0.835), (50, 0.91), (300, 0.935)] {
@@ -234,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn the_logit_holds_the_mean_of_a_skewed_fraction_more_often_than_students_t_does() {
+    fn logit_intervals_cover_the_mean_of_skewed_fractions_better_than_students_t() {
         for (n, gain) in [(20, 0.04), (50, 0.01)] {
             let [logit, student] =
                 [Support::Fraction, Support::Real].map(|support| coverage(zero_or_beta, 0.3 / 21.0, n, support));

@@ -1,4 +1,4 @@
-//! What the bounds know of the sensor nodes: those that sample, in whole bits, and when the UAV can first be there.
+//! The sensor nodes as the bounds see them: those that sample, in whole bits, with the first slot of a possible service.
 
 use skysink_common::arrivals::sampled_bits;
 use skysink_common::geometry::{Position, distance_squared};
@@ -11,19 +11,19 @@ use crate::sensor_table::SensorTable;
 /// A sensor node (SN) that samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorBits {
-    /// What it samples in a slot on average [bit], `s_i τ`, above 0.
+    /// Mean bits sampled per slot, `s_i τ`, above 0.
     pub mean_bits: f64,
     /// Its buffer, `B` [bit].
     pub capacity_bits: u64,
     /// Its queue before slot 1 [bit].
     pub queue_bits: u64,
-    /// The first slot at whose end the UAV can be in range, from 1.
+    /// The first slot at whose end the UAV can be in range, at least 1.
     pub first_slot: u64,
 }
 
 impl SensorBits {
-    /// What overflows until the end of `slot` [bit], if the SN is never served after the slot `emptied`, which left it
-    /// empty; from before slot 1 if there is none.
+    /// Overflow up to the end of `slot` [bit], if the SN is never served after the slot `emptied`, which left it empty; or
+    /// never at all if that is `None`.
     #[inline]
     #[must_use]
     pub fn overflow_bits(&self, emptied: Option<u64>, slot: u64) -> u64 {
@@ -34,7 +34,7 @@ impl SensorBits {
         held_bits.saturating_sub(self.capacity_bits)
     }
 
-    /// What overflows in `slot` [bit], likewise.
+    /// Overflow in `slot` [bit], under the same assumption.
     #[inline]
     #[must_use]
     pub fn lost_bits(&self, emptied: Option<u64>, slot: u64) -> u64 {
@@ -54,7 +54,8 @@ pub struct FieldBits {
 }
 
 impl FieldBits {
-    /// The field of a scenario with these SNs and queues [bit], by id; and the SNs that sample, with their ids.
+    /// The field of a scenario with these SNs and queues [bit], by id, and the list of the SNs that sample, with their
+    /// ids.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode], queues_bits: &[u32]) -> (Self, Vec<(u32, SensorNode)>) {
         let table = SensorTable::new(scenario, &[]);

@@ -1,8 +1,8 @@
-//! The most that the link of a sensor node can carry in a slot, from wherever the UAV is.
+//! Upper bounds on the capacity of the link of a sensor node in a slot, over all positions of the UAV.
 //!
-//! Every link is best from straight above at the lowest altitude: rates fall with the distance, and line of sight is
-//! likeliest there. Over a random channel the draw of a slot depends on the seed, the slot and the sensor node alone, so
-//! that what the best position would have got is known.
+//! A link is best from straight above at the lowest altitude: rates fall with the distance, and the probability of line
+//! of sight is highest there. The draw of a random channel depends only on the seed, the slot and the sensor node, so
+//! the capacity at the best position is known.
 
 use skysink_common::channel::{Channel, FreeSpace, LineOfSight, Uplink};
 use skysink_common::message::SensorNode;
@@ -10,13 +10,13 @@ use skysink_common::random::Streams;
 use skysink_common::scenario::Scenario;
 use skysink_common::units::ratio_of_db;
 
-/// Keeps rounding from making a link worse than one that was flown, relative to its rate or altitude.
+/// Relative margin on rates and altitudes, so that rounding does not put a bound below a flown link.
 const ROUNDING: f64 = 1e-9;
 
-/// Most draws that are looked at; where there are more, every draw is taken for the best.
+/// Most draws that are evaluated; with more, the best draw is assumed.
 const MOST_DRAWS: u64 = 20_000_000;
 
-/// Steps of the range of gains [dB] over which an expectation is summed up.
+/// Steps of the range of gains [dB] in the sum for an expectation.
 const GAIN_STEPS: u32 = 1 << 14;
 
 /// The best links of a mission.
@@ -27,7 +27,7 @@ pub struct BestLinks {
     /// Sensor nodes (SNs) by their ids, with their gains.
     sensors: Vec<(u32, f64)>,
     altitude_m: f64,
-    /// How far the UAV descends in a slot [m]; none at a fixed altitude.
+    /// Farthest descent in a slot [m]; 0 at a fixed altitude.
     descent_m: f64,
     lowest_m: f64,
     are_drawn: bool,
@@ -78,8 +78,7 @@ impl BestLinks {
         self.channel.capacity_bits(rate_bps * (1.0 + ROUNDING))
     }
 
-    /// By slot: bits that any link is expected to carry in it at most, of no more than `queue_bits` [bit], before the
-    /// draw.
+    /// By slot: upper bound on the expected bits, before the draw, that any link carries of a queue of `queue_bits`.
     pub fn expected_bits(&self, queue_bits: u64) -> impl Fn(u64) -> f64 {
         let carried_bits =
             move |rate_bps: f64| self.channel.capacity_bits(rate_bps * (1.0 + ROUNDING)).min(queue_bits) as f64;
@@ -112,16 +111,16 @@ fn best_gain_bps(model: &FreeSpace, uplink: &Uplink, gain_db: f64) -> f64 {
     model.rate_bps(&Uplink { gain: ratio_of_db(gain_db), ..*uplink })
 }
 
-/// The mean of a rising function of a gain that is uniform between two levels [dB], at least: in every step of the range
-/// the function is taken at the upper end.
+/// Upper bound on the mean of an increasing function of a gain that is uniform between two levels [dB]: the function is
+/// evaluated at the upper end of each step.
 fn mean_over_gains([lowest_db, highest_db]: [f64; 2], value: impl Fn(f64) -> f64) -> f64 {
     let step_db = (highest_db - lowest_db) / f64::from(GAIN_STEPS);
     let sum: f64 = (1..=GAIN_STEPS).map(|step| value(lowest_db + step_db * f64::from(step))).sum();
     sum / f64::from(GAIN_STEPS)
 }
 
-/// What a link is expected to carry at most [bit]: nowhere is line of sight likelier, and no rate higher, than straight
-/// below the altitude `z_m` [m]. Where being in line of sight is the worse, it is never taken to be.
+/// Upper bound on the expected bits of a link: the probability of line of sight and the rates are highest straight below
+/// the UAV at the altitude `z_m` [m]. If the rate in line of sight is the lower one, the other is taken.
 fn expected_bits(model: &LineOfSight, z_m: f64, carried_bits: impl Fn(f64) -> f64) -> f64 {
     let los_bits = carried_bits(model.los_rate_bps(0.0, z_m));
     let nlos_bits = carried_bits(model.nlos_rate_bps(0.0, z_m));

@@ -1,9 +1,8 @@
-//! Loss that no flight of a mission avoids, in whole bits.
+//! Lower bounds on the loss of any flight of a mission, in whole bits.
 //!
 //! [`visits`] counts the sensor nodes that cannot be served in time, with the paths of
-//! [`path_bound`](crate::horizon::path_bound); [`throughput`] counts bits, with the best [`links`] that the channel
-//! allows. What the search of the look-ahead takes for unavoidable in its own model is left to
-//! [`crate::horizon::bound`].
+//! [`path_bound`](crate::horizon::path_bound); [`throughput`] counts bits, with the best possible [`links`]. Bounds
+//! within the model of the look-ahead are left to [`crate::horizon::bound`].
 
 pub mod field_bits;
 pub mod links;
@@ -21,18 +20,16 @@ use links::BestLinks;
 /// Lower bounds on the loss of a mission.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MissionBound {
-    /// Every flight of this mission loses at least this [bit], even one of somebody who knows every draw of the
-    /// channel.
+    /// Lower bound on the loss of every flight [bit], even with knowledge of all draws of the channel.
     pub loss_bits: u64,
-    /// Where the channel is random: who does not know its draws in advance loses at least this on average over them
-    /// [bit].
+    /// For a random channel: lower bound on the mean loss over its draws [bit], without knowledge of future draws.
     pub expected_loss_bits: Option<f64>,
 }
 
 /// The bounds of a mission with the queues `queues_bits` [bit] before slot 1, by id.
 ///
-/// `known_bits` is the loss of some flight of this mission, or [`u64::MAX`]. It changes no bound: no bound on every
-/// flight is above it, so once one meets it the others need not be computed.
+/// `known_bits` is the loss of some flight of this mission, or [`u64::MAX`]. It does not affect the result: no bound
+/// exceeds it, so once one bound reaches it the others are not computed.
 #[must_use]
 pub fn mission_bound(
     scenario: &Scenario,
@@ -46,7 +43,7 @@ pub fn mission_bound(
     let expected_bits = links
         .are_random()
         .then(|| throughput::by_expected_throughput(&field, links.expected_bits(field.capacity_bits())));
-    // What counting visits gives is no more than what is known to be lost, so it raises neither from there on.
+    // The bound by visits is at most `known_bits`, so it cannot raise bounds that have reached it.
     let lower_bits = expected_bits.map_or(carried_bits, |bits| carried_bits.min(bits as u64));
     let visits_bits = if lower_bits < known_bits { by_visits(scenario, &field, &sampling, known_bits) } else { 0 };
     MissionBound {
@@ -55,7 +52,7 @@ pub fn mission_bound(
     }
 }
 
-/// The loss [bit] by visits: by the resource blocks, and unless this meets `known_bits`, by paths.
+/// The bound by visits [bit]: by the resource blocks and, unless this reaches `known_bits`, by paths.
 fn by_visits(scenario: &Scenario, field: &FieldBits, sampling: &[(u32, SensorNode)], known_bits: u64) -> u64 {
     let by_blocks =
         visits::by_visits(field, |slots| usize::try_from(slots).unwrap_or(usize::MAX).saturating_mul(field.blocks));

@@ -1,17 +1,17 @@
-//! Loss that no flight avoids, because the links of n sensor nodes carry only so much in every slot.
+//! Bound on the loss by throughput: in each slot at most n links carry at most their capacities.
 
 use super::field_bits::FieldBits;
 
-/// Keeps a sum of expectations from being rounded down, relative to it.
+/// Relative margin on a sum of expectations against rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// A lower bound on the loss [bit] of every flight, if the link of the sensor node `sensor` of the field carries at most
+/// Lower bound on the loss [bit] of every flight, if the link of the sensor node `sensor` of the field carries at most
 /// `link_bits(slot, sensor)` [bit].
 ///
-/// Of the sensor nodes (SNs) that overflow if nobody serves them: what they hold and sample, less what fits into their
-/// buffers, less what was uploaded before the last slot. A slot uploads from n of them, each no more than its link
-/// carries and its buffer holds, and from none that cannot be reached yet. In the last slot the overflow comes before
-/// the upload (decision D1).
+/// For the sensor nodes (SNs) that overflow if never served: the bits that they hold and sample, less their buffers, less
+/// the uploads before the last slot. A slot uploads from at most n of them, each at most the capacity of its link and
+/// its buffer, and only from those that can be reached by then. In the last slot the overflow precedes the upload
+/// (decision D1).
 #[must_use]
 pub fn by_throughput(field: &FieldBits, link_bits: impl Fn(u64, usize) -> u64) -> u64 {
     let (mut excess_bits, overflowing) = overflowing(field);
@@ -36,8 +36,8 @@ pub fn by_throughput(field: &FieldBits, link_bits: impl Fn(u64, usize) -> u64) -
     excess_bits
 }
 
-/// The same of the mean loss [bit] over the draws of a random channel, for whoever does not know them in advance, if
-/// every link is expected to carry at most `expected_bits(slot)` [bit], of no more than the largest buffer.
+/// Lower bound on the mean loss [bit] over the draws of a random channel, without knowledge of future draws, if every link
+/// is expected to carry at most `expected_bits(slot)` [bit] of a queue of at most the largest buffer.
 #[must_use]
 pub fn by_expected_throughput(field: &FieldBits, expected_bits: impl Fn(u64) -> f64) -> f64 {
     let (excess_bits, overflowing) = overflowing(field);
@@ -54,8 +54,8 @@ pub fn by_expected_throughput(field: &FieldBits, expected_bits: impl Fn(u64) -> 
     ((excess_bits as f64) * (1.0 - ROUNDING) - carried_bits * (1.0 + ROUNDING)).max(0.0)
 }
 
-/// What the SNs that overflow if nobody serves them hold and sample in the mission beyond their buffers [bit], and
-/// which they are.
+/// The SNs that overflow if never served, by index, and the bits that they hold and sample in the mission beyond their
+/// buffers.
 fn overflowing(field: &FieldBits) -> (u64, Vec<usize>) {
     let excess = field.sensors.iter().map(|sensor| sensor.overflow_bits(None, field.slots));
     let overflowing: Vec<(usize, u64)> = excess.enumerate().filter(|(_, bits)| *bits > 0).collect();

@@ -1,23 +1,23 @@
-//! Loss that no flight avoids, because only so many sensor nodes can be served in so many slots.
+//! Bound on the loss by visits: only a limited number of sensor nodes can be served in a number of slots.
 //!
-//! What links carry is left out: a visit is taken to empty the queue.
+//! The capacities of links are ignored: a visit is assumed to empty the queue.
 
 use super::field_bits::FieldBits;
 
 /// Most gaps between visits that are compared.
 const GAPS: u64 = 8;
 
-/// About the most losses that are computed: of every sensor node in every slot after every gap. Fewer gaps are compared
-/// where it would be more.
+/// Approximate limit on the losses that are computed, one for each sensor node, slot and gap. Beyond it fewer gaps are
+/// compared.
 const MOST_LOSSES: u64 = 400_000_000;
 
-/// A lower bound on the loss [bit] of every flight, if at most `most(K)` sensor nodes (SNs) are served in any K slots in
-/// a row.
+/// Lower bound on the loss [bit] of every flight, if at most `most(K)` sensor nodes (SNs) are served in any K consecutive
+/// slots.
 ///
-/// An SN that is not served in the K slots before slot t loses in slot t at least what it loses if the slot before these
-/// left it empty, or, if it cannot have been reached by then, what it loses unserved. So the loss in slot t is at least
-/// the sum of these losses without the `most(K)` largest of the SNs that can have been served. That holds for every K,
-/// and the largest of these sums is taken.
+/// An SN that is not served in the K slots before slot t loses in slot t at least as much as if the slot before them had
+/// left it empty or, if it cannot be reached by then, as if it were never served. So the loss in slot t is at least the
+/// sum of these losses without the `most(K)` largest of the SNs that can be reached. The largest of these sums over K is
+/// taken.
 #[must_use]
 pub fn by_visits(field: &FieldBits, most: impl Fn(u64) -> usize) -> u64 {
     let gaps: Vec<(u64, usize)> = gaps(field).into_iter().map(|gap| (gap, most(gap))).collect();
@@ -32,7 +32,7 @@ pub fn by_visits(field: &FieldBits, most: impl Fn(u64) -> usize) -> u64 {
     bound_bits
 }
 
-/// What is lost in `slot` at least [bit], if at most `served` SNs were served in the `gap` slots before it. `losses` is
+/// Lower bound on the loss in `slot` [bit], if at most `served` SNs were served in the `gap` slots before it. `losses` is
 /// working memory.
 fn lost_after(field: &FieldBits, slot: u64, gap: u64, served: usize, losses: &mut Vec<u64>) -> u64 {
     let before = slot - 1 - gap;
@@ -49,7 +49,7 @@ fn lost_after(field: &FieldBits, slot: u64, gap: u64, served: usize, losses: &mu
     unreached_bits + without_largest(losses, served)
 }
 
-/// The gaps that are compared [slots]: some of those after which a queue that was empty overflows.
+/// The gaps that are compared [slots]: some of those after which an empty queue overflows.
 fn gaps(field: &FieldBits) -> Vec<u64> {
     let fill_slots = |mean_bits: f64, capacity_bits: u64| (capacity_bits as f64 / mean_bits).ceil();
     let fills = field.sensors.iter().map(|sensor| fill_slots(sensor.mean_bits, sensor.capacity_bits));

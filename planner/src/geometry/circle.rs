@@ -1,4 +1,4 @@
-//! The smallest circle around points, which says whether they can be served together.
+//! The smallest enclosing circle of points.
 
 use skysink_common::geometry::{Position, distance_squared};
 
@@ -15,7 +15,7 @@ pub struct Circle {
 }
 
 impl Circle {
-    fn holds(&self, point: &Position) -> bool {
+    fn contains(&self, point: &Position) -> bool {
         distance_squared(&self.centre, point) <= self.radius_m2 * SLACK
     }
 
@@ -41,8 +41,8 @@ impl Circle {
         pairs.into_iter().max_by(|a, b| a.radius_m2.total_cmp(&b.radius_m2)).expect("three pairs")
     }
 
-    /// The smallest circle around `points` (E. Welzl's, point by point); of no points a circle of radius 0 at the
-    /// origin.
+    /// The smallest enclosing circle of `points` by Welzl's incremental algorithm; a circle of radius 0 at the origin if
+    /// there are no points.
     #[must_use]
     pub fn around(points: &[Position]) -> Self {
         let Some(first) = points.first() else {
@@ -50,17 +50,17 @@ impl Circle {
         };
         let mut circle = Self { centre: *first, radius_m2: 0.0 };
         for (i, a) in points.iter().enumerate() {
-            if circle.holds(a) {
+            if circle.contains(a) {
                 continue;
             }
             circle = Self { centre: *a, radius_m2: 0.0 };
             for (j, b) in points[..i].iter().enumerate() {
-                if circle.holds(b) {
+                if circle.contains(b) {
                     continue;
                 }
                 circle = Self::through_two(a, b);
                 for c in &points[..j] {
-                    if !circle.holds(c) {
+                    if !circle.contains(c) {
                         circle = Self::through_three(a, b, c);
                     }
                 }
@@ -93,19 +93,19 @@ mod tests {
         /// The smallest circle is one through two or three of the points.
         #[test]
         fn the_circle_is_the_smallest_of_all_through_two_or_three(
-            places in prop::collection::vec((0.0..20.0, 0.0..20.0), 2..9),
+            coordinates in prop::collection::vec((0.0..20.0, 0.0..20.0), 2..9),
         ) {
-            let points: Vec<Position> = places.into_iter().map(|(x_m, y_m)| Position::new(x_m, y_m)).collect();
+            let points: Vec<Position> = coordinates.into_iter().map(|(x_m, y_m)| Position::new(x_m, y_m)).collect();
             let circle = Circle::around(&points);
-            let holds_all = |circle: &Circle| {
+            let contains_all = |circle: &Circle| {
                 points.iter().all(|point| distance_squared(point, &circle.centre) <= circle.radius_m2 * (1.0 + 1e-9))
             };
-            prop_assert!(holds_all(&circle));
+            prop_assert!(contains_all(&circle));
             for (i, a) in points.iter().enumerate() {
                 for (j, b) in points[..i].iter().enumerate() {
                     let mut others = vec![Circle::through_two(a, b)];
                     others.extend(points[..j].iter().map(|c| Circle::through_three(a, b, c)));
-                    for other in others.iter().filter(|other| holds_all(other)) {
+                    for other in others.iter().filter(|other| contains_all(other)) {
                         prop_assert!(circle.radius_m2 <= other.radius_m2 * (1.0 + 1e-9));
                     }
                 }

@@ -14,7 +14,7 @@ pub struct Disk {
 }
 
 impl Disk {
-    /// Whether the disk holds `point` (decision D5).
+    /// Whether the disk contains `point`, with the slack of decision D5.
     #[must_use]
     pub fn contains(&self, point: &Position) -> bool {
         within(point, &self.centre, self.radius_m)
@@ -26,16 +26,16 @@ impl Disk {
         self.centre + from_centre * (self.radius_m / from_centre.norm())
     }
 
-    /// Whether the disk holds `point` without any slack.
+    /// Whether the disk contains `point`, without slack.
     fn contains_strictly(&self, point: &Position) -> bool {
         distance_squared(point, &self.centre) <= self.radius_m * self.radius_m
     }
 }
 
-/// Slack of the number of slots to a disk, relative to one slot's reach; far below the slack of decision D5.
+/// Slack of the number of slots to a disk, relative to the reach of one slot; far below that of decision D5.
 const SLOT_SLACK: f64 = 1e-11;
 
-/// Slots to get from `from` into `disk` at `reach_m` [m] a slot, at least 1.
+/// Slots to fly from `from` into `disk` at `reach_m` [m] per slot, at least 1.
 #[inline]
 #[must_use]
 pub fn slots_between(from: &Position, disk: &Disk, reach_m: f64) -> f64 {
@@ -71,11 +71,10 @@ fn nearest_in_all(
     best.map(|(_, point)| point)
 }
 
-/// The point of both disks that is nearest to `target`, without the slack of decision D5; if they miss each other by
-/// rounding, a point between them.
+/// The point of both disks that is nearest to `target`, without the slack of decision D5; a point between them if they
+/// miss each other by rounding.
 ///
-/// A plan over many slots is flown through this point. With [`project`], which takes a point for inside that is up to
-/// the slack outside, most flights would be the same, but not all of them.
+/// The look-ahead flies through this point. [`project`], which accepts points within the slack, would change some flights.
 #[must_use]
 pub fn nearest_in_both(target: &Position, reach: &Disk, range: &Disk) -> Position {
     if range.contains_strictly(target) && reach.contains_strictly(target) {
@@ -90,17 +89,17 @@ pub fn nearest_in_both(target: &Position, reach: &Disk, range: &Disk) -> Positio
         }
     }
     if reach.centre == range.centre {
-        return range.rim_toward(target); // both are one disk, of whose rim rounding has put this point outside
+        return range.rim_toward(target); // two equal disks, and rounding has put the rim point outside
     }
     let [a, b] = crossings(reach, range);
     if distance_squared(&a, target) <= distance_squared(&b, target) { a } else { b }
 }
 
-/// Where the circles of `a` and `b` cross, twice the same point where they only touch.
+/// The intersections of the circles of `a` and `b`; twice the same point if they touch.
 ///
-/// Circles that miss each other still give the point between them that divides the gap by their radii: within the slack
-/// of decision D5 it is in both. Where one lies inside the other, or both have one centre, what is returned is on
-/// neither circle in general (or not a number), and no test of the disks lets it pass unless it is in both.
+/// For circles that miss each other it returns the point between them that divides the gap by their radii, which is in
+/// both within the slack of decision D5. If one circle lies inside the other, or they are concentric, the result is in
+/// general on neither circle (or NaN), and callers must test it against the disks.
 pub(crate) fn crossings(a: &Disk, b: &Disk) -> [Position; 2] {
     let between = b.centre - a.centre;
     let apart_m = between.norm();
@@ -164,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn touching_disks_of_unequal_radii_share_the_gap_by_radius() {
+    fn the_gap_between_disks_of_unequal_radii_is_divided_by_radius() {
         // Apart by 0.9e-9 of both radii: each is missed by 0.9e-9 of its own.
         let disks = [disk(0.0, 0.0, 10.0), disk(1_010.0 * (1.0 + 0.9e-9), 0.0, 1_000.0)];
         let nearest = project(&Position::new(10.0, 50.0), &disks).expect("decision D5 accepts a point between them");

@@ -1,18 +1,17 @@
-//! Points sorted into square cells, so that finding those near a position costs what is there.
+//! Points in the square cells of a uniform grid, for range queries in time proportional to the points nearby.
 //!
-//! It finds exactly those that a loop over all of them would, and knows nothing of queues or flight.
+//! Queries return exactly the points that a loop over all of them would.
 
 use skysink_common::geometry::{Position, RANGE_SLACK, distance_squared};
 use skysink_common::scenario::Area;
 
-/// Margin of a preselection over every test that follows it; it changes what is tested, never what is found.
+/// Relative margin of a preselection over the exact test that follows it.
 pub(crate) const PRESELECTION_MARGIN: f64 = 1.001;
 
-/// Most cells for each point of a grid over a bounding box: beyond, they become larger, so that empty ground costs
-/// no memory.
+/// Most cells per point of a grid over a bounding box. Beyond it cells are enlarged, so that empty ground costs no memory.
 const CELLS_PER_NODE: f64 = 4.0;
 
-/// Cells that are always allowed there.
+/// Cells that are always allowed in such a grid.
 const FEW_CELLS: f64 = 64.0;
 
 /// Most cells along one axis of a grid over an area, about.
@@ -21,16 +20,16 @@ const MOST_ALONG: f64 = 256.0;
 /// A point in its cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Node {
-    /// Where it is: `L_i` of a sensor node (SN).
+    /// Position, such as `L_i` of a sensor node (SN).
     pub position: Position,
-    /// Its number in the list that the grid is made of: the id of an SN.
+    /// Index in the list of points, such as the id of an SN.
     pub id: u32,
 }
 
-/// All points in the cells of a uniform grid, made once.
+/// All points in the cells of a uniform grid.
 ///
-/// Cells are numbered row by row from the south-west, and the points lie in memory in the order of their cells: what is
-/// in some neighbouring columns of a row is one piece.
+/// Cells are numbered row by row from the south-west, and points are stored in the order of their cells: those in adjacent
+/// columns of a row are contiguous.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Grid {
     /// South-west corner.
@@ -38,15 +37,15 @@ pub struct Grid {
     side_m: f64,
     columns: usize,
     rows: usize,
-    /// Where each cell begins in `nodes`; one more than there are cells.
+    /// Index in `nodes` of the first point of each cell, and the number of points.
     starts: Vec<u32>,
-    /// By cell, in each by id.
+    /// By cell, and within a cell by id.
     nodes: Vec<Node>,
 }
 
 impl Grid {
-    /// A grid over the bounding box of `positions`, point i at entry i, in cells of the side `side_m` [m], or as much
-    /// larger as it takes to have no more than four cells for each point. With an infinite side it has a single cell.
+    /// A grid over the bounding box of `positions`, with cells of the side `side_m` [m], enlarged if there would be more
+    /// than four cells per point. With an infinite side it has a single cell.
     ///
     /// # Panics
     /// If there are more points than ids; a scenario has at most 10^7 SNs.
@@ -61,7 +60,7 @@ impl Grid {
         Self::filled(corner, extents_m, side_m, positions)
     }
 
-    /// The same over `area`: the order in which points are visited depends on it, and not on the outermost of them.
+    /// A grid over `area`: the order in which points are visited depends on the area instead of the outermost points.
     ///
     /// # Panics
     /// As [`Self::new`].
@@ -71,7 +70,7 @@ impl Grid {
         Self::filled(Position::origin(), [area.width_m(), area.height_m()], side_m, positions)
     }
 
-    /// Sorts the points into their cells, by counting, which keeps them by id in each.
+    /// Sorts the points into their cells by counting sort, which keeps them by id within a cell.
     fn filled(corner: Position, extents_m: [f64; 2], side_m: f64, positions: &[Position]) -> Self {
         let count = u32::try_from(positions.len()).expect("a scenario has at most 10^7 sensor nodes");
         let [columns, rows] = extents_m.map(|extent_m| (cells(extent_m, side_m) as usize).max(1));
@@ -93,16 +92,16 @@ impl Grid {
         grid
     }
 
-    /// Has every point within `radius_m` [m] of `centre` (decision D5) visited once, by cell.
+    /// Visits every point within `radius_m` [m] of `centre` (decision D5) once, by cell.
     pub fn visit_within(&self, centre: &Position, radius_m: f64, mut visit: impl FnMut(&Node)) {
         self.visit(centre, radius_m * (1.0 + RANGE_SLACK), |node, _| visit(node));
     }
 
-    /// Has every point at most `radius_m` [m] from `centre`, without any slack, visited once with the squared distance
-    /// [m²], by cell and in each by id.
+    /// Visits every point at most `radius_m` [m] from `centre`, without slack, once, with the squared distance [m²], by
+    /// cell and within a cell by id.
     ///
-    /// No point is missed by rounding: the borders of what is tested are a thousandth of the radius beyond the test,
-    /// and they are put into cells by the same sums as the points, each of which never decreases with the coordinate.
+    /// Rounding does not miss a point: the tested cells reach a thousandth of the radius beyond the test, and their bounds
+    /// are computed by the same monotonic function as the cells of the points.
     #[inline]
     pub fn visit(&self, centre: &Position, radius_m: f64, mut visit: impl FnMut(&Node, f64)) {
         let margin_m = radius_m * PRESELECTION_MARGIN;
@@ -120,7 +119,7 @@ impl Grid {
         }
     }
 
-    /// The `count` points nearest to `centre`, nearest first, ties to the lowest id.
+    /// The ids of the `count` points nearest to `centre`, nearest first, ties by the lowest id.
     #[must_use]
     pub fn nearest(&self, centre: &Position, count: usize) -> Vec<u32> {
         let count = count.min(self.nodes.len());
@@ -144,7 +143,7 @@ impl Grid {
         self.row(position.y) * self.columns + self.column(position.x)
     }
 
-    /// The column of `x_m` [m], the nearest one where it lies outside, the first where it is not a number.
+    /// The column of `x_m` [m]; the nearest one if it lies outside, the first for NaN.
     fn column(&self, x_m: f64) -> usize {
         (((x_m - self.corner.x) / self.side_m) as usize).min(self.columns - 1)
     }
@@ -185,18 +184,18 @@ mod tests {
     }
 
     /// The same by a loop over all of them.
-    fn looked_through(positions: &[Position], centre: &Position, radius_m: f64) -> Vec<Node> {
+    fn by_loop(positions: &[Position], centre: &Position, radius_m: f64) -> Vec<Node> {
         let nodes = (0..).zip(positions).map(|(id, position)| Node { position: *position, id });
         nodes.filter(|node| within(&node.position, centre, radius_m)).collect()
     }
 
     #[test]
-    fn nobody_is_near_in_an_empty_field() {
+    fn no_point_is_near_in_an_empty_field() {
         assert_eq!(found(&Grid::new(&[], 10.0), &Position::origin(), 1e9), []);
     }
 
     #[test]
-    fn nobody_is_near_nowhere() {
+    fn no_point_is_near_nan() {
         let grid = Grid::new(&[Position::new(1.0, 2.0)], 10.0);
         assert_eq!(found(&grid, &Position::new(f64::NAN, 2.0), 10.0), []);
         assert_eq!(found(&grid, &Position::new(1.0, 2.0), f64::NAN), []);
@@ -271,7 +270,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(3_000))]
 
         #[test]
-        fn the_grid_finds_whom_a_loop_over_all_finds(
+        fn the_grid_finds_the_points_that_a_loop_finds(
             positions in fields(),
             near in 0usize..120,
             side_m in prop::sample::select(vec![0.1, 5.0, 10.0, 33.3, 1e6]),
@@ -283,7 +282,7 @@ mod tests {
             let to_rim = nalgebra::Vector2::from(towards) * (radius_m * slack);
             let centre = positions[near % positions.len()] + to_rim;
             let area = Area::new(100.0, 100.0);
-            let expected = looked_through(&positions, &centre, radius_m);
+            let expected = by_loop(&positions, &centre, radius_m);
             for grid in [Grid::new(&positions, side_m), Grid::new(&positions, f64::INFINITY), Grid::over(area, &positions, side_m)] {
                 prop_assert_eq!(&found(&grid, &centre, radius_m), &expected);
             }

@@ -1,4 +1,4 @@
-//! Plane geometry that the other folders share; it knows none of them.
+//! Plane geometry, independent of the other modules.
 
 pub mod circle;
 pub mod disks;

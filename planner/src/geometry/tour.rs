@@ -1,6 +1,4 @@
 //! A short closed tour through points: nearest neighbour, then 2-opt and or-opt over neighbour lists.
-//!
-//! It knows nothing of sensor nodes or slots.
 
 use skysink_common::geometry::Position;
 use skysink_common::scenario::Area;
@@ -13,16 +11,16 @@ const NEIGHBOURS: usize = 10;
 /// Longest part of the tour that or-opt moves.
 const LONGEST_MOVED: usize = 3;
 
-/// Above this many points the tour stays as nearest neighbour made it: an exchange takes time in proportion.
+/// Most points for which the nearest-neighbour tour is improved: an exchange takes O(N).
 const MOST_IMPROVED: usize = 20_000;
 
-/// Sweeps over all points; a tour settles in far fewer.
+/// Most sweeps over all points; far fewer suffice.
 const MOST_SWEEPS: usize = 50;
 
-/// Place of a point that is not in the tour yet.
+/// Index in the tour of a point that is not in it yet.
 const UNVISITED: usize = usize::MAX;
 
-/// Gains below this [m] are rounding.
+/// Least gain [m] of an exchange; smaller ones are rounding.
 const LEAST_GAIN_M: f64 = 1e-9;
 
 /// Indices of `points`, all in `area`, in the order of a short closed tour that begins with index 0.
@@ -41,8 +39,8 @@ struct Tour<'a> {
     points: &'a [Position],
     neighbours: Vec<Vec<u32>>,
     order: Vec<u32>,
-    /// Where each point is in `order`.
-    places: Vec<usize>,
+    /// Index of each point in `order`.
+    indices: Vec<usize>,
 }
 
 impl<'a> Tour<'a> {
@@ -56,24 +54,24 @@ impl<'a> Tour<'a> {
         };
         let neighbours: Vec<Vec<u32>> = (0..).zip(points).map(near).collect();
         let mut order = Vec::with_capacity(points.len());
-        let mut places = vec![UNVISITED; points.len()];
+        let mut indices = vec![UNVISITED; points.len()];
         let mut next = (!points.is_empty()).then_some(0);
         while let Some(at) = next {
-            places[at as usize] = order.len();
+            indices[at as usize] = order.len();
             order.push(at);
-            let is_unvisited = |point: &u32| places[*point as usize] == UNVISITED;
+            let is_unvisited = |point: &u32| indices[*point as usize] == UNVISITED;
             let listed = neighbours[at as usize].iter().copied().find(is_unvisited);
-            next = listed.or_else(|| farther(&grid, points, at, is_unvisited));
+            next = listed.or_else(|| nearest_unvisited(&grid, points, at, is_unvisited));
         }
-        Self { points, neighbours, order, places }
+        Self { points, neighbours, order, indices }
     }
 
     fn length_m(&self, a: u32, b: u32) -> f64 {
         (self.points[a as usize] - self.points[b as usize]).norm()
     }
 
-    fn at(&self, place: usize) -> u32 {
-        self.order[place % self.order.len()]
+    fn at(&self, position: usize) -> u32 {
+        self.order[position % self.order.len()]
     }
 
     fn improve(&mut self) {
@@ -95,8 +93,8 @@ impl<'a> Tour<'a> {
 
     /// Joins `point` with one of its neighbours, and their successors with each other.
     fn two_opt(&mut self, point: u32) -> bool {
-        let place = self.places[point as usize];
-        let next = self.at(place + 1);
+        let position = self.indices[point as usize];
+        let next = self.at(position + 1);
         let own_m = self.length_m(point, next);
         for index in 0..self.neighbours[point as usize].len() {
             let other = self.neighbours[point as usize][index];
@@ -104,33 +102,33 @@ impl<'a> Tour<'a> {
             if joined_m >= own_m {
                 break;
             }
-            let other_place = self.places[other as usize];
-            let after = self.at(other_place + 1);
+            let other_index = self.indices[other as usize];
+            let after = self.at(other_index + 1);
             let gain_m = own_m + self.length_m(other, after) - joined_m - self.length_m(next, after);
             if gain_m > LEAST_GAIN_M && other != next && after != point {
-                self.reverse(place.min(other_place) + 1, place.max(other_place));
+                self.reverse(position.min(other_index) + 1, position.max(other_index));
                 return true;
             }
         }
         false
     }
 
-    /// Reverses the places `low..=high`.
+    /// Reverses the points at the indices `low..=high`.
     fn reverse(&mut self, low: usize, high: usize) {
         self.order[low..=high].reverse();
-        self.index_places(low, high);
+        self.update_indices(low, high);
     }
 
-    fn index_places(&mut self, low: usize, high: usize) {
-        for place in low..=high {
-            self.places[self.order[place] as usize] = place;
+    fn update_indices(&mut self, low: usize, high: usize) {
+        for position in low..=high {
+            self.indices[self.order[position] as usize] = position;
         }
     }
 
-    /// Moves up to three points from `point` on to behind a neighbour of `point`, reversed if that is shorter.
+    /// Moves up to three points, from `point` on, to after a neighbour of `point`, reversed if that is shorter.
     fn or_opt(&mut self, point: u32) -> bool {
         let count = self.order.len();
-        let begin = self.places[point as usize];
+        let begin = self.indices[point as usize];
         for length in 1..=LONGEST_MOVED.min(count - 3) {
             let end = begin + length;
             if begin == 0 || end >= count {
@@ -145,28 +143,28 @@ impl<'a> Tour<'a> {
                 if self.length_m(point, other) >= freed_m {
                     break;
                 }
-                let place = self.places[other as usize];
-                if (begin..end).contains(&place) {
+                let position = self.indices[other as usize];
+                if (begin..end).contains(&position) {
                     continue;
                 }
-                let next = self.at(place + 1);
+                let next = self.at(position + 1);
                 if next == point {
                     continue;
                 }
                 let base_m = self.length_m(other, next);
                 let straight_m = self.length_m(other, point) + self.length_m(last, next);
                 if freed_m - straight_m + base_m > LEAST_GAIN_M {
-                    self.shift(begin, end, place);
+                    self.shift(begin, end, position);
                     return true;
                 }
-                let previous = self.at(place + count - 1);
+                let previous = self.at(position + count - 1);
                 if previous == last {
                     continue;
                 }
                 let reversed_m = self.length_m(previous, last) + self.length_m(point, other);
-                if freed_m - reversed_m + self.length_m(previous, other) > LEAST_GAIN_M && place > 0 {
+                if freed_m - reversed_m + self.length_m(previous, other) > LEAST_GAIN_M && position > 0 {
                     self.reverse(begin, end - 1);
-                    self.shift(begin, end, place - 1);
+                    self.shift(begin, end, position - 1);
                     return true;
                 }
             }
@@ -174,21 +172,21 @@ impl<'a> Tour<'a> {
         false
     }
 
-    /// Moves the places `begin..end` to behind `place`.
-    fn shift(&mut self, begin: usize, end: usize, place: usize) {
-        if place >= end {
-            self.order[begin..=place].rotate_left(end - begin);
-            self.index_places(begin, place);
+    /// Moves the points at the indices `begin..end` to after the one at `position`.
+    fn shift(&mut self, begin: usize, end: usize, position: usize) {
+        if position >= end {
+            self.order[begin..=position].rotate_left(end - begin);
+            self.update_indices(begin, position);
         } else {
-            self.order[place + 1..end].rotate_right(end - begin);
-            self.index_places(place + 1, end - 1);
+            self.order[position + 1..end].rotate_right(end - begin);
+            self.update_indices(position + 1, end - 1);
         }
     }
 }
 
-/// The unvisited point nearest to point `at`, where its list holds none; any if `at` is not a number. `None` if all are
+/// The unvisited point nearest to point `at`, if its neighbour list has none; any if its position is NaN. `None` if all are
 /// visited.
-fn farther(grid: &Grid, points: &[Position], at: u32, is_unvisited: impl Fn(&u32) -> bool) -> Option<u32> {
+fn nearest_unvisited(grid: &Grid, points: &[Position], at: u32, is_unvisited: impl Fn(&u32) -> bool) -> Option<u32> {
     let mut count = 4 * NEIGHBOURS;
     loop {
         let near = grid.nearest(&points[at as usize], count);
@@ -239,8 +237,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_tour_passes_every_point_once(places in prop::collection::vec((0.0..100.0, 0.0..100.0), 1..80)) {
-            let points: Vec<Position> = places.into_iter().map(|(x_m, y_m)| Position::new(x_m, y_m)).collect();
+        fn a_tour_passes_every_point_once(coordinates in prop::collection::vec((0.0..100.0, 0.0..100.0), 1..80)) {
+            let points: Vec<Position> = coordinates.into_iter().map(|(x_m, y_m)| Position::new(x_m, y_m)).collect();
             let mut tour = closed_tour(AREA, &points);
             prop_assert_eq!(tour[0], 0);
             tour.sort_unstable();

@@ -17,20 +17,20 @@ const LONGEST_MOVED: usize = 40;
 /// Longest part of a plan that is reversed.
 const LONGEST_REVERSED: usize = 150;
 
-/// Slots ahead from which on a change has the full temperature.
+/// Slots ahead from which on changes have the full temperature.
 const FAR_SLOTS: f64 = 60.0;
 
-/// Steps between two questions whether a search is over: it ends at most this many late.
-const ASKING_STEPS: u32 = 64;
+/// Steps between two checks whether a search is over.
+const CHECK_STEPS: u32 = 64;
 
-/// Which loss a search accepts.
+/// The temperature of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Temperature {
     /// Loss [bit] that is accepted with probability 1/e, for a change at least 60 slots ahead.
     pub far_bits: f64,
-    /// The slot from which on changes start, and slots ahead are counted.
+    /// The first slot that may change, from which slots ahead are counted.
     pub now: i32,
-    /// The fraction of it for a change in the next slot.
+    /// The temperature of a change in the next slot, as a fraction of `far_bits`.
     pub near_fraction: f64,
 }
 
@@ -40,12 +40,12 @@ impl Temperature {
     }
 }
 
-/// The numbers of `steps` steps, or of fewer if the search `is_over` before.
+/// The indices of up to `steps` steps, until the search `is_over`.
 fn steps_until(steps: u32, is_over: impl Fn() -> bool) -> impl Iterator<Item = u32> {
-    (0..steps).take_while(move |step| !step.is_multiple_of(ASKING_STEPS) || !is_over())
+    (0..steps).take_while(move |step| !step.is_multiple_of(CHECK_STEPS) || !is_over())
 }
 
-/// Improves the plan of `forecast` by `steps` changes, or by fewer if the search `is_over` before.
+/// Improves the plan of `forecast` by up to `steps` changes, until the search `is_over`.
 pub fn anneal(
     model: &PlanningModel,
     forecast: &mut Forecast,
@@ -71,7 +71,7 @@ pub fn anneal(
     }
 }
 
-/// A change in the making.
+/// A proposed change of a plan.
 struct Proposal<'a> {
     model: &'a PlanningModel,
     /// The plan.
@@ -93,7 +93,7 @@ impl Proposal<'_> {
         if near.is_empty() || below(self.random, 16) == 0 { self.any() } else { near[below(self.random, near.len())] }
     }
 
-    /// The next leg to a stop near that of leg `leg`, before or after it, at most `most` legs away.
+    /// The nearest leg, before or after leg `leg` and at most `most` legs away, to a stop near that of `leg`.
     fn near(&mut self, leg: usize, most: usize) -> Option<usize> {
         let stop = self.other(leg);
         if self.random.next_u32() & 1 == 0 {
@@ -113,8 +113,7 @@ impl Proposal<'_> {
         self.inserted.extend(legs.rev().map(|leg| (self.legs[leg].stop, FRESH)));
     }
 
-    /// Draws a change that starts from leg `first` or a later one: fills `inserted` and returns the legs that it
-    /// replaces.
+    /// Draws a change of leg `first` or later ones: fills `inserted` and returns the legs that it replaces.
     fn draw(&mut self, first: usize) -> Option<Range<usize>> {
         if self.legs.is_empty() {
             let stop = self.any();
@@ -142,24 +141,24 @@ impl Proposal<'_> {
         }
     }
 
-    /// Moves a few stops from leg `leg` on to behind another one.
+    /// Moves a few stops, from leg `leg` on, to after another one.
     fn move_from(&mut self, leg: usize) -> Option<Range<usize>> {
         let longest = LONGEST_MOVED.min(self.legs.len() - leg);
         let longest = if below(self.random, 2) == 0 { longest.min(3) } else { longest };
         let end = leg + 1 + below(self.random, longest);
-        let behind = self.near(leg, usize::MAX / 2)? + 1;
+        let target = self.near(leg, usize::MAX / 2)? + 1;
         let is_reversed = below(self.random, 2) == 0;
         let carry = |proposal: &mut Self| {
             if is_reversed { proposal.reverse(leg..end) } else { proposal.keep(leg..end) }
         };
-        if behind > end {
-            self.keep(end..behind);
+        if target > end {
+            self.keep(end..target);
             carry(self);
-            Some(leg..behind)
-        } else if behind <= leg {
+            Some(leg..target)
+        } else if target <= leg {
             carry(self);
-            self.keep(behind..leg);
-            Some(behind..end)
+            self.keep(target..leg);
+            Some(target..end)
         } else {
             None
         }
@@ -194,13 +193,13 @@ mod tests {
     use std::cell::Cell;
 
     #[test]
-    fn a_search_that_is_never_over_is_its_number_of_steps() {
+    fn a_search_that_is_never_over_takes_all_steps() {
         assert!(steps_until(3, || false).eq(0..3));
         assert_eq!(steps_until(0, || false).count(), 0);
     }
 
     #[test]
-    fn a_search_that_is_over_ends_at_the_next_question() {
+    fn a_search_that_is_over_ends_at_the_next_check() {
         assert_eq!(steps_until(1_000, || true).count(), 0);
         let done = Cell::new(0);
         let late = steps_until(1_000, || done.get() > 0).inspect(|_| done.set(done.get() + 1));

@@ -1,7 +1,7 @@
-//! Loss that no plan over a planning window can avoid, as the look-ahead foresees loss: with queues and links in parts of
-//! bits, and random channels at their expected rates. It is computed in every slot.
+//! Lower bounds on the predicted loss of any plan over a planning window: with real-valued queues, and random channels at
+//! their expected rates. Computed in every slot.
 //!
-//! What no flight of a mission avoids, in whole bits and over every draw of the channel, is [`crate::bound`].
+//! Bounds on the loss of any flight, in whole bits and for all draws of the channel, are left to [`crate::bound`].
 
 use super::forecast::PlanningWindow;
 use super::model::{PlanningModel, SensorModel};
@@ -9,15 +9,17 @@ use super::model::{PlanningModel, SensorModel};
 /// Gaps between visits that are compared.
 const GAPS: usize = 8;
 
-/// A lower bound on the loss [bit] of every plan over `window`, the larger of [`by_visits`] and [`by_throughput`].
+/// Lower bound on the loss [bit] of every plan over `window`, the larger of [`by_visits`] and [`by_throughput`].
 #[must_use]
 pub fn lower_bound(model: &PlanningModel, window: &PlanningWindow) -> f64 {
     by_visits(model, window).max(by_throughput(model, window))
 }
 
-/// At most `n K` sensors are served in K slots, and who was not served in the K slots before slot t loses in slot t at
-/// least what it loses if it was emptied just before them, or, if these are all slots since the start, what it loses
-/// unserved. So the loss in slot t is at least the sum of these losses without the `n K` largest, for every K.
+/// Lower bound on the loss [bit] by visits.
+///
+/// At most `n K` sensors are served in K slots. A sensor that is not served in the K slots before slot t loses in slot t
+/// at least as much as if it was emptied just before them or, if these are all slots since the start, as if unserved. So
+/// the loss in slot t is at least the sum of these losses without the `n K` largest, for every K.
 #[must_use]
 pub fn by_visits(model: &PlanningModel, window: &PlanningWindow) -> f64 {
     let most = |slots: i32| model.table.resource_blocks.saturating_mul(slots as usize);
@@ -45,7 +47,7 @@ pub fn by_visits(model: &PlanningModel, window: &PlanningWindow) -> f64 {
             let losses = model.sensors.iter().zip(&window.empty).map(lost_bits).collect();
             least_bits = least_bits.max(without_largest(losses, served));
         } else if slot > widest {
-            // From here on every slot is like this one.
+            // All later slots have the same bound.
             return bound_bits + least_bits * f64::from(window.slots - slot + 1);
         }
         bound_bits += least_bits;
@@ -53,7 +55,8 @@ pub fn by_visits(model: &PlanningModel, window: &PlanningWindow) -> f64 {
     bound_bits
 }
 
-/// What is there and comes in, less what fits into the buffers, less what n of the best links carry in every slot.
+/// Lower bound on the loss [bit] by throughput: stored and sampled bits, less the buffers, less the capacity of n of the
+/// best links in every slot.
 #[must_use]
 pub fn by_throughput(model: &PlanningModel, window: &PlanningWindow) -> f64 {
     let slots = f64::from(window.slots);

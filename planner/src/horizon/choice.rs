@@ -1,11 +1,11 @@
-//! The schedule of a slot with more sensors in range than resource blocks: those for which a visit saves most.
+//! The schedule of a slot with more sensors in range than resource blocks: those whose visits save most.
 
 use std::cmp::Ordering;
 
 use super::model::PlanningModel;
 
-/// Loss [slots of sampling] until a next visit that comes evenly within `until` slots, of a sensor that has `left`
-/// slots of room: `max(0, until − left)²/(2 until)` on average.
+/// Expected loss [slots of sampling] of a sensor with `left` slots of room, until its next visit at a time that is uniform
+/// within `until` slots: `max(0, until − left)²/(2 until)`.
 #[inline]
 #[must_use]
 pub fn late_slots(left: f64, until: f64) -> f64 {
@@ -20,23 +20,23 @@ pub struct Candidate {
     pub sensor: u32,
     /// The most that a visit takes [slots of sampling].
     pub capacity_slots: f64,
-    /// Loss [bit] that a visit is expected to save; infinite for those that the slot stops for.
+    /// Expected loss [bit] that a visit saves; infinite for the members of the stop.
     pub saved_bits: f64,
-    /// Slots until its buffer is full. How long it has been is not in it, because the next slot's planner sees a full
-    /// queue as a full queue, and has to choose the same.
+    /// Slots until its buffer is full, at least 0: the planner of the next slot sees only that a queue is full, and has to
+    /// make the same choice.
     left_slots: f64,
 }
 
 impl Candidate {
-    /// `sensor` at the squared distance `d2_m2` [m²]; nothing known yet of what a visit would save.
+    /// The candidate `sensor` at the squared distance `d2_m2` [m²], before [`Self::weigh`].
     #[inline]
     #[must_use]
     pub fn new(model: &PlanningModel, sensor: u32, d2_m2: f64) -> Self {
         Self { sensor, capacity_slots: model.capacity_slots(sensor, d2_m2), saved_bits: 0.0, left_slots: 0.0 }
     }
 
-    /// Notes what a visit saves, `gap_slots` after the sensor was or would have been empty, if everybody's next visit
-    /// comes within a round: the difference that it makes to [`late_slots`].
+    /// Sets the loss that a visit saves, `gap_slots` after the sensor was or would have been empty: the difference of
+    /// [`late_slots`] with and without it, for a next visit within a round.
     #[inline]
     pub fn weigh(&mut self, model: &PlanningModel, gap_slots: f64) {
         let sensor = &model.sensors[self.sensor as usize];
@@ -47,7 +47,7 @@ impl Candidate {
         self.left_slots = sensor.fill_slots - stored;
     }
 
-    /// Most saved first; of equals who is full first, then the lowest number.
+    /// Most saved first; ties by the least room, then by the lowest number.
     #[must_use]
     pub fn order(a: &Self, b: &Self) -> Ordering {
         b.saved_bits.total_cmp(&a.saved_bits).then(a.left_slots.total_cmp(&b.left_slots)).then(a.sensor.cmp(&b.sensor))

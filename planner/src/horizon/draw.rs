@@ -1,4 +1,4 @@
-//! Random numbers of the two annealings, each from one word of the stream.
+//! Random numbers for annealing, each from one 32-bit word of the stream.
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -10,7 +10,7 @@ pub fn below(random: &mut ChaCha8Rng, count: usize) -> usize {
     ((u64::from(random.next_u32()) * count as u64) >> 32) as usize
 }
 
-/// A fraction from above 0 to 1.
+/// A fraction in (0, 1].
 #[inline]
 #[must_use]
 pub fn fraction(random: &mut ChaCha8Rng) -> f64 {

@@ -1,17 +1,16 @@
-//! 2-opt repair of closed tours in which few legs are longer than a slot: such a leg misses its slot in every round.
+//! 2-opt repair of closed tours in which few legs are longer than a slot. A long leg costs an additional slot per round.
 
-/// Tours are repaired if at most one leg in this many is long; with more, no tour is one of slots, and the search takes
-/// long.
+/// Tours are repaired if at most one leg in this many is long. With more the search takes long and does not succeed.
 const FEW: usize = 8;
 
 /// Excess below this [slots] is rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// Reverses parts of `tour` until no reversal leaves less excess in sum; `excess` says how much longer than a slot the
-/// leg between two stops is, in slots, the same in both directions.
+/// Reverses parts of `tour` until no reversal reduces the total excess. `excess` is the time beyond one slot [slots] of
+/// the leg between two stops, and symmetric.
 pub fn even_out(tour: &mut [u32], excess: impl Fn(u32, u32) -> f64) {
     let count = tour.len();
-    // Each exchange leaves less; far fewer are found.
+    // Each exchange reduces the excess; far fewer are found.
     for _ in 0..count {
         let leg = |index: usize| excess(tour[index], tour[(index + 1) % count]);
         let long: Vec<usize> = (0..count).filter(|&index| leg(index) > ROUNDING).collect();
@@ -59,7 +58,7 @@ mod tests {
     }
 
     #[test]
-    fn where_many_legs_are_long_the_tour_stays_as_it_is() {
+    fn a_tour_with_many_long_legs_is_not_changed() {
         let mut tour = [0, 2, 4, 6, 8, 10, 12, 14, 1, 3, 5, 7, 9, 11, 13, 15];
         let before = tour;
         even_out(&mut tour, ring);

@@ -1,4 +1,4 @@
-//! The decoder: how one stop of a plan is flown, and which sensors the UAV serves on the way.
+//! The decoder: flies a plan stop by stop, and schedules sensors on the way.
 
 use skysink_common::geometry::{Position, distance_squared};
 
@@ -6,7 +6,7 @@ use super::choice::Candidate;
 use super::model::PlanningModel;
 use crate::geometry::disks::{Disk, nearest_in_both, slots_between};
 
-/// Slack of range, relative to the communication radius: half that of decision D5, which has the last word.
+/// Slack of range, relative to the communication radius: half that of decision D5, which flight-sim applies.
 const RANGE_SLACK: f64 = 0.5e-9;
 
 /// One sensor served in one slot.
@@ -14,7 +14,7 @@ const RANGE_SLACK: f64 = 0.5e-9;
 pub struct Visit {
     /// The sensor.
     pub sensor: u32,
-    /// The slot, from 1 for the one that is being planned.
+    /// The slot; 1 is the slot to plan.
     pub slot: i32,
     /// The most that the visit takes [slots of sampling].
     pub capacity_slots: f64,
@@ -23,13 +23,13 @@ pub struct Visit {
 /// One stop as flown.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Leg {
-    /// The disk of the model that is flown to.
+    /// The stop, as a disk of the model.
     pub stop: u32,
-    /// Slot at whose end it is served.
+    /// Slot at whose end the stop is served.
     pub end: i32,
-    /// Where the UAV is then.
+    /// Position of the UAV at that time.
     pub at: Position,
-    /// Index of its first visit; those on the way to it belong to it.
+    /// Index of the first visit of the leg, including those on the way.
     pub first: u32,
 }
 
@@ -38,7 +38,7 @@ pub struct Leg {
 pub struct Trace {
     /// Stops in the order of flight.
     pub legs: Vec<Leg>,
-    /// Visits in the order of time.
+    /// Visits by time.
     pub visits: Vec<Visit>,
 }
 
@@ -51,9 +51,10 @@ impl Trace {
     }
 }
 
-/// Serves one visit, with what the sensors hold as the slots in which each would have been empty: `e_i`, so that a
-/// queue is `s_i τ (t − e_i)` after slot t if it did not overflow. What has overflowed before is lost [bit], and the
-/// rest goes up to the visit's capacity.
+/// Applies one visit and returns the overflow before it [bit].
+///
+/// Queues are represented by `e_i`, the slot in which each sensor would have been empty: a queue is `s_i τ (t − e_i)`
+/// after slot t if it did not overflow. The visit uploads up to its capacity.
 #[inline]
 pub fn serve(model: &PlanningModel, empty: &mut [f64], visit: &Visit) -> f64 {
     let sensor = &model.sensors[visit.sensor as usize];
@@ -64,28 +65,27 @@ pub fn serve(model: &PlanningModel, empty: &mut [f64], visit: &Visit) -> f64 {
     overflow_slots * sensor.mean_bits
 }
 
-/// Slots to get from `from` to a point in range of all members of `stop`, at least 1.
+/// Slots to fly from `from` to a point in range of all members of `stop`, at least 1.
 #[inline]
 #[must_use]
 pub fn slots_to(model: &PlanningModel, from: &Position, stop: u32) -> i32 {
     slots_between(from, model.disk(stop), model.table.reach_m).min(1e9) as i32
 }
 
-/// The state of a flight under decoding.
+/// The state of a decoded flight.
 #[derive(Debug, Clone, Default)]
 pub struct Decoder {
-    /// Where the UAV is.
+    /// Position of the UAV.
     pub at: Position,
-    /// The last slot flown.
+    /// The last flown slot.
     pub slot: i32,
-    /// In range at the end of a slot.
+    /// Sensors in range at the end of a slot; working memory.
     found: Vec<Candidate>,
 }
 
 impl Decoder {
-    /// Flies to `stop`, as near to the stop `next` as it can, and serves whoever is in range at the end of each slot.
-    /// Returns what has overflowed before the visits [bit]; none, and flies nowhere, if it would arrive after slot
-    /// `last`.
+    /// Flies to `stop`, as near to the stop `next` as possible, and serves sensors in range at the end of each slot.
+    /// Returns the overflow before the visits [bit]; `None`, without a change, if it would arrive after slot `last`.
     pub fn fly(
         &mut self,
         model: &PlanningModel,
@@ -107,15 +107,21 @@ impl Decoder {
         for step in 1..slots {
             self.at = from + (waypoint - from) * (f64::from(step) / f64::from(slots));
             self.slot = begin + step;
-            lost_bits += self.meet(model, &[], empty, visits);
+            lost_bits += self.serve_in_range(model, &[], empty, visits);
         }
         self.at = waypoint;
         self.slot = begin + slots;
-        Some(lost_bits + self.meet(model, &model.disks[stop as usize].members, empty, visits))
+        Some(lost_bits + self.serve_in_range(model, &model.disks[stop as usize].members, empty, visits))
     }
 
-    /// Serves `members` and then those of the others in range for whom it saves most.
-    fn meet(&mut self, model: &PlanningModel, members: &[u32], empty: &mut [f64], visits: &mut Vec<Visit>) -> f64 {
+    /// Serves `members`, and of the other sensors in range those whose visits save most.
+    fn serve_in_range(
+        &mut self,
+        model: &PlanningModel,
+        members: &[u32],
+        empty: &mut [f64],
+        visits: &mut Vec<Visit>,
+    ) -> f64 {
         let slot = self.slot;
         let blocks = model.table.resource_blocks;
         let found = &mut self.found;

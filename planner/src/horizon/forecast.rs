@@ -1,7 +1,7 @@
-//! A plan, flown ahead: which loss it leads to, and what a change of it would lead to.
+//! The forecast of a plan: its predicted loss, and that of changes.
 //!
-//! Loss depends on the visits alone: between two of them a sensor loses what does not fit, so that a forecast goes from
-//! visit to visit, not from slot to slot. What a change leaves as it was is not flown again.
+//! Loss depends on the visits alone, so a forecast advances from visit to visit, not from slot to slot. Parts of a plan
+//! that a change does not affect are not recomputed.
 
 use skysink_common::geometry::Position;
 
@@ -10,25 +10,25 @@ use super::flight::{Decoder, Leg, Trace, Visit, serve};
 use super::model::{PlanningModel, SensorModel};
 use super::states::{Change, Rejoined, States};
 
-/// A stop of a changed plan that the old plan does not have in this order.
+/// Marks an inserted stop without a corresponding leg in the old plan.
 pub const FRESH: u32 = u32::MAX;
 
-/// Where a forecast starts and ends.
+/// The planning window of a forecast.
 #[derive(Debug, Clone)]
 pub struct PlanningWindow {
-    /// Where the UAV is.
+    /// Initial position of the UAV.
     pub start: Position,
-    /// When each sensor was or would have been empty [slot, at most 0].
+    /// By sensor: the slot, at most 0, in which it was or would have been empty.
     pub empty: Vec<f64>,
-    /// Slots to look ahead.
+    /// Slots of the window.
     pub slots: i32,
-    /// Slots of the mission behind them.
+    /// Slots of the mission after the window.
     pub beyond_slots: f64,
 }
 
 impl PlanningWindow {
-    /// A window of `slots` slots, behind which the mission goes on for `beyond_slots`, with the UAV at `start` and the
-    /// queues `queues_bits` [bit], by id.
+    /// A window of `slots` slots, followed by `beyond_slots` slots of the mission, with the UAV at `start` and the queues
+    /// `queues_bits` [bit], by id.
     ///
     /// # Panics
     /// If there are more slots than an `i32` holds; a mission has at most 10^9.
@@ -49,15 +49,15 @@ impl PlanningWindow {
 /// The forecast of a plan.
 #[derive(Debug, Clone)]
 pub struct Forecast {
-    /// Where it starts and ends.
+    /// The planning window.
     pub window: PlanningWindow,
     /// The plan as flown.
     pub trace: Trace,
     /// Expected loss [bit].
     pub loss_bits: f64,
-    /// The part of it that is expected behind the last slot, in the plan that was loaded.
+    /// Expected loss after the window, of the plan as loaded [bit]; part of `loss_bits`.
     pub beyond_bits: f64,
-    /// Expected overflow before the first slot [bit]: it is in no plan's loss.
+    /// Expected overflow before the window [bit], which is not counted as loss.
     sunk_bits: f64,
     change: Change,
     decoder: Decoder,
@@ -91,13 +91,13 @@ impl Forecast {
         self.trace.legs.iter().map(|leg| leg.stop).collect()
     }
 
-    /// When each sensor is empty, after the last visit.
+    /// By sensor: the slot in which it would have been empty, after the last visit.
     pub fn levels(&mut self, model: &PlanningModel) -> Vec<f64> {
         self.restore(model, self.trace.legs.len());
         self.work.clone()
     }
 
-    /// Brings `work` to the state before leg `leg`; returns the loss until then [bit].
+    /// Sets `work` to the state before leg `leg`; returns the loss until then [bit].
     fn restore(&mut self, model: &PlanningModel, leg: usize) -> f64 {
         let state = self.states.last_known(leg);
         let mut lost_bits = self.states.load(state, 0, &mut self.work);
@@ -114,8 +114,8 @@ impl Forecast {
         lost_bits
     }
 
-    /// Serves the visits of the legs `from..to` of the plan, `shift` slots later, in `work`, after a loss of
-    /// `lost_bits`; returns the loss until then [bit].
+    /// Applies the visits of the legs `from..to`, `shift` slots later, to `work`; returns `lost_bits` plus their loss
+    /// [bit].
     fn serve_legs(&mut self, model: &PlanningModel, from: usize, to: usize, shift: i32, mut lost_bits: f64) -> f64 {
         for visit in &self.trace.visits[self.trace.first_visit(from)..self.trace.first_visit(to)] {
             lost_bits += serve(model, &mut self.work, &Visit { slot: visit.slot + shift, ..*visit });
@@ -123,7 +123,7 @@ impl Forecast {
         lost_bits
     }
 
-    /// What is lost after the last visit [bit], from the state `work`.
+    /// Loss after the last visit [bit], from the state `work`.
     fn final_loss(&self, model: &PlanningModel) -> f64 {
         let end = f64::from(self.window.slots);
         let mut lost_bits = 0.0;
@@ -133,7 +133,7 @@ impl Forecast {
         lost_bits - self.sunk_bits + self.beyond(model)
     }
 
-    /// What is lost behind the last slot [bit], from the state `work`.
+    /// Expected loss after the window [bit], from the state `work`.
     fn beyond(&self, model: &PlanningModel) -> f64 {
         let end = f64::from(self.window.slots);
         let mut lost_bits = 0.0;
@@ -146,8 +146,8 @@ impl Forecast {
         lost_bits
     }
 
-    /// Tries the plan in which `inserted` stands in place of the stops `from..to`; returns its loss [bit]. Each
-    /// inserted stop comes with its index in the old plan or [`FRESH`].
+    /// Tries the plan with `inserted` instead of the stops `from..to`; returns its loss [bit]. Each inserted stop has its
+    /// index in the old plan, or [`FRESH`].
     pub fn attempt(&mut self, model: &PlanningModel, from: usize, to: usize, inserted: &[(u32, u32)]) -> f64 {
         let start = from.saturating_sub(1); // the waypoint before a change depends on what comes next
         let mut lost_bits = self.restore(model, start);
@@ -187,7 +187,7 @@ impl Forecast {
                 self.fly_leg(model, stop, next.map(|(next, _)| next), &mut change)
             };
             let Some(lost_on_leg_bits) = lost_on_leg_bits else {
-                break; // it ends too late
+                break; // after the end of the window
             };
             lost_bits += lost_on_leg_bits;
         }
@@ -195,8 +195,7 @@ impl Forecast {
         lost_bits + self.final_loss(model)
     }
 
-    /// Whether stop `old` of the old plan, followed by `next`, is flown from here as it was; `follows` says that the
-    /// stop before it was.
+    /// Whether the leg to stop `old` of the old plan, followed by `next`, is unchanged; `follows` if the leg before it is.
     #[inline]
     fn is_as_before(
         &self,
@@ -219,7 +218,7 @@ impl Forecast {
         follows || (leg.end > slot && !self.is_met(model, change, leg.stop))
     }
 
-    /// Whether the last slot of `change` serves all members of `stop` although it did not stop for them.
+    /// Whether the last slot of `change` serves all members of `stop` without a stop for them.
     fn is_met(&self, model: &PlanningModel, change: &Change, stop: u32) -> bool {
         let slot = self.decoder.slot;
         let Self { trace: Trace { legs, visits }, .. } = self;
@@ -233,7 +232,7 @@ impl Forecast {
         })
     }
 
-    /// Where leg `leg` of the plan begins, and the slot before it.
+    /// Position and slot at the beginning of leg `leg`.
     #[inline]
     fn begin(&self, leg: usize) -> (Position, i32) {
         leg.checked_sub(1).map_or((self.window.start, 0), |before| {
@@ -242,7 +241,7 @@ impl Forecast {
         })
     }
 
-    /// Copies leg `old`, `shift` slots later; returns what is lost on it [bit], or none if it ends too late.
+    /// Copies leg `old`, `shift` slots later; returns its loss [bit], or `None` if it ends after the window.
     fn copy_leg(&mut self, model: &PlanningModel, old: usize, shift: i32, into: &mut Trace) -> Option<f64> {
         let leg = self.trace.legs[old];
         let end = leg.end + shift;
@@ -257,8 +256,8 @@ impl Forecast {
         Some(self.serve_legs(model, old, old + 1, shift, 0.0))
     }
 
-    /// Flies to `stop`, as near to the stop `next` as it can; returns what is lost on it [bit], or none if it ends too
-    /// late. A stop that the last slot serves anyway takes no time.
+    /// Flies to `stop`, as near to the stop `next` as possible; returns the loss [bit], or `None` if the leg ends after the
+    /// window. A stop whose members the last slot serves takes no time.
     fn fly_leg(&mut self, model: &PlanningModel, stop: u32, next: Option<u32>, change: &mut Change) -> Option<f64> {
         let first = change.trace.visits.len() as u32;
         let mut lost_bits = 0.0;
@@ -270,10 +269,10 @@ impl Forecast {
         Some(lost_bits)
     }
 
-    /// Flies the old plan from leg `old` on, `shift` slots later, `lost_bits` having been lost before; returns what is
-    /// lost until the end of its last leg [bit].
+    /// Repeats the old plan from leg `old` on, `shift` slots later, after a loss of `lost_bits`; returns the loss up to the
+    /// end of its last leg [bit].
     ///
-    /// As soon as a stored state shows that all queues are as they were then, what follows is known.
+    /// As soon as all queues agree with a stored state, the remaining loss is known.
     fn repeat(&mut self, model: &PlanningModel, old: usize, shift: i32, mut lost_bits: f64) -> (f64, Option<Rejoined>) {
         let end = self.in_time(old, shift);
         let mut at = old;
@@ -297,7 +296,7 @@ impl Forecast {
         (self.serve_legs(model, at, end, shift, lost_bits), rejoined)
     }
 
-    /// The end of the legs, from leg `old` on, that are in time `shift` slots later.
+    /// The end of the legs, from leg `old` on, that end within the window `shift` slots later.
     fn in_time(&self, old: usize, shift: i32) -> usize {
         if shift <= 0 {
             return self.trace.legs.len();
@@ -305,7 +304,7 @@ impl Forecast {
         old + self.trace.legs[old..].partition_point(|leg| leg.end <= self.window.slots - shift)
     }
 
-    /// Makes the last attempt, which leads to a loss of `loss_bits`, the plan.
+    /// Accepts the last attempt, whose loss is `loss_bits`, as the plan.
     pub fn accept(&mut self, loss_bits: f64) {
         let end = self.in_time(self.change.rest, self.change.shift);
         let Self { change: Change { from, trace: changed, rest, shift, .. }, trace, .. } = self;
@@ -325,14 +324,14 @@ impl Forecast {
         self.loss_bits = loss_bits;
     }
 
-    /// Appends `stop`; it is left out if it cannot be served in time.
+    /// Appends `stop`, unless it cannot be served within the window.
     pub fn append(&mut self, model: &PlanningModel, stop: u32) {
         let stops = self.trace.legs.len();
         let loss_bits = self.attempt(model, stops, stops, &[(stop, FRESH)]);
         self.accept(loss_bits);
     }
 
-    /// Replaces the plan by `stops`, as far as they can be flown in time.
+    /// Replaces the plan by `stops`, as far as they can be flown within the window.
     pub fn load(&mut self, model: &PlanningModel, stops: impl IntoIterator<Item = u32>) {
         self.trace = Trace::default();
         self.states.forget();

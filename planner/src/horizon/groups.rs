@@ -1,7 +1,6 @@
-//! Groups of sensors that are served together: a partition of the field into few of them, found by annealing.
+//! Groups of sensors that are served together: a partition of the field into few groups, found by annealing.
 //!
-//! Where sensors stand so dense that the resource blocks are the bottleneck, serving full groups in a cycle loses
-//! least.
+//! In dense fields, where the resource blocks are the bottleneck, a cycle of full groups loses least.
 
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -13,7 +12,7 @@ use super::service_disk::ServiceDisk;
 use crate::geometry::circle::Circle;
 use crate::sensor_table::SensorTable;
 
-/// Sensors that one may be grouped with.
+/// Nearest sensors that a sensor may be grouped with.
 const NEIGHBOURS: usize = 24;
 
 /// Steps per sensor.
@@ -22,16 +21,16 @@ const STEPS: u64 = 4_000;
 /// Most steps in all.
 const MOST_STEPS: u64 = 4_000_000;
 
-/// Energy of a group that is too wide by its communication radius; a full group has −1.
+/// Energy of a group whose radius is twice the allowed one; a full group has −1.
 const EXCESS: f64 = 4.0;
 
 /// Temperature at the start and at the end, in energies of a full group.
 const TEMPERATURES: [f64; 2] = [0.3, 0.015];
 
-/// Fraction of the communication radius that groups may fill: the rest keeps rounding out of it.
+/// Largest radius of a group as a fraction of the communication radius, with a margin for rounding.
 const FILL: f64 = 1.0 - 1e-9;
 
-/// Energies that differ by less are equal but for rounding.
+/// Energies that differ by less are equal up to rounding.
 const ROUNDING: f64 = 1e-9;
 
 /// Sensors in groups, some of which may be too wide during the search.
@@ -44,8 +43,7 @@ struct Partition<'a> {
     points: Vec<Position>,
 }
 
-/// Groups of all sensors of `table`, each in one of them and within its circle; none where no two can be served
-/// together.
+/// A partition of all sensors of `table` into groups that can be served together; empty if no two sensors can.
 pub(super) fn cover(table: &SensorTable, seed: u64) -> Vec<ServiceDisk> {
     let neighbours: Vec<Vec<u32>> = table.ids().map(|sensor| near(table, sensor)).collect();
     if table.resource_blocks < 2 || neighbours.iter().all(Vec::is_empty) {
@@ -145,8 +143,8 @@ impl Partition<'_> {
         self.groups = best_groups;
     }
 
-    /// Splits groups that are too wide: removes the member without which the circle is smallest, until the rest fits.
-    /// Each of those removed joins the first group in which it fits, or is alone.
+    /// Splits groups that are too wide: removes the member without which the circle is smallest, until the rest fits. A
+    /// removed sensor joins the first group in which it fits, or becomes a group of its own.
     fn split(&mut self) {
         let mut removed: Vec<u32> = Vec::new();
         let mut groups = std::mem::take(&mut self.groups);

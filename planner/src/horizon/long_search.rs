@@ -1,4 +1,4 @@
-//! The search of [`super`] before the mission, with any number of steps: the best plan it finds is the best known.
+//! The search before the mission, with any number of steps.
 
 use std::ops::ControlFlow;
 
@@ -13,38 +13,38 @@ use crate::strategies::View;
 /// Parts of the search, each with its temperature.
 const ROUNDS: u64 = 400;
 
-/// Those of them that sweep over the mission; the others polish all of it.
+/// Those of them that sweep over the mission; the rest polish the whole plan.
 const SWEEPING: u64 = 360;
 
-/// Most steps between two calls of the watch: some milliseconds.
+/// Most steps between two calls of `watch`: some milliseconds.
 const WATCHED: u64 = 1 << 14;
 
-/// Temperature of the polish, as a fraction of what the average stop loses beyond the bound.
+/// Temperature of the polish, as a fraction of the mean loss per stop beyond the bound.
 const POLISH: f64 = 0.01;
 
-/// How far a search is.
+/// Progress of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SearchProgress {
     /// Steps done.
     pub steps: u64,
-    /// Loss [bit] that the best plan so far leads to.
+    /// Loss of the best plan so far [bit].
     pub loss_bits: f64,
 }
 
-/// What a search has found.
+/// Result of a search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SearchOutcome {
-    /// Loss [bit] that the plan leads to.
+    /// Loss of the plan [bit].
     pub loss_bits: f64,
     /// Steps done.
     pub steps: u64,
-    /// Whether the plan loses what no plan avoids, which ends the search early.
+    /// Whether the loss of the plan equals the lower bound, which ends the search early.
     pub is_optimal: bool,
 }
 
 impl Horizon {
-    /// Improves the plan of `forecast` by up to `steps` search steps, and carries all of it. `None`, and nothing is
-    /// carried, if `watch`, which is told now and then how far the search is, ends it.
+    /// Improves the plan of `forecast` by up to `steps` search steps, and carries it. `watch` is called with the progress;
+    /// if it ends the search, the result is `None`, and no plan is carried.
     pub(crate) fn prepare(
         &mut self,
         view: &View,
@@ -58,9 +58,9 @@ impl Horizon {
         Some(SearchOutcome { loss_bits: forecast.loss_bits, steps, is_optimal })
     }
 
-    /// Anneals `forecast` by `steps` search steps as a mission would, but without flying: the part that is still open
-    /// shrinks from all slots to none while it cools, and what lies before it freezes. Then all of it is polished.
-    /// Keeps the best plan found between rounds. Returns the steps done, and whether the bound ended the search.
+    /// Anneals `forecast` by up to `steps` search steps. While the temperature falls, the first slot that may change moves
+    /// from the beginning of the mission to its end; then the whole plan is polished. Keeps the best plan found between
+    /// rounds. Returns the steps done, and whether the bound ended the search.
     fn cool(
         &self,
         forecast: &mut Forecast,
@@ -103,7 +103,7 @@ impl Horizon {
                 watch(SearchProgress { steps: done, loss_bits: best_bits })?;
             }
             if forecast.loss_bits < best_bits {
-                // Flown anew, its slots may serve others; what counts is what comes of that.
+                // A reload may schedule other sensors, which changes the loss.
                 let found = forecast.stops();
                 forecast.load(model, found.iter().copied());
                 if forecast.loss_bits < best_bits {
@@ -118,12 +118,12 @@ impl Horizon {
             }
         }
         forecast.load(model, best);
-        start::extend(model, forecast); // as a planner does that takes the plan up
+        start::extend(model, forecast); // as a planner does when it resumes the plan
         ControlFlow::Continue((done, best_bits <= bound_bits))
     }
 }
 
-/// The steps of a search of `steps` that are done when a round begins.
+/// The steps, of `steps` in all, that are done when a round begins.
 fn steps_before(steps: u64, round: u64) -> u64 {
     let before = u128::from(steps) * u128::from(round) / u128::from(ROUNDS);
     u64::try_from(before).expect("no more than all steps")

@@ -1,18 +1,18 @@
 //! `horizon`: the plan of least predicted loss over many slots, improved in every slot and flown a slot at a time.
 //!
-//! A plan is a sequence of stops. How a slot of it becomes a decision, and when another strategy decides, is left to
+//! A plan is a sequence of stops. Decisions for slots, and the choice of another strategy, are left to
 //! [`crate::strategies::horizon`].
 //!
-//! | module | job |
+//! | module | contents |
 //! |---|---|
 //! | [`model`] | the sensor nodes that can lose data, in slots instead of bits |
 //! | [`service_disk`], [`groups`] | the stops of a plan |
-//! | [`flight`], [`choice`] | how a stop is flown, and which sensor nodes are served on the way |
-//! | [`forecast`], [`states`] | what a plan, or a change of it, loses |
-//! | [`start`], [`even_tour`], [`offered`] | plans to start from |
+//! | [`flight`], [`choice`] | the flight to a stop, and the sensor nodes served on the way |
+//! | [`forecast`], [`states`] | the predicted loss of a plan, or of a change |
+//! | [`start`], [`even_tour`], [`offered`] | initial plans |
 //! | [`anneal`], [`draw`] | the search |
 //! | [`long_search`] | the search before the mission, of `offline` |
-//! | [`bound`], [`path_bound`] | the loss that no plan avoids; how many sensor nodes some slots can serve |
+//! | [`bound`], [`path_bound`] | lower bounds on the loss; upper bounds on the sensor nodes served in some slots |
 
 pub mod anneal;
 pub mod bound;
@@ -49,56 +49,56 @@ use model::PlanningModel;
 use service_disk::ServiceDisk;
 use skysink_common::estimate::{Estimate, Uncertainty};
 
-/// Least that an SN of unknown rate is taken to sample per slot [bit]: one that does not sample cannot be told from one
-/// that samples hardly ever.
+/// Lower limit on the estimated bits per slot of an SN: one that does not sample cannot be distinguished from one that
+/// rarely does.
 const LEAST_MEAN_BITS: f64 = 1e-3;
 
-/// Ceiling of the temperature at the mission's end; at its beginning it is 1.
+/// Ceiling of the temperature at the mission's end; 1 at its beginning.
 const LAST_CEILING: f64 = 0.1;
 
-/// From this fraction of free resource blocks on, the temperature is not reduced.
+/// Fraction of free resource blocks from which on the temperature is not reduced.
 const FREE: f64 = 0.5;
 
-/// Most that a search may end higher, as a fraction of what is avoidable; otherwise it is undone.
+/// Largest increase of the loss by a search, as a fraction of the avoidable loss; beyond it the search is undone.
 const MOST_RISE: f64 = 0.02;
 
-/// Lowest temperature; above 0, so that a factor can raise it again.
+/// Lowest temperature; above 0, so that [`REHEATING`] can raise it.
 const LEAST_TEMPERATURE: f64 = 1e-9;
 
-/// Factor of the temperature after a slot whose search ended with more loss than it began with.
+/// Factor of the temperature after a search that increased the loss.
 const COOLING: f64 = 0.95;
 
-/// Factor of the temperature after a slot whose search ended with less.
+/// Factor of the temperature after a search that reduced the loss.
 const REHEATING: f64 = 1.05;
 
 /// Temperature of a change in the next slot, as a fraction of that of one far ahead.
 const NEAR_FRACTION: f64 = 0.02;
 
-/// The look-ahead of a mission: its constants, and the plan carried from slot to slot.
+/// The look-ahead of a mission: its parameters, and the plan carried from slot to slot.
 #[derive(Debug, Clone)]
 pub struct Horizon {
     model: PlanningModel,
     streams: Streams,
     /// Slots of the mission.
     slots: u64,
-    /// Most slots that are looked ahead.
-    most_slots: u64,
+    /// Most slots of a planning window.
+    max_slots: u64,
     /// Search steps in each slot.
     iterations: u32,
-    /// Longest that a search may take in a paced mission.
+    /// Longest search in a paced mission.
     budget: Option<Duration>,
-    /// Stops that are still to come, as disks of the model.
+    /// The remaining stops, as disks of the model.
     carried: Vec<u32>,
-    /// Temperature of the next search, 0 to 1: the loss accepted with probability 1/e, as a fraction of what the
-    /// average stop loses beyond the bound.
+    /// Temperature of the next search, 0 to 1: the loss accepted with probability 1/e, as a fraction of the mean loss per
+    /// stop beyond the bound.
     temperature: f64,
 }
 
-/// What a checkpoint holds of a look-ahead.
+/// The checkpoint of a look-ahead.
 #[derive(Serialize, Deserialize)]
 struct Saved {
     temperature: f64,
-    /// Disks that were added: centre [m] and members.
+    /// Added disks: centre [m] and members.
     added: Vec<([f64; 2], Vec<u32>)>,
     carried: Vec<u32>,
 }
@@ -107,7 +107,7 @@ struct Saved {
 #[derive(Debug, Clone, Copy)]
 struct Search {
     slot: u64,
-    /// Which of the searches of the slot.
+    /// Index of the search within the slot.
     round: u32,
     steps: u32,
 }
@@ -115,34 +115,33 @@ struct Search {
 /// A slot of a plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlannedSlot {
-    /// Where it ends.
+    /// Waypoint at the end of the slot.
     pub waypoint: Position,
-    /// Who is served there, ascending.
+    /// The served sensor nodes, ascending.
     pub ids: Vec<u32>,
-    /// The waypoint of the next stop after it, and the slots from here to there.
-    pub then: Option<(Position, i32)>,
+    /// The waypoint of the next stop, and the slots to it.
+    pub next_stop: Option<(Position, i32)>,
 }
 
 impl Horizon {
-    /// The look-ahead of a mission before its first slot, over at most `most_slots` slots, with `iterations` search
-    /// steps in each slot; in a paced mission no search begins a step later than `budget` after its slot's planning
-    /// began.
+    /// The look-ahead before slot 1, over at most `max_slots` slots, with `iterations` search steps in each slot. In a
+    /// paced mission a search ends at `budget` after the beginning of planning.
     ///
-    /// Where sampling rates are learnt, every SN may lose data, at the rate that the estimate believes in.
+    /// If sampling rates are learnt, all SNs can lose data, at their estimated rates.
     #[must_use]
-    pub fn new(setup: &Setup, most_slots: u64, iterations: u32, budget: Option<Duration>) -> Self {
+    pub fn new(setup: &Setup, max_slots: u64, iterations: u32, budget: Option<Duration>) -> Self {
         let scenario = setup.scenario;
         let learnt = setup.estimate.filter(|estimate| estimate.has_learnt_rates());
-        let believed = |(id, sensor): (u32, &SensorNode)| match learnt {
+        let estimated = |(id, sensor): (u32, &SensorNode)| match learnt {
             Some(estimate) => SensorNode { sampling_bps: least_mean_bits(estimate, id) / scenario.slot_s, ..*sensor },
             None => *sensor,
         };
-        let sensors: Vec<SensorNode> = (0..).zip(setup.sensors).map(believed).collect();
+        let sensors: Vec<SensorNode> = (0..).zip(setup.sensors).map(estimated).collect();
         Self {
             model: PlanningModel::new(scenario, &sensors),
             streams: Streams::new(scenario.seed),
             slots: scenario.slots,
-            most_slots,
+            max_slots,
             iterations,
             budget,
             carried: Vec::new(),
@@ -150,9 +149,8 @@ impl Horizon {
         }
     }
 
-    /// Takes in what is believed as the slot of `view` begins: the rates, where they are learnt, and how sure the
-    /// queues are.
-    fn believe(&mut self, view: &View) {
+    /// Updates the model with the estimate at the beginning of the slot: learnt rates, and the uncertainty of the queues.
+    fn update_sensors(&mut self, view: &View) {
         let Some(estimate) = view.estimate else {
             return;
         };
@@ -161,22 +159,22 @@ impl Horizon {
                 sensor.mean_bits = least_mean_bits(estimate, id);
                 sensor.fill_slots = f64::from(estimate.capacity_bits(id)) / sensor.mean_bits;
             }
-            let Uncertainty { endless_bits, initial_bits, rate, since_bits } =
+            let Uncertainty { unbounded_bits, initial_bits, rate, since_contact_bits } =
                 estimate.uncertainty(view.slot.saturating_sub(1), id);
             sensor.initial_half_slots = initial_bits / sensor.mean_bits;
             sensor.rate_half_fraction = rate;
-            // Before the first contact this is only believed, but its doubt is in `initial_half_slots`.
-            sensor.left_slots = if rate > 0.0 { (endless_bits - since_bits) / sensor.mean_bits } else { 0.0 };
+            // Before the first contact its uncertainty is in `initial_half_slots`.
+            sensor.left_slots = if rate > 0.0 { (unbounded_bits - since_contact_bits) / sensor.mean_bits } else { 0.0 };
             let capacity_bits = sensor.fill_slots * sensor.mean_bits;
-            let overdue_bits = if sensor.is_known() { 0.0 } else { (endless_bits - capacity_bits).max(0.0) };
+            let overdue_bits = if sensor.is_known() { 0.0 } else { (unbounded_bits - capacity_bits).max(0.0) };
             sensor.overdue_slots = overdue_bits / sensor.mean_bits;
         }
     }
 
-    /// Resumes the carried plan at the slot of `view`, or makes one; `None` if no SN can lose data.
+    /// The forecast of the carried plan from the slot of `view` on, or of an initial plan; `None` if no SN can lose data.
     #[must_use]
     pub fn forecast(&mut self, view: &View) -> Option<Forecast> {
-        self.believe(view);
+        self.update_sensors(view);
         if self.model.sensors.is_empty() {
             return None;
         }
@@ -191,23 +189,23 @@ impl Horizon {
         Some(forecast)
     }
 
-    /// Whether the plan of `forecast` is known to lose no more than it must.
+    /// Whether the loss of the plan of `forecast` equals the lower bound.
     #[must_use]
     pub fn is_optimal(&self, forecast: &Forecast) -> bool {
         forecast.loss_bits <= lower_bound(&self.model, &forecast.window)
     }
 
-    /// Improves the plan of `forecast`, and carries what follows the slot of `view`.
+    /// Improves the plan of `forecast`, and carries the part after the slot of `view`.
     ///
-    /// Without a budget the search ends after a number of steps, not after a time. It draws from the slot's own random
-    /// stream: the result depends on the view and the carried plan alone.
+    /// Without a budget the number of steps is fixed. The search draws from the random stream of the slot, so the result
+    /// depends only on the view and the carried plan.
     pub fn search(&mut self, view: &View, forecast: &mut Forecast, is_over: impl Fn() -> bool) {
         self.improve(Search { slot: view.slot, round: 0, steps: self.iterations }, forecast, is_over);
         self.carried.clear();
         self.carried.extend(forecast.trace.legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.stop));
     }
 
-    /// Carries all of the plan, because another flies the next slot.
+    /// Carries the whole plan, because another strategy flies the next slot.
     pub fn carry_all(&mut self, forecast: &Forecast) {
         self.carried = forecast.stops();
     }
@@ -218,7 +216,7 @@ impl Horizon {
         self.iterations
     }
 
-    /// Longest that the planning of the slot of `view` may take; none where no clock paces the mission.
+    /// Longest planning time for the slot of `view`; `None` if the mission is not paced.
     #[must_use]
     pub fn budget(&self, view: &View) -> Option<Duration> {
         self.budget.filter(|_| view.timing == Timing::Paced)
@@ -233,16 +231,15 @@ impl Horizon {
     /// The planning window that starts at the slot of `view`.
     fn window(&self, view: &View) -> PlanningWindow {
         let left = (self.slots + 1).saturating_sub(view.slot).max(1);
-        let slots = left.min(self.most_slots);
+        let slots = left.min(self.max_slots);
         PlanningWindow::new(&self.model, view.ground(), view.queues_bits, slots, left - slots)
     }
 
-    /// Anneals the plan; the one it began with stays if the search ends with far more loss.
+    /// Anneals the plan; restores the initial plan if the loss ends much higher.
     ///
-    /// The temperature is in proportion to what the plan loses beyond the bound, per stop, and falls with the fraction
-    /// of resource blocks that it leaves free: a cycle of full groups can only be disturbed. It cools after a slot
-    /// whose search ended higher and warms up after one whose search ended lower, below a ceiling that falls over the
-    /// mission.
+    /// The temperature is proportional to the loss per stop beyond the bound, and falls with the fraction of free resource
+    /// blocks, because a cycle of full groups can only get worse. It is lowered after a search that increased the loss, and
+    /// raised after one that reduced it, up to a ceiling that falls over the mission.
     fn improve(&mut self, search: Search, forecast: &mut Forecast, is_over: impl Fn() -> bool) {
         let Search { slot, round, steps } = search;
         if steps == 0 {
@@ -260,15 +257,15 @@ impl Horizon {
         let free = (1.0 - forecast.trace.visits.len() as f64 / blocks).max(0.0);
         let freedom = (free / FREE).min(1.0).powi(2);
         let avoidable_bits = (begun_bits - forecast.beyond_bits - least_bits).max(0.0) * freedom;
-        // A window that moves on has no end to cool toward.
+        // A window that ends before the mission has no final temperature.
         let progress = if window.beyond_slots > 0.0 { 1.0 } else { slot as f64 / self.slots as f64 };
         let ceiling = LAST_CEILING.powf(progress);
         let far_bits = avoidable_bits / begun.len().max(1) as f64 * self.temperature.min(ceiling);
         let temperature = Temperature { far_bits, now: 0, near_fraction: NEAR_FRACTION };
         let mut random = self.streams.stream(Purpose::Horizon, slot, round);
         anneal::anneal(model, forecast, temperature, steps, is_over, &mut random);
-        // Which SNs a slot serves depends on the queues, and the search copies legs that it does not recompute. Load
-        // the plan once more, so that the next slot resumes from exactly this plan.
+        // The schedules depend on the queues, and the search copies legs without recomputing them. Reload the plan, so that
+        // the next slot resumes from exactly this plan.
         forecast.load(model, forecast.stops());
         let rise_bits = forecast.loss_bits - begun_bits;
         if rise_bits > 0.0 {
@@ -290,16 +287,16 @@ impl Checkpoint for Horizon {
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let Saved { temperature, added, carried } = decode(bytes)?;
-        CheckpointError::unless((0.0..=1.0).contains(&temperature), "a temperature from 0 to 1")?;
+        CheckpointError::ensure((0.0..=1.0).contains(&temperature), "a temperature from 0 to 1")?;
         let disk = |(centre, members): ([f64; 2], Vec<u32>)| {
             let disk = ServiceDisk::at(&self.model.table, centre.into(), members);
             disk.filter(|_| centre.iter().all(|coordinate| coordinate.is_finite()))
         };
         let saved_disks = added.len();
         let added: Vec<ServiceDisk> = added.into_iter().map_while(disk).collect();
-        CheckpointError::unless(added.len() == saved_disks, "service disks in range of their members")?;
+        CheckpointError::ensure(added.len() == saved_disks, "service disks in range of their members")?;
         let disks = self.model.disks.len() - self.model.added().len() + added.len();
-        CheckpointError::unless(carried.iter().all(|&stop| (stop as usize) < disks), "stops of this field")?;
+        CheckpointError::ensure(carried.iter().all(|&stop| (stop as usize) < disks), "stops of this field")?;
         self.model.replace_added(added);
         self.carried = carried;
         self.temperature = temperature;
@@ -307,12 +304,12 @@ impl Checkpoint for Horizon {
     }
 }
 
-/// What SN `id` is believed to sample per slot [bit], above 0.
+/// Estimated bits per slot of SN `id`, above 0.
 fn least_mean_bits(estimate: &Estimate, id: u32) -> f64 {
     estimate.mean_bits(id).max(LEAST_MEAN_BITS)
 }
 
-/// Slot `slot`, from 1, of a plan, from where the UAV is as it begins; none behind the last stop.
+/// Slot `slot`, from 1, of a plan, with the UAV at `from` at its beginning; `None` after the last stop.
 #[must_use]
 pub fn planned_slot(model: &PlanningModel, forecast: &Forecast, slot: i32, from: &Position) -> Option<PlannedSlot> {
     let Trace { legs, visits } = &forecast.trace;
@@ -323,11 +320,11 @@ pub fn planned_slot(model: &PlanningModel, forecast: &Forecast, slot: i32, from:
     let visits = visits.take_while(|visit| visit.slot == slot);
     let mut ids: Vec<u32> = visits.map(|visit| model.ids[visit.sensor as usize]).collect();
     ids.sort_unstable();
-    let then = legs.get(legs.partition_point(|leg| leg.end <= slot)).map(|leg| (leg.at, leg.end - slot));
-    Some(PlannedSlot { waypoint, ids, then })
+    let next_stop = legs.get(legs.partition_point(|leg| leg.end <= slot)).map(|leg| (leg.at, leg.end - slot));
+    Some(PlannedSlot { waypoint, ids, next_stop })
 }
 
-/// The planned stops [m] of a plan, after where its first slot ends, at most 63.
+/// The stops [m] of a plan after its first slot, at most 63.
 #[must_use]
 pub fn planned_path(forecast: &Forecast) -> Vec<Position> {
     let mut path: Vec<Position> = forecast.trace.legs.iter().filter(|leg| leg.end > 1).map(|leg| leg.at).collect();

@@ -1,5 +1,5 @@
-//! What the look-ahead knows that stays the same in every slot: the sensor nodes that can lose data, in slots instead
-//! of bits, and the stops that a plan is made of.
+//! The constant data of a look-ahead: the sensor nodes that can lose data, in slots instead of bits, and the stops of
+//! plans.
 
 use skysink_common::channel::{Channel, LineOfSight, Uplink};
 use skysink_common::geometry::{Position, distance_squared};
@@ -14,28 +14,28 @@ use crate::geometry::grid::Grid;
 use crate::geometry::tour::closed_tour;
 use crate::sensor_table::SensorTable;
 
-/// Entries of the table of a channel that is in line of sight with a probability, over `d²` from 0 to `d_c²`.
+/// Entries of the capacity table for probabilistic line of sight, over `d²` from 0 to `d_c²`.
 const TABLE: usize = 64;
 
-/// Entries of it that an altitude is chosen for: the inner fifth of the disk, where most are served from.
+/// Entries for which the altitude is optimised: the inner fifth of the disk, from which most sensors are served.
 const NEAR_STEPS: usize = TABLE / 5;
 
 /// Steps between the altitudes that are compared.
 const LEVELS: u32 = 16;
 
-/// Stops that a change may put in another's place.
+/// Nearest stops that a change may substitute for a stop.
 const NEIGHBOURS: usize = 12;
 
 /// Least fraction of the sensors that a tour over groups visits.
 const MOSTLY: f64 = 0.9;
 
-/// Fraction of the resource blocks from which on they are scarce, if so many are needed.
+/// Fraction of the resource blocks in use from which on they count as scarce.
 const SCARCE_BLOCKS: f64 = 0.4;
 
-/// Fraction of the time in which a buffer fills from which on it is scarce, if a tour takes so long.
+/// Length of a tour, as a fraction of the time in which a buffer fills, from which on time counts as scarce.
 const SCARCE_TIME: f64 = 0.75;
 
-/// Fraction of the best rate that a stop for one sensor asks for.
+/// Capacity at the rim of a stop for one sensor, as a fraction of that from straight above.
 const NEAR: f64 = 0.8;
 
 /// Radii that are compared for such a stop.
@@ -46,34 +46,33 @@ const NEAR_RADII: u32 = 32;
 pub struct SensorModel {
     /// Slots in which its empty buffer fills, `C_i = B / (s_i τ)`.
     pub fill_slots: f64,
-    /// What it samples and, when full, loses in a slot, `s_i τ` [bit], above 0.
+    /// Bits sampled per slot, and lost per slot when full, `s_i τ`, above 0.
     pub mean_bits: f64,
-    /// Whether a visit from anywhere in range empties even a full queue.
+    /// Whether a visit from any point in range empties even a full queue.
     pub is_emptied: bool,
-    /// Half-width of the uniform distribution of the queue before its first visit [slots of sampling]; 0 where known.
+    /// Half-width of the uniform distribution of the queue before its first visit [slots of sampling]; 0 if known.
     pub initial_half_slots: f64,
-    /// Half-width of the uniform distribution of what came since the last contact, as a fraction; 0 where known.
+    /// Half-width of the uniform distribution of the rate, as a fraction of its estimate; 0 if known.
     pub rate_half_fraction: f64,
-    /// What the last contact before the window left in the queue [slots of sampling]: it is known, whatever the rate.
+    /// Queue after the last contact before the window [slots of sampling]; it does not depend on the rate.
     pub left_slots: f64,
-    /// What the queue is believed to hold beyond its buffer [slots of sampling]; 0 where known.
+    /// Estimated queue beyond the buffer [slots of sampling]; 0 if known.
     pub overdue_slots: f64,
 }
 
 impl SensorModel {
-    /// Whether it is known when the queue was empty.
+    /// Whether queue and rate are known.
     #[inline]
     #[must_use]
     pub fn is_known(&self) -> bool {
         self.initial_half_slots == 0.0 && self.rate_half_fraction == 0.0
     }
 
-    /// Expected overflow [slots of sampling] at the end of `slot`, if the queue was empty in the slot `empty`, as far
-    /// as is known.
+    /// Expected overflow [slots of sampling] at the end of `slot`, if the estimated queue was empty in the slot `empty`.
     ///
-    /// The overflow is uniform within a half-width h of `late` slots, cut off at 0: on average `(late + h)²/4h`,
-    /// between none and `late`. The first visit, which lies behind slot 0, ends the uncertainty of the initial queue.
-    /// Until then what the last contact left is not in doubt.
+    /// The overflow is uniform within a half-width h of `late` slots, clamped to 0: its mean is `(late + h)²/4h` for
+    /// `|late| < h`. The first visit, after slot 0, ends the uncertainty of the initial queue. Before it, `left_slots`
+    /// are certain.
     #[inline]
     #[must_use]
     pub fn overflow_slots(&self, slot: f64, empty: f64) -> f64 {
@@ -97,7 +96,7 @@ impl SensorModel {
 /// The constants of a mission. *Sensors* are the SNs that can lose data, numbered from 0 in the order of their ids.
 #[derive(Debug, Clone)]
 pub struct PlanningModel {
-    /// Where the sensors stand, their channel and the limits of the UAV. The cells of the grid are those of the area.
+    /// Positions and channel of the sensors, and the limits of the UAV. The grid covers the area.
     pub table: SensorTable,
     /// The sensors.
     pub sensors: Vec<SensorModel>,
@@ -105,26 +104,26 @@ pub struct PlanningModel {
     pub ids: Vec<u32>,
     /// Altitude of service in free space [m].
     altitude_m: f64,
-    /// With probabilistic line of sight: bits that a visit collects, by `d²`, from the altitude that is best for
-    /// sensors nearby. All that a slot serves are served from one altitude, and the next slot's is near to it. All
-    /// uplinks have one gain, and a rate is slow to compute.
+    /// With probabilistic line of sight: expected bits of a visit by `d²`, from the best altitude for nearby sensors. One
+    /// altitude is used, because all sensors of a slot are served from one, and climbs are slow. One table suffices,
+    /// because all uplinks have one gain.
     capacities_bits: Option<Box<[f64; TABLE + 1]>>,
-    /// Stops of a plan: first each sensor by itself, then groups, then those that were added.
+    /// All disks: first those of single sensors, then groups, then added ones.
     pub disks: Vec<ServiceDisk>,
-    /// How many of them are not added.
+    /// Number of disks that were not added.
     permanent: usize,
-    /// Stops in the order of short closed tours: over the single sensors, and over groups that hold most of them.
+    /// Short closed tours: over the single sensors, and over groups of most of them.
     pub tours: Vec<Vec<u32>>,
-    /// Slots of the quickest of them, about.
+    /// Approximate slots of the shortest tour.
     pub round_slots: f64,
-    /// The disks that a plan may stop at: where a single sensor has more than n in range, a group says who is served.
+    /// The disks at which plans may stop, see [`Self::is_stop`].
     pub stops: Vec<u32>,
     /// For each disk the nearest of these.
     pub neighbours: Vec<Vec<u32>>,
 }
 
 impl PlanningModel {
-    /// The model of a scenario with these SNs; with groups where resource blocks are scarce.
+    /// The model of a scenario with these SNs; with groups if resource blocks or time are scarce.
     #[must_use]
     pub fn new(scenario: &Scenario, sensors: &[SensorNode]) -> Self {
         let can_lose = |(_, sensor): &(u32, SensorNode)| sensor.sampling_bps * scenario.slot_s > 0.0;
@@ -159,7 +158,7 @@ impl PlanningModel {
         model
     }
 
-    /// Adds the sensor `index`, and the disk from which it alone is served.
+    /// Adds the sensor `index` and its disk.
     fn add_sensor(&mut self, index: u32, mean_bits: f64, capacity_bits: u32) {
         let rim_m2 = self.table.comm_radius_m * self.table.comm_radius_m;
         self.sensors.push(SensorModel {
@@ -175,8 +174,8 @@ impl PlanningModel {
         self.disks.push(ServiceDisk { disk, members: vec![index] });
     }
 
-    /// How far from a sensor a stop for it alone may be [m]: as far as the link carries most of what it carries from
-    /// straight above, or empties a full buffer.
+    /// Radius of the disk of a single sensor [m]: the farthest at which the link carries most of its best capacity, or of a
+    /// full buffer.
     fn near_m(&self, sensor: u32) -> f64 {
         let enough_slots = self.capacity_slots(sensor, 0.0).min(self.sensors[sensor as usize].fill_slots) * NEAR;
         let radius_m = |step: u32| self.table.comm_radius_m * f64::from(step) / f64::from(NEAR_RADII);
@@ -184,8 +183,8 @@ impl PlanningModel {
         (1..=NEAR_RADII).rev().find(is_enough).map_or(0.0, radius_m)
     }
 
-    /// Whether loss may be hard to avoid, because most resource blocks are needed to take what is sampled, or a tour
-    /// takes most of the time in which a buffer fills. Where it is not, to make groups would only take time.
+    /// Whether loss may be hard to avoid, because many resource blocks are needed for the sampled bits, or a tour takes
+    /// most of the time in which a buffer fills. Otherwise groups would only take time.
     fn is_scarce(&self) -> bool {
         let visits =
             |(sensor, index): (&SensorModel, u32)| 1.0 / self.capacity_slots(index, 0.0).min(sensor.fill_slots);
@@ -195,9 +194,9 @@ impl PlanningModel {
             || self.slots_of(&self.tours[0]) >= SCARCE_TIME * fills.fold(f64::INFINITY, f64::min)
     }
 
-    /// Makes the groups of a partition of the field, with random numbers of `seed`, and tours over the groups of at
-    /// least a size, for every size that leaves out few sensors: where no partition into full groups exists, it may
-    /// lose less to leave some alone.
+    /// Adds the groups of a partition of the field, with random numbers of `seed`, and for every size a tour over the
+    /// groups of at least that size, if it skips few sensors: without a partition into full groups, skipping some may
+    /// lose less.
     pub(super) fn group(&mut self, seed: u64) {
         let first = self.disks.len();
         self.disks.extend(groups::cover(&self.table, seed));
@@ -225,7 +224,7 @@ impl PlanningModel {
         }
     }
 
-    /// Slots of a tour, if every leg is as short as its ends allow, and parts of slots count.
+    /// Slots of a tour, with the shortest legs between its disks, and fractions of slots.
     fn slots_of(&self, tour: &[u32]) -> f64 {
         let leg = |(&from, &to): (&u32, &u32)| {
             let from = self.disk(from);
@@ -236,20 +235,20 @@ impl PlanningModel {
         tour.iter().zip(tour.iter().cycle().skip(1)).map(leg).sum()
     }
 
-    /// Where `stop` is served from.
+    /// The disk from which `stop` is served.
     #[inline]
     #[must_use]
     pub fn disk(&self, stop: u32) -> &Disk {
         &self.disks[stop as usize].disk
     }
 
-    /// The disks that were added.
+    /// The added disks.
     #[must_use]
     pub fn added(&self) -> &[ServiceDisk] {
         &self.disks[self.permanent..]
     }
 
-    /// Replaces those that were added by `disks`; no plan may stop at the replaced ones any more.
+    /// Replaces the added disks by `disks`. Plans must not stop at the replaced ones.
     pub fn replace_added(&mut self, disks: Vec<ServiceDisk>) {
         if self.added() != disks {
             self.disks.truncate(self.permanent);
@@ -258,7 +257,7 @@ impl PlanningModel {
         }
     }
 
-    /// Finds out where plans may stop, and what is near to each disk.
+    /// Determines the stops, and the nearest stops of each disk.
     fn find_stops(&mut self) {
         self.stops = (0..self.disks.len() as u32).filter(|&stop| self.is_stop(stop)).collect();
         let centres: Vec<Position> = self.stops.iter().map(|&stop| self.disk(stop).centre).collect();
@@ -273,18 +272,18 @@ impl PlanningModel {
         self.neighbours = (0..self.disks.len() as u32).map(nearest).collect();
     }
 
-    /// Whether plans may stop at `stop`: at a group, and at a sensor alone unless so many stand around it that it does
-    /// not say who is served, and a visit would empty it anyway.
+    /// Whether plans may stop at `stop`: at all groups, and at a single sensor unless more than n sensors are in range and
+    /// a visit from anywhere empties it, because then a group determines the schedule.
     fn is_stop(&self, stop: u32) -> bool {
         let Some(sensor) = self.sensors.get(stop as usize) else {
             return true;
         };
-        let mut met = 0;
-        self.table.grid.visit(&self.disk(stop).centre, self.table.comm_radius_m, |_, _| met += 1);
-        !sensor.is_emptied || met <= self.table.resource_blocks || self.disks.len() == self.sensors.len()
+        let mut in_range = 0;
+        self.table.grid.visit(&self.disk(stop).centre, self.table.comm_radius_m, |_, _| in_range += 1);
+        !sensor.is_emptied || in_range <= self.table.resource_blocks || self.disks.len() == self.sensors.len()
     }
 
-    /// What a visit at the squared distance `d2_m2` [m²] takes from `sensor` in a slot [bit].
+    /// Capacity of a visit of `sensor` at the squared distance `d2_m2` [m²] [bit].
     fn capacity_bits(&self, sensor: u32, d2_m2: f64) -> f64 {
         if let Some(capacities_bits) = &self.capacities_bits {
             let fraction = d2_m2 / (self.table.comm_radius_m * self.table.comm_radius_m);
@@ -294,7 +293,8 @@ impl PlanningModel {
         self.table.channel.capacity_bits(self.table.channel.expected_rate_bps(&uplink)) as f64
     }
 
-    /// What a visit at the squared distance `d2_m2` [m²] takes from `sensor` [slots of sampling].
+    /// Capacity of a visit of `sensor` at the squared distance `d2_m2` [m²] [slots of sampling]; infinite if any visit
+    /// empties it.
     #[inline]
     #[must_use]
     pub fn capacity_slots(&self, sensor: u32, d2_m2: f64) -> f64 {
@@ -306,11 +306,11 @@ impl PlanningModel {
     }
 }
 
-/// What a visit is expected to take of a full buffer [bit], over `d²`, from the altitude of some that may be flown from
-/// which a sensor nearby is expected to send most; of equals the lowest.
+/// Expected bits of a visit with a full buffer, over `d²`, from the altitude that is best for nearby sensors; of equals the
+/// lowest.
 ///
-/// In line of sight a link may carry more than a buffer holds, and no more than that counts: what one slot cannot use
-/// does not make up for a slot out of sight.
+/// The capacity of each draw is limited to the buffer: excess capacity in line of sight does not make up for slots out of
+/// it.
 fn best_capacities_bits(scenario: &Scenario, channel: &Channel, model: &LineOfSight) -> [f64; TABLE + 1] {
     let [low_m, high_m] =
         scenario.uav.climb().map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);

@@ -1,4 +1,4 @@
-//! Plans to start from that are offered from outside: the flights of other strategies.
+//! Initial plans from the flights of other strategies.
 
 use skysink_common::geometry::Position;
 
@@ -7,26 +7,25 @@ use super::service_disk::ServiceDisk;
 use super::{Horizon, Search, start};
 use crate::strategies::View;
 
-/// Searches after which plans to start from are compared.
+/// Searches after which two initial plans are compared.
 const ROUNDS: u32 = 8;
 
-/// A plan to start from.
+/// An initial plan.
 #[derive(Debug, Clone)]
 struct StartPlan {
     loss_bits: f64,
     stops: Vec<u32>,
-    /// Disks of the model that were added for it.
+    /// Added disks of the model.
     added: Vec<ServiceDisk>,
     temperature: f64,
 }
 
 impl Horizon {
-    /// Replaces the plan by the one that the best of `flights`, each where its slots end and their schedules, leads to,
-    /// if that loses less after a first search of `steps` steps, as the plan itself gets one. Its stops become disks of
-    /// the model.
+    /// Replaces the plan by that of the best of `flights`, if it loses less after searches of `steps` steps for both. Each
+    /// flight is a list of slots, with waypoint and schedule, which become disks of the model.
     ///
-    /// The plans are compared after a search, because one that loses less may be hard to improve: a slot that serves as
-    /// many as it can is a stop that hardly anything fits in place of.
+    /// The plans are compared after a search, because a plan that loses less may be hard to improve: its stops serve as
+    /// many sensors as possible, and are hard to replace.
     pub fn offer<'a>(
         &mut self,
         view: &View,
@@ -45,7 +44,7 @@ impl Horizon {
         }
         if best.loss_bits < own.loss_bits {
             let mut plans = [own, best];
-            // In turn, so that a search that is over too early ends for both.
+            // Alternating, so that a search that ends early does so for both.
             for round in 1..=ROUNDS {
                 let search = Search { slot: view.slot, round, steps };
                 plans = plans.map(|plan| self.searched(forecast, plan, search, &is_over));
@@ -56,7 +55,7 @@ impl Horizon {
         self.load(forecast, best);
     }
 
-    /// Replaces the plan by the stops of a `flight`, and what is best after its end.
+    /// Replaces the plan by the stops of `flight`, extended to the end of the window.
     fn load_flight(&mut self, forecast: &mut Forecast, flight: &[(Position, Vec<u32>)]) {
         let sensor = |id: &u32| self.model.ids.binary_search(id).ok().map(|sensor| sensor as u32);
         let disk = |(centre, ids): &(Position, Vec<u32>)| {
@@ -69,7 +68,7 @@ impl Horizon {
         start::extend(&self.model, forecast);
     }
 
-    /// What a search makes of `plan`.
+    /// The result of a search from `plan`.
     fn searched(
         &mut self,
         forecast: &mut Forecast,
@@ -82,7 +81,7 @@ impl Horizon {
         self.plan(forecast)
     }
 
-    /// The plan of `forecast`, with what it takes to resume it.
+    /// The plan of `forecast`, with the state to resume it.
     fn plan(&self, forecast: &Forecast) -> StartPlan {
         StartPlan {
             loss_bits: forecast.loss_bits,

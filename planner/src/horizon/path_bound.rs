@@ -1,10 +1,10 @@
-//! At most how many sensors the UAV can serve in some slots, by the paths between them.
+//! Upper bound on the number of sensors that the UAV can serve in some slots, by the lengths of paths.
 //!
-//! The sensors that are served within K slots lie on a path whose [`legs`] take at most K − 1 slots together. For any
-//! prices `π_i` of the sensors a path weighs what its legs weigh less the prices of their ends, plus `2 π_i` for each of
-//! its sensors, less `π_i` at its two ends. Its legs are a spanning tree, which [`merge_tree`] bounds from below for
-//! every set of sensors at once. Prices, and the surcharges of the legs, are improved by subgradient steps: any of them
-//! give a bound.
+//! The sensors that are served within K slots lie on a path whose [`legs`] take at most K − 1 slots in all. For any prices
+//! `π_i` of the sensors, the weight of a path is that of its legs less the prices of their ends, plus `2 π_i` for each of
+//! its sensors, less `π_i` at its two ends. The legs of a path are a spanning tree; [`merge_tree`] bounds the weight of
+//! spanning trees from below, for all sets of sensors at once. Any prices and surcharges of legs give a bound; subgradient
+//! steps improve it.
 
 pub mod legs;
 pub mod merge_tree;
@@ -28,16 +28,16 @@ const PRICE_STEP: f64 = 0.1;
 /// The same of surcharges.
 const SURCHARGE_STEP: f64 = 0.04;
 
-/// Halvings of the range of rewards per sensor, in the search for the one that a number of sensors is best for.
+/// Bisection steps for the reward per sensor for which the best set has a given size.
 const HALVINGS: u32 = 14;
 
-/// Most sensors whose paths are bounded: legs grow with their square.
+/// Most sensors whose paths are bounded: there are O(N²) legs.
 const MOST_SENSORS: usize = 1_000;
 
-/// Keeps rounding from raising a bound to the next slot.
+/// Margin against rounding up to the next slot.
 const ROUNDING: f64 = 1e-6;
 
-/// Most sensors served in some slots.
+/// Upper bound on the sensors served in some slots.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathBound {
     /// Least weight of a path over m sensors [slots], by m − 1.
@@ -46,7 +46,7 @@ pub struct PathBound {
 }
 
 impl PathBound {
-    /// The bound over the sensors of `table`; above 1 000 of them by the resource blocks alone.
+    /// The bound for the sensors of `table`; for more than 1 000 only by the resource blocks.
     #[must_use]
     pub fn new(table: &SensorTable) -> Self {
         let (mut bound, legs) = Self::with_legs(table);
@@ -54,7 +54,7 @@ impl PathBound {
         let count = table.positions.len();
         let longest = bound.weights[count - 1];
         if longest <= (count / bound.blocks) as f64 {
-            return bound; // so near to each other that the resource blocks tell more
+            return bound; // the bound by the resource blocks is stronger
         }
         let mean_leg = (longest / (count - 1) as f64).max(1.0);
         for fraction in FRACTIONS {
@@ -79,13 +79,13 @@ impl PathBound {
         bound
     }
 
-    /// A weaker bound in a small part of the time: by a spanning tree of the legs, without prices and surcharges.
+    /// A weaker bound that is much faster to compute: by a spanning tree of the legs, without prices and surcharges.
     #[must_use]
     pub fn by_legs(table: &SensorTable) -> Self {
         Self::with_legs(table).0
     }
 
-    /// The bound by the legs alone, and the legs; none where the resource blocks alone bound.
+    /// The bound without prices, and the legs; `None` if only the resource blocks bound.
     fn with_legs(table: &SensorTable) -> (Self, Option<Legs>) {
         let count = table.positions.len();
         let mut bound = Self { weights: vec![0.0; count], blocks: table.resource_blocks };
@@ -97,8 +97,8 @@ impl PathBound {
         (bound, Some(legs))
     }
 
-    /// Raises the weights to what `prices` and the surcharges of `legs` give. Returns the slope over the prices at
-    /// about `target` sensors, and the legs that connect these.
+    /// Raises the weights to the bounds by `prices` and the surcharges of `legs`. Returns the subgradient with respect to
+    /// the prices at about `target` sensors, and the legs that connect these.
     fn tighten(&mut self, legs: &Legs, prices: &[f64], target: usize) -> (Vec<f64>, Vec<PricedLeg>) {
         let count = prices.len();
         let tree = cheapest_tree(legs, prices);
@@ -108,7 +108,7 @@ impl PathBound {
         by_end.sort_unstable_by(|&a, &b| ends[b].total_cmp(&ends[a]).then(a.cmp(&b)));
         let ends_slots = ends[by_end[0]] + ends[by_end[1]];
         let highest_price = prices.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        // For this reward the best set is all sensors.
+        // With this reward the best set has all sensors.
         let mut high = (tree.last() + 2.0 * highest_price).max(0.0) + 1.0;
         let mut low = 0.0;
         let best_set = |reward: f64| tree.best_set(|sensor| reward - 2.0 * prices[sensor]);
@@ -133,8 +133,8 @@ impl PathBound {
         (slope, used)
     }
 
-    /// Takes in that no set of m sensors is worth more than `best`, if each is worth `reward` [slots]: a path over it
-    /// weighs at least `reward m − value`, and less `ends_slots` at its ends.
+    /// Raises the weights by the best set for a `reward` per sensor [slots]: a path over m sensors weighs at least
+    /// `reward m − value − ends_slots`.
     fn raise(&mut self, reward: f64, best: &BestSet, ends_slots: f64) {
         for (index, weight) in self.weights.iter_mut().enumerate().skip(1) {
             let bound = reward * (index + 1) as f64 - best.value - ends_slots;
@@ -151,8 +151,7 @@ impl PathBound {
     }
 }
 
-/// The merge tree of all legs. Few of the many long ones can be in it: those that are cheaper than a leg of the tree
-/// over the short ones.
+/// The merge tree of all legs. Of the far legs only those cheaper than the last merge of the near ones can be in it.
 fn cheapest_tree(legs: &Legs, prices: &[f64]) -> MergeTree {
     let mut cheap: Vec<PricedLeg> = legs.near(prices).collect();
     let tree = merged(prices.len(), &mut cheap);

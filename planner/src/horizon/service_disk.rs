@@ -1,4 +1,4 @@
-//! The stop of a plan: sensors that are served together, and the disk from which all of them are in range.
+//! A stop of a plan: sensors that are served together, and the disk from which all of them are in range.
 
 use skysink_common::geometry::Position;
 
@@ -6,13 +6,14 @@ use crate::geometry::circle::Circle;
 use crate::geometry::disks::Disk;
 use crate::sensor_table::SensorTable;
 
-/// Slack of the range of a disk about a given centre: that of decision D5, and of rounding, relative to `d_c`.
+/// Slack of the range of a disk about a given centre, relative to `d_c`: that of decision D5, and rounding.
 const WIDENED: f64 = 1e-8;
 
 /// Sensors that are served together from any point of a disk.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ServiceDisk {
-    /// Where all members are in range. About their smallest enclosing circle of radius R its radius is `d_c − R` [m].
+    /// The points from which all members are in range. About their smallest enclosing circle of radius R, its radius is
+    /// `d_c − R` [m].
     pub disk: Disk,
     /// The sensors by their numbers in the model, at most n.
     pub members: Vec<u32>,

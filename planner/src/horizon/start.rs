@@ -1,4 +1,4 @@
-//! Plans to start from.
+//! Initial plans.
 
 use skysink_common::geometry::distance_squared;
 
@@ -7,8 +7,7 @@ use super::flight::slots_to;
 use super::forecast::Forecast;
 use super::model::PlanningModel;
 
-/// The best of several first plans: by greedy steps of either kind, and tours round and round over single sensors and
-/// over groups.
+/// Loads the best of several initial plans: greedy plans of two kinds, and repeated tours over single sensors and groups.
 pub fn begin(model: &PlanningModel, forecast: &mut Forecast) {
     let mut best: Option<(f64, Vec<u32>)> = None;
     let mut offer = |forecast: &Forecast| {
@@ -34,12 +33,12 @@ pub fn begin(model: &PlanningModel, forecast: &mut Forecast) {
         forecast.load(model, tour.iter().rev().cycle().skip(tour.len() - 1 - first).take(rounds).copied());
         offer(forecast);
     }
-    let (_, stops) = best.expect("the first was offered");
+    let (_, stops) = best.expect("at least one plan was offered");
     forecast.load(model, stops);
 }
 
-/// Appends stops until none fits: each time the one whose data have waited longest, per slot of flight, by the data
-/// that its members will have sampled since they were empty, counting what has overflowed.
+/// Appends stops until none fits, each time the one with most data per slot of flight: the bits that its members will have
+/// sampled since they were empty, including overflow.
 pub fn extend(model: &PlanningModel, forecast: &mut Forecast) {
     extend_by(model, forecast, |index, now, empty| {
         let waited_bits = |&member: &u32| (now - empty[member as usize]) * model.sensors[member as usize].mean_bits;
@@ -47,14 +46,14 @@ pub fn extend(model: &PlanningModel, forecast: &mut Forecast) {
     });
 }
 
-/// The same by the loss that serving there is expected to save, whoever is in range.
+/// As [`extend`], by the expected loss that serving all sensors in range saves.
 fn extend_by_savings(model: &PlanningModel, forecast: &mut Forecast) {
     let mut around: Vec<InRange> = model.stops.iter().map(|&stop| InRange::new(model, stop)).collect();
     extend_by(model, forecast, |index, now, empty| around[index].saved_bits(model, now, empty));
 }
 
-/// Appends stops until none fits: each time the one of most worth [bit] at its arrival, per slot of flight; of equals
-/// the nearest. `worth_bits` takes the index of the stop in the model's list, the slot, and when each sensor is empty.
+/// Appends stops until none fits, each time the one of most worth [bit] per slot of flight; of equals the nearest.
+/// `worth_bits` takes the index of the stop in the model's list, the slot of arrival, and when each sensor is empty.
 fn extend_by(model: &PlanningModel, forecast: &mut Forecast, mut worth_bits: impl FnMut(usize, f64, &[f64]) -> f64) {
     loop {
         let empty = forecast.levels(model);
@@ -82,7 +81,7 @@ fn extend_by(model: &PlanningModel, forecast: &mut Forecast, mut worth_bits: imp
     }
 }
 
-/// Who is in range of the centre of a stop.
+/// The sensors in range of the centre of a stop.
 struct InRange {
     members: Vec<Candidate>,
     others: Vec<Candidate>,
@@ -99,7 +98,7 @@ impl InRange {
         found
     }
 
-    /// The loss [bit] that serving them at slot `now` saves: the members of the stop, then most of the others.
+    /// The loss [bit] that serving them at slot `now` saves: the members of the stop, and the best of the others.
     fn saved_bits(&mut self, model: &PlanningModel, now: f64, empty: &[f64]) -> f64 {
         let Self { members, others } = self;
         let candidates = members.iter_mut().chain(others.iter_mut());

@@ -1,5 +1,5 @@
-//! States of a plan that are kept, so that a change of it is flown from the last one before the change to the first one
-//! behind it that is reached again.
+//! Stored states of a plan. A change is evaluated from the last state before it to the first state after it that is
+//! reached again.
 
 use super::flight::Trace;
 use super::model::{PlanningModel, SensorModel};
@@ -7,33 +7,33 @@ use super::model::{PlanningModel, SensorModel};
 /// Fewest legs between two stored states.
 const STRIDE: usize = 16;
 
-/// Stored states of a plan as it is loaded; their memory is in proportion to the sensors.
+/// Approximate number of stored states of a loaded plan; each takes O(N) memory.
 const STATES: usize = 64;
 
-/// Slots by which two states may differ and count as the same: rounding.
+/// States that differ by less [slots] are equal up to rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// A changed plan has come to the queues of a stored state of the old plan, at a shift in time.
+/// A stored state of the old plan whose queues a changed plan has reached, at a shift in time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rejoined {
     /// The state.
     pub state: usize,
-    /// How much more the changed plan has lost until then, counting what has overflowed [bit].
+    /// Additional loss of the changed plan until then, including overflow [bit].
     pub more_bits: f64,
 }
 
-/// A change under trial: `trace` in place of the legs `from..rest` of the old trace, and the rest `shift` slots later.
+/// An attempted change: `trace` replaces the legs `from..rest` of the old trace, and the rest is `shift` slots later.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Change {
     pub(super) from: usize,
     pub(super) trace: Trace,
     pub(super) rest: usize,
     pub(super) shift: i32,
-    /// Where the rest is as it was.
+    /// The state from which on the rest is unchanged.
     pub(super) rejoined: Option<Rejoined>,
 }
 
-/// When each sensor is empty before a leg, and what has been lost until then [bit].
+/// A state before a leg: when each sensor would have been empty, and the loss until then [bit].
 #[derive(Debug, Clone)]
 struct State {
     is_known: bool,
@@ -41,12 +41,12 @@ struct State {
     empty: Vec<f64>,
 }
 
-/// The states before every leg whose number is a multiple of a stride, as far as known.
+/// The known states before the legs whose indices are multiples of a stride.
 #[derive(Debug, Clone)]
 pub struct States {
     stride: usize,
     states: Vec<State>,
-    /// The sensor that differed when two states were last compared; it is likely to do so again.
+    /// The sensor that differed in the last comparison of two states; it is compared first.
     suspect: usize,
 }
 
@@ -63,7 +63,7 @@ impl States {
         self.states[1..].iter_mut().for_each(|state| state.is_known = false);
     }
 
-    /// Chooses the stride for a plan of `legs` legs; all states but the start are forgotten.
+    /// Chooses the stride for a plan of `legs` legs, and forgets all states but the start.
     pub fn spread(&mut self, legs: usize) {
         self.forget();
         self.stride = STRIDE.max(legs / STATES);
@@ -88,7 +88,7 @@ impl States {
         until.rposition(|state| state.is_known).expect("the start is known")
     }
 
-    /// Brings `work` to `state`, `shift` slots later; returns what has been lost until then [bit].
+    /// Loads `state`, `shift` slots later, into `work`; returns the loss until then [bit].
     pub fn load(&self, state: usize, shift: i32, work: &mut [f64]) -> f64 {
         let State { lost_bits, empty, .. } = &self.states[state];
         work.copy_from_slice(empty);
@@ -96,7 +96,7 @@ impl States {
         *lost_bits
     }
 
-    /// Stores `work` as `state`, to which `lost_bits` have been lost.
+    /// Stores `work` as `state`, with the loss `lost_bits`.
     pub fn store(&mut self, state: usize, lost_bits: f64, work: &[f64]) {
         while self.states.len() <= state {
             self.states.push(State { is_known: false, lost_bits: 0.0, empty: work.to_vec() });
@@ -107,9 +107,8 @@ impl States {
         stored.empty.copy_from_slice(work);
     }
 
-    /// Whether all queues are at the end of slot `now`, in `work`, what they are in `state` `shift` slots before; then
-    /// how much more has been lost than the `lost_bits` of that state, counting what has overflowed of the full queues
-    /// that were not visited since.
+    /// Compares the queues `work` at the end of slot `now` with `state`, `shift` slots before. If they agree, returns the
+    /// additional loss over that state, including the overflow of full queues that were not visited since.
     pub fn rejoin(
         &mut self,
         model: &PlanningModel,
@@ -144,9 +143,9 @@ impl States {
         Some(Rejoined { state, more_bits: lost_bits + overflowed_bits - stored_bits })
     }
 
-    /// Keeps what is still right after `change`, which has left `legs` legs.
+    /// Keeps the states that are still valid after `change`, which leaves `legs` legs.
     pub(super) fn change(&mut self, change: &Change, legs: usize) {
-        // States keep their numbers only if as many legs came as went.
+        // States keep their indices only if the number of legs has not changed.
         let rejoined = change.rejoined.filter(|_| change.from + change.trace.legs.len() == change.rest);
         let stride = self.stride;
         for (index, state) in self.states.iter_mut().enumerate().skip(change.from / stride + 1) {

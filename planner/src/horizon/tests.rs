@@ -1,4 +1,4 @@
-//! The look-ahead by itself: what a forecast says against flying it again, enumeration, and closed forms.
+//! Tests of the look-ahead alone: forecasts against recomputation, enumeration, and closed forms.
 
 use std::path::Path;
 
@@ -60,7 +60,7 @@ fn models() -> impl Strategy<Value = PlanningModel> {
 }
 
 #[test]
-fn a_visit_loses_what_came_after_the_storage_was_full_and_takes_what_the_link_carries() {
+fn a_visit_loses_the_overflow_and_uploads_the_capacity_of_the_link() {
     let model = model_of(&[([200.0, 200.0], 1_000.0)], 4, 5e6); // full in 30 slots
     let mut empty = vec![-10.0];
     // 35 slots later 45 slots of data have come, of which 15 were lost; the link leaves 30 − 12 = 18.
@@ -72,7 +72,7 @@ fn a_visit_loses_what_came_after_the_storage_was_full_and_takes_what_the_link_ca
 }
 
 #[test]
-fn a_stop_takes_the_slots_to_the_rim_and_the_mission_ends_as_if_it_were_a_visit() {
+fn a_stop_takes_the_slots_to_the_rim_and_overflow_counts_to_the_end_of_the_mission() {
     // 85 m away, 75 m to the rim: 3 slots. 10 kbit + 3 · 2000 bit fit; emptied at 3, full again at 18, 22 − 18 = 4
     // late.
     let model = model_of(&[([285.0, 200.0], 2_000.0)], 4, 5e6);
@@ -154,7 +154,8 @@ fn enumerated(model: &PlanningModel, planning: &PlanningWindow, most: usize) -> 
 
 #[test]
 fn annealing_loses_as_little_as_the_best_of_all_plans() {
-    let (mut found_bits, mut best_bits) = (0.0, 0.0);
+    let mut found_bits = 0.0;
+    let mut best_bits = 0.0;
     for seed in 1..=12 {
         let mut random = Streams::new(seed).stream(Purpose::Position, 0, 0);
         let mut draw = || f64::from(rand::Rng::next_u32(&mut random)) / 4_294_967_296.0;
@@ -175,7 +176,8 @@ fn annealing_loses_as_little_as_the_best_of_all_plans() {
         }
         // Plans of more than six stops may lose even less.
         assert!(lowest_bits <= 1.1 * least_bits, "seed {seed}: {lowest_bits} against {least_bits}");
-        (found_bits, best_bits) = (found_bits + lowest_bits, best_bits + least_bits);
+        found_bits += lowest_bits;
+        best_bits += least_bits;
     }
     assert!(found_bits <= 1.01 * best_bits, "{found_bits} against {best_bits}");
 }
@@ -184,7 +186,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
 
     #[test]
-    fn a_change_under_trial_loses_what_the_changed_plan_loses(
+    fn an_attempted_change_loses_as_much_as_the_changed_plan(
         model in models(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 1..150),
         changes in prop::collection::vec((any::<[prop::sample::Index; 4]>(), any::<bool>(), 0usize..4), 1..12),
     ) {
@@ -217,7 +219,7 @@ proptest! {
     }
 
     #[test]
-    fn states_that_are_kept_change_no_loss(
+    fn stored_states_do_not_change_the_loss(
         model in models(), drawn in prop::collection::vec(any::<prop::sample::Index>(), 40..200), slots in 60i32..400,
         changes in prop::collection::vec((any::<[prop::sample::Index; 4]>(), 0usize..3), 1..20),
     ) {
@@ -274,7 +276,7 @@ proptest! {
 }
 
 #[test]
-fn a_plan_in_overload_is_flown_as_it_was_foreseen_slot_by_slot() {
+fn a_plan_in_overload_is_flown_as_predicted_slot_by_slot() {
     // 60 SNs in 55 m × 55 m that fill within 37.5 slots, served 4 at a time: 15 slots a round would do, but for the
     // links.
     let mut random = Streams::new(7).stream(Purpose::Position, 0, 0);
@@ -283,7 +285,8 @@ fn a_plan_in_overload_is_flown_as_it_was_foreseen_slot_by_slot() {
     let model = model_of(&sensors, 4, 5e6);
     let mut forecast = Forecast::new(&model, window_of(&model, 80));
     start::begin(&model, &mut forecast);
-    let (first, foreseen_bits) = (forecast.trace.clone(), forecast.loss_bits);
+    let first = forecast.trace.clone();
+    let predicted_bits = forecast.loss_bits;
     let legs = first.legs.iter().filter(|leg| leg.end == 1).count();
     // After the first slot a queue that has overflowed is seen as a full one.
     let mut empty = forecast.window.empty.clone();
@@ -298,7 +301,7 @@ fn a_plan_in_overload_is_flown_as_it_was_foreseen_slot_by_slot() {
     let start = first.legs[legs - 1].at;
     let mut next = Forecast::new(&model, PlanningWindow { start, empty, ..window_of(&model, 79) });
     next.load(&model, first.legs[legs..].iter().map(|leg| leg.stop));
-    assert!((lost_bits + next.loss_bits - foreseen_bits).abs() < 1e-6, "{foreseen_bits} against {}", next.loss_bits);
+    assert!((lost_bits + next.loss_bits - predicted_bits).abs() < 1e-6, "{predicted_bits} against {}", next.loss_bits);
 }
 
 #[test]
@@ -312,7 +315,7 @@ fn only_sensors_in_range_of_a_point_are_served_from_there() {
 }
 
 #[test]
-fn what_is_not_known_is_lost_on_average() {
+fn the_overflow_of_an_uncertain_queue_is_its_mean() {
     let model = model_of(&[([200.0, 200.0], 1_000.0)], 1, 5e6); // full in 30 slots
     let mean = |sensor: &SensorModel, slot: f64, empty: f64| {
         let initial_half_slots = if empty <= 0.0 { sensor.initial_half_slots } else { 0.0 };
@@ -333,7 +336,7 @@ fn what_is_not_known_is_lost_on_average() {
 }
 
 #[test]
-fn what_has_overflowed_before_is_in_no_plans_loss() {
+fn overflow_before_the_window_is_not_counted_as_loss() {
     let mut model = model_of(&[([200.0, 200.0], 1_000.0)], 1, 5e6);
     model.sensors[0].initial_half_slots = 8.0;
     // 2 slots before it is full, give or take 8; 40 slots late for sure by the end.
@@ -343,7 +346,7 @@ fn what_has_overflowed_before_is_in_no_plans_loss() {
 }
 
 #[test]
-fn a_free_altitude_is_foreseen_as_one_that_the_uav_can_keep() {
+fn capacities_with_a_free_altitude_are_those_of_one_altitude() {
     let text = "name = 'x'\n[uav]\naltitude = 'free'\n[link]\nmodel = 'probabilistic-los'\nenvironment = 'high-rise'\n\
                 bandwidth_hz = 5e3\ncomm_radius_m = 60.0\n";
     let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
@@ -371,7 +374,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(25))]
 
     #[test]
-    fn groups_hold_every_source_once_and_in_range_of_one_point(
+    fn groups_contain_every_sensor_once_and_in_range_of_one_point(
         sensors in prop::collection::vec(([150.0..200.0, 150.0..200.0], Just(500.0)), 2..40), blocks in 2u32..6,
     ) {
         let mut model = model_of(&sensors, blocks, 5e6);
@@ -392,7 +395,7 @@ proptest! {
 }
 
 #[test]
-fn rates_that_are_learnt_take_the_place_of_those_believed_before() {
+fn learnt_rates_replace_the_prior() {
     let text =
         "name = 'x'\n[sensors]\nsampling_bps = [0.0, 200.0]\n[planner]\nknowledge = 'estimated'\nrates = 'learnt'\n";
     let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
@@ -407,7 +410,15 @@ fn rates_that_are_learnt_take_the_place_of_those_believed_before() {
         let position = scenario.start();
         let estimate = Some(estimate);
         let stop = &Stop::default();
-        horizon.believe(&View { slot, position, queues_bits: &[0; 3], estimate, table, timing: Timing::Free, stop });
+        horizon.update_sensors(&View {
+            slot,
+            position,
+            queues_bits: &[0; 3],
+            estimate,
+            table,
+            timing: Timing::Free,
+            stop,
+        });
         horizon.model.sensors.iter().map(|sensor| (sensor.mean_bits, sensor.fill_slots)).collect::<Vec<_>>()
     };
     assert_eq!(believed(&mut horizon, &estimate, 1), [(100.0, 300.0); 3]);
@@ -418,7 +429,7 @@ fn rates_that_are_learnt_take_the_place_of_those_believed_before() {
     flight.links[1].sensor = 2;
     estimate.observe(1, &flight, &[500, 0, 7]);
     (2..12).for_each(|slot| estimate.observe(slot, &FlightReport::at([0.0, 0.0, 20.0], Mode::Serve), &[0; 3]));
-    estimate.announce(12, &[0, 2], &[3_000, 0, 7]);
+    estimate.record_before_contact(12, &[0, 2], &[3_000, 0, 7]);
     estimate.observe(12, &flight, &[0, 0, 7]);
     assert_eq!(believed(&mut horizon, &estimate, 13), [(250.0, 120.0), (100.0, 300.0), (1e-3, 3e7)]);
 }

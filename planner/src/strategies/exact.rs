@@ -89,7 +89,7 @@ pub struct ExactSearch {
 struct Schedule {
     /// `Σ B_i(t−1)` [bit].
     sum_bits: u64,
-    /// Ascending in the best set, and once [`Schedule::beats`] had to compare them.
+    /// Ascending in the best set, and after [`Schedule::beats`] has compared them.
     ids: Vec<u32>,
 }
 
@@ -133,7 +133,8 @@ impl ExactSearch {
         self.centre
     }
 
-    /// Searches from where the disk of i, and its lenses with the disks of all less full SNs, come nearest to the UAV.
+    /// Tries the points of the disk of i, and of its lenses with the disks of all less full SNs, that are nearest to the
+    /// UAV.
     fn search_around(&mut self, table: &SensorTable, position: &Position, i: &Spot) {
         self.around.clear();
         self.around.extend(self.nearby.iter().filter(|other| may_share(table, i, other)));
@@ -157,8 +158,8 @@ impl ExactSearch {
         }
     }
 
-    /// Offers the n fullest queues in range of the nearer corner of the lens of two SNs, whose disks are larger by
-    /// `slack`. Where the lens comes nearer than at its corners, it does so where one of the disks does.
+    /// Tries the nearer corner of the lens of two SNs, with disks enlarged by `slack`. If another point of the lens is
+    /// nearer, it is the nearest point of one of the disks, which is tried separately.
     fn try_corner(&mut self, table: &SensorTable, position: &Position, pair: [&Spot; 2], slack: f64) {
         let radius_m = table.comm_radius_m * (1.0 + slack);
         let [a, b] = pair.map(|spot| Disk { centre: spot.position, radius_m });
@@ -170,7 +171,7 @@ impl ExactSearch {
         }
     }
 
-    /// Offers the n fullest queues in range of `centre`.
+    /// Tries the n fullest queues in range of `centre`.
     fn try_centre(&mut self, table: &SensorTable, centre: &Position) {
         let in_range = |spot: &&Spot| within(&spot.position, centre, table.comm_radius_m);
         self.trial.fill(self.around.iter().filter(in_range).take(table.resource_blocks));
@@ -182,21 +183,21 @@ impl ExactSearch {
     }
 }
 
-/// From where an SN can be served.
+/// The disk from which an SN can be served.
 fn disk_of(spot: &Spot, table: &SensorTable) -> Disk {
     Disk { centre: spot.position, radius_m: table.comm_radius_m }
 }
 
-/// How much less than `2 d_c` apart two SNs are whose disks all but touch, relative to that.
-const ALL_BUT_TOUCHING: f64 = 1e-6;
+/// Two disks nearly touch if their centres are nearer than `2 d_c` by less than this fraction.
+const NEARLY_TOUCHING: f64 = 1e-6;
 
-/// By how much the disks about two SNs are made larger to try the corners of their lens, relative to `d_c`.
+/// Enlargements, relative to `d_c`, of the disks of two SNs for the corners of their lens.
 ///
-/// Where their circles all but touch, half the slack of decision D5 moves the corners by its root, 10⁻⁴ m instead of
-/// 10⁻⁸ m: a third SN on the circle of radius `d_c` over the two can be served from the corners that the disks have with
-/// that half, but not from where the circles touch, as rounding puts it 10⁻⁶ m out of range there.
+/// If the circles nearly touch, half the slack of decision D5 moves the corners by its root, 10⁻⁴ m instead of 10⁻⁸ m. A
+/// third SN on the circle of radius `d_c` through the two can then be served from these corners, but not from the point
+/// where the circles touch, where rounding puts it 10⁻⁶ m out of range.
 fn slacks(i: &Spot, k: &Spot, table: &SensorTable) -> &'static [f64] {
-    let are_near = within(&i.position, &k.position, 2.0 * table.comm_radius_m * (1.0 - ALL_BUT_TOUCHING));
+    let are_near = within(&i.position, &k.position, 2.0 * table.comm_radius_m * (1.0 - NEARLY_TOUCHING));
     if are_near { &[0.0] } else { &[0.0, RANGE_SLACK / 2.0] }
 }
 
@@ -212,8 +213,8 @@ impl Schedule {
         self.ids.push(spot.id);
     }
 
-    /// Becomes the bound of all sets with `members`, and says whether it beats `best`: `members` and the fullest of
-    /// `others` that one waypoint may serve together with the last of them, as if it could serve all.
+    /// Sets this schedule to an upper bound on all sets with `members`, and returns whether it beats `best`: `members` and
+    /// the fullest of `others` that may share a waypoint with the last member.
     fn could_beat<const M: usize>(
         &mut self,
         best: &Self,
@@ -270,14 +271,14 @@ mod tests {
     }
 
     #[test]
-    fn nobody_is_found_beyond_reach_and_range_together() {
+    fn no_set_is_found_beyond_reach_and_range() {
         // V τ + d_c = 40 m.
         assert_eq!(search(&table_of(&[[50.0, 90.1], [9.0, 50.0]]), &[9, 9]), None);
         assert_eq!(search(&table_of(&[]), &[]), None);
     }
 
     #[test]
-    fn nobody_is_found_from_nowhere() {
+    fn no_set_is_found_from_nan() {
         let table = table_of(&[[50.0, 50.0]]);
         let nowhere = Position::new(f64::NAN, 50.0);
         assert_eq!(ExactSearch::new(&table).best_set(&table, &nowhere, &[9], &mut Vec::new()), None);

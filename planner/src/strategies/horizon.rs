@@ -1,6 +1,7 @@
 //! `horizon`: the plan of least predicted loss over many slots, improved in every slot and flown a slot at a time.
 //!
-//! How it is improved is left to [`crate::horizon`]; here its first slot becomes a decision.
+//! The search is left to [`crate::horizon`]. The plan is compared with the other strategies, and its first slot becomes the
+//! decision.
 
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
@@ -79,35 +80,35 @@ const MOST_SLOTS: u64 = 2_400;
 /// How many times the steps of a search before the mission are those of each search that compares plans to start from.
 const COMPARED_STEPS: u64 = 100;
 
-/// When the rollouts before the first search end, as a fraction of the budget.
+/// End of the rollouts before the first search, as a fraction of the budget.
 const SURVEY_END: f64 = 0.3;
 
-/// When the search ends, as a fraction of the budget; the rest is for the comparison.
+/// End of the search, as a fraction of the budget; the rest is for the comparison.
 const SEARCH_END: f64 = 0.7;
 
-/// A plan over many slots and the other strategies, and who of them flies the next slot.
+/// The look-ahead strategy: a plan over many slots, and the other strategies as alternatives.
 pub(super) struct LookAhead {
     horizon: Horizon,
     rivals: Rivals,
     serving: Serving,
-    /// The waypoints after the one decided last.
+    /// The planned waypoints after the last decided one.
     path: Vec<Point3<f64>>,
 }
 
 impl LookAhead {
     /// As [`Horizon::new`].
-    pub fn new(setup: &Setup, most_slots: u64, iterations: u32, budget: Option<Duration>) -> Self {
+    pub fn new(setup: &Setup, max_slots: u64, iterations: u32, budget: Option<Duration>) -> Self {
         Self {
-            horizon: Horizon::new(setup, most_slots, iterations, budget),
+            horizon: Horizon::new(setup, max_slots, iterations, budget),
             rivals: Rivals::new(setup),
             serving: Serving::new(setup),
             path: Vec::with_capacity(MAX_PATH_POINTS),
         }
     }
 
-    /// Makes the plan that [`LookAhead::follow`] flies from the slot of `view` on, in up to `steps` search steps, or
-    /// chooses another strategy for the mission. `None`, and nothing is planned, if no SN can lose data, or if `watch`,
-    /// which is told now and then how far the search is, ends it.
+    /// Searches the plan that [`LookAhead::follow`] flies from the slot of `view` on, in up to `steps` search steps, or
+    /// chooses another strategy. `watch` is called with the progress. `None`, without a plan, if no SN can lose data or
+    /// `watch` ends the search.
     pub fn prepare(
         &mut self,
         view: &View,
@@ -123,19 +124,19 @@ impl LookAhead {
         Some(found)
     }
 
-    /// Decides the slot of `view` by the plan, or the strategy, that is carried.
+    /// Decides the slot of `view` by the carried plan or strategy.
     pub fn follow(&mut self, view: &View) -> Option<Decision> {
         let mut forecast = self.horizon.forecast(view)?;
         self.horizon.search(view, &mut forecast, || true);
         self.decide(view, &forecast)
     }
 
-    /// Whether a plan is known to lose no more than it must, whatever the links and the queues do.
+    /// Whether the plan is known to be optimal: its loss equals the lower bound, and links and queues are certain.
     fn is_settled(&self, view: &View, forecast: &Forecast) -> bool {
         is_certain(view) && self.horizon.is_optimal(forecast)
     }
 
-    /// Whether others can be rolled out; not in missions of too many SNs and slots.
+    /// Whether rollouts are affordable, which they are not in missions of too many SNs and slots.
     fn is_affordable(&self, view: &View, forecast: &Forecast) -> bool {
         Effort::of(view, self.ahead(forecast).slots, 0.0).is_affordable
     }
@@ -145,8 +146,8 @@ impl LookAhead {
         Ahead { slots: slots as u64, beyond_slots, round_slots: self.horizon.model().round_slots }
     }
 
-    /// Rolls out the other strategies, and offers the best flights as plans to start from, which are compared after
-    /// searches of `steps` steps; returns the best of the strategies.
+    /// Rolls out the other strategies, offers the best flights as initial plans, which are compared after searches of
+    /// `steps` steps, and returns the best strategy.
     fn survey(
         &mut self,
         view: &View,
@@ -163,7 +164,7 @@ impl LookAhead {
         surveyed.into_iter().next()
     }
 
-    /// Chooses between the plan and the other strategies, the best of them `surveyed` or not.
+    /// Chooses between the plan and the other strategies; `surveyed` is the best of them after a survey.
     fn compare(&mut self, view: &View, forecast: &Forecast, surveyed: Option<&Surveyed>, is_over: &dyn Fn() -> bool) {
         if self.is_settled(view, forecast) || !self.is_affordable(view, forecast) {
             self.rivals.leave();
@@ -177,7 +178,7 @@ impl LookAhead {
         }
     }
 
-    /// The first slot of the plan, or the decision of the strategy that is followed.
+    /// The first slot of the plan, or the decision of the followed strategy.
     fn decide(&mut self, view: &View, forecast: &Forecast) -> Option<Decision> {
         self.path.clear();
         if self.rivals.is_following() {
@@ -193,10 +194,10 @@ impl LookAhead {
 }
 
 impl Strategy for LookAhead {
-    /// Improves the plan, and decides its first slot, or that of the strategy that is predicted to lose less; `None` if
-    /// no SN that can lose data can be reached.
+    /// Improves the plan, and decides by it or by a strategy that is predicted to lose less; `None` if no SN that can lose
+    /// data is in reach.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-        // What a budget leaves is divided: rollouts of all before the search, the search, and the comparison.
+        // The budget is divided among the survey, the search, and the comparison.
         let budget = self.horizon.budget(view).map(|budget| (Instant::now(), budget));
         let is_over_at = |fraction: f64| {
             let is_late = move |(begin, budget): (Instant, Duration)| begin.elapsed() >= budget.mul_f64(fraction);

@@ -52,7 +52,7 @@ impl Checkpoint for MaxAgeFirst {
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let last: Vec<u32> = decode(bytes)?;
-        CheckpointError::unless(last.len() == self.last.len(), "a slot for each sensor node")?;
+        CheckpointError::ensure(last.len() == self.last.len(), "a slot for each sensor node")?;
         self.last = last;
         Ok(())
     }

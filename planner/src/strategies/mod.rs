@@ -1,7 +1,7 @@
 //! The strategies: schedule and waypoint of a slot.
 //!
-//! A strategy is a file of this folder and a line of [`STRATEGIES`], from which everything else knows it. It decides;
-//! how a decision becomes a message, and transit where it has none, is left to [`crate::planner`].
+//! A strategy is a file of this folder and a line of [`STRATEGIES`]. Messages, and transit without a decision, are left to
+//! [`crate::planner`].
 
 pub mod algorithm_1;
 pub mod drift_plus_penalty;
@@ -49,7 +49,7 @@ use skysink_common::estimate::Estimate;
 
 use algorithm_1::Winner;
 
-/// Every strategy, in the order in which they are listed to people.
+/// All strategies, in the order in which they are listed.
 pub static STRATEGIES: [&Registered; 15] = [
     &rfs::STRATEGY,
     &gfs::STRATEGY,
@@ -74,111 +74,111 @@ pub fn names() -> [&'static str; STRATEGIES.len()] {
     STRATEGIES.map(|strategy| strategy.name)
 }
 
-/// The names of those that plan one slot and have no state: a slot's plan does not depend on the plans before it.
+/// The names of the stateless strategies, whose plans do not depend on the plans before.
 #[must_use]
 pub fn stateless() -> Vec<&'static str> {
     STRATEGIES.iter().filter(|strategy| strategy.is_stateless).map(|strategy| strategy.name).collect()
 }
 
-/// A planning strategy: decides one slot from what is known at the end of the one before.
+/// A planning strategy: decides one slot from the state after the one before.
 ///
-/// It depends on no clock unless its view says that one paces the mission, and on no random numbers but those of
-/// [`skysink_common::random`]; what it carries from slot to slot is its checkpoint.
+/// It reads no clock unless the mission is paced, draws random numbers only from [`skysink_common::random`], and saves all
+/// its state in its checkpoint.
 pub trait Strategy: Checkpoint {
-    /// The decision for the slot of `view`; `None` if nothing is within reach, and the transit rule (decision D8)
-    /// flies.
+    /// The decision for the slot of `view`; `None` if no sensor node is in reach, which leaves the slot to transit
+    /// (decision D8).
     fn plan(&mut self, view: &View<'_>) -> Option<Decision>;
 
-    /// Takes in what was flown, and what the UAV learned from it; `None` where the queues are known.
+    /// Observes a flight, and the estimate after it; `None` if the queues are known.
     fn observe(&mut self, _report: &FlightReport, _estimate: Option<&Estimate>) {}
 
-    /// The waypoints after the one decided last, if the strategy looks that far.
+    /// The planned waypoints after the last decided one, from strategies that look ahead.
     fn path(&self) -> &[Point3<f64>] {
         &[]
     }
 }
 
-/// What a strategy sees of a slot.
+/// The input of a strategy for a slot.
 #[derive(Debug, Clone, Copy)]
 pub struct View<'a> {
     /// The slot to plan, t; the first is 1.
     pub slot: u64,
-    /// Where the UAV is as it begins, `L_u(t−1)` [m].
+    /// Position of the UAV at its beginning, `L_u(t−1)` [m].
     pub position: Point3<f64>,
-    /// What the SNs hold as it begins, `B_i(t−1)` [bit], by id: known, or believed.
+    /// Known or estimated queues at its beginning, `B_i(t−1)` [bit], by id.
     pub queues_bits: &'a [u32],
-    /// How far they may be from what is believed; `None` where they are known.
+    /// The estimate of the queues; `None` if they are known.
     pub estimate: Option<&'a Estimate>,
     /// The SNs and the limits of the UAV.
     pub table: &'a SensorTable,
-    /// Whether a search may look at a clock.
+    /// Whether a search may read a clock.
     pub timing: Timing,
-    /// Ends a search that takes long; what is decided then is not flown.
+    /// Ends long searches; the decision is then not flown.
     pub stop: &'a Stop,
 }
 
 /// What paces a mission.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Timing {
-    /// Its own steps: results depend on no clock.
+    /// The steps themselves: results do not depend on a clock.
     Free,
-    /// A clock, which voids late plans: a search may end by time.
+    /// A clock: late plans are void, and a search may end by time.
     Paced,
 }
 
 impl View<'_> {
-    /// Where the UAV is, on the ground.
+    /// Horizontal position of the UAV.
     #[must_use]
     pub fn ground(&self) -> Position {
         self.position.xy()
     }
 }
 
-/// What a strategy decides for a slot.
+/// The decision of a strategy for a slot.
 #[derive(Debug, Clone)]
 pub struct Decision {
-    /// Where to fly [m].
+    /// The waypoint [m].
     pub waypoint: Point3<f64>,
     /// The sensor nodes (SNs) to serve from there, ascending by id.
     pub schedule: ArrayVec<u32, MAX_SERVED>,
     /// How the waypoint was found.
     pub outcome: SolverOutcome,
-    /// How Algorithm 1 found the schedule, for those who watch.
+    /// How Algorithm 1 found the schedule, for display.
     pub winner: Option<Winner>,
 }
 
-/// What a strategy is made of before the first slot.
+/// The input for the construction of a strategy.
 #[derive(Debug, Clone, Copy)]
 pub struct Setup<'a> {
     /// The mission.
     pub scenario: &'a Scenario,
-    /// The keys of its `[planner]` that concern every strategy.
+    /// The keys of its `[planner]` that apply to all strategies.
     pub settings: &'a Settings,
     /// Its sensor nodes (SNs), by id.
     pub sensors: &'a [SensorNode],
-    /// The same and the limits of the UAV, as every view has them.
+    /// The SNs and the limits of the UAV, as in every view.
     pub table: &'a SensorTable,
-    /// What is believed of the queues before any contact; `None` where they are known.
+    /// The estimate of the queues before any contact; `None` if they are known.
     pub estimate: Option<&'a Estimate>,
 }
 
-/// Checks the table of that name in a scenario, and fills in its defaults.
+/// Checks the named table of a scenario, and fills in its defaults.
 pub type CheckKeys = fn(&Scenario, &str) -> Result<Table, InputError>;
 
-/// A strategy as the registry knows it. In files and messages it is its name.
+/// An entry of the registry. It is serialized as its name.
 #[derive(Debug, Clone, Copy)]
 pub struct Registered {
     /// Its name in scenario files, folders and tables.
     pub name: &'static str,
     /// What it does, in a line.
     pub about: &'static str,
-    /// Whether it has no state that outlives a slot.
+    /// Whether it keeps no state between slots.
     pub is_stateless: bool,
-    /// Whether it knows where it flies after a slot ([`Strategy::path`]).
+    /// Whether it plans beyond a slot ([`Strategy::path`]).
     pub has_path: bool,
-    /// Checks the keys of its own, `[planner.<name>]`; `None` if it has none.
+    /// Checks its own keys, `[planner.<name>]`; `None` if it has none.
     pub keys: Option<CheckKeys>,
-    /// Makes it, before slot 1, for a scenario whose keys were checked.
+    /// Constructs it, for a scenario with checked keys.
     pub make: fn(&Setup<'_>) -> Box<dyn Strategy>,
 }
 
@@ -198,7 +198,7 @@ impl Registered {
         Self::find(name).ok_or_else(|| scenario.refusal("planner.strategy", &name.into(), &expected(name)))
     }
 
-    /// Replaces the keys of its own in a scenario.
+    /// Replaces its own keys in a scenario.
     pub fn set_keys(&self, scenario: &mut Scenario, keys: impl Serialize) {
         let keys = Table::try_from(keys).expect("keys are numbers and strings");
         scenario.planner.others.insert(self.name.to_owned(), keys.into());
@@ -224,20 +224,20 @@ impl<'de> Deserialize<'de> for &'static Registered {
     }
 }
 
-/// The table `table` of a scenario read as the keys `T` of a strategy, with every default.
+/// The table `table` of a scenario, read as the keys `T` of a strategy, with all defaults.
 fn checked<T: Serialize + DeserializeOwned>(scenario: &Scenario, table: &str) -> Result<Table, InputError> {
     let keys: T = scenario.planner_keys(table)?;
     Ok(Table::try_from(keys).expect("keys are numbers and strings"))
 }
 
-/// What a strategy's name has to be instead of the unknown `name`.
+/// The expected names of strategies instead of the unknown `name`, for messages.
 #[must_use]
 pub fn expected(name: &str) -> String {
     let hint = did_you_mean(name, names()).map(|meant| format!("; did you mean `{meant}`?"));
     one_of(names()) + &hint.unwrap_or_default()
 }
 
-/// What a name has to be instead of an unknown one.
+/// The expected names, for messages.
 pub(crate) fn one_of<T: Display>(names: impl IntoIterator<Item = T>) -> String {
     let quoted: Vec<String> = names.into_iter().map(|name| format!("`{name}`")).collect();
     format!("one of {}", quoted.join(", "))
@@ -303,7 +303,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn every_strategy_has_one_name_and_says_whether_it_has_a_state() {
+    fn every_strategy_is_registered_by_its_name_and_whether_it_is_stateless() {
         for strategy in STRATEGIES {
             let name = strategy.name;
             let overrides = Overrides { strategy: Some(name), ..Overrides::default() };

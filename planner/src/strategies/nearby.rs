@@ -1,16 +1,16 @@
-//! Who could be served from where the UAV can get to in a slot: the candidates of both searches, fullest first.
+//! The sensor nodes that can be served from within reach: the candidates of both searches, fullest first.
 
 use skysink_common::geometry::{Position, within};
 
 use crate::geometry::grid::PRESELECTION_MARGIN;
 use crate::sensor_table::SensorTable;
 
-/// A sensor node (SN) in a slot, as a search sees it.
+/// A candidate sensor node (SN) in a slot.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Spot {
-    /// Where it stands, `L_i`.
+    /// Position, `L_i`.
     pub(crate) position: Position,
-    /// What it holds, `B_i(t−1)` [bit].
+    /// Queue, `B_i(t−1)` [bit].
     pub(crate) queue_bits: u32,
     /// Its id.
     pub(crate) id: u32,

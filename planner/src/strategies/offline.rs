@@ -1,4 +1,4 @@
-//! `offline`: the plan of least predicted loss for the whole mission, made before take-off and flown as it is.
+//! `offline`: the plan of least predicted loss for the whole mission, made before take-off and flown without changes.
 
 use std::ops::ControlFlow;
 
@@ -72,8 +72,8 @@ impl Offline {
     /// Runs the search for a mission whose queues are known, `queues_bits` [bit] by id before slot 1; returns the
     /// strategy and what was found. Without this call the first slot runs it.
     ///
-    /// `None`, and nothing is planned, if no sensor node that can lose data can be reached, or if `watch`, which is
-    /// told now and then how far the search is, ends it. `stop` ends what comes before and after the search.
+    /// `watch` is called with the progress. `None`, without a plan, if no sensor node can lose data or `watch` ends the
+    /// search. `stop` ends the rollouts before and after the search.
     ///
     /// # Errors
     /// If a value of `[planner]` is refused; never for a scenario that was resolved.

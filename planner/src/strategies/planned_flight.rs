@@ -1,4 +1,4 @@
-//! The flight of a plan of the look-ahead, slot by slot, as it was made.
+//! Flies a plan of the look-ahead slot by slot, without changes.
 
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::Position;
@@ -22,7 +22,7 @@ pub(super) struct PlannedFlight<'a> {
 impl Checkpoint for PlannedFlight<'_> {}
 
 impl Strategy for PlannedFlight<'_> {
-    /// `None` behind the last stop.
+    /// `None` after the last stop.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         let slot = i32::try_from(view.slot - self.first + 1).ok()?;
         let next = planned_slot(self.model, self.forecast, slot, &view.ground())?;
@@ -32,8 +32,8 @@ impl Strategy for PlannedFlight<'_> {
     }
 }
 
-/// The waypoint of a planned slot: where its links limit what it collects, or may be out of sight, as far toward the
-/// best point to serve from (sP2*) as the next stop stays in reach in time.
+/// The waypoint of a planned slot. If links limit the collected bits, or may be out of line of sight, it is moved toward
+/// the solution of sP2*, as far as the next stop stays in reach.
 fn between_stops(serving: &mut Serving, view: &View, next: &PlannedSlot) -> (Position, SolverOutcome) {
     let above = serving.above(view, &next.waypoint, &next.ids);
     let queued_bits: u64 = next.ids.iter().map(|&id| u64::from(view.queues_bits[id as usize])).sum();
@@ -45,16 +45,16 @@ fn between_stops(serving: &mut Serving, view: &View, next: &PlannedSlot) -> (Pos
         return (next.waypoint, SolverOutcome::Rule);
     };
     let best_ground = best.point.xy();
-    let Some((then, slots)) = next.then else {
+    let Some((next_stop, slots)) = next.next_stop else {
         return (best_ground, best.outcome);
     };
     let reach_m = view.table.reach_m * f64::from(slots);
-    let fraction = fraction_within(&next.waypoint, &best_ground, &then, reach_m);
+    let fraction = fraction_within(&next.waypoint, &best_ground, &next_stop, reach_m);
     (next.waypoint + (best_ground - next.waypoint) * fraction, best.outcome)
 }
 
-/// How far from `from` toward `to`, as a fraction of the path, one stays within `radius_m` [m] of `centre`; 0 if `from`
-/// is not.
+/// The largest fraction of the path from `from` to `to` that stays within `radius_m` [m] of `centre`; 0 if `from` does
+/// not.
 fn fraction_within(from: &Position, to: &Position, centre: &Position, radius_m: f64) -> f64 {
     let path = to - from;
     let away = from - centre;

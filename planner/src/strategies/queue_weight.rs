@@ -94,7 +94,7 @@ impl QueueWeight {
         let table = view.table;
         let mut best = (objective.best_value(view, &view.position), ground);
         let mut offer = |candidate: Position| {
-            let candidate = table.into_area(&candidate);
+            let candidate = table.clamp_to_area(&candidate);
             let value = objective.best_value(view, &above(&candidate, view.position.z));
             if value > best.0 {
                 best = (value, candidate);

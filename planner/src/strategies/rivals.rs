@@ -16,41 +16,41 @@ use super::{Decision, Registered, STRATEGIES, Setup, Strategy, View};
 use crate::keys::Settings;
 use crate::sensor_table::SensorTable;
 
-/// Flights that are offered to the search as plans to start from.
+/// Flights that are offered to the search as initial plans.
 const OFFERED: usize = 3;
 
-/// Most that the futures of a rollout take together before the first slot [µs], about, where there are several.
+/// Approximate time of a rollout with several samples before the first slot [µs].
 const SURVEYED_US: f64 = 10_000.0;
 
-/// What rollouts may take in a slot on average [µs], about: where all is known, and else.
+/// Approximate mean time of the rollouts per slot [µs]: if links, queues and rates are certain, and otherwise.
 const COMPARED_US: [f64; 2] = [6_000.0, 30_000.0];
 
-/// Rollouts in a slot at least: of the plan, of the strategy that is followed, and of another.
+/// Fewest rollouts of a comparison: of the plan, of the followed strategy, and of another.
 const COMPARED: f64 = 3.0;
 
-/// How many times as seldom a plan is compared that lost nothing.
+/// Factor of the period of comparisons after one in which the plan lost nothing.
 const LOSSLESS_PERIOD: f64 = 3.0;
 
 /// The candidates of a mission.
 pub(super) struct Rivals {
     scenario: Scenario,
     sensors: Vec<SensorNode>,
-    /// Made when they are first asked for.
+    /// Constructed on first use.
     made: Vec<Rival>,
     transit: Option<Serving>,
     choice: RivalChoice,
 }
 
-/// What is carried from slot to slot.
+/// The state carried from slot to slot.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct RivalChoice {
     /// Whether all were rolled out once.
     is_surveyed: bool,
-    /// Which one is followed, and its state; none while the look-ahead's own plan is flown.
+    /// The followed strategy and its state; `None` while the look-ahead's own plan is flown.
     followed: Option<(&'static Registered, Vec<u8>)>,
     /// Whether the plan lost nothing when it was last compared.
     is_lossless: bool,
-    /// Which one was rolled out last, as an index below the number of strategies.
+    /// Index of the last candidate that was rolled out, below the number of strategies.
     turn: usize,
 }
 
@@ -72,7 +72,7 @@ impl Rivals {
         }
     }
 
-    /// Makes the strategies that do not look ahead.
+    /// Constructs the strategies that do not look ahead.
     fn make(&mut self) {
         if self.transit.is_some() {
             return;
@@ -91,39 +91,39 @@ impl Rivals {
         self.transit = Some(Serving::new(&setup));
     }
 
-    /// What is to be saved.
+    /// The state for a checkpoint.
     pub fn choice(&self) -> &RivalChoice {
         &self.choice
     }
 
-    /// Restores what was saved.
+    /// Restores a saved state.
     ///
     /// # Errors
-    /// If it follows a strategy that is no candidate, or in a state that cannot be.
+    /// If the followed strategy is not a candidate, or its state is impossible.
     pub fn restore(&mut self, choice: RivalChoice) -> Result<(), CheckpointError> {
-        CheckpointError::unless(choice.turn < STRATEGIES.len(), "the turn of a strategy")?;
+        CheckpointError::ensure(choice.turn < STRATEGIES.len(), "the turn of a strategy")?;
         if let Some((followed, state)) = &choice.followed {
             self.make();
             let rival = self.made.iter_mut().find(|rival| rival.registered == *followed);
-            CheckpointError::unless(rival.is_some(), "a strategy that does not look ahead")?;
+            CheckpointError::ensure(rival.is_some(), "a strategy that does not look ahead")?;
             rival.map_or(Ok(()), |rival| rival.strategy.restore(state))?;
         }
         self.choice = choice;
         Ok(())
     }
 
-    /// No longer follows anybody.
+    /// Stops following a strategy.
     pub fn leave(&mut self) {
         self.choice.followed = None;
     }
 
-    /// Whether all were rolled out once, so that those in turn are enough.
+    /// Whether all were rolled out once.
     pub fn is_surveyed(&self) -> bool {
         self.choice.is_surveyed
     }
 
-    /// Rolls out all of them over `ahead`; the best few, the best first, with their flights in one future, to start
-    /// plans from.
+    /// Rolls out all candidates over `ahead`; returns the best few, best first, with their flights in one sample, as
+    /// initial plans.
     pub fn survey(&mut self, view: &View, ahead: &Ahead, is_over: &dyn Fn() -> bool) -> Vec<Surveyed> {
         self.make();
         self.choice.is_surveyed = true;
@@ -147,9 +147,9 @@ impl Rivals {
         surveyed
     }
 
-    /// Chooses who flies the slot of `view`: the look-ahead's `own` plan, who was followed before, or the best of those
-    /// just `surveyed`, else whose turn it is to be compared. Where the plan loses nothing, that is flown. Once `is_over`,
-    /// whoever was followed still is.
+    /// Chooses the strategy for the slot of `view`: the look-ahead's `own` plan, the followed strategy, the best one
+    /// `surveyed`, or else the next candidates in turn. A plan without loss is always chosen. If the comparison `is_over`
+    /// early, the choice does not change.
     pub fn choose(
         &mut self,
         view: &View,
@@ -192,7 +192,7 @@ impl Rivals {
         }
     }
 
-    /// Who is followed, with its state, and the next `turns` of the others, before they have planned anything.
+    /// The followed strategy with its state, and the next `turns` candidates with their initial states.
     fn candidates(&mut self, turns: usize) -> Vec<(usize, Vec<u8>)> {
         let Self { made, choice, .. } = self;
         let index = |followed| made.iter().position(|rival| rival.registered == followed).expect("it was made");
@@ -205,7 +205,7 @@ impl Rivals {
         candidates
     }
 
-    /// Whether candidates are compared in the slot of `view`: so seldom that rollouts cost about as much in every slot.
+    /// Whether candidates are compared in the slot of `view`. The period keeps the mean cost per slot constant.
     pub fn is_due(&self, view: &View, ahead: &Ahead) -> bool {
         let compared_us = compared_us(view);
         let cost_us = COMPARED * Effort::of(view, ahead.slots, compared_us / COMPARED).cost_us;
@@ -214,12 +214,12 @@ impl Rivals {
         view.slot.is_multiple_of(period_slots as u64)
     }
 
-    /// Whether one of them flies the next slot.
+    /// Whether a candidate is followed.
     pub fn is_following(&self) -> bool {
         self.choice.followed.is_some()
     }
 
-    /// The decision of the one that is followed.
+    /// The decision of the followed strategy.
     pub fn plan(&mut self, view: &View) -> Option<Decision> {
         let (followed, state) = self.choice.followed.as_mut()?;
         let strategy = &mut self.made.iter_mut().find(|rival| rival.registered == *followed)?.strategy;
@@ -231,7 +231,7 @@ impl Rivals {
     }
 }
 
-/// What rollouts may take in a slot on average [µs].
+/// Mean time of the rollouts per slot [µs].
 fn compared_us(view: &View) -> f64 {
     COMPARED_US[usize::from(!is_certain(view))]
 }
@@ -240,7 +240,7 @@ fn compared_us(view: &View) -> f64 {
 pub(super) struct Surveyed {
     rival: usize,
     loss_bits: f64,
-    /// Where its slots end, and their schedules.
+    /// Waypoint and schedule of each slot.
     pub flight: Vec<(Position, Vec<u32>)>,
 }
 

@@ -1,8 +1,8 @@
-//! Rollout: what a strategy is predicted to lose from a slot to the mission's end, by flying it ahead.
+//! Rollout: the predicted loss of a strategy from a slot to the mission's end, by simulation.
 //!
-//! Queues grow as is known or believed, links carry what their channel is drawn to in futures of the rollout's own:
-//! the planner knows the channel, never its draws. Sampling, overflow and upload are in whole bits, in the order of
-//! decision D1. So where channel, queues and rates are known, the prediction is what the mission will be.
+//! Queues grow at known or estimated rates. Random channels are drawn from the rollout's own streams, because the planner
+//! knows the channel, but not its draws. Sampling, overflow and upload are in whole bits, in the order of decision D1: with
+//! known channel, queues and rates the prediction is exact.
 
 use arrayvec::ArrayVec;
 use nalgebra::Point3;
@@ -19,54 +19,54 @@ use super::transit::transit_waypoint;
 use super::{Strategy, View};
 use crate::horizon::choice::late_slots;
 
-/// A mission from the slot of a view on, as far as it can be foreseen.
+/// A simulation of the mission from the slot of a view on.
 pub(super) struct Rollout<'a> {
     view: &'a View<'a>,
     sensors: &'a [SensorNode],
-    /// Sampled by each SN per slot, known or believed [bit].
+    /// Known or estimated bits sampled per slot, by SN.
     mean_bits: Vec<f64>,
-    /// The last slot that is flown.
+    /// The last simulated slot.
     last_slot: u64,
-    /// Slots of the mission behind it.
+    /// Slots of the mission after it.
     beyond_slots: f64,
-    /// Slots in which every SN may expect its next visit.
+    /// Expected slots to the next visit of an SN.
     round_slots: f64,
     streams: Streams,
-    /// Futures of the links; one where they are known.
+    /// Number of random samples; 1 if all is known.
     pub futures: u32,
 }
 
-/// How far a rollout goes.
+/// The window of a rollout.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Ahead {
-    /// Slots that are flown, at least 1.
+    /// Simulated slots, at least 1.
     pub slots: u64,
-    /// Slots of the mission behind them.
+    /// Slots of the mission after them.
     pub beyond_slots: f64,
-    /// Slots in which every SN may expect its next visit.
+    /// Expected slots to the next visit of an SN.
     pub round_slots: f64,
 }
 
-/// Most futures.
+/// Most samples ("futures") of a rollout.
 const MOST_FUTURES: f64 = 32.0;
 
-/// Slots that all futures together have at least: in a long mission links and queues are many draws by themselves.
+/// Least number of slots of all samples together: one sample of a long mission has many draws.
 const LEAST_SLOTS: f64 = 960.0;
 
-/// Least number of futures where not all is known.
+/// Least number of samples if not all is known.
 const LEAST_FUTURES: f64 = 3.0;
 
-/// Longest that one future may take [µs], about: some 10^7 SNs times slots. Longer missions are not rolled out.
+/// Approximate limit on the time of one sample [µs]: some 10^7 SNs times slots. Longer missions are not rolled out.
 const MOST_US: f64 = 200_000.0;
 
-/// How a rollout goes.
+/// Number of samples and cost of a rollout.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Effort {
-    /// Futures of links, queues and rates that are flown through: as many as time allows, one where all are known.
+    /// Samples of links, queues and rates: as many as time allows; 1 if all are known.
     pub futures: u32,
-    /// What all of them take together [µs], by the SNs in sight; an estimate that reads no clock.
+    /// Estimated time of all samples [µs], by the SNs in reach; no clock is read.
     pub cost_us: f64,
-    /// Whether a rollout is worth its time.
+    /// Whether one sample is within the time limit.
     pub is_affordable: bool,
 }
 
@@ -125,9 +125,8 @@ impl<'a> Rollout<'a> {
         }
     }
 
-    /// Mean loss [bit] over all futures if `strategy` flies from here on, which `reset` brings to its present state
-    /// before each; `None` as soon as that is more than `most_bits`, or once `is_over`. Every slot of the first future is
-    /// shown to `watch`.
+    /// Mean loss [bit] of `strategy` over all samples; `reset` restores its state before each. `None` as soon as the mean
+    /// exceeds `most_bits`, or once `is_over`. `watch` is called with each slot of the first sample.
     pub fn mean_loss_bits(
         &self,
         strategy: &mut dyn Strategy,
@@ -151,7 +150,7 @@ impl<'a> Rollout<'a> {
         Some(lost_bits / f64::from(self.futures))
     }
 
-    /// Loss [bit] in one future; every slot is shown to `watch`. `None` as soon as it is more than `most_bits`, or once
+    /// Loss [bit] of one sample; `watch` is called with each slot. `None` as soon as the loss exceeds `most_bits`, or once
     /// `is_over`.
     pub fn fly(
         &self,
@@ -171,7 +170,7 @@ impl<'a> Rollout<'a> {
         let mut lost_bits = 0.0;
         for slot in self.view.slot..=self.last_slot {
             if let Some(estimate) = &mut estimate {
-                estimate.believe(slot.saturating_sub(1));
+                estimate.predict(slot.saturating_sub(1));
             }
             let estimated = estimate.as_ref();
             let queues_bits = estimated.map_or(&world.queues_bits[..], Estimate::queues_bits);
@@ -182,7 +181,7 @@ impl<'a> Rollout<'a> {
             });
             position = decision.waypoint;
             if let Some(estimate) = &mut estimate {
-                estimate.announce(slot, &decision.schedule, &world.queues_bits);
+                estimate.record_before_contact(slot, &decision.schedule, &world.queues_bits);
             }
             lost_bits += world.sample(slot, self.sensors) as f64;
             if lost_bits > most_bits || is_over() {
@@ -207,7 +206,7 @@ impl<'a> Rollout<'a> {
         (lost_bits <= most_bits).then_some(lost_bits)
     }
 
-    /// Queues and rates as they may be: as is known, or drawn from what is believed.
+    /// Queues and rates of a sample: known, or drawn from the estimate.
     fn draw_world(&self, random: &mut impl Rng) -> World {
         let mut world = World { queues_bits: self.view.queues_bits.to_vec(), mean_bits: self.mean_bits.clone() };
         let Some(estimate) = self.view.estimate else {
@@ -219,8 +218,8 @@ impl<'a> Rollout<'a> {
             if uncertain.rate == 0.0 && uncertain.initial_bits == 0.0 {
                 continue;
             }
-            let drawn_bits = uncertain.endless_bits
-                + uncertain.since_bits * uncertain.rate * rate
+            let drawn_bits = uncertain.unbounded_bits
+                + uncertain.since_contact_bits * uncertain.rate * rate
                 + uncertain.initial_bits * initial;
             *queue_bits = drawn_bits.clamp(0.0, f64::from(estimate.capacity_bits(id))) as u32;
             *mean_bits *= 1.0 + uncertain.rate * rate;
@@ -228,7 +227,7 @@ impl<'a> Rollout<'a> {
         world
     }
 
-    /// What the queues after the last slot are expected to lose behind it [bit].
+    /// Expected loss after the last simulated slot [bit].
     fn beyond_bits(&self, world: &World) -> f64 {
         if self.beyond_slots == 0.0 {
             return 0.0;
@@ -242,14 +241,14 @@ impl<'a> Rollout<'a> {
     }
 }
 
-/// Queues and rates of a future, by SN.
+/// Queues and rates of a sample, by SN.
 struct World {
     queues_bits: Vec<u32>,
     mean_bits: Vec<f64>,
 }
 
 impl World {
-    /// All SNs sample; returns what overflows [bit].
+    /// Samples at all SNs; returns the overflow [bit].
     fn sample(&mut self, slot: u64, sensors: &[SensorNode]) -> u64 {
         let mut lost_bits = 0;
         for ((queue_bits, mean_bits), sensor) in self.queues_bits.iter_mut().zip(&self.mean_bits).zip(sensors) {

@@ -1,5 +1,4 @@
-//! How fast sensor nodes (SNs) fill and when they overflow, by what is known or believed: for strategies that go by
-//! deadlines.
+//! Known or estimated sampling of sensor nodes (SNs), and their deadlines, the times of overflow.
 
 use super::{Setup, View};
 
@@ -18,7 +17,7 @@ impl Sampling {
         Self { mean_bits, capacity_bits: setup.sensors.iter().map(|sensor| sensor.capacity_bits).collect() }
     }
 
-    /// What SN `id` samples per slot [bit], as far as the view tells; `None` if it never samples.
+    /// Known or estimated bits per slot of SN `id`; `None` if it does not sample.
     pub fn mean_bits(&self, view: &View, id: u32) -> Option<f64> {
         let mean_bits = view.estimate.map_or(self.mean_bits[id as usize], |estimate| estimate.mean_bits(id));
         (mean_bits > 0.0).then_some(mean_bits)
@@ -29,8 +28,7 @@ impl Sampling {
         self.capacity_bits[id as usize]
     }
 
-    /// Slots until SN `id` overflows, as far as the view tells: the room in its buffer at the rate at which it samples,
-    /// 0 if it is full; `None` if it never samples.
+    /// Slots until SN `id` overflows: the room in its buffer divided by its bits per slot; `None` if it does not sample.
     pub fn deadline_slots(&self, view: &View, id: u32) -> Option<f64> {
         let room_bits = f64::from(self.capacity_bits(id)) - f64::from(view.queues_bits[id as usize]);
         self.mean_bits(view, id).map(|mean_bits| room_bits / mean_bits)

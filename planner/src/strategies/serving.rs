@@ -1,4 +1,4 @@
-//! The waypoint of a schedule, and the schedule of a waypoint: what most strategies end with.
+//! The waypoint of a schedule, and the schedule of a waypoint: the last step of most strategies.
 
 use nalgebra::Point3;
 use skysink_common::geometry::Position;
@@ -11,10 +11,10 @@ use crate::sensor_table::SensorTable;
 use crate::waypoint::Solver;
 use crate::waypoint::problem::Waypoint;
 
-/// The waypoints and schedules of a mission, with the working memory for them: nothing here allocates in a slot.
+/// Computes waypoints and schedules, without allocations in a slot.
 pub struct Serving {
     solver: Solver,
-    /// The schedule in the making.
+    /// Working memory for a schedule.
     ids: Vec<u32>,
 }
 
@@ -27,29 +27,29 @@ impl Serving {
         Self { solver: Solver::new(setup.scenario, setup.table, setup.settings.waypoint_solver, iterations), ids }
     }
 
-    /// The waypoint from which the SNs `ids` send most, by sP2; `None` if no point in reach is in range of them all.
+    /// The best waypoint for the SNs `ids`, by sP2; `None` if no point in reach is in range of all of them.
     pub fn waypoint(&mut self, view: &View, ids: &[u32]) -> Option<Waypoint> {
         self.solver.solve(view.table, &view.position, ids)
     }
 
-    /// The point above `ground` from which the SNs `ids` send most.
+    /// The point above `ground` with the best altitude for the SNs `ids`.
     pub fn above(&mut self, view: &View, ground: &Position, ids: &[u32]) -> Point3<f64> {
         self.solver.above(view.table, ground, &view.position, ids)
     }
 
-    /// The decision to fly to `ground`, or the point of the area next to it, and serve the n fullest queues in range.
+    /// The decision to fly to `ground`, clamped to the area, and serve the n fullest queues in range.
     pub fn serve_fullest(&mut self, view: &View, ground: &Position) -> Decision {
         self.serve_by(view, ground, |id| fullest_first(view.queues_bits[id as usize], id))
     }
 
-    /// The same, with SN `first` before all others, if it is in range.
+    /// As [`Self::serve_fullest`], with priority for SN `first`, if it is in range.
     pub fn serve_first(&mut self, view: &View, ground: &Position, first: u32) -> Decision {
         self.serve_by(view, ground, |id| (id != first, fullest_first(view.queues_bits[id as usize], id)))
     }
 
-    /// The same, for the n SNs in range with the smallest `key`, which differs from SN to SN.
+    /// As [`Self::serve_fullest`], for the n SNs in range with the smallest `key`, which must be unique.
     pub fn serve_by<K: Ord>(&mut self, view: &View, ground: &Position, key: impl Fn(u32) -> K) -> Decision {
-        let ground = view.table.into_area(ground);
+        let ground = view.table.clamp_to_area(ground);
         let Self { solver, ids } = self;
         let SensorTable { grid, comm_radius_m, resource_blocks, .. } = view.table;
         fill_in_range(grid, *comm_radius_m, *resource_blocks, &ground, key, ids);
@@ -59,13 +59,13 @@ impl Serving {
 }
 
 impl Decision {
-    /// To serve the SNs `ids`, ascending, from a solved waypoint, or the point of the area next to it.
+    /// The decision to serve the SNs `ids`, ascending, from a solved waypoint, clamped to the area.
     ///
     /// # Panics
-    /// If they are more than a message holds, [`MAX_SERVED`](skysink_common::message::MAX_SERVED).
+    /// If there are more than [`MAX_SERVED`](skysink_common::message::MAX_SERVED) ids.
     #[must_use]
     pub fn serve(view: &View, waypoint: &Waypoint, ids: &[u32]) -> Self {
-        let ground = view.table.into_area(&waypoint.point.xy());
+        let ground = view.table.clamp_to_area(&waypoint.point.xy());
         let point = Point3::new(ground.x, ground.y, waypoint.point.z);
         Self { waypoint: point, schedule: ids.iter().copied().collect(), outcome: waypoint.outcome, winner: None }
     }

@@ -1,4 +1,4 @@
-//! Straight flight: toward a sensor node (SN), and the transit rule of slots in which a strategy decides nothing.
+//! Straight flight toward a sensor node (SN), and the transit rule for slots without a decision.
 
 use skysink_common::geometry::{Position, distance_squared, within};
 

@@ -1,4 +1,4 @@
-//! Sensor nodes (SNs) that are served in turn, over and over: what `tour` and `round-robin` have in common.
+//! Cyclic service of sensor nodes (SNs) in a fixed order, the common part of `tour` and `round-robin`.
 
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 use skysink_common::geometry::Position;
@@ -8,25 +8,25 @@ use super::serving::Serving;
 use super::{Decision, Setup, Strategy, View};
 use crate::sensor_table::SensorTable;
 
-/// The waypoint from a position toward the SN whose turn it is, `[0]`, with the one after it, `[1]`, in view.
+/// The waypoint from a position toward the current SN, `[0]`, given the next one, `[1]`.
 type Waypoint = fn(&SensorTable, &Position, [&Position; 2]) -> Position;
 
 /// A strategy that serves SNs in a fixed order. A turn ends with the slot that serves its SN.
 pub(super) struct InTurn {
     order: Vec<u32>,
-    /// Whose turn it is, as an index of `order`.
+    /// Index in `order` of the current SN.
     turn: usize,
     waypoint: Waypoint,
     serving: Serving,
 }
 
 impl InTurn {
-    /// The first of `order` has the first turn.
+    /// Starts with the first SN of `order`.
     pub fn new(setup: &Setup, order: Vec<u32>, waypoint: Waypoint) -> Self {
         Self { order, turn: 0, waypoint, serving: Serving::new(setup) }
     }
 
-    /// Ends the turns of those that a slot serves.
+    /// Skips the SNs that a slot has served.
     fn advance(&mut self, served: &[u32]) {
         for _ in 0..self.order.len() {
             if !served.contains(&self.order[self.turn]) {
@@ -38,8 +38,8 @@ impl InTurn {
 }
 
 impl Strategy for InTurn {
-    /// Serves the SN whose turn it is, if it is in range, and the fullest queues, n in all. In an empty field the UAV
-    /// stays where it is.
+    /// Serves the current SN, if it is in range, and the fullest queues, n in all. In an empty field the UAV holds its
+    /// position.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         let ground = view.ground();
         let current = self.order.get(self.turn).copied();
@@ -61,7 +61,7 @@ impl Checkpoint for InTurn {
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let turn: usize = decode(bytes)?;
-        CheckpointError::unless(turn < self.order.len().max(1), "a turn of this field")?;
+        CheckpointError::ensure(turn < self.order.len().max(1), "a turn of this field")?;
         self.turn = turn;
         Ok(())
     }

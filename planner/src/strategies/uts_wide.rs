@@ -1,4 +1,4 @@
-//! `uts-wide`: the letter's strategy with anchors as far as the UAV can serve them.
+//! `uts-wide`: the paper's strategy with anchors as far as the UAV can serve them.
 
 use super::Registered;
 use super::algorithm_1::Reach;

@@ -61,7 +61,7 @@ impl Whittle {
     }
 }
 
-/// How long the SNs have waited, and what they are worth.
+/// The ages of the SNs, and their indices.
 struct Ages {
     /// Slot in whose plan each SN was first seen full, 0 if it is not full, by id.
     full_since: Vec<u32>,
@@ -69,8 +69,8 @@ struct Ages {
 }
 
 impl Ages {
-    /// Takes in who is full as the slot of `view` begins.
-    fn see(&mut self, view: &View) {
+    /// Updates `full_since` at the beginning of the slot of `view`.
+    fn update(&mut self, view: &View) {
         let slot = u32::try_from(view.slot).unwrap_or(u32::MAX);
         for (id, since) in view.table.ids().zip(&mut self.full_since) {
             let is_full = view.queues_bits[id as usize] >= self.sampling.capacity_bits(id);
@@ -98,7 +98,7 @@ impl Ages {
         })
     }
 
-    /// Who is flown to; `None` if no SN samples.
+    /// The SN to fly to; `None` if no SN samples.
     fn goal(&self, view: &View) -> Option<u32> {
         let ground = view.ground();
         let rated = |id: u32| {
@@ -132,7 +132,7 @@ impl Strategy for Whittle {
     /// the nearest, the lowest index). Serves the n in range with the largest indices at the end of the slot, of equals
     /// the fullest. `None` if no SN samples.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
-        self.ages.see(view);
+        self.ages.update(view);
         let goal = self.ages.goal(view)?;
         let waypoint = toward(view.table.reach_m, &view.ground(), view.table.position(goal));
         // Not negative, so that the bits are in the order of the numbers.
@@ -149,7 +149,7 @@ impl Checkpoint for Whittle {
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let full_since: Vec<u32> = decode(bytes)?;
-        CheckpointError::unless(full_since.len() == self.ages.full_since.len(), "a slot for each sensor node")?;
+        CheckpointError::ensure(full_since.len() == self.ages.full_since.len(), "a slot for each sensor node")?;
         self.ages.full_since = full_since;
         Ok(())
     }

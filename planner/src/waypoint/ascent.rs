@@ -1,9 +1,10 @@
-//! The solver of the three-dimensional waypoint that needs no other: projected ascent of the true objective from
-//! several starts.
+//! The ascent solver of the three-dimensional waypoint: projected gradient ascent of the true objective from several
+//! starts.
 //!
-//! Three variables and a convex feasible set, but an objective with a tip above every sensor node (SN): one start may
-//! end on the wrong one, and no slope leads onto one, so that every SN is among the starts. Each step goes along the
-//! steepest ascent, back into the feasible set by exact projection, and is taken only if the objective rises.
+//! The problem has three variables and a convex feasible set, but the objective has a non-smooth peak above every sensor
+//! node (SN). An ascent may end at the wrong peak, and gradients do not lead onto one, so every SN is among the starts.
+//! Each step follows the steepest ascent, is projected exactly onto the feasible set, and is taken only if the objective
+//! rises.
 
 use std::cmp::Ordering;
 
@@ -138,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn reach_ends_the_way_to_a_sensor_node() {
+    fn reach_limits_the_path_to_a_sensor_node() {
         let mut problem = posed(dense_urban(), &[[30.0, 40.0]], [20.0, 120.0]);
         problem.disks[0].radius_m = 10.0;
         let end = solve(&problem).unwrap();
@@ -162,7 +163,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_way_leads_up_from_the_end(
+        fn no_step_from_the_end_raises_the_rate(
             curve in curves(),
             places in prop::collection::vec((-40.0..40.0, -40.0..40.0), 1..7),
             range in (10.0..60.0, 0.0..100.0),

@@ -1,7 +1,7 @@
 //! The conic waypoint solver: the projection onto an intersection of disks as a second-order cone program, by Clarabel.
 //!
-//! It solves what [`crate::geometry::disks`] solves, and is there to check it. Only this file and
-//! [`crate::waypoint::sca`], which solves what plane geometry cannot, know Clarabel.
+//! It solves the same problem as [`crate::geometry::disks`], as an independent check. Only this file and
+//! [`crate::waypoint::sca`] depend on Clarabel.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus, SupportedConeT};
@@ -23,11 +23,10 @@ const GAP: f64 = 1e-11;
 /// Farthest that a solution may lie from the disks, in units of the smallest radius, to count as one.
 const FARTHEST_PULL: f64 = 1e-4;
 
-/// Clarabel, with one kept solver per number of disks.
+/// Clarabel, with one solver per number of disks.
 ///
-/// A solver is made once per shape and then only has its data replaced. Nothing that would carry over from one problem
-/// to the next is enabled (Clarabel's equilibration would), so that a result does not depend on the problems solved
-/// before.
+/// A solver is created once per shape; then only its data are replaced. Settings that carry state from one problem to the
+/// next, such as equilibration, are disabled, so that a result does not depend on earlier problems.
 #[derive(Default)]
 pub struct ConicSolver {
     /// By number of disks.
@@ -40,8 +39,8 @@ pub struct ConicSolver {
 impl ConicSolver {
     /// The point of all `disks` that is nearest to `target`.
     ///
-    /// `None` if Clarabel does not call its problem solved, or if its solution cannot be pulled back into the disks:
-    /// the caller has to fall back. There is at least one disk.
+    /// `None` if Clarabel does not report `Solved`, or its solution is too far outside the disks: the caller has to fall
+    /// back. There is at least one disk.
     pub fn project(&mut self, target: &Position, disks: &[Disk]) -> Option<Position> {
         let unit_m = disks.iter().map(|disk| disk.radius_m).fold(f64::INFINITY, f64::min);
         let solution = target + self.solve(target, disks, unit_m)? * unit_m;

@@ -1,7 +1,7 @@
-//! Where to fly: sP2, posed and solved for each slot with the scenario's choice of solver.
+//! The waypoint of a schedule: sP2, solved in each slot by the scenario's solver.
 //!
-//! Which solver contributed what is decided here, in one place. Where the rate falls with the distance alone, [`plane`]
-//! solves sP2* at the UAV's altitude; elsewhere [`ascent`] and [`sca`] search in three dimensions.
+//! If the rate depends on the distance alone, [`plane`] solves sP2* at the UAV's altitude; otherwise [`ascent`] and [`sca`]
+//! search in three dimensions. Solver outcomes are determined in this file.
 
 pub mod ascent;
 pub mod conic;
@@ -23,7 +23,7 @@ use sca::Contribution;
 /// Relative difference in rate below which two ends are equally good.
 const CONFIRMED: f64 = 1e-6;
 
-/// What solves the waypoint problem sP2*.
+/// Solver of the waypoint problem sP2*.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum WaypointSolver {
@@ -73,8 +73,8 @@ impl Solver {
         self.approximate(alone)
     }
 
-    /// Convex steps from the best starts, each finished by ascent; `alone`, the end of the ascent alone, where that is
-    /// visibly higher, as it may be where a step leaves the tip above an SN.
+    /// Convex steps from the best starts, each followed by ascent; or `alone`, the end of the ascent without them, if it is
+    /// clearly better, such as when a step has left the peak above an SN.
     fn approximate(&self, alone: RatedPoint) -> Option<Waypoint> {
         let ends = self.starts.iter().map(|start| {
             let (stepped, contribution) = sca::approximate(&self.problem, *start, self.iterations);
@@ -88,8 +88,8 @@ impl Solver {
         Some(Waypoint { point: end.point, outcome })
     }
 
-    /// The point above `ground` from which the SNs `ids` are expected to send most, at an altitude that the UAV at
-    /// `uav` reaches in one slot; with nobody to serve, at its own.
+    /// The point above `ground` with the highest expected rate of the SNs `ids`, at an altitude that the UAV at `uav`
+    /// reaches in one slot; at the UAV's altitude if `ids` is empty.
     pub fn above(&mut self, table: &SensorTable, ground: &Position, uav: &Point3<f64>, ids: &[u32]) -> Point3<f64> {
         let altitudes_m = self.scenario.altitudes_m(uav.z);
         let altitude_m = if ids.is_empty() || table.channel.line_of_sight().is_none() {

@@ -17,8 +17,8 @@ const SETTLED_M: f64 = 1e-6;
 /// Solves sP2* at the mean of the scheduled positions, then at its own result, up to `iterations` times in all: as a
 /// cone program by `conic`, if there is one, or exactly. `None` if no point keeps every constraint.
 ///
-/// The letter takes one step. Each further one starts from a feasible point, where the expansion is a lower bound that
-/// touches the true rate, so that the rate never falls.
+/// The paper takes one step. Each further step starts from a feasible point, where the expansion is a lower bound that
+/// touches the true rate, so the rate never falls.
 pub fn solve(problem: &Problem, mut conic: Option<&mut ConicSolver>, iterations: u32) -> Option<Waypoint> {
     let mut waypoint = nearest(problem, conic.as_deref_mut(), &centroid(problem, &problem.mean()))?;
     for _ in 1..iterations {
@@ -56,7 +56,7 @@ fn centroid(problem: &Problem, q0: &Position) -> Position {
         sum += (position - q0) * c;
         weight += c;
     }
-    // Where no link carries anything (or any carries anything, H → 0), sP2* says nothing, and q0 is as good as any.
+    // If all rates are 0 (or unbounded, H → 0), sP2* has no preference, and q0 is kept.
     if weight > 0.0 && weight.is_finite() { q0 + sum / weight } else { *q0 }
 }
 

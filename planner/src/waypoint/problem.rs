@@ -1,8 +1,8 @@
-//! sP2 as a value: from which waypoint the scheduled sensor nodes are expected to send most.
+//! The problem sP2: the waypoint with the highest expected rate of the scheduled sensor nodes (SNs).
 //!
-//! It maximises the sum of the expected rates, `Σ E[r_i]`, within reach of the UAV, in range of every scheduled sensor
-//! node (SN) on the ground, and between the altitudes that one slot allows. How it is solved is left to
-//! [`crate::waypoint::plane`], [`crate::waypoint::ascent`] and [`crate::waypoint::sca`].
+//! It maximises the sum of the expected rates, `Σ E[r_i]`, within reach of the UAV, in range of every scheduled SN, and
+//! between the altitudes that one slot allows. Solvers are in [`crate::waypoint::plane`], [`crate::waypoint::ascent`] and
+//! [`crate::waypoint::sca`].
 
 use nalgebra::{Point3, Vector2, Vector3};
 use skysink_common::channel::{Channel, Uplink};
@@ -90,7 +90,7 @@ impl Problem {
         sensors.map(|(range, &gain)| (&range.centre, Uplink::new(gain, &range.centre, uav)))
     }
 
-    /// Mean of the scheduled positions, the UTS letter's expansion point.
+    /// Mean of the scheduled positions, the expansion point of the paper.
     #[must_use]
     pub fn mean(&self) -> Position {
         let sum = self.disks[1..].iter().map(|range| range.centre.coords).sum::<Vector2<f64>>();
@@ -111,8 +111,8 @@ impl Problem {
 
     /// Direction and slope [bit/s/m] of the steepest ascent of the objective.
     ///
-    /// Straight above an SN the elevation angle has a tip, `θ ≈ 90° − (180/π) d/z`, so that leaving it in any direction
-    /// costs the same slope: what the other SNs pull is reduced by that, at most to rest.
+    /// Straight above an SN the elevation angle has a non-smooth peak, `θ ≈ 90° − (180/π) d/z`: leaving it in any direction
+    /// costs the same slope, which is subtracted from the gradient of the other SNs, down to 0.
     #[must_use]
     pub fn ascent(&self, at: &Point3<f64>) -> Vector3<f64> {
         let mut pull = Vector2::zeros();
@@ -151,7 +151,7 @@ impl Problem {
         let altitude_m = |level: usize| self.altitude_m(level as f64 / LAST as f64);
         let levels: [RatedPoint; LAST + 1] = std::array::from_fn(|level| self.rated(above(ground, altitude_m(level))));
         let rises_to = |level: usize| level == 0 || levels[level].rate_bps > levels[level - 1].rate_bps;
-        // Each SN may have an altitude of its own, and the highest of the levels need not lie by the highest peak.
+        // There may be several local maxima, and the best level need not be next to the highest.
         let peaks = (0..=LAST).filter(|&level| rises_to(level) && (level == LAST || !rises_to(level + 1)));
         let narrowed = peaks.map(|peak| {
             let ends_m = [peak.saturating_sub(1), (peak + 1).min(LAST)].map(altitude_m);

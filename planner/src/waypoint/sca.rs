@@ -48,14 +48,14 @@ const FLAT_M: f64 = 1e-6;
 /// Variables of the point, before those of the SNs.
 const POINT: usize = 3;
 
-/// What Clarabel did for a start.
+/// Contribution of Clarabel from a start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Contribution {
     /// It moved the start uphill.
     Moved,
     /// It solved a program that leads no further.
     Confirmed,
-    /// It was not asked, or solved nothing.
+    /// It was not used, or solved no program.
     Nothing,
 }
 
@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_convexity_argument_does_not_cover_is_left_to_the_ascent() {
+    fn channels_without_a_convex_bound_are_left_to_the_ascent() {
         let logistic = LosCurve::Logistic { b1: -0.4568, b2: 0.047, b3: -0.63, b4: 1.63 };
         for link in
             [LineOfSight { los_exponent: 4.1, ..dense_urban() }, LineOfSight { curve: logistic, ..dense_urban() }]

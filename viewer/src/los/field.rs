@@ -1,7 +1,7 @@
 //! The probability of line of sight around the UAV: a horizontal slice at its altitude, and above each served sensor
 //! node the funnel in which the probability is high.
 //!
-//! Every funnel has the same shape, so that a slot only moves it: 12 bytes instead of a thousand voxels.
+//! All funnels have the same shape, so that a slot only logs its position: 12 bytes instead of a thousand voxels.
 
 use nalgebra::{Point3, Vector2};
 use re_sdk::RecordingStreamResult;
@@ -18,21 +18,21 @@ use crate::sizes::Sizes;
 
 /// The slice: mean probability over the served sensor nodes.
 pub const SLICE: &str = "los/slice";
-/// Root of the funnels: one per served link, numbered in the report's order.
+/// Root of the funnels: one per served link, numbered in the order of the report.
 pub const FUNNELS: &str = "los/funnels";
 
 /// Half the extent of the slice, in communication radii.
 const SLICE_RADII: f32 = 1.25;
 /// Cells of the slice, in x and in y.
 const SLICE_CELLS: u16 = 32;
-/// Voxels of a funnel, in x and in y: odd, so that the sensor node is below the middle of one.
+/// Voxels of a funnel, in x and in y; odd, so that the sensor node is below the centre of one.
 const FUNNEL_CELLS: u16 = 15;
 /// Voxels of a funnel, in z, up to the highest altitude.
 const FUNNEL_LAYERS: u16 = 15;
-/// Least probability in a funnel, of the one straight below the UAV.
+/// Minimum probability in a funnel, as a fraction of that directly below the UAV.
 const FUNNEL_FRACTION: f64 = 0.8;
 
-/// Least probability of line of sight in a funnel.
+/// Minimum probability of line of sight in a funnel.
 pub(crate) fn funnel_probability(link: &LineOfSight) -> f64 {
     FUNNEL_FRACTION * link.los_probability(0.0, 1.0)
 }
@@ -42,9 +42,9 @@ pub(super) struct Surroundings {
     slice_half_m: f32,
     shape: Funnel,
     most_funnels: usize,
-    /// Funnels that this file has drawn last.
+    /// Number of funnels that this file has drawn last.
     funnels: usize,
-    /// Funnels that may be on the screen: those, or some of an earlier file.
+    /// Number of funnels that may be visible, including those of an earlier file.
     visible: usize,
 }
 
@@ -77,7 +77,7 @@ impl Surroundings {
         Ok(Self { slice_half_m, shape, most_funnels, funnels: 0, visible })
     }
 
-    /// Shows the slice around the UAV and a funnel above each of the served sensor nodes.
+    /// Shows the slice around the UAV and a funnel above each served sensor node.
     pub(super) fn log(
         &mut self,
         canvas: &Canvas,
@@ -96,7 +96,7 @@ impl Surroundings {
         self.log_funnels(canvas, served)
     }
 
-    /// Takes slice and funnels away.
+    /// Clears the slice and the funnels.
     pub(super) fn clear(&mut self, canvas: &Canvas) -> RecordingStreamResult<()> {
         canvas.clear(SLICE)?;
         self.log_funnels(canvas, &[])
@@ -134,11 +134,11 @@ fn slice(link: &LineOfSight, uav: Point3<f64>, half_m: f64, served: &[Position])
     (0..SLICE_CELLS).flat_map(row).map(|at| (255.0 * mean(at)).round() as u8).collect()
 }
 
-/// The voxels above a sensor node, within its range, at the rim of where the probability is high: a full funnel would
-/// hide the UAV in it.
+/// The voxels at the surface of the region above a sensor node in which the probability is high. A solid funnel would hide
+/// the UAV.
 struct Funnel {
     voxel_m: [f32; 3],
-    /// From the sensor node to where the grid begins, in x and in y.
+    /// Offset of the grid from the sensor node, in x and in y [m].
     radius_m: f32,
     voxels: Vec<[i32; 3]>,
     probabilities: Vec<f32>,
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn the_slice_holds_the_mean_probability_from_north_west_to_south_east() {
+    fn the_slice_contains_the_mean_probability_from_north_west_to_south_east() {
         // 32 cells of 2 m around (100, 200): the first one's middle is (69, 231), the last one's (131, 169).
         let served = [Position::new(69.0, 231.0), Position::new(80.0, 200.0)];
         let found = slice(&link(), Point3::new(100.0, 200.0, 40.0), 32.0, &served);
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn a_funnel_widens_upward_and_holds_only_high_probabilities() {
+    fn a_funnel_widens_upward_and_contains_only_high_probabilities() {
         let funnel = Funnel::of(&link(), 60.0, 120.0);
         let widest = |layer: i32| {
             let layer = funnel.voxels.iter().filter(|voxel| voxel[2] == layer);

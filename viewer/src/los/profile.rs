@@ -1,8 +1,7 @@
-//! The choice of an altitude: probability and rates of the served links over the altitude, above the UAV's ground
-//! position.
+//! Probability of line of sight and rates of the served links over the altitude, at the UAV's horizontal position.
 //!
-//! With the altitude the probability of line of sight grows and the rate in line of sight falls; the expected rate has
-//! its maximum in between.
+//! With increasing altitude, the probability of line of sight rises and the rate in line of sight falls. The expected rate
+//! has its maximum in between.
 
 use nalgebra::Point3;
 use re_sdk::RecordingStreamResult;
@@ -96,14 +95,14 @@ impl Profile {
         canvas.show(FLOWN, &LineStrips2D::update_fields().with_strips([[[at, 0.0], [at, HEIGHT as f32]]]))
     }
 
-    /// Takes the curves away.
+    /// Clears the curves.
     pub(super) fn clear(&self, canvas: &Canvas) -> RecordingStreamResult<()> {
         canvas.clear(CURVES)?;
         canvas.clear(FLOWN)
     }
 }
 
-/// Altitudes that are compared: those that may be flown, or around the only one.
+/// The range of altitudes: those that the UAV may fly, or a range around a fixed one.
 fn range_m(scenario: &Scenario) -> [f64; 2] {
     let fixed_m = scenario.uav.altitude_m;
     let fixed = [0.5 * fixed_m, 1.5 * fixed_m];

@@ -1,11 +1,10 @@
-//! Legs between sensors, in slots, such that the two legs of a path that meet at a sensor start and end near each other.
+//! Legs between sensors [slots], with surcharges that account for the flight across the disks.
 //!
-//! By itself a leg between two sensors takes at least the slots from rim to rim of their disks. But a path that comes
-//! in at one side of a disk and goes out at the other has to cross it. So a disk is divided into cells, a leg runs from
-//! cell to cell, and each cell has a surcharge: it is added to the leg toward one sensor, the favourite, and taken off
-//! all other legs. A path has two different legs at each inner sensor, both from the cell in which it is served, so the
-//! surcharges of the two add up to no more than 0: the legs with surcharges weigh no more than the path, up to the
-//! surcharges at its two ends.
+//! A leg between two sensors takes at least the slots from rim to rim of their disks. But a path that enters a disk on one
+//! side and leaves it on the other has to cross it. So disks are divided into cells, and legs run from cell to cell. Each
+//! cell has a surcharge, which is added to the leg toward one sensor, the favourite, and subtracted from all other legs. A
+//! path has two different legs at each inner sensor, from the same cell, so the sum of their surcharges is at most 0: the
+//! legs with surcharges weigh at most as much as the path, up to the surcharges at its ends.
 
 use skysink_common::geometry::Position;
 
@@ -17,23 +16,23 @@ const GRID: usize = 4;
 /// Cells of a disk.
 const CELLS: usize = GRID * GRID;
 
-/// Sensors near to one, the legs to which run from cell to cell; the others run from rim to rim.
+/// Nearest sensors of each sensor, to which legs run from cell to cell; other legs run from rim to rim.
 const NEAREST: usize = 12;
 
-/// Keeps rounding, and the slack of range and reach (decision D5), from lengthening a leg [slots].
+/// Margin [slots] against rounding, and for the slack of range and reach (decision D5).
 const ROUNDING_SLOTS: f64 = 1e-6;
 
-/// The same, relative to a length.
+/// The same margin, relative to a length.
 const SLACK: f64 = 1e-8;
 
-/// A leg with its price, and where it starts and ends.
+/// A leg with its price and ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PricedLeg {
     /// Slots with surcharges, less the prices of both ends.
     pub priced: f64,
     /// Its sensors.
     pub ends: [u32; 2],
-    /// The cells of their disks; none from rim to rim.
+    /// The cells of their disks; `None` from rim to rim.
     pub cells: Option<[u8; 2]>,
 }
 
@@ -46,9 +45,9 @@ pub struct Legs {
     near: Vec<([u32; 2], Box<CellLegs>)>,
     /// From rim to rim, without surcharges.
     far: Vec<([u32; 2], f64)>,
-    /// Of each cell, by sensor: the sensor toward which it costs more.
+    /// By sensor and cell: the sensor toward which the surcharge is added.
     favourites: Vec<[u32; CELLS]>,
-    /// How much more, and how much less toward others [slots].
+    /// By sensor and cell: the surcharge [slots], at least 0.
     surcharges: Vec<[f64; CELLS]>,
 }
 
@@ -82,14 +81,13 @@ impl Legs {
         legs
     }
 
-    /// What a path that ends at `sensor` may weigh less than its legs, because a surcharge has no counterpart [slots].
+    /// Largest surcharge of `sensor` [slots], which has no counterpart at the end of a path.
     #[must_use]
     pub fn end_slots(&self, sensor: u32) -> f64 {
         self.surcharges[sensor as usize].iter().copied().fold(0.0, f64::max)
     }
 
-    /// The legs between near sensors, each from the cells between which it is cheapest, less `prices` [slots] of its
-    /// ends.
+    /// The legs between near sensors, each between its cheapest cells, less the `prices` [slots] of its ends.
     pub fn near(&self, prices: &[f64]) -> impl Iterator<Item = PricedLeg> {
         self.near.iter().map(|&([first, second], ref slots)| {
             let first_slots = self.toward(first, second);
@@ -109,7 +107,7 @@ impl Legs {
         })
     }
 
-    /// The other legs of less than `below` slots, at least: with the least surcharge that any cell of both has.
+    /// Lower bounds on the other legs that are below `below` [slots], with the least surcharges of any cells.
     pub fn far(&self, prices: &[f64], below: f64) -> impl Iterator<Item = PricedLeg> {
         let ids = 0..self.surcharges.len() as u32;
         let ends: Vec<f64> = ids.map(|id| prices[id as usize] + self.end_slots(id)).collect();
@@ -120,14 +118,14 @@ impl Legs {
         self.far.iter().map(leg).filter(move |leg| leg.priced < below)
     }
 
-    /// What the cells of `sensor` add to a leg toward `other` [slots].
+    /// The surcharges of the cells of `sensor` on a leg toward `other` [slots].
     fn toward(&self, sensor: u32, other: u32) -> [f64; CELLS] {
         let favourites = &self.favourites[sensor as usize];
         let surcharges = &self.surcharges[sensor as usize];
         std::array::from_fn(|cell| if favourites[cell] == other { surcharges[cell] } else { -surcharges[cell] })
     }
 
-    /// Moves surcharges by `step` [slots] against those who use a cell for one leg only: `used` are the legs of a tree.
+    /// Makes a subgradient step of `step` [slots] on the surcharges. `used` are the legs of a tree.
     pub fn adjust(&mut self, used: &[PricedLeg], step: f64) {
         let mut uses: Vec<(u32, u8, u32)> = Vec::with_capacity(2 * used.len());
         for leg in used {
@@ -214,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn surcharges_of_two_legs_at_a_sensor_add_up_to_no_more_than_nothing() {
+    fn the_sum_of_the_surcharges_of_two_legs_at_a_sensor_is_at_most_0() {
         let table = table_of(&[[0.0, 0.0], [50.0, 0.0], [100.0, 0.0], [50.0, 45.0]]);
         let mut legs = Legs::new(&table);
         for round in 0..50 {

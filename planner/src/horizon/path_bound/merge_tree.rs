@@ -1,25 +1,24 @@
-//! Which sets of sensors a path can connect cheaply: a bound on the weight of every spanning tree of every set, by the
-//! order in which legs of rising price merge the sensors into one.
+//! Lower bound on the weight of every spanning tree of every set of sensors, by the order in which legs of increasing price
+//! merge the sensors into one component (Kruskal).
 //!
-//! Take all legs cheaper than some price x: they connect the sensors into components, and a tree over a set of sensors
-//! that lie in k of them has at least k − 1 legs of x or more. So it weighs at least the integral of `k(x) − 1` over x,
-//! above the cheapest leg, and the cheapest leg once for each of its legs. A component that exists from x1 to x2
-//! contributes `x2 − x1` if the set has a sensor in it, which makes the best set for a reward per sensor a walk over the
-//! components.
+//! The legs cheaper than a price x connect the sensors into components. A tree over a set of sensors in k of them has at
+//! least k − 1 legs of price x or more. So its weight is at least the price of the cheapest leg times its number of legs,
+//! plus the integral of `k(x) − 1` over x above that price. A component that exists from x1 to x2 contributes `x2 − x1` if
+//! the set has a sensor in it, so the best set for given rewards is found by one pass over the components.
 
 use super::legs::PricedLeg;
 
-/// The components, in the order in which they come to be: first each sensor by itself.
+/// The components in the order of their creation, beginning with the single sensors.
 #[derive(Debug, Clone)]
 pub struct MergeTree {
     sensors: usize,
-    /// By component: the price at which it comes to be.
+    /// By component: the price at which it is created.
     births: Vec<f64>,
     /// By merge, in order: the two components that merge, and the leg.
     merges: Vec<([u32; 2], PricedLeg)>,
 }
 
-/// The set of sensors for which rewards less weight are most.
+/// The set of sensors that maximises rewards less weight.
 #[derive(Debug, Clone)]
 pub struct BestSet {
     /// Rewards less a lower bound on the weight of every spanning tree of the set.
@@ -31,8 +30,7 @@ pub struct BestSet {
 }
 
 impl MergeTree {
-    /// The tree over `sensors` sensors, at least 2, by `legs` in the order of their prices; none if they do not connect
-    /// all.
+    /// The tree over `sensors` sensors, at least 2, by `legs` sorted by price; `None` if they do not connect all.
     #[must_use]
     pub fn new(sensors: usize, legs: &[PricedLeg]) -> Option<Self> {
         let cheapest = legs.first()?.priced;
@@ -61,7 +59,7 @@ impl MergeTree {
         self.births[self.births.len() - 1]
     }
 
-    /// The best set of at least one sensor, if sensor i is worth `rewards[i]`.
+    /// The best set of at least one sensor, if sensor i has the reward `rewards(i)`.
     #[must_use]
     pub fn best_set(&self, rewards: impl Fn(usize) -> f64) -> BestSet {
         let cheapest = self.births[0];
@@ -81,12 +79,12 @@ impl MergeTree {
         BestSet { value: values[last] + self.last(), size: sizes[last], values }
     }
 
-    /// What a component adds to the one that it merges into by `leg`.
+    /// The value that a component adds to the one into which it is merged by `leg`.
     fn worth(&self, part: u32, leg: &PricedLeg, values: &[f64]) -> f64 {
         values[part as usize] - (leg.priced - self.births[part as usize])
     }
 
-    /// Those of two merging components that the best set has sensors in: who adds something, or the better one.
+    /// Those of two merging components that are in the best set: those of positive worth, or the better one.
     fn kept(&self, parts: &[u32; 2], leg: &PricedLeg, values: &[f64]) -> impl Iterator<Item = u32> {
         let [first, second] = parts.map(|part| self.worth(part, leg, values));
         let kept = [first > 0.0 || first >= second, second > 0.0 || second > first];

@@ -1,6 +1,6 @@
 //! The five circles that Algorithm 1 draws about a pair of sensor nodes.
 //!
-//! Plane geometry only; who is in them is asked by [`crate::strategies::algorithm_1`].
+//! The sensor nodes in them are determined by [`crate::strategies::algorithm_1`].
 
 use skysink_common::geometry::Position;
 
@@ -39,7 +39,7 @@ mod tests {
     }
 
     #[test]
-    fn the_five_circles_stand_where_the_letter_puts_them() {
+    fn the_five_circles_are_those_of_the_paper() {
         // d = 12: V = sqrt(10² − 6²) = 8. u = (1, 0).
         let expected = [[46.0, 58.0], [46.0, 42.0], [50.0, 50.0], [42.0, 50.0], [46.0, 50.0]];
         assert_circles([52.0, 50.0], [40.0, 50.0], expected);

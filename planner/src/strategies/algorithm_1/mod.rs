@@ -1,7 +1,7 @@
-//! The schedule: sP1 by Algorithm 1, the letter's search over circles about pairs of sensor nodes (SNs).
+//! The schedule: sP1 by Algorithm 1 of the paper, a search over circles about pairs of sensor nodes (SNs).
 //!
-//! It maximises `Σ B_i(t−1)` over the set (decision D6), with ties to the lowest index everywhere (decision D7). Where
-//! exactly the UAV then flies is left to [`crate::waypoint`].
+//! It maximises `Σ B_i(t−1)` over the set (decision D6), with ties to the lowest index (decision D7). The waypoint is left
+//! to [`crate::waypoint`].
 
 pub mod circles;
 
@@ -13,14 +13,14 @@ use crate::sensor_table::SensorTable;
 use crate::strategies::nearby::{Spot, may_share, preselect};
 use circles::{CIRCLES, circles};
 
-/// Which anchors and circles Algorithm 1 takes for reachable from `L_u(t−1)`.
+/// The anchors and circles that Algorithm 1 considers reachable from `L_u(t−1)`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reach {
-    /// `uts`, the letter's: anchors within `V τ − d_c`, from where every circle about them is in reach, or within `V τ`
-    /// when that is not above 0. Circles are taken unseen.
+    /// `uts`, as in the paper: anchors within `V τ − d_c`, so that all circles about them are in reach, or within `V τ` if
+    /// that is not positive. The reach of circles is not checked.
     Letter,
-    /// `uts-wide`: anchors within `V τ + d_c`, which is as far as the UAV can serve one, and only the circles whose
-    /// centre is within `V τ`.
+    /// `uts-wide`: anchors within `V τ + d_c`, the farthest at which one can be served, and only circles whose centre is
+    /// within `V τ`.
     Wide,
 }
 
@@ -43,11 +43,11 @@ impl Reach {
 /// The search, with its working memory.
 #[derive(Debug, Clone, Default)]
 pub struct Search {
-    /// The SNs that this slot's sets can have, fullest first: the first n that pass a test are the n largest.
+    /// The SNs that can be in a set of this slot, fullest first: the first n that pass a test are the n fullest.
     nearby: Vec<Spot>,
 }
 
-/// How the winning set came about.
+/// Origin of the winning set.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Winner {
     /// Anchor SN i.
@@ -86,9 +86,9 @@ impl Search {
     ///
     /// Fills `ids` with the set, ascending; `None` if there is no anchor.
     ///
-    /// Where `V τ > d_c`, the letter's anchors are among the wide ones and all five circles about them are in reach, so
-    /// that the wide search never finds less. Where `V τ ≤ d_c`, the letter's circles can be out of reach and its set
-    /// worth more: on paper, or even in the air, when the set can also be served from a point that is no centre.
+    /// If `V τ > d_c`, the anchors of the paper are among the wide ones and all circles about them are in reach, so the
+    /// wide search never finds less. If `V τ ≤ d_c`, circles of the paper's search can be out of reach, and its set worth
+    /// more; such a set may still be served from a point that is not a centre.
     pub fn best_set(
         &mut self,
         reach: Reach,
@@ -132,9 +132,9 @@ impl Search {
         self.nearby.iter().find(in_range).filter(|_| table.resource_blocks > 1)
     }
 
-    /// Whether the set of `anchor` and `partner` could be better than the best so far. Nothing is lost without a pair
-    /// that could not: a circle has both in range, so whom it adds may share a waypoint with either of the two, it adds
-    /// n−2 at most, and none is fuller than the one that comes next here. Most pairs lose by it, and need no circles.
+    /// Upper-bound test: whether the set of `anchor` and `partner` could beat the best so far. A circle has both in range,
+    /// so each of the at most n−2 SNs that it adds may share a waypoint with either, and the fullest of those are counted.
+    /// Most pairs fail, and need no circles.
     fn could_win(&self, table: &SensorTable, anchor: &Spot, partner: &Spot, best: &Option<Candidate>) -> bool {
         let mut sum_bits = sum_bits([anchor, partner].into_iter());
         let mut blocks = table.resource_blocks as u64 - 2;
@@ -179,7 +179,7 @@ impl Search {
         self.others(anchor, partner).filter(is_in).take(table.resource_blocks - 2)
     }
 
-    /// Everybody but anchor and partner, fullest first.
+    /// All SNs except anchor and partner, fullest first.
     fn others(&self, anchor: u32, partner: u32) -> impl Iterator<Item = &Spot> {
         self.nearby.iter().filter(move |spot| spot.id != anchor && spot.id != partner)
     }
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fuller_queue_in_the_sliver_of_decision_d5_is_not_given_up() {
+    fn a_fuller_queue_within_the_slack_of_decision_d5_is_found() {
         // SNs 0 and 1 are 20 (1 + 0.9e-9) m apart: partners by the slack. C1 about them is 4.2e-4 m off their middle,
         // by 10 (1 + 1.8e-9) m from either, and has SN 2 in range, 20 (1 + 2.7e-9) m from SN 0, whose partner it cannot
         // be.
@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn below_range_the_letters_set_can_be_worth_more_than_the_wide_one() {
+    fn with_little_reach_the_papers_set_can_be_worth_more_than_the_wide_one() {
         // V τ = 5 m: no circle about SNs 19 m apart is in reach. The letter does not ask; its set cannot be served.
         let mut table = table_of(&[[55.0, 50.0], [74.0, 50.0]]);
         table.reach_m = 5.0;

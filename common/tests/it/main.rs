@@ -1,0 +1,4 @@
+//! Scenarios and sensor lists.
+
+mod geodetic;
+mod scenario;

@@ -1,0 +1,324 @@
+//! Scenarios and sensor lists: what is accepted, and that what is written reads back as the same mission.
+
+use std::path::Path;
+
+use proptest::prelude::*;
+use skysink_common::channel::LineOfSight;
+use skysink_common::error::InputError;
+use skysink_common::scenario::{GainMode, LosCurve, Overrides, Scenario, Sensors};
+use skysink_common::sensors::{Sensor, SensorList};
+
+fn parse(text: &str) -> Result<Scenario, InputError> {
+    Scenario::parse(text, Path::new("folder/city.toml"), Overrides::default())
+}
+
+fn refusal(text: &str) -> String {
+    parse(text).unwrap_err().to_string()
+}
+
+#[test]
+fn every_default_is_the_papers_value() {
+    let letter = Scenario::letter(Overrides::default()).unwrap();
+    let mut short = parse("name = \"letter\"\n").unwrap();
+    short.path = letter.path.clone();
+    short.planner = letter.planner.clone(); // the planner fills in its own defaults
+    assert_eq!(short, letter);
+    assert_eq!((letter.slots, letter.slot_s, letter.reach_m()), (600, 1.0, 30.0));
+    assert_eq!((letter.link.resource_blocks, letter.link.gain), (4, Some(GainMode::Static)));
+    assert!((letter.link.noise_w() - 1e-13).abs() < 1e-27); // −100 dBm
+    assert_eq!(letter.sensors.sampling_bps.ends(), [100.0; 2]);
+}
+
+#[test]
+fn a_resolved_scenario_is_the_same_scenario() {
+    let text = "name = \"odd\"\nslots = 7\nslot_s = 0.1\n[area]\nwidth_m = 80.5\nheight_m = 60.25\n[link]\ncomm_s = 0.03\n\
+                gain_db = -51.5\ngain = \"per-slot\"\nnoise_dbm = -97.3\n[planner]\nstrategy = \"gfs\"\n";
+    let scenario = parse(text).unwrap();
+    assert_eq!(parse(&scenario.to_toml()).unwrap(), scenario);
+    assert_eq!(scenario.link.gain_range_db(), [-51.5, -51.5]);
+    assert_eq!((scenario.start().x, scenario.start().y), (40.25, 30.125));
+}
+
+#[test]
+fn the_planners_keys_are_kept_unchanged_and_are_part_of_the_hash() {
+    let text = "name = \"x\"\n[planner]\nstrategy = \"my-own\"\nsteps = 5\n[planner.my-own]\ndepth = 3\n";
+    let scenario = parse(text).unwrap();
+    assert_eq!(scenario.planner.strategy, "my-own");
+    assert_eq!(scenario.planner.others["my-own"]["depth"].as_integer(), Some(3));
+    assert_eq!(parse(&scenario.to_toml()).unwrap(), scenario);
+    assert_ne!(scenario.hash(), parse(&text.replace("depth = 3", "depth = 4")).unwrap().hash());
+    assert_eq!(parse("name = \"x\"\n").unwrap().planner.strategy, "uts");
+}
+
+#[test]
+fn sampling_rates_and_initial_queues_are_drawn_between_their_ends() {
+    let text = "name = \"x\"\n[sensors]\ncount = 10000\nsampling_bps = [50, 150.0]\ncapacity_bits = 1000000\n\
+                initial_queue_mean_bits = [0.0, 20000.0]\n";
+    let scenario = parse(text).unwrap();
+    assert_eq!(parse(&scenario.to_toml()).unwrap(), scenario);
+    assert!(scenario.to_toml().contains("\nsampling_bps = [50.0, 150.0]\n"), "{}", scenario.to_toml());
+    let Sensors { sampling_bps, initial_queue_mean_bits, .. } = scenario.sensors;
+    assert_eq!((sampling_bps.mean(), initial_queue_mean_bits.mean()), (100.0, 10_000.0));
+    let list = SensorList::of(&scenario).unwrap();
+    let mean = |value: &dyn Fn(usize) -> f64| (0..10_000).map(value).sum::<f64>() / 10_000.0;
+    let sensors = list.sensors();
+    assert!(sensors.iter().all(|sensor| (50.0..150.0).contains(&sensor.sampling_bps)));
+    // Five standard errors: uniform over 100 bit/s has deviation 28.9, over 20 000 bit 5 774 (the Poisson's 100 is
+    // little).
+    let rate = |id: usize| sensors[id].sampling_bps;
+    let queue = |id: usize| f64::from(sensors[id].queue_bits);
+    assert!((mean(&rate) - 100.0).abs() < 1.45);
+    assert!((mean(&queue) - 10_000.0).abs() < 290.0);
+    // Rates, queues and positions are uncorrelated; a correlation has deviation 0.01.
+    let together = |a: &dyn Fn(usize) -> f64, b: &dyn Fn(usize) -> f64| {
+        let (mean_a, mean_b) = (mean(a), mean(b));
+        let covariance = |a: &dyn Fn(usize) -> f64, b: &dyn Fn(usize) -> f64, mean_a: f64, mean_b: f64| {
+            mean(&|id| (a(id) - mean_a) * (b(id) - mean_b))
+        };
+        let deviations = (covariance(a, a, mean_a, mean_a) * covariance(b, b, mean_b, mean_b)).sqrt();
+        covariance(a, b, mean_a, mean_b) / deviations
+    };
+    assert!(together(&rate, &queue).abs() < 0.05);
+    assert!(together(&rate, &|id| sensors[id].position.x).abs() < 0.05);
+    assert!(together(&queue, &|id| sensors[id].gain_db).abs() < 0.05);
+}
+
+#[test]
+fn drawing_rates_and_means_changes_nothing_else() {
+    let plain = SensorList::of(&Scenario::letter(Overrides::default()).unwrap()).unwrap();
+    let drawn = parse("name = \"x\"\n[sensors]\nsampling_bps = [50.0, 150.0]\n").unwrap();
+    let drawn = SensorList::of(&drawn).unwrap();
+    let wide = parse("name = \"x\"\n[sensors]\ninitial_queue_mean_bits = [0.0, 20000.0]\n").unwrap();
+    let wide = SensorList::of(&wide).unwrap();
+    for ((plain, drawn), wide) in plain.sensors().iter().zip(drawn.sensors()).zip(wide.sensors()) {
+        assert_eq!(Sensor { sampling_bps: plain.sampling_bps, ..*drawn }, *plain);
+        assert_eq!(Sensor { queue_bits: plain.queue_bits, ..*wide }, *plain);
+    }
+    // Golden: a change here is value-breaking.
+    assert_eq!(
+        drawn.sensors()[..2].iter().map(|sensor| sensor.sampling_bps).collect::<Vec<_>>(),
+        [117.11838110034147, 116.93695663898046]
+    );
+    assert_eq!(wide.queues_bits()[..3], [2936, 19557, 2384]);
+    // The list has priority; missing values are drawn by row.
+    let scenario = parse("name = \"x\"\n[sensors]\nsampling_bps = [50.0, 150.0]\n").unwrap();
+    let list = SensorList::parse("x_m,y_m,sampling_bps\n1,2,7\n", Path::new("l.csv"), &scenario).unwrap();
+    assert_eq!(list.sensors()[0].sampling_bps, 7.0);
+    let list = SensorList::parse("x_m,y_m\n1,2\n3,4\n", Path::new("l.csv"), &scenario).unwrap();
+    assert_eq!(list.sensors()[1].sampling_bps, drawn.sensors()[1].sampling_bps);
+}
+
+#[test]
+fn a_list_is_relative_to_the_scenario() {
+    let scenario = parse("name = \"x\"\n[sensors]\nfile = \"sub/list.csv\"\n").unwrap();
+    assert_eq!(scenario.sensor_file(), Some("folder/sub/list.csv".into()));
+}
+
+#[test]
+fn overrides_take_part_in_the_resolved_scenario_and_its_hash() {
+    let overrides = Overrides { seed: Some(9), strategy: Some("rfs"), ..Overrides::default() };
+    let plain = Scenario::letter(Overrides::default()).unwrap();
+    let other = Scenario::letter(overrides).unwrap();
+    assert!(other.to_toml().contains("seed = 9") && other.to_toml().contains("strategy = \"rfs\""));
+    assert_ne!(plain.hash(), other.hash());
+    // The copy in a run folder names a list instead of a count: the same mission.
+    assert_eq!(parse(&plain.to_toml_with_list("sensors.csv")).unwrap().hash(), plain.hash());
+}
+
+#[test]
+fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
+    let cases = [
+        ("[link]\nnoise_dbm = 12\n", "link.noise_dbm = 12: expected a finite level below 0 dBm (and not below -300)"),
+        ("[uav]\nmax_speed_mps = inf\n", "uav.max_speed_mps = inf: expected a finite number above 0"),
+        (
+            "[uav]\nstart_m = [0.0, 100.1]\n",
+            "uav.start_m = [0.0, 100.1]: expected a position in the area, [0, 100] × [0, 100]",
+        ),
+        ("[link]\ncomm_s = 1.5\n", "link.comm_s = 1.5: expected at most the slot's 1 s"),
+        (
+            "[link]\ngain_db = [-50.0, -55.0]\n",
+            "link.gain_db = [-50.0, -55.0]: expected a level from -300 to 0 dB, the lower first",
+        ),
+        ("[link]\nresource_blocks = 65\n", "link.resource_blocks = 65: expected 1 to 64"),
+        ("[sensors]\ncapacity_bits = 4294967296\n", "sensors.capacity_bits = 4294967296: expected 1 to 4294967295"),
+        ("[sensors]\nsampling_bps = nan\n", "sensors.sampling_bps = nan: expected a finite number, 0 or above"),
+        (
+            "slots = 1\n[sensors]\nsampling_bps = 9e15\ncount = 1001\n",
+            "sensors.sampling_bps = 9000000000000000.0: expected at most 9e18 bits over the mission from all sensor nodes",
+        ),
+        (
+            "[sensors]\nsampling_bps = [150.0, 50.0]\n",
+            "sensors.sampling_bps = [150.0, 50.0]: expected a finite number, 0 or above, the lower first",
+        ),
+        (
+            "[sensors]\nsampling_bps = [-1.0, 50.0]\n",
+            "sensors.sampling_bps = [-1.0, 50.0]: expected a finite number, 0 or above, the lower first",
+        ),
+        (
+            "[sensors]\nsampling_bps = [0.0, 1e14]\n",
+            "sensors.sampling_bps = [0.0, 100000000000000.0]: expected at most 9e15 bits over the mission",
+        ),
+        (
+            "[sensors]\ninitial_queue_mean_bits = -1.0\n",
+            "sensors.initial_queue_mean_bits = -1.0: expected 0 to 4294967295 bits",
+        ),
+        (
+            "[sensors]\ninitial_queue_mean_bits = [0.0, nan]\n",
+            "sensors.initial_queue_mean_bits = [0.0, nan]: expected 0 to 4294967295 bits, the lower first",
+        ),
+        ("[area]\nside_m = 5.0\nwidth_m = 5.0\n", "area.side_m = 5.0: expected either side_m, or width_m and height_m"),
+        ("[area]\nheight_m = 5.0\n", "area.height_m = 5.0: expected width_m and height_m together, or side_m"),
+    ];
+    for (text, expected) in cases {
+        let text = format!("name = \"city\"\n{text}");
+        assert_eq!(refusal(&text), format!("scenario folder/city.toml: {expected}"));
+    }
+}
+
+#[test]
+fn the_probabilistic_model_has_its_own_keys_and_defaults() {
+    let scenario = parse("name = \"x\"\n[uav]\naltitude = \"free\"\n[link]\nmodel = \"probabilistic-los\"\n").unwrap();
+    let los = LineOfSight::of(&scenario).unwrap();
+    let climb = scenario.uav.climb().unwrap();
+    assert_eq!(los.curve, LosCurve::Sigmoid { a: 9.61, b: 0.16 }, "urban");
+    // p β0/(σ² Γ) = 0.05 · 10^−6/(10^−13 · 10^0.82), and μ = 0.01
+    assert!((los.los_snr / (5e5 / 10f64.powf(0.82)) - 1.0).abs() < 1e-12);
+    assert!((los.nlos_snr / los.los_snr - 0.01).abs() < 1e-15);
+    assert_eq!((climb.min_altitude_m, climb.max_altitude_m, climb.max_climb_mps), (20.0, 120.0, 5.0));
+    assert_eq!(scenario.altitudes_m(22.0), [20.0, 27.0]);
+    assert_eq!(parse(&scenario.to_toml()).unwrap(), scenario);
+    for key in ["environment = \"urban\"", "snr_gap_db = 8.2", "min_altitude_m = 20.0"] {
+        assert!(scenario.to_toml().contains(key), "{key}");
+    }
+    let list = SensorList::parse("x_m,y_m,gain_db\n1,2,-51\n", Path::new("l.csv"), &scenario).unwrap();
+    assert_eq!(list.sensors()[0].gain_db, -60.0, "one reference gain for all");
+}
+
+#[test]
+fn inconsistent_channels_are_refused() {
+    let los = "model = \"probabilistic-los\"\n";
+    let cases = [
+        ("[uav]\naltitude = \"free\"\n".to_owned(), "uav.altitude"),
+        ("[link]\nenvironment = \"urban\"\n".to_owned(), "link.environment"),
+        ("[link]\nsnr_gap_db = 3.0\n".to_owned(), "link.snr_gap_db"),
+        (format!("[link]\n{los}gain_db = -50.0\n"), "link.gain_db"),
+        (format!("[link]\n{los}los_exponent = nan\n"), "link.los_exponent = nan"),
+        (format!("[link]\n{los}los = {{ a = -1.0, b = 0.1 }}\n"), "link.los.a"),
+        (format!("[link]\n{los}los = {{ b1 = 0.0, b2 = 0.1, b3 = 0.0, b4 = 0.9 }}\n"), "link.los.b3"),
+        (format!("[link]\n{los}los = {{ a = 9.0, b = 0.1 }}\nenvironment = \"urban\"\n"), "link.environment"),
+        (format!("[uav]\naltitude = \"free\"\nmin_altitude_m = 130.0\n[link]\n{los}"), "uav.max_altitude_m"),
+        (format!("[uav]\naltitude = \"free\"\naltitude_m = 10.0\n[link]\n{los}"), "uav.altitude_m = 10.0"),
+        (format!("[uav]\naltitude = \"free\"\nmax_climb_mps = -1.0\n[link]\n{los}"), "uav.max_climb_mps"),
+    ];
+    for (text, key) in cases {
+        let refusal = refusal(&format!("name = \"x\"\n{text}"));
+        assert!(refusal.contains(key) && refusal.contains("expected") && !refusal.contains('\n'), "{text}: {refusal}");
+    }
+}
+
+#[test]
+fn a_text_that_is_not_a_scenario_is_refused_in_one_line() {
+    for text in
+        ["", "name = \n", "name = \"x\"\nname = \"y\"\n", "name = \"x\"\n[link]\nmodel = \"two-ray\"\n", "[uav]\n"]
+    {
+        let refusal = refusal(text);
+        assert!(refusal.starts_with("scenario folder/city.toml: ") && !refusal.contains('\n'), "{refusal}");
+    }
+}
+
+#[test]
+fn a_drawn_list_stays_what_it_is() {
+    let scenario = Scenario::letter(Overrides::default()).unwrap();
+    let list = SensorList::of(&scenario).unwrap();
+    assert_eq!(list.sensors().len(), 200);
+    let csv = list.to_csv();
+    let first: Vec<_> = csv.lines().take(3).collect();
+    assert_eq!(first, GOLDEN);
+}
+
+/// A change here is value-breaking.
+const GOLDEN: [&str; 3] = [
+    "x_m,y_m,queue_bits,gain_db,sampling_bps",
+    "23.552759232624066,82.97170553216704,9929,-52.483535711451864,100",
+    "18.395975481743854,61.90525892498139,10153,-54.44661010255869,100",
+];
+
+#[test]
+fn a_drawn_field_has_the_distributions_of_its_scenario() {
+    let scenario = parse("name = \"x\"\n[sensors]\ncount = 10000\n").unwrap();
+    let list = SensorList::of(&scenario).unwrap();
+    let mean = |value: &dyn Fn(usize) -> f64| (0..10_000).map(value).sum::<f64>() / 10_000.0;
+    let sensors = list.sensors();
+    // Five standard errors: uniform on 100 m has deviation 28.9 m, uniform on 5 dB 1.44 dB, Poisson(10 000) 100 bit.
+    assert!((mean(&|id| sensors[id].position.x) - 50.0).abs() < 1.45);
+    assert!((mean(&|id| sensors[id].position.y) - 50.0).abs() < 1.45);
+    assert!((mean(&|id| sensors[id].gain_db) + 52.5).abs() < 0.073);
+    assert!((mean(&|id| f64::from(sensors[id].queue_bits)) - 10_000.0).abs() < 5.0);
+    let deviation = mean(&|id| (f64::from(sensors[id].queue_bits) - 10_000.0).powi(2)).sqrt();
+    assert!((deviation - 100.0).abs() < 5.0, "{deviation}");
+    assert!(sensors.iter().all(|sensor| (-55.0..=-50.0).contains(&sensor.gain_db)));
+}
+
+#[test]
+fn initial_queues_are_capped_at_the_buffer() {
+    let scenario = parse("name = \"x\"\n[sensors]\ncapacity_bits = 9000\n").unwrap();
+    assert!(SensorList::of(&scenario).unwrap().queues_bits().iter().all(|&queue| queue == 9000));
+    let empty = parse("name = \"x\"\n[sensors]\ninitial_queue_mean_bits = 0.0\n").unwrap();
+    assert!(SensorList::of(&empty).unwrap().queues_bits().iter().all(|&queue| queue == 0));
+}
+
+#[test]
+fn missing_columns_are_filled_from_the_seed_and_the_scenario() {
+    let scenario = parse("name = \"x\"\n[sensors]\nsampling_bps = 70.0\n").unwrap();
+    let drawn = SensorList::of(&scenario).unwrap();
+    let list = SensorList::parse("gain_db,y_m,x_m\n-51.0,2,1\n-52.0,4,3\n", Path::new("l.csv"), &scenario).unwrap();
+    assert_eq!(list.sensors()[1].position, [3.0, 4.0].into());
+    assert_eq!((list.sensors()[1].gain_db, list.sensors()[1].sampling_bps), (-52.0, 70.0));
+    assert_eq!(list.queues_bits(), drawn.queues_bits()[..2]);
+}
+
+#[test]
+fn a_list_that_samples_more_than_can_be_counted_is_refused() {
+    let scenario = parse("name = \"x\"\nslots = 1\n").unwrap();
+    let rows = |count| format!("x_m,y_m,sampling_bps\n{}", "1,2,9e15\n".repeat(count));
+    assert!(SensorList::parse(&rows(1000), Path::new("l.csv"), &scenario).is_ok());
+    let error = SensorList::parse(&rows(1001), Path::new("l.csv"), &scenario).unwrap_err().to_string();
+    let expected = "at most 9e18 bits over the mission from all sensor nodes";
+    assert_eq!(error, format!("sensor list l.csv: line 1002: sampling_bps = 9000000000000000: expected {expected}"));
+}
+
+#[test]
+fn the_error_of_a_list_is_one_line_whatever_it_quotes() {
+    let scenario = parse("name = \"x\"\n").unwrap();
+    let error = SensorList::parse("x_m,y_m\n\"1\n2\",3\n", Path::new("l.csv"), &scenario).unwrap_err();
+    assert_eq!(error.to_string(), "sensor list l.csv: line 2: x_m = 1\\n2: expected a position in the area, 0 to 100");
+}
+
+proptest! {
+    #[test]
+    fn a_written_list_reads_back_exactly(
+        rows in prop::collection::vec(
+            (0.0f64..=100.0, 0.0f64..=100.0, 0u32..=30_000, -300.0f64..=0.0, 0.0f64..1e6),
+            1..20,
+        ),
+    ) {
+        let scenario = parse("name = \"x\"\n").unwrap();
+        let text: String = rows.iter().map(|(x, y, q, g, s)| format!("{x},{y},{q},{g},{s}\n")).collect();
+        let text = format!("x_m,y_m,queue_bits,gain_db,sampling_bps\n{text}");
+        let list = SensorList::parse(&text, Path::new("l.csv"), &scenario).unwrap();
+        for (sensor, (x, y, q, g, s)) in list.sensors().iter().zip(rows) {
+            prop_assert_eq!((sensor.position, sensor.queue_bits), ([x, y].into(), q));
+            prop_assert_eq!((sensor.gain_db, sensor.sampling_bps), (g, s));
+        }
+        prop_assert_eq!(SensorList::parse(&list.to_csv(), Path::new("l.csv"), &scenario).unwrap(), list);
+    }
+
+    #[test]
+    fn no_text_makes_the_readers_panic(text in "\\PC{0,200}", tail in "[-0-9a-z_.,=\"\\[\\]\n ]{0,200}") {
+        let scenario = parse("name = \"x\"\n").unwrap();
+        for text in [&text, &tail, &format!("name = \"x\"\n{tail}"), &format!("x_m,y_m\n{tail}")] {
+            let _ = parse(text);
+            let _ = SensorList::parse(text, Path::new("l.csv"), &scenario);
+        }
+    }
+}

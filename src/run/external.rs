@@ -1,0 +1,100 @@
+//! External processes of a run: the user starts them, on this host or on another.
+
+use std::time::{Duration, Instant, SystemTime};
+
+use iceoryx2::port::listener::Listener;
+use iceoryx2::prelude::Service;
+use skysink_ring::error::RingError;
+use skysink_ring::health::ProcessEvent;
+use skysink_ring::role::Role;
+use skysink_ring::topics::Ring;
+
+use crate::run::heartbeat::{Heartbeat, SILENT_AFTER};
+
+/// A process of the run that the launcher does not start.
+#[derive(Debug)]
+pub struct ExternalProcess<S: Service> {
+    /// Its role.
+    pub role: Role,
+    /// Whether it runs on this host.
+    is_local: bool,
+    /// Its heartbeat over the link, if the ring has one.
+    remote: Option<RemoteHeartbeat<S>>,
+}
+
+/// The heartbeat of a process that may be on another host. The link forwards the events that the process sends while it
+/// waits.
+#[derive(Debug)]
+struct RemoteHeartbeat<S: Service> {
+    listener: Listener<S>,
+    heard: Option<SystemTime>,
+    heartbeat: Heartbeat,
+}
+
+impl<S: Service + 'static> ExternalProcess<S> {
+    /// The process of `role`, which may be on another host if the ring has a link.
+    ///
+    /// # Errors
+    /// If the listener for its events cannot be created.
+    pub fn new(ring: &Ring<S>, role: Role) -> Result<Self, RingError> {
+        let listener = ring.terms.link.map(|_| ring.listener_of(role)).transpose()?;
+        let remote =
+            listener.map(|listener| RemoteHeartbeat { listener, heard: None, heartbeat: Heartbeat::after(None) });
+        Ok(Self { role, is_local: false, remote })
+    }
+
+    /// Checks whether the process is present; returns the change since the last poll.
+    pub fn poll(&mut self, ring: &Ring<S>, now: Instant) -> Option<ProcessEvent> {
+        let was_local = std::mem::replace(&mut self.is_local, ring.has_writer(self.role));
+        let heard = self.remote.as_mut().and_then(|remote| remote.poll(now));
+        match (was_local, self.is_local) {
+            (false, true) => Some(ProcessEvent::Joined),
+            (true, false) => {
+                if let Some(remote) = &mut self.remote {
+                    remote.heard = None;
+                    remote.heartbeat = Heartbeat::after(None);
+                }
+                Some(ProcessEvent::Gone)
+            }
+            (true, true) => None,
+            (false, false) => heard,
+        }
+    }
+
+    /// Whether the process is known to run, on this host or on another.
+    #[must_use]
+    pub fn is_present(&self) -> bool {
+        self.is_local || self.is_heard()
+    }
+
+    /// Whether the process sends heartbeats from another host.
+    #[must_use]
+    pub fn is_heard(&self) -> bool {
+        self.remote
+            .as_ref()
+            .is_some_and(|remote| remote.heard.is_some() && !remote.heartbeat.is_silent_for(SILENT_AFTER))
+    }
+
+    /// Whether the process has sent no heartbeat over the link for `limit`, or none since `begin`.
+    #[must_use]
+    pub fn is_silent_for(&self, begin: Instant, limit: Duration) -> bool {
+        self.remote.as_ref().is_some_and(|remote| match remote.heard {
+            Some(_) => remote.heartbeat.is_silent_for(limit),
+            None => begin.elapsed() >= limit,
+        })
+    }
+}
+
+impl<S: Service> RemoteHeartbeat<S> {
+    /// Takes the events that have arrived; returns the change since the last poll.
+    fn poll(&mut self, now: Instant) -> Option<ProcessEvent> {
+        let mut events = 0;
+        let _ = self.listener.try_wait(|_| events += 1); // an error counts as silence
+        let is_first = events > 0 && self.heard.is_none();
+        if events > 0 {
+            self.heard = Some(SystemTime::now());
+        }
+        let fate = self.heartbeat.update(self.heard, now);
+        if is_first { Some(ProcessEvent::Joined) } else { fate }
+    }
+}

@@ -1,0 +1,237 @@
+//! `skysink compare`: strategies over the same fields, and runs on record.
+
+use crate::support::Place;
+#[cfg(feature = "viewer")]
+use crate::support::slots;
+use serde_json::Value;
+
+const SMALL: &str = "name = \"small\"\nseed = 3\nslots = 250\n[area]\nside_m = 200.0\n[sensors]\ncount = 60\n";
+
+/// The standing of `label` by `metric`.
+fn standing<'a>(all: &'a Value, label: &str, metric: &str) -> &'a Value {
+    let is_it = |one: &&Value| one["label"] == label && one["metric"] == metric;
+    all.as_array().unwrap().iter().find(is_it).unwrap_or_else(|| panic!("{label}, {metric}: {all}"))
+}
+
+fn compared(place: &Place, arguments: &[&str]) -> Value {
+    let ended = place.run_well(&[&["compare"], arguments, &["--json", "--no-record"]].concat());
+    serde_json::from_str(&ended.stdout).unwrap()
+}
+
+#[test]
+fn strategies_are_compared_over_the_same_seeds() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    let all = compared(&place, &["small.toml", "uts", "gfs", "--seeds", "3", "--out", "both"]);
+    let loss = |seed: &str, strategy: &str| {
+        let out = format!("{strategy}-{seed}");
+        place.run_well(&["simulate", "small.toml", "--seed", seed, "--strategy", strategy, "--out", &out]);
+        let summary: Value = serde_json::from_str(&place.read(&format!("{out}/summary.json"))).unwrap();
+        summary["loss_rate"].as_f64().unwrap()
+    };
+    let losses: Vec<[f64; 2]> = ["3", "4", "5"].map(|seed| [loss(seed, "uts"), loss(seed, "gfs")]).to_vec();
+    let mean = |of: &dyn Fn(&[f64; 2]) -> f64| losses.iter().map(of).sum::<f64>() / 3.0;
+    let is_near = |value: &Value, expected: f64| (value.as_f64().unwrap() - expected).abs() < 1e-12;
+    let gfs = standing(&all, "gfs", "loss_rate");
+    assert!(is_near(&standing(&all, "uts", "loss_rate")["mean"], mean(&|[uts, _]| *uts)), "{all}");
+    assert!(is_near(&gfs["mean"], mean(&|[_, gfs]| *gfs)), "{all}");
+    assert!(is_near(&gfs["difference"], mean(&|[uts, gfs]| gfs - uts)), "{all}");
+    assert_eq!(gfs["n"], 3);
+    assert!(standing(&all, "uts", "loss_rate")["difference"].is_null(), "{all}");
+    let again = compared(&place, &["small.toml", "uts", "gfs", "--seeds", "3", "--out", "both"]);
+    assert_eq!(standing(&again, "gfs", "loss_rate"), gfs);
+}
+
+#[test]
+fn runs_on_record_stand_as_their_summaries_say_and_keys_that_differ_come_first() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    for (strategy, bandwidth) in [("uts", "5e6"), ("gfs", "5e3")] {
+        let set = format!("link.bandwidth_hz={bandwidth}");
+        place.run_well(&["simulate", "small.toml", "--strategy", strategy, "--set", &set, "--out", strategy]);
+    }
+    let all = compared(&place, &["uts", "gfs", "--out", "both"]);
+    for strategy in ["uts", "gfs"] {
+        let summary: Value = serde_json::from_str(&place.read(&format!("{strategy}/summary.json"))).unwrap();
+        for metric in ["loss_rate", "bits_per_waypoint", "mean_served", "eta_letter"] {
+            assert_eq!(standing(&all, strategy, metric)["mean"], summary[metric], "{strategy}: {metric}");
+        }
+        let timing = &standing(&all, strategy, "plan_p50_us")["mean"];
+        assert_eq!(*timing, summary["timing"]["plan_p50_us"], "{strategy}");
+    }
+    let ended = place.run_well(&["compare", "uts", "gfs", "--out", "both", "--no-record"]);
+    assert!(ended.stdout.starts_with("link.bandwidth_hz: 5000000.0 | 5000.0\nplanner.strategy: "), "{ended:?}");
+}
+
+#[test]
+fn a_trace_that_was_changed_is_refused_by_its_line() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    place.run_well(&["simulate", "small.toml", "--out", "a"]);
+    place.run_well(&["simulate", "small.toml", "--strategy", "gfs", "--out", "b"]);
+    let trace = place.read("b/slots.csv");
+    let line = trace.lines().nth(100).unwrap();
+    let queued = line.split(',').nth(7).unwrap();
+    place.write("b/slots.csv", &trace.replacen(line, &line.replace(queued, "1"), 1));
+    let ended = place.run(&["compare", "a", "b", "--out", "both"]);
+    assert_eq!(ended.code, Some(2), "{ended:?}");
+    assert!(ended.stderr.contains("b/slots.csv: line 101"), "{ended:?}");
+    assert!(!place.path("both").exists());
+}
+
+#[test]
+fn other_strategies_and_seeds_have_folders_of_their_own() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    let folder = |more: &[&str]| {
+        let ended = place.run_well(&[&["compare", "small.toml", "gfs", "--no-record", "--seeds"], more].concat());
+        let (_, rest) = ended.stdout.split_once("All metrics:     ").unwrap();
+        rest.trim().to_owned()
+    };
+    let folders =
+        [folder(&["2", "uts"]), folder(&["2", "rfs"]), folder(&["3", "uts"]), folder(&["2", "uts", "--seed=9"])];
+    for (index, name) in folders.iter().enumerate() {
+        assert!(!folders[..index].contains(name), "{folders:?}");
+    }
+    assert_eq!(folder(&["2", "uts"]), folders[0]);
+}
+
+#[test]
+fn runs_of_the_same_names_in_other_folders_are_another_comparison() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    for (parent, seed) in [("one", "1"), ("other", "2")] {
+        for strategy in ["uts", "gfs"] {
+            let out = format!("{parent}/{strategy}");
+            place.run_well(&["simulate", "small.toml", "--strategy", strategy, "--seed", seed, "--out", &out]);
+        }
+    }
+    let folder = |arguments: &[&str]| {
+        let ended = place.run_well(&[&["compare", "--no-record"], arguments].concat());
+        ended.stdout.split_once("All metrics:     ").unwrap().1.trim().to_owned()
+    };
+    let first = folder(&["one/uts", "one/gfs"]);
+    let standings = place.read(&first);
+    let second = folder(&["other/uts", "other/gfs"]);
+    assert_ne!(first, second);
+    assert_eq!(place.read(&first), standings);
+    assert_ne!(place.read(&second), standings);
+    assert_eq!(folder(&["./one/../one/uts", "one/gfs/"]), first);
+    // Nor does it replace one in a folder that was chosen; the same comparison does.
+    assert_eq!(folder(&["one/uts", "one/gfs", "--out", "both"]), "both/comparison.json");
+    assert_eq!(folder(&["one/uts", "one/gfs", "--out", "both"]), "both/comparison.json");
+    for other in [["other/uts", "other/gfs"], ["one/gfs", "one/uts"]] {
+        let refused = place.run(&["compare", other[0], other[1], "--out", "both", "--no-record"]);
+        assert_eq!(refused.code, Some(2), "{refused:?}");
+        assert!(
+            refused.stderr.contains("both: it contains a comparison of other runs: choose another --out"),
+            "{refused:?}"
+        );
+    }
+    assert_eq!(place.read("both/comparison.json"), standings);
+}
+
+#[test]
+fn the_tables_of_many_strategies_and_of_long_names_fit_into_a_terminal() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    let names = [
+        "uts",
+        "gfs",
+        "drift-plus-penalty",
+        "max-age-first",
+        "rfs",
+        "uts-wide",
+        "exact",
+        "tour",
+        "round-robin",
+        "edf",
+        "mes",
+        "max-weight",
+        "whittle",
+    ];
+    for count in [2, 4, 8, names.len()] {
+        let many = [&["compare", "small.toml"], &names[..count], &["--seeds", "2", "--no-record", "--set", "slots=40"]];
+        let ended = place.run_well(&many.concat());
+        let table = ended.stdout.lines().filter(|line| line.starts_with(['│', '┌', '╞', '└']));
+        assert!(table.clone().count() >= 2 * count, "{ended:?}");
+        table.for_each(|line| assert!(line.chars().count() <= 80, "{count}: {}", ended.stdout));
+        for name in &names[..count] {
+            let rows = ended.stdout.lines().filter(|line| line.starts_with(&format!("│ {name} ")));
+            assert_eq!(rows.count(), 2, "{name}: {}", ended.stdout);
+        }
+    }
+    for strategy in ["uts", "gfs"] {
+        let out = format!("{}/a-run-with-a-long-name", ["deep"; 12].join("/") + strategy);
+        place.run_well(&["simulate", "small.toml", "--strategy", strategy, "--out", &out]);
+    }
+    let runs = ["uts", "gfs"].map(|strategy| format!("{}/a-run-with-a-long-name", ["deep"; 12].join("/") + strategy));
+    let ended = place.run_well(&["compare", &runs[0], &runs[1], "--no-record"]);
+    let table = ended.stdout.lines().filter(|line| line.starts_with(['│', '┌', '╞', '└']));
+    table.for_each(|line| assert!(line.chars().count() <= 80, "{}", ended.stdout));
+}
+
+#[test]
+fn a_run_that_ended_early_is_not_compared_but_reported_as_such() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    place.run_well(&["simulate", "small.toml", "--out", "a"]);
+    place.run_well(&["simulate", "small.toml", "--strategy", "gfs", "--out", "b"]);
+    let trace = place.read("b/slots.csv");
+    let cut: String = trace.split_inclusive('\n').take(101).collect();
+    place.write("b/slots.csv", &cut);
+    let refused = place.run(&["compare", "a", "b", "--no-record"]);
+    assert!(refused.code == Some(2) && refused.stderr.contains("100 slots of hash"), "{refused:?}");
+    // As if it had ended there; the first slots of a shorter mission are the same, and so is their hash.
+    place.run_well(&["simulate", "small.toml", "--strategy", "gfs", "--set", "slots=100", "--out", "c"]);
+    let hash = |run: &str| place.summary(run)["trace_hash"].as_str().unwrap().to_owned();
+    let summary = place.read("b/summary.json").replace("\"complete\": true", "\"complete\": false");
+    let summary = summary.replacen("\"slots\": 250", "\"slots\": 100", 1).replace(&hash("b"), &hash("c"));
+    place.write("b/summary.json", &summary);
+    let report = place.run_well(&["report", "b"]);
+    assert!(report.stdout.contains("100 slots of 250, ended early"), "{report:?}");
+}
+
+#[test]
+fn what_cannot_be_compared_is_refused() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    place.run_well(&["simulate", "small.toml", "--out", "a"]);
+    place.run_well(&["simulate", "small.toml", "--strategy", "gfs", "--out", "b"]);
+    std::fs::create_dir(place.path("taken")).unwrap();
+    place.write("taken/file", "");
+    for (arguments, says) in [
+        (["small.toml", "uts", "magic"], "strategy magic: expected one of rfs"),
+        (["small.toml", "uts", "uts"], "each once"),
+        (["a", "nowhere", "--no-record"], "nowhere"),
+        (["missing.toml", "uts", "gfs"], "missing.toml"),
+        (["a", "b", "--out=taken"], "taken"),
+        (["a", "a", "--no-record"], "named twice"),
+        (["a", "b", "--set=slots=5"], "--set: expected none with folders of runs"),
+        (["a", "b", "--seeds=5"], "--seeds"),
+        (["small.toml", "uts", "--no-record"], "two strategies or more"),
+        (["small.toml", "--seeds=2", "--no-record"], "two strategies or more"),
+        (["a", "--json", "--no-record"], "expected the folders of two runs or more"),
+    ] {
+        let ended = place.run(&[&["compare"], &arguments[..]].concat());
+        assert_eq!(ended.code, Some(2), "{arguments:?}: {ended:?}");
+        assert!(ended.stderr.contains(says) && ended.stderr.lines().count() == 1, "{arguments:?}: {ended:?}");
+    }
+}
+
+#[cfg(feature = "viewer")]
+#[test]
+fn one_recording_holds_every_slot_of_every_mission() {
+    let place = Place::new();
+    place.write("small.toml", SMALL);
+    let compare = ["compare", "small.toml", "uts", "gfs", "--seeds", "1", "--out", "both"];
+    place.run_well(&compare);
+    let recording = place.path("both/comparison.rrd");
+    assert!(skysink_viewer::has_footer(&recording).unwrap());
+    for entity in ["/compare/loss_rate/1-uts", "/1-uts/world/uav_trail", "/compare/delivered/2-gfs", "/2-gfs/status"] {
+        assert_eq!(slots(&recording, entity), (0..=250).collect(), "{entity}");
+    }
+    place.run_well(&compare); // replaces it
+    assert_eq!(slots(&recording, "/compare/loss_rate/1-uts"), (0..=250).collect());
+    assert!(!place.path("both/comparison-2.rrd").exists());
+}

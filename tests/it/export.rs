@@ -1,0 +1,199 @@
+//! `skysink export`: what it refuses, and that what it writes leads where the run went.
+
+use crate::support::Place;
+use arrow_array::cast::AsArray;
+use arrow_array::types::{Float64Type, UInt32Type, UInt64Type};
+use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
+use skysink_common::geometry::Position;
+use skysink_common::scenario::Origin;
+use skysink_common::sensors::projection::Projection;
+
+const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
+const ORIGIN: &str = "47.3977,8.5456";
+
+/// A corridor of 100 m, with two sensor nodes at its end.
+const CORRIDOR: &str = "name = \"corridor\"\nslots = 6\n[area]\nwidth_m = 100.0\nheight_m = 10.0\n\
+    origin_lat_deg = 0.0\norigin_lon_deg = 0.0\n[sensors]\nfile = \"two.csv\"\n\
+    [uav]\nmax_speed_mps = 20.0\nstart_m = [0.0, 5.0]\n";
+
+/// Fails unless the command is refused with one line that holds `expected`.
+fn refused(place: &Place, arguments: &[&str], expected: &str) {
+    let ended = place.run(arguments);
+    assert_eq!(ended.code, Some(2), "{arguments:?}: {ended:?}");
+    assert!(ended.stderr.contains(expected), "{arguments:?}: {ended:?}");
+}
+
+/// What is in the place beside the run, by name.
+fn files(place: &Place) -> Vec<String> {
+    let entries = std::fs::read_dir(place.path(".")).unwrap().map(|entry| entry.unwrap().file_name());
+    let mut names: Vec<_> = entries.map(|name| name.into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn bad_input_is_refused_in_a_line_and_nothing_is_written() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    let kml = ["export", "run", "--format", "kml"];
+    let with = |more: &[&'static str]| [&kml[..], more].concat();
+    refused(&place, &kml, "no area.origin_lat_deg, area.origin_lon_deg: expected --origin LAT,LON");
+    refused(&place, &with(&["--origin", "91,0"]), "expected a latitude, -90 to 90");
+    refused(&place, &with(&["--origin", "1"]), "expected a latitude, -90 to 90");
+    refused(&place, &["export", "nothing", "--format", "kml"], "expected the folder of a run");
+    refused(&place, &["export", "run", "--format", "shp"], "possible values: qgc-plan, waypoints");
+    refused(&place, &with(&["--origin", ORIGIN, "--most-items", "9"]), "kml has no mission items");
+    refused(&place, &with(&["--origin", ORIGIN, "--out", "run"]), "it is not a regular file");
+    refused(&place, &with(&["--origin", ORIGIN, "--out", "no/a.kml"]), "its folder does not exist");
+    refused(&place, &["export", "run", "--format", "qgc-plan", "--most-items", "4"], "4 is not in 5..");
+    assert_eq!(files(&place), ["run"]);
+}
+
+#[test]
+fn a_trace_that_was_not_flown_so_is_refused() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    let kml = ["export", "run", "--format", "kml", "--origin", ORIGIN];
+    let whole = place.read("run/slots.csv");
+    let lines: Vec<&str> = whole.split_inclusive('\n').collect();
+    let without_last = lines[..lines.len() - 1].concat();
+    let swapped = [&lines[..5], &[lines[6], lines[5]], &lines[7..]].concat().concat();
+    for (spoilt, expected) in [
+        (without_last.as_str(), "as in summary.json"),
+        (&whole[..whole.len() - 5], "as in summary.json"),
+        (&swapped, "expected slot 5"),
+        (&whole.replace(",serve,0\n", ",transit,0\n"), "slots.csv"),
+        ("a,b\n", "line 1"),
+        ("", "as in summary.json"),
+    ] {
+        place.write("run/slots.csv", spoilt);
+        refused(&place, &kml, expected);
+    }
+    place.write("run/slots.csv", &whole);
+    let summary = place.read("run/summary.json");
+    std::fs::remove_file(place.path("run/summary.json")).unwrap();
+    refused(&place, &kml, "expected the folder of a run that has ended");
+    place.write("run/summary.json", &summary);
+    place.run_well(&kml);
+    refused(&place, &kml, "run.kml: it exists");
+    place.run_well(&[&kml[..], &["--force"]].concat());
+    place.write("run/scenario.toml", &place.read("run/scenario.toml").replace("seed = 1", "seed = 2"));
+    refused(&place, &kml, "it was changed since the run began");
+}
+
+#[test]
+fn a_scenario_with_an_origin_takes_no_other() {
+    let place = Place::new();
+    place.write("two.csv", "x_m,y_m\n90,5\n92,5\n");
+    place.write("corridor.toml", CORRIDOR);
+    place.run_well(&["simulate", "corridor.toml", "--out", "run"]);
+    refused(&place, &["export", "run", "--format", "kml", "--origin", ORIGIN], "omit --origin");
+}
+
+/// Four slots of 20 m, the last of which serves (0.1 s): one waypoint, 80 m east. 11 m more, which is slower by more than
+/// a tenth of 20 m/s, then a slot of hovering: 1.1 s. East x is asin(x/6378137 m): 80 m are 0.000718652°, 91 m
+/// 0.000817467°. North 5 m are 5/6335439 · 180°/π = 0.000045218°, by the radius b²/a of the meridian at the equator.
+#[test]
+fn a_short_mission_is_written_as_worked_by_hand() {
+    let place = Place::new();
+    place.write("two.csv", "x_m,y_m,queue_bits,gain_db,sampling_bps\n90,5,1000,-50,100\n92,5,1000,-50,100\n");
+    place.write("corridor.toml", CORRIDOR);
+    place.run_well(&["simulate", "corridor.toml", "--out", "run"]);
+    place.run_well(&["export", "run", "--format", "waypoints"]);
+    let golden = std::fs::read_to_string(format!("{ROOT}/tests/golden/corridor.waypoints")).unwrap();
+    assert_eq!(place.read("run.waypoints"), golden, "{}", place.read("run/slots.csv"));
+}
+
+/// Position [m] and altitude [m] of every waypoint of the files, in order.
+fn waypoints(place: &Place, names: &[String], origin: Origin) -> Vec<(Position, f64)> {
+    let projection = Projection::at(origin);
+    let text: String = names.iter().map(|name| place.read(name)).collect();
+    let rows = text.lines().map(|line| line.split('\t').collect::<Vec<_>>());
+    let rows = rows.filter(|row| row.len() == 12 && row[3] == "16" && row[0] != "0");
+    rows.map(|row| {
+        let [lat_deg, lon_deg, altitude_m] = [8, 9, 10].map(|column: usize| row[column].parse::<f64>().unwrap());
+        (projection.project(lat_deg, lon_deg).unwrap(), altitude_m)
+    })
+    .collect()
+}
+
+#[test]
+fn every_service_point_is_in_the_mission_in_order() {
+    let place = Place::new();
+    let origin = Origin { lat_deg: -33.9, lon_deg: 18.4 };
+    let missions = [("smoke", "rfs"), ("sparse", "gfs"), ("letter", "round-robin"), ("plos-suburban", "uts")];
+    for (scenario, strategy) in
+        missions.into_iter().flat_map(|(scenario, strategy)| [(scenario, strategy), (scenario, "rfs")])
+    {
+        let file = format!("{ROOT}/scenarios/{scenario}.toml");
+        place.run_well(&["simulate", &file, "--strategy", strategy, "--out", "run", "--force"]);
+        let most = ["--most-items", "100", "--origin", "-33.9,18.4", "--force"];
+        let ended = place.run_well(&[&["export", "run", "--format", "waypoints"][..], &most].concat());
+        let names = ended.stdout.lines().filter(|line| line.ends_with(".waypoints"));
+        let names: Vec<String> = names.map(str::to_owned).collect();
+        for name in &names {
+            assert!(place.read(name).lines().count() <= 101, "{name}: too long");
+        }
+        let mut waypoints = waypoints(&place, &names, origin).into_iter().peekable();
+        for line in place.read("run/slots.csv").lines().skip(1) {
+            let columns: Vec<&str> = line.split(',').collect();
+            let [x_m, y_m, z_m] = [1, 2, 3].map(|column: usize| columns[column].parse::<f64>().unwrap());
+            let is_here = |&(position, altitude_m): &(Position, f64)| {
+                (position - Position::new(x_m, y_m)).norm() < 0.1 && (altitude_m - z_m).abs() < 0.1
+            };
+            if !columns[4].is_empty() {
+                while waypoints.next_if(|waypoint| !is_here(waypoint)).is_some() {}
+                assert!(waypoints.peek().is_some(), "{scenario} {strategy}: not in the mission: {line}");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_format_is_in_the_help_which_fits_a_terminal() {
+    let place = Place::new();
+    let help = place.run_well(&["export", "--help"]).stdout;
+    for name in ["qgc-plan", "waypoints", "geojson", "kml", "gpx", "csv", "mcap"] {
+        assert!(help.contains(&format!("- {name}:")), "{name}: {help}");
+    }
+    let examples = help.split("Examples:").nth(1).unwrap();
+    assert!(examples.lines().all(|line| line.chars().count() <= 80), "{help}");
+}
+
+#[test]
+fn parquet_holds_the_slots_with_the_bits_of_each_sensor_node_and_needs_no_origin() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--strategy", "gfs", "--out", "run"]);
+    refused(&place, &["export", "run", "--format", "parquet", "--origin", ORIGIN], "parquet has no coordinates");
+    place.run_well(&["export", "run", "--format", "parquet"]);
+    let file = std::fs::File::open(place.path("run.parquet")).unwrap();
+    let reader = ParquetRecordBatchReaderBuilder::try_new(file).unwrap().build().unwrap();
+    let batches: Vec<_> = reader.map(Result::unwrap).collect();
+    let [batch] = &batches[..] else { panic!("{} batches", batches.len()) };
+    let column = |name: &str| batch.column_by_name(name).unwrap().clone();
+    let [scheduled, uploads] = ["scheduled", "uploads_bits"].map(|name| column(name).as_list::<i32>().clone());
+    let [slot, delivered] = ["slot", "delivered_bits"].map(|name| column(name).as_primitive::<UInt64Type>().clone());
+    let x_m = column("x_m").as_primitive::<Float64Type>().clone();
+    let mode = column("mode").as_string::<i32>().clone();
+    let text = place.read("run/slots.csv");
+    assert_eq!(batch.num_rows(), text.lines().count() - 1);
+    let mut served = 0;
+    for (row, line) in text.lines().skip(1).enumerate() {
+        let cells: Vec<&str> = line.split(',').collect();
+        let ids = scheduled.value(row).as_primitive::<UInt32Type>().values().to_vec();
+        let bits = uploads.value(row).as_primitive::<UInt64Type>().values().to_vec();
+        let written: Vec<u32> = cells[4].split_whitespace().map(|id| id.parse().unwrap()).collect();
+        assert_eq!(
+            (slot.value(row).to_string(), x_m.value(row).to_string(), ids),
+            (cells[0].into(), cells[1].into(), written)
+        );
+        assert_eq!(
+            (bits.iter().sum::<u64>(), delivered.value(row).to_string()),
+            (delivered.value(row), cells[5].into())
+        );
+        assert_eq!((bits.len(), mode.value(row)), (scheduled.value_length(row) as usize, cells[8]));
+        served += bits.iter().filter(|&&bits| bits > 0).count();
+    }
+    assert!(served > 60, "{served}");
+}

@@ -1,0 +1,206 @@
+//! Run folders: who may write them, what replaces them, and what was changed in them.
+
+use std::fs;
+use std::os::unix::fs::symlink;
+
+use crate::support::{Place, end, lines, until};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rustix::process::{Pid, Signal, kill_process};
+
+const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
+
+/// Fails unless the command is refused with one line that holds `expected`.
+fn refused(place: &Place, arguments: &[&str], expected: &str) {
+    let ended = place.run(arguments);
+    assert_eq!(ended.code, Some(2), "{arguments:?}: {ended:?}");
+    assert_eq!(ended.stderr.lines().count(), 1, "{arguments:?}: {ended:?}");
+    assert!(ended.stderr.contains(expected), "{arguments:?}: {ended:?}");
+}
+
+#[test]
+fn two_runs_that_replace_one_folder_leave_one_mission_whole() {
+    let place = Place::new();
+    place.write("force.toml", "name = \"force\"\nslots = 300\n[sensors]\ncount = 1000\n");
+    let arguments = |seed, out| ["simulate", "force.toml", "--seed", seed, "--out", out, "--force"];
+    let files = ["scenario.toml", "sensors.csv", "slots.csv", "run.toml"];
+    let flown = |out: &str| files.map(|file| place.read(&format!("{out}/{file}")));
+    let alone = ["1", "2"].map(|seed| {
+        place.run_well(&arguments(seed, seed));
+        flown(seed)
+    });
+    let mut random = ChaCha8Rng::seed_from_u64(5);
+    for round in 0..25 {
+        let first = place.skysink(&arguments("1", "both")).spawn().unwrap();
+        std::thread::sleep(std::time::Duration::from_micros(random.random_range(0..20_000)));
+        let second = place.skysink(&arguments("2", "both")).spawn().unwrap();
+        let ended = [end(first), end(second)];
+        for loser in ended.iter().filter(|ended| ended.code != Some(0)) {
+            assert_eq!(loser.code, Some(2), "{loser:?}");
+            assert!(loser.stderr.contains("a run is writing it"), "{loser:?}");
+        }
+        let last = if ended[1].code == Some(0) { 1 } else { 0 };
+        assert_eq!(ended[last].code, Some(0), "{ended:?}");
+        assert!(flown("both") == alone[last], "round {round}: not the mission of seed {}", last + 1);
+    }
+}
+
+#[test]
+fn only_a_run_is_replaced() {
+    let place = Place::new();
+    let folders = ["mine", "sweep", "linked", "folder"];
+    folders.iter().for_each(|name| fs::create_dir(place.path(name)).unwrap());
+    place.write("mine/scenario.toml", "name = \"mine\"\n");
+    place.write("sweep/sweep.json", "{}");
+    place.write("sweep/slots.csv", "");
+    place.write("file", "");
+    symlink("nowhere", place.path("linked/slots.csv")).unwrap();
+    fs::create_dir(place.path("folder/summary.json")).unwrap();
+    place.write("folder/slots.csv", "");
+    for (out, expected) in [
+        ("mine", "something else than a run"),
+        ("sweep", "something else than a run"),
+        ("file", "it is no folder"),
+        ("linked", "expected a file of a run"),
+        ("folder", "expected a file of a run"),
+        ("/proc/skysink", "/proc/skysink"),
+    ] {
+        refused(&place, &["simulate", SMOKE, "--out", out, "--force"], expected);
+    }
+    refused(&place, &["simulate", SMOKE, "--out", "file"], "it is no folder");
+    refused(&place, &["simulate", SMOKE, "--out", "mine"], "it exists");
+    fs::create_dir(place.path("new")).unwrap();
+    place.run_well(&["simulate", SMOKE, "--out", "new"]);
+    assert_eq!(place.read("mine/scenario.toml"), "name = \"mine\"\n");
+    fs::create_dir(place.path("empty")).unwrap();
+    place.run_well(&["simulate", SMOKE, "--out", "empty", "--force"]);
+    place.write("empty/notes.md", "kept");
+    place.run_well(&["simulate", SMOKE, "--out", "empty", "--force"]);
+    assert_eq!(place.read("empty/notes.md"), "kept");
+}
+
+/// One change of a file: a bit, a digit, a cut, a byte less or more, a line twice or not at all.
+fn spoil(bytes: &[u8], random: &mut ChaCha8Rng) -> Vec<u8> {
+    let mut bytes = bytes.to_vec();
+    let at = random.random_range(0..bytes.len());
+    let lines: Vec<_> = bytes.split_inclusive(|&byte| byte == b'\n').map(<[u8]>::to_vec).collect();
+    let line = random.random_range(0..lines.len());
+    match random.random_range(0..7) {
+        0 => bytes[at] ^= 1 << random.random_range(0..8),
+        1 => {
+            let digits: Vec<_> = (0..bytes.len()).filter(|&at| bytes[at].is_ascii_digit()).collect();
+            let digit = &mut bytes[digits[random.random_range(0..digits.len())]];
+            *digit = b'0' + (*digit - b'0' + random.random_range(1..10)) % 10;
+        }
+        2 => bytes.truncate(at),
+        3 => drop(bytes.remove(at)),
+        4 => bytes.insert(at, b"0123456789.,-\n e\0\xff"[random.random_range(0..18)]),
+        5 => return [&lines[..=line], &lines[line..]].concat().concat(),
+        _ => return [&lines[..line], &lines[line + 1..]].concat().concat(),
+    }
+    bytes
+}
+
+/// A run that is spoilt and resumed ends with the bytes of the undisturbed one, or is refused and left as it is.
+fn assert_never_silent(place: &Place, whole: &str, resume: &[&str], rounds: u32, seed: u64) {
+    let names = ["scenario.toml", "sensors.csv", "slots.csv", "slots.csv", "run.toml", "slots.check"];
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let begun: Vec<_> = fs::read_dir(place.path("begun"))
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .map(|name| (fs::read(place.path(&format!("begun/{name}"))).unwrap(), name))
+        .collect();
+    let begin = || {
+        let _ = fs::remove_dir_all(place.path("run"));
+        fs::create_dir(place.path("run")).unwrap();
+        begun.iter().for_each(|(bytes, name)| fs::write(place.path(&format!("run/{name}")), bytes).unwrap());
+    };
+    let mut refused = 0;
+    for round in 0..rounds {
+        begin();
+        let name = names[random.random_range(0..names.len())];
+        let Some((bytes, _)) = begun.iter().find(|(_, begun)| begun == name) else { continue };
+        let spoilt = spoil(bytes, &mut random);
+        fs::write(place.path(&format!("run/{name}")), &spoilt).unwrap();
+        let ended = place.run(&[&["run", "--no-viewer", "--resume", "run"], resume].concat());
+        let case = format!("seed {seed}, round {round}, {name}: {ended:?}");
+        if ended.code == Some(0) {
+            assert_eq!(place.read("run/slots.csv"), whole, "{case}");
+            continue;
+        }
+        refused += 1;
+        assert_eq!(ended.code, Some(2), "{case}");
+        assert_eq!(ended.stderr.lines().count(), 1, "{case}");
+        for (bytes, begun) in &begun {
+            let expected = if begun == name { &spoilt } else { bytes };
+            assert!(fs::read(place.path(&format!("run/{begun}"))).unwrap() == *expected, "{begun} was changed: {case}");
+        }
+    }
+    begin();
+    place.run_well(&[&["run", "--no-viewer", "--resume", "run"], resume].concat());
+    assert_eq!(place.read("run/slots.csv"), whole, "what was not spoilt");
+    assert!(refused > rounds / 3, "{refused} of {rounds}");
+    println!("{refused} of {rounds} refused, the others with the same bytes");
+}
+
+#[test]
+fn a_spoilt_run_is_refused_or_ends_with_the_same_bytes() {
+    spoil_runs(120, 1);
+}
+
+#[test]
+#[ignore = "takes some minutes"]
+fn a_thousand_spoilt_runs_are_refused_or_end_with_the_same_bytes() {
+    spoil_runs(1_000, 3);
+}
+
+fn spoil_runs(rounds: u32, seed: u64) {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "begun"]);
+    let whole = place.read("begun/slots.csv");
+    let half: String = whole.split_inclusive('\n').take(31).collect();
+    fs::write(place.path("begun/slots.csv"), half).unwrap();
+    fs::remove_file(place.path("begun/summary.json")).unwrap();
+    assert_never_silent(&place, &whole, &[], rounds, seed);
+    place.assert_clean();
+}
+
+#[test]
+fn a_spoilt_run_of_an_outside_planner_is_refused_or_ends_with_the_same_bytes() {
+    let place = Place::new();
+    let planner =
+        concat!("sh -c 'exec ", env!("CARGO_BIN_EXE_planner"), " --scenario $SKYSINK_SCENARIO --ring $SKYSINK_RING'");
+    let long = place.write("long.toml", "name = \"long\"\nslots = 3000\nslot_s = 0.1\n");
+    let long = long.to_str().unwrap();
+    place.run_well(&["simulate", long, "--out", "alone"]);
+    let run = place.skysink(&["run", long, "--out", "begun", "--no-viewer", "--planner", planner]).spawn().unwrap();
+    until("flight", || (lines(&place.path("begun/slots.csv")) > 60).then_some(()));
+    kill_process(Pid::from_raw(i32::try_from(run.id()).unwrap()).unwrap(), Signal::KILL).unwrap();
+    end(run);
+    assert_never_silent(&place, &place.read("alone/slots.csv"), &["--planner", planner], 25, 2);
+    place.assert_clean();
+}
+
+#[test]
+fn a_paced_record_that_was_cut_is_not_flown_otherwise() {
+    let place = Place::new();
+    let paced = place.write("paced.toml", "name = \"paced\"\nslots = 400\nslot_s = 0.5\n");
+    let arguments = ["run", paced.to_str().unwrap(), "--out", "run", "--no-viewer", "--pace", "50x"];
+    let run = place.skysink(&arguments).spawn().unwrap();
+    until("flight", || (lines(&place.path("run/slots.csv")) > 60).then_some(()));
+    kill_process(Pid::from_raw(i32::try_from(run.id()).unwrap()).unwrap(), Signal::KILL).unwrap();
+    end(run);
+    let trace = place.read("run/slots.csv");
+    let cut: String = trace.split_inclusive('\n').take(41).collect();
+    fs::write(place.path("run/slots.csv"), &cut).unwrap();
+    refused(&place, &["run", "--resume", "run", "--no-viewer"], "slots.csv: it ends before slot ");
+    assert_eq!(place.read("run/slots.csv"), cut);
+    fs::write(place.path("run/slots.csv"), &trace).unwrap();
+    let check = fs::read(place.path("run/slots.check")).unwrap();
+    fs::remove_file(place.path("run/slots.check")).unwrap();
+    refused(&place, &["run", "--resume", "run", "--no-viewer"], "slots.check is missing");
+    assert!(!place.path("run/slots.check").exists());
+    fs::write(place.path("run/slots.check"), check).unwrap();
+    place.run_well(&["run", "--resume", "run", "--no-viewer"]);
+    assert!(place.read("run/slots.csv").starts_with(trace.rsplit_once('\n').unwrap().0));
+}

@@ -1,0 +1,221 @@
+//! Plans that are none of their slot, of their run, or far too many.
+
+use skysink_common::message::{Plan, SlotHeader};
+use skysink_ring::folder::RingFolder;
+
+use super::audit::{audit, said, trace};
+use super::intruder::{Intruder, send};
+use super::rogue::{LONG_S, Rogue, SHORT_S, SMOKE, Turn, begin_with_rogue};
+use crate::support::{Ended, Place, end, until};
+
+const OLD: &str = "its writer has sent that slot, or a later one, before";
+const FAR: &str = "the ring cannot be that far";
+const MISSION: &str = "it belongs to another run";
+const SECOND: &str = "another process is writing this topic already";
+
+/// A plan that would be seen in the trace.
+fn nobody(turn: &Turn) -> Plan {
+    Plan { served: 0, ..turn.good }
+}
+
+/// Flies the smoke test with good plans; before each, `disturb` may send other samples, and returns how many of them
+/// have to be refused. The trace must be that of a run without them.
+fn fly_disturbed(place: &Place, mut disturb: impl FnMut(&Rogue, &Turn) -> u64) -> Ended {
+    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
+    let (run, mut rogue) = begin_with_rogue(place, SMOKE, LONG_S, &[]);
+    let mut refused = 0;
+    rogue.fly_well(|rogue, turn| refused += disturb(rogue, turn));
+    let ended = end(run);
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    audit(place);
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    let summary = place.summary("run");
+    assert_eq!((&summary["refused_messages"], &summary["refused"]), (&refused.into(), &0.into()));
+    place.assert_clean();
+    ended
+}
+
+/// The powers of ten up to `count`, as they are said.
+fn said_so_far(count: u64) -> Vec<String> {
+    let powers = (0..=count.ilog10()).map(|power| 10u64.pow(power));
+    powers.map(|power| if power == 1 { String::new() } else { format!(" ({power} so far)") }).collect()
+}
+
+fn assert_said(ended: &Ended, refusal: &str, count: u64) {
+    let lines = said(&ended.stderr, refusal);
+    let powers = said_so_far(count);
+    assert_eq!(lines.len(), powers.len(), "{count} times {refusal}: {ended:?}");
+    for (line, so_far) in lines.iter().zip(powers) {
+        assert!(
+            line.starts_with("flight-sim: plan(") && line.ends_with(&format!("refused: {refusal}{so_far}")),
+            "{line}"
+        );
+    }
+}
+
+#[test]
+fn plans_of_slots_that_are_far_away_are_refused_from_the_first_slot_on() {
+    let place = Place::new();
+    let ended = fly_disturbed(&place, |rogue, turn| {
+        for slot in [turn.slot + 3, turn.slot + 1000, u64::MAX / 2, u64::MAX] {
+            rogue.send(rogue.header(slot), nobody(turn));
+        }
+        4
+    });
+    assert_said(&ended, FAR, 240);
+}
+
+#[test]
+fn plans_of_slots_that_have_passed_are_refused() {
+    let place = Place::new();
+    let ended = fly_disturbed(&place, |rogue, turn| {
+        let old = (0..turn.slot).rev().filter(|_| turn.slot > 1);
+        old.map(|slot| rogue.send(rogue.header(slot), nobody(turn))).count() as u64
+    });
+    assert_said(&ended, OLD, (2..=60).sum());
+}
+
+#[test]
+fn the_first_plan_of_a_slot_counts() {
+    let place = Place::new();
+    let mut last: Option<SlotHeader> = None;
+    let ended = fly_disturbed(&place, |rogue, turn| {
+        let again = last.replace(rogue.header(turn.slot));
+        again.into_iter().map(|header| rogue.send(header, nobody(turn))).count() as u64
+    });
+    assert_said(&ended, OLD, 59);
+}
+
+#[test]
+fn plans_of_another_mission_are_refused() {
+    let place = Place::new();
+    let ended = fly_disturbed(&place, |rogue, turn| {
+        for mission in [0, u64::MAX, rogue.ring.terms.mission ^ 1] {
+            rogue.send(SlotHeader { mission, ..rogue.header(turn.slot) }, nobody(turn));
+        }
+        3
+    });
+    assert_said(&ended, MISSION, 180);
+}
+
+#[test]
+fn a_flood_of_ten_thousand_plans_is_counted_to_the_last_one_and_said_five_times() {
+    let place = Place::new();
+    let ended = fly_disturbed(&place, |rogue, turn| {
+        let flood = if turn.slot == 30 { 10_000 } else { 0 };
+        for _ in 0..flood {
+            rogue.send(rogue.header(turn.slot - 1), nobody(turn));
+        }
+        flood
+    });
+    assert_said(&ended, OLD, 10_000);
+}
+
+#[test]
+fn what_a_header_says_of_restarts_flags_and_times_changes_nothing() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
+    let (run, mut rogue) = begin_with_rogue(&place, SMOKE, LONG_S, &[]);
+    while let Some(turn) = rogue.next() {
+        let flags = (turn.slot % 4) as u32;
+        let header = SlotHeader { epoch: u32::MAX, flags, sent_ns: u64::MAX, ..rogue.header(turn.slot) };
+        rogue.send(header, turn.good);
+    }
+    let ended = end(run);
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    assert_eq!(place.summary("run")["refused_messages"], 0);
+}
+
+#[test]
+fn a_mission_of_another_ring_of_the_same_user_is_another_mission() {
+    let place = Place::new();
+    let other = place.skysink(&["run", SMOKE, "--seed", "2", "--no-viewer", "--external", "planner", "--out", "other"]);
+    let other = { other }.spawn().unwrap();
+    let theirs = until("other ring", || place.rings().into_iter().find(|ring| place.ring_file(ring).exists()));
+    let theirs = place.ring_file(&theirs).parent().unwrap().to_owned();
+    let terms = until("terms", || RingFolder::open(&theirs).ok()).terms();
+    until("scenario", || place.path("other/scenario.toml").exists().then_some(()));
+
+    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
+    let run = place.skysink(&["run", SMOKE, "--no-viewer", "--external", "planner", "--out", "run"]).spawn().unwrap();
+    let ours = until("ring", || {
+        let is_ours = |ring: &String| place.ring_file(ring).exists() && !theirs.ends_with(ring);
+        place.rings().into_iter().find(is_ours)
+    });
+    let mut rogue = Rogue::join(&place, &ours);
+    assert_ne!(rogue.ring.terms.mission, terms.mission);
+    rogue.fly_well(|rogue, turn| {
+        rogue.send(SlotHeader { mission: terms.mission, ..rogue.header(turn.slot) }, nobody(turn));
+    });
+    let ended = end(run);
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    assert_eq!(place.summary("run")["refused_messages"], 60);
+    assert_said(&ended, MISSION, 60);
+
+    let planner = ["--scenario", "other/scenario.toml", "--ring", theirs.to_str().unwrap()];
+    assert_eq!(end(place.command(env!("CARGO_BIN_EXE_planner"), &planner).spawn().unwrap()).code, Some(0));
+    assert_eq!(end(other).code, Some(0));
+    assert_eq!(place.summary("other")["refused_messages"], 0, "the other ring has heard of nothing");
+    place.assert_clean();
+}
+
+#[test]
+fn a_planner_that_skips_a_slot_ends_a_run_in_lock_step_by_its_time_out() {
+    let place = Place::new();
+    let (run, mut rogue) = begin_with_rogue(&place, SMOKE, SHORT_S, &[]);
+    while let Some(turn) = rogue.next() {
+        let skipped = u64::from(turn.slot == 20);
+        rogue.send(rogue.header(turn.slot + skipped), turn.good);
+        if skipped > 0 {
+            rogue.send(rogue.header(turn.slot), turn.good); // now it is too late
+            break;
+        }
+    }
+    let ended = end(run);
+    assert_eq!(ended.code, Some(1), "{ended:?}");
+    assert!(ended.stderr.contains("skysink: planner has not sent plan("), "{ended:?}");
+    assert_eq!(said(&ended.stderr, OLD).len(), 1, "{ended:?}");
+    assert_eq!(audit(&place).len(), 19);
+    assert_eq!(place.summary("run")["complete"], false);
+    drop(rogue);
+    place.assert_clean();
+}
+
+#[test]
+fn a_planner_that_skips_a_slot_of_a_paced_run_makes_the_uav_hold_in_it() {
+    let place = Place::new();
+    let scenario = std::fs::read_to_string(SMOKE).unwrap().replace("slots = 60", "slots = 12");
+    place.write("short.toml", &scenario);
+    let (run, mut rogue) = begin_with_rogue(&place, "short.toml", LONG_S, &["--pace", "5x"]);
+    while let Some(turn) = rogue.next() {
+        if turn.slot != 6 {
+            rogue.send(rogue.header(turn.slot), turn.good);
+        }
+    }
+    let ended = end(run);
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    let lines = audit(&place);
+    assert_eq!((lines.len(), lines[5].mode.as_str(), lines[5].refused), (12, "hold", 0));
+    let held = lines.iter().filter(|line| line.mode == "hold").count();
+    assert_eq!(place.summary("run")["timing"]["missed_deadlines"], held);
+}
+
+#[test]
+fn an_intruder_that_writes_before_the_planner_is_named_when_the_run_times_out() {
+    let place = Place::new();
+    let (run, mut rogue) = begin_with_rogue(&place, SMOKE, SHORT_S, &[]);
+    let turn = rogue.next().unwrap();
+    let intruder = Intruder::join(&rogue.folder).writer("plan");
+    send(&intruder, rogue.header(1), turn.good);
+    until("flight of slot 1", || (!trace(&place).is_empty()).then_some(()));
+    rogue.send(rogue.header(1), turn.good);
+    let turn = rogue.next().unwrap();
+    rogue.send(rogue.header(2), turn.good);
+    let ended = end(run);
+    assert_eq!(ended.code, Some(1), "{ended:?}");
+    assert!(!said(&ended.stderr, SECOND).is_empty(), "{ended:?}");
+    assert!(ended.stderr.contains("skysink: planner has not sent plan("), "{ended:?}");
+    assert_eq!(audit(&place).len(), 1);
+}

@@ -1,0 +1,78 @@
+//! Who may open what belongs to a running ring.
+
+use std::fs;
+use std::os::unix::fs::{FileTypeExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+
+use super::rogue::{LONG_S, Rogue, SMOKE};
+use crate::support::{Place, end, until};
+
+/// What is open to others, beside the owner.
+const OTHERS: u32 = 0o077;
+
+fn mode(path: &Path) -> Option<u32> {
+    fs::symlink_metadata(path).ok().map(|file| file.permissions().mode() & 0o7777)
+}
+
+/// Everything below a folder.
+fn below(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for path in fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()) {
+        if path.is_dir() {
+            found.extend(below(&path));
+        }
+        found.push(path);
+    }
+    found
+}
+
+/// Fails if anybody but its owner can open something of the ring.
+fn assert_private(rogue: &Rogue) {
+    let folder = rogue.folder.path();
+    for path in [folder, folder.parent().unwrap()] {
+        assert_eq!(mode(path), Some(0o700), "{}", path.display());
+    }
+    assert_eq!(mode(&folder.with_extension("lock")), Some(0o600));
+    let inside = below(folder);
+    // In a folder that is closed, these would not need to be.
+    let private = |path: &&PathBuf| {
+        let kind = path.extension().unwrap_or_default().to_string_lossy().into_owned();
+        ["seat", "journal", "event", "service", "details", "toml"].contains(&kind.as_str())
+    };
+    for path in inside.iter().filter(private) {
+        assert_eq!(mode(path).unwrap() & OTHERS, 0, "{}", path.display());
+    }
+    let sockets =
+        inside.iter().filter(|path| fs::symlink_metadata(path).is_ok_and(|file| file.file_type().is_socket()));
+    let named = |name: &str| inside.iter().any(|path| path.ends_with(name));
+    assert!(sockets.count() > 0 && named("planner.seat") && named("flights.journal"), "{inside:?}");
+
+    let ours = |path: &PathBuf| path.file_name().unwrap().to_string_lossy().starts_with(&rogue.folder.prefix());
+    let shared: Vec<_> = below(Path::new("/dev/shm")).into_iter().filter(ours).collect();
+    assert!(shared.len() > 20, "{shared:?}");
+    for path in &shared {
+        assert_eq!(mode(path).unwrap_or(0) & OTHERS, 0, "{}", path.display());
+    }
+}
+
+#[test]
+fn what_belongs_to_a_running_ring_is_its_owners_alone_whatever_the_umask() {
+    for umask in ["022", "000"] {
+        let place = Place::new();
+        let run = format!(
+            "umask {umask}; exec {} run {SMOKE} --no-viewer --external planner --timeout {LONG_S} --out run",
+            env!("CARGO_BIN_EXE_skysink")
+        );
+        let run = place.command("sh", &["-c", &run]).spawn().unwrap();
+        let ring = until("ring", || place.rings().into_iter().find(|ring| place.ring_file(ring).exists()));
+        let mut rogue = Rogue::join(&place, &ring);
+        rogue.fly_well(|rogue, turn| {
+            if turn.slot % 30 == 3 {
+                assert_private(rogue);
+            }
+        });
+        let ended = end(run);
+        assert_eq!(ended.code, Some(0), "{ended:?}");
+        place.assert_clean();
+    }
+}

@@ -1,0 +1,147 @@
+//! Paths that lead nowhere, and what a viewer makes of them.
+
+use std::process::Child;
+
+use iceoryx2::prelude::ipc;
+use skysink_common::message::{MAX_PATH_POINTS, PathPoint, SlotHeader};
+use skysink_ring::writer::Writer;
+
+use super::audit::said;
+use super::intruder::{Intruder, send_list};
+use super::rogue::{LONG_S, Rogue, SHORT_S, SMOKE, Turn, begin, open_folder};
+use crate::support::{Place, end, rows, slots, until};
+
+const NOWHERE: &str = "expected 1 to 64 points, finite and in the area";
+const MISSION: &str = "it belongs to another run";
+const OLD: &str = "its writer has sent that slot, or a later one, before";
+const SECOND: &str = "another process is writing this topic already";
+
+/// A run with a viewer and without a planner, whose place the test takes.
+fn begin_with_viewer(place: &Place) -> (Child, Rogue) {
+    let arguments = ["run", SMOKE, "--out", "run", "--external", "planner", "--timeout", LONG_S];
+    let run = place.skysink(&arguments).spawn().unwrap();
+    let ring = until("ring", || place.rings().into_iter().find(|ring| place.ring_file(ring).exists()));
+    (run, Rogue::join(place, &ring))
+}
+
+fn writer(rogue: &Rogue) -> Writer<ipc::Service, [PathPoint], SlotHeader> {
+    rogue.ring.path.list_writer(1_000).unwrap()
+}
+
+/// The good waypoint, and so many points after it.
+fn path(turn: &Turn, more: usize) -> Vec<PathPoint> {
+    let mut path = vec![PathPoint { x_m: turn.good.x_m, y_m: turn.good.y_m, z_m: turn.good.z_m }];
+    path.extend((0..more).map(|i| PathPoint { x_m: (i % 60) as f64, y_m: 30.0, z_m: 20.0 }));
+    path
+}
+
+/// What is wrong with a path, by number; none with the first.
+fn spoilt(turn: &Turn, number: u64) -> Vec<PathPoint> {
+    let mut path = path(turn, 3);
+    match number {
+        0 => {}
+        1 => path[2].x_m = f64::NAN,
+        2 => path[3].y_m = f64::NEG_INFINITY,
+        3 => path[1].z_m = 1e300,
+        4 => path[1].x_m = 60.1,
+        5 => path = vec![path[0]; MAX_PATH_POINTS + 1],
+        6 => path.clear(),
+        _ => path = vec![path[0]; 1_000],
+    }
+    path
+}
+
+/// From this slot on the viewer is there: its writer serves no late joiners.
+const THERE: u64 = 3;
+
+/// Kinds of [`spoilt`].
+const KINDS: u64 = 8;
+
+#[test]
+fn paths_that_cannot_be_are_refused_one_by_one_and_the_run_goes_on() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
+    let (run, mut rogue) = begin_with_viewer(&place);
+    let paths = writer(&rogue);
+    rogue.fly_well(|rogue, turn| {
+        if turn.slot >= THERE {
+            paths.send_list(rogue.header(turn.slot), &spoilt(turn, turn.slot % KINDS)).unwrap();
+        }
+    });
+    let ended = end(run);
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    let recording = place.path("run/mission.rrd");
+    assert_eq!(slots(&recording, "/metrics/loss_rate"), (0..=60).collect());
+    let good = |slot: &i64| slot % KINDS as i64 == 0;
+    assert_eq!(drawn(&recording), (1..=60).filter(good).collect::<Vec<_>>());
+    // 51 refusals in 60 slots: the first is said, and the tenth.
+    let lines = said(&ended.stderr, NOWHERE);
+    assert_eq!(lines.len(), 2, "{ended:?}");
+    assert_eq!(lines[0], format!("viewer: path(3) refused: {NOWHERE}"));
+    assert_eq!(lines[1], format!("viewer: path(13) refused: {NOWHERE} (10 so far)"));
+    drop((paths, rogue));
+    place.assert_clean();
+}
+
+/// The slots in which a path is drawn.
+fn drawn(recording: &std::path::Path) -> Vec<i64> {
+    let is_drawn = |row: &String| row.contains("PrimitiveArray<Float32>");
+    rows(recording, "/world/path").into_iter().filter(|(_, row)| is_drawn(row)).map(|(slot, _)| slot).collect()
+}
+
+#[test]
+fn paths_of_another_run_slot_or_writer_are_refused_and_the_good_ones_drawn() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
+    let (run, mut rogue) = begin_with_viewer(&place);
+    let (paths, intruder) = (writer(&rogue), Intruder::join(&rogue.folder));
+    let second = intruder.list_writer::<PathPoint, SlotHeader>("path", 4);
+    rogue.fly_well(|rogue, turn| {
+        let (header, good) = (rogue.header(turn.slot), path(turn, 3));
+        if turn.slot >= THERE {
+            paths.send_list(header, &good).unwrap();
+        }
+        if turn.slot % 6 == 0 {
+            paths.send_list(SlotHeader { mission: 1, ..header }, &good).unwrap();
+            paths.send_list(rogue.header(turn.slot - 1), &spoilt(turn, 1)).unwrap();
+            paths.send_list(header, &spoilt(turn, 1)).unwrap();
+            send_list(&second, header, &good);
+        }
+    });
+    let ended = end(run);
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    assert_eq!(drawn(&place.path("run/mission.rrd")), (THERE as i64..=60).collect::<Vec<_>>());
+    for refusal in [MISSION, OLD, SECOND] {
+        let lines = said(&ended.stderr, refusal);
+        assert!(lines.first().is_some_and(|line| line.starts_with("viewer: path(")), "{refusal}: {ended:?}");
+    }
+    assert!(said(&ended.stderr, NOWHERE).is_empty(), "{ended:?}");
+    assert_eq!(place.summary("run")["refused_messages"], 0, "nobody but the viewer reads them");
+    drop((second, intruder, paths, rogue));
+    place.assert_clean();
+}
+
+#[test]
+fn a_reader_that_is_deaf_to_paths_does_not_hold_up_the_ring() {
+    let place = Place::new();
+    let scenario = std::fs::read_to_string(SMOKE).unwrap() + "[planner]\nhorizon.iterations = 100\n";
+    place.write("ahead.toml", &scenario);
+    let choice = ["--strategy", "horizon"];
+    place.run_well(&[&["simulate", "ahead.toml", "--out", "alone"][..], &choice].concat());
+    let external = ["--strategy", "horizon", "--external", "planner", "--timeout", SHORT_S];
+    let (run, ring) = begin(&place, "ahead.toml", &external);
+    let (_, folder) = open_folder(&place, &ring);
+    let intruder = Intruder::join(&folder);
+    let deaf = intruder.list_reader::<PathPoint, SlotHeader>("path");
+    let arguments = ["--scenario", "run/scenario.toml", "--ring", folder.path().to_str().unwrap()];
+    let planner = place.command(env!("CARGO_BIN_EXE_planner"), &arguments).spawn().unwrap();
+    let first = until("path", || deaf.receive().unwrap()); // from now on the writer knows that it is there
+    let (planner, ended) = (end(planner), end(run));
+    assert_eq!((planner.code, ended.code), (Some(0), Some(0)), "{planner:?}, {ended:?}");
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    assert_eq!(first.user_header().slot, 1, "there was room for it alone");
+    drop((first, deaf, intruder));
+    place.assert_clean();
+}

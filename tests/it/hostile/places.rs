@@ -1,0 +1,93 @@
+//! Places in the ring that are taken, and rings of other versions.
+
+use iceoryx2::prelude::*;
+use skysink_common::message::{SensorNode, SensorsHeader};
+use skysink_common::pace::Pace;
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_planner::settings;
+use skysink_ring::folder::RingFolder;
+use skysink_ring::wait::Waiting;
+
+use super::rogue::{LONG_S, SMOKE, begin_with_rogue};
+use crate::support::{Place, end};
+
+const WORKERS: [(&str, &str); 3] = [
+    ("field-sim", env!("CARGO_BIN_EXE_field-sim")),
+    ("flight-sim", env!("CARGO_BIN_EXE_flight-sim")),
+    ("planner", env!("CARGO_BIN_EXE_planner")),
+];
+
+#[test]
+fn a_second_process_for_a_place_is_refused_and_the_run_does_not_notice() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
+    let (run, mut rogue) = begin_with_rogue(&place, SMOKE, LONG_S, &[]);
+    let folder = rogue.folder.path().display().to_string();
+    rogue.fly_well(|_, turn| {
+        for (role, executable) in WORKERS.iter().filter(|_| turn.slot % 20 == 0) {
+            let arguments = ["--scenario", "run/scenario.toml", "--ring", &folder];
+            let second = end(place.command(executable, &arguments).spawn().unwrap());
+            assert_eq!(second.code, Some(2), "{second:?}");
+            assert_eq!(second.stderr, format!("{role}: ring {folder}: there is a {role} already: end it first\n"));
+        }
+    });
+    let ended = end(run);
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    let summary = place.summary("run");
+    assert_eq!((&summary["refused_messages"], &summary["restarts"]), (&0.into(), &0.into()));
+    place.assert_clean();
+}
+
+/// A ring whose first topic has these terms, and messages of other types.
+fn ring_with_terms(terms: &[(&str, &str)]) -> (RingFolder, impl Sized) {
+    skysink::worker::silence_iceoryx2();
+    let folder = RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).unwrap();
+    let node = NodeBuilder::new().config(&folder.config().unwrap()).create::<ipc::Service>().unwrap();
+    let name = ServiceName::new("skysink/sensors").unwrap();
+    let mut attributes = AttributeSpecifier::new();
+    for &(key, value) in terms {
+        attributes = attributes.define(&key.try_into().unwrap(), &value.try_into().unwrap()).unwrap();
+    }
+    let sensors = node.service_builder(&name).publish_subscribe::<[SensorNode]>().user_header::<SensorsHeader>();
+    let sensors = sensors.create_with_attributes(&attributes).unwrap();
+    let event = node.service_builder(&name).event().create().unwrap();
+    (folder, (sensors, event, node))
+}
+
+#[test]
+fn a_ring_of_another_version_or_scenario_is_refused_with_the_remedy() {
+    let place = Place::new();
+    let scenario = Scenario::read(SMOKE.as_ref(), Overrides::default()).and_then(settings::resolve).unwrap();
+    let hash = format!("{:016x}", scenario.hash());
+    let number = skysink_ring::topics::SCHEMA.to_string();
+    let (version, program) = (&*number, env!("CARGO_PKG_VERSION"));
+    let build = "use the executables of one build";
+    let file = "pass the scenario.toml of the run's folder";
+    for (terms, what, remedy) in [
+        (
+            [("version", "1"), ("program", program), ("scenario", &*hash)],
+            format!("version is 1, here {version}"),
+            build,
+        ),
+        (
+            [("other", version), ("program", program), ("scenario", &hash)],
+            format!("version is missing, here {version}"),
+            build,
+        ),
+        (
+            [("version", version), ("program", "0.0.9"), ("scenario", &hash)],
+            format!("program is 0.0.9, here {program}"),
+            build,
+        ),
+        ([("version", version), ("program", program), ("scenario", "0")], format!("scenario is 0, here {hash}"), file),
+    ] {
+        let (folder, _ring) = ring_with_terms(&terms);
+        let folder = folder.path().display().to_string();
+        for (role, executable) in WORKERS {
+            let ended = end(place.command(executable, &["--scenario", SMOKE, "--ring", &folder]).spawn().unwrap());
+            assert_eq!(ended.code, Some(2), "{ended:?}");
+            assert_eq!(ended.stderr, format!("{role}: ring {folder}: {what}: {remedy}\n"));
+        }
+    }
+}

@@ -1,0 +1,101 @@
+//! Readers that never take their samples.
+
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::ipc;
+use skysink_common::message::{Commit, FlightReport, Plan, SlotHeader};
+
+use super::audit::audit;
+use super::intruder::Intruder;
+use super::rogue::{LONG_S, Rogue, SHORT_S, SMOKE, begin_with_rogue};
+use crate::support::{Ended, Place, end};
+
+fn full(topic: &str) -> String {
+    format!("topic {topic}: a reader has not taken its samples for 3.3 s: is one stopped, or the viewer too slow?")
+}
+
+/// Flies the smoke test; in slot 20 `intrude` makes a reader that is never heard of again.
+fn fly_with_deaf_reader<R>(place: &Place, arguments: &[&str], intrude: impl Fn(&Intruder) -> R) -> Ended {
+    let (run, mut rogue) = begin_with_rogue(place, SMOKE, SHORT_S, arguments);
+    let intruder = Intruder::join(&rogue.folder);
+    let mut deaf = None;
+    let mut fly = |rogue: &mut Rogue| -> Result<(), skysink_ring::error::NodeError> {
+        while let Some(turn) = rogue.try_next()? {
+            if turn.slot == 20 {
+                deaf = Some(intrude(&intruder));
+            }
+            rogue.try_send(rogue.header(turn.slot), turn.good)?;
+        }
+        Ok(())
+    };
+    let flown = fly(&mut rogue);
+    let ended = end(run);
+    assert_eq!(flown.is_ok(), ended.code == Some(0), "{flown:?}, {ended:?}");
+    ended
+}
+
+/// Fails unless the run has ended early, with a whole folder.
+fn assert_ended_early(place: &Place, ended: &Ended) {
+    assert_eq!(ended.code, Some(1), "{ended:?}");
+    let flown = audit(place).len();
+    assert!((19..60).contains(&flown), "{flown} slots");
+    assert_eq!(place.summary("run")["complete"], false);
+    place.assert_clean();
+}
+
+fn deaf_to_flights(intruder: &Intruder) -> Subscriber<ipc::Service, FlightReport, SlotHeader> {
+    intruder.reader("flight")
+}
+
+#[test]
+fn a_deaf_reader_ends_a_run_in_lock_step_by_its_time_out_where_nothing_is_started_again() {
+    let place = Place::new();
+    let ended = fly_with_deaf_reader(&place, &["--restart", "never"], deaf_to_flights);
+    assert!(ended.stderr.contains(&full("flight")), "{ended:?}");
+    assert_ended_early(&place, &ended);
+}
+
+#[test]
+fn a_deaf_reader_costs_a_restart_of_the_writer_that_waits_for_it() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
+    let ended = fly_with_deaf_reader(&place, &[], deaf_to_flights);
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert!(ended.stderr.contains("flight-sim was started again (restart 1)"), "{ended:?}");
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    place.assert_clean();
+}
+
+#[test]
+fn a_reader_that_is_deaf_to_the_launcher_ends_the_run_by_its_time_out() {
+    let place = Place::new();
+    let ended = fly_with_deaf_reader(&place, &[], |intruder| intruder.reader::<Commit, SlotHeader>("commit"));
+    assert!(ended.stderr.contains(&format!("skysink: {}", full("commit"))), "{ended:?}");
+    assert_ended_early(&place, &ended);
+}
+
+#[test]
+fn a_deaf_reader_is_left_behind_by_a_paced_run() {
+    let place = Place::new();
+    let (run, mut rogue) = begin_with_rogue(&place, SMOKE, LONG_S, &["--pace", "20x"]);
+    let intruder = Intruder::join(&rogue.folder);
+    let deaf = (deaf_to_flights(&intruder), intruder.reader::<Plan, SlotHeader>("plan"));
+    rogue.fly_well(|_, _| {});
+    let ended = end(run);
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert_eq!(audit(&place).len(), 60);
+    drop((deaf, intruder, rogue));
+    place.assert_clean();
+}
+
+#[test]
+fn an_observer_that_takes_nothing_is_not_waited_for() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
+    let ended = fly_with_deaf_reader(&place, &["--restart", "never"], |intruder| {
+        (intruder.observer::<FlightReport, SlotHeader>("flight"), intruder.observer::<Commit, SlotHeader>("commit"))
+    });
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert_eq!(place.summary("run")["restarts"], 0);
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    place.assert_clean();
+}

@@ -1,0 +1,152 @@
+//! A planner of the test's own in a ring of real processes: it knows the good plan of each slot, and may send others.
+
+use std::fs;
+use std::process::Child;
+
+use iceoryx2::prelude::ipc;
+use skysink::worker::silence_iceoryx2;
+use skysink_common::message::{FLAG_END, FlightReport, Limits, Plan, QueuesHeader, SensorNode, SlotHeader};
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::stop::Stop;
+use skysink_planner::Planner;
+use skysink_planner::settings;
+use skysink_ring::error::{NodeError, RingError};
+use skysink_ring::folder::RingFolder;
+use skysink_ring::reader::Reader;
+use skysink_ring::role::Role;
+use skysink_ring::topics::{RING_BUFFER, Ring};
+use skysink_ring::wait::WaitContext;
+use skysink_ring::writer::Writer;
+
+use crate::support::{Place, until};
+
+pub const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
+
+/// The planner.
+pub struct Rogue {
+    pub scenario: Scenario,
+    pub folder: RingFolder,
+    pub ring: Ring<ipc::Service>,
+    pub sensors: Vec<SensorNode>,
+    /// What came with them.
+    pub limits: Limits,
+    planner: Planner,
+    wait: WaitContext,
+    plans: Writer<ipc::Service, Plan, SlotHeader>,
+    queues: Reader<ipc::Service, [u32], QueuesHeader>,
+    flights: Reader<ipc::Service, FlightReport, SlotHeader>,
+    next: u64,
+}
+
+/// A slot that waits for its plan.
+pub struct Turn {
+    pub slot: u64,
+    /// What the real planner would send.
+    pub good: Plan,
+    /// Where the UAV is.
+    pub flight: FlightReport,
+    /// What the topic `queues` said.
+    pub queues_bits: Vec<u32>,
+}
+
+/// Starts `skysink run` of `scenario` into `run`; returns its ring, too.
+pub fn begin(place: &Place, scenario: &str, arguments: &[&str]) -> (Child, String) {
+    let child = place.skysink(&[&["run", scenario, "--no-viewer", "--out", "run"][..], arguments].concat()).spawn();
+    let ring = until("ring", || place.rings().into_iter().find(|ring| place.ring_file(ring).exists()));
+    (child.unwrap(), ring)
+}
+
+/// The services of a ring: nine topics, and the wake-ups of each.
+const SERVICES: usize = 18;
+
+/// How long the processes of a run wait that is to end well [s].
+pub const LONG_S: &str = "60";
+
+/// The same of one that is to time out [s].
+pub const SHORT_S: &str = "5";
+
+/// The same without its planner, whose place the test takes; its processes wait `timeout_s` for each other.
+pub fn begin_with_rogue(place: &Place, scenario: &str, timeout_s: &str, arguments: &[&str]) -> (Child, Rogue) {
+    let (run, ring) =
+        begin(place, scenario, &[&["--external", "planner", "--timeout", timeout_s][..], arguments].concat());
+    let rogue = Rogue::join(place, &ring);
+    (run, rogue)
+}
+
+/// The folder of a ring, once all its topics are there, and the scenario that it flies.
+pub fn open_folder(place: &Place, ring: &str) -> (Scenario, RingFolder) {
+    silence_iceoryx2();
+    let path = place.ring_file(ring).parent().unwrap().to_owned();
+    let folder = until("terms of the ring", || RingFolder::open(&path).ok());
+    until("scenario", || place.path("run/scenario.toml").exists().then_some(()));
+    let services = || fs::read_dir(path.join("services")).is_ok_and(|entries| entries.count() >= SERVICES);
+    until("services", || services().then_some(()));
+    (
+        Scenario::read(&place.path("run/scenario.toml"), Overrides::default()).and_then(settings::resolve).unwrap(),
+        folder,
+    )
+}
+
+impl Rogue {
+    pub fn join(place: &Place, ring: &str) -> Self {
+        let (scenario, folder) = open_folder(place, ring);
+        let stop = Stop::default();
+        let open = || Ring::<ipc::Service>::join(&folder, &scenario, Role::Planner, &stop).ok();
+        let (ring, mut wait) = until("topics", open);
+        let plans = ring.plan.writer().unwrap();
+        let mut nodes = ring.sensors.reader(RING_BUFFER).unwrap();
+        let (queues, flights) = (ring.queues.reader(RING_BUFFER).unwrap(), ring.flight.reader(RING_BUFFER).unwrap());
+        let nodes = nodes.wait_for_next(&mut wait, 0).unwrap();
+        let (sensors, limits) = (nodes.payload().to_vec(), nodes.user_header().limits);
+        let planner = Planner::new(&scenario, &sensors).unwrap();
+        Self { scenario, folder, ring, sensors, limits, planner, wait, plans, queues, flights, next: 0 }
+    }
+
+    /// Waits for the next slot that needs a plan; none after the last.
+    pub fn next(&mut self) -> Option<Turn> {
+        self.try_next().unwrap()
+    }
+
+    /// The same; fails if the run ends too early.
+    pub fn try_next(&mut self) -> Result<Option<Turn>, NodeError> {
+        loop {
+            let state = self.queues.wait_for_next(&mut self.wait, self.next)?;
+            let SlotHeader { slot, flags, .. } = state.user_header().head;
+            if flags & FLAG_END != 0 {
+                return Ok(None);
+            }
+            if slot < self.next {
+                continue; // a field-sim that was started again repeats itself
+            }
+            self.next = slot + 1;
+            // A paced run may have left this planner behind.
+            let Some(flight) = self.flights.wait_for_slot(&mut self.wait, slot)? else { continue };
+            let flight = *flight.payload();
+            let good = self.planner.step(slot + 1, flight.position(), state.payload());
+            let queues_bits = state.payload().to_vec();
+            return Ok(Some(Turn { slot: slot + 1, good, flight, queues_bits }));
+        }
+    }
+
+    /// The header that the plan of `slot` should have.
+    pub fn header(&self, slot: u64) -> SlotHeader {
+        self.ring.header(slot, 0)
+    }
+
+    pub fn send(&self, header: SlotHeader, plan: Plan) {
+        self.try_send(header, plan).unwrap();
+    }
+
+    /// The same; fails if a reader does not take it.
+    pub fn try_send(&self, header: SlotHeader, plan: Plan) -> Result<(), RingError> {
+        self.plans.send(header, plan)
+    }
+
+    /// Flies to the end with good plans; before each `disturb` may do what it likes.
+    pub fn fly_well(&mut self, mut disturb: impl FnMut(&Self, &Turn)) {
+        while let Some(turn) = self.next() {
+            disturb(self, &turn);
+            self.send(self.header(turn.slot), turn.good);
+        }
+    }
+}

@@ -1,0 +1,56 @@
+//! What an outside planner is told: the limits, and what is known of the queues where they are estimated.
+
+use skysink_common::estimate::{Estimate, Rates};
+use skysink_common::message::Limits;
+use skysink_ring::reader::SlotSample;
+use skysink_ring::topics::RING_BUFFER;
+
+use super::rogue::{LONG_S, SMOKE, begin_with_rogue};
+use crate::support::{Place, end};
+
+#[test]
+fn what_a_plan_has_to_keep_comes_with_the_sensor_nodes() {
+    let place = Place::new();
+    let (run, mut rogue) = begin_with_rogue(&place, SMOKE, LONG_S, &[]);
+    assert_eq!(rogue.limits, Limits::of(&rogue.scenario));
+    assert!(rogue.limits.reach_m > 0.0 && rogue.limits.resource_blocks > 0, "{:?}", rogue.limits);
+    while let Some(turn) = rogue.next() {
+        rogue.send(rogue.header(turn.slot), turn.good);
+    }
+    assert_eq!(end(run).code, Some(0));
+    place.assert_clean();
+}
+
+#[test]
+fn an_outside_planner_is_told_what_the_uav_knows_and_the_recorder_the_truth() {
+    let place = Place::new();
+    let text = include_str!("../../../scenarios/smoke.toml").to_owned() + "[planner]\nknowledge = \"estimated\"\n";
+    let scenario = place.write("estimated.toml", &text);
+    let (run, mut rogue) = begin_with_rogue(&place, scenario.to_str().unwrap(), LONG_S, &[]);
+    assert_eq!(rogue.ring.terms.estimated, Some(Rates::Known));
+    let mut truth = rogue.ring.truth.reader(RING_BUFFER).unwrap();
+    let mut known = Estimate::new(&rogue.scenario, Rates::Known, &rogue.sensors);
+    let mut differing = 0;
+    while let Some(turn) = rogue.next() {
+        let slot = turn.slot - 1;
+        let true_queues = loop {
+            if let SlotSample::Available(sample) = truth.poll_slot(slot).unwrap() {
+                break sample.payload().to_vec();
+            }
+            std::thread::yield_now();
+        };
+        known.observe(slot, &turn.flight, &true_queues);
+        assert_eq!(turn.queues_bits, known.predict(slot), "slot {slot}");
+        for link in turn.flight.served_links() {
+            let sensor = link.sensor as usize;
+            assert_eq!(turn.queues_bits[sensor], true_queues[sensor], "slot {slot}: it was served, and has told");
+        }
+        differing += usize::from(turn.queues_bits != true_queues);
+        rogue.send(rogue.header(turn.slot), turn.good);
+    }
+    assert!(differing > 30, "in {differing} slots the truth was something else");
+    let ended = end(run);
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    let summary = place.summary("run");
+    assert!(summary["sampled_bits"].as_u64().unwrap() > 0, "the record has the truth");
+}

@@ -1,0 +1,169 @@
+//! Second writers of the ring's topics, which ask nobody for a place.
+
+use rustix::process::{Signal, kill_process};
+use skysink_common::message::{Commit, FLAG_END, FlightReport, Mode, Plan, QueuesHeader, SlotHeader, Totals};
+
+use super::audit::{audit, said, trace};
+use super::intruder::{Intruder, send, send_list};
+use super::rogue::{LONG_S, SHORT_S, SMOKE, begin, begin_with_rogue, open_folder};
+use crate::support::{Place, end, lines, until};
+
+const SECOND: &str = "another process is writing this topic already";
+
+/// A mission that lasts long enough to be disturbed.
+const LONG: &str = "name = \"long\"\nslots = 3000\nslot_s = 0.1\n";
+
+/// A plan that would be seen in the trace.
+fn forged_plan() -> Plan {
+    Plan::fly_to([50.0, 50.0, 20.0], Mode::Serve)
+}
+
+#[test]
+fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_slot() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
+    let (run, mut rogue) = begin_with_rogue(&place, SMOKE, LONG_S, &[]);
+    let intruder = Intruder::join(&rogue.folder);
+    let plans = intruder.writer::<Plan, SlotHeader>("plan");
+    let flights = intruder.writer::<FlightReport, SlotHeader>("flight");
+    let queues = intruder.list_writer::<u32, QueuesHeader>("queues", 100);
+    let commits = intruder.writer::<Commit, SlotHeader>("commit");
+    let mut sent = 0;
+    rogue.fly_well(|rogue, turn| {
+        if turn.slot <= 5 {
+            return; // everybody hears the real ones first
+        }
+        let head = SlotHeader { flags: FLAG_END, ..rogue.header(turn.slot) };
+        let flight = FlightReport { served: 64, ..FlightReport::at([1.0, 1.0, 20.0], Mode::Serve) };
+        let totals = Totals { delivered_bits: u64::MAX, ..Totals::default() };
+        let forged = QueuesHeader { head, totals, delivered_bits: u64::MAX, lost_bits: 0 };
+        for length in [0, 40] {
+            send(&plans, head, forged_plan());
+            send(&flights, head, flight);
+            send_list(&queues, forged, &vec![u32::MAX; length]);
+            send(&commits, head, Commit { hash: 1 });
+            sent += 3; // the recorder does not read its own commits
+        }
+    });
+    let ended = end(run);
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    audit(&place);
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    // In the last slot the real ones may have left before the recorder reads what was sent in vain.
+    let refused = place.summary("run")["refused_messages"].as_u64().unwrap();
+    assert!((sent - 6..=sent).contains(&refused), "{refused} of {sent}");
+    let lines = said(&ended.stderr, SECOND);
+    for first in ["flight-sim: ", "field-sim: "] {
+        let first = lines.iter().find(|line| line.starts_with(first)).expect("a line of each process that refused");
+        assert!(first.ends_with(&format!("(6) refused: {SECOND}")), "{first}");
+    }
+    drop((plans, flights, queues, commits, intruder, rogue));
+    place.assert_clean();
+}
+
+#[test]
+fn a_second_planner_that_never_stops_writing_does_not_disturb_the_real_one() {
+    let place = Place::new();
+    place.write("long.toml", LONG);
+    place.run_well(&["simulate", "long.toml", "--out", "alone"]);
+    let (mut run, ring) = begin(&place, "long.toml", &[]);
+    let (_, folder) = open_folder(&place, &ring);
+    let flown = || lines(&place.path("run/slots.csv")).saturating_sub(1) as u64;
+    until("slot", || (flown() > 5).then_some(()));
+    let intruder = Intruder::join(&folder);
+    let plans = intruder.writer::<Plan, SlotHeader>("plan");
+    until("end of the run", || {
+        let slot = flown();
+        for i in 0..256 {
+            let header = SlotHeader { mission: folder.terms().mission, slot: slot + i % 3, ..SlotHeader::default() };
+            send(&plans, header, forged_plan());
+        }
+        run.try_wait().unwrap()
+    });
+    let ended = end(run);
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    assert!(place.summary("run")["refused_messages"].as_u64().unwrap() > 0, "{ended:?}");
+    assert!(!said(&ended.stderr, SECOND).is_empty(), "{ended:?}");
+    drop((plans, intruder));
+    place.assert_clean();
+}
+
+#[test]
+fn a_flood_that_was_there_before_the_planner_does_not_drown_it() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "alone"]);
+    let (mut run, ring) = begin(&place, SMOKE, &["--external", "planner", "--timeout", LONG_S]);
+    let (_, folder) = open_folder(&place, &ring);
+    let intruder = Intruder::join(&folder);
+    let plans = intruder.writer::<Plan, SlotHeader>("plan");
+    let arguments = ["--scenario", "run/scenario.toml", "--ring", folder.path().to_str().unwrap()];
+    let other = SlotHeader { mission: 1, slot: 1, ..SlotHeader::default() };
+    let flood = || (0..100_000).for_each(|_| send(&plans, other, forged_plan()));
+    flood();
+    let planner = place.command(env!("CARGO_BIN_EXE_planner"), &arguments).spawn().unwrap();
+    until("end of the run", || {
+        flood();
+        run.try_wait().unwrap()
+    });
+    let (planner, ended) = (end(planner), end(run));
+    assert_eq!((planner.code, ended.code), (Some(0), Some(0)), "{planner:?}, {ended:?}");
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    assert!(place.summary("run")["refused_messages"].as_u64().unwrap() > 0, "{ended:?}");
+    drop((plans, intruder));
+    place.assert_clean();
+}
+
+#[test]
+fn with_one_place_of_each_topic_taken_killed_processes_still_come_back() {
+    let place = Place::new();
+    place.write("long.toml", LONG);
+    place.run_well(&["simulate", "long.toml", "--out", "alone"]);
+    let (run, mut rogue) = begin_with_rogue(&place, "long.toml", LONG_S, &[]);
+    let ring = rogue.folder.path().file_name().unwrap().to_str().unwrap().to_owned();
+    let intruder = Intruder::join(&rogue.folder);
+    let silent = (
+        intruder.writer::<Plan, SlotHeader>("plan"),
+        intruder.writer::<FlightReport, SlotHeader>("flight"),
+        intruder.list_writer::<u32, QueuesHeader>("queues", 100),
+    );
+    rogue.fly_well(|_, turn| {
+        for role in ["flight-sim", "field-sim"].iter().filter(|_| turn.slot % 1000 == 500) {
+            let worker = place.worker(role, &ring);
+            kill_process(worker, Signal::KILL).unwrap();
+            until("restart", || place.worker_now(role, &ring).filter(|&now| now != worker));
+        }
+    });
+    let ended = end(run);
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert_eq!(place.read("alone/slots.csv"), place.read("run/slots.csv"));
+    let summary = place.summary("run");
+    assert_eq!((&summary["restarts"], &summary["refused_messages"]), (&6.into(), &0.into()));
+    drop((silent, intruder, rogue));
+    place.assert_clean();
+}
+
+#[test]
+fn a_process_that_finds_all_places_of_its_topic_taken_says_so() {
+    let place = Place::new();
+    let (run, ring) = begin(&place, SMOKE, &["--external", "planner", "--timeout", SHORT_S]);
+    let (_, folder) = open_folder(&place, &ring);
+    let intruders = [(); 2].map(|()| Intruder::join(&folder));
+    let writers = intruders.each_ref().map(|intruder| intruder.writer::<Plan, SlotHeader>("plan"));
+    let arguments = ["--scenario", "run/scenario.toml", "--ring", folder.path().to_str().unwrap()];
+    let planner = end(place.command(env!("CARGO_BIN_EXE_planner"), &arguments).spawn().unwrap());
+    assert_eq!(planner.code, Some(1), "{planner:?}");
+    assert!(
+        planner
+            .stderr
+            .starts_with("planner: topic plan: cannot write (if all places are taken, end the other program): "),
+        "{planner:?}"
+    );
+    assert_eq!(planner.stderr.lines().count(), 1, "{planner:?}");
+    let ended = end(run);
+    assert_eq!(ended.code, Some(1), "{ended:?}");
+    assert!(trace(&place).is_empty());
+    assert!(ended.stderr.contains("planner"), "{ended:?}");
+    drop((writers, intruders));
+    place.assert_clean();
+}

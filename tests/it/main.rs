@@ -1,0 +1,38 @@
+//! The executables, as a user runs them.
+
+mod bench;
+mod check;
+mod cli;
+#[cfg(feature = "lab")]
+mod compare;
+#[cfg(all(feature = "lab", feature = "viewer"))]
+mod docs;
+mod examples;
+mod export;
+mod figures;
+mod fixtures;
+mod folders;
+mod help;
+mod hostile;
+mod hosts;
+mod medium;
+mod names;
+mod new;
+mod nodes;
+mod optimize;
+mod outside;
+mod plot;
+#[cfg(feature = "viewer")]
+mod recording;
+mod replay;
+mod report;
+mod resume;
+mod ring;
+mod settings;
+#[path = "../support/mod.rs"]
+mod support;
+#[cfg(feature = "lab")]
+mod sweep;
+mod topics;
+#[cfg(feature = "viewer")]
+mod view;

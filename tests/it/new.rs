@@ -1,0 +1,159 @@
+//! `skysink new`: what it writes can be checked and flown, and what it refuses leaves nothing.
+
+use crate::support::Place;
+
+#[test]
+fn a_new_scenario_is_the_papers_mission() {
+    let place = Place::new();
+    let printed = place.run_well(&["new", "city"]).stdout;
+    assert!(printed.contains("city/city.toml: 200 sensor nodes in 100 m × 100 m\n"), "{printed}");
+    let checked = place.run_well(&["check", "city/city.toml"]);
+    assert_eq!(checked.stderr, "");
+    place.run_well(&["simulate", "city/city.toml", "--out", "mine"]);
+    place.write("letter.toml", "name = \"city\"\n");
+    place.run_well(&["simulate", "letter.toml", "--out", "letter"]);
+    assert_eq!(place.read("mine/slots.csv"), place.read("letter/slots.csv"));
+}
+
+#[test]
+fn what_exists_is_replaced_with_force_alone() {
+    let place = Place::new();
+    place.run_well(&["new", "city"]);
+    place.write("city/city.toml", "mine");
+    let refused = place.run(&["new", "city"]);
+    assert_eq!(refused.code, Some(2), "{refused:?}");
+    assert!(refused.stderr.contains("city/city.toml: it exists") && refused.stderr.contains("--force"), "{refused:?}");
+    assert_eq!(place.read("city/city.toml"), "mine");
+    place.run_well(&["new", "city", "--force"]);
+    assert!(place.read("city/city.toml").contains("name = \"city\""));
+    place.run_well(&["new", "city", "--out", "elsewhere/deep"]);
+    assert!(place.path("elsewhere/deep/city.toml").is_file());
+}
+
+#[test]
+fn a_name_that_is_no_folder_is_refused() {
+    let place = Place::new();
+    for name in ["../x", "a b", "", "a\"b"] {
+        let refused = place.run(&["new", name]);
+        assert_eq!((refused.code, refused.stderr.lines().count()), (Some(2), 1), "{name}: {refused:?}");
+        assert!(refused.stderr.contains("expected 1 to 100 of"), "{refused:?}");
+    }
+    assert_eq!(std::fs::read_dir(place.path(".")).unwrap().count(), 0);
+}
+
+#[cfg(feature = "lab")]
+mod imports {
+    use super::*;
+
+    const POINTS: &[(&str, &str)] = &[
+        ("a.csv", "Name,Longitude,LAT\na,13.40,52.50\nb,13.41,52.51\n"),
+        ("a.geojson", "{\"type\":\"MultiPoint\",\"coordinates\":[[13.40,52.50],[13.41,52.51]]}"),
+        (
+            "a.gpx",
+            "<gpx version=\"1.1\" creator=\"a\"><wpt lat=\"52.50\" lon=\"13.40\"/><wpt lat=\"52.51\" lon=\"13.41\"/></gpx>",
+        ),
+        (
+            "a.kml",
+            "<kml><Document><Placemark><Point><coordinates>13.40,52.50</coordinates></Point></Placemark><Placemark>\
+             <Point><coordinates>13.41,52.51,30</coordinates></Point></Placemark></Document></kml>",
+        ),
+    ];
+
+    #[test]
+    fn every_format_gives_the_same_list_which_can_be_flown() {
+        let place = Place::new();
+        for (file, text) in POINTS {
+            place.write(file, text);
+            place.run_well(&["new", "city", "--sensors", file, "--force"]);
+            assert_eq!(place.read("city/sensors.csv"), "lat_deg,lon_deg\n52.5,13.4\n52.51,13.41\n", "{file}");
+            // A hundredth of a degree: 1 113 m to the north, cos 52.5° of that, 678 m, to the east; and two margins.
+            let checked = place.run_well(&["check", "city/city.toml"]).stdout;
+            let side = |key: &str| -> f64 {
+                let line = checked.lines().find(|line| line.starts_with(key)).unwrap();
+                line.rsplit(' ').next().unwrap().parse().unwrap()
+            };
+            assert!((side("width_m") - 699.0).abs() < 5.0 && (side("height_m") - 1133.0).abs() < 5.0, "{checked}");
+            place.run_well(&["simulate", "city/city.toml", "--out", "run", "--force"]);
+        }
+    }
+
+    #[test]
+    fn metres_keep_their_place_unless_they_are_far_away() {
+        let place = Place::new();
+        place.write("near.csv", "y,x,sampling_bps\n2,1,50\n80,90,60\n");
+        place.run_well(&["new", "near", "--sensors", "near.csv"]);
+        assert_eq!(place.read("near/sensors.csv"), "x_m,y_m,sampling_bps\n1,2,50\n90,80,60\n");
+        place.write("utm.csv", "easting,northing\n500100,-20\n500200,40\n");
+        place.run_well(&["new", "utm", "--sensors", "utm.csv"]);
+        assert_eq!(place.read("utm/sensors.csv"), "x_m,y_m\n10,10\n110,70\n");
+        assert!(place.read("utm/utm.toml").contains("translated by -500090 m and 30 m"));
+    }
+
+    #[test]
+    fn positions_on_the_southern_hemisphere_and_far_apart_lie_in_the_area() {
+        let place = Place::new();
+        place.write("a.csv", "lat,lon\n-33.9,18.4\n-33.9,18.9\n-33.85,18.45\n");
+        place.run_well(&["new", "cape", "--sensors", "a.csv"]);
+        place.run_well(&["check", "cape/cape.toml"]);
+    }
+
+    #[test]
+    fn positions_on_both_sides_of_the_180th_meridian_are_one_field() {
+        let place = Place::new();
+        // Taveuni, Fiji: 0.02 degrees of longitude at 16.8° south are 2 132 m, with margins a bit more than 2 152 m.
+        place.write("a.csv", "lat,lon\n-16.8,179.99\n-16.79,-179.99\n");
+        let printed = place.run_well(&["new", "fiji", "--sensors", "a.csv"]).stdout;
+        assert!(printed.contains("2 sensor nodes in 2153 m × 1127 m"), "{printed}");
+        place.run_well(&["simulate", "fiji/fiji.toml", "--out", "run"]);
+        // The margin alone lies west of it.
+        place.write("b.csv", "lat,lon\n10,-179.99999\n10,-179.99\n");
+        place.run_well(&["new", "east", "--sensors", "b.csv"]);
+        assert!(place.read("east/east.toml").contains("origin_lon_deg = 179.99"), "{}", place.read("east/east.toml"));
+        place.run_well(&["check", "east/east.toml"]);
+    }
+
+    #[test]
+    fn what_carries_no_point_is_counted() {
+        let place = Place::new();
+        let feature = |geometry: &str| format!("{{\"type\":\"Feature\",\"properties\":null,\"geometry\":{geometry}}}");
+        let point = "{\"type\":\"Point\",\"coordinates\":[13.40,52.50]}";
+        let features = [feature("null"), feature(point), feature("null")].join(",");
+        place.write("a.geojson", &format!("{{\"type\":\"FeatureCollection\",\"features\":[{features}]}}"));
+        let placemark = "<Placemark><name>a</name></Placemark>";
+        let point = "<Placemark><Point><coordinates>13.40,52.50</coordinates></Point></Placemark>";
+        place.write("a.kml", &format!("<kml><Document>{placemark}{point}{placemark}</Document></kml>"));
+        let point = "<wpt lat=\"52.50\" lon=\"13.40\"/>";
+        place.write("a.gpx", &format!("<gpx version=\"1.1\" creator=\"a\">{point}<rte/><trk/></gpx>"));
+        for file in ["a.geojson", "a.kml", "a.gpx"] {
+            let printed = place.run_well(&["new", "city", "--sensors", file, "--force"]).stdout;
+            assert!(
+                printed.contains("ignored: 2 lines, polygons or other items without a point\n"),
+                "{file}: {printed}"
+            );
+        }
+    }
+
+    #[test]
+    fn bad_positions_are_refused_in_one_line_and_leave_nothing() {
+        let place = Place::new();
+        for (file, text, says) in [
+            ("a.csv", "x,y\n1,2\n3,four\n", "sensor positions a.csv: line 3: y = four: expected a number"),
+            ("a.csv", "x,z\n1,2\n", "line 1: header `x,z`: expected columns x and y [m], or lat and lon [°]"),
+            ("a.csv", "x,y\n", "no points: expected at least one sensor node"),
+            ("a.csv", "x,y,queue\n1,2,40000\n", "sensor list a.csv: line 2: queue_bits = 40000"),
+            ("a.csv", "lat,lon\n0,0\n10,100\n", "a.csv: line 3: lat_deg = 10, lon_deg = 100"),
+            ("a.csv", "x,y,queue\n\n\n1,2,3\n\n1,2,40000\n", "a.csv: line 6: queue_bits = 40000"),
+            ("a.json", "{\"type\":\"MultiPoint\",\"coordinates\":[[0,0],[100,10]]}", "a.json: point 2: lat_deg = 10"),
+            ("a.kml", "<kml", "expected a KML file"),
+            ("a.gpx", "<gpx/>", "a.gpx"),
+            ("a.json", "[1, 2]", "expected GeoJSON"),
+            ("a.shp", "x", "`.shp`: expected a file named .csv"),
+        ] {
+            place.write(file, text);
+            let refused = place.run(&["new", "bad", "--sensors", file]);
+            assert_eq!((refused.code, refused.stderr.lines().count()), (Some(2), 1), "{file}: {refused:?}");
+            assert!(refused.stderr.contains(says), "{says}: {refused:?}");
+            assert!(!place.path("bad").exists());
+        }
+    }
+}

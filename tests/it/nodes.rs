@@ -1,0 +1,259 @@
+//! The nodes as threads of one process, written once for any iceoryx2 service.
+
+use std::fs;
+use std::path::Path;
+use std::sync::Barrier;
+use std::sync::atomic::Ordering;
+use std::thread;
+use std::time::Duration;
+
+use iceoryx2::prelude::{Service, ipc, local};
+use skysink::run::recorder::Recorder;
+use skysink_common::message::{PathPoint, Plan};
+use skysink_common::pace::Pace;
+use skysink_common::scenario::{Count, Overrides, Scenario};
+use skysink_common::sensors::SensorList;
+use skysink_common::stop::{Stop, Stopped};
+use skysink_mission::mission::Mission;
+use skysink_mission::origin::RunMode;
+use skysink_mission::record::RunFolder;
+use skysink_mission::summary::Tally;
+use skysink_planner::settings;
+use skysink_planner::strategies::horizon::{self, HorizonKeys};
+use skysink_planner::strategies::offline::{self, OfflineKeys};
+use skysink_planner::strategies::{Registered, names};
+use skysink_ring::error::NodeError;
+use skysink_ring::folder::RingFolder;
+use skysink_ring::role::Role;
+use skysink_ring::topics::{PATH_BUFFER, Ring, VIEWER_BUFFER};
+use skysink_ring::wait::Waiting;
+
+fn smoke(strategy: &'static str, seed: u64) -> Scenario {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/smoke.toml");
+    let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), ..Overrides::default() };
+    let mut scenario = Scenario::read(&path, overrides).and_then(settings::resolve).unwrap();
+    offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: Count::clamped(5_000) });
+    scenario
+}
+
+/// The trace of a mission in one process.
+fn alone(scenario: &Scenario, out: &Path) -> String {
+    let list = SensorList::of(scenario).unwrap();
+    let folder = RunFolder::create(Some(out), false, scenario, &list, &RunMode::default()).unwrap();
+    let mut log = folder.slot_log().unwrap();
+    for flown in Mission::new(scenario, &list).unwrap() {
+        log.add(&flown.flight, &flown.header).unwrap();
+        assert!(flown.header.totals.is_balanced(), "{flown:?}");
+    }
+    fs::read_to_string(out.join("slots.csv")).unwrap()
+}
+
+/// A node that runs as a thread.
+type Node = fn(&Scenario, &RingFolder, &Stop) -> Result<(), NodeError>;
+
+/// The same as a ring of threads, started in the given order.
+fn ring<S: Service + 'static>(scenario: &Scenario, wait: Waiting, out: &Path, order: [usize; 3]) -> String {
+    let list = SensorList::of(scenario).unwrap();
+    let folder = RunFolder::create(Some(out), false, scenario, &list, &RunMode::default()).unwrap();
+    let ring_folder = RingFolder::create(Pace::Max, wait, 60.0, false, None).unwrap();
+    let stop = Stop::default();
+    let (ring, wait) = Ring::<S>::join(&ring_folder, scenario, Role::Launcher, &stop).unwrap();
+    let mut recorder = Recorder::new(&ring, wait).unwrap();
+    let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(scenario, &list));
+    let nodes: [Node; 3] =
+        [skysink_field_sim::node::run::<S>, skysink_flight_sim::node::run::<S>, skysink_planner::node::run::<S>];
+    thread::scope(|scope| {
+        let threads = order.map(|node| {
+            let (stop, path) = (stop.clone(), ring_folder.path());
+            scope.spawn(move || nodes[node](scenario, &RingFolder::open(path)?, &stop))
+        });
+        recorder.record(scenario.slots, &mut log, &mut tally, &mut |_, _| Ok(0)).unwrap();
+        recorder.release(scenario.slots, log.hash()).unwrap();
+        while threads.iter().any(|thread| !thread.is_finished()) {
+            recorder.pause(Duration::from_millis(1)).unwrap(); // serves those that ask late
+        }
+        for thread in threads {
+            thread.join().unwrap().unwrap();
+        }
+    });
+    let mut mission = Mission::new(scenario, &list).unwrap();
+    mission.by_ref().for_each(drop);
+    let ours = tally.summary(None, Duration::ZERO, log.hash());
+    assert_eq!(ours.totals.queued_bits, mission.header().totals.queued_bits);
+    assert!(ours.complete);
+    fs::read_to_string(out.join("slots.csv")).unwrap()
+}
+
+#[test]
+fn local_and_ipc_nodes_leave_the_trace_of_the_plain_calls() {
+    let out = tempfile::tempdir().unwrap();
+    for (round, strategy) in names().into_iter().enumerate() {
+        let scenario = smoke(strategy, 11);
+        let name = |way: &str| out.path().join(format!("{way}-{round}"));
+        let trace = alone(&scenario, &name("alone"));
+        for &wait in Waiting::ALL {
+            let name = |way: &str| name(&format!("{way}-{wait}"));
+            let flown = ring::<local::Service>(&scenario, wait, &name("local"), [0, 1, 2]);
+            assert_eq!(flown, trace, "{strategy:?}, {wait}");
+            let flown = ring::<ipc::Service>(&scenario, wait, &name("ipc"), [0, 1, 2]);
+            assert_eq!(flown, trace, "{strategy:?}, {wait}");
+        }
+    }
+}
+
+/// What somebody who only looks on sees: the plans, and the paths that are there when their plans are.
+type Seen = Vec<(Plan, Option<Vec<PathPoint>>)>;
+
+/// Looks on at a ring of threads from before they start.
+fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
+    let list = SensorList::of(scenario).unwrap();
+    let folder = RunFolder::create(Some(out), false, scenario, &list, &RunMode::default()).unwrap();
+    let ring_folder = RingFolder::create(Pace::Max, Waiting::Event, 60.0, false, None).unwrap();
+    let stop = Stop::default();
+    let (ring, wait) = Ring::<S>::join(&ring_folder, scenario, Role::Launcher, &stop).unwrap();
+    let mut recorder = Recorder::new(&ring, wait).unwrap();
+    let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(scenario, &list));
+    let nodes: [Node; 3] =
+        [skysink_field_sim::node::run::<S>, skysink_flight_sim::node::run::<S>, skysink_planner::node::run::<S>];
+    let there = Barrier::new(2);
+    thread::scope(|scope| {
+        let spectator = scope.spawn(|| {
+            let folder = RingFolder::open(ring_folder.path()).unwrap();
+            let (ring, mut wait) = Ring::<S>::join(&folder, scenario, Role::Viewer, &stop).unwrap();
+            let mut paths = ring.path.reader(PATH_BUFFER).unwrap();
+            let mut plans = ring.plan.reader(VIEWER_BUFFER).unwrap();
+            there.wait();
+            let see = |slot| {
+                let plan = plans.wait_for_slot(&mut wait, slot).unwrap().unwrap();
+                let path = paths.poll_slot(slot).unwrap().available();
+                (*plan.payload(), path.map(|path| path.payload().to_vec()))
+            };
+            (1..=scenario.slots).map(see).collect()
+        });
+        there.wait();
+        let threads = nodes.map(|node| {
+            let (stop, path) = (stop.clone(), ring_folder.path());
+            scope.spawn(move || node(scenario, &RingFolder::open(path)?, &stop))
+        });
+        recorder.record(scenario.slots, &mut log, &mut tally, &mut |_, _| Ok(0)).unwrap();
+        recorder.release(scenario.slots, log.hash()).unwrap();
+        while threads.iter().any(|thread| !thread.is_finished()) {
+            recorder.pause(Duration::from_millis(1)).unwrap(); // serves those that ask late
+        }
+        for thread in threads {
+            thread.join().unwrap().unwrap();
+        }
+        spectator.join().unwrap()
+    })
+}
+
+#[test]
+fn a_planner_that_looks_ahead_publishes_its_path_before_its_plan_and_the_others_publish_none() {
+    let out = tempfile::tempdir().unwrap();
+    for strategy in names() {
+        let mut scenario = smoke(strategy, 3);
+        horizon::STRATEGY.set_keys(&mut scenario, HorizonKeys { iterations: Count::clamped(200), budget_ms: None });
+        let list = SensorList::of(&scenario).unwrap();
+        let mut mission = Mission::new(&scenario, &list).unwrap();
+        let fly = || {
+            let plan = mission.next()?.plan;
+            let path: Vec<_> = mission.planner().path().iter().copied().map(PathPoint::from).collect();
+            Some((plan, Some(path).filter(|path| path.len() > 1)))
+        };
+        let expected: Seen = std::iter::from_fn(fly).collect();
+        let local = seen::<local::Service>(&scenario, &out.path().join(format!("local-{strategy:?}")));
+        let ipc = seen::<ipc::Service>(&scenario, &out.path().join(format!("ipc-{strategy:?}")));
+        for seen in [local, ipc] {
+            assert_eq!(seen.len(), 60);
+            for ((plan, path), (good, leads)) in seen.iter().zip(&expected) {
+                assert_eq!(path, leads, "{strategy:?}, {plan:?}");
+                let Some(first) = path.as_ref().map(|path| path[0]) else { continue };
+                assert_eq!((first.x_m, first.y_m, first.z_m), (plan.x_m, plan.y_m, plan.z_m), "{strategy:?}");
+                assert_eq!((first.x_m, first.y_m, first.z_m), (good.x_m, good.y_m, good.z_m), "{strategy:?}");
+            }
+            let paths = seen.iter().filter(|(_, path)| path.is_some()).count();
+            let expected = if Registered::find(strategy).unwrap().has_path { 41..=60 } else { 0..=0 };
+            assert!(expected.contains(&paths), "{strategy:?}: {paths} paths");
+        }
+    }
+}
+
+#[test]
+fn nodes_may_start_in_any_order() {
+    let out = tempfile::tempdir().unwrap();
+    let scenario = smoke("uts", 12);
+    let trace = alone(&scenario, &out.path().join("alone"));
+    for (round, order) in [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]].into_iter().enumerate() {
+        let name = |way: &str| out.path().join(format!("{way}-{round}"));
+        let wait = Waiting::Event;
+        assert_eq!(ring::<local::Service>(&scenario, wait, &name("local"), order), trace, "{order:?}");
+        assert_eq!(ring::<ipc::Service>(&scenario, wait, &name("ipc"), order), trace, "{order:?}");
+    }
+}
+
+#[test]
+fn a_requested_stop_ends_a_waiting_node() {
+    let scenario = smoke("uts", 1);
+    for &wait in Waiting::ALL {
+        let ring_folder = RingFolder::create(Pace::Max, wait, 60.0, false, None).unwrap();
+        let _ring = Ring::<local::Service>::join(&ring_folder, &scenario, Role::Launcher, &Stop::default()).unwrap();
+        let stop = Stop::default();
+        thread::scope(|scope| {
+            let node = scope.spawn(|| {
+                let folder = RingFolder::open(ring_folder.path()).unwrap();
+                skysink_planner::node::run::<local::Service>(&scenario, &folder, &stop)
+            });
+            stop.flag().store(15, Ordering::Relaxed); // as SIGTERM does
+            assert!(matches!(node.join().unwrap(), Err(NodeError::Stopped(Stopped(15)))));
+        });
+    }
+}
+
+#[test]
+fn a_recorder_whose_ring_does_not_come_says_who_should_have_begun() {
+    let scenario = smoke("uts", 1);
+    let place = tempfile::tempdir().unwrap();
+    let list = SensorList::of(&scenario).unwrap();
+    for &wait in Waiting::ALL {
+        let out = place.path().join(wait.to_string());
+        let folder = RunFolder::create(Some(&out), false, &scenario, &list, &RunMode::default()).unwrap();
+        let ring_folder = RingFolder::create(Pace::Max, wait, 0.2, false, None).unwrap();
+        let stop = Stop::default();
+        let (ring, wait) = Ring::<local::Service>::join(&ring_folder, &scenario, Role::Launcher, &stop).unwrap();
+        let mut recorder = Recorder::new(&ring, wait).unwrap();
+        let (mut log, mut tally) = (folder.slot_log().unwrap(), Tally::new(&scenario, &list));
+        let mut overdue = Vec::new();
+        let recorded = recorder.record(scenario.slots, &mut log, &mut tally, &mut |_, late| {
+            overdue.extend(late.map(|(role, _)| role));
+            Ok(0)
+        });
+        let error = recorded.unwrap_err().to_string();
+        assert!(error.starts_with("field-sim has not sent queues(0) for 0.2 s"), "{error}");
+        assert_eq!(overdue, [Role::FieldSim], "once, before the time-out");
+    }
+}
+
+#[test]
+fn a_ring_that_waits_in_an_unknown_way_is_refused() {
+    let ring_folder = RingFolder::create(Pace::Max, Waiting::Poll, 0.2, false, None).unwrap();
+    let file = ring_folder.path().join("ring.toml");
+    let terms = fs::read_to_string(&file).unwrap();
+    assert!(terms.contains("wait = \"poll\"\n"), "{terms}");
+    fs::write(&file, terms.replace("poll", "spin")).unwrap();
+    let error = RingFolder::open(ring_folder.path()).unwrap_err().to_string();
+    assert!(
+        error.ends_with("ring.toml: unknown variant `spin`, expected one of `adaptive`, `event`, `poll`"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_node_with_another_scenario_is_refused() {
+    let ring_folder = RingFolder::create(Pace::Max, Waiting::Event, 0.2, false, None).unwrap();
+    let _ring = Ring::<local::Service>::join(&ring_folder, &smoke("uts", 1), Role::Launcher, &Stop::default()).unwrap();
+    let folder = RingFolder::open(ring_folder.path()).unwrap();
+    let other = smoke("uts", 2);
+    let error = skysink_flight_sim::node::run::<local::Service>(&other, &folder, &Stop::default()).unwrap_err();
+    assert_eq!(error.exit_code(), 2);
+    assert!(error.to_string().contains("scenario is"), "{error}");
+}

@@ -1,0 +1,299 @@
+//! `skysink replay`: a run on record through the ring once more, and what another planner would have done.
+
+use crate::support;
+use std::fs;
+use std::path::Path;
+use std::time::Duration;
+
+use crate::support::{Place, end, until};
+use rustix::process::{Signal, kill_process};
+use serde_json::Value;
+use skysink_common::message::FlightReport;
+use skysink_common::pace::Pace;
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::sensors::SensorList;
+use skysink_flight_sim::Flight;
+use skysink_mission::Mission;
+use skysink_mission::origin::RunMode;
+use skysink_mission::record::RunFolder;
+use skysink_mission::summary::Tally;
+use skysink_planner::{Planner, settings};
+
+const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
+
+fn smoke(strategy: &'static str) -> (Scenario, SensorList) {
+    let overrides = Overrides { strategy: Some(strategy), ..Overrides::default() };
+    let scenario = Scenario::read(Path::new(SMOKE), overrides).and_then(settings::resolve).unwrap();
+    let list = SensorList::of(&scenario).unwrap();
+    (scenario, list)
+}
+
+fn outcome(place: &Place, folder: &str) -> Value {
+    serde_json::from_str(&place.read(&format!("{folder}/replay.json"))).unwrap()
+}
+
+/// These columns of a table, line by line.
+fn columns(text: &str, names: &[&str]) -> Vec<Vec<String>> {
+    let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
+    let header = lines.next().unwrap();
+    let at: Vec<_> = names.iter().map(|name| header.iter().position(|column| column == name).expect(name)).collect();
+    lines.map(|line| at.iter().map(|&index| line[index].clone()).collect()).collect()
+}
+
+/// What `plans.csv` and `slots.csv` have in common.
+const DECISION: [&str; 7] = ["slot", "x_m", "y_m", "z_m", "scheduled", "mode", "refused"];
+
+#[test]
+#[cfg(feature = "viewer")]
+fn a_run_without_a_recording_is_replayed_into_the_one_that_it_would_have_had() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "dark"]);
+    place.run_well(&["simulate", SMOKE, "--record", "--out", "lit"]);
+    let ended = place.run_well(&["replay", "dark"]);
+    assert!(ended.stdout.contains("the recorded decision in 60 of 60 slots"), "{ended:?}");
+    for entity in ["/world/uav", "/world/links", "/world/candidates", "/world/queues", "/metrics/loss_rate"] {
+        let [lit, replay] =
+            ["lit", "dark-replay"].map(|run| support::rows(&place.path(&format!("{run}/mission.rrd")), entity));
+        assert_eq!(replay.keys().copied().collect::<Vec<_>>(), lit.keys().copied().collect::<Vec<_>>(), "{entity}");
+        assert!(lit == replay, "{entity}");
+    }
+    place.assert_clean();
+}
+
+#[test]
+fn the_planner_of_the_run_decides_again_as_recorded() {
+    let place = Place::new();
+    place.run_well(&["run", SMOKE, "--no-viewer", "--out", "run"]);
+    let before = place.read("run/summary.json");
+    place.run_well(&["replay", "run", "--no-viewer", "--out", "again"]);
+    let outcome = outcome(&place, "again");
+    for (key, value) in [("slots", 60), ("same", 60), ("undecided", 0)] {
+        assert_eq!(outcome[key], value, "{key}: {outcome}");
+    }
+    assert_eq!((&outcome["first_difference"], &outcome["mean_distance_m"]), (&Value::Null, &0.0.into()));
+    assert_eq!(outcome["trace_hash"], place.summary("run")["trace_hash"]);
+    let [plans, slots] = ["again/plans.csv", "run/slots.csv"].map(|file| columns(&place.read(file), &DECISION));
+    assert_eq!(plans, slots);
+    assert_eq!(place.read("run/summary.json"), before, "the run stays as it is");
+    place.assert_clean();
+}
+
+/// What a strategy would have done in each slot of a mission of another, by plain calls.
+fn asked(flown: &'static str, asked: &'static str) -> Vec<Vec<String>> {
+    let (scenario, list) = smoke(flown);
+    let mut mission = Mission::new(&scenario, &list).unwrap();
+    let nodes = list.nodes();
+    let mut planner = Planner::new(&smoke(asked).0, &nodes).unwrap();
+    let mut lines = Vec::new();
+    for slot in 1..=scenario.slots {
+        let mut flight = Flight::new(&scenario, &nodes);
+        flight.restore(mission.last_flight());
+        planner.observe(slot - 1, mission.last_flight(), mission.queues_bits());
+        let plan = planner.step(slot, mission.last_flight().position(), mission.queues_bits());
+        let FlightReport { x_m, y_m, z_m, .. } = flight.step(slot, Some(&plan));
+        lines.push([slot.to_string(), x_m.to_string(), y_m.to_string(), z_m.to_string()].to_vec());
+        assert!(mission.next().is_some());
+    }
+    lines
+}
+
+#[test]
+fn another_strategy_is_asked_in_each_recorded_state_and_not_followed() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    place.run_well(&["replay", "run", "--no-viewer", "--strategy", "gfs"]);
+    let outcome = outcome(&place, "run-replay");
+    assert_eq!((&outcome["strategy"], &outcome["planner"]), (&"uts".into(), &"gfs".into()));
+    assert_eq!(outcome["trace_hash"], place.summary("run")["trace_hash"], "the recorded flight goes on");
+    let plans = place.read("run-replay/plans.csv");
+    assert_eq!(columns(&plans, &DECISION[..4]), asked("uts", "gfs"));
+    let same = columns(&plans, &["same"]).concat();
+    let is_same = |flag: &&String| flag.as_str() == "true";
+    assert_eq!(outcome["same"], same.iter().filter(is_same).count());
+    assert_eq!(outcome["first_difference"], same.iter().position(|flag| flag == "false").unwrap() + 1);
+    assert!(outcome["mean_distance_m"].as_f64().unwrap() > 1.0, "{outcome}");
+    place.assert_clean();
+}
+
+#[test]
+fn an_outside_planner_is_asked_and_its_own_run_is_replayed_by_its_decisions_on_record() {
+    let place = Place::new();
+    let command = place.outside_planner();
+    place.run_well(&["run", SMOKE, "--no-viewer", "--out", "run", "--planner", &command, "--label", "mine"]);
+    place.run_well(&["replay", "run", "--no-viewer", "--out", "recorded"]);
+    let recorded = outcome(&place, "recorded");
+    assert_eq!((&recorded["strategy"], &recorded["planner"]), (&"mine".into(), &"mine".into()));
+    assert_eq!((&recorded["same"], &recorded["slots"]), (&60.into(), &60.into()));
+    let arguments = ["replay", "run", "--no-viewer", "--out", "asked", "--planner", &command, "--label", "new"];
+    place.run_well(&arguments);
+    let asked = outcome(&place, "asked");
+    assert_eq!((&asked["planner"], &asked["same"]), (&"new".into(), &60.into()));
+    place.assert_clean();
+}
+
+#[test]
+fn slots_without_a_plan_in_time_are_held_again_and_counted_as_undecided() {
+    let place = Place::new();
+    let (scenario, list) = smoke("uts");
+    let manner = RunMode { pace: Some("10x".parse().unwrap()), external_planner: None };
+    let folder = RunFolder::create(Some(&place.path("run")), false, &scenario, &list, &manner).unwrap();
+    let mut log = folder.slot_log().unwrap();
+    let mut mission = Mission::new(&scenario, &list).unwrap();
+    let mut tally = Tally::new(&scenario, &list);
+    tally.start(&mission.header());
+    for slot in 1..=scenario.slots {
+        let plan = mission.plan();
+        let header = mission.fly((slot % 7 != 3).then_some(&plan));
+        log.add(mission.last_flight(), &header).unwrap();
+        tally.add(None, mission.last_flight(), &header);
+    }
+    folder.write_json("summary.json", &tally.summary(Some(Pace::Max), Duration::ZERO, log.hash())).unwrap();
+    drop((folder, log));
+    place.run_well(&["replay", "run", "--no-viewer"]);
+    let outcome = outcome(&place, "run-replay");
+    assert_eq!((&outcome["undecided"], &outcome["same"]), (&9.into(), &51.into()), "{outcome}");
+    assert_eq!(outcome["trace_hash"], place.summary("run")["trace_hash"]);
+    place.assert_clean();
+}
+
+#[test]
+fn a_replay_survives_the_death_of_its_processes() {
+    let place = Place::new();
+    place.write("long.toml", "name = \"long\"\nslots = 3000\nslot_s = 0.1\n[uav]\nendurance_s = 1e6\n");
+    place.run_well(&["simulate", "long.toml", "--out", "run"]);
+    let replay = place.skysink(&["replay", "run", "--no-viewer", "--pace", "100x"]).spawn().unwrap();
+    let ring = until("ring", || place.rings().into_iter().find(|ring| place.ring_file(ring).exists()));
+    let flights = place.ring_file(&ring).with_file_name("flights.journal");
+    let size = || fs::metadata(&flights).map_or(0, |file| file.len());
+    until("flight", || (size() > 12_000).then_some(())); // three places of 4096 bytes
+    for role in ["flight-sim", "planner", "field-sim"] {
+        kill_process(place.worker(role, &ring), Signal::KILL).unwrap();
+    }
+    let ended = end(replay);
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert!(ended.stderr.contains("flight-sim was started again"), "{ended:?}");
+    let outcome = outcome(&place, "run-replay");
+    assert_eq!((&outcome["same"], &outcome["trace_hash"]), (&3000.into(), &place.summary("run")["trace_hash"]));
+    place.assert_clean();
+}
+
+#[test]
+fn what_is_no_finished_run_or_contradicts_itself_is_refused_and_nothing_is_written() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    place.write("other.txt", "");
+    for (arguments, says) in [
+        (&["nowhere"][..], "nowhere"),
+        (&["run", "--external", "flight-sim"], "--external flight-sim"),
+        (&["run", "--strategy", "gfs", "--planner", "true"], "--strategy with --planner"),
+        (&["run", "--out", "."], "output folder .: it contains"),
+    ] {
+        let ended = place.run(&[&["replay", "--no-viewer"], arguments].concat());
+        assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
+        assert!(ended.stderr.contains(says), "{ended:?}");
+    }
+    let trace = place.read("run/slots.csv");
+    let cut: String = trace.split_inclusive('\n').take(31).collect();
+    for (damaged, says) in [(trace.replacen("\n7,", "\n8,", 1), "line 8"), (cut, "30 slots")] {
+        place.write("run/slots.csv", &damaged);
+        let ended = place.run(&["replay", "run", "--no-viewer"]);
+        assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
+        assert!(ended.stderr.contains("run/slots.csv") && ended.stderr.contains(says), "{ended:?}");
+    }
+    assert!(!place.path("run-replay").exists());
+}
+
+#[test]
+fn a_replay_is_replaced_by_force_alone() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    place.run_well(&["replay", "run", "--no-viewer"]);
+    let ended = place.run(&["replay", "run", "--no-viewer", "--strategy", "gfs"]);
+    assert!(ended.code == Some(2) && ended.stderr.contains("run-replay: it exists"), "{ended:?}");
+    assert_eq!(outcome(&place, "run-replay")["planner"], "uts");
+    place.run_well(&["replay", "run", "--no-viewer", "--strategy", "gfs", "--force"]);
+    assert_eq!(outcome(&place, "run-replay")["planner"], "gfs");
+    let ended = place.run(&["replay", "run", "--no-viewer", "--out", "run", "--force"]);
+    assert!(ended.code == Some(2) && ended.stderr.contains("it is inside the run folder"), "{ended:?}");
+    assert!(place.path("run/slots.csv").exists());
+}
+
+#[test]
+fn a_replay_that_was_killed_leaves_nothing_that_is_in_the_way_of_the_next() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    fs::create_dir(place.path("run-replay")).unwrap();
+    place.write("run-replay/lock", "");
+    place.write("run-replay/.plans.csv.a1b2c3.new", "slot,x_m\n");
+    let victim = place.write("victim", "mine");
+    std::os::unix::fs::symlink(victim, place.path("run-replay/.plans.csv.new")).unwrap();
+    place.run_well(&["replay", "run", "--no-viewer", "--force"]);
+    let mut left: Vec<_> =
+        fs::read_dir(place.path("run-replay")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    left.sort();
+    assert_eq!(left, ["lock", "plans.csv", "replay.json", "scenario.toml", "sensors.csv"]);
+    assert_eq!(place.read("victim"), "mine");
+}
+
+#[test]
+fn a_replay_stays_until_the_one_that_replaces_it_is_whole() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    place.run_well(&["replay", "run", "--no-viewer"]);
+    let files = || ["plans.csv", "replay.json", "scenario.toml"].map(|name| place.read(&format!("run-replay/{name}")));
+    let before = files();
+    let ended = place.run(&["replay", "run", "--no-viewer", "--force", "--planner", "false"]);
+    assert_eq!(ended.code, Some(1), "{ended:?}");
+    assert_eq!(files(), before);
+    let left = fs::read_dir(place.path("run-replay")).unwrap().map(|entry| entry.unwrap().file_name());
+    assert_eq!(left.filter(|name| name.as_encoded_bytes().starts_with(b".")).count(), 0);
+    place.run_well(&["replay", "run", "--no-viewer", "--force", "--strategy", "gfs"]);
+    assert_ne!(files(), before);
+}
+
+#[test]
+fn what_is_no_replay_is_not_replaced_and_a_run_is_no_place_for_one() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    fs::create_dir(place.path("own")).unwrap();
+    place.write("own/scenario.toml", "# mine");
+    for (arguments, message) in [
+        (["--out", "own", "--force"], "it contains own/scenario.toml: expected a separate folder"),
+        (["--out", "run/replay", "--force"], "it is inside the run folder, which must not change"),
+    ] {
+        let ended = place.run(&[&["replay", "run", "--no-viewer"][..], &arguments].concat());
+        assert_eq!(ended.code, Some(2), "{ended:?}");
+        assert!(ended.stderr.contains(message), "{ended:?}");
+    }
+    assert_eq!(place.read("own/scenario.toml"), "# mine");
+    let mut inside = place.skysink(&["replay", ".", "--no-viewer"]);
+    let ended = end(inside.current_dir(place.path("run")).spawn().unwrap());
+    assert_eq!(ended.code, Some(0), "{ended:?}");
+    assert!(place.path("run-replay/replay.json").exists());
+}
+
+#[test]
+fn a_folder_has_one_replay_at_a_time() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "run"]);
+    place.run_well(&["replay", "run", "--no-viewer"]);
+    let lock = fs::File::open(place.path("run-replay/lock")).unwrap();
+    lock.try_lock().unwrap();
+    let ended = place.run(&["replay", "run", "--no-viewer", "--force"]);
+    assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
+    assert!(ended.stderr.contains("run-replay: another replay is writing it"), "{ended:?}");
+    assert_eq!(outcome(&place, "run-replay")["planner"], "uts", "it stays as it was");
+    drop(lock);
+    place.run_well(&["replay", "run", "--no-viewer", "--force"]);
+}
+
+#[test]
+fn only_flight_sim_takes_the_pace_of_a_replay() {
+    let place = Place::new();
+    let help = |program: &str| end(place.command(program, &["--help"]).spawn().unwrap()).stdout;
+    let [flight_sim, planner] = [env!("CARGO_BIN_EXE_flight-sim"), env!("CARGO_BIN_EXE_planner")].map(help);
+    assert!(flight_sim.contains("--replay <RUN>") && flight_sim.contains("--pace <PACE>"), "{flight_sim}");
+    assert!(planner.contains("--replay <RUN>") && !planner.contains("--pace"), "{planner}");
+    let replay = place.run_well(&["replay", "--help"]).stdout;
+    assert!(replay.contains("Maximum speed of the slots") && !replay.contains("--resume"), "{replay}");
+}

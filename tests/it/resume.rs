@@ -1,0 +1,101 @@
+//! What a record may say when a run is resumed: what the mission leads to, and what the record alone can know.
+
+use std::path::{Path, PathBuf};
+
+use skysink::run::resume::resume;
+use skysink_common::message::Plan;
+use skysink_common::pace::Pace;
+use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::sensors::SensorList;
+use skysink_common::stop::Stop;
+use skysink_mission::Mission;
+use skysink_mission::origin::RunMode;
+use skysink_mission::record::RunFolder;
+use skysink_mission::summary::Tally;
+use skysink_planner::settings;
+
+/// Slots on record.
+const SLOTS: u64 = 30;
+
+/// Who made the plans of a record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum PlansBy {
+    Planner,
+    Outside,
+}
+
+/// The plan that is flown in a slot instead of the planner's own; `None` where it came too late.
+type Substitute = fn(slot: u64, own: Plan) -> Option<Plan>;
+
+fn smoke(strategy: &'static str) -> (Scenario, SensorList) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenarios/smoke.toml");
+    let scenario = Scenario::read(&path, Overrides { strategy: Some(strategy), ..Overrides::default() })
+        .and_then(settings::resolve)
+        .unwrap();
+    let list = SensorList::of(&scenario).unwrap();
+    (scenario, list)
+}
+
+/// Leaves the record of the first slots in `out`, flown by the plans of `substitute`.
+fn record(scenario: &Scenario, list: &SensorList, out: &Path, plans_by: PlansBy, substitute: Substitute) -> RunFolder {
+    let external_planner = (plans_by == PlansBy::Outside).then(|| "external".to_owned());
+    let manner = RunMode { pace: Some(Pace::Max), external_planner };
+    let folder = RunFolder::create(Some(out), false, scenario, list, &manner).unwrap();
+    let mut log = folder.slot_log().unwrap();
+    let mut mission = Mission::new(scenario, list).unwrap();
+    for slot in 1..=SLOTS {
+        let own = mission.plan();
+        let header = mission.fly(substitute(slot, own).as_ref());
+        log.add(mission.last_flight(), &header).unwrap();
+    }
+    folder
+}
+
+/// The last slot that a resumed run begins after, or why it is refused.
+fn resumed(strategy: &'static str, plans_by: PlansBy, substitute: Substitute) -> Result<u64, String> {
+    let place = tempfile::tempdir().unwrap();
+    let out: PathBuf = place.path().join("run");
+    let (scenario, list) = smoke(strategy);
+    let folder = record(&scenario, &list, &out, plans_by, substitute);
+    let mut tally = Tally::new(&scenario, &list);
+    let resumed = resume(&folder, &scenario, &list, &mut tally, &Stop::default());
+    resumed.map(|_| tally.last_slot()).map_err(|error| error.to_string())
+}
+
+/// A plan that the UAV can fly and that no strategy makes: the waypoint is a millimetre off.
+fn nudged(slot: u64, own: Plan) -> Option<Plan> {
+    let y_m = if slot == 20 { own.y_m + 1e-3 * (50.0 - own.y_m).signum() } else { own.y_m };
+    Some(Plan { y_m, ..own })
+}
+
+#[test]
+fn a_line_that_could_be_flown_but_was_not_planned_is_refused() {
+    assert_eq!(resumed("uts", PlansBy::Planner, |_, own| Some(own)), Ok(SLOTS));
+    let error = resumed("uts", PlansBy::Planner, nudged).unwrap_err();
+    assert!(
+        error.contains("slots.csv: line 21: `20,") && error.contains("`: the mission does not lead to this line"),
+        "{error}"
+    );
+}
+
+#[test]
+fn plans_from_outside_are_taken_from_the_record() {
+    assert_eq!(resumed("uts", PlansBy::Outside, nudged), Ok(SLOTS));
+    let refused = |_, own: Plan| Some(Plan { x_m: f64::NAN, ..own });
+    assert_eq!(resumed("uts", PlansBy::Outside, refused), Ok(SLOTS), "waypoints that were refused");
+}
+
+#[test]
+fn a_plan_that_came_too_late_is_a_hold_whatever_the_strategy() {
+    let late = |slot: u64, own| (slot % 7 != 3).then_some(own);
+    for strategy in ["uts", "rfs", "tour", "max-age-first"] {
+        assert_eq!(resumed(strategy, PlansBy::Planner, late), Ok(SLOTS), "{strategy:?}");
+    }
+}
+
+#[test]
+fn after_a_hold_a_planner_with_a_state_may_have_planned_something_else() {
+    let late_and_nudged = |slot, own| if slot == 5 { None } else { nudged(slot, own) };
+    assert_eq!(resumed("tour", PlansBy::Planner, late_and_nudged), Ok(SLOTS));
+    assert!(resumed("uts", PlansBy::Planner, late_and_nudged).is_err(), "uts plans each slot by itself");
+}

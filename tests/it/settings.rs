@@ -1,0 +1,93 @@
+//! `--set`, and the axes of a sweep: what they displace, and how they are refused.
+
+use crate::support::Place;
+
+/// A square field whose SNs are drawn, in surroundings that have a name.
+const FILE: &str = "name = \"a\"\nslots = 30\n[area]\nside_m = 90.0\n[sensors]\ncount = 20\n[link]\n\
+                    model = \"probabilistic-los\"\nenvironment = \"urban\"\n";
+
+#[test]
+fn what_is_set_is_refused_in_the_name_of_the_option() {
+    let place = Place::new();
+    place.write("a.toml", "name = \"a\"\nslots = 30\n");
+    for (set, says) in [
+        ("slots=0", "--set slots=0: expected 1 to 1000000000\n"),
+        ("slot=9", "--set slot=9: expected one of `name`"),
+        ("link.bandwidth_hz=-1", "--set link.bandwidth_hz=-1: expected a finite number above 0\n"),
+        ("link.bandwidth_hz=wide", "--set link.bandwidth_hz=wide: expected a number\n"),
+        ("slots.x=1", "--set slots.x=1: slots is no table: expected a key of the scenario\n"),
+        ("planner.rates=learnt", "--set planner.rates=learnt: expected \"known\", or planner.knowledge"),
+        ("planner.horizon.iterations=-1", "--set planner.horizon.iterations=-1: expected "),
+        ("planner.horizon={iterations=-1}", ": planner.horizon.iterations = -1: expected "),
+        ("planner.strategy=utz", "--set planner.strategy=utz: expected one of"),
+        ("area.width_m=50", "--set area.width_m=50: expected width_m and height_m together, or side_m\n"),
+        // What is refused is a key of the file, because of what was set.
+        ("slots=100000", "scenario a.toml: uav.endurance_s = 600.0: expected at least the flight's 100000 s"),
+        ("slots=100000", "(with --set slots=100000)\n"),
+        ("slots", "key=value"),
+    ] {
+        let ended = place.run(&["simulate", "a.toml", "--out", "refused", "--set", set]);
+        assert_eq!(ended.code, Some(2), "{set}: {ended:?}");
+        assert!(ended.stderr.contains(says), "{set}: {ended:?}");
+        assert!(!place.path("refused").exists(), "{set}");
+    }
+}
+
+#[test]
+fn a_key_that_is_set_displaces_the_other_form_of_the_file() {
+    let place = Place::new();
+    place.write("a.toml", FILE);
+    place.write("list.csv", "x_m,y_m\n1,2\n");
+    for (set, kept, gone) in [
+        (&["area.width_m=50", "area.height_m=60"][..], "width_m = 50.0\nheight_m = 60.0\n", "side_m"),
+        (&["sensors.file=list.csv"], "file = \"list.csv\"", "count"),
+        (&["link.los={a=9.61, b=0.16}"], "[link.los]\na = 9.61\n", "environment"),
+        (&["link.los.a=9.61", "link.los.b=0.16"], "[link.los]\na = 9.61\n", "environment"),
+        (&["link.model=free-space", "link.gain_db=-50"], "gain_db = -50.0\n", "environment"),
+    ] {
+        let mut arguments = vec!["check", "a.toml"];
+        set.iter().for_each(|set| arguments.extend(["--set", set]));
+        let ended = place.run_well(&arguments);
+        assert!(ended.stdout.contains(kept), "{set:?}: {ended:?}");
+        assert!(!ended.stdout.lines().any(|line| line.starts_with(&format!("{gone} ="))), "{set:?}: {ended:?}");
+        // And back again.
+        place.write("b.toml", &ended.stdout);
+        let file = ["--set", "area.side_m=90", "--set", "sensors.count=20", "--set", "link.model=probabilistic-los"];
+        let start = ["--set", "link.environment=urban", "--set", "uav.start_m=[45, 45]"];
+        let back = place.run_well(&[&["check", "b.toml"], &file[..], &start].concat());
+        let keys = |text: &str| text.lines().filter(|line| !line.starts_with('#')).collect::<Vec<_>>().join("\n");
+        assert_eq!(keys(&back.stdout), keys(&place.run_well(&["check", "a.toml"]).stdout), "{set:?}");
+    }
+    // One does not displace the other where both are set.
+    let both = place.run(&[
+        "check",
+        "a.toml",
+        "--set",
+        "area.side_m=9",
+        "--set",
+        "area.width_m=9",
+        "--set",
+        "area.height_m=9",
+    ]);
+    assert_eq!(both.code, Some(2), "{both:?}");
+    assert!(both.stderr.contains("--set area.side_m=9: expected either side_m, or width_m and height_m"), "{both:?}");
+}
+
+#[cfg(feature = "lab")]
+#[test]
+fn an_axis_of_a_sweep_displaces_and_is_refused_likewise() {
+    let place = Place::new();
+    place.write("a.toml", FILE);
+    let sweep = |axes: &str| {
+        let text = format!("scenario = \"a.toml\"\nstrategies = [\"gfs\"]\nseeds = 1\n[axes]\n{axes}\n");
+        place.write("sweep.toml", &text);
+        place.run(&["sweep", "sweep.toml", "--out", "swept"])
+    };
+    let refused = sweep("\"slots\" = [30, 0]");
+    assert_eq!(refused.code, Some(2), "{refused:?}");
+    let says = "sweep sweep.toml: at slots = 0: axis slots=0: expected 1 to 1000000000\n";
+    assert!(refused.stderr.ends_with(says), "{refused:?}");
+    let flown = sweep("\"area.width_m\" = [50.0, 60.0]\n\"area.height_m\" = [70.0]");
+    assert_eq!(flown.code, Some(0), "{flown:?}");
+    assert_eq!(place.read("swept/results.csv").lines().count(), 3);
+}

@@ -1,0 +1,245 @@
+//! Recordings in a browser: what is served, what a page consists of, and what is refused.
+use crate::support;
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::process::Child;
+use std::sync::mpsc::channel;
+
+use crate::support::{Place, end, until};
+use rustix::process::{Pid, Signal, kill_process};
+
+const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
+
+/// An answer to a request.
+struct Answer {
+    status: u16,
+    headers: BTreeMap<String, String>,
+    body: Vec<u8>,
+}
+
+impl Answer {
+    fn text(&self) -> &str {
+        std::str::from_utf8(&self.body).unwrap()
+    }
+
+    fn header(&self, name: &str) -> &str {
+        self.headers.get(name).map_or("", String::as_str)
+    }
+}
+
+/// Asks the server on `port`, and reads all that it answers.
+fn ask(port: u16, method: &str, path: &str) -> Answer {
+    let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+    stream.set_read_timeout(Some(support::WATCHDOG)).unwrap();
+    write!(stream, "{method} {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n").unwrap();
+    let mut bytes = Vec::new();
+    stream.read_to_end(&mut bytes).unwrap();
+    let head_end = bytes.windows(4).position(|window| window == b"\r\n\r\n").expect("a head");
+    let head = String::from_utf8(bytes[..head_end].to_vec()).unwrap();
+    let mut lines = head.lines();
+    let status = lines.next().unwrap().split(' ').nth(1).unwrap().parse().unwrap();
+    let headers = lines.filter_map(|line| line.split_once(": "));
+    let headers = headers.map(|(name, value)| (name.to_ascii_lowercase(), value.to_owned())).collect();
+    Answer { status, headers, body: bytes.split_off(head_end + 4) }
+}
+
+/// What `skysink view` says until it serves.
+fn address_said(child: &mut Child) -> String {
+    let output = BufReader::new(child.stdout.take().unwrap());
+    let (sender, lines) = channel();
+    std::thread::spawn(move || output.lines().map_while(Result::ok).try_for_each(|line| sender.send(line)));
+    let mut said = String::new();
+    while !said.contains("Ctrl-C") {
+        let line = lines.recv_timeout(support::WATCHDOG).unwrap_or_else(|error| panic!("{error}: {said}"));
+        said = said + &line + "\n";
+    }
+    said
+}
+
+/// `skysink view` with these arguments on a free port, what it has said first, and the port.
+fn view(place: &Place, arguments: &[&str]) -> (Child, String, u16) {
+    let mut child = place.skysink(&[&["view", "--port", "0"], arguments].concat()).spawn().unwrap();
+    let said = address_said(&mut child);
+    let (_, address) = said.split_once("http://127.0.0.1:").expect("an address");
+    let port = address.split_once('/').unwrap().0.parse().unwrap();
+    (child, said, port)
+}
+
+fn stop(child: Child) -> Option<i32> {
+    kill_process(Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap(), Signal::INT).unwrap();
+    end(child).code
+}
+
+#[test]
+fn the_page_its_viewer_and_the_recording_are_served_and_nothing_else() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--record", "--out", "run"]);
+    let (child, said, port) = view(&place, &["run"]);
+    assert!(said.contains("run/mission.rrd") && said.contains(&format!("ssh -C -L {port}:127.0.0.1:{port} HOST")));
+
+    let index = ask(port, "GET", "/");
+    assert_eq!((index.status, index.header("content-type")), (200, "text/html; charset=utf-8"));
+    assert!(index.text().contains("const recordings = [\"run/mission.rrd\"]"), "{}", index.text());
+    assert!(index.text().contains("connect-src 'self' data: blob:\""), "nothing is fetched elsewhere");
+    assert_eq!(ask(port, "GET", "/index.html?renderer=webgl").body, index.body);
+
+    let wasm = ask(port, "GET", "/re_viewer_bg.wasm");
+    assert_eq!((wasm.status, wasm.header("content-type")), (200, "application/wasm"));
+    assert!(wasm.body.starts_with(b"\0asm"));
+    assert_eq!(wasm.header("content-length"), wasm.body.len().to_string());
+    let script = ask(port, "GET", "/re_viewer.js");
+    assert_eq!((script.status, script.header("content-type")), (200, "text/javascript; charset=utf-8"));
+
+    let recording = ask(port, "GET", "/run/mission.rrd");
+    let file = fs::read(place.path("run/mission.rrd")).unwrap();
+    assert_eq!(recording.header("content-length"), file.len().to_string());
+    assert!(recording.body == file, "another recording");
+    let head = ask(port, "HEAD", "/run/mission.rrd");
+    assert_eq!((head.header("content-length"), head.body.len()), (file.len().to_string().as_str(), 0));
+
+    for path in [
+        "/nothing",
+        "/run/",
+        "/run/slots.csv",
+        "/run/mission.rrd/",
+        "/../run/mission.rrd",
+        "/run/../run/mission.rrd",
+        "/%2e%2e/%2e%2e/etc/passwd",
+        "/../../../../../../etc/passwd",
+        "//etc/passwd",
+        "/run\\mission.rrd",
+    ] {
+        assert_eq!(ask(port, "GET", path).status, 404, "{path}");
+    }
+    assert_eq!(ask(port, "POST", "/").status, 405);
+
+    fs::write(place.path("run/mission.rrd"), &file[..1000]).unwrap();
+    assert_eq!(ask(port, "GET", "/run/mission.rrd").body.len(), 1000, "as the file is now");
+    fs::remove_file(place.path("run/mission.rrd")).unwrap();
+    assert_eq!(ask(port, "GET", "/run/mission.rrd").status, 404);
+    assert_eq!(stop(child), Some(130));
+}
+
+#[test]
+fn several_recordings_are_shown_on_one_page_and_without_a_name_the_newest() {
+    let place = Place::new();
+    for out in ["runs/first", "runs/second"] {
+        place.run_well(&["simulate", SMOKE, "--record", "--out", out]);
+    }
+    let old = std::time::SystemTime::now() - std::time::Duration::from_secs(60);
+    fs::File::open(place.path("runs/second/mission.rrd")).unwrap().set_modified(old).unwrap();
+    let (child, _, port) = view(&place, &[]);
+    assert!(ask(port, "GET", "/").text().contains("[\"first/mission.rrd\"]"));
+    assert_eq!(stop(child), Some(130));
+    let (child, _, port) = view(&place, &["runs/second/mission.rrd", "runs/first"]);
+    assert!(ask(port, "GET", "/").text().contains("[\"second/mission.rrd\", \"first/mission.rrd\"]"));
+    assert_eq!(stop(child), Some(130));
+}
+
+#[test]
+fn what_cannot_be_shown_is_refused_in_one_line() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--out", "dark"]);
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port().to_string();
+    let live = "--live=1"; // nobody listens there: the port has been out of use for decades
+    place.write("text.rrd", "RRD?");
+    for (arguments, says) in [
+        (&[][..], "runs: it contains no recording"),
+        (&["nowhere"], "recording nowhere: No such file"),
+        (&["text.rrd"], "recording text.rrd: expected a recording of rerun"),
+        (&["dark"], "recording dark: it contains no recording"),
+        (&[live], "skysink run --live"),
+        (&["--live", "--bind", "0.0.0.0"], "--live with --bind 0.0.0.0"),
+    ] {
+        let ended = place.run(&[&["view", "--port", "0"], arguments].concat());
+        assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
+        assert!(ended.stderr.contains(says), "{ended:?}");
+    }
+    place.run_well(&["simulate", SMOKE, "--record", "--out", "run"]);
+    let ended = place.run(&["view", "run", "--port", &port]);
+    assert_eq!(ended.code, Some(2), "{ended:?}");
+    assert!(ended.stderr.contains(&format!("127.0.0.1:{port}: ")) && ended.stderr.contains("free --port"), "{ended:?}");
+}
+
+/// A mission that is served, and its port. One that another process has taken meanwhile is refused: then another port.
+fn run_live(place: &Place) -> (Child, u16) {
+    loop {
+        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let live = format!("--live={port}");
+        let arguments = ["run", "long.toml", "--out", "run", "--force", "--pace", "1x", &live];
+        let mut run = place.skysink(&arguments).spawn().unwrap();
+        let is_served = until("server", || match run.try_wait().unwrap() {
+            Some(_) => Some(false),
+            None => TcpStream::connect(("127.0.0.1", port)).is_ok().then_some(true),
+        });
+        if is_served {
+            return (run, port);
+        }
+        let ended = end(run);
+        assert!(ended.stderr.contains("expected a free port"), "{ended:?}");
+    }
+}
+
+#[test]
+fn a_mission_under_way_is_shown_from_its_port() {
+    let place = Place::new();
+    place.write("long.toml", "name = \"long\"\nslots = 6000\nslot_s = 0.1\n[uav]\nendurance_s = 1e6\n");
+    let (run, free) = run_live(&place);
+    let live = format!("--live={free}");
+    let (child, said, port) = view(&place, &[&live]);
+    assert!(said.contains(&format!("-L {port}:127.0.0.1:{port} -L {free}:127.0.0.1:{free} HOST")), "{said}");
+    let index = ask(port, "GET", "/");
+    assert!(index.text().contains(&format!("const livePort = {free};")), "{}", index.text());
+    assert!(index.text().contains(&format!("blob: http://127.0.0.1:{free} http://localhost:{free}\"")));
+    assert_eq!((stop(child), stop(run)), (Some(130), Some(130)));
+    place.assert_clean();
+}
+
+#[test]
+fn a_page_is_a_folder_that_any_server_can_serve() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--record", "--out", "run"]);
+    let ended = place.run_well(&["page", "run", "page"]);
+    assert!(ended.stdout.contains("page/index.html"), "{ended:?}");
+    assert!(place.read("page/index.html").contains("[\"run/mission.rrd\"]"));
+    assert!(place.read("page/re_viewer.js").contains("wasm_bindgen"));
+    assert!(fs::read(place.path("page/re_viewer_bg.wasm")).unwrap().starts_with(b"\0asm"));
+    let recording = |path: &str| fs::read(place.path(path)).unwrap();
+    assert!(recording("page/run/mission.rrd") == recording("run/mission.rrd"));
+    for (arguments, says) in [
+        (["page", "run", "page"], "page folder page: it is not empty"),
+        (["page", "run", "run/mission.rrd"], "page folder run/mission.rrd: "),
+        (["page", "nowhere", "other"], "recording nowhere"),
+    ] {
+        let ended = place.run(&arguments);
+        assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
+        assert!(ended.stderr.contains(says), "{ended:?}");
+    }
+    assert!(!place.path("other").exists());
+}
+
+#[test]
+fn a_server_that_can_accept_no_more_connections_ends_with_an_error() {
+    let place = Place::new();
+    place.run_well(&["simulate", SMOKE, "--record", "--out", "run"]);
+    for files in [40, 41] {
+        // A connection takes two: the limit is met by the first of one, or by its second.
+        let script = format!("ulimit -n {files} && exec \"$0\" view --port 0 run");
+        let skysink = env!("CARGO_BIN_EXE_skysink");
+        let mut child = place.command("sh", &["-c", &script, skysink]).spawn().unwrap();
+        let said = address_said(&mut child);
+        let (_, address) = said.split_once("http://").unwrap();
+        let address = address.split_once('/').unwrap().0;
+        let connections: Vec<_> = (0..files).map_while(|_| TcpStream::connect(address).ok()).collect();
+        let ended = end(child);
+        assert_eq!((ended.code, ended.stderr.lines().count()), (Some(1), 1), "{ended:?}");
+        assert!(
+            ended.stderr.contains("the web server failed") && ended.stderr.contains("Too many open files"),
+            "{ended:?}"
+        );
+        drop(connections);
+    }
+}

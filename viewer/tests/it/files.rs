@@ -1,0 +1,255 @@
+//! Recordings in several files, each written by a restarted viewer.
+
+use crate::support;
+use std::collections::BTreeSet;
+use std::fs;
+use std::io::BufReader;
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+
+use crate::chunks::recording;
+use crate::support::{Found, Slot, files, letter, sensors, town};
+use re_log_encoding::DecoderApp;
+use skysink_common::checkpoint::Checkpoint;
+use skysink_common::estimate::Rates;
+use skysink_common::message::{LinkReport, PathPoint};
+use skysink_common::scenario::Scenario;
+use skysink_viewer::los::field;
+use skysink_viewer::{Scene, Sinks, WallClock, curves, events, links, path, uav};
+
+const SENSORS: u32 = 30;
+
+fn open(first: &Path, scenario: &Scenario, name: &str) -> Scene {
+    let sinks = Sinks { save: Some(first.to_owned()), ..Sinks::default() };
+    Scene::open(&sinks, scenario, &sensors(SENSORS), name, WallClock::Unmeasured, None).unwrap()
+}
+
+/// Records these slots into the next file, and returns what is in it.
+fn record(first: &Path, scenario: &Scenario, name: &str, slots: impl IntoIterator<Item = u64>) -> Found {
+    let slots = slots.into_iter().map(|slot| Slot::new(slot, SENSORS as usize));
+    record_slots(first, scenario, name, slots)
+}
+
+fn record_slots(first: &Path, scenario: &Scenario, name: &str, slots: impl IntoIterator<Item = Slot>) -> Found {
+    let mut scene = open(first, scenario, name);
+    for slot in slots {
+        scene.log_slot(&slot.view()).unwrap();
+    }
+    scene.close().unwrap();
+    Found::read(files(first).last().unwrap())
+}
+
+/// Records these slots into the next file, from the state that the scene before it saved, and saves its own.
+fn resume(first: &Path, scenario: &Scenario, name: &str, slots: RangeInclusive<u64>, state: &mut Vec<u8>) -> Found {
+    let sinks = Sinks { save: Some(first.to_owned()), ..Sinks::default() };
+    let rates = Some(Rates::Learnt);
+    let mut scene = Scene::open(&sinks, scenario, &sensors(SENSORS), name, WallClock::Unmeasured, rates).unwrap();
+    if !state.is_empty() {
+        scene.restore(state).unwrap();
+    }
+    for slot in slots {
+        let mut slot = Slot::new(slot, SENSORS as usize);
+        slot.queues_bits[3] = 1_000; // it loses 100 bits in every slot
+        scene.log_slot(&slot.view()).unwrap();
+    }
+    state.clear();
+    scene.save(state);
+    assert!(state.len() <= Scene::state_room(SENSORS as usize));
+    scene.close().unwrap();
+    Found::read(files(first).last().unwrap())
+}
+
+/// A path for a recording, alone in a folder.
+fn place() -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let first = folder.path().join("mission.rrd");
+    (folder, first)
+}
+
+fn names(first: &Path) -> Vec<String> {
+    files(first).iter().map(|path| path.file_name().unwrap().to_str().unwrap().to_owned()).collect()
+}
+
+#[test]
+fn each_viewer_writes_the_next_file_of_one_recording() {
+    for scenario in [letter(), town()] {
+        let ((_folder, first), (_other, alone)) = (place(), place());
+        let mut state = Vec::new();
+        let parts = [(0..=2, "first name"), (3..=5, "second name"), (6..=8, "third name")]
+            .map(|(slots, name)| resume(&first, &scenario, name, slots, &mut state));
+        let whole = resume(&alone, &scenario, "first name", 0..=8, &mut Vec::new());
+        assert!(whole.text(events::STATUS, "TextDocument:text", Some(8)).contains("1 of 30 SNs have lost data"));
+        assert_eq!(names(&first), ["mission.rrd", "mission-2.rrd", "mission-3.rrd"]);
+        assert_eq!(BTreeSet::from_iter(files(&first).iter().map(|file| recording(file))).len(), 1);
+        assert_eq!(recording(&first), "first name");
+        let is_static = |cell: &&support::Cell| cell.2.is_none();
+        for part in &parts {
+            assert_eq!(part.layout, whole.layout);
+            let [found, expected] =
+                [part, &whole].map(|found| found.cells.iter().filter(|(cell, _)| is_static(cell)).collect::<Vec<_>>());
+            assert_eq!(found, expected, "each part can be shown alone");
+        }
+        // The path between the last slot of one file and the first of the next is unknown, and the state lane restarts.
+        let is_other = |cell: &support::Cell| {
+            [uav::TRAIL, uav::TRACK, uav::BODY, uav::PLAN, events::LANE].contains(&&cell.0[1..])
+                && [3, 6].contains(&cell.2.unwrap())
+        };
+        let in_parts: Vec<_> = parts.iter().map(Found::shown).collect();
+        for (cell, values) in whole.shown().into_iter().filter(|(cell, _)| !is_other(cell)) {
+            let found: Vec<_> = in_parts.iter().filter_map(|part| part.get(cell).copied()).collect();
+            assert_eq!(found, [values], "{cell:?}: once, and as in one piece");
+        }
+    }
+}
+
+#[test]
+fn the_log_contains_the_start_and_the_first_loss_once() {
+    let (_folder, first) = place();
+    let parts = [0..=2, 3..=5].map(|slots| record(&first, &letter(), "x", slots).log());
+    let [begin, rest] = parts;
+    assert!(begin.contains("start of mission letter") && begin.contains("first loss, 1 bits"), "{begin}");
+    assert!(rest.contains("recording continued in a new file") && rest.contains("end after slot 5 of 600"), "{rest}");
+    assert!(!rest.contains("start of mission") && !rest.contains("first loss"), "{rest}");
+}
+
+#[test]
+fn a_first_loss_in_the_first_slot_of_a_later_file_is_logged() {
+    let (_folder, first) = place();
+    record(&first, &letter(), "x", [0]);
+    let mut slot = Slot::new(1, SENSORS as usize);
+    slot.header.lost_bits = slot.header.totals.lost_bits;
+    assert!(record_slots(&first, &letter(), "x", [slot]).log().contains("first loss, 1 bits"));
+}
+
+#[test]
+fn slots_between_two_files_are_marked_and_counted_in_the_later_one() {
+    let (_folder, first) = place();
+    record(&first, &letter(), "x", 0..=5);
+    let mut scene = open(&first, &letter(), "x");
+    scene.log_missed(6..=19).unwrap();
+    for slot in [20, 21, 25] {
+        if slot == 25 {
+            scene.log_missed(22..=24).unwrap();
+        }
+        scene.log_slot(&Slot::new(slot, SENSORS as usize).view()).unwrap();
+    }
+    scene.close().unwrap();
+    let found = Found::read(files(&first).last().unwrap());
+    for line in ["recording continued", "slots 6 to 19 missed", "17 slots missed"] {
+        assert!(found.log().contains(line), "{line}: {}", found.log());
+    }
+    let lane = |slot| found.text(events::LANE, "StateChange:state", Some(slot));
+    assert!(lane(6).contains("gap") && lane(20).contains("serve") && lane(22).contains("gap"));
+    let drawn = |slot| found.text(links::LINKS, "LineStrips3D:strips", Some(slot)).contains("Float32>");
+    assert!(!drawn(6) && drawn(20), "no links of the earlier file are left in the gap");
+    let missed: Vec<_> = found.curve(curves::MISSED).into_iter().collect();
+    assert_eq!(missed, [(20, 14.0), (25, 17.0)], "a point where it changes");
+}
+
+#[test]
+fn a_path_of_an_earlier_file_is_cleared() {
+    let (_folder, first) = place();
+    let leading = (0..=5).map(|slot| {
+        let point = |x_m, y_m| PathPoint { x_m, y_m, z_m: 20.0 };
+        let path = vec![point(slot as f64, 50.0), point(90.0, 9.0)];
+        Slot { path, ..Slot::new(slot, SENSORS as usize) }
+    });
+    record_slots(&first, &letter(), "x", leading);
+    let found = record(&first, &letter(), "x", 6..=8);
+    assert_eq!(found.slots_of(path::PATH), [6].into(), "empty from there on");
+    assert!(!found.text(path::PATH, "LineStrips3D:strips", Some(6)).contains("Float32>"));
+}
+
+#[test]
+fn funnels_of_an_earlier_file_are_cleared() {
+    let (_folder, first) = place();
+    let serve = |slot: u64, sensors: u32| {
+        let mut served = Slot::new(slot, SENSORS as usize);
+        served.flight.served = sensors;
+        for (sensor, link) in (0..sensors).zip(&mut served.flight.links) {
+            *link = LinkReport { sensor, rate_bps: 1e6, ..LinkReport::default() };
+        }
+        served
+    };
+    record_slots(&first, &town(), "x", [serve(0, 3)]);
+    let found = record_slots(&first, &town(), "x", [serve(1, 1), serve(2, 1)]);
+    let funnel = |place: u8| format!("{}/{place}", field::FUNNELS);
+    let cleared = |place: u8| found.slots_of_component(&funnel(place), "Clear:is_recursive");
+    let drawn = |place: u8| found.slots_of_component(&funnel(place), "VoxelGridMap:voxel_indices");
+    assert_eq!([0, 1, 2].map(cleared), [BTreeSet::new(), BTreeSet::from([1]), BTreeSet::from([1])]);
+    assert_eq!([0, 1].map(drawn), [BTreeSet::from([1]), BTreeSet::new()]);
+}
+
+#[test]
+fn a_truncated_file_is_not_changed_and_its_recording_continues() {
+    let (_folder, first) = place();
+    record(&first, &letter(), "the recording", 0..=8);
+    let bytes = fs::read(&first).unwrap();
+    let mut ids = Vec::new();
+    for kept in (1..bytes.len()).step_by(bytes.len() / 30) {
+        let _ = fs::remove_file(first.with_file_name("mission-2.rrd"));
+        fs::write(&first, &bytes[..kept]).unwrap();
+        record(&first, &letter(), "another", [9]);
+        assert!(fs::read(&first).unwrap() == bytes[..kept], "cut at {kept}");
+        ids.push(recording(&first.with_file_name("mission-2.rrd")));
+    }
+    let (begun, rest) = ids.split_first().unwrap();
+    assert_eq!(begun, "another", "of one byte nothing is known");
+    assert!(rest.iter().all(|id| id == "the recording"), "{rest:?}");
+}
+
+#[test]
+fn a_file_without_a_recording_of_this_application_is_not_changed() {
+    let (folder, other) = place();
+    let stream = re_sdk::RecordingStreamBuilder::new("other").enabled(true).save(&other).unwrap();
+    stream.log_static("x", &re_sdk_types::archetypes::Points3D::new([[0.0; 3]])).unwrap();
+    drop(stream);
+    let first = folder.path().join("first.rrd");
+    let zeros = [0; 1_000];
+    for content in [&b"R"[..], b"RRF2", b"not a recording, but rather long", &zeros, &fs::read(&other).unwrap()] {
+        fs::write(&first, content).unwrap();
+        let found = record(&first, &letter(), "the recording", 0..=1);
+        assert!(found.log().contains("start of mission"), "{}", found.log());
+        assert_eq!(recording(&first.with_file_name("first-2.rrd")), "the recording");
+        assert!(fs::read(&first).unwrap() == content);
+        fs::remove_file(first.with_file_name("first-2.rrd")).unwrap();
+    }
+}
+
+#[test]
+fn an_empty_file_is_reused() {
+    let (_folder, first) = place();
+    fs::write(&first, "").unwrap();
+    record(&first, &letter(), "x", 0..=1);
+    assert_eq!(names(&first), ["mission.rrd"]);
+}
+
+#[test]
+fn a_live_viewer_continues_a_recording_in_the_next_file() {
+    let (_folder, first) = place();
+    record(&first, &letter(), "first name", 0..=8);
+    let sinks = Sinks { save: Some(first.clone()), live: Some(0), ..Sinks::default() };
+    let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "x", WallClock::Unmeasured, None).unwrap();
+    scene.log_slot(&Slot::new(9, SENSORS as usize).view()).unwrap();
+    scene.close().unwrap();
+    let second = first.with_file_name("mission-2.rrd");
+    assert_eq!(recording(&second), "first name");
+    assert_eq!(Found::read(&second).slots_of(uav::UAV), BTreeSet::from([9]));
+}
+
+#[test]
+fn each_scenario_and_strategy_is_an_application_of_its_own() {
+    let (_folder, first) = place();
+    let application = |name: &str, strategy: &str| {
+        let mut scenario = letter();
+        name.clone_into(&mut scenario.name);
+        strategy.clone_into(&mut scenario.planner.strategy);
+        let _ = fs::remove_file(&first);
+        record(&first, &scenario, "the recording", 0..=1);
+        let mut messages = DecoderApp::decode_lazy(BufReader::new(fs::File::open(&first).unwrap()));
+        messages.next().unwrap().unwrap().store_id().application_id().as_str().to_owned()
+    };
+    assert_eq!(application("letter", "uts"), "skysink-letter-uts");
+    assert_eq!(application("letter", "gfs"), "skysink-letter-gfs");
+    assert_eq!(application("a.b", "mine_2"), "skysink-a-b-mine-2");
+}

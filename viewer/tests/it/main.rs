@@ -1,0 +1,9 @@
+//! Recordings, read back.
+
+mod chunks;
+mod files;
+mod kills;
+mod line_of_sight;
+mod maps;
+mod recording;
+mod support;
