@@ -13,8 +13,7 @@ use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::{Journal, Record};
 
 use crate::messages::{balanced, report};
-use crate::scratch::{bytes, file, ring_without, spoil};
-use crate::world::WORLDS;
+use crate::world::{WORLDS, bytes, file, ring_without, spoil};
 
 /// Places of the journal.
 const PLACES: u64 = 3;

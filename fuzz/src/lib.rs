@@ -6,8 +6,6 @@
 mod journals;
 mod messages;
 mod planner;
-mod resumed;
-mod scratch;
 mod text;
 mod world;
 
@@ -21,8 +19,8 @@ pub const TARGETS: [(&str, Check); 14] = [
     ("scenario", text::scenario),
     ("sensors", text::sensors),
     ("mission", text::mission),
-    ("trace", resumed::trace),
-    ("sweep_journal", resumed::sweep_journal),
+    ("trace", text::trace),
+    ("sweep_journal", text::sweep_journal),
     ("journal", |input| numbers(input, journals::journal)),
     ("field_journal", |input| numbers(input, journals::field_journal)),
     ("flight_journal", |input| numbers(input, journals::flight_journal)),

@@ -4,7 +4,7 @@
 use std::sync::LazyLock;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
-use libfuzzer_sys::fuzz_target;
+use libfuzzer_sys::{fuzz_mutator, fuzz_target, fuzzer_mutate};
 use skysink_fuzz::{Check, TARGETS};
 
 /// The check of the target whose corpus or input is named first.
@@ -29,3 +29,27 @@ fuzz_target!(|input: &[u8]| {
     }
     CHECK(input)
 });
+
+/// Values that are easy to forget.
+const VALUES: [&str; 10] = ["0", "-0", "-1", "0.5", "1e-320", "1e308", "inf", "nan", "4294967296", "[nan, nan]"];
+
+fuzz_mutator!(|data: &mut [u8], size: usize, max_size: usize, seed: u32| {
+    let text = std::str::from_utf8(&data[..size]).ok().filter(|text| seed % 2 == 0 && !text.is_empty());
+    match text.map(|text| with_value(text, seed as usize / 2)) {
+        Some(text) if text.len() <= max_size => {
+            data[..text.len()].copy_from_slice(text.as_bytes());
+            text.len()
+        }
+        _ => fuzzer_mutate(data, size, max_size),
+    }
+});
+
+/// The text with a value instead of a key, a value or a field, which a dictionary alone replaces too rarely.
+fn with_value(text: &str, seed: usize) -> String {
+    let mut pieces: Vec<&str> = text.split_inclusive([',', '=', '\n']).collect();
+    let at = seed / VALUES.len() % pieces.len();
+    let separator = pieces[at].trim_start_matches(|letter| !",=\n".contains(letter));
+    let piece = [VALUES[seed % VALUES.len()], separator].concat();
+    pieces[at] = &piece;
+    pieces.concat()
+}

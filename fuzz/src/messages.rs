@@ -4,18 +4,14 @@ use std::mem::offset_of;
 
 use arbitrary::{Result, Unstructured};
 use bytemuck::Zeroable;
-use skysink_common::geometry::within;
+use skysink_common::geometry::{Position, within};
 use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode};
 use skysink_common::message::{PathPoint, Plan, is_possible_path};
-use skysink_common::scenario::Scenario;
 use skysink_field_sim::Field;
 use skysink_flight_sim::Flight;
 use skysink_ring::health::Health;
 
 use crate::world::{WORLDS, World};
-
-/// Slack of a border, relative to the extent of the area: rounding of a waypoint on it.
-const BORDER: f64 = 1e-9;
 
 /// A report of any numbers, with at most `links` links other than zero.
 pub fn report(u: &mut Unstructured, links: usize) -> Result<FlightReport> {
@@ -27,7 +23,7 @@ pub fn report(u: &mut Unstructured, links: usize) -> Result<FlightReport> {
 
 /// A flight of any numbers is refused and changes nothing, or moves the bits of its links, and the ledger balances.
 pub fn flight(u: &mut Unstructured) -> Result<()> {
-    let World { scenario, list, .. } = &WORLDS[0];
+    let World { scenario, list } = &WORLDS[0];
     let mut field = Field::new(scenario, list);
     for _ in 1..=4 {
         step(&mut field, &report(u, 6)?, scenario.sensors.capacity_bits);
@@ -72,9 +68,9 @@ pub fn balanced(field: &Field, capacity_bits: u32) {
 
 /// Whatever it is told, the UAV flies and serves what it can and counts what it refuses; the field takes its report.
 pub fn plan(u: &mut Unstructured) -> Result<()> {
-    let world = &WORLDS[usize::from(u.arbitrary::<u8>()?) % WORLDS.len()];
-    let World { scenario, list, nodes } = world;
-    let mut flight = Flight::new(scenario, nodes);
+    let world = u.choose(&*WORLDS)?;
+    let World { scenario, list } = world;
+    let mut flight = Flight::new(scenario, &list.nodes());
     let mut field = Field::new(scenario, list);
     let mut before = flight.start();
     for slot in 1..=6 {
@@ -85,31 +81,28 @@ pub fn plan(u: &mut Unstructured) -> Result<()> {
         }
         let told = is_told.then_some(plan);
         let report = flight.step(slot, told.as_ref());
-        moved(scenario, &before, &report);
-        served(world, told.as_ref(), &report);
+        flown(world, &before, told.as_ref(), &report);
         step(&mut field, &report, scenario.sensors.capacity_bits);
         before = report;
     }
     Ok(())
 }
 
-/// Fails unless the UAV can have flown from `before` to `after`.
-fn moved(scenario: &Scenario, before: &FlightReport, after: &FlightReport) {
+/// Fails unless the report tells of a flight that can have been, and counts what was refused.
+fn flown(World { scenario, list }: &World, before: &FlightReport, told: Option<&Plan>, report: &FlightReport) {
     let area = scenario.area;
-    assert!(within(&before.position().xy(), &after.position().xy(), scenario.reach_m()), "{before:?}, {after:?}");
-    assert!(area.contains(&after.position().xy(), BORDER * area.width_m().max(area.height_m())), "{after:?}");
+    let here = report.position().xy();
+    assert!(within(&before.position().xy(), &here, scenario.reach_m()), "{before:?}, {report:?}");
+    let rounding_m = 1e-9 * area.width_m().max(area.height_m()); // of a waypoint on the border
+    assert!(area.contains(&here, rounding_m), "{report:?}");
     let [lowest_m, highest_m] = scenario.altitudes_m(before.z_m);
-    assert!((lowest_m..=highest_m).contains(&after.z_m), "{lowest_m} to {highest_m}: {after:?}");
-}
-
-/// Fails unless the report tells of a slot that can have been, and counts what was refused.
-fn served(World { scenario, list, .. }: &World, told: Option<&Plan>, report: &FlightReport) {
+    assert!((lowest_m..=highest_m).contains(&report.z_m), "{lowest_m} to {highest_m}: {report:?}");
     let links = report.served_links();
     assert!(links.len() <= scenario.link.resource_blocks && links.len() == report.served as usize);
     assert!(links.is_sorted_by(|a, b| a.sensor < b.sensor), "{links:?}");
     for link in links {
         let place = &list.sensors()[link.sensor as usize].position;
-        assert!(within(&report.position().xy(), place, scenario.link.comm_radius_m), "{link:?}");
+        assert!(within(&here, place, scenario.link.comm_radius_m), "{link:?}");
         assert!(link.rate_bps >= 0.0 && link.rate_bps.is_finite(), "{link:?}");
         assert!(told.is_some_and(|plan| plan.scheduled().contains(&link.sensor)), "{link:?}");
     }
@@ -138,7 +131,7 @@ pub fn health(u: &mut Unstructured) -> Result<()> {
 
 /// A path is refused, or all of it can be drawn: few points, each of them over the area.
 pub fn path(u: &mut Unstructured) -> Result<()> {
-    let area = WORLDS[usize::from(u.arbitrary::<u8>()?) % WORLDS.len()].scenario.area;
+    let area = u.choose(&*WORLDS)?.scenario.area;
     while !u.is_empty() {
         let mut path = Vec::new();
         for _ in 0..u.arbitrary::<u8>()? % 80 {
@@ -148,9 +141,8 @@ pub fn path(u: &mut Unstructured) -> Result<()> {
         if is_possible_path(&path, &area) {
             assert!((1..=64).contains(&path.len()), "{path:?}");
             for point in &path {
-                let [x_m, y_m, z_m] = [point.x_m, point.y_m, point.z_m].map(|coordinate_m| coordinate_m as f32);
-                assert!((-1e-3..=1.001 * area.width_m() as f32).contains(&x_m), "{point:?}");
-                assert!((-1e-3..=1.001 * area.height_m() as f32).contains(&y_m) && z_m.is_finite(), "{point:?}");
+                let [x_m, y_m, z_m] = [point.x_m, point.y_m, point.z_m].map(|m| f64::from(m as f32)); // as drawn
+                assert!(area.contains(&Position::new(x_m, y_m), 1e-3) && z_m.is_finite(), "{point:?}");
             }
         }
     }
