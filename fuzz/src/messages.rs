@@ -76,9 +76,7 @@ pub fn plan(u: &mut Unstructured) -> Result<()> {
     for slot in 1..=6 {
         let is_told = u.arbitrary::<u8>()? % 8 != 7;
         let mut plan = Plan::zeroed();
-        if is_told {
-            u.fill_buffer(bytemuck::bytes_of_mut(&mut plan))?;
-        }
+        u.fill_buffer(bytemuck::bytes_of_mut(&mut plan))?;
         let told = is_told.then_some(plan);
         let report = flight.step(slot, told.as_ref());
         flown(world, &before, told.as_ref(), &report);
@@ -133,11 +131,9 @@ pub fn health(u: &mut Unstructured) -> Result<()> {
 pub fn path(u: &mut Unstructured) -> Result<()> {
     let area = u.choose(&*WORLDS)?.scenario.area;
     while !u.is_empty() {
-        let mut path = Vec::new();
-        for _ in 0..u.arbitrary::<u8>()? % 80 {
-            let [x_m, y_m, z_m] = u.arbitrary()?;
-            path.push(PathPoint { x_m, y_m, z_m });
-        }
+        let length = u.arbitrary::<u8>()? % 80;
+        let point = |[x_m, y_m, z_m]: [f64; 3]| PathPoint { x_m, y_m, z_m };
+        let path = (0..length).map(|_| u.arbitrary().map(point)).collect::<Result<Vec<_>>>()?;
         if is_possible_path(&path, &area) {
             assert!((1..=64).contains(&path.len()), "{path:?}");
             for point in &path {

@@ -26,12 +26,6 @@ use crate::assert_one_line;
 use crate::messages::balanced;
 use crate::world::{FOLDER, WORLDS, World, file};
 
-/// Most sensor nodes that are flown over: a slot takes time with more.
-const MOST_FLOWN_OVER: u64 = 16;
-
-/// Most sensor nodes that advance by a slot.
-const MOST_SENSORS: u64 = 4096;
-
 fn parse(text: &str) -> Result<Scenario, InputError> {
     Scenario::parse(text, Path::new("folder/city.toml"), Overrides::default()).and_then(settings::resolve)
 }
@@ -80,10 +74,10 @@ fn accepted(list: &SensorList, scenario: &Scenario) {
 pub fn mission(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     let Ok(scenario) = parse(text) else { return };
-    let Some(count @ ..=MOST_SENSORS) = scenario.sensors.count.map(Count::get) else { return };
+    let Some(count @ ..=4096) = scenario.sensors.count.map(Count::get) else { return };
     let list = SensorList::of(&scenario).expect("sensor nodes are drawn, not read");
     advance(&scenario, &list);
-    if count <= MOST_FLOWN_OVER {
+    if count <= 16 {
         fly(&scenario, &list);
     }
 }

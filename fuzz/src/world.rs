@@ -62,21 +62,17 @@ static RING: LazyLock<RingFolder> = LazyLock::new(|| {
 /// A file with this name and content. One that is there is removed, not cut: some file systems wait for the disk then.
 pub fn file(name: &str, bytes: &[u8]) -> PathBuf {
     let path = FOLDER.path().join(name);
-    remove(&path);
+    if let Err(error) = fs::remove_file(&path) {
+        assert_eq!(error.kind(), ErrorKind::NotFound, "{}: {error}", path.display());
+    }
     fs::write(&path, bytes).expect("a file can be written");
     path
 }
 
-/// The folder of a ring without this journal.
+/// The folder of a ring in which this journal is empty.
 pub fn ring_without(journal: &str) -> &'static RingFolder {
-    remove(&RING.journal(journal));
+    fs::write(RING.journal(journal), []).expect("a journal can be emptied");
     &RING
-}
-
-fn remove(path: &Path) {
-    if let Err(error) = fs::remove_file(path) {
-        assert_eq!(error.kind(), ErrorKind::NotFound, "{}: {error}", path.display());
-    }
 }
 
 /// At most `length` bytes, fewer at the end of the input.
