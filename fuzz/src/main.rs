@@ -19,10 +19,8 @@ static CHECK: LazyLock<Check> = LazyLock::new(|| {
 #[unsafe(link_section = "__libfuzzer_extra_counters")]
 static COVERED: [AtomicU64; 64] = [const { AtomicU64::new(0) }; 64];
 
-/// Inputs so far.
-static RUNS: AtomicUsize = AtomicUsize::new(0);
-
 fuzz_target!(|input: &[u8]| {
+    static RUNS: AtomicUsize = AtomicUsize::new(0);
     // The first ones are the corpus: each counts as new even if the compiler counts nothing.
     if let Some(counter) = COVERED.get(RUNS.fetch_add(1, Ordering::Relaxed)) {
         counter.store(1, Ordering::Relaxed);

@@ -36,8 +36,7 @@ fn step(field: &mut Field, flight: &FlightReport, capacity_bits: u32) {
     let slot = field.slot() + 1;
     let before = field.clone();
     let mut unserved = field.clone();
-    let nobody = FlightReport::at([0.0, 0.0, 0.0], Mode::Hold);
-    unserved.step(slot, &nobody).expect("nobody is served");
+    unserved.step(slot, &FlightReport::at([0.0, 0.0, 0.0], Mode::Hold)).expect("nobody is served");
     let links = flight.served_links();
     let known = links.iter().all(|link| (link.sensor as usize) < field.queues_bits().len());
     let Ok(bits) = field.step(slot, flight) else {

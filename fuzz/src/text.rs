@@ -86,9 +86,8 @@ fn fly(scenario: &Scenario, list: &SensorList) {
     let mut mission = Mission::new(scenario, list).expect("its planner's keys were checked");
     for _ in 0..3 {
         let Some(flown) = mission.next() else { return };
-        let flight = flown.flight;
-        assert_eq!((flight.hold, flight.refused), (HoldReason::None as u32, 0), "{:?}", flown.plan);
-        assert_ne!(flight.mode, Mode::Hold as u32);
+        assert_eq!((flown.flight.hold, flown.flight.refused), (HoldReason::None as u32, 0), "{:?}", flown.plan);
+        assert_ne!(flown.flight.mode, Mode::Hold as u32);
         assert_eq!(flown.header.totals, mission.field().totals());
         balanced(mission.field(), scenario.sensors.capacity_bits);
     }
@@ -97,7 +96,6 @@ fn fly(scenario: &Scenario, list: &SensorList) {
 /// The first slot of the field and the last, with nobody served.
 fn advance(scenario: &Scenario, list: &SensorList) {
     let mut field = Field::new(scenario, list);
-    let nobody = FlightReport::at([0.0, 0.0, 0.0], Mode::Hold);
     let mut saved = Vec::new();
     field.save(&mut saved);
     for slot in [1, scenario.slots] {
@@ -105,7 +103,7 @@ fn advance(scenario: &Scenario, list: &SensorList) {
         encode(&(slot - 1), &mut state); // a state begins with its slot, and 0 takes one byte
         state.extend_from_slice(&saved[1..]);
         field.restore(&state).expect("nobody has delivered anything");
-        field.step(slot, &nobody).expect("nobody is served");
+        field.step(slot, &FlightReport::at([0.0, 0.0, 0.0], Mode::Hold)).expect("nobody is served");
         balanced(&field, scenario.sensors.capacity_bits);
     }
 }

@@ -36,10 +36,6 @@ pub static WORLDS: LazyLock<[World; 3]> = LazyLock::new(|| {
     })
 });
 
-/// What a planner may know.
-const SEEN: [(Knowledge, Rates); 3] =
-    [(Knowledge::Oracle, Rates::Known), (Knowledge::Estimated, Rates::Known), (Knowledge::Estimated, Rates::Learnt)];
-
 /// The sensor nodes and the scenario of a world, with a strategy, short searches, and what the planner may know.
 pub fn planned(u: &mut Unstructured) -> Result<(&'static SensorList, Scenario)> {
     let World { scenario, list } = u.choose(&*WORLDS)?;
@@ -47,7 +43,8 @@ pub fn planned(u: &mut Unstructured) -> Result<(&'static SensorList, Scenario)> 
     scenario.planner.strategy = (*u.choose(&names())?).to_owned();
     horizon::STRATEGY.set_keys(&mut scenario, HorizonKeys { iterations: Count::clamped(20), budget_ms: None });
     offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: Count::clamped(200) });
-    let (knowledge, rates) = *u.choose(&SEEN)?;
+    let estimated = [Rates::Known, Rates::Learnt].map(|rates| (Knowledge::Estimated, rates));
+    let (knowledge, rates) = *u.choose(&[(Knowledge::Oracle, Rates::Known), estimated[0], estimated[1]])?;
     let change = |settings: &mut Settings| (settings.knowledge, settings.rates) = (knowledge, rates);
     Ok((list, settings::change(scenario, change).expect("any of these may be chosen")))
 }
