@@ -32,7 +32,7 @@ fuzz_target!(|input: &[u8]| {
 const VALUES: [&str; 10] = ["0", "-0", "-1", "0.5", "1e-320", "1e308", "inf", "nan", "4294967296", "[nan, nan]"];
 
 fuzz_mutator!(|data: &mut [u8], size: usize, max_size: usize, seed: u32| {
-    let text = std::str::from_utf8(&data[..size]).ok().filter(|text| seed % 2 == 0 && !text.is_empty());
+    let text = std::str::from_utf8(&data[..size]).ok().filter(|text| seed.is_multiple_of(2) && !text.is_empty());
     match text.map(|text| with_value(text, seed as usize / 2)) {
         Some(text) if text.len() <= max_size => {
             data[..text.len()].copy_from_slice(text.as_bytes());
