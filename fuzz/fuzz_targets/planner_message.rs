@@ -1,4 +1,0 @@
-#![no_main]
-//! `cargo fuzz run` for the target of this name.
-
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| skysink_fuzz::targets::planner_message(bytes));

@@ -1,0 +1,125 @@
+//! The journals of the processes: what is restored from a spoilt one was saved.
+
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+
+use arbitrary::{Result, Unstructured};
+use skysink_common::message::FlightReport;
+use skysink_field_sim::Field;
+use skysink_field_sim::journal::FieldJournal;
+use skysink_flight_sim::journal as flights;
+use skysink_mission::mission::Mission;
+use skysink_ring::folder::RingFolder;
+use skysink_ring::journal::{Journal, Record};
+
+use crate::messages::{balanced, report};
+use crate::world::{WORLDS, bytes, file, ring_without, spoil};
+
+/// Places of the journal.
+const PLACES: u64 = 3;
+
+/// Slots flown by a field, with two states among them beside the first.
+const FLOWN_SLOTS: u64 = 140;
+
+/// The first world from the beginning, and the flight of each slot.
+static FLOWN: LazyLock<Vec<(FlightReport, Field)>> = LazyLock::new(|| {
+    let mut scenario = WORLDS[0].scenario.clone();
+    scenario.slots = FLOWN_SLOTS;
+    let mut mission = Mission::new(&scenario, &WORLDS[0].list).expect("its keys were checked");
+    let mut flown = vec![(*mission.last_flight(), mission.field().clone())];
+    while mission.next().is_some() {
+        flown.push((*mission.last_flight(), mission.field().clone()));
+    }
+    flown
+});
+
+/// What a spoilt journal holds was written; an unspoilt one holds the last record of each place. Both can be written.
+pub fn journal(u: &mut Unstructured) -> Result<()> {
+    let path = file("journal", &[]);
+    let room: usize = *u.choose(&[200, 5000])?; // a head and a record of one page, and one that takes two
+    let journal = Journal::open(&path, PLACES, room).expect("the journal opens");
+    let mut written = Vec::new();
+    for _ in 0..u.arbitrary::<u8>()? % 8 {
+        let slot = u.arbitrary()?;
+        let length = usize::from(u.arbitrary::<u16>()?) % (room + 1);
+        let mut record = bytes(u, length.min(64))?.to_vec();
+        record.resize(length, u.arbitrary()?);
+        let (head, tail) = record.split_at(length / 3);
+        journal.write(slot, &[head, tail]).expect("the record is written");
+        written.push(Record { slot, bytes: record });
+    }
+    let is_spoilt = spoil(&path, u)?;
+    let found = journal.read().expect("the journal is read");
+    assert!(found.iter().all(|record| written.contains(record)), "found what was not written");
+    assert!(found.is_sorted_by(|a, b| a.slot < b.slot), "{found:?}");
+    let last: BTreeMap<u64, &Record> = written.iter().map(|record| (record.slot % PLACES, record)).collect();
+    let is_last = |record: &Record| last.get(&(record.slot % PLACES)) == Some(&record);
+    assert!(is_spoilt || found.len() == last.len() && found.iter().all(is_last), "{found:?}");
+    let record = Record { slot: u64::MAX, bytes: b"last".to_vec() };
+    journal.write(record.slot, &[&record.bytes]).expect("the record is written");
+    assert_eq!(journal.read().expect("the journal is read").pop(), Some(record));
+    Ok(())
+}
+
+/// The flights that a spoilt journal restores were saved, at most three, without a gap; an unspoilt one has the last.
+pub fn flight_journal(u: &mut Unstructured) -> Result<()> {
+    let ring = ring_without("flights");
+    let journal = flights::journal(ring).expect("the journal opens");
+    let mut saved = Vec::new();
+    let mut slot: u64 = u.arbitrary()?;
+    for _ in 0..u.arbitrary::<u8>()? % 7 {
+        let flight = report(u, 2)?;
+        flights::save(&journal, slot, &flight).expect("the flight is written");
+        saved.push((slot, bytemuck::bytes_of(&flight).to_vec())); // a report may hold NaN
+        slot = slot.saturating_add(u64::from(u.arbitrary::<u8>()? % 4));
+    }
+    let is_spoilt = spoil(&ring.journal("flights"), u)?;
+    let restored = flights::restore(&journal).expect("the journal is read");
+    assert!(restored.len() <= 3);
+    assert!(restored.windows(2).all(|pair| pair[0].0 + 1 == pair[1].0), "{restored:?}");
+    for (slot, flight) in &restored {
+        let same = (*slot, bytemuck::bytes_of(flight).to_vec());
+        assert!(saved.contains(&same), "restored a flight of slot {slot} that was not saved");
+    }
+    let has_last = restored.last().map(|(slot, _)| slot) == saved.last().map(|(slot, _)| slot);
+    assert!(is_spoilt || has_last, "{restored:?}");
+    Ok(())
+}
+
+/// A spoilt journal of a field restores a state that it has been in; with forged records, one whose ledger balances.
+pub fn field_journal(u: &mut Unstructured) -> Result<()> {
+    let ring = ring_without("field");
+    let mut field = FLOWN[0].1.clone();
+    let slots = u64::from(u.arbitrary::<u8>()?) % FLOWN_SLOTS;
+    let (mut journal, _) = FieldJournal::open(ring, &mut field).expect("the journal opens");
+    for (flight, field) in FLOWN.iter().skip(1).take(slots as usize) {
+        journal.save(flight, field).expect("the slot is written");
+    }
+    let is_forged = u.arbitrary::<u8>()? % 2 == 1;
+    if is_forged {
+        forge(ring, u)?;
+    }
+    let is_spoilt = spoil(&ring.journal("field"), u)?;
+    let (_, last) = FieldJournal::open(ring, &mut field).expect("the journal is read");
+    balanced(&field, WORLDS[0].scenario.sensors.capacity_bits);
+    if !is_forged {
+        assert!(field.slot() <= slots && field == FLOWN[field.slot() as usize].1, "{}", field.slot());
+        assert!(last.is_none_or(|last| last == FLOWN[field.slot() as usize + 1].0), "{last:?}");
+        let is_complete = (field.slot(), last.is_some()) == (slots.saturating_sub(1), slots > 0);
+        assert!(is_spoilt || is_complete, "{} of {slots} slots", field.slot());
+    }
+    Ok(())
+}
+
+/// Writes flights and states of any numbers, whole and with their hashes.
+fn forge(ring: &RingFolder, u: &mut Unstructured) -> Result<()> {
+    let room = size_of::<FlightReport>() + 200;
+    let journal = Journal::open(&ring.journal("field"), 128, room).expect("the journal opens");
+    let slot: u64 = u.arbitrary()?;
+    for next in 0..u64::from(u.arbitrary::<u8>()? % 5) {
+        let flight = report(u, 2)?;
+        let state = if u.arbitrary::<u8>()? % 2 == 1 { &[] } else { bytes(u, 200)? };
+        journal.write(slot.wrapping_add(next), &[bytemuck::bytes_of(&flight), state]).expect("the slot is written");
+    }
+    Ok(())
+}

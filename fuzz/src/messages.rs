@@ -1,0 +1,145 @@
+//! Messages as their readers get them: whatever the numbers, nothing happens that a valid message could not cause.
+
+use std::mem::offset_of;
+
+use arbitrary::{Result, Unstructured};
+use bytemuck::Zeroable;
+use skysink_common::geometry::{Position, within};
+use skysink_common::message::{FlightReport, HoldReason, LinkReport, Mode};
+use skysink_common::message::{PathPoint, Plan, is_possible_path};
+use skysink_field_sim::Field;
+use skysink_flight_sim::Flight;
+use skysink_ring::health::Health;
+
+use crate::world::{WORLDS, World};
+
+/// A report of any numbers, with at most `links` links other than zero.
+pub fn report(u: &mut Unstructured, links: usize) -> Result<FlightReport> {
+    let mut report = FlightReport::zeroed();
+    let length = offset_of!(FlightReport, links) + links * size_of::<LinkReport>();
+    u.fill_buffer(&mut bytemuck::bytes_of_mut(&mut report)[..length])?;
+    Ok(report)
+}
+
+/// A flight of any numbers is refused and changes nothing, or moves the bits of its links, and the ledger balances.
+pub fn flight(u: &mut Unstructured) -> Result<()> {
+    let World { scenario, list } = &WORLDS[0];
+    let mut field = Field::new(scenario, list);
+    for _ in 1..=4 {
+        step(&mut field, &report(u, 6)?, scenario.sensors.capacity_bits);
+    }
+    Ok(())
+}
+
+/// Advances by a slot with `flight`, and with none, and compares.
+fn step(field: &mut Field, flight: &FlightReport, capacity_bits: u32) {
+    let slot = field.slot() + 1;
+    let before = field.clone();
+    let mut unserved = field.clone();
+    unserved.step(slot, &FlightReport::at([0.0, 0.0, 0.0], Mode::Hold)).expect("nobody is served");
+    let links = flight.served_links();
+    let known = links.iter().all(|link| (link.sensor as usize) < field.queues_bits().len());
+    let Ok(bits) = field.step(slot, flight) else {
+        assert!(!known, "a flight to known sensor nodes is refused");
+        assert_eq!((field.queues_bits(), field.totals()), (before.queues_bits(), before.totals()));
+        return;
+    };
+    assert!(known, "a link to nobody is accepted");
+    balanced(field, capacity_bits);
+    let (now, then, idle) = (field.totals(), before.totals(), unserved.totals());
+    assert_eq!((now.sampled_bits, now.lost_bits), (idle.sampled_bits, idle.lost_bits), "lost because of a flight");
+    assert_eq!(now.delivered_bits - then.delivered_bits, bits.delivered_bits);
+    assert_eq!(now.lost_bits - then.lost_bits, bits.lost_bits);
+    for (sensor, (&queue, &unserved)) in field.queues_bits().iter().zip(unserved.queues_bits()).enumerate() {
+        let own = links.iter().filter(|link| link.sensor as usize == sensor);
+        let carried: u128 = own.map(|link| u128::from(link.capacity_bits)).sum();
+        assert_eq!(u128::from(queue), u128::from(unserved).saturating_sub(carried), "SN {sensor}");
+    }
+}
+
+/// Fails unless the ledger of a field balances.
+pub fn balanced(field: &Field, capacity_bits: u32) {
+    let (queues, totals) = (field.queues_bits(), field.totals());
+    assert!(totals.is_balanced(), "{totals:?}");
+    assert!(queues.iter().all(|&queue| queue <= capacity_bits), "{queues:?}");
+    assert_eq!(queues.iter().copied().map(u64::from).sum::<u64>(), totals.queued_bits);
+}
+
+/// Whatever it is told, the UAV flies and serves what it can and counts what it refuses; the field takes its report.
+pub fn plan(u: &mut Unstructured) -> Result<()> {
+    let world = u.choose(&*WORLDS)?;
+    let World { scenario, list } = world;
+    let mut flight = Flight::new(scenario, &list.nodes());
+    let mut field = Field::new(scenario, list);
+    let mut before = flight.start();
+    for slot in 1..=6 {
+        let is_told = u.arbitrary::<u8>()? % 8 != 7;
+        let mut plan = Plan::zeroed();
+        u.fill_buffer(bytemuck::bytes_of_mut(&mut plan))?;
+        let told = is_told.then_some(plan);
+        let report = flight.step(slot, told.as_ref());
+        flown(world, &before, told.as_ref(), &report);
+        step(&mut field, &report, scenario.sensors.capacity_bits);
+        before = report;
+    }
+    Ok(())
+}
+
+/// Fails unless the report tells of a flight that can have been, and counts what was refused.
+fn flown(World { scenario, list }: &World, before: &FlightReport, told: Option<&Plan>, report: &FlightReport) {
+    let area = scenario.area;
+    let here = report.position().xy();
+    assert!(within(&before.position().xy(), &here, scenario.reach_m()), "{before:?}, {report:?}");
+    let rounding_m = 1e-9 * area.width_m().max(area.height_m()); // of a waypoint on the border
+    assert!(area.contains(&here, rounding_m), "{report:?}");
+    let [lowest_m, highest_m] = scenario.altitudes_m(before.z_m);
+    assert!((lowest_m..=highest_m).contains(&report.z_m), "{lowest_m} to {highest_m}: {report:?}");
+    let links = report.served_links();
+    assert!(links.len() <= scenario.link.resource_blocks && links.len() == report.served as usize);
+    assert!(links.is_sorted_by(|a, b| a.sensor < b.sensor), "{links:?}");
+    for link in links {
+        let place = &list.sensors()[link.sensor as usize].position;
+        assert!(within(&here, place, scenario.link.comm_radius_m), "{link:?}");
+        assert!(link.rate_bps >= 0.0 && link.rate_bps.is_finite(), "{link:?}");
+        assert!(told.is_some_and(|plan| plan.scheduled().contains(&link.sensor)), "{link:?}");
+    }
+    let refused = match (told, HoldReason::from_repr(report.hold).unwrap_or_default()) {
+        (None, HoldReason::NoPlan) => 0,
+        (Some(_), HoldReason::Waypoint) => 1,
+        (Some(plan), HoldReason::None) => plan.served - report.served,
+        (told, hold) => panic!("{hold:?} after {told:?}"),
+    };
+    assert_eq!(report.refused, refused);
+    assert_eq!(report.mode == Mode::Hold as u32, report.hold != HoldReason::None as u32);
+}
+
+/// News of a process means nothing, or says what it means in one line, and the same when it is sent on.
+pub fn health(u: &mut Unstructured) -> Result<()> {
+    while !u.is_empty() {
+        let [process, fate] = u.arbitrary()?;
+        let message = Health { process, fate, detail: u.arbitrary()?, reserved: u.arbitrary()? };
+        if let Some((role, fate)) = message.decode() {
+            crate::assert_one_line(&fate);
+            assert_eq!(Health::of(role, fate).decode(), Some((role, fate)), "{message:?}");
+        }
+    }
+    Ok(())
+}
+
+/// A path is refused, or all of it can be drawn: few points, each of them over the area.
+pub fn path(u: &mut Unstructured) -> Result<()> {
+    let area = u.choose(&*WORLDS)?.scenario.area;
+    while !u.is_empty() {
+        let length = u.arbitrary::<u8>()? % 80;
+        let point = |[x_m, y_m, z_m]: [f64; 3]| PathPoint { x_m, y_m, z_m };
+        let path = (0..length).map(|_| u.arbitrary().map(point)).collect::<Result<Vec<_>>>()?;
+        if is_possible_path(&path, &area) {
+            assert!((1..=64).contains(&path.len()), "{path:?}");
+            for point in &path {
+                let [x_m, y_m, z_m] = [point.x_m, point.y_m, point.z_m].map(|m| f64::from(m as f32)); // as drawn
+                assert!(area.contains(&Position::new(x_m, y_m), 1e-3) && z_m.is_finite(), "{point:?}");
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,93 @@
+//! A planner that is told anything, or given any checkpoint.
+
+use arbitrary::{Result, Unstructured};
+use skysink_common::checkpoint::Checkpoint;
+use skysink_common::geometry::{Position, above};
+use skysink_common::message::{FlightReport, Mode, PathPoint, Plan, SensorNode, is_possible_path};
+use skysink_common::scenario::Scenario;
+use skysink_flight_sim::Flight;
+use skysink_mission::mission::Mission;
+use skysink_planner::Planner;
+
+use crate::messages::report;
+use crate::world::{file, planned, spoil};
+
+/// Slots that are flown before a checkpoint is saved.
+const FLOWN_SLOTS: u64 = 6;
+
+/// Whatever it is told, the planner schedules known sensor nodes; the UAV can fly the plan from wherever it can be.
+pub fn message(u: &mut Unstructured) -> Result<()> {
+    let (list, scenario) = planned(u)?;
+    let foreign = u.arbitrary::<u8>()? % 4;
+    let mut nodes = list.nodes();
+    for node in nodes.iter_mut().take(foreign.into()) {
+        let [x_m, y_m, gain] = u.arbitrary()?;
+        *node = SensorNode { x_m, y_m, gain, ..*node };
+    }
+    let mut planner = Planner::new(&scenario, &nodes).expect("its keys were checked");
+    let fixed_m = scenario.uav.altitude_m;
+    let altitudes = scenario.uav.climb().map_or(fixed_m..=fixed_m, |climb| climb.min_altitude_m..=climb.max_altitude_m);
+    for _ in 0..2 {
+        let slot = u.arbitrary()?;
+        let [x_m, y_m, altitude_m] = u.arbitrary()?;
+        let position = Position::new(x_m, y_m);
+        let queues: [u32; 10] = u.arbitrary()?;
+        planner.observe(u.arbitrary()?, &report(u, 2)?, &queues);
+        let plan = planner.step(slot, above(&position, altitude_m), &queues);
+        let ids = plan.scheduled();
+        assert!(plan.served as usize == ids.len() && ids.len() <= scenario.link.resource_blocks, "{plan:?}");
+        assert!(ids.iter().all(|&id| (id as usize) < nodes.len()) && ids.is_sorted_by(|a, b| a < b), "{plan:?}");
+        if foreign == 0 && scenario.area.contains(&position, 0.0) && altitudes.contains(&altitude_m) {
+            let here = FlightReport::at(above(&position, altitude_m), Mode::Hold);
+            fly(&scenario, &nodes, &here, slot, &plan);
+            let path: Vec<_> = planner.path().iter().copied().map(PathPoint::from).collect();
+            assert!(is_possible_path(&path, &scenario.area), "{path:?} from {here:?}");
+        }
+    }
+    Ok(())
+}
+
+/// A planner refuses a spoilt checkpoint and is as it was, or resumes from it and plans what the UAV can do.
+pub fn checkpoint(u: &mut Unstructured) -> Result<()> {
+    let (list, scenario) = planned(u)?;
+    let queues: [u32; 10] = u.arbitrary()?;
+    let mut mission = Mission::new(&scenario, list).expect("its keys were checked");
+    mission.by_ref().take(FLOWN_SLOTS as usize).for_each(drop);
+    let here = *mission.last_flight();
+    let planner = mission.planner_mut();
+    let lived = saved(planner);
+    let path = file("checkpoint", &lived);
+    spoil(&path, u)?;
+    let checkpoint = std::fs::read(path).expect("the checkpoint is there");
+    if planner.restore(&checkpoint).is_err() {
+        assert_eq!(saved(planner), lived);
+        assert_ne!(checkpoint, lived, "a checkpoint of its own is refused");
+    }
+    planner.observe(FLOWN_SLOTS, &here, &queues);
+    let plan = planner.step(FLOWN_SLOTS + 1, here.position(), &queues);
+    let report = fly(&scenario, &list.nodes(), &here, FLOWN_SLOTS + 1, &plan);
+    let mut again = Planner::new(&scenario, &list.nodes()).expect("its keys were checked");
+    again.restore(&saved(planner)).expect("what a planner saves is a checkpoint");
+    assert_eq!(saved(&again), saved(planner));
+    let [plan, same] = [planner, &mut again].map(|planner| {
+        planner.observe(FLOWN_SLOTS + 1, &report, &queues);
+        planner.step(FLOWN_SLOTS + 2, report.position(), &queues)
+    });
+    assert_eq!(format!("{plan:?}"), format!("{same:?}"));
+    Ok(())
+}
+
+fn saved(planner: &Planner) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    planner.save(&mut bytes);
+    bytes
+}
+
+/// Flies the plan of a slot, all of which must be possible from `here`.
+fn fly(scenario: &Scenario, nodes: &[SensorNode], here: &FlightReport, slot: u64, plan: &Plan) -> FlightReport {
+    let mut flight = Flight::new(scenario, nodes);
+    flight.restore(here);
+    let report = flight.step(slot, Some(plan));
+    assert_eq!((report.hold, report.refused), (0, 0), "{plan:?} from {here:?}");
+    report
+}

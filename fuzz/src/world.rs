@@ -1,0 +1,96 @@
+//! The small scenarios in which inputs are tried, and the files for them.
+
+use std::fs::{self, OpenOptions};
+use std::io::ErrorKind;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+use arbitrary::{Result, Unstructured};
+use skysink_common::pace::Pace;
+use skysink_common::scenario::{Count, Overrides, Scenario};
+use skysink_common::sensors::SensorList;
+use skysink_planner::settings::{self, Knowledge, Rates, Settings};
+use skysink_planner::strategies::horizon::{self, HorizonKeys};
+use skysink_planner::strategies::names;
+use skysink_planner::strategies::offline::{self, OfflineKeys};
+use skysink_ring::folder::RingFolder;
+use skysink_ring::wait::Waiting;
+use tempfile::TempDir;
+
+/// A scenario and its sensor nodes.
+#[derive(Debug)]
+pub struct World {
+    pub scenario: Scenario,
+    pub list: SensorList,
+}
+
+/// All of them.
+pub static WORLDS: LazyLock<[World; 3]> = LazyLock::new(|| {
+    let free_space = include_str!("../worlds/free-space.toml");
+    let texts = [free_space, include_str!("../worlds/origin.toml"), include_str!("../worlds/line-of-sight.toml")];
+    texts.map(|text| {
+        let scenario = Scenario::parse(text, Path::new("worlds"), Overrides::default()).expect("a valid scenario");
+        let list = SensorList::of(&scenario).expect("its sensor nodes are drawn, not read");
+        World { scenario, list }
+    })
+});
+
+/// The sensor nodes and the scenario of a world, with a strategy, short searches, and what the planner may know.
+pub fn planned(u: &mut Unstructured) -> Result<(&'static SensorList, Scenario)> {
+    let World { scenario, list } = u.choose(&*WORLDS)?;
+    let mut scenario = scenario.clone();
+    scenario.planner.strategy = (*u.choose(&names())?).to_owned();
+    horizon::STRATEGY.set_keys(&mut scenario, HorizonKeys { iterations: Count::clamped(20), budget_ms: None });
+    offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: Count::clamped(200) });
+    let estimated = [Rates::Known, Rates::Learnt].map(|rates| (Knowledge::Estimated, rates));
+    let (knowledge, rates) = *u.choose(&[(Knowledge::Oracle, Rates::Known), estimated[0], estimated[1]])?;
+    let change = |settings: &mut Settings| (settings.knowledge, settings.rates) = (knowledge, rates);
+    Ok((list, settings::change(scenario, change).expect("any of these may be chosen")))
+}
+
+/// Where the process may write. What an input before has left there is there.
+pub static FOLDER: LazyLock<TempDir> = LazyLock::new(|| tempfile::tempdir().expect("a temporary folder can be made"));
+
+static RING: LazyLock<RingFolder> = LazyLock::new(|| {
+    RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).expect("a ring's folder can be made")
+});
+
+/// A file with this name and content. One that is there is removed, not cut: some file systems wait for the disk then.
+pub fn file(name: &str, bytes: &[u8]) -> PathBuf {
+    let path = FOLDER.path().join(name);
+    if let Err(error) = fs::remove_file(&path) {
+        assert_eq!(error.kind(), ErrorKind::NotFound, "{}: {error}", path.display());
+    }
+    fs::write(&path, bytes).expect("a file can be written");
+    path
+}
+
+/// The folder of a ring in which this journal is empty.
+pub fn ring_without(journal: &str) -> &'static RingFolder {
+    fs::write(RING.journal(journal), []).expect("a journal can be emptied");
+    &RING
+}
+
+/// At most `length` bytes, fewer at the end of the input.
+pub fn bytes<'a>(u: &mut Unstructured<'a>, length: usize) -> Result<&'a [u8]> {
+    u.bytes(length.min(u.len()))
+}
+
+/// Changes bytes of a file, cuts it or replaces it, as the input says. Returns whether it did anything.
+pub fn spoil(path: &Path, u: &mut Unstructured) -> Result<bool> {
+    let file = OpenOptions::new().write(true).open(path).expect("the file is there");
+    let length = file.metadata().expect("the file is there").len();
+    let done = !u.is_empty();
+    while !u.is_empty() {
+        let kind: u8 = u.arbitrary()?;
+        let at = u64::from(u.arbitrary::<u32>()?) % (length + 64);
+        let spoilt = match kind {
+            0 => file.set_len(at),
+            u8::MAX => fs::write(path, u.bytes(u.len())?),
+            _ => file.write_all_at(bytes(u, usize::from(kind % 32))?, at),
+        };
+        spoilt.expect("the file can be changed");
+    }
+    Ok(done)
+}
