@@ -1,6 +1,10 @@
-//! What takes minutes: runs whose processes are killed, stopped and started again, and whose result stays what it is.
+//! Tests that take minutes: runs whose processes are killed, stopped and restarted with the same results, studies with
+//! their figures, and large fields.
 
+mod figures;
+mod hostile;
 mod kills;
+mod large;
 mod paced;
 mod resumed;
 mod silence;

@@ -142,10 +142,3 @@ fn a_mission_that_is_too_short_for_loss_or_for_the_field_is_said() {
     let far = checked(&place, "slots = 10\n[area]\nside_m = 1000.0\n[sensors]\nfile = \"sensors.csv\"\n");
     assert!(far.stderr.contains("1 of the 2 sensor nodes cannot be reached within the mission's 10 slots"), "{far:?}");
 }
-
-#[test]
-fn a_million_sensor_nodes_are_checked() {
-    let place = Place::new();
-    let ended = checked(&place, "[area]\nside_m = 10000.0\n[sensors]\ncount = 1000000\n");
-    assert!(ended.stdout.contains("at least 250000 (N / n)\n"), "{}", ended.stderr);
-}

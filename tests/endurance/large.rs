@@ -1,0 +1,11 @@
+//! Fields that are as large as they get.
+
+use crate::support::Place;
+
+#[test]
+fn a_million_sensor_nodes_are_checked() {
+    let place = Place::new();
+    place.write("a.toml", "name = \"a\"\n[area]\nside_m = 10000.0\n[sensors]\ncount = 1000000\n");
+    let ended = place.run_well(&["check", "a.toml"]);
+    assert!(ended.stdout.contains("at least 250000 (N / n)\n"), "{}", ended.stderr);
+}
