@@ -48,8 +48,8 @@ pub struct JoinOptions {
     /// Start and supervise this command as the planner, as in skysink run.
     #[arg(long, value_name = "COMMAND", value_parser = parse_command)]
     planner: Option<CommandLine>,
-    /// Whether to restart a process that ends before the mission: never or on-failure; planner=never sets one process
-    /// (repeatable) [default: on-failure].
+    /// Whether to restart a process that ends before the mission: never or on-failure; ROLE=POLICY, such as
+    /// planner=never, applies to one process (repeatable) [default: on-failure].
     #[arg(long, value_name = "POLICY")]
     restart: Vec<Rule>,
     /// Timeout for the launcher's heartbeat [s].

@@ -124,10 +124,10 @@ impl ReplayArguments {
             label: Some(recorded.strategy.clone()),
             recorded: Some(RecordedRing { run: self.run.clone(), pace: self.options.pace.unwrap_or_default(), plans }),
         };
-        let manner = RunMode { pace: Some(Pace::Max), external_planner: external };
+        let run_mode = RunMode { pace: Some(Pace::Max), external_planner: external };
 
         let mut replayed = Replayed::new(&scenario, &recorded, &out.join(PLANS))?;
-        let flown = self.fly(&scenario, &launch, &manner, stop, &mut replayed).and_then(|()| replayed.finish());
+        let flown = self.fly(&scenario, &launch, &run_mode, stop, &mut replayed).and_then(|()| replayed.finish());
         if flown.is_err() {
             earlier.restore()?;
         }
@@ -164,11 +164,11 @@ impl ReplayArguments {
         &mut self,
         scenario: &Scenario,
         launch: &Launch,
-        manner: &RunMode,
+        run_mode: &RunMode,
         stop: &Stop,
         replayed: &mut Replayed,
     ) -> Result<(), Error> {
-        let ring = make_ring(scenario, &self.options, manner, self.options.pace.unwrap_or_default())?;
+        let ring = make_ring(scenario, &self.options, run_mode, self.options.pace.unwrap_or_default())?;
         let mut tally = Tally::new(scenario, replayed.list());
         let mission = RingMission { scenario, options: &self.options, launch };
         fly(&mission, &ring, &ProcessTable::default(), stop, replayed, &mut tally).map(drop)

@@ -43,8 +43,13 @@ impl NewFolder {
     ///
     /// # Errors
     /// As [`RunFolder::create`].
-    pub fn create(&self, scenario: &Scenario, list: &SensorList, manner: &RunMode) -> Result<RunFolder, MissionError> {
-        RunFolder::create(self.out.as_deref(), self.force, scenario, list, manner)
+    pub fn create(
+        &self,
+        scenario: &Scenario,
+        list: &SensorList,
+        run_mode: &RunMode,
+    ) -> Result<RunFolder, MissionError> {
+        RunFolder::create(self.out.as_deref(), self.force, scenario, list, run_mode)
     }
 }
 

@@ -17,7 +17,7 @@ use crate::field::Field;
 const STATE_EVERY: u64 = 256;
 
 /// Slots on record: those since the last state but one, which is used if the last is cut.
-const SLOTS: u64 = 2 * STATE_EVERY;
+pub const SLOTS: u64 = 2 * STATE_EVERY;
 
 /// Bytes of a state: constant, and per sensor node.
 const STATE_BYTES: [usize; 2] = [1024, size_of::<u32>() + size_of::<u64>() + BYTES_PER_SENSOR];

@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 use arbitrary::{Result, Unstructured};
 use skysink_common::message::FlightReport;
 use skysink_field_sim::Field;
-use skysink_field_sim::journal::FieldJournal;
+use skysink_field_sim::journal::{FieldJournal, SLOTS};
 use skysink_flight_sim::journal as flights;
 use skysink_mission::mission::Mission;
 use skysink_ring::folder::RingFolder;
@@ -15,11 +15,11 @@ use skysink_ring::journal::{Journal, Record};
 use crate::messages::{balanced, report};
 use crate::world::{WORLDS, bytes, file, ring_without, spoil};
 
-/// Places of the journal.
-const PLACES: u64 = 3;
+/// Entries of the journal.
+const ENTRIES: u64 = 3;
 
-/// Slots flown by a field, with two states among them beside the first.
-const FLOWN_SLOTS: u64 = 140;
+/// Slots flown by a field: the journal wraps around, and has states later than the first.
+const FLOWN_SLOTS: u64 = SLOTS + 40;
 
 /// The first world from the beginning, and the flight of each slot.
 static FLOWN: LazyLock<Vec<(FlightReport, Field)>> = LazyLock::new(|| {
@@ -37,7 +37,7 @@ static FLOWN: LazyLock<Vec<(FlightReport, Field)>> = LazyLock::new(|| {
 pub fn journal(u: &mut Unstructured) -> Result<()> {
     let path = file("journal", &[]);
     let room: usize = *u.choose(&[200, 5000])?; // a head and a record of one page, and one that takes two
-    let journal = Journal::open(&path, PLACES, room).expect("the journal opens");
+    let journal = Journal::open(&path, ENTRIES, room).expect("the journal opens");
     let mut written = Vec::new();
     for _ in 0..u.arbitrary::<u8>()? % 8 {
         let slot = u.arbitrary()?;
@@ -52,8 +52,8 @@ pub fn journal(u: &mut Unstructured) -> Result<()> {
     let found = journal.read().expect("the journal is read");
     assert!(found.iter().all(|record| written.contains(record)), "found what was not written");
     assert!(found.is_sorted_by(|a, b| a.slot < b.slot), "{found:?}");
-    let last: BTreeMap<u64, &Record> = written.iter().map(|record| (record.slot % PLACES, record)).collect();
-    let is_last = |record: &Record| last.get(&(record.slot % PLACES)) == Some(&record);
+    let last: BTreeMap<u64, &Record> = written.iter().map(|record| (record.slot % ENTRIES, record)).collect();
+    let is_last = |record: &Record| last.get(&(record.slot % ENTRIES)) == Some(&record);
     assert!(is_spoilt || found.len() == last.len() && found.iter().all(is_last), "{found:?}");
     let record = Record { slot: u64::MAX, bytes: b"last".to_vec() };
     journal.write(record.slot, &[&record.bytes]).expect("the record is written");
@@ -90,7 +90,7 @@ pub fn flight_journal(u: &mut Unstructured) -> Result<()> {
 pub fn field_journal(u: &mut Unstructured) -> Result<()> {
     let ring = ring_without("field");
     let mut field = FLOWN[0].1.clone();
-    let slots = u64::from(u.arbitrary::<u8>()?) % FLOWN_SLOTS;
+    let slots = u64::from(u.arbitrary::<u8>()?) * 3 % FLOWN_SLOTS;
     let (mut journal, _) = FieldJournal::open(ring, &mut field).expect("the journal opens");
     for (flight, field) in FLOWN.iter().skip(1).take(slots as usize) {
         journal.save(flight, field).expect("the slot is written");
@@ -114,7 +114,7 @@ pub fn field_journal(u: &mut Unstructured) -> Result<()> {
 /// Writes flights and states of any numbers, whole and with their hashes.
 fn forge(ring: &RingFolder, u: &mut Unstructured) -> Result<()> {
     let room = size_of::<FlightReport>() + 200;
-    let journal = Journal::open(&ring.journal("field"), 128, room).expect("the journal opens");
+    let journal = Journal::open(&ring.journal("field"), SLOTS, room).expect("the journal opens");
     let slot: u64 = u.arbitrary()?;
     for next in 0..u64::from(u.arbitrary::<u8>()? % 5) {
         let flight = report(u, 2)?;

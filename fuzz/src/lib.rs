@@ -1,4 +1,4 @@
-//! Fuzzing: any bytes for everything that reads what it has not written itself.
+//! Fuzz tests of all code that reads external input.
 //!
 //! A target is a function of an input that panics when a promise is broken, not only when the code under it crashes.
 //! libFuzzer makes the inputs, by `main.rs`, and `tests/inputs.rs` runs it for each target.

@@ -52,8 +52,8 @@ impl Case {
     }
 
     fn create(&self, pace: Option<Pace>, force: bool) -> Result<RunFolder, String> {
-        let manner = RunMode { pace, external_planner: None };
-        let folder = RunFolder::create(Some(&self.out()), force, &self.scenario, &self.list, &manner);
+        let run_mode = RunMode { pace, external_planner: None };
+        let folder = RunFolder::create(Some(&self.out()), force, &self.scenario, &self.list, &run_mode);
         folder.map_err(|error| error.to_string())
     }
 

@@ -251,8 +251,8 @@ impl PyRun {
     #[pyo3(signature = (folder, force = false))]
     fn save(&self, py: Python<'_>, folder: PathBuf, force: bool) -> PyResult<PathBuf> {
         let write = || -> Result<PathBuf, MissionError> {
-            let manner = RunMode { external_planner: self.label.clone(), ..RunMode::default() };
-            let folder = RunFolder::create(Some(&folder), force, &self.scenario.scenario, &self.list, &manner)?;
+            let run_mode = RunMode { external_planner: self.label.clone(), ..RunMode::default() };
+            let folder = RunFolder::create(Some(&folder), force, &self.scenario.scenario, &self.list, &run_mode)?;
             let mut log = folder.slot_log()?;
             self.fly_again(|plant, header| log.add(plant.last_flight(), header).map(|_| ()))?;
             folder.write_json("summary.json", &self.summary)?;

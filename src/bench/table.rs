@@ -48,7 +48,7 @@ fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::
             table.set_header(header).add_row(cells);
         }
     }
-    write!(formatter, "\n\n{part}\n{}", report::with_numbers_right(table))
+    write!(formatter, "\n\n{part}\n{}", report::with_numbers_from(0, table))
 }
 
 /// A single value: a time if its key ends in `_us`, else a ratio.

@@ -1,4 +1,4 @@
-//! Warnings about scenarios that are probably unintended, from the figures alone. `tests/check.rs` tries each rule on
+//! Warnings about scenarios that are probably unintended, from the figures alone. `tests/it/check.rs` tries each rule on
 //! missions where it applies and where it does not.
 
 use super::figures::Figures;

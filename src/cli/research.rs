@@ -45,7 +45,7 @@ Examples:
         /// Missions simulated in parallel [default: one per core].
         #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
         threads: usize,
-        /// Simulate only shard K of N; a point of the grid with a seed is never split. In a job array of Slurm or Grid
+        /// Simulate only shard K of N; all strategies of one grid point and seed stay in one shard. In a job array of Slurm or Grid
         /// Engine with indices from 1: auto; in any job array: auto/N.
         #[arg(long, value_name = "K/N", value_parser = parse_shard, default_value = "1/1")]
         shard: Shard,
@@ -141,7 +141,7 @@ impl Research {
                     print(format_args!("Means: {}", out.join("summary.csv").display()))?;
                     print(format_args!("Draw them: skysink plot {} --x KEY", out.display()))?;
                 } else {
-                    print("Join all shards: skysink merge SHARD... --out DIR")?;
+                    print("Merge all shards: skysink merge SHARD... --out DIR")?;
                 }
             }
             Self::Figures { only, quick, runs, horizon_iterations, out, threads } => {
@@ -222,7 +222,7 @@ impl CompareOptions {
         let what = if self.what[0].is_dir() {
             if self.seeds.is_some() || overrides != Overrides::default() {
                 let message =
-                    "--seeds, --seed, --set: expected none with folders of runs, which are as they were flown";
+                    "--seeds, --seed, --set: expected none of them with run folders, whose missions are already flown";
                 return Err(Error::Usage(message.to_owned()));
             }
             if self.what.len() < 2 {

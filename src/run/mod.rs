@@ -64,7 +64,7 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
     let list = SensorList::of(scenario)?;
     options.check(&list)?;
     let (folder, resumed) = match &run.resume {
-        None => (run.folder.create(scenario, &list, &options.manner(None))?, None),
+        None => (run.folder.create(scenario, &list, &options.run_mode(None))?, None),
         Some(path) => {
             let folder = RunFolder::reopen(path)?;
             options.check_resumed(&folder)?;
@@ -73,12 +73,12 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
             (folder, Some((resumed, tally)))
         }
     };
-    let manner = options.manner(Some(folder.run_mode()));
-    let pace = manner.pace.unwrap_or_default();
+    let run_mode = options.run_mode(Some(folder.run_mode()));
+    let pace = run_mode.pace.unwrap_or_default();
     let (resumed, tally) =
         resumed.map_or_else(|| (None, Tally::new(scenario, &list)), |(resumed, tally)| (Some(resumed), tally));
     let mut tally = tally.with_latency(pace, scenario.slot_s);
-    if let Some(planner) = &manner.external_planner {
+    if let Some(planner) = &run_mode.external_planner {
         tally = tally.with_planner(planner);
     }
     if tally.last_slot() == scenario.slots {
@@ -90,7 +90,7 @@ pub fn run(run: &Run, stop: &Stop, table: &ProcessTable) -> Result<(RunFolder, S
         clean_up(&folder.recording());
         return Ok((folder, summary));
     }
-    let ring_folder = make_ring(scenario, options, &manner, pace)?;
+    let ring_folder = make_ring(scenario, options, &run_mode, pace)?;
     let mut log = match resumed {
         None => folder.slot_log()?,
         Some(resumed) => {
@@ -126,13 +126,13 @@ const EXTERNAL_TIMEOUT_S: f64 = 600.0;
 pub(crate) fn make_ring(
     scenario: &Scenario,
     options: &RunOptions,
-    manner: &RunMode,
+    run_mode: &RunMode,
     pace: Pace,
 ) -> Result<RingFolder, Error> {
     let timeout_s = options.timeout_s(MESSAGE_TIMEOUT_S, pace, scenario.slot_s);
-    let rates = resume::estimated_rates(scenario, manner)?;
+    let rates = resume::estimated_rates(scenario, run_mode)?;
     let viewer = !options.no_viewer;
-    let mut ring = RingFolder::create(manner.pace.unwrap_or_default(), options.wait, timeout_s, viewer, rates)?;
+    let mut ring = RingFolder::create(run_mode.pace.unwrap_or_default(), options.wait, timeout_s, viewer, rates)?;
     if options.link.is_some() {
         ring.link(link::terms(scenario)?)?;
     }

@@ -60,8 +60,8 @@ pub struct RunOptions {
     /// Name of the external planner in the results [default: external].
     #[arg(long, value_name = "NAME", value_parser = parse_label)]
     pub label: Option<String>,
-    /// Whether to restart a process that ends before the mission: never or on-failure; planner=never sets one process
-    /// (repeatable) [default: on-failure, at most 50 restarts in 10 s and 8 in a row in one slot].
+    /// Whether to restart a process that ends before the mission: never or on-failure; ROLE=POLICY, such as
+    /// planner=never, applies to one process (repeatable) [default: on-failure, at most 50 restarts in 10 s and 8 in a row in one slot].
     #[arg(long, value_name = "POLICY")]
     pub restart: Vec<Rule>,
     /// Timeout for a message [s] [default: 30; from --external processes 600].
@@ -174,7 +174,7 @@ impl RunOptions {
     }
 
     /// Pace and planner of the run. Options that are not given default to those of the run that is resumed, `before`.
-    pub(super) fn manner(&self, before: Option<&RunMode>) -> RunMode {
+    pub(super) fn run_mode(&self, before: Option<&RunMode>) -> RunMode {
         let before = before.cloned().unwrap_or_default();
         RunMode {
             pace: Some(self.pace.or(before.pace).unwrap_or_default()),

@@ -91,8 +91,8 @@ pub fn resume(
 ///
 /// # Errors
 /// If `[planner]` of the scenario is refused.
-pub fn estimated_rates(scenario: &Scenario, manner: &RunMode) -> Result<Option<Rates>, InputError> {
-    Ok(settings::estimated(scenario)?.filter(|_| manner.external_planner.is_some()))
+pub fn estimated_rates(scenario: &Scenario, run_mode: &RunMode) -> Result<Option<Rates>, InputError> {
+    Ok(settings::estimated(scenario)?.filter(|_| run_mode.external_planner.is_some()))
 }
 
 impl ResumedRun {

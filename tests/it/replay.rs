@@ -130,8 +130,8 @@ fn an_outside_planner_is_asked_and_its_own_run_is_replayed_by_its_decisions_on_r
 fn slots_without_a_plan_in_time_are_held_again_and_counted_as_undecided() {
     let place = Place::new();
     let (scenario, list) = smoke("uts");
-    let manner = RunMode { pace: Some("10x".parse().unwrap()), external_planner: None };
-    let folder = RunFolder::create(Some(&place.path("run")), false, &scenario, &list, &manner).unwrap();
+    let run_mode = RunMode { pace: Some("10x".parse().unwrap()), external_planner: None };
+    let folder = RunFolder::create(Some(&place.path("run")), false, &scenario, &list, &run_mode).unwrap();
     let mut log = folder.slot_log().unwrap();
     let mut mission = Mission::new(&scenario, &list).unwrap();
     let mut tally = Tally::new(&scenario, &list);

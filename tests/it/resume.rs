@@ -37,8 +37,8 @@ fn smoke(strategy: &'static str) -> (Scenario, SensorList) {
 /// Leaves the record of the first slots in `out`, flown by the plans of `substitute`.
 fn record(scenario: &Scenario, list: &SensorList, out: &Path, plans_by: PlansBy, substitute: Substitute) -> RunFolder {
     let external_planner = (plans_by == PlansBy::Outside).then(|| "external".to_owned());
-    let manner = RunMode { pace: Some(Pace::Max), external_planner };
-    let folder = RunFolder::create(Some(out), false, scenario, list, &manner).unwrap();
+    let run_mode = RunMode { pace: Some(Pace::Max), external_planner };
+    let folder = RunFolder::create(Some(out), false, scenario, list, &run_mode).unwrap();
     let mut log = folder.slot_log().unwrap();
     let mut mission = Mission::new(scenario, list).unwrap();
     for slot in 1..=SLOTS {

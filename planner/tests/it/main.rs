@@ -2,13 +2,12 @@
 
 mod agreement;
 mod baselines;
-mod bound;
 mod estimate;
 mod fixtures;
-mod horizon;
 mod index;
 mod invariants;
 mod oracle;
 mod settings;
 mod spatial;
+#[path = "../support/mod.rs"]
 mod support;

@@ -64,7 +64,7 @@ fn no_flight_of_a_random_mission_loses_less_than_the_bound() {
     assert!(above_zero >= 80 && met >= 10, "the bound is above 0 in {above_zero}, and met in {met}");
 }
 
-/// `cargo test --release -p skysink-planner --test bound -- --ignored --nocapture thousand`
+/// `cargo test --release -p skysink-planner --test endurance -- --ignored --nocapture thousand`
 #[test]
 #[ignore = "takes a minute"]
 fn no_flight_of_another_thousand_random_missions_does() {
@@ -110,7 +110,7 @@ fn the_bound_is_no_higher_than_the_proven_optimum_of_missions_on_a_line() {
     assert!(ratios.len() >= 20 && ratios[ratios.len() / 2] >= 0.4, "{ratios:?}");
 }
 
-/// `cargo test --release -p skysink-planner --test bound -- --ignored --nocapture hundred`
+/// `cargo test --release -p skysink-planner --test endurance -- --ignored --nocapture hundred`
 #[test]
 #[ignore = "takes a minute"]
 fn a_hundred_missions_on_a_line_are_measured() {
