@@ -35,7 +35,7 @@ pub fn mean_neighbour_m(positions: &[Position], grid: &Grid) -> Option<f64> {
 }
 
 /// Size of the largest connected component of the graph that connects SNs at most `step_m` [m] apart. `None` if more than
-/// [`MAX_PAIRS`] pairs would have to be compared.
+/// `MAX_PAIRS` pairs would have to be compared.
 ///
 /// All SNs of a cell are connected, because a cell is smaller than a step. Two cells are connected if any pair of their
 /// SNs is; SNs farther than a step from the bounding box of the other cell are skipped.

@@ -124,7 +124,7 @@ impl Link {
     /// Restarts the link if it has ended.
     ///
     /// # Errors
-    /// [`Error::LinkEnded`] if the first link exits within [`MIN_LIFETIME`].
+    /// [`Error::LinkEnded`] if the first link exits within `MIN_LIFETIME`.
     pub fn supervise(&mut self, progress: &TerminalProgress) -> Result<(), Error> {
         let ended = self.child.as_mut().and_then(|child| child.try_wait().ok().flatten());
         if let Some(status) = ended {
