@@ -24,7 +24,7 @@ pub struct SweepEstimate {
 }
 
 /// Estimates the duration by trials at the first and the last point of the sweep. A trial simulates the first slot, in
-/// which a strategy may do a long search, and then further slots for at most [`TRIAL`].
+/// which a strategy may do a long search, and then further slots for at most `TRIAL`.
 ///
 /// # Errors
 /// If a mission is refused, or on a stop.

@@ -116,7 +116,7 @@ pub struct PlanningModel {
     pub tours: Vec<Vec<u32>>,
     /// Approximate slots of the shortest tour.
     pub round_slots: f64,
-    /// The disks at which plans may stop, see [`Self::is_stop`].
+    /// The disks at which plans may stop, see `Self::is_stop`.
     pub stops: Vec<u32>,
     /// For each disk the nearest of these.
     pub neighbours: Vec<Vec<u32>>,
