@@ -12,6 +12,7 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
+use serde::Serialize;
 use skysink_common::message::{FlightReport, Plan};
 use skysink_common::pace::Pace;
 use skysink_common::stop::Stop;
@@ -20,14 +21,30 @@ use skysink_ring::folder::RingFolder;
 use skysink_ring::wait::Waiting;
 
 use super::nanoseconds;
-use super::ring::RingCase;
 use crate::error::Error;
 
 /// Messages on the critical path of a slot, and threads that pass them on.
 const HOPS: usize = 3;
 
+/// Rounds before the first that is timed.
+const WARM_UP: u64 = 100;
+
 /// Longest wait for a message.
 const TIMEOUT: Duration = Duration::from_secs(30);
+
+/// What a ring flies.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct RingCase {
+    /// Sensor nodes.
+    pub sensors: u32,
+    /// How the processes wait for each other.
+    pub wait: Waiting,
+    /// How fast it runs.
+    pub pace: Pace,
+    /// Slots.
+    #[serde(skip)]
+    pub slots: u64,
+}
 
 /// Passes the messages of `case` around, and returns the times of the rounds.
 pub(super) fn time(case: RingCase, stop: &Stop) -> Result<Spread, Error> {
@@ -35,47 +52,23 @@ pub(super) fn time(case: RingCase, stop: &Stop) -> Result<Spread, Error> {
     let folder = RingFolder::create(Pace::Max, case.wait, TIMEOUT.as_secs_f64(), false, None)?;
     let config = folder.config()?;
     let all_open = Barrier::new(HOPS);
+    let open = |index| {
+        let ports = Ports::open(&config, case, index);
+        all_open.wait();
+        ports
+    };
     thread::scope(|scope| {
-        let start = |index| {
-            let ports = Ports::open(&config, case, index);
-            all_open.wait();
-            ports.and_then(|ports| run(&ports, case, index, stop))
-        };
-        let threads = [0, 1, 2].map(|index| scope.spawn(move || start(index)));
-        let [first, second, third] = threads.map(|thread| thread.join().expect("no thread panics"));
-        second.and(third).and(first)
+        let forward = |index| scope.spawn(move || open(index)?.forward(case, index, stop));
+        let others = [forward(1), forward(2)];
+        let times = open(0).and_then(|ports| ports.time_rounds(case, stop));
+        others.into_iter().try_for_each(|thread| thread.join().expect("no thread panics"))?;
+        times
     })
 }
 
 /// Length of the message that thread `index` sends.
 fn message_bytes(case: RingCase, index: usize) -> usize {
     [case.sensors as usize * size_of::<u32>(), size_of::<Plan>(), size_of::<FlightReport>()][index]
-}
-
-/// All rounds of one thread. The first thread starts the rounds and times them.
-fn run(ports: &Ports, case: RingCase, index: usize, stop: &Stop) -> Result<Spread, Error> {
-    let message = vec![7; message_bytes(case, index)];
-    let period = case.pace.period(1.0).unwrap_or(Duration::ZERO);
-    let warm_up = case.slots / 10 + 1;
-    let mut times = histogram();
-    let mut next = Instant::now();
-    for round in 0..case.slots + warm_up {
-        stop.check()?;
-        if index != 0 {
-            ports.receive(case.wait)?;
-            ports.send(&message)?;
-            continue;
-        }
-        thread::sleep(next.saturating_duration_since(Instant::now()));
-        let begin = Instant::now();
-        next = next.max(begin) + period;
-        ports.send(&message)?;
-        ports.receive(case.wait)?;
-        if round >= warm_up {
-            times.saturating_record(nanoseconds(begin));
-        }
-    }
-    Ok(Spread::of(&times))
 }
 
 /// The ports of a thread: it receives from the thread before it and sends to the one after it.
@@ -105,6 +98,37 @@ impl Ports {
         })
     }
 
+    /// Starts every round with the first message, and times the rounds until the last message is back.
+    fn time_rounds(&self, case: RingCase, stop: &Stop) -> Result<Spread, Error> {
+        let message = vec![7; message_bytes(case, 0)];
+        let period = case.pace.period(1.0).unwrap_or(Duration::ZERO);
+        let mut times = histogram();
+        let mut next = Instant::now();
+        for round in 0..WARM_UP + case.slots {
+            stop.check()?;
+            thread::sleep(next.saturating_duration_since(Instant::now()));
+            let begin = Instant::now();
+            next = next.max(begin) + period;
+            self.send(&message)?;
+            self.receive(case.wait)?;
+            if round >= WARM_UP {
+                times.saturating_record(nanoseconds(begin));
+            }
+        }
+        Ok(Spread::of(&times))
+    }
+
+    /// Answers each message with the next one.
+    fn forward(&self, case: RingCase, index: usize, stop: &Stop) -> Result<(), Error> {
+        let message = vec![7; message_bytes(case, index)];
+        for _ in 0..WARM_UP + case.slots {
+            stop.check()?;
+            self.receive(case.wait)?;
+            self.send(&message)?;
+        }
+        Ok(())
+    }
+
     fn send(&self, message: &[u8]) -> Result<(), Error> {
         let sample = self.publisher.loan_slice_uninit(message.len()).map_err(failed)?;
         sample.write_from_slice(message).send().map_err(failed)?;
@@ -113,15 +137,14 @@ impl Ports {
 
     fn receive(&self, wait: Waiting) -> Result<(), Error> {
         let begin = Instant::now();
-        for polls in 0u32.. {
+        let mut polls = 0;
+        while begin.elapsed() < TIMEOUT {
             if let Some(sample) = self.subscriber.receive().map_err(failed)? {
                 std::hint::black_box(sample.payload().len());
                 return Ok(());
             }
             wait.pause(&self.listener, polls);
-            if begin.elapsed() >= TIMEOUT {
-                break;
-            }
+            polls += 1;
         }
         Err(Error::Bench(format!("hop: no message within {} s", TIMEOUT.as_secs())))
     }

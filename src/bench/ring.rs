@@ -10,23 +10,10 @@ use skysink_mission::latency::Spread;
 use skysink_mission::summary::{RunTiming, Summary};
 use skysink_ring::wait::Waiting;
 
-use super::{Effort, hop, letter_keys, median_by};
+use super::hop::{self, RingCase};
+use super::{Effort, letter_keys, median_by};
 use crate::error::Error;
 use crate::programs;
-
-/// What a ring flies.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub struct RingCase {
-    /// Sensor nodes.
-    pub sensors: u32,
-    /// How the processes wait for each other.
-    pub wait: Waiting,
-    /// How fast it runs.
-    pub pace: Pace,
-    /// Slots.
-    #[serde(skip)]
-    pub slots: u64,
-}
 
 /// A ring against its lower bound.
 #[derive(Debug, Serialize)]

@@ -38,7 +38,7 @@ fn a_quick_benchmark_measures_everything() {
     assert!(report["machine"]["load_average"].is_number());
     assert_rows(&report["planner"], 2 * stateless().len(), &["plan"], &[]);
     assert_rows(&report["field"], 2, &["step", "copy"], &["step_over_copy"]);
-    for key in ["slots_per_s", "sweep_slots_per_s", "sweep_all_slots_per_s", "per_core"] {
+    for key in ["slots_per_s", "all_slots_per_s", "per_core"] {
         assert_measured(&report["mission"][key], key);
     }
     let ratios = ["slots_per_s", "p50_over_floor", "p99_over_p50"];
