@@ -224,7 +224,7 @@ fn three_sensor_nodes_on_a_circle_but_for_rounding_are_served_together() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2_000))]
+    #![proptest_config(ProptestConfig::with_cases(200 * crate::CASES_FACTOR))]
 
     #[test]
     fn algorithm_1_finds_what_a_direct_enumeration_finds(case in cases(40, 10, 90, reaches())) {
@@ -248,7 +248,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(200))]
+    #![proptest_config(ProptestConfig::with_cases(40 * crate::CASES_FACTOR))]
 
     /// The grid cannot win. Nor can it miss a set that smaller disks would still have: from any of their common points
     /// the next of the grid is at most half a diagonal away.

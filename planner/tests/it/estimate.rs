@@ -31,7 +31,7 @@ fn texts(rates: &'static str) -> impl Generator<Value = String> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(150))]
+    #![proptest_config(ProptestConfig::with_cases(20 * crate::CASES_FACTOR))]
 
     #[test]
     fn with_known_rates_whoever_was_contacted_is_known_to_the_bit(
@@ -208,7 +208,7 @@ fn a_planner_that_is_not_sure_of_the_queues_comes_early_enough() {
     let text = "slots = 300\n[area]\nside_m = 250.0\n[sensors]\ncount = 100\nsampling_bps = [50.0, 150.0]\n\
                 initial_queue_mean_bits = [0.0, 20000.0]\n[planner]\nknowledge = 'estimated'\nrates = 'learnt'\n\
                 horizon.iterations = 300\n";
-    for seed in 1..=3 {
+    for seed in 1..=u64::from(crate::CASES_FACTOR) {
         let mut mission = TestMission::new(&scenario_of(text, "horizon", seed));
         mission.by_ref().take(300).for_each(drop);
         let totals = mission.field().totals();

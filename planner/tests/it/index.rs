@@ -83,7 +83,7 @@ fn cases() -> impl Generator<Value = Case> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(600))]
+    #![proptest_config(ProptestConfig::with_cases(60 * crate::CASES_FACTOR))]
 
     /// Debug output shows every bit of a float but a NaN's, of which a plan has some.
     #[test]

@@ -169,9 +169,11 @@ fn flown(case: &Case) -> Result<Totals, TestCaseError> {
 #[test]
 fn a_plan_keeps_range_reach_area_and_resource_blocks_while_data_are_collected_and_lost() {
     for strategy in names() {
-        let cases_each = if ["horizon", "offline"].contains(&strategy) { 40 } else { 150 };
-        let mut runner =
-            TestRunner::new(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(cases_each) });
+        let cases_each = if ["horizon", "offline"].contains(&strategy) { 8 } else { 20 };
+        let mut runner = TestRunner::new(ProptestConfig {
+            failure_persistence: None,
+            ..ProptestConfig::with_cases(cases_each * crate::CASES_FACTOR)
+        });
         let sums = RefCell::new([0; 2]);
         runner
             .run(&cases(&[strategy]), |case| {
@@ -188,7 +190,7 @@ fn a_plan_keeps_range_reach_area_and_resource_blocks_while_data_are_collected_an
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2_000))]
+    #![proptest_config(ProptestConfig::with_cases(200 * crate::CASES_FACTOR))]
 
     #[test]
     fn the_letters_plan_serves_its_anchor_and_partner_from_a_solved_waypoint(case in cases(&["uts"])) {
@@ -273,7 +275,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(60))]
+    #![proptest_config(ProptestConfig::with_cases(10 * crate::CASES_FACTOR))]
 
     /// Whatever another strategy schedules is in range of its waypoint, which is in reach: a set that the exact search
     /// compares with its own.

@@ -1,5 +1,8 @@
 //! Plans and whole missions, by every strategy.
 
+/// Random cases of a property, as a multiple of those that `cargo test` runs.
+const CASES_FACTOR: u32 = 1;
+
 mod agreement;
 mod baselines;
 mod estimate;

@@ -271,7 +271,7 @@ fn rate_bps(case: &Case, plan: &Plan, z_m: f64) -> f64 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(600))]
+    #![proptest_config(ProptestConfig::with_cases(60 * crate::CASES_FACTOR))]
 
     #[test]
     fn a_plan_keeps_reach_range_area_and_climb_and_forgets_the_slots_before_if_its_strategy_does(case in cases()) {
