@@ -64,13 +64,13 @@ fn nothing_written_is_lost_when_viewers_are_killed() {
     let folder = tempfile::tempdir().unwrap();
     let first = folder.path().join("mission.rrd");
     let mut written: Vec<(PathBuf, Vec<u8>)> = Vec::new();
-    for round in 0..8 {
+    for round in 0..4 {
         let viewer = Killed::start(&first, 10_000 * round);
         let last = || files(&first).into_iter().nth(written.len());
         let newest = || last().and_then(|path| Chunks::of(&path).newest());
-        match round % 4 {
+        match round {
             // While it records, well after the first slots were written.
-            0 => viewer.at(|| newest() > Some(10_000 * round as i64 + 50)),
+            0 => viewer.at(|| newest() > Some(10_000 * round as i64 + 20)),
             // As soon as its file is there, or holds the beginning of a recording.
             1 => viewer.at(|| last().is_some()),
             2 => viewer.at(|| last().is_some_and(|path| fs::metadata(path).unwrap().len() > 12)),
@@ -87,7 +87,7 @@ fn nothing_written_is_lost_when_viewers_are_killed() {
     let files = files(&first);
     assert_eq!(recording(files.last().unwrap()), "from 0");
     let ids: Vec<_> = files.iter().filter_map(|path| Chunks::of(path).recording_id).collect();
-    assert!(ids.len() > 4 && ids.iter().all(|id| id == "from 0"), "{ids:?}");
+    assert!(ids.len() > 2 && ids.iter().all(|id| id == "from 0"), "{ids:?}");
 
     let timed: Vec<_> = files.iter().map(|path| Chunks::of(path).timed).collect();
     complete(&first).unwrap();
