@@ -155,7 +155,7 @@ fn spoil_runs(rounds: u32, seed: u64) {
 }
 
 #[test]
-fn a_spoilt_run_of_an_outside_planner_is_refused_or_ends_with_the_same_bytes() {
+fn a_spoilt_run_of_an_external_planner_is_refused_or_ends_with_the_same_bytes() {
     let place = Place::new();
     let planner =
         concat!("sh -c 'exec ", env!("CARGO_BIN_EXE_planner"), " --scenario $SKYSINK_SCENARIO --ring $SKYSINK_RING'");
