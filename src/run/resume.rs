@@ -76,7 +76,7 @@ pub fn resume(
     let is_lockstep = folder.run_mode().pace.is_none_or(|pace| pace == Pace::Max);
     let is_repeatable = is_lockstep && folder.run_mode().external_planner.is_none();
     if let Some(last) = log.last_checked().filter(|last| *last > tally.last_slot() && !is_repeatable) {
-        let message = format_args!("it ends before slot {last}, which was recorded and would be flown differently");
+        let message = format_args!("lines up to slot {last} are missing, and these slots cannot be repeated");
         return Err(InputError::new("trace", &folder.slots(), message).into());
     }
     if folder.run_mode().pace.is_some() && tally.last_slot() > 1 && !log.was_checked() {

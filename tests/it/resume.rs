@@ -71,7 +71,8 @@ fn a_line_that_could_be_flown_but_was_not_planned_is_refused() {
     assert_eq!(resumed("uts", PlansBy::Planner, |_, own| Some(own)), Ok(SLOTS));
     let error = resumed("uts", PlansBy::Planner, nudged).unwrap_err();
     assert!(
-        error.contains("slots.csv: line 21: `20,") && error.contains("`: the mission does not lead to this line"),
+        error.contains("slots.csv: line 21: `20,")
+            && error.contains("`: it differs from the simulation of the scenario"),
         "{error}"
     );
 }

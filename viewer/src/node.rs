@@ -32,7 +32,7 @@ impl From<SceneError> for NodeError {
     fn from(error: SceneError) -> Self {
         match error {
             SceneError::File { path, source } => {
-                let message = format_args!("{source}: expected a place where a file can be created");
+                let message = format_args!("{source}: expected a path where a file can be created");
                 Self::Input(InputError::new("recording", &path, message))
             }
             error => Self::Recording(Box::new(error)),
