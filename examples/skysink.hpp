@@ -248,7 +248,7 @@ struct Tick {
     uint64_t period_ns;
 };
 
-/// Payload of `commit`: the slot in the sample's header is on record.
+/// Payload of `commit`: the slot in the sample's header is in `slots.csv`.
 struct Commit {
     static constexpr const char* IOX2_TYPE_NAME = "skysink.Commit.v1";
     /// Chained hash of the slot records up to this one.

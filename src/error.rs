@@ -87,7 +87,7 @@ pub enum Error {
         /// The last committed slot.
         slot: u64,
     },
-    /// A replayed slot differs from the record.
+    /// A replayed slot differs from the trace.
     #[error("slot {0}: the flight differs from the recorded one: was the run recorded by another version?")]
     ReplayDiverged(u64),
     /// The viewer does not end after the mission.

@@ -302,7 +302,7 @@ pub fn is_possible_path(points: &[PathPoint], area: &Area) -> bool {
         && points.iter().all(|point| is_over_area(point) && (point.z_m as f32).is_finite())
 }
 
-/// Payload of `commit`: the slot in the sample's header is on record.
+/// Payload of `commit`: the slot in the sample's header is in `slots.csv`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.Commit.v1"))]

@@ -1,4 +1,4 @@
-//! Resumes an interrupted run: simulates the recorded slots in one process and compares them with the record.
+//! Resumes an interrupted run: simulates the recorded slots in one process and compares them with the trace.
 //!
 //! The state after the last recorded slot becomes the checkpoints from which the processes of a new ring resume.
 
@@ -33,7 +33,7 @@ pub struct ResumedRun {
 /// Simulates the recorded slots of `folder` and adds them to `tally`. An incomplete last line is dropped, and its slot is
 /// flown again by the ring.
 ///
-/// Most plans are computed again. These are taken from the record, because they cannot be reproduced: slots without a
+/// Most plans are computed again. These are taken from the trace, because they cannot be reproduced: slots without a
 /// plan in time, plans of an external planner, plans of a search with a time limit, and, for a planner with state, all
 /// plans after a late one.
 ///

@@ -25,9 +25,9 @@ pub const STATUS: &str = "status";
 pub const GAP: &str = "gap";
 
 /// The first line of a later file of the recording.
-const CONTINUED: &str = "recording continued in a new file: the viewer was started again
+const CONTINUED: &str = "recording continued in a new file: the viewer was restarted
 \
-                         Up to ten seconds of the slots before may be missing.";
+                         Up to ten seconds of earlier slots may be missing.";
 
 /// The modes of the UAV.
 fn modes() -> impl Iterator<Item = Mode> {
