@@ -113,8 +113,8 @@ impl Events {
             canvas.append(format!("{STATES}/{GAP}"), &Scalars::single(0.0))?;
         }
         let text = match last - first {
-            0 => format!("slot {first} missed by the viewer\nThe mission went on."),
-            _ => format!("slots {first} to {last} missed by the viewer\nThe mission went on."),
+            0 => format!("slot {first} missed by the viewer\nThe mission continued."),
+            _ => format!("slots {first} to {last} missed by the viewer\nThe mission continued."),
         };
         write(canvas, TextLogLevel::WARN, &text)
     }
