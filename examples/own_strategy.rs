@@ -1,5 +1,5 @@
-//! A strategy of one's own, flown over the letter's field: to the nearest queue of at least 5 000 bit, which is served
-//! alone.
+//! A custom strategy in the paper's field: flies to the nearest sensor node with at least 5 000 bit, and serves only
+//! that one.
 
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::{above, distance_squared, within};
@@ -29,7 +29,7 @@ impl Strategy for Nearest {
     }
 }
 
-/// Flies the mission and says what it lost.
+/// Simulates the mission and prints its loss.
 pub fn main() {
     let scenario = Scenario::letter(Overrides::default()).expect("built in");
     let list = SensorList::of(&scenario).expect("drawn");

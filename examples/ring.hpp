@@ -1,5 +1,5 @@
-// A place in Skysink's ring for a planner in C++: its topics, waiting, and the slots that it is asked for.
-// What is planned is left to the planner; docs/src/interfaces.md has the protocol.
+// Connects an external planner in C++ to Skysink's ring: topics, waiting, and the slots to plan.
+// The planning itself is left to the planner; docs/src/interfaces.md specifies the protocol.
 #pragma once
 
 #include <algorithm>
@@ -36,17 +36,17 @@ inline bool within(const Position& a, const Position& b, double radius_m) {
     return distance_m2(a, b) <= limit_m * limit_m;
 }
 
-// What a planner sees of a slot.
+// The input of a planner for a slot.
 struct View {
     // The slot to plan, from 1.
     uint64_t slot;
-    // What every plan has to keep.
+    // The constraints on every plan.
     const Limits& limits;
     // The sensor nodes, by id.
     iox2::bb::ImmutableSlice<SensorNode> nodes;
-    // Their queues [bit] as the slot begins.
+    // Their queues [bit] at the start of the slot.
     iox2::bb::ImmutableSlice<uint32_t> queues_bits;
-    // Where the UAV is, and what it did in the slot before.
+    // Position of the UAV, and the report of the previous slot.
     const FlightReport& flight;
 
     Position position(uint32_t id) const { return { nodes[id].x_m, nodes[id].y_m }; }
@@ -80,8 +80,8 @@ inline uint64_t now_ns() {
     return std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
 }
 
-// Calls `plan_slot` for each slot of the ring in the folder SKYSINK_RING, until the mission ends or a signal comes.
-// Whatever iceoryx2 refuses ends the process.
+// Calls `plan_slot` for each slot of the ring in the folder SKYSINK_RING, until the mission ends or a signal arrives.
+// Errors of iceoryx2 end the process.
 inline int plan_slots(const std::function<Plan(const View&)>& plan_slot) {
     using namespace iox2;
     const char* folder = std::getenv("SKYSINK_RING");
@@ -123,7 +123,7 @@ inline int plan_slots(const std::function<Plan(const View&)>& plan_slot) {
     uint64_t connected_ns = now_ns();
     auto ran = WaitSetRunResult::AllEventsHandled;
     while (ran == WaitSetRunResult::AllEventsHandled) {
-        // Events only wake, and may be lost: all events are taken, then all samples, whatever woke this process.
+        // Events only wake the process, and may be lost: take all events, then all samples, after every wake-up.
         for (auto* listener : { &queued, &flown }) {
             while (listener->try_wait([](auto) {}).value() != 0) {
             }
@@ -146,7 +146,7 @@ inline int plan_slots(const std::function<Plan(const View&)>& plan_slot) {
             if (head.slot >= next && report == reports.end()) {
                 break; // its flight is still to come
             }
-            // A slot that comes again was answered; one whose flight has passed was flown without this process.
+            // Repeated slots have been answered; slots whose flight has passed were flown without this process.
             if (head.slot >= next && report->first == head.slot) {
                 const auto begin = now_ns();
                 Plan plan = plan_slot(View { head.slot + 1, field->user_header().limits, field->payload(),

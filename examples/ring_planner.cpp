@@ -1,5 +1,5 @@
-// A planner of one's own in the ring: flies to the fullest queue within reach, or else straight toward the fullest of
-// all, and serves the n fullest in range, as `gfs` does. CMakeLists.txt says how it is built and started.
+// An external planner: flies to the fullest queue in reach, or else straight toward the fullest of all, and serves the
+// n fullest in range, as `gfs` does. CMakeLists.txt says how to build and start it.
 
 #include "ring.hpp"
 

@@ -1,8 +1,8 @@
-"""A planner in Python for a running ring, greedy: to the fullest queue in reach.
+"""An external planner in Python: flies to the fullest queue in reach, as gfs does.
 
     skysink run scenarios/letter.toml --no-viewer --planner "python3 examples/ring_planner.py"
 
-needs `pip install ./python[ring]`. The same class flies in `skysink.simulate(scenario, Greedy())`.
+needs `pip install ./python[ring]`. The same class works in `skysink.simulate(scenario, Greedy())`.
 """
 
 import skysink
@@ -13,9 +13,9 @@ class Greedy(skysink.Strategy):
     def plan(self, view: skysink.View) -> skysink.Decision | None:
         reachable = view.field.within(view.uav, view.field.reach_m)
         if not len(reachable):
-            return None  # straight to the fullest queue of all
+            return None  # transit rule: to the fullest queue of all
         fullest = reachable[view.queues_bits[reachable].argmax()]
-        return skysink.Decision(view.field.positions_m[fullest])  # serving the fullest in range
+        return skysink.Decision(view.field.positions_m[fullest])  # serves the fullest in range
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
-//! A planner of one's own in the ring: to the fullest queue within reach, then the n fullest in range, as `gfs` does.
-//! It is started by `skysink run SCENARIO --planner target/debug/examples/ring_planner`, or by hand.
+//! An external planner: flies to the fullest queue in reach and serves the n fullest in range, as `gfs` does.
+//! Start it with `skysink run SCENARIO --planner target/debug/examples/ring_planner`, or by hand.
 
 use std::cmp::Reverse;
 use std::process::ExitCode;

@@ -36,7 +36,7 @@ enum class Mode : uint32_t {
     Serve,
     /// Flies straight toward the fullest queue, because the strategy finds no sensor node in reach.
     Transit,
-    /// Stays where it is and serves nobody.
+    /// Holds its position and serves no sensor node.
     Hold,
 };
 
@@ -75,7 +75,7 @@ struct SlotHeader {
     uint64_t sent_ns;
 };
 
-/// What every plan of a mission has to keep, so that a planner needs no scenario file.
+/// The constraints on every plan of a mission, so that a planner needs no scenario file.
 struct Limits {
     static constexpr const char* IOX2_TYPE_NAME = "skysink.Limits.v1";
     /// The area, 0 to this, east [m].
@@ -109,7 +109,7 @@ struct SensorsHeader {
     static constexpr const char* IOX2_TYPE_NAME = "skysink.SensorsHeader.v1";
     /// Mission and slot.
     SlotHeader head;
-    /// What every plan has to keep.
+    /// The constraints on every plan.
     Limits limits;
 };
 
@@ -180,13 +180,13 @@ struct Plan {
     uint32_t anchor;
     /// Its partner SN k, or [`NOBODY`].
     uint32_t partner;
-    /// Which circle won, from 0; 5 or more: none.
+    /// Index of the winning circle, from 0; 5 or more: none.
     uint32_t chosen;
     /// [`Mode`], as a number.
     uint32_t mode;
     /// [`SolverOutcome`], as a number.
     uint32_t solver;
-    /// How many of `ids` count.
+    /// Number of valid `ids`.
     uint32_t served;
     /// Scheduled sensor nodes, ascending.
     uint32_t ids[MAX_SERVED];
@@ -248,7 +248,7 @@ struct Tick {
     uint64_t period_ns;
 };
 
-/// Payload of `commit`: the slot in the sample's header is on record.
+/// Payload of `commit`: the slot in the sample's header is in `slots.csv`.
 struct Commit {
     static constexpr const char* IOX2_TYPE_NAME = "skysink.Commit.v1";
     /// Chained hash of the slot records up to this one.

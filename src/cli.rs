@@ -114,7 +114,7 @@ Examples:
   skysink run --external planner       waits for a planner that you start
   skysink run --resume runs/letter-uts-1")]
     Run(RunArguments),
-    /// Run processes of a mission whose launcher, skysink run --link, is on another host.
+    /// Run processes on this host for a skysink run --link on another host.
     #[command(after_help = "\
 Examples:
   skysink run city.toml --external planner --link link.json5    on one host
@@ -177,6 +177,10 @@ Examples:
         json: bool,
     },
     /// Fly a long mission, kill its processes at random, and check trace, ledger and memory.
+    #[command(after_help = "\
+Examples:
+  skysink soak --kill-every 0.2                  a million slots, takes minutes
+  skysink soak --anywhere --missions 20 --viewer")]
     Soak(SoakArguments),
     #[cfg(feature = "lab")]
     #[command(flatten)]

@@ -160,7 +160,7 @@ fn read_runs(folders: &[PathBuf], stop: &Stop) -> Result<Vec<ShownContender>, Er
     for (index, folder) in folders.iter().enumerate() {
         let same = |other: &PathBuf| fs::canonicalize(other).ok() == fs::canonicalize(folder).ok();
         if folder.is_dir() && folders[..index].iter().any(same) {
-            return Err(InputError::new("run folder", folder, "it is named twice: expected each once").into());
+            return Err(InputError::new("run folder", folder, "it is given twice: expected each run once").into());
         }
     }
     let shown = |folder: &PathBuf| -> Result<ShownContender, Error> {

@@ -59,7 +59,7 @@ pub enum Error {
     #[error(transparent)]
     Page(#[from] skysink_web::PageError),
     /// An executable is missing.
-    #[error("{}: not found beside skysink: build all executables with `cargo build --release`", .0.display())]
+    #[error("{}: not found next to skysink: build all executables with `cargo build --release`", .0.display())]
     ExecutableMissing(PathBuf),
     /// A process of the ring has ended before the mission and is not restarted.
     #[error("{role} ended with {status} in slot {slot}")]
@@ -87,8 +87,8 @@ pub enum Error {
         /// The last committed slot.
         slot: u64,
     },
-    /// A replayed slot differs from the record.
-    #[error("slot {0} was not flown as recorded: was the run recorded by another version?")]
+    /// A replayed slot differs from the trace.
+    #[error("slot {0}: the flight differs from the recorded one: was the run recorded by another version?")]
     ReplayDiverged(u64),
     /// The viewer does not end after the mission.
     #[error("viewer did not end within {seconds} s after the last slot, {slot}: is its disk slow? Raise --timeout")]

@@ -56,7 +56,7 @@ const PACE: &str = "Maximum speed of the slots: max, realtime, or a factor, for 
 pub struct ReplayArguments {
     /// Folder of a finished run.
     run: PathBuf,
-    /// Strategy to evaluate on the recorded states [default: the one that flew].
+    /// Strategy to evaluate on the recorded states [default: that of the run].
     #[arg(long, value_parser = crate::cli::values::strategy())]
     strategy: Option<&'static str>,
     /// Output folder [default: RUN-replay].

@@ -28,7 +28,7 @@ pub struct RingArguments {
     pub ring: PathBuf,
 }
 
-/// A process of the ring; skysink run starts and supervises it.
+/// One of the processes of the ring; skysink run starts and supervises it.
 #[derive(Debug, Parser)]
 #[command(version)]
 struct Cli<A: Args> {

@@ -1,4 +1,4 @@
-//! The limits that every plan of a mission has to keep, published with the sensor nodes.
+//! The constraints on every plan of a mission, published with the sensor nodes.
 
 use bytemuck::{Pod, Zeroable};
 #[cfg(feature = "node")]
@@ -6,7 +6,7 @@ use iceoryx2::prelude::ZeroCopySend;
 
 use crate::scenario::Scenario;
 
-/// What every plan of a mission has to keep, so that a planner needs no scenario file.
+/// The constraints on every plan of a mission, so that a planner needs no scenario file.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Pod, Zeroable)]
 #[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.Limits.v1"))]

@@ -69,7 +69,7 @@ pub struct QueuesHeader {
 pub struct SensorsHeader {
     /// Mission and slot.
     pub head: SlotHeader,
-    /// What every plan has to keep.
+    /// The constraints on every plan.
     pub limits: Limits,
 }
 
@@ -101,7 +101,7 @@ pub enum Mode {
     Serve,
     /// Flies straight toward the fullest queue, because the strategy finds no sensor node in reach.
     Transit,
-    /// Stays where it is and serves nobody.
+    /// Holds its position and serves no sensor node.
     #[default]
     Hold,
 }
@@ -140,20 +140,20 @@ pub struct Plan {
     pub anchor: u32,
     /// Its partner SN k, or [`NOBODY`].
     pub partner: u32,
-    /// Which circle won, from 0; 5 or more: none.
+    /// Index of the winning circle, from 0; 5 or more: none.
     pub chosen: u32,
     /// [`Mode`], as a number.
     pub mode: u32,
     /// [`SolverOutcome`], as a number.
     pub solver: u32,
-    /// How many of `ids` count.
+    /// Number of valid `ids`.
     pub served: u32,
     /// Scheduled sensor nodes, ascending.
     pub ids: [u32; MAX_SERVED],
 }
 
 impl Plan {
-    /// A plan that flies to `waypoint` [m] and serves nobody.
+    /// A plan that flies to `waypoint` [m] and serves no sensor node.
     #[must_use]
     pub fn fly_to(waypoint: impl Into<Point3<f64>>, mode: Mode) -> Self {
         let waypoint = waypoint.into();
@@ -302,7 +302,7 @@ pub fn is_possible_path(points: &[PathPoint], area: &Area) -> bool {
         && points.iter().all(|point| is_over_area(point) && (point.z_m as f32).is_finite())
 }
 
-/// Payload of `commit`: the slot in the sample's header is on record.
+/// Payload of `commit`: the slot in the sample's header is in `slots.csv`.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "node", derive(ZeroCopySend), type_name("skysink.Commit.v1"))]

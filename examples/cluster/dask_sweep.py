@@ -1,7 +1,7 @@
-"""A sweep on a Dask cluster: the workers fly the missions, this process keeps what was flown.
+"""A sweep on a Dask cluster: the workers simulate the missions, this process writes the results.
 
-python dask_sweep.py area.toml runs/area                           # two worker processes here
-python dask_sweep.py area.toml runs/area tcp://scheduler:8786      # a cluster that runs
+python dask_sweep.py area.toml runs/area                           # two local worker processes
+python dask_sweep.py area.toml runs/area tcp://scheduler:8786      # a running cluster
 """
 
 import sys

@@ -1,6 +1,6 @@
 #!/bin/bash
-# A sweep by GNU parallel: on this machine, or with PARALLEL='--sshloginfile nodes' on all that are in the file `nodes`.
-# A shard whose process fails is flown again, from where it was; so is what is missing when the same command is given.
+# A sweep with GNU parallel: on this machine, or with PARALLEL='--sshloginfile nodes' on the machines in the file `nodes`.
+# A failed shard is resumed; repeating the command resumes missing shards.
 #
 #   examples/cluster/parallel.sh area.toml runs/area 8
 set -euo pipefail

@@ -1,7 +1,7 @@
-"""A sweep on a Ray cluster: the workers fly the missions, this process keeps what was flown.
+"""A sweep on a Ray cluster: the workers simulate the missions, this process writes the results.
 
 python ray_sweep.py area.toml runs/area            # on this machine
-python ray_sweep.py area.toml runs/area auto       # on the cluster that runs
+python ray_sweep.py area.toml runs/area auto       # on the running cluster
 """
 
 import sys

@@ -1,8 +1,8 @@
 #!/bin/bash
-# A sweep as a Slurm job array with a merge that waits for it. The folders lie on a file system that all nodes share.
+# A sweep as a Slurm job array, followed by a merge. The folders must be on a shared file system.
 #
 #   examples/cluster/slurm.sh area.toml runs/area 100           # 100 shards
-#   examples/cluster/slurm.sh area.toml runs/area 100 7,12-14   # again those that the merge says are missing
+#   examples/cluster/slurm.sh area.toml runs/area 100 7,12-14   # repeats the shards that the merge lists as missing
 set -euo pipefail
 
 usage='usage: slurm.sh SWEEP OUT SHARDS [ARRAY]'
@@ -11,5 +11,5 @@ here=$(cd "$(dirname "$0")" && pwd)
 mkdir -p "$out-shards"
 job=$(sbatch --parsable --array="$array" "$here/shard.slurm" "$sweep" "$out-shards" "$shards")
 job=${job%%;*} # without the name of the cluster
-echo "Submitted job array $job; what the merge says will be in the output of"
+echo "Submitted job array $job; the result of the merge will be in the output of"
 sbatch --dependency="afterany:$job" "$here/merge.slurm" "$out-shards" "$out"

@@ -1,8 +1,8 @@
 #!/bin/bash
-# A ring over three hosts, tried on one machine: each host is a network namespace with a shared memory and a folder for
-# temporary files of its own, so that nothing but the network joins them.
+# A ring across three hosts, emulated on one machine: each host is a network namespace with its own shared memory and
+# temporary folder, so that only the network connects them.
 #
-#   host a  10.77.0.1  skysink run: launcher, field-sim, the record
+#   host a  10.77.0.1  skysink run: launcher, field-sim
 #   host b  10.77.0.2  planner
 #   host c  10.77.0.3  flight-sim
 #
@@ -10,7 +10,7 @@
 #
 #   three_hosts.sh SCENARIO [--cut HOST SECONDS] [options of skysink run]
 #
-# It compares the trace with that of one process, and with --cut takes the network from a host for so long meanwhile.
+# It compares the trace with that of one process. With --cut it disconnects a host for this time during the run.
 # Example: three_hosts.sh scenarios/letter.toml --cut b 5
 set -euo pipefail
 

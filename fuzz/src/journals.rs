@@ -1,4 +1,4 @@
-//! The journals of the processes: what is restored from a spoilt one was saved.
+//! The journals of the processes: a corrupted one restores only what was saved.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -13,7 +13,7 @@ use skysink_ring::folder::RingFolder;
 use skysink_ring::journal::{Journal, Record};
 
 use crate::messages::{balanced, report};
-use crate::world::{WORLDS, bytes, file, ring_without, spoil};
+use crate::world::{WORLDS, bytes, corrupt, file, ring_without};
 
 /// Entries of the journal.
 const ENTRIES: u64 = 3;
@@ -33,7 +33,8 @@ static FLOWN: LazyLock<Vec<(FlightReport, Field)>> = LazyLock::new(|| {
     flown
 });
 
-/// What a spoilt journal holds was written; an unspoilt one holds the last record of each place. Both can be written.
+/// A corrupted journal returns only records that were written; an intact one the last record of each place. Both accept
+/// further records.
 pub fn journal(u: &mut Unstructured) -> Result<()> {
     let path = file("journal", &[]);
     let room: usize = *u.choose(&[200, 5000])?; // a head and a record of one page, and one that takes two
@@ -48,20 +49,20 @@ pub fn journal(u: &mut Unstructured) -> Result<()> {
         journal.write(slot, &[head, tail]).expect("the record is written");
         written.push(Record { slot, bytes: record });
     }
-    let is_spoilt = spoil(&path, u)?;
+    let is_corrupted = corrupt(&path, u)?;
     let found = journal.read().expect("the journal is read");
     assert!(found.iter().all(|record| written.contains(record)), "found what was not written");
     assert!(found.is_sorted_by(|a, b| a.slot < b.slot), "{found:?}");
     let last: BTreeMap<u64, &Record> = written.iter().map(|record| (record.slot % ENTRIES, record)).collect();
     let is_last = |record: &Record| last.get(&(record.slot % ENTRIES)) == Some(&record);
-    assert!(is_spoilt || found.len() == last.len() && found.iter().all(is_last), "{found:?}");
+    assert!(is_corrupted || found.len() == last.len() && found.iter().all(is_last), "{found:?}");
     let record = Record { slot: u64::MAX, bytes: b"last".to_vec() };
     journal.write(record.slot, &[&record.bytes]).expect("the record is written");
     assert_eq!(journal.read().expect("the journal is read").pop(), Some(record));
     Ok(())
 }
 
-/// The flights that a spoilt journal restores were saved, at most three, without a gap; an unspoilt one has the last.
+/// A corrupted journal restores at most three flights, all of them saved and consecutive; an intact one the last.
 pub fn flight_journal(u: &mut Unstructured) -> Result<()> {
     let ring = ring_without("flights");
     let journal = flights::journal(ring).expect("the journal opens");
@@ -73,7 +74,7 @@ pub fn flight_journal(u: &mut Unstructured) -> Result<()> {
         saved.push((slot, bytemuck::bytes_of(&flight).to_vec())); // a report may hold NaN
         slot = slot.saturating_add(u64::from(u.arbitrary::<u8>()? % 4));
     }
-    let is_spoilt = spoil(&ring.journal("flights"), u)?;
+    let is_corrupted = corrupt(&ring.journal("flights"), u)?;
     let restored = flights::restore(&journal).expect("the journal is read");
     assert!(restored.len() <= 3);
     assert!(restored.windows(2).all(|pair| pair[0].0 + 1 == pair[1].0), "{restored:?}");
@@ -82,11 +83,11 @@ pub fn flight_journal(u: &mut Unstructured) -> Result<()> {
         assert!(saved.contains(&same), "restored a flight of slot {slot} that was not saved");
     }
     let has_last = restored.last().map(|(slot, _)| slot) == saved.last().map(|(slot, _)| slot);
-    assert!(is_spoilt || has_last, "{restored:?}");
+    assert!(is_corrupted || has_last, "{restored:?}");
     Ok(())
 }
 
-/// A spoilt journal of a field restores a state that it has been in; with forged records, one whose ledger balances.
+/// A corrupted journal of a field restores an earlier state; with forged records, a state whose ledger balances.
 pub fn field_journal(u: &mut Unstructured) -> Result<()> {
     let ring = ring_without("field");
     let mut field = FLOWN[0].1.clone();
@@ -99,19 +100,19 @@ pub fn field_journal(u: &mut Unstructured) -> Result<()> {
     if is_forged {
         forge(ring, u)?;
     }
-    let is_spoilt = spoil(&ring.journal("field"), u)?;
+    let is_corrupted = corrupt(&ring.journal("field"), u)?;
     let (_, last) = FieldJournal::open(ring, &mut field).expect("the journal is read");
     balanced(&field, WORLDS[0].scenario.sensors.capacity_bits);
     if !is_forged {
         assert!(field.slot() <= slots && field == FLOWN[field.slot() as usize].1, "{}", field.slot());
         assert!(last.is_none_or(|last| last == FLOWN[field.slot() as usize + 1].0), "{last:?}");
         let is_complete = (field.slot(), last.is_some()) == (slots.saturating_sub(1), slots > 0);
-        assert!(is_spoilt || is_complete, "{} of {slots} slots", field.slot());
+        assert!(is_corrupted || is_complete, "{} of {slots} slots", field.slot());
     }
     Ok(())
 }
 
-/// Writes flights and states of any numbers, whole and with their hashes.
+/// Writes flights and states of arbitrary numbers, complete and with valid hashes.
 fn forge(ring: &RingFolder, u: &mut Unstructured) -> Result<()> {
     let room = size_of::<FlightReport>() + 200;
     let journal = Journal::open(&ring.journal("field"), SLOTS, room).expect("the journal opens");

@@ -11,10 +11,10 @@ mod world;
 
 use arbitrary::{Result, Unstructured};
 
-/// Panics if the input makes something go wrong.
+/// Checks one input; panics if a promise is broken.
 pub type Check = fn(&[u8]);
 
-/// What is fuzzed, with the names of the corpora.
+/// The fuzz targets, with the names of their corpora.
 pub const TARGETS: [(&str, Check); 14] = [
     ("scenario", text::scenario),
     ("sensors", text::sensors),
@@ -32,15 +32,15 @@ pub const TARGETS: [(&str, Check); 14] = [
     ("path_message", |input| numbers(input, messages::path)),
 ];
 
-/// So many of them, the first, read text.
+/// Number of targets that read text; they come first.
 pub const TEXTS: usize = 5;
 
-/// Checks an input whose numbers are read from its front.
+/// Runs a check that reads numbers from the input.
 fn numbers(input: &[u8], check: fn(&mut Unstructured) -> Result<()>) {
-    check(&mut Unstructured::new(input)).expect("behind the end of the input are zeros");
+    check(&mut Unstructured::new(input)).expect("zeros follow the end of the input");
 }
 
-/// Fails unless the words are one line, as messages to people are.
+/// Fails unless the message is one line.
 fn assert_one_line(words: &impl std::fmt::Display) {
     let words = words.to_string();
     assert!(!words.is_empty() && !words.contains('\n'), "not one line: {words:?}");

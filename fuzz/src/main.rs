@@ -15,20 +15,20 @@ static CHECK: LazyLock<Check> = LazyLock::new(|| {
     target.expect("the folder of a corpus, such as fuzz/corpus/scenario").1
 });
 
-/// Coverage that libFuzzer reads besides the compiler's. It chooses among inputs that cover something new.
+/// Additional coverage counters. libFuzzer keeps inputs that increase its coverage.
 #[unsafe(link_section = "__libfuzzer_extra_counters")]
 static COVERED: [AtomicU64; 64] = [const { AtomicU64::new(0) }; 64];
 
 fuzz_target!(|input: &[u8]| {
     static RUNS: AtomicUsize = AtomicUsize::new(0);
-    // The first ones are the corpus: each counts as new even if the compiler counts nothing.
+    // The first runs are the corpus: each of them counts as new coverage, even without instrumentation by the compiler.
     if let Some(counter) = COVERED.get(RUNS.fetch_add(1, Ordering::Relaxed)) {
         counter.store(1, Ordering::Relaxed);
     }
     CHECK(input)
 });
 
-/// Values that are easy to forget.
+/// Boundary values of numbers.
 const VALUES: [&str; 10] = ["0", "-0", "-1", "0.5", "1e-320", "1e308", "inf", "nan", "4294967296", "[nan, nan]"];
 
 fuzz_mutator!(|data: &mut [u8], size: usize, max_size: usize, seed: u32| {
@@ -42,7 +42,7 @@ fuzz_mutator!(|data: &mut [u8], size: usize, max_size: usize, seed: u32| {
     }
 });
 
-/// The text with a value instead of a key, a value or a field, which a dictionary alone replaces too rarely.
+/// Replaces a key, a value or a field of the text by a boundary value. A dictionary alone does so too rarely.
 fn with_value(text: &str, seed: usize) -> String {
     let mut pieces: Vec<&str> = text.split_inclusive([',', '=', '\n']).collect();
     let at = seed / VALUES.len() % pieces.len();

@@ -1,4 +1,4 @@
-//! Messages as their readers get them: whatever the numbers, nothing happens that a valid message could not cause.
+//! Messages with arbitrary numbers: they have no effect that a valid message could not have.
 
 use std::mem::offset_of;
 
@@ -13,7 +13,7 @@ use skysink_ring::health::Health;
 
 use crate::world::{WORLDS, World};
 
-/// A report of any numbers, with at most `links` links other than zero.
+/// A report of arbitrary numbers, with at most `links` links other than zero.
 pub fn report(u: &mut Unstructured, links: usize) -> Result<FlightReport> {
     let mut report = FlightReport::zeroed();
     let length = offset_of!(FlightReport, links) + links * size_of::<LinkReport>();
@@ -21,7 +21,7 @@ pub fn report(u: &mut Unstructured, links: usize) -> Result<FlightReport> {
     Ok(report)
 }
 
-/// A flight of any numbers is refused and changes nothing, or moves the bits of its links, and the ledger balances.
+/// A flight of arbitrary numbers is refused and changes nothing, or moves the bits of its links, and the ledger balances.
 pub fn flight(u: &mut Unstructured) -> Result<()> {
     let World { scenario, list } = &WORLDS[0];
     let mut field = Field::new(scenario, list);
@@ -36,7 +36,7 @@ fn step(field: &mut Field, flight: &FlightReport, capacity_bits: u32) {
     let slot = field.slot() + 1;
     let before = field.clone();
     let mut unserved = field.clone();
-    unserved.step(slot, &FlightReport::at([0.0, 0.0, 0.0], Mode::Hold)).expect("nobody is served");
+    unserved.step(slot, &FlightReport::at([0.0, 0.0, 0.0], Mode::Hold)).expect("no SN is served");
     let links = flight.served_links();
     let known = links.iter().all(|link| (link.sensor as usize) < field.queues_bits().len());
     let Ok(bits) = field.step(slot, flight) else {
@@ -44,7 +44,7 @@ fn step(field: &mut Field, flight: &FlightReport, capacity_bits: u32) {
         assert_eq!((field.queues_bits(), field.totals()), (before.queues_bits(), before.totals()));
         return;
     };
-    assert!(known, "a link to nobody is accepted");
+    assert!(known, "a link to an unknown SN is accepted");
     balanced(field, capacity_bits);
     let (now, then, idle) = (field.totals(), before.totals(), unserved.totals());
     assert_eq!((now.sampled_bits, now.lost_bits), (idle.sampled_bits, idle.lost_bits), "lost because of a flight");
@@ -65,7 +65,7 @@ pub fn balanced(field: &Field, capacity_bits: u32) {
     assert_eq!(queues.iter().copied().map(u64::from).sum::<u64>(), totals.queued_bits);
 }
 
-/// Whatever it is told, the UAV flies and serves what it can and counts what it refuses; the field takes its report.
+/// For any plan, the flight is feasible, refusals are counted, and the field accepts the report.
 pub fn plan(u: &mut Unstructured) -> Result<()> {
     let world = u.choose(&*WORLDS)?;
     let World { scenario, list } = world;
@@ -85,7 +85,7 @@ pub fn plan(u: &mut Unstructured) -> Result<()> {
     Ok(())
 }
 
-/// Fails unless the report tells of a flight that can have been, and counts what was refused.
+/// Fails unless the report is of a feasible flight, and counts every refusal.
 fn flown(World { scenario, list }: &World, before: &FlightReport, told: Option<&Plan>, report: &FlightReport) {
     let area = scenario.area;
     let here = report.position().xy();
@@ -113,20 +113,20 @@ fn flown(World { scenario, list }: &World, before: &FlightReport, told: Option<&
     assert_eq!(report.mode == Mode::Hold as u32, report.hold != HoldReason::None as u32);
 }
 
-/// News of a process means nothing, or says what it means in one line, and the same when it is sent on.
+/// A health message decodes to nothing, or to an event whose text is one line and whose encoding decodes to itself.
 pub fn health(u: &mut Unstructured) -> Result<()> {
     while !u.is_empty() {
-        let [process, fate] = u.arbitrary()?;
-        let message = Health { process, fate, detail: u.arbitrary()?, reserved: u.arbitrary()? };
-        if let Some((role, fate)) = message.decode() {
-            crate::assert_one_line(&fate);
-            assert_eq!(Health::of(role, fate).decode(), Some((role, fate)), "{message:?}");
+        let [process, event] = u.arbitrary()?;
+        let message = Health { process, event, detail: u.arbitrary()?, reserved: u.arbitrary()? };
+        if let Some((role, event)) = message.decode() {
+            crate::assert_one_line(&event);
+            assert_eq!(Health::of(role, event).decode(), Some((role, event)), "{message:?}");
         }
     }
     Ok(())
 }
 
-/// A path is refused, or all of it can be drawn: few points, each of them over the area.
+/// A path is refused, or it has at most 64 points, all of them finite and over the area.
 pub fn path(u: &mut Unstructured) -> Result<()> {
     let area = u.choose(&*WORLDS)?.scenario.area;
     while !u.is_empty() {

@@ -1,4 +1,4 @@
-//! A planner that is told anything, or given any checkpoint.
+//! A planner with arbitrary input, or with an arbitrary checkpoint.
 
 use arbitrary::{Result, Unstructured};
 use skysink_common::checkpoint::Checkpoint;
@@ -10,12 +10,12 @@ use skysink_mission::mission::Mission;
 use skysink_planner::Planner;
 
 use crate::messages::report;
-use crate::world::{file, planned, spoil};
+use crate::world::{corrupt, file, planned};
 
 /// Slots that are flown before a checkpoint is saved.
 const FLOWN_SLOTS: u64 = 6;
 
-/// Whatever it is told, the planner schedules known sensor nodes; the UAV can fly the plan from wherever it can be.
+/// For any input, the planner schedules known sensor nodes, and the plan is feasible from every position of the UAV.
 pub fn message(u: &mut Unstructured) -> Result<()> {
     let (list, scenario) = planned(u)?;
     let foreign = u.arbitrary::<u8>()? % 4;
@@ -47,7 +47,7 @@ pub fn message(u: &mut Unstructured) -> Result<()> {
     Ok(())
 }
 
-/// A planner refuses a spoilt checkpoint and is as it was, or resumes from it and plans what the UAV can do.
+/// A planner refuses a corrupted checkpoint and is unchanged, or restores it, and its next plan is feasible.
 pub fn checkpoint(u: &mut Unstructured) -> Result<()> {
     let (list, scenario) = planned(u)?;
     let queues: [u32; 10] = u.arbitrary()?;
@@ -55,13 +55,13 @@ pub fn checkpoint(u: &mut Unstructured) -> Result<()> {
     mission.by_ref().take(FLOWN_SLOTS as usize).for_each(drop);
     let here = *mission.last_flight();
     let planner = mission.planner_mut();
-    let lived = saved(planner);
-    let path = file("checkpoint", &lived);
-    spoil(&path, u)?;
+    let original = saved(planner);
+    let path = file("checkpoint", &original);
+    corrupt(&path, u)?;
     let checkpoint = std::fs::read(path).expect("the checkpoint is there");
     if planner.restore(&checkpoint).is_err() {
-        assert_eq!(saved(planner), lived);
-        assert_ne!(checkpoint, lived, "a checkpoint of its own is refused");
+        assert_eq!(saved(planner), original);
+        assert_ne!(checkpoint, original, "a checkpoint of its own is refused");
     }
     planner.observe(FLOWN_SLOTS, &here, &queues);
     let plan = planner.step(FLOWN_SLOTS + 1, here.position(), &queues);
@@ -83,7 +83,7 @@ fn saved(planner: &Planner) -> Vec<u8> {
     bytes
 }
 
-/// Flies the plan of a slot, all of which must be possible from `here`.
+/// Flies the plan of a slot, which must be feasible from `here`.
 fn fly(scenario: &Scenario, nodes: &[SensorNode], here: &FlightReport, slot: u64, plan: &Plan) -> FlightReport {
     let mut flight = Flight::new(scenario, nodes);
     flight.restore(here);

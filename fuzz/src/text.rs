@@ -30,7 +30,7 @@ fn parse(text: &str) -> Result<Scenario, InputError> {
     Scenario::parse(text, Path::new("folder/city.toml"), Overrides::default()).and_then(settings::resolve)
 }
 
-/// A text is refused in one line, or is a scenario that reads back as itself.
+/// A text is refused in one line, or is a scenario that survives a round trip.
 pub fn scenario(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     match parse(text) {
@@ -46,7 +46,7 @@ pub fn scenario(bytes: &[u8]) {
     }
 }
 
-/// A list is refused in one line, or its sensor nodes are in their ranges and read back as themselves, in each world.
+/// A list is refused in one line, or its sensor nodes are in range and survive a round trip, in each world.
 pub fn sensors(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     for world in WORLDS.iter() {
@@ -70,7 +70,7 @@ fn accepted(list: &SensorList, scenario: &Scenario) {
     assert_eq!(&again.unwrap_or_else(|error| panic!("{error}\n{written}")), list);
 }
 
-/// A scenario that is accepted can be flown: the UAV follows its own planner, and no bit is unaccounted for.
+/// An accepted scenario can be flown: no plan is refused, and no bit is unaccounted for.
 pub fn mission(bytes: &[u8]) {
     let Ok(text) = std::str::from_utf8(bytes) else { return };
     let Ok(scenario) = parse(text) else { return };
@@ -93,7 +93,7 @@ fn fly(scenario: &Scenario, list: &SensorList) {
     }
 }
 
-/// The first slot of the field and the last, with nobody served.
+/// The first and the last slot of the field, with no SN served.
 fn advance(scenario: &Scenario, list: &SensorList) {
     let mut field = Field::new(scenario, list);
     let mut saved = Vec::new();
@@ -102,19 +102,19 @@ fn advance(scenario: &Scenario, list: &SensorList) {
         let mut state = Vec::new();
         encode(&(slot - 1), &mut state); // a state begins with its slot, and 0 takes one byte
         state.extend_from_slice(&saved[1..]);
-        field.restore(&state).expect("nobody has delivered anything");
-        field.step(slot, &FlightReport::at([0.0, 0.0, 0.0], Mode::Hold)).expect("nobody is served");
+        field.restore(&state).expect("the ledger of an untouched field balances");
+        field.step(slot, &FlightReport::at([0.0, 0.0, 0.0], Mode::Hold)).expect("no SN is served");
         balanced(&field, scenario.sensors.capacity_bits);
     }
 }
 
-/// A trace is refused in one line, or its whole lines are what the scenario leads to, and the run resumes behind them.
+/// A trace is refused in one line, or its complete lines are those of the scenario, and the run resumes after them.
 pub fn trace(bytes: &[u8]) {
     for line in bytes.split_inclusive(|&byte| byte == b'\n') {
         let columns = line.iter().filter(|&&byte| byte == b',').count() + 1;
         assert!(RecordedSlot::parse(line).is_none() || columns == 10 && line.ends_with(b"\n"));
     }
-    match go_on(bytes) {
+    match resumed(bytes) {
         Err(error) => assert_one_line(&error),
         Ok(hash) => {
             let whole = bytes.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1);
@@ -122,23 +122,23 @@ pub fn trace(bytes: &[u8]) {
             let lines = left.split_inclusive(|&byte| byte == b'\n').skip(1);
             assert_eq!(lines.fold(0, |hash, line| xxh3_64_with_seed(line, hash)), hash);
             assert!(whole == 0 || left == bytes[..whole], "a whole line was changed");
-            assert_eq!(go_on(&left).expect("the trace goes on as it did before"), hash);
+            assert_eq!(resumed(&left).expect("the trace resumes as before"), hash);
         }
     }
 }
 
-/// Goes on with a trace, and returns the hash of its lines.
-fn go_on(bytes: &[u8]) -> Result<u64, Error> {
+/// Resumes a run from a trace, and returns the hash of its lines.
+fn resumed(bytes: &[u8]) -> Result<u64, Error> {
     let World { scenario, list } = &WORLDS[0];
     let folder = RunFolder::create(Some(FOLDER.path()), true, scenario, list, &RunMode::default())?;
     std::fs::write(folder.slots(), bytes).expect("a file can be written"); // the same file: it is locked
     let mut tally = Tally::new(scenario, list);
-    let mut resumed = resume(&folder, scenario, list, &mut tally, &Stop::default())?;
-    resumed.log.resume()?;
-    Ok(resumed.log.hash())
+    let mut run = resume(&folder, scenario, list, &mut tally, &Stop::default())?;
+    run.log.resume()?;
+    Ok(run.log.hash())
 }
 
-/// A journal is refused in one line, or its missions read the same twice; also if each line gets the sweep's check.
+/// A journal is refused in one line, or both ways to read it agree; also if each line gets the sweep's checksum.
 pub fn sweep_journal(bytes: &[u8]) {
     let seed = check_seed(&sweep());
     let lines = bytes.split(|&byte| byte == b'\n').map(|line| checked_line(line, seed));

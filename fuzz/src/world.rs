@@ -1,4 +1,4 @@
-//! The small scenarios in which inputs are tried, and the files for them.
+//! The small scenarios for the checks, and their temporary files.
 
 use std::fs::{self, OpenOptions};
 use std::io::ErrorKind;
@@ -36,7 +36,7 @@ pub static WORLDS: LazyLock<[World; 3]> = LazyLock::new(|| {
     })
 });
 
-/// The sensor nodes and the scenario of a world, with a strategy, short searches, and what the planner may know.
+/// The sensor nodes and the scenario of a world, with arbitrary strategy, knowledge and rates, and short searches.
 pub fn planned(u: &mut Unstructured) -> Result<(&'static SensorList, Scenario)> {
     let World { scenario, list } = u.choose(&*WORLDS)?;
     let mut scenario = scenario.clone();
@@ -46,17 +46,17 @@ pub fn planned(u: &mut Unstructured) -> Result<(&'static SensorList, Scenario)> 
     let estimated = [Rates::Known, Rates::Learnt].map(|rates| (Knowledge::Estimated, rates));
     let (knowledge, rates) = *u.choose(&[(Knowledge::Oracle, Rates::Known), estimated[0], estimated[1]])?;
     let change = |settings: &mut Settings| (settings.knowledge, settings.rates) = (knowledge, rates);
-    Ok((list, settings::change(scenario, change).expect("any of these may be chosen")))
+    Ok((list, settings::change(scenario, change).expect("every combination is valid")))
 }
 
-/// Where the process may write. What an input before has left there is there.
+/// Temporary folder of the process. Files of earlier inputs remain.
 pub static FOLDER: LazyLock<TempDir> = LazyLock::new(|| tempfile::tempdir().expect("a temporary folder can be made"));
 
 static RING: LazyLock<RingFolder> = LazyLock::new(|| {
     RingFolder::create(Pace::Max, Waiting::Event, 1.0, false, None).expect("a ring's folder can be made")
 });
 
-/// A file with this name and content. One that is there is removed, not cut: some file systems wait for the disk then.
+/// Writes a file. An existing one is removed, not truncated, because some file systems then wait for the disk.
 pub fn file(name: &str, bytes: &[u8]) -> PathBuf {
     let path = FOLDER.path().join(name);
     if let Err(error) = fs::remove_file(&path) {
@@ -77,20 +77,20 @@ pub fn bytes<'a>(u: &mut Unstructured<'a>, length: usize) -> Result<&'a [u8]> {
     u.bytes(length.min(u.len()))
 }
 
-/// Changes bytes of a file, cuts it or replaces it, as the input says. Returns whether it did anything.
-pub fn spoil(path: &Path, u: &mut Unstructured) -> Result<bool> {
+/// Corrupts a file as the input says: overwrites bytes, truncates or replaces it. Returns whether it did anything.
+pub fn corrupt(path: &Path, u: &mut Unstructured) -> Result<bool> {
     let file = OpenOptions::new().write(true).open(path).expect("the file is there");
     let length = file.metadata().expect("the file is there").len();
     let done = !u.is_empty();
     while !u.is_empty() {
         let kind: u8 = u.arbitrary()?;
         let at = u64::from(u.arbitrary::<u32>()?) % (length + 64);
-        let spoilt = match kind {
+        let result = match kind {
             0 => file.set_len(at),
             u8::MAX => fs::write(path, u.bytes(u.len())?),
             _ => file.write_all_at(bytes(u, usize::from(kind % 32))?, at),
         };
-        spoilt.expect("the file can be changed");
+        result.expect("the file can be changed");
     }
     Ok(done)
 }

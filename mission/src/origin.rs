@@ -56,7 +56,7 @@ pub(crate) fn read(folder: &Path) -> Result<RunMode, InputError> {
     let refuse = |name: &str, message: &str| InputError::new("run folder", &folder.join(name), message);
     let bytes = |name: &str| fs::read(folder.join(name)).map_err(|error| refuse(name, &error.to_string()));
     let changed =
-        |name: &str| refuse(name, "it was changed since the run began: put the old one back, or fly a new run");
+        |name: &str| refuse(name, "it was modified after the start of the run: restore it, or start a new run");
 
     let text = String::from_utf8(bytes(FILE)?).map_err(|_| changed(FILE))?;
     let (origin, check) = text.rfind(CHECK).map(|at| text.split_at(at)).ok_or_else(|| changed(FILE))?;

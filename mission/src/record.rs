@@ -225,7 +225,7 @@ impl RunFolder {
         let text =
             fs::read(&path).map_err(|error| refuse(format!("{error}: expected the folder of a run that has ended")))?;
         let summary = serde_json::from_slice(&text);
-        Ok(summary.map_err(|error| refuse(format!("{error}: expected what this version writes")))?)
+        Ok(summary.map_err(|error| refuse(format!("{error}: expected a summary.json of this version")))?)
     }
 
     /// Writes `value` to the JSON file `name`, whole or not at all.

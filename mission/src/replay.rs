@@ -85,7 +85,7 @@ impl RecordedLines {
     /// The error for a line that the mission does not reproduce.
     #[must_use]
     pub fn changed(&self) -> MissionError {
-        self.refuse("the mission does not lead to this line, or one before it was changed since it was written")
+        self.refuse("it differs from the simulation of the scenario: it or an earlier line was modified")
     }
 }
 

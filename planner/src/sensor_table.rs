@@ -10,7 +10,7 @@ use skysink_common::scenario::{Area, Scenario};
 
 use crate::geometry::grid::Grid;
 
-/// The sensor nodes (SNs) and the limits that a plan has to keep.
+/// The sensor nodes (SNs) and the constraints on a plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SensorTable {
     /// Positions of the SNs, `L_i`, by id.

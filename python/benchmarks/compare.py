@@ -1,12 +1,11 @@
-"""Plans the slots of Skysink's missions again with what a researcher would use today: the same plans, at what ratio?
+"""Plans the slots of Skysink's missions again with common research tools: checks the plans, and compares the times.
 
     python python/benchmarks/compare.py                          # flies letter and link-limited with target/release/skysink
-    python python/benchmarks/compare.py runs/letter-uts-1        # a run that was flown before
+    python python/benchmarks/compare.py runs/letter-uts-1        # an existing run
 
-Every peer plans every slot from the state that Skysink planned it from. The exit code is 1 if any of them serves other
-sensor nodes or flies elsewhere, and 2 if a run cannot be compared. Times are of whole plans, schedule and waypoint:
-Skysink's from its summary, by the wall clock; the peers' in CPU time, so that a busy machine does not count against
-them.
+Every peer plans every slot from the same state as Skysink. The exit code is 1 if a peer serves other sensor nodes or has
+another waypoint, and 2 if a run cannot be compared. Times are of whole plans, schedule and waypoint: wall-clock times of
+Skysink from its summary; CPU times of the peers, so that a busy machine does not affect them.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ WIDTHS = (14, 10, 11, 8, 19, 14)  # of the table's columns
 
 @dataclass(frozen=True)
 class Peer:
-    """A way to solve sP2*, behind the schedule that all share."""
+    """A solver of sP2*; the schedule is common to all."""
 
     name: str
     solver: Callable[[], peers.Solver]
@@ -58,7 +57,7 @@ PEERS = [
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a peer made of a run: times per plan and of the waypoint in it [µs], distance to Skysink's waypoints [m]."""
+    """The results of a peer: times per plan and of its waypoint [µs], distances to Skysink's waypoints [m]."""
 
     plans_us: Reals
     waypoints_us: Reals
@@ -83,7 +82,7 @@ def fly(skysink: Path, scenario: Path) -> Run:
 
 
 def measure(peer: Peer, run: Run, slots: list[Slot]) -> Outcome:
-    """Plans `slots` with a peer, each once, after a slot of every size to build and warm up what is kept."""
+    """Plans `slots` with a peer, each once, after a warm-up with a slot of every problem size."""
     solve = peer.solver()
     waypoint_ns = 0
 
@@ -115,7 +114,7 @@ def measure(peer: Peer, run: Run, slots: list[Slot]) -> Outcome:
 
 
 def compare(run: Run, limit: int | None) -> bool:
-    """Prints the table of a run; whether all agree."""
+    """Prints the table of a run. Returns whether all agree."""
     slots = run.slots[:limit]
     print(f"\n{run.name}: {len(slots)} of {len(run.slots)} slots, N = {len(run.field.places)}")
     columns = ["plan p50 [µs]", "p99 [µs]", "ratio p50", "p99", "waypoint p50 [µs]", "farthest [m]"]

@@ -1,10 +1,10 @@
-"""Times the steps of `skysink/DataCollection-v0` beside the same environment in NumPy, over the same field.
+"""Measures steps per second of `skysink/DataCollection-v0` and of the same environment in NumPy, over the same field.
 
-    python python/benchmarks/environment.py                     # the UTS letter's mission, N = 200; half a minute
-    python python/benchmarks/environment.py --seconds 5         # of each environment in each repetition
+    python python/benchmarks/environment.py                     # the paper's mission, N = 200; half a minute
+    python python/benchmarks/environment.py --seconds 5         # per environment and repetition
 
-First both fly the same random displacements through a mission, and must lose the same bits in every slot: exit code 1
-if they do not. Then all environments take turns; times are by the wall clock, and the medians are printed.
+First both simulate a mission with the same random displacements, and must lose the same number of bits in every slot:
+exit code 1 if not. Then the environments alternate; the medians of wall-clock times are printed.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def draw_actions(count: int) -> NDArray[np.float32]:
 
 
 def steps_per_second(step: Step, seconds: float) -> float:
-    """How many environment steps `step` makes per second of about `seconds`."""
+    """Environment steps per second of `step`, measured for about `seconds`."""
     steps = 0
     number = 0
     begin = perf_counter()
@@ -75,7 +75,7 @@ def steps_per_second(step: Step, seconds: float) -> float:
 
 
 def slots_that_differ(scenario: skysink.Scenario, mission: Mission, count: int) -> list[str]:
-    """Flies `count` fields by the same actions in both: a line for each slot in which they lose different bits."""
+    """Simulates `count` fields with the same actions in both: a line for each slot in which their lost bits differ."""
     native: Any
     numpy: NumpyEnv | NumpyVectorEnv
     if count == 1:
@@ -102,7 +102,7 @@ def slots_that_differ(scenario: skysink.Scenario, mission: Mission, count: int) 
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Times the native environment beside the same in NumPy.")
+    parser = argparse.ArgumentParser(description="Compares the native environment with the same in NumPy.")
     parser.add_argument("scenario", nargs="?", type=Path, help="a file [default: the letter's mission]")
     parser.add_argument("--seconds", type=float, default=1.0, help="of each in each repetition [default: 1]")
     parser.add_argument("--repetitions", type=int, default=5, help="at least 5 [default: 5]")

@@ -1,8 +1,8 @@
-"""Times a slot in Python beside the command line: a mission in one process, and a planner in the ring.
+"""Compares the time of a slot in Python and on the command line: missions in one process, and planners in the ring.
 
     python python/benchmarks/flight.py                  # about a minute
 
-Both fly the same mission in turn; times are those of summary.json, and medians are printed. The ring needs
+Both fly the same mission alternately; the medians of the times in summary.json are printed. The ring needs
 `pip install './python[ring]'`.
 """
 
@@ -26,7 +26,7 @@ SLOTS = {"slots": 20_000, "uav.endurance_s": 1e6}
 
 
 def by_command(place: Path, *arguments: str) -> dict[str, Any]:
-    """The summary of a flight by the command line."""
+    """The summary of a mission flown by the command line."""
     settings = [f"--set={key}={value}" for key, value in SLOTS.items()]
     words = [COMMAND, *arguments, *settings, "--out", str(place / "run"), "--force"]
     subprocess.run(words, check=True, capture_output=True)
@@ -35,7 +35,7 @@ def by_command(place: Path, *arguments: str) -> dict[str, Any]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Times a slot in Python beside the command line.")
+    parser = argparse.ArgumentParser(description="Compares the time of a slot in Python and on the command line.")
     parser.add_argument("--repetitions", type=int, default=7, help="of each, in turn [default: 7]")
     repetitions = parser.parse_args().repetitions
     letter = str(ROOT / "scenarios" / "letter.toml")

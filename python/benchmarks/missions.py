@@ -1,10 +1,10 @@
-"""Reads missions that `skysink export` has written with the parsers of others, and uploads them to a vehicle.
+"""Reads missions of `skysink export` with third-party parsers, and uploads them to a MAVLink vehicle.
 
 `.waypoints` files are read by pymavlink and by MAVSDK, `.plan` files by MAVSDK. What MAVSDK reads is uploaded over MAVLink
-to MAVSDK's own vehicle side on the loopback interface, and must arrive as it was sent. Where a file has both forms
-(`a.plan` and `a.waypoints`), their items must agree. No vehicle is simulated: nothing flies.
+to MAVSDK's own vehicle side on the loopback interface, and must arrive unchanged. If a mission has both forms
+(`a.plan` and `a.waypoints`), their items must agree. No vehicle is simulated.
 
-Usage: python python/benchmarks/missions.py FILE...       Exit codes: 0 all agree, 1 one does not, 2 usage.
+Usage: python python/benchmarks/missions.py FILE...       Exit codes: 0 all agree, 1 a difference, 2 usage.
 """
 
 import json
@@ -46,7 +46,7 @@ class Loopback:
         self.arrived.set()
 
     def flown(self, items):
-        """The items as the vehicle has received them."""
+        """The items that the vehicle received."""
         self.arrived.clear()
         self.raw.upload_mission(items)
         if not self.arrived.wait(WAIT_S):
@@ -55,14 +55,14 @@ class Loopback:
 
 
 def plain(item):
-    """An item of MAVSDK as numbers that can be compared; a heading that is left open is 0."""
+    """An item of MAVSDK as comparable numbers; an unset heading is 0."""
     params = [item.param1, item.param2, item.param3, item.param4]
     params = [0.0 if math.isnan(value) else value for value in params]
     return (item.command, item.frame, item.x, item.y, *params, item.z)
 
 
 def is_same(one, other):
-    """Whether items agree: places to a step of MAVLink, 1e-7 degrees, other numbers to a thousandth."""
+    """Whether items agree: positions to the resolution of MAVLink, 1e-7 degrees, other numbers to a thousandth."""
     return len(one) == len(other) and all(
         a[:2] == b[:2]
         and all(abs(x - y) <= 1 for x, y in zip(a[2:4], b[2:4]))
@@ -107,7 +107,7 @@ def read_waypoints(path, loopback):
 
 
 def check(path, loopback, seen):
-    """Reads one file, uploads it, and compares it with what else was read of its name."""
+    """Reads one file, uploads it, and compares it with the other files of the same name."""
     read = {".plan": read_plan, ".waypoints": read_waypoints}.get(path.suffix)
     if read is None:
         raise ValueError("expected a .plan or .waypoints file")
@@ -131,7 +131,7 @@ def main(paths):
     for path in map(Path, paths):
         try:
             check(path, loopback, seen)
-        except Exception as error:  # every parser has exceptions of its own
+        except Exception as error:  # every parser has its own exceptions
             print(f"{path}: {error}", file=sys.stderr)
             failed = 1
     return failed

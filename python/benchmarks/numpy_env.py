@@ -1,8 +1,8 @@
-"""`skysink/DataCollection-v0` written in NumPy, as one would without Skysink: one mission, and many at a time.
+"""`skysink/DataCollection-v0` in plain NumPy, single and vectorised.
 
 Free space, fixed altitude, static gains. Same spaces, rewards and order of events as the native environment (decisions
-D1, D2 and D5 of docs/src/model.md), in whole bits, so that both lose the same bits over the same field. The random
-numbers of a new field are NumPy's own.
+D1, D2 and D5 of docs/src/model.md), in whole bits, so that both lose the same number of bits over the same field. The
+random numbers of a new field are those of NumPy.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SLACK = 1e-9  # of "within range" relative to the radius (D5), and of whole bits
 
 @dataclass(frozen=True)
 class Mission:
-    """The keys of a scenario on which the environment depends, in SI units."""
+    """The keys of a scenario that the environment needs, in SI units."""
 
     slots: int
     slot_s: float
@@ -50,7 +50,7 @@ class Mission:
     def of(cls, scenario: dict[str, Any]) -> Mission:
         """The mission of a scenario with every key: drawn sensor nodes of equal rates, static links in free space.
 
-        Raises ValueError for another one.
+        Raises ValueError for other scenarios.
         """
         area, sensors, uav, link = (scenario[table] for table in ("area", "sensors", "uav", "link"))
         modes = (link["model"], uav["altitude"], link.get("gain"))
@@ -98,13 +98,13 @@ class SensorField:
 
 
 def sampled_bits(mission: Mission, slot: int) -> int:
-    """What each sensor node samples in `slot`, from 1: whole bits without drift (D2)."""
+    """Bits sampled by each sensor node in `slot`, from 1: whole bits without drift (D2)."""
     mean_bits = mission.sampling_bps * mission.slot_s
     return int(np.floor(mean_bits * slot + SLACK)) - int(np.floor(mean_bits * (slot - 1) + SLACK))
 
 
 def observation_space(mission: Mission) -> Dict:
-    """What one environment observes."""
+    """The observation space of one environment."""
     spaces = {"uav": (3,), "queues": (mission.count,), "slot": (1,)}
     return Dict({key: Box(0.0, 1.0, shape, np.float32) for key, shape in spaces.items()})
 
@@ -163,9 +163,9 @@ class NumpyEnv(gymnasium.Env[Any, Any]):
 
 
 class NumpyVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
-    """Many missions in step, with arrays [E, N]: over the given fields, by turns, or over new ones in every episode.
+    """Many missions in step, with arrays [E, N]: over the given fields cyclically, or over new ones in every episode.
 
-    All have the same number of slots, so that they end and begin together.
+    All missions have the same number of slots, so that episodes are synchronous.
     """
 
     def __init__(self, mission: Mission, num_envs: int, fields: Sequence[SensorField] = ()) -> None:
@@ -212,7 +212,7 @@ class NumpyVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         north_m = self.positions_m[:, :, 1] - self.uav_m[:, 1:]
         distance2_m2 = east_m**2 + north_m**2
         in_range = distance2_m2 <= (mission.comm_radius_m * (1.0 + SLACK)) ** 2
-        # The fuller, the greater the key; of equals the lowest id; -1 out of range.
+        # The key increases with the queue; ties go to the lowest id; -1 out of range.
         key = np.where(in_range, (self.queues_bits + 1) * mission.count - np.arange(mission.count), -1)
         blocks = min(mission.resource_blocks, mission.count)
         served = np.argpartition(key, mission.count - blocks, axis=1)[:, mission.count - blocks :]

@@ -1,7 +1,7 @@
-"""What a researcher would plan with: Algorithm 1 in NumPy, and the waypoint by NumPy, CVXPY or Clarabel itself.
+"""Planners with common research tools: Algorithm 1 in NumPy, and the waypoint by NumPy, CVXPY or Clarabel.
 
-All peers schedule alike and differ in how they solve sP2*. Nothing is measured here. Positions are complex numbers,
-x + iy [m], so that a quarter turn is a product with i. Equations and decisions Dn are those of docs/src/model.md.
+All peers have the same schedule and differ in the solver of sP2*. Nothing is measured here. Positions are complex
+numbers, x + iy [m], so that a quarter turn is a product with i. Equations and decisions Dn are those of docs/src/model.md.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Plan:
     mode: str
 
 
-Solver = Callable[[Expansion], complex | None]  # the waypoint; None if no point keeps every constraint
+Solver = Callable[[Expansion], complex | None]  # the waypoint; None if the problem is infeasible
 
 
 def plan(field: Field, uav: complex, queues: Bits, solve: Solver) -> Plan:
@@ -58,14 +58,14 @@ def schedule(field: Field, uav: complex, queues: Bits) -> Ids | None:
     anchors = np.flatnonzero(within(field.places, uav, anchor_radius_m))
     if anchors.size == 0:
         return None
-    nearby = np.flatnonzero(within(field.places, uav, (anchor_radius_m + 2 * d_c) * 1.001))  # all that anchors can meet
+    nearby = np.flatnonzero(within(field.places, uav, (anchor_radius_m + 2 * d_c) * 1.001))  # all candidates
     nearby = nearby[np.argsort(-queues[nearby], kind="stable")]  # fullest first
     bits = queues[nearby]
 
     meets = field.pairs[anchors[:, None], nearby]
     paired = meets.any(axis=1) & (field.blocks > 1)
     fullest = meets.argmax(axis=1)
-    partners = nearby[fullest]  # step 3; of no meaning where `paired` says no
+    partners = nearby[fullest]  # step 3; meaningless unless `paired`
     centres = circles(field.places[anchors], field.places[partners], d_c)
     others = within(field.places[nearby], centres[:, :, None], d_c)  # step 5: anchor x circle x SN
     others &= ((nearby != anchors[:, None]) & (nearby != partners[:, None]))[:, None, :]
@@ -114,7 +114,7 @@ def into_area(field: Field, place: complex) -> complex:
 
 
 def solve_numpy(problem: Expansion) -> complex | None:
-    """Exactly, as the point of all disks nearest to the centroid: itself, or projected on one disk, or a crossing."""
+    """The exact solution: the centroid, or its projection onto one disk, or an intersection of two circles."""
     centres, radii_m, target = problem.centres, problem.radii_m, problem.centroid
     missed = ~within(centres, target, radii_m)
     if not missed.any():
@@ -125,7 +125,7 @@ def solve_numpy(problem: Expansion) -> complex | None:
 
 
 def crossings(centres: Places, radii_m: Reals) -> Places:
-    """Where circles cross, pair by pair; a gap within the slack of decision D5 is divided by the radii."""
+    """Intersections of circles, pair by pair; a gap within the slack of decision D5 is divided by the radii."""
     i, k = np.triu_indices(len(centres), 1)
     i, k = i[centres[i] != centres[k]], k[centres[i] != centres[k]]
     between, r_i, r_k = centres[k] - centres[i], radii_m[i], radii_m[k]
@@ -144,7 +144,7 @@ def nearest_allowed(problem: Expansion, candidates: Places) -> complex | None:
 
 
 def solve_cvxpy_anew(problem: Expansion) -> complex | None:
-    """sP2* word for word, a problem built for each slot."""
+    """sP2* as stated in the paper, with a problem built for each slot."""
     q = cp.Variable(2)
     places = [np.array([place.real, place.imag]) for place in problem.centres]
     loss = sum(c * cp.sum_squares(place - q) for c, place in zip(problem.slopes, places[1:], strict=True))

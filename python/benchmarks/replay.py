@@ -1,6 +1,6 @@
-"""A run folder of `skysink simulate`, as slots to plan again: where the UAV was and what every queue held.
+"""Reads a run folder of `skysink simulate` as slots to plan again: the position of the UAV and all queues.
 
-It computes the ledger of the run again, in whole bits, and refuses a run whose columns it does not meet exactly.
+It recomputes the ledger of the run in whole bits, and refuses a run whose columns differ.
 Planning is left to `peers.py`. Positions are complex numbers, x + iy [m]. Decisions Dn are those of docs/src/model.md.
 """
 
@@ -25,12 +25,12 @@ RANGE_SLACK = 1e-9  # of decision D5, relative to the radius
 
 
 class BadRun(Exception):
-    """The run cannot be compared; the message says why."""
+    """The run cannot be compared, for the reason in the message."""
 
 
 @dataclass(frozen=True)
 class Field:
-    """What stays the same in every slot: the sensor nodes (SNs), their links and the UAV's limits."""
+    """The constant data: the sensor nodes (SNs), their links and the limits of the UAV."""
 
     places: Places  # L_i
     gains: Reals  # α_i, linear
@@ -47,7 +47,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Slot:
-    """What a slot starts from, and how Skysink flew it."""
+    """The state before a slot, and the flight by Skysink."""
 
     number: int
     uav: complex  # L_u(t−1)
@@ -59,7 +59,7 @@ class Slot:
 
 @dataclass(frozen=True)
 class Run:
-    """A run, ready to be planned again."""
+    """A run whose slots can be planned again."""
 
     name: str
     waypoint_solver: str
@@ -75,14 +75,14 @@ def squared(distance: Places) -> Reals:
 
 
 def within(a: Places | complex, b: Places | complex, radius_m: float | Reals) -> NDArray[np.bool_]:
-    """Decision D5: at most `radius_m` apart, with the slack that keeps SNs on a circle drawn through them in it."""
+    """Decision D5: at most `radius_m` apart, with a slack that includes SNs on the circle."""
     return squared(np.asarray(a - b)) <= (radius_m * (1 + RANGE_SLACK)) ** 2
 
 
 def read_run(folder: Path) -> Run:
-    """Reads the run in `folder` and computes its ledger again.
+    """Reads the run in `folder` and recomputes its ledger.
 
-    Raises BadRun for a run that says too little to be planned again, or whose ledger does not agree.
+    Raises BadRun for a run without the required data, or whose ledger differs.
     """
     scenario = tomllib.loads((folder / "scenario.toml").read_text(encoding="utf-8"))
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
@@ -100,7 +100,7 @@ def read_run(folder: Path) -> Run:
 
 
 def refuse_others(folder: Path, scenario: dict[str, Any], summary: dict[str, Any]) -> None:
-    """Only runs of Algorithm 1 in which each plan was flown as planned, over links that sensors.csv tells whole."""
+    """Accepts only runs of Algorithm 1 without refusals, over links that sensors.csv determines."""
     expected = [
         ("planner.strategy", scenario["planner"]["strategy"], "uts"),
         ("planner.sca_iterations", scenario["planner"]["sca_iterations"], 1),
@@ -169,7 +169,7 @@ def replay(
 
 
 def capacity_bits(field: Field, served: list[int], waypoint: complex) -> Bits:
-    """What each link carries in a slot, floor(r_i τ_c), with the rate of UTS eq. 4."""
+    """Bits that each link carries in a slot, floor(r_i τ_c), with the rate of UTS eq. 4."""
     x_m2 = field.altitude_m**2 + squared(field.places[served] - waypoint)
     snr = field.gains[served] * field.snr_per_gain / x_m2
     return np.floor(field.bandwidth_hz * np.log2(1 + snr) * field.comm_s).astype(np.int64)

@@ -1,10 +1,10 @@
-"""Flies the policy of ppo_train.py as a strategy beside Skysink's own, over twenty fields that it has never seen.
+"""Compares the policy of ppo_train.py with Skysink's strategies, on twenty fields that were not used in training.
 
     python python/examples/ppo_fly.py
 
-It needs skysink and NumPy alone. In every slot the policy chooses the sensor node (SN) to fly towards: the same small
-network rates each SN from its direction, distance, position and queue, and from a mean over all SNs, and the best rated
-is chosen. Hence the policy depends neither on the order of the SNs nor on their number.
+It only needs skysink and NumPy. In every slot the policy chooses the sensor node (SN) to fly towards. A small network
+with shared weights scores each SN from its direction, distance, position and queue, and from a mean over all SNs; the highest
+score wins. So the policy is invariant to the order of the SNs and works for any number of them.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ Weights = dict[str, NDArray[np.float32]]
 
 
 def features(positions: Array, queues: Array, uav: Array, xp: Any = np) -> Array:
-    """What the policy sees of each SN [..., N, 7].
+    """The features of each SN [..., N, 7].
 
-    Positions [..., N, 2], queues [..., N] and UAV [..., 3] are those of an observation; `xp` is the arrays' module.
+    Positions [..., N, 2], queues [..., N] and UAV [..., 3] are those of an observation; `xp` is the array module.
     """
     offset = positions - uav[..., None, :2]
     distance = xp.sqrt((offset**2).sum(-1, keepdims=True) + 1e-6)  # with a slope at 0, for the training
@@ -39,7 +39,7 @@ def features(positions: Array, queues: Array, uav: Array, xp: Any = np) -> Array
 
 
 def choose(weights: Weights, observation: dict[str, NDArray[Any]]) -> NDArray[np.intp]:
-    """The SN to fly towards: the best rated, for one observation or for a batch of them."""
+    """The SN to fly towards, with the highest score, for one observation or a batch."""
 
     def dense(layer: int, value: NDArray[Any]) -> NDArray[Any]:
         return value @ weights[f"kernel_{layer}"] + weights[f"bias_{layer}"]
@@ -52,7 +52,7 @@ def choose(weights: Weights, observation: dict[str, NDArray[Any]]) -> NDArray[np
 
 
 def load(path: Path = WEIGHTS) -> Weights:
-    """Reads the weights that ppo_train.py has written."""
+    """Reads the weights written by ppo_train.py."""
     with np.load(path, allow_pickle=False) as weights:
         return dict(weights)
 

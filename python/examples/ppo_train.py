@@ -3,8 +3,8 @@
     pip install ./python -r python/examples/requirements-ppo.txt
     python python/examples/ppo_train.py                  # writes ppo_weights.npz, ppo_curve.csv and ppo_curve.png
 
-After every ten updates the deterministic policy flies over the twenty fields of the seeds 1001 to 1020, and the
-weights with the lowest loss rate so far are kept. ppo_fly.py compares them with Skysink's strategies over other fields.
+After every ten updates the deterministic policy is evaluated on the twenty fields of the seeds 1001 to 1020, and the
+weights with the lowest loss rate so far are saved. ppo_fly.py compares them with Skysink's strategies on other fields.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class Targets(gymnasium.vector.VectorWrapper):
 
 
 class Policy(CategoricalMixin, Model):
-    """The policy of ppo_fly.py in JAX: the ratings are the logits of a random choice."""
+    """The policy of ppo_fly.py in JAX: the scores are the logits of a categorical distribution."""
 
     def __init__(self, **spaces: Any) -> None:
         Model.__init__(self, **spaces)
@@ -92,7 +92,7 @@ class Policy(CategoricalMixin, Model):
 
 
 class Value(DeterministicMixin, Model):
-    """What the policy will still lose, discounted."""
+    """The value function: the discounted future loss."""
 
     def __init__(self, **spaces: Any) -> None:
         Model.__init__(self, **spaces)

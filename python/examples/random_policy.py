@@ -1,4 +1,4 @@
-"""Flies small.toml in random directions over twenty fields, and prints the loss rates: Gymnasium's interface alone.
+"""Flies small.toml in random directions over twenty fields, and prints the loss rates, with Gymnasium's interface only.
 
     python python/examples/random_policy.py
 """

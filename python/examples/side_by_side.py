@@ -1,10 +1,10 @@
-"""Draws missions over the same field side by side, as a moving picture (APNG).
+"""Draws missions over the same field side by side, as an animation (APNG).
 
     pip install ./python pillow
     python python/examples/side_by_side.py scenarios/sparse.toml uts horizon --out docs/src/sparse.png
 
-A point is a sensor node, coloured by how full its buffer is, red once it was full; the circle is what the UAV has
-in range, the line its last flight.
+A point is a sensor node, coloured by the fill level of its buffer, and red after it was full. The circle is the range of
+the UAV, the line its last flight.
 """
 
 import argparse
@@ -25,7 +25,7 @@ EMPTY, FULL = np.array([66, 108, 200]), np.array([255, 231, 76])
 
 
 def places(table: skysink.Table, side_m: float) -> np.ndarray:
-    """Where the rows of a table with `x_m` and `y_m` are drawn in an area of this side."""
+    """Pixel positions of the rows of a table with `x_m` and `y_m`, in an area of this side."""
     x_m, y_m = np.asarray(table["x_m"]), np.asarray(table["y_m"])
     return np.stack([MARGIN + x_m / side_m * PIXELS, TITLE + (1 - y_m / side_m) * PIXELS], axis=-1)
 

@@ -1,4 +1,4 @@
-"""`examples/cluster`: the bytes of `skysink sweep`; for shards, though a process is killed in the middle."""
+"""`examples/cluster`: the same bytes as `skysink sweep`; for shards, although a process is killed during the sweep."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def environment(place: Path) -> dict[str, str]:
 
 
 def need(*programs: str) -> None:
-    """Skips the test where programs are missing."""
+    """Skips the test if programs are missing."""
     missing = [program for program in programs if shutil.which(program) is None]
     if missing:
         pytest.skip(f"{', '.join(missing)} is not installed")

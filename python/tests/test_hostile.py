@@ -1,4 +1,4 @@
-"""What nobody should do: it is refused in a line, and nothing breaks."""
+"""Misuse is refused with a one-line message, and has no other effect."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ TIMEOUT_S = 240.0
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A folder whose rings leave nothing behind."""
+    """A folder for rings, which must leave nothing in shared memory."""
     rings = Path(tempfile.mkdtemp(dir="/tmp"))  # a short path, as those of sockets have to be
     monkeypatch.setenv("TMPDIR", str(rings))
     (tmp_path / "long.toml").write_text(LONG)
@@ -73,18 +73,18 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def begin(place: Path, *arguments: str) -> subprocess.Popen[str]:
-    """The command line at work."""
+    """Starts the command line."""
     words = [str(Path(sys.executable).with_name("skysink")), *arguments]
     return subprocess.Popen(words, cwd=place, stderr=(place / "said").open("w"), text=True)
 
 
 def end(process: subprocess.Popen[str]) -> int:
-    """How it ends."""
+    """Waits for the process to end, and returns its exit code."""
     return process.wait(TIMEOUT_S)
 
 
 def until(what: str, process: subprocess.Popen[str], is_so: object) -> None:
-    """Waits for something of a process at work."""
+    """Waits until `is_so()`; fails if the process ends or after a timeout."""
     limit = time.monotonic() + TIMEOUT_S
     while not is_so():  # type: ignore[operator]
         assert process.poll() is None and time.monotonic() < limit, f"no {what}"

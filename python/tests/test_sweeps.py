@@ -1,4 +1,4 @@
-"""Sweeps: the bytes of `skysink sweep`, on any executor."""
+"""Sweeps have the same bytes as `skysink sweep`, on any executor."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_a_sweep_has_the_bytes_of_the_command_line(by_command: Path, file: Path,
 
 
 class Dying(Executor):
-    """Flies some tasks, and then fails as a pool does whose worker has died."""
+    """Runs some tasks, and then fails like a pool with a dead worker."""
 
     def __init__(self, tasks: int) -> None:
         self.tasks = tasks
@@ -97,7 +97,7 @@ def kill_once(flag: str) -> None:
 
 
 class Killing:
-    """An executor one of whose workers is killed in the middle."""
+    """An executor, one of whose workers is killed during the sweep."""
 
     def __init__(self, executor: Any, flag: Path) -> None:
         self.executor, self.flag, self.tasks = executor, str(flag), 0
@@ -110,7 +110,7 @@ class Killing:
 
 
 def kill_and_fly(flag: str, function: Any, *arguments: Any) -> Any:
-    """A task whose worker dies of it, the first time."""
+    """A task that kills its worker, the first time."""
     kill_once(flag)
     return function(*arguments)
 

@@ -1,6 +1,6 @@
 //! The folder of a ring: created by the launcher, opened by the other processes, and removed with its contents.
 //!
-//! The launcher holds a lock file beside it. By that the processes notice its death, and the next launcher removes the
+//! The launcher holds a lock file beside it. With it the processes detect its death, and the next launcher removes the
 //! folder.
 
 use std::fmt::Debug;
@@ -354,8 +354,8 @@ pub fn clear_abandoned(timeout: Duration) {
 /// Whether a process has a role in the ring.
 fn has_processes(folder: &Path) -> bool {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut seats = entries.filter(|path| path.extension().is_some_and(|extension| extension == "seat"));
-    seats.any(|seat| File::open(seat).is_ok_and(|seat| matches!(seat.try_lock_shared(), Err(TryLockError::WouldBlock))))
+    let mut locks = entries.filter(|path| path.extension().is_some_and(|extension| extension == "seat"));
+    locks.any(|lock| File::open(lock).is_ok_and(|lock| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock))))
 }
 
 /// Attempts to remove a ring's folder.
@@ -423,13 +423,13 @@ mod tests {
     }
 
     #[test]
-    fn an_abandoned_ring_is_removed_once_its_processes_have_gone() {
+    fn an_abandoned_ring_is_removed_once_its_processes_have_ended() {
         let mut folder = new();
         folder.lock = None; // as if the launcher had died
-        let seat = crate::role::RoleLock::acquire(folder.path(), crate::role::Role::Planner).unwrap();
+        let lock = crate::role::RoleLock::acquire(folder.path(), crate::role::Role::Planner).unwrap();
         clear_abandoned(Duration::ZERO);
         assert!(folder.path().exists());
-        drop(seat);
+        drop(lock);
         clear_abandoned(Duration::ZERO);
         assert!(!folder.path().exists());
     }

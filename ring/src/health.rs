@@ -9,21 +9,21 @@ use crate::role::Role;
 /// An event of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ProcessEvent {
-    /// Ended by this signal.
+    /// Killed by this signal.
     Killed(i32),
-    /// Ended too early, with this exit code.
+    /// Exited before the end of the mission, with this exit code.
     Exited(i32),
     /// Restarted; the number of restarts so far.
     Restarted(i32),
     /// No heartbeat for this time [ms].
     Silent(i32),
-    /// Heartbeats again, after this time [ms] without.
-    Back(i32),
+    /// Sends heartbeats again, after this time [ms] without one.
+    Recovered(i32),
     /// Has not sent the sample that the others wait for, for this time [ms].
     Overdue(i32),
-    /// An external process, not started by the launcher, no longer writes its topic. The launcher waits for another.
-    Gone,
-    /// An external process, not started by the launcher, writes its topic.
+    /// An external process, one that the launcher did not start, no longer writes its topic. The run waits for another.
+    Missing,
+    /// An external process, one that the launcher did not start, writes its topic.
     Joined,
 }
 
@@ -34,9 +34,9 @@ pub enum ProcessEvent {
 pub struct Health {
     /// The process: 0 field-sim, 1 flight-sim, 2 planner, 3 viewer, 4 the launcher.
     pub process: u32,
-    /// 0 killed, 1 exited, 2 restarted, 3 silent, 4 back, 5 overdue, 6 gone, 7 joined.
-    pub fate: u32,
-    /// The signal, the exit code, the number of restarts, or the time [ms]; 0 for gone and joined.
+    /// 0 killed, 1 exited, 2 restarted, 3 silent, 4 recovered, 5 overdue, 6 missing, 7 joined.
+    pub event: u32,
+    /// The signal, the exit code, the number of restarts, or the time [ms]; 0 for missing and joined.
     pub detail: i32,
     /// Zero.
     pub reserved: u32,
@@ -57,30 +57,30 @@ impl Health {
     /// The message for an event of the process `role`.
     #[must_use]
     pub fn of(role: Role, event: ProcessEvent) -> Self {
-        let (fate, detail) = match event {
+        let (event, detail) = match event {
             ProcessEvent::Killed(signal) => (0, signal),
             ProcessEvent::Exited(code) => (1, code),
             ProcessEvent::Restarted(times) => (2, times),
             ProcessEvent::Silent(ms) => (3, ms),
-            ProcessEvent::Back(ms) => (4, ms),
+            ProcessEvent::Recovered(ms) => (4, ms),
             ProcessEvent::Overdue(ms) => (5, ms),
-            ProcessEvent::Gone => (6, 0),
+            ProcessEvent::Missing => (6, 0),
             ProcessEvent::Joined => (7, 0),
         };
-        Self { process: role as u32, fate, detail, reserved: 0 }
+        Self { process: role as u32, event, detail, reserved: 0 }
     }
 
     /// The process and its event; `None` for unknown numbers.
     #[must_use]
     pub fn decode(&self) -> Option<(Role, ProcessEvent)> {
-        let event = match self.fate {
+        let event = match self.event {
             0 => ProcessEvent::Killed(self.detail),
             1 => ProcessEvent::Exited(self.detail),
             2 => ProcessEvent::Restarted(self.detail),
             3 => ProcessEvent::Silent(self.detail),
-            4 => ProcessEvent::Back(self.detail),
+            4 => ProcessEvent::Recovered(self.detail),
             5 => ProcessEvent::Overdue(self.detail),
-            6 => ProcessEvent::Gone,
+            6 => ProcessEvent::Missing,
             7 => ProcessEvent::Joined,
             _ => return None,
         };
@@ -92,7 +92,7 @@ impl ProcessEvent {
     /// Whether the process recovered.
     #[must_use]
     pub fn is_recovery(self) -> bool {
-        matches!(self, Self::Restarted(_) | Self::Back(_) | Self::Joined)
+        matches!(self, Self::Restarted(_) | Self::Recovered(_) | Self::Joined)
     }
 }
 
@@ -100,14 +100,14 @@ impl fmt::Display for ProcessEvent {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let seconds = |ms: i32| f64::from(ms) / 1e3;
         match *self {
-            Self::Killed(signal) => write!(formatter, "was ended by signal {signal}"),
-            Self::Exited(code) => write!(formatter, "has ended too early, with exit code {code}"),
-            Self::Restarted(times) => write!(formatter, "was started again (restart {times})"),
-            Self::Silent(ms) => write!(formatter, "has given no sign of life for {:.1} s", seconds(ms)),
-            Self::Back(ms) => write!(formatter, "is back after {:.1} s", seconds(ms)),
-            Self::Overdue(ms) => write!(formatter, "has not sent what is due for {:.1} s", seconds(ms)),
-            Self::Gone => write!(formatter, "has gone: the run waits for it to be started again"),
-            Self::Joined => write!(formatter, "has joined"),
+            Self::Killed(signal) => write!(formatter, "was killed by signal {signal}"),
+            Self::Exited(code) => write!(formatter, "exited early, with code {code}"),
+            Self::Restarted(times) => write!(formatter, "was restarted (restart {times})"),
+            Self::Silent(ms) => write!(formatter, "has sent no heartbeat for {:.1} s", seconds(ms)),
+            Self::Recovered(ms) => write!(formatter, "recovered after {:.1} s", seconds(ms)),
+            Self::Overdue(ms) => write!(formatter, "has sent no sample for {:.1} s", seconds(ms)),
+            Self::Missing => write!(formatter, "is missing: the run waits for it to be started again"),
+            Self::Joined => write!(formatter, "joined"),
         }
     }
 }
@@ -123,22 +123,22 @@ mod tests {
             ProcessEvent::Exited(1),
             ProcessEvent::Restarted(3),
             ProcessEvent::Silent(1_500),
-            ProcessEvent::Back(i32::MAX),
+            ProcessEvent::Recovered(i32::MAX),
             ProcessEvent::Overdue(22_500),
-            ProcessEvent::Gone,
+            ProcessEvent::Missing,
             ProcessEvent::Joined,
         ];
         for (number, event) in (0..).zip(events) {
             let role = Role::from_repr(number % 5).unwrap();
             assert_eq!(Health::of(role, event).decode(), Some((role, event)));
         }
-        assert_eq!(ProcessEvent::Silent(1_500).to_string(), "has given no sign of life for 1.5 s");
+        assert_eq!(ProcessEvent::Silent(1_500).to_string(), "has sent no heartbeat for 1.5 s");
     }
 
     #[test]
     fn unknown_numbers_decode_to_none() {
         assert_eq!(Health { process: 5, ..Health::default() }.decode(), None);
-        assert_eq!(Health { fate: 8, ..Health::default() }.decode(), None);
+        assert_eq!(Health { event: 8, ..Health::default() }.decode(), None);
         assert_eq!(Health { detail: -1, ..Health::default() }.decode(), None);
         assert_eq!(size_of::<Health>(), 16);
     }

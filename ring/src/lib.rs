@@ -6,7 +6,7 @@
 //! |---|---|
 //! | [`error`] | errors of a ring and of its processes |
 //! | [`role`] | the roles of the processes, and their locks |
-//! | [`wait`] | waiting for samples, stops and time-outs |
+//! | [`wait`] | waiting for samples, stops and timeouts |
 //! | [`terms`] | the parameters of a run, common to its processes |
 //! | [`folder`] | the folder of a ring |
 //! | [`health`], [`refusals`] | events of processes; refused samples |

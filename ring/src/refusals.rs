@@ -17,10 +17,10 @@ pub enum Refusal {
     #[strum(to_string = "another process is writing this topic already")]
     SecondWriter,
     /// Its slot is not after the last one of its writer.
-    #[strum(to_string = "its writer has sent that slot, or a later one, before")]
+    #[strum(to_string = "its writer has already sent that slot or a later one")]
     OldSlot,
     /// Its slot is further ahead than the ring can be.
-    #[strum(to_string = "the ring cannot be that far")]
+    #[strum(to_string = "its slot is too far ahead")]
     FarSlot,
     /// Its length is not the number of sensor nodes.
     #[strum(to_string = "expected a queue for each SN")]

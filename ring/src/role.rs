@@ -56,7 +56,7 @@ impl Role {
 /// Period of the heartbeats.
 pub const HEARTBEAT: Duration = Duration::from_millis(100);
 
-/// The lock file of a role, `ROLE.seat`, locked while the process lives.
+/// The lock file of a role, `ROLE.seat`, locked while the process runs.
 #[derive(Debug)]
 pub struct RoleLock {
     file: File,

@@ -46,7 +46,7 @@ pub const PATH_BUFFER: usize = 2 * VIEWER_BUFFER;
 /// Samples that a late joiner receives: slot 1 may be flown before the last process has read the state before it.
 const HISTORY: usize = 2;
 
-/// Samples of `flight` that a late joiner receives. Flights may be two slots ahead of the record: so a restarted planner
+/// Samples of `flight` that a late joiner receives. Flights may be two slots ahead of the trace: so a restarted planner
 /// finds the flight before each plan that the recorder may still wait for.
 pub const FLIGHT_HISTORY: usize = 3;
 
@@ -140,7 +140,7 @@ pub struct Ring<S: Service + 'static> {
     pub path: Topic<S, [PathPoint], SlotHeader>,
     /// The position of the UAV after each slot, and the capacities of its links.
     pub flight: Topic<S, FlightReport, SlotHeader>,
-    /// The slots on record.
+    /// The recorded slots.
     pub commit: Topic<S, Commit, SlotHeader>,
     /// The events of the processes.
     pub health: Topic<S, Health, SlotHeader>,

@@ -1,4 +1,4 @@
-//! Waiting for messages: by polling, or asleep until a notification. Stops, time-outs and the launcher's death end a
+//! Waiting for messages: by polling, or asleep until a notification. Stops, timeouts and the launcher's death end a
 //! wait.
 
 use std::cell::RefCell;
@@ -134,7 +134,7 @@ pub(crate) trait ServeJoiners: Debug {
 #[derive(Debug, Clone, Default)]
 pub(crate) struct LateJoiners(pub(crate) Rc<RefCell<Vec<Weak<dyn ServeJoiners>>>>);
 
-/// A wait context: ends waits on a requested stop, on the launcher's death or, in the launcher, after a time-out; keeps
+/// A wait context: ends waits on a requested stop, on the launcher's death or, in the launcher, after a timeout; keeps
 /// the heartbeat going, and serves late joiners.
 #[derive(Debug)]
 pub struct WaitContext {
@@ -274,7 +274,7 @@ impl WaitContext {
     /// Pauses until `listener` is notified, for at most 10 ms.
     ///
     /// # Errors
-    /// On a requested stop, on the launcher's death or, in the launcher, after the time-out.
+    /// On a requested stop, on the launcher's death or, in the launcher, after the timeout.
     pub fn pause<S: Service>(&mut self, listener: &Listener<S>, awaited: &mut Awaited) -> Result<(), NodeError> {
         let has_slept = self.waiting.sleeps_after(self.polls);
         if self.waiting == Waiting::Adaptive && !has_slept && self.polls.is_multiple_of(POLLS_BEFORE_YIELD) {

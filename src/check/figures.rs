@@ -151,8 +151,8 @@ impl fmt::Display for Load {
         let offered = scaled(self.offered_bits, "bit");
         let visits = if self.visits == 1 { "1 visit".to_owned() } else { format!("{} visits", self.visits) };
         match self.fraction {
-            Some(fraction) => write!(formatter, "{offered} a slot, {} of {visits}", percent(fraction)),
-            None => write!(formatter, "{offered} a slot; {visits} carry nothing"),
+            Some(fraction) => write!(formatter, "{offered} per slot, {} of {visits}", percent(fraction)),
+            None => write!(formatter, "{offered} per slot; {visits} carry nothing"),
         }
     }
 }
@@ -192,7 +192,7 @@ mod tests {
         let fill = found.fill_slots.unwrap();
         assert_eq!((fill.least, fill.most, fill.to_string()), (100.0, 600.0, "100 to 600, mean 333".to_owned()));
         assert_eq!((found.load.offered_bits, found.load.carried_bits), (450.0, 90_000.0));
-        assert_eq!(found.load.to_string(), "450 bit a slot, 0.5 % of 3 visits");
+        assert_eq!(found.load.to_string(), "450 bit per slot, 0.5 % of 3 visits");
         let silent = figures("", "x_m,y_m,sampling_bps\n1,1,0\n");
         assert_eq!((silent.fill_slots, silent.load.fraction), (None, Some(0.0)));
     }

@@ -50,7 +50,7 @@ pub fn shard(variable: impl Fn(&str) -> Option<String>, shards: Option<usize>) -
     let k = number(task)?;
     let n = match (shards, last) {
         (Some(shards), _) => shards,
-        (None, None) => return Err(format!("{task} does not tell the number of jobs: expected auto/N")),
+        (None, None) => return Err(format!("{task} does not contain the number of jobs: expected auto/N")),
         (None, Some(last)) => {
             let n = number(last)?;
             let required = ones.iter().map(|&name| (name, 1)).chain(count.map(|name| (name, n)));

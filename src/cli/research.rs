@@ -39,7 +39,7 @@ Examples:
     Sweep {
         /// Sweep file.
         sweep: PathBuf,
-        /// Output folder; a sweep in it is resumed [default: runs/<name of the file>].
+        /// Output folder; a sweep in it is resumed [default: runs/NAME of the file].
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
         /// Missions simulated in parallel [default: one per core].
@@ -69,7 +69,7 @@ Examples:
         /// Missions per point.
         #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
         runs: u64,
-        /// Output folder; sweeps in it are resumed [default: runs/figures-<runs>].
+        /// Output folder; sweeps in it are resumed [default: runs/figures-N].
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
         /// Search steps of horizon per slot; the search for the best known flight takes 200 times as many. In sparse
@@ -102,6 +102,10 @@ Examples:
   skysink compare runs/letter-uts-1 runs/letter-gfs-1")]
     Compare(CompareOptions),
     /// Merge the shards of a sweep.
+    #[command(after_help = "\
+Examples:
+  skysink merge area-1 area-2 --out area
+  skysink merge area-shards/* --out area --partial    before all shards are done")]
     Merge {
         /// Output folders of the shards.
         #[arg(required = true)]
@@ -201,7 +205,7 @@ pub struct CompareOptions {
     seeds: Option<u64>,
     #[command(flatten)]
     changes: Changes,
-    /// Output folder [default: runs/compare-<names>].
+    /// Output folder [default: runs/compare-NAMES-ID].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Do not write a recording.

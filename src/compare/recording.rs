@@ -71,7 +71,7 @@ pub(super) fn record(shown: &[ShownContender], path: &Path, stop: &Stop) -> Resu
         })
         .collect();
     let sinks = Sinks { save: Some(unfinished.clone()), ..Sinks::default() };
-    let name = shown.iter().map(|one| one.contender.label.as_str()).collect::<Vec<_>>().join(" beside ");
+    let name = shown.iter().map(|one| one.contender.label.as_str()).collect::<Vec<_>>().join(" vs ");
     let mut comparison = Comparison::open(&sinks, &name, &compared, &page(shown))?;
     let mut plans: Vec<Option<Plan>> = vec![None; missions.len()];
     let mut running: Vec<usize> = (0..missions.len()).collect();

@@ -1,4 +1,4 @@
-//! Compares every replayed slot and its plan with the record.
+//! Compares every replayed slot and its plan with the trace.
 
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};

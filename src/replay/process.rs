@@ -39,7 +39,7 @@ pub struct PlannerArguments {
 /// Runs flight-sim: flies the plans, or replays a recorded flight.
 ///
 /// # Errors
-/// Those of [`skysink_flight_sim::node`], or if the record cannot be read.
+/// Those of [`skysink_flight_sim::node`], or if the trace cannot be read.
 pub fn flight_sim(
     scenario: &Scenario,
     folder: &RingFolder,
@@ -62,7 +62,7 @@ pub fn flight_sim(
 /// plan that holds the position.
 ///
 /// # Errors
-/// If a peer is missing or wrong, the ring is broken, the record cannot be read, or on a stop.
+/// If a peer is missing or wrong, the ring is broken, the trace cannot be read, or on a stop.
 pub fn planner(
     scenario: &Scenario,
     folder: &RingFolder,
@@ -103,7 +103,7 @@ fn send_plans<S: Service + 'static>(
         }
         let recorded = usize::try_from(head.slot).ok().and_then(|index| slots.get(index));
         let Some(recorded) = recorded else {
-            return Err(NodeError::Peer(format!("slot {}: not on record", head.slot)));
+            return Err(NodeError::Peer(format!("slot {}: not in the trace", head.slot)));
         };
         next = recorded.slot;
         let plan = if recorded.is_missed() { Plan::fly_to(recorded.position, Mode::Hold) } else { recorded.plan() };

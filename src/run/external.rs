@@ -54,7 +54,7 @@ impl<S: Service + 'static> ExternalProcess<S> {
                     remote.heard = None;
                     remote.heartbeat = Heartbeat::after(None);
                 }
-                Some(ProcessEvent::Gone)
+                Some(ProcessEvent::Missing)
             }
             (true, true) => None,
             (false, false) => heard,
@@ -94,7 +94,7 @@ impl<S: Service> RemoteHeartbeat<S> {
         if events > 0 {
             self.heard = Some(SystemTime::now());
         }
-        let fate = self.heartbeat.update(self.heard, now);
-        if is_first { Some(ProcessEvent::Joined) } else { fate }
+        let event = self.heartbeat.update(self.heard, now);
+        if is_first { Some(ProcessEvent::Joined) } else { event }
     }
 }

@@ -42,7 +42,7 @@ impl Heartbeat {
             let before = std::mem::replace(&mut self.state, HeartbeatState::Alive);
             self.last = last;
             self.since = Stopwatch::start(now);
-            return (before == HeartbeatState::Silent).then_some(ProcessEvent::Back(ms));
+            return (before == HeartbeatState::Silent).then_some(ProcessEvent::Recovered(ms));
         }
         if self.state == HeartbeatState::Alive && silence >= SILENT_AFTER {
             self.state = HeartbeatState::Silent;
@@ -77,14 +77,14 @@ mod tests {
     }
 
     #[test]
-    fn a_silent_process_and_its_return_are_reported_once() {
+    fn a_silent_process_and_its_recovery_are_reported_once() {
         let start = Instant::now();
         let mut heartbeat = Heartbeat { since: Stopwatch::start(start), ..Heartbeat::after(None) };
         assert_eq!(poll(&mut heartbeat, start, 0..5_000, None), [], "it may still be starting");
         assert_eq!(poll(&mut heartbeat, start, 5_000..6_000, beat(1)), []);
         assert_eq!(poll(&mut heartbeat, start, 6_000..7_500, beat(1)), [ProcessEvent::Silent(1_000)]);
         assert!(heartbeat.is_silent_for(Duration::from_secs(2)) && !heartbeat.is_silent_for(Duration::from_secs(3)));
-        assert_eq!(poll(&mut heartbeat, start, 7_500..8_000, beat(2)), [ProcessEvent::Back(2_500)]);
+        assert_eq!(poll(&mut heartbeat, start, 7_500..8_000, beat(2)), [ProcessEvent::Recovered(2_500)]);
     }
 
     #[test]

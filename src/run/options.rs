@@ -110,7 +110,7 @@ impl Launch {
         Self { scenario: folder.scenario(), recording: folder.recording(), label, recorded: None }
     }
 
-    /// The arguments that make the process of `role` replay the record.
+    /// The arguments that make the process of `role` replay the trace.
     fn recorded_arguments(&self, role: Role) -> Result<Vec<OsString>, Error> {
         let Some(RecordedRing { run, pace, plans }) = &self.recorded else { return Ok(Vec::new()) };
         let run = std::path::absolute(run).at(run)?;

@@ -1,4 +1,4 @@
-//! Resumes an interrupted run: simulates the recorded slots in one process and compares them with the record.
+//! Resumes an interrupted run: simulates the recorded slots in one process and compares them with the trace.
 //!
 //! The state after the last recorded slot becomes the checkpoints from which the processes of a new ring resume.
 
@@ -33,7 +33,7 @@ pub struct ResumedRun {
 /// Simulates the recorded slots of `folder` and adds them to `tally`. An incomplete last line is dropped, and its slot is
 /// flown again by the ring.
 ///
-/// Most plans are computed again. These are taken from the record, because they cannot be reproduced: slots without a
+/// Most plans are computed again. These are taken from the trace, because they cannot be reproduced: slots without a
 /// plan in time, plans of an external planner, plans of a search with a time limit, and, for a planner with state, all
 /// plans after a late one.
 ///
@@ -76,7 +76,7 @@ pub fn resume(
     let is_lockstep = folder.run_mode().pace.is_none_or(|pace| pace == Pace::Max);
     let is_repeatable = is_lockstep && folder.run_mode().external_planner.is_none();
     if let Some(last) = log.last_checked().filter(|last| *last > tally.last_slot() && !is_repeatable) {
-        let message = format_args!("it ends before slot {last}, which was recorded and would be flown differently");
+        let message = format_args!("lines up to slot {last} are missing, and these slots cannot be repeated");
         return Err(InputError::new("trace", &folder.slots(), message).into());
     }
     if folder.run_mode().pace.is_some() && tally.last_slot() > 1 && !log.was_checked() {

@@ -99,10 +99,10 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     pub fn supervise(&mut self, tally: &mut Tally, overdue: Option<(Role, Duration)>) -> Result<u32, Error> {
         self.progress.show_run(tally, self.last_slot);
         let slot = tally.last_slot() + 1;
-        for (role, fate) in self.watch(slot, overdue)? {
+        for (role, event) in self.watch(slot, overdue)? {
             let at_s = self.begin.elapsed().as_secs_f64();
-            let is_restart = matches!(fate, ProcessEvent::Restarted(_));
-            tally.add_event(Event { slot, at_s, process: role.name().into(), event: fate.to_string() }, is_restart);
+            let is_restart = matches!(event, ProcessEvent::Restarted(_));
+            tally.add_event(Event { slot, at_s, process: role.name().into(), event: event.to_string() }, is_restart);
         }
         Ok(self.viewer)
     }
@@ -117,22 +117,22 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         if let Some(link) = &mut self.link {
             link.supervise(self.progress)?;
         }
-        let mut fates = self.poll(slot, overdue)?;
-        fates.extend(self.poll_external(slot, overdue));
+        let mut events = self.poll(slot, overdue)?;
+        events.extend(self.poll_external(slot, overdue));
         let taken = start_count(self.folder.path(), Role::Viewer);
         self.viewer = self.viewer.max(taken.saturating_sub(1));
-        for &(role, fate) in &fates {
-            if let ProcessEvent::Killed(_) | ProcessEvent::Exited(_) = fate {
+        for &(role, event) in &events {
+            if let ProcessEvent::Killed(_) | ProcessEvent::Exited(_) = event {
                 self.ring.remove_dead_nodes(); // frees its ports for the restarted process
                 if role == Role::Viewer {
                     self.viewer = taken; // of the next viewer
                 }
             }
             let process = role.name();
-            self.progress.say(&format!("slot {slot}: {process} {fate}"));
-            self.health.send(self.ring.header(slot, 0), Health::of(role, fate))?;
+            self.progress.say(&format!("slot {slot}: {process} {event}"));
+            self.health.send(self.ring.header(slot, 0), Health::of(role, event))?;
         }
-        Ok(fates)
+        Ok(events)
     }
 
     /// Disables restarts: the mission is complete.
@@ -149,7 +149,7 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
     /// Polls the processes of this launcher: detects ended ones, restarts those that are due, kills hung ones. Returns
     /// the changes.
     fn poll(&mut self, slot: u64, overdue: Option<(Role, Duration)>) -> Result<Vec<(Role, ProcessEvent)>, Error> {
-        let mut fates = Vec::new();
+        let mut events = Vec::new();
         let now = Instant::now();
         let ring = self.folder.path();
         let is_last_slot = slot >= self.last_slot;
@@ -160,7 +160,7 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
             if let Some(due) = process.due {
                 if now >= due {
                     process.start(ring, self.table, self.progress)?;
-                    fates.push((process.role, ProcessEvent::Restarted(process.restarts.count)));
+                    events.push((process.role, ProcessEvent::Restarted(process.restarts.count)));
                 }
             } else if let Some(status) = process.poll(self.table) {
                 if self.is_released || status.success() && is_last_slot {
@@ -176,21 +176,21 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
                     return Err(process.end_error(status, slot.min(self.last_slot)));
                 }
                 let exited = ProcessEvent::Exited(status.code().unwrap_or_default());
-                fates.push((process.role, status.signal().map_or(exited, ProcessEvent::Killed)));
+                events.push((process.role, status.signal().map_or(exited, ProcessEvent::Killed)));
             } else if process.child.is_some() {
-                let fate = process.heartbeat.update(last_heartbeat(ring, process.role), now);
-                fates.extend(fate.map(|fate| (process.role, fate)));
+                let event = process.heartbeat.update(last_heartbeat(ring, process.role), now);
+                events.extend(event.map(|event| (process.role, event)));
                 let mut is_hung = process.heartbeat.is_silent_for(self.ring.terms.silence_limit()) && !is_last_slot;
                 if let Some((_, waited)) = overdue.filter(|(role, _)| *role == process.role) {
                     is_hung = true;
-                    fates.push((process.role, overdue_for(waited)));
+                    events.push((process.role, overdue_for(waited)));
                 }
                 if is_hung && process.restarts.policy == Restart::OnFailure {
                     process.signal(Signal::KILL);
                 }
             }
         }
-        Ok(fates)
+        Ok(events)
     }
 
     /// Whether there is a heartbeat from an external process on another host.
@@ -205,24 +205,24 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         self.external.iter().any(|external| external.is_silent_for(self.begin, limit))
     }
 
-    /// Polls the external processes: which have joined, left, become silent, or are overdue. Returns the changes.
+    /// Polls the external processes: which joined, recovered, or are silent, overdue or missing. Returns the changes.
     fn poll_external(&mut self, slot: u64, overdue: Option<(Role, Duration)>) -> Vec<(Role, ProcessEvent)> {
         let now = Instant::now();
         if !self.external.is_empty() && self.cleaned_up.elapsed() >= CLEAN_UP_EVERY {
             self.cleaned_up = now;
             self.ring.remove_dead_nodes(); // a dead writer stays attached until then
         }
-        let mut fates = Vec::new();
+        let mut events = Vec::new();
         for external in &mut self.external {
-            fates.extend(external.poll(self.ring, now).map(|fate| (external.role, fate)));
+            events.extend(external.poll(self.ring, now).map(|event| (external.role, event)));
             if let Some((_, waited)) = overdue.filter(|(role, _)| *role == external.role && external.is_present()) {
-                fates.push((external.role, overdue_for(waited)));
+                events.push((external.role, overdue_for(waited)));
             }
         }
         if self.is_released || slot >= self.last_slot {
-            fates.clear(); // a regular end
+            events.clear(); // a regular end
         }
-        fates
+        events
     }
 }
 

@@ -123,7 +123,7 @@ fn every_restart_is_on_record() {
     assert_eq!(summary["restarts"], 3);
     let expected: Vec<_> = RING
         .iter()
-        .flat_map(|role| [("was ended by signal 9", role), ("was started again (restart 1)", role)])
+        .flat_map(|role| [("was killed by signal 9", role), ("was restarted (restart 1)", role)])
         .map(|(event, role)| ((*role).to_owned(), event.to_owned()))
         .collect();
     assert_eq!(events(&place), expected);

@@ -74,7 +74,7 @@ fn what_cannot_be_resumed_is_refused() {
     let mut columns: Vec<_> = third.split(',').collect();
     columns[7] = "1"; // bits queued
     damage(third, &columns.join(","));
-    refused(&["slots.csv: line 3: `2,", "`: the mission does not lead to this line"]);
+    refused(&["slots.csv: line 3: `2,", "`: it differs from the simulation of the scenario"]);
     damage("slot,x_m", "slot,x");
     refused(&["slots.csv: line 1: `slot,x,", "`: expected slot,x_m,y_m"]);
     place.write("run/slots.csv", &trace);

@@ -48,7 +48,7 @@ fn a_machine_that_sleeps_wakes_up_to_a_whole_mission() {
     let processes: Vec<_> = RING.into_iter().map(|role| run.worker(role)).chain([run.pid()]).collect();
     for signal in [Signal::STOP, Signal::CONT] {
         processes.iter().for_each(|&process| kill_process(process, signal).unwrap());
-        sleep(Duration::from_secs(7)); // longer than the time-out
+        sleep(Duration::from_secs(7)); // longer than the timeout
     }
     run.end_well();
     place.assert_same_trace("alone", "run");

@@ -84,7 +84,7 @@ fn in_lock_step_the_ring_waits_for_a_viewer_that_comes_back() {
     run.end_well();
     place.assert_same_trace("alone", "run");
     let summary = place.summary("run");
-    let is_kill = |event: &&serde_json::Value| event["event"] == "was ended by signal 9";
+    let is_kill = |event: &&serde_json::Value| event["event"] == "was killed by signal 9";
     let killed = summary["events"].as_array().unwrap().iter().find(is_kill).unwrap()["slot"].as_i64().unwrap();
     let [first, second] = ["run/mission.rrd", "run/mission-2.rrd"].map(|file| slots(&place.path(file), EACH_SLOT));
     assert!(first.intersection(&second).count() <= 1, "no more than the slot in which it was killed is there twice");
@@ -128,7 +128,7 @@ fn a_stopped_viewer_costs_nobody_else_a_restart() {
     run.end_well();
     place.assert_same_trace("alone", "run");
     let events = events(&place);
-    assert!(events.iter().any(|(_, event)| event == "was ended by signal 9"), "{events:?}");
+    assert!(events.iter().any(|(_, event)| event == "was killed by signal 9"), "{events:?}");
     assert!(events.iter().all(|(process, _)| process == "viewer"), "{events:?}");
     place.assert_clean();
 }

@@ -25,7 +25,7 @@ fn check_shows_what_follows_from_the_letter() {
         "# anchor radius of uts, V τ − d_c 20 m, connects 200 of 200",
         "# visits to empty a full buffer 1 (at d_c 1)",
         "# slots to fill an empty buffer 300",
-        "# offered load, N s τ 20 kbit a slot, 16.7 % of 4 visits",
+        "# offered load, N s τ 20 kbit per slot, 16.7 % of 4 visits",
         "# flight without loss yes: tour loses nothing",
     ] {
         assert!(lines.iter().any(|found| found == line), "{line:?} is missing in {}", printed.stdout);

@@ -208,7 +208,7 @@ fn what_cannot_be_compared_is_refused() {
         (["a", "nowhere", "--no-record"], "nowhere"),
         (["missing.toml", "uts", "gfs"], "missing.toml"),
         (["a", "b", "--out=taken"], "taken"),
-        (["a", "a", "--no-record"], "named twice"),
+        (["a", "a", "--no-record"], "given twice"),
         (["a", "b", "--set=slots=5"], "--set: expected none of them with run folders"),
         (["a", "b", "--seeds=5"], "--seeds"),
         (["small.toml", "uts", "--no-record"], "two strategies or more"),

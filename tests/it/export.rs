@@ -77,7 +77,7 @@ fn a_trace_that_was_not_flown_so_is_refused() {
     refused(&place, &kml, "run.kml: it exists");
     place.run_well(&[&kml[..], &["--force"]].concat());
     place.write("run/scenario.toml", &place.read("run/scenario.toml").replace("seed = 1", "seed = 2"));
-    refused(&place, &kml, "it was changed since the run began");
+    refused(&place, &kml, "it was modified after the start of the run");
 }
 
 #[test]

@@ -155,7 +155,7 @@ fn spoil_runs(rounds: u32, seed: u64) {
 }
 
 #[test]
-fn a_spoilt_run_of_an_outside_planner_is_refused_or_ends_with_the_same_bytes() {
+fn a_spoilt_run_of_an_external_planner_is_refused_or_ends_with_the_same_bytes() {
     let place = Place::new();
     let planner =
         concat!("sh -c 'exec ", env!("CARGO_BIN_EXE_planner"), " --scenario $SKYSINK_SCENARIO --ring $SKYSINK_RING'");
@@ -177,7 +177,7 @@ fn a_paced_record_that_was_cut_is_not_flown_otherwise() {
     let trace = place.trace("run");
     place.cut_trace("run", 40);
     let cut = place.trace("run");
-    place.run_refused(&["run", "--resume", "run", "--no-viewer"], "slots.csv: it ends before slot ");
+    place.run_refused(&["run", "--resume", "run", "--no-viewer"], "slots.csv: lines up to slot ");
     assert_eq!(place.trace("run"), cut);
     fs::write(place.path("run/slots.csv"), &trace).unwrap();
     let check = fs::read(place.path("run/slots.check")).unwrap();

@@ -71,8 +71,8 @@ fn a_host_that_is_cut_off_is_said_and_waited_for_and_the_trace_is_that_of_one_pr
         assert!(ended.stdout.contains("the trace is that of one process"), "host {host}: {ended:?}");
         let said = |text: &str| ended.stderr.lines().chain(ended.stdout.lines()).any(|line| line.contains(text));
         let cut = if host == "c" { "flight-sim" } else { "planner" };
-        assert!(said(&format!("{cut} has given no sign of life for 1.0 s")), "host {host}: {ended:?}");
-        assert!(said(&format!("{cut} is back after ")), "host {host}: {ended:?}");
+        assert!(said(&format!("{cut} has sent no heartbeat for 1.0 s")), "host {host}: {ended:?}");
+        assert!(said(&format!("{cut} recovered after ")), "host {host}: {ended:?}");
         assert!(ended.stdout.contains("messages refused"), "{ended:?}");
     }
 }

@@ -9,6 +9,7 @@ mod compare;
 mod docs;
 mod examples;
 mod export;
+mod external;
 mod fixtures;
 mod folders;
 mod help;
@@ -18,7 +19,6 @@ mod names;
 mod new;
 mod nodes;
 mod optimize;
-mod outside;
 mod plot;
 #[cfg(feature = "viewer")]
 mod recording;

@@ -221,7 +221,7 @@ fn a_recorder_whose_ring_does_not_come_says_who_should_have_begun() {
         });
         let error = recorded.unwrap_err().to_string();
         assert!(error.starts_with("field-sim has not sent queues(0) for 0.2 s"), "{error}");
-        assert_eq!(overdue, [Role::FieldSim], "once, before the time-out");
+        assert_eq!(overdue, [Role::FieldSim], "once, before the timeout");
     }
 }
 

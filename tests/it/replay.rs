@@ -111,9 +111,9 @@ fn another_strategy_is_asked_in_each_recorded_state_and_not_followed() {
 }
 
 #[test]
-fn an_outside_planner_is_asked_and_its_own_run_is_replayed_by_its_decisions_on_record() {
+fn an_external_planner_is_asked_and_its_own_run_is_replayed_by_its_decisions_on_record() {
     let place = Place::new();
-    let command = place.outside_planner();
+    let command = place.external_planner();
     place.flight("smoke").without_viewer().planner(&command).options(&["--label", "mine"]).run();
     place.run_well(&["replay", "run", "--no-viewer", "--out", "recorded"]);
     let recorded = outcome(&place, "recorded");
@@ -162,7 +162,7 @@ fn a_replay_survives_the_death_of_its_processes() {
     until("flight", || (size() > 12_000).then_some(())); // three places of 4096 bytes
     ["flight-sim", "planner", "field-sim"].iter().for_each(|role| replay.kill(role));
     let ended = replay.end_well();
-    assert!(ended.stderr.contains("flight-sim was started again"), "{ended:?}");
+    assert!(ended.stderr.contains("flight-sim was restarted"), "{ended:?}");
     let outcome = outcome(&place, "run-replay");
     assert_eq!((&outcome["same"], &outcome["trace_hash"]), (&3000.into(), &place.summary("run")["trace_hash"]));
     place.assert_clean();

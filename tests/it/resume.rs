@@ -22,7 +22,7 @@ const SLOTS: u64 = 30;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum PlansBy {
     Planner,
-    Outside,
+    External,
 }
 
 /// The plan that is flown in a slot instead of the planner's own; `None` where it came too late.
@@ -36,7 +36,7 @@ fn smoke(strategy: &'static str) -> (Scenario, SensorList) {
 
 /// Leaves the record of the first slots in `out`, flown by the plans of `substitute`.
 fn record(scenario: &Scenario, list: &SensorList, out: &Path, plans_by: PlansBy, substitute: Substitute) -> RunFolder {
-    let external_planner = (plans_by == PlansBy::Outside).then(|| "external".to_owned());
+    let external_planner = (plans_by == PlansBy::External).then(|| "external".to_owned());
     let run_mode = RunMode { pace: Some(Pace::Max), external_planner };
     let folder = RunFolder::create(Some(out), false, scenario, list, &run_mode).unwrap();
     let mut log = folder.slot_log().unwrap();
@@ -71,16 +71,17 @@ fn a_line_that_could_be_flown_but_was_not_planned_is_refused() {
     assert_eq!(resumed("uts", PlansBy::Planner, |_, own| Some(own)), Ok(SLOTS));
     let error = resumed("uts", PlansBy::Planner, nudged).unwrap_err();
     assert!(
-        error.contains("slots.csv: line 21: `20,") && error.contains("`: the mission does not lead to this line"),
+        error.contains("slots.csv: line 21: `20,")
+            && error.contains("`: it differs from the simulation of the scenario"),
         "{error}"
     );
 }
 
 #[test]
-fn plans_from_outside_are_taken_from_the_record() {
-    assert_eq!(resumed("uts", PlansBy::Outside, nudged), Ok(SLOTS));
+fn plans_of_an_external_planner_are_taken_from_the_record() {
+    assert_eq!(resumed("uts", PlansBy::External, nudged), Ok(SLOTS));
     let refused = |_, own: Plan| Some(Plan { x_m: f64::NAN, ..own });
-    assert_eq!(resumed("uts", PlansBy::Outside, refused), Ok(SLOTS), "waypoints that were refused");
+    assert_eq!(resumed("uts", PlansBy::External, refused), Ok(SLOTS), "waypoints that were refused");
 }
 
 #[test]

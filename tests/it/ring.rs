@@ -174,7 +174,7 @@ fn signals_end_a_run_in_order() {
 #[test]
 fn killing_the_launcher_ends_the_workers_and_the_next_run_clears_up() {
     let place = Place::new();
-    // The mission and the time-out last longer than the test would wait: only the launcher's death can end the workers.
+    // The mission and the timeout last longer than the test would wait: only the launcher's death can end the workers.
     let run = place.flight("long").pace("1x").timeout("3600").start();
     run.until_slot(5);
     let ring = run.ring().to_owned();

@@ -15,7 +15,7 @@ fn what_is_set_is_refused_in_the_name_of_the_option() {
         ("slot=9", "--set slot=9: expected one of `name`"),
         ("link.bandwidth_hz=-1", "--set link.bandwidth_hz=-1: expected a finite number above 0\n"),
         ("link.bandwidth_hz=wide", "--set link.bandwidth_hz=wide: expected a number\n"),
-        ("slots.x=1", "--set slots.x=1: slots is no table: expected a key of the scenario\n"),
+        ("slots.x=1", "--set slots.x=1: slots is not a table: expected a key of the scenario\n"),
         ("planner.rates=learnt", "--set planner.rates=learnt: expected \"known\", or planner.knowledge"),
         ("planner.horizon.iterations=-1", "--set planner.horizon.iterations=-1: expected "),
         ("planner.horizon={iterations=-1}", ": planner.horizon.iterations = -1: expected "),

@@ -167,7 +167,8 @@ fn a_journal_with_a_changed_digit_is_refused_by_its_line() {
     for arguments in [["sweep", "sweep.toml", "--out", "out"], ["merge", "out", "--out", "merged"]] {
         let ended = place.run(&arguments);
         assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
-        for word in ["out/journal.csv: line 2: ", ": expected the check ", "delete the line, and `skysink sweep` runs"]
+        for word in
+            ["out/journal.csv: line 2: ", ": expected the checksum ", "delete the line, and `skysink sweep` runs"]
         {
             assert!(ended.stderr.contains(word), "{word}: {ended:?}");
         }

@@ -110,8 +110,8 @@ impl Place {
         command
     }
 
-    /// A command that finds the ring as the planner of somebody else does.
-    pub fn outside_planner(&self) -> String {
+    /// The command of an external planner, which finds the ring by the environment variables.
+    pub fn external_planner(&self) -> String {
         let planner = env!("CARGO_BIN_EXE_planner");
         let script = format!("#!/bin/sh\nexec {planner} --scenario \"$SKYSINK_SCENARIO\" --ring \"$SKYSINK_RING\"\n");
         let path = self.write("mine.sh", &script);

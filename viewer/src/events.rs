@@ -25,9 +25,9 @@ pub const STATUS: &str = "status";
 pub const GAP: &str = "gap";
 
 /// The first line of a later file of the recording.
-const CONTINUED: &str = "recording continued in a new file: the viewer was started again
+const CONTINUED: &str = "recording continued in a new file: the viewer was restarted
 \
-                         Up to ten seconds of the slots before may be missing.";
+                         Up to ten seconds of earlier slots may be missing.";
 
 /// The modes of the UAV.
 fn modes() -> impl Iterator<Item = Mode> {
@@ -113,8 +113,8 @@ impl Events {
             canvas.append(format!("{STATES}/{GAP}"), &Scalars::single(0.0))?;
         }
         let text = match last - first {
-            0 => format!("slot {first} missed by the viewer\nThe mission went on."),
-            _ => format!("slots {first} to {last} missed by the viewer\nThe mission went on."),
+            0 => format!("slot {first} missed by the viewer\nThe mission continued."),
+            _ => format!("slots {first} to {last} missed by the viewer\nThe mission continued."),
         };
         write(canvas, TextLogLevel::WARN, &text)
     }

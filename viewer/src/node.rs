@@ -32,7 +32,7 @@ impl From<SceneError> for NodeError {
     fn from(error: SceneError) -> Self {
         match error {
             SceneError::File { path, source } => {
-                let message = format_args!("{source}: expected a place where a file can be created");
+                let message = format_args!("{source}: expected a path where a file can be created");
                 Self::Input(InputError::new("recording", &path, message))
             }
             error => Self::Recording(Box::new(error)),
@@ -254,9 +254,9 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
     /// Adds changes of the state of processes to the event log.
     fn log_health(&mut self) -> Result<(), NodeError> {
         while let Some(sample) = self.health.next_sample()? {
-            if let Some((role, fate)) = sample.payload().decode() {
-                let level = if fate.is_recovery() { TextLogLevel::INFO } else { TextLogLevel::WARN };
-                self.scene.log_event(sample.user_header().slot, level, &format!("{} {fate}", role.name()))?;
+            if let Some((role, event)) = sample.payload().decode() {
+                let level = if event.is_recovery() { TextLogLevel::INFO } else { TextLogLevel::WARN };
+                self.scene.log_event(sample.user_header().slot, level, &format!("{} {event}", role.name()))?;
             }
         }
         Ok(())

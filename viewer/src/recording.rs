@@ -64,7 +64,7 @@ pub enum SceneError {
     #[error("recording: no destination: expected a file, a port for a live viewer, or both")]
     Nowhere,
     /// The file cannot be created.
-    #[error("recording {}: {source}: expected a place where a file can be created", path.display())]
+    #[error("recording {}: {source}: expected a path where a file can be created", path.display())]
     File {
         /// The file.
         path: PathBuf,
@@ -93,7 +93,7 @@ pub enum SceneError {
     #[error("recording: {0}")]
     Stream(#[from] RecordingStreamError),
     /// The end of the recording could not be written.
-    #[error("recording{}: {source}: its end is missing, check the space left", at(path))]
+    #[error("recording{}: {source}: its end is missing: check the free disk space", at(path))]
     Unfinished {
         /// The file, if there is one.
         path: Option<PathBuf>,

@@ -51,7 +51,7 @@ impl Setting {
             let inner = table.entry(*part).or_insert_with(|| Table::new().into());
             table = inner.as_table_mut().ok_or_else(|| {
                 let parent = parts[..=index].join(".");
-                self.refusal(format_args!("{parent} is no table: expected a key of the scenario"))
+                self.refusal(format_args!("{parent} is not a table: expected a key of the scenario"))
             })?;
         }
         table.insert(last.to_owned(), self.value.clone());
@@ -159,7 +159,7 @@ mod tests {
         Setting::apply_all(&[set("planner.horizon.iterations=5")], &mut table).unwrap();
         assert_eq!(table["planner"]["horizon"]["iterations"].as_integer(), Some(5));
         let refused = Setting::apply_all(&[set("slots.x=1")], &mut table).unwrap_err();
-        assert_eq!(refused.to_string(), "--set slots.x=1: slots is no table: expected a key of the scenario");
+        assert_eq!(refused.to_string(), "--set slots.x=1: slots is not a table: expected a key of the scenario");
     }
 
     #[test]

@@ -169,7 +169,7 @@ pub(super) fn read<T: DeserializeOwned>(table: Table, name: &str, source: Source
             _ => {
                 let location = if key.is_empty() { String::new() } else { format!("{key}: ") };
                 let message = match message.strip_prefix("missing field ") {
-                    Some(name) => format!("missing {name}: expected this key"),
+                    Some(name) => format!("missing {name}: this key is required"),
                     None => message.to_owned() + &suggestion(message),
                 };
                 source.refuse(&key, &location, message)

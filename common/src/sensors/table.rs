@@ -85,7 +85,7 @@ impl<'a> Table<'a> {
         let names: Vec<&str> = header.iter().collect();
         for (index, name) in names.iter().enumerate() {
             if !COLUMNS.contains(name) {
-                return Err(format!("column `{}`: expected some of {}", quoted(name), COLUMNS.join(",")));
+                return Err(format!("column `{}`: expected one of {}", quoted(name), COLUMNS.join(",")));
             }
             if names[..index].contains(name) {
                 return Err(format!("column `{}` twice: expected it once", quoted(name)));

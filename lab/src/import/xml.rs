@@ -12,7 +12,7 @@ pub(super) fn check(text: &str, format: &str, point: Option<&str>) -> Result<(),
     let mut reader = Reader::from_str(text);
     let mut open: Vec<(Vec<u8>, bool)> = Vec::new(); // name, and whether it contains text
     let is_point = |name: &[u8]| point.is_some_and(|point| point.as_bytes() == name);
-    let refuse = || Err(format!("{} without coordinates: expected some", point.unwrap_or_default()));
+    let refuse = || Err(format!("{} without coordinates: expected a position", point.unwrap_or_default()));
     loop {
         match reader.read_event().map_err(|error| format!("{error}: expected a {format} file"))? {
             Event::Start(begin) => open.push((begin.local_name().as_ref().to_vec(), false)),

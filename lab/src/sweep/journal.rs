@@ -251,7 +251,7 @@ fn mission(line: &[u8], seed: u64) -> Result<MissionRow, String> {
     let expected = check(text, seed);
     if found.strip_prefix(b",") != Some(expected.as_bytes()) {
         let remedy = "delete the line, and `skysink sweep` runs its mission again";
-        return Err(format!("expected the check {expected}: the line or sweep.json was changed: {remedy}"));
+        return Err(format!("expected the checksum {expected}: the line or sweep.json was modified: {remedy}"));
     }
     let numbers: ByteRecord = text.split(|&byte| byte == b',').collect();
     numbers.deserialize(None).map_err(|error| error.to_string())
@@ -304,7 +304,7 @@ mod tests {
                 let refusal = read(&path, &definition("a")).unwrap_err().to_string();
                 let line = if at < lines[1] { 1 } else { 2 };
                 assert!(refusal.contains(&format!("line {line}: ")) && !refusal.contains('\n'), "{at}: {refusal}");
-                assert!(refusal.contains("expected the check "), "{at}: {refusal}");
+                assert!(refusal.contains("expected the checksum "), "{at}: {refusal}");
             }
         }
     }
@@ -313,7 +313,7 @@ mod tests {
     fn a_line_of_another_sweep_is_refused() {
         let (_folder, path) = journal(&[row(0, 0, 1)]);
         let refusal = read(&path, &definition("b")).unwrap_err().to_string();
-        assert!(refusal.contains("line 1: ") && refusal.contains("the line or sweep.json was changed"), "{refusal}");
+        assert!(refusal.contains("line 1: ") && refusal.contains("the line or sweep.json was modified"), "{refusal}");
     }
 
     #[test]
@@ -350,7 +350,7 @@ mod tests {
         text[second] = b'1';
         std::fs::write(&path, &text).unwrap();
         let refusal = journal.all().unwrap_err().to_string();
-        assert!(refusal.contains(&format!("byte {second}: expected the check ")), "{refusal}");
+        assert!(refusal.contains(&format!("byte {second}: expected the checksum ")), "{refusal}");
     }
 
     #[test]

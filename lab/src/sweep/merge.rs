@@ -48,7 +48,7 @@ pub fn merge(shards: &[PathBuf], out: &Path, completeness: Completeness, stop: &
         let refuse = |message: &str| InputError::new("shard", path, message);
         let manifest = manifest("shard", path)?;
         if !folders.insert(fs::canonicalize(path).at(path)?) {
-            return Err(refuse("it is named twice: expected each shard once").into());
+            return Err(refuse("it is given twice: expected each shard once").into());
         }
         let Some(Manifest { definition, shard }) = manifest else { continue };
         let found = first.get_or_insert_with(|| Shards::of(definition.clone()));

@@ -1,14 +1,17 @@
-//! `drift-plus-penalty`: the waypoint and schedule of the largest queue-weighted service, less the price of the
-//! propulsion energy for it.
+//! `drift-plus-penalty`: Lyapunov drift plus penalty, with the propulsion energy as the penalty.
+//!
+//! In every slot it chooses the waypoint in reach and the set of at most n sensor nodes (SNs) in range of it that
+//! maximise `Σ Q_i b_i − V E`, with the queue `Q_i = B_i(t−1)` [bit], the service `b_i = min(Q_i, floor(r_i τ_c))`
+//! [bit], the slot's propulsion energy E [J], and the price V [bit²/J], `planner.drift-plus-penalty.price_bits2_per_j`.
+//! With V = 0 it is [`max-weight`](super::max_weight). The search over waypoints is in `queue_weight.rs`.
 //!
 //! Source: M. J. Neely, "Stochastic Network Optimization with Application to Communication and Queueing Systems",
-//! Morgan & Claypool, 2010: in every slot minimise a bound on the drift of `½ Σ Q_i²` plus V times a penalty, which for
-//! service `b_i` and penalty p is to maximise `Σ Q_i b_i − V p`. The penalty's average comes within O(1/V) of the
-//! least, and queues grow with V. (Known from summaries of the method; the book was not read for this.)
+//! Morgan & Claypool, 2010. In every slot the method minimises a bound on the drift of the Lyapunov function `½ Σ Q_i²`
+//! plus V times a penalty. The average penalty is within O(1/V) of the least, and queues grow in proportion to V.
+//! (Known from summaries of the method; the book was not read for this.)
 //!
-//! Adapted to a UAV as [`max-weight`](super::max_weight), which it is with V = 0: `b_i = min(Q_i, r_i τ_c)`; the
-//! penalty is the slot's propulsion energy. The bounds do not carry over, for the same reasons. A rotary wing needs
-//! least power in slow flight, so a high price makes the UAV fly slowly, not hover.
+//! The bounds do not carry over to a UAV, for the reasons given in [`max-weight`](super::max_weight). A rotary wing
+//! needs least power in slow flight, so a high price makes the UAV fly slowly instead of hovering.
 
 use serde::{Deserialize, Serialize};
 
@@ -18,7 +21,7 @@ use super::{Registered, checked};
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
     name: "drift-plus-penalty",
-    about: "the largest queue-weighted service in the slot less the price of the propulsion energy",
+    about: "max-weight less a price for propulsion energy (Lyapunov optimisation)",
     is_stateless: true,
     has_path: false,
     keys: Some(checked::<DriftPlusPenaltyKeys>),

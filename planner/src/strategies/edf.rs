@@ -1,15 +1,19 @@
-//! `edf`, earliest deadline first: to the sensor node (SN) that overflows soonest, then the fullest queues in range.
+//! `edf`: earliest deadline first (EDF).
 //!
-//! Source: A. A. Somasundara, A. Ramamoorthy, M. B. Srivastava, "Mobile Element Scheduling for Efficient Data
-//! Collection in Wireless Sensor Networks with Dynamic Deadlines", RTSS 2004; "Mobile Element Scheduling with Dynamic
-//! Deadlines", IEEE Transactions on Mobile Computing 6(4), 2007. A mobile element visits nodes before their buffers
-//! overflow; a visit takes no time, empties the buffer, and sets the node's next deadline. Under EDF the next node is
-//! the one with the earliest deadline. (The abstract of the first and a published summary of the problem were read, not
-//! the full texts.)
+//! The deadline of a sensor node (SN) is the time until its buffer overflows, `u_i = (B − B_i(t−1))/(s_i τ)` [slots].
+//! In every slot the UAV flies straight toward the SN of least `u_i`. It serves that SN as soon as it is in range, and
+//! with it the n − 1 fullest of the others.
 //!
-//! Adapted to slots: the choice is made anew in every slot, with the deadlines as they are then. All deadlines come
-//! nearer by a slot in a slot, so this is another choice only where a nearer SN has become full as well, or where the
-//! SN was served from a distance. Their element serves the node that it visits; the UAV serves n − 1 more.
+//! EDF is a baseline of A. A. Somasundara, A. Ramamoorthy, M. B. Srivastava, "Mobile Element Scheduling for Efficient
+//! Data Collection in Wireless Sensor Networks with Dynamic Deadlines", RTSS 2004; "Mobile Element Scheduling with
+//! Dynamic Deadlines", IEEE Transactions on Mobile Computing 6(4), 2007. There a mobile element visits nodes before
+//! their buffers overflow; a visit takes no time, empties the buffer, and sets the node's next deadline. (The abstract
+//! of the first and a published summary of the problem were read, not the full texts.)
+//!
+//! Adapted to slots:
+//! - The choice is repeated in every slot. All deadlines decrease by one per slot, down to 0 at a full buffer, so the
+//!   choice changes only if a nearer SN becomes full as well, or if the SN was served from a distance.
+//! - The mobile element serves only the node that it visits; the UAV serves up to n SNs per slot.
 
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::distance_squared;
@@ -22,7 +26,7 @@ use super::{Decision, Registered, Setup, Strategy, View};
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
     name: "edf",
-    about: "to the sensor node that overflows soonest, then the fullest queues in range",
+    about: "earliest deadline first: fly to the sensor node that overflows soonest",
     is_stateless: true,
     has_path: false,
     keys: None,

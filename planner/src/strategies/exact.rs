@@ -1,22 +1,24 @@
-//! `exact`: sP1 solved exactly, over every point in reach instead of Algorithm 1's circles, then the waypoint by sP2.
+//! `exact`: the optimal schedule of sP1 by exhaustive search over all feasible sets, then the waypoint by sP2.
 //!
-//! The best set is the one with the largest `Σ B_i(t−1)` (decision D6) of all sets of at most n sensor nodes (SNs) that
-//! one point within `V τ` has in range; of equals, the one with the lexicographically smallest ascending list of ids
-//! (decision D7), where a free resource block counts as an SN with an empty queue and an id above all others. So an
-//! empty queue is better than a free block. Where exactly the UAV then flies is left to [`crate::waypoint`].
+//! Algorithm 1 tests five circles per pair of sensor nodes (SNs); `exact` finds the maximum over all points in reach.
+//! The best set has the largest `Σ B_i(t−1)` (decision D6) of all sets of at most n SNs that are in range of one point
+//! within `V τ` of the UAV. Ties go to the lexicographically smallest ascending list of ids (decision D7), in which a
+//! free resource block counts as an SN with an empty queue and an id above all others. So an SN with an empty queue is
+//! preferred to a free block. The waypoint for the set is left to [`crate::waypoint`].
 //!
-//! Two facts make the search finite and fast (up to the slack of decision D5: sensor nodes that have a point in common
-//! only thanks to more than half of it may be found or missed):
+//! Two facts make the search finite and fast. (They hold up to the slack of decision D5: a set whose disks have a point
+//! in common only thanks to more than half of the slack may be found or missed.)
 //!
-//! 1. *It is enough to try the points where the disks of radius `d_c` about one or two SNs come nearest to the
-//!    UAV.* Take the best set S and, of the points that have all of S in range, the one nearest to the UAV. It is in
-//!    reach if any of them is. It is the UAV's own position, or on the rim of one disk, or on the rims of several; two
-//!    of these already keep the UAV from coming nearer, because the direction to it is a sum of at most two of their
-//!    outward normals. So it is where the disks about one or two SNs of S come nearest. The n fullest queues in range
-//!    of it are at least as good as S (see 2), hence S. (SN positions and crossings with the rim of reach add nothing.)
-//! 2. *More SNs in range never make the n fullest a worse set.* They are elementwise at least as full, and where they
-//!    are equally full, their ids are elementwise at most as high. So what the fullest neighbours of an SN, or of two,
-//!    would give if they could all be served bounds what any set with that SN, or both, can give.
+//! 1. *It suffices to try the points where the disks of radius `d_c` about one or two SNs come nearest to the UAV.* Let
+//!    S be the best set, and p the point nearest to the UAV of those that have all of S in range. If any of these
+//!    points is in reach, p is. It is the UAV's own position, or on the rim of one disk, or on the rims of several. In
+//!    the last case two of the disks already determine p, because the direction from p to the UAV is a sum of at most
+//!    two of their outward normals with weights not below 0. So p is the point of the disks about one or two SNs of S
+//!    that is nearest to the UAV. The n fullest queues in range of p are at least as good as S (fact 2), hence S. SN
+//!    positions and intersections with the rim of reach need not be tried.
+//! 2. *The n fullest of more SNs are never a worse set.* Elementwise they are at least as full, and where equally full,
+//!    their ids are not higher. So the n fullest neighbours of an SN, or of two, bound every set with that SN, or both,
+//!    from above. The search skips what this bound excludes.
 
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::{Position, RANGE_SLACK, distance_squared, within};
@@ -32,7 +34,7 @@ use crate::waypoint::problem::Waypoint;
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
     name: "exact",
-    about: "the best set of all that one point in reach can serve, then the best waypoint",
+    about: "sP1 solved exactly instead of by Algorithm 1, then sP2",
     is_stateless: true,
     has_path: false,
     keys: None,
@@ -42,7 +44,7 @@ pub const STRATEGY: Registered = Registered {
 struct Exact {
     search: ExactSearch,
     serving: Serving,
-    /// The schedule in the making.
+    /// The schedule, working memory.
     ids: Vec<u32>,
 }
 
@@ -60,8 +62,8 @@ impl Strategy for Exact {
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         let Self { search, serving, ids } = self;
         let centre = search.best_set(view.table, &view.ground(), view.queues_bits, ids)?;
-        // The centre keeps every constraint of sP2 up to the slack of decision D5. Where the set has no point in common
-        // but for that slack, sP2* may find none, and the centre is flown to.
+        // The centre satisfies every constraint of sP2 up to the slack of decision D5. If the disks of the set have a
+        // point in common only thanks to that slack, sP2* may find none, and the centre is the waypoint.
         let waypoint = serving
             .waypoint(view, ids)
             .unwrap_or_else(|| Waypoint { point: serving.above(view, &centre, ids), outcome: SolverOutcome::Fallback });
@@ -74,9 +76,9 @@ impl Strategy for Exact {
 pub struct ExactSearch {
     /// The SNs that can be served from within reach, fullest first: the first n that pass a test are the n fullest.
     nearby: Vec<Spot>,
-    /// Of these, in the same order, the ones that one waypoint may serve together with the SN under consideration.
+    /// Those of `nearby`, in the same order, that one waypoint may serve together with the SN under consideration.
     around: Vec<Spot>,
-    /// The best set so far; empty at first, which any set beats.
+    /// The best set so far; at first the empty set, which any other beats.
     best: Schedule,
     /// A point that has it in range.
     centre: Option<Position>,
@@ -89,7 +91,7 @@ pub struct ExactSearch {
 struct Schedule {
     /// `Σ B_i(t−1)` [bit].
     sum_bits: u64,
-    /// Ascending in the best set, and after [`Schedule::beats`] has compared them.
+    /// The ids; ascending in the best set, and after a comparison by [`Schedule::beats`].
     ids: Vec<u32>,
 }
 
@@ -188,14 +190,14 @@ fn disk_of(spot: &Spot, table: &SensorTable) -> Disk {
     Disk { centre: spot.position, radius_m: table.comm_radius_m }
 }
 
-/// Two disks nearly touch if their centres are nearer than `2 d_c` by less than this fraction.
+/// Two disks nearly touch if the distance of their centres is below `2 d_c` by less than this fraction.
 const NEARLY_TOUCHING: f64 = 1e-6;
 
 /// Enlargements, relative to `d_c`, of the disks of two SNs for the corners of their lens.
 ///
-/// If the circles nearly touch, half the slack of decision D5 moves the corners by its root, 10⁻⁴ m instead of 10⁻⁸ m. A
-/// third SN on the circle of radius `d_c` through the two can then be served from these corners, but not from the point
-/// where the circles touch, where rounding puts it 10⁻⁶ m out of range.
+/// If the circles nearly touch, the corners move with the square root of the slack: half the slack of decision D5 moves
+/// them by 10⁻⁴ m instead of 10⁻⁸ m. A third SN on the circle of radius `d_c` through the two can then be served from
+/// these corners, but not from the point where the circles touch: rounding puts it 10⁻⁶ m out of range there.
 fn slacks(i: &Spot, k: &Spot, table: &SensorTable) -> &'static [f64] {
     let are_near = within(&i.position, &k.position, 2.0 * table.comm_radius_m * (1.0 - NEARLY_TOUCHING));
     if are_near { &[0.0] } else { &[0.0, RANGE_SLACK / 2.0] }
@@ -213,8 +215,8 @@ impl Schedule {
         self.ids.push(spot.id);
     }
 
-    /// Sets this schedule to an upper bound on all sets with `members`, and returns whether it beats `best`: `members` and
-    /// the fullest of `others` that may share a waypoint with the last member.
+    /// Sets this schedule to an upper bound on all sets that contain `members`: `members` and the fullest of `others`
+    /// that may share a waypoint with the last member. Returns whether the bound beats `best`.
     fn could_beat<const M: usize>(
         &mut self,
         best: &Self,
@@ -225,7 +227,7 @@ impl Schedule {
         self.fill(members.into_iter());
         let mut blocks = (table.resource_blocks - M) as u64;
         for other in others {
-            // None of those that follow is fuller. As full a set may still win by its ids (decision D7).
+            // Queues are in descending order. A set of equal sum may still win by its ids (decision D7).
             if blocks == 0 || self.sum_bits + blocks * u64::from(other.queue_bits) < best.sum_bits {
                 break;
             }
@@ -238,9 +240,9 @@ impl Schedule {
         self.beats(best)
     }
 
-    /// Whether it is the better set; `other` is ascending.
+    /// Whether this set is better than `other`, whose ids are ascending.
     ///
-    /// A larger sum, or the same and lexicographically smaller ids, in which a free block counts as an id above all.
+    /// The larger sum wins, then the lexicographically smaller list of ids, with an id above all others per free block.
     fn beats(&mut self, other: &Self) -> bool {
         if self.sum_bits != other.sum_bits {
             return self.sum_bits > other.sum_bits;

@@ -1,4 +1,6 @@
-//! `gfs`: greedy flight to the fullest queue in reach, then the fullest queues in range.
+//! `gfs`: the greedy flight strategy, a baseline of the UTS letter (arXiv 2103.00753).
+//!
+//! The waypoint is the sensor node with the fullest queue in reach; the n fullest queues in range of it are served.
 
 use skysink_common::checkpoint::Checkpoint;
 use skysink_common::geometry::Position;
@@ -11,7 +13,7 @@ use crate::sensor_table::SensorTable;
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
     name: "gfs",
-    about: "greedy flight to the fullest queue in reach, then the fullest queues in range",
+    about: "greedy flight to the fullest queue in reach",
     is_stateless: true,
     has_path: false,
     keys: None,

@@ -1,7 +1,7 @@
-//! `horizon`: the plan of least predicted loss over many slots, improved in every slot and flown a slot at a time.
+//! `horizon`: receding-horizon planning. A plan over many slots is improved in every slot, and its first slot is flown.
 //!
-//! The search is left to [`crate::horizon`]. The plan is compared with the other strategies, and its first slot becomes the
-//! decision.
+//! The search, simulated annealing against a forecast of the loss, is left to [`crate::horizon`]. In some slots the
+//! plan is compared with the other strategies by rollout, and one that is predicted to lose less is followed instead.
 
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
@@ -25,7 +25,7 @@ use crate::horizon::{Horizon, planned_path};
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
     name: "horizon",
-    about: "the plan of least predicted loss over many slots, improved in every slot",
+    about: "receding horizon: a plan over many slots, improved in every slot",
     is_stateless: false,
     has_path: true,
     keys: Some(checked::<HorizonKeys>),
@@ -42,7 +42,7 @@ pub const STRATEGY: Registered = Registered {
 pub struct HorizonKeys {
     /// Search steps in each slot.
     pub iterations: Count<0, 1_000_000_000>,
-    /// Longest that a slot's search may take where the mission is paced by a clock; elsewhere it has no effect.
+    /// Time limit of a slot's search in paced runs; without effect elsewhere.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub budget_ms: Option<BudgetMs>,
 }
@@ -73,11 +73,11 @@ impl From<BudgetMs> for Duration {
     }
 }
 
-/// Most slots that are planned ahead: four times the mission of the UTS letter (arXiv 2103.00753). A window that moves
-/// on loses more than one that reaches to the mission's end.
+/// Longest planning window [slots]: four times the mission of the UTS letter (arXiv 2103.00753). A window that reaches
+/// to the mission's end loses less than a shorter one that moves with the slot.
 const MOST_SLOTS: u64 = 2_400;
 
-/// How many times the steps of a search before the mission are those of each search that compares plans to start from.
+/// Steps of the search before the mission, divided by the steps of each search that compares initial plans.
 const COMPARED_STEPS: u64 = 100;
 
 /// End of the rollouts before the first search, as a fraction of the budget.

@@ -1,4 +1,5 @@
-//! `max-age-first`: to the sensor node (SN) that was served longest ago.
+//! `max-age-first`: the maximum age first (MAF) policy. The age of a sensor node (SN) is the time since it was
+//! scheduled last. The UAV flies toward the oldest SN, and serves the n oldest in range.
 
 use skysink_common::checkpoint::{Checkpoint, CheckpointError, decode, encode};
 
@@ -10,7 +11,7 @@ use super::{Decision, Registered, Setup, Strategy, View};
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
     name: "max-age-first",
-    about: "to the sensor node that was served longest ago",
+    about: "maximum age first: fly to the sensor node served longest ago",
     is_stateless: false,
     has_path: false,
     keys: None,
@@ -30,10 +31,10 @@ impl MaxAgeFirst {
 }
 
 impl Strategy for MaxAgeFirst {
-    /// Straight toward the SN that has waited longest, until above it; serves the n in range that have.
+    /// Straight toward the oldest SN, until above it; serves the n oldest in range. Never `None`.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         let Self { last, serving } = self;
-        // Those that wait longest come first, of these the fullest, then the lowest index.
+        // Ties go to the fullest, then to the lowest index.
         let oldest_first = |id: u32| (last[id as usize], fullest_first(view.queues_bits[id as usize], id));
         let ground = view.ground();
         let oldest = view.table.ids().min_by_key(|&id| oldest_first(id));

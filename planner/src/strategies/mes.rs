@@ -1,18 +1,23 @@
-//! `mes`, mobile element scheduling by minimum weighted sum first: to the sensor node (SN) with the least weighted sum
-//! of deadline and flight time, then the fullest queues in range.
+//! `mes`: mobile element scheduling by minimum weighted sum first (MWSF).
+//!
+//! In every slot the UAV flies straight toward the sensor node (SN) of least
+//!
+//! `w u_i + (1 − w) F_i`, with `u_i = (B − B_i(t−1))/(s_i τ)` and `F_i = ‖L_u(t−1) − L_i‖/(V τ)`,
+//!
+//! where `u_i` is the deadline of [`edf`] and `F_i` the flight time, both in slots from now, and w is
+//! `planner.mes.deadline_weight`. With w = 1 it is `edf`. The SN is served as soon as it is in range, with the n − 1
+//! fullest of the others.
 //!
 //! Source: A. A. Somasundara, A. Ramamoorthy, M. B. Srivastava, "Mobile Element Scheduling for Efficient Data
 //! Collection in Wireless Sensor Networks with Dynamic Deadlines", RTSS 2004; "Mobile Element Scheduling with Dynamic
-//! Deadlines", IEEE Transactions on Mobile Computing 6(4), 2007. Of these the abstract of the first and a published
-//! summary of the second's problem were read, in which the costs are travel times and a data transfer takes no time.
-//! Their heuristics are known here only from how they are referred to: earliest deadline first ([`edf`]); EDF with
-//! k-lookahead, the best order of the k earliest deadlines (not here); and Minimum Weighted Sum First, MWSF, which goes
-//! to the node of least `w · deadline + (1 − w) · cost`. Which weight they recommend is not known here.
+//! Deadlines", IEEE Transactions on Mobile Computing 6(4), 2007. There costs are travel times, and a data transfer
+//! takes no time. Its heuristics are EDF, EDF with k-lookahead (the best order of the k earliest deadlines; not
+//! implemented here) and MWSF. (The abstract of the first paper and a published summary of the second were read, not
+//! the full texts; the heuristics are known from citations. Which weight the authors recommend is not known here.)
 //!
-//! Adapted to slots: deadline and flight time are in slots from now (an absolute deadline would add the same to every
-//! sum), the flight time is the distance to the SN over `V τ`, not rounded up, and the choice is made anew in every
-//! slot. The default weight, 0.1, is this project's: about the least loss at the settings of `docs/src/look-ahead.md`.
-//! As in [`edf`], the UAV serves n − 1 SNs beside the one that it flies to.
+//! Adapted to slots: the choice is repeated in every slot, with deadlines counted from that slot; absolute deadlines
+//! would add the same constant to every sum. The flight time is not rounded up to whole slots. The default weight, 0.1,
+//! is this project's own: about the least loss at the settings of `docs/src/look-ahead.md`.
 //!
 //! [`edf`]: super::edf
 
@@ -29,7 +34,7 @@ use super::{Decision, Registered, Setup, Strategy, View, checked};
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
     name: "mes",
-    about: "to the sensor node with the least weighted sum of deadline and flight time",
+    about: "minimum weighted sum first: weighs deadline against flight time",
     is_stateless: true,
     has_path: false,
     keys: Some(checked::<MesKeys>),

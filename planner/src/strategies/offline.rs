@@ -1,4 +1,7 @@
-//! `offline`: the plan of least predicted loss for the whole mission, made before take-off and flown without changes.
+//! `offline`: open-loop planning. One search before take-off plans the whole mission; the plan is flown without
+//! changes.
+//!
+//! The search is that of [`horizon`](super::horizon), with more steps.
 
 use std::ops::ControlFlow;
 
@@ -19,7 +22,7 @@ use crate::sensor_table::SensorTable;
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
     name: "offline",
-    about: "the plan of least predicted loss over the mission, made before take-off",
+    about: "open loop: one plan for the whole mission, made before take-off",
     is_stateless: false,
     has_path: true,
     keys: Some(checked::<OfflineKeys>),
@@ -40,7 +43,7 @@ impl Default for OfflineKeys {
     }
 }
 
-/// Most slots that are planned before take-off.
+/// Longest planning window before take-off [slots].
 const MOST_SLOTS: u64 = 10_000;
 
 /// The plan of a mission.

@@ -1,16 +1,19 @@
-//! The waypoint and schedule of a slot by queue-weighted service, less the price of the energy for it: what
-//! `max-weight` and `drift-plus-penalty` have in common.
+//! The search of `max-weight` and `drift-plus-penalty`: maximises queue-weighted service less a price for energy.
 //!
-//! It maximises `Σ Q_i min(Q_i, floor(r_i τ_c)) − V E` over the waypoints below and all sets of at most n sensor nodes
-//! (SNs) in range of them. `Q_i = B_i(t−1)` is the queue [bit], known or believed, `r_i` the (expected) rate from
-//! there, and `E = P(v) τ` the propulsion energy [J] of flying there in a slot at the speed v, `P` of
-//! [`skysink_common::propulsion`]. For a given waypoint the set is exact, the n largest terms.
+//! The objective is `Σ Q_i min(Q_i, floor(r_i τ_c)) − V E` over candidate waypoints and all sets of at most n sensor
+//! nodes (SNs) in range of them. `Q_i = B_i(t−1)` is the known or estimated queue [bit], `r_i` the (expected) rate from
+//! the waypoint, and `E = P(v) τ` the propulsion energy [J] of a slot at the speed v that it takes to get there, with
+//! `P` of [`skysink_common::propulsion`]. For a given waypoint the best set is found exactly: the n largest terms.
 //!
-//! The waypoints: where the UAV is; for every SN that can be served from within reach, the point in reach nearest to it
-//! (above it, if that is in reach) and the point in range of it nearest to the UAV; and the centre of the set of
-//! [`exact`](super::exact). Where more than [`MOST_NEARBY`] SNs can be served from within reach, the fullest of them
-//! count. With a free altitude these are compared at the UAV's altitude, and the best has the altitude that serves its
-//! set best, as that of `gfs`. The solution of sP2 for that set is taken instead if the objective is higher there.
+//! The candidate waypoints:
+//! - the position of the UAV;
+//! - for every SN that can be served from within reach, the point in reach nearest to the SN (above it, if that is in
+//!   reach) and the point in range of the SN nearest to the UAV;
+//! - the centre of the set of [`exact`](super::exact).
+//!
+//! If more than [`MOST_NEARBY`] SNs can be served from within reach, only the fullest of them give candidates. With a
+//! free altitude, candidates are compared at the UAV's altitude; the best then gets the altitude that serves its set
+//! best, as in `gfs`. The solution of sP2 for that set replaces it if its objective is higher.
 
 use std::cmp::Reverse;
 
@@ -28,10 +31,10 @@ use super::transit::toward;
 use super::{Decision, Setup, Strategy, View};
 use crate::geometry::disks::{Disk, project};
 
-/// Most SNs whose waypoints are compared: a slot takes time in proportion to the SNs near the UAV, not to their square.
+/// Most SNs that give candidate waypoints. It keeps the time of a slot linear, not quadratic, in the SNs near the UAV.
 pub(super) const MOST_NEARBY: usize = 64;
 
-/// The strategy of a price for energy.
+/// Both strategies: they differ in the price for energy only.
 pub(super) struct QueueWeight {
     objective: Objective,
     exact: ExactSearch,
@@ -42,7 +45,7 @@ pub(super) struct QueueWeight {
     exact_ids: Vec<u32>,
 }
 
-/// What is maximised.
+/// The objective.
 struct Objective {
     /// Price of energy, V [bit²/J].
     price_bits2_per_j: f64,
@@ -53,7 +56,7 @@ struct Objective {
 }
 
 impl QueueWeight {
-    /// With the price V [bit²/J] of energy, 0 or above.
+    /// Constructs the strategy for a price of energy V [bit²/J], 0 or above.
     pub fn new(setup: &Setup, price_bits2_per_j: f64) -> Self {
         let sensors = setup.table.positions.len();
         let objective = Objective {
@@ -71,7 +74,7 @@ impl QueueWeight {
         }
     }
 
-    /// Finds the SNs that can be served from within reach, at most [`MOST_NEARBY`], and says whether any holds data.
+    /// Finds the SNs that can be served from within reach, at most [`MOST_NEARBY`], and returns whether any holds data.
     fn find_nearby(&mut self, view: &View) -> bool {
         let Self { nearby, .. } = self;
         let in_sight_m = view.table.reach_m + view.table.comm_radius_m;
@@ -86,8 +89,8 @@ impl QueueWeight {
         nearby.iter().any(|&id| queue_bits(id) > 0)
     }
 
-    /// The best waypoint on the ground, at the altitude at which the UAV is; of equals the first, where it is itself
-    /// before those of the SNs by id (decision D7).
+    /// The best candidate, as a point on the ground, compared at the UAV's altitude. Of equals the first wins, in the
+    /// order of the module's list and by id (decision D7).
     fn best_ground(&mut self, view: &View) -> Position {
         let Self { objective, exact, nearby, exact_ids, .. } = self;
         let ground = view.ground();
@@ -140,12 +143,12 @@ impl Objective {
         sum_bits2 as f64 - price
     }
 
-    /// The same with the SNs `ids`.
+    /// The objective [bit²] at `uav` with the SNs `ids`.
     fn value_of(&self, view: &View, uav: &Point3<f64>, ids: &[u32]) -> f64 {
         self.value(view, uav, ids.iter().map(|&id| Self::term_bits2(view, uav, id)))
     }
 
-    /// The same with the best set of SNs in range.
+    /// The objective [bit²] at `uav` with the best set of SNs in range.
     fn best_value(&mut self, view: &View, uav: &Point3<f64>) -> f64 {
         let mut terms = std::mem::take(&mut self.terms);
         terms.clear();
@@ -165,7 +168,7 @@ impl Objective {
 impl Checkpoint for QueueWeight {}
 
 impl Strategy for QueueWeight {
-    /// `None` if no SN that can be served from within reach holds data: there is nothing to weigh.
+    /// `None` if no SN that can be served from within reach holds data.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         if !self.find_nearby(view) {
             return None;

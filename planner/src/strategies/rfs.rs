@@ -1,4 +1,6 @@
-//! `rfs`: random flight, then the fullest queues in range.
+//! `rfs`: the random flight strategy, a baseline of the UTS letter (arXiv 2103.00753).
+//!
+//! The waypoint is uniform on the points in reach within the area; the n fullest queues in range of it are served.
 
 use rand::RngExt;
 use skysink_common::checkpoint::Checkpoint;
@@ -12,7 +14,7 @@ use crate::sensor_table::SensorTable;
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
     name: "rfs",
-    about: "random flight, the fullest queues in range",
+    about: "random flight; serves the fullest queues in range",
     is_stateless: true,
     has_path: false,
     keys: None,

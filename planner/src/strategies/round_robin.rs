@@ -1,4 +1,4 @@
-//! `round-robin`: to one sensor node (SN) after the other in the order of their ids.
+//! `round-robin`: flies over one sensor node (SN) after the other, cyclically in the order of their ids.
 
 use super::Registered;
 use super::transit::toward;
@@ -8,7 +8,7 @@ use crate::sensor_table::SensorTable;
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
     name: "round-robin",
-    about: "to one sensor node after the other in the order of their ids",
+    about: "round robin: over one sensor node after the other, by id",
     is_stateless: false,
     has_path: false,
     keys: None,

@@ -1,4 +1,7 @@
-//! `tour`: a short closed tour over all sensor nodes (SNs), flown round and round.
+//! `tour`: a travelling salesman tour over all sensor nodes (SNs), flown repeatedly.
+//!
+//! The closed tour is that of [`closed_tour`]: nearest neighbour, then 2-opt and or-opt. The UAV flies from disk to
+//! disk of radius `d_c` about the SNs, instead of over the SNs.
 
 use skysink_common::geometry::Position;
 
@@ -11,7 +14,7 @@ use crate::sensor_table::SensorTable;
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
     name: "tour",
-    about: "a short tour over all sensor nodes, flown repeatedly",
+    about: "a travelling salesman tour over all sensor nodes, flown repeatedly",
     is_stateless: false,
     has_path: false,
     keys: None,

@@ -9,7 +9,7 @@ use super::{Decision, Registered, Setup, Strategy, View};
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
     name: "uts",
-    about: "the UTS letter: Algorithm 1, then the best waypoint for its set",
+    about: "the paper's strategy: sP1 by Algorithm 1, then the waypoint by sP2",
     is_stateless: true,
     has_path: false,
     keys: None,
@@ -21,7 +21,7 @@ pub(super) struct Uts {
     reach: Reach,
     search: Search,
     serving: Serving,
-    /// The schedule in the making.
+    /// The schedule, working memory.
     ids: Vec<u32>,
 }
 

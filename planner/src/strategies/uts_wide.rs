@@ -1,4 +1,7 @@
-//! `uts-wide`: the paper's strategy with anchors as far as the UAV can serve them.
+//! `uts-wide`: `uts` with a wider search: Algorithm 1 over all sensor nodes that the UAV can serve in the slot.
+//!
+//! Anchors are the sensor nodes within `V τ + d_c` of the UAV instead of `V τ − d_c`, and circles count only if their
+//! centre is in reach.
 
 use super::Registered;
 use super::algorithm_1::Reach;
@@ -7,7 +10,7 @@ use super::uts::Uts;
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
     name: "uts-wide",
-    about: "Algorithm 1 with anchors as far as the UAV can serve them, then the best waypoint",
+    about: "uts with all sensor nodes that can be served as anchors of Algorithm 1",
     is_stateless: true,
     has_path: false,
     keys: None,

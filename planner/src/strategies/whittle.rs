@@ -1,28 +1,31 @@
-//! `whittle`: to the sensor node (SN) with the largest Whittle index of the age of its data per slot of flight.
+//! `whittle`: a Whittle index policy for the age of the data, divided by the slots of flight.
 //!
-//! Source of the index: V. Tripathi, E. Modiano, "A Whittle Index Approach to Minimizing Functions of Age of
-//! Information", Allerton 2019, arXiv 1908.10438, after P. Whittle, "Restless Bandits: Activity Allocation in a
-//! Changing World", Journal of Applied Probability 25A, 1988. One server, which serves one source per slot; a source of
-//! age h costs f(h) in a slot, with f not decreasing; its next age is 1 if it is served and h + 1 if not. (Of the first
-//! paper the abstract was read, not the full text: the index below is derived here for this setting, and the tests
-//! check it against the definition. Whether the paper counts ages in the same way was not checked.)
+//! In every slot the UAV flies straight toward the sensor node (SN) of largest `W_i(h_i + d_i)/d_i`, where `d_i` is the
+//! least number of slots until SN i can be served, `h_i` its age, and `W_i` its Whittle index. In range the n SNs of
+//! largest index are served. Where every index is 0, no SN overflows before the UAV could be there, and the earliest
+//! deadline decides.
 //!
-//! The index `W(h)` is the price of a service at which serving at age h and waiting one slot more are equally good. Who
-//! is served at every age H pays the price and `f(1) + ... + f(H)` in H slots; equal averages for H = h and H = h + 1
-//! give `W(h) = h f(h + 1) − (f(1) + ... + f(h))`.
+//! Source: V. Tripathi, E. Modiano, "A Whittle Index Approach to Minimizing Functions of Age of Information", Allerton
+//! 2019, arXiv 1908.10438, after P. Whittle, "Restless Bandits: Activity Allocation in a Changing World", Journal of
+//! Applied Probability 25A, 1988. One server serves one source per slot. A source of age h costs f(h) in a slot, with f
+//! non-decreasing; its next age is 1 if it is served and h + 1 if not. (The abstract of the first paper was read, not
+//! the full text. The index below is derived here for this setting, and the tests check it against the definition.
+//! Whether the paper counts ages in the same way was not checked.)
 //!
-//! The index of any such f is theirs. This project's adaptations to a mobile server with overflowing buffers are:
-//! - *The age* is the time since the SN was, or would have been, empty [slots]. With room in the buffer that is
-//!   `B_i(t−1)/(s_i τ)`; a full buffer does not tell it, and slots are counted since it was first seen full. It is the
-//!   time since the SN was emptied, and right for partial visits and initial queues, too.
-//! - *The cost* is what the SN has lost at that age: `f(h) = s_i τ max(0, h − C_i)` [bit], `C_i = B/(s_i τ)` the slots
-//!   to fill. It is charged in every slot, so that who has overflowed for long is more urgent than who has just begun
-//!   (with the loss of a single slot as cost the index would be the same ever after).
-//! - *The flight*: SN i can be served at the end of the d-th slot from now at the earliest, at age h = age + d. It
-//!   takes d slots of the server, so the SN of largest `W_i(h)/d` is flown to. Their optimality for two sources does
-//!   not carry over.
+//! The index `W(h)` is the price of a service at which serving at age h and waiting one more slot cost the same. A
+//! source that is served at every age H costs the price and `f(1) + ... + f(H)` in H slots. Equal averages for H = h
+//! and H = h + 1 give `W(h) = h f(h + 1) − (f(1) + ... + f(h))`.
 //!
-//! Where no index is above 0, nobody overflows before the UAV could be there, and the earliest deadline decides.
+//! Adapted to a mobile server and buffers that overflow:
+//! - *Age* is the time since the SN was, or would have been, empty [slots]: `h_i = B_i(t−1)/(s_i τ)` while there is
+//!   room in the buffer. While it is full, the slots since it was first seen full are added. This age is also right
+//!   after partial uploads and for initial queues.
+//! - *Cost* is what the SN has lost at that age: `f(h) = s_i τ max(0, h − C_i)` [bit], where `C_i = B/(s_i τ)` is the
+//!   number of slots to fill the buffer. It is charged in every slot, so that the index of a full SN keeps growing.
+//!   With the loss of one slot as the cost, the index would stay constant.
+//! - *Flight*: SN i can be served at the end of the `d_i`-th slot at the earliest, at age `h_i + d_i`. This takes `d_i`
+//!   slots of the server, hence the index per slot of flight. The paper's optimality for two sources does not carry
+//!   over.
 
 use std::cmp::Reverse;
 
@@ -39,14 +42,14 @@ use crate::geometry::disks::{Disk, slots_between};
 /// The strategy in the registry.
 pub const STRATEGY: Registered = Registered {
     name: "whittle",
-    about: "to the sensor node with the largest Whittle index of its age per slot of flight",
+    about: "Whittle index of age: fly to the largest index per slot of flight",
     is_stateless: false,
     has_path: false,
     keys: None,
     make: |setup| Box::new(Whittle::new(setup)),
 };
 
-/// Slack of whole slots [slots]: an age that rounding left below a whole number is that number.
+/// Tolerance [slots] when an age is rounded down: rounding errors must not lose a slot.
 const WHOLE: f64 = 1e-9;
 
 struct Whittle {
@@ -63,7 +66,7 @@ impl Whittle {
 
 /// The ages of the SNs, and their indices.
 struct Ages {
-    /// Slot in whose plan each SN was first seen full, 0 if it is not full, by id.
+    /// Slot in which each SN was first seen full, 0 if it is not full, by id.
     full_since: Vec<u32>,
     sampling: Sampling,
 }
@@ -82,8 +85,7 @@ impl Ages {
         }
     }
 
-    /// Slots since SN `id` was or would have been empty, as the slot of `view` begins, if it samples `mean_bits` a
-    /// slot.
+    /// Age [slots] of SN `id` at the beginning of the slot of `view`, if it samples `mean_bits` per slot.
     fn age_slots(&self, view: &View, id: u32, mean_bits: f64) -> f64 {
         let since = self.full_since[id as usize];
         let full_slots = if since == 0 { 0 } else { view.slot.saturating_sub(since.into()) };
@@ -115,7 +117,7 @@ impl Ages {
     }
 }
 
-/// The Whittle index [bit] at the whole age `age` [slots] of an SN that samples `mean_bits` a slot, above 0, into a
+/// The Whittle index [bit] at the whole age `age` [slots] of an SN that samples `mean_bits` per slot, above 0, into a
 /// buffer of `capacity_bits`: `W(h) = h f(h + 1) − (f(1) + ... + f(h))`, `f(h) = max(0, s τ h − B)`.
 ///
 /// `f` is 0 up to `m = floor(B/(s τ))`, so that the sum is that of an arithmetic series from m + 1 to h.
@@ -129,13 +131,13 @@ fn overflow_index(mean_bits: f64, capacity_bits: f64, age: f64) -> f64 {
 
 impl Strategy for Whittle {
     /// Straight toward the SN with the largest index per slot of flight, until above it (ties: the earliest deadline,
-    /// the nearest, the lowest index). Serves the n in range with the largest indices at the end of the slot, of equals
-    /// the fullest. `None` if no SN samples.
+    /// the nearest, the lowest id). Serves the n in range with the largest indices at the end of the slot (ties: the
+    /// fullest). `None` if no SN samples.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         self.ages.update(view);
         let goal = self.ages.goal(view)?;
         let waypoint = toward(view.table.reach_m, &view.ground(), view.table.position(goal));
-        // Not negative, so that the bits are in the order of the numbers.
+        // For non-negative floats the order of the bit patterns is the order of the numbers.
         let index = |id: u32| self.ages.index(view, id, 1.0).to_bits();
         let key = |id: u32| (Reverse(index(id)), fullest_first(view.queues_bits[id as usize], id));
         Some(self.serving.serve_by(view, &waypoint, key))

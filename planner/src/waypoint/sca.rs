@@ -1,20 +1,28 @@
-//! The conic solver of the three-dimensional waypoint: successive convex approximation, one Clarabel program per step.
+//! Successive convex approximation (SCA) of the three-dimensional waypoint problem: one Clarabel program per step.
 //!
-//! At an expansion point `(q̂, ẑ)`, per sensor node (SN), with `y = D² = d² + z²`, `x = 1/P_L = 1 + e^{−s}`,
-//! `s = b (θ − a) − ln a`: the rate is replaced by its tangent in `(x, y)`, `−Φ (x − x̂) − Ψ (y − ŷ)` with
-//! `Φ = P̂_L² (R̂_L − R̂_N)` and `Ψ = −∂E/∂y`. Of the line-of-sight part alone, `P_L R_L`, the tangent is a lower
-//! bound, for `(1/x) log2(1 + γ y^{−α_L/2})` is jointly convex at every SNR up to `α_L = 4`, and with room to spare;
-//! beyond 4 the argument is taken to end, and no step is made. Nor is one for the generalised logistic, whose
-//! probability is not of that form. The little that comes out of line of sight is only tangent; hence, and because
-//! solvers err, a step is taken only as far as the true objective rises. Near the tip of `θ` straight above an SN the
-//! bounds are tight over short steps only: steps become small there, and the ascent has to finish.
+//! The problem is that of `docs/src/model.md`, "Probabilistic line of sight": maximise the sum of the expected rates
+//! `E[r] = P_L R_L + (1 − P_L) R_N` of the scheduled sensor nodes (SNs), in reach and in range. A step linearises it at
+//! an expansion point `(q̂, ẑ)`; a hat marks values there. Bounding rates from below in this way is the method of You
+//! and Zhang, "Hybrid Offline-Online Design for UAV-Enabled Data Harvesting in Probabilistic LoS Channels", IEEE Trans.
+//! Wireless Commun., 2020.
 //!
-//! `θ` is bounded from below by its tangent in `v ≤ sin θ = z/D`, `θ ≥ θ̂ + (180/π)(v − v̂)/cos θ̂`, and `v D ≤ z` by
-//! `½ ((v̂/D̂) D² + (D̂/v̂) v²) ≤ z`, which with `t = v̂ z/D̂` is the ball `(v̂/D̂)² d² + (1 − t)² + v² ≤ 1`. So a step
-//! has a quadratic objective, `n + 1` second-order cones for reach and range, and one second-order and one exponential
-//! cone per SN. Bounding rates below at an expansion point in this way is the method of You and Zhang, "Hybrid
-//! Offline-Online Design for UAV-Enabled Data Harvesting in Probabilistic LoS Channels", IEEE Trans. Wireless Commun.,
-//! 2020.
+//! **Rate.** In the variables `y = D² = d² + z²` and `x = 1/P_L = 1 + e^{−s}`, `s = b (θ − a) − ln a`, the rate of an
+//! SN is replaced by its tangent, which varies by `−Φ (x − x̂) − Ψ (y − ŷ)` with `Φ = P̂_L² (R̂_L − R̂_N)` and
+//! `Ψ = −∂E/∂y`. For the line-of-sight part, `P_L R_L = (W/x) log2(1 + γ y^{−α_L/2})`, the tangent is a lower bound,
+//! because this function is jointly convex at every SNR for `α_L ≤ 4`. For `α_L > 4`, and for the generalised logistic
+//! curve, whose probability has another form, no step is made. The non-line-of-sight part is small; its tangent is no
+//! bound.
+//!
+//! **Angle.** `θ` is bounded from below by its tangent in `v ≤ sin θ = z/D`, `θ ≥ θ̂ + (180/π)(v − v̂)/cos θ̂`. The
+//! constraint `v D ≤ z` is tightened to `½ ((v̂/D̂) D² + (D̂/v̂) v²) ≤ z`, which with `t = v̂ z/D̂` is the ball
+//! `(v̂/D̂)² d² + (1 − t)² + v² ≤ 1`.
+//!
+//! **Program.** A quadratic objective, `n + 1` second-order cones for reach and range, and one second-order and one
+//! exponential cone per SN.
+//!
+//! **Step length.** The bound is not exact and a solver has errors, so a step is taken only as far as the true
+//! objective rises. Straight above an SN `θ` has a peak, and the bounds are tight over short steps only. Steps become
+//! small there, and the projected gradient ascent ([`ascent`](super::ascent)) finishes the search.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{self, ExponentialConeT, NonnegativeConeT, SecondOrderConeT, ZeroConeT};
@@ -27,42 +35,42 @@ use skysink_common::scenario::LosCurve;
 use crate::waypoint::conic;
 use crate::waypoint::problem::{Problem, RatedPoint};
 
-/// Largest exponent `α_L` at which the tangent is relied on as a lower bound.
+/// Largest exponent `α_L` for which the tangent is used as a lower bound.
 const CONVEX_UP_TO: f64 = 4.0;
 
-/// Smallest `cos θ̂` at which `θ(v)` is expanded: straight above an SN its slope has no bound.
+/// Smallest `cos θ̂` at which `θ(v)` is expanded: its slope is unbounded straight above an SN.
 const LEAST_COSINE: f64 = 0.02;
 
-/// Tolerance of a step's program: it is only an approximation, whose result is checked against the true objective.
+/// Tolerance of Clarabel. It may be loose, because every result is checked against the true objective.
 const TOLERANCE: f64 = 1e-7;
 
-/// Halvings of a step on which the true objective does not rise.
+/// Most halvings of a step on which the true objective does not rise.
 const HALVINGS: usize = 6;
 
-/// Relative rise below which a step confirms its start instead of moving it.
+/// Relative increase below which the iteration has converged.
 const SETTLED: f64 = 1e-9;
 
-/// Narrowest range of altitudes [m] that is a range; in a narrower one the altitude stays.
+/// Smallest altitude range [m] that is searched; in a smaller one the altitude is fixed.
 const FLAT_M: f64 = 1e-6;
 
-/// Variables of the point, before those of the SNs.
+/// Number of variables of the point; those of the SNs follow.
 const POINT: usize = 3;
 
-/// Contribution of Clarabel from a start.
+/// What the convex steps contributed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Contribution {
-    /// It moved the start uphill.
+    /// They moved the point to a higher rate.
     Moved,
-    /// It solved a program that leads no further.
+    /// Clarabel solved a program, which confirmed the point.
     Confirmed,
-    /// It was not used, or solved no program.
+    /// Clarabel was not used, or solved no program.
     Nothing,
 }
 
-/// Up to `iterations` convex steps from a feasible `start`; the true objective never falls.
+/// Makes up to `iterations` convex steps from a feasible `start`; the true objective never falls.
 ///
-/// The tangents are those of a sigmoid probability of line of sight, and a lower bound up to an exponent of 4;
-/// elsewhere the start is returned, and the rest left to the ascent, as where Clarabel solves nothing.
+/// Returns `start` for channels without the convex bound (a curve other than the sigmoid, or `α_L > 4`), and where
+/// Clarabel solves no program.
 #[must_use]
 pub fn approximate(problem: &Problem, start: RatedPoint, iterations: u32) -> (RatedPoint, Contribution) {
     let mut at = start;
@@ -91,7 +99,7 @@ pub fn approximate(problem: &Problem, start: RatedPoint, iterations: u32) -> (Ra
     (at, contribution)
 }
 
-/// The farthest of some points between `at` and `proposal` at which the true objective is higher than at `at`, or `at`.
+/// Backtracking line search from `at` toward `proposal`: the first point of higher true objective, or `at`.
 fn as_far_as_it_rises(problem: &Problem, at: RatedPoint, proposal: &Point3<f64>) -> RatedPoint {
     let step = proposal - at.point;
     let fractions = std::iter::successors(Some(1.0), |fraction| Some(fraction / 2.0)).take(HALVINGS + 1);
@@ -101,8 +109,8 @@ fn as_far_as_it_rises(problem: &Problem, at: RatedPoint, proposal: &Point3<f64>)
 
 /// One convex program, `min ½ uᵀ P u + cᵀ u` subject to `h − A u ∈ K`.
 ///
-/// `u` is the step from the expansion point in units of `unit_m`, then `v` and `w = (x − 1) e^ŝ`, which is near 1, of
-/// every SN.
+/// `u` holds the step from the expansion point in units of `unit_m`, then for every SN `v` and `w = (x − 1) e^ŝ`, which
+/// is near 1.
 struct Program {
     origin: Point3<f64>,
     unit_m: f64,
@@ -143,7 +151,7 @@ impl Program {
         program
     }
 
-    /// A row `offset − Σ factor u_column` of the cone in the making.
+    /// Adds the row `offset − Σ factor u_column` to the last cone.
     fn row(&mut self, offset: f64, factors: &[(usize, f64)]) {
         for &(column, factor) in factors {
             self.rows.push(self.offsets.len());
@@ -153,7 +161,7 @@ impl Program {
         self.offsets.push(offset);
     }
 
-    /// The range of altitudes, or the one altitude.
+    /// Adds the range of altitudes, or the fixed altitude.
     fn stay_between(&mut self, [low_m, high_m]: [f64; 2]) {
         if high_m - low_m < FLAT_M {
             self.cones.push(ZeroConeT(1));
@@ -165,7 +173,7 @@ impl Program {
         }
     }
 
-    /// A disk on the ground: `‖(q − centre)/ρ‖ ≤ 1`.
+    /// Adds a disk on the ground: `‖(q − centre)/ρ‖ ≤ 1`.
     fn stay_within(&mut self, centre: &Position, radius_m: f64) {
         let from_centre = (self.origin.xy() - centre) / radius_m;
         self.cones.push(SecondOrderConeT(3));
@@ -174,8 +182,8 @@ impl Program {
         self.row(from_centre.y, &[(1, -self.unit_m / radius_m)]);
     }
 
-    /// One SN's part of the objective, divided by `scale_bps`, and its two cones; its `v` is variable `v`, `w` the
-    /// next.
+    /// Adds one SN's terms of the objective, divided by `scale_bps`, and its two cones. `v` is the index of its
+    /// variable `v`; `w` follows.
     fn serve(&mut self, link: &LineOfSight, target: &Position, [a, b]: [f64; 2], scale_bps: f64, v: usize) {
         let w = v + 1;
         let away = self.origin.xy() - target;
@@ -214,7 +222,7 @@ impl Program {
         self.row(0.0, &[(w, -1.0)]);
     }
 
-    /// The point that Clarabel finds; `None` unless it calls the program solved.
+    /// The solution; `None` unless Clarabel reports the status `Solved`.
     fn solve(self) -> Option<Point3<f64>> {
         let height = self.offsets.len();
         let width = self.linear.len();
@@ -222,7 +230,7 @@ impl Program {
         let diagonal: Vec<usize> = (0..width).collect();
         let quadratic = CscMatrix::new_from_triplets(width, width, diagonal.clone(), diagonal, self.quadratic);
         let settings = DefaultSettings {
-            equilibrate_enable: true, // each program has a solver of its own: nothing carries over
+            equilibrate_enable: true, // a new solver for each program: results do not depend on earlier ones
             tol_feas: TOLERANCE,
             tol_gap_abs: TOLERANCE,
             tol_gap_rel: TOLERANCE,

@@ -8,8 +8,8 @@ use super::intruder::{Intruder, send};
 use super::rogue::{LONG_S, Rogue, SHORT_S, Turn, start_with_rogue};
 use crate::support::{Ended, Place, end, until};
 
-const OLD: &str = "its writer has sent that slot, or a later one, before";
-const FAR: &str = "the ring cannot be that far";
+const OLD: &str = "its writer has already sent that slot or a later one";
+const FAR: &str = "its slot is too far ahead";
 const MISSION: &str = "it belongs to another run";
 const SECOND: &str = "another process is writing this topic already";
 

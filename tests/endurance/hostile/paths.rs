@@ -12,7 +12,7 @@ use crate::support::{Place, end, rows, slots, until};
 
 const NOWHERE: &str = "expected 1 to 64 points, finite and in the area";
 const MISSION: &str = "it belongs to another run";
-const OLD: &str = "its writer has sent that slot, or a later one, before";
+const OLD: &str = "its writer has already sent that slot or a later one";
 const SECOND: &str = "another process is writing this topic already";
 
 /// A run with a viewer and without a planner, whose place the test takes.

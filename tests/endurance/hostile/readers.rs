@@ -60,7 +60,7 @@ fn a_deaf_reader_costs_a_restart_of_the_writer_that_waits_for_it() {
     place.flight("smoke").out("alone").simulate();
     let ended = fly_with_deaf_reader(&place, &[], deaf_to_flights);
     assert_eq!(ended.code, Some(0), "{ended:?}");
-    assert!(ended.stderr.contains("flight-sim was started again (restart 1)"), "{ended:?}");
+    assert!(ended.stderr.contains("flight-sim was restarted (restart 1)"), "{ended:?}");
     place.assert_same_trace("alone", "run");
     place.assert_clean();
 }

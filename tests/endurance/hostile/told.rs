@@ -1,4 +1,4 @@
-//! What an outside planner is told: the limits, and what is known of the queues where they are estimated.
+//! What an external planner receives: the limits, and the known part of estimated queues.
 
 use skysink_common::estimate::{Estimate, Rates};
 use skysink_common::message::Limits;
@@ -22,7 +22,7 @@ fn what_a_plan_has_to_keep_comes_with_the_sensor_nodes() {
 }
 
 #[test]
-fn an_outside_planner_is_told_what_the_uav_knows_and_the_recorder_the_truth() {
+fn an_external_planner_receives_what_the_uav_knows_and_the_recorder_the_true_queues() {
     let place = Place::new();
     let flight = place.flight("smoke").set("planner.knowledge", "estimated");
     let (run, mut rogue) = start_with_rogue(&flight, LONG_S);

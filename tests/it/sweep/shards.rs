@@ -37,7 +37,7 @@ fn merged_shards_are_the_whole_sweep() {
         assert_equal(&place, "whole", out);
     }
     for (arguments, says) in [
-        (&["merge", "a", "b", "./a", "--out", "twice"][..], "shard ./a: it is named twice: expected each shard once\n"),
+        (&["merge", "a", "b", "./a", "--out", "twice"][..], "shard ./a: it is given twice: expected each shard once\n"),
         (&["merge", "sweep.toml", "--out", "file"], "shard sweep.toml: it is a file: expected the folder of a sweep\n"),
         (&["merge", ".", "--out", "file"], ": expected the folder of a sweep\n"),
         (&["merge", "none", "--out", "file"], ": expected the folder of a sweep\n"),

@@ -1,5 +1,5 @@
-//! Planners that are not Skysink's: started by hand or by a command, supervised, named when they are missing, and
-//! booked under their own name.
+//! External planners: started by hand or by a command, supervised, reported when missing, and listed in the results under
+//! their own name.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -13,7 +13,7 @@ fn a_command_is_started_as_the_planner_and_started_again_when_it_dies() {
     let place = Place::new();
     let long = place.flight("long");
     long.out("alone").simulate();
-    let run = long.without_viewer().planner(&place.outside_planner()).options(&["--label", "mine"]).start();
+    let run = long.without_viewer().planner(&place.external_planner()).options(&["--label", "mine"]).start();
     run.until_slot(200);
     run.kill("planner");
     let ended = run.end_well();
@@ -26,7 +26,7 @@ fn a_command_is_started_as_the_planner_and_started_again_when_it_dies() {
 
 /// A command whose process is a shell that waits for the planner, beside another child that holds its output open.
 fn forking_command(place: &Place) -> String {
-    let path = place.write("fork.sh", &format!("#!/bin/sh\nsleep 1000 &\n{}\n:\n", place.outside_planner()));
+    let path = place.write("fork.sh", &format!("#!/bin/sh\nsleep 1000 &\n{}\n:\n", place.external_planner()));
     fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
     path.display().to_string()
 }
@@ -89,7 +89,7 @@ fn what_contradicts_itself_is_refused_before_anything_is_written() {
 }
 
 #[test]
-fn a_planner_that_goes_is_named_at_once_and_may_come_back() {
+fn a_missing_planner_is_reported_at_once_and_may_join_again() {
     let place = Place::new();
     let long = place.flight("long");
     long.out("alone").simulate();
@@ -97,14 +97,14 @@ fn a_planner_that_goes_is_named_at_once_and_may_come_back() {
     run.until_said("waiting up to 600 s for planner: /");
     let planner = run.by_hand("planner").spawn().unwrap();
     run.until_slot(100);
-    run.until_said("planner has joined");
+    run.until_said("planner joined");
     assert_eq!(end_by(Signal::KILL, planner).signal, Some(9));
-    run.until_said("planner has gone: the run waits for it to be started again");
+    run.until_said("planner is missing: the run waits for it to be started again");
     end(run.by_hand("planner").spawn().unwrap()).assert_well();
     let ended = run.end_well();
     place.assert_same_trace("alone", "run");
     let events = place.summary("run")["events"].as_array().unwrap().len();
-    assert_eq!(events, 3, "joined, gone, joined: {ended:?}");
+    assert_eq!(events, 3, "joined, missing, joined: {ended:?}");
     place.assert_clean();
 }
 
@@ -122,11 +122,11 @@ fn a_time_out_names_the_process_at_the_beginning_of_the_chain_and_no_other() {
 }
 
 #[test]
-fn the_mission_of_an_outside_planner_is_booked_and_resumed_as_such() {
+fn the_mission_of_an_external_planner_is_recorded_and_resumed_as_such() {
     let place = Place::new();
     let long = place.flight("long");
     long.out("alone").simulate();
-    let command = place.outside_planner();
+    let command = place.external_planner();
     let run = long.without_viewer().planner(&command).start();
     run.until_slot(100);
     let ended = run.terminate();
