@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use rustix::process::{Signal, kill_process};
 
 use crate::support::flight::{RING, RunningFlight};
-use crate::support::{Place, assert_no_shared_memory, end, end_by, until};
+use crate::support::{Place, assert_no_shared_memory, output, signal_and_wait, until};
 use crate::{events, longer};
 
 /// Kills workers at random instants while the run lasts; returns how many. Between two rounds of kills it lets the ring
@@ -15,7 +15,7 @@ fn kill_at_random(place: &Place, run: &mut RunningFlight, random: &mut ChaCha8Rn
     let pause = |random: &mut ChaCha8Rng| {
         std::thread::sleep(std::time::Duration::from_micros(random.random_range(0..60_000)));
     };
-    while !run.is_over() {
+    while !run.has_ended() {
         pause(random);
         // Several at once, the same one twice, one that is just starting.
         for _ in 0..random.random_range(1..=4) {
@@ -26,7 +26,7 @@ fn kill_at_random(place: &Place, run: &mut RunningFlight, random: &mut ChaCha8Rn
             pause(random);
         }
         let before = run.slots();
-        until("flight", || (run.slots() > before || run.is_over()).then_some(()));
+        until("flight", || (run.slots() > before || run.has_ended()).then_some(()));
     }
     kills
 }
@@ -41,7 +41,7 @@ fn kills_at_any_instant_change_nothing() {
         let mut run = flight.without_viewer().start();
         kills += kill_at_random(&place, &mut run, &mut ChaCha8Rng::seed_from_u64(seed));
         let ring = run.ring().to_owned();
-        run.end_well();
+        run.wait_for_success();
         assert_eq!(place.trace("alone"), place.trace("run"), "seed {seed}, {strategy}");
         let [alone, ring_summary] = ["alone", "run"].map(|run| place.summary(run));
         for key in ["trace_hash", "lost_bits", "delivered_bits", "queued_bits", "eta_letter", "mean_served", "complete"]
@@ -82,7 +82,7 @@ fn a_planner_that_remembers_comes_back_as_it_was() {
             run.until_slot(300 * kill);
             RING[kill % 3..].iter().for_each(|role| run.kill(role));
         }
-        run.end_well();
+        run.wait_for_success();
         assert_eq!(place.trace("alone"), place.trace("run"), "{flight:?}");
         // And after its launcher.
         place.cut_trace("run", 400);
@@ -98,11 +98,11 @@ fn killed_processes_come_back_where_everybody_polls() {
     longer(&place).out("alone").simulate();
     let run = longer(&place).without_viewer().options(&["--wait", "poll"]).start();
     for role in RING {
-        run.until_slots_more(20);
+        run.until_slots_later(20);
         run.kill(role);
     }
     let ring = run.ring().to_owned();
-    run.end_well();
+    run.wait_for_success();
     place.assert_same_trace("alone", "run");
     assert_eq!(place.summary("run")["restarts"], 3);
     assert_no_shared_memory(&ring);
@@ -114,11 +114,11 @@ fn every_restart_is_on_record() {
     let place = Place::new();
     let run = longer(&place).without_viewer().pace("1000x").start();
     for role in RING {
-        run.until_slots_more(20);
+        run.until_slots_later(20);
         run.kill_and_await(role);
-        run.until_slots_more(20);
+        run.until_slots_later(20);
     }
-    let ended = run.end_well();
+    let ended = run.wait_for_success();
     let summary = place.summary("run");
     assert_eq!(summary["restarts"], 3);
     let expected: Vec<_> = RING
@@ -140,12 +140,12 @@ fn a_process_started_by_hand_may_die_and_be_started_by_hand_again() {
     longer(&place).out("alone").simulate();
     let run = longer(&place).without_viewer().external("planner").start();
     for kill in 1..=3 {
-        let by_hand = run.by_hand("planner").spawn().unwrap();
-        run.until_slots_more(50);
-        assert_eq!(end_by(Signal::KILL, by_hand).signal, Some(9), "kill {kill}");
+        let planner = run.worker_command("planner").spawn().unwrap();
+        run.until_slots_later(50);
+        assert_eq!(signal_and_wait(Signal::KILL, planner).signal, Some(9), "kill {kill}");
     }
-    end(run.by_hand("planner").spawn().unwrap()).assert_well();
-    run.end_well();
+    output(run.worker_command("planner")).assert_success();
+    run.wait_for_success();
     place.assert_same_trace("alone", "run");
     place.assert_clean();
 }

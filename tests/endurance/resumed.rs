@@ -4,7 +4,7 @@ use std::fs;
 
 use crate::longer;
 use crate::support::flight::RING;
-use crate::support::{Place, assert_no_shared_memory, until_gone};
+use crate::support::{Place, assert_no_shared_memory, until_exited};
 
 #[test]
 fn a_run_whose_launcher_was_killed_is_resumed_with_the_same_bytes() {
@@ -14,7 +14,7 @@ fn a_run_whose_launcher_was_killed_is_resumed_with_the_same_bytes() {
     let (ring, workers) = (run.ring().to_owned(), RING.map(|role| run.worker(role)));
     run.until_slot(300);
     run.kill_launcher();
-    workers.into_iter().for_each(until_gone);
+    workers.into_iter().for_each(until_exited);
     // A line that was cut is flown again.
     let trace = place.trace("run");
     place.write("run/slots.csv", &trace[..trace.len() - 7]);
@@ -48,7 +48,7 @@ fn a_run_may_be_resumed_from_any_slot_again_and_again() {
         place.cut_trace("run", slots);
         fs::remove_file(place.path("run/summary.json")).unwrap();
         let viewer: &[&str] = if cfg!(feature = "viewer") && slots == 30 { &[] } else { &["--no-viewer"] };
-        place.run_well(&[&["run", "--resume", "run"][..], viewer].concat());
+        place.run_ok(&[&["run", "--resume", "run"][..], viewer].concat());
         assert_eq!(place.trace("run"), place.trace("alone"), "after {slots} slots");
     }
     place.assert_clean();

@@ -15,10 +15,10 @@ fn a_silent_process_is_reported_and_welcomed_back() {
     longer(&place).out("alone").simulate();
     let run = longer(&place).without_viewer().start();
     run.until_slot(100);
-    run.signal_to("planner", Signal::STOP);
+    run.signal_worker("planner", Signal::STOP);
     sleep(Duration::from_millis(1500)); // what is tested is that time passes
-    run.signal_to("planner", Signal::CONT);
-    run.end_well();
+    run.signal_worker("planner", Signal::CONT);
+    run.wait_for_success();
     place.assert_same_trace("alone", "run");
     let events = events(&place);
     let said: Vec<_> =
@@ -32,8 +32,8 @@ fn a_process_that_stays_silent_is_replaced() {
     longer(&place).out("alone").simulate();
     let run = longer(&place).without_viewer().timeout("6").start();
     run.until_slot(100);
-    run.signal_to("flight-sim", Signal::STOP);
-    run.end_well();
+    run.signal_worker("flight-sim", Signal::STOP);
+    run.wait_for_success();
     place.assert_same_trace("alone", "run");
     assert_eq!(place.summary("run")["restarts"], 1);
     place.assert_clean();
@@ -50,7 +50,7 @@ fn a_machine_that_sleeps_wakes_up_to_a_whole_mission() {
         processes.iter().for_each(|&process| kill_process(process, signal).unwrap());
         sleep(Duration::from_secs(7)); // longer than the time-out
     }
-    run.end_well();
+    run.wait_for_success();
     place.assert_same_trace("alone", "run");
     assert_eq!(place.summary("run")["restarts"], 0);
     place.assert_clean();

@@ -7,7 +7,7 @@ use std::path::Path;
 use rustix::process::Signal;
 
 use crate::support::flight::RunningFlight;
-use crate::support::{Place, end, recordings, rows, slots, until};
+use crate::support::{Place, output, recordings, rows, slots, until};
 use crate::{events, longer};
 
 /// What is recorded of every slot.
@@ -54,7 +54,7 @@ fn a_killed_viewer_comes_back_and_its_recording_is_continued_in_other_files() {
         run.kill_and_await("viewer");
     }
     until("third file", || run.path("mission-3.rrd").exists().then_some(()));
-    run.until_slots_more(100);
+    run.until_slots_later(100);
     run.terminate();
     assert_eq!(recordings(&place.path("run")).len(), 3);
     let [first, second, third] =
@@ -81,7 +81,7 @@ fn in_lock_step_the_ring_waits_for_a_viewer_that_comes_back() {
     let run = longer(&place).start();
     run.until_slot(200);
     run.kill("viewer");
-    run.end_well();
+    run.wait_for_success();
     place.assert_same_trace("alone", "run");
     let summary = place.summary("run");
     let is_kill = |event: &&serde_json::Value| event["event"] == "was ended by signal 9";
@@ -107,8 +107,8 @@ fn flight_sim_and_planner_may_die_before_the_viewer_is_there() {
         until_waiting_for_the_viewer(&run, journal);
         run.kill_and_await(role);
     }
-    end(run.by_hand("viewer").args(["--save", "run/mission.rrd"]).spawn().unwrap()).assert_well();
-    run.end_well();
+    output(run.worker_command("viewer").args(["--save", "run/mission.rrd"])).assert_success();
+    run.wait_for_success();
     place.assert_same_trace("alone", "run");
     place.assert_clean();
 }
@@ -124,8 +124,8 @@ fn a_stopped_viewer_costs_nobody_else_a_restart() {
     longer(&place).out("alone").simulate();
     let run = longer(&place).timeout("6").start();
     run.until_slot(100);
-    run.signal_to("viewer", Signal::STOP);
-    run.end_well();
+    run.signal_worker("viewer", Signal::STOP);
+    run.wait_for_success();
     place.assert_same_trace("alone", "run");
     let events = events(&place);
     assert!(events.iter().any(|(_, event)| event == "was ended by signal 9"), "{events:?}");

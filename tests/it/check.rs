@@ -1,11 +1,11 @@
 //! What `skysink check` says of a mission, and that missions are as it says.
 
-use crate::support::{Ended, Place};
+use crate::support::{Output, Place};
 
 /// The paper's field with these keys, flown by `uts` unless they say otherwise.
-fn checked(place: &Place, keys: &str) -> Ended {
+fn checked(place: &Place, keys: &str) -> Output {
     place.write("a.toml", &format!("name = \"a\"\n{keys}"));
-    place.run_well(&["check", "a.toml"])
+    place.run_ok(&["check", "a.toml"])
 }
 
 /// What a strategy loses in the mission checked last, as a fraction.
@@ -64,14 +64,14 @@ fn two_crowds_that_uts_cannot_leave_are_said() {
 fn the_figures_are_json_too() {
     let place = Place::new();
     place.write("a.toml", "name = \"a\"\n[area]\nside_m = 300.0\n");
-    let ended = place.run_well(&["check", "a.toml", "--json"]);
+    let ended = place.run_ok(&["check", "a.toml", "--json"]);
     let figures: serde_json::Value = serde_json::from_str(&ended.stdout).unwrap();
     assert_eq!(figures["anchor_radius_m"], 20.0);
     assert_eq!(figures["fill_slots"]["mean"], 300.0);
     assert_eq!(figures["loss_free"]["answer"], "flown");
     let warning = figures["warnings"][0].as_str().unwrap();
     assert_eq!(ended.stderr, "");
-    let shown = place.run_well(&["check", "a.toml"]);
+    let shown = place.run_ok(&["check", "a.toml"]);
     assert_eq!(shown.stderr, format!("skysink: warning: {warning}\n"));
 }
 

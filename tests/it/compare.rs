@@ -17,7 +17,7 @@ fn standing<'a>(all: &'a Value, label: &str, metric: &str) -> &'a Value {
 }
 
 fn compared(place: &Place, arguments: &[&str]) -> Value {
-    let ended = place.run_well(&[&["compare"], arguments, &["--json", "--no-record"]].concat());
+    let ended = place.run_ok(&[&["compare"], arguments, &["--json", "--no-record"]].concat());
     serde_json::from_str(&ended.stdout).unwrap()
 }
 
@@ -61,7 +61,7 @@ fn runs_on_record_stand_as_their_summaries_say_and_keys_that_differ_come_first()
         let timing = &standing(&all, strategy, "plan_p50_us")["mean"];
         assert_eq!(*timing, summary["timing"]["plan_p50_us"], "{strategy}");
     }
-    let ended = place.run_well(&["compare", "uts", "gfs", "--out", "both", "--no-record"]);
+    let ended = place.run_ok(&["compare", "uts", "gfs", "--out", "both", "--no-record"]);
     assert!(ended.stdout.starts_with("link.bandwidth_hz: 5000000.0 | 5000.0\nplanner.strategy: "), "{ended:?}");
 }
 
@@ -86,7 +86,7 @@ fn other_strategies_and_seeds_have_folders_of_their_own() {
     let place = Place::new();
     write_small(&place);
     let folder = |more: &[&str]| {
-        let ended = place.run_well(&[&["compare", "small.toml", "gfs", "--no-record", "--seeds"], more].concat());
+        let ended = place.run_ok(&[&["compare", "small.toml", "gfs", "--no-record", "--seeds"], more].concat());
         let (_, rest) = ended.stdout.split_once("All metrics:     ").unwrap();
         rest.trim().to_owned()
     };
@@ -109,7 +109,7 @@ fn runs_of_the_same_names_in_other_folders_are_another_comparison() {
         }
     }
     let folder = |arguments: &[&str]| {
-        let ended = place.run_well(&[&["compare", "--no-record"], arguments].concat());
+        let ended = place.run_ok(&[&["compare", "--no-record"], arguments].concat());
         ended.stdout.split_once("All metrics:     ").unwrap().1.trim().to_owned()
     };
     let first = folder(&["one/uts", "one/gfs"]);
@@ -154,7 +154,7 @@ fn the_tables_of_many_strategies_and_of_long_names_fit_into_a_terminal() {
     ];
     for count in [2, 4, 8, names.len()] {
         let many = [&["compare", "small.toml"], &names[..count], &["--seeds", "2", "--no-record", "--set", "slots=40"]];
-        let ended = place.run_well(&many.concat());
+        let ended = place.run_ok(&many.concat());
         let table = ended.stdout.lines().filter(|line| line.starts_with(['│', '┌', '╞', '└']));
         assert!(table.clone().count() >= 2 * count, "{ended:?}");
         table.for_each(|line| assert!(line.chars().count() <= 80, "{count}: {}", ended.stdout));
@@ -168,7 +168,7 @@ fn the_tables_of_many_strategies_and_of_long_names_fit_into_a_terminal() {
         place.flight("small").strategy(strategy).out(&out).simulate();
     }
     let runs = ["uts", "gfs"].map(|strategy| format!("{}/a-run-with-a-long-name", ["deep"; 12].join("/") + strategy));
-    let ended = place.run_well(&["compare", &runs[0], &runs[1], "--no-record"]);
+    let ended = place.run_ok(&["compare", &runs[0], &runs[1], "--no-record"]);
     let table = ended.stdout.lines().filter(|line| line.starts_with(['│', '┌', '╞', '└']));
     table.for_each(|line| assert!(line.chars().count() <= 80, "{}", ended.stdout));
 }
@@ -190,7 +190,7 @@ fn a_run_that_ended_early_is_not_compared_but_reported_as_such() {
     let summary = place.read("b/summary.json").replace("\"complete\": true", "\"complete\": false");
     let summary = summary.replacen("\"slots\": 250", "\"slots\": 100", 1).replace(&hash("b"), &hash("c"));
     place.write("b/summary.json", &summary);
-    let report = place.run_well(&["report", "b"]);
+    let report = place.run_ok(&["report", "b"]);
     assert!(report.stdout.contains("100 slots of 250, ended early"), "{report:?}");
 }
 
@@ -227,13 +227,13 @@ fn one_recording_holds_every_slot_of_every_mission() {
     let place = Place::new();
     write_small(&place);
     let compare = ["compare", "small.toml", "uts", "gfs", "--seeds", "1", "--out", "both"];
-    place.run_well(&compare);
+    place.run_ok(&compare);
     let recording = place.path("both/comparison.rrd");
     assert!(skysink_viewer::has_footer(&recording).unwrap());
     for entity in ["/compare/loss_rate/1-uts", "/1-uts/world/uav_trail", "/compare/delivered/2-gfs", "/2-gfs/status"] {
         assert_eq!(slots(&recording, entity), (0..=250).collect(), "{entity}");
     }
-    place.run_well(&compare); // replaces it
+    place.run_ok(&compare); // replaces it
     assert_eq!(slots(&recording, "/compare/loss_rate/1-uts"), (0..=250).collect());
     assert!(!place.path("both/comparison-2.rrd").exists());
 }

@@ -5,7 +5,7 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 
 use crate::support::scenarios::SMOKE;
-use crate::support::{Place, end, end_by, until, until_gone};
+use crate::support::{Place, output, signal_and_wait, until, until_exited};
 use rustix::process::{Pid, Signal, kill_process};
 
 #[test]
@@ -16,7 +16,7 @@ fn a_command_is_started_as_the_planner_and_started_again_when_it_dies() {
     let run = long.without_viewer().planner(&place.outside_planner()).options(&["--label", "mine"]).start();
     run.until_slot(200);
     run.kill("planner");
-    let ended = run.end_well();
+    let ended = run.wait_for_success();
     assert!(ended.stdout.starts_with("long · mine · seed 1: 6000 slots"), "{ended:?}");
     place.assert_same_trace("alone", "run");
     let summary = place.summary("run");
@@ -44,7 +44,7 @@ fn what_a_command_has_started_ends_with_it() {
         |id: &str| fs::read_to_string(format!("/proc/{id}/cmdline")).is_ok_and(|line| line.contains("fork.sh"));
     let shell = until("shell", || children().split_ascii_whitespace().find(|id| is_shell(id)).map(str::to_owned));
     kill_process(Pid::from_raw(shell.parse().unwrap()).unwrap(), Signal::KILL).unwrap();
-    run.end_well();
+    run.wait_for_success();
     place.assert_same_trace("alone", "run");
     assert_eq!(place.summary("run")["restarts"], 1);
     place.assert_clean();
@@ -57,7 +57,7 @@ fn a_command_that_has_started_others_ends_with_the_run() {
     run.until_slot(100);
     let planner = run.worker("planner");
     run.terminate();
-    until_gone(planner);
+    until_exited(planner);
     place.assert_clean();
 }
 
@@ -94,14 +94,14 @@ fn a_planner_that_goes_is_named_at_once_and_may_come_back() {
     let long = place.flight("long");
     long.out("alone").simulate();
     let run = long.without_viewer().external("planner").start();
-    run.until_said("waiting up to 600 s for planner: /");
-    let planner = run.by_hand("planner").spawn().unwrap();
+    run.until_printed("waiting up to 600 s for planner: /");
+    let planner = run.worker_command("planner").spawn().unwrap();
     run.until_slot(100);
-    run.until_said("planner has joined");
-    assert_eq!(end_by(Signal::KILL, planner).signal, Some(9));
-    run.until_said("planner has gone: the run waits for it to be started again");
-    end(run.by_hand("planner").spawn().unwrap()).assert_well();
-    let ended = run.end_well();
+    run.until_printed("planner has joined");
+    assert_eq!(signal_and_wait(Signal::KILL, planner).signal, Some(9));
+    run.until_printed("planner has gone: the run waits for it to be started again");
+    output(run.worker_command("planner")).assert_success();
+    let ended = run.wait_for_success();
     place.assert_same_trace("alone", "run");
     let events = place.summary("run")["events"].as_array().unwrap().len();
     assert_eq!(events, 3, "joined, gone, joined: {ended:?}");
@@ -139,7 +139,7 @@ fn the_mission_of_an_outside_planner_is_booked_and_resumed_as_such() {
     };
     refused(&["run"], "flown by an external planner, external: expected --external planner, or --planner");
     refused(&["run", "--planner", &command, "--label", "other"], "its planner is named external");
-    let ended = place.run_well(&["run", "--no-viewer", "--resume", "run", "--planner", &command]);
+    let ended = place.run_ok(&["run", "--no-viewer", "--resume", "run", "--planner", &command]);
     assert!(ended.stdout.starts_with("long · external · seed 1"), "{ended:?}");
     place.assert_same_trace("alone", "run");
 

@@ -13,13 +13,13 @@ fn swept() -> Place {
     let axes = "\"area.side_m\" = [90, 40.0, 60.0]\n\"link.gain\" = [\"static\", \"per-slot\"]\n";
     let head = "scenario = \"smoke.toml\"\nstrategies = [\"uts\", \"gfs\", \"rfs\"]\nseeds = 3\n[axes]\n";
     place.write("sweep.toml", &format!("{head}{axes}"));
-    place.run_well(&["sweep", "sweep.toml", "--out", "flown"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "flown"]);
     place
 }
 
 /// What `skysink plot flown` prints for machines.
 fn plot(place: &Place, arguments: &[&str]) -> Value {
-    let ended = place.run_well(&[&["plot", "flown", "--json"], arguments].concat());
+    let ended = place.run_ok(&[&["plot", "flown", "--json"], arguments].concat());
     serde_json::from_str(&ended.stdout).unwrap()
 }
 
@@ -68,7 +68,7 @@ fn a_figure_and_its_tables_hold_the_numbers_of_the_summary() {
             .map(|extension| fs::read(place.path(&format!("{stem}.{extension}"))).unwrap())
     };
     let before = bytes();
-    let printed = place.run_well(&[&["plot", "flown"], &request[..]].concat()).stdout;
+    let printed = place.run_ok(&[&["plot", "flown"], &request[..]].concat()).stdout;
     assert!(before == bytes(), "the same again");
     assert!(
         printed.contains(&format!("{stem}.pdf")) && printed.contains("per-slot") && printed.contains(" ± "),
@@ -133,7 +133,7 @@ fn a_page_for_print_has_its_width_and_the_text_of_print() {
     let pdf = String::from_utf8_lossy(&pdf);
     assert!(pdf.contains("/MediaBox[0 0 249.4"));
     assert!(pdf.contains("/ToUnicode") && pdf.contains("DejaVuSans"), "text with its font");
-    let without = place.run_well(&[&["plot", "flown"], &request[..]].concat());
+    let without = place.run_ok(&[&["plot", "flown"], &request[..]].concat());
     assert!(without.stdout.contains("data loss rate η, mean [95 % CI]"), "{without:?}");
     let svg = place.read(&format!("{stem}.svg"));
     assert!(svg.contains("viewBox=\"0 0 1600 ") && !svg.contains("&lt;") && svg.matches("seeds 1 to 3").count() == 1);
@@ -199,7 +199,7 @@ fn what_is_incomplete_is_left_out_and_said_so() {
     let others = plot(&place, &[&request[..], &["--strategies", "rfs,uts"]].concat());
     assert_eq!(missing(&others), "51 of 54 missions are present; the plot is complete");
     assert_eq!(others["points"].as_array().unwrap().len(), 3 * 2);
-    let said = place.run_well(&[&["plot", "flown"], &request[..]].concat()).stderr;
+    let said = place.run_ok(&[&["plot", "flown"], &request[..]].concat()).stderr;
     assert_eq!(said, "skysink: 51 of 54 missions are present; omitted: area.side_m = 60\n");
     let none = place.run(&["plot", "flown", "--x", "link.gain", "--where", "area.side_m=60", "--strategies", "gfs"]);
     assert_eq!(none.code, Some(0), "per-slot is whole: {none:?}");

@@ -1,8 +1,8 @@
 //! What `skysink run` leaves to look at.
 use crate::support;
-use crate::support::flight::{FlightOf, RunningFlight};
+use crate::support::flight::{FlightBuilder, RunningFlight};
 use crate::support::scenarios::{self, SMOKE};
-use crate::support::{Place, end, rows, slots, until};
+use crate::support::{Place, rows, slots, until, wait};
 use rustix::process::Signal;
 
 #[test]
@@ -34,7 +34,7 @@ fn one_slot_in_so_many_is_drawn_by_a_ring_and_by_one_process() {
 const PATH: [&str; 4] = ["/world/path", "/world/path/stops", "/world/path_track", "/world/path_track/stops"];
 
 /// The smoke test, so long and flown by a planner that looks ahead.
-fn ahead(place: &Place, slots: u64) -> FlightOf<'_> {
+fn ahead(place: &Place, slots: u64) -> FlightBuilder<'_> {
     place.write(
         "ahead.toml",
         &(scenarios::text("smoke") + "[planner]\nstrategy = \"horizon\"\nhorizon.iterations = 200\n"),
@@ -96,7 +96,7 @@ fn the_planned_path_is_that_of_the_undisturbed_mission_whenever_the_planner_is_k
         run.until_slot(slot);
         run.kill("planner");
     }
-    let ended = run.end_well();
+    let ended = run.wait_for_success();
     assert_eq!(place.summary("run")["restarts"], 5, "{ended:?}");
     place.assert_same_trace("alone", "run");
     for entity in PATH {
@@ -108,10 +108,10 @@ fn the_planned_path_is_that_of_the_undisturbed_mission_whenever_the_planner_is_k
 }
 
 /// Starts a run, and stops the viewer in it.
-fn with_a_stopped_viewer(flight: FlightOf) -> RunningFlight {
+fn with_a_stopped_viewer(flight: FlightBuilder) -> RunningFlight {
     let run = flight.start();
     run.until_slot(20);
-    run.signal_to("viewer", Signal::STOP);
+    run.signal_worker("viewer", Signal::STOP);
     run
 }
 
@@ -126,8 +126,8 @@ fn in_lock_step_the_ring_waits_for_a_viewer_that_lags() {
         let now = run.slots();
         (std::mem::replace(&mut stopped_at, now) == now).then_some(())
     });
-    run.signal_to("viewer", Signal::CONT);
-    run.end_well();
+    run.signal_worker("viewer", Signal::CONT);
+    run.wait_for_success();
     assert!(stopped_at < 20_000, "the run was over before the viewer was stopped");
     assert_eq!(slots(&place.path("run/mission.rrd"), "/metrics/loss_rate"), (0..=20_000).collect());
 }
@@ -136,9 +136,9 @@ fn in_lock_step_the_ring_waits_for_a_viewer_that_lags() {
 fn a_paced_run_does_not_wait_for_the_viewer_and_marks_what_it_missed() {
     let place = Place::new();
     let run = with_a_stopped_viewer(place.flight("fine").pace("4x"));
-    run.until_slots_more(300);
-    run.signal_to("viewer", Signal::CONT);
-    let ended = run.end_well();
+    run.until_slots_later(300);
+    run.signal_worker("viewer", Signal::CONT);
+    let ended = run.wait_for_success();
     assert_eq!(place.summary("run")["timing"]["missed_deadlines"], place.summary("run")["held_slots"]);
     let recorded = slots(&place.path("run/mission.rrd"), "/metrics/loss_rate");
     let missed = 3001 - recorded.len();
@@ -161,7 +161,7 @@ fn a_resumed_run_continues_the_recording_in_the_next_file_and_force_replaces_bot
     assert!(ended.stdout.contains("rerun run/mission.rrd"), "{ended:?}");
     let first = recording_id(&place, "run/mission.rrd");
     place.cut_trace("run", 55);
-    let ended = place.run_well(&["run", "--resume", "run"]);
+    let ended = place.run_ok(&["run", "--resume", "run"]);
     assert!(ended.stdout.contains("rerun run/*.rrd"), "{ended:?}");
     assert_eq!(recording_id(&place, "run/mission-2.rrd"), first);
     assert_eq!(slots(&place.path("run/mission-2.rrd"), "/metrics/loss_rate"), (55..=60).collect());
@@ -190,7 +190,7 @@ fn a_run_can_be_served_live() {
     let place = Place::new();
     let run = place.flight("smoke").pace("20x").options(&[&format!("--live={free}")]).start();
     until("server", || std::net::TcpStream::connect(("127.0.0.1", free)).ok());
-    run.end_well();
+    run.wait_for_success();
     let recorded = slots(&place.path("run/mission.rrd"), "/metrics/loss_rate").len();
     assert!((50..=61).contains(&recorded), "{recorded} slots: a paced run does not wait for its viewer");
 }
@@ -219,8 +219,8 @@ fn the_recording_says_how_much_was_lost_so_far() {
 fn a_recording_that_cannot_be_created_ends_the_run_at_once() {
     let place = Place::new();
     let run = place.flight("smoke").external("viewer").start();
-    let viewer = run.by_hand("viewer").args(["--save", "nowhere/x.rrd"]).spawn().unwrap();
-    let viewer = end(viewer).assert_code(2); // refused, so that a launcher would not start it again
+    let viewer = run.worker_command("viewer").args(["--save", "nowhere/x.rrd"]).spawn().unwrap();
+    let viewer = wait(viewer).assert_code(2); // refused, so that a launcher would not start it again
     assert!(viewer.stderr.starts_with("viewer: recording nowhere/x.rrd: "), "{viewer:?}");
     run.terminate();
 }

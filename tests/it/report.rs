@@ -14,13 +14,13 @@ fn column<T: std::str::FromStr>(text: &str, name: &str) -> Vec<T> {
 fn the_table_of_a_run_is_printed_again() {
     let place = Place::new();
     let flown = place.flight("small").simulate();
-    let again = place.run_well(&["report", "run"]);
+    let again = place.run_ok(&["report", "run"]);
     assert_eq!(again.stdout, flown.stdout);
-    let json: Value = serde_json::from_str(&place.run_well(&["report", "run", "--json"]).stdout).unwrap();
+    let json: Value = serde_json::from_str(&place.run_ok(&["report", "run", "--json"]).stdout).unwrap();
     assert_eq!(json, place.summary("run"));
     for command in ["simulate", "run"] {
         let out = format!("{command}-json");
-        let ended = place.run_well(&[command, "small.toml", "--out", &out, "--json"]);
+        let ended = place.run_ok(&[command, "small.toml", "--out", &out, "--json"]);
         let json: Value = serde_json::from_str(&ended.stdout).unwrap();
         assert_eq!(json, place.summary(&out), "{ended:?}");
     }
@@ -30,7 +30,7 @@ fn the_table_of_a_run_is_printed_again() {
 fn what_the_sensor_nodes_lost_and_delivered_adds_up() {
     let place = Place::new();
     place.flight("small").simulate();
-    place.run_well(&["report", "run", "--sensors"]);
+    place.run_ok(&["report", "run", "--sensors"]);
     let sensors = place.read("run/sensors_out.csv");
     let summary = place.summary("run");
     for name in ["sampled_bits", "delivered_bits", "lost_bits", "queued_bits"] {
@@ -62,7 +62,7 @@ fn a_run_through_the_ring_has_the_same_sensor_results() {
     place.flight("small").out("alone").simulate();
     place.flight("small").out("ring").without_viewer().run();
     for run in ["alone", "ring"] {
-        place.run_well(&["report", run, "--sensors"]);
+        place.run_ok(&["report", run, "--sensors"]);
     }
     assert_eq!(place.read("alone/sensors_out.csv"), place.read("ring/sensors_out.csv"));
     place.assert_clean();
@@ -88,7 +88,7 @@ fn the_figures_of_a_trace_that_was_changed_are_not_shown() {
         }
     }
     place.write("run/slots.csv", &trace);
-    place.run_well(&["report", "run"]);
+    place.run_ok(&["report", "run"]);
 }
 
 #[test]

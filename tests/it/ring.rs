@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use crate::support::flight::{RING, executable};
 use crate::support::scenarios::{self, SMOKE};
-use crate::support::{self, Place, assert_balanced, assert_no_shared_memory, end, until_gone};
+use crate::support::{self, Place, assert_balanced, assert_no_shared_memory, output, until_exited, wait};
 use rustix::process::Signal;
 
 /// What a planner that does not see the queues adds to a scenario.
@@ -105,7 +105,7 @@ fn processes_that_poll_leave_the_same_trace() {
 #[test]
 fn the_letters_mission_is_built_in() {
     let place = Place::new();
-    place.run_well(&["run", "--no-viewer", "--out", "built-in"]);
+    place.run_ok(&["run", "--no-viewer", "--out", "built-in"]);
     place.flight("letter").out("file").simulate();
     place.assert_same_trace("built-in", "file");
     assert_eq!(place.trace("built-in").lines().count(), 601);
@@ -119,7 +119,7 @@ fn killing_a_worker_that_is_not_to_be_started_again_ends_the_run_with_its_name()
         run.until_slot(if role == "viewer" { 500 } else { 20 }); // 2.5 s, which it has recorded
         run.kill(role);
         let ring = run.ring().to_owned();
-        let ended = run.end().assert_code(1);
+        let ended = run.wait().assert_code(1);
         assert!(ended.stderr.contains(&format!("{role} ended with signal 9")), "{role}: {ended:?}");
         assert!(!ended.stderr.contains("has not sent"), "its death was noticed, not its silence: {ended:?}");
         let slots = assert_cut(&place);
@@ -146,7 +146,7 @@ fn a_worker_killed_at_full_speed_ends_the_run_too() {
         run.until_slot(20);
         run.kill(role);
         let ring = run.ring().to_owned();
-        let ended = run.end().assert_code(1);
+        let ended = run.wait().assert_code(1);
         assert!(ended.stderr.contains(&format!("{role} ended with signal 9")), "{role}: {ended:?}");
         assert_whole(&place);
         place.assert_clean();
@@ -160,9 +160,9 @@ fn signals_end_a_run_in_order() {
         let place = Place::new();
         let run = place.flight("long").pace("20x").start();
         run.until_slot(20);
-        run.signal(signal);
+        run.signal_launcher(signal);
         let ring = run.ring().to_owned();
-        let ended = run.end().assert_code(code);
+        let ended = run.wait().assert_code(code);
         let slots = assert_cut(&place);
         let remedy = format!("recorded up to slot {slots}; `skysink run --resume run` continues it");
         assert!(ended.stderr.contains(&remedy), "{ended:?}");
@@ -180,7 +180,7 @@ fn killing_the_launcher_ends_the_workers_and_the_next_run_clears_up() {
     let ring = run.ring().to_owned();
     let workers = RING.map(|role| run.worker(role));
     run.kill_launcher();
-    workers.into_iter().for_each(until_gone);
+    workers.into_iter().for_each(until_exited);
     assert_whole(&place);
     place.flight("smoke").without_viewer().out("next").run();
     place.assert_clean();
@@ -194,7 +194,7 @@ fn two_runs_at_the_same_time_do_not_meet() {
     let flights = seeds.map(|seed| place.flight("smoke").seed(seed).without_viewer());
     let both = [0, 1].map(|i| flights[i].out(&format!("ring-{i}")).launcher().spawn().unwrap());
     for (i, run) in both.into_iter().enumerate() {
-        end(run).assert_well();
+        wait(run).assert_success();
         flights[i].out(&format!("alone-{i}")).simulate();
         place.assert_same_trace(&format!("ring-{i}"), &format!("alone-{i}"));
     }
@@ -206,7 +206,7 @@ fn the_same_run_twice_at_the_same_time_takes_two_folders() {
     let place = Place::new();
     let both = [(); 2].map(|()| place.skysink(&["run", SMOKE, "--no-viewer"]).spawn().unwrap());
     for run in both {
-        end(run).assert_well();
+        wait(run).assert_success();
     }
     place.assert_same_trace("runs/smoke-uts-1", "runs/smoke-uts-1-2");
 }
@@ -234,10 +234,10 @@ fn a_planner_that_stops_makes_the_uav_hold_and_every_miss_is_counted() {
     let place = Place::new();
     let run = place.flight("long").pace("20x").start();
     run.until_slot(20);
-    run.signal_to("planner", Signal::STOP);
+    run.signal_worker("planner", Signal::STOP);
     let held = || place.trace("run").lines().filter(|line| line.contains(",hold,")).count();
     support::until("held slots", || (held() > 20).then_some(()));
-    run.signal_to("planner", Signal::CONT);
+    run.signal_worker("planner", Signal::CONT);
     let resumed = || place.trace("run").lines().rev().take(5).all(|line| !line.contains(",hold,")).then_some(());
     support::until("flight after the planner is back", resumed);
     run.terminate();
@@ -260,12 +260,12 @@ fn a_role_can_be_left_to_a_process_started_by_hand() {
         let run = place.flight("smoke").without_viewer().external(role).start();
 
         place.write("other.toml", "name = \"other\"\n");
-        let other = end(run.by_hand_with(role, "other.toml").spawn().unwrap()).assert_code(2);
+        let other = output(run.worker_command_with(role, "other.toml")).assert_code(2);
         assert!(other.stderr.contains("scenario is") && other.stderr.contains("scenario.toml"), "{other:?}");
 
-        end(run.by_hand(role).spawn().unwrap()).assert_well();
+        output(run.worker_command(role)).assert_success();
         let (program, folder) = (executable(role), run.folder().display().to_string());
-        let ended = run.end_well();
+        let ended = run.wait_for_success();
         let scenario = place.path("run/scenario.toml").display().to_string();
         let hint = format!("waiting up to 600 s for {role}: {program} --scenario {scenario} --ring {folder}\n");
         assert!(ended.stderr.contains(&hint), "{ended:?}");
@@ -287,6 +287,6 @@ fn a_process_that_does_not_come_is_named_in_the_time_out() {
 fn a_worker_without_a_ring_says_what_it_needs() {
     let place = Place::new();
     let arguments = ["--scenario", SMOKE, "--ring", "nowhere"];
-    let ended = end(place.command(executable("planner"), &arguments).spawn().unwrap()).assert_code(2);
+    let ended = output(place.command(executable("planner"), &arguments)).assert_code(2);
     assert!(ended.stderr.contains("nowhere") && ended.stderr.contains("skysink run prints"), "{ended:?}");
 }

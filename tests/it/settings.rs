@@ -47,16 +47,16 @@ fn a_key_that_is_set_displaces_the_other_form_of_the_file() {
     ] {
         let mut arguments = vec!["check", "a.toml"];
         set.iter().for_each(|set| arguments.extend(["--set", set]));
-        let ended = place.run_well(&arguments);
+        let ended = place.run_ok(&arguments);
         assert!(ended.stdout.contains(kept), "{set:?}: {ended:?}");
         assert!(!ended.stdout.lines().any(|line| line.starts_with(&format!("{gone} ="))), "{set:?}: {ended:?}");
         // And back again.
         place.write("b.toml", &ended.stdout);
         let file = ["--set", "area.side_m=90", "--set", "sensors.count=20", "--set", "link.model=probabilistic-los"];
         let start = ["--set", "link.environment=urban", "--set", "uav.start_m=[45, 45]"];
-        let back = place.run_well(&[&["check", "b.toml"], &file[..], &start].concat());
+        let back = place.run_ok(&[&["check", "b.toml"], &file[..], &start].concat());
         let keys = |text: &str| text.lines().filter(|line| !line.starts_with('#')).collect::<Vec<_>>().join("\n");
-        assert_eq!(keys(&back.stdout), keys(&place.run_well(&["check", "a.toml"]).stdout), "{set:?}");
+        assert_eq!(keys(&back.stdout), keys(&place.run_ok(&["check", "a.toml"]).stdout), "{set:?}");
     }
     // One does not displace the other where both are set.
     let both = place.run(&[

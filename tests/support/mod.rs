@@ -4,6 +4,7 @@
 pub mod flight;
 pub mod scenarios;
 
+use std::borrow::BorrowMut;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
 use std::os::unix::process::ExitStatusExt;
@@ -11,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use flight::FlightOf;
+use flight::FlightBuilder;
 use rustix::process::{Pid, Signal, kill_process};
 use wait_timeout::ChildExt;
 
@@ -26,14 +27,14 @@ pub struct Place {
 
 /// How a command ended.
 #[derive(Debug)]
-pub struct Ended {
+pub struct Output {
     pub code: Option<i32>,
     pub signal: Option<i32>,
     pub stdout: String,
     pub stderr: String,
 }
 
-impl Ended {
+impl Output {
     /// Fails unless it ended with this exit code.
     #[track_caller]
     pub fn assert_code(self, code: i32) -> Self {
@@ -44,7 +45,7 @@ impl Ended {
 
     /// Fails unless it ended well.
     #[track_caller]
-    pub fn assert_well(self) -> Self {
+    pub fn assert_success(self) -> Self {
         self.assert_code(0)
     }
 
@@ -85,8 +86,8 @@ impl Place {
     }
 
     /// A flight of a scenario: `name.toml` if the test has written it, otherwise one of [`scenarios`].
-    pub fn flight(&self, name: &str) -> FlightOf<'_> {
-        FlightOf::new(self, self.scenario(name))
+    pub fn flight(&self, name: &str) -> FlightBuilder<'_> {
+        FlightBuilder::new(self, self.scenario(name))
     }
 
     /// The file of a scenario, relative to this place, which it is copied to unless the test has written it.
@@ -120,13 +121,13 @@ impl Place {
     }
 
     /// Runs `skysink` to its end.
-    pub fn run(&self, arguments: &[&str]) -> Ended {
-        end(self.skysink(arguments).spawn().unwrap())
+    pub fn run(&self, arguments: &[&str]) -> Output {
+        output(self.skysink(arguments))
     }
 
     /// The same, which must end well.
     #[track_caller]
-    pub fn run_well(&self, arguments: &[&str]) -> Ended {
+    pub fn run_ok(&self, arguments: &[&str]) -> Output {
         let ended = self.run(arguments);
         assert_eq!(ended.code, Some(0), "{arguments:?}: {ended:?}");
         ended
@@ -134,8 +135,8 @@ impl Place {
 
     /// Flies the rest of a run in a ring without a viewer, which must end well.
     #[track_caller]
-    pub fn resume(&self, run: &str) -> Ended {
-        self.run_well(&["run", "--resume", run, "--no-viewer"])
+    pub fn resume(&self, run: &str) -> Output {
+        self.run_ok(&["run", "--resume", run, "--no-viewer"])
     }
 
     /// The same as [`Place::run`], which must be refused with one line that holds `says`.
@@ -227,18 +228,23 @@ pub fn pid(child: &Child) -> Pid {
 }
 
 /// Sends a signal to a child, and waits for its end.
-pub fn end_by(signal: Signal, child: Child) -> Ended {
+pub fn signal_and_wait(signal: Signal, child: Child) -> Output {
     kill_process(pid(&child), signal).unwrap();
-    end(child)
+    wait(child)
 }
 
 /// Waits for the end of a process that is no child of the test.
-pub fn until_gone(process: Pid) {
+pub fn until_exited(process: Pid) {
     until("end", || (!fs::exists(format!("/proc/{}", process.as_raw_nonzero())).unwrap()).then_some(()));
 }
 
-/// Waits for a process to end, and takes what it has written.
-pub fn end(mut child: Child) -> Ended {
+/// Runs a command.
+pub fn output(mut command: impl BorrowMut<Command>) -> Output {
+    wait(command.borrow_mut().spawn().unwrap())
+}
+
+/// Waits for the exit of a child, and takes its output.
+pub fn wait(mut child: Child) -> Output {
     let reader = |stream: Option<Box<dyn std::io::Read + Send>>| {
         std::thread::spawn(move || {
             let mut text = String::new();
@@ -254,7 +260,7 @@ pub fn end(mut child: Child) -> Ended {
     if status.is_none() {
         let _ = child.kill();
     }
-    let ended = Ended {
+    let ended = Output {
         code: status.and_then(|status| status.code()),
         signal: status.and_then(|status| status.signal()),
         stdout: stdout.join().unwrap(),

@@ -8,7 +8,7 @@ use super::audit::said;
 use super::intruder::{Intruder, send_list};
 use super::rogue::{LONG_S, Rogue, SHORT_S, Turn, open_folder};
 use crate::support::flight::RunningFlight;
-use crate::support::{Place, end, rows, slots, until};
+use crate::support::{Place, rows, slots, until, wait};
 
 const NOWHERE: &str = "expected 1 to 64 points, finite and in the area";
 const MISSION: &str = "it belongs to another run";
@@ -61,12 +61,12 @@ fn paths_that_cannot_be_are_refused_one_by_one_and_the_run_goes_on() {
     place.flight("smoke").out("alone").simulate();
     let (run, mut rogue) = start_with_viewer(&place);
     let paths = writer(&rogue);
-    rogue.fly_well(|rogue, turn| {
+    rogue.fly_to_end(|rogue, turn| {
         if turn.slot >= THERE {
             paths.send_list(rogue.header(turn.slot), &spoilt(turn, turn.slot % KINDS)).unwrap();
         }
     });
-    let ended = run.end_well();
+    let ended = run.wait_for_success();
     place.assert_same_trace("alone", "run");
     let recording = place.path("run/mission.rrd");
     assert_eq!(slots(&recording, "/metrics/loss_rate"), (0..=60).collect());
@@ -94,7 +94,7 @@ fn paths_of_another_run_slot_or_writer_are_refused_and_the_good_ones_drawn() {
     let (run, mut rogue) = start_with_viewer(&place);
     let (paths, intruder) = (writer(&rogue), Intruder::join(&rogue.folder));
     let second = intruder.list_writer::<PathPoint, SlotHeader>("path", 4);
-    rogue.fly_well(|rogue, turn| {
+    rogue.fly_to_end(|rogue, turn| {
         let (header, good) = (rogue.header(turn.slot), path(turn, 3));
         if turn.slot >= THERE {
             paths.send_list(header, &good).unwrap();
@@ -106,7 +106,7 @@ fn paths_of_another_run_slot_or_writer_are_refused_and_the_good_ones_drawn() {
             send_list(&second, header, &good);
         }
     });
-    let ended = run.end_well();
+    let ended = run.wait_for_success();
     place.assert_same_trace("alone", "run");
     assert_eq!(drawn(&place.path("run/mission.rrd")), (THERE as i64..=60).collect::<Vec<_>>());
     for refusal in [MISSION, OLD, SECOND] {
@@ -127,10 +127,10 @@ fn a_reader_that_is_deaf_to_paths_does_not_hold_up_the_ring() {
     let run = flight.without_viewer().external("planner").timeout(SHORT_S).start();
     let intruder = Intruder::join(&open_folder(&run));
     let deaf = intruder.list_reader::<PathPoint, SlotHeader>("path");
-    let planner = run.by_hand("planner").spawn().unwrap();
+    let planner = run.worker_command("planner").spawn().unwrap();
     let first = until("path", || deaf.receive().unwrap()); // from now on the writer knows that it is there
-    end(planner).assert_well();
-    run.end_well();
+    wait(planner).assert_success();
+    run.wait_for_success();
     place.assert_same_trace("alone", "run");
     assert_eq!(first.user_header().slot, 1, "there was room for it alone");
     drop((first, deaf, intruder));

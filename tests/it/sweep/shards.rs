@@ -13,8 +13,8 @@ use crate::support::{Place, lines};
 fn merged_shards_are_the_whole_sweep() {
     let place = Place::new();
     write_sweep(&place, 3);
-    place.run_well(&["sweep", "sweep.toml", "--out", "whole"]);
-    place.run_well(&["sweep", "sweep.toml", "--out", "a", "--shard", "1/2"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "whole"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "a", "--shard", "1/2"]);
     fs::create_dir(place.path("empty")).unwrap();
     let early = place.run(&["merge", "empty", "--out", "early"]);
     assert!(early.code == Some(2) && early.stderr.contains("no shard contains a mission"), "{early:?}");
@@ -25,14 +25,14 @@ fn merged_shards_are_the_whole_sweep() {
     assert_eq!(early.code, Some(2), "{early:?}");
     let says = "27 of 54 missions are present: run shards 2 of 2, for example by --array=2 and --shard auto/2, or pass --partial";
     assert!(early.stderr.contains(says), "{early:?}");
-    let part = place.run_well(&["merge", "a", "empty", "--out", "part", "--partial"]);
+    let part = place.run_ok(&["merge", "a", "empty", "--out", "part", "--partial"]);
     assert_eq!(lines(&place.path("part/results.csv")), 1 + 27);
     assert!(part.stdout.contains("Not all: 27 of 54 missions are present: run shards 2 of 2"), "{part:?}");
     let other = place.run(&["sweep", "sweep.toml", "--out", "a", "--shard", "1/3"]);
     assert!(other.code == Some(2) && other.stderr.contains("it contains shard 1 of 2 of this sweep"), "{other:?}");
-    place.run_well(&["sweep", "sweep.toml", "--out", "b", "--shard", "2/2"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "b", "--shard", "2/2"]);
     for out in ["merged", "part"] {
-        let ended = place.run_well(&["merge", "b", "a", "--out", out]);
+        let ended = place.run_ok(&["merge", "b", "a", "--out", out]);
         assert!(!ended.stdout.contains("Not all"), "{ended:?}");
         assert_equal(&place, "whole", out);
     }
@@ -54,13 +54,13 @@ fn merged_shards_are_the_whole_sweep() {
 fn shards_of_other_numbers_are_merged_unless_they_contradict_each_other() {
     let place = Place::new();
     write_sweep(&place, 2);
-    place.run_well(&["sweep", "sweep.toml", "--out", "whole"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "whole"]);
     for (out, shard) in [("a", "1/3"), ("b", "1/2"), ("c", "2/2")] {
-        place.run_well(&["sweep", "sweep.toml", "--out", out, "--shard", shard]);
+        place.run_ok(&["sweep", "sweep.toml", "--out", out, "--shard", shard]);
     }
     let early = place.run(&["merge", "a", "b", "--out", "early"]);
     assert!(early.code == Some(2) && early.stderr.contains("run shards 2-3 of 3, for example by"), "{early:?}");
-    place.run_well(&["merge", "a", "b", "c", "--out", "merged"]);
+    place.run_ok(&["merge", "a", "b", "c", "--out", "merged"]);
     assert_equal(&place, "whole", "merged");
     // As an executable with another C library might have it.
     let Manifest { definition, .. } = serde_json::from_str(&place.read("whole/sweep.json")).unwrap();
@@ -78,10 +78,10 @@ fn any_number_of_shards_divides_any_sweep() {
     let place = Place::new();
     place.scenario("smoke");
     place.write("sweep.toml", "scenario = \"smoke.toml\"\nstrategies = [\"uts\", \"gfs\"]\nseeds = 5\n");
-    place.run_well(&["sweep", "sweep.toml", "--out", "whole"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "whole"]);
     let folders: Vec<String> = (1..=7).map(|k| format!("s{k}")).collect();
     for (k, folder) in folders.iter().enumerate() {
-        let ended = place.run_well(&["sweep", "sweep.toml", "--out", folder, "--shard", &format!("{}/7", k + 1)]);
+        let ended = place.run_ok(&["sweep", "sweep.toml", "--out", folder, "--shard", &format!("{}/7", k + 1)]);
         let rows = lines(&place.path(&format!("{folder}/results.csv"))) - 1;
         let expected = if k < 5 { 2 } else { 0 };
         assert_eq!(rows, expected, "both strategies over one field, or none");
@@ -100,7 +100,7 @@ fn any_number_of_shards_divides_any_sweep() {
         "{early:?}"
     );
     let all = arguments(&folders);
-    place.run_well(&all.iter().map(String::as_str).collect::<Vec<_>>());
+    place.run_ok(&all.iter().map(String::as_str).collect::<Vec<_>>());
     assert_equal(&place, "whole", "merged");
 }
 
@@ -108,7 +108,7 @@ fn any_number_of_shards_divides_any_sweep() {
 fn a_plan_says_what_a_sweep_takes_and_flies_nothing() {
     let place = Place::new();
     write_sweep(&place, 5);
-    let ended = place.run_well(&["sweep", "sweep.toml", "--plan"]);
+    let ended = place.run_ok(&["sweep", "sweep.toml", "--plan"]);
     for says in
         ["Points:    6, with 5 seeds: 30 fields\n", "Missions:  90, of 3 strategies\n", "  rfs  ", "CPU time:  about "]
     {
