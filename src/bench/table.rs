@@ -22,13 +22,13 @@ impl fmt::Display for Report {
     }
 }
 
-/// Writes the rows of a part as a table; a single row as a column, which stays narrow. The first distribution of a row
-/// is shown whole, later ones by median and 99th percentile.
+/// Writes the rows of a part as a table; a single row as a column, which stays narrow. Of the first distribution of a
+/// row the percentiles are shown, of later ones the median.
 fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::Result {
     let mut table = report::table();
     for row in rows.iter().filter_map(Value::as_table) {
         let mut columns = Vec::new();
-        let mut quantiles = usize::MAX;
+        let mut quantiles = 3;
         for (key, value) in row {
             let heading = key.trim_end_matches("_us").replace('_', " ");
             let Value::Table(spread) = value else {
@@ -39,7 +39,7 @@ fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::
                 let quantile = key.trim_end_matches("_us");
                 columns.push([quantile.replace("p50", &format!("{heading} p50")), text(key, value)]);
             }
-            quantiles = 2;
+            quantiles = 1;
         }
         if rows.len() == 1 {
             table.add_rows(columns);
@@ -55,7 +55,8 @@ fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::
 fn text(key: &str, value: &Value) -> String {
     match value {
         Value::Float(time_us) if key.ends_with("_us") => {
-            format!("{:.2?}", Duration::try_from_secs_f64(time_us / 1e6).unwrap_or_default())
+            let decimals = 2 - (time_us * 1e3).max(1.0).log10() as usize % 3;
+            format!("{:.decimals$?}", Duration::try_from_secs_f64(time_us / 1e6).unwrap_or_default())
         }
         Value::Float(ratio) if *ratio < 100.0 => format!("{ratio:.2}"),
         Value::Float(ratio) => format!("{ratio:.0}"),
@@ -69,9 +70,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_have_a_unit_and_ratios_about_three_digits() {
+    fn times_have_a_unit_and_three_digits_and_ratios_about_as_many() {
         let times = [0.05, 1.234, 567.8, 5_678.0].map(|time_us| text("p50_us", &Value::Float(time_us)));
-        assert_eq!(times, ["50.00ns", "1.23µs", "567.80µs", "5.68ms"]);
+        assert_eq!(times, ["50.0ns", "1.23µs", "568µs", "5.68ms"]);
         let ratios = [0.914, 12.34, 1234.5].map(|ratio| text("ratio", &Value::Float(ratio)));
         assert_eq!(ratios, ["0.91", "12.34", "1234"]);
     }
