@@ -171,7 +171,7 @@ fn a_spoilt_run_of_an_outside_planner_is_refused_or_ends_with_the_same_bytes() {
 #[test]
 fn a_paced_record_that_was_cut_is_not_flown_otherwise() {
     let place = Place::new();
-    let run = place.flight("paced").set("slots", 400).pace("50x").without_viewer().start();
+    let run = place.flight("paced").pace("50x").without_viewer().start();
     run.until_slot(60);
     run.kill_launcher();
     let trace = place.trace("run");

@@ -33,6 +33,7 @@ fn smoke(strategy: &'static str, seed: u64) -> Scenario {
     let overrides = Overrides { seed: Some(seed), strategy: Some(strategy), ..Overrides::default() };
     let mut scenario = scenarios::read(Path::new(scenarios::SMOKE), overrides);
     offline::STRATEGY.set_keys(&mut scenario, OfflineKeys { steps: Count::clamped(5_000) });
+    horizon::STRATEGY.set_keys(&mut scenario, HorizonKeys { iterations: Count::clamped(200), budget_ms: None });
     scenario
 }
 
@@ -143,8 +144,7 @@ fn seen<S: Service + 'static>(scenario: &Scenario, out: &Path) -> Seen {
 fn a_planner_that_looks_ahead_publishes_its_path_before_its_plan_and_the_others_publish_none() {
     let out = tempfile::tempdir().unwrap();
     for strategy in names() {
-        let mut scenario = smoke(strategy, 3);
-        horizon::STRATEGY.set_keys(&mut scenario, HorizonKeys { iterations: Count::clamped(200), budget_ms: None });
+        let scenario = smoke(strategy, 3);
         let list = SensorList::of(&scenario).unwrap();
         let mut mission = Mission::new(&scenario, &list).unwrap();
         let fly = || {

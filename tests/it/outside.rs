@@ -11,14 +11,13 @@ use rustix::process::{Pid, Signal, kill_process};
 #[test]
 fn a_command_is_started_as_the_planner_and_started_again_when_it_dies() {
     let place = Place::new();
-    let long = place.flight("long");
-    long.out("alone").simulate();
-    let run = long.without_viewer().planner(&place.outside_planner()).options(&["--label", "mine"]).start();
+    let run =
+        place.flight("long").without_viewer().planner(&place.outside_planner()).options(&["--label", "mine"]).start();
     run.until_slot(200);
     run.kill("planner");
     let ended = run.wait_for_success();
     assert!(ended.stdout.starts_with("long · mine · seed 1: 6000 slots"), "{ended:?}");
-    place.assert_same_trace("alone", "run");
+    place.assert_trace_as_simulated("run");
     let summary = place.summary("run");
     assert_eq!((&summary["strategy"], &summary["restarts"]), (&"mine".into(), &1.into()));
     place.assert_clean();
@@ -34,9 +33,7 @@ fn forking_command(place: &Place) -> String {
 #[test]
 fn what_a_command_has_started_ends_with_it() {
     let place = Place::new();
-    let long = place.flight("long");
-    long.out("alone").simulate();
-    let run = long.without_viewer().planner(&forking_command(&place)).start();
+    let run = place.flight("long").without_viewer().planner(&forking_command(&place)).start();
     run.until_slot(100);
     let launcher = run.pid().as_raw_nonzero();
     let children = || fs::read_to_string(format!("/proc/{launcher}/task/{launcher}/children")).unwrap_or_default();
@@ -45,7 +42,7 @@ fn what_a_command_has_started_ends_with_it() {
     let shell = until("shell", || children().split_ascii_whitespace().find(|id| is_shell(id)).map(str::to_owned));
     kill_process(Pid::from_raw(shell.parse().unwrap()).unwrap(), Signal::KILL).unwrap();
     run.wait_for_success();
-    place.assert_same_trace("alone", "run");
+    place.assert_trace_as_simulated("run");
     assert_eq!(place.summary("run")["restarts"], 1);
     place.assert_clean();
 }
@@ -91,9 +88,7 @@ fn what_contradicts_itself_is_refused_before_anything_is_written() {
 #[test]
 fn a_planner_that_goes_is_named_at_once_and_may_come_back() {
     let place = Place::new();
-    let long = place.flight("long");
-    long.out("alone").simulate();
-    let run = long.without_viewer().external("planner").start();
+    let run = place.flight("long").without_viewer().external("planner").start();
     run.until_printed("waiting up to 600 s for planner: /");
     let planner = run.worker_command("planner").spawn().unwrap();
     run.until_slot(100);
@@ -102,21 +97,39 @@ fn a_planner_that_goes_is_named_at_once_and_may_come_back() {
     run.until_printed("planner has gone: the run waits for it to be started again");
     output(run.worker_command("planner")).assert_success();
     let ended = run.wait_for_success();
-    place.assert_same_trace("alone", "run");
+    place.assert_trace_as_simulated("run");
     let events = place.summary("run")["events"].as_array().unwrap().len();
     assert_eq!(events, 3, "joined, gone, joined: {ended:?}");
     place.assert_clean();
 }
 
 #[test]
+fn a_planner_that_goes_is_named_within_a_second_of_its_last_plan() {
+    let place = Place::new();
+    let run = place.flight("long").without_viewer().pace("10x").external("planner").start(); // 100 slots a second
+    let planner = run.worker_command("planner").spawn().unwrap();
+    run.until_printed("planner has joined");
+    run.until_slots_later(20);
+    signal_and_wait(Signal::KILL, planner);
+    run.until_printed("planner has gone");
+    run.terminate();
+    let trace = place.trace("run");
+    let last_plan = trace.lines().rposition(|line| !line.contains(",hold,")).unwrap() as u64;
+    let events = place.summary("run")["events"].take();
+    let named = events[1]["slot"].as_u64().unwrap();
+    assert!((last_plan..=last_plan + 100).contains(&named), "last plan for slot {last_plan}: {events}");
+}
+
+#[test]
 fn a_time_out_names_the_process_at_the_beginning_of_the_chain_and_no_other() {
     for (role, topic) in [("planner", "plan(1)"), ("flight-sim", "flight(0)"), ("field-sim", "queues(0)")] {
         let place = Place::new();
-        let ended = place.flight("smoke").without_viewer().external(role).timeout("2").try_run().assert_code(1);
+        let ended = place.flight("smoke").without_viewer().external(role).timeout("1").try_run().assert_code(1);
         let lines: Vec<_> = ended.stderr.lines().collect();
         assert_eq!(lines.len(), 2, "{ended:?}");
-        assert!(lines[0].starts_with(&format!("waiting up to 2 s for {role}: ")), "{ended:?}");
-        assert!(lines[1].starts_with(&format!("skysink: {role} has not sent {topic} for 2 s")), "{ended:?}");
+        assert!(lines[0].starts_with(&format!("waiting up to 1 s for {role}: ")), "{ended:?}");
+        assert!(lines[1].starts_with(&format!("skysink: {role} has not sent {topic} for 1 s")), "{ended:?}");
+        assert_eq!(place.summary("run")["complete"], false);
         place.assert_clean();
     }
 }
@@ -124,10 +137,8 @@ fn a_time_out_names_the_process_at_the_beginning_of_the_chain_and_no_other() {
 #[test]
 fn the_mission_of_an_outside_planner_is_booked_and_resumed_as_such() {
     let place = Place::new();
-    let long = place.flight("long");
-    long.out("alone").simulate();
     let command = place.outside_planner();
-    let run = long.without_viewer().planner(&command).start();
+    let run = place.flight("long").without_viewer().planner(&command).start();
     run.until_slot(100);
     let ended = run.terminate();
     let hint = format!("`skysink run --resume run --planner {command}` continues it");
@@ -141,9 +152,9 @@ fn the_mission_of_an_outside_planner_is_booked_and_resumed_as_such() {
     refused(&["run", "--planner", &command, "--label", "other"], "its planner is named external");
     let ended = place.run_ok(&["run", "--no-viewer", "--resume", "run", "--planner", &command]);
     assert!(ended.stdout.starts_with("long · external · seed 1"), "{ended:?}");
-    place.assert_same_trace("alone", "run");
+    place.assert_trace_as_simulated("run");
 
-    place.write("alone/slots.csv", place.trace("alone").lines().next().unwrap());
-    refused(&["alone", "--planner", &command], "flown by the scenario's strategy");
+    place.cut_trace("run-simulated", 0);
+    refused(&["run-simulated", "--planner", &command], "flown by the scenario's strategy");
     place.assert_clean();
 }

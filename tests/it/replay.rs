@@ -155,7 +155,7 @@ fn slots_without_a_plan_in_time_are_held_again_and_counted_as_undecided() {
 fn a_replay_survives_the_death_of_its_processes() {
     let place = Place::new();
     place.flight("long").set("slots", 3000).simulate();
-    let replay = place.skysink(&["replay", "run", "--no-viewer", "--pace", "100x"]);
+    let replay = place.skysink(&["replay", "run", "--no-viewer", "--pace", "300x"]);
     let replay = RunningFlight::start(&place, replay, "run-replay");
     let flights = replay.folder().join("flights.journal");
     let size = || fs::metadata(&flights).map_or(0, |file| file.len());

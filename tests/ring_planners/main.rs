@@ -96,7 +96,7 @@ fn assert_flies_smoke_as_gfs(planner: &Path) {
     smoke.strategy("gfs").out("alone").simulate();
     let ended = smoke.without_viewer().planner(planner.to_str().unwrap()).options(&["--label", "mine"]).run();
     assert!(ended.stdout.contains(" · mine · "), "{ended:?}");
-    assert_eq!(place.trace("alone"), place.trace("run"), "{}", planner.display());
+    place.assert_same_trace("alone", "run");
     let summary = place.summary("run");
     assert_eq!((&summary["restarts"], &summary["refused_messages"]), (&0.into(), &0.into()), "{summary}");
     place.assert_clean();
@@ -108,9 +108,8 @@ fn assert_survives_being_killed(planner: &Path) {
     place.write("transit.toml", TRANSIT);
     let flight = place.flight("transit");
     flight.strategy("gfs").out("alone").simulate();
-    let alone = place.trace("alone");
     for mode in ["serve", "transit"] {
-        assert!(alone.contains(mode), "the scenario shows no {mode}");
+        assert!(place.trace("alone").contains(mode), "the scenario shows no {mode}");
     }
     let run = flight.without_viewer().external("planner").start();
     run.until_printed("waiting up to 600 s for planner");
@@ -121,7 +120,7 @@ fn assert_survives_being_killed(planner: &Path) {
     }
     wait(start_planner(&place, &run, planner)).assert_success();
     run.wait_for_success();
-    assert_eq!(alone, place.trace("run"), "{}", planner.display());
+    place.assert_same_trace("alone", "run");
     place.assert_clean();
 }
 

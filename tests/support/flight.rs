@@ -1,4 +1,4 @@
-//! One builder for the flights of the tests, and what they do to a ring that is under way.
+//! Builds the flights of the tests, and controls a ring that is running.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,8 +14,7 @@ pub const RING: [&str; 3] = ["field-sim", "flight-sim", "planner"];
 /// The services of a ring: nine topics, and the wake-ups of each.
 const SERVICES: usize = 18;
 
-/// A flight to be made: a scenario and options. Each option makes another flight, so that flights which differ little
-/// share the rest.
+/// A scenario and options. Each method returns another builder, so that flights which differ little share the rest.
 #[derive(Debug, Clone)]
 pub struct FlightBuilder<'a> {
     place: &'a Place,
@@ -100,24 +99,24 @@ impl<'a> FlightBuilder<'a> {
         self.options(&["--force"])
     }
 
-    /// Flies in one process, which must end well.
+    /// Flies in one process, which must succeed.
     #[track_caller]
     pub fn simulate(&self) -> Output {
         self.place.run_ok(&self.arguments("simulate"))
     }
 
-    /// Flies in a ring, which must end well.
+    /// Flies in a ring, which must succeed.
     #[track_caller]
     pub fn run(&self) -> Output {
         self.try_run().assert_success()
     }
 
-    /// Flies in a ring, however it ends.
+    /// Flies in a ring.
     pub fn try_run(&self) -> Output {
         output(self.launcher())
     }
 
-    /// Flies in a ring, which is there when this returns.
+    /// Starts a flight in a ring, and waits until the ring is there.
     pub fn start(&self) -> RunningFlight<'a> {
         RunningFlight::start(self.place, self.launcher(), &self.out)
     }
@@ -137,16 +136,15 @@ impl<'a> FlightBuilder<'a> {
     }
 }
 
-/// A launcher and its ring. Dropped while it lives, it and its workers are killed.
+/// A launcher and its ring.
 #[derive(Debug)]
 pub struct RunningFlight<'a> {
     place: &'a Place,
-    /// None once it has ended.
-    child: Option<Child>,
+    child: Child,
     ring: String,
     out: String,
-    /// What the launcher and its workers say on standard error.
-    said: PathBuf,
+    /// File of the standard error of the launcher and its workers.
+    stderr: PathBuf,
 }
 
 impl<'a> RunningFlight<'a> {
@@ -154,19 +152,16 @@ impl<'a> RunningFlight<'a> {
     pub fn start(place: &'a Place, mut command: Command, out: &str) -> Self {
         let before = place.rings();
         // A file, because a pipe that nobody reads may fill up, and the test may want to read it before the end.
-        let (file, said) = tempfile::Builder::new().prefix("said").tempfile_in(place.path("")).unwrap().keep().unwrap();
+        let file = tempfile::Builder::new().prefix("stderr").tempfile_in(place.path("")).unwrap();
+        let (file, stderr) = file.keep().unwrap();
         let child = command.stderr(file).spawn().unwrap();
-        let mut flight = Self { place, child: Some(child), ring: String::new(), out: out.to_owned(), said };
+        let mut flight = Self { place, child, ring: String::new(), out: out.to_owned(), stderr };
         flight.ring = until("ring", || {
             assert!(!flight.has_ended(), "ended before its ring was there: {}", flight.stderr());
             place.rings().into_iter().find(|ring| !before.contains(ring) && place.ring_file(ring).exists())
         });
+        place.started.lock().unwrap().push(flight.ring.clone());
         flight
-    }
-
-    /// The name of its ring.
-    pub fn ring(&self) -> &str {
-        &self.ring
     }
 
     /// The folder of its ring.
@@ -176,20 +171,20 @@ impl<'a> RunningFlight<'a> {
 
     /// The process id of the launcher.
     pub fn pid(&self) -> Pid {
-        pid(self.child.as_ref().expect("it has not ended"))
+        pid(&self.child)
     }
 
     /// Whether the launcher has ended.
     pub fn has_ended(&mut self) -> bool {
-        self.child.as_mut().is_none_or(|child| child.try_wait().unwrap().is_some())
+        self.child.try_wait().unwrap().is_some()
     }
 
-    /// What it has said on standard error.
+    /// Its standard error so far.
     pub fn stderr(&self) -> String {
-        fs::read_to_string(&self.said).unwrap()
+        fs::read_to_string(&self.stderr).unwrap()
     }
 
-    /// Waits until it has said this.
+    /// Waits until its standard error contains `text`.
     pub fn until_printed(&self, text: &str) {
         until(text, || self.stderr().contains(text).then_some(()));
     }
@@ -214,9 +209,14 @@ impl<'a> RunningFlight<'a> {
         self.place.worker(role, &self.ring)
     }
 
+    /// The same, if it is there at this moment.
+    pub fn worker_now(&self, role: &str) -> Option<Pid> {
+        self.place.worker_now(role, &self.ring)
+    }
+
     /// Waits until the process of a role is another one.
     pub fn until_restarted(&self, role: &str, before: Pid) {
-        until("restart", || self.place.worker_now(role, &self.ring).filter(|&now| now != before));
+        until("restart", || self.worker_now(role).filter(|&now| now != before));
     }
 
     /// Sends a signal to the process of a role, and returns which it was.
@@ -237,7 +237,7 @@ impl<'a> RunningFlight<'a> {
         self.until_restarted(role, killed);
     }
 
-    /// The program of a role with the arguments with which it joins this ring, whose topics are there.
+    /// The command of a role that joins this ring, whose topics are there.
     pub fn worker_command(&self, role: &str) -> Command {
         self.worker_command_with(role, Path::new(&self.out).join("scenario.toml").to_str().unwrap())
     }
@@ -261,14 +261,13 @@ impl<'a> RunningFlight<'a> {
         kill_process(self.pid(), signal).unwrap();
     }
 
-    /// Waits for its end.
-    pub fn wait(mut self) -> Output {
-        let mut ended = wait(self.child.take().expect("it has not ended"));
-        ended.stderr = self.stderr();
-        ended
+    /// Waits for its exit.
+    pub fn wait(self) -> Output {
+        let output = wait(self.child);
+        Output { stderr: fs::read_to_string(self.stderr).unwrap(), ..output }
     }
 
-    /// Waits for its end, which must be a good one.
+    /// Waits for its exit, which must be a success.
     #[track_caller]
     pub fn wait_for_success(self) -> Output {
         self.wait().assert_success()
@@ -295,18 +294,6 @@ impl<'a> RunningFlight<'a> {
 
     fn trace(&self) -> PathBuf {
         self.path("slots.csv")
-    }
-}
-
-impl Drop for RunningFlight<'_> {
-    fn drop(&mut self) {
-        let Some(mut child) = self.child.take() else { return };
-        let _ = child.kill();
-        let _ = child.wait();
-        let workers = RING.into_iter().chain(["viewer"]).filter(|_| !self.ring.is_empty());
-        for worker in workers.filter_map(|role| self.place.worker_now(role, &self.ring)) {
-            let _ = kill_process(worker, Signal::KILL); // it may be stopped, and then would not notice
-        }
     }
 }
 

@@ -21,13 +21,12 @@ fn nobody(turn: &Turn) -> Plan {
 /// Flies the smoke test with good plans; before each, `disturb` may send other samples, and returns how many of them
 /// have to be refused. The trace must be that of a run without them.
 fn fly_disturbed(place: &Place, mut disturb: impl FnMut(&Rogue, &Turn) -> u64) -> Output {
-    place.flight("smoke").out("alone").simulate();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     let mut refused = 0;
     rogue.fly_to_end(|rogue, turn| refused += disturb(rogue, turn));
     let ended = run.wait_for_success();
     audit(place);
-    place.assert_same_trace("alone", "run");
+    place.assert_trace_as_simulated("run");
     let summary = place.summary("run");
     assert_eq!((&summary["refused_messages"], &summary["refused"]), (&refused.into(), &0.into()));
     place.assert_clean();
@@ -113,7 +112,6 @@ fn a_flood_of_ten_thousand_plans_is_counted_to_the_last_one_and_said_five_times(
 #[test]
 fn what_a_header_says_of_restarts_flags_and_times_changes_nothing() {
     let place = Place::new();
-    place.flight("smoke").out("alone").simulate();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     while let Some(turn) = rogue.next() {
         let flags = (turn.slot % 4) as u32;
@@ -121,7 +119,7 @@ fn what_a_header_says_of_restarts_flags_and_times_changes_nothing() {
         rogue.send(header, turn.good);
     }
     run.wait_for_success();
-    place.assert_same_trace("alone", "run");
+    place.assert_trace_as_simulated("run");
     assert_eq!(place.summary("run")["refused_messages"], 0);
 }
 
@@ -129,7 +127,6 @@ fn what_a_header_says_of_restarts_flags_and_times_changes_nothing() {
 fn a_mission_of_another_ring_of_the_same_user_is_another_mission() {
     let place = Place::new();
     let smoke = place.flight("smoke").without_viewer();
-    smoke.out("alone").simulate();
     let other = smoke.seed(2).external("planner").out("other").start();
     other.until_topics();
     let terms = RingFolder::open(&other.folder()).unwrap().terms();
@@ -141,7 +138,7 @@ fn a_mission_of_another_ring_of_the_same_user_is_another_mission() {
         rogue.send(SlotHeader { mission: terms.mission, ..rogue.header(turn.slot) }, nobody(turn));
     });
     let ended = run.wait_for_success();
-    place.assert_same_trace("alone", "run");
+    place.assert_trace_as_simulated("run");
     assert_eq!(place.summary("run")["refused_messages"], 60);
     assert_said(&ended, MISSION, 60);
 

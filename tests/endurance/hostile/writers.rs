@@ -17,7 +17,6 @@ fn forged_plan() -> Plan {
 #[test]
 fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_slot() {
     let place = Place::new();
-    place.flight("smoke").out("alone").simulate();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     let intruder = Intruder::join(&rogue.folder);
     let plans = intruder.writer::<Plan, SlotHeader>("plan");
@@ -43,7 +42,7 @@ fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_s
     });
     let ended = run.wait_for_success();
     audit(&place);
-    place.assert_same_trace("alone", "run");
+    place.assert_trace_as_simulated("run");
     // In the last slot the real ones may have left before the recorder reads what was sent in vain.
     let refused = place.summary("run")["refused_messages"].as_u64().unwrap();
     assert!((sent - 6..=sent).contains(&refused), "{refused} of {sent}");
@@ -60,7 +59,6 @@ fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_s
 fn a_second_planner_that_never_stops_writing_does_not_disturb_the_real_one() {
     let place = Place::new();
     let long = place.flight("long").set("slots", 3000).without_viewer();
-    long.out("alone").simulate();
     let mut run = long.start();
     let folder = open_folder(&run);
     run.until_slot(5);
@@ -75,7 +73,7 @@ fn a_second_planner_that_never_stops_writing_does_not_disturb_the_real_one() {
         run.has_ended().then_some(())
     });
     let ended = run.wait_for_success();
-    place.assert_same_trace("alone", "run");
+    place.assert_trace_as_simulated("run");
     assert!(place.summary("run")["refused_messages"].as_u64().unwrap() > 0, "{ended:?}");
     assert!(!said(&ended.stderr, SECOND).is_empty(), "{ended:?}");
     drop((plans, intruder));
@@ -85,7 +83,6 @@ fn a_second_planner_that_never_stops_writing_does_not_disturb_the_real_one() {
 #[test]
 fn a_flood_that_was_there_before_the_planner_does_not_drown_it() {
     let place = Place::new();
-    place.flight("smoke").out("alone").simulate();
     let mut run = place.flight("smoke").without_viewer().external("planner").timeout(LONG_S).start();
     let intruder = Intruder::join(&open_folder(&run));
     let plans = intruder.writer::<Plan, SlotHeader>("plan");
@@ -99,7 +96,7 @@ fn a_flood_that_was_there_before_the_planner_does_not_drown_it() {
     });
     wait(planner).assert_success();
     let ended = run.wait_for_success();
-    place.assert_same_trace("alone", "run");
+    place.assert_trace_as_simulated("run");
     assert!(place.summary("run")["refused_messages"].as_u64().unwrap() > 0, "{ended:?}");
     drop((plans, intruder));
     place.assert_clean();
@@ -109,7 +106,6 @@ fn a_flood_that_was_there_before_the_planner_does_not_drown_it() {
 fn with_one_place_of_each_topic_taken_killed_processes_still_come_back() {
     let place = Place::new();
     let long = place.flight("long").set("slots", 3000);
-    long.out("alone").simulate();
     let (run, mut rogue) = start_with_rogue(&long, LONG_S);
     let intruder = Intruder::join(&rogue.folder);
     let silent = (
@@ -123,7 +119,7 @@ fn with_one_place_of_each_topic_taken_killed_processes_still_come_back() {
         }
     });
     run.wait_for_success();
-    place.assert_same_trace("alone", "run");
+    place.assert_trace_as_simulated("run");
     let summary = place.summary("run");
     assert_eq!((&summary["restarts"], &summary["refused_messages"]), (&6.into(), &0.into()));
     drop((silent, intruder, rogue));
