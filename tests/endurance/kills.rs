@@ -56,7 +56,6 @@ fn a_planner_that_remembers_comes_back_as_it_was() {
     let place = Place::new();
     let few = place
         .flight("long")
-        .set("slots", 3000)
         .set("sensors.count", 30)
         .set("sensors.sampling_bps", "[50.0, 900.0]")
         .set("area.side_m", 300)

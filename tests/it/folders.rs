@@ -159,7 +159,7 @@ fn a_spoilt_run_of_an_outside_planner_is_refused_or_ends_with_the_same_bytes() {
     let place = Place::new();
     let planner =
         concat!("sh -c 'exec ", env!("CARGO_BIN_EXE_planner"), " --scenario $SKYSINK_SCENARIO --ring $SKYSINK_RING'");
-    let long = place.flight("long").set("slots", 3000);
+    let long = place.flight("long").set("slots", 1500);
     long.out("alone").simulate();
     let run = long.out("begun").without_viewer().planner(planner).start();
     run.until_slot(60);

@@ -34,9 +34,7 @@ fn what_exists_is_replaced_with_force_alone() {
 fn a_name_that_is_no_folder_is_refused() {
     let place = Place::new();
     for name in ["../x", "a b", "", "a\"b"] {
-        let refused = place.run(&["new", name]);
-        assert_eq!((refused.code, refused.stderr.lines().count()), (Some(2), 1), "{name}: {refused:?}");
-        assert!(refused.stderr.contains("expected 1 to 100 of"), "{refused:?}");
+        place.run_refused(&["new", name], "expected 1 to 100 of");
     }
     assert_eq!(std::fs::read_dir(place.path(".")).unwrap().count(), 0);
 }
@@ -150,9 +148,7 @@ mod imports {
             ("a.shp", "x", "`.shp`: expected a file named .csv"),
         ] {
             place.write(file, text);
-            let refused = place.run(&["new", "bad", "--sensors", file]);
-            assert_eq!((refused.code, refused.stderr.lines().count()), (Some(2), 1), "{file}: {refused:?}");
-            assert!(refused.stderr.contains(says), "{says}: {refused:?}");
+            place.run_refused(&["new", "bad", "--sensors", file], says);
             assert!(!place.path("bad").exists());
         }
     }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 
-use crate::support::Place;
+use crate::support::{Place, csv_rows};
 use serde_json::Value;
 
 /// A place with a flown sweep of the smoke scenario, `flown`.
@@ -23,13 +23,6 @@ fn plot(place: &Place, arguments: &[&str]) -> Value {
     serde_json::from_str(&ended.stdout).unwrap()
 }
 
-/// The rows of a CSV file, by column name.
-fn rows(text: &str) -> Vec<BTreeMap<String, String>> {
-    let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
-    let header = lines.next().unwrap();
-    lines.map(|line| header.iter().cloned().zip(line).collect()).collect()
-}
-
 #[test]
 fn a_figure_and_its_tables_hold_the_numbers_of_the_summary() {
     let place = swept();
@@ -38,7 +31,7 @@ fn a_figure_and_its_tables_hold_the_numbers_of_the_summary() {
     let points = drawn["points"].as_array().unwrap();
     let sides: Vec<f64> = points.iter().step_by(3).map(|point| point["x"].as_f64().unwrap()).collect();
     assert_eq!(sides, [40.0, 60.0, 90.0], "by size");
-    let summary = rows(&place.read("flown/summary.csv"));
+    let summary = csv_rows(&place.read("flown/summary.csv"));
     let stem = "flown/plots/bits_per_waypoint-area.side_m-link.gain-per-slot";
     let [svg, latex, markdown] = ["svg", "tex", "md"].map(|extension| place.read(&format!("{stem}.{extension}")));
     for point in points {
@@ -82,7 +75,7 @@ fn differences_are_paired_by_seed() {
     let request =
         ["--x", "area.side_m", "--where", "link.gain=static", "--strategies", "rfs", "--difference-to", "uts"];
     let drawn = plot(&place, &[&request[..], &["--y", "jain"]].concat());
-    let results = rows(&place.read("flown/results.csv"));
+    let results = csv_rows(&place.read("flown/results.csv"));
     let values = |strategy: &str, side: f64| -> Vec<f64> {
         let flown = results.iter().filter(|row| {
             (row["strategy"].as_str(), row["link.gain"].as_str(), row["area.side_m"].parse().ok())
@@ -176,11 +169,10 @@ fn a_request_that_does_not_fit_the_sweep_is_refused_in_a_line_and_nothing_is_wri
         (with(&["--width", "88"]), "expected a width from 50mm to 1000mm"),
         (with(&["--log-y", "--difference-to", "uts"]), "cannot be used with"),
     ] {
-        let ended = place.run(&[&["plot", "flown"], &request[..]].concat());
-        assert!(ended.code == Some(2) && ended.stderr.contains(says), "{request:?}: {ended:?}");
+        let ended = place.run(&[&["plot", "flown"], &request[..]].concat()).assert_code(2);
+        assert!(ended.stderr.contains(says), "{request:?}: {ended:?}");
     }
-    let strange = place.run(&["plot", "nothing", "--x", "slots"]);
-    assert!(strange.code == Some(2) && strange.stderr.contains("expected the folder of a sweep"), "{strange:?}");
+    place.run_refused(&["plot", "nothing", "--x", "slots"], "expected the folder of a sweep");
     assert!(!place.path("flown/plots").exists());
 }
 
@@ -204,6 +196,5 @@ fn what_is_incomplete_is_left_out_and_said_so() {
     let none = place.run(&["plot", "flown", "--x", "link.gain", "--where", "area.side_m=60", "--strategies", "gfs"]);
     assert_eq!(none.code, Some(0), "per-slot is whole: {none:?}");
     place.write("flown/journal.csv", "");
-    let none = place.run(&[&["plot", "flown"], &request[..]].concat());
-    assert!(none.code == Some(2) && none.stderr.contains("0 of 54 missions are present"), "{none:?}");
+    place.run_refused(&[&["plot", "flown"], &request[..]].concat(), "0 of 54 missions are present");
 }

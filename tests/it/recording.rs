@@ -1,7 +1,7 @@
 //! What `skysink run` leaves to look at.
 use crate::support;
 use crate::support::flight::{FlightBuilder, RunningFlight};
-use crate::support::scenarios::{self, SMOKE};
+use crate::support::scenarios::SMOKE;
 use crate::support::{Place, rows, slots, until, wait};
 use rustix::process::Signal;
 
@@ -39,19 +39,15 @@ fn one_slot_in_so_many_is_drawn_by_a_ring_and_by_one_process() {
 /// What is recorded of the planned path.
 const PATH: [&str; 4] = ["/world/path", "/world/path/stops", "/world/path_track", "/world/path_track/stops"];
 
-/// The smoke test, so long and flown by a planner that looks ahead.
-fn ahead(place: &Place, slots: u64) -> FlightBuilder<'_> {
-    place.write(
-        "ahead.toml",
-        &(scenarios::text("smoke") + "[planner]\nstrategy = \"horizon\"\nhorizon.iterations = 200\n"),
-    );
-    place.flight("ahead").set("slots", slots).set("uav.endurance_s", slots)
+/// `smoke`, flown by a planner that looks ahead.
+fn ahead(place: &Place) -> FlightBuilder<'_> {
+    place.flight("smoke").strategy("horizon").set("planner.horizon.iterations", 200)
 }
 
 #[test]
 fn the_planned_path_is_recorded_alike_by_a_ring_and_by_one_process() {
     let place = Place::new();
-    let flight = ahead(&place, 60);
+    let flight = ahead(&place);
     flight.out("alone").options(&["--record"]).simulate();
     flight.out("ring").run();
     for entity in PATH {
@@ -61,7 +57,7 @@ fn the_planned_path_is_recorded_alike_by_a_ring_and_by_one_process() {
         assert!(drawn > 40, "{entity}: {drawn}");
         assert!(alone == ring, "{entity}");
     }
-    flight.strategy("uts").out("uts").run();
+    place.flight("smoke").out("uts").run();
     assert_eq!(rows(&place.path("uts/mission.rrd"), "/world/path").len(), 0);
     assert_eq!(slots(&place.path("uts/mission.rrd"), "/world/uav_trail"), (0..=60).collect());
 }
@@ -95,7 +91,7 @@ fn losses_coverage_and_beliefs_are_recorded_alike_by_a_ring_and_by_one_process()
 #[test]
 fn the_planned_path_is_that_of_the_undisturbed_mission_whenever_the_planner_is_killed() {
     let place = Place::new();
-    let flight = ahead(&place, 400);
+    let flight = ahead(&place).set("slots", 400);
     flight.out("alone").options(&["--record"]).simulate();
     let run = flight.start();
     for slot in [20, 80, 150, 220, 300] {

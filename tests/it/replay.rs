@@ -4,12 +4,10 @@ use std::fs;
 use std::time::Duration;
 
 use crate::support::flight::{RunningFlight, executable};
-use crate::support::{Place, output, scenarios, until};
+use crate::support::{Place, csv_rows, output, scenarios, until};
 use serde_json::Value;
 use skysink_common::message::FlightReport;
 use skysink_common::pace::Pace;
-use skysink_common::scenario::Scenario;
-use skysink_common::sensors::SensorList;
 use skysink_flight_sim::Flight;
 use skysink_mission::Mission;
 use skysink_mission::origin::RunMode;
@@ -17,22 +15,13 @@ use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
 use skysink_planner::Planner;
 
-fn smoke(strategy: &'static str) -> (Scenario, SensorList) {
-    let scenario = scenarios::smoke(strategy);
-    let list = SensorList::of(&scenario).unwrap();
-    (scenario, list)
-}
-
 fn outcome(place: &Place, folder: &str) -> Value {
     serde_json::from_str(&place.read(&format!("{folder}/replay.json"))).unwrap()
 }
 
 /// These columns of a table, line by line.
 fn columns(text: &str, names: &[&str]) -> Vec<Vec<String>> {
-    let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
-    let header = lines.next().unwrap();
-    let at: Vec<_> = names.iter().map(|name| header.iter().position(|column| column == name).expect(name)).collect();
-    lines.map(|line| at.iter().map(|&index| line[index].clone()).collect()).collect()
+    csv_rows(text).iter().map(|row| names.iter().map(|&name| row[name].clone()).collect()).collect()
 }
 
 /// What `plans.csv` and `slots.csv` have in common.
@@ -75,10 +64,10 @@ fn the_planner_of_the_run_decides_again_as_recorded() {
 
 /// What a strategy would have done in each slot of a mission of another, by plain calls.
 fn asked(flown: &'static str, asked: &'static str) -> Vec<Vec<String>> {
-    let (scenario, list) = smoke(flown);
+    let (scenario, list) = scenarios::smoke_with_sensors(flown);
     let mut mission = Mission::new(&scenario, &list).unwrap();
     let nodes = list.nodes();
-    let mut planner = Planner::new(&smoke(asked).0, &nodes).unwrap();
+    let mut planner = Planner::new(&scenarios::smoke(asked), &nodes).unwrap();
     let mut lines = Vec::new();
     for slot in 1..=scenario.slots {
         let mut flight = Flight::new(&scenario, &nodes);
@@ -129,7 +118,7 @@ fn an_outside_planner_is_asked_and_its_own_run_is_replayed_by_its_decisions_on_r
 #[test]
 fn slots_without_a_plan_in_time_are_held_again_and_counted_as_undecided() {
     let place = Place::new();
-    let (scenario, list) = smoke("uts");
+    let (scenario, list) = scenarios::smoke_with_sensors("uts");
     let run_mode = RunMode { pace: Some("10x".parse().unwrap()), external_planner: None };
     let folder = RunFolder::create(Some(&place.path("run")), false, &scenario, &list, &run_mode).unwrap();
     let mut log = folder.slot_log().unwrap();
@@ -154,7 +143,7 @@ fn slots_without_a_plan_in_time_are_held_again_and_counted_as_undecided() {
 #[test]
 fn a_replay_survives_the_death_of_its_processes() {
     let place = Place::new();
-    place.flight("long").set("slots", 3000).simulate();
+    place.flight("long").simulate();
     let replay = place.skysink(&["replay", "run", "--no-viewer", "--pace", "300x"]);
     let replay = RunningFlight::start(&place, replay, "run-replay");
     let flights = replay.folder().join("flights.journal");
@@ -186,8 +175,7 @@ fn what_is_no_finished_run_or_contradicts_itself_is_refused_and_nothing_is_writt
     for (damaged, says) in [(trace.replacen("\n7,", "\n8,", 1), "line 8"), (cut, "30 slots")] {
         place.write("run/slots.csv", &damaged);
         let ended = place.run(&["replay", "run", "--no-viewer"]);
-        assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
-        assert!(ended.stderr.contains("run/slots.csv") && ended.stderr.contains(says), "{ended:?}");
+        ended.assert_code(2).assert_one_line(&["run/slots.csv", says]);
     }
     assert!(!place.path("run-replay").exists());
 }
@@ -197,13 +185,11 @@ fn a_replay_is_replaced_by_force_alone() {
     let place = Place::new();
     place.flight("smoke").simulate();
     place.run_ok(&["replay", "run", "--no-viewer"]);
-    let ended = place.run(&["replay", "run", "--no-viewer", "--strategy", "gfs"]);
-    assert!(ended.code == Some(2) && ended.stderr.contains("run-replay: it exists"), "{ended:?}");
+    place.run_refused(&["replay", "run", "--no-viewer", "--strategy", "gfs"], "run-replay: it exists");
     assert_eq!(outcome(&place, "run-replay")["planner"], "uts");
     place.run_ok(&["replay", "run", "--no-viewer", "--strategy", "gfs", "--force"]);
     assert_eq!(outcome(&place, "run-replay")["planner"], "gfs");
-    let ended = place.run(&["replay", "run", "--no-viewer", "--out", "run", "--force"]);
-    assert!(ended.code == Some(2) && ended.stderr.contains("it is inside the run folder"), "{ended:?}");
+    place.run_refused(&["replay", "run", "--no-viewer", "--out", "run", "--force"], "it is inside the run folder");
     assert!(place.path("run/slots.csv").exists());
 }
 

@@ -1,13 +1,11 @@
 //! `skysink report`: the figures of a run again, and what it comes to for each sensor node.
 
-use crate::support::Place;
+use crate::support::{Place, csv_rows};
 use serde_json::Value;
 
 /// The column `name` of a table.
 fn column<T: std::str::FromStr>(text: &str, name: &str) -> Vec<T> {
-    let mut lines = text.lines();
-    let index = lines.next().unwrap().split(',').position(|column| column == name).expect(name);
-    lines.map(|line| line.split(',').nth(index).unwrap().parse().ok().expect(name)).collect()
+    csv_rows(text).iter().map(|row| row[name].parse().ok().expect(name)).collect()
 }
 
 #[test]
@@ -98,12 +96,9 @@ fn what_is_no_run_or_was_changed_is_refused_and_nothing_is_written() {
     let trace = place.trace("run");
     place.write("run/slots.csv", &trace.replacen("\n7,", "\n8,", 1));
     for (folder, says) in [("nowhere", "nowhere"), ("run", "run/slots.csv: line 8")] {
-        let ended = place.run(&["report", folder, "--sensors", "--json"]);
-        assert_eq!(ended.code, Some(2), "{ended:?}");
-        assert!(ended.stderr.contains(says) && ended.stderr.lines().count() == 1, "{ended:?}");
+        place.run_refused(&["report", folder, "--sensors", "--json"], says);
     }
     assert!(!place.path("run/sensors_out.csv").exists());
     std::fs::remove_file(place.path("run/summary.json")).unwrap();
-    let ended = place.run(&["report", "run"]);
-    assert!(ended.code == Some(2) && ended.stderr.contains("summary.json"), "{ended:?}");
+    place.run_refused(&["report", "run"], "summary.json");
 }

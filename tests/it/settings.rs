@@ -26,8 +26,7 @@ fn what_is_set_is_refused_in_the_name_of_the_option() {
         ("slots=100000", "(with --set slots=100000)\n"),
         ("slots", "key=value"),
     ] {
-        let ended = place.run(&["simulate", "a.toml", "--out", "refused", "--set", set]);
-        assert_eq!(ended.code, Some(2), "{set}: {ended:?}");
+        let ended = place.run(&["simulate", "a.toml", "--out", "refused", "--set", set]).assert_code(2);
         assert!(ended.stderr.contains(says), "{set}: {ended:?}");
         assert!(!place.path("refused").exists(), "{set}");
     }
@@ -59,18 +58,10 @@ fn a_key_that_is_set_displaces_the_other_form_of_the_file() {
         assert_eq!(keys(&back.stdout), keys(&place.run_ok(&["check", "a.toml"]).stdout), "{set:?}");
     }
     // One does not displace the other where both are set.
-    let both = place.run(&[
-        "check",
-        "a.toml",
-        "--set",
-        "area.side_m=9",
-        "--set",
-        "area.width_m=9",
-        "--set",
-        "area.height_m=9",
-    ]);
-    assert_eq!(both.code, Some(2), "{both:?}");
-    assert!(both.stderr.contains("--set area.side_m=9: expected either side_m, or width_m and height_m"), "{both:?}");
+    place.run_refused(
+        &["check", "a.toml", "--set", "area.side_m=9", "--set", "area.width_m=9", "--set", "area.height_m=9"],
+        "--set area.side_m=9: expected either side_m, or width_m and height_m",
+    );
 }
 
 #[cfg(feature = "lab")]

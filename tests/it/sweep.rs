@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::process::Child;
 
-use crate::support::{Place, lines, signal_and_wait, until};
+use crate::support::{Place, csv_rows, lines, signal_and_wait, until};
 use rustix::process::Signal;
 
 /// The files whose bytes depend on the sweep alone.
@@ -39,13 +39,6 @@ fn assert_equal(place: &Place, one: &str, other: &str) {
     }
 }
 
-/// The rows of a CSV file, by column name.
-fn rows(text: &str) -> Vec<BTreeMap<String, String>> {
-    let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
-    let header = lines.next().unwrap();
-    lines.map(|line| header.iter().cloned().zip(line).collect()).collect()
-}
-
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
     let place = Place::new();
@@ -55,7 +48,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
     }
     assert_equal(&place, "1", "2");
     assert_equal(&place, "1", "5");
-    let results = rows(&place.read("1/results.csv"));
+    let results = csv_rows(&place.read("1/results.csv"));
     assert_eq!(results.len(), 3 * 2 * 3 * 5);
     let key =
         |row: &BTreeMap<String, String>| ["area.side_m", "link.gain", "strategy", "seed"].map(|key| row[key].clone());
@@ -71,7 +64,7 @@ fn a_row_is_the_mission_that_simulate_flies() {
     write_sweep(&place, 2);
     place.run_ok(&["sweep", "sweep.toml", "--out", "sweep"]);
     place.flight("smoke").seed(2).strategy("gfs").simulate();
-    let (results, summary) = (rows(&place.read("sweep/results.csv")), place.summary("run"));
+    let (results, summary) = (csv_rows(&place.read("sweep/results.csv")), place.summary("run"));
     let wanted = [("area.side_m", "60"), ("link.gain", "static"), ("strategy", "gfs"), ("seed", "2")];
     let row = results.iter().find(|row| wanted.iter().all(|(key, value)| row[*key] == *value)).unwrap();
     for metric in ["loss_rate", "eta_letter", "bits_per_waypoint", "mean_served", "delivered_bits"] {
@@ -85,7 +78,7 @@ fn intervals_of_fractions_stay_fractions_and_data_is_no_younger_than_its_service
     write_sweep(&place, 3);
     place.run_ok(&["sweep", "sweep.toml", "--out", "out"]);
     let mut bounded = 0;
-    for row in rows(&place.read("out/summary.csv")) {
+    for row in csv_rows(&place.read("out/summary.csv")) {
         let number = |key: &str| row[key].parse::<f64>().unwrap();
         let (low, mean, high) = (number("ci95_low"), number("mean"), number("ci95_high"));
         assert!(low <= mean && mean <= high, "{row:?}");
@@ -95,7 +88,7 @@ fn intervals_of_fractions_stay_fractions_and_data_is_no_younger_than_its_service
         }
     }
     assert_eq!(bounded, 3 * 2 * 3 * 2);
-    for row in rows(&place.read("out/results.csv")) {
+    for row in csv_rows(&place.read("out/results.csv")) {
         let number = |key: &str| row[key].parse::<f64>().unwrap();
         let older =
             number("data_age_mean_s") >= number("aoi_mean_s") && number("data_age_p99_s") >= number("aoi_p99_s");
@@ -111,7 +104,7 @@ fn a_sweep_with_offline_plans_shows_the_bound_and_the_best_known() {
     let text = "scenario = \"far.toml\"\nstrategies = [\"tour\", \"offline\"]\nseeds = 4\n[axes]\n";
     place.write("sweep.toml", &format!("{text}{axes}"));
     place.run_ok(&["sweep", "sweep.toml", "--out", "sweep"]);
-    let (results, summary) = (rows(&place.read("sweep/results.csv")), rows(&place.read("sweep/summary.csv")));
+    let (results, summary) = (csv_rows(&place.read("sweep/results.csv")), csv_rows(&place.read("sweep/summary.csv")));
     let losses = |strategy: &str| -> Vec<f64> {
         let flown = results.iter().filter(|row| row["strategy"] == strategy);
         flown.map(|row| row["loss_rate"].parse().unwrap()).collect()
@@ -165,12 +158,8 @@ fn a_journal_with_a_changed_digit_is_refused_by_its_line() {
     let damaged = journal.replacen(second, std::str::from_utf8(&changed).unwrap(), 1);
     place.write("out/journal.csv", &damaged);
     for arguments in [["sweep", "sweep.toml", "--out", "out"], ["merge", "out", "--out", "merged"]] {
-        let ended = place.run(&arguments);
-        assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
-        for word in ["out/journal.csv: line 2: ", ": expected the check ", "delete the line, and `skysink sweep` runs"]
-        {
-            assert!(ended.stderr.contains(word), "{word}: {ended:?}");
-        }
+        let says = ["out/journal.csv: line 2: ", ": expected the check ", "delete the line, and `skysink sweep` runs"];
+        place.run(&arguments).assert_code(2).assert_one_line(&says);
         assert_eq!(place.read("out/journal.csv"), damaged, "nothing is cut");
     }
 }
@@ -356,12 +345,7 @@ fn bad_sweeps_are_refused_before_anything_is_written() {
         let place = Place::new();
         write_sweep(&place, 1);
         place.write("bad.toml", &text);
-        let ended = place.run(&["sweep", "bad.toml", "--out", "out"]);
-        assert_eq!(ended.code, Some(2), "{text}: {ended:?}");
-        assert_eq!(ended.stderr.lines().count(), 1, "{text}: {ended:?}");
-        for word in says {
-            assert!(ended.stderr.contains(word), "{word} is missing in {ended:?}");
-        }
+        place.run(&["sweep", "bad.toml", "--out", "out"]).assert_code(2).assert_one_line(says);
         assert!(!place.path("out").exists(), "{text}");
     }
     let place = Place::new();
@@ -397,7 +381,7 @@ const INDEPENDENT: [(f64, f64, &str, f64, f64, f64); 17] = [
 fn the_letters_comparison_agrees_with_an_independent_simulation() {
     let place = Place::new();
     place.run_ok(&["sweep", concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/sweeps/letter.toml"), "--out", "out"]);
-    let summary = rows(&place.read("out/summary.csv"));
+    let summary = csv_rows(&place.read("out/summary.csv"));
     for (side_m, bandwidth_hz, strategy, loss_rate, standard_error, _) in INDEPENDENT {
         let row = summary.iter().find(|row| {
             let number = |key: &str| row[key].parse::<f64>().unwrap();

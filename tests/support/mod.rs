@@ -35,7 +35,7 @@ impl Drop for Place {
             let works_here =
                 |process: &Path| fs::read_link(process.join("cwd")).is_ok_and(|cwd| cwd.starts_with(self.path("")));
             let left = processes(works_here);
-            left.iter().for_each(|&process| drop(kill_process(process, Signal::KILL)));
+            let _ = left.iter().try_for_each(|&process| kill_process(process, Signal::KILL));
             left.is_empty().then_some(())
         });
         self.shared_memory().iter().for_each(|path| drop(fs::remove_file(path)));
@@ -198,7 +198,7 @@ impl Place {
     }
 
     /// The files in shared memory of the rings that were started here.
-    fn shared_memory(&self) -> Vec<PathBuf> {
+    pub fn shared_memory(&self) -> Vec<PathBuf> {
         let rings = [&self.started.lock().unwrap()[..], &self.rings()].concat();
         let prefixes: Vec<_> = rings.into_iter().map(|ring| format!("/dev/shm/sky{ring}_")).collect();
         let paths = fs::read_dir("/dev/shm").unwrap().flatten().map(|entry| entry.path());
@@ -344,6 +344,13 @@ fn process(executable: &str, argument: &str) -> Option<Pid> {
         program.is_some_and(|program| program == executable) && words.any(|word| word == argument)
     };
     processes(is_it).first().copied()
+}
+
+/// The rows of a CSV file, by column name.
+pub fn csv_rows(text: &str) -> Vec<BTreeMap<String, String>> {
+    let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
+    let header = lines.next().unwrap();
+    lines.map(|line| header.iter().cloned().zip(line).collect()).collect()
 }
 
 /// The slots in which a recording holds the entity.

@@ -58,7 +58,7 @@ fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_s
 #[test]
 fn a_second_planner_that_never_stops_writing_does_not_disturb_the_real_one() {
     let place = Place::new();
-    let long = place.flight("long").set("slots", 3000).without_viewer();
+    let long = place.flight("long").without_viewer();
     let mut run = long.start();
     let folder = open_folder(&run);
     run.until_slot(5);
@@ -105,7 +105,7 @@ fn a_flood_that_was_there_before_the_planner_does_not_drown_it() {
 #[test]
 fn with_one_place_of_each_topic_taken_killed_processes_still_come_back() {
     let place = Place::new();
-    let long = place.flight("long").set("slots", 3000);
+    let long = place.flight("long");
     let (run, mut rogue) = start_with_rogue(&long, LONG_S);
     let intruder = Intruder::join(&rogue.folder);
     let silent = (
