@@ -213,14 +213,14 @@ fn what_cannot_be_compared_is_refused() {
 #[test]
 fn one_recording_holds_every_slot_of_every_mission() {
     let place = with_small();
-    let compare = ["compare", "small.toml", "uts", "gfs", "--seeds", "1", "--out", "both"];
+    let compare = ["compare", "small.toml", "uts", "gfs", "--seeds", "1", "--out", "both", "--set", "slots=60"];
     place.run_ok(&compare);
     let recording = place.path("both/comparison.rrd");
     assert!(skysink_viewer::has_footer(&recording).unwrap());
     for entity in ["/compare/loss_rate/1-uts", "/1-uts/world/uav_trail", "/compare/delivered/2-gfs", "/2-gfs/status"] {
-        assert_eq!(slots(&recording, entity), (0..=250).collect(), "{entity}");
+        assert_eq!(slots(&recording, entity), (0..=60).collect(), "{entity}");
     }
     place.run_ok(&compare); // replaces it
-    assert_eq!(slots(&recording, "/compare/loss_rate/1-uts"), (0..=250).collect());
+    assert_eq!(slots(&recording, "/compare/loss_rate/1-uts"), (0..=60).collect());
     assert!(!place.path("both/comparison-2.rrd").exists());
 }
