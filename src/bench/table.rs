@@ -48,7 +48,7 @@ fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::
             table.set_header(header).add_row(cells);
         }
     }
-    write!(formatter, "\n\n{part}\n{}", report::with_numbers_from(0, table))
+    write!(formatter, "\n\n{part}\n{}", report::with_numbers_from(usize::from(rows.len() == 1), table))
 }
 
 /// A single value: a time if its key ends in `_us`, else a ratio.
@@ -67,7 +67,33 @@ fn text(key: &str, value: &Value) -> String {
 
 #[cfg(test)]
 mod tests {
+    use skysink_common::pace::Pace;
+    use skysink_mission::latency::Spread;
+    use skysink_ring::wait::Waiting;
+
     use super::*;
+    use crate::bench::hop::RingCase;
+    use crate::bench::ring::RingRow;
+
+    #[test]
+    fn the_widest_rings_fit_a_terminal() {
+        let case = RingCase { sensors: 1_000_000, wait: Waiting::Adaptive, pace: Pace::Factor(200.0), slots: 1 };
+        let times = Spread { p50_us: 12.34, p99_us: 12.34, p999_us: 12.34, max_us: 12.34 };
+        let row = |()| RingRow {
+            case,
+            slots_per_s: 12_345.0,
+            slot: times,
+            plan: times,
+            hops: times,
+            p50_over_floor: 12.34,
+            p99_over_p50: 12.34,
+        };
+        let report = Report { ring: Some([(); 2].map(row).into()), ..Report::default() }.to_string();
+        assert!(report.lines().all(|line| line.chars().count() <= 80), "{report}");
+        for cell in ["1000000", "adaptive", "200x", "12345", "12.3µs", "12.34"] {
+            assert!(report.contains(&format!(" {cell} ")), "{cell}: {report}");
+        }
+    }
 
     #[test]
     fn times_have_a_unit_and_three_digits_and_ratios_about_as_many() {
