@@ -97,7 +97,7 @@ fn a_planner_that_goes_is_named_at_once_and_may_come_back() {
     output(run.worker_command("planner")).assert_success();
     let ended = run.wait_for_success();
     place.assert_trace_as_simulated("run");
-    let events = place.summary("run")["events"].as_array().unwrap().len();
+    let events = place.reproducible_summary("run")["events"].as_array().unwrap().len();
     assert_eq!(events, 3, "joined, gone, joined: {ended:?}");
     place.assert_clean();
 }
@@ -114,7 +114,7 @@ fn a_planner_that_goes_is_named_within_a_second_of_its_last_plan() {
     run.terminate();
     let trace = place.trace("run");
     let (last_plan, _) = (0..).zip(trace.lines()).filter(|(_, line)| !line.contains(",hold,")).last().unwrap();
-    let events = place.summary("run")["events"].take();
+    let events = place.reproducible_summary("run")["events"].take();
     let named = events[1]["slot"].as_u64().unwrap();
     assert!((last_plan..=last_plan + 100).contains(&named), "last plan for slot {last_plan}: {events}");
 }
