@@ -295,10 +295,11 @@ pub fn with_numbers_from(first: usize, mut table: Table) -> Table {
         let cells = table.column_cells_iter(index).flatten();
         let width = cells.map(|cell| cell.content().chars().count()).max().unwrap_or(0);
         if let Some(column) = table.column_mut(index) {
+            let left = if index == 0 { 1 } else { gap };
             let right = u16::from(index == last);
-            let width = u16::try_from(width).unwrap_or(TERMINAL_WIDTH).saturating_add(gap + right);
+            let width = u16::try_from(width).unwrap_or(TERMINAL_WIDTH).saturating_add(left + right);
             column.set_cell_alignment(CellAlignment::Right);
-            column.set_padding((gap, right));
+            column.set_padding((left, right));
             column.set_constraint(ColumnConstraint::LowerBoundary(Width::Fixed(width)));
         }
     }

@@ -2,15 +2,23 @@
 
 use std::path::Path;
 use std::process::Command;
-use std::thread::scope;
+use std::sync::Mutex;
+use std::thread::{available_parallelism, scope};
 
 use skysink_fuzz::{TARGETS, TEXTS};
 
 #[test]
 fn libfuzzer_breaks_no_promise_with_5000_inputs_for_each_target() {
+    let targets = Mutex::new(TARGETS.into_iter().enumerate());
+    let fuzz_targets = || {
+        loop {
+            let Some((i, (target, _))) = targets.lock().unwrap().next() else { return };
+            fuzz(target, if i < TEXTS { "text.dict" } else { "numbers.dict" });
+        }
+    };
     scope(|threads| {
-        for (i, (target, _)) in TARGETS.into_iter().enumerate() {
-            threads.spawn(move || fuzz(target, if i < TEXTS { "text.dict" } else { "numbers.dict" }));
+        for _ in 0..available_parallelism().map_or(1, usize::from) {
+            threads.spawn(fuzz_targets);
         }
     });
 }

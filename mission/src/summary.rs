@@ -10,7 +10,7 @@ use skysink_common::pace::Pace;
 use skysink_common::scenario::Scenario;
 use skysink_common::sensors::SensorList;
 
-use crate::latency::{Latencies, Latency, SlotTimes, histogram};
+use crate::latency::{Latencies, Latency, SlotTimes, Spread, histogram};
 
 /// Most events in a summary.
 const MAX_EVENTS: usize = 10_000;
@@ -97,6 +97,9 @@ pub struct RunTiming {
     pub plan_p50_us: f64,
     /// Planning time, 99th percentile [µs].
     pub plan_p99_us: f64,
+    /// Planning time, 99.9th percentile [µs].
+    #[serde(default)] // runs of older builds have none
+    pub plan_p999_us: f64,
     /// Planning time, longest [µs].
     pub plan_max_us: f64,
     /// Latencies between samples; `None` in one process.
@@ -228,14 +231,15 @@ impl Tally {
         summary.mean_served = ratio(self.served as f64, slots);
         summary.trace_hash = format!("{trace_hash:016x}");
         summary.complete = summary.slots == summary.planned_slots;
-        let plan_us = |quantile| self.plan_ns.value_at_quantile(quantile) as f64 / 1e3;
+        let plan = Spread::of(&self.plan_ns);
         summary.timing = RunTiming {
             pace,
             wall_s: wall.as_secs_f64(),
             slots_per_s: ratio(slots - summary.resumed_after.unwrap_or(0) as f64, wall.as_secs_f64()),
-            plan_p50_us: plan_us(0.5),
-            plan_p99_us: plan_us(0.99),
-            plan_max_us: self.plan_ns.max() as f64 / 1e3,
+            plan_p50_us: plan.p50_us,
+            plan_p99_us: plan.p99_us,
+            plan_p999_us: plan.p999_us,
+            plan_max_us: plan.max_us,
             late_slots: self.latency.as_ref().map_or(0, |latency| latency.late_slots),
             latency: self.latency.as_ref().and_then(Latency::spreads),
             ..summary.timing

@@ -108,11 +108,11 @@ impl Ports {
             stop.check()?;
             thread::sleep(next.saturating_duration_since(Instant::now()));
             let begin = Instant::now();
-            next = next.max(begin) + period;
             self.send(&message)?;
             self.receive(case.wait)?;
             if round >= WARM_UP {
                 times.saturating_record(nanoseconds(begin));
+                next = next.max(begin) + period;
             }
         }
         Ok(Spread::of(&times))

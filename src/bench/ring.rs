@@ -65,8 +65,12 @@ fn row(case: RingCase, effort: Effort, stop: &Stop) -> Result<RingRow, Error> {
     }
     let hops = median_by(hops, |hops| hops.p50_us);
     let (timing, slot) = median_by(runs, |(_, slot)| slot.p50_us);
-    let max_us = timing.plan_max_us;
-    let plan = Spread { p50_us: timing.plan_p50_us, p99_us: timing.plan_p99_us, p999_us: max_us, max_us };
+    let plan = Spread {
+        p50_us: timing.plan_p50_us,
+        p99_us: timing.plan_p99_us,
+        p999_us: timing.plan_p999_us,
+        max_us: timing.plan_max_us,
+    };
     Ok(RingRow {
         case,
         slots_per_s: timing.slots_per_s,

@@ -22,13 +22,13 @@ impl fmt::Display for Report {
     }
 }
 
-/// Writes the rows of a part as a table; a single row as a column, which stays narrow. The first distribution of a row
-/// is shown whole, later ones by median and 99th percentile.
+/// Writes the rows of a part as a table; a single row as a column, which stays narrow. Of the first distribution of a
+/// row the percentiles are shown, of later ones the median.
 fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::Result {
     let mut table = report::table();
     for row in rows.iter().filter_map(Value::as_table) {
         let mut columns = Vec::new();
-        let mut quantiles = usize::MAX;
+        let mut quantiles = 3;
         for (key, value) in row {
             let heading = key.trim_end_matches("_us").replace('_', " ");
             let Value::Table(spread) = value else {
@@ -39,7 +39,7 @@ fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::
                 let quantile = key.trim_end_matches("_us");
                 columns.push([quantile.replace("p50", &format!("{heading} p50")), text(key, value)]);
             }
-            quantiles = 2;
+            quantiles = 1;
         }
         if rows.len() == 1 {
             table.add_rows(columns);
@@ -48,14 +48,15 @@ fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::
             table.set_header(header).add_row(cells);
         }
     }
-    write!(formatter, "\n\n{part}\n{}", report::with_numbers_from(0, table))
+    write!(formatter, "\n\n{part}\n{}", report::with_numbers_from(usize::from(rows.len() == 1), table))
 }
 
 /// A single value: a time if its key ends in `_us`, else a ratio.
 fn text(key: &str, value: &Value) -> String {
     match value {
         Value::Float(time_us) if key.ends_with("_us") => {
-            format!("{:.2?}", Duration::try_from_secs_f64(time_us / 1e6).unwrap_or_default())
+            let decimals = 2 - (time_us * 1e3).max(1.0).log10() as usize % 3;
+            format!("{:.decimals$?}", Duration::try_from_secs_f64(time_us / 1e6).unwrap_or_default())
         }
         Value::Float(ratio) if *ratio < 100.0 => format!("{ratio:.2}"),
         Value::Float(ratio) => format!("{ratio:.0}"),
@@ -66,12 +67,38 @@ fn text(key: &str, value: &Value) -> String {
 
 #[cfg(test)]
 mod tests {
+    use skysink_common::pace::Pace;
+    use skysink_mission::latency::Spread;
+    use skysink_ring::wait::Waiting;
+
     use super::*;
+    use crate::bench::hop::RingCase;
+    use crate::bench::ring::RingRow;
 
     #[test]
-    fn times_have_a_unit_and_ratios_about_three_digits() {
+    fn the_widest_rings_fit_a_terminal() {
+        let case = RingCase { sensors: 1_000_000, wait: Waiting::Adaptive, pace: Pace::Factor(200.0), slots: 1 };
+        let times = Spread { p50_us: 12.34, p99_us: 12.34, p999_us: 12.34, max_us: 12.34 };
+        let row = |()| RingRow {
+            case,
+            slots_per_s: 12_345.0,
+            slot: times,
+            plan: times,
+            hops: times,
+            p50_over_floor: 12.34,
+            p99_over_p50: 12.34,
+        };
+        let report = Report { ring: Some([(); 2].map(row).into()), ..Report::default() }.to_string();
+        assert!(report.lines().all(|line| line.chars().count() <= 80), "{report}");
+        for cell in ["1000000", "adaptive", "200x", "12345", "12.3µs", "12.34"] {
+            assert!(report.contains(&format!(" {cell} ")), "{cell}: {report}");
+        }
+    }
+
+    #[test]
+    fn times_have_a_unit_and_three_digits_and_ratios_about_as_many() {
         let times = [0.05, 1.234, 567.8, 5_678.0].map(|time_us| text("p50_us", &Value::Float(time_us)));
-        assert_eq!(times, ["50.00ns", "1.23µs", "567.80µs", "5.68ms"]);
+        assert_eq!(times, ["50.0ns", "1.23µs", "568µs", "5.68ms"]);
         let ratios = [0.914, 12.34, 1234.5].map(|ratio| text("ratio", &Value::Float(ratio)));
         assert_eq!(ratios, ["0.91", "12.34", "1234"]);
     }

@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::support::{Place, end_by, lines, until};
+use crate::support::{Place, lines, signal_and_wait, until};
 use rustix::process::Signal;
 
 /// Draws some figures from a few missions, with a short search so that it does not take long.
 fn draw(place: &Place, parts: &str, runs: &str) -> String {
     let arguments = ["figures", "--only", parts, "--runs", runs, "--horizon-iterations", "5", "--out", parts];
-    place.run_well(&arguments).stdout
+    place.run_ok(&arguments).stdout
 }
 
 #[test]
@@ -148,7 +148,7 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 fn figures_that_are_interrupted_end_with_the_same_bytes_and_never_show_half_a_file() {
     let place = Place::new();
     let figures = ["figures", "--only", "altitude", "--runs", "1", "--horizon-iterations", "5", "--out"];
-    let whole = place.run_well(&[&figures[..], &["whole"]].concat());
+    let whole = place.run_ok(&[&figures[..], &["whole"]].concat());
     assert!(whole.stdout.contains("whole/tables.md"), "{whole:?}");
     let expected = files(&place.path("whole"));
     let studies = ["altitude-fixed", "altitude-free"];
@@ -164,7 +164,7 @@ fn figures_that_are_interrupted_end_with_the_same_bytes_and_never_show_half_a_fi
             _ => drawn(interruption - 4).exists().then_some(()),
         });
         let signal = if interruption % 2 == 0 { Signal::INT } else { Signal::KILL };
-        let ended = end_by(signal, cut);
+        let ended = signal_and_wait(signal, cut);
         assert!(ended.signal == Some(9) || ended.code == Some(130), "{ended:?}");
         let says = "stopped by signal 2: the finished missions are in cut; run the command again to continue";
         assert!(ended.signal == Some(9) || ended.stderr.contains(says), "{ended:?}");
@@ -172,7 +172,7 @@ fn figures_that_are_interrupted_end_with_the_same_bytes_and_never_show_half_a_fi
             assert!(expected[&name] == bytes, "{} after interruption {interruption}", name.display());
         }
     }
-    place.run_well(&[&figures[..], &["cut"]].concat());
+    place.run_ok(&[&figures[..], &["cut"]].concat());
     assert!(files(&place.path("cut")) == expected);
 }
 

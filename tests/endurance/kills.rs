@@ -5,28 +5,28 @@ use rand_chacha::ChaCha8Rng;
 use rustix::process::{Signal, kill_process};
 
 use crate::support::flight::{RING, RunningFlight};
-use crate::support::{Place, assert_no_shared_memory, end, end_by, until};
+use crate::support::{Place, output, signal_and_wait, until};
 use crate::{events, longer};
 
 /// Kills workers at random instants while the run lasts; returns how many. Between two rounds of kills it lets the ring
 /// turn, however long a restart takes on this machine.
-fn kill_at_random(place: &Place, run: &mut RunningFlight, random: &mut ChaCha8Rng) -> u64 {
+fn kill_at_random(run: &mut RunningFlight, random: &mut ChaCha8Rng) -> u64 {
     let mut kills = 0;
     let pause = |random: &mut ChaCha8Rng| {
         std::thread::sleep(std::time::Duration::from_micros(random.random_range(0..60_000)));
     };
-    while !run.is_over() {
+    while !run.has_ended() {
         pause(random);
         // Several at once, the same one twice, one that is just starting.
         for _ in 0..random.random_range(1..=4) {
             let role = RING[random.random_range(0..RING.len())];
-            if let Some(worker) = place.worker_now(role, run.ring()) {
+            if let Some(worker) = run.worker_now(role) {
                 kills += u64::from(kill_process(worker, Signal::KILL).is_ok());
             }
             pause(random);
         }
         let before = run.slots();
-        until("flight", || (run.slots() > before || run.is_over()).then_some(()));
+        until("flight", || (run.slots() > before || run.has_ended()).then_some(()));
     }
     kills
 }
@@ -36,19 +36,16 @@ fn kills_at_any_instant_change_nothing() {
     let place = Place::new();
     let mut kills = 0;
     for (seed, strategy) in (1..=6).zip(["uts", "gfs", "rfs"].into_iter().cycle()) {
-        let flight = longer(&place).strategy(strategy).force();
-        flight.out("alone").simulate();
-        let mut run = flight.without_viewer().start();
-        kills += kill_at_random(&place, &mut run, &mut ChaCha8Rng::seed_from_u64(seed));
-        let ring = run.ring().to_owned();
-        run.end_well();
-        assert_eq!(place.trace("alone"), place.trace("run"), "seed {seed}, {strategy}");
-        let [alone, ring_summary] = ["alone", "run"].map(|run| place.summary(run));
+        let out = format!("killed-by-seed-{seed}");
+        let mut run = longer(&place).strategy(strategy).out(&out).without_viewer().start();
+        kills += kill_at_random(&mut run, &mut ChaCha8Rng::seed_from_u64(seed));
+        run.wait_for_success();
+        place.assert_trace_as_simulated(&out);
+        let [simulated, killed] = [format!("{out}-simulated"), out].map(|run| place.summary(&run));
         for key in ["trace_hash", "lost_bits", "delivered_bits", "queued_bits", "eta_letter", "mean_served", "complete"]
         {
-            assert_eq!(alone[key], ring_summary[key], "seed {seed}: {key}");
+            assert_eq!(simulated[key], killed[key], "seed {seed}: {key}");
         }
-        assert_no_shared_memory(&ring);
     }
     assert!(kills >= 100, "{kills} kills"); // usually some hundred
     place.assert_clean();
@@ -59,7 +56,6 @@ fn a_planner_that_remembers_comes_back_as_it_was() {
     let place = Place::new();
     let few = place
         .flight("long")
-        .set("slots", 3000)
         .set("sensors.count", 30)
         .set("sensors.sampling_bps", "[50.0, 900.0]")
         .set("area.side_m", 300)
@@ -75,19 +71,17 @@ fn a_planner_that_remembers_comes_back_as_it_was() {
         ("exact", &learnt),
         ("horizon", &learnt),
     ] {
-        let flight = flight.strategy(strategy);
-        flight.out("alone").simulate();
-        let run = flight.without_viewer().start();
+        let run = flight.strategy(strategy).without_viewer().start();
         for kill in 1..=4 {
             run.until_slot(300 * kill);
             RING[kill % 3..].iter().for_each(|role| run.kill(role));
         }
-        run.end_well();
-        assert_eq!(place.trace("alone"), place.trace("run"), "{flight:?}");
+        run.wait_for_success();
+        place.assert_trace_as_simulated("run");
         // And after its launcher.
         place.cut_trace("run", 400);
         place.resume("run");
-        assert_eq!(place.trace("alone"), place.trace("run"), "{flight:?}, resumed");
+        place.assert_same_trace("run-simulated", "run");
     }
     place.assert_clean();
 }
@@ -95,17 +89,14 @@ fn a_planner_that_remembers_comes_back_as_it_was() {
 #[test]
 fn killed_processes_come_back_where_everybody_polls() {
     let place = Place::new();
-    longer(&place).out("alone").simulate();
     let run = longer(&place).without_viewer().options(&["--wait", "poll"]).start();
     for role in RING {
-        run.until_slots_more(20);
+        run.until_slots_later(20);
         run.kill(role);
     }
-    let ring = run.ring().to_owned();
-    run.end_well();
-    place.assert_same_trace("alone", "run");
+    run.wait_for_success();
+    place.assert_trace_as_simulated("run");
     assert_eq!(place.summary("run")["restarts"], 3);
-    assert_no_shared_memory(&ring);
     place.assert_clean();
 }
 
@@ -114,11 +105,11 @@ fn every_restart_is_on_record() {
     let place = Place::new();
     let run = longer(&place).without_viewer().pace("1000x").start();
     for role in RING {
-        run.until_slots_more(20);
+        run.until_slots_later(20);
         run.kill_and_await(role);
-        run.until_slots_more(20);
+        run.until_slots_later(20);
     }
-    let ended = run.end_well();
+    let ended = run.wait_for_success();
     let summary = place.summary("run");
     assert_eq!(summary["restarts"], 3);
     let expected: Vec<_> = RING
@@ -137,15 +128,14 @@ fn every_restart_is_on_record() {
 #[test]
 fn a_process_started_by_hand_may_die_and_be_started_by_hand_again() {
     let place = Place::new();
-    longer(&place).out("alone").simulate();
     let run = longer(&place).without_viewer().external("planner").start();
     for kill in 1..=3 {
-        let by_hand = run.by_hand("planner").spawn().unwrap();
-        run.until_slots_more(50);
-        assert_eq!(end_by(Signal::KILL, by_hand).signal, Some(9), "kill {kill}");
+        let planner = run.worker_command("planner").spawn().unwrap();
+        run.until_slots_later(50);
+        assert_eq!(signal_and_wait(Signal::KILL, planner).signal, Some(9), "kill {kill}");
     }
-    end(run.by_hand("planner").spawn().unwrap()).assert_well();
-    run.end_well();
-    place.assert_same_trace("alone", "run");
+    output(run.worker_command("planner")).assert_success();
+    run.wait_for_success();
+    place.assert_trace_as_simulated("run");
     place.assert_clean();
 }

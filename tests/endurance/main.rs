@@ -15,10 +15,10 @@ mod support;
 mod viewers;
 
 use support::Place;
-use support::flight::FlightOf;
+use support::flight::FlightBuilder;
 
 /// `long` with time for many kills: 9000 slots.
-fn longer(place: &Place) -> FlightOf<'_> {
+fn longer(place: &Place) -> FlightBuilder<'_> {
     place.flight("long").set("slots", 9000)
 }
 

@@ -13,7 +13,7 @@ fn by_the_clock_every_process_may_die_and_no_bit_is_lost() {
         run.until_slot(35 * kills);
         run.kill(role);
     }
-    run.end_well();
+    run.wait_for_success();
     let summary = place.summary("run");
     assert_eq!((&summary["slots"], &summary["restarts"]), (&160.into(), &3.into()));
     assert_eq!(summary["timing"]["missed_deadlines"], summary["held_slots"]);
@@ -42,8 +42,8 @@ fn a_resumed_run_keeps_its_pace() {
     let place = Place::new();
     let run = place.flight("paced").without_viewer().pace("40x").start();
     run.until_slot(20);
-    run.signal(Signal::INT);
-    let ended = run.end().assert_code(130);
+    run.signal_launcher(Signal::INT);
+    let ended = run.wait().assert_code(130);
     assert!(ended.stderr.contains("`skysink run --resume run` continues it"), "{ended:?}");
     place.resume("run");
     assert_eq!(place.summary("run")["timing"]["pace"], "40x");

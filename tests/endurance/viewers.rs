@@ -7,7 +7,7 @@ use std::path::Path;
 use rustix::process::Signal;
 
 use crate::support::flight::RunningFlight;
-use crate::support::{Place, end, recordings, rows, slots, until};
+use crate::support::{Place, output, recordings, rows, slots, until};
 use crate::{events, longer};
 
 /// What is recorded of every slot.
@@ -54,7 +54,7 @@ fn a_killed_viewer_comes_back_and_its_recording_is_continued_in_other_files() {
         run.kill_and_await("viewer");
     }
     until("third file", || run.path("mission-3.rrd").exists().then_some(()));
-    run.until_slots_more(100);
+    run.until_slots_later(100);
     run.terminate();
     assert_eq!(recordings(&place.path("run")).len(), 3);
     let [first, second, third] =
@@ -77,12 +77,11 @@ fn a_killed_viewer_comes_back_and_its_recording_is_continued_in_other_files() {
 #[test]
 fn in_lock_step_the_ring_waits_for_a_viewer_that_comes_back() {
     let place = Place::new();
-    longer(&place).out("alone").simulate();
     let run = longer(&place).start();
     run.until_slot(200);
     run.kill("viewer");
-    run.end_well();
-    place.assert_same_trace("alone", "run");
+    run.wait_for_success();
+    place.assert_trace_as_simulated("run");
     let summary = place.summary("run");
     let is_kill = |event: &&serde_json::Value| event["event"] == "was killed by signal 9";
     let killed = summary["events"].as_array().unwrap().iter().find(is_kill).unwrap()["slot"].as_i64().unwrap();
@@ -100,16 +99,14 @@ fn in_lock_step_the_ring_waits_for_a_viewer_that_comes_back() {
 #[test]
 fn flight_sim_and_planner_may_die_before_the_viewer_is_there() {
     let place = Place::new();
-    let flight = place.flight("long").set("slots", 300);
-    flight.out("alone").simulate();
-    let run = flight.external("viewer").timeout("20").start();
+    let run = place.flight("long").set("slots", 300).external("viewer").timeout("20").start();
     for (role, journal) in [("flight-sim", "flights.journal"), ("planner", "plans.journal")] {
         until_waiting_for_the_viewer(&run, journal);
         run.kill_and_await(role);
     }
-    end(run.by_hand("viewer").args(["--save", "run/mission.rrd"]).spawn().unwrap()).assert_well();
-    run.end_well();
-    place.assert_same_trace("alone", "run");
+    output(run.worker_command("viewer").args(["--save", "run/mission.rrd"])).assert_success();
+    run.wait_for_success();
+    place.assert_trace_as_simulated("run");
     place.assert_clean();
 }
 
@@ -121,12 +118,11 @@ fn until_waiting_for_the_viewer(run: &RunningFlight, journal: &str) {
 #[test]
 fn a_stopped_viewer_costs_nobody_else_a_restart() {
     let place = Place::new();
-    longer(&place).out("alone").simulate();
     let run = longer(&place).timeout("6").start();
     run.until_slot(100);
-    run.signal_to("viewer", Signal::STOP);
-    run.end_well();
-    place.assert_same_trace("alone", "run");
+    run.signal_worker("viewer", Signal::STOP);
+    run.wait_for_success();
+    place.assert_trace_as_simulated("run");
     let events = events(&place);
     assert!(events.iter().any(|(_, event)| event == "was killed by signal 9"), "{events:?}");
     assert!(events.iter().all(|(process, _)| process == "viewer"), "{events:?}");

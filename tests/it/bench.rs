@@ -29,7 +29,7 @@ fn assert_rows(rows: &Value, count: usize, spreads: &[&str], numbers: &[&str]) {
 #[test]
 fn a_quick_benchmark_measures_everything() {
     let place = Place::new();
-    let ended = place.run_well(&["bench", "--quick", "--json"]);
+    let ended = place.run_ok(&["bench", "--quick", "--json"]);
     let report: Value = serde_json::from_str(&ended.stdout).unwrap();
     assert_measured(&report["machine"]["cores"], "cores");
     for key in ["cpu", "rustc", "build"] {
@@ -49,12 +49,12 @@ fn a_quick_benchmark_measures_everything() {
 #[test]
 fn a_part_is_measured_by_itself_and_printed_as_a_table() {
     let place = Place::new();
-    let ended = place.run_well(&["bench", "--quick", "--only", "field"]);
+    let ended = place.run_ok(&["bench", "--quick", "--only", "field"]);
     assert!(ended.stdout.contains("\nfield\n") && !ended.stdout.contains("\nring\n"), "{ended:?}");
     for heading in ["sensors", "step p50", "p999", "copy p50", "step over copy", "load average"] {
         assert!(ended.stdout.contains(heading), "{heading}: {ended:?}");
     }
-    let ended = place.run_well(&["bench", "--quick", "--only", "field", "--json"]);
+    let ended = place.run_ok(&["bench", "--quick", "--only", "field", "--json"]);
     let report: Value = serde_json::from_str(&ended.stdout).unwrap();
     assert!(report["field"].is_array() && report["ring"].is_null(), "{report}");
     assert_eq!(place.run(&["bench", "--only", "viewer"]).code, Some(2));

@@ -1,7 +1,7 @@
 //! The command line: what it prints, what it leaves, and how it ends.
 
 use crate::support::scenarios::SMOKE;
-use crate::support::{Place, assert_balanced, end, lines, pid, until};
+use crate::support::{Place, assert_balanced, lines, output, pid, until, wait};
 use rustix::process::{Signal, kill_process};
 
 #[test]
@@ -24,10 +24,10 @@ fn an_output_folder_that_exists_is_refused_without_force() {
 fn default_folders_are_numbered() {
     let place = Place::new();
     for folder in ["runs/smoke-uts-1", "runs/smoke-uts-1-2", "runs/smoke-uts-1-3"] {
-        place.run_well(&["simulate", SMOKE]);
+        place.run_ok(&["simulate", SMOKE]);
         assert!(place.path(folder).join("summary.json").is_file(), "{folder}");
     }
-    place.run_well(&["simulate", SMOKE, "--strategy", "gfs", "--seed", "7"]);
+    place.run_ok(&["simulate", SMOKE, "--strategy", "gfs", "--seed", "7"]);
     assert!(place.path("runs/smoke-gfs-7/slots.csv").is_file());
 }
 
@@ -35,7 +35,7 @@ fn default_folders_are_numbered() {
 fn check_prints_every_default_and_its_output_is_a_scenario() {
     let place = Place::new();
     place.scenario("short");
-    let printed = place.run_well(&["check", "short.toml"]).stdout;
+    let printed = place.run_ok(&["check", "short.toml"]).stdout;
     for line in [
         "side_m = 100.0",
         "count = 200",
@@ -49,7 +49,7 @@ fn check_prints_every_default_and_its_output_is_a_scenario() {
         assert!(printed.contains(line), "{line} is missing in {printed}");
     }
     place.write("whole.toml", &printed);
-    let again = place.run_well(&["check", "whole.toml"]).stdout;
+    let again = place.run_ok(&["check", "whole.toml"]).stdout;
     assert_eq!(again.replace("whole.toml", "short.toml"), printed);
 }
 
@@ -135,7 +135,7 @@ fn a_reader_of_the_first_line_ends_a_command_quietly() {
     for arguments in commands {
         let mut child = place.skysink(arguments).spawn().unwrap();
         drop(child.stdout.take());
-        let ended = end(child);
+        let ended = wait(child);
         assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""), "{arguments:?}: {ended:?}");
     }
     assert_eq!(place.summary("run")["complete"], true);
@@ -144,7 +144,7 @@ fn a_reader_of_the_first_line_ends_a_command_quietly() {
 #[test]
 fn help_lists_the_strategies_of_the_registry() {
     let place = Place::new();
-    let help = place.run_well(&["simulate", "--help"]).stdout;
+    let help = place.run_ok(&["simulate", "--help"]).stdout;
     for strategy in &skysink_planner::strategies::STRATEGIES {
         assert!(help.contains(&format!("- {}:", strategy.name)), "{}: {help}", strategy.name);
     }
@@ -153,18 +153,18 @@ fn help_lists_the_strategies_of_the_registry() {
 #[test]
 fn completions_and_man_pages_name_every_command() {
     let place = Place::new();
-    let help = place.run_well(&["--help"]).stdout;
+    let help = place.run_ok(&["--help"]).stdout;
     let listed = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
     let commands: Vec<&str> = listed.filter_map(|line| line.strip_prefix("  ")?.split(' ').next()).collect();
     assert!(commands.contains(&"simulate") && commands.len() >= 6, "{commands:?}");
     for shell in ["bash", "zsh", "fish"] {
-        let completions = place.run_well(&["completions", shell]).stdout;
+        let completions = place.run_ok(&["completions", shell]).stdout;
         for command in &commands {
             assert!(completions.contains(command), "{shell}: {command}");
         }
         assert!(completions.contains("drift-plus-penalty"), "{shell}: strategies");
     }
-    place.run_well(&["man", "pages"]);
+    place.run_ok(&["man", "pages"]);
     for command in commands.iter().filter(|command| **command != "help" && !command.is_empty()) {
         let page = place.read(&format!("pages/skysink-{command}.1"));
         assert!(page.contains(".SH OPTIONS"), "{command}");
@@ -175,7 +175,7 @@ fn completions_and_man_pages_name_every_command() {
 fn help_shows_examples_and_no_colour_when_piped() {
     let place = Place::new();
     for arguments in [&["--help"][..], &["run", "--help"], &["simulate", "--help"]] {
-        let help = place.run_well(arguments).stdout;
+        let help = place.run_ok(arguments).stdout;
         assert!(help.contains("Examples:"), "{help}");
         assert!(!help.contains('\u{1b}'), "{help:?}");
     }
@@ -201,15 +201,15 @@ fn a_full_standard_output_is_said_and_a_closed_one_is_not() {
         [&["check", SMOKE][..], &["--help"], &["run", "--help"], &["simulate", SMOKE, "--out", "run", "--force"]]
     {
         let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
-        let ended = end(place.skysink(arguments).stdout(full).spawn().unwrap());
+        let ended = output(place.skysink(arguments).stdout(full));
         assert_eq!(ended.code, Some(1), "{arguments:?}: {ended:?}");
         ended.assert_one_line(&["standard output", "No space left"]);
         let (reader, writer) = std::io::pipe().unwrap();
         drop(reader);
-        let ended = end(place.skysink(arguments).stdout(writer).spawn().unwrap());
+        let ended = output(place.skysink(arguments).stdout(writer));
         assert_eq!((ended.code, &ended.stderr[..]), (Some(0), ""), "{arguments:?}");
         let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
-        let ended = end(place.skysink(&[arguments, &["no-such-file"]].concat()).stderr(full).spawn().unwrap());
+        let ended = output(place.skysink(&[arguments, &["no-such-file"]].concat()).stderr(full));
         assert!(ended.code == Some(2) || ended.code == Some(0), "{arguments:?}: {ended:?}");
     }
 }
@@ -224,21 +224,21 @@ fn a_second_signal_ends_a_command_at_once() {
         std::thread::sleep(std::time::Duration::from_millis(300)); // two signals, not one
         let _ = kill_process(pid(&child), Signal::INT);
     }
-    end(child).assert_code(130);
+    wait(child).assert_code(130);
 }
 
 #[test]
 fn too_low_limits_are_named_before_the_start_and_a_quote_in_a_path_is_none() {
     let place = Place::new();
     let limited = format!("ulimit -n 64; exec {} run {SMOKE} --no-viewer --out run", env!("CARGO_BIN_EXE_skysink"));
-    let ended = end(place.command("sh", &["-c", &limited]).spawn().unwrap());
+    let ended = output(place.command("sh", &["-c", &limited]));
     ended.assert_code(1).assert_one_line(&["open files: at most 64: expected 256: raise ulimit -n"]);
     assert!(!place.path("run").exists());
     for name in ["a'b", "a\"b", "a\\b"] {
         let folder = place.path(name);
         std::fs::create_dir(&folder).unwrap();
         let mut launcher = place.flight("smoke").without_viewer().force().launcher();
-        end(launcher.env("TMPDIR", &folder).spawn().unwrap()).assert_well();
+        output(launcher.env("TMPDIR", &folder)).assert_success();
     }
 }
 
@@ -251,7 +251,7 @@ fn a_simulation_that_is_interrupted_says_how_to_go_on() {
     for _ in 0..2 {
         let _ = kill_process(pid(&child), Signal::INT); // two at once, as `timeout` sends them
     }
-    let ended = end(child);
+    let ended = wait(child);
     ended.assert_code(130).assert_one_line(&[
         "stopped by signal 2",
         "recorded up to slot",

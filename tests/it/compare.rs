@@ -5,9 +5,19 @@ use crate::support::slots;
 use crate::support::{Place, scenarios};
 use serde_json::Value;
 
-/// `small`, with another seed than the default.
-fn write_small(place: &Place) {
+/// A place with `small`, with another seed than the default.
+fn with_small() -> Place {
+    let place = Place::new();
     place.write("small.toml", &format!("seed = 3\n{}", scenarios::text("small")));
+    place
+}
+
+/// The same with two runs of it, `a` by `uts` and `b` by `gfs`.
+fn with_two_runs() -> Place {
+    let place = with_small();
+    place.flight("small").out("a").simulate();
+    place.flight("small").strategy("gfs").out("b").simulate();
+    place
 }
 
 /// The standing of `label` by `metric`.
@@ -17,20 +27,18 @@ fn standing<'a>(all: &'a Value, label: &str, metric: &str) -> &'a Value {
 }
 
 fn compared(place: &Place, arguments: &[&str]) -> Value {
-    let ended = place.run_well(&[&["compare"], arguments, &["--json", "--no-record"]].concat());
+    let ended = place.run_ok(&[&["compare"], arguments, &["--json", "--no-record"]].concat());
     serde_json::from_str(&ended.stdout).unwrap()
 }
 
 #[test]
 fn strategies_are_compared_over_the_same_seeds() {
-    let place = Place::new();
-    write_small(&place);
+    let place = with_small();
     let all = compared(&place, &["small.toml", "uts", "gfs", "--seeds", "3", "--out", "both"]);
     let loss = |seed: u64, strategy: &str| {
         let out = format!("{strategy}-{seed}");
         place.flight("small").seed(seed).strategy(strategy).out(&out).simulate();
-        let summary: Value = serde_json::from_str(&place.read(&format!("{out}/summary.json"))).unwrap();
-        summary["loss_rate"].as_f64().unwrap()
+        place.summary(&out)["loss_rate"].as_f64().unwrap()
     };
     let losses: Vec<[f64; 2]> = [3, 4, 5].map(|seed| [loss(seed, "uts"), loss(seed, "gfs")]).to_vec();
     let mean = |of: &dyn Fn(&[f64; 2]) -> f64| losses.iter().map(of).sum::<f64>() / 3.0;
@@ -47,46 +55,39 @@ fn strategies_are_compared_over_the_same_seeds() {
 
 #[test]
 fn runs_on_record_stand_as_their_summaries_say_and_keys_that_differ_come_first() {
-    let place = Place::new();
-    write_small(&place);
+    let place = with_small();
     for (strategy, bandwidth) in [("uts", "5e6"), ("gfs", "5e3")] {
         place.flight("small").strategy(strategy).set("link.bandwidth_hz", bandwidth).out(strategy).simulate();
     }
     let all = compared(&place, &["uts", "gfs", "--out", "both"]);
     for strategy in ["uts", "gfs"] {
-        let summary: Value = serde_json::from_str(&place.read(&format!("{strategy}/summary.json"))).unwrap();
+        let summary = place.summary(strategy);
         for metric in ["loss_rate", "bits_per_waypoint", "mean_served", "eta_letter"] {
             assert_eq!(standing(&all, strategy, metric)["mean"], summary[metric], "{strategy}: {metric}");
         }
         let timing = &standing(&all, strategy, "plan_p50_us")["mean"];
         assert_eq!(*timing, summary["timing"]["plan_p50_us"], "{strategy}");
     }
-    let ended = place.run_well(&["compare", "uts", "gfs", "--out", "both", "--no-record"]);
+    let ended = place.run_ok(&["compare", "uts", "gfs", "--out", "both", "--no-record"]);
     assert!(ended.stdout.starts_with("link.bandwidth_hz: 5000000.0 | 5000.0\nplanner.strategy: "), "{ended:?}");
 }
 
 #[test]
 fn a_trace_that_was_changed_is_refused_by_its_line() {
-    let place = Place::new();
-    write_small(&place);
-    place.flight("small").out("a").simulate();
-    place.flight("small").strategy("gfs").out("b").simulate();
+    let place = with_two_runs();
     let trace = place.read("b/slots.csv");
     let line = trace.lines().nth(100).unwrap();
     let queued = line.split(',').nth(7).unwrap();
     place.write("b/slots.csv", &trace.replacen(line, &line.replace(queued, "1"), 1));
-    let ended = place.run(&["compare", "a", "b", "--out", "both"]);
-    assert_eq!(ended.code, Some(2), "{ended:?}");
-    assert!(ended.stderr.contains("b/slots.csv: line 101"), "{ended:?}");
+    place.run_refused(&["compare", "a", "b", "--out", "both"], "b/slots.csv: line 101");
     assert!(!place.path("both").exists());
 }
 
 #[test]
 fn other_strategies_and_seeds_have_folders_of_their_own() {
-    let place = Place::new();
-    write_small(&place);
+    let place = with_small();
     let folder = |more: &[&str]| {
-        let ended = place.run_well(&[&["compare", "small.toml", "gfs", "--no-record", "--seeds"], more].concat());
+        let ended = place.run_ok(&[&["compare", "small.toml", "gfs", "--no-record", "--seeds"], more].concat());
         let (_, rest) = ended.stdout.split_once("All metrics:     ").unwrap();
         rest.trim().to_owned()
     };
@@ -100,8 +101,7 @@ fn other_strategies_and_seeds_have_folders_of_their_own() {
 
 #[test]
 fn runs_of_the_same_names_in_other_folders_are_another_comparison() {
-    let place = Place::new();
-    write_small(&place);
+    let place = with_small();
     for (parent, seed) in [("one", 1), ("other", 2)] {
         for strategy in ["uts", "gfs"] {
             let out = format!("{parent}/{strategy}");
@@ -109,7 +109,7 @@ fn runs_of_the_same_names_in_other_folders_are_another_comparison() {
         }
     }
     let folder = |arguments: &[&str]| {
-        let ended = place.run_well(&[&["compare", "--no-record"], arguments].concat());
+        let ended = place.run_ok(&[&["compare", "--no-record"], arguments].concat());
         ended.stdout.split_once("All metrics:     ").unwrap().1.trim().to_owned()
     };
     let first = folder(&["one/uts", "one/gfs"]);
@@ -123,11 +123,9 @@ fn runs_of_the_same_names_in_other_folders_are_another_comparison() {
     assert_eq!(folder(&["one/uts", "one/gfs", "--out", "both"]), "both/comparison.json");
     assert_eq!(folder(&["one/uts", "one/gfs", "--out", "both"]), "both/comparison.json");
     for other in [["other/uts", "other/gfs"], ["one/gfs", "one/uts"]] {
-        let refused = place.run(&["compare", other[0], other[1], "--out", "both", "--no-record"]);
-        assert_eq!(refused.code, Some(2), "{refused:?}");
-        assert!(
-            refused.stderr.contains("both: it contains a comparison of other runs: choose another --out"),
-            "{refused:?}"
+        place.run_refused(
+            &["compare", other[0], other[1], "--out", "both", "--no-record"],
+            "both: it contains a comparison of other runs: choose another --out",
         );
     }
     assert_eq!(place.read("both/comparison.json"), standings);
@@ -135,8 +133,7 @@ fn runs_of_the_same_names_in_other_folders_are_another_comparison() {
 
 #[test]
 fn the_tables_of_many_strategies_and_of_long_names_fit_into_a_terminal() {
-    let place = Place::new();
-    write_small(&place);
+    let place = with_small();
     let names = [
         "uts",
         "gfs",
@@ -154,7 +151,7 @@ fn the_tables_of_many_strategies_and_of_long_names_fit_into_a_terminal() {
     ];
     for count in [2, 4, 8, names.len()] {
         let many = [&["compare", "small.toml"], &names[..count], &["--seeds", "2", "--no-record", "--set", "slots=40"]];
-        let ended = place.run_well(&many.concat());
+        let ended = place.run_ok(&many.concat());
         let table = ended.stdout.lines().filter(|line| line.starts_with(['│', '┌', '╞', '└']));
         assert!(table.clone().count() >= 2 * count, "{ended:?}");
         table.for_each(|line| assert!(line.chars().count() <= 80, "{count}: {}", ended.stdout));
@@ -163,43 +160,36 @@ fn the_tables_of_many_strategies_and_of_long_names_fit_into_a_terminal() {
             assert_eq!(rows.count(), 2, "{name}: {}", ended.stdout);
         }
     }
-    for strategy in ["uts", "gfs"] {
+    let runs = ["uts", "gfs"].map(|strategy| {
         let out = format!("{}/a-run-with-a-long-name", ["deep"; 12].join("/") + strategy);
         place.flight("small").strategy(strategy).out(&out).simulate();
-    }
-    let runs = ["uts", "gfs"].map(|strategy| format!("{}/a-run-with-a-long-name", ["deep"; 12].join("/") + strategy));
-    let ended = place.run_well(&["compare", &runs[0], &runs[1], "--no-record"]);
+        out
+    });
+    let ended = place.run_ok(&["compare", &runs[0], &runs[1], "--no-record"]);
     let table = ended.stdout.lines().filter(|line| line.starts_with(['│', '┌', '╞', '└']));
     table.for_each(|line| assert!(line.chars().count() <= 80, "{}", ended.stdout));
 }
 
 #[test]
 fn a_run_that_ended_early_is_not_compared_but_reported_as_such() {
-    let place = Place::new();
-    write_small(&place);
-    place.flight("small").out("a").simulate();
-    place.flight("small").strategy("gfs").out("b").simulate();
+    let place = with_two_runs();
     let trace = place.read("b/slots.csv");
     let cut: String = trace.split_inclusive('\n').take(101).collect();
     place.write("b/slots.csv", &cut);
-    let refused = place.run(&["compare", "a", "b", "--no-record"]);
-    assert!(refused.code == Some(2) && refused.stderr.contains("100 slots of hash"), "{refused:?}");
+    place.run_refused(&["compare", "a", "b", "--no-record"], "100 slots of hash");
     // As if it had ended there; the first slots of a shorter mission are the same, and so is their hash.
     place.flight("small").strategy("gfs").set("slots", 100).out("c").simulate();
     let hash = |run: &str| place.summary(run)["trace_hash"].as_str().unwrap().to_owned();
     let summary = place.read("b/summary.json").replace("\"complete\": true", "\"complete\": false");
     let summary = summary.replacen("\"slots\": 250", "\"slots\": 100", 1).replace(&hash("b"), &hash("c"));
     place.write("b/summary.json", &summary);
-    let report = place.run_well(&["report", "b"]);
+    let report = place.run_ok(&["report", "b"]);
     assert!(report.stdout.contains("100 slots of 250, ended early"), "{report:?}");
 }
 
 #[test]
 fn what_cannot_be_compared_is_refused() {
-    let place = Place::new();
-    write_small(&place);
-    place.flight("small").out("a").simulate();
-    place.flight("small").strategy("gfs").out("b").simulate();
+    let place = with_two_runs();
     std::fs::create_dir(place.path("taken")).unwrap();
     place.write("taken/file", "");
     for (arguments, says) in [
@@ -215,25 +205,22 @@ fn what_cannot_be_compared_is_refused() {
         (["small.toml", "--seeds=2", "--no-record"], "two strategies or more"),
         (["a", "--json", "--no-record"], "expected the folders of two runs or more"),
     ] {
-        let ended = place.run(&[&["compare"], &arguments[..]].concat());
-        assert_eq!(ended.code, Some(2), "{arguments:?}: {ended:?}");
-        assert!(ended.stderr.contains(says) && ended.stderr.lines().count() == 1, "{arguments:?}: {ended:?}");
+        place.run_refused(&[&["compare"], &arguments[..]].concat(), says);
     }
 }
 
 #[cfg(feature = "viewer")]
 #[test]
 fn one_recording_holds_every_slot_of_every_mission() {
-    let place = Place::new();
-    write_small(&place);
-    let compare = ["compare", "small.toml", "uts", "gfs", "--seeds", "1", "--out", "both"];
-    place.run_well(&compare);
+    let place = with_small();
+    let compare = ["compare", "small.toml", "uts", "gfs", "--seeds", "1", "--out", "both", "--set", "slots=60"];
+    place.run_ok(&compare);
     let recording = place.path("both/comparison.rrd");
     assert!(skysink_viewer::has_footer(&recording).unwrap());
     for entity in ["/compare/loss_rate/1-uts", "/1-uts/world/uav_trail", "/compare/delivered/2-gfs", "/2-gfs/status"] {
-        assert_eq!(slots(&recording, entity), (0..=250).collect(), "{entity}");
+        assert_eq!(slots(&recording, entity), (0..=60).collect(), "{entity}");
     }
-    place.run_well(&compare); // replaces it
-    assert_eq!(slots(&recording, "/compare/loss_rate/1-uts"), (0..=250).collect());
+    place.run_ok(&compare); // replaces it
+    assert_eq!(slots(&recording, "/compare/loss_rate/1-uts"), (0..=60).collect());
     assert!(!place.path("both/comparison-2.rrd").exists());
 }

@@ -5,7 +5,7 @@ use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 
-use crate::support::{Place, end};
+use crate::support::{Place, output};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
@@ -108,7 +108,7 @@ fn run_page(page: &str) {
     let path = format!("{}:{}", executables.display(), std::env::var("PATH").unwrap());
     for block in blocks(page).iter().filter(|block| block.kind == "sh") {
         let mut shell = place.command("bash", &["-euo", "pipefail", "-c", &block.text]);
-        let ended = end(shell.env("PATH", &path).spawn().unwrap());
+        let ended = output(shell.env("PATH", &path));
         assert_eq!(ended.code, Some(0), "{}:\n{}{ended:?}", block.place, block.text);
     }
     place.assert_clean();

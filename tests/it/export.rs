@@ -73,9 +73,9 @@ fn a_trace_that_was_not_flown_so_is_refused() {
     std::fs::remove_file(place.path("run/summary.json")).unwrap();
     refused(&place, &kml, "expected the folder of a run that has ended");
     place.write("run/summary.json", &summary);
-    place.run_well(&kml);
+    place.run_ok(&kml);
     refused(&place, &kml, "run.kml: it exists");
-    place.run_well(&[&kml[..], &["--force"]].concat());
+    place.run_ok(&[&kml[..], &["--force"]].concat());
     place.write("run/scenario.toml", &place.read("run/scenario.toml").replace("seed = 1", "seed = 2"));
     refused(&place, &kml, "it was modified after the start of the run");
 }
@@ -98,7 +98,7 @@ fn a_short_mission_is_written_as_worked_by_hand() {
     place.write("two.csv", "x_m,y_m,queue_bits,gain_db,sampling_bps\n90,5,1000,-50,100\n92,5,1000,-50,100\n");
     place.write("corridor.toml", CORRIDOR);
     place.flight("corridor").simulate();
-    place.run_well(&["export", "run", "--format", "waypoints"]);
+    place.run_ok(&["export", "run", "--format", "waypoints"]);
     let golden = std::fs::read_to_string(format!("{ROOT}/tests/golden/corridor.waypoints")).unwrap();
     assert_eq!(place.read("run.waypoints"), golden, "{}", place.trace("run"));
 }
@@ -126,7 +126,7 @@ fn every_service_point_is_in_the_mission_in_order() {
     {
         place.flight(scenario).strategy(strategy).force().simulate();
         let most = ["--most-items", "100", "--origin", "-33.9,18.4", "--force"];
-        let ended = place.run_well(&[&["export", "run", "--format", "waypoints"][..], &most].concat());
+        let ended = place.run_ok(&[&["export", "run", "--format", "waypoints"][..], &most].concat());
         let names = ended.stdout.lines().filter(|line| line.ends_with(".waypoints"));
         let names: Vec<String> = names.map(str::to_owned).collect();
         for name in &names {
@@ -150,7 +150,7 @@ fn every_service_point_is_in_the_mission_in_order() {
 #[test]
 fn every_format_is_in_the_help_which_fits_a_terminal() {
     let place = Place::new();
-    let help = place.run_well(&["export", "--help"]).stdout;
+    let help = place.run_ok(&["export", "--help"]).stdout;
     for name in ["qgc-plan", "waypoints", "geojson", "kml", "gpx", "csv", "mcap"] {
         assert!(help.contains(&format!("- {name}:")), "{name}: {help}");
     }
@@ -163,7 +163,7 @@ fn parquet_holds_the_slots_with_the_bits_of_each_sensor_node_and_needs_no_origin
     let place = Place::new();
     place.flight("smoke").strategy("gfs").simulate();
     refused(&place, &["export", "run", "--format", "parquet", "--origin", ORIGIN], "parquet has no coordinates");
-    place.run_well(&["export", "run", "--format", "parquet"]);
+    place.run_ok(&["export", "run", "--format", "parquet"]);
     let file = std::fs::File::open(place.path("run.parquet")).unwrap();
     let reader = ParquetRecordBatchReaderBuilder::try_new(file).unwrap().build().unwrap();
     let batches: Vec<_> = reader.map(Result::unwrap).collect();

@@ -5,20 +5,19 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 
 use crate::support::scenarios::SMOKE;
-use crate::support::{Place, end, end_by, until, until_gone};
+use crate::support::{Place, output, signal_and_wait, until, until_exited};
 use rustix::process::{Pid, Signal, kill_process};
 
 #[test]
 fn a_command_is_started_as_the_planner_and_started_again_when_it_dies() {
     let place = Place::new();
-    let long = place.flight("long");
-    long.out("alone").simulate();
-    let run = long.without_viewer().planner(&place.external_planner()).options(&["--label", "mine"]).start();
+    let run =
+        place.flight("long").without_viewer().planner(&place.external_planner()).options(&["--label", "mine"]).start();
     run.until_slot(200);
     run.kill("planner");
-    let ended = run.end_well();
-    assert!(ended.stdout.starts_with("long · mine · seed 1: 6000 slots"), "{ended:?}");
-    place.assert_same_trace("alone", "run");
+    let ended = run.wait_for_success();
+    assert!(ended.stdout.starts_with("long · mine · seed 1: 3000 slots"), "{ended:?}");
+    place.assert_trace_as_simulated("run");
     let summary = place.summary("run");
     assert_eq!((&summary["strategy"], &summary["restarts"]), (&"mine".into(), &1.into()));
     place.assert_clean();
@@ -34,9 +33,7 @@ fn forking_command(place: &Place) -> String {
 #[test]
 fn what_a_command_has_started_ends_with_it() {
     let place = Place::new();
-    let long = place.flight("long");
-    long.out("alone").simulate();
-    let run = long.without_viewer().planner(&forking_command(&place)).start();
+    let run = place.flight("long").without_viewer().planner(&forking_command(&place)).start();
     run.until_slot(100);
     let launcher = run.pid().as_raw_nonzero();
     let children = || fs::read_to_string(format!("/proc/{launcher}/task/{launcher}/children")).unwrap_or_default();
@@ -44,8 +41,8 @@ fn what_a_command_has_started_ends_with_it() {
         |id: &str| fs::read_to_string(format!("/proc/{id}/cmdline")).is_ok_and(|line| line.contains("fork.sh"));
     let shell = until("shell", || children().split_ascii_whitespace().find(|id| is_shell(id)).map(str::to_owned));
     kill_process(Pid::from_raw(shell.parse().unwrap()).unwrap(), Signal::KILL).unwrap();
-    run.end_well();
-    place.assert_same_trace("alone", "run");
+    run.wait_for_success();
+    place.assert_trace_as_simulated("run");
     assert_eq!(place.summary("run")["restarts"], 1);
     place.assert_clean();
 }
@@ -57,7 +54,7 @@ fn a_command_that_has_started_others_ends_with_the_run() {
     run.until_slot(100);
     let planner = run.worker("planner");
     run.terminate();
-    until_gone(planner);
+    until_exited(planner);
     place.assert_clean();
 }
 
@@ -81,8 +78,7 @@ fn what_contradicts_itself_is_refused_before_anything_is_written() {
         (&["--label", "mine"], "--label"),
         (&["--planner", "true", "--label", "../mine"], "--label"),
     ] {
-        let ended = place.run(&[&["run", SMOKE, "--no-viewer", "--out", "run"], arguments].concat());
-        assert_eq!(ended.code, Some(2), "{ended:?}");
+        let ended = place.run(&[&["run", SMOKE, "--no-viewer", "--out", "run"], arguments].concat()).assert_code(2);
         assert!(ended.stderr.contains(expected), "{ended:?}");
         assert!(!place.path("run").exists());
     }
@@ -91,32 +87,48 @@ fn what_contradicts_itself_is_refused_before_anything_is_written() {
 #[test]
 fn a_missing_planner_is_reported_at_once_and_may_join_again() {
     let place = Place::new();
-    let long = place.flight("long");
-    long.out("alone").simulate();
-    let run = long.without_viewer().external("planner").start();
-    run.until_said("waiting up to 600 s for planner: /");
-    let planner = run.by_hand("planner").spawn().unwrap();
+    let run = place.flight("long").without_viewer().external("planner").start();
+    run.until_printed("waiting up to 600 s for planner: /");
+    let planner = run.worker_command("planner").spawn().unwrap();
     run.until_slot(100);
-    run.until_said("planner joined");
-    assert_eq!(end_by(Signal::KILL, planner).signal, Some(9));
-    run.until_said("planner is missing: the run waits for it to be started again");
-    end(run.by_hand("planner").spawn().unwrap()).assert_well();
-    let ended = run.end_well();
-    place.assert_same_trace("alone", "run");
-    let events = place.summary("run")["events"].as_array().unwrap().len();
+    run.until_printed("planner joined");
+    assert_eq!(signal_and_wait(Signal::KILL, planner).signal, Some(9));
+    run.until_printed("planner is missing: the run waits for it to be started again");
+    output(run.worker_command("planner")).assert_success();
+    let ended = run.wait_for_success();
+    place.assert_trace_as_simulated("run");
+    let events = place.reproducible_summary("run")["events"].as_array().unwrap().len();
     assert_eq!(events, 3, "joined, missing, joined: {ended:?}");
     place.assert_clean();
+}
+
+#[test]
+fn a_planner_that_goes_is_named_within_a_second_of_its_last_plan() {
+    let place = Place::new();
+    let run = place.flight("long").without_viewer().pace("10x").external("planner").start(); // 100 slots a second
+    let planner = run.worker_command("planner").spawn().unwrap();
+    run.until_printed("planner joined");
+    run.until_slots_later(20);
+    signal_and_wait(Signal::KILL, planner);
+    run.until_printed("planner is missing");
+    run.terminate();
+    let trace = place.trace("run");
+    let (last_plan, _) = (0..).zip(trace.lines()).filter(|(_, line)| !line.contains(",hold,")).last().unwrap();
+    let events = place.reproducible_summary("run")["events"].take();
+    let named = events[1]["slot"].as_u64().unwrap();
+    assert!((last_plan..=last_plan + 100).contains(&named), "last plan for slot {last_plan}: {events}");
 }
 
 #[test]
 fn a_time_out_names_the_process_at_the_beginning_of_the_chain_and_no_other() {
     for (role, topic) in [("planner", "plan(1)"), ("flight-sim", "flight(0)"), ("field-sim", "queues(0)")] {
         let place = Place::new();
-        let ended = place.flight("smoke").without_viewer().external(role).timeout("2").try_run().assert_code(1);
+        let ended = place.flight("smoke").without_viewer().external(role).timeout("1").try_run().assert_code(1);
         let lines: Vec<_> = ended.stderr.lines().collect();
         assert_eq!(lines.len(), 2, "{ended:?}");
-        assert!(lines[0].starts_with(&format!("waiting up to 2 s for {role}: ")), "{ended:?}");
-        assert!(lines[1].starts_with(&format!("skysink: {role} has not sent {topic} for 2 s")), "{ended:?}");
+        assert!(lines[0].starts_with(&format!("waiting up to 1 s for {role}: ")), "{ended:?}");
+        assert!(lines[1].starts_with(&format!("skysink: {role} has not sent {topic} for 1 s")), "{ended:?}");
+        assert_eq!(place.summary("run")["complete"], false);
         place.assert_clean();
     }
 }
@@ -124,10 +136,8 @@ fn a_time_out_names_the_process_at_the_beginning_of_the_chain_and_no_other() {
 #[test]
 fn the_mission_of_an_external_planner_is_recorded_and_resumed_as_such() {
     let place = Place::new();
-    let long = place.flight("long");
-    long.out("alone").simulate();
     let command = place.external_planner();
-    let run = long.without_viewer().planner(&command).start();
+    let run = place.flight("long").without_viewer().planner(&command).start();
     run.until_slot(100);
     let ended = run.terminate();
     let hint = format!("`skysink run --resume run --planner {command}` continues it");
@@ -139,11 +149,11 @@ fn the_mission_of_an_external_planner_is_recorded_and_resumed_as_such() {
     };
     refused(&["run"], "flown by an external planner, external: expected --external planner, or --planner");
     refused(&["run", "--planner", &command, "--label", "other"], "its planner is named external");
-    let ended = place.run_well(&["run", "--no-viewer", "--resume", "run", "--planner", &command]);
+    let ended = place.run_ok(&["run", "--no-viewer", "--resume", "run", "--planner", &command]);
     assert!(ended.stdout.starts_with("long · external · seed 1"), "{ended:?}");
-    place.assert_same_trace("alone", "run");
+    place.assert_trace_as_simulated("run");
 
-    place.write("alone/slots.csv", place.trace("alone").lines().next().unwrap());
-    refused(&["alone", "--planner", &command], "flown by the scenario's strategy");
+    place.cut_trace("run-simulated", 0);
+    refused(&["run-simulated", "--planner", &command], "flown by the scenario's strategy");
     place.assert_clean();
 }

@@ -4,7 +4,7 @@ use std::fs;
 use std::os::unix::fs::symlink;
 
 use crate::support::scenarios::SMOKE;
-use crate::support::{Place, end};
+use crate::support::{Place, wait};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -16,7 +16,7 @@ fn two_runs_that_replace_one_folder_leave_one_mission_whole() {
     let files = ["scenario.toml", "sensors.csv", "slots.csv", "run.toml"];
     let flown = |out: &str| files.map(|file| place.read(&format!("{out}/{file}")));
     let alone = ["1", "2"].map(|seed| {
-        place.run_well(&arguments(seed, seed));
+        place.run_ok(&arguments(seed, seed));
         flown(seed)
     });
     let mut random = ChaCha8Rng::seed_from_u64(5);
@@ -24,7 +24,7 @@ fn two_runs_that_replace_one_folder_leave_one_mission_whole() {
         let first = place.skysink(&arguments("1", "both")).spawn().unwrap();
         std::thread::sleep(std::time::Duration::from_micros(random.random_range(0..20_000)));
         let second = place.skysink(&arguments("2", "both")).spawn().unwrap();
-        let ended = [end(first), end(second)];
+        let ended = [wait(first), wait(second)];
         for loser in ended.iter().filter(|ended| ended.code != Some(0)) {
             assert_eq!(loser.code, Some(2), "{loser:?}");
             assert!(loser.stderr.contains("a run is writing it"), "{loser:?}");
@@ -127,7 +127,7 @@ fn assert_never_silent(place: &Place, whole: &str, resume: &[&str], rounds: u32,
         }
     }
     begin();
-    place.run_well(&[&["run", "--no-viewer", "--resume", "run"], resume].concat());
+    place.run_ok(&[&["run", "--no-viewer", "--resume", "run"], resume].concat());
     assert_eq!(place.trace("run"), whole, "what was not spoilt");
     assert!(refused > rounds / 3, "{refused} of {rounds}");
     println!("{refused} of {rounds} refused, the others with the same bytes");
@@ -159,7 +159,7 @@ fn a_spoilt_run_of_an_external_planner_is_refused_or_ends_with_the_same_bytes() 
     let place = Place::new();
     let planner =
         concat!("sh -c 'exec ", env!("CARGO_BIN_EXE_planner"), " --scenario $SKYSINK_SCENARIO --ring $SKYSINK_RING'");
-    let long = place.flight("long").set("slots", 3000);
+    let long = place.flight("long").set("slots", 1500);
     long.out("alone").simulate();
     let run = long.out("begun").without_viewer().planner(planner).start();
     run.until_slot(60);
@@ -171,7 +171,7 @@ fn a_spoilt_run_of_an_external_planner_is_refused_or_ends_with_the_same_bytes() 
 #[test]
 fn a_paced_record_that_was_cut_is_not_flown_otherwise() {
     let place = Place::new();
-    let run = place.flight("paced").set("slots", 400).pace("50x").without_viewer().start();
+    let run = place.flight("paced").pace("50x").without_viewer().start();
     run.until_slot(60);
     run.kill_launcher();
     let trace = place.trace("run");

@@ -1,12 +1,12 @@
 //! The help of every command and executable fits into a terminal of 80 columns, and so does what refuses options.
 
-use crate::support::{Ended, Place, end};
+use crate::support::{Output, Place, output};
 
 /// Columns of the terminal.
 const COLUMNS: usize = 80;
 
 /// Fails if a line is too long; letters beyond ASCII count once.
-fn assert_fits(ended: &Ended, what: &[&str]) {
+fn assert_fits(ended: &Output, what: &[&str]) {
     let lines = ended.stdout.lines().chain(ended.stderr.lines());
     for line in lines {
         assert!(line.chars().count() <= COLUMNS, "{what:?}: {line}");
@@ -16,7 +16,7 @@ fn assert_fits(ended: &Ended, what: &[&str]) {
 
 /// The commands that the help lists.
 fn commands(place: &Place) -> Vec<String> {
-    let help = place.run_well(&["--help"]).stdout;
+    let help = place.run_ok(&["--help"]).stdout;
     let listed = help.lines().skip_while(|line| *line != "Commands:").skip(1).take_while(|line| !line.is_empty());
     let names = listed.filter(|line| line.starts_with("  ") && !line.starts_with("   "));
     names.map(|line| line.split_whitespace().next().unwrap().to_owned()).collect()
@@ -30,18 +30,18 @@ fn the_help_of_every_command_fits_into_a_terminal_of_80_columns() {
     for command in commands.iter().filter(|command| *command != "help") {
         for help in ["-h", "--help"] {
             let help = [command, help];
-            assert_fits(&place.run_well(&help), &help);
+            assert_fits(&place.run_ok(&help), &help);
         }
     }
     for help in ["-h", "--help"] {
-        assert_fits(&place.run_well(&[help]), &[help]);
+        assert_fits(&place.run_ok(&[help]), &[help]);
     }
     let mut executables = vec![env!("CARGO_BIN_EXE_field-sim"), env!("CARGO_BIN_EXE_flight-sim")];
     executables.push(env!("CARGO_BIN_EXE_planner"));
     #[cfg(feature = "viewer")]
     executables.push(env!("CARGO_BIN_EXE_viewer"));
     for executable in executables {
-        let ended = end(place.command(executable, &["--help"]).spawn().unwrap());
+        let ended = output(place.command(executable, &["--help"]));
         assert_fits(&ended, &[executable]);
         let name = std::path::Path::new(executable).file_name().unwrap().to_str().unwrap();
         assert!(ended.stdout.contains(&format!("Usage: {name} ")), "{ended:?}");

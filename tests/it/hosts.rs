@@ -11,7 +11,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use crate::support::scenarios::{self, SMOKE};
-use crate::support::{Ended, Place, end};
+use crate::support::{Output, Place, output};
 use skysink::run::link;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_ring::topics::SCHEMA;
@@ -50,7 +50,7 @@ fn missing() -> Option<&'static str> {
 }
 
 /// Flies `scenario` over three hosts with these arguments; none if that is not possible here.
-fn fly(scenario: &str, arguments: &[&str]) -> Option<Ended> {
+fn fly(scenario: &str, arguments: &[&str]) -> Option<Output> {
     if let Some(missing) = missing() {
         eprintln!("skipped: {missing}");
         return None;
@@ -59,7 +59,7 @@ fn fly(scenario: &str, arguments: &[&str]) -> Option<Ended> {
     let file = place.write("long.toml", scenario);
     let executables = Path::new(env!("CARGO_BIN_EXE_skysink")).parent().unwrap();
     let arguments = [&[file.to_str().unwrap()], arguments].concat();
-    let ended = end(place.command(SCRIPT, &arguments).env("PATH", path_with(executables)).spawn().unwrap());
+    let ended = output(place.command(SCRIPT, &arguments).env("PATH", path_with(executables)));
     Some(ended)
 }
 
@@ -99,9 +99,9 @@ fn with_link_that_fails(version: u32, scenario: u64, section: &str) -> (Place, O
     (place, path)
 }
 
-fn join(place: &Place, path: &OsString) -> Ended {
+fn join(place: &Place, path: &OsString) -> Output {
     let arguments = ["join", "planner", "--ring", "ring.toml", "--scenario", SMOKE, "--link", "link.json5"];
-    end(place.skysink(&arguments).env("PATH", path).spawn().unwrap())
+    output(place.skysink(&arguments).env("PATH", path))
 }
 
 fn hash_of_smoke() -> u64 {
@@ -133,7 +133,7 @@ fn a_host_with_another_scenario_version_or_ring_is_refused_with_the_remedy() {
 fn a_link_that_ends_at_once_ends_what_needs_it_and_says_why() {
     let (place, path) = with_link_that_fails(SCHEMA, hash_of_smoke(), "link");
     let run = ["run", SMOKE, "--no-viewer", "--external", "planner", "--link", "link.json5", "--out", "run"];
-    let launcher = end(place.skysink(&run).env("PATH", &path).spawn().unwrap());
+    let launcher = output(place.skysink(&run).env("PATH", &path));
     for ended in [launcher, join(&place, &path)] {
         assert_eq!(ended.code, Some(1), "{ended:?}");
         assert!(ended.stderr.contains("link: no such mode\n"), "{ended:?}");
@@ -143,7 +143,7 @@ fn a_link_that_ends_at_once_ends_what_needs_it_and_says_why() {
     place.assert_clean();
     let resumed = ["run", "--resume", "run", "--no-viewer", "--external", "planner", "--external", "flight-sim"];
     let resumed = [&resumed[..], &["--link", "link.json5"]].concat();
-    let ended = end(place.skysink(&resumed).env("PATH", &path).spawn().unwrap());
+    let ended = output(place.skysink(&resumed).env("PATH", &path));
     assert_eq!(ended.code, Some(2), "{ended:?}");
     let expected = "flight-sim restores its checkpoint on this host: omit --external flight-sim";
     assert!(ended.stderr.contains(expected), "{ended:?}");
@@ -154,7 +154,7 @@ fn a_link_needs_its_configuration_and_somebody_elsewhere() {
     let (place, path) = with_link_that_fails(SCHEMA, 0, "link");
     let run = |arguments: &[&str]| {
         let arguments = [&["run", SMOKE, "--no-viewer"], arguments].concat();
-        end(place.skysink(&arguments).env("PATH", &path).spawn().unwrap())
+        output(place.skysink(&arguments).env("PATH", &path))
     };
     let ended = run(&["--external", "planner", "--link", "none.json5"]);
     assert_eq!(ended.code, Some(2), "{ended:?}");
@@ -172,7 +172,7 @@ fn roles_that_contradict_each_other_are_refused() {
         (&["flight-sim", "--planner", "true"], "--planner: expected with the role planner"),
     ] {
         let files = ["--ring", "ring.toml", "--scenario", SMOKE, "--link", "link.json5"];
-        let ended = end(place.skysink(&[&["join"], roles, &files].concat()).env("PATH", &path).spawn().unwrap());
+        let ended = output(place.skysink(&[&["join"], roles, &files].concat()).env("PATH", &path));
         assert!(ended.code == Some(2) && ended.stderr.contains(expected), "{ended:?}");
     }
 }

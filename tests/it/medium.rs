@@ -2,13 +2,13 @@
 //!
 //! They need a mount namespace of their own; where the system refuses one, the tests say so in one line and pass.
 
-use crate::support::{Ended, Place, end};
+use crate::support::{Output, Place, wait};
 
 /// Runs a shell script with the place's `medium` as a file system of these options; none where that is not allowed.
-fn on_medium(place: &Place, options: &str, script: &str) -> Option<Ended> {
+fn on_medium(place: &Place, options: &str, script: &str) -> Option<Output> {
     std::fs::create_dir_all(place.path("medium")).unwrap();
     let mount = format!("mount -t tmpfs -o {options} none medium || exit 77\n{script}");
-    let ended = end(place.command("unshare", &["-rm", "sh", "-c", &mount]).spawn().ok()?);
+    let ended = wait(place.command("unshare", &["-rm", "sh", "-c", &mount]).spawn().ok()?);
     if ended.code == Some(77) || ended.stderr.contains("unshare failed") {
         eprintln!("skipped: this system refuses a mount namespace: {}", ended.stderr.trim());
         return None;
@@ -17,7 +17,7 @@ fn on_medium(place: &Place, options: &str, script: &str) -> Option<Ended> {
 }
 
 /// Fails unless the run has ended with exit code 1 and one last line that says what is wrong, and where.
-fn assert_said(ended: &Ended, what: &[&str]) {
+fn assert_said(ended: &Output, what: &[&str]) {
     assert_eq!(ended.code, Some(1), "{ended:?}");
     let line = ended.stderr.lines().rev().find(|line| line.starts_with("skysink: ")).unwrap_or_default();
     assert!(what.iter().all(|word| line.contains(word)), "expected {what:?}: {ended:?}");

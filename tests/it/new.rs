@@ -5,9 +5,9 @@ use crate::support::Place;
 #[test]
 fn a_new_scenario_is_the_papers_mission() {
     let place = Place::new();
-    let printed = place.run_well(&["new", "city"]).stdout;
+    let printed = place.run_ok(&["new", "city"]).stdout;
     assert!(printed.contains("city/city.toml: 200 sensor nodes in 100 m × 100 m\n"), "{printed}");
-    let checked = place.run_well(&["check", "city/city.toml"]);
+    let checked = place.run_ok(&["check", "city/city.toml"]);
     assert_eq!(checked.stderr, "");
     place.flight("city/city").out("mine").simulate();
     place.write("letter.toml", "name = \"city\"\n");
@@ -18,15 +18,15 @@ fn a_new_scenario_is_the_papers_mission() {
 #[test]
 fn what_exists_is_replaced_with_force_alone() {
     let place = Place::new();
-    place.run_well(&["new", "city"]);
+    place.run_ok(&["new", "city"]);
     place.write("city/city.toml", "mine");
     let refused = place.run(&["new", "city"]);
     assert_eq!(refused.code, Some(2), "{refused:?}");
     assert!(refused.stderr.contains("city/city.toml: it exists") && refused.stderr.contains("--force"), "{refused:?}");
     assert_eq!(place.read("city/city.toml"), "mine");
-    place.run_well(&["new", "city", "--force"]);
+    place.run_ok(&["new", "city", "--force"]);
     assert!(place.read("city/city.toml").contains("name = \"city\""));
-    place.run_well(&["new", "city", "--out", "elsewhere/deep"]);
+    place.run_ok(&["new", "city", "--out", "elsewhere/deep"]);
     assert!(place.path("elsewhere/deep/city.toml").is_file());
 }
 
@@ -34,9 +34,7 @@ fn what_exists_is_replaced_with_force_alone() {
 fn a_name_that_is_no_folder_is_refused() {
     let place = Place::new();
     for name in ["../x", "a b", "", "a\"b"] {
-        let refused = place.run(&["new", name]);
-        assert_eq!((refused.code, refused.stderr.lines().count()), (Some(2), 1), "{name}: {refused:?}");
-        assert!(refused.stderr.contains("expected 1 to 100 of"), "{refused:?}");
+        place.run_refused(&["new", name], "expected 1 to 100 of");
     }
     assert_eq!(std::fs::read_dir(place.path(".")).unwrap().count(), 0);
 }
@@ -64,10 +62,10 @@ mod imports {
         let place = Place::new();
         for (file, text) in POINTS {
             place.write(file, text);
-            place.run_well(&["new", "city", "--sensors", file, "--force"]);
+            place.run_ok(&["new", "city", "--sensors", file, "--force"]);
             assert_eq!(place.read("city/sensors.csv"), "lat_deg,lon_deg\n52.5,13.4\n52.51,13.41\n", "{file}");
             // A hundredth of a degree: 1 113 m to the north, cos 52.5° of that, 678 m, to the east; and two margins.
-            let checked = place.run_well(&["check", "city/city.toml"]).stdout;
+            let checked = place.run_ok(&["check", "city/city.toml"]).stdout;
             let side = |key: &str| -> f64 {
                 let line = checked.lines().find(|line| line.starts_with(key)).unwrap();
                 line.rsplit(' ').next().unwrap().parse().unwrap()
@@ -81,10 +79,10 @@ mod imports {
     fn metres_keep_their_place_unless_they_are_far_away() {
         let place = Place::new();
         place.write("near.csv", "y,x,sampling_bps\n2,1,50\n80,90,60\n");
-        place.run_well(&["new", "near", "--sensors", "near.csv"]);
+        place.run_ok(&["new", "near", "--sensors", "near.csv"]);
         assert_eq!(place.read("near/sensors.csv"), "x_m,y_m,sampling_bps\n1,2,50\n90,80,60\n");
         place.write("utm.csv", "easting,northing\n500100,-20\n500200,40\n");
-        place.run_well(&["new", "utm", "--sensors", "utm.csv"]);
+        place.run_ok(&["new", "utm", "--sensors", "utm.csv"]);
         assert_eq!(place.read("utm/sensors.csv"), "x_m,y_m\n10,10\n110,70\n");
         assert!(place.read("utm/utm.toml").contains("translated by -500090 m and 30 m"));
     }
@@ -93,8 +91,8 @@ mod imports {
     fn positions_on_the_southern_hemisphere_and_far_apart_lie_in_the_area() {
         let place = Place::new();
         place.write("a.csv", "lat,lon\n-33.9,18.4\n-33.9,18.9\n-33.85,18.45\n");
-        place.run_well(&["new", "cape", "--sensors", "a.csv"]);
-        place.run_well(&["check", "cape/cape.toml"]);
+        place.run_ok(&["new", "cape", "--sensors", "a.csv"]);
+        place.run_ok(&["check", "cape/cape.toml"]);
     }
 
     #[test]
@@ -102,14 +100,14 @@ mod imports {
         let place = Place::new();
         // Taveuni, Fiji: 0.02 degrees of longitude at 16.8° south are 2 132 m, with margins a bit more than 2 152 m.
         place.write("a.csv", "lat,lon\n-16.8,179.99\n-16.79,-179.99\n");
-        let printed = place.run_well(&["new", "fiji", "--sensors", "a.csv"]).stdout;
+        let printed = place.run_ok(&["new", "fiji", "--sensors", "a.csv"]).stdout;
         assert!(printed.contains("2 sensor nodes in 2153 m × 1127 m"), "{printed}");
         place.flight("fiji/fiji").simulate();
         // The margin alone lies west of it.
         place.write("b.csv", "lat,lon\n10,-179.99999\n10,-179.99\n");
-        place.run_well(&["new", "east", "--sensors", "b.csv"]);
+        place.run_ok(&["new", "east", "--sensors", "b.csv"]);
         assert!(place.read("east/east.toml").contains("origin_lon_deg = 179.99"), "{}", place.read("east/east.toml"));
-        place.run_well(&["check", "east/east.toml"]);
+        place.run_ok(&["check", "east/east.toml"]);
     }
 
     #[test]
@@ -125,7 +123,7 @@ mod imports {
         let point = "<wpt lat=\"52.50\" lon=\"13.40\"/>";
         place.write("a.gpx", &format!("<gpx version=\"1.1\" creator=\"a\">{point}<rte/><trk/></gpx>"));
         for file in ["a.geojson", "a.kml", "a.gpx"] {
-            let printed = place.run_well(&["new", "city", "--sensors", file, "--force"]).stdout;
+            let printed = place.run_ok(&["new", "city", "--sensors", file, "--force"]).stdout;
             assert!(
                 printed.contains("ignored: 2 lines, polygons or other items without a point\n"),
                 "{file}: {printed}"
@@ -150,9 +148,7 @@ mod imports {
             ("a.shp", "x", "`.shp`: expected a file named .csv"),
         ] {
             place.write(file, text);
-            let refused = place.run(&["new", "bad", "--sensors", file]);
-            assert_eq!((refused.code, refused.stderr.lines().count()), (Some(2), 1), "{file}: {refused:?}");
-            assert!(refused.stderr.contains(says), "{says}: {refused:?}");
+            place.run_refused(&["new", "bad", "--sensors", file], says);
             assert!(!place.path("bad").exists());
         }
     }

@@ -3,7 +3,7 @@
 use std::fs;
 use std::process::Child;
 
-use crate::support::{Place, end, pid, until};
+use crate::support::{Place, pid, until, wait};
 use rustix::process::{Signal, kill_process};
 use skysink_planner::strategies::STRATEGIES;
 
@@ -19,7 +19,7 @@ fn optimum(place: &Place, run: &str) -> serde_json::Value {
 fn the_best_known_is_above_the_bound_below_every_strategy_and_flies_again() {
     let place = Place::new();
     place.write("far.toml", SPARSE);
-    let printed = place.run_well(&["optimize", "far.toml", "--steps", "200000", "--out", "best"]).stdout;
+    let printed = place.run_ok(&["optimize", "far.toml", "--steps", "200000", "--out", "best"]).stdout;
     for word in [
         "lower bound",
         "best known",
@@ -51,7 +51,7 @@ fn the_best_known_is_above_the_bound_below_every_strategy_and_flies_again() {
     place.flight("best/scenario").out("again").simulate();
     place.flight("best/scenario").out("ring").without_viewer().run();
     for again in ["again", "ring"] {
-        assert!(place.read("best/slots.csv") == place.read(&format!("{again}/slots.csv")), "{again}");
+        place.assert_same_trace("best", again);
     }
     place.assert_clean();
 }
@@ -65,7 +65,7 @@ fn over_a_random_channel_the_bound_holds_for_the_flight_and_the_expected_bound_h
                 sampling_bps = 3000.0\n[link]\ngain = \"per-slot\"\ngain_db = [-70.0, -50.0]\nbandwidth_hz = 2000.0\n\
                 resource_blocks = 2\ncomm_radius_m = 50.0\n[planner]\nhorizon.iterations = 50\n";
     place.write("fading.toml", text);
-    let printed = place.run_well(&["optimize", "fading.toml", "--steps", "1000", "--out", "best"]).stdout;
+    let printed = place.run_ok(&["optimize", "fading.toml", "--steps", "1000", "--out", "best"]).stdout;
     assert!(printed.contains("expected lower bound"), "{printed}");
     let optimum = optimum(&place, "best");
     let [bound, expected] =
@@ -80,7 +80,7 @@ fn a_time_becomes_steps() {
     let place = Place::new();
     place.write("far.toml", SPARSE);
     for budget in ["0.01", "0.01s", "10ms", "0.0001m", "0.00001h"] {
-        place.run_well(&["optimize", "far.toml", "--budget", budget, "--out", budget]);
+        place.run_ok(&["optimize", "far.toml", "--budget", budget, "--out", budget]);
         assert_eq!(optimum(&place, budget)["steps"], 100_000, "{budget}: no fewer than a trial takes");
     }
 }
@@ -90,7 +90,7 @@ fn a_search_that_ends_early_says_what_was_done_and_why() {
     let place = Place::new();
     // 40 m: whatever is sampled is collected.
     place.write("small.toml", "name = \"small\"\nslots = 50\n[area]\nside_m = 40.0\n[sensors]\ncount = 10\n");
-    let printed = place.run_well(&["optimize", "small.toml", "--steps", "100000000", "--out", "small"]).stdout;
+    let printed = place.run_ok(&["optimize", "small.toml", "--steps", "100000000", "--out", "small"]).stdout;
     let last = printed.lines().find(|line| line.starts_with("Searched ")).unwrap();
     assert!(last.contains(" of up to 100,000,000 steps in "), "{last}");
     let reason = "the plan loses nothing, so it is optimal. Repeat the search with --steps 100000000.";
@@ -100,7 +100,7 @@ fn a_search_that_ends_early_says_what_was_done_and_why() {
     // Without a sensor node that samples there is nothing to search.
     let idle = "name = \"idle\"\nslots = 50\n[sensors]\ncount = 10\nsampling_bps = 0.0\n";
     place.write("idle.toml", idle);
-    let printed = place.run_well(&["optimize", "idle.toml", "--budget", "1", "--out", "idle"]).stdout;
+    let printed = place.run_ok(&["optimize", "idle.toml", "--budget", "1", "--out", "idle"]).stdout;
     assert!(printed.contains("Nothing to search: no sensor node that can lose data"), "{printed}");
 }
 
@@ -108,7 +108,7 @@ fn a_search_that_ends_early_says_what_was_done_and_why() {
 fn where_a_strategy_beats_the_search_its_flight_is_the_best_known() {
     let place = Place::new();
     place.write("far.toml", SPARSE);
-    place.run_well(&["optimize", "far.toml", "--steps", "0"]);
+    place.run_ok(&["optimize", "far.toml", "--steps", "0"]);
     let folder = fs::read_dir(place.path("runs")).unwrap().next().unwrap().unwrap().file_name();
     let folder = format!("runs/{}", folder.to_str().unwrap());
     let best = optimum(&place, &folder)["best_known"].clone();
@@ -123,8 +123,7 @@ fn bad_budgets_and_folders_that_are_taken_are_refused_before_anything_is_done() 
     let place = Place::new();
     place.write("far.toml", SPARSE);
     for budget in ["0s", "-1", "many", "60d", "1000001", "nans", "inf", "s", "1e300h"] {
-        let ended = place.run(&["optimize", "far.toml", &format!("--budget={budget}")]);
-        assert_eq!(ended.code, Some(2), "{ended:?}");
+        let ended = place.run(&["optimize", "far.toml", &format!("--budget={budget}")]).assert_code(2);
         assert!(ended.stderr.contains("expected a time above 0, such as 500ms, 60s, 5m or 1h"), "{ended:?}");
     }
     for steps in ["-1", "2s", "1000000000001"] {
@@ -144,7 +143,7 @@ fn a_search_that_is_interrupted_leaves_nothing() {
     place.write("far.toml", SPARSE);
     let search = place.skysink(&["optimize", "far.toml", "--steps", "1000000000000", "--out", "best"]).spawn().unwrap();
     interrupt(&search);
-    let ended = end(search);
+    let ended = wait(search);
     assert_eq!(ended.code, Some(130));
     let left = "skysink: stopped by signal 2: nothing was written; run the command again";
     assert!(ended.stderr.starts_with(left) && ended.stderr.lines().count() == 1, "{ended:?}");
@@ -159,7 +158,7 @@ fn offline_hears_a_stop_while_it_searches_before_the_first_slot() {
     let flight = place.skysink(&["simulate", "far.toml", "--strategy", "offline", "--out", "run"]).spawn().unwrap();
     until("run", || place.path("run/slots.csv").exists().then_some(()));
     interrupt(&flight);
-    assert_eq!(end(flight).code, Some(130));
+    assert_eq!(wait(flight).code, Some(130));
     assert_eq!(place.read("run/slots.csv").lines().count(), 1, "no slot is flown by a plan that was cut short");
 }
 

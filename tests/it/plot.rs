@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 
-use crate::support::Place;
+use crate::support::{Place, csv_rows};
 use serde_json::Value;
 
 /// A place with a flown sweep of the smoke scenario, `flown`.
@@ -13,21 +13,14 @@ fn swept() -> Place {
     let axes = "\"area.side_m\" = [90, 40.0, 60.0]\n\"link.gain\" = [\"static\", \"per-slot\"]\n";
     let head = "scenario = \"smoke.toml\"\nstrategies = [\"uts\", \"gfs\", \"rfs\"]\nseeds = 3\n[axes]\n";
     place.write("sweep.toml", &format!("{head}{axes}"));
-    place.run_well(&["sweep", "sweep.toml", "--out", "flown"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "flown"]);
     place
 }
 
 /// What `skysink plot flown` prints for machines.
 fn plot(place: &Place, arguments: &[&str]) -> Value {
-    let ended = place.run_well(&[&["plot", "flown", "--json"], arguments].concat());
+    let ended = place.run_ok(&[&["plot", "flown", "--json"], arguments].concat());
     serde_json::from_str(&ended.stdout).unwrap()
-}
-
-/// The rows of a CSV file, by column name.
-fn rows(text: &str) -> Vec<BTreeMap<String, String>> {
-    let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
-    let header = lines.next().unwrap();
-    lines.map(|line| header.iter().cloned().zip(line).collect()).collect()
 }
 
 #[test]
@@ -38,7 +31,7 @@ fn a_figure_and_its_tables_hold_the_numbers_of_the_summary() {
     let points = drawn["points"].as_array().unwrap();
     let sides: Vec<f64> = points.iter().step_by(3).map(|point| point["x"].as_f64().unwrap()).collect();
     assert_eq!(sides, [40.0, 60.0, 90.0], "by size");
-    let summary = rows(&place.read("flown/summary.csv"));
+    let summary = csv_rows(&place.read("flown/summary.csv"));
     let stem = "flown/plots/bits_per_waypoint-area.side_m-link.gain-per-slot";
     let [svg, latex, markdown] = ["svg", "tex", "md"].map(|extension| place.read(&format!("{stem}.{extension}")));
     for point in points {
@@ -68,7 +61,7 @@ fn a_figure_and_its_tables_hold_the_numbers_of_the_summary() {
             .map(|extension| fs::read(place.path(&format!("{stem}.{extension}"))).unwrap())
     };
     let before = bytes();
-    let printed = place.run_well(&[&["plot", "flown"], &request[..]].concat()).stdout;
+    let printed = place.run_ok(&[&["plot", "flown"], &request[..]].concat()).stdout;
     assert!(before == bytes(), "the same again");
     assert!(
         printed.contains(&format!("{stem}.pdf")) && printed.contains("per-slot") && printed.contains(" ± "),
@@ -82,7 +75,7 @@ fn differences_are_paired_by_seed() {
     let request =
         ["--x", "area.side_m", "--where", "link.gain=static", "--strategies", "rfs", "--difference-to", "uts"];
     let drawn = plot(&place, &[&request[..], &["--y", "jain"]].concat());
-    let results = rows(&place.read("flown/results.csv"));
+    let results = csv_rows(&place.read("flown/results.csv"));
     let values = |strategy: &str, side: f64| -> Vec<f64> {
         let flown = results.iter().filter(|row| {
             (row["strategy"].as_str(), row["link.gain"].as_str(), row["area.side_m"].parse().ok())
@@ -133,7 +126,7 @@ fn a_page_for_print_has_its_width_and_the_text_of_print() {
     let pdf = String::from_utf8_lossy(&pdf);
     assert!(pdf.contains("/MediaBox[0 0 249.4"));
     assert!(pdf.contains("/ToUnicode") && pdf.contains("DejaVuSans"), "text with its font");
-    let without = place.run_well(&[&["plot", "flown"], &request[..]].concat());
+    let without = place.run_ok(&[&["plot", "flown"], &request[..]].concat());
     assert!(without.stdout.contains("data loss rate η, mean [95 % CI]"), "{without:?}");
     let svg = place.read(&format!("{stem}.svg"));
     assert!(svg.contains("viewBox=\"0 0 1600 ") && !svg.contains("&lt;") && svg.matches("seeds 1 to 3").count() == 1);
@@ -176,11 +169,10 @@ fn a_request_that_does_not_fit_the_sweep_is_refused_in_a_line_and_nothing_is_wri
         (with(&["--width", "88"]), "expected a width from 50mm to 1000mm"),
         (with(&["--log-y", "--difference-to", "uts"]), "cannot be used with"),
     ] {
-        let ended = place.run(&[&["plot", "flown"], &request[..]].concat());
-        assert!(ended.code == Some(2) && ended.stderr.contains(says), "{request:?}: {ended:?}");
+        let ended = place.run(&[&["plot", "flown"], &request[..]].concat()).assert_code(2);
+        assert!(ended.stderr.contains(says), "{request:?}: {ended:?}");
     }
-    let strange = place.run(&["plot", "nothing", "--x", "slots"]);
-    assert!(strange.code == Some(2) && strange.stderr.contains("expected the folder of a sweep"), "{strange:?}");
+    place.run_refused(&["plot", "nothing", "--x", "slots"], "expected the folder of a sweep");
     assert!(!place.path("flown/plots").exists());
 }
 
@@ -199,11 +191,10 @@ fn what_is_incomplete_is_left_out_and_said_so() {
     let others = plot(&place, &[&request[..], &["--strategies", "rfs,uts"]].concat());
     assert_eq!(missing(&others), "51 of 54 missions are present; the plot is complete");
     assert_eq!(others["points"].as_array().unwrap().len(), 3 * 2);
-    let said = place.run_well(&[&["plot", "flown"], &request[..]].concat()).stderr;
+    let said = place.run_ok(&[&["plot", "flown"], &request[..]].concat()).stderr;
     assert_eq!(said, "skysink: 51 of 54 missions are present; omitted: area.side_m = 60\n");
     let none = place.run(&["plot", "flown", "--x", "link.gain", "--where", "area.side_m=60", "--strategies", "gfs"]);
     assert_eq!(none.code, Some(0), "per-slot is whole: {none:?}");
     place.write("flown/journal.csv", "");
-    let none = place.run(&[&["plot", "flown"], &request[..]].concat());
-    assert!(none.code == Some(2) && none.stderr.contains("0 of 54 missions are present"), "{none:?}");
+    place.run_refused(&[&["plot", "flown"], &request[..]].concat(), "0 of 54 missions are present");
 }

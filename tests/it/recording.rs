@@ -1,17 +1,23 @@
 //! What `skysink run` leaves to look at.
 use crate::support;
-use crate::support::flight::{FlightOf, RunningFlight};
-use crate::support::scenarios::{self, SMOKE};
-use crate::support::{Place, end, rows, slots, until};
+use crate::support::flight::{FlightBuilder, RunningFlight};
+use crate::support::scenarios::SMOKE;
+use crate::support::{Place, rows, slots, until, wait};
 use rustix::process::Signal;
 
 #[test]
-fn a_lock_step_recording_holds_every_slot() {
+fn a_lock_step_recording_holds_every_slot_and_how_much_was_lost_so_far() {
     let place = Place::new();
     place.flight("smoke").run();
+    let recording = place.path("run/mission.rrd");
     for entity in ["/world/uav", "/metrics/loss_rate", "/world/links"] {
-        assert_eq!(slots(&place.path("run/mission.rrd"), entity), (0..=60).collect(), "{entity}");
+        assert_eq!(slots(&recording, entity), (0..=60).collect(), "{entity}");
     }
+    let status = rows(&recording, "/status");
+    let lost = place.summary("run")["lost_bits"].as_u64().unwrap();
+    assert_eq!(status.len(), 61);
+    assert!(status[&60].contains("slot 60: **η so far 0.0"), "{}", status[&60]);
+    assert!(status[&60].contains(&format!("({lost} of ")), "{}", status[&60]);
 }
 
 #[test]
@@ -33,19 +39,15 @@ fn one_slot_in_so_many_is_drawn_by_a_ring_and_by_one_process() {
 /// What is recorded of the planned path.
 const PATH: [&str; 4] = ["/world/path", "/world/path/stops", "/world/path_track", "/world/path_track/stops"];
 
-/// The smoke test, so long and flown by a planner that looks ahead.
-fn ahead(place: &Place, slots: u64) -> FlightOf<'_> {
-    place.write(
-        "ahead.toml",
-        &(scenarios::text("smoke") + "[planner]\nstrategy = \"horizon\"\nhorizon.iterations = 200\n"),
-    );
-    place.flight("ahead").set("slots", slots).set("uav.endurance_s", slots)
+/// `smoke`, flown by a planner that looks ahead.
+fn ahead(place: &Place) -> FlightBuilder<'_> {
+    place.flight("smoke").strategy("horizon").set("planner.horizon.iterations", 200)
 }
 
 #[test]
 fn the_planned_path_is_recorded_alike_by_a_ring_and_by_one_process() {
     let place = Place::new();
-    let flight = ahead(&place, 60);
+    let flight = ahead(&place);
     flight.out("alone").options(&["--record"]).simulate();
     flight.out("ring").run();
     for entity in PATH {
@@ -55,7 +57,7 @@ fn the_planned_path_is_recorded_alike_by_a_ring_and_by_one_process() {
         assert!(drawn > 40, "{entity}: {drawn}");
         assert!(alone == ring, "{entity}");
     }
-    flight.strategy("uts").out("uts").run();
+    place.flight("smoke").out("uts").run();
     assert_eq!(rows(&place.path("uts/mission.rrd"), "/world/path").len(), 0);
     assert_eq!(slots(&place.path("uts/mission.rrd"), "/world/uav_trail"), (0..=60).collect());
 }
@@ -89,36 +91,36 @@ fn losses_coverage_and_beliefs_are_recorded_alike_by_a_ring_and_by_one_process()
 #[test]
 fn the_planned_path_is_that_of_the_undisturbed_mission_whenever_the_planner_is_killed() {
     let place = Place::new();
-    let flight = ahead(&place, 1_200);
+    let flight = ahead(&place).set("slots", 400);
     flight.out("alone").options(&["--record"]).simulate();
     let run = flight.start();
     for slot in [20, 80, 150, 220, 300] {
         run.until_slot(slot);
         run.kill("planner");
     }
-    let ended = run.end_well();
+    let ended = run.wait_for_success();
     assert_eq!(place.summary("run")["restarts"], 5, "{ended:?}");
     place.assert_same_trace("alone", "run");
     for entity in PATH {
         let [alone, run] = ["alone", "run"].map(|run| rows(&place.path(&format!("{run}/mission.rrd")), entity));
-        let others: Vec<_> = (0..=1_200).filter(|slot| alone.get(slot) != run.get(slot)).collect();
+        let others: Vec<_> = (0..=400).filter(|slot| alone.get(slot) != run.get(slot)).collect();
         assert!(others.is_empty(), "{entity} of {others:?}");
     }
     place.assert_clean();
 }
 
 /// Starts a run, and stops the viewer in it.
-fn with_a_stopped_viewer(flight: FlightOf) -> RunningFlight {
+fn with_a_stopped_viewer(flight: FlightBuilder) -> RunningFlight {
     let run = flight.start();
     run.until_slot(20);
-    run.signal_to("viewer", Signal::STOP);
+    run.signal_worker("viewer", Signal::STOP);
     run
 }
 
 #[test]
 fn in_lock_step_the_ring_waits_for_a_viewer_that_lags() {
     let place = Place::new();
-    let run = with_a_stopped_viewer(place.flight("fine").set("slots", 20_000));
+    let run = with_a_stopped_viewer(place.flight("fine"));
     // The ring comes to rest: the same slot in two looks that are far apart.
     let mut stopped_at = 0;
     until("rest", || {
@@ -126,22 +128,22 @@ fn in_lock_step_the_ring_waits_for_a_viewer_that_lags() {
         let now = run.slots();
         (std::mem::replace(&mut stopped_at, now) == now).then_some(())
     });
-    run.signal_to("viewer", Signal::CONT);
-    run.end_well();
-    assert!(stopped_at < 20_000, "the run was over before the viewer was stopped");
-    assert_eq!(slots(&place.path("run/mission.rrd"), "/metrics/loss_rate"), (0..=20_000).collect());
+    run.signal_worker("viewer", Signal::CONT);
+    run.wait_for_success();
+    assert!(stopped_at < 3_000, "the run was over before the viewer was stopped");
+    assert_eq!(slots(&place.path("run/mission.rrd"), "/metrics/loss_rate"), (0..=3_000).collect());
 }
 
 #[test]
 fn a_paced_run_does_not_wait_for_the_viewer_and_marks_what_it_missed() {
     let place = Place::new();
-    let run = with_a_stopped_viewer(place.flight("fine").pace("4x"));
-    run.until_slots_more(300);
-    run.signal_to("viewer", Signal::CONT);
-    let ended = run.end_well();
+    let run = with_a_stopped_viewer(place.flight("fine").set("slots", 900).pace("4x"));
+    run.until_slots_later(300);
+    run.signal_worker("viewer", Signal::CONT);
+    let ended = run.wait_for_success();
     assert_eq!(place.summary("run")["timing"]["missed_deadlines"], place.summary("run")["held_slots"]);
     let recorded = slots(&place.path("run/mission.rrd"), "/metrics/loss_rate");
-    let missed = 3001 - recorded.len();
+    let missed = 901 - recorded.len();
     assert!(missed > 100, "missed {missed}");
     assert!(ended.stderr.contains(&format!("viewer: missed {missed} slots")), "{missed}: {ended:?}");
 }
@@ -161,7 +163,7 @@ fn a_resumed_run_continues_the_recording_in_the_next_file_and_force_replaces_bot
     assert!(ended.stdout.contains("rerun run/mission.rrd"), "{ended:?}");
     let first = recording_id(&place, "run/mission.rrd");
     place.cut_trace("run", 55);
-    let ended = place.run_well(&["run", "--resume", "run"]);
+    let ended = place.run_ok(&["run", "--resume", "run"]);
     assert!(ended.stdout.contains("rerun run/*.rrd"), "{ended:?}");
     assert_eq!(recording_id(&place, "run/mission-2.rrd"), first);
     assert_eq!(slots(&place.path("run/mission-2.rrd"), "/metrics/loss_rate"), (55..=60).collect());
@@ -188,9 +190,9 @@ fn a_live_port_that_is_taken_ends_the_run_with_one_clear_line() {
 fn a_run_can_be_served_live() {
     let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let place = Place::new();
-    let run = place.flight("smoke").pace("20x").options(&[&format!("--live={free}")]).start();
+    let run = place.flight("smoke").pace("60x").options(&[&format!("--live={free}")]).start();
     until("server", || std::net::TcpStream::connect(("127.0.0.1", free)).ok());
-    run.end_well();
+    run.wait_for_success();
     let recorded = slots(&place.path("run/mission.rrd"), "/metrics/loss_rate").len();
     assert!((50..=61).contains(&recorded), "{recorded} slots: a paced run does not wait for its viewer");
 }
@@ -205,22 +207,11 @@ fn a_live_viewer_says_its_address() {
 }
 
 #[test]
-fn the_recording_says_how_much_was_lost_so_far() {
-    let place = Place::new();
-    place.flight("smoke").run();
-    let status = rows(&place.path("run/mission.rrd"), "/status");
-    let lost = place.summary("run")["lost_bits"].as_u64().unwrap();
-    assert_eq!(status.len(), 61);
-    assert!(status[&60].contains("slot 60: **η so far 0.0"), "{}", status[&60]);
-    assert!(status[&60].contains(&format!("({lost} of ")), "{}", status[&60]);
-}
-
-#[test]
 fn a_recording_that_cannot_be_created_ends_the_run_at_once() {
     let place = Place::new();
     let run = place.flight("smoke").external("viewer").start();
-    let viewer = run.by_hand("viewer").args(["--save", "nowhere/x.rrd"]).spawn().unwrap();
-    let viewer = end(viewer).assert_code(2); // refused, so that a launcher would not start it again
+    let viewer = run.worker_command("viewer").args(["--save", "nowhere/x.rrd"]).spawn().unwrap();
+    let viewer = wait(viewer).assert_code(2); // refused, so that a launcher would not start it again
     assert!(viewer.stderr.starts_with("viewer: recording nowhere/x.rrd: "), "{viewer:?}");
     run.terminate();
 }

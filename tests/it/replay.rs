@@ -4,12 +4,10 @@ use std::fs;
 use std::time::Duration;
 
 use crate::support::flight::{RunningFlight, executable};
-use crate::support::{Place, end, scenarios, until};
+use crate::support::{Place, csv_rows, output, scenarios, until};
 use serde_json::Value;
 use skysink_common::message::FlightReport;
 use skysink_common::pace::Pace;
-use skysink_common::scenario::Scenario;
-use skysink_common::sensors::SensorList;
 use skysink_flight_sim::Flight;
 use skysink_mission::Mission;
 use skysink_mission::origin::RunMode;
@@ -17,22 +15,13 @@ use skysink_mission::record::RunFolder;
 use skysink_mission::summary::Tally;
 use skysink_planner::Planner;
 
-fn smoke(strategy: &'static str) -> (Scenario, SensorList) {
-    let scenario = scenarios::smoke(strategy);
-    let list = SensorList::of(&scenario).unwrap();
-    (scenario, list)
-}
-
 fn outcome(place: &Place, folder: &str) -> Value {
     serde_json::from_str(&place.read(&format!("{folder}/replay.json"))).unwrap()
 }
 
 /// These columns of a table, line by line.
 fn columns(text: &str, names: &[&str]) -> Vec<Vec<String>> {
-    let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
-    let header = lines.next().unwrap();
-    let at: Vec<_> = names.iter().map(|name| header.iter().position(|column| column == name).expect(name)).collect();
-    lines.map(|line| at.iter().map(|&index| line[index].clone()).collect()).collect()
+    csv_rows(text).iter().map(|row| names.iter().map(|&name| row[name].clone()).collect()).collect()
 }
 
 /// What `plans.csv` and `slots.csv` have in common.
@@ -44,7 +33,7 @@ fn a_run_without_a_recording_is_replayed_into_the_one_that_it_would_have_had() {
     let place = Place::new();
     place.flight("smoke").out("dark").simulate();
     place.flight("smoke").out("lit").options(&["--record"]).simulate();
-    let ended = place.run_well(&["replay", "dark"]);
+    let ended = place.run_ok(&["replay", "dark"]);
     assert!(ended.stdout.contains("the recorded decision in 60 of 60 slots"), "{ended:?}");
     for entity in ["/world/uav", "/world/links", "/world/candidates", "/world/queues", "/metrics/loss_rate"] {
         let [lit, replay] =
@@ -60,7 +49,7 @@ fn the_planner_of_the_run_decides_again_as_recorded() {
     let place = Place::new();
     place.flight("smoke").without_viewer().run();
     let before = place.read("run/summary.json");
-    place.run_well(&["replay", "run", "--no-viewer", "--out", "again"]);
+    place.run_ok(&["replay", "run", "--no-viewer", "--out", "again"]);
     let outcome = outcome(&place, "again");
     for (key, value) in [("slots", 60), ("same", 60), ("undecided", 0)] {
         assert_eq!(outcome[key], value, "{key}: {outcome}");
@@ -75,10 +64,10 @@ fn the_planner_of_the_run_decides_again_as_recorded() {
 
 /// What a strategy would have done in each slot of a mission of another, by plain calls.
 fn asked(flown: &'static str, asked: &'static str) -> Vec<Vec<String>> {
-    let (scenario, list) = smoke(flown);
+    let (scenario, list) = scenarios::smoke_with_sensors(flown);
     let mut mission = Mission::new(&scenario, &list).unwrap();
     let nodes = list.nodes();
-    let mut planner = Planner::new(&smoke(asked).0, &nodes).unwrap();
+    let mut planner = Planner::new(&scenarios::smoke(asked), &nodes).unwrap();
     let mut lines = Vec::new();
     for slot in 1..=scenario.slots {
         let mut flight = Flight::new(&scenario, &nodes);
@@ -96,7 +85,7 @@ fn asked(flown: &'static str, asked: &'static str) -> Vec<Vec<String>> {
 fn another_strategy_is_asked_in_each_recorded_state_and_not_followed() {
     let place = Place::new();
     place.flight("smoke").simulate();
-    place.run_well(&["replay", "run", "--no-viewer", "--strategy", "gfs"]);
+    place.run_ok(&["replay", "run", "--no-viewer", "--strategy", "gfs"]);
     let outcome = outcome(&place, "run-replay");
     assert_eq!((&outcome["strategy"], &outcome["planner"]), (&"uts".into(), &"gfs".into()));
     assert_eq!(outcome["trace_hash"], place.summary("run")["trace_hash"], "the recorded flight goes on");
@@ -115,12 +104,12 @@ fn an_external_planner_is_asked_and_its_own_run_is_replayed_by_its_decisions_on_
     let place = Place::new();
     let command = place.external_planner();
     place.flight("smoke").without_viewer().planner(&command).options(&["--label", "mine"]).run();
-    place.run_well(&["replay", "run", "--no-viewer", "--out", "recorded"]);
+    place.run_ok(&["replay", "run", "--no-viewer", "--out", "recorded"]);
     let recorded = outcome(&place, "recorded");
     assert_eq!((&recorded["strategy"], &recorded["planner"]), (&"mine".into(), &"mine".into()));
     assert_eq!((&recorded["same"], &recorded["slots"]), (&60.into(), &60.into()));
     let arguments = ["replay", "run", "--no-viewer", "--out", "asked", "--planner", &command, "--label", "new"];
-    place.run_well(&arguments);
+    place.run_ok(&arguments);
     let asked = outcome(&place, "asked");
     assert_eq!((&asked["planner"], &asked["same"]), (&"new".into(), &60.into()));
     place.assert_clean();
@@ -129,7 +118,7 @@ fn an_external_planner_is_asked_and_its_own_run_is_replayed_by_its_decisions_on_
 #[test]
 fn slots_without_a_plan_in_time_are_held_again_and_counted_as_undecided() {
     let place = Place::new();
-    let (scenario, list) = smoke("uts");
+    let (scenario, list) = scenarios::smoke_with_sensors("uts");
     let run_mode = RunMode { pace: Some("10x".parse().unwrap()), external_planner: None };
     let folder = RunFolder::create(Some(&place.path("run")), false, &scenario, &list, &run_mode).unwrap();
     let mut log = folder.slot_log().unwrap();
@@ -144,7 +133,7 @@ fn slots_without_a_plan_in_time_are_held_again_and_counted_as_undecided() {
     }
     folder.write_json("summary.json", &tally.summary(Some(Pace::Max), Duration::ZERO, log.hash())).unwrap();
     drop((folder, log));
-    place.run_well(&["replay", "run", "--no-viewer"]);
+    place.run_ok(&["replay", "run", "--no-viewer"]);
     let outcome = outcome(&place, "run-replay");
     assert_eq!((&outcome["undecided"], &outcome["same"]), (&9.into(), &51.into()), "{outcome}");
     assert_eq!(outcome["trace_hash"], place.summary("run")["trace_hash"]);
@@ -154,14 +143,14 @@ fn slots_without_a_plan_in_time_are_held_again_and_counted_as_undecided() {
 #[test]
 fn a_replay_survives_the_death_of_its_processes() {
     let place = Place::new();
-    place.flight("long").set("slots", 3000).simulate();
-    let replay = place.skysink(&["replay", "run", "--no-viewer", "--pace", "100x"]);
+    place.flight("long").simulate();
+    let replay = place.skysink(&["replay", "run", "--no-viewer", "--pace", "300x"]);
     let replay = RunningFlight::start(&place, replay, "run-replay");
     let flights = replay.folder().join("flights.journal");
     let size = || fs::metadata(&flights).map_or(0, |file| file.len());
     until("flight", || (size() > 12_000).then_some(())); // three places of 4096 bytes
     ["flight-sim", "planner", "field-sim"].iter().for_each(|role| replay.kill(role));
-    let ended = replay.end_well();
+    let ended = replay.wait_for_success();
     assert!(ended.stderr.contains("flight-sim was restarted"), "{ended:?}");
     let outcome = outcome(&place, "run-replay");
     assert_eq!((&outcome["same"], &outcome["trace_hash"]), (&3000.into(), &place.summary("run")["trace_hash"]));
@@ -186,8 +175,7 @@ fn what_is_no_finished_run_or_contradicts_itself_is_refused_and_nothing_is_writt
     for (damaged, says) in [(trace.replacen("\n7,", "\n8,", 1), "line 8"), (cut, "30 slots")] {
         place.write("run/slots.csv", &damaged);
         let ended = place.run(&["replay", "run", "--no-viewer"]);
-        assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
-        assert!(ended.stderr.contains("run/slots.csv") && ended.stderr.contains(says), "{ended:?}");
+        ended.assert_code(2).assert_one_line(&["run/slots.csv", says]);
     }
     assert!(!place.path("run-replay").exists());
 }
@@ -196,14 +184,12 @@ fn what_is_no_finished_run_or_contradicts_itself_is_refused_and_nothing_is_writt
 fn a_replay_is_replaced_by_force_alone() {
     let place = Place::new();
     place.flight("smoke").simulate();
-    place.run_well(&["replay", "run", "--no-viewer"]);
-    let ended = place.run(&["replay", "run", "--no-viewer", "--strategy", "gfs"]);
-    assert!(ended.code == Some(2) && ended.stderr.contains("run-replay: it exists"), "{ended:?}");
+    place.run_ok(&["replay", "run", "--no-viewer"]);
+    place.run_refused(&["replay", "run", "--no-viewer", "--strategy", "gfs"], "run-replay: it exists");
     assert_eq!(outcome(&place, "run-replay")["planner"], "uts");
-    place.run_well(&["replay", "run", "--no-viewer", "--strategy", "gfs", "--force"]);
+    place.run_ok(&["replay", "run", "--no-viewer", "--strategy", "gfs", "--force"]);
     assert_eq!(outcome(&place, "run-replay")["planner"], "gfs");
-    let ended = place.run(&["replay", "run", "--no-viewer", "--out", "run", "--force"]);
-    assert!(ended.code == Some(2) && ended.stderr.contains("it is inside the run folder"), "{ended:?}");
+    place.run_refused(&["replay", "run", "--no-viewer", "--out", "run", "--force"], "it is inside the run folder");
     assert!(place.path("run/slots.csv").exists());
 }
 
@@ -216,7 +202,7 @@ fn a_replay_that_was_killed_leaves_nothing_that_is_in_the_way_of_the_next() {
     place.write("run-replay/.plans.csv.a1b2c3.new", "slot,x_m\n");
     let victim = place.write("victim", "mine");
     std::os::unix::fs::symlink(victim, place.path("run-replay/.plans.csv.new")).unwrap();
-    place.run_well(&["replay", "run", "--no-viewer", "--force"]);
+    place.run_ok(&["replay", "run", "--no-viewer", "--force"]);
     let mut left: Vec<_> =
         fs::read_dir(place.path("run-replay")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     left.sort();
@@ -228,7 +214,7 @@ fn a_replay_that_was_killed_leaves_nothing_that_is_in_the_way_of_the_next() {
 fn a_replay_stays_until_the_one_that_replaces_it_is_whole() {
     let place = Place::new();
     place.flight("smoke").simulate();
-    place.run_well(&["replay", "run", "--no-viewer"]);
+    place.run_ok(&["replay", "run", "--no-viewer"]);
     let files = || ["plans.csv", "replay.json", "scenario.toml"].map(|name| place.read(&format!("run-replay/{name}")));
     let before = files();
     let ended = place.run(&["replay", "run", "--no-viewer", "--force", "--planner", "false"]);
@@ -236,7 +222,7 @@ fn a_replay_stays_until_the_one_that_replaces_it_is_whole() {
     assert_eq!(files(), before);
     let left = fs::read_dir(place.path("run-replay")).unwrap().map(|entry| entry.unwrap().file_name());
     assert_eq!(left.filter(|name| name.as_encoded_bytes().starts_with(b".")).count(), 0);
-    place.run_well(&["replay", "run", "--no-viewer", "--force", "--strategy", "gfs"]);
+    place.run_ok(&["replay", "run", "--no-viewer", "--force", "--strategy", "gfs"]);
     assert_ne!(files(), before);
 }
 
@@ -254,7 +240,7 @@ fn what_is_no_replay_is_not_replaced_and_a_run_is_no_place_for_one() {
     }
     assert_eq!(place.read("own/scenario.toml"), "# mine");
     let mut inside = place.skysink(&["replay", ".", "--no-viewer"]);
-    end(inside.current_dir(place.path("run")).spawn().unwrap()).assert_well();
+    output(inside.current_dir(place.path("run"))).assert_success();
     assert!(place.path("run-replay/replay.json").exists());
 }
 
@@ -262,23 +248,23 @@ fn what_is_no_replay_is_not_replaced_and_a_run_is_no_place_for_one() {
 fn a_folder_has_one_replay_at_a_time() {
     let place = Place::new();
     place.flight("smoke").simulate();
-    place.run_well(&["replay", "run", "--no-viewer"]);
+    place.run_ok(&["replay", "run", "--no-viewer"]);
     let lock = fs::File::open(place.path("run-replay/lock")).unwrap();
     lock.try_lock().unwrap();
     let ended = place.run(&["replay", "run", "--no-viewer", "--force"]);
     ended.assert_refused("run-replay: another replay is writing it");
     assert_eq!(outcome(&place, "run-replay")["planner"], "uts", "it stays as it was");
     drop(lock);
-    place.run_well(&["replay", "run", "--no-viewer", "--force"]);
+    place.run_ok(&["replay", "run", "--no-viewer", "--force"]);
 }
 
 #[test]
 fn only_flight_sim_takes_the_pace_of_a_replay() {
     let place = Place::new();
-    let help = |program: &str| end(place.command(program, &["--help"]).spawn().unwrap()).stdout;
+    let help = |program: &str| output(place.command(program, &["--help"])).stdout;
     let [flight_sim, planner] = ["flight-sim", "planner"].map(|role| help(executable(role)));
     assert!(flight_sim.contains("--replay <RUN>") && flight_sim.contains("--pace <PACE>"), "{flight_sim}");
     assert!(planner.contains("--replay <RUN>") && !planner.contains("--pace"), "{planner}");
-    let replay = place.run_well(&["replay", "--help"]).stdout;
+    let replay = place.run_ok(&["replay", "--help"]).stdout;
     assert!(replay.contains("Maximum speed of the slots") && !replay.contains("--resume"), "{replay}");
 }

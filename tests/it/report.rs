@@ -1,26 +1,24 @@
 //! `skysink report`: the figures of a run again, and what it comes to for each sensor node.
 
-use crate::support::Place;
+use crate::support::{Place, csv_rows};
 use serde_json::Value;
 
 /// The column `name` of a table.
 fn column<T: std::str::FromStr>(text: &str, name: &str) -> Vec<T> {
-    let mut lines = text.lines();
-    let index = lines.next().unwrap().split(',').position(|column| column == name).expect(name);
-    lines.map(|line| line.split(',').nth(index).unwrap().parse().ok().expect(name)).collect()
+    csv_rows(text).iter().map(|row| row[name].parse().ok().expect(name)).collect()
 }
 
 #[test]
 fn the_table_of_a_run_is_printed_again() {
     let place = Place::new();
     let flown = place.flight("small").simulate();
-    let again = place.run_well(&["report", "run"]);
+    let again = place.run_ok(&["report", "run"]);
     assert_eq!(again.stdout, flown.stdout);
-    let json: Value = serde_json::from_str(&place.run_well(&["report", "run", "--json"]).stdout).unwrap();
+    let json: Value = serde_json::from_str(&place.run_ok(&["report", "run", "--json"]).stdout).unwrap();
     assert_eq!(json, place.summary("run"));
     for command in ["simulate", "run"] {
         let out = format!("{command}-json");
-        let ended = place.run_well(&[command, "small.toml", "--out", &out, "--json"]);
+        let ended = place.run_ok(&[command, "small.toml", "--out", &out, "--json"]);
         let json: Value = serde_json::from_str(&ended.stdout).unwrap();
         assert_eq!(json, place.summary(&out), "{ended:?}");
     }
@@ -30,7 +28,7 @@ fn the_table_of_a_run_is_printed_again() {
 fn what_the_sensor_nodes_lost_and_delivered_adds_up() {
     let place = Place::new();
     place.flight("small").simulate();
-    place.run_well(&["report", "run", "--sensors"]);
+    place.run_ok(&["report", "run", "--sensors"]);
     let sensors = place.read("run/sensors_out.csv");
     let summary = place.summary("run");
     for name in ["sampled_bits", "delivered_bits", "lost_bits", "queued_bits"] {
@@ -62,7 +60,7 @@ fn a_run_through_the_ring_has_the_same_sensor_results() {
     place.flight("small").out("alone").simulate();
     place.flight("small").out("ring").without_viewer().run();
     for run in ["alone", "ring"] {
-        place.run_well(&["report", run, "--sensors"]);
+        place.run_ok(&["report", run, "--sensors"]);
     }
     assert_eq!(place.read("alone/sensors_out.csv"), place.read("ring/sensors_out.csv"));
     place.assert_clean();
@@ -88,7 +86,7 @@ fn the_figures_of_a_trace_that_was_changed_are_not_shown() {
         }
     }
     place.write("run/slots.csv", &trace);
-    place.run_well(&["report", "run"]);
+    place.run_ok(&["report", "run"]);
 }
 
 #[test]
@@ -98,12 +96,9 @@ fn what_is_no_run_or_was_changed_is_refused_and_nothing_is_written() {
     let trace = place.trace("run");
     place.write("run/slots.csv", &trace.replacen("\n7,", "\n8,", 1));
     for (folder, says) in [("nowhere", "nowhere"), ("run", "run/slots.csv: line 8")] {
-        let ended = place.run(&["report", folder, "--sensors", "--json"]);
-        assert_eq!(ended.code, Some(2), "{ended:?}");
-        assert!(ended.stderr.contains(says) && ended.stderr.lines().count() == 1, "{ended:?}");
+        place.run_refused(&["report", folder, "--sensors", "--json"], says);
     }
     assert!(!place.path("run/sensors_out.csv").exists());
     std::fs::remove_file(place.path("run/summary.json")).unwrap();
-    let ended = place.run(&["report", "run"]);
-    assert!(ended.code == Some(2) && ended.stderr.contains("summary.json"), "{ended:?}");
+    place.run_refused(&["report", "run"], "summary.json");
 }

@@ -28,12 +28,6 @@ enum PlansBy {
 /// The plan that is flown in a slot instead of the planner's own; `None` where it came too late.
 type Substitute = fn(slot: u64, own: Plan) -> Option<Plan>;
 
-fn smoke(strategy: &'static str) -> (Scenario, SensorList) {
-    let scenario = scenarios::smoke(strategy);
-    let list = SensorList::of(&scenario).unwrap();
-    (scenario, list)
-}
-
 /// Leaves the record of the first slots in `out`, flown by the plans of `substitute`.
 fn record(scenario: &Scenario, list: &SensorList, out: &Path, plans_by: PlansBy, substitute: Substitute) -> RunFolder {
     let external_planner = (plans_by == PlansBy::External).then(|| "external".to_owned());
@@ -53,7 +47,7 @@ fn record(scenario: &Scenario, list: &SensorList, out: &Path, plans_by: PlansBy,
 fn resumed(strategy: &'static str, plans_by: PlansBy, substitute: Substitute) -> Result<u64, String> {
     let place = tempfile::tempdir().unwrap();
     let out: PathBuf = place.path().join("run");
-    let (scenario, list) = smoke(strategy);
+    let (scenario, list) = scenarios::smoke_with_sensors(strategy);
     let folder = record(&scenario, &list, &out, plans_by, substitute);
     let mut tally = Tally::new(&scenario, &list);
     let resumed = resume(&folder, &scenario, &list, &mut tally, &Stop::default());

@@ -26,8 +26,7 @@ fn what_is_set_is_refused_in_the_name_of_the_option() {
         ("slots=100000", "(with --set slots=100000)\n"),
         ("slots", "key=value"),
     ] {
-        let ended = place.run(&["simulate", "a.toml", "--out", "refused", "--set", set]);
-        assert_eq!(ended.code, Some(2), "{set}: {ended:?}");
+        let ended = place.run(&["simulate", "a.toml", "--out", "refused", "--set", set]).assert_code(2);
         assert!(ended.stderr.contains(says), "{set}: {ended:?}");
         assert!(!place.path("refused").exists(), "{set}");
     }
@@ -47,30 +46,22 @@ fn a_key_that_is_set_displaces_the_other_form_of_the_file() {
     ] {
         let mut arguments = vec!["check", "a.toml"];
         set.iter().for_each(|set| arguments.extend(["--set", set]));
-        let ended = place.run_well(&arguments);
+        let ended = place.run_ok(&arguments);
         assert!(ended.stdout.contains(kept), "{set:?}: {ended:?}");
         assert!(!ended.stdout.lines().any(|line| line.starts_with(&format!("{gone} ="))), "{set:?}: {ended:?}");
         // And back again.
         place.write("b.toml", &ended.stdout);
         let file = ["--set", "area.side_m=90", "--set", "sensors.count=20", "--set", "link.model=probabilistic-los"];
         let start = ["--set", "link.environment=urban", "--set", "uav.start_m=[45, 45]"];
-        let back = place.run_well(&[&["check", "b.toml"], &file[..], &start].concat());
+        let back = place.run_ok(&[&["check", "b.toml"], &file[..], &start].concat());
         let keys = |text: &str| text.lines().filter(|line| !line.starts_with('#')).collect::<Vec<_>>().join("\n");
-        assert_eq!(keys(&back.stdout), keys(&place.run_well(&["check", "a.toml"]).stdout), "{set:?}");
+        assert_eq!(keys(&back.stdout), keys(&place.run_ok(&["check", "a.toml"]).stdout), "{set:?}");
     }
     // One does not displace the other where both are set.
-    let both = place.run(&[
-        "check",
-        "a.toml",
-        "--set",
-        "area.side_m=9",
-        "--set",
-        "area.width_m=9",
-        "--set",
-        "area.height_m=9",
-    ]);
-    assert_eq!(both.code, Some(2), "{both:?}");
-    assert!(both.stderr.contains("--set area.side_m=9: expected either side_m, or width_m and height_m"), "{both:?}");
+    place.run_refused(
+        &["check", "a.toml", "--set", "area.side_m=9", "--set", "area.width_m=9", "--set", "area.height_m=9"],
+        "--set area.side_m=9: expected either side_m, or width_m and height_m",
+    );
 }
 
 #[cfg(feature = "lab")]

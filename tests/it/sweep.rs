@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::process::Child;
 
-use crate::support::{Place, end_by, lines, until};
+use crate::support::{Place, csv_rows, lines, signal_and_wait, until};
 use rustix::process::Signal;
 
 /// The files whose bytes depend on the sweep alone.
@@ -39,23 +39,16 @@ fn assert_equal(place: &Place, one: &str, other: &str) {
     }
 }
 
-/// The rows of a CSV file, by column name.
-fn rows(text: &str) -> Vec<BTreeMap<String, String>> {
-    let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
-    let header = lines.next().unwrap();
-    lines.map(|line| header.iter().cloned().zip(line).collect()).collect()
-}
-
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
     let place = Place::new();
     write_sweep(&place, 5);
     for threads in ["1", "2", "5"] {
-        place.run_well(&["sweep", "sweep.toml", "--out", threads, "--threads", threads]);
+        place.run_ok(&["sweep", "sweep.toml", "--out", threads, "--threads", threads]);
     }
     assert_equal(&place, "1", "2");
     assert_equal(&place, "1", "5");
-    let results = rows(&place.read("1/results.csv"));
+    let results = csv_rows(&place.read("1/results.csv"));
     assert_eq!(results.len(), 3 * 2 * 3 * 5);
     let key =
         |row: &BTreeMap<String, String>| ["area.side_m", "link.gain", "strategy", "seed"].map(|key| row[key].clone());
@@ -69,9 +62,9 @@ fn results_do_not_depend_on_the_number_of_threads() {
 fn a_row_is_the_mission_that_simulate_flies() {
     let place = Place::new();
     write_sweep(&place, 2);
-    place.run_well(&["sweep", "sweep.toml", "--out", "sweep"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "sweep"]);
     place.flight("smoke").seed(2).strategy("gfs").simulate();
-    let (results, summary) = (rows(&place.read("sweep/results.csv")), place.summary("run"));
+    let (results, summary) = (csv_rows(&place.read("sweep/results.csv")), place.summary("run"));
     let wanted = [("area.side_m", "60"), ("link.gain", "static"), ("strategy", "gfs"), ("seed", "2")];
     let row = results.iter().find(|row| wanted.iter().all(|(key, value)| row[*key] == *value)).unwrap();
     for metric in ["loss_rate", "eta_letter", "bits_per_waypoint", "mean_served", "delivered_bits"] {
@@ -83,9 +76,9 @@ fn a_row_is_the_mission_that_simulate_flies() {
 fn intervals_of_fractions_stay_fractions_and_data_is_no_younger_than_its_service() {
     let place = Place::new();
     write_sweep(&place, 3);
-    place.run_well(&["sweep", "sweep.toml", "--out", "out"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "out"]);
     let mut bounded = 0;
-    for row in rows(&place.read("out/summary.csv")) {
+    for row in csv_rows(&place.read("out/summary.csv")) {
         let number = |key: &str| row[key].parse::<f64>().unwrap();
         let (low, mean, high) = (number("ci95_low"), number("mean"), number("ci95_high"));
         assert!(low <= mean && mean <= high, "{row:?}");
@@ -95,7 +88,7 @@ fn intervals_of_fractions_stay_fractions_and_data_is_no_younger_than_its_service
         }
     }
     assert_eq!(bounded, 3 * 2 * 3 * 2);
-    for row in rows(&place.read("out/results.csv")) {
+    for row in csv_rows(&place.read("out/results.csv")) {
         let number = |key: &str| row[key].parse::<f64>().unwrap();
         let older =
             number("data_age_mean_s") >= number("aoi_mean_s") && number("data_age_p99_s") >= number("aoi_p99_s");
@@ -110,8 +103,8 @@ fn a_sweep_with_offline_plans_shows_the_bound_and_the_best_known() {
     let axes = "\"sensors.sampling_bps\" = [500.0]\n\"planner.offline.steps\" = [3000]\n";
     let text = "scenario = \"far.toml\"\nstrategies = [\"tour\", \"offline\"]\nseeds = 4\n[axes]\n";
     place.write("sweep.toml", &format!("{text}{axes}"));
-    place.run_well(&["sweep", "sweep.toml", "--out", "sweep"]);
-    let (results, summary) = (rows(&place.read("sweep/results.csv")), rows(&place.read("sweep/summary.csv")));
+    place.run_ok(&["sweep", "sweep.toml", "--out", "sweep"]);
+    let (results, summary) = (csv_rows(&place.read("sweep/results.csv")), csv_rows(&place.read("sweep/summary.csv")));
     let losses = |strategy: &str| -> Vec<f64> {
         let flown = results.iter().filter(|row| row["strategy"] == strategy);
         flown.map(|row| row["loss_rate"].parse().unwrap()).collect()
@@ -134,22 +127,22 @@ fn a_sweep_with_offline_plans_shows_the_bound_and_the_best_known() {
 fn a_sweep_that_is_interrupted_ends_with_the_same_bytes() {
     let place = Place::new();
     write_sweep(&place, 60);
-    place.run_well(&["sweep", "sweep.toml", "--out", "whole"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "whole"]);
     let missions = 3 * 2 * 3 * 60;
     for interruption in 1..=10 {
         // Moments that are spread over the sweep, and not in step with the lines of the journal.
         let sweep = sweep_until(&place, "cut", &["--threads", "2"], missions * interruption / 11);
         let signal = if interruption % 2 == 0 { Signal::INT } else { Signal::KILL };
-        let ended = end_by(signal, sweep);
+        let ended = signal_and_wait(signal, sweep);
         assert!(ended.signal == Some(9) || ended.code == Some(130), "{ended:?}");
         assert!(!place.path("cut/results.csv").exists(), "results of a part of the sweep look whole");
     }
     // A line that was cut off in the middle is flown again.
     let journal = fs::read(place.path("cut/journal.csv")).unwrap();
     fs::write(place.path("cut/journal.csv"), &journal[..journal.len() - 7]).unwrap();
-    place.run_well(&["sweep", "sweep.toml", "--out", "cut", "--threads", "1"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "cut", "--threads", "1"]);
     assert_equal(&place, "whole", "cut");
-    place.run_well(&["sweep", "sweep.toml", "--out", "cut"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "cut"]);
     assert_equal(&place, "whole", "cut");
 }
 
@@ -157,7 +150,7 @@ fn a_sweep_that_is_interrupted_ends_with_the_same_bytes() {
 fn a_journal_with_a_changed_digit_is_refused_by_its_line() {
     let place = Place::new();
     write_sweep(&place, 2);
-    place.run_well(&["sweep", "sweep.toml", "--out", "out"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "out"]);
     let journal = place.read("out/journal.csv");
     let second = journal.lines().nth(1).unwrap();
     let mut changed = second.as_bytes().to_vec();
@@ -165,13 +158,9 @@ fn a_journal_with_a_changed_digit_is_refused_by_its_line() {
     let damaged = journal.replacen(second, std::str::from_utf8(&changed).unwrap(), 1);
     place.write("out/journal.csv", &damaged);
     for arguments in [["sweep", "sweep.toml", "--out", "out"], ["merge", "out", "--out", "merged"]] {
-        let ended = place.run(&arguments);
-        assert_eq!((ended.code, ended.stderr.lines().count()), (Some(2), 1), "{ended:?}");
-        for word in
-            ["out/journal.csv: line 2: ", ": expected the checksum ", "delete the line, and `skysink sweep` runs"]
-        {
-            assert!(ended.stderr.contains(word), "{word}: {ended:?}");
-        }
+        let says =
+            ["out/journal.csv: line 2: ", ": expected the checksum ", "delete the line, and `skysink sweep` runs"];
+        place.run(&arguments).assert_code(2).assert_one_line(&says);
         assert_eq!(place.read("out/journal.csv"), damaged, "nothing is cut");
     }
 }
@@ -229,7 +218,7 @@ fn hundreds_of_spoilt_folders_are_refused_or_end_with_the_same_bytes() {
 fn assert_never_silent(seeds: std::ops::RangeInclusive<u64>) {
     let place = Place::new();
     write_sweep(&place, 2);
-    place.run_well(&["sweep", "sweep.toml", "--out", "whole"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "whole"]);
     let copy = |from: &str, to: &str| {
         let _ = fs::remove_dir_all(place.path(to));
         fs::create_dir(place.path(to)).unwrap();
@@ -284,7 +273,7 @@ fn assert_never_silent(seeds: std::ops::RangeInclusive<u64>) {
 fn the_first_mission_of_each_strategy_is_flown_first() {
     let place = Place::new();
     write_sweep(&place, 4);
-    place.run_well(&["sweep", "sweep.toml", "--out", "out", "--threads", "1"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "out", "--threads", "1"]);
     let strategies: Vec<_> =
         place.read("out/journal.csv").lines().map(|line| line.split(',').nth(1).unwrap().to_owned()).collect();
     assert_eq!(strategies[..5], ["0", "1", "2", "0", "0"]);
@@ -298,7 +287,7 @@ fn a_stopped_sweep_leaves_its_mission_at_once_and_says_how_to_go_on() {
     let axes = "\"planner.horizon.iterations\" = [1000000000]\n\"planner.offline.steps\" = [1000000000000]\n";
     let head = "scenario = \"far.toml\"\nstrategies = [\"uts\", \"horizon\", \"offline\"]\nseeds = 2\n[axes]\n";
     place.write("sweep.toml", &format!("{head}{axes}"));
-    let ended = end_by(Signal::TERM, sweep_until(&place, "out", &["--threads", "3"], 0));
+    let ended = signal_and_wait(Signal::TERM, sweep_until(&place, "out", &["--threads", "3"], 0));
     let says = "skysink: stopped by signal 15: the finished missions are in out; run the command again to continue\n";
     assert_eq!((ended.code, ended.stderr.as_str()), (Some(143), says));
     assert!(place.read("out/journal.csv").lines().all(|line| line.split(',').nth(1) == Some("0")), "half a mission");
@@ -357,12 +346,7 @@ fn bad_sweeps_are_refused_before_anything_is_written() {
         let place = Place::new();
         write_sweep(&place, 1);
         place.write("bad.toml", &text);
-        let ended = place.run(&["sweep", "bad.toml", "--out", "out"]);
-        assert_eq!(ended.code, Some(2), "{text}: {ended:?}");
-        assert_eq!(ended.stderr.lines().count(), 1, "{text}: {ended:?}");
-        for word in says {
-            assert!(ended.stderr.contains(word), "{word} is missing in {ended:?}");
-        }
+        place.run(&["sweep", "bad.toml", "--out", "out"]).assert_code(2).assert_one_line(says);
         assert!(!place.path("out").exists(), "{text}");
     }
     let place = Place::new();
@@ -397,8 +381,8 @@ const INDEPENDENT: [(f64, f64, &str, f64, f64, f64); 17] = [
 #[test]
 fn the_letters_comparison_agrees_with_an_independent_simulation() {
     let place = Place::new();
-    place.run_well(&["sweep", concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/sweeps/letter.toml"), "--out", "out"]);
-    let summary = rows(&place.read("out/summary.csv"));
+    place.run_ok(&["sweep", concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/sweeps/letter.toml"), "--out", "out"]);
+    let summary = csv_rows(&place.read("out/summary.csv"));
     for (side_m, bandwidth_hz, strategy, loss_rate, standard_error, _) in INDEPENDENT {
         let row = summary.iter().find(|row| {
             let number = |key: &str| row[key].parse::<f64>().unwrap();

@@ -7,7 +7,7 @@ use std::net::{TcpListener, TcpStream};
 use std::process::Child;
 use std::sync::mpsc::channel;
 
-use crate::support::{Place, end, end_by, until};
+use crate::support::{Place, signal_and_wait, until, wait};
 use rustix::process::Signal;
 
 /// An answer to a request.
@@ -66,7 +66,7 @@ fn view(place: &Place, arguments: &[&str]) -> (Child, String, u16) {
 }
 
 fn stop(child: Child) -> Option<i32> {
-    end_by(Signal::INT, child).code
+    signal_and_wait(Signal::INT, child).code
 }
 
 /// Leaves a recording of the smoke test in the folder.
@@ -177,7 +177,7 @@ fn run_live(place: &Place) -> (Child, u16) {
         if is_served {
             return (run, port);
         }
-        let ended = end(run);
+        let ended = wait(run);
         assert!(ended.stderr.contains("expected a free port"), "{ended:?}");
     }
 }
@@ -200,7 +200,7 @@ fn a_mission_under_way_is_shown_from_its_port() {
 fn a_page_is_a_folder_that_any_server_can_serve() {
     let place = Place::new();
     recorded(&place, "run");
-    let ended = place.run_well(&["page", "run", "page"]);
+    let ended = place.run_ok(&["page", "run", "page"]);
     assert!(ended.stdout.contains("page/index.html"), "{ended:?}");
     assert!(place.read("page/index.html").contains("[\"run/mission.rrd\"]"));
     assert!(place.read("page/re_viewer.js").contains("wasm_bindgen"));
@@ -230,7 +230,7 @@ fn a_server_that_can_accept_no_more_connections_ends_with_an_error() {
         let (_, address) = said.split_once("http://").unwrap();
         let address = address.split_once('/').unwrap().0;
         let connections: Vec<_> = (0..files).map_while(|_| TcpStream::connect(address).ok()).collect();
-        let ended = end(child);
+        let ended = wait(child);
         assert_eq!((ended.code, ended.stderr.lines().count()), (Some(1), 1), "{ended:?}");
         assert!(
             ended.stderr.contains("the web server failed") && ended.stderr.contains("Too many open files"),

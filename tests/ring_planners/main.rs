@@ -16,7 +16,7 @@ use std::process::{Child, Command, ExitCode};
 use libtest_mimic::{Arguments, Trial};
 use rustix::process::Signal;
 use support::flight::RunningFlight;
-use support::{Place, end, end_by};
+use support::{Place, signal_and_wait, wait};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
@@ -96,7 +96,7 @@ fn assert_flies_smoke_as_gfs(planner: &Path) {
     smoke.strategy("gfs").out("alone").simulate();
     let ended = smoke.without_viewer().planner(planner.to_str().unwrap()).options(&["--label", "mine"]).run();
     assert!(ended.stdout.contains(" · mine · "), "{ended:?}");
-    assert_eq!(place.trace("alone"), place.trace("run"), "{}", planner.display());
+    place.assert_same_trace("alone", "run");
     let summary = place.summary("run");
     assert_eq!((&summary["restarts"], &summary["refused_messages"]), (&0.into(), &0.into()), "{summary}");
     place.assert_clean();
@@ -108,25 +108,24 @@ fn assert_survives_being_killed(planner: &Path) {
     place.write("transit.toml", TRANSIT);
     let flight = place.flight("transit");
     flight.strategy("gfs").out("alone").simulate();
-    let alone = place.trace("alone");
     for mode in ["serve", "transit"] {
-        assert!(alone.contains(mode), "the scenario shows no {mode}");
+        assert!(place.trace("alone").contains(mode), "the scenario shows no {mode}");
     }
     let run = flight.without_viewer().external("planner").start();
-    run.until_said("waiting up to 600 s for planner");
+    run.until_printed("waiting up to 600 s for planner");
     for killed_after in [100, 1000] {
-        let planner = by_hand(&place, &run, planner);
+        let planner = start_planner(&place, &run, planner);
         run.until_slot(killed_after);
-        assert_eq!(end_by(Signal::KILL, planner).signal, Some(9));
+        assert_eq!(signal_and_wait(Signal::KILL, planner).signal, Some(9));
     }
-    end(by_hand(&place, &run, planner)).assert_well();
-    run.end_well();
-    assert_eq!(alone, place.trace("run"), "{}", planner.display());
+    wait(start_planner(&place, &run, planner)).assert_success();
+    run.wait_for_success();
+    place.assert_same_trace("alone", "run");
     place.assert_clean();
 }
 
 /// The planner, started for a ring.
-fn by_hand(place: &Place, run: &RunningFlight, planner: &Path) -> Child {
+fn start_planner(place: &Place, run: &RunningFlight, planner: &Path) -> Child {
     let mut command = place.command(planner.to_str().unwrap(), &[]);
     command.env("SKYSINK_RING", run.folder()).env("SKYSINK_SCENARIO", run.path("scenario.toml")).spawn().unwrap()
 }

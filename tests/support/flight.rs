@@ -1,4 +1,4 @@
-//! One builder for the flights of the tests, and what they do to a ring that is under way.
+//! Builds the flights of the tests, and controls a ring that is running.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,7 +6,7 @@ use std::process::{Child, Command};
 
 use rustix::process::{Pid, Signal, kill_process};
 
-use super::{Ended, Place, end, lines, pid, until};
+use super::{Output, Place, lines, output, pid, until, wait};
 
 /// The processes of a ring that the launcher starts, without the viewer.
 pub const RING: [&str; 3] = ["field-sim", "flight-sim", "planner"];
@@ -14,10 +14,9 @@ pub const RING: [&str; 3] = ["field-sim", "flight-sim", "planner"];
 /// The services of a ring: nine topics, and the wake-ups of each.
 const SERVICES: usize = 18;
 
-/// A flight to be made: a scenario and options. Each option makes another flight, so that flights which differ little
-/// share the rest.
+/// A scenario and options. Each method returns another builder, so that flights which differ little share the rest.
 #[derive(Debug, Clone)]
-pub struct FlightOf<'a> {
+pub struct FlightBuilder<'a> {
     place: &'a Place,
     scenario: String,
     out: String,
@@ -25,7 +24,7 @@ pub struct FlightOf<'a> {
     has_viewer: bool,
 }
 
-impl<'a> FlightOf<'a> {
+impl<'a> FlightBuilder<'a> {
     /// A flight of the scenario file into `run`.
     pub(super) fn new(place: &'a Place, scenario: String) -> Self {
         let has_viewer = cfg!(feature = "viewer");
@@ -100,24 +99,24 @@ impl<'a> FlightOf<'a> {
         self.options(&["--force"])
     }
 
-    /// Flies in one process, which must end well.
+    /// Flies in one process, which must succeed.
     #[track_caller]
-    pub fn simulate(&self) -> Ended {
-        self.place.run_well(&self.arguments("simulate"))
+    pub fn simulate(&self) -> Output {
+        self.place.run_ok(&self.arguments("simulate"))
     }
 
-    /// Flies in a ring, which must end well.
+    /// Flies in a ring, which must succeed.
     #[track_caller]
-    pub fn run(&self) -> Ended {
-        self.try_run().assert_well()
+    pub fn run(&self) -> Output {
+        self.try_run().assert_success()
     }
 
-    /// Flies in a ring, however it ends.
-    pub fn try_run(&self) -> Ended {
-        end(self.launcher().spawn().unwrap())
+    /// Flies in a ring.
+    pub fn try_run(&self) -> Output {
+        output(self.launcher())
     }
 
-    /// Flies in a ring, which is there when this returns.
+    /// Starts a flight in a ring, and waits until the ring is there.
     pub fn start(&self) -> RunningFlight<'a> {
         RunningFlight::start(self.place, self.launcher(), &self.out)
     }
@@ -137,16 +136,15 @@ impl<'a> FlightOf<'a> {
     }
 }
 
-/// A launcher and its ring. Dropped while it lives, it and its workers are killed.
+/// A launcher and its ring.
 #[derive(Debug)]
 pub struct RunningFlight<'a> {
     place: &'a Place,
-    /// None once it has ended.
-    child: Option<Child>,
+    child: Child,
     ring: String,
     out: String,
-    /// What the launcher and its workers say on standard error.
-    said: PathBuf,
+    /// File of the standard error of the launcher and its workers.
+    stderr: PathBuf,
 }
 
 impl<'a> RunningFlight<'a> {
@@ -154,19 +152,16 @@ impl<'a> RunningFlight<'a> {
     pub fn start(place: &'a Place, mut command: Command, out: &str) -> Self {
         let before = place.rings();
         // A file, because a pipe that nobody reads may fill up, and the test may want to read it before the end.
-        let (file, said) = tempfile::Builder::new().prefix("said").tempfile_in(place.path("")).unwrap().keep().unwrap();
+        let file = tempfile::Builder::new().prefix("stderr").tempfile_in(place.path("")).unwrap();
+        let (file, stderr) = file.keep().unwrap();
         let child = command.stderr(file).spawn().unwrap();
-        let mut flight = Self { place, child: Some(child), ring: String::new(), out: out.to_owned(), said };
+        let mut flight = Self { place, child, ring: String::new(), out: out.to_owned(), stderr };
         flight.ring = until("ring", || {
-            assert!(!flight.is_over(), "ended before its ring was there: {}", flight.said());
+            assert!(!flight.has_ended(), "ended before its ring was there: {}", flight.stderr());
             place.rings().into_iter().find(|ring| !before.contains(ring) && place.ring_file(ring).exists())
         });
+        place.started.lock().unwrap().push(flight.ring.clone());
         flight
-    }
-
-    /// The name of its ring.
-    pub fn ring(&self) -> &str {
-        &self.ring
     }
 
     /// The folder of its ring.
@@ -176,22 +171,22 @@ impl<'a> RunningFlight<'a> {
 
     /// The process id of the launcher.
     pub fn pid(&self) -> Pid {
-        pid(self.child.as_ref().expect("it has not ended"))
+        pid(&self.child)
     }
 
     /// Whether the launcher has ended.
-    pub fn is_over(&mut self) -> bool {
-        self.child.as_mut().is_none_or(|child| child.try_wait().unwrap().is_some())
+    pub fn has_ended(&mut self) -> bool {
+        self.child.try_wait().unwrap().is_some()
     }
 
-    /// What it has said on standard error.
-    pub fn said(&self) -> String {
-        fs::read_to_string(&self.said).unwrap()
+    /// Its standard error so far.
+    pub fn stderr(&self) -> String {
+        fs::read_to_string(&self.stderr).unwrap()
     }
 
-    /// Waits until it has said this.
-    pub fn until_said(&self, text: &str) {
-        until(text, || self.said().contains(text).then_some(()));
+    /// Waits until its standard error contains `text`.
+    pub fn until_printed(&self, text: &str) {
+        until(text, || self.stderr().contains(text).then_some(()));
     }
 
     /// Slots on record.
@@ -205,7 +200,7 @@ impl<'a> RunningFlight<'a> {
     }
 
     /// Waits until so many more slots are on record.
-    pub fn until_slots_more(&self, slots: usize) {
+    pub fn until_slots_later(&self, slots: usize) {
         self.until_slot(self.slots() + slots);
     }
 
@@ -214,13 +209,18 @@ impl<'a> RunningFlight<'a> {
         self.place.worker(role, &self.ring)
     }
 
+    /// The same, if it is there at this moment.
+    pub fn worker_now(&self, role: &str) -> Option<Pid> {
+        self.place.worker_now(role, &self.ring)
+    }
+
     /// Waits until the process of a role is another one.
     pub fn until_restarted(&self, role: &str, before: Pid) {
-        until("restart", || self.place.worker_now(role, &self.ring).filter(|&now| now != before));
+        until("restart", || self.worker_now(role).filter(|&now| now != before));
     }
 
     /// Sends a signal to the process of a role, and returns which it was.
-    pub fn signal_to(&self, role: &str, signal: Signal) -> Pid {
+    pub fn signal_worker(&self, role: &str, signal: Signal) -> Pid {
         let worker = self.worker(role);
         kill_process(worker, signal).unwrap();
         worker
@@ -228,22 +228,22 @@ impl<'a> RunningFlight<'a> {
 
     /// Kills the process of a role.
     pub fn kill(&self, role: &str) {
-        self.signal_to(role, Signal::KILL);
+        self.signal_worker(role, Signal::KILL);
     }
 
     /// Kills the process of a role, and waits until it is there again.
     pub fn kill_and_await(&self, role: &str) {
-        let killed = self.signal_to(role, Signal::KILL);
+        let killed = self.signal_worker(role, Signal::KILL);
         self.until_restarted(role, killed);
     }
 
-    /// The program of a role with the arguments with which it joins this ring, whose topics are there.
-    pub fn by_hand(&self, role: &str) -> Command {
-        self.by_hand_with(role, Path::new(&self.out).join("scenario.toml").to_str().unwrap())
+    /// The command of a role that joins this ring, whose topics are there.
+    pub fn worker_command(&self, role: &str) -> Command {
+        self.worker_command_with(role, Path::new(&self.out).join("scenario.toml").to_str().unwrap())
     }
 
     /// The same with another scenario.
-    pub fn by_hand_with(&self, role: &str, scenario: &str) -> Command {
+    pub fn worker_command_with(&self, role: &str, scenario: &str) -> Command {
         self.until_topics();
         let folder = self.folder();
         self.place.command(executable(role), &["--scenario", scenario, "--ring", folder.to_str().unwrap()])
@@ -257,35 +257,34 @@ impl<'a> RunningFlight<'a> {
     }
 
     /// Sends a signal to the launcher.
-    pub fn signal(&self, signal: Signal) {
+    pub fn signal_launcher(&self, signal: Signal) {
         kill_process(self.pid(), signal).unwrap();
     }
 
-    /// Waits for its end.
-    pub fn end(mut self) -> Ended {
-        let mut ended = end(self.child.take().expect("it has not ended"));
-        ended.stderr = self.said();
-        ended
+    /// Waits for its exit.
+    pub fn wait(self) -> Output {
+        let output = wait(self.child);
+        Output { stderr: fs::read_to_string(self.stderr).unwrap(), ..output }
     }
 
-    /// Waits for its end, which must be a good one.
+    /// Waits for its exit, which must be a success.
     #[track_caller]
-    pub fn end_well(self) -> Ended {
-        self.end().assert_well()
+    pub fn wait_for_success(self) -> Output {
+        self.wait().assert_success()
     }
 
     /// Stops the launcher by SIGTERM, which must end the run in order.
     #[track_caller]
-    pub fn terminate(self) -> Ended {
-        self.signal(Signal::TERM);
-        self.end().assert_code(143)
+    pub fn terminate(self) -> Output {
+        self.signal_launcher(Signal::TERM);
+        self.wait().assert_code(143)
     }
 
     /// Kills the launcher.
     #[track_caller]
     pub fn kill_launcher(self) {
-        self.signal(Signal::KILL);
-        assert_eq!(self.end().signal, Some(9));
+        self.signal_launcher(Signal::KILL);
+        assert_eq!(self.wait().signal, Some(9));
     }
 
     /// A file of its run folder.
@@ -295,18 +294,6 @@ impl<'a> RunningFlight<'a> {
 
     fn trace(&self) -> PathBuf {
         self.path("slots.csv")
-    }
-}
-
-impl Drop for RunningFlight<'_> {
-    fn drop(&mut self) {
-        let Some(mut child) = self.child.take() else { return };
-        let _ = child.kill();
-        let _ = child.wait();
-        let workers = RING.into_iter().chain(["viewer"]).filter(|_| !self.ring.is_empty());
-        for worker in workers.filter_map(|role| self.place.worker_now(role, &self.ring)) {
-            let _ = kill_process(worker, Signal::KILL); // it may be stopped, and then would not notice
-        }
     }
 }
 

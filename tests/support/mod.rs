@@ -4,36 +4,54 @@
 pub mod flight;
 pub mod scenarios;
 
+use std::borrow::BorrowMut;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use flight::FlightOf;
+use flight::FlightBuilder;
 use rustix::process::{Pid, Signal, kill_process};
+use skysink_ring::health::ProcessEvent;
 use wait_timeout::ChildExt;
 
 /// The longest that a test waits for anything, on a machine that is busy with others, too.
 pub const WATCHDOG: Duration = Duration::from_secs(300);
 
-/// A folder of its own, which is also where the runs of the test meet.
+/// A folder of its own, which is also where the runs of the test meet. Dropping it ends what still runs in it.
 #[derive(Debug)]
 pub struct Place {
     folder: tempfile::TempDir,
+    /// The rings of all flights that were started here.
+    started: Mutex<Vec<String>>,
 }
 
-/// How a command ended.
+impl Drop for Place {
+    fn drop(&mut self) {
+        until("end of all processes", || {
+            let works_here =
+                |process: &Path| fs::read_link(process.join("cwd")).is_ok_and(|cwd| cwd.starts_with(self.path("")));
+            let left = processes(works_here);
+            let _ = left.iter().try_for_each(|&process| kill_process(process, Signal::KILL));
+            left.is_empty().then_some(())
+        });
+        self.shared_memory().iter().for_each(|path| drop(fs::remove_file(path)));
+    }
+}
+
+/// Exit and output of a command.
 #[derive(Debug)]
-pub struct Ended {
+pub struct Output {
     pub code: Option<i32>,
     pub signal: Option<i32>,
     pub stdout: String,
     pub stderr: String,
 }
 
-impl Ended {
+impl Output {
     /// Fails unless it ended with this exit code.
     #[track_caller]
     pub fn assert_code(self, code: i32) -> Self {
@@ -42,9 +60,9 @@ impl Ended {
         self
     }
 
-    /// Fails unless it ended well.
+    /// Fails unless its exit code is 0.
     #[track_caller]
-    pub fn assert_well(self) -> Self {
+    pub fn assert_success(self) -> Self {
         self.assert_code(0)
     }
 
@@ -67,7 +85,8 @@ impl Ended {
 
 impl Place {
     pub fn new() -> Self {
-        Self { folder: tempfile::Builder::new().prefix("sky").tempdir_in("/tmp").unwrap() }
+        let folder = tempfile::Builder::new().prefix("sky").tempdir_in("/tmp").unwrap();
+        Self { folder, started: Mutex::default() }
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
@@ -85,8 +104,8 @@ impl Place {
     }
 
     /// A flight of a scenario: `name.toml` if the test has written it, otherwise one of [`scenarios`].
-    pub fn flight(&self, name: &str) -> FlightOf<'_> {
-        FlightOf::new(self, self.scenario(name))
+    pub fn flight(&self, name: &str) -> FlightBuilder<'_> {
+        FlightBuilder::new(self, self.scenario(name))
     }
 
     /// The file of a scenario, relative to this place, which it is copied to unless the test has written it.
@@ -119,23 +138,23 @@ impl Place {
         path.display().to_string()
     }
 
-    /// Runs `skysink` to its end.
-    pub fn run(&self, arguments: &[&str]) -> Ended {
-        end(self.skysink(arguments).spawn().unwrap())
+    /// Runs `skysink`.
+    pub fn run(&self, arguments: &[&str]) -> Output {
+        output(self.skysink(arguments))
     }
 
-    /// The same, which must end well.
+    /// The same, which must succeed.
     #[track_caller]
-    pub fn run_well(&self, arguments: &[&str]) -> Ended {
+    pub fn run_ok(&self, arguments: &[&str]) -> Output {
         let ended = self.run(arguments);
         assert_eq!(ended.code, Some(0), "{arguments:?}: {ended:?}");
         ended
     }
 
-    /// Flies the rest of a run in a ring without a viewer, which must end well.
+    /// Flies the rest of a run in a ring without a viewer, which must succeed.
     #[track_caller]
-    pub fn resume(&self, run: &str) -> Ended {
-        self.run_well(&["run", "--resume", run, "--no-viewer"])
+    pub fn resume(&self, run: &str) -> Output {
+        self.run_ok(&["run", "--resume", run, "--no-viewer"])
     }
 
     /// The same as [`Place::run`], which must be refused with one line that holds `says`.
@@ -146,14 +165,17 @@ impl Place {
 
     /// The rings of this place, by the name of their folder.
     pub fn rings(&self) -> Vec<String> {
-        let user = format!("skysink-{}", rustix::process::getuid().as_raw());
-        let entries = fs::read_dir(self.path(&user)).into_iter().flatten().flatten();
+        let entries = fs::read_dir(self.rings_folder()).into_iter().flatten().flatten();
         entries.map(|entry| entry.file_name().into_string().unwrap()).filter(|name| !name.ends_with(".lock")).collect()
     }
 
     /// The file that makes the folder of this name a ring.
     pub fn ring_file(&self, ring: &str) -> PathBuf {
-        self.path(&format!("skysink-{}", rustix::process::getuid().as_raw())).join(ring).join("ring.toml")
+        self.rings_folder().join(ring).join("ring.toml")
+    }
+
+    fn rings_folder(&self) -> PathBuf {
+        self.path(&format!("skysink-{}", rustix::process::getuid().as_raw()))
     }
 
     /// The worker of this role in the ring of this name.
@@ -168,10 +190,19 @@ impl Place {
     }
 
     /// Fails if a run has left anything where its ring was.
+    #[track_caller]
     pub fn assert_clean(&self) {
-        let user = self.path(&format!("skysink-{}", rustix::process::getuid().as_raw()));
-        let left: Vec<_> = fs::read_dir(user).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+        let files = fs::read_dir(self.rings_folder()).into_iter().flatten().flatten().map(|entry| entry.path());
+        let left: Vec<_> = files.chain(self.shared_memory()).collect();
         assert!(left.is_empty(), "left behind: {left:?}");
+    }
+
+    /// The files in shared memory of the rings that were started here.
+    pub fn shared_memory(&self) -> Vec<PathBuf> {
+        let rings = [&self.started.lock().unwrap()[..], &self.rings()].concat();
+        let prefixes: Vec<_> = rings.into_iter().map(|ring| format!("/dev/shm/sky{ring}_")).collect();
+        let paths = fs::read_dir("/dev/shm").unwrap().flatten().map(|entry| entry.path());
+        paths.filter(|path| prefixes.iter().any(|prefix| path.to_string_lossy().starts_with(prefix))).collect()
     }
 
     /// The trace of a run.
@@ -191,12 +222,33 @@ impl Place {
         let [ours, theirs] = [one, other].map(|run| self.trace(run));
         let mut lines = ours.lines().zip(theirs.lines());
         let differing = lines.find(|(ours, theirs)| ours != theirs);
-        assert!(ours == theirs, "{one} and {other}, of {} and {} bytes: {differing:?}", ours.len(), theirs.len());
+        let [strategy, seed] = ["strategy", "seed"].map(|key| self.summary(one)[key].to_string());
+        let lengths = [ours.len(), theirs.len()];
+        assert!(ours == theirs, "{one} and {other}, {strategy}, seed {seed}, bytes {lengths:?}: {differing:?}");
+    }
+
+    /// Fails unless a run has the trace that its scenario has in one process.
+    #[track_caller]
+    pub fn assert_trace_as_simulated(&self, run: &str) {
+        let simulated = format!("{run}-simulated");
+        self.flight(&format!("{run}/scenario")).out(&simulated).force().simulate();
+        self.assert_same_trace(&simulated, run);
     }
 
     /// The figures of a run.
     pub fn summary(&self, run: &str) -> serde_json::Value {
         serde_json::from_str(&self.read(&format!("{run}/summary.json"))).unwrap()
+    }
+
+    /// The same without what depends on the wall clock: times, and reports of processes that were silent for a while.
+    pub fn reproducible_summary(&self, run: &str) -> serde_json::Value {
+        let without_digits = |text: &str| text.replace(|letter: char| letter.is_ascii_digit(), "");
+        let silence = [ProcessEvent::Silent(0), ProcessEvent::Back(0)].map(|event| without_digits(&event.to_string()));
+        let mut summary = self.summary(run);
+        summary["timing"].take();
+        let events = summary["events"].as_array_mut().unwrap();
+        events.retain(|event| !silence.contains(&without_digits(event["event"].as_str().unwrap())));
+        summary
     }
 }
 
@@ -210,35 +262,29 @@ pub fn assert_balanced(summary: &serde_json::Value) {
     );
 }
 
-/// Fails if the ring of this name has left anything in shared memory.
-pub fn assert_no_shared_memory(ring: &str) {
-    let left: Vec<_> = fs::read_dir("/dev/shm")
-        .unwrap()
-        .flatten()
-        .map(|entry| entry.file_name().into_string().unwrap())
-        .filter(|name| name.starts_with(&format!("sky{ring}_")))
-        .collect();
-    assert!(left.is_empty(), "left behind: {left:?}");
-}
-
 /// The id of a child.
 pub fn pid(child: &Child) -> Pid {
     Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap()
 }
 
-/// Sends a signal to a child, and waits for its end.
-pub fn end_by(signal: Signal, child: Child) -> Ended {
+/// Sends a signal to a child, and waits for its exit.
+pub fn signal_and_wait(signal: Signal, child: Child) -> Output {
     kill_process(pid(&child), signal).unwrap();
-    end(child)
+    wait(child)
 }
 
-/// Waits for the end of a process that is no child of the test.
-pub fn until_gone(process: Pid) {
+/// Waits for the exit of a process that is no child of the test.
+pub fn until_exited(process: Pid) {
     until("end", || (!fs::exists(format!("/proc/{}", process.as_raw_nonzero())).unwrap()).then_some(()));
 }
 
-/// Waits for a process to end, and takes what it has written.
-pub fn end(mut child: Child) -> Ended {
+/// Runs a command.
+pub fn output(mut command: impl BorrowMut<Command>) -> Output {
+    wait(command.borrow_mut().spawn().unwrap())
+}
+
+/// Waits for the exit of a child, and takes its output.
+pub fn wait(mut child: Child) -> Output {
     let reader = |stream: Option<Box<dyn std::io::Read + Send>>| {
         std::thread::spawn(move || {
             let mut text = String::new();
@@ -254,7 +300,7 @@ pub fn end(mut child: Child) -> Ended {
     if status.is_none() {
         let _ = child.kill();
     }
-    let ended = Ended {
+    let ended = Output {
         code: status.and_then(|status| status.code()),
         signal: status.and_then(|status| status.signal()),
         stdout: stdout.join().unwrap(),
@@ -264,11 +310,11 @@ pub fn end(mut child: Child) -> Ended {
     ended
 }
 
-/// Waits until `look` finds something.
-pub fn until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
+/// Polls until there is something.
+pub fn until<T>(what: &str, mut poll: impl FnMut() -> Option<T>) -> T {
     let start = Instant::now();
     loop {
-        if let Some(found) = look() {
+        if let Some(found) = poll() {
             return found;
         }
         assert!(start.elapsed() < WATCHDOG, "no {what} within {WATCHDOG:?}");
@@ -281,18 +327,30 @@ pub fn lines(path: &Path) -> usize {
     fs::read_to_string(path).map_or(0, |text| text.lines().count())
 }
 
+/// The processes whose folder of `/proc` is one that is looked for.
+fn processes(is_wanted: impl Fn(&Path) -> bool) -> Vec<Pid> {
+    let folders = fs::read_dir("/proc").unwrap().flatten().map(|entry| entry.path());
+    let ids =
+        folders.filter(|folder| is_wanted(folder)).filter_map(|folder| folder.file_name()?.to_str()?.parse().ok());
+    ids.filter_map(Pid::from_raw).collect()
+}
+
 /// The process that runs `executable` with `argument` among its arguments.
 fn process(executable: &str, argument: &str) -> Option<Pid> {
-    for entry in fs::read_dir("/proc").unwrap().flatten() {
-        let Some(pid) = entry.file_name().to_str().and_then(|name| name.parse::<i32>().ok()) else { continue };
-        let Ok(line) = fs::read(entry.path().join("cmdline")) else { continue };
-        let words: Vec<_> = line.split(|&byte| byte == 0).map(String::from_utf8_lossy).collect();
-        let program = Path::new(words[0].as_ref()).file_name().map(|name| name.to_string_lossy().into_owned());
-        if program.as_deref() == Some(executable) && words.iter().any(|word| word == argument) {
-            return Pid::from_raw(pid);
-        }
-    }
-    None
+    let is_it = |folder: &Path| {
+        let line = fs::read_to_string(folder.join("cmdline")).unwrap_or_default();
+        let mut words = line.split('\0');
+        let program = Path::new(words.next().unwrap_or_default()).file_name();
+        program.is_some_and(|program| program == executable) && words.any(|word| word == argument)
+    };
+    processes(is_it).first().copied()
+}
+
+/// The rows of a CSV file, by column name.
+pub fn csv_rows(text: &str) -> Vec<BTreeMap<String, String>> {
+    let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned).collect::<Vec<_>>());
+    let header = lines.next().unwrap();
+    lines.map(|line| header.iter().cloned().zip(line).collect()).collect()
 }
 
 /// The slots in which a recording holds the entity.

@@ -4,13 +4,14 @@ use std::fs;
 use std::path::Path;
 
 use skysink_common::scenario::{Overrides, Scenario};
+use skysink_common::sensors::SensorList;
 use skysink_planner::settings;
 
 /// The file of `smoke`: 60 slots of 1 s, 40 sensor nodes, some data lost.
 pub const SMOKE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/smoke.toml");
 
-/// Lasts long enough in lock-step to be disturbed: 6000 slots of 0.1 s.
-const LONG: &str = "name = \"long\"\nslots = 6000\nslot_s = 0.1\n[uav]\nendurance_s = 1e8\n";
+/// Lasts long enough in lock-step to be disturbed: 3000 slots of 0.1 s.
+const LONG: &str = "name = \"long\"\nslots = 3000\nslot_s = 0.1\n[uav]\nendurance_s = 1e8\n";
 
 /// Short slots for many of them in a second: 3000 slots of 10 ms.
 const FINE: &str = "name = \"fine\"\nslots = 3000\nslot_s = 0.01\n[link]\ncomm_s = 0.01\n";
@@ -24,7 +25,7 @@ const PACED: &str = "name = \"paced\"\nslots = 160\nslot_s = 0.5\n";
 /// A field of 60 sensor nodes in which strategies differ: 250 slots of 1 s.
 const SMALL: &str = "name = \"small\"\nslots = 250\n[area]\nside_m = 200.0\n[sensors]\ncount = 60\n";
 
-/// All defaults: the mission of the UTS letter (arXiv 2103.00753).
+/// All defaults: the mission of `letter`, whose file has every key.
 const SHORT: &str = "name = \"short\"\n";
 
 /// The text of a scenario: one of those above, or a file of `scenarios/`.
@@ -51,4 +52,11 @@ pub fn read(file: &Path, overrides: Overrides) -> Scenario {
 /// `smoke`, flown by this strategy.
 pub fn smoke(strategy: &'static str) -> Scenario {
     read(Path::new(SMOKE), Overrides { strategy: Some(strategy), ..Overrides::default() })
+}
+
+/// The same, with its sensor nodes.
+pub fn smoke_with_sensors(strategy: &'static str) -> (Scenario, SensorList) {
+    let scenario = smoke(strategy);
+    let list = SensorList::of(&scenario).unwrap();
+    (scenario, list)
 }

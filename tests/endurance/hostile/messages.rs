@@ -6,7 +6,7 @@ use skysink_ring::folder::RingFolder;
 use super::audit::{audit, said, trace};
 use super::intruder::{Intruder, send};
 use super::rogue::{LONG_S, Rogue, SHORT_S, Turn, start_with_rogue};
-use crate::support::{Ended, Place, end, until};
+use crate::support::{Output, Place, output, until};
 
 const OLD: &str = "its writer has already sent that slot or a later one";
 const FAR: &str = "its slot is too far ahead";
@@ -20,14 +20,13 @@ fn nobody(turn: &Turn) -> Plan {
 
 /// Flies the smoke test with good plans; before each, `disturb` may send other samples, and returns how many of them
 /// have to be refused. The trace must be that of a run without them.
-fn fly_disturbed(place: &Place, mut disturb: impl FnMut(&Rogue, &Turn) -> u64) -> Ended {
-    place.flight("smoke").out("alone").simulate();
+fn fly_disturbed(place: &Place, mut disturb: impl FnMut(&Rogue, &Turn) -> u64) -> Output {
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     let mut refused = 0;
-    rogue.fly_well(|rogue, turn| refused += disturb(rogue, turn));
-    let ended = run.end_well();
+    rogue.fly_to_end(|rogue, turn| refused += disturb(rogue, turn));
+    let ended = run.wait_for_success();
     audit(place);
-    place.assert_same_trace("alone", "run");
+    place.assert_trace_as_simulated("run");
     let summary = place.summary("run");
     assert_eq!((&summary["refused_messages"], &summary["refused"]), (&refused.into(), &0.into()));
     place.assert_clean();
@@ -40,7 +39,7 @@ fn said_so_far(count: u64) -> Vec<String> {
     powers.map(|power| if power == 1 { String::new() } else { format!(" ({power} so far)") }).collect()
 }
 
-fn assert_said(ended: &Ended, refusal: &str, count: u64) {
+fn assert_said(ended: &Output, refusal: &str, count: u64) {
     let lines = said(&ended.stderr, refusal);
     let powers = said_so_far(count);
     assert_eq!(lines.len(), powers.len(), "{count} times {refusal}: {ended:?}");
@@ -113,15 +112,14 @@ fn a_flood_of_ten_thousand_plans_is_counted_to_the_last_one_and_said_five_times(
 #[test]
 fn what_a_header_says_of_restarts_flags_and_times_changes_nothing() {
     let place = Place::new();
-    place.flight("smoke").out("alone").simulate();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     while let Some(turn) = rogue.next() {
         let flags = (turn.slot % 4) as u32;
         let header = SlotHeader { epoch: u32::MAX, flags, sent_ns: u64::MAX, ..rogue.header(turn.slot) };
         rogue.send(header, turn.good);
     }
-    run.end_well();
-    place.assert_same_trace("alone", "run");
+    run.wait_for_success();
+    place.assert_trace_as_simulated("run");
     assert_eq!(place.summary("run")["refused_messages"], 0);
 }
 
@@ -129,7 +127,6 @@ fn what_a_header_says_of_restarts_flags_and_times_changes_nothing() {
 fn a_mission_of_another_ring_of_the_same_user_is_another_mission() {
     let place = Place::new();
     let smoke = place.flight("smoke").without_viewer();
-    smoke.out("alone").simulate();
     let other = smoke.seed(2).external("planner").out("other").start();
     other.until_topics();
     let terms = RingFolder::open(&other.folder()).unwrap().terms();
@@ -137,16 +134,16 @@ fn a_mission_of_another_ring_of_the_same_user_is_another_mission() {
     let run = smoke.external("planner").start();
     let mut rogue = Rogue::join(&run);
     assert_ne!(rogue.ring.terms.mission, terms.mission);
-    rogue.fly_well(|rogue, turn| {
+    rogue.fly_to_end(|rogue, turn| {
         rogue.send(SlotHeader { mission: terms.mission, ..rogue.header(turn.slot) }, nobody(turn));
     });
-    let ended = run.end_well();
-    place.assert_same_trace("alone", "run");
+    let ended = run.wait_for_success();
+    place.assert_trace_as_simulated("run");
     assert_eq!(place.summary("run")["refused_messages"], 60);
     assert_said(&ended, MISSION, 60);
 
-    end(other.by_hand("planner").spawn().unwrap()).assert_well();
-    other.end_well();
+    output(other.worker_command("planner")).assert_success();
+    other.wait_for_success();
     assert_eq!(place.summary("other")["refused_messages"], 0, "the other ring has heard of nothing");
     place.assert_clean();
 }
@@ -163,7 +160,7 @@ fn a_planner_that_skips_a_slot_ends_a_run_in_lock_step_by_its_time_out() {
             break;
         }
     }
-    let ended = run.end().assert_code(1);
+    let ended = run.wait().assert_code(1);
     assert!(ended.stderr.contains("skysink: planner has not sent plan("), "{ended:?}");
     assert_eq!(said(&ended.stderr, OLD).len(), 1, "{ended:?}");
     assert_eq!(audit(&place).len(), 19);
@@ -181,7 +178,7 @@ fn a_planner_that_skips_a_slot_of_a_paced_run_makes_the_uav_hold_in_it() {
             rogue.send(rogue.header(turn.slot), turn.good);
         }
     }
-    run.end_well();
+    run.wait_for_success();
     let lines = audit(&place);
     assert_eq!((lines.len(), lines[5].mode.as_str(), lines[5].refused), (12, "hold", 0));
     let held = lines.iter().filter(|line| line.mode == "hold").count();
@@ -199,7 +196,7 @@ fn an_intruder_that_writes_before_the_planner_is_named_when_the_run_times_out() 
     rogue.send(rogue.header(1), turn.good);
     let turn = rogue.next().unwrap();
     rogue.send(rogue.header(2), turn.good);
-    let ended = run.end().assert_code(1);
+    let ended = run.wait().assert_code(1);
     assert!(!said(&ended.stderr, SECOND).is_empty(), "{ended:?}");
     assert!(ended.stderr.contains("skysink: planner has not sent plan("), "{ended:?}");
     assert_eq!(audit(&place).len(), 1);

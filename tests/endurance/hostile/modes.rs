@@ -65,12 +65,12 @@ fn what_belongs_to_a_running_ring_is_its_owners_alone_whatever_the_umask() {
         command.arg(flight.launcher().get_program()).args(flight.launcher().get_args());
         let run = RunningFlight::start(&place, command, "run");
         let mut rogue = Rogue::join(&run);
-        rogue.fly_well(|rogue, turn| {
+        rogue.fly_to_end(|rogue, turn| {
             if turn.slot % 30 == 3 {
                 assert_private(rogue);
             }
         });
-        let ended = run.end();
+        let ended = run.wait();
         assert_eq!(ended.code, Some(0), "{ended:?}");
         place.assert_clean();
     }

@@ -8,7 +8,7 @@ use super::audit::said;
 use super::intruder::{Intruder, send_list};
 use super::rogue::{LONG_S, Rogue, SHORT_S, Turn, open_folder};
 use crate::support::flight::RunningFlight;
-use crate::support::{Place, end, rows, slots, until};
+use crate::support::{Place, rows, slots, until, wait};
 
 const NOWHERE: &str = "expected 1 to 64 points, finite and in the area";
 const MISSION: &str = "it belongs to another run";
@@ -58,16 +58,15 @@ const KINDS: u64 = 8;
 #[test]
 fn paths_that_cannot_be_are_refused_one_by_one_and_the_run_goes_on() {
     let place = Place::new();
-    place.flight("smoke").out("alone").simulate();
     let (run, mut rogue) = start_with_viewer(&place);
     let paths = writer(&rogue);
-    rogue.fly_well(|rogue, turn| {
+    rogue.fly_to_end(|rogue, turn| {
         if turn.slot >= THERE {
             paths.send_list(rogue.header(turn.slot), &spoilt(turn, turn.slot % KINDS)).unwrap();
         }
     });
-    let ended = run.end_well();
-    place.assert_same_trace("alone", "run");
+    let ended = run.wait_for_success();
+    place.assert_trace_as_simulated("run");
     let recording = place.path("run/mission.rrd");
     assert_eq!(slots(&recording, "/metrics/loss_rate"), (0..=60).collect());
     let good = |slot: &i64| slot % KINDS as i64 == 0;
@@ -90,11 +89,10 @@ fn drawn(recording: &std::path::Path) -> Vec<i64> {
 #[test]
 fn paths_of_another_run_slot_or_writer_are_refused_and_the_good_ones_drawn() {
     let place = Place::new();
-    place.flight("smoke").out("alone").simulate();
     let (run, mut rogue) = start_with_viewer(&place);
     let (paths, intruder) = (writer(&rogue), Intruder::join(&rogue.folder));
     let second = intruder.list_writer::<PathPoint, SlotHeader>("path", 4);
-    rogue.fly_well(|rogue, turn| {
+    rogue.fly_to_end(|rogue, turn| {
         let (header, good) = (rogue.header(turn.slot), path(turn, 3));
         if turn.slot >= THERE {
             paths.send_list(header, &good).unwrap();
@@ -106,8 +104,8 @@ fn paths_of_another_run_slot_or_writer_are_refused_and_the_good_ones_drawn() {
             send_list(&second, header, &good);
         }
     });
-    let ended = run.end_well();
-    place.assert_same_trace("alone", "run");
+    let ended = run.wait_for_success();
+    place.assert_trace_as_simulated("run");
     assert_eq!(drawn(&place.path("run/mission.rrd")), (THERE as i64..=60).collect::<Vec<_>>());
     for refusal in [MISSION, OLD, SECOND] {
         let lines = said(&ended.stderr, refusal);
@@ -123,15 +121,14 @@ fn paths_of_another_run_slot_or_writer_are_refused_and_the_good_ones_drawn() {
 fn a_reader_that_is_deaf_to_paths_does_not_hold_up_the_ring() {
     let place = Place::new();
     let flight = place.flight("smoke").strategy("horizon").set("planner.horizon.iterations", 100);
-    flight.out("alone").simulate();
     let run = flight.without_viewer().external("planner").timeout(SHORT_S).start();
     let intruder = Intruder::join(&open_folder(&run));
     let deaf = intruder.list_reader::<PathPoint, SlotHeader>("path");
-    let planner = run.by_hand("planner").spawn().unwrap();
+    let planner = run.worker_command("planner").spawn().unwrap();
     let first = until("path", || deaf.receive().unwrap()); // from now on the writer knows that it is there
-    end(planner).assert_well();
-    run.end_well();
-    place.assert_same_trace("alone", "run");
+    wait(planner).assert_success();
+    run.wait_for_success();
+    place.assert_trace_as_simulated("run");
     assert_eq!(first.user_header().slot, 1, "there was room for it alone");
     drop((first, deaf, intruder));
     place.assert_clean();

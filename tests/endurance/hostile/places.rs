@@ -9,22 +9,21 @@ use skysink_ring::wait::Waiting;
 use super::rogue::{LONG_S, start_with_rogue};
 use crate::support::flight::{RING, executable};
 use crate::support::scenarios::{self, SMOKE};
-use crate::support::{Place, end};
+use crate::support::{Place, output};
 
 #[test]
 fn a_second_process_for_a_place_is_refused_and_the_run_does_not_notice() {
     let place = Place::new();
-    place.flight("smoke").out("alone").simulate();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     let folder = run.folder().display().to_string();
-    rogue.fly_well(|_, turn| {
+    rogue.fly_to_end(|_, turn| {
         for role in RING.iter().filter(|_| turn.slot % 20 == 0) {
-            let second = end(run.by_hand(role).spawn().unwrap()).assert_code(2);
+            let second = output(run.worker_command(role)).assert_code(2);
             assert_eq!(second.stderr, format!("{role}: ring {folder}: there is a {role} already: end it first\n"));
         }
     });
-    run.end_well();
-    place.assert_same_trace("alone", "run");
+    run.wait_for_success();
+    place.assert_trace_as_simulated("run");
     let summary = place.summary("run");
     assert_eq!((&summary["refused_messages"], &summary["restarts"]), (&0.into(), &0.into()));
     place.assert_clean();
@@ -77,7 +76,7 @@ fn a_ring_of_another_version_or_scenario_is_refused_with_the_remedy() {
         let folder = folder.path().display().to_string();
         for role in RING {
             let arguments = ["--scenario", SMOKE, "--ring", &folder];
-            let ended = end(place.command(executable(role), &arguments).spawn().unwrap()).assert_code(2);
+            let ended = output(place.command(executable(role), &arguments)).assert_code(2);
             assert_eq!(ended.stderr, format!("{role}: ring {folder}: {what}: {remedy}\n"));
         }
     }

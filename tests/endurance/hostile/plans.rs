@@ -116,7 +116,7 @@ fn whatever_a_plan_asks_for_is_flown_as_far_as_it_can_be_and_the_rest_is_counted
         rogue.send(rogue.header(turn.slot), nonsense.map_or(turn.good, |(_, spoil, _)| spoil(&rogue, &turn)));
         sent.push((turn, nonsense));
     }
-    let ended = run.end_well();
+    let ended = run.wait_for_success();
     let lines = audit(&place);
     assert_eq!((lines.len(), sent.len()), (60, 60));
     let (mut kinds, mut refused) = (0, 0);

@@ -7,14 +7,14 @@ use skysink_common::message::{Commit, FlightReport, Plan, SlotHeader};
 use super::audit::audit;
 use super::intruder::Intruder;
 use super::rogue::{LONG_S, Rogue, SHORT_S, start_with_rogue};
-use crate::support::{Ended, Place};
+use crate::support::{Output, Place};
 
 fn full(topic: &str) -> String {
     format!("topic {topic}: a reader has not taken its samples for 3.3 s: is one stopped, or the viewer too slow?")
 }
 
 /// Flies the smoke test; in slot 20 `intrude` makes a reader that is never heard of again.
-fn fly_with_deaf_reader<R>(place: &Place, options: &[&str], intrude: impl Fn(&Intruder) -> R) -> Ended {
+fn fly_with_deaf_reader<R>(place: &Place, options: &[&str], intrude: impl Fn(&Intruder) -> R) -> Output {
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke").options(options), SHORT_S);
     let intruder = Intruder::join(&rogue.folder);
     let mut deaf = None;
@@ -28,13 +28,13 @@ fn fly_with_deaf_reader<R>(place: &Place, options: &[&str], intrude: impl Fn(&In
         Ok(())
     };
     let flown = fly(&mut rogue);
-    let ended = run.end();
+    let ended = run.wait();
     assert_eq!(flown.is_ok(), ended.code == Some(0), "{flown:?}, {ended:?}");
     ended
 }
 
 /// Fails unless the run has ended early, with a whole folder.
-fn assert_ended_early(place: &Place, ended: &Ended) {
+fn assert_ended_early(place: &Place, ended: &Output) {
     assert_eq!(ended.code, Some(1), "{ended:?}");
     let flown = audit(place).len();
     assert!((19..60).contains(&flown), "{flown} slots");
@@ -57,11 +57,10 @@ fn a_deaf_reader_ends_a_run_in_lock_step_by_its_time_out_where_nothing_is_starte
 #[test]
 fn a_deaf_reader_costs_a_restart_of_the_writer_that_waits_for_it() {
     let place = Place::new();
-    place.flight("smoke").out("alone").simulate();
     let ended = fly_with_deaf_reader(&place, &[], deaf_to_flights);
     assert_eq!(ended.code, Some(0), "{ended:?}");
     assert!(ended.stderr.contains("flight-sim was restarted (restart 1)"), "{ended:?}");
-    place.assert_same_trace("alone", "run");
+    place.assert_trace_as_simulated("run");
     place.assert_clean();
 }
 
@@ -79,8 +78,8 @@ fn a_deaf_reader_is_left_behind_by_a_paced_run() {
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke").pace("20x"), LONG_S);
     let intruder = Intruder::join(&rogue.folder);
     let deaf = (deaf_to_flights(&intruder), intruder.reader::<Plan, SlotHeader>("plan"));
-    rogue.fly_well(|_, _| {});
-    run.end_well();
+    rogue.fly_to_end(|_, _| {});
+    run.wait_for_success();
     assert_eq!(audit(&place).len(), 60);
     drop((deaf, intruder, rogue));
     place.assert_clean();
@@ -89,12 +88,11 @@ fn a_deaf_reader_is_left_behind_by_a_paced_run() {
 #[test]
 fn an_observer_that_takes_nothing_is_not_waited_for() {
     let place = Place::new();
-    place.flight("smoke").out("alone").simulate();
     let ended = fly_with_deaf_reader(&place, &["--restart", "never"], |intruder| {
         (intruder.observer::<FlightReport, SlotHeader>("flight"), intruder.observer::<Commit, SlotHeader>("commit"))
     });
     assert_eq!(ended.code, Some(0), "{ended:?}");
     assert_eq!(place.summary("run")["restarts"], 0);
-    place.assert_same_trace("alone", "run");
+    place.assert_trace_as_simulated("run");
     place.assert_clean();
 }

@@ -14,7 +14,7 @@ use skysink_ring::topics::{RING_BUFFER, Ring};
 use skysink_ring::wait::WaitContext;
 use skysink_ring::writer::Writer;
 
-use crate::support::flight::{FlightOf, RunningFlight};
+use crate::support::flight::{FlightBuilder, RunningFlight};
 use crate::support::{scenarios, until};
 
 /// How long the processes of a run wait that is to end well [s].
@@ -52,7 +52,7 @@ pub struct Turn {
 
 /// Starts a flight without viewer and planner, whose place the test takes; its processes wait `timeout_s` for each
 /// other.
-pub fn start_with_rogue<'a>(flight: &FlightOf<'a>, timeout_s: &str) -> (RunningFlight<'a>, Rogue) {
+pub fn start_with_rogue<'a>(flight: &FlightBuilder<'a>, timeout_s: &str) -> (RunningFlight<'a>, Rogue) {
     let run = flight.without_viewer().external("planner").timeout(timeout_s).start();
     let rogue = Rogue::join(&run);
     (run, rogue)
@@ -122,7 +122,7 @@ impl Rogue {
     }
 
     /// Flies to the end with good plans; before each `disturb` may do what it likes.
-    pub fn fly_well(&mut self, mut disturb: impl FnMut(&Self, &Turn)) {
+    pub fn fly_to_end(&mut self, mut disturb: impl FnMut(&Self, &Turn)) {
         while let Some(turn) = self.next() {
             disturb(self, &turn);
             self.send(self.header(turn.slot), turn.good);

@@ -17,7 +17,7 @@ fn what_a_plan_has_to_keep_comes_with_the_sensor_nodes() {
     while let Some(turn) = rogue.next() {
         rogue.send(rogue.header(turn.slot), turn.good);
     }
-    run.end_well();
+    run.wait_for_success();
     place.assert_clean();
 }
 
@@ -48,7 +48,7 @@ fn an_external_planner_receives_what_the_uav_knows_and_the_recorder_the_true_que
         rogue.send(rogue.header(turn.slot), turn.good);
     }
     assert!(differing > 30, "in {differing} slots the truth was something else");
-    run.end_well();
+    run.wait_for_success();
     let summary = place.summary("run");
     assert!(summary["sampled_bits"].as_u64().unwrap() > 0, "the record has the truth");
 }

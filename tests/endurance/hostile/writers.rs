@@ -5,7 +5,7 @@ use skysink_common::message::{Commit, FLAG_END, FlightReport, Mode, Plan, Queues
 use super::audit::{audit, said, trace};
 use super::intruder::{Intruder, send, send_list};
 use super::rogue::{LONG_S, SHORT_S, open_folder, start_with_rogue};
-use crate::support::{Place, end, until};
+use crate::support::{Place, output, until, wait};
 
 const SECOND: &str = "another process is writing this topic already";
 
@@ -17,7 +17,6 @@ fn forged_plan() -> Plan {
 #[test]
 fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_slot() {
     let place = Place::new();
-    place.flight("smoke").out("alone").simulate();
     let (run, mut rogue) = start_with_rogue(&place.flight("smoke"), LONG_S);
     let intruder = Intruder::join(&rogue.folder);
     let plans = intruder.writer::<Plan, SlotHeader>("plan");
@@ -25,7 +24,7 @@ fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_s
     let queues = intruder.list_writer::<u32, QueuesHeader>("queues", 100);
     let commits = intruder.writer::<Commit, SlotHeader>("commit");
     let mut sent = 0;
-    rogue.fly_well(|rogue, turn| {
+    rogue.fly_to_end(|rogue, turn| {
         if turn.slot <= 5 {
             return; // everybody hears the real ones first
         }
@@ -41,9 +40,9 @@ fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_s
             sent += 3; // the recorder does not read its own commits
         }
     });
-    let ended = run.end_well();
+    let ended = run.wait_for_success();
     audit(&place);
-    place.assert_same_trace("alone", "run");
+    place.assert_trace_as_simulated("run");
     // In the last slot the real ones may have left before the recorder reads what was sent in vain.
     let refused = place.summary("run")["refused_messages"].as_u64().unwrap();
     assert!((sent - 6..=sent).contains(&refused), "{refused} of {sent}");
@@ -59,8 +58,7 @@ fn second_writers_on_every_topic_are_refused_and_change_nothing_up_to_the_last_s
 #[test]
 fn a_second_planner_that_never_stops_writing_does_not_disturb_the_real_one() {
     let place = Place::new();
-    let long = place.flight("long").set("slots", 3000).without_viewer();
-    long.out("alone").simulate();
+    let long = place.flight("long").without_viewer();
     let mut run = long.start();
     let folder = open_folder(&run);
     run.until_slot(5);
@@ -72,10 +70,10 @@ fn a_second_planner_that_never_stops_writing_does_not_disturb_the_real_one() {
             let header = SlotHeader { mission: folder.terms().mission, slot: slot + i % 3, ..SlotHeader::default() };
             send(&plans, header, forged_plan());
         }
-        run.is_over().then_some(())
+        run.has_ended().then_some(())
     });
-    let ended = run.end_well();
-    place.assert_same_trace("alone", "run");
+    let ended = run.wait_for_success();
+    place.assert_trace_as_simulated("run");
     assert!(place.summary("run")["refused_messages"].as_u64().unwrap() > 0, "{ended:?}");
     assert!(!said(&ended.stderr, SECOND).is_empty(), "{ended:?}");
     drop((plans, intruder));
@@ -85,21 +83,20 @@ fn a_second_planner_that_never_stops_writing_does_not_disturb_the_real_one() {
 #[test]
 fn a_flood_that_was_there_before_the_planner_does_not_drown_it() {
     let place = Place::new();
-    place.flight("smoke").out("alone").simulate();
     let mut run = place.flight("smoke").without_viewer().external("planner").timeout(LONG_S).start();
     let intruder = Intruder::join(&open_folder(&run));
     let plans = intruder.writer::<Plan, SlotHeader>("plan");
     let other = SlotHeader { mission: 1, slot: 1, ..SlotHeader::default() };
     let flood = || (0..100_000).for_each(|_| send(&plans, other, forged_plan()));
     flood();
-    let planner = run.by_hand("planner").spawn().unwrap();
+    let planner = run.worker_command("planner").spawn().unwrap();
     until("end of the run", || {
         flood();
-        run.is_over().then_some(())
+        run.has_ended().then_some(())
     });
-    end(planner).assert_well();
-    let ended = run.end_well();
-    place.assert_same_trace("alone", "run");
+    wait(planner).assert_success();
+    let ended = run.wait_for_success();
+    place.assert_trace_as_simulated("run");
     assert!(place.summary("run")["refused_messages"].as_u64().unwrap() > 0, "{ended:?}");
     drop((plans, intruder));
     place.assert_clean();
@@ -108,8 +105,7 @@ fn a_flood_that_was_there_before_the_planner_does_not_drown_it() {
 #[test]
 fn with_one_place_of_each_topic_taken_killed_processes_still_come_back() {
     let place = Place::new();
-    let long = place.flight("long").set("slots", 3000);
-    long.out("alone").simulate();
+    let long = place.flight("long");
     let (run, mut rogue) = start_with_rogue(&long, LONG_S);
     let intruder = Intruder::join(&rogue.folder);
     let silent = (
@@ -117,13 +113,13 @@ fn with_one_place_of_each_topic_taken_killed_processes_still_come_back() {
         intruder.writer::<FlightReport, SlotHeader>("flight"),
         intruder.list_writer::<u32, QueuesHeader>("queues", 100),
     );
-    rogue.fly_well(|_, turn| {
+    rogue.fly_to_end(|_, turn| {
         for role in ["flight-sim", "field-sim"].iter().filter(|_| turn.slot % 1000 == 500) {
             run.kill_and_await(role);
         }
     });
-    run.end_well();
-    place.assert_same_trace("alone", "run");
+    run.wait_for_success();
+    place.assert_trace_as_simulated("run");
     let summary = place.summary("run");
     assert_eq!((&summary["restarts"], &summary["refused_messages"]), (&6.into(), &0.into()));
     drop((silent, intruder, rogue));
@@ -137,7 +133,7 @@ fn a_process_that_finds_all_places_of_its_topic_taken_says_so() {
     let folder = open_folder(&run);
     let intruders = [(); 2].map(|()| Intruder::join(&folder));
     let writers = intruders.each_ref().map(|intruder| intruder.writer::<Plan, SlotHeader>("plan"));
-    let planner = end(run.by_hand("planner").spawn().unwrap()).assert_code(1);
+    let planner = output(run.worker_command("planner")).assert_code(1);
     assert!(
         planner
             .stderr
@@ -145,7 +141,7 @@ fn a_process_that_finds_all_places_of_its_topic_taken_says_so() {
         "{planner:?}"
     );
     assert_eq!(planner.stderr.lines().count(), 1, "{planner:?}");
-    let ended = run.end().assert_code(1);
+    let ended = run.wait().assert_code(1);
     assert!(trace(&place).is_empty());
     assert!(ended.stderr.contains("planner"), "{ended:?}");
     drop((writers, intruders));

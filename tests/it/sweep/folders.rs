@@ -5,13 +5,13 @@ use std::fs;
 use rustix::process::Signal;
 
 use super::{sweep_until, write_sweep};
-use crate::support::{Place, end_by, lines};
+use crate::support::{Place, lines, signal_and_wait};
 
 #[test]
 fn a_folder_of_another_sweep_is_refused() {
     let place = Place::new();
     write_sweep(&place, 1);
-    place.run_well(&["sweep", "sweep.toml", "--out", "out"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "out"]);
     let before = place.read("out/results.csv");
     write_sweep(&place, 2);
     place.run_refused(&["sweep", "sweep.toml", "--out", "out"], "another sweep");
@@ -28,8 +28,8 @@ fn a_folder_that_another_process_flies_is_refused_until_that_process_ends() {
     let first = sweep_until(&place, "out", &[], 3);
     let second = place.run(&["sweep", "sweep.toml", "--out", "out"]).assert_code(2);
     assert!(second.stderr.contains("another process is running this sweep"), "{second:?}");
-    assert_eq!(end_by(Signal::KILL, first).signal, Some(9));
+    assert_eq!(signal_and_wait(Signal::KILL, first).signal, Some(9));
     let flown = lines(&place.path("out/journal.csv"));
     let third = sweep_until(&place, "out", &[], flown + 3);
-    end_by(Signal::INT, third).assert_code(130);
+    signal_and_wait(Signal::INT, third).assert_code(130);
 }

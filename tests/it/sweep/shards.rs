@@ -13,26 +13,24 @@ use crate::support::{Place, lines};
 fn merged_shards_are_the_whole_sweep() {
     let place = Place::new();
     write_sweep(&place, 3);
-    place.run_well(&["sweep", "sweep.toml", "--out", "whole"]);
-    place.run_well(&["sweep", "sweep.toml", "--out", "a", "--shard", "1/2"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "whole"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "a", "--shard", "1/2"]);
     fs::create_dir(place.path("empty")).unwrap();
-    let early = place.run(&["merge", "empty", "--out", "early"]);
-    assert!(early.code == Some(2) && early.stderr.contains("no shard contains a mission"), "{early:?}");
+    place.run_refused(&["merge", "empty", "--out", "early"], "no shard contains a mission");
     fs::copy(place.path("a/sweep.json"), place.path("empty/sweep.json")).unwrap(); // killed before its first mission
-    let early = place.run(&["merge", "empty", "--out", "early"]);
-    assert!(early.code == Some(2) && early.stderr.contains("0 of 54 missions"), "{early:?}");
-    let early = place.run(&["merge", "a", "--out", "early"]);
-    assert_eq!(early.code, Some(2), "{early:?}");
+    place.run_refused(&["merge", "empty", "--out", "early"], "0 of 54 missions");
     let says = "27 of 54 missions are present: run shards 2 of 2, for example by --array=2 and --shard auto/2, or pass --partial";
-    assert!(early.stderr.contains(says), "{early:?}");
-    let part = place.run_well(&["merge", "a", "empty", "--out", "part", "--partial"]);
+    place.run_refused(&["merge", "a", "--out", "early"], says);
+    let part = place.run_ok(&["merge", "a", "empty", "--out", "part", "--partial"]);
     assert_eq!(lines(&place.path("part/results.csv")), 1 + 27);
     assert!(part.stdout.contains("Not all: 27 of 54 missions are present: run shards 2 of 2"), "{part:?}");
-    let other = place.run(&["sweep", "sweep.toml", "--out", "a", "--shard", "1/3"]);
-    assert!(other.code == Some(2) && other.stderr.contains("it contains shard 1 of 2 of this sweep"), "{other:?}");
-    place.run_well(&["sweep", "sweep.toml", "--out", "b", "--shard", "2/2"]);
+    place.run_refused(
+        &["sweep", "sweep.toml", "--out", "a", "--shard", "1/3"],
+        "it contains shard 1 of 2 of this sweep",
+    );
+    place.run_ok(&["sweep", "sweep.toml", "--out", "b", "--shard", "2/2"]);
     for out in ["merged", "part"] {
-        let ended = place.run_well(&["merge", "b", "a", "--out", out]);
+        let ended = place.run_ok(&["merge", "b", "a", "--out", out]);
         assert!(!ended.stdout.contains("Not all"), "{ended:?}");
         assert_equal(&place, "whole", out);
     }
@@ -54,13 +52,12 @@ fn merged_shards_are_the_whole_sweep() {
 fn shards_of_other_numbers_are_merged_unless_they_contradict_each_other() {
     let place = Place::new();
     write_sweep(&place, 2);
-    place.run_well(&["sweep", "sweep.toml", "--out", "whole"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "whole"]);
     for (out, shard) in [("a", "1/3"), ("b", "1/2"), ("c", "2/2")] {
-        place.run_well(&["sweep", "sweep.toml", "--out", out, "--shard", shard]);
+        place.run_ok(&["sweep", "sweep.toml", "--out", out, "--shard", shard]);
     }
-    let early = place.run(&["merge", "a", "b", "--out", "early"]);
-    assert!(early.code == Some(2) && early.stderr.contains("run shards 2-3 of 3, for example by"), "{early:?}");
-    place.run_well(&["merge", "a", "b", "c", "--out", "merged"]);
+    place.run_refused(&["merge", "a", "b", "--out", "early"], "run shards 2-3 of 3, for example by");
+    place.run_ok(&["merge", "a", "b", "c", "--out", "merged"]);
     assert_equal(&place, "whole", "merged");
     // As an executable with another C library might have it.
     let Manifest { definition, .. } = serde_json::from_str(&place.read("whole/sweep.json")).unwrap();
@@ -68,8 +65,7 @@ fn shards_of_other_numbers_are_merged_unless_they_contradict_each_other() {
     let mut row = open("b").rows().next().unwrap().unwrap();
     row.values[Metric::LossRate as usize] += 1e-16;
     open("c").add(&row).unwrap();
-    let ended = place.run(&["merge", "a", "b", "c", "--out", "contradiction"]);
-    assert!(ended.code == Some(2) && ended.stderr.contains("shard c: its results differ"), "{ended:?}");
+    place.run_refused(&["merge", "a", "b", "c", "--out", "contradiction"], "shard c: its results differ");
     assert!(!place.path("contradiction").exists());
 }
 
@@ -78,10 +74,10 @@ fn any_number_of_shards_divides_any_sweep() {
     let place = Place::new();
     place.scenario("smoke");
     place.write("sweep.toml", "scenario = \"smoke.toml\"\nstrategies = [\"uts\", \"gfs\"]\nseeds = 5\n");
-    place.run_well(&["sweep", "sweep.toml", "--out", "whole"]);
+    place.run_ok(&["sweep", "sweep.toml", "--out", "whole"]);
     let folders: Vec<String> = (1..=7).map(|k| format!("s{k}")).collect();
     for (k, folder) in folders.iter().enumerate() {
-        let ended = place.run_well(&["sweep", "sweep.toml", "--out", folder, "--shard", &format!("{}/7", k + 1)]);
+        let ended = place.run_ok(&["sweep", "sweep.toml", "--out", folder, "--shard", &format!("{}/7", k + 1)]);
         let rows = lines(&place.path(&format!("{folder}/results.csv"))) - 1;
         let expected = if k < 5 { 2 } else { 0 };
         assert_eq!(rows, expected, "both strategies over one field, or none");
@@ -94,13 +90,12 @@ fn any_number_of_shards_divides_any_sweep() {
     };
     let some = [&folders[1..2], &folders[5..]].concat();
     let some = arguments(&some);
-    let early = place.run(&some.iter().map(String::as_str).collect::<Vec<_>>());
-    assert!(
-        early.code == Some(2) && early.stderr.contains("for example by --array=1,3-5 and --shard auto/7,"),
-        "{early:?}"
+    place.run_refused(
+        &some.iter().map(String::as_str).collect::<Vec<_>>(),
+        "for example by --array=1,3-5 and --shard auto/7,",
     );
     let all = arguments(&folders);
-    place.run_well(&all.iter().map(String::as_str).collect::<Vec<_>>());
+    place.run_ok(&all.iter().map(String::as_str).collect::<Vec<_>>());
     assert_equal(&place, "whole", "merged");
 }
 
@@ -108,7 +103,7 @@ fn any_number_of_shards_divides_any_sweep() {
 fn a_plan_says_what_a_sweep_takes_and_flies_nothing() {
     let place = Place::new();
     write_sweep(&place, 5);
-    let ended = place.run_well(&["sweep", "sweep.toml", "--plan"]);
+    let ended = place.run_ok(&["sweep", "sweep.toml", "--plan"]);
     for says in
         ["Points:    6, with 5 seeds: 30 fields\n", "Missions:  90, of 3 strategies\n", "  rfs  ", "CPU time:  about "]
     {

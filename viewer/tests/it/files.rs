@@ -24,18 +24,21 @@ fn open(first: &Path, scenario: &Scenario, name: &str) -> Scene {
     Scene::open(&sinks, scenario, &sensors(SENSORS), name, WallClock::Unmeasured, None).unwrap()
 }
 
-/// Records these slots into the next file, and returns what is in it.
-fn record(first: &Path, scenario: &Scenario, name: &str, slots: impl IntoIterator<Item = u64>) -> Found {
-    let slots = slots.into_iter().map(|slot| Slot::new(slot, SENSORS as usize));
-    record_slots(first, scenario, name, slots)
+/// Slots with these numbers.
+fn plain(numbers: impl IntoIterator<Item = u64>) -> impl Iterator<Item = Slot> {
+    numbers.into_iter().map(|slot| Slot::new(slot, SENSORS as usize))
 }
 
-fn record_slots(first: &Path, scenario: &Scenario, name: &str, slots: impl IntoIterator<Item = Slot>) -> Found {
+/// Records these slots into the next file.
+fn write(first: &Path, scenario: &Scenario, name: &str, slots: impl IntoIterator<Item = Slot>) {
     let mut scene = open(first, scenario, name);
-    for slot in slots {
-        scene.log_slot(&slot.view()).unwrap();
-    }
+    slots.into_iter().for_each(|slot| scene.log_slot(&slot.view()).unwrap());
     scene.close().unwrap();
+}
+
+/// The same, and what is in the file.
+fn record(first: &Path, scenario: &Scenario, name: &str, slots: impl IntoIterator<Item = Slot>) -> Found {
+    write(first, scenario, name, slots);
     Found::read(files(first).last().unwrap())
 }
 
@@ -105,7 +108,7 @@ fn each_viewer_writes_the_next_file_of_one_recording() {
 #[test]
 fn the_log_contains_the_start_and_the_first_loss_once() {
     let (_folder, first) = place();
-    let parts = [0..=2, 3..=5].map(|slots| record(&first, &letter(), "x", slots).log());
+    let parts = [0..=2, 3..=5].map(|slots| record(&first, &letter(), "x", plain(slots)).log());
     let [begin, rest] = parts;
     assert!(begin.contains("start of mission letter") && begin.contains("first loss, 1 bits"), "{begin}");
     assert!(rest.contains("recording continued in a new file") && rest.contains("end after slot 5 of 600"), "{rest}");
@@ -115,16 +118,16 @@ fn the_log_contains_the_start_and_the_first_loss_once() {
 #[test]
 fn a_first_loss_in_the_first_slot_of_a_later_file_is_logged() {
     let (_folder, first) = place();
-    record(&first, &letter(), "x", [0]);
+    write(&first, &letter(), "x", plain([0]));
     let mut slot = Slot::new(1, SENSORS as usize);
     slot.header.lost_bits = slot.header.totals.lost_bits;
-    assert!(record_slots(&first, &letter(), "x", [slot]).log().contains("first loss, 1 bits"));
+    assert!(record(&first, &letter(), "x", [slot]).log().contains("first loss, 1 bits"));
 }
 
 #[test]
 fn slots_between_two_files_are_marked_and_counted_in_the_later_one() {
     let (_folder, first) = place();
-    record(&first, &letter(), "x", 0..=5);
+    write(&first, &letter(), "x", plain(0..=5));
     let mut scene = open(&first, &letter(), "x");
     scene.log_missed(6..=19).unwrap();
     for slot in [20, 21, 25] {
@@ -154,8 +157,8 @@ fn a_path_of_an_earlier_file_is_cleared() {
         let path = vec![point(slot as f64, 50.0), point(90.0, 9.0)];
         Slot { path, ..Slot::new(slot, SENSORS as usize) }
     });
-    record_slots(&first, &letter(), "x", leading);
-    let found = record(&first, &letter(), "x", 6..=8);
+    write(&first, &letter(), "x", leading);
+    let found = record(&first, &letter(), "x", plain(6..=8));
     assert_eq!(found.slots_of(path::PATH), [6].into(), "empty from there on");
     assert!(!found.text(path::PATH, "LineStrips3D:strips", Some(6)).contains("Float32>"));
 }
@@ -171,8 +174,8 @@ fn funnels_of_an_earlier_file_are_cleared() {
         }
         served
     };
-    record_slots(&first, &town(), "x", [serve(0, 3)]);
-    let found = record_slots(&first, &town(), "x", [serve(1, 1), serve(2, 1)]);
+    write(&first, &town(), "x", [serve(0, 3)]);
+    let found = record(&first, &town(), "x", [serve(1, 1), serve(2, 1)]);
     let funnel = |place: u8| format!("{}/{place}", field::FUNNELS);
     let cleared = |place: u8| found.slots_of_component(&funnel(place), "Clear:is_recursive");
     let drawn = |place: u8| found.slots_of_component(&funnel(place), "VoxelGridMap:voxel_indices");
@@ -183,7 +186,7 @@ fn funnels_of_an_earlier_file_are_cleared() {
 #[test]
 fn a_truncated_file_is_not_changed_and_its_recording_continues() {
     let (_folder, first) = place();
-    record(&first, &letter(), "the recording", 0..=2);
+    write(&first, &letter(), "the recording", plain(0..=2));
     let bytes = fs::read(&first).unwrap();
     let mut ids = Vec::new();
     for kept in (1..bytes.len()).step_by(bytes.len() / 8) {
@@ -208,7 +211,7 @@ fn a_file_without_a_recording_of_this_application_is_not_changed() {
     let zeros = [0; 1_000];
     for content in [&b"R"[..], b"RRF2", b"not a recording, but rather long", &zeros, &fs::read(&other).unwrap()] {
         fs::write(&first, content).unwrap();
-        let found = record(&first, &letter(), "the recording", 0..=1);
+        let found = record(&first, &letter(), "the recording", plain(0..=1));
         assert!(found.log().contains("start of mission"), "{}", found.log());
         assert_eq!(recording(&first.with_file_name("first-2.rrd")), "the recording");
         assert!(fs::read(&first).unwrap() == content);
@@ -220,14 +223,14 @@ fn a_file_without_a_recording_of_this_application_is_not_changed() {
 fn an_empty_file_is_reused() {
     let (_folder, first) = place();
     fs::write(&first, "").unwrap();
-    record(&first, &letter(), "x", 0..=1);
+    write(&first, &letter(), "x", plain(0..=1));
     assert_eq!(names(&first), ["mission.rrd"]);
 }
 
 #[test]
 fn a_live_viewer_continues_a_recording_in_the_next_file() {
     let (_folder, first) = place();
-    record(&first, &letter(), "first name", 0..=8);
+    write(&first, &letter(), "first name", plain(0..=8));
     let sinks = Sinks { save: Some(first.clone()), live: Some(0), ..Sinks::default() };
     let mut scene = Scene::open(&sinks, &letter(), &sensors(SENSORS), "x", WallClock::Unmeasured, None).unwrap();
     scene.log_slot(&Slot::new(9, SENSORS as usize).view()).unwrap();
@@ -245,7 +248,7 @@ fn each_scenario_and_strategy_is_an_application_of_its_own() {
         name.clone_into(&mut scenario.name);
         strategy.clone_into(&mut scenario.planner.strategy);
         let _ = fs::remove_file(&first);
-        record(&first, &scenario, "the recording", 0..=1);
+        write(&first, &scenario, "the recording", plain(0..=1));
         let mut messages = DecoderApp::decode_lazy(BufReader::new(fs::File::open(&first).unwrap()));
         messages.next().unwrap().unwrap().store_id().application_id().as_str().to_owned()
     };
