@@ -113,7 +113,7 @@ mod tests {
                 bytes[at] ^= 1;
                 fs::write(&path, bytes).unwrap();
                 let error = read(folder.path()).unwrap_err().to_string();
-                assert!(error.contains(name) && error.contains("was changed"), "{error}");
+                assert!(error.contains(name) && error.contains("was modified"), "{error}");
             }
             fs::write(&path, &whole[..whole.len() - 1]).unwrap();
             assert!(read(folder.path()).is_err(), "cut");

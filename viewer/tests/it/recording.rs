@@ -202,7 +202,7 @@ fn a_mission_without_paths_logs_no_path_entities() {
     for entity in [path::PATH, path::STOPS, path::TRACK, path::TRACK_STOPS] {
         assert!(found.slots_of(entity).is_empty(), "{entity}");
     }
-    assert!(found.text(legend::PAGE, "TextDocument:text", None).contains("where the plan leads"));
+    assert!(found.text(legend::PAGE, "TextDocument:text", None).contains("planned path after it"));
 }
 
 #[test]
