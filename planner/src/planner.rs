@@ -367,9 +367,9 @@ mod tests {
         let slack = 1.0 + 0.9e-9;
         let at = |[x_m, y_m]: [f64; 2]| [50.0 + x_m * slack, 50.0 + y_m * slack];
         let diagonal_m = 50f64.sqrt();
-        let places = [[50.0, 40.0], at([6.0, 8.0]), at([-8.0, 6.0]), [50.0 - diagonal_m, 50.0 + diagonal_m]];
+        let positions = [[50.0, 40.0], at([6.0, 8.0]), at([-8.0, 6.0]), [50.0 - diagonal_m, 50.0 + diagonal_m]];
         for solver in [WaypointSolver::Geometric, WaypointSolver::Clarabel] {
-            let mut planner = changed("exact", &places, |scenario| {
+            let mut planner = changed("exact", &positions, |scenario| {
                 scenario.link.resource_blocks = 3;
                 *scenario = change(scenario.clone(), |settings| settings.waypoint_solver = solver).unwrap();
             });
@@ -382,8 +382,8 @@ mod tests {
 
     #[test]
     fn greedy_flight_serves_queues_in_range_of_its_goal_or_is_in_transit() {
-        let places = [[50.0, 70.0], [55.0, 70.0], [50.0, 59.0], [50.0, 99.0]];
-        let mut planner = planner_of("gfs", &places, 30.0);
+        let positions = [[50.0, 70.0], [55.0, 70.0], [50.0, 59.0], [50.0, 99.0]];
+        let mut planner = planner_of("gfs", &positions, 30.0);
         let plan = planner.step(1, here(), &[80, 70, 60, 90]);
         assert_eq!((plan.x_m, plan.y_m, plan.scheduled()), (50.0, 70.0, &[0, 1][..]));
         assert_eq!((plan.mode, plan.solver), (Mode::Serve as u32, SolverOutcome::Rule as u32));
@@ -406,7 +406,8 @@ mod tests {
         scenario.uav.max_speed_mps = max_speed_mps;
         let list = SensorList::of(&scenario).unwrap();
         let mut planner = Planner::new(&scenario, &list.nodes()).unwrap();
-        let (mut position, mut queues_bits) = (scenario.start().xy(), list.queues_bits());
+        let mut position = scenario.start().xy();
+        let mut queues_bits = list.queues_bits();
         let fly = |slot| {
             let plan = planner.step(slot, above(&position, 20.0), &queues_bits);
             position = Position::new(plan.x_m, plan.y_m);

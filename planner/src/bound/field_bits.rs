@@ -82,3 +82,35 @@ impl FieldBits {
         self.sensors.iter().map(|sensor| sensor.capacity_bits).max().unwrap_or(0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skysink_common::scenario::Overrides;
+    use std::path::Path;
+
+    #[test]
+    fn overflow_is_counted_in_whole_bits_since_the_last_visit_or_with_the_first_queue() {
+        // Sampled up to slots 1 to 5: 2, 5, 7, 10 and 12 bit (decision D2).
+        let sensor = SensorBits { mean_bits: 2.5, capacity_bits: 4, queue_bits: 3, first_slot: 1 };
+        assert_eq!([1, 2, 3, 4, 5].map(|slot| sensor.overflow_bits(None, slot)), [1, 4, 6, 9, 11]);
+        assert_eq!([1, 2, 3, 4, 5].map(|slot| sensor.lost_bits(None, slot)), [1, 3, 2, 3, 2]);
+        // Since slot 2: 2, 5 and 7 bit.
+        assert_eq!([3, 4, 5].map(|slot| sensor.overflow_bits(Some(2), slot)), [0, 1, 3]);
+        assert_eq!([3, 4, 5].map(|slot| sensor.lost_bits(Some(2), slot)), [0, 1, 2]);
+    }
+
+    #[test]
+    fn the_first_slot_of_a_service_is_that_of_the_flight_into_range() {
+        // From (200, 200) with 30 m a slot and d_c = 10 m: 0 m, 70 m and 90 m to fly. SN 1 does not sample.
+        let text = "name = 'x'\n[area]\nside_m = 400.0\n";
+        let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
+        let node = |x_m: f64, sampling_bps: f64| SensorNode { x_m, y_m: 200.0, sampling_bps, ..SensorNode::default() };
+        let nodes = [node(200.0, 9.0), node(230.0, 0.0), node(280.0, 9.0), node(100.0, 9.0)];
+        let (field, sampling) = FieldBits::new(&scenario, &nodes, &[1, 2, 3, 4]);
+        let found: Vec<(u64, u64)> =
+            field.sensors.iter().map(|sensor| (sensor.first_slot, sensor.queue_bits)).collect();
+        assert_eq!(found, [(1, 1), (3, 3), (3, 4)]);
+        assert_eq!(sampling.iter().map(|(id, _)| *id).collect::<Vec<_>>(), [0, 2, 3]);
+    }
+}

@@ -126,3 +126,23 @@ fn expected_bits(model: &LineOfSight, z_m: f64, carried_bits: impl Fn(f64) -> f6
     let nlos_bits = carried_bits(model.nlos_rate_bps(0.0, z_m));
     nlos_bits + model.los_probability(0.0, z_m) * (los_bits - nlos_bits).max(0.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use skysink_common::scenario::Overrides;
+    use std::path::Path;
+
+    #[test]
+    fn the_best_link_is_that_from_the_lowest_altitude_within_reach() {
+        let text = "name = 'x'\nslots = 9\nslot_s = 2.0\n[uav]\naltitude = 'free'\naltitude_m = 60.0\nmin_altitude_m = 45.0\n\
+                    max_climb_mps = 4.0\n[link]\nmodel = 'probabilistic-los'\nenvironment = 'urban'\n";
+        let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
+        let links = BestLinks::new(&scenario, &[]);
+        for (slot, lowest_m) in [(0, 60.0), (1, 52.0), (2, 45.0), (3, 45.0)] {
+            let above_m = links.above(slot, 1.0).z_m;
+            // Never above it, so that rounding does not put the bound below a flown link.
+            assert!(above_m <= lowest_m && above_m > lowest_m * (1.0 - 1e-8), "slot {slot}: {above_m} m");
+        }
+    }
+}

@@ -62,3 +62,33 @@ fn overflowing(field: &FieldBits) -> (u64, Vec<usize>) {
     let bits = overflowing.iter().map(|(_, bits)| bits).sum();
     (bits, overflowing.into_iter().map(|(index, _)| index).collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bound::field_bits::SensorBits;
+
+    /// Two SNs that sample 10 bit a slot into full buffers of 20 bit over 5 slots, 50 bit of overflow each. The second
+    /// can be served from slot 3 on.
+    fn field_of(blocks: usize) -> FieldBits {
+        let sensor = |first_slot| SensorBits { mean_bits: 10.0, capacity_bits: 20, queue_bits: 20, first_slot };
+        FieldBits { sensors: vec![sensor(1), sensor(3)], slots: 5, blocks }
+    }
+
+    #[test]
+    fn what_the_best_links_in_reach_carry_before_the_last_slot_is_not_lost() {
+        let link_bits = |_slot, index: usize| [7, 100][index];
+        // In slots 1 and 2 one link of 7 bit, in slots 3 and 4 one that carries a full buffer: 100 − 54.
+        assert_eq!(by_throughput(&field_of(1), link_bits), 46);
+        // Both links in slots 3 and 4: 100 − 2 · 7 − 2 · 27.
+        assert_eq!(by_throughput(&field_of(2), link_bits), 32);
+    }
+
+    #[test]
+    fn links_of_a_random_channel_carry_what_is_expected_of_each_in_reach() {
+        // One link of 6 bit in slots 1 and 2, two in slots 3 and 4: 100 − 36.
+        assert!((by_expected_throughput(&field_of(2), |_| 6.0) - 64.0).abs() < 1e-6);
+        assert!((by_expected_throughput(&field_of(1), |_| 6.0) - 76.0).abs() < 1e-6);
+        assert_eq!(by_expected_throughput(&field_of(1), |_| 50.0), 0.0);
+    }
+}

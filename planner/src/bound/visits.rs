@@ -72,3 +72,31 @@ fn without_largest(values: &mut [u64], count: usize) -> u64 {
     }
     values[count..].iter().sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bound::field_bits::SensorBits;
+
+    /// An SN that samples 10 bit a slot.
+    fn sensor(capacity_bits: u64, queue_bits: u64, first_slot: u64) -> SensorBits {
+        SensorBits { mean_bits: 10.0, capacity_bits, queue_bits, first_slot }
+    }
+
+    #[test]
+    fn of_three_sensor_nodes_with_a_visit_a_slot_one_is_late() {
+        // One visit a slot; two fill from empty in 2 slots, one is full and fills in 2.5. Slot 1 loses 10 bit of the
+        // full one, slot 2 none after one visit. Slot 3: unserved, all three lose 10 bit, and two were served. Slots 4
+        // and 5: of those not served in 2 slots two lose 10 bit and one 5, and two were served.
+        let field =
+            FieldBits { sensors: vec![sensor(20, 0, 1), sensor(20, 0, 1), sensor(25, 25, 1)], slots: 5, blocks: 1 };
+        assert_eq!(by_visits(&field, |slots| slots as usize), 10 + 10 + 5 + 5);
+    }
+
+    #[test]
+    fn a_sensor_node_out_of_reach_loses_whoever_else_is_served() {
+        // Full, and first served at the end of slot 3, whose overflow precedes the visit (decision D1).
+        let field = FieldBits { sensors: vec![sensor(10, 10, 3)], slots: 6, blocks: 1 };
+        assert_eq!(by_visits(&field, |slots| slots as usize), 30);
+    }
+}

@@ -226,7 +226,7 @@ mod tests {
     }
 
     /// Lattice points give touching, coincident and tangent circles, random ones the rest.
-    fn places() -> impl Strategy<Value = Position> {
+    fn positions() -> impl Strategy<Value = Position> {
         let coordinate = || prop_oneof![-15.0..15.0, (-3i32..=3).prop_map(|step| f64::from(step) * 5.0)];
         (coordinate(), coordinate()).prop_map(|(x_m, y_m)| Position::new(x_m, y_m))
     }
@@ -236,8 +236,8 @@ mod tests {
 
         #[test]
         fn no_point_of_a_fine_grid_is_nearer(
-            target in places(),
-            disks in prop::collection::vec((places(), 5.0f64..20.0), 1..6),
+            target in positions(),
+            disks in prop::collection::vec((positions(), 5.0f64..20.0), 1..6),
         ) {
             let disks: Vec<Disk> = disks.iter().map(|&(centre, radius_m)| Disk { centre, radius_m }).collect();
             let nearest = project(&target, &disks);
@@ -263,7 +263,9 @@ mod tests {
         fn the_point_in_reach_and_range_is_the_nearest_to_the_target(
             centre in [0.0..100.0, 0.0..100.0], radius_m in 0.5..30.0, target in [0.0..100.0, 0.0..100.0], reach_m in 5.0..40.0,
         ) {
-            let (from, centre, target) = (Position::new(50.0, 50.0), Position::from(centre), Position::from(target));
+            let from = Position::new(50.0, 50.0);
+            let centre = Position::from(centre);
+            let target = Position::from(target);
             let range = Disk { centre, radius_m };
             let reach_m = reach_m * slots_between(&from, &range, reach_m);
             let waypoint = nearest_in_both(&target, &Disk { centre: from, radius_m: reach_m }, &range);

@@ -203,8 +203,8 @@ mod tests {
 
     #[test]
     fn of_points_equally_near_those_of_the_lowest_ids_are_nearest() {
-        let places = [[51.0, 50.0], [50.0, 50.0], [50.0, 49.0], [49.0, 50.0], [50.0, 51.0]].map(Position::from);
-        let grid = Grid::new(&places, 10.0);
+        let positions = [[51.0, 50.0], [50.0, 50.0], [50.0, 49.0], [49.0, 50.0], [50.0, 51.0]].map(Position::from);
+        let grid = Grid::new(&positions, 10.0);
         assert_eq!(grid.nearest(&Position::new(50.0, 50.0), 4), [1, 0, 2, 3]);
     }
 
@@ -233,16 +233,16 @@ mod tests {
         assert!(grid.columns * grid.rows <= 64, "{} by {}", grid.columns, grid.rows);
         assert_eq!(found(&grid, &Position::new(1e7, 1e7 - 10.0), 10.0).len(), 1);
         // One row of SNs: a box without height.
-        let row: Vec<Position> = (0..1_000).map(|place| Position::new(1e4 * f64::from(place), 5.0)).collect();
+        let row: Vec<Position> = (0..1_000).map(|step| Position::new(1e4 * f64::from(step), 5.0)).collect();
         assert!(Grid::new(&row, 10.0).starts.len() <= 4_001);
     }
 
     #[test]
     fn cells_have_the_side_asked_for_and_are_numbered_row_by_row() {
         // 100 m × 100 m, an SN in the middle of every cell of 10 m.
-        let middle = |place: u32| f64::from(place) * 10.0 + 5.0;
+        let middle = |step: u32| f64::from(step) * 10.0 + 5.0;
         let positions: Vec<Position> =
-            (0..100).map(|place| Position::new(middle(place % 10), middle(place / 10))).collect();
+            (0..100).map(|cell| Position::new(middle(cell % 10), middle(cell / 10))).collect();
         let grid = Grid::new(&positions, 10.0);
         assert_eq!((grid.columns, grid.rows, grid.starts.len()), (10, 10, 101));
         assert_eq!(grid.cell(&positions[37]), 37);
@@ -259,17 +259,17 @@ mod tests {
         ]
     }
 
-    fn places(extent_m: f64) -> impl Strategy<Value = Position> {
+    fn positions(extent_m: f64) -> impl Strategy<Value = Position> {
         (coordinates(extent_m), coordinates(extent_m)).prop_map(|(x_m, y_m)| Position::new(x_m, y_m))
     }
 
     /// Fields that are dense, sparse, clustered or all in one point.
     fn fields() -> impl Strategy<Value = Vec<Position>> {
         let spread = prop::sample::select(vec![0.0, 1.0, 20.0, 100.0, 1e4])
-            .prop_flat_map(|extent_m| prop::collection::vec(places(extent_m), 1..120));
-        let corners = prop::collection::vec(places(100.0), 1..4);
+            .prop_flat_map(|extent_m| prop::collection::vec(positions(extent_m), 1..120));
+        let corners = prop::collection::vec(positions(100.0), 1..4);
         (spread, corners).prop_map(|(spread, corners)| {
-            spread.iter().enumerate().map(|(id, place)| corners[id % corners.len()] + place.coords).collect()
+            spread.iter().enumerate().map(|(id, position)| corners[id % corners.len()] + position.coords).collect()
         })
     }
 

@@ -248,7 +248,8 @@ mod tests {
 
     /// Length of the shortest tour over a few points [m], by trying all.
     fn shortest_m(points: &[Position]) -> f64 {
-        let (mut shortest_m, mut orders) = (f64::INFINITY, vec![vec![0u32]]);
+        let mut shortest_m = f64::INFINITY;
+        let mut orders = vec![vec![0u32]];
         while let Some(order) = orders.pop() {
             if order.len() == points.len() {
                 shortest_m = shortest_m.min(length_m(points, &order));
@@ -268,7 +269,8 @@ mod tests {
             length_m(&points, &closed_tour(AREA, &points)) / shortest_m(&points) - 1.0
         };
         let excesses: Vec<f64> = (0..300).map(&mut excess).collect();
-        let (mean, worst) = (excesses.iter().sum::<f64>() / 300.0, excesses.iter().copied().fold(0.0, f64::max));
+        let mean = excesses.iter().sum::<f64>() / 300.0;
+        let worst = excesses.iter().copied().fold(0.0, f64::max);
         assert!(mean < 0.01 && worst < 0.25, "on average {mean}, at worst {worst}");
     }
 }

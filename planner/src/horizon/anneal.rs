@@ -192,6 +192,31 @@ mod tests {
     use super::*;
     use std::cell::Cell;
 
+    use rand::SeedableRng;
+    use skysink_common::geometry::Position;
+
+    use crate::horizon::forecast::PlanningWindow;
+    use crate::horizon::tests::model_of;
+
+    #[test]
+    fn the_temperature_of_a_change_grows_with_the_slots_ahead() {
+        let temperature = Temperature { far_bits: 100.0, now: 2, near_fraction: 0.02 };
+        assert_eq!([2, 3, 32, 62, 500].map(|slot| temperature.at(slot)), [2.0, 2.0, 50.0, 100.0, 100.0]);
+    }
+
+    #[test]
+    fn a_change_that_loses_as_much_is_accepted_without_any_temperature() {
+        // Nobody loses anything within 20 slots, whatever the plan.
+        let model = model_of(&[([200.0, 200.0], 1.0), ([240.0, 200.0], 1.0)], 1, 5e6);
+        let window = PlanningWindow::new(&model, Position::new(200.0, 200.0), &[0; 2], 20, 0);
+        let mut forecast = Forecast::new(&model, window);
+        forecast.load(&model, [0]);
+        let temperature = Temperature { far_bits: 0.0, now: 0, near_fraction: 0.5 };
+        anneal(&model, &mut forecast, temperature, 50, || false, &mut ChaCha8Rng::seed_from_u64(1));
+        assert_ne!(forecast.stops(), [0]);
+        assert_eq!(forecast.loss_bits, 0.0);
+    }
+
     #[test]
     fn a_search_that_is_never_over_takes_all_steps() {
         assert!(steps_until(3, || false).eq(0..3));

@@ -106,4 +106,18 @@ mod tests {
         fuller.saved_bits = f64::INFINITY;
         assert_eq!(Candidate::order(&weighed(30.0), &fuller), Ordering::Greater);
     }
+
+    #[test]
+    fn of_equal_savings_the_least_room_comes_first_and_then_the_lowest_number() {
+        // With 25 or 20 slots of room nothing is lost before a visit within 10 slots.
+        let model = model(5e6, 10.0);
+        let weighed = |sensor: u32, gap_slots: f64| {
+            let mut candidate = Candidate::new(&model, sensor, 0.0);
+            candidate.weigh(&model, gap_slots);
+            assert_eq!(candidate.saved_bits, 0.0);
+            candidate
+        };
+        assert_eq!(Candidate::order(&weighed(1, 10.0), &weighed(0, 5.0)), Ordering::Less);
+        assert_eq!(Candidate::order(&weighed(1, 10.0), &weighed(0, 10.0)), Ordering::Greater);
+    }
 }

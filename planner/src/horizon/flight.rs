@@ -155,3 +155,33 @@ impl Decoder {
         lost_bits
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::horizon::forecast::Forecast;
+    use crate::horizon::tests::{model_of, window_of};
+
+    #[test]
+    fn a_visit_loses_the_overflow_and_uploads_the_capacity_of_the_link() {
+        let model = model_of(&[([200.0, 200.0], 1_000.0)], 4, 5e6); // full in 30 slots
+        let mut empty = vec![-10.0];
+        // 35 slots later 45 slots of data have come, of which 15 were lost; the link leaves 30 − 12 = 18.
+        let lost_bits = serve(&model, &mut empty, &Visit { sensor: 0, slot: 35, capacity_slots: 12.0 });
+        assert_eq!((lost_bits, empty[0]), (15_000.0, 17.0));
+        // 5 slots later there are 23; the link carries more.
+        let lost_bits = serve(&model, &mut empty, &Visit { sensor: 0, slot: 40, capacity_slots: f64::INFINITY });
+        assert_eq!((lost_bits, empty[0]), (0.0, 40.0));
+    }
+
+    #[test]
+    fn a_flight_serves_in_every_slot_on_the_way() {
+        // 85 m in three steps of 28.3 m, with an SN beside the end of each.
+        let sensors = [[285.0, 200.0], [228.0, 205.0], [257.0, 205.0]].map(|position_m| (position_m, 500.0));
+        let model = model_of(&sensors, 4, 5e6);
+        let mut forecast = Forecast::new(&model, window_of(&model, 10));
+        forecast.load(&model, [0]);
+        let served: Vec<(i32, u32)> = forecast.trace.visits.iter().map(|visit| (visit.slot, visit.sensor)).collect();
+        assert_eq!(served, [(1, 1), (2, 2), (3, 0)]);
+    }
+}

@@ -121,7 +121,7 @@ mod tests {
     fn a_flight_that_loses_less_becomes_the_plan_and_its_slots_become_stops() {
         // Two pairs 35 m apart that fill in 3 slots, with blocks for a pair: each pair has to be served in every other
         // slot.
-        let places_m = [[200.0, 200.0], [203.0, 200.0], [235.0, 200.0], [238.0, 200.0]];
+        let positions_m = [[200.0, 200.0], [203.0, 200.0], [235.0, 200.0], [238.0, 200.0]];
         let text = "name = 'x'\nslots = 40\n[area]\nside_m = 400.0\n[link]\nresource_blocks = 2\n";
         let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
         let sensor = |[x_m, y_m]: [f64; 2]| SensorNode {
@@ -132,12 +132,13 @@ mod tests {
             capacity_bits: 30_000,
             ..SensorNode::default()
         };
-        let sensors = places_m.map(sensor);
+        let sensors = positions_m.map(sensor);
         let table = &SensorTable::new(&scenario, &sensors);
         let settings = &Settings::of(&scenario).unwrap();
         let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table, estimate: None };
         let mut horizon = Horizon::new(&setup, 600, 0, None);
-        let (position, stop) = (scenario.start(), &Stop::default());
+        let position = scenario.start();
+        let stop = &Stop::default();
         let view = View { slot: 1, position, queues_bits: &[0; 4], estimate: None, table, timing: Timing::Free, stop };
         let mut forecast = horizon.forecast(&view).unwrap();
         let permanent = horizon.model.disks.len();
@@ -187,7 +188,9 @@ mod tests {
         let settings = &Settings::of(&scenario).unwrap();
         let setup = Setup { scenario: &scenario, settings, sensors: &list.nodes(), table, estimate: None };
         let mut horizon = Horizon::new(&setup, 600, 0, None);
-        let (position, queues_bits, stop) = (scenario.start(), &list.queues_bits()[..], &Stop::default());
+        let position = scenario.start();
+        let queues_bits = &list.queues_bits()[..];
+        let stop = &Stop::default();
         let view = View { slot: 1, position, queues_bits, estimate: None, table, timing: Timing::Free, stop };
         let mut forecast = horizon.forecast(&view).unwrap();
         let begun = forecast.stops();

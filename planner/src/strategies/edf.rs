@@ -73,7 +73,7 @@ mod tests {
     use skysink_common::message::SensorNode;
     use skysink_common::scenario::{Overrides, Scenario};
 
-    /// SNs at these places [m] that sample so much [bit/s] into 1 000 bit.
+    /// SNs at these positions [m] that sample so much [bit/s] into 1 000 bit.
     fn edf(sensors: &[([f64; 2], f64)]) -> (SensorTable, Edf) {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
         let node = |&([x_m, y_m], sampling_bps): &([f64; 2], f64)| SensorNode {
@@ -106,8 +106,8 @@ mod tests {
 
     #[test]
     fn equal_deadlines_go_to_the_nearest_and_then_to_the_lowest_index() {
-        let places = [([50.0, 75.0], 10.0), ([50.0, 30.0], 10.0), ([70.0, 50.0], 10.0)];
-        assert_eq!(waypoint(&places, &[500, 500, 500]), Some([50.0, 30.0]));
+        let sensors = [([50.0, 75.0], 10.0), ([50.0, 30.0], 10.0), ([70.0, 50.0], 10.0)];
+        assert_eq!(waypoint(&sensors, &[500, 500, 500]), Some([50.0, 30.0]));
     }
 
     #[test]
@@ -119,8 +119,9 @@ mod tests {
 
     #[test]
     fn the_fullest_queues_in_range_of_the_waypoint_are_served() {
-        let place = |x_m| ([x_m, 50.0], 10.0);
-        let (table, mut edf) = edf(&[place(50.0), place(51.0), place(52.0), place(53.0), place(54.0), place(90.0)]);
+        let sensor = |x_m| ([x_m, 50.0], 10.0);
+        let (table, mut edf) =
+            edf(&[sensor(50.0), sensor(51.0), sensor(52.0), sensor(53.0), sensor(54.0), sensor(90.0)]);
         let decision = edf.plan(&view(&table, 1, [50.0, 50.0], &[1, 5, 6, 7, 8, 2])).unwrap();
         assert_eq!(decision.schedule[..], [1, 2, 3, 4]);
     }
@@ -128,8 +129,8 @@ mod tests {
     #[test]
     fn who_is_flown_to_is_served_before_fuller_queues() {
         // SN 0 has 2 slots of room, the others 10 and more.
-        let place = |x_m, sampling_bps| ([x_m, 50.0], sampling_bps);
-        let sensors = [place(50.0, 400.0), place(51.0, 1.0), place(52.0, 1.0), place(53.0, 1.0), place(54.0, 1.0)];
+        let sensor = |x_m, sampling_bps| ([x_m, 50.0], sampling_bps);
+        let sensors = [sensor(50.0, 400.0), sensor(51.0, 1.0), sensor(52.0, 1.0), sensor(53.0, 1.0), sensor(54.0, 1.0)];
         let (table, mut edf) = edf(&sensors);
         let decision = edf.plan(&view(&table, 1, [45.0, 50.0], &[200, 990, 980, 970, 960])).unwrap();
         assert_eq!((decision.waypoint.x, &decision.schedule[..]), (50.0, &[0, 1, 2, 3][..]));

@@ -333,7 +333,8 @@ mod tests {
         table.resource_blocks = 3;
         assert_eq!(search(&table, &[100, 60, 60, 60]).unwrap().1, [1, 2, 3]);
         let mut ids = Vec::new();
-        let (reach, position) = (crate::strategies::algorithm_1::Reach::Wide, Position::new(50.0, 50.0));
+        let reach = crate::strategies::algorithm_1::Reach::Wide;
+        let position = Position::new(50.0, 50.0);
         crate::strategies::algorithm_1::Search::default().best_set(
             reach,
             &table,

@@ -65,8 +65,8 @@ mod tests {
 
     #[test]
     fn who_has_waited_longest_is_flown_to_and_served_first() {
-        let places = [[50.0, 50.0], [51.0, 50.0], [52.0, 50.0], [53.0, 50.0], [54.0, 50.0], [50.0, 75.0]];
-        let (table, mut oldest_first) = made("max-age-first", &places);
+        let positions = [[50.0, 50.0], [51.0, 50.0], [52.0, 50.0], [53.0, 50.0], [54.0, 50.0], [50.0, 75.0]];
+        let (table, mut oldest_first) = made("max-age-first", &positions);
         let mut plan = |slot, ground| {
             let decision = oldest_first.plan(&view(&table, slot, ground, &[5, 9, 5, 5, 5, 8])).unwrap();
             (decision.waypoint.xy().into(), decision.schedule.to_vec())

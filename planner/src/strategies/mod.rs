@@ -249,11 +249,11 @@ pub(crate) mod tests {
     use skysink_common::scenario::Overrides;
     use std::sync::LazyLock;
 
-    /// The strategy of that name over SNs at `places_m` [m], in the letter's scenario.
-    pub(crate) fn made(name: &str, places_m: &[[f64; 2]]) -> (SensorTable, Box<dyn Strategy>) {
+    /// The strategy of that name over SNs at `positions_m` [m], in the letter's scenario.
+    pub(crate) fn made(name: &str, positions_m: &[[f64; 2]]) -> (SensorTable, Box<dyn Strategy>) {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
         let sensor = |&[x_m, y_m]: &[f64; 2]| SensorNode { x_m, y_m, gain: 10f64.powf(-5.2), ..SensorNode::default() };
-        let sensors: Vec<SensorNode> = places_m.iter().map(sensor).collect();
+        let sensors: Vec<SensorNode> = positions_m.iter().map(sensor).collect();
         let table = SensorTable::new(&scenario, &sensors);
         let settings = &Settings::of(&scenario).unwrap();
         let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table: &table, estimate: None };
@@ -282,7 +282,7 @@ pub(crate) mod tests {
         }
     }
 
-    /// SNs by place [m], rate [bit/s] and buffer [bit] in the letter's scenario.
+    /// SNs by position [m], rate [bit/s] and buffer [bit] in the letter's scenario.
     pub(crate) fn field(sensors: impl Iterator<Item = ([f64; 2], f64, u32)>) -> FieldFixture {
         let node = |([x_m, y_m], sampling_bps, capacity_bits): ([f64; 2], f64, u32)| SensorNode {
             x_m,

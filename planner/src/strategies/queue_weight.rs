@@ -197,9 +197,9 @@ mod tests {
     use skysink_common::channel::Channel;
     use skysink_common::message::SolverOutcome;
 
-    /// The field of SNs at these places [m], with links of `bandwidth_hz`.
-    fn field_of(places_m: &[[f64; 2]], bandwidth_hz: f64) -> FieldFixture {
-        let mut field = field(places_m.iter().map(|&place_m| (place_m, 100.0, 30_000)));
+    /// The field of SNs at these positions [m], with links of `bandwidth_hz`.
+    fn field_of(positions_m: &[[f64; 2]], bandwidth_hz: f64) -> FieldFixture {
+        let mut field = field(positions_m.iter().map(|&position_m| (position_m, 100.0, 30_000)));
         let Channel::FreeSpace(model) = &mut field.table.channel else { panic!("the letter's channel is free space") };
         model.bandwidth_hz = bandwidth_hz;
         field.scenario.link.bandwidth_hz = bandwidth_hz;
@@ -263,10 +263,10 @@ mod tests {
 
     #[test]
     fn more_sensor_nodes_than_are_compared_lose_the_emptiest() {
-        let places: Vec<[f64; 2]> = (0..MOST_NEARBY + 50).map(|id| [40.0 + 0.05 * id as f64, 50.0]).collect();
-        let field = field_of(&places, 5e6);
+        let positions: Vec<[f64; 2]> = (0..MOST_NEARBY + 50).map(|id| [40.0 + 0.05 * id as f64, 50.0]).collect();
+        let field = field_of(&positions, 5e6);
         let mut strategy = QueueWeight::new(&field.setup(), 0.0);
-        let queues_bits: Vec<u32> = (0..places.len() as u32).map(|id| id % 300).collect();
+        let queues_bits: Vec<u32> = (0..positions.len() as u32).map(|id| id % 300).collect();
         assert!(strategy.find_nearby(&view(&field.table, 1, [50.0, 50.0], &queues_bits)));
         assert_eq!(strategy.nearby.len(), MOST_NEARBY);
         assert!(strategy.nearby.is_sorted() && strategy.nearby.iter().all(|&id| queues_bits[id as usize] >= 44));
@@ -294,8 +294,8 @@ mod tests {
             blocks in 1usize..5, bandwidth_hz in prop_oneof![Just(5e6), Just(2e3)],
             price in prop_oneof![Just(0.0), 1e2..1e6],
         ) {
-            let (places, queues_bits): (Vec<[f64; 2]>, Vec<u32>) = sensors.into_iter().unzip();
-            let mut field = field_of(&places, bandwidth_hz);
+            let (positions, queues_bits): (Vec<[f64; 2]>, Vec<u32>) = sensors.into_iter().unzip();
+            let mut field = field_of(&positions, bandwidth_hz);
             field.table.resource_blocks = blocks;
             field.scenario.link.resource_blocks = blocks;
             let mut strategy = QueueWeight::new(&field.setup(), price);

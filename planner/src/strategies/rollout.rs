@@ -271,13 +271,16 @@ mod tests {
     use super::*;
     use std::path::Path;
 
+    use skysink_common::checkpoint::Checkpoint;
     use skysink_common::estimate::Rates;
+    use skysink_common::message::SolverOutcome;
     use skysink_common::scenario::Overrides;
     use skysink_common::stop::Stop;
 
     use crate::sensor_table::SensorTable;
     use crate::settings::Settings;
-    use crate::strategies::{Registered, Setup, Timing};
+    use crate::strategies::{Decision, Registered, Setup, Timing};
+    use crate::waypoint::problem::Waypoint;
 
     const NEVER: &dyn Fn() -> bool = &|| false;
 
@@ -299,7 +302,8 @@ mod tests {
         let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table, estimate: None };
         let is_learnt = keys.contains("learnt");
         let estimate = is_learnt.then(|| Estimate::new(&scenario, Rates::Learnt, &sensors));
-        let (position, stop) = (scenario.start(), &Stop::default());
+        let position = scenario.start();
+        let stop = &Stop::default();
         let estimate = estimate.as_ref();
         let queues_bits = &[queue_bits];
         let view = View { slot: 1, position, queues_bits, estimate, table, timing: Timing::Free, stop };
@@ -353,6 +357,42 @@ mod tests {
         assert!((lost_bits / 39.0 - 87.0).abs() < 25.0, "{lost_bits}: a mean of 32 draws with a deviation of 58");
     }
 
+    /// Serves nobody, and notes the queue of SN 0 that it is shown.
+    #[derive(Default)]
+    struct Watching {
+        queues_bits: Vec<u32>,
+    }
+
+    impl Checkpoint for Watching {}
+
+    impl Strategy for Watching {
+        fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
+            self.queues_bits.push(view.queues_bits[0]);
+            Some(Decision::serve(view, &Waypoint { point: view.position, outcome: SolverOutcome::Rule }, &[]))
+        }
+    }
+
+    #[test]
+    fn a_strategy_is_shown_the_queues_expected_at_the_end_of_the_slot_before() {
+        let text = "name = 'x'\n[sensors]\ninitial_queue_mean_bits = 0.0\n[planner]\nknowledge = 'estimated'\n";
+        let scenario = Scenario::parse(text, Path::new("x.toml"), Overrides::default()).unwrap();
+        let sensors = [SensorNode { sampling_bps: 100.0, capacity_bits: 250, ..SensorNode::default() }];
+        let table = &SensorTable::new(&scenario, &sensors);
+        let settings = &Settings::of(&scenario).unwrap();
+        let estimate = &Estimate::new(&scenario, Rates::Known, &sensors);
+        let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table, estimate: Some(estimate) };
+        let position = scenario.start();
+        let stop = &Stop::default();
+        let queues_bits = estimate.queues_bits();
+        let view = View { slot: 1, position, queues_bits, estimate: Some(estimate), table, timing: Timing::Free, stop };
+        let ahead = Ahead { slots: 5, beyond_slots: 0.0, round_slots: 1.0 };
+        let rollout = Rollout::new(&view, &scenario, &sensors, &ahead, 1);
+        let mut watching = Watching::default();
+        let lost_bits = rollout.fly(0, &mut watching, &mut Serving::new(&setup), f64::INFINITY, NEVER, |_| ());
+        assert_eq!(watching.queues_bits, [0, 100, 200, 250, 250]);
+        assert_eq!(lost_bits, Some(250.0));
+    }
+
     #[test]
     fn a_rollout_ends_as_soon_as_it_has_lost_too_much() {
         let scenario = Scenario::letter(Overrides::default()).unwrap();
@@ -361,7 +401,8 @@ mod tests {
         let table = &SensorTable::new(&scenario, &sensors);
         let settings = &Settings::of(&scenario).unwrap();
         let setup = Setup { scenario: &scenario, settings, sensors: &sensors, table, estimate: None };
-        let (position, stop) = (scenario.start(), &Stop::default());
+        let position = scenario.start();
+        let stop = &Stop::default();
         let view = View { slot: 1, position, queues_bits: &[500], estimate: None, table, timing: Timing::Free, stop };
         let ahead = Ahead { slots: 2, beyond_slots: 0.0, round_slots: 1.0 };
         let rollout = Rollout::new(&view, &scenario, &sensors, &ahead, 1);

@@ -40,8 +40,8 @@ mod tests {
 
     #[test]
     fn whose_turn_it_is_is_served_before_fuller_queues() {
-        let places = [[50.0, 50.0], [51.0, 50.0], [52.0, 50.0], [53.0, 50.0], [54.0, 50.0]];
-        let (table, mut round_robin) = made("round-robin", &places);
+        let positions = [[50.0, 50.0], [51.0, 50.0], [52.0, 50.0], [53.0, 50.0], [54.0, 50.0]];
+        let (table, mut round_robin) = made("round-robin", &positions);
         let mut served = |slot| round_robin.plan(&view(&table, slot, [50.0, 50.0], &[1, 9, 8, 7, 6])).unwrap().schedule;
         assert_eq!(served(1)[..], [0, 1, 2, 3], "SN 0 instead of SN 4");
         assert_eq!(served(2)[..], [1, 2, 3, 4], "SN 0 had its turn");

@@ -107,6 +107,7 @@ fn fill_in_range<K: Ord>(
 mod tests {
     use super::*;
     use crate::sensor_table::tests::table_of;
+    use crate::strategies::tests::{field, view};
 
     /// The n fullest queues in range.
     fn fullest(table: &SensorTable, ground: [f64; 2], queues_bits: &[u32]) -> Vec<u32> {
@@ -122,6 +123,14 @@ mod tests {
         // SN 3 is 10.1 m away. n = 4 of the rest: 9, 8, then the two lowest indices of the three that hold 3.
         assert_eq!(fullest(&table, [50.0, 50.0], &[3, 3, 9, 99, 8, 3]), [0, 1, 2, 4]);
         assert_eq!(fullest(&table, [0.0, 0.0], &[3, 3, 9, 99, 8, 3]), [0; 0]);
+    }
+
+    #[test]
+    fn a_waypoint_that_rounding_put_outside_the_area_is_on_its_border() {
+        let field = field([([100.0, 50.0], 100.0, 30_000)].into_iter());
+        let view = view(&field.table, 1, [90.0, 50.0], &[9]);
+        let decision = Serving::new(&field.setup()).serve_fullest(&view, &Position::new(100.0 + 1e-12, 50.0));
+        assert_eq!((decision.waypoint, &decision.schedule[..]), (Point3::new(100.0, 50.0, 20.0), &[0][..]));
     }
 
     #[test]

@@ -46,8 +46,8 @@ mod tests {
     use crate::sensor_table::tests::table_of;
 
     /// From `position`, toward SN 0 with the last SN after it.
-    fn from(position: [f64; 2], places_m: &[[f64; 2]]) -> Position {
-        let table = table_of(places_m);
+    fn from(position: [f64; 2], positions_m: &[[f64; 2]]) -> Position {
+        let table = table_of(positions_m);
         let last = table.positions[table.positions.len() - 1];
         waypoint(&table, &position.into(), [&table.positions[0], &last])
     }
@@ -60,11 +60,11 @@ mod tests {
 
     #[test]
     fn a_tour_turns_at_the_rim_toward_the_next_sensor_node() {
-        let places = [[50.0, 90.0], [90.0, 90.0]];
+        let positions = [[50.0, 90.0], [90.0, 90.0]];
         // SN 0 is 40 m away, in range after 30 m; the one point there is (50, 80).
-        assert!((from([50.0, 50.0], &places) - Position::new(50.0, 80.0)).norm() < 1e-4);
+        assert!((from([50.0, 50.0], &positions) - Position::new(50.0, 80.0)).norm() < 1e-4);
         // From (50, 70) the whole disk around SN 0 is in reach; (60, 90) is nearest to SN 1.
-        assert!((from([50.0, 70.0], &places) - Position::new(60.0, 90.0)).norm() < 1e-9);
+        assert!((from([50.0, 70.0], &positions) - Position::new(60.0, 90.0)).norm() < 1e-9);
     }
 
     #[test]

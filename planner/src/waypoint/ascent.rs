@@ -139,6 +139,27 @@ mod tests {
     }
 
     #[test]
+    fn no_start_is_followed_twice() {
+        // A lone SN is its mean, and half-way from the mean to it.
+        let problem = posed(dense_urban(), &[[10.0, 0.0]], [50.0, 50.0]);
+        let mut starts = Vec::new();
+        fill_starts(&problem, &mut starts);
+        let points: Vec<Point3<f64>> = starts.iter().map(|start| start.point).collect();
+        assert_eq!(points, [Point3::new(10.0, 0.0, 50.0), Point3::new(0.0, 0.0, 50.0)]);
+    }
+
+    #[test]
+    fn a_step_that_hardly_rises_is_shortened() {
+        // From 20 m to one side of a pair to nearly as far on the other, where by symmetry the rate is nearly the same.
+        let problem = posed(dense_urban(), &[[-20.0, 0.0], [20.0, 0.0]], [50.0, 50.0]);
+        let at = problem.rated(Point3::new(0.0, 20.0, 50.0));
+        let slope = problem.ascent(&at.point);
+        assert!(problem.rate_bps(&Point3::new(0.0, -19.999, 50.0)) > at.rate_bps);
+        let (next, _) = step(&problem, &at, &slope, -39.999 / slope.y).unwrap();
+        assert!((next.point.y - (20.0 - 39.999 * SHRINK)).abs() < 1e-9, "{next:?}");
+    }
+
+    #[test]
     fn reach_limits_the_path_to_a_sensor_node() {
         let mut problem = posed(dense_urban(), &[[30.0, 40.0]], [20.0, 120.0]);
         problem.disks[0].radius_m = 10.0;
@@ -165,11 +186,11 @@ mod tests {
         #[test]
         fn no_step_from_the_end_raises_the_rate(
             curve in curves(),
-            places in prop::collection::vec((-40.0..40.0, -40.0..40.0), 1..7),
+            positions in prop::collection::vec((-40.0..40.0, -40.0..40.0), 1..7),
             range in (10.0..60.0, 0.0..100.0),
         ) {
-            let places: Vec<[f64; 2]> = places.into_iter().map(|(x_m, y_m)| [x_m, y_m]).collect();
-            let problem = posed(LineOfSight { curve, ..dense_urban() }, &places, [range.0, range.0 + range.1]);
+            let positions: Vec<[f64; 2]> = positions.into_iter().map(|(x_m, y_m)| [x_m, y_m]).collect();
+            let problem = posed(LineOfSight { curve, ..dense_urban() }, &positions, [range.0, range.0 + range.1]);
             let end = solve(&problem).expect("the origin is in all disks");
             prop_assert_eq!(problem.project(&end.point), Some(end.point));
             for axis in 0..3 {

@@ -128,6 +128,24 @@ mod tests {
     }
 
     #[test]
+    fn a_solution_too_far_outside_the_disks_is_none() {
+        // A reach of 1 m at the rim of a range of 5 km, to whose distance Clarabel's tolerance is relative.
+        let mut refused = 0;
+        for step in 0..100 {
+            let away = |angle: f64, away_m: f64| [away_m * angle.cos(), away_m * angle.sin()];
+            let [x_m, y_m] = away(0.7 * f64::from(step), 5_001.0 - 1e-5);
+            let disks = [disk(x_m, y_m, 1.0), disk(0.0, 0.0, 5_000.0)];
+            let target = Position::from(away(1.1 * f64::from(step), 25.0 * f64::from(step % 20)));
+            let solution = ConicSolver::default().solve(&target, &disks, 1.0).map(|solution| target + solution);
+            let pulled = ConicSolver::default().project(&target, &disks);
+            let off_m = solution.zip(pulled).map(|(solution, pulled)| (solution - pulled).norm());
+            assert!(off_m.is_none_or(|off_m| off_m <= FARTHEST_PULL), "step {step}: {off_m:?}");
+            refused += u32::from(solution.is_some() && pulled.is_none());
+        }
+        assert!(refused > 0);
+    }
+
+    #[test]
     fn a_result_does_not_depend_on_the_problems_solved_before() {
         let mut used = ConicSolver::default();
         for step in 0..60 {
@@ -144,9 +162,9 @@ mod tests {
     /// Offsets [m] and radii that make random, tangent, nested and coincident disks, all within sight of the origin.
     fn problems() -> impl Strategy<Value = (Position, Vec<Disk>)> {
         let coordinate = || prop_oneof![-12.0..12.0, (-2i32..=2).prop_map(|step| f64::from(step) * 5.0)];
-        let place = move || (coordinate(), coordinate()).prop_map(|(x_m, y_m)| Position::new(x_m, y_m));
-        let reach = (place(), prop_oneof![Just(30.0), Just(3_000.0), 5.0..40.0]);
-        (place(), reach, prop::collection::vec(place(), 1..6)).prop_map(|(target, (from, radius_m), centres)| {
+        let position = move || (coordinate(), coordinate()).prop_map(|(x_m, y_m)| Position::new(x_m, y_m));
+        let reach = (position(), prop_oneof![Just(30.0), Just(3_000.0), 5.0..40.0]);
+        (position(), reach, prop::collection::vec(position(), 1..6)).prop_map(|(target, (from, radius_m), centres)| {
             let mut disks = vec![Disk { centre: from, radius_m }];
             disks.extend(centres.into_iter().map(|centre| Disk { centre, radius_m: 10.0 }));
             (Position::from(target.coords * 2.0), disks)

@@ -112,3 +112,31 @@ fn outcome(contribution: Contribution, stepped: RatedPoint, end: RatedPoint) -> 
         Contribution::Confirmed | Contribution::Nothing => SolverOutcome::Fallback,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::disks::Disk;
+    use crate::waypoint::problem::tests::{dense_urban, posed};
+    use skysink_common::channel::LineOfSight;
+    use skysink_common::scenario::{LosCurve, Overrides};
+
+    #[test]
+    fn where_convex_steps_end_lower_the_end_of_the_ascent_alone_is_the_waypoint() {
+        // A link that is better out of line of sight, where the SN is served best from beside it. A convex step leads
+        // right above it instead, where the tip holds the ascent.
+        let curve = LosCurve::Sigmoid { a: 9.66, b: 0.067 };
+        let link = LineOfSight { curve, los_snr: 2e4, nlos_snr: 2e4, los_exponent: 4.0, ..dense_urban() };
+        let mut problem = posed(link, &[[18.0, 7.0]], [12.0, 60.0]);
+        problem.disks[0] = Disk { centre: Position::new(-290.0, 235.0), radius_m: 500.0 };
+        problem.disks[1].radius_m = 30.0;
+        let scenario = Scenario::letter(Overrides::default()).unwrap();
+        let mut solver = Solver { scenario, problem, starts: Vec::new(), iterations: 2, conic: None };
+        ascent::fill_starts(&solver.problem, &mut solver.starts);
+        let alone = ascent::best_end(&solver.problem, &solver.starts).unwrap();
+        let beside_m = (alone.point.xy() - Position::new(18.0, 7.0)).norm();
+        assert!(beside_m > 0.1, "{alone:?}");
+        let waypoint = solver.approximate(alone).unwrap();
+        assert_eq!(waypoint, Waypoint { point: alone.point, outcome: SolverOutcome::Fallback });
+    }
+}

@@ -214,11 +214,11 @@ pub(crate) mod tests {
         }
     }
 
-    /// The problem of the SNs at `places_m` [m] for a UAV 80 m around the origin, `d_c` = 60 m.
-    pub(crate) fn posed(model: LineOfSight, places_m: &[[f64; 2]], altitudes_m: [f64; 2]) -> Problem {
+    /// The problem of the SNs at `positions_m` [m] for a UAV 80 m around the origin, `d_c` = 60 m.
+    pub(crate) fn posed(model: LineOfSight, positions_m: &[[f64; 2]], altitudes_m: [f64; 2]) -> Problem {
         let mut disks = vec![Disk { centre: Position::origin(), radius_m: 80.0 }];
-        disks.extend(places_m.iter().map(|&place| Disk { centre: place.into(), radius_m: 60.0 }));
-        let gains = vec![1.0; places_m.len()];
+        disks.extend(positions_m.iter().map(|&position| Disk { centre: position.into(), radius_m: 60.0 }));
+        let gains = vec![1.0; positions_m.len()];
         Problem { channel: Channel::LineOfSight(model), disks, gains, altitudes_m }
     }
 
@@ -261,6 +261,13 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn of_equally_good_altitudes_the_lowest_is_best() {
+        let silent = LineOfSight { los_snr: 0.0, nlos_snr: 0.0, ..dense_urban() };
+        let problem = posed(silent, &[[50.0, 0.0]], [20.1, 119.7]);
+        assert_eq!(problem.best_altitude_m(&Position::origin()), 20.1);
+    }
+
+    #[test]
     fn the_ends_of_the_range_are_met_to_the_bit() {
         let problem = posed(dense_urban(), &[[0.0, 0.0]], [20.1, 119.7]);
         assert_eq!([problem.altitude_m(0.0), problem.altitude_m(1.0)], [20.1, 119.7]);
@@ -294,12 +301,12 @@ pub(crate) mod tests {
         #[test]
         fn no_altitude_of_a_fine_grid_is_better(
             curve in curves(),
-            places in prop::collection::vec((-50.0..50.0, -50.0..50.0), 1..5),
+            positions in prop::collection::vec((-50.0..50.0, -50.0..50.0), 1..5),
             range in (10.0..60.0, 0.0..100.0),
         ) {
-            let places: Vec<[f64; 2]> = places.into_iter().map(|(x_m, y_m)| [x_m, y_m]).collect();
+            let positions: Vec<[f64; 2]> = positions.into_iter().map(|(x_m, y_m)| [x_m, y_m]).collect();
             let link = LineOfSight { curve, ..dense_urban() };
-            let problem = posed(link, &places, [range.0, range.0 + range.1]);
+            let problem = posed(link, &positions, [range.0, range.0 + range.1]);
             let rate_bps = |z_m: f64| problem.rate_bps(&Point3::new(0.0, 0.0, z_m));
             let best_m = problem.best_altitude_m(&Position::origin());
             prop_assert!((range.0..=range.0 + range.1).contains(&best_m));

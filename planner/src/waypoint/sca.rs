@@ -255,14 +255,16 @@ mod tests {
 
     /// Clusters of one to six SNs in sight of the origin, and a range of altitudes, an empty one among them.
     fn problems() -> impl Strategy<Value = Problem> {
-        let places = prop::collection::vec((-40.0..40.0, -40.0..40.0), 1..7);
+        let positions = prop::collection::vec((-40.0..40.0, -40.0..40.0), 1..7);
         let curve = prop::sample::select(vec![(4.88, 0.43), (9.61, 0.16), (12.08, 0.11), (27.23, 0.08)]);
         let height_m = prop_oneof![3 => 5.0..100.0, 1 => Just(0.0)];
-        (places, curve, 20.0..60.0, height_m, 2.0..4.0).prop_map(|(places, (a, b), low_m, height_m, los_exponent)| {
-            let places: Vec<[f64; 2]> = places.into_iter().map(|(x_m, y_m)| [x_m, y_m]).collect();
-            let link = LineOfSight { curve: LosCurve::Sigmoid { a, b }, los_exponent, ..dense_urban() };
-            posed(link, &places, [low_m, low_m + height_m])
-        })
+        (positions, curve, 20.0..60.0, height_m, 2.0..4.0).prop_map(
+            |(positions, (a, b), low_m, height_m, los_exponent)| {
+                let positions: Vec<[f64; 2]> = positions.into_iter().map(|(x_m, y_m)| [x_m, y_m]).collect();
+                let link = LineOfSight { curve: LosCurve::Sigmoid { a, b }, los_exponent, ..dense_urban() };
+                posed(link, &positions, [low_m, low_m + height_m])
+            },
+        )
     }
 
     fn start_of(problem: &Problem, fraction: f64) -> RatedPoint {
@@ -333,6 +335,12 @@ mod tests {
             let start = start_of(&problem, 0.5);
             assert_eq!(approximate(&problem, start, 5), (start, Contribution::Nothing));
         }
+    }
+
+    #[test]
+    fn up_to_an_exponent_of_4_a_step_is_made() {
+        let problem = posed(LineOfSight { los_exponent: 4.0, ..dense_urban() }, &[[30.0, 0.0]], [20.0, 120.0]);
+        assert_ne!(approximate(&problem, start_of(&problem, 0.5), 1).1, Contribution::Nothing);
     }
 
     #[test]

@@ -57,6 +57,13 @@ mod tests {
     }
 
     #[test]
+    fn the_circles_of_a_pair_farther_apart_take_the_magnitude_of_the_offset() {
+        // d = 25: V = sqrt(|10² − 12.5²|) = 7.5.
+        let expected = [[50.0, 57.5], [50.0, 42.5], [47.5, 50.0], [52.5, 50.0], [50.0, 50.0]];
+        assert_circles([62.5, 50.0], [37.5, 50.0], expected);
+    }
+
+    #[test]
     fn a_coincident_pair_has_circles_on_all_four_sides() {
         assert_circles([5.0, 5.0], [5.0, 5.0], [[5.0, 15.0], [5.0, -5.0], [15.0, 5.0], [-5.0, 5.0], [5.0, 5.0]]);
     }

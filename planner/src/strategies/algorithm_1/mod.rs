@@ -304,7 +304,8 @@ mod tests {
         // Anchors within 12 m of (30, 50): SNs 0, 3 and 4, which are too far away to meet SN 0.
         let mut table = table_of(&[[40.0, 50.0], [40.0 + apart_m, 50.0], beyond, [19.0, 50.0], [18.5, 50.0]]);
         (table.reach_m, table.resource_blocks) = (22.0, 3);
-        let (position, mut ids) = (Position::new(30.0, 50.0), Vec::new());
+        let position = Position::new(30.0, 50.0);
+        let mut ids = Vec::new();
         let winner = Search::default().best_set(Reach::Letter, &table, &position, &[5, 10, 500, 60, 40], &mut ids);
         assert_eq!((winner.unwrap().anchor, &ids[..]), (0, &[0, 1, 2][..]));
     }
