@@ -223,10 +223,10 @@ class States:
         earlier = [saved for saved in self.saved if saved <= slot]
         if self.is_fresh and earlier:
             if max(earlier) < slot:
-                print(f"planner: resumes slot {slot} with the state before slot {max(earlier)}", file=sys.stderr)
+                print(f"planner: plans slot {slot} with its state of slot {max(earlier)}", file=sys.stderr)
             strategy.restore(base64.b64decode(self.saved[max(earlier)]))
         elif self.is_fresh and slot > 1:
-            print(f"planner: resumes slot {slot} without a saved state (see Strategy.save)", file=sys.stderr)
+            print(f"planner: begins at slot {slot} without a saved state", file=sys.stderr)
         self.is_fresh = False
 
     def save(self, slot: int, strategy: Strategy) -> None:

@@ -37,7 +37,7 @@ Examples:
   skysink sweep area.toml --out area-$SLURM_ARRAY_TASK_ID --shard auto
                                                       in a job array")]
     Sweep {
-        /// Sweep file.
+        /// Sweep file: scenario, strategies, seeds and axes, as in docs/src/sweep.md.
         sweep: PathBuf,
         /// Output folder; a sweep in it is resumed [default: runs/NAME of the file].
         #[arg(long, value_name = "DIR")]

@@ -243,7 +243,8 @@ impl Place {
     /// The same without what depends on the wall clock: times, and reports of processes that were silent for a while.
     pub fn reproducible_summary(&self, run: &str) -> serde_json::Value {
         let without_digits = |text: &str| text.replace(|letter: char| letter.is_ascii_digit(), "");
-        let silence = [ProcessEvent::Silent(0), ProcessEvent::Back(0)].map(|event| without_digits(&event.to_string()));
+        let silence =
+            [ProcessEvent::Silent(0), ProcessEvent::Recovered(0)].map(|event| without_digits(&event.to_string()));
         let mut summary = self.summary(run);
         summary["timing"].take();
         let events = summary["events"].as_array_mut().unwrap();

@@ -58,7 +58,10 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
         ),
         ("sca_iterations = 0", "planner.sca_iterations = 0: expected 1 to 1000"),
         ("sca_iterations = -1", "planner.sca_iterations = -1: expected 1 to 1000"),
-        ("sca_iterations = 1.0", "planner.sca_iterations = 1.0: expected a whole number"),
+        (
+            "sca_iterations = 1.0",
+            "planner.sca_iterations = 1.0: expected a whole number, without exponent or decimal point",
+        ),
         ("horizon.iterations = 2000000000", "planner.horizon.iterations = 2000000000: expected 0 to 1000000000"),
         ("offline.steps = 1000000000001", "planner.offline.steps = 1000000000001: expected 0 to 1000000000000"),
         ("horizon.budget_ms = 0.0", "planner.horizon.budget_ms = 0.0: expected milliseconds above 0, at most 3600000"),
