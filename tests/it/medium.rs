@@ -47,11 +47,16 @@ fn a_full_disk_ends_a_run_with_whole_lines() {
 fn a_full_disk_ends_a_run_with_a_viewer_too() {
     let place = Place::new();
     place.scenario("long");
-    let script = format!("{SKYSINK} run long.toml --set slots=200000 --out medium/run");
-    let Some(ended) = on_medium(&place, "size=600k", &script) else { return };
-    assert_eq!(ended.code, Some(1), "{ended:?}");
-    assert!(ended.stderr.contains("No space left") || ended.stderr.contains("viewer"), "{ended:?}");
-    place.assert_clean();
+    for command in ["run long.toml --set slots=200000", "simulate long.toml --record --set slots=200000"] {
+        for size in ["200k", "600k"] {
+            let script = format!("{SKYSINK} {command} --out medium/run");
+            let Some(ended) = on_medium(&place, &format!("size={size}"), &script) else { return };
+            assert_eq!(ended.code, Some(1), "{command}, {size}: {ended:?}");
+            assert!(ended.stderr.contains("No space left") || ended.stderr.contains("viewer"), "{ended:?}");
+            assert!(!ended.stderr.contains('\u{1b}'), "{command}, {size}: {ended:?}");
+            place.assert_clean();
+        }
+    }
 }
 
 #[test]

@@ -24,6 +24,7 @@ mod picture;
 pub mod queues;
 pub mod recording;
 mod rhythm;
+mod rrd_file;
 pub mod scene;
 mod shapes;
 mod sizes;

@@ -7,10 +7,11 @@ use std::time::{Duration, Instant};
 
 use re_sdk::grpc_server::GrpcServerSink;
 use re_sdk::log::ChunkBatcherConfig;
-use re_sdk::sink::{FileSink, FileSinkError, LogSink, SinkFlushError};
+use re_sdk::sink::{LogSink, SinkFlushError};
 use re_sdk::{ApplicationId, RecordingStream, RecordingStreamBuilder, RecordingStreamError};
 
 use crate::files::{NextFile, Part};
+use crate::rrd_file::RrdFile;
 
 /// The timeline that counts slots.
 pub const SLOT: &str = "slot";
@@ -69,7 +70,7 @@ pub enum SceneError {
         /// The file.
         path: PathBuf,
         /// The error of the system.
-        source: FileSinkError,
+        source: std::io::Error,
     },
     /// The port is in use.
     #[error("live viewer: port {port} of 127.0.0.1: {source}: choose another port, or stop the process that uses it")]
@@ -127,8 +128,8 @@ pub(crate) struct Recording {
     is_begun: bool,
     /// K of the recording, which contains every K-th slot.
     pub(crate) every: NonZeroU64,
-    /// The locked file.
-    file: Option<NextFile>,
+    /// The locked file, and what is written to it.
+    file: Option<(NextFile, RrdFile)>,
 }
 
 impl Recording {
@@ -141,9 +142,12 @@ impl Recording {
         let mut open: Vec<Box<dyn LogSink>> = Vec::new();
         let live = sinks.live.map(free_port).transpose()?; // before the file, so that an error does not truncate it
         let next = sinks.save.as_deref().map(|first| NextFile::find(first, application));
-        if let Some(NextFile { path, .. }) = &next {
-            let file = FileSink::new(path).map_err(|source| SceneError::File { path: path.clone(), source })?;
-            open.push(Box::new(file));
+        let mut file = None;
+        if let Some(next) = &next {
+            let sink =
+                RrdFile::create(&next.path).map_err(|source| SceneError::File { path: next.path.clone(), source })?;
+            open.push(Box::new(sink.clone()));
+            file = Some(sink);
         }
         if let Some(port) = live {
             open.push(Box::new(server(port)?));
@@ -182,7 +186,7 @@ impl Recording {
             bytes: 0,
             is_begun: false,
             every,
-            file: next,
+            file: next.zip(file),
         })
     }
 
@@ -219,7 +223,8 @@ impl Recording {
     pub(crate) fn close(self) -> Result<(), SceneError> {
         let flushed = self.stream.flush_with_timeout(FLUSH_LIMIT);
         drop(self.stream);
-        flushed.map_err(|source| SceneError::Unfinished { path: self.file.map(|file| file.path), source })
+        let finished = flushed.and_then(|()| self.file.as_ref().map_or(Ok(()), |(_, file)| file.finish()));
+        finished.map_err(|source| SceneError::Unfinished { path: self.file.map(|(next, _)| next.path), source })
     }
 }
 
