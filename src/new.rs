@@ -10,6 +10,7 @@ use clap::Args;
 use skysink_common::error::InputError;
 use skysink_common::scenario::{Overrides, Scenario};
 use skysink_common::sensors::SensorList;
+use skysink_mission::error::FileContext;
 use skysink_mission::record::write_unfinished;
 use skysink_planner::settings;
 
@@ -27,9 +28,6 @@ const SENSORS: &str = "count = 200                       # drawn uniformly from 
 
 /// The file name of the sensor list.
 const LIST: &str = "sensors.csv";
-
-/// The kind of input in error messages.
-const WHAT: &str = "scenario";
 
 /// Arguments of `skysink new`.
 #[derive(Debug, Args)]
@@ -132,21 +130,23 @@ fn scenario(name: &str, field: &NewField, path: &Path) -> Result<Scenario, Input
 }
 
 /// Writes files into `folder`, via temporary names, so that none is incomplete.
-fn write_all(folder: &Path, files: &[(PathBuf, &str)], force: bool) -> Result<(), InputError> {
+fn write_all(folder: &Path, files: &[(PathBuf, &str)], force: bool) -> Result<(), Error> {
     for (path, _) in files {
         if !force && fs::symlink_metadata(path).is_ok() {
             let message = "it exists: choose another --out, or pass --force to replace it";
-            return Err(InputError::new(WHAT, path, message));
+            return Err(InputError::new("file", path, message).into());
         }
     }
-    fs::create_dir_all(folder).map_err(|error| InputError::new(WHAT, folder, error))?;
+    if folder.exists() && !folder.is_dir() {
+        return Err(InputError::new("folder", folder, "it is no folder: choose another --out").into());
+    }
+    fs::create_dir_all(folder).at(folder)?;
     let mut written = Vec::new();
     for (path, text) in files {
-        let refuse = |error: std::io::Error| InputError::new(WHAT, path, error);
-        written.push((path, write_unfinished(path, text.as_bytes()).map_err(refuse)?));
+        written.push((path, write_unfinished(path, text.as_bytes()).at(path)?));
     }
     for (path, file) in written {
-        file.persist(path).map_err(|error| InputError::new(WHAT, path, error.error))?;
+        file.persist(path).map_err(|error| error.error).at(path)?;
     }
     Ok(())
 }

@@ -127,7 +127,7 @@ pub fn read(path: &Path) -> Result<Imported, InputError> {
     let format = FORMATS.into_iter().find(|(name, _)| *name == extension);
     let (_, reader) = format.ok_or_else(|| refuse(format!("`.{extension}`: expected a file named {names}")))?;
     let text = read_text(WHAT, path)?;
-    let imported = reader(&text).map_err(refuse)?;
+    let imported = reader(text.trim_start_matches('\u{feff}')).map_err(refuse)?; // without the byte order mark
     if imported.sensors.is_empty() {
         return Err(refuse("no points: expected at least one sensor node".to_owned()));
     }

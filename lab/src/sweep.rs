@@ -31,7 +31,7 @@ use folder::SweepRecord;
 use journal::{MissionRow, SweepJournal};
 use plan::{MissionKey, Shard, Sweep};
 
-/// Simulates the missing missions of a shard on `threads` threads (0: one per core), writes the results into `out`, and
+/// Simulates the missing missions of a shard on at most `threads` threads (0: one per core), writes the results into `out`, and
 /// returns the journal. Calling it again resumes an interrupted sweep.
 ///
 /// # Errors
@@ -47,7 +47,8 @@ pub fn sweep(
     let record = SweepRecord::open(sweep, out, shard)?;
     let mut missing: Vec<_> = record.missing().collect();
     move_first_of_each_strategy_to_front(&mut missing);
-    let pool = ThreadPoolBuilder::new().num_threads(threads).build().map_err(io::Error::other);
+    let pool =
+        ThreadPoolBuilder::new().num_threads(threads.min(missing.len().max(1))).build().map_err(io::Error::other);
     let pool = pool.at(Path::new("threads"))?;
     let of = sweep.definition.missions(shard).count() as u64;
     let report = |work: &Workload| {

@@ -45,7 +45,7 @@ mod imports {
 
     const POINTS: &[(&str, &str)] = &[
         ("a.csv", "Name,Longitude,LAT\na,13.40,52.50\nb,13.41,52.51\n"),
-        ("a.geojson", "{\"type\":\"MultiPoint\",\"coordinates\":[[13.40,52.50],[13.41,52.51]]}"),
+        ("a.geojson", "\u{feff}{\"type\":\"MultiPoint\",\"coordinates\":[[13.40,52.50],[13.41,52.51]]}"),
         (
             "a.gpx",
             "<gpx version=\"1.1\" creator=\"a\"><wpt lat=\"52.50\" lon=\"13.40\"/><wpt lat=\"52.51\" lon=\"13.41\"/></gpx>",

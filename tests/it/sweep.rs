@@ -322,6 +322,10 @@ fn bad_sweeps_are_refused_before_anything_is_written() {
             &["bad.toml: seeds = [4, 7, 4]: expected each once"],
         ),
         (
+            format!("{base}[axes]\n\"slots\" = [50, 60, 50]\n"),
+            &["bad.toml: axes.\"slots\" = [50, 60, 50]: expected each once"],
+        ),
+        (
             format!("{base}[axes]\n\"area.side_m\" = []\n"),
             &["bad.toml: axes.\"area.side_m\" = []: expected a list of one or more values"],
         ),

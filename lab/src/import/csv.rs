@@ -22,7 +22,6 @@ const COORDINATES: usize = 4;
 
 /// Reads the text of a file.
 pub(super) fn read(text: &str) -> Result<Imported, String> {
-    let text = text.trim_start_matches('\u{feff}');
     let first = text.lines().next().unwrap_or_default();
     let separator =
         [b',', b';', b'\t'].into_iter().max_by_key(|&byte| (first.matches(byte as char).count(), byte == b','));
@@ -122,7 +121,7 @@ mod tests {
         let second = ImportedSensor { place, position: [41.8, -87.5], others: vec!["60".to_owned()] };
         assert_eq!(imported.sensors[1], second);
         assert_eq!(imported.ignored, ["column Name", "column colour"]);
-        let plane = read("\u{feff}y;x\n1;2\n").unwrap();
+        let plane = read("y;x\n1;2\n").unwrap();
         assert_eq!((plane.frame, plane.sensors[0].position), (Frame::Plane, [2.0, 1.0]));
     }
 

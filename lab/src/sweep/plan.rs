@@ -263,6 +263,9 @@ impl Sweep {
             _ if key == "planner.strategy" => {
                 Err(refuse("axes.\"planner.strategy\"", "the strategies under `strategies`"))
             }
+            toml::Value::Array(values) if values.iter().enumerate().any(|(n, value)| values[..n].contains(value)) => {
+                Err(refuse(&format!("axes.\"{key}\" = {}", toml::Value::Array(values)), "each once"))
+            }
             toml::Value::Array(values) if !values.is_empty() => Ok((key, values)),
             toml::Value::Table(_) => {
                 let (key, value) = innermost(key, &values);
