@@ -93,6 +93,7 @@ fn fly(case: RingCase, stop: &Stop) -> Result<RunTiming, Error> {
     command.args(letter_keys(case.sensors, case.slots).iter().flat_map(|key| ["--set", key]));
     let run = command.arg("--out").arg(folder.path().join("run")).stdin(Stdio::null()).output().at(&program)?;
     if !run.status.success() {
+        stop.check()?; // Ctrl-C at a terminal stops the run, too
         let message = String::from_utf8_lossy(&run.stderr).trim().to_owned();
         return Err(Error::Bench(format!("skysink run: {}: {message}", run.status)));
     }
