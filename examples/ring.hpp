@@ -163,7 +163,7 @@ inline int plan_slots(const std::function<Plan(const View&)>& plan_slot) {
         }
         const auto wake = [](auto) { return CallbackProgression::Continue; };
         ran = waitset.wait_and_process_once_with_timeout(wake, bb::Duration::from_millis(100)).value();
-        if (now_ns() - connected_ns >= 100'000'000) { // a reader that was started again gets the last plans
+        if (now_ns() - connected_ns >= 100'000'000) { // a restarted reader gets the last plans
             connected_ns = now_ns();
             plans.update_connections().value();
             planned.notify().value();

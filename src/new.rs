@@ -62,7 +62,7 @@ struct NewField {
 struct NewList {
     text: String,
     /// The location of each row in the imported file, for error messages.
-    places: Vec<String>,
+    locations: Vec<String>,
     /// The imported file.
     source: PathBuf,
 }
@@ -70,7 +70,7 @@ struct NewList {
 impl NewList {
     /// Checks the sensor nodes in `scenario`. Errors name the location in the imported file.
     fn sensors(&self, scenario: &Scenario) -> Result<SensorList, InputError> {
-        SensorList::parse_rows(&self.text, &self.source, scenario, |row, _| self.places[row].clone())
+        SensorList::parse_rows(&self.text, &self.source, scenario, |row, _| self.locations[row].clone())
     }
 }
 
@@ -78,7 +78,8 @@ impl NewScenario {
     /// Writes the scenario and its sensor list, both or none.
     ///
     /// # Errors
-    /// If the name or the positions are refused, a file exists, or a file cannot be written.
+    /// If the name or the positions are refused, the folder is a file, a file exists, or a file cannot be
+    /// written.
     pub fn write(&self) -> Result<(), Error> {
         let folder = self.out.clone().unwrap_or_else(|| PathBuf::from(&self.name));
         let path = folder.join(format!("{}.toml", self.name));
@@ -138,7 +139,7 @@ fn write_all(folder: &Path, files: &[(PathBuf, &str)], force: bool) -> Result<()
         }
     }
     if folder.exists() && !folder.is_dir() {
-        return Err(InputError::new("folder", folder, "it is no folder: choose another --out").into());
+        return Err(InputError::new("folder", folder, "it is not a folder: choose another --out").into());
     }
     fs::create_dir_all(folder).at(folder)?;
     let mut written = Vec::new();

@@ -87,10 +87,10 @@ if [ -n "$cut_host" ]; then
         sleep 0.05
     done
     ip link set "sky$id$cut_host" down
-    echo "three_hosts: host $cut_host has no network: $(flown) lines on record"
+    echo "three_hosts: host $cut_host has no network: $(flown) lines recorded"
     sleep "$cut_s"
     ip link set "sky$id$cut_host" up
-    echo "three_hosts: host $cut_host has its network back: $(flown) lines on record"
+    echo "three_hosts: host $cut_host has its network back: $(flown) lines recorded"
 fi
 
 wait $launcher || exit # the run itself failed

@@ -16,7 +16,7 @@ use crate::field::Field;
 /// hundred should be affected.
 const STATE_EVERY: u64 = 256;
 
-/// Slots on record: those since the last state but one, which is used if the last is cut.
+/// Recorded slots: those since the last state but one, which is used if the last is cut.
 pub const SLOTS: u64 = 2 * STATE_EVERY;
 
 /// Bytes of a state: constant, and per sensor node.

@@ -25,7 +25,7 @@ pub fn save(journal: &Journal, slot: u64, flight: &FlightReport) -> Result<(), R
     journal.write(slot, &[bytemuck::bytes_of(flight)])
 }
 
-/// The last flights on record, as many as late joiners receive: consecutive slots, ascending.
+/// The last recorded flights, as many as late joiners receive: consecutive slots, ascending.
 ///
 /// # Errors
 /// If the file cannot be read.

@@ -16,7 +16,7 @@ use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 use crate::flight::Flight;
 use crate::journal::{journal, restore, save};
 
-/// A flight on record, which is flown again regardless of the plans received.
+/// A recorded flight, which is flown again regardless of the plans received.
 pub struct RecordedFlight<'a> {
     /// The plan for the recorded flight of a slot, from 1; `None` if the slot had no plan in time.
     pub plan_of: &'a dyn Fn(u64) -> Option<Plan>,

@@ -10,17 +10,14 @@ use skysink_fuzz::{TARGETS, TEXTS};
 #[test]
 fn libfuzzer_breaks_no_promise_with_5000_inputs_for_each_target() {
     let targets = Mutex::new(TARGETS.into_iter().enumerate());
+    let next = || targets.lock().unwrap().next();
     let fuzz_targets = || {
-        loop {
-            let Some((i, (target, _))) = targets.lock().unwrap().next() else { return };
+        while let Some((i, (target, _))) = next() {
             fuzz(target, if i < TEXTS { "text.dict" } else { "numbers.dict" });
         }
     };
-    scope(|threads| {
-        for _ in 0..available_parallelism().map_or(1, usize::from) {
-            threads.spawn(fuzz_targets);
-        }
-    });
+    let cores = available_parallelism().map_or(1, usize::from);
+    scope(|threads| (0..cores).for_each(|_| drop(threads.spawn(fuzz_targets))));
 }
 
 /// Fails with the words of libFuzzer and the command that repeats what it stopped at.

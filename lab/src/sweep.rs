@@ -31,8 +31,8 @@ use folder::SweepRecord;
 use journal::{MissionRow, SweepJournal};
 use plan::{MissionKey, Shard, Sweep};
 
-/// Simulates the missing missions of a shard on at most `threads` threads (0: one per core), writes the results into `out`, and
-/// returns the journal. Calling it again resumes an interrupted sweep.
+/// Simulates the missing missions of a shard on at most `threads` threads (0: one per core), writes the results into
+/// `out`, and returns the journal. Calling it again resumes an interrupted sweep.
 ///
 /// # Errors
 /// If the folder contains other files, a mission is refused, a file cannot be written, or on a stop.

@@ -362,9 +362,9 @@ mod tests {
         assert_eq!([(); 3].map(|()| next(&mut reader)), [Some(1), Some(2), None]);
         [2, 1].into_iter().for_each(|slot| linked.send(slot, FLAG_REPEAT, 0));
         assert_eq!(next(&mut reader), None);
-        [1, 2].into_iter().for_each(|slot| linked.send(slot, 0, 1)); // by a process that was started again
+        [1, 2].into_iter().for_each(|slot| linked.send(slot, 0, 1)); // by a restarted process
         assert_eq!([(); 3].map(|()| next(&mut reader)), [Some(1), Some(2), None]);
-        linked.send(1, 0, 1); // a link that was started again
+        linked.send(1, 0, 1); // a restarted link
         assert_eq!(next(&mut reader), None);
     }
 

@@ -55,6 +55,7 @@ fn show(formatter: &mut fmt::Formatter<'_>, part: &str, rows: &[Value]) -> fmt::
 fn text(key: &str, value: &Value) -> String {
     match value {
         Value::Float(time_us) if key.ends_with("_us") => {
+            // Three digits: 1.23, 12.3 or 123 of a unit.
             let decimals = 2 - (time_us * 1e3).max(1.0).log10() as usize % 3;
             format!("{:.decimals$?}", Duration::try_from_secs_f64(time_us / 1e6).unwrap_or_default())
         }
@@ -79,7 +80,7 @@ mod tests {
     fn the_widest_rings_fit_a_terminal() {
         let case = RingCase { sensors: 1_000_000, wait: Waiting::Adaptive, pace: Pace::Factor(200.0), slots: 1 };
         let times = Spread { p50_us: 12.34, p99_us: 12.34, p999_us: 12.34, max_us: 12.34 };
-        let row = |()| RingRow {
+        let row = || RingRow {
             case,
             slots_per_s: 12_345.0,
             slot: times,
@@ -88,7 +89,7 @@ mod tests {
             p50_over_floor: 12.34,
             p99_over_p50: 12.34,
         };
-        let report = Report { ring: Some([(); 2].map(row).into()), ..Report::default() }.to_string();
+        let report = Report { ring: Some(vec![row(), row()]), ..Report::default() }.to_string();
         assert!(report.lines().all(|line| line.chars().count() <= 80), "{report}");
         for cell in ["1000000", "adaptive", "200x", "12345", "12.3µs", "12.34"] {
             assert!(report.contains(&format!(" {cell} ")), "{cell}: {report}");

@@ -39,7 +39,7 @@ Examples:
     Sweep {
         /// Sweep file: scenario, strategies, seeds and axes, as in docs/src/sweep.md.
         sweep: PathBuf,
-        /// Output folder; a sweep in it is resumed [default: runs/NAME of the file].
+        /// Output folder; a sweep in it is resumed [default: runs/NAME, named like the sweep file].
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
         /// Missions simulated in parallel [default: one per core].
@@ -205,7 +205,7 @@ pub struct CompareOptions {
     seeds: Option<u64>,
     #[command(flatten)]
     changes: Changes,
-    /// Output folder [default: runs/compare-NAMES-ID].
+    /// Output folder [default: runs/compare-NAMES-IDENTITY].
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Do not write a recording.

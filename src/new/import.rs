@@ -35,8 +35,8 @@ pub(super) fn field(path: &Path) -> Result<NewField, InputError> {
 
 /// The sensor list of the positions in the file `path`, translated by `shift` [m or °].
 fn list(imported: &Imported, shift: [f64; 2], path: &Path) -> NewList {
-    let places = imported.sensors.iter().map(|sensor| sensor.place.clone()).collect();
-    NewList { text: imported.to_csv(shift), places, source: path.to_owned() }
+    let locations = imported.sensors.iter().map(|sensor| sensor.place.clone()).collect();
+    NewList { text: imported.to_csv(shift), locations, source: path.to_owned() }
 }
 
 /// The area from the origin to beyond the last position. The positions are translated to the origin if some are negative,

@@ -28,9 +28,10 @@ pub fn check(list: &SensorList, viewer: bool) -> Result<(), Error> {
     let sensors = list.sensors().len() as u64;
     let samples = if viewer { VIEWER_BUFFER as u64 + 8 } else { 8 };
     let bytes_per_sensor = samples * 4 + 3 * 40; // buffered queue samples, and the sensor list
-    let remedy = match viewer {
-        true => "make it larger (docker: --shm-size), or pass --no-viewer, which needs less",
-        false => "make it larger (docker: --shm-size)",
+    let remedy = if viewer {
+        "make it larger (docker: --shm-size), or pass --no-viewer, which needs less"
+    } else {
+        "make it larger (docker: --shm-size)"
     };
     check_space(Path::new(SHARED_MEMORY), 8 * MIB + bytes_per_sensor * sensors, 0, remedy)?;
     let state_bytes = 100 * sensors;

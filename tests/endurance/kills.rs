@@ -1,4 +1,4 @@
-//! Processes of the ring are killed and started again, and the trace is that of the undisturbed mission.
+//! Processes of the ring are killed and restarted, and the trace is that of the undisturbed mission.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

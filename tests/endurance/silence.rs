@@ -10,7 +10,7 @@ use crate::support::flight::RING;
 use crate::{events, longer};
 
 #[test]
-fn a_silent_process_is_reported_and_welcomed_back() {
+fn a_silent_process_is_reported_and_recovers() {
     let place = Place::new();
     let run = longer(&place).without_viewer().start();
     run.until_slot(100);
@@ -23,8 +23,11 @@ fn a_silent_process_is_reported_and_welcomed_back() {
     assert_eq!(processes, ["planner"; 2]);
     let silence_s = reports.iter().map(|report| report.split(' ').find_map(|word| word.parse::<f64>().ok()).unwrap());
     let [reported_s, total_s] = silence_s.collect::<Vec<_>>()[..] else { panic!("{reports:?}") };
-    assert!((1.0..=1.2).contains(&reported_s), "a pause of the launcher counts 0.2 s at most: {reports:?}");
-    assert!(total_s > reported_s, "{reports:?}");
+    assert!(reported_s >= 1.0 && total_s > reported_s, "{reports:?}");
+    assert!(
+        reports[0].starts_with("has sent no heartbeat for ") && reports[1].starts_with("recovered after "),
+        "{reports:?}"
+    );
 }
 
 #[test]

@@ -63,7 +63,7 @@ fn a_full_disk_ends_a_run_with_a_viewer_too() {
 fn a_folder_that_cannot_be_written_is_named() {
     let place = Place::new();
     place.scenario("smoke");
-    for command in ["run smoke.toml --no-viewer", "simulate smoke.toml"] {
+    for command in ["run smoke.toml --no-viewer", "simulate smoke.toml", "new field"] {
         let script = format!("{SKYSINK} {command} --out medium/run");
         let Some(ended) = on_medium(&place, "ro", &script) else { return };
         assert_said(&ended, &["medium/run", "Read-only file system"]);
@@ -83,6 +83,7 @@ fn a_shared_memory_that_is_too_small_is_refused_before_anything_is_written() {
     let script = format!("mount -t tmpfs -o size=4m none /dev/shm && {SKYSINK} run smoke.toml --no-viewer --out run");
     let Some(ended) = on_medium(&place, "size=1m", &script) else { return };
     assert_said(&ended, &["/dev/shm", "MiB free", "--shm-size"]);
+    assert!(!ended.stderr.contains("--no-viewer"), "{ended:?}");
     assert!(!place.path("run").exists());
     place.assert_clean();
 }

@@ -102,7 +102,7 @@ fn assert_flies_smoke_as_gfs(planner: &Path) {
     place.assert_clean();
 }
 
-/// Fails unless the planner, started by hand, killed and started again, leaves the same trace.
+/// Fails unless the planner, started by hand, killed and restarted, leaves the same trace.
 fn assert_survives_being_killed(planner: &Path) {
     let place = Place::new();
     place.write("transit.toml", TRANSIT);

@@ -25,7 +25,7 @@ pub const WATCHDOG: Duration = Duration::from_secs(300);
 #[derive(Debug)]
 pub struct Place {
     folder: tempfile::TempDir,
-    /// The rings of all flights that were started here.
+    /// The rings of all flights that a test has started and looked into.
     started: Mutex<Vec<String>>,
 }
 
@@ -197,7 +197,7 @@ impl Place {
         assert!(left.is_empty(), "left behind: {left:?}");
     }
 
-    /// The files in shared memory of the rings that were started here.
+    /// The files in shared memory of the rings that a test has looked into, and of those that are there.
     pub fn shared_memory(&self) -> Vec<PathBuf> {
         let rings = [&self.started.lock().unwrap()[..], &self.rings()].concat();
         let prefixes: Vec<_> = rings.into_iter().map(|ring| format!("/dev/shm/sky{ring}_")).collect();
@@ -227,7 +227,7 @@ impl Place {
         assert!(ours == theirs, "{one} and {other}, {strategy}, seed {seed}, bytes {lengths:?}: {differing:?}");
     }
 
-    /// Fails unless a run has the trace that its scenario has in one process.
+    /// Fails unless a run has the trace that the scenario in its folder has in one process.
     #[track_caller]
     pub fn assert_trace_as_simulated(&self, run: &str) {
         let simulated = format!("{run}-simulated");

@@ -141,13 +141,16 @@ impl Recording {
     pub(crate) fn open(sinks: &Sinks, application: &ApplicationId, name: &str) -> Result<Self, SceneError> {
         let mut open: Vec<Box<dyn LogSink>> = Vec::new();
         let live = sinks.live.map(free_port).transpose()?; // before the file, so that an error does not truncate it
-        let next = sinks.save.as_deref().map(|first| NextFile::find(first, application));
-        let mut file = None;
-        if let Some(next) = &next {
-            let sink =
-                RrdFile::create(&next.path).map_err(|source| SceneError::File { path: next.path.clone(), source })?;
-            open.push(Box::new(sink.clone()));
-            file = Some(sink);
+        let create = |first: &PathBuf| {
+            let next = NextFile::find(first, application);
+            match RrdFile::create(&next.path) {
+                Ok(file) => Ok((next, file)),
+                Err(source) => Err(SceneError::File { path: next.path, source }),
+            }
+        };
+        let file = sinks.save.as_ref().map(create).transpose()?;
+        if let Some((_, file)) = &file {
+            open.push(Box::new(file.clone()));
         }
         if let Some(port) = live {
             open.push(Box::new(server(port)?));
@@ -155,7 +158,7 @@ impl Recording {
         if open.is_empty() {
             return Err(SceneError::Nowhere);
         }
-        let begun = next.as_ref().and_then(|next| next.recording_id.as_deref());
+        let begun = file.as_ref().and_then(|(next, _)| next.recording_id.as_deref());
         let part = if begun.is_some() { Part::Later } else { Part::First };
         let name = begun.unwrap_or(name).to_owned();
         let flush_tick = if live.is_some() { MIN_TICK } else { FILE_TICK };
@@ -186,7 +189,7 @@ impl Recording {
             bytes: 0,
             is_begun: false,
             every,
-            file: next.zip(file),
+            file,
         })
     }
 

@@ -1,4 +1,5 @@
-//! The file of a recording. A sink encodes and writes messages into it, and keeps the first error.
+//! The file of a recording. A sink encodes and writes messages into it, and keeps the first error until the end: a
+//! mission is flown to its end even if its recording cannot be.
 //!
 //! rerun's own file sink logs an error, ends its thread, and may then wait forever for that thread.
 
@@ -76,5 +77,33 @@ impl LogSink for RrdFile {
 
     fn defers_finalization_to_shutdown(&self) -> bool {
         true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::fd::OwnedFd;
+
+    use re_log_types::{BlueprintActivationCommand, StoreId, StoreKind};
+
+    use super::*;
+
+    #[test]
+    fn the_first_error_ends_the_file_and_is_that_of_its_end() {
+        let (reader, writer) = io::pipe().unwrap();
+        let encoder = Encoder::new_eager(
+            CrateVersion::LOCAL,
+            EncodingOptions::PROTOBUF_COMPRESSED,
+            File::from(OwnedFd::from(writer)),
+        );
+        let file = RrdFile(Arc::new(Mutex::new(Encoding { encoder: encoder.unwrap(), error: None })));
+        drop(reader); // every write fails from here on
+        let blueprint_id = StoreId::random(StoreKind::Blueprint, "test");
+        let message = BlueprintActivationCommand { blueprint_id, make_active: true, make_default: true };
+        file.send(message.clone().into());
+        file.send(message.into());
+        assert!(file.flush_blocking(Duration::ZERO).is_ok());
+        let error = file.finish().unwrap_err().to_string();
+        assert!(error.contains("Broken pipe"), "{error}");
     }
 }

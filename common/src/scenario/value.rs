@@ -157,9 +157,8 @@ pub(super) fn read<T: DeserializeOwned>(table: Table, name: &str, source: Source
         let message = error.inner().message();
         match (found.filter(|_| !key.is_empty()), message.rsplit_once("expected ")) {
             (Some(value), Some((_, expected))) => {
-                let is_whole = value.as_float().is_some_and(|number| number.fract() == 0.0);
                 let plain = match expected {
-                    "i64" if is_whole => "a whole number, without exponent or decimal point",
+                    "i64" if value.is_float() => "a whole number, without decimal point or exponent",
                     "i64" => "a whole number",
                     "f64" => "a number",
                     "string only" => "a string",

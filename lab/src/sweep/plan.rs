@@ -263,10 +263,14 @@ impl Sweep {
             _ if key == "planner.strategy" => {
                 Err(refuse("axes.\"planner.strategy\"", "the strategies under `strategies`"))
             }
-            toml::Value::Array(values) if values.iter().enumerate().any(|(n, value)| values[..n].contains(value)) => {
-                Err(refuse(&format!("axes.\"{key}\" = {}", toml::Value::Array(values)), "each once"))
+            toml::Value::Array(values) if !values.is_empty() => {
+                let texts: Vec<String> = values.iter().map(ToString::to_string).collect();
+                let texts: Vec<&str> = texts.iter().map(String::as_str).collect();
+                match distinct(&texts) {
+                    Ok(_) => Ok((key, values)),
+                    Err(expected) => Err(refuse(&format!("axes.\"{key}\" = [{}]", texts.join(", ")), expected)),
+                }
             }
-            toml::Value::Array(values) if !values.is_empty() => Ok((key, values)),
             toml::Value::Table(_) => {
                 let (key, value) = innermost(key, &values);
                 Err(refuse(&format!("axes.{key} = {value}"), &format!("the key in quotes: \"{key}\" = {value}")))

@@ -178,7 +178,7 @@ fn annealing_loses_as_little_as_the_best_of_all_plans() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(100))]
+    #![proptest_config(ProptestConfig::with_cases(400))]
 
     #[test]
     fn an_attempted_change_loses_as_much_as_the_changed_plan(

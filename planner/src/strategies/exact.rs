@@ -1,4 +1,4 @@
-//! `exact`: the optimal schedule of sP1 by exhaustive search over all feasible sets, then the waypoint by sP2.
+//! `exact`: the optimal schedule of sP1 by a bounded search, then the waypoint by sP2.
 //!
 //! Algorithm 1 tests five circles per pair of sensor nodes (SNs); `exact` finds the maximum over all points in reach.
 //! The best set has the largest `Σ B_i(t−1)` (decision D6) of all sets of at most n SNs that are in range of one point

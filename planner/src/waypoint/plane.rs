@@ -207,7 +207,7 @@ mod tests {
     }
 
     proptest! {
-        #![proptest_config(ProptestConfig::with_cases(100))]
+        #![proptest_config(ProptestConfig::with_cases(300))]
 
         #[test]
         fn the_slopes_are_the_derivatives_of_the_rates(field in clusters(), at in (40.0..60.0, 40.0..60.0)) {

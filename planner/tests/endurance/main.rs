@@ -1,4 +1,5 @@
-//! Tests that take minutes: bounds and look-ahead over many missions, and the properties of `it` over more cases.
+//! Tests that take minutes: bounds and look-ahead over many missions, and the modules of `it` with properties,
+//! which take more cases here.
 
 /// Random cases of a property, as a multiple of those that `cargo test` runs.
 const CASES_FACTOR: u32 = 10;

@@ -209,6 +209,7 @@ fn a_planner_that_is_not_sure_of_the_queues_comes_early_enough() {
                 initial_queue_mean_bits = [0.0, 20000.0]\n[planner]\nknowledge = 'estimated'\nrates = 'learnt'\n\
                 horizon.iterations = 300\n";
     for seed in 1..=u64::from(crate::CASES_FACTOR) {
+        // a mission takes a second
         let mut mission = TestMission::new(&scenario_of(text, "horizon", seed));
         mission.by_ref().take(300).for_each(drop);
         let totals = mission.field().totals();

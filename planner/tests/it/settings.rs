@@ -60,7 +60,7 @@ fn a_refusal_names_the_file_the_key_the_value_and_what_was_expected() {
         ("sca_iterations = -1", "planner.sca_iterations = -1: expected 1 to 1000"),
         (
             "sca_iterations = 1.0",
-            "planner.sca_iterations = 1.0: expected a whole number, without exponent or decimal point",
+            "planner.sca_iterations = 1.0: expected a whole number, without decimal point or exponent",
         ),
         ("horizon.iterations = 2000000000", "planner.horizon.iterations = 2000000000: expected 0 to 1000000000"),
         ("offline.steps = 1000000000001", "planner.offline.steps = 1000000000001: expected 0 to 1000000000000"),

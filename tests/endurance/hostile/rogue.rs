@@ -95,7 +95,7 @@ impl Rogue {
                 return Ok(None);
             }
             if slot < self.next {
-                continue; // a field-sim that was started again repeats itself
+                continue; // a restarted field-sim repeats itself
             }
             self.next = slot + 1;
             // A paced run may have left this planner behind.
