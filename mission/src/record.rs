@@ -47,12 +47,12 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// Creates the folder `out`, or `runs/<name>-<strategy>-<seed>` with the first free suffix, and writes `run.toml`, the
-    /// scenario and the sensor list. With `force`, a run in `out` is replaced.
+    /// Creates the folder `out`, or `runs/<name>-<strategy>-<seed>` with the first free suffix, and writes `run.toml`,
+    /// the scenario and the sensor list. With `force`, a run in `out` is replaced.
     ///
     /// # Errors
-    /// If `out` is not empty and not to be replaced, holds anything but a run, or holds a running one; or if a file cannot
-    /// be written.
+    /// If `out` is not empty and not to be replaced, holds anything but a run, or holds a running one; or if a file
+    /// cannot be written.
     pub fn create(
         out: Option<&Path>,
         force: bool,
@@ -250,8 +250,8 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), MissionError> {
     write_unfinished(path, bytes).and_then(|file| file.persist(path).map_err(io::Error::from)).map(drop).at(path)
 }
 
-/// Writes the content of `path` to a new temporary file beside it, `.NAME.*.new`. [`NamedTempFile::persist`] renames it to
-/// `path`; dropping removes it.
+/// Writes the content of `path` to a new temporary file beside it, `.NAME.*.new`. [`NamedTempFile::persist`] renames it
+/// to `path`; dropping removes it.
 ///
 /// # Errors
 /// If it cannot be written.
@@ -386,6 +386,15 @@ mod tests {
         assert_eq!([&victim, &path].map(|path| fs::read_to_string(path).unwrap()), ["mine", "new"]);
         assert!(is_plain_file(&path));
         assert_eq!(file_names(folder.path()).unwrap().len(), 3);
+    }
+
+    #[test]
+    fn a_trace_that_became_a_link_is_not_opened() {
+        let folder = tempfile::tempdir().unwrap();
+        let victim = folder.path().join("victim");
+        fs::write(&victim, "mine").unwrap();
+        symlink(&victim, folder.path().join(TRACE)).unwrap();
+        assert!([false, true].iter().all(|&create| lock(folder.path(), create).is_err()));
     }
 
     #[test]

@@ -77,6 +77,20 @@ fn a_folder_that_cannot_be_written_is_named() {
 }
 
 #[test]
+fn a_folder_for_rings_that_belongs_to_another_user_is_refused() {
+    let place = Place::new();
+    place.scenario("smoke");
+    std::fs::create_dir_all(place.rings_folder()).unwrap();
+    if std::os::unix::fs::chown(place.rings_folder(), Some(1), None).is_err() {
+        eprintln!("skipped: only root may give a folder away");
+        return;
+    }
+    let ended = place.run(&["run", "smoke.toml", "--no-viewer", "--out", "run"]);
+    assert_ne!(ended.code, Some(0), "{ended:?}");
+    assert!(ended.stderr.contains("belongs to user 1: remove it"), "{ended:?}");
+}
+
+#[test]
 fn a_shared_memory_that_is_too_small_is_refused_before_anything_is_written() {
     let place = Place::new();
     place.scenario("smoke");

@@ -174,7 +174,8 @@ impl Place {
         self.rings_folder().join(ring).join("ring.toml")
     }
 
-    fn rings_folder(&self) -> PathBuf {
+    /// The parent folder of the rings.
+    pub fn rings_folder(&self) -> PathBuf {
         self.path(&format!("skysink-{}", rustix::process::getuid().as_raw()))
     }
 
