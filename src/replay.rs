@@ -1,7 +1,7 @@
 //! `skysink replay`: replays a recorded mission in the ring.
 //!
-//! field-sim, planner and viewer run as usual. flight-sim flies the recorded flight and ignores the plans. Every process
-//! therefore receives the same messages as in the run, and the planner decides from each recorded state.
+//! field-sim, planner and viewer run as usual. flight-sim flies the recorded flight and ignores the plans. Every
+//! process therefore receives the same messages as in the run, and the planner decides from each recorded state.
 
 mod outcome;
 pub mod process;

@@ -236,8 +236,8 @@ impl Estimate {
         self.scheduled.extend(scheduled.iter().map(|&id| (id, queues_bits[id as usize])));
     }
 
-    /// Updates the estimate with the contacts of `slot`: its flight, and the queues after it [bit], by id, of which only
-    /// those of the served SNs are read. A slot that was observed already, or a later one was, is ignored.
+    /// Updates the estimate with the contacts of `slot`: its flight, and the queues after it [bit], by id, of which
+    /// only those of the served SNs are read. A slot that was observed already, or a later one was, is ignored.
     ///
     /// Slots may be skipped. The estimate is then older, and gaps that began before a skipped slot are not learnt from,
     /// because they may hold an unknown contact.

@@ -62,8 +62,8 @@ impl SensorList {
         Self::parse(&text, &path, scenario)
     }
 
-    /// Parses the text of the list `path`. Missing columns are drawn, or filled with the value of the scenario; latitude
-    /// and longitude are projected onto the area.
+    /// Parses the text of the list `path`. Missing columns are drawn, or filled with the value of the scenario;
+    /// latitude and longitude are projected onto the area.
     ///
     /// # Errors
     /// If a row is invalid, or there is none.

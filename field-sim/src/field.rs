@@ -106,9 +106,9 @@ impl Field {
         self.step_into(slot, flight, None)
     }
 
-    /// Advances by `slot` as [`Field::step`] does, and also writes the new queues [bit] to `queues_bits`, by sensor node,
-    /// such as a message. It writes block by block, while a block is in the L1 cache: a copy afterwards would take 1.15
-    /// times as long per slot at 10^4 sensor nodes, and 1.5 times at 10^6.
+    /// Advances by `slot` as [`Field::step`] does, and also writes the new queues [bit] to `queues_bits`, by sensor
+    /// node, such as a message. It writes block by block, while a block is in the L1 cache: a copy afterwards would
+    /// take 1.15 times as long per slot at 10^4 sensor nodes, and 1.5 times at 10^6.
     ///
     /// All of `queues_bits` is written, unless an error is returned.
     ///
@@ -281,8 +281,8 @@ fn blocks(count: usize) -> impl Iterator<Item = Range<usize>> {
     (0..count).step_by(BLOCK).map(move |first| first..count.min(first + BLOCK))
 }
 
-/// Samples at the sensor nodes of a block with different rates, and returns the bits that they lose. `lost_slots` becomes
-/// their total loss [slots of sampling], if it has changed.
+/// Samples at the sensor nodes of a block with different rates, and returns the bits that they lose. `lost_slots`
+/// becomes their total loss [slots of sampling], if it has changed.
 #[inline(always)]
 fn sample_each(
     ledger: &mut Ledger,
@@ -301,8 +301,8 @@ fn sample_each(
     lost_bits
 }
 
-/// The loss of the sensor nodes of a block [slots of sampling], `Σ_i lost_i / (s_i τ)`. Pairwise summation vectorizes and
-/// has the same order on every processor.
+/// The loss of the sensor nodes of a block [slots of sampling], `Σ_i lost_i / (s_i τ)`. Pairwise summation vectorizes
+/// and has the same order on every processor.
 #[inline(always)]
 fn in_slots(lost_bits: impl Iterator<Item = u64>, mean_bits: impl Iterator<Item = f64>) -> f64 {
     let mut slots = [0.0; BLOCK];

@@ -30,8 +30,8 @@ pub struct FieldJournal {
 }
 
 impl FieldJournal {
-    /// Opens the journal in the ring's folder, restores `field` to the last recorded slot but one, and returns the flight
-    /// of the last. So the results of the last two slots are published again, which a peer may have missed.
+    /// Opens the journal in the ring's folder, restores `field` to the last recorded slot but one, and returns the
+    /// flight of the last. So the results of the last two slots are published again, which a peer may have missed.
     ///
     /// The state of `field` is written to an empty journal.
     ///

@@ -17,8 +17,8 @@ use skysink_ring::topics::{RING_BUFFER, Ring, is_release};
 use crate::field::Field;
 use crate::journal::FieldJournal;
 
-/// Runs the slots until the mission ends. A restarted process resumes from its journal, and publishes the last two saved
-/// slots again, which a peer may have missed.
+/// Runs the slots until the mission ends. A restarted process resumes from its journal, and publishes the last two
+/// saved slots again, which a peer may have missed.
 ///
 /// # Errors
 /// If a peer is missing or sends an impossible flight, the ring fails, or `stop` is requested.

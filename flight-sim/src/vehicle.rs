@@ -22,8 +22,8 @@ impl Vehicle {
         Self { scenario: scenario.clone(), position: scenario.start() }
     }
 
-    /// Flies to `waypoint` [m] if it lies in the area and in reach of one slot (UTS eq. 3, and the climb); otherwise holds
-    /// its position and returns false. At a fixed altitude, the altitude of the waypoint only has to be finite.
+    /// Flies to `waypoint` [m] if it lies in the area and in reach of one slot (UTS eq. 3, and the climb); otherwise
+    /// holds its position and returns false. At a fixed altitude, the altitude of the waypoint only has to be finite.
     #[must_use]
     pub fn fly_to(&mut self, waypoint: Point3<f64>) -> bool {
         let area = self.scenario.area;

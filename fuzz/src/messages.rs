@@ -21,7 +21,8 @@ pub fn report(u: &mut Unstructured, links: usize) -> Result<FlightReport> {
     Ok(report)
 }
 
-/// A flight of arbitrary numbers is refused and changes nothing, or moves the bits of its links, and the ledger balances.
+/// A flight of arbitrary numbers is refused and changes nothing, or moves the bits of its links, and the ledger
+/// balances.
 pub fn flight(u: &mut Unstructured) -> Result<()> {
     let World { scenario, list } = &WORLDS[0];
     let mut field = Field::new(scenario, list);

@@ -94,8 +94,8 @@ impl Imported {
         text
     }
 
-    /// The latitude [°] of the southernmost sensor node and the longitude [°] of the westernmost one. The westernmost node
-    /// is the one east of the widest gap, so that a field may cross the 180th meridian.
+    /// The latitude [°] of the southernmost sensor node and the longitude [°] of the westernmost one. The westernmost
+    /// node is the one east of the widest gap, so that a field may cross the 180th meridian.
     #[must_use]
     pub fn south_west(&self) -> [f64; 2] {
         let mut longitudes: Vec<f64> = self.sensors.iter().map(|sensor| sensor.position[1]).collect();

@@ -1,5 +1,5 @@
-//! Evaluation: sweeps, metrics, figures, comparisons, the search for the best known flight, import of positions and export
-//! of runs. The only crate that depends on arrow, resvg, krilla and map formats.
+//! Evaluation: sweeps, metrics, figures, comparisons, the search for the best known flight, import of positions and
+//! export of runs. The only crate that depends on arrow, resvg, krilla and map formats.
 
 pub mod compare;
 mod error;

@@ -34,8 +34,8 @@ impl SweepNumber {
 /// Callback for progress, called from any thread: once at the beginning, and after every mission or batch of steps.
 pub type OnProgress<'a> = &'a (dyn Fn(LabProgress) + Sync);
 
-/// Estimates the remaining time of a sweep, from the remaining missions and their duration per strategy. A strategy with a
-/// search can take ten thousand times as long as a simple rule.
+/// Estimates the remaining time of a sweep, from the remaining missions and their duration per strategy. A strategy
+/// with a search can take ten thousand times as long as a simple rule.
 #[derive(Debug, Clone)]
 pub struct Workload(Vec<StrategyWork>);
 

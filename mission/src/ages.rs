@@ -118,8 +118,8 @@ impl AgeCounts {
 
 /// The ages of the delivered data, from the sampling times of the stored bits.
 ///
-/// A buffer is a first-in-first-out queue, and a full one drops the newest bits (decision D1). So the bits stored between
-/// two uploads are the first of those sampled then, and the freshest delivered bit is the last one uploaded.
+/// A buffer is a first-in-first-out queue, and a full one drops the newest bits (decision D1). So the bits stored
+/// between two uploads are the first of those sampled then, and the freshest delivered bit is the last one uploaded.
 #[derive(Debug, Clone)]
 pub struct DeliveredData {
     backlogs: Vec<Backlog>,

@@ -30,8 +30,8 @@ impl RecordedRun {
     /// Reads the run in `folder`, and flies it again to check it.
     ///
     /// # Errors
-    /// If `folder` is not a run folder, the run is not over or ended early, the scenario, the sensor list or the trace was
-    /// changed, or on a stop.
+    /// If `folder` is not a run folder, the run is not over or ended early, the scenario, the sensor list or the trace
+    /// was changed, or on a stop.
     pub fn read(folder: &Path, stop: &Stop) -> Result<Self, MissionError> {
         let mut replay = Replay::open(folder)?;
         let mut slots: Vec<RecordedSlot> = Vec::new();

@@ -1,5 +1,5 @@
-//! Replay of a recorded mission: its trace is read line by line and flown again by the recorded plans. This recovers what
-//! the trace does not hold, such as the queues, and verifies every line.
+//! Replay of a recorded mission: its trace is read line by line and flown again by the recorded plans. This recovers
+//! what the trace does not hold, such as the queues, and verifies every line.
 
 use std::fs::File;
 use std::io::{BufRead as _, BufReader};
@@ -169,8 +169,8 @@ impl Replay {
         self.recorded.as_ref()
     }
 
-    /// Flies the next slot; `None` after the last recorded one. A slot that had no plan in time is returned with a plan to
-    /// hold.
+    /// Flies the next slot; `None` after the last recorded one. A slot that had no plan in time is returned with a plan
+    /// to hold.
     ///
     /// # Errors
     /// If the trace cannot be read, or the mission does not reproduce its next line.

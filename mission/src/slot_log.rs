@@ -14,7 +14,8 @@ use crate::trace::{SLOT_COLUMNS, TraceHash};
 /// The file of [`Check`].
 pub(crate) const CHECK: &str = "slots.check";
 
-/// The trace `slots.csv` of a run. Each line is written when its slot is recorded, so that a kill loses no recorded slot.
+/// The trace `slots.csv` of a run. Each line is written when its slot is recorded, so that a kill loses no recorded
+/// slot.
 #[derive(Debug)]
 pub struct SlotLog {
     path: PathBuf,
@@ -105,7 +106,8 @@ impl SlotLog {
         Ok(self.trace.value())
     }
 
-    /// Repeats a recorded line. Returns whether it is that of the slot, and all lines so far are those that were written.
+    /// Repeats a recorded line. Returns whether it is that of the slot, and all lines so far are those that were
+    /// written.
     ///
     /// # Errors
     /// If the ledger does not balance.
@@ -131,8 +133,8 @@ impl SlotLog {
         self.check.as_ref().and_then(|check| check.before).map(|(slot, _)| slot)
     }
 
-    /// Whether the repeated lines were covered by the check file, except for the last, which may have been written after
-    /// it.
+    /// Whether the repeated lines were covered by the check file, except for the last, which may have been written
+    /// after it.
     #[must_use]
     pub fn was_checked(&self) -> bool {
         let check = self.check.as_ref();

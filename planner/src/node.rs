@@ -40,8 +40,8 @@ struct Journaled {
 }
 
 impl Journaled {
-    /// Restores a new planner to the last recorded state before `slot`. In paced runs, in which slots may be skipped, that
-    /// may be several slots before.
+    /// Restores a new planner to the last recorded state before `slot`. In paced runs, in which slots may be skipped,
+    /// that may be several slots before.
     fn resume(&mut self, slot: u64) -> Result<(), RingError> {
         if self.planner.slot() == 0 {
             self.journal.restore_before(slot, &mut self.planner)?;
@@ -49,8 +49,8 @@ impl Journaled {
         Ok(())
     }
 
-    /// Observes the flight before `slot`, plans `slot`, and saves the state before the plan is published. After a requested
-    /// stop the plan is neither saved nor published.
+    /// Observes the flight before `slot`, plans `slot`, and saves the state before the plan is published. After a
+    /// requested stop the plan is neither saved nor published.
     fn plan(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) -> Result<Plan, RingError> {
         self.resume(slot)?;
         let begin = Instant::now();
@@ -139,8 +139,8 @@ fn run_with<S: Service + 'static>(
             ring.refusals.add("queues", slot, Refusal::Length, 1);
             continue;
         }
-        // The flight may arrive after the queues, if its writer waits for another reader. A flight that has passed was sent
-        // before this process joined, and the ring has its plan.
+        // The flight may arrive after the queues, if its writer waits for another reader. A flight that has passed was
+        // sent before this process joined, and the ring has its plan.
         let Some(flight) = flights.wait_for_slot(&mut wait, slot)? else { continue };
         next = slot + 1;
         let plan = journaled.plan(next, &flight, state.payload())?;

@@ -19,8 +19,8 @@ use skysink_common::estimate::{Estimate, SavedEstimate};
 
 /// The planner of a mission.
 ///
-/// Its checkpoint holds the state of the strategy and the estimate of the queues; the rest is rebuilt from the scenario and
-/// the sensor nodes. With known queues most strategies are stateless: a plan does not depend on the slots before.
+/// Its checkpoint holds the state of the strategy and the estimate of the queues; the rest is rebuilt from the scenario
+/// and the sensor nodes. With known queues most strategies are stateless: a plan does not depend on the slots before.
 pub struct Planner {
     /// The name in the scenario.
     strategy_name: String,
@@ -114,9 +114,9 @@ impl Planner {
         &self.stop
     }
 
-    /// Observes the flight of `slot`, and the queues after it [bit], by id. Must be called for every slot before the next
-    /// is planned. If the queues are estimated, only those of served SNs are read, and a skipped slot only makes the
-    /// estimate older.
+    /// Observes the flight of `slot`, and the queues after it [bit], by id. Must be called for every slot before the
+    /// next is planned. If the queues are estimated, only those of served SNs are read, and a skipped slot only makes
+    /// the estimate older.
     pub fn observe(&mut self, slot: u64, flight: &FlightReport, queues_bits: &[u32]) {
         if let Some(estimate) = &mut self.estimate {
             estimate.observe(slot, flight, queues_bits);
@@ -124,13 +124,13 @@ impl Planner {
         self.strategy.observe(flight, self.estimate.as_deref());
     }
 
-    /// Plans `slot` from the position of the UAV, `L_u(t−1)` [m], and the queues `B_i(t−1)` [bit], by id. If the queues are
-    /// estimated, the plan is based on the estimate, and `queues_bits` is read only for the scheduled SNs, which report
-    /// them on contact.
+    /// Plans `slot` from the position of the UAV, `L_u(t−1)` [m], and the queues `B_i(t−1)` [bit], by id. If the queues
+    /// are estimated, the plan is based on the estimate, and `queues_bits` is read only for the scheduled SNs, which
+    /// report them on contact.
     ///
     /// Takes time by the number of SNs near the UAV. Transit, an estimate, and the strategies `edf`, `mes`, `whittle`,
-    /// `max-age-first`, `horizon` and `offline` read all queues. `plan_ns` stays 0; the caller measures. A clock is read
-    /// only with [`Timing::Paced`].
+    /// `max-age-first`, `horizon` and `offline` read all queues. `plan_ns` stays 0; the caller measures. A clock is
+    /// read only with [`Timing::Paced`].
     ///
     /// # Panics
     /// If there is not one queue per sensor node.
@@ -190,8 +190,8 @@ impl Planner {
         self.estimate.as_deref()
     }
 
-    /// The waypoints of the last plan [m], that of its slot first; at most [`MAX_PATH_POINTS`], and more than one only from
-    /// strategies that look ahead.
+    /// The waypoints of the last plan [m], that of its slot first; at most [`MAX_PATH_POINTS`], and more than one only
+    /// from strategies that look ahead.
     #[must_use]
     pub fn path(&self) -> &[Point3<f64>] {
         &self.path

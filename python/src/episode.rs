@@ -156,8 +156,8 @@ impl Episode {
         Outcome { reward, delivered_bits, lost_bits, is_over: self.plant.is_over() }
     }
 
-    /// Writes the observation: the UAV's position relative to area and altitudes, the queues as fractions of the buffers,
-    /// and the slot as a fraction of the mission.
+    /// Writes the observation: the UAV's position relative to area and altitudes, the queues as fractions of the
+    /// buffers, and the slot as a fraction of the mission.
     pub fn observe(&mut self, uav: &mut [f32], queues: &mut [f32], slot: &mut f32) {
         let limits = self.field.limits;
         let position = self.plant.last_flight().position();

@@ -1,4 +1,5 @@
-//! The native part of the Python package `skysink`: everything that must be fast or reproduce Skysink's results exactly.
+//! The native part of the Python package `skysink`: everything that must be fast or reproduce Skysink's results
+//! exactly.
 //!
 //! Names, shapes and units are documented in the package's stubs, `skysink/_skysink.pyi`, and in its modules. Spaces,
 //! registration, executors and the ring are implemented in Python.

@@ -31,8 +31,8 @@ pub struct PyView {
     uav: Py<PyArray1<f64>>,
     /// Queues at the start of the slot, true or estimated, B_i(t-1) [bit], [N], read-only.
     ///
-    /// The array shares memory with the field. In ``simulate`` and sweeps, a stored array does not change. In a ring, it
-    /// is valid only during ``plan``; copy it to store it. It is unsigned: use ``astype(np.int64)`` for differences.
+    /// The array shares memory with the field. In ``simulate`` and sweeps, a stored array does not change. In a ring,
+    /// it is valid only during ``plan``; copy it to store it. It is unsigned: use ``astype(np.int64)`` for differences.
     #[pyo3(get)]
     queues_bits: Py<PyArray1<u32>>,
     /// What stays the same.
@@ -178,8 +178,8 @@ fn wrong(decided: &Py<PyAny>) -> PyErr {
     refused(format!("plan() returned {decided}: expected a skysink.Decision, or None for the transit rule"))
 }
 
-/// The queues as an array over the memory of the field. That memory is copied before a change only if the array is still
-/// referenced.
+/// The queues as an array over the memory of the field. That memory is copied before a change only if the array is
+/// still referenced.
 fn held(py: Python<'_>, queues_bits: Arc<Vec<u32>>) -> PyResult<Bound<'_, PyArray1<u32>>> {
     let holder = Bound::new(py, HeldQueues(queues_bits))?;
     let queues_bits = ArrayView1::from(&holder.get().0[..]);

@@ -26,8 +26,8 @@ pub(crate) struct Admission {
 pub(crate) enum Verdict {
     /// The next sample of the admitted writer.
     Next,
-    /// The first sample of a new writer, whose predecessor is gone. Samples of the predecessor stay valid: the new writer
-    /// repeats them.
+    /// The first sample of a new writer, whose predecessor is gone. Samples of the predecessor stay valid: the new
+    /// writer repeats them.
     NewWriter,
     /// A slot that its writer has sent before, or that comes after a later one.
     Repeated,
@@ -35,7 +35,8 @@ pub(crate) enum Verdict {
 }
 
 impl Admission {
-    /// Decides on a sample of `publisher` on `topic`. `limit` is the last slot that the ring can have reached, if known.
+    /// Decides on a sample of `publisher` on `topic`. `limit` is the last slot that the ring can have reached, if
+    /// known.
     pub(crate) fn check<S: Service + 'static, P: Payload + ?Sized, H: Header>(
         &mut self,
         topic: &TopicShared<S, P, H>,

@@ -27,8 +27,8 @@ pub fn remove_dead_nodes<S: Service>(config: &Config) {
     });
 }
 
-/// As [`remove_dead_nodes`], and also removes nodes without details: iceoryx2 leaves those of processes that were killed
-/// while joining, and every joining process would scan them again. Only one process of the ring may call it.
+/// As [`remove_dead_nodes`], and also removes nodes without details: iceoryx2 leaves those of processes that were
+/// killed while joining, and every joining process would scan them again. Only one process of the ring may call it.
 pub(crate) fn purge_dead_nodes<S: Service>(config: &Config) {
     let _ = Node::<S>::list(config, |state| {
         if let NodeState::Dead(node) = state {

@@ -71,8 +71,8 @@ pub enum SlotSample<T> {
     Available(T),
     /// The sample has not arrived yet.
     Pending,
-    /// Only a later sample has arrived: the sample was sent before this process joined, and will not come. Returned only
-    /// to processes that may lag.
+    /// Only a later sample has arrived: the sample was sent before this process joined, and will not come. Returned
+    /// only to processes that may lag.
     Passed,
 }
 
@@ -204,8 +204,8 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Reader<S, P, H> {
         Ok(false)
     }
 
-    /// Sets `is_settled` if an admitted sample shows that no older one will come: it is that of slot 0, not a repeat, or
-    /// seen before.
+    /// Sets `is_settled` if an admitted sample shows that no older one will come: it is that of slot 0, not a repeat,
+    /// or seen before.
     fn settle(&mut self, verdict: &Verdict, header: &SlotHeader) {
         let is_admitted = !matches!(verdict, Verdict::Refused);
         let is_repeated = header.flags & FLAG_REPEAT != 0;

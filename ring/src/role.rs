@@ -34,8 +34,8 @@ pub enum Role {
 }
 
 impl Role {
-    /// Whether the ring waits for the process in every slot, so that it is never far ahead of it. The others may lag: the
-    /// viewer, and in paced runs the planner.
+    /// Whether the ring waits for the process in every slot, so that it is never far ahead of it. The others may lag:
+    /// the viewer, and in paced runs the planner.
     #[must_use]
     pub fn blocks_ring(self) -> bool {
         matches!(self, Self::FieldSim | Self::FlightSim | Self::Launcher)

@@ -1,7 +1,7 @@
 //! The state of the topics as observed from outside: types, writers, readers and progress.
 //!
-//! An observer has no role. It reads each topic shortly, as a late joiner, by a subscriber that no writer waits for, and
-//! may miss samples.
+//! An observer has no role. It reads each topic shortly, as a late joiner, by a subscriber that no writer waits for,
+//! and may miss samples.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};

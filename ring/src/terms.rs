@@ -25,8 +25,8 @@ pub struct Terms {
     pub timeout_s: f64,
     /// Whether the ring has a viewer.
     pub viewer: bool,
-    /// What the UAV knows of the sampling rates, if the topic `queues` holds its estimate; `None` if the topic holds the
-    /// true queues.
+    /// What the UAV knows of the sampling rates, if the topic `queues` holds its estimate; `None` if the topic holds
+    /// the true queues.
     #[serde(rename = "told")]
     pub estimated: Option<Rates>,
     /// What the hosts compare, if a link carries the samples to processes of other hosts.

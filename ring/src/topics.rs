@@ -1,7 +1,7 @@
 //! The table of topics, and the ring: all topics of a run.
 //!
-//! Each run has its own folder and iceoryx2 prefix, which isolates concurrent runs. The launcher creates the topics; the
-//! other processes only open them.
+//! Each run has its own folder and iceoryx2 prefix, which isolates concurrent runs. The launcher creates the topics;
+//! the other processes only open them.
 
 use std::fmt::Debug;
 use std::rc::Rc;
@@ -154,8 +154,8 @@ pub struct Ring<S: Service + 'static> {
 }
 
 impl<S: Service + 'static> Ring<S> {
-    /// Locks `role` in the ring of the folder and opens its topics; returns them with the wait context of the process. The
-    /// launcher has no lock; it creates the topics.
+    /// Locks `role` in the ring of the folder and opens its topics; returns them with the wait context of the process.
+    /// The launcher has no lock; it creates the topics.
     ///
     /// # Errors
     /// If another process has the role, the ring does not exist or flies another scenario, or iceoryx2 fails.
@@ -289,8 +289,8 @@ impl<S: Service + 'static> Ring<S> {
         is_only_node(&self.node)
     }
 
-    /// Whether a process of this host is attached as the writer of the topic of `role`: that of each slot, or `ready` of
-    /// the viewer. A link writes all topics: a writer of `commit` other than the launcher is a link.
+    /// Whether a process of this host is attached as the writer of the topic of `role`: that of each slot, or `ready`
+    /// of the viewer. A link writes all topics: a writer of `commit` other than the launcher is a link.
     #[must_use]
     pub fn has_writer(&self, role: Role) -> bool {
         let mut links = if self.terms.link.is_some() { self.commit.writers() } else { Vec::new() };
@@ -305,8 +305,8 @@ impl<S: Service + 'static> Ring<S> {
         writers.iter().any(|writer| !links.contains(writer))
     }
 
-    /// A listener to the topic of `role`, on this host or another. A process also notifies its readers while it waits, so
-    /// that notifications serve as heartbeats.
+    /// A listener to the topic of `role`, on this host or another. A process also notifies its readers while it waits,
+    /// so that notifications serve as heartbeats.
     ///
     /// # Errors
     /// If the topic has its maximum of listeners, or iceoryx2 fails.
@@ -326,8 +326,8 @@ impl<S: Service + 'static> Ring<S> {
         SlotHeader { mission: self.terms.mission, slot, epoch: self.restarts, flags, sent_ns: monotonic_ns() }
     }
 
-    /// Waits after the last slot for a commit that `is_awaited`, such as [`is_release`], or for the end of the launcher.
-    /// Until then this process serves restarted ones. `repeat` is called every 10 ms.
+    /// Waits after the last slot for a commit that `is_awaited`, such as [`is_release`], or for the end of the
+    /// launcher. Until then this process serves restarted ones. `repeat` is called every 10 ms.
     ///
     /// # Errors
     /// Those of `repeat`, on a requested stop, or if iceoryx2 fails.

@@ -38,7 +38,8 @@ pub enum Waiting {
 /// Longest sleep, after which late joiners are served and stops are checked.
 pub(crate) const PAUSE: Duration = Duration::from_millis(10);
 
-/// Polls before the process yields its core: with fewer cores than processes, the sender of the awaited message needs it.
+/// Polls before the process yields its core: with fewer cores than processes, the sender of the awaited message needs
+/// it.
 const POLLS_BEFORE_YIELD: u32 = 8;
 
 /// Polls before an adaptive wait sleeps: some 50 µs, about as long as a sleep and its wake-up take.
@@ -47,8 +48,8 @@ const POLLS_BEFORE_SLEEP: u32 = 512;
 /// After a longer wait, the next wait for the same topic sleeps at once, because polling would be in vain.
 const LONG_WAIT: Duration = Duration::from_micros(150);
 
-/// In this many slots of each [`PROBE_PERIOD`], waits poll first even after long waits, to detect that polling has become
-/// faster.
+/// In this many slots of each [`PROBE_PERIOD`], waits poll first even after long waits, to detect that polling has
+/// become faster.
 const PROBE_SLOTS: u64 = 2;
 
 /// Period of the probes [slots].
@@ -77,7 +78,8 @@ impl Waiting {
         }
     }
 
-    /// Pauses after this number of polls in vain: until `listener` is notified, for at most 10 ms, or until the next poll.
+    /// Pauses after this number of polls in vain: until `listener` is notified, for at most 10 ms, or until the next
+    /// poll.
     ///
     /// A poll does not consume notifications: repeated ones cost the writer almost nothing.
     pub fn pause<S: Service>(self, listener: &Listener<S>, polls: u32) {
@@ -342,8 +344,8 @@ impl WaitContext {
         }
         if now.saturating_duration_since(self.last_served) >= self.serve_every {
             self.last_served = now;
-            // The newest writer first: a reader that attaches to the topics in the order of their writers has a sample of
-            // the last topic only after those of the others.
+            // The newest writer first: a reader that attaches to the topics in the order of their writers has a sample
+            // of the last topic only after those of the others.
             let writers = self.late_joiners.0.borrow();
             writers.iter().rev().filter_map(Weak::upgrade).try_for_each(|writer| writer.serve_joiners())?;
         }

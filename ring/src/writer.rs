@@ -140,8 +140,8 @@ impl<S: Service + 'static, P: Payload + ?Sized, H: Header> Ports<S, P, H> {
         }
     }
 
-    /// Sends the last samples again if nothing was sent for long: a link may have lost them, and then the processes that
-    /// wait for them send nothing, either.
+    /// Sends the last samples again if nothing was sent for long: a link may have lost them, and then the processes
+    /// that wait for them send nothing, either.
     fn repeat_if_due(&self) -> Result<(), RingError> {
         let Some(repeats) = &self.repeats else { return Ok(()) };
         let Repeats { samples, after, last_sent, .. } = &mut *repeats.borrow_mut();

@@ -1,7 +1,7 @@
 //! The lower bound of a slot: its messages passed around three threads by bare iceoryx2.
 //!
-//! Each thread waits for the message of the one before it and sends its own, as large as the ring's: queues, plan, flight
-//! report. Nothing is planned, flown or saved.
+//! Each thread waits for the message of the one before it and sends its own, as large as the ring's: queues, plan,
+//! flight report. Nothing is planned, flown or saved.
 
 use std::sync::Barrier;
 use std::thread;

@@ -6,7 +6,8 @@ use std::ops::Range;
 use skysink_common::geometry::{Position, distance_squared};
 use skysink_planner::geometry::grid::Grid;
 
-/// Maximum number of SNs whose nearest neighbour is searched, approximately. In larger fields, every k-th SN is sampled.
+/// Maximum number of SNs whose nearest neighbour is searched, approximately. In larger fields, every k-th SN is
+/// sampled.
 const MAX_SAMPLED: usize = 50_000;
 
 /// Maximum number of pairs whose distance is computed. The groups of a field that needs more are unknown.
@@ -34,8 +35,8 @@ pub fn mean_neighbour_m(positions: &[Position], grid: &Grid) -> Option<f64> {
     Some(distances_m.sum::<f64>() / positions.len().div_ceil(stride) as f64)
 }
 
-/// Size of the largest connected component of the graph that connects SNs at most `step_m` [m] apart. `None` if more than
-/// `MAX_PAIRS` pairs would have to be compared.
+/// Size of the largest connected component of the graph that connects SNs at most `step_m` [m] apart. `None` if more
+/// than `MAX_PAIRS` pairs would have to be compared.
 ///
 /// All SNs of a cell are connected, because a cell is smaller than a step. Two cells are connected if any pair of their
 /// SNs is; SNs farther than a step from the bounding box of the other cell are skipped.

@@ -9,8 +9,8 @@ use skysink_common::units::ratio_of_db;
 /// Number of altitude steps that are compared if the UAV can change its altitude.
 const LEVELS: u32 = 16;
 
-/// The uplinks of the weakest and the strongest sensor node (SN) at one horizontal distance: expected rates, at the best
-/// altitude.
+/// The uplinks of the weakest and the strongest sensor node (SN) at one horizontal distance: expected rates, at the
+/// best altitude.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct LinkFigures {
     /// Rates of the weakest and the strongest link [bit/s].

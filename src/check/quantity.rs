@@ -3,8 +3,8 @@
 /// Prefixes of units, the largest first.
 const PREFIXES: [(f64, &str); 5] = [(1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, "")];
 
-/// Formats a quantity with three digits and a prefix: `5.88 Mbit`. Lengths below 10 km are in metres. Numbers below 1 have
-/// at most four decimals.
+/// Formats a quantity with three digits and a prefix: `5.88 Mbit`. Lengths below 10 km are in metres. Numbers below 1
+/// have at most four decimals.
 #[must_use]
 pub fn scaled(value: f64, unit: &str) -> String {
     let least = if unit == "m" { 1e4 } else { 1e3 };

@@ -1,5 +1,5 @@
-//! Warnings about scenarios that are probably unintended, from the figures alone. `tests/it/check.rs` tries each rule on
-//! missions where it applies and where it does not.
+//! Warnings about scenarios that are probably unintended, from the figures alone. `tests/it/check.rs` tries each rule
+//! on missions where it applies and where it does not.
 
 use super::figures::Figures;
 use super::quantity::{percent, scaled};
@@ -16,8 +16,9 @@ pub fn of(figures: &Figures) -> Vec<String> {
     rules.into_iter().filter_map(|rule| rule(figures)).collect()
 }
 
-/// Algorithm 1 stays in one group of SNs if there is always an anchor in reach (the last one served is within `d_c`) and no
-/// anchor connects to another group. For `V τ < 2 d_c` there may be no anchor, and the transit rule leaves the group.
+/// Algorithm 1 stays in one group of SNs if there is always an anchor in reach (the last one served is within `d_c`)
+/// and no anchor connects to another group. For `V τ < 2 d_c` there may be no anchor, and the transit rule leaves the
+/// group.
 fn trapped(figures: &Figures) -> Option<String> {
     let Figures { reach_m, comm_radius_m, sensors, .. } = *figures;
     let (step_m, formula, group) = match figures.strategy.as_str() {

@@ -34,8 +34,8 @@ const SCHEDULERS: [Scheduler; 3] = [
 /// The shard k/n of this job: k is its index, n is `shards` or else the number of jobs.
 ///
 /// # Errors
-/// If the process is not a job of an array, or a variable is missing. Without `shards`, also if the indices of the array
-/// are not 1, 2, …, n.
+/// If the process is not a job of an array, or a variable is missing. Without `shards`, also if the indices of the
+/// array are not 1, 2, …, n.
 pub fn shard(variable: impl Fn(&str) -> Option<String>, shards: Option<usize>) -> Result<Shard, String> {
     let number = |name: &str| -> Result<usize, String> {
         let text =

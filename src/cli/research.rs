@@ -45,8 +45,8 @@ Examples:
         /// Missions simulated in parallel [default: one per core].
         #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
         threads: usize,
-        /// Simulate only shard K of N; all strategies of one grid point and seed stay in one shard. In a job array of Slurm or Grid
-        /// Engine with indices from 1: auto; in any job array: auto/N.
+        /// Simulate only shard K of N; all strategies of one grid point and seed stay in one shard. In a job array of
+        /// Slurm or Grid Engine with indices from 1: auto; in any job array: auto/N.
         #[arg(long, value_name = "K/N", value_parser = parse_shard, default_value = "1/1")]
         shard: Shard,
         /// Print the number of missions and the estimated time, and simulate none.

@@ -44,8 +44,8 @@ pub(super) fn of_strategies(sweep: &Sweep, scenario: &Path) -> PathBuf {
     default_folder(&names.collect::<Vec<_>>(), &definition.identity)
 }
 
-/// Creates the folder for a comparison of these runs, `out` or the default one. Removes an earlier comparison of the same
-/// runs.
+/// Creates the folder for a comparison of these runs, `out` or the default one. Removes an earlier comparison of the
+/// same runs.
 ///
 /// # Errors
 /// If the folder contains other files, or cannot be created.

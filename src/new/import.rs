@@ -39,8 +39,8 @@ fn list(imported: &Imported, shift: [f64; 2], path: &Path) -> NewList {
     NewList { text: imported.to_csv(shift), locations, source: path.to_owned() }
 }
 
-/// The area from the origin to beyond the last position. The positions are translated to the origin if some are negative,
-/// or if all are farther from it than their extent.
+/// The area from the origin to beyond the last position. The positions are translated to the origin if some are
+/// negative, or if all are farther from it than their extent.
 fn plane(imported: &Imported, path: &Path) -> (String, NewList) {
     let [low, high] = imported.bounds();
     let shift = [0, 1].map(|axis| {

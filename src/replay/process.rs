@@ -58,8 +58,8 @@ pub fn flight_sim(
     skysink_flight_sim::node::replay::<ipc::Service>(scenario, folder, stop, &recorded)
 }
 
-/// Runs planner: plans, or sends the recorded waypoints and schedules. For a slot without a recorded decision it sends a
-/// plan that holds the position.
+/// Runs planner: plans, or sends the recorded waypoints and schedules. For a slot without a recorded decision it sends
+/// a plan that holds the position.
 ///
 /// # Errors
 /// If a peer is missing or wrong, the ring is broken, the trace cannot be read, or on a stop.

@@ -5,8 +5,8 @@ use std::time::{Duration, Instant, SystemTime};
 use skysink_ring::health::ProcessEvent;
 use skysink_ring::wait::Stopwatch;
 
-/// A process whose heartbeat stops for this long is reported as silent. Time in which the supervisor was suspended, too,
-/// does not count.
+/// A process whose heartbeat stops for this long is reported as silent. Time in which the supervisor was suspended,
+/// too, does not count.
 pub(crate) const SILENT_AFTER: Duration = Duration::from_secs(1);
 
 /// The heartbeat of a process.

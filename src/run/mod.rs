@@ -53,8 +53,8 @@ pub struct Run {
     pub options: RunOptions,
 }
 
-/// Flies the mission and returns its folder and summary. However the run ends, the folder is complete up to the last slot
-/// and shared memory is cleaned up. `table` publishes the processes to other threads.
+/// Flies the mission and returns its folder and summary. However the run ends, the folder is complete up to the last
+/// slot and shared memory is cleaned up. `table` publishes the processes to other threads.
 ///
 /// # Errors
 /// If this build has no viewer, the sensor list is refused, a process ends and is not restarted or does not answer, a
@@ -143,8 +143,8 @@ pub(crate) fn make_ring(
 /// Time that the processes of a killed launcher may take to end.
 const ORPHAN_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Removes the rings of killed launchers, and completes recordings of killed viewers. Recordings that cannot be completed
-/// are still readable.
+/// Removes the rings of killed launchers, and completes recordings of killed viewers. Recordings that cannot be
+/// completed are still readable.
 fn clean_up(recording: &Path) {
     clear_abandoned(ORPHAN_TIMEOUT);
     #[cfg(feature = "viewer")]

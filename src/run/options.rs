@@ -61,7 +61,8 @@ pub struct RunOptions {
     #[arg(long, value_name = "NAME", value_parser = parse_label)]
     pub label: Option<String>,
     /// Whether to restart a process that ends before the mission: never or on-failure; ROLE=POLICY, such as
-    /// planner=never, applies to one process (repeatable) [default: on-failure, at most 50 restarts in 10 s and 8 in a row in one slot].
+    /// planner=never, applies to one process (repeatable) [default: on-failure, at most 50 restarts in 10 s and 8 in a
+    /// row in one slot].
     #[arg(long, value_name = "POLICY")]
     pub restart: Vec<Rule>,
     /// Timeout for a message [s] [default: 30; from --external processes 600].
@@ -189,8 +190,8 @@ impl RunOptions {
         self.link.is_some() && self.external.contains(&role) && matches!(role, Role::FieldSim | Role::FlightSim)
     }
 
-    /// Fails if the run to resume was flown by another planner, or if a process could not restore its checkpoint because
-    /// it may be on another host.
+    /// Fails if the run to resume was flown by another planner, or if a process could not restore its checkpoint
+    /// because it may be on another host.
     pub(super) fn check_resumed(&self, folder: &RunFolder) -> Result<(), Error> {
         let refuse = |message: &str| Err(InputError::new("run folder", folder.path(), message).into());
         if let Some(role) = self.external.iter().find(|&&role| self.may_checkpoint_remotely(role)) {

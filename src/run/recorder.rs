@@ -180,8 +180,8 @@ impl<'a, S: Service + 'static> Recorder<'a, S> {
     }
 
     /// Waits for the messages of `slot`, and returns its queues and its flight. In lock-step (`plan_of` is set), also
-    /// waits for the plan of the slot `plan_of` and for the viewer, which would otherwise miss messages. In paced runs, a
-    /// plan may be late and a viewer may lag.
+    /// waits for the plan of the slot `plan_of` and for the viewer, which would otherwise miss messages. In paced runs,
+    /// a plan may be late and a viewer may lag.
     fn wait_for_slot(
         &mut self,
         slot: u64,

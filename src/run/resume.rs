@@ -30,8 +30,8 @@ pub struct ResumedRun {
     mission: Mission,
 }
 
-/// Simulates the recorded slots of `folder` and adds them to `tally`. An incomplete last line is dropped, and its slot is
-/// flown again by the ring.
+/// Simulates the recorded slots of `folder` and adds them to `tally`. An incomplete last line is dropped, and its slot
+/// is flown again by the ring.
 ///
 /// Most plans are computed again. These are taken from the trace, because they cannot be reproduced: slots without a
 /// plan in time, plans of an external planner, plans of a search with a time limit, and, for a planner with state, all
@@ -96,8 +96,8 @@ pub fn estimated_rates(scenario: &Scenario, run_mode: &RunMode) -> Result<Option
 }
 
 impl ResumedRun {
-    /// Writes the checkpoints for the processes of the ring in `ring_folder`, and returns the trace, truncated after the
-    /// last complete line.
+    /// Writes the checkpoints for the processes of the ring in `ring_folder`, and returns the trace, truncated after
+    /// the last complete line.
     ///
     /// # Errors
     /// If the trace or the ring folder cannot be written.

@@ -91,8 +91,9 @@ impl<'a, S: Service + 'static> Workers<'a, S> {
         self
     }
 
-    /// Polls the processes once; adds changes to the tally, prints them and publishes them on `health`. `overdue` is the
-    /// role whose message is late, and how long it has been awaited. Returns the restart count of the current viewer.
+    /// Polls the processes once; adds changes to the tally, prints them and publishes them on `health`. `overdue` is
+    /// the role whose message is late, and how long it has been awaited. Returns the restart count of the current
+    /// viewer.
     ///
     /// # Errors
     /// As [`Workers::watch`].

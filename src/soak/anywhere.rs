@@ -1,6 +1,6 @@
-//! `skysink soak --anywhere`: flies short missions and kills any process, including the launcher, at any time. A mission
-//! whose launcher was killed is resumed. Each must end with the trace of the undisturbed mission and complete recordings,
-//! and leave no files or shared memory behind.
+//! `skysink soak --anywhere`: flies short missions and kills any process, including the launcher, at any time. A
+//! mission whose launcher was killed is resumed. Each must end with the trace of the undisturbed mission and complete
+//! recordings, and leave no files or shared memory behind.
 
 use std::collections::BTreeMap;
 use std::fs;

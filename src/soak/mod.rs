@@ -55,8 +55,8 @@ struct Observations {
 /// Flies the mission with `kill_every` as the mean time between two kills, and prints the result.
 ///
 /// # Errors
-/// Those of the run. [`Error::Soak`] if the trace differs from that of the undisturbed mission, or a process leaks memory
-/// or file descriptors.
+/// Those of the run. [`Error::Soak`] if the trace differs from that of the undisturbed mission, or a process leaks
+/// memory or file descriptors.
 pub fn soak(run: &Run, kill_every: Duration, stop: &Stop) -> Result<(), Error> {
     let begin = Instant::now();
     let expected = undisturbed_hash(run, stop)?;

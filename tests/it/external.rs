@@ -1,5 +1,5 @@
-//! External planners: started by hand or by a command, supervised, reported when missing, and listed in the results under
-//! their own name.
+//! External planners: started by hand or by a command, supervised, reported when missing, and listed in the results
+//! under their own name.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;

@@ -59,8 +59,8 @@ fn the_best_known_is_above_the_bound_below_every_strategy_and_flies_again() {
 #[test]
 fn over_a_random_channel_the_bound_holds_for_the_flight_and_the_expected_bound_has_its_own_name() {
     let place = Place::new();
-    // Two sensor nodes in range of everywhere, whose links are too narrow for what they sample. By the gains of the list
-    // nobody would lose less than 0.40; the gains of the slots are better.
+    // Two sensor nodes in range of everywhere, whose links are too narrow for what they sample. By the gains of the
+    // list nobody would lose less than 0.40; the gains of the slots are better.
     let text = "name = \"fading\"\nseed = 55\nslots = 100\n[area]\nside_m = 20.0\n[sensors]\ncount = 2\n\
                 sampling_bps = 3000.0\n[link]\ngain = \"per-slot\"\ngain_db = [-70.0, -50.0]\nbandwidth_hz = 2000.0\n\
                 resource_blocks = 2\ncomm_radius_m = 50.0\n[planner]\nhorizon.iterations = 50\n";

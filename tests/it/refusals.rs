@@ -1,4 +1,5 @@
-//! What the command line refuses: scenarios, sensor lists and files that cannot be, in one line that says what is wrong.
+//! What the command line refuses: scenarios, sensor lists and files that cannot be, in one line that says what is
+//! wrong.
 
 use crate::support::Place;
 

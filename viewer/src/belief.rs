@@ -1,7 +1,7 @@
 //! The estimated queues compared with the true ones, if the UAV has to estimate them.
 //!
-//! The estimate is computed like that of the planner, from the contacts of every received slot. In a paced run, a planner
-//! that has missed contacts has an older estimate.
+//! The estimate is computed like that of the planner, from the contacts of every received slot. In a paced run, a
+//! planner that has missed contacts has an older estimate.
 
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::Scalars;

@@ -1,7 +1,7 @@
 //! Writes a blueprint, which is rerun's name for a screen layout, entity by entity into its own store.
 //!
-//! rerun's own builder does not support view properties (cameras, axes), draws random ids, and panics with `RERUN=off` in
-//! the environment. The entities here are those that it would write.
+//! rerun's own builder does not support view properties (cameras, axes), draws random ids, and panics with `RERUN=off`
+//! in the environment. The entities here are those that it would write.
 
 use std::num::NonZeroU64;
 

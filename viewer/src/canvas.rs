@@ -13,8 +13,8 @@ use re_sdk_types::archetypes::Clear;
 pub(crate) struct Canvas {
     stream: RecordingStream,
     root: String,
-    /// The components of each entity as last logged in this file; `None` if it was cleared. The state of other entities is
-    /// unknown, because an earlier file may contain them.
+    /// The components of each entity as last logged in this file; `None` if it was cleared. The state of other entities
+    /// is unknown, because an earlier file may contain them.
     shown: Rc<RefCell<HashMap<String, Vec<SerializedComponentBatch>>>>,
 }
 
@@ -34,8 +34,8 @@ impl Canvas {
         format!("{}{entity}", self.root)
     }
 
-    /// Sets an entity to `shape` at the current time of the recording: logs the components that have changed. None of them
-    /// may have been logged statically, because static data override temporal data. A transform must have a single
+    /// Sets an entity to `shape` at the current time of the recording: logs the components that have changed. None of
+    /// them may have been logged statically, because static data override temporal data. A transform must have a single
     /// component, because rerun resets the others when any of them is logged.
     pub(crate) fn show(&self, entity: impl AsRef<str>, shape: &impl AsComponents) -> RecordingStreamResult<()> {
         let name = self.name(entity.as_ref());
@@ -61,8 +61,8 @@ impl Canvas {
         self.stream.log(name, &Clear::flat())
     }
 
-    /// Logs `shape` at the current time of the recording, for entities that are shown over a time range, such as curves and
-    /// paths.
+    /// Logs `shape` at the current time of the recording, for entities that are shown over a time range, such as curves
+    /// and paths.
     pub(crate) fn append(&self, entity: impl AsRef<str>, shape: &impl AsComponents) -> RecordingStreamResult<()> {
         self.stream.log(self.name(entity.as_ref()), shape)
     }

@@ -1,6 +1,6 @@
 //! Colours and colour scales of the scene. Each hue has one meaning: blue to grey to yellow for the queue fill, red for
-//! loss, white for the UAV and its flown path, magenta for the plan, cyan for the range, green for deliveries, light blue
-//! and orange for links with and without line of sight.
+//! loss, white for the UAV and its flown path, magenta for the plan, cyan for the range, green for deliveries, light
+//! blue and orange for links with and without line of sight.
 
 use std::ops::RangeInclusive;
 
@@ -51,8 +51,8 @@ pub const CLOCK: Rgb = [160, 165, 175];
 pub const SIGHT: Rgb = [105, 205, 255];
 /// No line of sight.
 pub const BLOCKED: Rgb = [255, 120, 20];
-/// Missions of a comparison: the colours of the palette of Okabe and Ito that are visible on a dark background. The palette
-/// is suited for colour-blind readers.
+/// Missions of a comparison: the colours of the palette of Okabe and Ito that are visible on a dark background. The
+/// palette is suited for colour-blind readers.
 pub const COMPARED: [Rgb; 7] =
     [[230, 159, 0], [86, 180, 233], [0, 190, 140], [240, 228, 66], [213, 94, 0], [204, 121, 167], [200, 200, 200]];
 /// The fullest queue, in curves: the yellow end of the queue scale.
@@ -62,8 +62,8 @@ pub const FILL_MEAN: Rgb = [140, 140, 130];
 /// Missed slots, and reference lines in plots.
 pub const MISSED: Rgb = [110, 114, 124];
 
-/// Colour of a queue fill, from 0 (blue) over 0.5 (grey) to 1 (yellow): Cividis (Nunez, Anderton and Renslow, 2018), which
-/// is suited for colour-blind readers. The dark end is lightened for a dark background.
+/// Colour of a queue fill, from 0 (blue) over 0.5 (grey) to 1 (yellow): Cividis (Nunez, Anderton and Renslow, 2018),
+/// which is suited for colour-blind readers. The dark end is lightened for a dark background.
 pub(crate) fn of_fill(fill: f64) -> Rgb {
     const FIRST: f64 = 0.2;
     let lighter = 1.75 - 0.75 * fill;

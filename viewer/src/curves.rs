@@ -29,8 +29,8 @@ pub const PACE: &str = "metrics/slots_per_second";
 /// Slots that the viewer has missed since the start of the file.
 pub const MISSED: &str = "metrics/missed_slots";
 
-/// Entity, name with unit, colour, and the value in a slot, from its fill and the number of missed slots; `None` if it was
-/// not measured.
+/// Entity, name with unit, colour, and the value in a slot, from its fill and the number of missed slots; `None` if it
+/// was not measured.
 type Curve = (&'static str, &'static str, Rgb, fn(&SlotView, Fill, u64) -> Option<f64>);
 
 const CURVES: [Curve; 8] = [

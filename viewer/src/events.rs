@@ -16,8 +16,8 @@ use crate::slot::SlotView;
 pub const LOG: &str = "log/events";
 /// Entity of the state lane.
 pub const LANE: &str = "state/uav";
-/// Root of the states as points of a plot, one entity per state. In the live view, a plot follows the mission; a state lane
-/// does not.
+/// Root of the states as points of a plot, one entity per state. In the live view, a plot follows the mission; a state
+/// lane does not.
 pub const STATES: &str = "metrics/state";
 /// The status text.
 pub const STATUS: &str = "status";

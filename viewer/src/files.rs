@@ -34,7 +34,8 @@ pub(crate) struct NextFile {
 }
 
 impl NextFile {
-    /// The first of `first`, `first-2`, `first-3` and so on that is empty and not locked, for a recording of `application`.
+    /// The first of `first`, `first-2`, `first-3` and so on that is empty and not locked, for a recording of
+    /// `application`.
     pub(crate) fn find(first: &Path, application: &ApplicationId) -> Self {
         let mut recording_id = None;
         let mut number = 1;

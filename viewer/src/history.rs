@@ -1,8 +1,9 @@
-//! The history of a mission: the bits lost by each sensor node (SN), and the last slot in which each cell of the area was in
-//! range.
+//! The history of a mission: the bits lost by each sensor node (SN), and the last slot in which each cell of the area
+//! was in range.
 //!
-//! Losses are computed from the queues: `D_i(t) = max(0, B_i(t−1) + a_i(t) − B)` (decision D1). A cell is in range if it is
-//! within the communication radius of the UAV at the end of the slot. Losses in missed slots are not attributed to SNs.
+//! Losses are computed from the queues: `D_i(t) = max(0, B_i(t−1) + a_i(t) − B)` (decision D1). A cell is in range if
+//! it is within the communication radius of the UAV at the end of the slot. Losses in missed slots are not attributed
+//! to SNs.
 
 use serde::{Deserialize, Serialize};
 use skysink_common::arrivals::bits_between;
@@ -14,7 +15,8 @@ use skysink_common::scenario::Scenario;
 /// Minimum and maximum number of cells of the coverage grid along the longer side of the area.
 const CELLS: [f64; 2] = [40.0, 100.0];
 
-/// Maximum number of cells of the grid. A side has one more cell than [`CELLS`] if the last one extends beyond the area.
+/// Maximum number of cells of the grid. A side has one more cell than [`CELLS`] if the last one extends beyond the
+/// area.
 const MAX_CELLS: usize = (CELLS[1] as usize + 1).pow(2);
 
 /// Maximum size of an encoded `u32` [byte], with seven bits per byte.
@@ -166,7 +168,8 @@ impl SensorHistory {
 }
 
 impl Sums {
-    /// Maximum size of the encoded sums for `count` SNs [byte]: an optional slot, the lengths of three lists, and the lists.
+    /// Maximum size of the encoded sums for `count` SNs [byte]: an optional slot, the lengths of three lists, and the
+    /// lists.
     pub(crate) fn room(count: usize) -> usize {
         1 + 4 * U64_BYTES + count * (U32_BYTES + U64_BYTES) + MAX_CELLS * U64_BYTES
     }

@@ -41,8 +41,8 @@ impl ViewerJournal {
         Ok(Self { shown, sums, saved, next })
     }
 
-    /// Records that `slot` has been shown, then, once in [`SUMS_EVERY`] slots, `state`, which includes the slot. In this
-    /// order, no slot can be added to the sums twice.
+    /// Records that `slot` has been shown, then, once in [`SUMS_EVERY`] slots, `state`, which includes the slot. In
+    /// this order, no slot can be added to the sums twice.
     ///
     /// # Errors
     /// If a file cannot be written.

@@ -100,7 +100,8 @@ fn los_page(scenario: &Scenario, link: &LineOfSight) -> String {
     format!(include_str!("los.md"), fixed = fixed, percent = 100.0 * field::funnel_probability(link))
 }
 
-/// Two colour scales: queue fill and overflow at the left; link rate, or the probability of line of sight, at the right.
+/// Two colour scales: queue fill and overflow at the left; link rate, or the probability of line of sight, at the
+/// right.
 fn log_scales(canvas: &Canvas, rates_bps: Option<&RangeInclusive<f64>>) -> RecordingStreamResult<()> {
     let per_cent = [0.0, 0.5, 1.0].map(|fraction| (fraction, format!("{:.0} %", 100.0 * fraction)));
     log_scale(canvas, "queue", 160, &colour::of_fill, per_cent.clone())?;
@@ -143,7 +144,8 @@ fn format_rate(rate_bps: f64) -> String {
     format!("{value:.digits$} {unit}")
 }
 
-/// The ground, its frame, a grid, and the numbers at the axes. The ground is thick enough to hide the lower half of bars.
+/// The ground, its frame, a grid, and the numbers at the axes. The ground is thick enough to hide the lower half of
+/// bars.
 fn log_area(canvas: &Canvas, sizes: &Sizes) -> RecordingStreamResult<()> {
     let Sizes { width_m, depth_m, .. } = *sizes;
     let below_m = 0.01 * sizes.radius_m;

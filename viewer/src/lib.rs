@@ -1,7 +1,7 @@
 //! Writes missions as rerun recordings: entities, curves, a state lane and events, with a layout for the rerun viewer.
 //!
-//! Positions, queues and rates are those that the other crates report; losses, estimated queues and probabilities of line
-//! of sight are computed with `skysink-common`. This is the only crate that depends on rerun.
+//! Positions, queues and rates are those that the other crates report; losses, estimated queues and probabilities of
+//! line of sight are computed with `skysink-common`. This is the only crate that depends on rerun.
 
 pub mod belief;
 mod blueprint;

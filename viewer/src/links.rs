@@ -100,7 +100,8 @@ fn of_draw<T>(link: &LinkReport, [sight, blocked]: [T; 2]) -> T {
     if link.line_of_sight == 1 { sight } else { blocked }
 }
 
-/// The range of rates [bit/s]: from the weakest sensor node at the distance `d_c` to the strongest directly below the UAV.
+/// The range of rates [bit/s]: from the weakest sensor node at the distance `d_c` to the strongest directly below the
+/// UAV.
 fn possible_rates_bps(model: &FreeSpace, scenario: &Scenario, sensors: &[SensorNode]) -> RangeInclusive<f64> {
     let drawn = model.redrawn_db.map_or([f64::INFINITY, 0.0], |range_db| range_db.map(ratio_of_db));
     let weakest = sensors.iter().map(|sensor| sensor.gain).fold(drawn[0], f64::min);

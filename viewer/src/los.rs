@@ -1,8 +1,8 @@
-//! Random line of sight: the elevation, the probability and the outcome of line of sight of each served link. Recordings
-//! with the free-space model contain none of this.
+//! Random line of sight: the elevation, the probability and the outcome of line of sight of each served link.
+//! Recordings with the free-space model contain none of this.
 //!
-//! [`field`] draws the probability around the UAV, [`profile`] the rates over the altitude. A missing value is logged as
-//! NaN, which interrupts a curve; rerun would draw an empty row as 0.
+//! [`field`] draws the probability around the UAV, [`profile`] the rates over the altitude. A missing value is logged
+//! as NaN, which interrupts a curve; rerun would draw an empty row as 0.
 
 pub mod field;
 pub mod profile;

@@ -1,5 +1,5 @@
-//! Maps of the area in metres, each with a legend: data lost by sensor node (SN), time until each SN overflows, and time
-//! since each cell was in range.
+//! Maps of the area in metres, each with a legend: data lost by sensor node (SN), time until each SN overflows, and
+//! time since each cell was in range.
 
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{Ellipses2D, LineStrips2D, Points2D, SegmentationImage, Transform3D};

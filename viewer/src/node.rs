@@ -46,16 +46,17 @@ const LEFT_OVERS: Duration = Duration::from_millis(500);
 /// Time between two polls for such messages.
 const POLL: Duration = Duration::from_millis(10);
 
-/// Number of slots whose path may have been sent before this process joined. Such a path arrives when the writer next serves
-/// late joiners, possibly after the plan.
+/// Number of slots whose path may have been sent before this process joined. Such a path arrives when the writer next
+/// serves late joiners, possibly after the plan.
 const PATHS_BEFORE: u32 = 2;
 
 /// Slots over which the pace is averaged.
 const PACE_WINDOW: usize = 32;
 
-/// Records until the mission ends, and returns the number of slots that this process has missed (0 in lock-step). However it
-/// ends, the recording contains all received slots. After a restart, it writes the next file of the recording. `label` is
-/// the name of an external planner. `estimated` is how the UAV knows the rates if it has to estimate the queues.
+/// Records until the mission ends, and returns the number of slots that this process has missed (0 in lock-step).
+/// However it ends, the recording contains all received slots. After a restart, it writes the next file of the
+/// recording. `label` is the name of an external planner. `estimated` is how the UAV knows the rates if it has to
+/// estimate the queues.
 ///
 /// # Errors
 /// If a peer is missing or wrong, the ring is broken, the recording cannot be written, or on a stop.
@@ -186,8 +187,8 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
         let header = queues.user_header();
         let slot = header.head.slot;
         let expected = *self.next.get_or_insert(slot);
-        // In paced runs, writers do not wait for this reader, which may miss samples. In lock-step, it can only miss a plan
-        // that was sent before it was ready; flight-sim repeats its last flights.
+        // In paced runs, writers do not wait for this reader, which may miss samples. In lock-step, it can only miss a
+        // plan that was sent before it was ready; flight-sim repeats its last flights.
         let flight_limit = (self.ring.terms.pace != Pace::Max).then_some(LEFT_OVERS);
         let plan_limit = if self.is_ready { flight_limit } else { Some(LEFT_OVERS) };
         let flight = read(&mut self.flights, wait, slot, flight_limit)?;
@@ -263,8 +264,8 @@ impl<'a, S: Service + 'static> Follower<'a, S> {
     }
 }
 
-/// Reads the sample of a slot; `None` if it was missed. It may arrive later than the queues, because a writer serves its
-/// readers one after another. A stop does not interrupt a limited wait, so that the last slot is complete.
+/// Reads the sample of a slot; `None` if it was missed. It may arrive later than the queues, because a writer serves
+/// its readers one after another. A stop does not interrupt a limited wait, so that the last slot is complete.
 fn read<S: Service + 'static, P: Payload + ?Sized>(
     reader: &mut Reader<S, P, SlotHeader>,
     wait: &mut WaitContext,

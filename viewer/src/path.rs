@@ -1,7 +1,7 @@
 //! The planned path: from the planned waypoint to the following ones, for planners with a path.
 //!
-//! A recording of a planner without a path contains none of these entities. From the first path on, every slot logs a path,
-//! which may be empty, so that no earlier path stays visible.
+//! A recording of a planner without a path contains none of these entities. From the first path on, every slot logs a
+//! path, which may be empty, so that no earlier path stays visible.
 
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{LineStrips3D, Points3D};

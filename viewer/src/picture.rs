@@ -85,7 +85,8 @@ impl Picture {
         Ok(Self { canvas, queues, uav, path, links, los, events, curves, history, maps: None, belief: None })
     }
 
-    /// Adds maps and the legend to the scene. `estimated` is how the UAV knows the rates if it has to estimate the queues.
+    /// Adds maps and the legend to the scene. `estimated` is how the UAV knows the rates if it has to estimate the
+    /// queues.
     pub(crate) fn with_maps(
         mut self,
         scenario: &Scenario,
@@ -119,8 +120,8 @@ impl Picture {
         Ok(self.events.log_slot(&self.canvas, view)?)
     }
 
-    /// Draws the last observed slot, and returns the fill of the queues. `missed_slots` is the number of missed slots so
-    /// far.
+    /// Draws the last observed slot, and returns the fill of the queues. `missed_slots` is the number of missed slots
+    /// so far.
     ///
     /// # Errors
     /// If rerun fails.

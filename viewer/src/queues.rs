@@ -1,5 +1,5 @@
-//! The sensor nodes, coloured by queue fill: a point each, and a bar each if they are few enough. A sensor node that loses
-//! data in the slot has a separate colour; one that has lost data in the mission has a mark above it.
+//! The sensor nodes, coloured by queue fill: a point each, and a bar each if they are few enough. A sensor node that
+//! loses data in the slot has a separate colour; one that has lost data in the mission has a mark above it.
 
 use re_sdk::RecordingStreamResult;
 use re_sdk_types::archetypes::{AnnotationContext, Boxes3D, Points3D};
@@ -125,7 +125,8 @@ impl Bars {
 }
 
 /// Half the sides of the bars, each slightly larger than the one before. The difference is invisible, but halves the
-/// compressed size: the compressor matches a bar with itself in the previous slot, not with a neighbour of equal height.
+/// compressed size: the compressor matches a bar with itself in the previous slot, not with a neighbour of equal
+/// height.
 fn half_sides_m(half_side_m: f32) -> impl Iterator<Item = f32> {
     std::iter::successors(Some(half_side_m), |side_m| Some(side_m.next_up()))
 }

@@ -22,15 +22,15 @@ pub const SIM_TIME: &str = "sim_time";
 /// Maximum time between two batches of a file, which is what a killed process loses at most.
 const FILE_TICK: Duration = Duration::from_secs(10);
 
-/// Minimum time between two batches, and minimum number of slots of a batch that is sent before [`FILE_TICK`]. Each batch
-/// adds a chunk per entity to the file and, for its index, to the memory of this process.
+/// Minimum time between two batches, and minimum number of slots of a batch that is sent before [`FILE_TICK`]. Each
+/// batch adds a chunk per entity to the file and, for its index, to the memory of this process.
 const MIN_TICK: Duration = Duration::from_secs(1);
 
 /// See [`MIN_TICK`].
 const MIN_SLOTS: u32 = 64;
 
-/// A batch of this size is sent immediately. rerun's own batching does not respect slots: after a kill, entities would end
-/// with different slots.
+/// A batch of this size is sent immediately. rerun's own batching does not respect slots: after a kill, entities would
+/// end with different slots.
 const BATCH_BYTES: usize = 32 << 20;
 
 /// Approximate size of a slot [byte]: a constant, and per sensor node.
@@ -48,13 +48,13 @@ const HISTORY_BYTES: u64 = 512 << 20;
 /// The destinations of a recording.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Sinks {
-    /// First file of the recording. If it is not empty, the next free one is written: `mission-2.rrd` after `mission.rrd`,
-    /// and so on.
+    /// First file of the recording. If it is not empty, the next free one is written: `mission-2.rrd` after
+    /// `mission.rrd`, and so on.
     pub save: Option<PathBuf>,
     /// Port on 127.0.0.1 for live viewers; 0 selects a free port.
     pub live: Option<u16>,
-    /// K of the recording, which contains every K-th slot; `None` for 1. The first and the last slot of a complete mission
-    /// and all events are always contained.
+    /// K of the recording, which contains every K-th slot; `None` for 1. The first and the last slot of a complete
+    /// mission and all events are always contained.
     pub every: Option<NonZeroU64>,
 }
 
@@ -133,8 +133,8 @@ pub(crate) struct Recording {
 }
 
 impl Recording {
-    /// Opens the sinks. The id of the recording is its name, or that of earlier files. The content does not depend on the
-    /// clock.
+    /// Opens the sinks. The id of the recording is its name, or that of earlier files. The content does not depend on
+    /// the clock.
     ///
     /// # Errors
     /// If there is no sink, the file cannot be created, or the port is in use.
@@ -199,7 +199,8 @@ impl Recording {
         self.stream.set_duration_secs(SIM_TIME, slot as f64 * slot_s);
     }
 
-    /// Ends a slot with this number of sensor nodes, and sends the batch if it is due. [`Recording::close`] reports errors.
+    /// Ends a slot with this number of sensor nodes, and sends the batch if it is due. [`Recording::close`] reports
+    /// errors.
     ///
     /// The first slot is sent immediately, with all static data: without them, a file would be empty.
     pub(crate) fn end_slot(&mut self, sensors: usize) {

@@ -20,7 +20,8 @@ impl Rhythm {
         Self { every, last_slot, drawn: None }
     }
 
-    /// The rhythm of maps with `count` SNs: every slot, or once in [`LARGE_EVERY`] slots if there are too many for bars.
+    /// The rhythm of maps with `count` SNs: every slot, or once in [`LARGE_EVERY`] slots if there are too many for
+    /// bars.
     pub(crate) fn of_sensors(count: usize, last_slot: u64) -> Self {
         Self::every(if count <= MAX_BARS { 1 } else { LARGE_EVERY }, last_slot)
     }

@@ -42,8 +42,9 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Opens the sinks and logs all static entities. A file that continues a recording keeps its name instead of `run_name`.
-    /// `estimated` is how the UAV knows the sampling rates if it has to estimate the queues; `None` if it observes them.
+    /// Opens the sinks and logs all static entities. A file that continues a recording keeps its name instead of
+    /// `run_name`. `estimated` is how the UAV knows the sampling rates if it has to estimate the queues; `None` if it
+    /// observes them.
     ///
     /// # Errors
     /// If there is no sink, the file cannot be created, the port is in use, or rerun fails.
@@ -107,8 +108,8 @@ impl Scene {
         picture::state_room(count)
     }
 
-    /// Marks missed slots: logs an event and a gap in the state lane, and clears outdated entities. The next slot adds them
-    /// to the curve of missed slots.
+    /// Marks missed slots: logs an event and a gap in the state lane, and clears outdated entities. The next slot adds
+    /// them to the curve of missed slots.
     ///
     /// # Errors
     /// If rerun fails.

@@ -22,8 +22,8 @@ pub(crate) struct Sizes {
     pub(crate) grid_m: f32,
     /// Distance of grid lines with a number: every first, second, fifth and so on.
     pub(crate) number_m: f32,
-    /// Height of the bar of a full queue: half the lowest altitude, so that no bar hides the UAV, or more in a wide field,
-    /// where bars would be invisible.
+    /// Height of the bar of a full queue: half the lowest altitude, so that no bar hides the UAV, or more in a wide
+    /// field, where bars would be invisible.
     pub(crate) bar_m: f32,
     /// Whether a bar beside the UAV would hide it.
     pub(crate) has_tall_bars: bool,

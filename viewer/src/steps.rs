@@ -23,8 +23,8 @@ pub(crate) struct ScaleStep {
 const EDGES: usize = 6;
 
 impl Steps {
-    /// Steps from 0 to `highest` with round limits, finer for lower values. 0 has its own step, `zero`. `colour` maps 0 to 1
-    /// to the colours of the other steps.
+    /// Steps from 0 to `highest` with round limits, finer for lower values. 0 has its own step, `zero`. `colour` maps 0
+    /// to 1 to the colours of the other steps.
     pub(crate) fn of(highest: f64, unit: &str, zero: ScaleStep, colour: impl Fn(f64) -> Rgb) -> Self {
         let edges: Vec<f64> = std::iter::once(0.0).chain(round_edges(highest)).collect();
         let between = edges.windows(2).map(|ends| format!("{} to {} {unit}", ends[0], ends[1]));

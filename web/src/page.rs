@@ -68,7 +68,8 @@ pub enum PageError {
 }
 
 impl WebPage {
-    /// A page with these recordings (.rrd), grouped by folder, and the running mission that is served on the port `live`.
+    /// A page with these recordings (.rrd), grouped by folder, and the running mission that is served on the port
+    /// `live`.
     #[must_use]
     pub fn new(title: &str, recordings: &[PathBuf], live: Option<u16>) -> Self {
         let mut files: BTreeMap<String, Content> =

@@ -34,7 +34,8 @@ pub struct Setting {
 }
 
 impl Setting {
-    /// Applies the settings to the table of a scenario. A setting in one form removes the alternative form of the table.
+    /// Applies the settings to the table of a scenario. A setting in one form removes the alternative form of the
+    /// table.
     ///
     /// # Errors
     /// If a part of a key exists, but is not a table.

@@ -1,4 +1,5 @@
-//! Counts, intervals and names, which are checked as they are read, and a reader whose errors name the file and the key.
+//! Counts, intervals and names, which are checked as they are read, and a reader whose errors name the file and the
+//! key.
 
 use std::fmt::Display;
 use std::path::Path;
@@ -116,8 +117,8 @@ impl Source<'_> {
         self.refuse(key, &format!("{} = {value}: ", quoted(key)), format_args!("expected {expected}"))
     }
 
-    /// The error for `key`, whose value is described by `found`. It names the setting that the value comes from, or else
-    /// the file.
+    /// The error for `key`, whose value is described by `found`. It names the setting that the value comes from, or
+    /// else the file.
     fn refuse(self, key: &str, found: &str, message: impl Display) -> InputError {
         let is_from = |setting: &&Setting| key == setting.key || is_below(key, &setting.key);
         match self.settings.iter().rfind(is_from) {

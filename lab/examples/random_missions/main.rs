@@ -2,9 +2,9 @@
 //!
 //! `cargo run --release -p skysink-lab --example random_missions -- 1-2000`
 //!
-//! A mission is drawn from its number. If links are random, or queues or rates are unknown to the planner, each mission is
-//! simulated with several draws of these, and the means are compared. The arguments are the range of missions, the number
-//! of these draws, the search steps of `horizon` per slot, and a folder for the missions that it loses.
+//! A mission is drawn from its number. If links are random, or queues or rates are unknown to the planner, each mission
+//! is simulated with several draws of these, and the means are compared. The arguments are the range of missions, the
+//! number of these draws, the search steps of `horizon` per slot, and a folder for the missions that it loses.
 
 mod generator;
 

@@ -1,7 +1,7 @@
 //! MCAP with JSON messages, for Foxglove: position, pose, the map's features, and the figures of each slot.
 //!
-//! Foxglove identifies messages by the name of their schema, such as `foxglove.LocationFix`. The schemas here contain only
-//! the fields that are written. A mission has no date: its time starts at 0.
+//! Foxglove identifies messages by the name of their schema, such as `foxglove.LocationFix`. The schemas here contain
+//! only the fields that are written. A mission has no date: its time starts at 0.
 
 use std::collections::BTreeMap;
 use std::io::Cursor;

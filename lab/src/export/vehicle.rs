@@ -73,8 +73,8 @@ pub struct VehicleMission {
 
 /// Merges the slots of a track, and splits the mission into parts of at most `most_items` items, including home.
 ///
-/// A slot is merged into the previous hold if the UAV stays within 5 cm. It is merged into the previous leg if it continues
-/// straight on at the same speed and no sensor node is served in between. Each part takes off and returns.
+/// A slot is merged into the previous hold if the UAV stays within 5 cm. It is merged into the previous leg if it
+/// continues straight on at the same speed and no sensor node is served in between. Each part takes off and returns.
 #[must_use]
 pub fn plan(track: &GeodeticTrack<'_>, most_items: usize) -> VehicleMission {
     let stops = merge(track);

@@ -132,7 +132,8 @@ fn decimal(mantissa: i64, exponent: i32) -> f64 {
     format!("{mantissa}e{exponent}").parse().expect("a decimal number")
 }
 
-/// Formats `mantissa` · 10^`exponent` with the decimals of the exponent, or in scientific notation if these are too many.
+/// Formats `mantissa` · 10^`exponent` with the decimals of the exponent, or in scientific notation if these are too
+/// many.
 fn label(mantissa: i64, exponent: i32) -> String {
     let value = decimal(mantissa, exponent);
     if mantissa == 0 && exponent < -4 {

@@ -65,8 +65,8 @@ impl Chart {
     /// Writes `stem`.svg, `stem`.pdf and `stem`.png; the same chart gives the same bytes.
     ///
     /// # Errors
-    /// If a mean is not finite or negative on a logarithmic scale, all means are 0 on a logarithmic scale, the embedded font
-    /// lacks a character, or a file cannot be written.
+    /// If a mean is not finite or negative on a logarithmic scale, all means are 0 on a logarithmic scale, the embedded
+    /// font lacks a character, or a file cannot be written.
     pub fn draw(&self, stem: &Path) -> Result<(), LabError> {
         self.check()?;
         let mut page = Page::new(&self.look);

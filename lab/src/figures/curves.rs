@@ -26,8 +26,8 @@ impl CurveValues {
         self.curve(xs, values.collect(), support)
     }
 
-    /// The curve of the mean differences to `reference` over common fields. That of the reference itself is 0 without an
-    /// interval.
+    /// The curve of the mean differences to `reference` over common fields. That of the reference itself is 0 without
+    /// an interval.
     fn differences(&self, reference: &Self, xs: &[f64], support: Support) -> Series {
         let pairs = self.points.iter().zip(&reference.points);
         let differences = pairs.map(|(values, reference)| paired_differences(values, reference)).collect();

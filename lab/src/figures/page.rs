@@ -1,6 +1,7 @@
 //! The page of a figure: its size, title, legend, description and font, and its files.
 //!
-//! Everything is drawn as SVG. krilla and resvg convert the same document to PDF and PNG. Text stays text in SVG and PDF.
+//! Everything is drawn as SVG. krilla and resvg convert the same document to PDF and PNG. Text stays text in SVG and
+//! PDF.
 
 use std::path::Path;
 
@@ -97,8 +98,8 @@ impl Page {
         self.document.append(node);
     }
 
-    /// Adds a legend in as many columns as fit into `width`. An entry is a sample, drawn from the origin to the right, and
-    /// its label. Returns the lower end.
+    /// Adds a legend in as many columns as fit into `width`. An entry is a sample, drawn from the origin to the right,
+    /// and its label. Returns the lower end.
     pub fn add_legend(&mut self, [left, top]: [f64; 2], width: f64, em: f64, entries: &[(Group, &str)]) -> f64 {
         // The viewer may use a wider font.
         let widest = entries.iter().map(|(_, label)| 1.1 * text_width(label, em)).fold(0.0, f64::max);

@@ -118,8 +118,8 @@ pub(super) fn studies() -> Vec<Study> {
     studies.remove("study").unwrap_or_default()
 }
 
-/// The strategies of the figures that decide without a search. The comparison in `docs/src/results.md`, including the best
-/// known loss, is among these; other baselines are not simulated.
+/// The strategies of the figures that decide without a search. The comparison in `docs/src/results.md`, including the
+/// best known loss, is among these; other baselines are not simulated.
 pub(super) const AT_ONCE: [&Registered; 8] = [
     &rfs::STRATEGY,
     &gfs::STRATEGY,
@@ -131,7 +131,8 @@ pub(super) const AT_ONCE: [&Registered; 8] = [
     &max_age_first::STRATEGY,
 ];
 
-/// The index of the style for a strategy's curve, the same in all figures. `None` if the strategy is not in the registry.
+/// The index of the style for a strategy's curve, the same in all figures. `None` if the strategy is not in the
+/// registry.
 pub(crate) fn style(name: &str) -> Option<usize> {
     let mut shown = AT_ONCE.into_iter().chain([&horizon::STRATEGY]);
     let place = || STRATEGIES.into_iter().position(|other| other.name == name);
@@ -171,8 +172,8 @@ impl Flights {
 }
 
 impl Study {
-    /// Runs or resumes the sweeps. Returns named charts: one per quantity and value of the last key but one, and those of
-    /// differences. `first` is the number of the first sweep.
+    /// Runs or resumes the sweeps. Returns named charts: one per quantity and value of the last key but one, and those
+    /// of differences. `first` is the number of the first sweep.
     pub fn charts(
         &self,
         choice: &Choice,
@@ -282,8 +283,8 @@ impl Study {
         Sweep::new(Path::new(&self.name()), base, axes, strategies, seeds, Vec::new())
     }
 
-    /// The curves of a quantity in the chart with the index `chart`: one per strategy of each sweep. For the loss, also the
-    /// best known loss and the lower bounds, over the fields of all strategies.
+    /// The curves of a quantity in the chart with the index `chart`: one per strategy of each sweep. For the loss, also
+    /// the best known loss and the lower bounds, over the fields of all strategies.
     fn curves(&self, quantity: &Quantity, flown: &[MissionRows], chart: usize, choice: &Choice) -> Vec<CurveValues> {
         let count = self.xs().len();
         let mut curves = Vec::new();

@@ -7,14 +7,15 @@ use super::page::{SAMPLE, line, stroke};
 /// The style of a series.
 #[derive(Debug, Clone, Copy)]
 pub struct SeriesStyle {
-    /// From the palette of Okabe and Ito, which is suited for colour-blind readers. The colours also differ in lightness.
+    /// From the palette of Okabe and Ito, which is suited for colour-blind readers. The colours also differ in
+    /// lightness.
     pub colour: &'static str,
     /// Width [units] of the line. Later series are thinner, so that they do not hide earlier ones.
     width: f64,
     /// Lengths [units] of dash, gap, dash, gap ..., or [`SOLID`].
     dashes: &'static str,
-    /// Marker at every point, as relative SVG path data. Markers have different sizes and are open or small, so that all
-    /// are visible where curves coincide.
+    /// Marker at every point, as relative SVG path data. Markers have different sizes and are open or small, so that
+    /// all are visible where curves coincide.
     pub marker: &'static str,
 }
 
@@ -48,7 +49,8 @@ const fn series(colour: &'static str, width: f64, dashes: &'static str, marker: 
 }
 
 impl SeriesStyle {
-    /// The style of the series with this index. After the last of [`SERIES`], colours and lines repeat with other markers.
+    /// The style of the series with this index. After the last of [`SERIES`], colours and lines repeat with other
+    /// markers.
     pub fn of(index: usize) -> Self {
         let style = SERIES[index % SERIES.len()];
         match index / SERIES.len() {

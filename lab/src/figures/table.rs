@@ -40,8 +40,8 @@ impl Chart {
 }
 
 impl CurvePoint {
-    /// Formats the mean with its confidence interval, with decimals that depend on their magnitude. The interval is written
-    /// with ± if it is symmetric, which it is for unbounded quantities only.
+    /// Formats the mean with its confidence interval, with decimals that depend on their magnitude. The interval is
+    /// written with ± if it is symmetric, which it is for unbounded quantities only.
     pub fn cell(&self, support: Support) -> String {
         let Self { mean, limits, .. } = self;
         let size = limits.iter().flatten().fold(mean.abs(), |size, limit| size.max(limit.abs()));

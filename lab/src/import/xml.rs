@@ -6,8 +6,8 @@ use quick_xml::events::Event;
 /// Maximum depth of nested elements.
 const MOST_NESTED: usize = 200;
 
-/// Refuses incomplete XML, elements that are nested too deep, and elements `point` without text. `format` is the expected
-/// format.
+/// Refuses incomplete XML, elements that are nested too deep, and elements `point` without text. `format` is the
+/// expected format.
 pub(super) fn check(text: &str, format: &str, point: Option<&str>) -> Result<(), String> {
     let mut reader = Reader::from_str(text);
     let mut open: Vec<(Vec<u8>, bool)> = Vec::new(); // name, and whether it contains text

@@ -54,8 +54,8 @@ fn trial(sweep: &Sweep, key: MissionKey, stop: &Stop) -> Result<f64, LabError> {
     Ok(extrapolate(first, begin.elapsed(), mission.slot(), scenario.slots).as_secs_f64())
 }
 
-/// Extrapolates the duration of a mission with `slots` slots. `first` is the duration of set-up and first slot, `took` that
-/// of all `flown` slots.
+/// Extrapolates the duration of a mission with `slots` slots. `first` is the duration of set-up and first slot, `took`
+/// that of all `flown` slots.
 fn extrapolate(first: Duration, took: Duration, flown: u64, slots: u64) -> Duration {
     let others = flown.saturating_sub(1).max(1);
     first + (took - first).mul_f64(slots.saturating_sub(1) as f64 / others as f64)

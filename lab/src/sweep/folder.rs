@@ -174,8 +174,8 @@ pub fn manifest(what: &'static str, path: &Path) -> Result<Option<Manifest>, Lab
     Ok(Some(manifest))
 }
 
-/// Whether a folder contains files other than the lock and temporary files, which a killed process can leave before it has
-/// written `sweep.json`.
+/// Whether a folder contains files other than the lock and temporary files, which a killed process can leave before it
+/// has written `sweep.json`.
 fn has_foreign_files(path: &Path) -> Result<bool, LabError> {
     let is_foreign = |entry: fs::DirEntry| entry.file_name() != "lock" && !is_unfinished(&entry.file_name());
     Ok(fs::read_dir(path).at(path)?.flatten().any(is_foreign))

@@ -194,8 +194,8 @@ pub struct MissionKey {
 }
 
 impl Sweep {
-    /// Reads a sweep file and checks every point of its grid. The file may name strategies of the registry and `external`
-    /// ones.
+    /// Reads a sweep file and checks every point of its grid. The file may name strategies of the registry and
+    /// `external` ones.
     ///
     /// # Errors
     /// If the file, its scenario, a strategy or a point is refused.

@@ -34,7 +34,8 @@ pub fn write(folder: &Path, definition: &Definition, journal: &SweepJournal, sto
     Ok(write_whole(&folder.join("summary.csv"), &summary_csv(definition, journal, &results, stop)?)?)
 }
 
-/// Writes the files with one row per mission, `part` rows at a time: two tables with these metrics, and the Parquet file.
+/// Writes the files with one row per mission, `part` rows at a time: two tables with these metrics, and the Parquet
+/// file.
 fn write_missions(
     folder: &Path,
     definition: &Definition,
@@ -165,8 +166,8 @@ fn summary_csv(
     Ok(writer.into_inner().expect("memory takes everything"))
 }
 
-/// The mean of each metric over the missions of a point and a strategy; `None` if a mission has no value, or there is no
-/// mission. Reads the missions twice instead of keeping them in memory.
+/// The mean of each metric over the missions of a point and a strategy; `None` if a mission has no value, or there is
+/// no mission. Reads the missions twice instead of keeping them in memory.
 fn intervals(
     journal: &SweepJournal,
     point: usize,

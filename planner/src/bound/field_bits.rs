@@ -1,4 +1,5 @@
-//! The sensor nodes as the bounds see them: those that sample, in whole bits, with the first slot of a possible service.
+//! The sensor nodes as the bounds see them: those that sample, in whole bits, with the first slot of a possible
+//! service.
 
 use skysink_common::arrivals::sampled_bits;
 use skysink_common::geometry::{Position, distance_squared};
@@ -22,8 +23,8 @@ pub struct SensorBits {
 }
 
 impl SensorBits {
-    /// Overflow up to the end of `slot` [bit], if the SN is never served after the slot `emptied`, which left it empty; or
-    /// never at all if that is `None`.
+    /// Overflow up to the end of `slot` [bit], if the SN is never served after the slot `emptied`, which left it empty;
+    /// or never at all if that is `None`.
     #[inline]
     #[must_use]
     pub fn overflow_bits(&self, emptied: Option<u64>, slot: u64) -> u64 {

@@ -119,8 +119,8 @@ fn mean_over_gains([lowest_db, highest_db]: [f64; 2], value: impl Fn(f64) -> f64
     sum / f64::from(GAIN_STEPS)
 }
 
-/// Upper bound on the expected bits of a link: the probability of line of sight and the rates are highest straight below
-/// the UAV at the altitude `z_m` [m]. If the rate in line of sight is the lower one, the other is taken.
+/// Upper bound on the expected bits of a link: the probability of line of sight and the rates are highest straight
+/// below the UAV at the altitude `z_m` [m]. If the rate in line of sight is the lower one, the other is taken.
 fn expected_bits(model: &LineOfSight, z_m: f64, carried_bits: impl Fn(f64) -> f64) -> f64 {
     let los_bits = carried_bits(model.los_rate_bps(0.0, z_m));
     let nlos_bits = carried_bits(model.nlos_rate_bps(0.0, z_m));

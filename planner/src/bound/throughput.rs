@@ -8,9 +8,9 @@ const ROUNDING: f64 = 1e-9;
 /// Lower bound on the loss [bit] of every flight, if the link of the sensor node `sensor` of the field carries at most
 /// `link_bits(slot, sensor)` [bit].
 ///
-/// For the sensor nodes (SNs) that overflow if never served: the bits that they hold and sample, less their buffers, less
-/// the uploads before the last slot. A slot uploads from at most n of them, each at most the capacity of its link and
-/// its buffer, and only from those that can be reached by then. In the last slot the overflow precedes the upload
+/// For the sensor nodes (SNs) that overflow if never served: the bits that they hold and sample, less their buffers,
+/// less the uploads before the last slot. A slot uploads from at most n of them, each at most the capacity of its link
+/// and its buffer, and only from those that can be reached by then. In the last slot the overflow precedes the upload
 /// (decision D1).
 #[must_use]
 pub fn by_throughput(field: &FieldBits, link_bits: impl Fn(u64, usize) -> u64) -> u64 {
@@ -36,8 +36,8 @@ pub fn by_throughput(field: &FieldBits, link_bits: impl Fn(u64, usize) -> u64) -
     excess_bits
 }
 
-/// Lower bound on the mean loss [bit] over the draws of a random channel, without knowledge of future draws, if every link
-/// is expected to carry at most `expected_bits(slot)` [bit] of a queue of at most the largest buffer.
+/// Lower bound on the mean loss [bit] over the draws of a random channel, without knowledge of future draws, if every
+/// link is expected to carry at most `expected_bits(slot)` [bit] of a queue of at most the largest buffer.
 #[must_use]
 pub fn by_expected_throughput(field: &FieldBits, expected_bits: impl Fn(u64) -> f64) -> f64 {
     let (excess_bits, overflowing) = overflowing(field);

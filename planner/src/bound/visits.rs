@@ -11,13 +11,13 @@ const GAPS: u64 = 8;
 /// compared.
 const MOST_LOSSES: u64 = 400_000_000;
 
-/// Lower bound on the loss [bit] of every flight, if at most `most(K)` sensor nodes (SNs) are served in any K consecutive
-/// slots.
+/// Lower bound on the loss [bit] of every flight, if at most `most(K)` sensor nodes (SNs) are served in any K
+/// consecutive slots.
 ///
-/// An SN that is not served in the K slots before slot t loses in slot t at least as much as if the slot before them had
-/// left it empty or, if it cannot be reached by then, as if it were never served. So the loss in slot t is at least the
-/// sum of these losses without the `most(K)` largest of the SNs that can be reached. The largest of these sums over K is
-/// taken.
+/// An SN that is not served in the K slots before slot t loses in slot t at least as much as if the slot before them
+/// had left it empty or, if it cannot be reached by then, as if it were never served. So the loss in slot t is at least
+/// the sum of these losses without the `most(K)` largest of the SNs that can be reached. The largest of these sums over
+/// K is taken.
 #[must_use]
 pub fn by_visits(field: &FieldBits, most: impl Fn(u64) -> usize) -> u64 {
     let gaps: Vec<(u64, usize)> = gaps(field).into_iter().map(|gap| (gap, most(gap))).collect();
@@ -32,8 +32,8 @@ pub fn by_visits(field: &FieldBits, most: impl Fn(u64) -> usize) -> u64 {
     bound_bits
 }
 
-/// Lower bound on the loss in `slot` [bit], if at most `served` SNs were served in the `gap` slots before it. `losses` is
-/// working memory.
+/// Lower bound on the loss in `slot` [bit], if at most `served` SNs were served in the `gap` slots before it. `losses`
+/// is working memory.
 fn lost_after(field: &FieldBits, slot: u64, gap: u64, served: usize, losses: &mut Vec<u64>) -> u64 {
     let before = slot - 1 - gap;
     losses.clear();

@@ -41,8 +41,8 @@ impl Circle {
         pairs.into_iter().max_by(|a, b| a.radius_m2.total_cmp(&b.radius_m2)).expect("three pairs")
     }
 
-    /// The smallest enclosing circle of `points` by Welzl's incremental algorithm; a circle of radius 0 at the origin if
-    /// there are no points.
+    /// The smallest enclosing circle of `points` by Welzl's incremental algorithm; a circle of radius 0 at the origin
+    /// if there are no points.
     #[must_use]
     pub fn around(points: &[Position]) -> Self {
         let Some(first) = points.first() else {

@@ -74,7 +74,8 @@ fn nearest_in_all(
 /// The point of both disks that is nearest to `target`, without the slack of decision D5; a point between them if they
 /// miss each other by rounding.
 ///
-/// The look-ahead flies through this point. [`project`], which accepts points within the slack, would change some flights.
+/// The look-ahead flies through this point. [`project`], which accepts points within the slack, would change some
+/// flights.
 #[must_use]
 pub fn nearest_in_both(target: &Position, reach: &Disk, range: &Disk) -> Position {
     if range.contains_strictly(target) && reach.contains_strictly(target) {

@@ -8,7 +8,8 @@ use skysink_common::scenario::Area;
 /// Relative margin of a preselection over the exact test that follows it.
 pub(crate) const PRESELECTION_MARGIN: f64 = 1.001;
 
-/// Most cells per point of a grid over a bounding box. Beyond it cells are enlarged, so that empty ground costs no memory.
+/// Most cells per point of a grid over a bounding box. Beyond it cells are enlarged, so that empty ground costs no
+/// memory.
 const CELLS_PER_NODE: f64 = 4.0;
 
 /// Cells that are always allowed in such a grid.
@@ -28,8 +29,8 @@ pub struct Node {
 
 /// All points in the cells of a uniform grid.
 ///
-/// Cells are numbered row by row from the south-west, and points are stored in the order of their cells: those in adjacent
-/// columns of a row are contiguous.
+/// Cells are numbered row by row from the south-west, and points are stored in the order of their cells: those in
+/// adjacent columns of a row are contiguous.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Grid {
     /// South-west corner.
@@ -44,8 +45,8 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// A grid over the bounding box of `positions`, with cells of the side `side_m` [m], enlarged if there would be more
-    /// than four cells per point. With an infinite side it has a single cell.
+    /// A grid over the bounding box of `positions`, with cells of the side `side_m` [m], enlarged if there would be
+    /// more than four cells per point. With an infinite side it has a single cell.
     ///
     /// # Panics
     /// If there are more points than ids; a scenario has at most 10^7 SNs.
@@ -100,8 +101,8 @@ impl Grid {
     /// Visits every point at most `radius_m` [m] from `centre`, without slack, once, with the squared distance [m²], by
     /// cell and within a cell by id.
     ///
-    /// Rounding does not miss a point: the tested cells reach a thousandth of the radius beyond the test, and their bounds
-    /// are computed by the same monotonic function as the cells of the points.
+    /// Rounding does not miss a point: the tested cells reach a thousandth of the radius beyond the test, and their
+    /// bounds are computed by the same monotonic function as the cells of the points.
     #[inline]
     pub fn visit(&self, centre: &Position, radius_m: f64, mut visit: impl FnMut(&Node, f64)) {
         let margin_m = radius_m * PRESELECTION_MARGIN;

@@ -184,8 +184,8 @@ impl<'a> Tour<'a> {
     }
 }
 
-/// The unvisited point nearest to point `at`, if its neighbour list has none; any if its position is NaN. `None` if all are
-/// visited.
+/// The unvisited point nearest to point `at`, if its neighbour list has none; any if its position is NaN. `None` if all
+/// are visited.
 fn nearest_unvisited(grid: &Grid, points: &[Position], at: u32, is_unvisited: impl Fn(&u32) -> bool) -> Option<u32> {
     let mut count = 4 * NEIGHBOURS;
     loop {

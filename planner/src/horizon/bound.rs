@@ -1,5 +1,5 @@
-//! Lower bounds on the predicted loss of any plan over a planning window: with real-valued queues, and random channels at
-//! their expected rates. Computed in every slot.
+//! Lower bounds on the predicted loss of any plan over a planning window: with real-valued queues, and random channels
+//! at their expected rates. Computed in every slot.
 //!
 //! Bounds on the loss of any flight, in whole bits and for all draws of the channel, are left to [`crate::bound`].
 
@@ -17,9 +17,9 @@ pub fn lower_bound(model: &PlanningModel, window: &PlanningWindow) -> f64 {
 
 /// Lower bound on the loss [bit] by visits.
 ///
-/// At most `n K` sensors are served in K slots. A sensor that is not served in the K slots before slot t loses in slot t
-/// at least as much as if it was emptied just before them or, if these are all slots since the start, as if unserved. So
-/// the loss in slot t is at least the sum of these losses without the `n K` largest, for every K.
+/// At most `n K` sensors are served in K slots. A sensor that is not served in the K slots before slot t loses in slot
+/// t at least as much as if it was emptied just before them or, if these are all slots since the start, as if unserved.
+/// So the loss in slot t is at least the sum of these losses without the `n K` largest, for every K.
 #[must_use]
 pub fn by_visits(model: &PlanningModel, window: &PlanningWindow) -> f64 {
     let most = |slots: i32| model.table.resource_blocks.saturating_mul(slots as usize);
@@ -55,8 +55,8 @@ pub fn by_visits(model: &PlanningModel, window: &PlanningWindow) -> f64 {
     bound_bits
 }
 
-/// Lower bound on the loss [bit] by throughput: stored and sampled bits, less the buffers, less the capacity of n of the
-/// best links in every slot.
+/// Lower bound on the loss [bit] by throughput: stored and sampled bits, less the buffers, less the capacity of n of
+/// the best links in every slot.
 #[must_use]
 pub fn by_throughput(model: &PlanningModel, window: &PlanningWindow) -> f64 {
     let slots = f64::from(window.slots);

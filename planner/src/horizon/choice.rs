@@ -4,8 +4,8 @@ use std::cmp::Ordering;
 
 use super::model::PlanningModel;
 
-/// Expected loss [slots of sampling] of a sensor with `left` slots of room, until its next visit at a time that is uniform
-/// within `until` slots: `max(0, until − left)²/(2 until)`.
+/// Expected loss [slots of sampling] of a sensor with `left` slots of room, until its next visit at a time that is
+/// uniform within `until` slots: `max(0, until − left)²/(2 until)`.
 #[inline]
 #[must_use]
 pub fn late_slots(left: f64, until: f64) -> f64 {
@@ -22,8 +22,8 @@ pub struct Candidate {
     pub capacity_slots: f64,
     /// Expected loss [bit] that a visit saves; infinite for the members of the stop.
     pub saved_bits: f64,
-    /// Slots until its buffer is full, at least 0: the planner of the next slot sees only that a queue is full, and has to
-    /// make the same choice.
+    /// Slots until its buffer is full, at least 0: the planner of the next slot sees only that a queue is full, and has
+    /// to make the same choice.
     left_slots: f64,
 }
 

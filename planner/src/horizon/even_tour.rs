@@ -1,4 +1,5 @@
-//! 2-opt repair of closed tours in which few legs are longer than a slot. A long leg costs an additional slot per round.
+//! 2-opt repair of closed tours in which few legs are longer than a slot. A long leg costs an additional slot per
+//! round.
 
 /// Tours are repaired if at most one leg in this many is long. With more the search takes long and does not succeed.
 const FEW: usize = 8;

@@ -27,8 +27,8 @@ pub struct PlanningWindow {
 }
 
 impl PlanningWindow {
-    /// A window of `slots` slots, followed by `beyond_slots` slots of the mission, with the UAV at `start` and the queues
-    /// `queues_bits` [bit], by id.
+    /// A window of `slots` slots, followed by `beyond_slots` slots of the mission, with the UAV at `start` and the
+    /// queues `queues_bits` [bit], by id.
     ///
     /// # Panics
     /// If there are more slots than an `i32` holds; a mission has at most 10^9.
@@ -146,8 +146,8 @@ impl Forecast {
         lost_bits
     }
 
-    /// Tries the plan with `inserted` instead of the stops `from..to`; returns its loss [bit]. Each inserted stop has its
-    /// index in the old plan, or [`FRESH`].
+    /// Tries the plan with `inserted` instead of the stops `from..to`; returns its loss [bit]. Each inserted stop has
+    /// its index in the old plan, or [`FRESH`].
     pub fn attempt(&mut self, model: &PlanningModel, from: usize, to: usize, inserted: &[(u32, u32)]) -> f64 {
         let start = from.saturating_sub(1); // the waypoint before a change depends on what comes next
         let mut lost_bits = self.restore(model, start);
@@ -195,7 +195,8 @@ impl Forecast {
         lost_bits + self.final_loss(model)
     }
 
-    /// Whether the leg to stop `old` of the old plan, followed by `next`, is unchanged; `follows` if the leg before it is.
+    /// Whether the leg to stop `old` of the old plan, followed by `next`, is unchanged; `follows` if the leg before it
+    /// is.
     #[inline]
     fn is_as_before(
         &self,
@@ -256,8 +257,8 @@ impl Forecast {
         Some(self.serve_legs(model, old, old + 1, shift, 0.0))
     }
 
-    /// Flies to `stop`, as near to the stop `next` as possible; returns the loss [bit], or `None` if the leg ends after the
-    /// window. A stop whose members the last slot serves takes no time.
+    /// Flies to `stop`, as near to the stop `next` as possible; returns the loss [bit], or `None` if the leg ends after
+    /// the window. A stop whose members the last slot serves takes no time.
     fn fly_leg(&mut self, model: &PlanningModel, stop: u32, next: Option<u32>, change: &mut Change) -> Option<f64> {
         let first = change.trace.visits.len() as u32;
         let mut lost_bits = 0.0;
@@ -269,8 +270,8 @@ impl Forecast {
         Some(lost_bits)
     }
 
-    /// Repeats the old plan from leg `old` on, `shift` slots later, after a loss of `lost_bits`; returns the loss up to the
-    /// end of its last leg [bit].
+    /// Repeats the old plan from leg `old` on, `shift` slots later, after a loss of `lost_bits`; returns the loss up to
+    /// the end of its last leg [bit].
     ///
     /// As soon as all queues agree with a stored state, the remaining loss is known.
     fn repeat(&mut self, model: &PlanningModel, old: usize, shift: i32, mut lost_bits: f64) -> (f64, Option<Rejoined>) {

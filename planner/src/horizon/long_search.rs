@@ -43,8 +43,8 @@ pub struct SearchOutcome {
 }
 
 impl Horizon {
-    /// Improves the plan of `forecast` by up to `steps` search steps, and carries it. `watch` is called with the progress;
-    /// if it ends the search, the result is `None`, and no plan is carried.
+    /// Improves the plan of `forecast` by up to `steps` search steps, and carries it. `watch` is called with the
+    /// progress; if it ends the search, the result is `None`, and no plan is carried.
     pub(crate) fn prepare(
         &mut self,
         view: &View,
@@ -58,9 +58,9 @@ impl Horizon {
         Some(SearchOutcome { loss_bits: forecast.loss_bits, steps, is_optimal })
     }
 
-    /// Anneals `forecast` by up to `steps` search steps. While the temperature falls, the first slot that may change moves
-    /// from the beginning of the mission to its end; then the whole plan is polished. Keeps the best plan found between
-    /// rounds. Returns the steps done, and whether the bound ended the search.
+    /// Anneals `forecast` by up to `steps` search steps. While the temperature falls, the first slot that may change
+    /// moves from the beginning of the mission to its end; then the whole plan is polished. Keeps the best plan found
+    /// between rounds. Returns the steps done, and whether the bound ended the search.
     fn cool(
         &self,
         forecast: &mut Forecast,

@@ -89,8 +89,8 @@ pub struct Horizon {
     budget: Option<Duration>,
     /// The remaining stops, as disks of the model.
     carried: Vec<u32>,
-    /// Temperature of the next search, 0 to 1: the loss accepted with probability 1/e, as a fraction of the mean loss per
-    /// stop beyond the bound.
+    /// Temperature of the next search, 0 to 1: the loss accepted with probability 1/e, as a fraction of the mean loss
+    /// per stop beyond the bound.
     temperature: f64,
 }
 
@@ -149,7 +149,8 @@ impl Horizon {
         }
     }
 
-    /// Updates the model with the estimate at the beginning of the slot: learnt rates, and the uncertainty of the queues.
+    /// Updates the model with the estimate at the beginning of the slot: learnt rates, and the uncertainty of the
+    /// queues.
     fn update_sensors(&mut self, view: &View) {
         let Some(estimate) = view.estimate else {
             return;
@@ -171,7 +172,8 @@ impl Horizon {
         }
     }
 
-    /// The forecast of the carried plan from the slot of `view` on, or of an initial plan; `None` if no SN can lose data.
+    /// The forecast of the carried plan from the slot of `view` on, or of an initial plan; `None` if no SN can lose
+    /// data.
     #[must_use]
     pub fn forecast(&mut self, view: &View) -> Option<Forecast> {
         self.update_sensors(view);
@@ -197,8 +199,8 @@ impl Horizon {
 
     /// Improves the plan of `forecast`, and carries the part after the slot of `view`.
     ///
-    /// Without a budget the number of steps is fixed. The search draws from the random stream of the slot, so the result
-    /// depends only on the view and the carried plan.
+    /// Without a budget the number of steps is fixed. The search draws from the random stream of the slot, so the
+    /// result depends only on the view and the carried plan.
     pub fn search(&mut self, view: &View, forecast: &mut Forecast, is_over: impl Fn() -> bool) {
         self.improve(Search { slot: view.slot, round: 0, steps: self.iterations }, forecast, is_over);
         self.carried.clear();
@@ -237,9 +239,9 @@ impl Horizon {
 
     /// Anneals the plan; restores the initial plan if the loss ends much higher.
     ///
-    /// The temperature is proportional to the loss per stop beyond the bound, and falls with the fraction of free resource
-    /// blocks, because a cycle of full groups can only get worse. It is lowered after a search that increased the loss, and
-    /// raised after one that reduced it, up to a ceiling that falls over the mission.
+    /// The temperature is proportional to the loss per stop beyond the bound, and falls with the fraction of free
+    /// resource blocks, because a cycle of full groups can only get worse. It is lowered after a search that increased
+    /// the loss, and raised after one that reduced it, up to a ceiling that falls over the mission.
     fn improve(&mut self, search: Search, forecast: &mut Forecast, is_over: impl Fn() -> bool) {
         let Search { slot, round, steps } = search;
         if steps == 0 {
@@ -264,8 +266,8 @@ impl Horizon {
         let temperature = Temperature { far_bits, now: 0, near_fraction: NEAR_FRACTION };
         let mut random = self.streams.stream(Purpose::Horizon, slot, round);
         anneal::anneal(model, forecast, temperature, steps, is_over, &mut random);
-        // The schedules depend on the queues, and the search copies legs without recomputing them. Reload the plan, so that
-        // the next slot resumes from exactly this plan.
+        // The schedules depend on the queues, and the search copies legs without recomputing them. Reload the plan, so
+        // that the next slot resumes from exactly this plan.
         forecast.load(model, forecast.stops());
         let rise_bits = forecast.loss_bits - begun_bits;
         if rise_bits > 0.0 {

@@ -68,7 +68,8 @@ impl SensorModel {
         self.initial_half_slots == 0.0 && self.rate_half_fraction == 0.0
     }
 
-    /// Expected overflow [slots of sampling] at the end of `slot`, if the estimated queue was empty in the slot `empty`.
+    /// Expected overflow [slots of sampling] at the end of `slot`, if the estimated queue was empty in the slot
+    /// `empty`.
     ///
     /// The overflow is uniform within a half-width h of `late` slots, clamped to 0: its mean is `(late + h)²/4h` for
     /// `|late| < h`. The first visit, after slot 0, ends the uncertainty of the initial queue. Before it, `left_slots`
@@ -104,9 +105,9 @@ pub struct PlanningModel {
     pub ids: Vec<u32>,
     /// Altitude of service in free space [m].
     altitude_m: f64,
-    /// With probabilistic line of sight: expected bits of a visit by `d²`, from the best altitude for nearby sensors. One
-    /// altitude is used, because all sensors of a slot are served from one, and climbs are slow. One table suffices,
-    /// because all uplinks have one gain.
+    /// With probabilistic line of sight: expected bits of a visit by `d²`, from the best altitude for nearby sensors.
+    /// One altitude is used, because all sensors of a slot are served from one, and climbs are slow. One table
+    /// suffices, because all uplinks have one gain.
     capacities_bits: Option<Box<[f64; TABLE + 1]>>,
     /// All disks: first those of single sensors, then groups, then added ones.
     pub disks: Vec<ServiceDisk>,
@@ -174,8 +175,8 @@ impl PlanningModel {
         self.disks.push(ServiceDisk { disk, members: vec![index] });
     }
 
-    /// Radius of the disk of a single sensor [m]: the farthest at which the link carries most of its best capacity, or of a
-    /// full buffer.
+    /// Radius of the disk of a single sensor [m]: the farthest at which the link carries most of its best capacity, or
+    /// of a full buffer.
     fn near_m(&self, sensor: u32) -> f64 {
         let enough_slots = self.capacity_slots(sensor, 0.0).min(self.sensors[sensor as usize].fill_slots) * NEAR;
         let radius_m = |step: u32| self.table.comm_radius_m * f64::from(step) / f64::from(NEAR_RADII);
@@ -272,8 +273,8 @@ impl PlanningModel {
         self.neighbours = (0..self.disks.len() as u32).map(nearest).collect();
     }
 
-    /// Whether plans may stop at `stop`: at all groups, and at a single sensor unless more than n sensors are in range and
-    /// a visit from anywhere empties it, because then a group determines the schedule.
+    /// Whether plans may stop at `stop`: at all groups, and at a single sensor unless more than n sensors are in range
+    /// and a visit from anywhere empties it, because then a group determines the schedule.
     fn is_stop(&self, stop: u32) -> bool {
         let Some(sensor) = self.sensors.get(stop as usize) else {
             return true;
@@ -306,11 +307,11 @@ impl PlanningModel {
     }
 }
 
-/// Expected bits of a visit with a full buffer, over `d²`, from the altitude that is best for nearby sensors; of equals the
-/// lowest.
+/// Expected bits of a visit with a full buffer, over `d²`, from the altitude that is best for nearby sensors; of equals
+/// the lowest.
 ///
-/// The capacity of each draw is limited to the buffer: excess capacity in line of sight does not make up for slots out of
-/// it.
+/// The capacity of each draw is limited to the buffer: excess capacity in line of sight does not make up for slots out
+/// of it.
 fn best_capacities_bits(scenario: &Scenario, channel: &Channel, model: &LineOfSight) -> [f64; TABLE + 1] {
     let [low_m, high_m] =
         scenario.uav.climb().map_or([scenario.uav.altitude_m; 2], |climb| [climb.min_altitude_m, climb.max_altitude_m]);

@@ -21,8 +21,8 @@ struct StartPlan {
 }
 
 impl Horizon {
-    /// Replaces the plan by that of the best of `flights`, if it loses less after searches of `steps` steps for both. Each
-    /// flight is a list of slots, with waypoint and schedule, which become disks of the model.
+    /// Replaces the plan by that of the best of `flights`, if it loses less after searches of `steps` steps for both.
+    /// Each flight is a list of slots, with waypoint and schedule, which become disks of the model.
     ///
     /// The plans are compared after a search, because a plan that loses less may be hard to improve: its stops serve as
     /// many sensors as possible, and are hard to replace.

@@ -1,10 +1,10 @@
 //! Upper bound on the number of sensors that the UAV can serve in some slots, by the lengths of paths.
 //!
-//! The sensors that are served within K slots lie on a path whose [`legs`] take at most K − 1 slots in all. For any prices
-//! `π_i` of the sensors, the weight of a path is that of its legs less the prices of their ends, plus `2 π_i` for each of
-//! its sensors, less `π_i` at its two ends. The legs of a path are a spanning tree; [`merge_tree`] bounds the weight of
-//! spanning trees from below, for all sets of sensors at once. Any prices and surcharges of legs give a bound; subgradient
-//! steps improve it.
+//! The sensors that are served within K slots lie on a path whose [`legs`] take at most K − 1 slots in all. For any
+//! prices `π_i` of the sensors, the weight of a path is that of its legs less the prices of their ends, plus `2 π_i`
+//! for each of its sensors, less `π_i` at its two ends. The legs of a path are a spanning tree; [`merge_tree`] bounds
+//! the weight of spanning trees from below, for all sets of sensors at once. Any prices and surcharges of legs give a
+//! bound; subgradient steps improve it.
 
 pub mod legs;
 pub mod merge_tree;
@@ -97,8 +97,8 @@ impl PathBound {
         (bound, Some(legs))
     }
 
-    /// Raises the weights to the bounds by `prices` and the surcharges of `legs`. Returns the subgradient with respect to
-    /// the prices at about `target` sensors, and the legs that connect these.
+    /// Raises the weights to the bounds by `prices` and the surcharges of `legs`. Returns the subgradient with respect
+    /// to the prices at about `target` sensors, and the legs that connect these.
     fn tighten(&mut self, legs: &Legs, prices: &[f64], target: usize) -> (Vec<f64>, Vec<PricedLeg>) {
         let count = prices.len();
         let tree = cheapest_tree(legs, prices);

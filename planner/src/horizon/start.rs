@@ -7,7 +7,8 @@ use super::flight::slots_to;
 use super::forecast::Forecast;
 use super::model::PlanningModel;
 
-/// Loads the best of several initial plans: greedy plans of two kinds, and repeated tours over single sensors and groups.
+/// Loads the best of several initial plans: greedy plans of two kinds, and repeated tours over single sensors and
+/// groups.
 pub fn begin(model: &PlanningModel, forecast: &mut Forecast) {
     let mut best: Option<(f64, Vec<u32>)> = None;
     let mut offer = |forecast: &Forecast| {
@@ -37,8 +38,8 @@ pub fn begin(model: &PlanningModel, forecast: &mut Forecast) {
     forecast.load(model, stops);
 }
 
-/// Appends stops until none fits, each time the one with most data per slot of flight: the bits that its members will have
-/// sampled since they were empty, including overflow.
+/// Appends stops until none fits, each time the one with most data per slot of flight: the bits that its members will
+/// have sampled since they were empty, including overflow.
 pub fn extend(model: &PlanningModel, forecast: &mut Forecast) {
     extend_by(model, forecast, |index, now, empty| {
         let waited_bits = |&member: &u32| (now - empty[member as usize]) * model.sensors[member as usize].mean_bits;

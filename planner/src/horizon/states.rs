@@ -107,8 +107,8 @@ impl States {
         stored.empty.copy_from_slice(work);
     }
 
-    /// Compares the queues `work` at the end of slot `now` with `state`, `shift` slots before. If they agree, returns the
-    /// additional loss over that state, including the overflow of full queues that were not visited since.
+    /// Compares the queues `work` at the end of slot `now` with `state`, `shift` slots before. If they agree, returns
+    /// the additional loss over that state, including the overflow of full queues that were not visited since.
     pub fn rejoin(
         &mut self,
         model: &PlanningModel,

@@ -135,8 +135,8 @@ impl ExactSearch {
         self.centre
     }
 
-    /// Tries the points of the disk of i, and of its lenses with the disks of all less full SNs, that are nearest to the
-    /// UAV.
+    /// Tries the points of the disk of i, and of its lenses with the disks of all less full SNs, that are nearest to
+    /// the UAV.
     fn search_around(&mut self, table: &SensorTable, position: &Position, i: &Spot) {
         self.around.clear();
         self.around.extend(self.nearby.iter().filter(|other| may_share(table, i, other)));

@@ -194,8 +194,8 @@ impl LookAhead {
 }
 
 impl Strategy for LookAhead {
-    /// Improves the plan, and decides by it or by a strategy that is predicted to lose less; `None` if no SN that can lose
-    /// data is in reach.
+    /// Improves the plan, and decides by it or by a strategy that is predicted to lose less; `None` if no SN that can
+    /// lose data is in reach.
     fn plan(&mut self, view: &View<'_>) -> Option<Decision> {
         // The budget is divided among the survey, the search, and the comparison.
         let budget = self.horizon.budget(view).map(|budget| (Instant::now(), budget));

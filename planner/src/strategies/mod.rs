@@ -1,7 +1,7 @@
 //! The strategies: schedule and waypoint of a slot.
 //!
-//! A strategy is a file of this folder and a line of [`STRATEGIES`]. Messages, and transit without a decision, are left to
-//! [`crate::planner`].
+//! A strategy is a file of this folder and a line of [`STRATEGIES`]. Messages, and transit without a decision, are left
+//! to [`crate::planner`].
 
 pub mod algorithm_1;
 pub mod drift_plus_penalty;
@@ -82,8 +82,8 @@ pub fn stateless() -> Vec<&'static str> {
 
 /// A planning strategy: decides one slot from the state after the one before.
 ///
-/// It reads no clock unless the mission is paced, draws random numbers only from [`skysink_common::random`], and saves all
-/// its state in its checkpoint.
+/// It reads no clock unless the mission is paced, draws random numbers only from [`skysink_common::random`], and saves
+/// all its state in its checkpoint.
 pub trait Strategy: Checkpoint {
     /// The decision for the slot of `view`; `None` if no sensor node is in reach, which leaves the slot to transit
     /// (decision D8).

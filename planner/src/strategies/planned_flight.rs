@@ -32,8 +32,8 @@ impl Strategy for PlannedFlight<'_> {
     }
 }
 
-/// The waypoint of a planned slot. If links limit the collected bits, or may be out of line of sight, it is moved toward
-/// the solution of sP2*, as far as the next stop stays in reach.
+/// The waypoint of a planned slot. If links limit the collected bits, or may be out of line of sight, it is moved
+/// toward the solution of sP2*, as far as the next stop stays in reach.
 fn between_stops(serving: &mut Serving, view: &View, next: &PlannedSlot) -> (Position, SolverOutcome) {
     let above = serving.above(view, &next.waypoint, &next.ids);
     let queued_bits: u64 = next.ids.iter().map(|&id| u64::from(view.queues_bits[id as usize])).sum();

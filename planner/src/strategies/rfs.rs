@@ -23,8 +23,8 @@ pub const STRATEGY: Registered = Registered {
 
 /// Most draws of a random waypoint, after which the UAV holds its position.
 ///
-/// At least a fraction of π/4 of the drawn points is in reach, unless the position is outside the area or NaN. flight-sim
-/// reports no such position; the limit only guarantees termination.
+/// At least a fraction of π/4 of the drawn points is in reach, unless the position is outside the area or NaN.
+/// flight-sim reports no such position; the limit only guarantees termination.
 const MAX_DRAWS: u32 = 1_000;
 
 struct Rfs {

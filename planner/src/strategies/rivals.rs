@@ -148,8 +148,8 @@ impl Rivals {
     }
 
     /// Chooses the strategy for the slot of `view`: the look-ahead's `own` plan, the followed strategy, the best one
-    /// `surveyed`, or else the next candidates in turn. A plan without loss is always chosen. If the comparison `is_over`
-    /// early, the choice does not change.
+    /// `surveyed`, or else the next candidates in turn. A plan without loss is always chosen. If the comparison
+    /// `is_over` early, the choice does not change.
     pub fn choose(
         &mut self,
         view: &View,

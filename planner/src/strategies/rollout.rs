@@ -1,8 +1,8 @@
 //! Rollout: the predicted loss of a strategy from a slot to the mission's end, by simulation.
 //!
-//! Queues grow at known or estimated rates. Random channels are drawn from the rollout's own streams, because the planner
-//! knows the channel, but not its draws. Sampling, overflow and upload are in whole bits, in the order of decision D1: with
-//! known channel, queues and rates the prediction is exact.
+//! Queues grow at known or estimated rates. Random channels are drawn from the rollout's own streams, because the
+//! planner knows the channel, but not its draws. Sampling, overflow and upload are in whole bits, in the order of
+//! decision D1: with known channel, queues and rates the prediction is exact.
 
 use arrayvec::ArrayVec;
 use nalgebra::Point3;
@@ -125,8 +125,8 @@ impl<'a> Rollout<'a> {
         }
     }
 
-    /// Mean loss [bit] of `strategy` over all samples; `reset` restores its state before each. `None` as soon as the mean
-    /// exceeds `most_bits`, or once `is_over`. `watch` is called with each slot of the first sample.
+    /// Mean loss [bit] of `strategy` over all samples; `reset` restores its state before each. `None` as soon as the
+    /// mean exceeds `most_bits`, or once `is_over`. `watch` is called with each slot of the first sample.
     pub fn mean_loss_bits(
         &self,
         strategy: &mut dyn Strategy,
@@ -150,8 +150,8 @@ impl<'a> Rollout<'a> {
         Some(lost_bits / f64::from(self.futures))
     }
 
-    /// Loss [bit] of one sample; `watch` is called with each slot. `None` as soon as the loss exceeds `most_bits`, or once
-    /// `is_over`.
+    /// Loss [bit] of one sample; `watch` is called with each slot. `None` as soon as the loss exceeds `most_bits`, or
+    /// once `is_over`.
     pub fn fly(
         &self,
         future: u32,

@@ -28,7 +28,8 @@ impl Sampling {
         self.capacity_bits[id as usize]
     }
 
-    /// Slots until SN `id` overflows: the room in its buffer divided by its bits per slot; `None` if it does not sample.
+    /// Slots until SN `id` overflows: the room in its buffer divided by its bits per slot; `None` if it does not
+    /// sample.
     pub fn deadline_slots(&self, view: &View, id: u32) -> Option<f64> {
         let room_bits = f64::from(self.capacity_bits(id)) - f64::from(view.queues_bits[id as usize]);
         self.mean_bits(view, id).map(|mean_bits| room_bits / mean_bits)

@@ -1,10 +1,10 @@
 //! The ascent solver of the three-dimensional waypoint: projected gradient ascent of the true objective from several
 //! starts.
 //!
-//! The problem has three variables and a convex feasible set, but the objective has a non-smooth peak above every sensor
-//! node (SN). An ascent may end at the wrong peak, and gradients do not lead onto one, so every SN is among the starts.
-//! Each step follows the steepest ascent, is projected exactly onto the feasible set, and is taken only if the objective
-//! rises.
+//! The problem has three variables and a convex feasible set, but the objective has a non-smooth peak above every
+//! sensor node (SN). An ascent may end at the wrong peak, and gradients do not lead onto one, so every SN is among the
+//! starts. Each step follows the steepest ascent, is projected exactly onto the feasible set, and is taken only if the
+//! objective rises.
 
 use std::cmp::Ordering;
 

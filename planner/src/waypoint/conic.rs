@@ -25,8 +25,8 @@ const FARTHEST_PULL: f64 = 1e-4;
 
 /// Clarabel, with one solver per number of disks.
 ///
-/// A solver is created once per shape; then only its data are replaced. Settings that carry state from one problem to the
-/// next, such as equilibration, are disabled, so that a result does not depend on earlier problems.
+/// A solver is created once per shape; then only its data are replaced. Settings that carry state from one problem to
+/// the next, such as equilibration, are disabled, so that a result does not depend on earlier problems.
 #[derive(Default)]
 pub struct ConicSolver {
     /// By number of disks.
@@ -39,8 +39,8 @@ pub struct ConicSolver {
 impl ConicSolver {
     /// The point of all `disks` that is nearest to `target`.
     ///
-    /// `None` if Clarabel does not report `Solved`, or its solution is too far outside the disks: the caller has to fall
-    /// back. There is at least one disk.
+    /// `None` if Clarabel does not report `Solved`, or its solution is too far outside the disks: the caller has to
+    /// fall back. There is at least one disk.
     pub fn project(&mut self, target: &Position, disks: &[Disk]) -> Option<Position> {
         let unit_m = disks.iter().map(|disk| disk.radius_m).fold(f64::INFINITY, f64::min);
         let solution = target + self.solve(target, disks, unit_m)? * unit_m;

@@ -1,7 +1,7 @@
 //! The waypoint of a schedule: sP2, solved in each slot by the scenario's solver.
 //!
-//! If the rate depends on the distance alone, [`plane`] solves sP2* at the UAV's altitude; otherwise [`ascent`] and [`sca`]
-//! search in three dimensions. Solver outcomes are determined in this file.
+//! If the rate depends on the distance alone, [`plane`] solves sP2* at the UAV's altitude; otherwise [`ascent`] and
+//! [`sca`] search in three dimensions. Solver outcomes are determined in this file.
 
 pub mod ascent;
 pub mod conic;
@@ -73,8 +73,8 @@ impl Solver {
         self.approximate(alone)
     }
 
-    /// Convex steps from the best starts, each followed by ascent; or `alone`, the end of the ascent without them, if it is
-    /// clearly better, such as when a step has left the peak above an SN.
+    /// Convex steps from the best starts, each followed by ascent; or `alone`, the end of the ascent without them, if
+    /// it is clearly better, such as when a step has left the peak above an SN.
     fn approximate(&self, alone: RatedPoint) -> Option<Waypoint> {
         let ends = self.starts.iter().map(|start| {
             let (stepped, contribution) = sca::approximate(&self.problem, *start, self.iterations);

@@ -1,8 +1,8 @@
 //! The problem sP2: the waypoint with the highest expected rate of the scheduled sensor nodes (SNs).
 //!
 //! It maximises the sum of the expected rates, `Σ E[r_i]`, within reach of the UAV, in range of every scheduled SN, and
-//! between the altitudes that one slot allows. Solvers are in [`crate::waypoint::plane`], [`crate::waypoint::ascent`] and
-//! [`crate::waypoint::sca`].
+//! between the altitudes that one slot allows. Solvers are in [`crate::waypoint::plane`], [`crate::waypoint::ascent`]
+//! and [`crate::waypoint::sca`].
 
 use nalgebra::{Point3, Vector2, Vector3};
 use skysink_common::channel::{Channel, Uplink};
@@ -111,8 +111,8 @@ impl Problem {
 
     /// Direction and slope [bit/s/m] of the steepest ascent of the objective.
     ///
-    /// Straight above an SN the elevation angle has a non-smooth peak, `θ ≈ 90° − (180/π) d/z`: leaving it in any direction
-    /// costs the same slope, which is subtracted from the gradient of the other SNs, down to 0.
+    /// Straight above an SN the elevation angle has a non-smooth peak, `θ ≈ 90° − (180/π) d/z`: leaving it in any
+    /// direction costs the same slope, which is subtracted from the gradient of the other SNs, down to 0.
     #[must_use]
     pub fn ascent(&self, at: &Point3<f64>) -> Vector3<f64> {
         let mut pull = Vector2::zeros();

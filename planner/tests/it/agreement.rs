@@ -126,7 +126,8 @@ fn algorithm_1(case: &Case, reach: Reach) -> Option<(u32, Vec<u32>)> {
 /// Whether one point within reach has all of `ids` in range.
 ///
 /// By Helly's theorem, disks of the plane have a point in common if every three of them have. Three of one radius have
-/// one if their centres fit into a circle of that radius; two and the disk of reach, if the lens of the two is in reach.
+/// one if their centres fit into a circle of that radius; two and the disk of reach, if the lens of the two is in
+/// reach.
 fn coverable(case: &Case, ids: &[u32]) -> bool {
     let table = &case.table;
     let place = |index: usize| table.position(ids[index]);
@@ -210,8 +211,8 @@ fn reaches() -> impl Strategy<Value = f64> {
     prop_oneof![Just(30.0), Just(20.0), Just(10.0), Just(7.5), Just(5.0), 0.5..30.0]
 }
 
-/// Three SNs whose smallest circle is wider than `d_c` by 5e-13 m: the circles of the outer two touch in a point that is
-/// 3e-6 m out of range of the third.
+/// Three SNs whose smallest circle is wider than `d_c` by 5e-13 m: the circles of the outer two touch in a point that
+/// is 3e-6 m out of range of the third.
 #[test]
 fn three_sensor_nodes_on_a_circle_but_for_rounding_are_served_together() {
     let places_m = [[60.0, 60.0], [50.008_016_800_160_94, 50.0], [40.0, 60.0]];

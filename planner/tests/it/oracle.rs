@@ -192,7 +192,8 @@ impl Case {
     }
 }
 
-/// Plans `cases` times [`crate::CASES_FACTOR`] cases of each range and compares with the search. How many fell back is returned.
+/// Plans `cases` times [`crate::CASES_FACTOR`] cases of each range and compares with the search. How many fell back is
+/// returned.
 fn assert_near_the_best(environment: &'static str, solver: WaypointSolver, cases: u32) -> u64 {
     let mut fallen_back = 0;
     for comm_radius_m in [10.0, 60.0] {

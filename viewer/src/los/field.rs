@@ -134,8 +134,8 @@ fn slice(link: &LineOfSight, uav: Point3<f64>, half_m: f64, served: &[Position])
     (0..SLICE_CELLS).flat_map(row).map(|at| (255.0 * mean(at)).round() as u8).collect()
 }
 
-/// The voxels at the surface of the region above a sensor node in which the probability is high. A solid funnel would hide
-/// the UAV.
+/// The voxels at the surface of the region above a sensor node in which the probability is high. A solid funnel would
+/// hide the UAV.
 struct Funnel {
     voxel_m: [f32; 3],
     /// Offset of the grid from the sensor node, in x and in y [m].

@@ -1,7 +1,7 @@
 //! Probability of line of sight and rates of the served links over the altitude, at the UAV's horizontal position.
 //!
-//! With increasing altitude, the probability of line of sight rises and the rate in line of sight falls. The expected rate
-//! has its maximum in between.
+//! With increasing altitude, the probability of line of sight rises and the rate in line of sight falls. The expected
+//! rate has its maximum in between.
 
 use nalgebra::Point3;
 use re_sdk::RecordingStreamResult;

@@ -1,10 +1,10 @@
 //! Legs between sensors [slots], with surcharges that account for the flight across the disks.
 //!
-//! A leg between two sensors takes at least the slots from rim to rim of their disks. But a path that enters a disk on one
-//! side and leaves it on the other has to cross it. So disks are divided into cells, and legs run from cell to cell. Each
-//! cell has a surcharge, which is added to the leg toward one sensor, the favourite, and subtracted from all other legs. A
-//! path has two different legs at each inner sensor, from the same cell, so the sum of their surcharges is at most 0: the
-//! legs with surcharges weigh at most as much as the path, up to the surcharges at its ends.
+//! A leg between two sensors takes at least the slots from rim to rim of their disks. But a path that enters a disk on
+//! one side and leaves it on the other has to cross it. So disks are divided into cells, and legs run from cell to
+//! cell. Each cell has a surcharge, which is added to the leg toward one sensor, the favourite, and subtracted from all
+//! other legs. A path has two different legs at each inner sensor, from the same cell, so the sum of their surcharges
+//! is at most 0: the legs with surcharges weigh at most as much as the path, up to the surcharges at its ends.
 
 use skysink_common::geometry::Position;
 

@@ -1,10 +1,10 @@
-//! Lower bound on the weight of every spanning tree of every set of sensors, by the order in which legs of increasing price
-//! merge the sensors into one component (Kruskal).
+//! Lower bound on the weight of every spanning tree of every set of sensors, by the order in which legs of increasing
+//! price merge the sensors into one component (Kruskal).
 //!
-//! The legs cheaper than a price x connect the sensors into components. A tree over a set of sensors in k of them has at
-//! least k − 1 legs of price x or more. So its weight is at least the price of the cheapest leg times its number of legs,
-//! plus the integral of `k(x) − 1` over x above that price. A component that exists from x1 to x2 contributes `x2 − x1` if
-//! the set has a sensor in it, so the best set for given rewards is found by one pass over the components.
+//! The legs cheaper than a price x connect the sensors into components. A tree over a set of sensors in k of them has
+//! at least k − 1 legs of price x or more. So its weight is at least the price of the cheapest leg times its number of
+//! legs, plus the integral of `k(x) − 1` over x above that price. A component that exists from x1 to x2 contributes `x2
+//! − x1` if the set has a sensor in it, so the best set for given rewards is found by one pass over the components.
 
 use super::legs::PricedLeg;
 

@@ -1,7 +1,7 @@
 //! The schedule: sP1 by Algorithm 1 of the paper, a search over circles about pairs of sensor nodes (SNs).
 //!
-//! It maximises `Σ B_i(t−1)` over the set (decision D6), with ties to the lowest index (decision D7). The waypoint is left
-//! to [`crate::waypoint`].
+//! It maximises `Σ B_i(t−1)` over the set (decision D6), with ties to the lowest index (decision D7). The waypoint is
+//! left to [`crate::waypoint`].
 
 pub mod circles;
 
@@ -16,11 +16,11 @@ use circles::{CIRCLES, circles};
 /// The anchors and circles that Algorithm 1 considers reachable from `L_u(t−1)`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reach {
-    /// `uts`, as in the paper: anchors within `V τ − d_c`, so that all circles about them are in reach, or within `V τ` if
-    /// that is not positive. The reach of circles is not checked.
+    /// `uts`, as in the paper: anchors within `V τ − d_c`, so that all circles about them are in reach, or within `V τ`
+    /// if that is not positive. The reach of circles is not checked.
     Letter,
-    /// `uts-wide`: anchors within `V τ + d_c`, the farthest at which one can be served, and only circles whose centre is
-    /// within `V τ`.
+    /// `uts-wide`: anchors within `V τ + d_c`, the farthest at which one can be served, and only circles whose centre
+    /// is within `V τ`.
     Wide,
 }
 
@@ -87,8 +87,8 @@ impl Search {
     /// Fills `ids` with the set, ascending; `None` if there is no anchor.
     ///
     /// If `V τ > d_c`, the anchors of the paper are among the wide ones and all circles about them are in reach, so the
-    /// wide search never finds less. If `V τ ≤ d_c`, circles of the paper's search can be out of reach, and its set worth
-    /// more; such a set may still be served from a point that is not a centre.
+    /// wide search never finds less. If `V τ ≤ d_c`, circles of the paper's search can be out of reach, and its set
+    /// worth more; such a set may still be served from a point that is not a centre.
     pub fn best_set(
         &mut self,
         reach: Reach,
@@ -132,9 +132,9 @@ impl Search {
         self.nearby.iter().find(in_range).filter(|_| table.resource_blocks > 1)
     }
 
-    /// Upper-bound test: whether the set of `anchor` and `partner` could beat the best so far. A circle has both in range,
-    /// so each of the at most n−2 SNs that it adds may share a waypoint with either, and the fullest of those are counted.
-    /// Most pairs fail, and need no circles.
+    /// Upper-bound test: whether the set of `anchor` and `partner` could beat the best so far. A circle has both in
+    /// range, so each of the at most n−2 SNs that it adds may share a waypoint with either, and the fullest of those
+    /// are counted. Most pairs fail, and need no circles.
     fn could_win(&self, table: &SensorTable, anchor: &Spot, partner: &Spot, best: &Option<Candidate>) -> bool {
         let mut sum_bits = sum_bits([anchor, partner].into_iter());
         let mut blocks = table.resource_blocks as u64 - 2;
